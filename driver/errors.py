@@ -1,0 +1,35 @@
+"""What can go wrong for a user, and the exit status each kind has."""
+
+
+class DriverError(Exception):
+    """Base of all errors that are reported in one line, without a traceback."""
+
+    exit_status = 1
+
+
+class InputError(DriverError):
+    """Bad input or a missing dependency (exit status 2)."""
+
+    exit_status = 2
+
+
+class NoSolution(DriverError):
+    """The problem has no solution, or none the method can vouch for (exit status 3)."""
+
+    exit_status = 3
+
+
+class NotConverged(DriverError):
+    """The allowed iterations did not suffice; partial results are kept (exit status 4)."""
+
+    exit_status = 4
+
+
+def agree(comm, error: DriverError | None) -> None:
+    """Raise on every rank of `comm` the first rank's error, if any rank has one.
+
+    Without this a rank that refuses its input leaves the others waiting in the next collective call.
+    """
+    for found in comm.allgather(error):
+        if found is not None:
+            raise found

@@ -1,0 +1,370 @@
+"""Stage 4: the FETI-DP reduction: dual operator F, Dirichlet preconditioner, recovery of displacements.
+
+With the space X = X^r + X^c of the slides (corner dofs c primal, all others r torn), constraint rows
+B = [B_r, B_c] and multipliers lambda (forces),
+
+    u_r = K_rr^-1 (f_r - B_r' lambda - K_rc u_c),
+    S_cc u_c = f_c - K_cr K_rr^-1 f_r - A' lambda,        A = B_c - B_r K_rr^-1 K_rc,
+    S_cc = K_cc - K_cr K_rr^-1 K_rc,
+
+and elimination of u leaves  B u = d - F lambda  with
+
+    F = B_r K_rr^-1 B_r' + A S_cc^-1 A',      d = B u(lambda = 0).
+
+The local parts of F and A are explicit dense matrices: in 2D they beat pairs of triangular solves at
+every size tried (`make bench`). Subdomains with equal matrices share them, which turns the product
+into a few dense products with many columns. See Farhat, Lesoinne, Le Tallec, Pierson, Rixen (2001);
+Klawonn, Rheinbach: FETI-DP methods for elasticity; Mandel, Dohrmann, Tezaur (2005) for the algebra.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from petsc4py import PETSc
+from scipy.sparse import coo_matrix
+
+from .errors import NoSolution, agree
+from .loader import Subdomain
+from .substructuring import LocalRows, Substructure
+
+SAME = 1e-12  # stiffness entries equal to this, relative to the largest, differ by rounding only
+
+
+class Factor:
+    """Cholesky factorization of a sparse symmetric positive definite matrix by PETSc."""
+
+    def __init__(self, matrix):
+        """Factorize `matrix` (scipy CSR, n x n). Raises NoSolution if it is not positive definite."""
+        self.size = matrix.shape[0]
+        if self.size == 0:
+            return
+        csr = (matrix.indptr.astype(PETSc.IntType), matrix.indices.astype(PETSc.IntType), matrix.data)
+        mat = PETSc.Mat().createAIJ(matrix.shape, csr=csr, comm=PETSc.COMM_SELF)
+        mat.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        pc = PETSc.PC().create(PETSc.COMM_SELF)
+        pc.setType("cholesky")
+        pc.setOperators(mat)
+        pc.setFactorOrdering("nd")
+        try:
+            pc.setUp()
+        except PETSc.Error as error:
+            raise NoSolution("a subdomain is not held by its corners and supports (zero pivot)") from error
+        self.matrix = pc.getFactorMatrix()
+        self._keep = pc
+        negative, zero, _ = self.matrix.getInertia()
+        if negative or zero:
+            raise NoSolution("a subdomain's stiffness is not positive definite; check material and supports")
+
+    def solve(self, right: np.ndarray) -> np.ndarray:
+        """Solution for the columns of `right`, shape (n, k)."""
+        if self.size == 0 or right.shape[1] == 0:
+            return np.zeros_like(right)
+        b = PETSc.Mat().createDense(right.shape, array=np.asfortranarray(right), comm=PETSc.COMM_SELF)
+        x = PETSc.Mat().createDense(right.shape, comm=PETSc.COMM_SELF)
+        x.setUp()
+        self.matrix.matSolve(b, x)
+        result = x.getDenseArray().copy()
+        b.destroy(), x.destroy()
+        return result
+
+
+def stiffness(sub: Subdomain):
+    """The subdomain's Neumann stiffness as scipy CSR, shape (dofs, dofs)."""
+    return coo_matrix((sub.values, (sub.rows, sub.columns)), shape=(sub.dofs, sub.dofs)).tocsr()
+
+
+@dataclass
+class LocalClass:
+    """Subdomains with equal matrices. m rows, n_r torn, n_c corner dofs; `members` are local indices.
+
+    `rows` and `corners` are the slices of the rank's stacked local rows and corner dofs that belong to
+    the members, member after member.
+    """
+
+    members: list[int]
+    torn: np.ndarray  # (n_r,) dofs of X^r
+    corner: np.ndarray  # (n_c,) dofs of X^c
+    factor: Factor  # K_rr
+    B_r: np.ndarray  # (m, n_r) sparse
+    B_c: np.ndarray  # (m, n_c)
+    K_rc: np.ndarray  # (n_r, n_c) sparse
+    F: np.ndarray  # (m, m) B_r K_rr^-1 B_r'
+    A: np.ndarray  # (m, n_c)
+    S: np.ndarray  # (n_c, n_c) local part of S_cc
+    rows: slice | None = None
+    corners: slice | None = None
+
+
+class DualOperator:
+    """F and d on the rank's share of the dual rows; counts its products.
+
+    Vectors of multipliers are numpy arrays of length `owned`, the rank's part of a PETSc vector of
+    `dual_dofs` entries; `dot` is the global scalar product. Collective over `comm`.
+    """
+
+    def __init__(self, structure: Substructure, comm):
+        self.structure, self.comm = structure, comm
+        self.owned = structure.row_range[1] - structure.row_range[0]
+        self.products = 0
+        error = None
+        self.classes: list[LocalClass] = []
+        try:
+            self.classes = _group(structure)
+        except NoSolution as problem:
+            error = problem
+        agree(comm, error)
+        self._lay_out()
+        self._build_coarse()
+        self.loads = [self._pattern_load(s) for s in range(len(structure.subdomains))]
+        self.loaded = [self._respond(k) for k in range(self.patterns)]
+
+    # ---- layout ------------------------------------------------------------------------------
+    def _lay_out(self) -> None:
+        """Stack the local rows and corner dofs class by class and build the scatters."""
+        structure, order = self.structure, [s for c in self.classes for s in c.members]
+        row_at = corner_at = 0
+        for c in self.classes:
+            k = len(c.members)
+            c.rows = slice(row_at, row_at + k * c.F.shape[0])
+            c.corners = slice(corner_at, corner_at + k * len(c.corner))
+            row_at, corner_at = c.rows.stop, c.corners.stop
+        join = lambda arrays, kind: np.concatenate([np.empty(0, kind), *arrays]).astype(kind)
+        self.sign = join([structure.rows[s].sign for s in order], float)
+        self.scaling = join([structure.rows[s].scaling for s in order], float)
+        rows = join([structure.rows[s].row for s in order], PETSc.IntType)
+        corners = join([structure.corner_global[s] for s in order], PETSc.IntType)
+        self._dual = PETSc.Vec().createMPI((self.owned, structure.dual_dofs), comm=self.comm)
+        self._coarse = PETSc.Vec().createMPI(structure.coarse_dofs, comm=self.comm)
+        self._local_rows, self._to_rows = _scatter(self._dual, rows)
+        self._local_corners, self._to_corners = _scatter(self._coarse, corners)
+
+    def _build_coarse(self) -> None:
+        """Assemble and factorize S_cc; refuse a structure that is a mechanism."""
+        n = self.structure.coarse_dofs
+        self.coarse_solver = None
+        if n == 0:
+            return
+        matrix = PETSc.Mat().createAIJ((n, n), comm=self.comm)
+        matrix.setPreallocationNNZ((min(n, 64), min(n, 64)))
+        matrix.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
+        matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        for c in self.classes:
+            for s in c.members:
+                index = self.structure.corner_global[s].astype(PETSc.IntType)
+                matrix.setValues(index, index, c.S, addv=PETSc.InsertMode.ADD)
+        matrix.assemble()
+        pc = PETSc.PC().create(self.comm)
+        pc.setType("cholesky")
+        pc.setFactorSolverType("mumps")
+        pc.setOperators(matrix)
+        pc.setFactorSetUpSolverType()
+        factor = pc.getFactorMatrix()
+        factor.setMumpsIcntl(13, 1)  # root sequential, so that the inertia is complete
+        factor.setMumpsIcntl(24, 1)  # count null pivots instead of dividing by them
+        pc.setUp()
+        negative, _, _ = factor.getInertia()
+        null = factor.getMumpsInfog(28)
+        if negative or null:
+            raise NoSolution("the body can move without deforming: its supports leave "
+                             f"{max(null, negative)} rigid motion(s) or a mechanism free")
+        self.coarse_matrix, self.coarse_solver = matrix, pc
+
+    @property
+    def patterns(self) -> int:
+        """Number of load patterns."""
+        return self.structure.subdomains[0].loads.shape[0] if self.structure.subdomains else 0
+
+    # ---- vectors -----------------------------------------------------------------------------
+    def dot(self, a: np.ndarray, b: np.ndarray) -> float:
+        """Global scalar product of two dual vectors."""
+        return self.comm.allreduce(float(a @ b))
+
+    def _gather(self, x: np.ndarray) -> np.ndarray:
+        """The rank's stacked local rows of a dual vector, unsigned."""
+        self._dual.array[:] = x
+        self._to_rows.scatter(self._dual, self._local_rows, addv=False, mode="forward")
+        return self._local_rows.array
+
+    def _assemble(self, local: np.ndarray) -> np.ndarray:
+        """Add up stacked local rows into a dual vector."""
+        self._local_rows.array[:] = local
+        self._dual.set(0)
+        self._to_rows.scatter(self._local_rows, self._dual, addv=True, mode="reverse")
+        return self._dual.array.copy()
+
+    def coarse_solve(self, local: np.ndarray) -> np.ndarray:
+        """S_cc^-1 of stacked local corner forces (added up), returned on the stacked corner dofs."""
+        if self.coarse_solver is None:
+            return np.zeros_like(local)
+        self._local_corners.array[:] = local
+        self._coarse.set(0)
+        self._to_corners.scatter(self._local_corners, self._coarse, addv=True, mode="reverse")
+        solution = self._coarse.duplicate()
+        self.coarse_solver.apply(self._coarse, solution)
+        self._to_corners.scatter(solution, self._local_corners, addv=False, mode="forward")
+        return self._local_corners.array.copy()
+
+    # ---- the dual problem --------------------------------------------------------------------
+    def apply(self, multipliers: np.ndarray) -> np.ndarray:
+        """F times a dual vector."""
+        self.products += 1
+        x = self._gather(multipliers) * self.sign
+        y, force = np.empty_like(x), np.empty(self._local_corners.getLocalSize())
+        for c in self.classes:
+            block = x[c.rows].reshape(len(c.members), -1)
+            y[c.rows] = (block @ c.F).ravel()
+            force[c.corners] = (block @ c.A).ravel()
+        corner = self.coarse_solve(force)
+        for c in self.classes:
+            y[c.rows] += (corner[c.corners].reshape(len(c.members), -1) @ c.A.T).ravel()
+        return self._assemble(y * self.sign)
+
+    def _pattern_load(self, s: int) -> np.ndarray:
+        """(patterns, dofs) loads with the forces of prescribed displacements moved to the right."""
+        sub, fixed = self.structure.subdomains[s], self.structure.fixed[s]
+        values = self.structure.fixed_values[s]
+        if not values.any():
+            return sub.loads
+        held = np.zeros_like(sub.loads)
+        held[:, fixed] = values
+        return sub.loads - np.array([sub.multiply(u) for u in held])
+
+    def _respond(self, pattern: int) -> np.ndarray:
+        """d of one load pattern: B u of the body under that load alone."""
+        weights = np.eye(self.patterns)[pattern]
+        x = self._prescribed(weights)
+        for c, u in zip(self.classes, self._solve(weights, np.zeros(len(self.sign)))):
+            x[c.rows] += (c.B_r @ u[c.torn] + c.B_c @ u[c.corner]).T.ravel()
+        return self._assemble(x * self.sign)
+
+    def _prescribed(self, weights: np.ndarray) -> np.ndarray:
+        """Stacked local rows of B on the prescribed displacements, which B_r and B_c leave out."""
+        share = np.zeros(len(self.sign))
+        for c in self.classes:
+            m = c.F.shape[0]
+            for k, s in enumerate(c.members):
+                values = weights @ self.structure.fixed_values[s]
+                if values.any():
+                    local = self.structure.rows[s].fixed_share(self.structure.fixed[s], values, self.structure.subdomains[s].dofs)
+                    share[c.rows.start + k * m : c.rows.start + (k + 1) * m] = local
+        return share
+
+    def _solve(self, weights: np.ndarray, rows: np.ndarray) -> list[np.ndarray]:
+        """Displacements (dofs, members) of each class under sum_k weights_k f_k - B' lambda.
+
+        `rows` holds the signed stacked local multipliers.
+        """
+        force, partial = np.empty(self._local_corners.getLocalSize()), []
+        for c in self.classes:
+            f = np.column_stack([weights @ self.loads[s] for s in c.members])
+            row = rows[c.rows].reshape(len(c.members), -1)
+            right = f[c.torn] - c.B_r.T @ row.T
+            u_r = c.factor.solve(np.asarray(right)) if right.any() else np.zeros(right.shape)
+            force[c.corners] = (f[c.corner] - c.B_c.T @ row.T - c.K_rc.T @ u_r).T.ravel()
+            partial.append((right, u_r))
+        corner = self.coarse_solve(force)
+        result = []
+        for c, (right, u_r) in zip(self.classes, partial):
+            u_c = corner[c.corners].reshape(len(c.members), -1).T
+            sub = self.structure.subdomains[c.members[0]]
+            u = np.zeros((sub.dofs, len(c.members)))
+            u[c.corner] = u_c
+            u[c.torn] = u_r if not u_c.any() else c.factor.solve(np.asarray(right - c.K_rc @ u_c))
+            result.append(u)
+        return result
+
+    def displacements(self, multipliers: np.ndarray, weights: np.ndarray) -> list[np.ndarray]:
+        """Displacements (dofs,) of every local subdomain for given multipliers and pattern factors."""
+        rows = self._gather(multipliers) * self.sign
+        found = [np.empty(0)] * len(self.structure.subdomains)
+        for c, u in zip(self.classes, self._solve(weights, rows)):
+            for k, s in enumerate(c.members):
+                found[s] = u[:, k].copy()
+                found[s][self.structure.fixed[s]] = weights @ self.structure.fixed_values[s]
+        return found
+
+
+class DirichletPreconditioner:
+    """M = sum_i B_D,i S_i B_D,i' restricted to a face (Klawonn, Rheinbach; multiplicity scaling).
+
+    S_i is the Schur complement of the subdomain's stiffness on the dofs of its rows. As the rows of B_r
+    are orthonormal it is the inverse of the explicit local F_i; corners that carry contact rows are
+    released: with v_b = B_r u, v_c = B_c' x the energy is that of v_b - A v_c plus that of v_c in S.
+    """
+
+    def __init__(self, operator: DualOperator):
+        self.operator = operator
+        self.schur = [_schur(c) for c in operator.classes]
+
+    def __call__(self, residual: np.ndarray, free: np.ndarray) -> np.ndarray:
+        """M residual on the face `free`, zero elsewhere."""
+        op = self.operator
+        x = op._gather(np.where(free, residual, 0.0)) * op.scaling
+        for c, schur in zip(op.classes, self.schur):
+            x[c.rows] = (x[c.rows].reshape(len(c.members), -1) @ schur).ravel()
+        return np.where(free, op._assemble(x * op.scaling), 0.0)
+
+
+def _schur(c: LocalClass) -> np.ndarray:
+    """(m, m) stiffness of one subdomain in its rows' displacements."""
+    on_corner = np.abs(c.B_c).max(axis=1, initial=0) > 0
+    torn = ~on_corner
+    inverse = np.linalg.pinv(c.F[np.ix_(torn, torn)], hermitian=True)
+    relative = np.zeros((torn.sum(), len(torn)))  # v_b - A v_c
+    relative[:, torn] = np.eye(torn.sum())
+    relative[:, on_corner] = -c.A[torn] @ c.B_c[on_corner].T
+    schur = relative.T @ inverse @ relative
+    schur[np.ix_(on_corner, on_corner)] += c.B_c[on_corner] @ c.S @ c.B_c[on_corner].T
+    return schur
+
+
+def _scatter(vector: PETSc.Vec, index: np.ndarray):
+    """A local vector and the scatter that fills it with the entries `index` of `vector`."""
+    local = PETSc.Vec().createSeq(len(index))
+    source = PETSc.IS().createGeneral(index, comm=PETSc.COMM_SELF)
+    target = PETSc.IS().createStride(len(index), first=0, step=1, comm=PETSc.COMM_SELF)
+    return local, PETSc.Scatter().create(vector, source, local, target)
+
+
+def _group(structure: Substructure) -> list[LocalClass]:
+    """Classes of local subdomains with the same dof sets, rows and (to rounding) stiffness."""
+    buckets: dict[tuple, list[tuple[np.ndarray, list[int]]]] = {}
+    for s, sub in enumerate(structure.subdomains):
+        rows = structure.rows[s]
+        pattern = (structure.fixed[s], structure.corner_dofs[s], rows.dof, np.round(rows.coefficient, 13), sub.rows, sub.columns)
+        bucket = buckets.setdefault(tuple(part.tobytes() for part in pattern), [])
+        for values, members in bucket:
+            if np.abs(values - sub.values).max() <= SAME * np.abs(values).max():
+                members.append(s)
+                break
+        else:
+            bucket.append((sub.values, [s]))
+    groups = sorted(members for bucket in buckets.values() for _, members in bucket)
+    return [_reduce(structure, members) for members in groups]
+
+
+def _reduce(structure: Substructure, members: list[int]) -> LocalClass:
+    """Factorize K_rr of a class and form its explicit F, A and S."""
+    s = members[0]
+    sub, corner, rows = structure.subdomains[s], structure.corner_dofs[s], structure.rows[s]
+    kept = np.ones(sub.dofs, bool)
+    kept[structure.fixed[s]] = kept[corner] = False
+    torn = np.flatnonzero(kept)
+    K = stiffness(sub)
+    B = constraint_matrix(rows, sub.dofs)
+    B_r, B_c = B[:, torn], B[:, corner].toarray()
+    K_rc = K[torn][:, corner]
+    factor = Factor(K[torn][:, torn].tocsr())
+    solved = factor.solve(np.hstack([B_r.T.toarray(), K_rc.toarray()]))
+    m = len(rows.row)
+    F = B_r @ solved[:, :m]
+    A = B_c - B_r @ solved[:, m:]
+    S = K[corner][:, corner].toarray() - K_rc.T @ solved[:, m:]
+    return LocalClass(members, torn, corner, factor, B_r, B_c, K_rc, (F + F.T) / 2, A, (S + S.T) / 2)
+
+
+def constraint_matrix(rows: LocalRows, dofs: int):
+    """Unsigned rows of B on one subdomain as scipy CSR, shape (m, dofs)."""
+    m = len(rows.row)
+    entries = (rows.coefficient.ravel(), (np.repeat(np.arange(m), 2), rows.dof.ravel()))
+    return coo_matrix(entries, shape=(m, dofs)).tocsr()

@@ -1,0 +1,264 @@
+"""Stage 2: read an export (manifest and subdomain records) and refuse what is not sound.
+
+An export is a directory with ``manifest.json`` and ``block-<k>.bin``. A block holds the records of a
+contiguous range of subdomains; each array of a record is an int64 count followed by its raw int64 or
+float64 values, in the order written by ``edp/lib/export.idp``.
+"""
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from .errors import InputError, agree
+
+HEAD = 9  # subdomain, vertices, triangles, boundary edges, dofs, nnz, patterns, fixed dofs, contact nodes
+
+
+@dataclass
+class ContactData:
+    """Contact nodes of one subdomain, one entry per node and contact label.
+
+    All arrays have length n_c. Weights are lengths of the part of the dual segment on this subdomain.
+    """
+
+    vertex: np.ndarray
+    label: np.ndarray
+    weight: np.ndarray
+    normal: np.ndarray  # (n_c, 2), outward, length 1 on straight parts
+    gap: np.ndarray
+    friction: np.ndarray
+
+
+@dataclass
+class Subdomain:
+    """One torn subdomain as exported.
+
+    `dof_vertex` and `dof_component` give vertex and displacement component of every dof; `rows`,
+    `columns`, `values` are the pure Neumann stiffness in coordinate form, both triangles.
+    """
+
+    index: int
+    vertex_gid: np.ndarray  # (n_v,) vertex numbers in the untorn body
+    xy: np.ndarray  # (n_v, 2)
+    triangles: np.ndarray  # (n_t, 3)
+    region: np.ndarray  # (n_t,)
+    edges: np.ndarray  # (n_e, 2) boundary edges
+    edge_label: np.ndarray  # (n_e,)
+    dof_vertex: np.ndarray
+    dof_component: np.ndarray
+    rows: np.ndarray
+    columns: np.ndarray
+    values: np.ndarray
+    loads: np.ndarray  # (patterns, dofs)
+    fixed: np.ndarray  # (n_fixed,) Dirichlet dofs
+    fixed_values: np.ndarray  # (patterns, n_fixed); zero for patterns that move no support
+    contact: ContactData | None = None
+
+    @property
+    def dofs(self) -> int:
+        return len(self.dof_vertex)
+
+    def multiply(self, u: np.ndarray) -> np.ndarray:
+        """K u for u of shape (dofs,)."""
+        return np.bincount(self.rows, self.values * u[self.columns], minlength=self.dofs)
+
+
+@dataclass
+class Manifest:
+    """What the scene declared: sizes, effects, patterns, histories, parameters, units."""
+
+    directory: Path
+    subdomains: int
+    blocks: int
+    vertices: int
+    interface_label: int
+    units: dict
+    effects: dict
+    steps: int
+    t_end: float
+    contact_labels: list
+    patterns: list
+    amplitudes: dict
+    parameters: dict
+    raw: dict = field(repr=False, default_factory=dict)
+
+    def amplitude(self, pattern: int, step: int) -> float:
+        """Factor of load pattern `pattern` at time step `step` (0 is the start)."""
+        return self.amplitudes[str(self.patterns[pattern]["amplitude"])][step]
+
+
+def read_manifest(directory: Path) -> Manifest:
+    """Read and check ``manifest.json``.
+
+    Raises InputError when it is missing, not JSON, incomplete or not finite.
+    """
+    path = Path(directory) / "manifest.json"
+    try:
+        raw = json.loads(path.read_text())
+    except FileNotFoundError:
+        raise InputError(f"{path} is missing: the FreeFEM stage did not finish; run the scene again") from None
+    except (ValueError, OSError) as problem:
+        raise InputError(f"{path} is not readable ({problem}); run the scene again") from None
+    names = [name for name in Manifest.__dataclass_fields__ if name not in ("directory", "raw")]
+    missing = [name for name in names if not isinstance(raw, dict) or name not in raw]
+    if missing:
+        raise InputError(f"{path} lacks {', '.join(missing)}; run the scene again")
+    manifest = Manifest(directory=Path(directory), raw=raw, **{name: raw[name] for name in names})
+    _check_manifest(manifest, path)
+    return manifest
+
+
+def _check_manifest(manifest: Manifest, path: Path) -> None:
+    counts = (manifest.subdomains, manifest.blocks, manifest.vertices, manifest.steps)
+    if not all(isinstance(count, int) and count > 0 for count in counts):
+        raise InputError(f"{path}: subdomains, blocks, vertices and steps must be positive whole numbers")
+    for number, history in manifest.amplitudes.items():
+        if len(history) != manifest.steps + 1:
+            raise InputError(f"{path}: amplitude {number} has {len(history)} values for {manifest.steps} steps")
+        if not np.all(np.isfinite(history)):
+            raise InputError(f"{path}: amplitude {number} is not finite at every step")
+    for pattern in manifest.patterns:
+        if str(pattern["amplitude"]) not in manifest.amplitudes:
+            raise InputError(f"{path}: amplitude {pattern['amplitude']} is used but not given")
+
+
+class _Block:
+    """Sequential reader of the counted arrays of one block file."""
+
+    def __init__(self, path: Path):
+        self.path = path
+        try:
+            if path.stat().st_size % 8:
+                raise InputError(f"{path} is truncated: its size is not a multiple of 8 bytes")
+            self.words = np.memmap(path, dtype=np.int64, mode="r") if path.stat().st_size else np.empty(0, np.int64)
+        except FileNotFoundError:
+            raise InputError(f"{path} is missing: the export is incomplete; run the scene again") from None
+        self.at = 0
+
+    def array(self, count: int, dtype=np.int64) -> np.ndarray:
+        """The next array, which must have `count` entries; float64 ones must be finite."""
+        start = self.at + 1
+        if count < 0 or start + count > len(self.words):
+            raise InputError(f"{self.path} is truncated: {count} more numbers expected at word {self.at}")
+        if self.words[self.at] != count:
+            raise InputError(
+                f"{self.path}: an array of {count} numbers expected at word {self.at}, found a count of {self.words[self.at]}"
+            )
+        self.at = start + count
+        values = np.array(self.words[start : self.at]).view(dtype)
+        if dtype is np.float64 and not np.all(np.isfinite(values)):
+            raise InputError(f"{self.path}: a number that is not finite in the array at word {start}")
+        return values
+
+    def indices(self, count: int, bound: int, what: str) -> np.ndarray:
+        """The next integer array, with entries in [0, bound)."""
+        values = self.array(count)
+        if count and (values.min() < 0 or values.max() >= bound):
+            raise InputError(f"{self.path}: {what} out of range in the array ending at word {self.at}")
+        return values
+
+    def skip(self, manifest: Manifest) -> None:
+        """Move over one record."""
+        head = self.array(HEAD)
+        self.at += _record_words(head, manifest)
+
+
+def _record_words(head: np.ndarray, manifest: Manifest) -> int:
+    """Words that follow a record's head."""
+    _, nv, nt, ne, nd, nnz, patterns, fixed, contact = (int(n) for n in head)
+    moving = sum(pattern["kind"] == "displacement" for pattern in manifest.patterns)
+    counted = [nv] * 3 + [3 * nt, nt, 3 * ne] + [nd] * 2 + [nnz] * 3 + [nd] * patterns + [fixed]
+    counted += [max(1, fixed)] * moving + ([contact] * 7 if contact else [])
+    return sum(counted) + len(counted)
+
+
+def read_subdomains(manifest: Manifest, start: int, stop: int, comm) -> list[Subdomain]:
+    """Read subdomains start <= s < stop; collective over `comm`.
+
+    Raises InputError (on all ranks alike) when a record is truncated, not finite, of the wrong size,
+    out of range or its stiffness is not symmetric.
+    """
+    found, error = [], None
+    try:
+        for block in range(manifest.blocks):
+            first = manifest.subdomains * block // manifest.blocks
+            last = manifest.subdomains * (block + 1) // manifest.blocks
+            if max(first, start) >= min(last, stop):
+                continue
+            reader = _Block(manifest.directory / f"block-{block}.bin")
+            for _ in range(first, max(first, start)):
+                reader.skip(manifest)
+            for index in range(max(first, start), min(last, stop)):
+                found.append(_read_record(reader, manifest, index))
+            if last <= stop and reader.at != len(reader.words):
+                raise InputError(f"{reader.path} goes on after its last record; run the scene again")
+    except InputError as problem:
+        error = problem
+    agree(comm, error)
+    return found
+
+
+def _read_record(reader: _Block, manifest: Manifest, index: int) -> Subdomain:
+    number, nv, nt, ne, nd, nnz, patterns, fixed, contact = (int(n) for n in reader.array(HEAD))
+    where = f"{reader.path}, subdomain {index}"
+    if number != index:
+        raise InputError(f"{where}: the record belongs to subdomain {number}; blocks were mixed up")
+    if patterns != len(manifest.patterns):
+        raise InputError(f"{where}: {patterns} load patterns, the manifest has {len(manifest.patterns)}")
+    if min(nv, nt, ne, nd, nnz) <= 0 or nd != 2 * nv:
+        raise InputError(f"{where}: sizes that make no subdomain ({nv} vertices, {nt} triangles, {nd} dofs)")
+    gid = reader.indices(nv, manifest.vertices, "vertex number")
+    xy = np.column_stack([reader.array(nv, np.float64), reader.array(nv, np.float64)])
+    triangles = reader.indices(3 * nt, nv, "triangle vertex").reshape(nt, 3)
+    region = reader.array(nt)
+    edge = reader.array(3 * ne).reshape(ne, 3)
+    dof_vertex, component = _dof_layout(reader, nd, xy, where)
+    rows = reader.indices(nnz, nd, "stiffness row")
+    columns = reader.indices(nnz, nd, "stiffness column")
+    values = reader.array(nnz, np.float64)
+    _check_symmetric(rows, columns, values, nd, where)
+    loads = np.array([reader.array(nd, np.float64) for _ in range(patterns)]).reshape(patterns, nd)
+    fixed_dofs = reader.indices(fixed, nd, "fixed dof")
+    fixed_values = np.zeros((patterns, fixed))
+    for k, pattern in enumerate(manifest.patterns):
+        if pattern["kind"] == "displacement":
+            fixed_values[k] = reader.array(max(1, fixed), np.float64)[:fixed]
+    data = _read_contact(reader, contact, nv, where) if contact else None
+    return Subdomain(index, gid, xy, triangles, region, edge[:, :2], edge[:, 2], dof_vertex, component,
+                     rows, columns, values, loads, fixed_dofs, fixed_values, data)
+
+
+def _dof_layout(reader: _Block, nd: int, xy: np.ndarray, where: str):
+    """Vertex and component of every dof.
+
+    FreeFEM numbers vector P1 dofs vertex by vertex; the exported coordinates and components of the dofs
+    are compared with that instead of being trusted.
+    """
+    coordinate = reader.array(nd, np.float64)
+    component = np.where(reader.array(nd, np.float64) > 0.5, 0, 1)
+    vertex = np.arange(nd) // 2
+    if not np.array_equal(component, np.arange(nd) % 2):
+        raise InputError(f"{where}: dofs are not numbered vertex by vertex")
+    if not np.allclose(coordinate, xy[vertex, component], rtol=0, atol=1e-12 * np.ptp(xy)):
+        raise InputError(f"{where}: dof coordinates do not match the vertices")
+    return vertex, component
+
+
+def _check_symmetric(rows, columns, values, nd, where) -> None:
+    forward, backward = np.lexsort((columns, rows)), np.lexsort((rows, columns))
+    same = np.array_equal(rows[forward], columns[backward]) and np.array_equal(columns[forward], rows[backward])
+    # assembled from symmetric element matrices: only the order of additions can differ
+    slack = 1e-12 * np.abs(values).max()
+    if not same or np.abs(values[forward] - values[backward]).max() > slack:
+        raise InputError(f"{where}: the stiffness matrix is not symmetric")
+
+
+def _read_contact(reader: _Block, count: int, nv: int, where: str) -> ContactData:
+    vertex = reader.indices(count, nv, "contact vertex")
+    label = reader.array(count)
+    weight, nx, ny, gap, friction = (reader.array(count, np.float64) for _ in range(5))
+    if weight.min() <= 0:
+        raise InputError(f"{where}: a contact node has no length of boundary")
+    return ContactData(vertex, label, weight, np.column_stack([nx, ny]), gap, friction)

@@ -1,0 +1,394 @@
+"""Stage 3: the torn body's skeleton: corners, gluing rows, contact rows and their numbering.
+
+Everything that couples subdomains lives on their boundaries, which are small compared with the
+interiors: each rank gathers the boundary tables of all subdomains and derives the same numbering, so
+that nothing here depends on how subdomains are distributed over ranks.
+
+Rows of the constraint matrix B (Haslinger, Vlach, Dostal, SNA'07):
+
+* gluing: u_c(a, i) - u_c(a, j) = 0 at every interface node a that is no corner (non-redundant, as such a
+  node belongs to exactly two subdomains i < j), for every displacement component c that is not fixed;
+* normal and tangential contact: n.u and t.u at every contact node, corners included, t being n turned
+  by +90 degrees.
+
+Rows are numbered by the subdomain that owns them (the lowest one that has the node).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from .errors import InputError, agree
+from .loader import Manifest, Subdomain
+
+GLUING, NORMAL, TANGENTIAL = 0, 1, 2
+
+
+@dataclass
+class ContactBoundary:
+    """All contact nodes of the body, replicated on every rank; arrays of length n_c.
+
+    Ordered by label, then along the arc. `normal_row` and `tangential_row` are global dual rows, -1 where
+    a node has none (frictionless contact, or a direction that the support fixes).
+    """
+
+    gid: np.ndarray
+    label: np.ndarray
+    xy: np.ndarray
+    arc: np.ndarray
+    weight: np.ndarray
+    normal: np.ndarray
+    gap: np.ndarray
+    friction: np.ndarray
+    normal_row: np.ndarray
+    tangential_row: np.ndarray
+
+    @property
+    def tangent(self) -> np.ndarray:
+        """(n_c, 2): the normal turned by +90 degrees."""
+        return np.column_stack([-self.normal[:, 1], self.normal[:, 0]])
+
+
+@dataclass
+class LocalRows:
+    """Constraint rows that act on one subdomain: row r reads sign_r * sum_k coefficient_rk u[dof_rk]."""
+
+    row: np.ndarray  # (m,) global dual row
+    sign: np.ndarray  # (m,) +1/-1 on gluing rows, 1/multiplicity on contact rows at corners, else 1
+    dof: np.ndarray  # (m, 2)
+    coefficient: np.ndarray  # (m, 2), zero on fixed dofs
+    fixed_part: np.ndarray  # (m, 2): what was removed from `coefficient` there
+    scaling: np.ndarray  # (m,) entry of B_D: sign times the multiplicity (or stiffness) weight
+
+    def fixed_share(self, fixed: np.ndarray, values: np.ndarray, dofs: int) -> np.ndarray:
+        """(m,) contribution of prescribed displacements to the rows."""
+        u = np.zeros(dofs)
+        u[fixed] = values
+        return (self.fixed_part * u[self.dof]).sum(axis=1)
+
+
+@dataclass
+class Substructure:
+    """What one rank knows: its subdomains' dof sets and rows, and the global numbering."""
+
+    subdomains: list[Subdomain]
+    first: int  # index of the rank's first subdomain
+    total: int
+    fixed: list[np.ndarray]  # per subdomain: Dirichlet dofs, those marked by a neighbour included
+    fixed_values: list[np.ndarray]  # per subdomain: (patterns, n_fixed)
+    corner_dofs: list[np.ndarray]  # per subdomain: local dofs that are primal
+    corner_global: list[np.ndarray]  # per subdomain: their numbers in the coarse problem
+    rows: list[LocalRows]
+    coarse_dofs: int
+    dual_dofs: int
+    row_kind: np.ndarray  # (dual_dofs,) GLUING, NORMAL or TANGENTIAL
+    row_range: tuple[int, int]  # rows owned by this rank
+    contact: ContactBoundary
+    multiplicity: list[np.ndarray]  # per subdomain: (n_v,) number of subdomains that share a vertex
+    outer_edges: np.ndarray  # (n, 3): gid, gid, label of the edges of the untorn body's boundary
+    primal_dofs: int
+
+
+def partition(total: int, comm) -> tuple[int, int]:
+    """Contiguous range of subdomains of this rank; ranks beyond the subdomains get none."""
+    return total * comm.rank // comm.size, total * (comm.rank + 1) // comm.size
+
+
+def build(manifest: Manifest, subdomains: list[Subdomain], first: int, comm) -> Substructure:
+    """Derive corners, rows and numbering; collective over `comm`.
+
+    Raises InputError for interfaces that do not conform and for contact labels without nodes.
+    """
+    tables = _Tables(manifest, subdomains, comm)
+    tables.check_conformity(comm)
+    corners = _corner_vertices(tables)
+    fixed = _fixed_dofs(manifest, subdomains, comm)
+    contact = _contact_boundary(manifest, subdomains, tables, fixed, comm)
+    return _number(manifest, subdomains, first, tables, corners, fixed, contact, comm)
+
+
+def _gather(comm, local: np.ndarray) -> np.ndarray:
+    """Concatenate the ranks' tables in rank order, which is subdomain order."""
+    return np.concatenate(comm.allgather(local)) if comm.size > 1 else local
+
+
+def boundary_edges(triangles: np.ndarray) -> np.ndarray:
+    """(n, 2) edges that belong to one triangle only, smaller vertex first."""
+    edges = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    span = edges.max() + 1
+    keys, counts = np.unique(edges[:, 0] * span + edges[:, 1], return_counts=True)
+    return np.column_stack(np.divmod(keys[counts == 1], span))
+
+
+class _Tables:
+    """Boundary edges and vertices of all subdomains, replicated on every rank."""
+
+    def __init__(self, manifest: Manifest, subdomains: list[Subdomain], comm):
+        edges, vertices = [np.empty((0, 4), np.int64)], [np.empty((0, 2), np.int64)]
+        coordinates = [np.empty((0, 2))]
+        for sub in subdomains:
+            local = boundary_edges(sub.triangles)
+            gid = np.sort(sub.vertex_gid[local], axis=1)
+            edges.append(np.column_stack([np.full(len(gid), sub.index), gid, _labels(sub, local)]))
+            seen = np.unique(local)
+            vertices.append(np.column_stack([np.full(len(seen), sub.index), sub.vertex_gid[seen]]))
+            coordinates.append(sub.xy[seen])
+        self.edges = _gather(comm, np.concatenate(edges))  # subdomain, gid, gid, label
+        self.vertices = _gather(comm, np.concatenate(vertices))  # subdomain, gid
+        self.xy = _gather(comm, np.concatenate(coordinates))
+        self.interface_label = manifest.interface_label
+        key = self.edges[:, 1] * manifest.vertices + self.edges[:, 2]
+        _, self.edge_id, self.edge_count = np.unique(key, return_inverse=True, return_counts=True)
+        self.shared = self.edge_count[self.edge_id] == 2
+        self.gids, inverse, counts = np.unique(self.vertices[:, 1], return_inverse=True, return_counts=True)
+        self.vertex_id, self.count = inverse, counts
+
+    def check_conformity(self, comm) -> None:
+        """Every interface edge must have exactly two sides, with vertices at the same places."""
+        lonely = (~self.shared) & (self.edges[:, 3] == self.interface_label)
+        error = None
+        if lonely.any() or self.edge_count.max() > 2:
+            bad = self.edges[np.flatnonzero(lonely | (self.edge_count[self.edge_id] > 2))[0]]
+            error = InputError(f"the meshes do not conform along an interface of subdomain {bad[0]}: an edge "
+                               "has no match on the other side; export all subdomains from one mesh")
+        low, high = (np.full((len(self.gids), 2), s * np.inf) for s in (1, -1))
+        np.minimum.at(low, self.vertex_id, self.xy)
+        np.maximum.at(high, self.vertex_id, self.xy)
+        apart = np.abs(high - low).max(axis=1)
+        if error is None and apart.max() > 1e-10 * np.ptp(self.xy, axis=0).max():
+            at = self.xy[self.vertex_id == apart.argmax()][0]
+            error = InputError(f"the meshes do not conform along an interface: a shared node near ({at[0]:g}, "
+                               f"{at[1]:g}) has different coordinates in its subdomains")
+        agree(comm, error)
+
+    def neighbour(self) -> np.ndarray:
+        """For every boundary edge the subdomain on its other side, or -1."""
+        other = np.full(len(self.edges), -1)
+        order = np.argsort(self.edge_id, kind="stable")
+        order = order[self.shared[order]]
+        other[order[0::2]], other[order[1::2]] = self.edges[order[1::2], 0], self.edges[order[0::2], 0]
+        return other
+
+
+def _labels(sub: Subdomain, edges: np.ndarray) -> np.ndarray:
+    """Labels of the given boundary edges (pairs of local vertices, smaller first)."""
+    span = len(sub.xy)
+    given = np.sort(sub.edges, axis=1)
+    keys = given[:, 0] * span + given[:, 1]
+    order = np.argsort(keys)
+    at = np.searchsorted(keys[order], edges[:, 0] * span + edges[:, 1])
+    at = np.minimum(at, len(order) - 1)
+    label = sub.edge_label[order[at]]
+    return np.where(keys[order[at]] == edges[:, 0] * span + edges[:, 1], label, 0)
+
+
+def _corner_vertices(tables: _Tables) -> np.ndarray:
+    """Sorted gids of the primal vertices.
+
+    A vertex of a subdomain's boundary is a corner of the subdomain when its two boundary edges differ in
+    neighbour or label, and when it is shared by three or more subdomains. Interfaces that then hold less
+    than two corners could act as a hinge: the farthest-point rule gives them the missing ones.
+    """
+    neighbour = tables.neighbour()
+    kind = np.where(neighbour >= 0, neighbour, -1 - tables.edges[:, 3])
+    sub = np.repeat(tables.edges[:, 0], 2)
+    gid, kind = tables.edges[:, 1:3].ravel(), np.repeat(kind, 2)
+    order = np.lexsort((kind, gid, sub))
+    sub, gid, kind = sub[order], gid[order], kind[order]
+    start = np.flatnonzero(np.r_[True, (np.diff(sub) != 0) | (np.diff(gid) != 0)])
+    degree = np.diff(np.r_[start, len(gid)])
+    mixed = np.minimum.reduceat(kind, start) != np.maximum.reduceat(kind, start)
+    corners = np.union1d(gid[start][mixed | (degree != 2)], tables.gids[tables.count > 2])
+    return np.union1d(corners, _farthest_points(tables, neighbour, corners))
+
+
+def _farthest_points(tables: _Tables, neighbour: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Corners for interface pieces (connected, between one pair of subdomains) with less than two."""
+    one_side = neighbour > tables.edges[:, 0]
+    edges = tables.edges[one_side]
+    if not len(edges):
+        return np.empty(0, np.int64)
+    pair = edges[:, 0] * (tables.edges[:, 0].max() + 1) + neighbour[one_side]
+    # a node of the interface graph is a (pair, vertex), so that pieces of different pairs stay apart
+    keys = np.concatenate([np.column_stack([pair, edges[:, 1]]), np.column_stack([pair, edges[:, 2]])])
+    nodes, inverse = np.unique(keys, axis=0, return_inverse=True)
+    a, b = np.split(inverse, 2)
+    graph = coo_matrix((np.ones(len(a)), (a, b)), shape=(len(nodes),) * 2)
+    pieces, piece = connected_components(graph, directed=False)
+    held = np.bincount(piece, np.isin(nodes[:, 1], corners), minlength=pieces)
+    place = np.empty((len(tables.gids), 2))
+    place[tables.vertex_id] = tables.xy
+    added = []
+    for weak in np.flatnonzero(held < 2):
+        gids = nodes[piece == weak, 1]
+        xy = place[np.searchsorted(tables.gids, gids)]
+        known = np.flatnonzero(np.isin(gids, corners))
+        first = known[0] if len(known) else np.linalg.norm(xy - xy[0], axis=1).argmax()
+        second = np.linalg.norm(xy - xy[first], axis=1).argmax()
+        added += [gids[first], gids[second]]
+    return np.array(added, np.int64)
+
+
+def _fixed_dofs(manifest: Manifest, subdomains: list[Subdomain], comm) -> tuple[np.ndarray, np.ndarray]:
+    """Sorted keys 2 gid + component of all fixed dofs of the body, and their values (n, patterns).
+
+    Gathered, because a subdomain may touch a support in a single vertex and not know that it is held.
+    """
+    keys, values = [np.empty(0, np.int64)], [np.empty((0, len(manifest.patterns)))]
+    for sub in subdomains:
+        keys.append(2 * sub.vertex_gid[sub.dof_vertex[sub.fixed]] + sub.dof_component[sub.fixed])
+        values.append(sub.fixed_values.T)
+    keys, at = np.unique(_gather(comm, np.concatenate(keys)), return_index=True)
+    return keys, _gather(comm, np.concatenate(values))[at]
+
+
+def _contact_boundary(manifest, subdomains, tables, fixed, comm) -> ContactBoundary:
+    """Contact nodes of all subdomains, the parts of a node's dual segment added up."""
+    found = [np.empty((0, 9))]
+    for sub in subdomains:
+        c = sub.contact
+        if c is not None:
+            part = np.column_stack([c.normal, c.gap, c.friction]) * c.weight[:, None]
+            found.append(np.column_stack([c.label, sub.vertex_gid[c.vertex], c.weight, part, sub.xy[c.vertex]]))
+    found = _gather(comm, np.concatenate(found))
+    keys, at, inverse = np.unique(found[:, :2], axis=0, return_index=True, return_inverse=True)
+    total = np.zeros((len(keys), 5))
+    np.add.at(total, inverse, found[:, 2:7])
+    weight = total[:, 0]
+    normal = total[:, 1:3] / np.linalg.norm(total[:, 1:3], axis=1)[:, None]
+    label, gid = keys.T.astype(np.int64)
+    missing = [wanted for wanted in manifest.contact_labels if wanted not in label]
+    if missing:
+        raise InputError(f"no contact node has the label {missing[0]}: the scene declares contact on a label "
+                         "that its mesh lacks")
+    arc = _arc_lengths(label, gid, found[at, 7:9], tables.edges)
+    order = np.lexsort((arc, label))
+    order = order[~_held(gid, fixed)[order]]
+    none = np.full(len(order), -1)
+    return ContactBoundary(gid[order], label[order], found[at, 7:9][order], arc[order], weight[order], normal[order],
+                           (total[:, 3] / weight)[order], (total[:, 4] / weight)[order], none, none.copy())
+
+
+def _held(gid: np.ndarray, fixed) -> np.ndarray:
+    """True where both displacement components of a vertex are fixed."""
+    return np.isin(2 * gid, fixed[0]) & np.isin(2 * gid + 1, fixed[0])
+
+
+def _arc_lengths(label, gid, xy, edges) -> np.ndarray:
+    """Arc length of every contact node along its label's chain of edges; pieces follow one another.
+
+    A piece starts at its end with the smaller x (then y), a closed piece at its node with the smallest gid.
+    """
+    arc = np.zeros(len(gid))
+    for one in np.unique(label):
+        nodes = np.flatnonzero(label == one)
+        index = {g: i for i, g in zip(nodes, gid[nodes])}
+        links = {i: [] for i in nodes}
+        for a, b in np.unique(edges[edges[:, 3] == one, 1:3], axis=0):
+            links[index[a]].append(index[b])
+            links[index[b]].append(index[a])
+        start, left = 0.0, set(nodes)
+        while left:
+            ends = [i for i in left if len(links[i]) == 1]
+            here = min(ends, key=lambda i: (*xy[i], gid[i])) if ends else min(left, key=lambda i: gid[i])
+            while here is not None:
+                left.discard(here)
+                arc[here] = start
+                onward = [i for i in links[here] if i in left]
+                if onward:
+                    start += np.linalg.norm(xy[onward[0]] - xy[here])
+                here = onward[0] if onward else None
+    return arc
+
+
+def _number(manifest, subdomains, first, tables, corners, fixed, contact, comm) -> Substructure:
+    """Number coarse dofs and dual rows and express both in every local subdomain's dofs."""
+    fixed_keys, fixed_values = fixed
+    owner = np.full(len(tables.gids), np.iinfo(np.int64).max)
+    np.minimum.at(owner, tables.vertex_id, tables.vertices[:, 0])
+    corner_keys = (2 * corners[:, None] + [0, 1]).ravel()
+    corner_keys = corner_keys[~np.isin(corner_keys, fixed_keys)]
+    plain = (tables.count == 2) & ~np.isin(tables.gids, corners)
+    gluing = (2 * tables.gids[plain][:, None] + [0, 1]).ravel()
+    gluing = gluing[~np.isin(gluing, fixed_keys)]
+    frictional = manifest.effects["friction"] != "none"
+    normal_rows = np.flatnonzero(_acts(contact.gid, contact.normal, fixed_keys))
+    tangential_rows = np.flatnonzero(_acts(contact.gid, contact.tangent, fixed_keys)) if frictional else np.empty(0, int)
+
+    # (owner, kind, position) of every row; sorting them gives the numbering
+    kind = np.repeat([GLUING, NORMAL, TANGENTIAL], [len(gluing), len(normal_rows), len(tangential_rows)])
+    row_gid = np.concatenate([gluing // 2, contact.gid[normal_rows], contact.gid[tangential_rows]])
+    row_owner = owner[np.searchsorted(tables.gids, row_gid)]
+    position = np.concatenate([gluing, normal_rows, tangential_rows])
+    order = np.lexsort((position, kind, row_owner))
+    number = np.empty(len(order), np.int64)
+    number[order] = np.arange(len(order))
+    n_g, n_n = len(gluing), len(normal_rows)
+    contact.normal_row[normal_rows] = number[n_g : n_g + n_n]
+    contact.tangential_row[tangential_rows] = number[n_g + n_n :]
+
+    last = first + len(subdomains)
+    sorted_owner = row_owner[order]
+    row_range = (int(np.searchsorted(sorted_owner, first)), int(np.searchsorted(sorted_owner, last)))
+    numbering = _Numbering(tables, corners, corner_keys, gluing, number[:n_g], contact, owner)
+    local = [numbering.localize(sub, fixed_keys, fixed_values) for sub in subdomains]
+    parts = [list(column) for column in zip(*local)] if local else [[] for _ in range(6)]
+    primal = comm.allreduce(sum(sub.dofs for sub in subdomains))
+    outer = tables.edges[~tables.shared][:, 1:]
+    return Substructure(subdomains, first, manifest.subdomains, *parts[:5], coarse_dofs=len(corner_keys),
+                        dual_dofs=len(order), row_kind=kind[order], row_range=row_range, contact=contact,
+                        multiplicity=parts[5], outer_edges=outer, primal_dofs=primal)
+
+
+def _acts(gid, direction, fixed_keys) -> np.ndarray:
+    """True where a row direction.u at a vertex moves a dof that is not fixed."""
+    free = np.column_stack([~np.isin(2 * gid + c, fixed_keys) for c in (0, 1)])
+    return np.abs(direction * free).max(axis=1, initial=0) > 1e-12
+
+
+class _Numbering:
+    """Global numbers by key, and their localisation to one subdomain."""
+
+    def __init__(self, tables, corners, corner_keys, gluing, gluing_row, contact, owner):
+        self.tables, self.corners, self.corner_keys = tables, corners, corner_keys
+        self.gluing, self.gluing_row = gluing, gluing_row  # sorted keys, row of each
+        self.contact, self.owner = contact, owner
+
+    def localize(self, sub: Subdomain, fixed_keys, fixed_values):
+        """Fixed dofs and values, corner dofs and numbers, rows, multiplicities of one subdomain."""
+        key = 2 * sub.vertex_gid[sub.dof_vertex] + sub.dof_component
+        held = np.flatnonzero(np.isin(key, fixed_keys))
+        held_values = fixed_values[np.searchsorted(fixed_keys, key[held])].T
+        corner = np.flatnonzero(np.isin(key, self.corner_keys))
+        corner_number = np.searchsorted(self.corner_keys, key[corner])
+        multiplicity = np.ones(len(sub.vertex_gid), np.int64)
+        at = np.minimum(np.searchsorted(self.tables.gids, sub.vertex_gid), len(self.tables.gids) - 1)
+        on_boundary = self.tables.gids[at] == sub.vertex_gid
+        multiplicity[on_boundary] = self.tables.count[at[on_boundary]]
+        rows = self._rows(sub, key, multiplicity, fixed_keys)
+        return held, held_values, corner, corner_number, rows, multiplicity
+
+    def _rows(self, sub, key, multiplicity, fixed_keys) -> LocalRows:
+        glued = np.flatnonzero(np.isin(key, self.gluing))
+        row = self.gluing_row[np.searchsorted(self.gluing, key[glued])]
+        lower = self.owner[np.searchsorted(self.tables.gids, key[glued] // 2)] == sub.index
+        sign = np.where(lower, 1.0, -1.0)
+        dof, coefficient = np.column_stack([glued, glued]), np.tile([1.0, 0.0], (len(glued), 1))
+        scaling = 0.5 * sign
+        pieces = [(row, sign, dof, coefficient, np.zeros_like(coefficient), scaling)]
+        for direction, rows in ((self.contact.normal, self.contact.normal_row),
+                                (self.contact.tangent, self.contact.tangential_row)):
+            pieces.append(self._contact_rows(sub, key, multiplicity, fixed_keys, direction, rows))
+        return LocalRows(*(np.concatenate(column) for column in zip(*pieces)))
+
+    def _contact_rows(self, sub, key, multiplicity, fixed_keys, direction, rows):
+        here = np.flatnonzero(np.isin(self.contact.gid, sub.vertex_gid) & (rows >= 0))
+        order = np.argsort(sub.vertex_gid)
+        vertex = order[np.searchsorted(sub.vertex_gid[order], self.contact.gid[here])]
+        # dofs are numbered vertex by vertex, as the loader has checked
+        dof = 2 * vertex[:, None] + [0, 1]
+        free = ~np.isin(key[dof], fixed_keys)
+        sign = 1.0 / multiplicity[vertex]
+        return rows[here], sign, dof, direction[here] * free, direction[here] * ~free, sign
