@@ -33,3 +33,9 @@ def agree(comm, error: DriverError | None) -> None:
     for found in comm.allgather(error):
         if found is not None:
             raise found
+
+
+def error_of(status: int, reason: str) -> DriverError:
+    """The error that stands for an exit status."""
+    kind = {2: InputError, 3: NoSolution, 4: NotConverged}[status]
+    return kind(reason)

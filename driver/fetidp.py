@@ -20,6 +20,7 @@ Klawonn, Rheinbach: FETI-DP methods for elasticity; Mandel, Dohrmann, Tezaur (20
 from dataclasses import dataclass
 
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import coo_matrix
 
@@ -229,13 +230,28 @@ class DualOperator:
         held[:, fixed] = values
         return sub.loads - np.array([sub.multiply(u) for u in held])
 
-    def _respond(self, pattern: int) -> np.ndarray:
-        """d of one load pattern: B u of the body under that load alone."""
+    def _respond(self, pattern: int) -> tuple[np.ndarray, np.ndarray]:
+        """d = B u and the stacked corner displacements of the body under one load pattern alone."""
         weights = np.eye(self.patterns)[pattern]
-        x = self._prescribed(weights)
+        x, corner = self._prescribed(weights), np.empty(self._local_corners.getLocalSize())
         for c, u in zip(self.classes, self._solve(weights, np.zeros(len(self.sign)))):
             x[c.rows] += (c.B_r @ u[c.torn] + c.B_c @ u[c.corner]).T.ravel()
-        return self._assemble(x * self.sign)
+            corner[c.corners] = u[c.corner].T.ravel()
+        return self._assemble(x * self.sign), corner
+
+    def load_response(self, weights: np.ndarray) -> np.ndarray:
+        """d for the load sum_k weights_k f_k."""
+        return sum((w * d for w, (d, _) in zip(weights, self.loaded)), np.zeros(self.owned))
+
+    def corner_displacement(self, multipliers: np.ndarray, weights: np.ndarray) -> float:
+        """Largest displacement of a corner: a cheap measure of how far the body moves."""
+        x, force = self._gather(multipliers) * self.sign, np.empty(self._local_corners.getLocalSize())
+        for c in self.classes:
+            force[c.corners] = (x[c.rows].reshape(len(c.members), -1) @ c.A).ravel()
+        corner = -self.coarse_solve(force)
+        for w, (_, loaded) in zip(weights, self.loaded):
+            corner += w * loaded
+        return self.comm.allreduce(float(np.abs(corner).max(initial=0)), op=MPI.MAX)
 
     def _prescribed(self, weights: np.ndarray) -> np.ndarray:
         """Stacked local rows of B on the prescribed displacements, which B_r and B_c leave out."""

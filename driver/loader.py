@@ -46,6 +46,8 @@ class Subdomain:
     region: np.ndarray  # (n_t,)
     edges: np.ndarray  # (n_e, 2) boundary edges
     edge_label: np.ndarray  # (n_e,)
+    elasticity: np.ndarray  # (n_t, 3, 3) plane Hooke's law in Voigt form
+    sigma_zz: np.ndarray  # (n_t,) factor of (e11 + e22) in the out-of-plane stress
     dof_vertex: np.ndarray
     dof_component: np.ndarray
     rows: np.ndarray
@@ -74,6 +76,9 @@ class Manifest:
     blocks: int
     vertices: int
     interface_label: int
+    element: str
+    plane: str
+    material: str
     units: dict
     effects: dict
     steps: int
@@ -169,7 +174,8 @@ def _record_words(head: np.ndarray, manifest: Manifest) -> int:
     """Words that follow a record's head."""
     _, nv, nt, ne, nd, nnz, patterns, fixed, contact = (int(n) for n in head)
     moving = sum(pattern["kind"] == "displacement" for pattern in manifest.patterns)
-    counted = [nv] * 3 + [3 * nt, nt, 3 * ne] + [nd] * 2 + [nnz] * 3 + [nd] * patterns + [fixed]
+    moduli = 2 if manifest.material == "isotropic" else 6
+    counted = [nv] * 3 + [3 * nt, nt, 3 * ne] + [nt] * moduli + [nd] * 2 + [nnz] * 3 + [nd] * patterns + [fixed]
     counted += [max(1, fixed)] * moving + ([contact] * 7 if contact else [])
     return sum(counted) + len(counted)
 
@@ -214,6 +220,7 @@ def _read_record(reader: _Block, manifest: Manifest, index: int) -> Subdomain:
     triangles = reader.indices(3 * nt, nv, "triangle vertex").reshape(nt, 3)
     region = reader.array(nt)
     edge = reader.array(3 * ne).reshape(ne, 3)
+    elasticity, sigma_zz = _read_elasticity(reader, manifest, nt)
     dof_vertex, component = _dof_layout(reader, nd, xy, where)
     rows = reader.indices(nnz, nd, "stiffness row")
     columns = reader.indices(nnz, nd, "stiffness column")
@@ -226,8 +233,22 @@ def _read_record(reader: _Block, manifest: Manifest, index: int) -> Subdomain:
         if pattern["kind"] == "displacement":
             fixed_values[k] = reader.array(max(1, fixed), np.float64)[:fixed]
     data = _read_contact(reader, contact, nv, where) if contact else None
-    return Subdomain(index, gid, xy, triangles, region, edge[:, :2], edge[:, 2], dof_vertex, component,
+    return Subdomain(index, gid, xy, triangles, region, edge[:, :2], edge[:, 2], elasticity, sigma_zz, dof_vertex, component,
                      rows, columns, values, loads, fixed_dofs, fixed_values, data)
+
+
+def _read_elasticity(reader: _Block, manifest: Manifest, nt: int):
+    """Plane elasticity matrices (n_t, 3, 3) and the factor of the out-of-plane stress."""
+    if manifest.material == "isotropic":
+        lam, mu = reader.array(nt, np.float64), reader.array(nt, np.float64)
+        zero = np.zeros(nt)
+        entries = (lam + 2 * mu, lam, zero, lam + 2 * mu, zero, mu)
+        sigma_zz = lam if manifest.plane == "strain" else zero
+    else:
+        entries = [reader.array(nt, np.float64) for _ in range(6)]
+        sigma_zz = np.zeros(nt)  # general plane laws say nothing of the third direction
+    c11, c12, c13, c22, c23, c33 = entries
+    return np.stack([c11, c12, c13, c12, c22, c23, c13, c23, c33], axis=1).reshape(nt, 3, 3), sigma_zz
 
 
 def _dof_layout(reader: _Block, nd: int, xy: np.ndarray, where: str):

@@ -315,7 +315,9 @@ def _number(manifest, subdomains, first, tables, corners, fixed, contact, comm) 
     gluing = gluing[~np.isin(gluing, fixed_keys)]
     frictional = manifest.effects["friction"] != "none"
     normal_rows = np.flatnonzero(_acts(contact.gid, contact.normal, fixed_keys))
-    tangential_rows = np.flatnonzero(_acts(contact.gid, contact.tangent, fixed_keys)) if frictional else np.empty(0, int)
+    tangential_rows = np.empty(0, np.int64)
+    if frictional:  # where the support fixes the normal direction there is no contact pressure to rub under
+        tangential_rows = normal_rows[_acts(contact.gid, contact.tangent, fixed_keys)[normal_rows]]
 
     # (owner, kind, position) of every row; sorting them gives the numbering
     kind = np.repeat([GLUING, NORMAL, TANGENTIAL], [len(gluing), len(normal_rows), len(tangential_rows)])

@@ -1,0 +1,5 @@
+"""``python3 -m driver``: see cli.py."""
+
+from .cli import main
+
+main()

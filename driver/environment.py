@@ -1,0 +1,53 @@
+"""Where the machine keeps FreeFEM, Open MPI and PETSc, as Debian packages them."""
+
+import os
+import shutil
+from pathlib import Path
+
+from .errors import InputError
+
+ROOT = Path(__file__).resolve().parent.parent
+LIBRARY = ROOT / "edp" / "lib"
+SET_UP = "run 'make setup' (apt packages: see apt-packages.txt)"
+
+
+def prepare_petsc() -> None:
+    """Let petsc4py find its PETSc, which Debian's package alone does not tell it."""
+    if "PETSC_DIR" not in os.environ and not Path("/usr/lib/petsc").exists():
+        for candidate in sorted(Path("/usr/lib/petscdir").glob("petsc*/*-real"), reverse=True):
+            os.environ["PETSC_DIR"] = str(candidate)
+            break
+
+
+def single_threaded() -> None:
+    """One BLAS thread a rank: many small dense products run slower with more."""
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+
+
+def program(name: str) -> str:
+    """Full path of a program. Raises InputError if it is not installed."""
+    found = shutil.which(name)
+    if not found:
+        raise InputError(f"{name} is not installed; {SET_UP}")
+    return found
+
+
+def mpirun(ranks: int) -> list[str]:
+    """Command prefix that starts `ranks` processes, more than there are cores if asked."""
+    return [program("mpirun"), "--oversubscribe", "--bind-to", "none", "-n", str(ranks)]
+
+
+def child_environment(parallel: bool = False) -> dict[str, str]:
+    """Environment for FreeFEM and MPI child processes.
+
+    FreeFEM looks for its includes and plugins where the package does not put them; Open MPI refuses
+    to start as root unless told twice.
+    """
+    env = dict(os.environ)
+    env.update(OMPI_ALLOW_RUN_AS_ROOT="1", OMPI_ALLOW_RUN_AS_ROOT_CONFIRM="1")
+    ranks = LIBRARY / ("mpi" if parallel else "serial")
+    includes = [str(LIBRARY), str(ranks), *filter(None, [env.get("FF_INCLUDEPATH")]), "/usr/include/freefem++/idp"]
+    plugins = ["/usr/lib/freefem++/mpi"] * parallel + [*filter(None, [env.get("FF_LOADPATH")]), "/usr/lib/freefem++"]
+    env.update(FF_INCLUDEPATH=";".join(includes), FF_LOADPATH=";".join(plugins))
+    return env

@@ -1,0 +1,103 @@
+"""Contact and friction laws at the contact nodes: bounds of the multipliers, status, KKT residuals.
+
+Multipliers are nodal forces on the body: lambda_n >= 0 presses along -n, lambda_t pushes along -t, so
+that sigma_n = -lambda_n / weight and sigma_t = -lambda_t / weight. With r = F lambda - d the rows read
+B u - c = -r, where c is the gap (normal) or the previous tangential displacement (tangential rows).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .substructuring import GLUING, Substructure
+
+OPEN, STICK, SLIP = 0, 1, 2
+STATUS_NAMES = ("open", "stick", "slip")
+
+
+@dataclass
+class ContactRows:
+    """The contact rows a rank owns, as positions in its dual vectors.
+
+    `normal` (k,) with `gap` and `node`; `tangential` (j,) with `pair`, the position of the same node's
+    normal row, `bound` (friction coefficient, or given bound times weight for Tresca) and `node`.
+    """
+
+    normal: np.ndarray
+    normal_node: np.ndarray
+    gap: np.ndarray
+    tangential: np.ndarray
+    tangential_node: np.ndarray
+    pair: np.ndarray
+    bound: np.ndarray
+    gluing: np.ndarray
+    tresca: bool
+    bilateral: bool
+
+    def limits(self, size: int, pressure: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper bounds of all owned multipliers under nodal pressures `pressure` (owned,)."""
+        lower, upper = np.full(size, -np.inf), np.full(size, np.inf)
+        if not self.bilateral:
+            lower[self.normal] = 0.0
+        g = self.friction_bound(pressure)
+        lower[self.tangential], upper[self.tangential] = -g, g
+        return lower, upper
+
+    def friction_bound(self, multipliers: np.ndarray) -> np.ndarray:
+        """(j,) largest friction force: F |lambda_n| (Coulomb) or the given bound (Tresca)."""
+        return self.bound if self.tresca else self.bound * np.abs(multipliers[self.pair])
+
+
+def contact_rows(structure: Substructure, effects: dict) -> ContactRows:
+    """The rank's contact rows from the replicated contact boundary."""
+    contact, (start, stop) = structure.contact, structure.row_range
+    mine = lambda rows: np.flatnonzero((rows >= start) & (rows < stop))
+    normal, tangential = mine(contact.normal_row), mine(contact.tangential_row)
+    tresca = effects["friction"] == "tresca"
+    bound = contact.friction[tangential] * (contact.weight[tangential] if tresca else 1.0)
+    return ContactRows(
+        contact.normal_row[normal] - start, normal, contact.gap[normal],
+        contact.tangential_row[tangential] - start, tangential, contact.normal_row[tangential] - start, bound,
+        np.flatnonzero(structure.row_kind[start:stop] == GLUING), tresca, effects["contact"] == "bilateral")
+
+
+def kkt_residuals(rows: ContactRows, multipliers, gradient, tolerance_free, scale_u: float, scale_d: float, comm) -> dict:
+    """Relative KKT residuals of one time step, the largest over the contact and gluing rows.
+
+    gluing, penetration: relative to the body's displacement `scale_u`; sign, cone: relative to the largest
+    nodal pressure; complementarity: pressure times distance plus friction's lost dissipation
+    g |slip| + lambda_t . (-slip), relative to largest pressure times `scale_u`; stationarity: norm of the
+    projected gradient `tolerance_free` relative to `scale_d` = ||d||.
+    """
+    move = -gradient
+    lambda_n, lambda_t = multipliers[rows.normal], multipliers[rows.tangential]
+    bound, slip, over = rows.friction_bound(multipliers), move[rows.tangential], move[rows.normal]
+    one_sided = np.zeros(0) if rows.bilateral else lambda_n
+    local = np.array([
+        np.abs(move[rows.gluing]).max(initial=0),
+        (np.abs(over) if rows.bilateral else over).max(initial=0),
+        (-one_sided).max(initial=0),
+        (np.abs(lambda_t) - bound).max(initial=0),
+        (np.abs(one_sided * over[: len(one_sided)])).max(initial=0),
+        (bound * np.abs(slip) - lambda_t * slip).max(initial=0),
+        np.abs(lambda_n).max(initial=0),
+    ])
+    gluing, penetration, sign, cone, gap_work, slip_work, force = np.max(comm.allgather(local), axis=0)
+    ratio = lambda a, b: float(a / b) if b > 0 else float(a > 0)
+    return {"stationarity": ratio(tolerance_free, scale_d), "gluing": ratio(gluing, scale_u),
+            "penetration": ratio(penetration, scale_u), "sign": ratio(sign, force), "cone": ratio(cone, force),
+            "complementarity": ratio(max(gap_work, slip_work), force * scale_u)}
+
+
+def status(rows: ContactRows, multipliers: np.ndarray, gradient: np.ndarray) -> np.ndarray:
+    """(k,) open, stick or slip of the nodes with a normal row, by exact comparison with the bounds."""
+    found = np.full(len(rows.normal), STICK)
+    if not rows.bilateral:
+        found[multipliers[rows.normal] == 0] = OPEN
+    sliding = np.abs(multipliers[rows.tangential]) >= rows.friction_bound(multipliers)
+    at = np.searchsorted(rows.normal_node, rows.tangential_node)
+    found[at[sliding & (found[at] == STICK)]] = SLIP
+    if len(rows.tangential) == 0:  # without friction nothing holds a node that touches
+        found[found == STICK] = SLIP
+    return found
+

@@ -1,0 +1,476 @@
+"""MPRGP: modified proportioning with reduced gradient projections for box constraints.
+
+Solves
+
+    min  f(x) = 1/2 x'Ax - b'x     subject to   lower <= x <= upper
+
+for a symmetric positive (semi)definite operator A.  Sources: Z. Dostal, J. Schoeberl,
+"Minimizing quadratic functions subject to bound constraints with the rate of convergence and
+finite termination", Comput. Optim. Appl. 30 (2005) 23-43; Z. Dostal, "Optimal Quadratic
+Programming Algorithms", Springer 2009, chapter 5 (algorithm "MPRGP"; preconditioning in the
+face is treated there too).  Here both bounds may be present.
+
+Notation, with g = Ax - b and componentwise definitions:
+
+    free gradient      phi  = g where lower < x < upper, 0 elsewhere
+    chopped gradient   beta = min(g, 0) at x == lower, max(g, 0) at x == upper, 0 elsewhere
+    projected gradient g^P  = phi + beta       (zero exactly at the solutions)
+    reduced free grad. phi~ = (x - P(x - abar phi)) / abar,   abar = alpha_factor / norm_bound
+
+SPMD.  Every 1-D array is the local part of a distributed vector, and the only communication is
+the callable ``dot``; every decision is taken on what ``dot`` returned.  If ``dot`` gives the same
+float to all ranks, all ranks take the same branches.  Local parts may be empty.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+EPS = np.finfo(float).eps
+
+# Curvature p'Ap within this many roundings of ||A|| p'p cannot be told from zero.
+CURVATURE_ROUNDINGS = 64
+# A gradient Ax - b is right to this many roundings of ||A|| ||x|| + ||b||.
+GRADIENT_ROUNDINGS = 10
+# A factor 2^40 between bound and norm is no bad estimate any more: it is noise in A.
+MAX_DOUBLINGS = 40
+# So many times the recomputed gradient may refute convergence without having been halved.
+MAX_REFUTATIONS = 3
+# Probability with which the Lanczos bound may fall short of the norm (see norm_bound).
+LANCZOS_RISK = 1e-3
+
+
+@dataclass(frozen=True)
+class Result:
+    """What mprgp found.
+
+    x, gradient          local parts (n,): feasible point and A x - b there
+    status               "converged" | "iteration limit" | "stagnated" | "indefinite operator"
+    reason               one line saying why it stopped
+    products             calls of A, all of them counted
+    cg_steps, expansion_steps, proportioning_steps
+    norm_bound           the bound of ||A|| used last (raised if the given one proved too small)
+    residual             ||g^P(x)||
+    """
+
+    x: np.ndarray
+    gradient: np.ndarray
+    status: str
+    reason: str
+    products: int
+    cg_steps: int
+    expansion_steps: int
+    proportioning_steps: int
+    norm_bound: float
+    residual: float
+
+
+class _Stop(Exception):
+    """Ends the iteration from inside a step; args are (status, reason)."""
+
+
+def split_gradient(x, g, lower, upper):
+    """Free gradient phi and chopped gradient beta, each (n,), at the feasible x (n,).
+
+    The bounds are met by exact comparison: iterates have been projected, so an active component
+    equals its bound.  Components of zero-width boxes are in neither part.
+    """
+    at_lower, at_upper = x == lower, x == upper
+    phi = np.where(at_lower | at_upper, 0.0, g)
+    beta = np.where(at_lower & ~at_upper, np.minimum(g, 0.0), 0.0)
+    beta = np.where(at_upper & ~at_lower, np.maximum(g, 0.0), beta)
+    return phi, beta
+
+
+def projected_gradient(x, g, lower, upper):
+    """g^P = phi + beta, shape (n,), at the feasible x with gradient g; see split_gradient."""
+    phi, beta = split_gradient(x, g, lower, upper)
+    return phi + beta
+
+
+def reduced_free_gradient(x, phi, lower, upper, step):
+    """phi~ (n,): what the projection leaves of phi in a gradient step of length `step`."""
+    with np.errstate(over="ignore"):
+        to_lower, to_upper = (x - lower) / step, (x - upper) / step
+    return np.where(phi > 0, np.minimum(phi, to_lower), np.maximum(phi, to_upper))
+
+
+def _bound_ratios(x, p, lower, upper):
+    """For each component the step a >= 0 at which x - a p meets a bound; inf if it never does."""
+    ratio = np.full(x.shape, np.inf)
+    with np.errstate(over="ignore"):
+        np.divide(x - lower, p, out=ratio, where=p > 0)
+        np.divide(x - upper, p, out=ratio, where=p < 0)
+    return ratio
+
+
+def _cut_step(ratio, wish, dot):
+    """min(wish, smallest ratio over all ranks), and whether a bound is met on the way.
+
+    A global minimum by sums only: each rank proposes its smallest ratio, the mean of the
+    proposals below the present step is the next step.  Every round drops the largest proposal at
+    least, so it ends; one rank needs one round, R ranks typically log2(R).  The exchanged arrays
+    hold the proposal at its own place, so that a weighted `dot` does no harm.
+    """
+    proposal, present = np.zeros(ratio.shape), np.zeros(ratio.shape)
+    if ratio.size:
+        k = int(np.argmin(ratio))
+        if ratio[k] <= wish and ratio[k] < np.inf:
+            proposal[k], present[k] = ratio[k], 1.0
+    step, count = wish, dot(present, present)
+    blocked = count > 0
+    while count > 0:
+        step = dot(present, proposal) / count
+        present = present * (proposal < step)
+        left = dot(present, present)
+        if left >= count:  # all equal, and their mean was rounded up
+            break
+        count = left
+    return step, blocked
+
+
+class _Mprgp:
+    """State of one solve: x, g always belong together and x is always feasible."""
+
+    def __init__(self, A, b, lower, upper, tol, bound, gamma, alpha_factor, preconditioner,
+                 max_products, dot, monitor):
+        self.A, self.b, self.lower, self.upper = A, b, lower, upper
+        self.tol, self.bound, self.gamma, self.alpha_factor = tol, bound, gamma, alpha_factor
+        self.preconditioner, self.max_products = preconditioner, max_products
+        self.dot, self.monitor = dot, monitor
+        self.products = 0
+        self.counts = {"cg": 0, "expansion": 0, "proportioning": 0}
+        self.b_norm = np.sqrt(dot(b, b))
+        # Longest stretch without a better residual that is still looked at kindly: CG may wander
+        # for about as many products as there are unknowns.
+        ones = np.ones_like(b)
+        self.window = 200 + 2 * min(int(dot(ones, ones)), 1000)
+        self.x = self.g = self.p = self.Ap = None
+        self.curvature = 0.0
+        self.updates = 0  # gradient updates by recurrence since the last product at x
+        self.residual = np.inf
+        self.best, self.best_at, self.decrease = np.inf, 0, 0.0
+        self.refuted, self.refuted_at = 0, np.inf
+
+    # -- products and moves -----------------------------------------------------------------
+
+    def product(self, v):
+        """A v, counted; refuses when the limit is reached (the state is consistent then)."""
+        if self.products >= self.max_products:
+            raise _Stop("iteration limit", f"{self.products} products of A used")
+        self.products += 1
+        return self.A(v)
+
+    def gradient_at(self, x):
+        return self.product(x) - self.b
+
+    def place(self, x, g, updates):
+        """The only place where the iterate changes: new x with its gradient."""
+        self.x, self.g, self.updates = x, g, updates
+
+    def go(self, p, Ap, step, ratio):
+        """x - step p with the components that met a bound put exactly on it, and clipped."""
+        met = ratio <= step * (1 + 4 * EPS)
+        x = np.where(met, np.where(p > 0, self.lower, self.upper), self.x - step * p)
+        self.place(np.clip(x, self.lower, self.upper), self.g - step * Ap, self.updates + 1)
+
+    def gradient_rounding(self, x):
+        """Size of the rounding error in a computed A x - b."""
+        return EPS * (self.bound * np.sqrt(self.dot(x, x)) + self.b_norm)
+
+    # -- one evaluation and the three steps -------------------------------------------------
+
+    def evaluate(self):
+        """Split the gradient; sets the squares of the norms and the residual."""
+        self.phi, self.beta = split_gradient(self.x, self.g, self.lower, self.upper)
+        self.phi2, self.beta2 = self.dot(self.phi, self.phi), self.dot(self.beta, self.beta)
+        self.residual = float(np.sqrt(self.phi2 + self.beta2))
+        if not np.isfinite(self.residual):
+            raise _Stop("indefinite operator", "A returned values that are not finite")
+
+    def is_proportional(self):
+        """Release criterion: ||beta||^2 <= gamma^2 phi~'phi keeps the face."""
+        step = self.alpha_factor / self.bound
+        reduced = reduced_free_gradient(self.x, self.phi, self.lower, self.upper, step)
+        return self.beta2 <= self.gamma**2 * self.dot(reduced, self.phi)
+
+    def step(self):
+        """One step of the algorithm; returns its kind."""
+        if not self.is_proportional():
+            return self.proportioning_step()
+        p, slope = self.direction()
+        Ap = self.product(p)
+        wish = self.exact_step(p, Ap, slope)
+        ratio = _bound_ratios(self.x, p, self.lower, self.upper)
+        length, blocked = _cut_step(ratio, wish, self.dot)
+        self.refuse_endless(length, p, slope)
+        self.go(p, Ap, length, ratio)
+        self.decrease += length * (slope - 0.5 * length * self.curvature)
+        if not blocked:
+            self.p, self.Ap = p, Ap
+            return "cg"
+        self.p = self.Ap = None
+        self.expand()
+        return "expansion"
+
+    def direction(self):
+        """CG direction p (n,) in the face, A-orthogonal to the last one, and its slope g'p."""
+        phi, z, slope = self.phi, self.phi, self.phi2
+        free = (self.x != self.lower) & (self.x != self.upper)
+        if self.preconditioner is not None:
+            z = np.where(free, self.preconditioner(phi, free), 0.0)
+        if self.p is not None:
+            p = z - (self.dot(z, self.Ap) / self.curvature) * self.p
+            p = np.where(free, p, 0.0)  # a CG step may have been rounded onto a bound
+            ahead = self.dot(phi, p)
+            if ahead > 0:
+                return p, ahead
+        if self.preconditioner is not None:
+            slope = self.dot(phi, z)
+        if not slope > 0:
+            raise ValueError("preconditioner is not positive definite on the free set")
+        return z, slope
+
+    def exact_step(self, p, Ap, slope):
+        """Minimiser of f(x - a p) over a: g'p / p'Ap, or inf where f has no curvature along p."""
+        curvature, noise = self.dot(p, Ap), self.dot(p, p) * self.bound * CURVATURE_ROUNDINGS * EPS
+        if not np.isfinite(curvature):
+            raise _Stop("indefinite operator", "A returned values that are not finite")
+        if curvature < -noise:
+            raise _Stop("indefinite operator", f"negative curvature p'Ap = {curvature:.3e}")
+        self.curvature = curvature if curvature > noise else 0.0
+        return slope / curvature if curvature > noise else np.inf
+
+    def refuse_endless(self, length, p, slope):
+        """Stops at a ray without curvature and without bound: unbounded, or only rounding."""
+        if length < np.inf:
+            return
+        slack = GRADIENT_ROUNDINGS * (1 + self.updates) * self.gradient_rounding(self.x)
+        if slope > slack * np.sqrt(self.dot(p, p)):
+            raise _Stop("indefinite operator",
+                        "unbounded: f descends along a ray of zero curvature inside the box")
+        raise _Stop("stagnated", "the gradient left over on a ray of zero curvature is rounding")
+
+    def proportioning_step(self):
+        """Releases components: exact minimisation along -beta, cut at the opposite bounds."""
+        d = self.beta
+        Ad = self.product(d)
+        wish = self.exact_step(d, Ad, self.beta2)
+        ratio = _bound_ratios(self.x, d, self.lower, self.upper)
+        length, _ = _cut_step(ratio, wish, self.dot)
+        self.refuse_endless(length, d, self.beta2)
+        self.go(d, Ad, length, ratio)
+        self.decrease += length * (self.beta2 - 0.5 * length * self.curvature)
+        self.p = self.Ap = None
+        return "proportioning"
+
+    def expand(self):
+        """x <- P(x - abar phi(x)) from the point the half step has reached.
+
+        With d the step taken, f changes by exactly 1/2 d'(g_old + g_new), and this is <= 0 if
+        abar <= 2/||A||, because -g'd >= d'd/abar.  An increase therefore disproves the norm
+        bound: it is doubled and the step is taken again.  The slack is ||d|| times the rounding
+        error of the two gradients; the old one has gathered one error per recurrence.
+        """
+        x, g, given = self.x, self.g, self.bound
+        phi, _ = split_gradient(x, g, self.lower, self.upper)
+        for _ in range(MAX_DOUBLINGS):
+            new = np.clip(x - (self.alpha_factor / self.bound) * phi, self.lower, self.upper)
+            d = new - x
+            length = np.sqrt(self.dot(d, d))
+            if length == 0:  # nothing free moves; the product would bring nothing new
+                return
+            g_new = self.gradient_at(new)
+            change = 0.5 * self.dot(d, g + g_new)
+            if not np.isfinite(change):
+                raise _Stop("indefinite operator", "A returned values that are not finite")
+            error = max(self.gradient_rounding(x), self.gradient_rounding(new))
+            if change <= (GRADIENT_ROUNDINGS + self.updates) * error * length:
+                self.decrease -= change
+                self.place(new, g_new, 0)
+                return
+            self.bound *= 2
+        self.bound = given  # not the bound was at fault
+        raise _Stop("stagnated", "no gradient step of any length decreases f: noise in A")
+
+    # -- control ------------------------------------------------------------------------------
+
+    def is_converged(self):
+        """||g^P|| <= tol, on a recomputed gradient where the recurrence may have drifted.
+
+        A recurrence of m updates is off by about m eps (||A|| ||x|| + ||b||); a tenth of tol is
+        trusted.  A refutation sets the fresh gradient and restarts CG; refutations that no longer
+        halve the residual mean that tol is below what the arithmetic of A can give.
+        """
+        if self.residual > self.tol:
+            return False
+        if self.updates * self.gradient_rounding(self.x) * GRADIENT_ROUNDINGS <= 0.1 * self.tol:
+            return True
+        self.place(self.x, self.gradient_at(self.x), 0)
+        self.p = self.Ap = None
+        self.evaluate()
+        if self.residual <= self.tol:
+            return True
+        self.refuted = 0 if self.residual < 0.5 * self.refuted_at else self.refuted + 1
+        self.refuted_at = min(self.residual, self.refuted_at)
+        if self.refuted >= MAX_REFUTATIONS:
+            raise _Stop("stagnated", "the recomputed gradient does not get below the tolerance")
+        return False
+
+    def refuse_stagnation(self):
+        """Stops after a long stretch in which neither the residual nor f made headway.
+
+        One CG or gradient step lowers f by ||phi||^2 / (2 ||A||) or more, so a stretch of
+        hundreds of steps that sums up to rounding of f only is spent on rounding errors.
+        """
+        if self.residual < 0.99 * self.best:
+            self.best, self.best_at, self.decrease = self.residual, self.products, 0.0
+        elif self.products - self.best_at >= self.window:
+            size = np.sqrt(self.dot(self.x, self.x)) * self.gradient_rounding(self.x)
+            if self.decrease <= GRADIENT_ROUNDINGS * size:
+                raise _Stop("stagnated", f"no progress in {self.window} products of A")
+            self.best_at, self.decrease = self.products, 0.0
+
+    def iterate(self):
+        """Runs to the end; returns (status, reason)."""
+        kind = "start"
+        try:
+            if self.g is None:
+                self.g = np.full_like(self.x, np.nan)  # until the first product is there
+                self.place(self.x, self.gradient_at(self.x), 0)
+            while True:
+                self.evaluate()
+                if self.monitor is not None:
+                    self.monitor(kind, self.products, self.residual)
+                if self.is_converged():
+                    return "converged", "projected gradient within tolerance"
+                self.refuse_stagnation()
+                kind = self.step()
+                self.counts[kind] += 1
+        except _Stop as stop:
+            return stop.args
+
+    def result(self):
+        status, reason = self.iterate()
+        g_projected = projected_gradient(self.x, self.g, self.lower, self.upper)
+        residual = float(np.sqrt(self.dot(g_projected, g_projected)))
+        return Result(self.x, self.g, status, reason, self.products, self.counts["cg"],
+                      self.counts["expansion"], self.counts["proportioning"], float(self.bound),
+                      residual)
+
+
+def _refuse(bad, reason, dot):
+    """ValueError on all ranks if the mask `bad` is set anywhere."""
+    flag = bad.astype(float)
+    if dot(flag, flag) > 0:
+        raise ValueError(reason)
+
+
+def _checked(b, lower, upper, x0, dot):
+    """The data as float arrays (n,), x0 projected on the box; ValueError where impossible."""
+    b = np.asarray(b, dtype=float)
+    lower = np.broadcast_to(np.asarray(lower, dtype=float), b.shape)
+    upper = np.broadcast_to(np.asarray(upper, dtype=float), b.shape)
+    x0 = np.zeros_like(b) if x0 is None else np.asarray(x0, dtype=float)
+    if b.ndim != 1 or x0.shape != b.shape:
+        raise ValueError("b and x0 must be 1-D arrays of the same length")
+    _refuse(~np.isfinite(b), "b has a value that is not finite", dot)
+    _refuse(np.isnan(lower) | np.isnan(upper), "a bound is NaN", dot)
+    _refuse((lower > upper) | (lower == np.inf) | (upper == -np.inf), "the box is empty", dot)
+    _refuse(np.isnan(x0), "x0 has a NaN", dot)
+    x0 = np.clip(x0, lower, upper)
+    _refuse(np.isinf(x0), "x0 has an infinite value inside the box", dot)
+    return b, lower, upper, x0
+
+
+def mprgp(A, b, lower, upper, x0=None, *, tol, norm_bound, gamma=1.0, alpha_factor=1.95,
+          preconditioner=None, max_products=10_000, gradient0=None, dot=np.dot, monitor=None):
+    """Minimise 1/2 x'Ax - b'x over lower <= x <= upper; returns a Result.
+
+    A               callable (n,) -> (n,), symmetric positive (semi)definite; local parts
+    b, lower, upper (n,); bounds may be +-inf, equal (the component is fixed), or scalars
+    x0              (n,) start, projected on the box; default 0 projected
+    tol             stops at ||g^P(x)|| <= tol.  Absolute: the caller scales it, e.g. 1e-6 ||b||.
+                    For positive definite A this gives ||x - x*|| <= tol / lambda_min(A).
+    norm_bound      upper bound of ||A||, see norm_bound(); too small a value is found out by an
+                    expansion step that increases f, and doubled
+    gamma           Gamma > 0 of the release criterion ||beta||^2 <= Gamma^2 phi~'phi
+    alpha_factor    expansion steps have the length abar = alpha_factor / norm_bound, in (0, 2]
+    preconditioner  callable (phi, free mask) -> z, z = 0 off the mask, SPD on the face
+    max_products    limit of calls of A
+    gradient0       A x0 - b if known, for a feasible x0; saves the first product
+    dot             global scalar product of two local parts
+    monitor         callable (kind, products, residual) after every step, kind in {"start", "cg",
+                    "expansion", "proportioning"}
+
+    Products: one for a CG or a proportioning step, two for an expansion step.  All iterates are
+    feasible.  Data that make no problem raise ValueError (on all ranks); an operator that is
+    indefinite, or returns NaN or inf, or leaves f unbounded ends with "indefinite operator".
+    """
+    if not (np.isfinite(norm_bound) and norm_bound > 0):
+        raise ValueError("norm_bound must be positive and finite")
+    if not (0 < alpha_factor <= 2 and gamma > 0 and tol >= 0 and max_products >= 1):
+        raise ValueError("need 0 < alpha_factor <= 2, gamma > 0, tol >= 0, max_products >= 1")
+    b, lower, upper, x = _checked(b, lower, upper, x0, dot)
+    run = _Mprgp(A, b, lower, upper, tol, float(norm_bound), gamma, alpha_factor, preconditioner,
+                 max_products, dot, monitor)
+    run.x = x
+    if gradient0 is not None:
+        moved = np.zeros_like(x) if x0 is None else x - x0
+        _refuse(moved != 0, "gradient0 was given for an x0 outside the box", dot)
+        run.g = np.array(gradient0, dtype=float)
+    return run.result()
+
+
+def _lanczos(A, v, dot, steps):
+    """Lanczos tridiagonal matrix from v (n,): diagonal (k), off-diagonal (k), invariant or not.
+
+    The last off-diagonal entry belongs to the residual.  Without reorthogonalisation: lost
+    orthogonality only repeats Ritz values, which does not disturb the largest one.
+    """
+    v_old, beta, diagonal, off = np.zeros_like(v), 0.0, [], []
+    for _ in range(steps):
+        w = A(v) - beta * v_old
+        diagonal.append(dot(v, w))
+        w = w - diagonal[-1] * v
+        beta = np.sqrt(dot(w, w))
+        if not np.isfinite(beta):
+            raise ValueError("A returned values that are not finite")
+        off.append(beta)
+        if beta <= 10 * EPS * max(np.abs(diagonal).max(), max(off)):
+            return diagonal, off, True
+        v_old, v = v, w / beta
+    return diagonal, off, False
+
+
+def norm_bound(A, n, *, dot=np.dot, steps=15, seed=0, start=None):
+    """Upper bound of ||A|| by Lanczos: (bound, calls of A).
+
+    n is the local length.  The start vector is random from `seed`, or `start` (n,), the rank's
+    part of one.  After k steps theta + |beta_k s_k|, the Ritz value largest in modulus plus its
+    residual (s_k: last component of its eigenvector), proves an eigenvalue nearby but not that it
+    is the last one; on evenly spread spectra it falls short by a few per cent.  The bound is
+    therefore also at least theta / (1 - eps) with the relative error eps that a start vector
+    uniform on the sphere of R^N exceeds with probability LANCZOS_RISK at most, for any SPSD matrix:
+
+        LANCZOS_RISK = 1.648 sqrt(N) exp(-sqrt(eps) (2k - 1))
+
+    (J. Kuczynski, H. Wozniakowski, SIAM J. Matrix Anal. Appl. 13 (1992) 1094-1122); eps is
+    not taken above 1/2.  Breakdown (beta_k within rounding of zero) leaves an invariant subspace:
+    theta is exact and returned with its residual only.
+    """
+    v = np.random.default_rng(seed).standard_normal(n) if start is None else np.array(start, float)
+    length = np.sqrt(dot(v, v))
+    if steps < 1 or not (np.isfinite(length) and length > 0):
+        raise ValueError("Lanczos needs a step and a finite start vector that is not zero")
+    diagonal, off, invariant = _lanczos(A, v / length, dot, steps)
+    T = np.diag(diagonal) + np.diag(off[:-1], 1) + np.diag(off[:-1], -1)
+    ritz, vectors = np.linalg.eigh(T)
+    k = int(np.argmax(np.abs(ritz)))
+    theta, residual = abs(ritz[k]), abs(off[-1] * vectors[-1, k])
+    if invariant:
+        return float(theta + residual), len(diagonal)
+    ones = np.ones_like(v)
+    size = dot(ones, ones)
+    root = np.log(1.648 * np.sqrt(size) / LANCZOS_RISK) / (2 * len(diagonal) - 1)
+    return float(max(theta + residual, theta / (1 - min(root**2, 0.5)))), len(diagonal)

@@ -1,0 +1,15 @@
+"""Numerical options of the solver: none of them is physics, each has a default that suits most runs."""
+
+from dataclasses import dataclass
+
+
+@dataclass
+class Settings:
+    """Numerical options of the solver; all tolerances are relative."""
+
+    rtol: float = 1e-6  # MPRGP: projected gradient over ||d||
+    friction_rtol: float = 1e-6  # fixed point: change of lambda_n over lambda_n
+    max_fixed_point: int = 100  # per time step
+    max_products: int = 200_000  # per QP
+    preconditioner: str = "dirichlet"  # or "none": the plain method
+    predictor: str = "linear"  # extrapolate multipliers over time steps, or "previous"

@@ -1,0 +1,190 @@
+"""Stage 6: implicit time steps; in each the fixed point for local Coulomb friction around the QP.
+
+Time step (Haslinger, Vlach, Dostal, SNA'07): with the previous tangential displacement v_T in the
+functional, find (u, lambda) with lambda_n = Phi(lambda_n), where Phi(g) solves the contact problem with
+given friction bound F g, the box-constrained QP
+
+    min 1/2 lambda' F lambda - lambda' d,   lambda_n >= 0,  |lambda_t| <= F g.
+
+Multipliers and g start from those of the previous iteration and the previous step.
+"""
+
+import time
+from dataclasses import dataclass, field
+
+import numpy as np
+from mpi4py import MPI
+
+from . import friction
+from .fetidp import DirichletPreconditioner, DualOperator
+from .options import Settings
+from .mprgp import mprgp, norm_bound, projected_gradient
+
+
+@dataclass
+class Step:
+    """State at the end of a time step; multiplier arrays hold the rank's rows."""
+
+    index: int
+    time: float
+    weights: np.ndarray  # pattern factors
+    multipliers: np.ndarray
+    gradient: np.ndarray
+    status: np.ndarray  # of the rank's nodes with a normal row
+    fixed_point_iterations: int
+    products: int
+    contraction: float  # ratio of the last two changes of the fixed point, NaN if there was one
+    residuals: dict
+
+
+@dataclass
+class History:
+    """Counts over a run, the log of MPRGP steps and how the run ended."""
+
+    counts: dict = field(default_factory=lambda: dict.fromkeys(
+        ("fixed_point_iterations", "dual_multiplications", "dual_multiplications_setup", "cg_steps",
+         "expansion_steps", "proportioning_steps"), 0))
+    log: list = field(default_factory=list)  # (product, step, iteration, kind, residual)
+    residuals: dict = field(default_factory=dict)
+    steps: int = 0
+    exit_status: int = 0
+    reason: str = ""
+    seconds: float = 0.0
+
+
+class QuasistaticSolver:
+    """Marches through the time steps of one problem. Collective over the operator's communicator."""
+
+    def __init__(self, operator: DualOperator, effects: dict, amplitudes: np.ndarray, times: np.ndarray,
+                 settings: Settings):
+        """`amplitudes` (steps + 1, patterns): factor of every load pattern at every time of `times`."""
+        self.operator, self.settings, self.effects = operator, settings, effects
+        self.amplitudes, self.times = amplitudes, times
+        self.rows = friction.contact_rows(operator.structure, effects)
+        self.history = History()
+        self.preconditioner = DirichletPreconditioner(operator) if settings.preconditioner == "dirichlet" else None
+        start = np.random.default_rng(1).standard_normal(operator.structure.dual_dofs)
+        mine = slice(*operator.structure.row_range)
+        self.bound, _ = norm_bound(operator.apply, operator.owned, dot=operator.dot, start=start[mine])
+        self.history.counts["dual_multiplications_setup"] = operator.products
+        self.scale_d = 0.0
+
+    def steps(self):
+        """Generate the finished `Step`s; stops early, with the reason in `history`, if one fails."""
+        op, size = self.operator, self.operator.owned
+        before = op.products
+        lam, older = np.zeros(size), np.zeros(size)
+        u_t = np.zeros(len(self.rows.tangential))
+        clock = time.perf_counter()
+        for index in range(1, len(self.times)):
+            weights = self.amplitudes[index]
+            response = op.load_response(weights)
+            d = response.copy()
+            d[self.rows.normal] -= self.rows.gap
+            d[self.rows.tangential] -= u_t
+            start = 2 * lam - older if self.settings.predictor == "linear" and index > 2 else lam
+            lam, older = None, lam
+            step = self._fixed_point(index, weights, d, start)
+            lam = step.multipliers
+            u_t = u_t - step.gradient[self.rows.tangential]
+            self._record(step, before)
+            self.history.seconds += time.perf_counter() - clock
+            yield step
+            clock = time.perf_counter()
+            if self.history.exit_status:
+                return
+
+    def _record(self, step: Step, before: int) -> None:
+        counts, worst = self.history.counts, self.history.residuals
+        counts["fixed_point_iterations"] += step.fixed_point_iterations
+        counts["dual_multiplications"] = self.operator.products - before
+        for name, value in step.residuals.items():
+            worst[name] = max(worst.get(name, 0.0), value)
+        self.history.steps = step.index
+
+    # ---- one time step -----------------------------------------------------------------------
+    def _fixed_point(self, index: int, weights, d, start) -> Step:
+        op, settings, rows = self.operator, self.settings, self.rows
+        products = op.products
+        self.scale_d = max(self.scale_d, np.sqrt(op.dot(d, d)))
+        coulomb = len(rows.tangential) > 0 and not rows.tresca
+        coulomb = op.comm.allreduce(coulomb, op=MPI.LOR)
+        lower, _ = rows.limits(op.owned, start)
+        x = np.maximum(start, lower)
+        changes, iteration, gradient = [], 0, None
+        while True:
+            iteration += 1
+            pressure, used = x[rows.normal], rows.friction_bound(x)
+            result = self._solve_qp(index, iteration, d, rows.limits(op.owned, x), x, gradient)
+            x, gradient = result.x, result.gradient
+            if self.history.exit_status or not coulomb:
+                break
+            change = x[rows.normal] - pressure
+            norm = np.sqrt(self._sum(x[rows.normal] ** 2))
+            changes.append(np.sqrt(self._sum(change**2)))
+            if changes[-1] <= settings.friction_rtol * norm:
+                break
+            if self._diverges(index, iteration, changes):
+                break
+        return self._finish(index, weights, d, x, gradient, used, iteration, changes, products)
+
+    def _solve_qp(self, index, iteration, d, limits, x, gradient):
+        op, settings, history = self.operator, self.settings, self.history
+        offset = op.products
+
+        def monitor(kind, products, residual):
+            history.log.append((offset + products, index, iteration, kind, residual / (self.scale_d or 1.0)))
+
+        known = gradient if gradient is not None and self._inside(x, limits) else None
+        result = mprgp(op.apply, d, *limits, x, tol=settings.rtol * self.scale_d, norm_bound=self.bound,
+                       preconditioner=self.preconditioner, max_products=settings.max_products, gradient0=known,
+                       dot=op.dot, monitor=monitor)
+        self.bound = result.norm_bound
+        for name in ("cg_steps", "expansion_steps", "proportioning_steps"):
+            history.counts[name] += getattr(result, name)
+        if result.status != "converged":
+            history.exit_status = 3 if result.status == "indefinite operator" else 4
+            history.reason = f"step {index}: MPRGP ended with '{result.status}': {result.reason}"
+        return result
+
+    def _inside(self, x, limits) -> bool:
+        """Whether x satisfies the new bounds exactly, so that its known gradient can be reused."""
+        outside = np.count_nonzero((x < limits[0]) | (x > limits[1]))
+        return self.operator.comm.allreduce(int(outside)) == 0
+
+    def _sum(self, values) -> float:
+        return self.operator.comm.allreduce(float(values.sum()))
+
+    def _diverges(self, index: int, iteration: int, changes: list) -> bool:
+        """Stop when the changes no longer contract over a window, or at the iteration limit."""
+        window = 8
+        if len(changes) > 2 * window and min(changes[-window:]) >= min(changes[:-window]):
+            self.history.exit_status = 3
+            self.history.reason = (f"step {index}: the fixed point for the friction bound does not contract; the "
+                                   "friction coefficient may be beyond the range of a unique solution")
+        elif iteration >= self.settings.max_fixed_point:
+            self.history.exit_status = 4
+            self.history.reason = f"step {index}: no fixed point of the friction bound in {iteration} iterations"
+        return self.history.exit_status != 0
+
+    def _finish(self, index, weights, d, x, gradient, used, iteration, changes, products) -> Step:
+        """Put the last multipliers exactly into the cone of their own pressures and close the step.
+
+        The last QP was solved with the bound of the iterate before. Nodes that slid stay on the bound and
+        the others inside it, so that the active set the QP has found is kept.
+        """
+        op, rows = self.operator, self.rows
+        lower, upper = rows.limits(op.owned, x)
+        final = np.clip(x, lower, upper)
+        if len(rows.tangential) and not rows.tresca:
+            t = rows.tangential
+            final[t] = np.where(np.abs(x[t]) == used, np.sign(x[t]) * upper[t], final[t])
+        if op.comm.allreduce(int(np.count_nonzero(final != x))):
+            x, gradient = final, op.apply(final) - d
+        left = projected_gradient(x, gradient, lower, upper)
+        scale_u = op.corner_displacement(x, weights)
+        residuals = friction.kkt_residuals(rows, x, gradient, np.sqrt(op.dot(left, left)), scale_u, self.scale_d,
+                                           op.comm)
+        contraction = changes[-1] / changes[-2] if len(changes) > 1 and changes[-2] > 0 else np.nan
+        return Step(index, float(self.times[index]), weights, x, gradient, friction.status(rows, x, gradient),
+                    iteration, op.products - products, contraction, residuals)

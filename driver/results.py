@@ -1,0 +1,265 @@
+"""Stage 7: what a run leaves: summary.json, contact.csv, history.csv, convergence.csv, VTU fields.
+
+Fields are gathered on rank 0, which alone writes. Files go to the run's private directory, which the
+command line renames as a whole, so a result directory that is there is complete.
+"""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+
+from .fetidp import DualOperator
+from .friction import OPEN, STATUS_NAMES
+from .loader import Manifest, Subdomain
+from .quasistatic import QuasistaticSolver, Step
+
+CONTACT_COLUMNS = ("step,time,node,boundary,x,y,arc,weight,normal_x,normal_y,gap,u_n,u_t,slip,sigma_n,sigma_t,"
+                   "bound,status").split(",")
+
+
+def strains(sub: Subdomain, u: np.ndarray) -> np.ndarray:
+    """(n_t, 3) constant strains e11, e22, 2 e12 of P1 displacements u (dofs,)."""
+    corner = sub.xy[sub.triangles]
+    edge = corner[:, [2, 0, 1]] - corner[:, [1, 2, 0]]  # edge opposite to each vertex
+    area = np.abs(edge[:, 0, 0] * edge[:, 1, 1] - edge[:, 0, 1] * edge[:, 1, 0])
+    turn = np.sign(edge[:, 0, 0] * edge[:, 1, 1] - edge[:, 0, 1] * edge[:, 1, 0])
+    gradient = np.stack([-edge[:, :, 1], edge[:, :, 0]], axis=2) * (turn / area)[:, None, None]
+    value = u.reshape(-1, 2)[sub.triangles]
+    d = np.einsum("tij,tik->tjk", gradient, value)  # d[t, j, k] = d u_k / d x_j
+    return np.column_stack([d[:, 0, 0], d[:, 1, 1], d[:, 1, 0] + d[:, 0, 1]])
+
+
+def stresses(sub: Subdomain, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Stresses (n_t, 3) s11, s22, s12 and von Mises stress (n_t,) of displacements u (dofs,)."""
+    strain = strains(sub, u)
+    s = np.einsum("tij,tj->ti", sub.elasticity, strain)
+    zz = sub.sigma_zz * (strain[:, 0] + strain[:, 1])
+    mises = np.sqrt(0.5 * ((s[:, 0] - s[:, 1]) ** 2 + (s[:, 1] - zz) ** 2 + (zz - s[:, 0]) ** 2) + 3 * s[:, 2] ** 2)
+    return s, mises
+
+
+class ContactState:
+    """Nodal contact quantities of the whole body in every step, on every rank; arrays (n_c,)."""
+
+    def __init__(self, operator: DualOperator, solver: QuasistaticSolver):
+        self.operator, self.rows = operator, solver.rows
+        self.boundary = operator.structure.contact
+        self.u_t = np.zeros(len(self.boundary.gid))
+
+    def evaluate(self, step: Step, fields: list[np.ndarray]) -> dict[str, np.ndarray]:
+        """u_n, u_t, slip, sigma_n, sigma_t, bound and status code of every contact node."""
+        b, rows, n = self.boundary, self.rows, len(self.boundary.gid)
+        values = np.zeros((7, n))  # u_x, u_y, multiplicity, lambda_n, lambda_t, bound, status
+        for sub, u in zip(self.operator.structure.subdomains, fields):
+            here = np.flatnonzero(np.isin(b.gid, sub.vertex_gid))
+            order = np.argsort(sub.vertex_gid)
+            vertex = order[np.searchsorted(sub.vertex_gid[order], b.gid[here])]
+            values[0, here] += u[2 * vertex]
+            values[1, here] += u[2 * vertex + 1]
+            values[2, here] += 1
+        values[3, rows.normal_node] = step.multipliers[rows.normal]
+        values[4, rows.tangential_node] = step.multipliers[rows.tangential]
+        values[5, rows.tangential_node] = rows.friction_bound(step.multipliers)
+        values[6, rows.normal_node] = step.status
+        values = np.sum(self.operator.comm.allgather(values), axis=0)
+        u = (values[:2] / values[2]).T
+        u_n, u_t = (u * b.normal).sum(axis=1), (u * b.tangent).sum(axis=1)
+        slip, self.u_t = u_t - self.u_t, u_t
+        return {"u_n": u_n, "u_t": u_t, "slip": slip, "sigma_n": 0.0 - values[3] / b.weight,
+                "sigma_t": 0.0 - values[4] / b.weight, "bound": values[5] / b.weight,
+                "status": values[6].astype(int)}
+
+
+def resultants(operator: DualOperator, step: Step, fields, contact: dict) -> dict[str, np.ndarray]:
+    """Resultants (2,) of loads, support reactions and contact forces; they add up to zero."""
+    structure, total = operator.structure, np.zeros((2, 2))
+    for s, (sub, u) in enumerate(zip(structure.subdomains, fields)):
+        load = step.weights @ sub.loads
+        reaction = (sub.multiply(u) - load)[structure.fixed[s]]
+        total[0] += np.bincount(sub.dof_component, load, minlength=2)
+        total[1] += np.bincount(sub.dof_component[structure.fixed[s]], reaction, minlength=2)
+    load, reaction = np.sum(operator.comm.allgather(total), axis=0)
+    b = structure.contact
+    force = ((contact["sigma_n"] * b.weight)[:, None] * b.normal + (contact["sigma_t"] * b.weight)[:, None] * b.tangent)
+    return {"load": load, "reaction": reaction, "contact": force.sum(axis=0)}
+
+
+class Writer:
+    """Collects the steps of a run and writes its files; collective, rank 0 writes."""
+
+    def __init__(self, directory: Path, manifest: Manifest, operator: DualOperator, solver: QuasistaticSolver,
+                 fields: bool):
+        self.directory, self.manifest, self.operator, self.solver = directory, manifest, operator, solver
+        self.root, self.write_fields = operator.comm.rank == 0, fields
+        self.contact = ContactState(operator, solver)
+        self.contact_rows, self.history_rows, self.vtu = [], [], []
+        self.balance = self.dissipated = 0.0
+        self.mesh = self._gather_mesh() if fields else None
+        self._boundary()
+        if fields and self.root:
+            (directory / "fields").mkdir()
+
+    # ---- per step --------------------------------------------------------------------------------
+    def add(self, step: Step) -> None:
+        """Evaluate and record one step."""
+        fields = self.operator.displacements(step.multipliers, step.weights)
+        state = self.contact.evaluate(step, fields)
+        forces = resultants(self.operator, step, fields, state)
+        size = max(np.abs(value).max() for value in forces.values())
+        if size > 0:
+            self.balance = max(self.balance, float(np.abs(sum(forces.values())).max() / size))
+        largest = max((float(np.linalg.norm(u.reshape(-1, 2), axis=1).max()) for u in fields), default=0.0)
+        largest = max(self.operator.comm.allgather(largest))
+        self.dissipated += float(-(state["sigma_t"] * state["slip"] * self.contact.boundary.weight).sum())
+        self._history_row(step, state, forces, largest)
+        self._contact_rows(step, state)
+        if self.write_fields:
+            self._write_vtu(step, fields)
+
+    def _history_row(self, step: Step, state, forces, largest) -> None:
+        weight, touching = self.contact.boundary.weight, state["status"] != OPEN
+        row = {"step": step.index, "time": step.time}
+        for number, history in self.manifest.amplitudes.items():
+            row[f"amplitude_{number}"] = history[step.index]
+        counts = np.bincount(state["status"], minlength=3)
+        row |= {"fixed_point_iterations": step.fixed_point_iterations, "dual_multiplications": step.products,
+                "contraction": step.contraction,
+                "resultant_n": float(state["sigma_n"] @ weight), "resultant_t": float(state["sigma_t"] @ weight)}
+        row |= {f"{name}_{axis}": float(force[k]) for name, force in forces.items() for k, axis in enumerate("xy")}
+        row |= {f"nodes_{name}": int(count) for name, count in zip(STATUS_NAMES, counts)}
+        row |= {"contact_length": float(weight[touching].sum()), "max_displacement": largest,
+                "peak_pressure": float(-state["sigma_n"].min(initial=0)), "dissipated": self.dissipated}
+        row |= {f"kkt_{name}": value for name, value in step.residuals.items()}
+        self.history_rows.append(row)
+
+    def _contact_rows(self, step: Step, state) -> None:
+        b = self.contact.boundary
+        for i in range(len(b.gid)):
+            self.contact_rows.append([
+                step.index, repr(step.time), i, b.label[i], *map(repr, map(float, (
+                    *b.xy[i], b.arc[i], b.weight[i], *b.normal[i], b.gap[i], *(state[name][i] for name in (
+                        "u_n", "u_t", "slip", "sigma_n", "sigma_t", "bound"))))), STATUS_NAMES[state["status"][i]]])
+
+    # ---- meshes and fields -------------------------------------------------------------------------
+    def _gather_mesh(self):
+        """Points, triangles and subdomain numbers of the torn body on rank 0."""
+        subs = self.operator.structure.subdomains
+        offset = np.cumsum([0, *(len(sub.xy) for sub in subs)])
+        part = (np.concatenate([np.empty((0, 2)), *(sub.xy for sub in subs)]),
+                np.concatenate([np.empty((0, 3), int), *(sub.triangles + o for sub, o in zip(subs, offset))]),
+                np.concatenate([np.empty(0, int), *(np.full(len(sub.triangles), sub.index) for sub in subs)]))
+        parts = self.operator.comm.gather(part)
+        if not self.root:
+            return None
+        start = np.cumsum([0, *(len(xy) for xy, _, _ in parts)])
+        xy, number = (np.concatenate([p[k] for p in parts]) for k in (0, 2))
+        return xy, np.concatenate([t + o for (_, t, _), o in zip(parts, start)]), number
+
+    def _write_vtu(self, step: Step, fields) -> None:
+        import meshio
+
+        tensors = [stresses(sub, u) for sub, u in zip(self.operator.structure.subdomains, fields)]
+        part = (np.concatenate([np.empty(0), *fields]), np.concatenate([np.empty((0, 3)), *(s for s, _ in tensors)]),
+                np.concatenate([np.empty(0), *(m for _, m in tensors)]))
+        parts = self.operator.comm.gather(part)
+        if not self.root:
+            return
+        u, stress, mises = (np.concatenate([p[k] for p in parts]) for k in range(3))
+        xy, triangles, number = self.mesh
+        flat = lambda pairs: np.column_stack([pairs, np.zeros(len(pairs))])
+        mesh = meshio.Mesh(flat(xy), [("triangle", triangles)], point_data={"displacement": flat(u.reshape(-1, 2))},
+                           cell_data={"stress": [stress], "von_mises": [mises], "subdomain": [number]})
+        name = f"fields/step_{step.index:04d}.vtu"
+        mesh.write(self.directory / name)
+        self.vtu.append((step.time, name))
+
+    def _boundary(self) -> None:
+        """boundary.csv: edges of the body's outline with their part in the scene and the unit traction."""
+        structure, comm = self.operator.structure, self.operator.comm
+        place, push, held = {}, {}, set()
+        for s, sub in enumerate(structure.subdomains):
+            traction = [k for k, p in enumerate(self.manifest.patterns) if p["kind"] == "traction"]
+            force = sub.loads[traction].sum(axis=0).reshape(-1, 2)
+            for v, gid in enumerate(sub.vertex_gid.tolist()):
+                place[gid] = sub.xy[v]
+                push[gid] = push.get(gid, 0) + force[v]
+            held.update(sub.vertex_gid[sub.dof_vertex[structure.fixed[s]]].tolist())
+        wanted = set(structure.outer_edges[:, :2].ravel().tolist())
+        place = {g: xy for g, xy in place.items() if g in wanted}
+        found = comm.gather((place, {g: push[g] for g in place}, held))
+        if self.root:
+            self._write_boundary(found)
+
+    def _write_boundary(self, found) -> None:
+        place, push, held = {}, {}, set()
+        for part, force, fixed in found:
+            place.update(part)
+            held |= fixed
+            for g, f in force.items():
+                push[g] = push.get(g, 0) + f
+        edges = self.operator.structure.outer_edges.tolist()
+        traction = _edge_tractions(edges, place, push)
+        with open(self.directory / "boundary.csv", "w", newline="") as file:
+            out = csv.writer(file)
+            out.writerow("x0,y0,x1,y1,label,role,traction_x,traction_y".split(","))
+            for a, b, label in edges:
+                pull = traction.get(label, np.zeros(2))
+                role = ("contact" if label in self.manifest.contact_labels else "support" if a in held and b in held
+                        else "load" if pull.any() else "free")
+                out.writerow([*place[a], *place[b], label, role, *pull])
+
+    # ---- end of the run --------------------------------------------------------------------------------
+    def close(self, summary: dict) -> None:
+        """Write tables and summary; `summary` is completed by what the writer knows."""
+        if not self.root:
+            return
+        if len(self.contact.boundary.gid):
+            _write_csv(self.directory / "contact.csv", CONTACT_COLUMNS, self.contact_rows)
+        if self.history_rows:
+            rows = [list(row.values()) for row in self.history_rows]
+            _write_csv(self.directory / "history.csv", list(self.history_rows[0]), rows)
+        _write_csv(self.directory / "convergence.csv", ["product", "step", "iteration", "kind", "residual"],
+                   self.solver.history.log)
+        if self.vtu:
+            sets = "".join(f'<DataSet timestep="{t!r}" part="0" file="{name}"/>\n' for t, name in self.vtu)
+            (self.directory / "fields.pvd").write_text(
+                f'<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n<Collection>\n{sets}'
+                "</Collection>\n</VTKFile>\n")
+        summary["balance"] = self.balance
+        summary["dissipated"] = self.dissipated
+        write_json(self.directory / "summary.json", summary)
+
+
+def _edge_tractions(edges, place, push) -> dict[int, np.ndarray]:
+    """Mean traction of every outer label, from the nodal forces of nodes inside the label."""
+    length, labels = {}, {}
+    for a, b, label in edges:
+        size = 0.5 * np.linalg.norm(np.subtract(place[a], place[b]))
+        for g in (a, b):
+            length[g] = length.get(g, 0.0) + size
+            labels.setdefault(g, set()).add(label)
+    force, total = {}, {}
+    for g, own in labels.items():
+        if len(own) == 1:
+            label = next(iter(own))
+            force[label] = force.get(label, 0) + push[g]
+            total[label] = total.get(label, 0.0) + length[g]
+    mean = {label: force[label] / total[label] for label in force}
+    largest = max((np.abs(f).max() for f in mean.values()), default=0.0)
+    return {label: np.where(np.abs(f) > 1e-9 * largest, f, 0.0) for label, f in mean.items()}
+
+
+def _write_csv(path: Path, header: list, rows: list) -> None:
+    with open(path, "w", newline="") as file:
+        out = csv.writer(file)
+        out.writerow(header)
+        out.writerows(rows)
+
+
+def write_json(path: Path, value: dict) -> None:
+    """Write JSON to a temporary name and rename it."""
+    hidden = path.with_name(f".{path.name}")
+    hidden.write_text(json.dumps(value, indent=1) + "\n")
+    hidden.replace(path)

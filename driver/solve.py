@@ -1,0 +1,125 @@
+"""The SPMD part of a run: loader, operator, time stepping and results on one communicator."""
+
+import platform
+import resource
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+from .errors import DriverError
+from .loader import Manifest, read_manifest, read_subdomains
+from .results import write_json
+
+PRIMAL = {"gluing": 0, "normal": 1, "tangential": 2}
+
+
+class Progress:
+    """Steps done, residual and time left: a bar on a terminal, plain lines elsewhere."""
+
+    def __init__(self, total: int, label: str, quiet: bool):
+        self.total, self.label, self.quiet, self.bar = total, label, quiet, None
+        if not quiet and sys.stderr.isatty():
+            from tqdm import tqdm
+
+            self.bar = tqdm(total=total, desc=label, unit="step", file=sys.stderr)
+        self.start = time.perf_counter()
+
+    def update(self, step) -> None:
+        """Report one finished step."""
+        worst = max(step.residuals.values())
+        if self.bar is not None:
+            self.bar.set_postfix(fixed_point=step.fixed_point_iterations, products=step.products, kkt=f"{worst:.1e}")
+            self.bar.update()
+        elif not self.quiet and (step.index % max(1, self.total // 5) == 0 or step.index == self.total):
+            left = (time.perf_counter() - self.start) * (self.total - step.index) / step.index
+            print(f"{self.label}: step {step.index}/{self.total}, {step.products} products, KKT residual {worst:.1e}, "
+                  f"{left:.0f} s left", flush=True)
+
+    def close(self) -> None:
+        """Leave the bar."""
+        if self.bar is not None:
+            self.bar.close()
+
+
+def run(directory: Path, request: dict, comm) -> tuple[int, str]:
+    """Solve the export in ``directory/export`` and write the results into `directory`.
+
+    `request` holds scene, settings (of quasistatic.Settings), fields (bool), quiet (bool), seconds (of the
+    stages before). Collective over `comm`; returns exit status and reason, the same on every rank.
+    """
+    try:
+        return _run(directory, request, comm)
+    except DriverError as problem:
+        return problem.exit_status, str(problem)
+
+
+def _run(directory: Path, request: dict, comm) -> tuple[int, str]:
+    from . import quasistatic, substructuring
+    from .fetidp import DualOperator
+    from .results import Writer
+
+    clock, seconds = time.perf_counter(), dict(request["seconds"])
+
+    def lap(name: str) -> None:
+        nonlocal clock
+        now = time.perf_counter()
+        seconds[name], clock = now - clock, now
+
+    manifest = read_manifest(directory / "export")
+    first, last = substructuring.partition(manifest.subdomains, comm)
+    subdomains = read_subdomains(manifest, first, last, comm)
+    lap("read")
+    structure = substructuring.build(manifest, subdomains, first, comm)
+    operator = DualOperator(structure, comm)
+    times = np.linspace(0, manifest.t_end, manifest.steps + 1)
+    amplitudes = np.array([[manifest.amplitude(k, i) for k in range(len(manifest.patterns))]
+                           for i in range(manifest.steps + 1)])
+    settings = quasistatic.Settings(**request["settings"])
+    solver = quasistatic.QuasistaticSolver(operator, manifest.effects, amplitudes, times, settings)
+    lap("setup")
+    writer = Writer(directory, manifest, operator, solver, request["fields"]) if request["output"] else None
+    progress = Progress(manifest.steps, request["scene"], request["quiet"] or comm.rank > 0)
+    for step in solver.steps():
+        progress.update(step)
+        if writer:
+            writer.add(step)
+    progress.close()
+    history = solver.history
+    seconds["solve"] = history.seconds
+    summary = _summary(request, manifest, structure, history, comm)
+    lap("output")
+    seconds["output"] -= history.seconds
+    seconds["total"] = sum(seconds.values())
+    summary["seconds"] = seconds
+    if writer:
+        writer.close(summary)
+    elif comm.rank == 0:
+        write_json(directory / "summary.json", summary)
+    return history.exit_status, history.reason
+
+
+def _summary(request, manifest: Manifest, structure, history, comm) -> dict:
+    kinds = np.bincount(structure.row_kind, minlength=3)
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    variant = next((str(v) for k, v in manifest.parameters.items() if k == "loading"), "")
+    return {
+        "scene": request["scene"], "variant": variant, "converged": history.exit_status == 0,
+        "reason": history.reason, "warnings": [history.reason] if history.reason else [],
+        "effects": {**manifest.effects, "body_force": any(p["kind"] == "body_force" for p in manifest.patterns),
+                    "bodies": 1},
+        "sizes": {"subdomains": structure.total, "primal_dofs": structure.primal_dofs,
+                  "dual_dofs": structure.dual_dofs, **{f"dual_{name}": int(kinds[k]) for name, k in PRIMAL.items()},
+                  "coarse_dofs": structure.coarse_dofs, "contact_nodes": len(structure.contact.gid)},
+        "steps": history.steps, "t_end": manifest.t_end, "counts": history.counts, "residuals": history.residuals,
+        "memory_mib": comm.allreduce(peak), "ranks": comm.size, "units": manifest.units,
+        "parameters": {**manifest.parameters, **request["settings"]}, "versions": _versions(),
+    }
+
+
+def _versions() -> dict:
+    from petsc4py import PETSc
+
+    return {"python": platform.python_version(), "numpy": np.__version__,
+            "petsc": ".".join(map(str, PETSc.Sys.getVersion()))}

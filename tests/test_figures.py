@@ -1,0 +1,393 @@
+"""Figures drawn from a made-up run directory: what is drawn, what it says, and that nothing overlaps."""
+
+import csv
+import json
+import math
+from pathlib import Path
+
+import meshio
+import numpy as np
+import pytest
+
+from driver import figures
+from driver.errors import InputError
+
+ALL = ["geometry", "loading", "deformed", "contact_normal", "contact_tangential", "contact_status",
+       "convergence", "history"]
+
+
+# ------------------------------------------------------------------------- a made-up run directory
+
+def write_table(path: Path, names: str, rows) -> None:
+    with open(path, "w", newline="") as file:
+        csv.writer(file).writerows([names.split(","), *rows])
+
+
+def torn_block(subdomains=(4, 2), cells=5):
+    """Points and triangles of (0,2)x(0,1), repeated along the subdomains' interfaces, and subdomain numbers."""
+    points, triangles, owner = [], [], []
+    i, j = (k.ravel() for k in np.meshgrid(range(cells), range(cells), indexing="ij"))
+    corner = i * (cells + 1) + j
+    right, up = corner + cells + 1, corner + 1
+    local = np.concatenate([np.column_stack([corner, right, right + 1]), np.column_stack([corner, right + 1, up])])
+    grid = np.stack(np.meshgrid(*[np.arange(cells + 1) / cells] * 2, indexing="ij"), axis=-1).reshape(-1, 2)
+    for number, (a, b) in enumerate(np.ndindex(*subdomains)):
+        triangles.append(local + len(points) * len(grid))
+        points.append((grid + [a, b]) / subdomains * [2, 1])
+        owner.append(np.full(len(local), number))
+    return np.concatenate(points), np.concatenate(triangles), np.concatenate(owner)
+
+
+def write_fields(directory: Path, times, subdomains, cells) -> None:
+    xy, triangles, owner = torn_block(subdomains, cells)
+    (directory / "fields").mkdir()
+    entries = []
+    for step, t in enumerate(times):
+        x, y = xy.T
+        u = 1e-3 * t * np.column_stack([0.35 * x - 0.1 * x * y, 0.25 * np.maximum(x - 1.4, 0) ** 1.5 - 0.3 * y])
+        cx, cy = xy[triangles].mean(axis=1).T
+        mises = 1e8 * t * (0.8 + 0.3 * np.sin(3 * cx) * cy + 0.12 / np.hypot(cx, cy - 1) + 0.1 / np.hypot(cx, cy))
+        name = f"fields/step_{step:04d}.vtu"
+        meshio.Mesh(np.column_stack([x, y, 0 * x]), [("triangle", triangles)],
+                    point_data={"displacement": np.column_stack([u, 0 * x])},
+                    cell_data={"stress": [np.tile(mises[:, None], 3)], "von_mises": [mises],
+                               "subdomain": [owner]}).write(directory / name)
+        entries.append(f'<DataSet timestep="{t}" group="" part="0" file="{name}"/>')
+    text = '<VTKFile type="Collection" version="0.1"><Collection>' + "".join(entries) + "</Collection></VTKFile>"
+    (directory / "fields.pvd").write_text(text)
+
+
+def write_boundary(directory: Path, n: int, roles: dict) -> None:
+    """Edges of the block, n per unit of length, those of bottom and top against the body's orientation."""
+    rows = []
+    corners = {1: ((2, 0), (0, 0)), 2: ((2, 0), (2, 1)), 3: ((0, 1), (2, 1)), 4: ((0, 1), (0, 0))}
+    for label, ends in corners.items():
+        a, b = np.array(ends, dtype=float)
+        line = np.linspace(a, b, int(n * np.linalg.norm(b - a)) + 1)
+        pull = {3: (0.0, -1e8), 2: (3e7, 5e7)}.get(label, (0, 0)) if roles[label] == "load" else (0, 0)
+        rows += [(*p, *q, label, roles[label], *pull) for p, q in zip(line, line[1:])]
+    write_table(directory / "boundary.csv", "x0,y0,x1,y1,label,role,traction_x,traction_y", rows)
+
+
+def contact_rows(times, nodes: int, friction: bool, labels: int):
+    """A pressure that ends where the body lifts, a stick zone between two slip zones, both moving in time."""
+    arc = np.linspace(0, 2, nodes + 1)[1:]
+    weight = np.full(nodes, 2 / nodes)
+    weight[-1] /= 2
+    before = np.zeros(nodes)
+    for step, t in enumerate(times[1:], 1):
+        end = 1.75 - 0.35 * t
+        sigma_n = -1.1e8 * t * np.sqrt(np.clip(1 - (arc / end) ** 2, 0, None)) * (1 + 0.6 * np.exp(-9 * arc))
+        u_n = -2.5e-4 * t * np.clip(arc - end, 0, None) ** 1.5
+        u_t = 3e-4 * t**1.3 * arc / 2
+        bound = 0.3 * np.abs(sigma_n) * friction
+        sticks = (arc > 0.25) & (arc < 0.25 + 0.5 * t)
+        sigma_t = -bound * np.where(sticks, np.cos(np.pi * (arc - 0.25) / t) ** 2 * 0.8 + 0.2, 1) * friction
+        status = np.where(arc >= end, "open", np.where(sticks, "stick", "slip"))
+        for label in range(1, labels + 1):
+            for k in range(nodes):
+                yield (step, t, k + 1, label, arc[k], 0, arc[k], weight[k], 0, -1, 0, u_n[k], u_t[k],
+                       u_t[k] - before[k], sigma_n[k], sigma_t[k], bound[k], status[k])
+        before = u_t
+
+
+def convergence_rows(steps: int, products: int):
+    """Residuals that fall in every fixed-point iteration and start lower from one to the next."""
+    rng = np.random.default_rng(len("mprgp"))
+    product = 0
+    for step in range(1, steps + 1):
+        for iteration in range(1, 7):
+            start = 0.1 * 10.0 ** -iteration
+            length = products // iteration
+            for k in range(length + 1):
+                kind = "start" if k == 0 else rng.choice(["cg", "expansion", "proportioning"], p=[0.75, 0.2, 0.05])
+                product += 2 if kind == "expansion" else 1
+                yield product, step, iteration, kind, start * math.exp(-6 * k / length + rng.normal() / 3)
+
+
+def make_run(directory: Path, *, nodes=21, steps=20, friction="coulomb", contact="unilateral", time="quasistatic",
+             labels=1, converged=True, units=("m", "Pa"), scene="model", subdomains=(4, 2), cells=5, products=24):
+    """Write a run directory as the driver does; returns it."""
+    directory.mkdir(parents=True, exist_ok=True)
+    steps = steps if time == "quasistatic" else 1
+    times = np.arange(steps + 1) / steps
+    touching = contact != "none"
+    (directory / "summary.json").write_text(json.dumps({
+        "scene": scene, "variant": "nonmonotone", "converged": converged,
+        "units": {"length": units[0], "stress": units[1]},
+        "effects": {"contact": contact, "friction": friction, "time": time, "bodies": 1},
+        "sizes": {"subdomains": math.prod(subdomains)}}))
+    rows = [(s, t, -4 * t**2 + 5 * t, t, 6 * (s > 0), 250, -1.2e8 * t * touching, 2e7 * t * (1 - t), 0, 0, 0, 1e-3)
+            for s, t in enumerate(times)]
+    write_table(directory / "history.csv", "step,time,amplitude_1,amplitude_2,fixed_point_iterations,"
+                "dual_multiplications,resultant_n,resultant_t,nodes_open,nodes_stick,nodes_slip,max_displacement", rows)
+    if touching:
+        write_table(directory / "contact.csv", "step,time,node,boundary,x,y,arc,weight,normal_x,normal_y,gap,u_n,"
+                    "u_t,slip,sigma_n,sigma_t,bound,status",
+                    contact_rows(times, nodes, friction != "none", labels))
+    write_table(directory / "convergence.csv", "product,step,iteration,kind,residual",
+                convergence_rows(steps, products))
+    write_boundary(directory, cells * subdomains[1],
+                   {1: "contact" if touching else "free", 2: "load", 3: "load", 4: "support"})
+    write_fields(directory, times, subdomains, cells)
+    return directory
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory):
+    """The run that most tests look at; nobody writes into it but draw_run."""
+    return make_run(tmp_path_factory.mktemp("runs") / "model")
+
+
+@pytest.fixture(scope="module")
+def run(plain):
+    return figures.read_run(plain)
+
+
+# ---------------------------------------------------------------------------------------- helpers
+
+def words(figure) -> str:
+    """Title, legend, labels and texts of a figure in one string."""
+    found = [figure._suptitle.get_text(), *(t.get_text() for t in figure.texts)]
+    found += [t.get_text() for legend in figure.legends for t in legend.get_texts()]
+    for axes in figure.axes:
+        found += [axes.get_xlabel(), axes.get_ylabel(), axes.get_title()]
+    return "\n".join(found)
+
+
+def legend_words(figure) -> list[str]:
+    return [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+def boxes(figure) -> dict:
+    """Bounding boxes in pixels of everything written outside the axes, and of the axes themselves."""
+    renderer = figure.canvas.get_renderer()
+    found = {"title": figure._suptitle, "identity": figure.texts[0], **dict(enumerate(figure.legends))}
+    found = {name: artist.get_window_extent(renderer) for name, artist in found.items()}
+    for number, axes in enumerate(figure.axes):
+        found[f"axes {number}"] = axes.get_window_extent(renderer)
+        for side, axis in (("x", axes.xaxis), ("y", axes.yaxis)):
+            ticks = [t.label1 for t in axis.get_major_ticks() if t.label1.get_visible() and t.label1.get_text()]
+            low, high = sorted(axis.get_view_interval())
+            ticks = [t for t, where in zip(ticks, axis.get_majorticklocs()) if low <= where <= high]
+            for k, tick in enumerate(ticks):
+                found[f"{side} tick {k} of {number}"] = tick.get_window_extent(renderer)
+            if axis.label.get_text():
+                found[f"{side} label of {number}"] = axis.label.get_window_extent(renderer)
+        if axes.get_title():
+            found[f"title of {number}"] = axes.title.get_window_extent(renderer)
+    return found
+
+
+def overlaps(figure) -> list[tuple[str, str]]:
+    """Pairs of boxes that share more than a pixel."""
+    items = [(name, box) for name, box in boxes(figure).items() if box.width > 0 and box.height > 0]
+    return [(a, b) for k, (a, p) in enumerate(items) for b, q in items[k + 1:]
+            if min(p.x1, q.x1) - max(p.x0, q.x0) > 1 and min(p.y1, q.y1) - max(p.y0, q.y0) > 1]
+
+
+def outside(figure) -> list[str]:
+    """Names of boxes that reach beyond the paper."""
+    page = figure.bbox
+    return [name for name, b in boxes(figure).items()
+            if min(b.x0, b.y0) < -1 or b.x1 > page.x1 + 1 or b.y1 > page.y1 + 1]
+
+
+# ------------------------------------------------------------------------------------------ tests
+
+def test_every_figure_is_written_whole(plain):
+    paths = figures.draw_run(plain)
+    assert [p.name for p in paths] == [f"{n}.{kind}" for n in ALL for kind in ("png", "pdf")]
+    assert all(p.read_bytes()[:4] == (b"\x89PNG" if p.suffix == ".png" else b"%PDF") for p in paths)
+    assert sorted(p.name for p in (plain / "figures").iterdir()) == sorted(p.name for p in paths)
+    first = [p.read_bytes() for p in paths]
+    assert figures.draw_run(plain) == paths
+    assert [p.read_bytes() for p in paths] == first
+
+
+@pytest.mark.parametrize("change, absent", [
+    ({"friction": "none"}, {"contact_tangential"}),
+    ({"contact": "none", "friction": "none"}, {"contact_normal", "contact_tangential", "contact_status", "history"}),
+    ({"time": "static"}, {"loading", "contact_status", "history"}),
+])
+def test_what_the_scene_does_not_declare_is_not_drawn(tmp_path, change, absent):
+    run = figures.read_run(make_run(tmp_path / "run", steps=3, **change))
+    assert list(figures.wanted(run)) == [n for n in ALL if n not in absent]
+    for name in figures.wanted(run):
+        figures.compose(name, run)
+
+
+def test_figures_of_an_earlier_run_do_not_stay(tmp_path):
+    directory = make_run(tmp_path, steps=1, time="static", friction="none", products=6)
+    (directory / "figures").mkdir()
+    (directory / "figures" / "contact_tangential.png").write_bytes(b"old")
+    (directory / "figures" / "notes.txt").write_bytes(b"mine")
+    figures.draw_run(directory)
+    left = {p.name for p in (directory / "figures").iterdir()}
+    assert "contact_tangential.png" not in left and "notes.txt" in left
+
+
+def test_optional_files_may_be_missing(tmp_path):
+    directory = make_run(tmp_path, steps=2, products=6)
+    for name in ("convergence.csv", "boundary.csv", "fields.pvd"):
+        (directory / name).unlink()
+    assert list(figures.wanted(figures.read_run(directory))) == ["loading", "contact_normal", "contact_tangential",
+                                                                  "contact_status", "history"]
+
+
+def test_a_directory_without_a_run_is_refused(tmp_path):
+    with pytest.raises(InputError, match="summary.json"):
+        figures.draw_run(tmp_path)
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_nothing_overlaps_or_leaves_the_page(run, name):
+    figure = figures.compose(name, run)
+    assert figure.get_figwidth() == pytest.approx(16 / 2.54)
+    assert outside(figure) == []
+    assert overlaps(figure) == []
+
+
+@pytest.mark.parametrize("labels", [2, 5])
+def test_several_contact_boundaries_have_a_panel_each(tmp_path, labels):
+    run = figures.read_run(make_run(tmp_path, steps=3, labels=labels, products=6))
+    for name, stacked in (("contact_normal", 2), ("contact_tangential", 2), ("contact_status", 1)):
+        figure = figures.compose(name, run)
+        assert len(figure.axes) == stacked * min(labels, 4)
+        assert overlaps(figure) == [] and outside(figure) == []
+        assert r"$\Gamma_c$, label 2" in words(figure)
+        assert ("4 of 5 contact boundaries shown" in words(figure)) == (labels == 5)
+
+
+def test_geometry_names_the_parts_and_draws_the_loads_to_scale(run):
+    figure = figures.compose("geometry", run)
+    text = "\n".join(legend_words(figure))
+    assert all(part in text for part in (r"$\Gamma_u$", r"$\Gamma_p$", r"$\Gamma_c$", "100 MPa", "subdomains"))
+    right, top = (c for c in figure.axes[0].collections if hasattr(c, "U"))
+    assert np.allclose(right.V / right.U, 5 / 3) and np.all(top.U == 0) and np.all(top.V < 0)
+    assert np.allclose(np.hypot(right.U, right.V) / np.abs(top.V[0]), math.hypot(0.3, 0.5))
+    assert np.all(top.Y + top.V >= 1) and np.all(right.X >= 2), "pushing arrows end, pulling arrows start on the body"
+
+
+def test_boundary_edges_are_turned_outward(run):
+    start, end, normal = figures.outward_edges(run.boundary, run.first)
+    for label, expected in {1: (0, -1), 2: (1, 0), 3: (0, 1), 4: (-1, 0)}.items():
+        assert np.allclose(normal[run.boundary["label"] == label], expected)
+    assert np.allclose(np.linalg.norm(np.roll(start, -1, axis=0) - end, axis=1).max(), 2) or len(start) == 60
+
+
+def test_rim_of_the_torn_mesh_is_the_boundary_of_every_subdomain(run):
+    edges, _ = run.first.rim()
+    length = np.linalg.norm(np.diff(run.first.xy[edges], axis=1), axis=2).sum()
+    assert length == pytest.approx(8 * 4 * 0.5)
+
+
+def test_loading_has_a_curve_for_every_amplitude_from_time_zero(run):
+    figure = figures.compose("loading", run)
+    assert legend_words(figure) == [r"$\varphi_{1}(t)$", r"$\varphi_{2}(t)$"]
+    for line in figure.axes[0].lines:
+        assert len(line.get_xdata()) == 21 and line.get_xdata()[0] == 0 and line.get_marker() != "None"
+
+
+def test_deformed_body_is_magnified_as_in_the_slides(run):
+    figure = figures.compose("deformed", run)
+    assert "300×" in words(figure) and "[MPa]" in words(figure) and "$t = 1$" in words(figure)
+    largest = run.last.xy + 300 * run.last.displacement
+    paths = figure.axes[0].collections[0].get_paths()
+    assert np.allclose(max(p.vertices[:, 0].max() for p in paths), largest[:, 0].max())
+
+
+@pytest.mark.parametrize("raw, chosen", [(1.0, 1), (8.9, 10), (4.4, 5), (230.0, 200), (0.031, 0.03)])
+def test_magnification_is_round(raw, chosen):
+    assert figures.round_magnification(raw) == pytest.approx(chosen)
+
+
+def test_other_scenes_choose_their_magnification(tmp_path):
+    run = figures.read_run(make_run(tmp_path, scene="edp/hertz.edp", steps=1, products=6))
+    largest = np.linalg.norm(run.last.displacement, axis=1).max()
+    # neighbours among the round numbers differ by a factor 2 at most, so by sqrt(2) from the wish
+    assert 0.08 / math.sqrt(2) <= figures.magnification(run) * largest / 2 <= 0.08 * math.sqrt(2)
+    assert "scene hertz" in words(figures.compose("deformed", run))
+
+
+def test_normal_panels(run):
+    figure = figures.compose("contact_normal", run)
+    above, below = figure.axes
+    assert above.get_ylabel() == r"$\sigma_n$ [MPa]" and below.get_ylabel() == "$u_n$ [µm]"
+    assert r"$\Gamma_c$ [m]" in below.get_xlabel()
+    assert {"open", "stick", "slip", "gap"} <= set(legend_words(figure))
+    stress = above.lines[0].get_ydata()
+    assert stress.min() == pytest.approx(run.contact["sigma_n"][-21:].min() / 1e6) and stress.max() <= 0
+
+
+def test_tangential_panels(run):
+    figure = figures.compose("contact_tangential", run)
+    above, below = figure.axes
+    assert above.get_ylabel() == r"$\sigma_t$ [MPa]" and below.get_ylabel() == "$u_t$ [µm]"
+    lower, upper, stress = (line.get_ydata() for line in above.lines[:3])
+    assert np.all(lower <= stress + 1e-9) and np.all(stress <= upper + 1e-9) and np.allclose(lower, -upper)
+
+
+def test_zones_are_the_runs_of_equal_status(run):
+    figure = figures.compose("contact_normal", run)
+    last = run.contact["status"][-21:]
+    assert len(figure.axes[0].patches) == 1 + np.count_nonzero(last[1:] != last[:-1])
+    edges = [p.get_xy()[:, 0] for p in figure.axes[0].patches]
+    assert edges[0].min() == pytest.approx(1 / 21) and edges[-1].max() == pytest.approx(2)
+
+
+def test_status_picture_has_a_cell_for_every_node_and_step(run):
+    figure = figures.compose("contact_status", run)
+    (mesh,) = figure.axes[0].collections
+    codes = mesh.get_array().reshape(20, 21)
+    names = np.array(list(figures.STATUS))
+    assert np.array_equal(names[codes.astype(int)].ravel(), run.contact["status"])
+    assert figure.axes[0].get_ylim() == (0, 1)
+
+
+def test_closed_nodes_without_friction_are_in_contact(tmp_path):
+    run = figures.read_run(make_run(tmp_path, steps=2, friction="none", products=6))
+    for name in ("contact_normal", "contact_status"):
+        assert legend_words(figures.compose(name, run))[-2:] == ["open", "contact"]
+
+
+def test_not_converged_is_said_in_every_title(tmp_path):
+    run = figures.read_run(make_run(tmp_path, steps=2, converged=False, products=6))
+    for name in figures.wanted(run):
+        assert figures.compose(name, run)._suptitle.get_text().endswith("(not converged)")
+
+
+def test_thinned_convergence_keeps_starts_and_counts_everything(tmp_path):
+    run = figures.read_run(make_run(tmp_path, steps=20, products=600))
+    table = run.convergence
+    thin, every = figures.thin_out(table)
+    assert len(table["kind"]) > 20000 and every > 1
+    assert np.count_nonzero(thin["kind"] == "start") == np.count_nonzero(table["kind"] == "start") == 120
+    assert len(thin["kind"]) <= figures.POINTS + 120
+    figure = figures.compose("convergence", run)
+    total = sum(int(t.split("(")[1].rstrip(")").replace("\u2009", "")) for t in legend_words(figure))
+    assert total == len(table["kind"]) and f"every {every}th" in words(figure)
+
+
+def test_history_shows_forces_per_thickness_and_iterations(run):
+    figure = figures.compose("history", run)
+    forces, iterations = figure.axes
+    assert forces.get_ylabel() == "contact force [MN/m]"
+    assert [p.get_height() for p in iterations.patches] == [6] * 20
+    assert "120 fixed-point iterations" in words(figure)
+
+
+@pytest.mark.parametrize("unit, peak, label, shown", [
+    ("Pa", 1.1e8, "MPa", 110), ("Pa", 1e3, "kPa", 1), ("MPa", 2e3, "GPa", 2), ("m", 3e-4, "µm", 300),
+    ("mm", 120.0, "mm", 120), ("mm", 3e-3, "µm", 3), ("N/m", 2e6, "MN/m", 2), ("1", 0.5, "–", 0.5),
+    ("psi", 3e5, r"$10^{3}$ psi", 300), ("Pa", 0.0, "Pa", 0)])
+def test_scales(unit, peak, label, shown):
+    scale = figures.scale_for(unit, [peak, -peak / 2])
+    assert scale.label == label and scale.factor * peak == pytest.approx(shown)
+
+
+def test_resultants_of_mixed_units_are_forces_per_length(tmp_path):
+    run = figures.read_run(make_run(tmp_path, steps=2, units=("mm", "MPa"), products=6))
+    assert figures.force_scale(run, [5.0]) == (pytest.approx(1.0), "kN/m")  # MPa mm = N/mm = kN/m
+    run.summary["units"] = {"length": "1", "stress": "1"}
+    assert figures.force_scale(run, [5.0]) == (1.0, "–")
