@@ -15,8 +15,16 @@ The local parts of F and A are explicit dense matrices: in 2D they beat pairs of
 every size tried (`make bench`). Subdomains with equal matrices share them, which turns the product
 into a few dense products with many columns. See Farhat, Lesoinne, Le Tallec, Pierson, Rixen (2001);
 Klawonn, Rheinbach: FETI-DP methods for elasticity; Mandel, Dohrmann, Tezaur (2005) for the algebra.
+
+Results do not depend on the number of ranks, not even in the last bit: MPRGP decides by comparisons, and
+two runs that differ in rounding may take different paths to answers that differ by the tolerance. So
+every sum is taken in an order that the distribution does not change: scalar products add the partial sums
+of the subdomains in their order, dense products go in blocks of fixed size, classes take the matrices of
+their first subdomain wherever it lives, and the (small) coarse problem is assembled and solved on every
+rank.
 """
 
+import hashlib
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +36,7 @@ from .errors import NoSolution, agree
 from .loader import Subdomain
 from .substructuring import LocalRows, Substructure
 
+BLOCK = 4  # members per dense product: fixed, so that a member's result does not depend on its company
 SAME = 1e-12  # stiffness entries equal to this, relative to the largest, differ by rounding only
 
 
@@ -39,12 +48,9 @@ class Factor:
         self.size = matrix.shape[0]
         if self.size == 0:
             return
-        csr = (matrix.indptr.astype(PETSc.IntType), matrix.indices.astype(PETSc.IntType), matrix.data)
-        mat = PETSc.Mat().createAIJ(matrix.shape, csr=csr, comm=PETSc.COMM_SELF)
-        mat.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         pc = PETSc.PC().create(PETSc.COMM_SELF)
         pc.setType("cholesky")
-        pc.setOperators(mat)
+        pc.setOperators(petsc_matrix(matrix))
         pc.setFactorOrdering("nd")
         try:
             pc.setUp()
@@ -69,9 +75,12 @@ class Factor:
         return result
 
 
-def stiffness(sub: Subdomain):
-    """The subdomain's Neumann stiffness as scipy CSR, shape (dofs, dofs)."""
-    return coo_matrix((sub.values, (sub.rows, sub.columns)), shape=(sub.dofs, sub.dofs)).tocsr()
+def petsc_matrix(matrix):
+    """Sequential PETSc matrix of a symmetric scipy CSR matrix."""
+    csr = (matrix.indptr.astype(PETSc.IntType), matrix.indices.astype(PETSc.IntType), matrix.data)
+    mat = PETSc.Mat().createAIJ(matrix.shape, csr=csr, comm=PETSc.COMM_SELF)
+    mat.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+    return mat
 
 
 @dataclass
@@ -87,13 +96,17 @@ class LocalClass:
     corner: np.ndarray  # (n_c,) dofs of X^c
     factor: Factor  # K_rr
     B_r: np.ndarray  # (m, n_r) sparse
-    B_c: np.ndarray  # (m, n_c)
+    B_c: np.ndarray  # (m, n_c) sparse
     K_rc: np.ndarray  # (n_r, n_c) sparse
     F: np.ndarray  # (m, m) B_r K_rr^-1 B_r'
     A: np.ndarray  # (m, n_c)
     S: np.ndarray  # (n_c, n_c) local part of S_cc
     rows: slice | None = None
     corners: slice | None = None
+
+    def __post_init__(self):
+        self.F_and_A = np.hstack([self.F, self.A])
+        self.A_transposed = np.ascontiguousarray(self.A.T)
 
 
 class DualOperator:
@@ -109,19 +122,20 @@ class DualOperator:
         self.products = 0
         error = None
         self.classes: list[LocalClass] = []
+        groups = _group(structure, comm)
         try:
-            self.classes = _group(structure)
+            self.classes = [_reduce(structure, members, K) for members, K in groups]
         except NoSolution as problem:
             error = problem
         agree(comm, error)
         self._lay_out()
         self._build_coarse()
         self.loads = [self._pattern_load(s) for s in range(len(structure.subdomains))]
-        self.loaded = [self._respond(k) for k in range(self.patterns)]
+        self.loaded = [self._respond(k) for k in range(structure.patterns)]
 
     # ---- layout ------------------------------------------------------------------------------
     def _lay_out(self) -> None:
-        """Stack the local rows and corner dofs class by class and build the scatters."""
+        """Stack the local rows and corner dofs class by class; scatter between rows and dual vectors."""
         structure, order = self.structure, [s for c in self.classes for s in c.members]
         row_at = corner_at = 0
         for c in self.classes:
@@ -129,38 +143,43 @@ class DualOperator:
             c.rows = slice(row_at, row_at + k * c.F.shape[0])
             c.corners = slice(corner_at, corner_at + k * len(c.corner))
             row_at, corner_at = c.rows.stop, c.corners.stop
-        join = lambda arrays, kind: np.concatenate([np.empty(0, kind), *arrays]).astype(kind)
-        self.sign = join([structure.rows[s].sign for s in order], float)
-        self.scaling = join([structure.rows[s].scaling for s in order], float)
-        rows = join([structure.rows[s].row for s in order], PETSc.IntType)
-        corners = join([structure.corner_global[s] for s in order], PETSc.IntType)
+        self.sign = _join([structure.rows[s].sign for s in order], float)
+        self.scaling = _join([structure.rows[s].scaling for s in order], float)
+        rows = _join([structure.rows[s].row for s in order], PETSc.IntType)
         self._dual = PETSc.Vec().createMPI((self.owned, structure.dual_dofs), comm=self.comm)
-        self._coarse = PETSc.Vec().createMPI(structure.coarse_dofs, comm=self.comm)
         self._local_rows, self._to_rows = _scatter(self._dual, rows)
-        self._local_corners, self._to_corners = _scatter(self._coarse, corners)
+        # partial sums of a scalar product: the rows of each subdomain, in the order of subdomains
+        self._starts = structure.row_starts
+        # corner forces travel in the order of subdomains, so that every rank adds them up alike
+        number = [structure.corner_global[s] for s in order]
+        first = np.cumsum([0, *(len(n) for n in structure.corner_global)])
+        self._corner_order = _join([np.arange(first[s], first[s + 1]) for s in order], int)
+        self._corner_local = _join(number, int)
+        self._corner_all = np.concatenate(self.comm.allgather(_join(structure.corner_global, int)))
+        counts = self.comm.allgather(len(self._corner_local))
+        self._corner_counts = (counts, np.cumsum([0, *counts[:-1]]).tolist())
 
     def _build_coarse(self) -> None:
-        """Assemble and factorize S_cc; refuse a structure that is a mechanism."""
+        """Assemble and factorize S_cc on every rank; refuse a structure that is a mechanism."""
         n = self.structure.coarse_dofs
         self.coarse_solver = None
         if n == 0:
             return
-        matrix = PETSc.Mat().createAIJ((n, n), comm=self.comm)
-        matrix.setPreallocationNNZ((min(n, 64), min(n, 64)))
-        matrix.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
-        matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        local = [None] * len(self.structure.subdomains)
         for c in self.classes:
             for s in c.members:
-                index = self.structure.corner_global[s].astype(PETSc.IntType)
-                matrix.setValues(index, index, c.S, addv=PETSc.InsertMode.ADD)
-        matrix.assemble()
-        pc = PETSc.PC().create(self.comm)
+                local[s] = (self.structure.corner_global[s], c.S)
+        parts = [part for rank in self.comm.allgather(local) for part in rank]
+        rows = np.concatenate([np.repeat(number, len(number)) for number, _ in parts])
+        columns = np.concatenate([np.tile(number, len(number)) for number, _ in parts])
+        values = np.concatenate([S.ravel() for _, S in parts])
+        self.coarse_matrix = coo_matrix((values, (rows, columns)), shape=(n, n)).tocsr()
+        pc = PETSc.PC().create(PETSc.COMM_SELF)
         pc.setType("cholesky")
         pc.setFactorSolverType("mumps")
-        pc.setOperators(matrix)
+        pc.setOperators(petsc_matrix(self.coarse_matrix))
         pc.setFactorSetUpSolverType()
         factor = pc.getFactorMatrix()
-        factor.setMumpsIcntl(13, 1)  # root sequential, so that the inertia is complete
         factor.setMumpsIcntl(24, 1)  # count null pivots instead of dividing by them
         pc.setUp()
         negative, _, _ = factor.getInertia()
@@ -168,17 +187,19 @@ class DualOperator:
         if negative or null:
             raise NoSolution("the body can move without deforming: its supports leave "
                              f"{max(null, negative)} rigid motion(s) or a mechanism free")
-        self.coarse_matrix, self.coarse_solver = matrix, pc
-
-    @property
-    def patterns(self) -> int:
-        """Number of load patterns."""
-        return self.structure.subdomains[0].loads.shape[0] if self.structure.subdomains else 0
+        self.coarse_solver = pc
+        self._coarse = (PETSc.Vec().createSeq(n), PETSc.Vec().createSeq(n))
 
     # ---- vectors -----------------------------------------------------------------------------
     def dot(self, a: np.ndarray, b: np.ndarray) -> float:
-        """Global scalar product of two dual vectors."""
-        return self.comm.allreduce(float(a @ b))
+        """Global scalar product of two dual vectors: partial sums by subdomain, added in their order."""
+        partial = np.zeros(len(self._starts))
+        if self.owned:
+            filled = self._starts < np.append(self._starts[1:], self.owned)  # reduceat has no empty segments
+            partial[filled] = np.add.reduceat(a * b, self._starts[filled])
+        if self.comm.size > 1:
+            partial = np.concatenate(self.comm.allgather(partial))
+        return float(partial.sum())
 
     def _gather(self, x: np.ndarray) -> np.ndarray:
         """The rank's stacked local rows of a dual vector, unsigned."""
@@ -197,27 +218,30 @@ class DualOperator:
         """S_cc^-1 of stacked local corner forces (added up), returned on the stacked corner dofs."""
         if self.coarse_solver is None:
             return np.zeros_like(local)
-        self._local_corners.array[:] = local
-        self._coarse.set(0)
-        self._to_corners.scatter(self._local_corners, self._coarse, addv=True, mode="reverse")
-        solution = self._coarse.duplicate()
-        self.coarse_solver.apply(self._coarse, solution)
-        self._to_corners.scatter(solution, self._local_corners, addv=False, mode="forward")
-        return self._local_corners.array.copy()
+        forces = np.empty_like(local)
+        forces[self._corner_order] = local
+        if self.comm.size > 1:
+            everyone = np.empty(len(self._corner_all))
+            self.comm.Allgatherv(forces, (everyone, self._corner_counts))
+            forces = everyone
+        right, solution = self._coarse
+        right.array[:] = np.bincount(self._corner_all, forces, minlength=len(right.array))
+        self.coarse_solver.apply(right, solution)
+        return solution.array[self._corner_local]
 
     # ---- the dual problem --------------------------------------------------------------------
     def apply(self, multipliers: np.ndarray) -> np.ndarray:
         """F times a dual vector."""
         self.products += 1
         x = self._gather(multipliers) * self.sign
-        y, force = np.empty_like(x), np.empty(self._local_corners.getLocalSize())
+        y, force = np.empty_like(x), np.empty(len(self._corner_local))
         for c in self.classes:
-            block = x[c.rows].reshape(len(c.members), -1)
-            y[c.rows] = (block @ c.F).ravel()
-            force[c.corners] = (block @ c.A).ravel()
+            m, both = len(c.F), _blocked(x[c.rows].reshape(len(c.members), -1), c.F_and_A)
+            y[c.rows] = both[:, :m].ravel()
+            force[c.corners] = both[:, m:].ravel()
         corner = self.coarse_solve(force)
         for c in self.classes:
-            y[c.rows] += (corner[c.corners].reshape(len(c.members), -1) @ c.A.T).ravel()
+            y[c.rows] += _blocked(corner[c.corners].reshape(len(c.members), -1), c.A_transposed).ravel()
         return self._assemble(y * self.sign)
 
     def _pattern_load(self, s: int) -> np.ndarray:
@@ -232,8 +256,8 @@ class DualOperator:
 
     def _respond(self, pattern: int) -> tuple[np.ndarray, np.ndarray]:
         """d = B u and the stacked corner displacements of the body under one load pattern alone."""
-        weights = np.eye(self.patterns)[pattern]
-        x, corner = self._prescribed(weights), np.empty(self._local_corners.getLocalSize())
+        weights = np.eye(self.structure.patterns)[pattern]
+        x, corner = self._prescribed(weights), np.empty(len(self._corner_local))
         for c, u in zip(self.classes, self._solve(weights, np.zeros(len(self.sign)))):
             x[c.rows] += (c.B_r @ u[c.torn] + c.B_c @ u[c.corner]).T.ravel()
             corner[c.corners] = u[c.corner].T.ravel()
@@ -245,9 +269,9 @@ class DualOperator:
 
     def corner_displacement(self, multipliers: np.ndarray, weights: np.ndarray) -> float:
         """Largest displacement of a corner: a cheap measure of how far the body moves."""
-        x, force = self._gather(multipliers) * self.sign, np.empty(self._local_corners.getLocalSize())
+        x, force = self._gather(multipliers) * self.sign, np.empty(len(self._corner_local))
         for c in self.classes:
-            force[c.corners] = (x[c.rows].reshape(len(c.members), -1) @ c.A).ravel()
+            force[c.corners] = _blocked(x[c.rows].reshape(len(c.members), -1), c.A).ravel()
         corner = -self.coarse_solve(force)
         for w, (_, loaded) in zip(weights, self.loaded):
             corner += w * loaded
@@ -270,7 +294,7 @@ class DualOperator:
 
         `rows` holds the signed stacked local multipliers.
         """
-        force, partial = np.empty(self._local_corners.getLocalSize()), []
+        force, partial = np.empty(len(self._corner_local)), []
         for c in self.classes:
             f = np.column_stack([weights @ self.loads[s] for s in c.members])
             row = rows[c.rows].reshape(len(c.members), -1)
@@ -317,20 +341,21 @@ class DirichletPreconditioner:
         op = self.operator
         x = op._gather(np.where(free, residual, 0.0)) * op.scaling
         for c, schur in zip(op.classes, self.schur):
-            x[c.rows] = (x[c.rows].reshape(len(c.members), -1) @ schur).ravel()
+            x[c.rows] = _blocked(x[c.rows].reshape(len(c.members), -1), schur).ravel()
         return np.where(free, op._assemble(x * op.scaling), 0.0)
 
 
 def _schur(c: LocalClass) -> np.ndarray:
     """(m, m) stiffness of one subdomain in its rows' displacements."""
-    on_corner = np.abs(c.B_c).max(axis=1, initial=0) > 0
+    B_c = c.B_c.toarray()
+    on_corner = np.abs(B_c).max(axis=1, initial=0) > 0
     torn = ~on_corner
     inverse = np.linalg.pinv(c.F[np.ix_(torn, torn)], hermitian=True)
     relative = np.zeros((torn.sum(), len(torn)))  # v_b - A v_c
     relative[:, torn] = np.eye(torn.sum())
-    relative[:, on_corner] = -c.A[torn] @ c.B_c[on_corner].T
+    relative[:, on_corner] = -c.A[torn] @ B_c[on_corner].T
     schur = relative.T @ inverse @ relative
-    schur[np.ix_(on_corner, on_corner)] += c.B_c[on_corner] @ c.S @ c.B_c[on_corner].T
+    schur[np.ix_(on_corner, on_corner)] += B_c[on_corner] @ c.S @ B_c[on_corner].T
     return schur
 
 
@@ -342,39 +367,88 @@ def _scatter(vector: PETSc.Vec, index: np.ndarray):
     return local, PETSc.Scatter().create(vector, source, local, target)
 
 
-def _group(structure: Substructure) -> list[LocalClass]:
-    """Classes of local subdomains with the same dof sets, rows and (to rounding) stiffness."""
-    buckets: dict[tuple, list[tuple[np.ndarray, list[int]]]] = {}
-    for s, sub in enumerate(structure.subdomains):
-        rows = structure.rows[s]
-        pattern = (structure.fixed[s], structure.corner_dofs[s], rows.dof, np.round(rows.coefficient, 13), sub.rows, sub.columns)
-        bucket = buckets.setdefault(tuple(part.tobytes() for part in pattern), [])
-        for values, members in bucket:
-            if np.abs(values - sub.values).max() <= SAME * np.abs(values).max():
-                members.append(s)
-                break
-        else:
-            bucket.append((sub.values, [s]))
-    groups = sorted(members for bucket in buckets.values() for _, members in bucket)
-    return [_reduce(structure, members) for members in groups]
+def _join(arrays: list, kind) -> np.ndarray:
+    """Concatenation that also works for ranks without subdomains."""
+    return np.concatenate([np.empty(0, kind), *arrays]).astype(kind)
 
 
-def _reduce(structure: Substructure, members: list[int]) -> LocalClass:
-    """Factorize K_rr of a class and form its explicit F, A and S."""
+def _blocked(rows: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """rows @ matrix, (k, m) @ (m, n), in blocks of BLOCK rows.
+
+    BLAS may round differently for different numbers of rows; a fixed number makes each row's result
+    independent of how many others a rank has.
+    """
+    count, m = rows.shape
+    full = -(-count // BLOCK) * BLOCK
+    if full != count:
+        padded = np.zeros((full, m))
+        padded[:count] = rows
+        rows = padded
+    return (rows.reshape(-1, BLOCK, m) @ matrix).reshape(full, -1)[:count]
+
+
+def _group(structure: Substructure, comm) -> list[tuple[list[int], np.ndarray]]:
+    """Classes of subdomains with the same dof sets, rows and (to rounding) stiffness; collective.
+
+    Returns for every class with members on this rank their local indices and the stiffness values of the
+    class's first subdomain, which may live on another rank.
+    """
+    keys = [_fingerprint(structure, s) for s in range(len(structure.subdomains))]
+    open_ = list(range(len(keys)))
+    classes = []
+    while comm.allreduce(len(open_)):
+        mine = {}
+        for s in open_:
+            mine.setdefault(keys[s], s)
+        first = {}  # of every key the rank that has its first subdomain
+        for rank, found in enumerate(comm.allgather(list(mine))):
+            for key in found:
+                first.setdefault(key, []).append(rank)
+        shared = {key: structure.subdomains[mine[key]].values for key in mine
+                  if first[key][0] == comm.rank and len(first[key]) > 1}
+        sent = {key: values for part in comm.allgather(shared) for key, values in part.items()}
+        left = {key: [] for key in mine}
+        for s in open_:
+            left[keys[s]].append(s)
+        open_ = []
+        for key, candidates in left.items():
+            model = sent.get(key, structure.subdomains[mine[key]].values)
+            same = [np.abs(model - structure.subdomains[s].values).max() <= SAME * np.abs(model).max() for s in candidates]
+            if any(same):
+                classes.append(([s for s, ok in zip(candidates, same) if ok], model))
+            open_ += [s for s, ok in zip(candidates, same) if not ok]
+        open_.sort()
+    return sorted(classes, key=lambda pair: pair[0])
+
+
+def _fingerprint(structure: Substructure, s: int) -> bytes:
+    """Digest that equal subdomains share: dof sets, rows, sparsity and the first digits of the stiffness."""
+    sub, rows = structure.subdomains[s], structure.rows[s]
+    size = f"{np.linalg.norm(sub.values):.5e}".encode()
+    pattern = (structure.fixed[s], structure.corner_dofs[s], rows.dof, np.round(rows.coefficient, 13), sub.rows, sub.columns)
+    digest = hashlib.sha1(size)
+    for part in pattern:
+        digest.update(np.ascontiguousarray(part).tobytes())
+        digest.update(b"|")
+    return digest.digest()
+
+
+def _reduce(structure: Substructure, members: list[int], values: np.ndarray) -> LocalClass:
+    """Factorize K_rr of a class with stiffness `values` and form its explicit F, A and S."""
     s = members[0]
     sub, corner, rows = structure.subdomains[s], structure.corner_dofs[s], structure.rows[s]
     kept = np.ones(sub.dofs, bool)
     kept[structure.fixed[s]] = kept[corner] = False
     torn = np.flatnonzero(kept)
-    K = stiffness(sub)
+    K = coo_matrix((values, (sub.rows, sub.columns)), shape=(sub.dofs, sub.dofs)).tocsr()
     B = constraint_matrix(rows, sub.dofs)
-    B_r, B_c = B[:, torn], B[:, corner].toarray()
+    B_r, B_c = B[:, torn], B[:, corner]
     K_rc = K[torn][:, corner]
     factor = Factor(K[torn][:, torn].tocsr())
     solved = factor.solve(np.hstack([B_r.T.toarray(), K_rc.toarray()]))
     m = len(rows.row)
     F = B_r @ solved[:, :m]
-    A = B_c - B_r @ solved[:, m:]
+    A = B_c.toarray() - B_r @ solved[:, m:]
     S = K[corner][:, corner].toarray() - K_rc.T @ solved[:, m:]
     return LocalClass(members, torn, corner, factor, B_r, B_c, K_rc, (F + F.T) / 2, A, (S + S.T) / 2)
 

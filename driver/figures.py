@@ -43,7 +43,7 @@ KINDS = {"start": (INK, "D", 3.2), "cg": (BLUE, "o", 1.7), "expansion": (ORANGE,
 ROLES = {"free": INK, "support": BLUE, "load": RED, "contact": GREEN}
 
 STYLE = {
-    "font.size": 9, "axes.titlesize": 9, "axes.labelsize": 9, "figure.titlesize": 10,
+    "font.size": 9, "axes.titlesize": 9, "axes.labelsize": 9,
     "legend.fontsize": 8, "xtick.labelsize": 8, "ytick.labelsize": 8,
     "axes.linewidth": 0.6, "xtick.major.width": 0.6, "ytick.major.width": 0.6,
     "lines.linewidth": 1.3, "lines.markersize": 3.2, "axes.formatter.useoffset": False,
@@ -227,7 +227,7 @@ def header(figure: Figure, run: Run, caption: str, handles: list, note: str = ""
     state = "" if run.summary["converged"] else " (not converged)"
     variant = run.summary.get("variant")
     identity = ", ".join(w for w in (f"scene {run.scene}", variant, note) if w)
-    figure.suptitle(caption + state)
+    figure.text(0.5, 1, caption + state, ha="center", va="top", fontsize=10)
     figure.text(0.5, 1, identity, ha="center", va="top", fontsize=8, color="0.35")
     columns = len(handles)
     while handles:
@@ -245,15 +245,13 @@ def place_header(figure: Figure) -> None:
     """Stack title, identity and legend from the top down and leave the rest to the axes."""
     inches = figure.get_figheight()
     top = 1 - PAD / inches
-    figure.get_layout_engine().set(rect=(0, 0, 1, 1))
-    for artist in (figure._suptitle, figure.texts[0], *figure.legends):
+    for artist in (*figure.texts, *figure.legends):
         if artist in figure.legends:
             artist.set_bbox_to_anchor((0.5, top), transform=figure.transFigure)
         else:
-            artist.set(position=(0.5, top), verticalalignment="top")
+            artist.set_position((0.5, top))
         height = artist.get_window_extent(figure.canvas.get_renderer()).height / figure.dpi
         top -= (height + PAD) / inches
-    figure._suptitle._autopos = False
     figure.get_layout_engine().set(rect=(0, 0, 1, top))
 
 
@@ -304,6 +302,12 @@ def left_out(boundaries: list) -> str:
 
 # -------------------------------------------------------------------------------------- geometry
 
+def right_of(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Unit normals (e, 2) on the right of directed edges."""
+    along = end - start
+    return np.column_stack([along[:, 1], -along[:, 0]]) / np.linalg.norm(along, axis=1, keepdims=True)
+
+
 def outward_edges(boundary: dict, mesh: Mesh):
     """Boundary edges as (start, end, outward normal), directed so that the body lies on their left."""
     start = np.column_stack([boundary["x0"], boundary["y0"]])
@@ -311,19 +315,18 @@ def outward_edges(boundary: dict, mesh: Mesh):
     edges, inside = mesh.rim()
     nearest = cKDTree(mesh.xy[edges].mean(axis=1)).query((start + end) / 2)[1]
     inward = mesh.xy[inside[nearest]] - start
-    along = end - start
-    turned = along[:, 0] * inward[:, 1] - along[:, 1] * inward[:, 0] < 0
+    turned = np.sum(inward * right_of(start, end), axis=1) > 0
     start[turned], end[turned] = end[turned], start[turned].copy()
-    along = end - start
-    normal = np.column_stack([along[:, 1], -along[:, 0]]) / np.linalg.norm(along, axis=1, keepdims=True)
-    return start, end, normal
+    return start, end, right_of(start, end)
 
 
 def chains(start: np.ndarray, end: np.ndarray) -> list[list[int]]:
     """Edge numbers grouped into connected chains, each in the order of its edges."""
     size = np.ptp(np.concatenate([start, end]), axis=0).max()
+
     def key(point):
         return tuple(np.rint(point / size * 1e7).astype(np.int64))
+
     following = {}
     for edge, point in enumerate(start):
         following.setdefault(key(point), []).append(edge)
@@ -367,15 +370,15 @@ def hatch(axes, start, end, normal, size: float, colour) -> None:
     axes.update_datalim(tips)
 
 
-def foundation(axes, contact: dict, edges, size: float, factor: float) -> None:
+def foundation(axes, contact: dict, start, end, size: float, factor: float) -> None:
     """The rigid foundation: the contact boundary moved outward by its gap and by a little more, hatched."""
-    start, end, normal = edges
     nodes = cKDTree(np.column_stack([contact["x"], contact["y"]]) * factor)
-    gap = contact["gap"] * factor * np.array([contact["normal_x"], contact["normal_y"]])
-    rest = 0.016 * size  # without it the foundation hides the contact boundary where the gap is zero
-    moved = [p + gap.T[nodes.query(p)[1]] + rest * normal for p in (start, end)]
-    axes.add_collection(LineCollection(np.stack(moved, axis=1), colors=INK, linewidths=0.8))
-    hatch(axes, *moved, normal, size, INK)
+    # Without the little more the foundation would hide the contact boundary where the gap is zero.
+    away = contact["gap"] * factor + 0.016 * size
+    shift = away[:, None] * np.column_stack([contact["normal_x"], contact["normal_y"]])
+    start, end = (p + shift[nodes.query(p)[1]] for p in (start, end))
+    axes.add_collection(LineCollection(np.stack([start, end], axis=1), colors=INK, linewidths=0.8))
+    hatch(axes, start, end, right_of(start, end), size, INK)
 
 
 def load_arrows(axes, edges, traction: np.ndarray, label: np.ndarray, size: float) -> None:
@@ -387,7 +390,7 @@ def load_arrows(axes, edges, traction: np.ndarray, label: np.ndarray, size: floa
         points, edge = sample(start[own], end[own], 0.075 * size)
         edge = own[edge]
         arrow = 0.16 * size * traction[edge] / longest
-        points = points + 0.018 * size * normal[edge]
+        points = points + 0.012 * size * normal[edge]
         pushes = np.sum(arrow * normal[edge], axis=1) < 0
         tails = np.where(pushes[:, None], points - arrow, points)
         axes.quiver(*tails.T, *arrow.T, angles="xy", scale_units="xy", scale=1, color=RED, units="inches",
@@ -421,21 +424,21 @@ def geometry(figure: Figure, run: Run) -> None:
         hatch(axes, *part["support"], size, BLUE)
     if (role == "contact").any() and run.contact:
         last = run.contact["step"] == run.contact["step"].max()
-        foundation(axes, select(run.contact, last), part["contact"], size, scale.factor)
+        foundation(axes, select(run.contact, last), *part["contact"][:2], size, scale.factor)
     traction = np.column_stack([boundary["traction_x"], boundary["traction_y"]])[role == "load"]
     if np.any(traction):
         load_arrows(axes, part["load"], traction, boundary["label"][role == "load"], size)
     axes.autoscale_view()
-    header(figure, run, "Geometry, boundary conditions and subdomains", geometry_legend(run, role, traction))
+    longest = np.linalg.norm(traction, axis=1).max(initial=0)
+    stress = stress_scale(run, longest)
+    arrow = rf"longest arrow {longest * stress.factor:.3g} {stress.label} at $\varphi = 1$" if longest else ""
+    header(figure, run, "Geometry, boundary conditions and subdomains", geometry_legend(run, role), arrow)
     shrink_to_body(figure, axes)
 
 
-def geometry_legend(run: Run, role: np.ndarray, traction: np.ndarray) -> list:
+def geometry_legend(run: Run, role: np.ndarray) -> list:
     """Legend entries for the boundary parts that occur."""
-    longest = np.linalg.norm(traction, axis=1).max(initial=0)
-    stress = stress_scale(run, longest)
-    arrow = rf" (longest arrow {longest * stress.factor:.4g} {stress.label} at $\varphi = 1$)" if longest else ""
-    names = {"support": r"$\Gamma_u$ support", "load": rf"$\Gamma_p$ traction{arrow}",
+    names = {"support": r"$\Gamma_u$ support", "load": r"$\Gamma_p$ traction",
              "contact": r"$\Gamma_c$ contact, rigid foundation", "free": "free"}
     handles = [Line2D([], [], color=ROLES[n], lw=1 if n == "free" else 2.2, label=text)
                for n, text in names.items() if (role == n).any()]
@@ -476,12 +479,13 @@ def deformed(figure: Figure, run: Run) -> None:
     """Magnified deformed body with von Mises stress at the last time, and the undeformed outline."""
     mesh, times = run.last, magnification(run)
     axes, scale = map_axes(figure, run, mesh.xy)
-    stress = stress_scale(run, mesh.von_mises)
-    values, top = mesh.von_mises * stress.factor, np.percentile(mesh.von_mises, 99.5) * stress.factor
+    stress = stress_scale(run, np.percentile(mesh.von_mises, 99.5))
+    values = mesh.von_mises * stress.factor
+    top = np.percentile(values, 99.5)
     # Corner singularities grow with refinement; they must not take the colours from the rest of the body.
     beyond = values.max() > 1.05 * top
     moved = (mesh.xy + times * mesh.displacement) * scale.factor
-    picture = paint_body(axes, moved, mesh.triangles, values, cmap="viridis", vmin=0, vmax=top if beyond else None)
+    picture = paint_body(axes, moved, mesh.triangles, values, cmap="viridis", vmin=0, vmax=top if beyond else values.max() or 1)
     handles = []
     if run.boundary:
         b = {n: run.boundary[n] * scale.factor for n in ("x0", "y0", "x1", "y1")}
@@ -574,7 +578,7 @@ def contact_panels(figure: Figure, run: Run, caption: str, panels: tuple) -> Non
 def normal_stress(axes, rows: dict, arc: np.ndarray, scale: Scale) -> list:
     """sigma_n over arc."""
     axes.set_ylabel(rf"$\sigma_n$ [{scale.label}]")
-    return axes.plot(arc, rows["sigma_n"] * scale.factor, color=RED, label=r"normal stress $\sigma_n$",
+    return axes.plot(arc, rows["sigma_n"] * scale.factor, color=RED, label=r"stress $\sigma_n$",
                      **curve_style(len(arc)))
 
 
@@ -587,7 +591,7 @@ def normal_displacement(axes, rows: dict, arc: np.ndarray, scale: Scale) -> list
     axes.set_ylim(matter.min() - margin, matter.max() + margin)
     axes.set_ylabel(rf"$u_n$ [{scale.label}]")
     return (axes.plot(arc, gap, color=INK, ls=(0, (4, 2)), lw=1.0, label="gap")
-            + axes.plot(arc, u, color=BLUE, label="normal displacement $u_n$", **curve_style(len(arc))))
+            + axes.plot(arc, u, color=BLUE, label="displacement $u_n$", **curve_style(len(arc))))
 
 
 def tangential_stress(axes, rows: dict, arc: np.ndarray, scale: Scale) -> list:
@@ -596,14 +600,14 @@ def tangential_stress(axes, rows: dict, arc: np.ndarray, scale: Scale) -> list:
     axes.set_ylabel(rf"$\sigma_t$ [{scale.label}]")
     axes.plot(arc, -bound, color=INK, ls=(0, (4, 2)), lw=1.0)
     return (axes.plot(arc, bound, color=INK, ls=(0, (4, 2)), lw=1.0, label=r"bound $\pm g$")
-            + axes.plot(arc, rows["sigma_t"] * scale.factor, color=RED, label=r"tangential stress $\sigma_t$",
+            + axes.plot(arc, rows["sigma_t"] * scale.factor, color=RED, label=r"stress $\sigma_t$",
                         **curve_style(len(arc))))
 
 
 def tangential_displacement(axes, rows: dict, arc: np.ndarray, scale: Scale) -> list:
     """u_t over arc."""
     axes.set_ylabel(rf"$u_t$ [{scale.label}]")
-    return axes.plot(arc, rows["u_t"] * scale.factor, color=BLUE, label="tangential displacement $u_t$",
+    return axes.plot(arc, rows["u_t"] * scale.factor, color=BLUE, label="displacement $u_t$",
                      **curve_style(len(arc)))
 
 
@@ -644,7 +648,7 @@ def contact_status(figure: Figure, run: Run) -> None:
 
 def thin_out(table: dict) -> tuple[dict, int]:
     """Every k-th row and all start rows, with the smallest k that leaves about POINTS others; and k."""
-    every = math.ceil(len(table["product"]) / POINTS)
+    every = max(1, math.ceil(len(table["product"]) / POINTS))
     keep = (np.arange(len(table["product"])) % every == 0) | (table["kind"] == "start")
     return select(table, keep), every
 
@@ -683,7 +687,7 @@ def convergence(figure: Figure, run: Run) -> None:
     axes.set(xlabel="dual multiplications, cumulative", ylabel="relative projected gradient [–]")
     axes.margins(x=0.01)
     mark_steps(axes, table)
-    header(figure, run, "Convergence of MPRGP", handles, f"every {every}th step drawn" if every > 1 else "")
+    header(figure, run, "Convergence of MPRGP", handles, f"every {every}th iteration and all starts drawn" if every > 1 else "")
 
 
 # ----------------------------------------------------------------------------------------- history

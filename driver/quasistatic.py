@@ -120,8 +120,8 @@ class QuasistaticSolver:
             if self.history.exit_status or not coulomb:
                 break
             change = x[rows.normal] - pressure
-            norm = np.sqrt(self._sum(x[rows.normal] ** 2))
-            changes.append(np.sqrt(self._sum(change**2)))
+            norm = self._norm(x[rows.normal])
+            changes.append(self._norm(change))
             if changes[-1] <= settings.friction_rtol * norm:
                 break
             if self._diverges(index, iteration, changes):
@@ -152,8 +152,11 @@ class QuasistaticSolver:
         outside = np.count_nonzero((x < limits[0]) | (x > limits[1]))
         return self.operator.comm.allreduce(int(outside)) == 0
 
-    def _sum(self, values) -> float:
-        return self.operator.comm.allreduce(float(values.sum()))
+    def _norm(self, pressure: np.ndarray) -> float:
+        """Euclidean norm of values on the normal rows."""
+        values = np.zeros(self.operator.owned)
+        values[self.rows.normal] = pressure
+        return np.sqrt(self.operator.dot(values, values))
 
     def _diverges(self, index: int, iteration: int, changes: list) -> bool:
         """Stop when the changes no longer contract over a window, or at the iteration limit."""

@@ -56,7 +56,7 @@ class LocalRows:
     """Constraint rows that act on one subdomain: row r reads sign_r * sum_k coefficient_rk u[dof_rk]."""
 
     row: np.ndarray  # (m,) global dual row
-    sign: np.ndarray  # (m,) +1/-1 on gluing rows, 1/multiplicity on contact rows at corners, else 1
+    sign: np.ndarray  # (m,) +1/-1 on gluing rows, 1 on contact rows, 0 where another subdomain owns one
     dof: np.ndarray  # (m, 2)
     coefficient: np.ndarray  # (m, 2), zero on fixed dofs
     fixed_part: np.ndarray  # (m, 2): what was removed from `coefficient` there
@@ -85,6 +85,8 @@ class Substructure:
     dual_dofs: int
     row_kind: np.ndarray  # (dual_dofs,) GLUING, NORMAL or TANGENTIAL
     row_range: tuple[int, int]  # rows owned by this rank
+    row_starts: np.ndarray  # per local subdomain: its first row, counted from row_range[0]
+    patterns: int
     contact: ContactBoundary
     multiplicity: list[np.ndarray]  # per subdomain: (n_v,) number of subdomains that share a vertex
     outer_edges: np.ndarray  # (n, 3): gid, gid, label of the edges of the untorn body's boundary
@@ -305,7 +307,7 @@ def _arc_lengths(label, gid, xy, edges) -> np.ndarray:
 
 def _number(manifest, subdomains, first, tables, corners, fixed, contact, comm) -> Substructure:
     """Number coarse dofs and dual rows and express both in every local subdomain's dofs."""
-    fixed_keys, fixed_values = fixed
+    fixed_keys = fixed[0]
     owner = np.full(len(tables.gids), np.iinfo(np.int64).max)
     np.minimum.at(owner, tables.vertex_id, tables.vertices[:, 0])
     corner_keys = (2 * corners[:, None] + [0, 1]).ravel()
@@ -334,13 +336,15 @@ def _number(manifest, subdomains, first, tables, corners, fixed, contact, comm) 
     last = first + len(subdomains)
     sorted_owner = row_owner[order]
     row_range = (int(np.searchsorted(sorted_owner, first)), int(np.searchsorted(sorted_owner, last)))
-    numbering = _Numbering(tables, corners, corner_keys, gluing, number[:n_g], contact, owner)
-    local = [numbering.localize(sub, fixed_keys, fixed_values) for sub in subdomains]
+    row_starts = np.searchsorted(sorted_owner, np.arange(first, last)) - row_range[0]
+    numbering = _Numbering(tables, corner_keys, fixed, gluing, number[:n_g], contact)
+    local = [numbering.localize(sub) for sub in subdomains]
     parts = [list(column) for column in zip(*local)] if local else [[] for _ in range(6)]
     primal = comm.allreduce(sum(sub.dofs for sub in subdomains))
     outer = tables.edges[~tables.shared][:, 1:]
     return Substructure(subdomains, first, manifest.subdomains, *parts[:5], coarse_dofs=len(corner_keys),
-                        dual_dofs=len(order), row_kind=kind[order], row_range=row_range, contact=contact,
+                        dual_dofs=len(order), row_kind=kind[order], row_range=row_range, row_starts=row_starts,
+                        patterns=len(manifest.patterns), contact=contact,
                         multiplicity=parts[5], outer_edges=outer, primal_dofs=primal)
 
 
@@ -350,47 +354,68 @@ def _acts(gid, direction, fixed_keys) -> np.ndarray:
     return np.abs(direction * free).max(axis=1, initial=0) > 1e-12
 
 
+def _lookup(keys: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Positions of `wanted` in the sorted `keys`, and whether each is there."""
+    if not len(keys):
+        return np.zeros(len(wanted), np.int64), np.zeros(len(wanted), bool)
+    at = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
+    return at, keys[at] == wanted
+
+
 class _Numbering:
     """Global numbers by key, and their localisation to one subdomain."""
 
-    def __init__(self, tables, corners, corner_keys, gluing, gluing_row, contact, owner):
-        self.tables, self.corners, self.corner_keys = tables, corners, corner_keys
+    def __init__(self, tables, corner_keys, fixed, gluing, gluing_row, contact):
+        self.tables, self.corner_keys, self.fixed, self.contact = tables, corner_keys, fixed, contact
         self.gluing, self.gluing_row = gluing, gluing_row  # sorted keys, row of each
-        self.contact, self.owner = contact, owner
+        self._span = int(tables.vertices[:, 0].max()) + 1
+        # how many lower subdomains share the vertex of each (vertex, subdomain) pair
+        self.pairs = np.sort(tables.vertices[:, 1] * self._span + tables.vertices[:, 0])
+        gid = self.pairs // self._span
+        self.place = np.arange(len(gid)) - np.searchsorted(gid, gid)
+        self.contact_gids = np.unique(contact.gid)
 
-    def localize(self, sub: Subdomain, fixed_keys, fixed_values):
+    def localize(self, sub: Subdomain):
         """Fixed dofs and values, corner dofs and numbers, rows, multiplicities of one subdomain."""
         key = 2 * sub.vertex_gid[sub.dof_vertex] + sub.dof_component
-        held = np.flatnonzero(np.isin(key, fixed_keys))
-        held_values = fixed_values[np.searchsorted(fixed_keys, key[held])].T
-        corner = np.flatnonzero(np.isin(key, self.corner_keys))
-        corner_number = np.searchsorted(self.corner_keys, key[corner])
+        at, held = _lookup(self.fixed[0], key)
+        held_values = self.fixed[1][at[held]].T
+        number, corner = _lookup(self.corner_keys, key)
         multiplicity = np.ones(len(sub.vertex_gid), np.int64)
-        at = np.minimum(np.searchsorted(self.tables.gids, sub.vertex_gid), len(self.tables.gids) - 1)
-        on_boundary = self.tables.gids[at] == sub.vertex_gid
+        at, on_boundary = _lookup(self.tables.gids, sub.vertex_gid)
         multiplicity[on_boundary] = self.tables.count[at[on_boundary]]
-        rows = self._rows(sub, key, multiplicity, fixed_keys)
-        return held, held_values, corner, corner_number, rows, multiplicity
+        rows = self._rows(sub, key, multiplicity, held)
+        return np.flatnonzero(held), held_values, np.flatnonzero(corner), number[corner], rows, multiplicity
 
-    def _rows(self, sub, key, multiplicity, fixed_keys) -> LocalRows:
-        glued = np.flatnonzero(np.isin(key, self.gluing))
-        row = self.gluing_row[np.searchsorted(self.gluing, key[glued])]
-        lower = self.owner[np.searchsorted(self.tables.gids, key[glued] // 2)] == sub.index
-        sign = np.where(lower, 1.0, -1.0)
-        dof, coefficient = np.column_stack([glued, glued]), np.tile([1.0, 0.0], (len(glued), 1))
-        scaling = 0.5 * sign
-        pieces = [(row, sign, dof, coefficient, np.zeros_like(coefficient), scaling)]
-        for direction, rows in ((self.contact.normal, self.contact.normal_row),
-                                (self.contact.tangent, self.contact.tangential_row)):
-            pieces.append(self._contact_rows(sub, key, multiplicity, fixed_keys, direction, rows))
+    def _rows(self, sub, key, multiplicity, held) -> LocalRows:
+        at, glued = _lookup(self.gluing, key)
+        dof = np.flatnonzero(glued)
+        sign = np.where(self._lower_sharers(key[dof] // 2, sub.index) == 0, 1.0, -1.0)
+        coefficient = np.tile([1.0, 0.0], (len(dof), 1))
+        pieces = [(self.gluing_row[at[dof]], sign, np.column_stack([dof, dof]), coefficient,
+                   np.zeros_like(coefficient), 0.5 * sign)]
+        if _lookup(self.contact_gids, sub.vertex_gid)[1].any():
+            for direction, rows in ((self.contact.normal, self.contact.normal_row),
+                                    (self.contact.tangent, self.contact.tangential_row)):
+                pieces.append(self._contact_rows(sub, multiplicity, held, direction, rows))
         return LocalRows(*(np.concatenate(column) for column in zip(*pieces)))
 
-    def _contact_rows(self, sub, key, multiplicity, fixed_keys, direction, rows):
-        here = np.flatnonzero(np.isin(self.contact.gid, sub.vertex_gid) & (rows >= 0))
+    def _contact_rows(self, sub, multiplicity, held, direction, rows):
         order = np.argsort(sub.vertex_gid)
-        vertex = order[np.searchsorted(sub.vertex_gid[order], self.contact.gid[here])]
+        at, inside = _lookup(sub.vertex_gid[order], self.contact.gid)
+        here = np.flatnonzero(inside & (rows >= 0))
+        vertex = order[at[here]]
         # dofs are numbered vertex by vertex, as the loader has checked
         dof = 2 * vertex[:, None] + [0, 1]
-        free = ~np.isin(key[dof], fixed_keys)
-        sign = 1.0 / multiplicity[vertex]
-        return rows[here], sign, dof, direction[here] * free, direction[here] * ~free, sign
+        free = ~held[dof]
+        # the product takes a shared node's row from its owner, the preconditioner halves it between the two
+        # lowest subdomains: sums of at most two terms do not depend on their order
+        place = self._lower_sharers(self.contact.gid[here], sub.index)
+        sign = np.where(place == 0, 1.0, 0.0)
+        scaling = np.where(multiplicity[vertex] == 1, 1.0, np.where(place < 2, 0.5, 0.0))
+        return rows[here], sign, dof, direction[here] * free, direction[here] * ~free, scaling
+
+    def _lower_sharers(self, gid: np.ndarray, subdomain: int) -> np.ndarray:
+        """How many lower subdomains share each of the vertices of `subdomain`."""
+        at, found = _lookup(self.pairs, gid * self._span + subdomain)
+        return np.where(found, self.place[at], 0)

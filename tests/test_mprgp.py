@@ -318,7 +318,7 @@ def test_preconditioner_in_the_face():
 
 
 def test_ranks_take_the_same_branches():
-    """Three threads as ranks, one with an empty part; different branches would break the barrier."""
+    """Three threads as ranks, one empty; different branches would break the barrier."""
     for seed in (3, 6, 11, 14, 22):
         A, b, lower, upper = problem(seed)
         n = len(b)
@@ -356,6 +356,68 @@ def test_ranks_take_the_same_branches():
         # both are within tol / lambda_min of the solution
         allowed = 2.1e-8 * np.linalg.norm(b) / np.linalg.eigvalsh(A)[0]
         assert np.linalg.norm(x - whole.x) <= allowed
+
+
+def test_cut_step_finds_the_smallest_ratio_of_all_ranks():
+    """Three threads, ratios over many magnitudes, with ties, with inf, and with an empty rank."""
+    rng = np.random.default_rng(0)
+    cases = [[10.0 ** rng.uniform(-8, 8, k) for k in rng.integers(0, 4, 3)] for _ in range(30)]
+    cases += [[np.full(2, 0.1)] * 3, [np.full(2, np.inf)] * 3]
+    cases += [[np.zeros(1), np.ones(1), np.ones(0)]]
+    barrier, sums, found = threading.Barrier(3), [0.0] * 3, [[], [], []]
+
+    def run(rank):
+        def dot(a, c):
+            sums[rank] = float(a @ c)
+            barrier.wait(5)
+            total = sum(sums)
+            barrier.wait(5)
+            return total
+
+        for case in cases:
+            found[rank] += [module._cut_step(case[rank], w, dot) for w in (1e-3, 1.0, np.inf)]
+
+    threads = [threading.Thread(target=run, args=(k,)) for k in range(3)]
+    for t in threads:
+        t.start()
+    for t in threads:
+        t.join(30)
+    assert found[0] == found[1] == found[2] and len(found[0]) == 3 * len(cases)
+    wishes = [(np.concatenate(case).min(initial=np.inf), w)
+              for case in cases for w in (1e-3, 1.0, np.inf)]
+    for (step, blocked), (smallest, wish) in zip(found[0], wishes):
+        assert step == pytest.approx(min(smallest, wish), rel=4 * EPS)
+        assert blocked == (smallest <= wish and smallest < np.inf)
+
+
+def kinds_of(A, b, x0, **options):
+    kinds = []
+    r = mprgp(lambda v: A @ v, b, 0.0, np.inf, x0, tol=1e-10, norm_bound=1.0,
+              monitor=lambda kind, *_: kinds.append(kind), **options)
+    return kinds, r
+
+
+def test_release_criterion_looks_at_the_room_that_is_left():
+    """phi = 1 but only 1e-6 of room: phi~'phi = 5e-7 < ||beta||^2 = 1/4, unless Gamma is large."""
+    b, x0 = np.array([-1.0, 0.5]), np.array([1e-6, 0.0])
+    assert kinds_of(np.eye(2), b, x0)[0][1] == "proportioning"
+    assert kinds_of(np.eye(2), b, x0, gamma=1e4)[0][1] == "expansion"
+
+
+def test_expansion_step_by_hand():
+    """g = phi = (2, 2); half step 1/2 to (0, 2), where phi = (0, 1); then 1.95 along it."""
+    kinds, r = kinds_of(np.eye(2), np.array([-1.0, 1.0]), np.array([1.0, 3.0]), max_products=3)
+    assert kinds == ["start", "expansion"]
+    assert r.x[0] == 0 and r.x[1] == pytest.approx(0.05, rel=1e-12)
+    _, half = kinds_of(np.eye(2), np.array([-1.0, 1.0]), np.array([1.0, 3.0]), max_products=2)
+    assert np.array_equal(half.x, [0, 2]) and np.array_equal(half.gradient, [1, 1])
+
+
+def test_conjugate_directions_need_one_step_per_distinct_eigenvalue():
+    rng = np.random.default_rng(3)
+    Q = orthogonal(rng, 20)
+    A = (Q * np.resize([1.0, 10.0, 100.0], 20)) @ Q.T
+    assert solve(A, rng.standard_normal(20), -np.inf, np.inf).cg_steps == 3
 
 
 # -- bad operators, bad data, limits ---------------------------------------------------------------
@@ -446,11 +508,12 @@ def test_iteration_limit_is_kept():
         assert abs(true - found.residual) <= 100 * rounding
 
 
-def test_tolerance_below_rounding_stagnates():
+@pytest.mark.parametrize("relative", [1e-30, 0.0])
+def test_tolerance_below_rounding_stagnates(relative):
     stagnated = 0
     for seed in range(24):
         A, b, lower, upper = problem(seed)
-        found = solve(A, b, lower, upper, relative=1e-30)
+        found = solve(A, b, lower, upper, relative=relative)
         assert found.status in ("stagnated", "converged"), (seed, found)
         assert found.products < 5000
         stagnated += found.status == "stagnated"
@@ -477,6 +540,16 @@ def test_noisy_operator_stagnates(noise):
             100 * noise * np.linalg.norm(b))
 
 
+def test_steps_that_lead_nowhere_stagnate(monkeypatch):
+    def step(self):
+        self.product(self.x)
+        return "cg"
+
+    monkeypatch.setattr(module._Mprgp, "step", step)
+    found = solve(*problem(8))
+    assert found.status == "stagnated" and 200 < found.products < 300
+
+
 @pytest.mark.parametrize("change, reason", [
     ({"lower": [0.0, 2.0]}, "box is empty"), ({"lower": [np.inf, 0.0], "upper": np.inf}, "empty"),
     ({"lower": [0.0, np.nan]}, "NaN"), ({"upper": np.nan}, "NaN"), ({"b": [np.nan, 1.0]}, "b has"),
@@ -498,7 +571,7 @@ def test_impossible_data(change, reason):
 
 
 def spectra(rng, n):
-    """Spectra (n,) that are easy, clustered, alternating, evenly spread, of low rank, spread out."""
+    """Spectra (n,): evenly spread, decaying, clustered, one on top, alternating, low rank."""
     k = np.arange(1, n + 1) / n
     if n == 1:
         yield k
