@@ -12,4 +12,5 @@ class Settings:
     max_fixed_point: int = 100  # per time step
     max_products: int = 200_000  # per QP
     preconditioner: str = "dirichlet"  # or "none": the plain method
-    predictor: str = "linear"  # extrapolate multipliers over time steps, or "previous"
+    predictor: str = "load"  # start a step from multipliers extrapolated with the load, or "previous"
+    inner_rtol: float = 0.1  # residual reduction of a QP before its friction bound is renewed

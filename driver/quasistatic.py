@@ -71,21 +71,19 @@ class QuasistaticSolver:
 
     def steps(self):
         """Generate the finished `Step`s; stops early, with the reason in `history`, if one fails."""
-        op, size = self.operator, self.operator.owned
+        op = self.operator
         before = op.products
-        lam, older = np.zeros(size), np.zeros(size)
+        lam, older = np.zeros(op.owned), np.zeros(op.owned)
         u_t = np.zeros(len(self.rows.tangential))
         clock = time.perf_counter()
         for index in range(1, len(self.times)):
             weights = self.amplitudes[index]
-            response = op.load_response(weights)
-            d = response.copy()
+            d = op.load_response(weights)
             d[self.rows.normal] -= self.rows.gap
             d[self.rows.tangential] -= u_t
-            start = 2 * lam - older if self.settings.predictor == "linear" and index > 2 else lam
-            lam, older = None, lam
-            step = self._fixed_point(index, weights, d, start)
-            lam = step.multipliers
+            start, sliding = self._predict(index, lam, older), self._sliding(lam, self.rows.friction_bound(lam))
+            step = self._fixed_point(index, weights, d, start, sliding)
+            lam, older = step.multipliers, lam
             u_t = u_t - step.gradient[self.rows.tangential]
             self._record(step, before)
             self.history.seconds += time.perf_counter() - clock
@@ -93,6 +91,19 @@ class QuasistaticSolver:
             clock = time.perf_counter()
             if self.history.exit_status:
                 return
+
+    def _predict(self, index: int, lam: np.ndarray, older: np.ndarray) -> np.ndarray:
+        """Multipliers to start the step from: the last change, scaled like the change of the load.
+
+        Exact as long as the response is proportional to the load (a contact zone that is not changing under
+        loading); on reversal the step starts from the previous one.
+        """
+        if self.settings.predictor == "previous" or index < 2:
+            return lam
+        change, last = np.diff(self.amplitudes[index - 2 : index + 1], axis=0)[::-1]
+        size = last @ last
+        ratio = change @ last / size if size > 0 else 0.0
+        return lam + min(max(ratio, 0.0), 2.0) * (lam - older)
 
     def _record(self, step: Step, before: int) -> None:
         counts, worst = self.history.counts, self.history.residuals
@@ -103,41 +114,65 @@ class QuasistaticSolver:
         self.history.steps = step.index
 
     # ---- one time step -----------------------------------------------------------------------
-    def _fixed_point(self, index: int, weights, d, start) -> Step:
+    def _fixed_point(self, index: int, weights, d, start, sliding) -> Step:
+        """Successive approximations lambda_n -> Phi(lambda_n), each QP solved only as far as it pays.
+
+        The first QPs would be solved far beyond the error of their friction bound; each reduces its initial
+        residual by `inner_rtol`, and the last one meets `rtol`.
+        """
         op, settings, rows = self.operator, self.settings, self.rows
         products = op.products
         self.scale_d = max(self.scale_d, np.sqrt(op.dot(d, d)))
-        coulomb = len(rows.tangential) > 0 and not rows.tresca
-        coulomb = op.comm.allreduce(coulomb, op=MPI.LOR)
+        coulomb = bool(op.comm.allreduce(int(len(rows.tangential) > 0 and not rows.tresca)))
         lower, _ = rows.limits(op.owned, start)
-        x = np.maximum(start, lower)
-        changes, iteration, gradient = [], 0, None
+        x = self._follow(np.maximum(start, lower), sliding)
+        changes, iteration = [], 0
         while True:
             iteration += 1
-            pressure, used = x[rows.normal], rows.friction_bound(x)
-            result = self._solve_qp(index, iteration, d, rows.limits(op.owned, x), x, gradient)
-            x, gradient = result.x, result.gradient
+            limits, bound = rows.limits(op.owned, x), rows.friction_bound(x)
+            x = np.clip(x, *limits)
+            result = self._solve_qp(index, iteration, d, limits, x, settings.inner_rtol if coulomb else 0.0)
+            change, x, gradient = result.x[rows.normal] - x[rows.normal], result.x, result.gradient
+            sliding = self._sliding(x, bound)
             if self.history.exit_status or not coulomb:
                 break
-            change = x[rows.normal] - pressure
-            norm = self._norm(x[rows.normal])
             changes.append(self._norm(change))
-            if changes[-1] <= settings.friction_rtol * norm:
+            exact = result.residual <= settings.rtol * self.scale_d
+            if exact and changes[-1] <= settings.friction_rtol * self._norm(x[rows.normal]):
                 break
             if self._diverges(index, iteration, changes):
                 break
-        return self._finish(index, weights, d, x, gradient, used, iteration, changes, products)
+            x = self._follow(x, sliding)
+        return self._finish(index, weights, d, x, gradient, sliding, iteration, changes, products)
 
-    def _solve_qp(self, index, iteration, d, limits, x, gradient):
+    def _sliding(self, x: np.ndarray, bound: np.ndarray) -> np.ndarray:
+        """Sign of the multiplier at tangential rows that are on their bound, 0 at the others."""
+        multiplier = x[self.rows.tangential]
+        return np.where(np.abs(multiplier) >= bound, np.sign(multiplier), 0.0)
+
+    def _follow(self, x: np.ndarray, sliding: np.ndarray) -> np.ndarray:
+        """x with sliding nodes moved to, and the others cut at, the friction bound of its own pressures.
+
+        Left where they were, sliding nodes would be inside a bound that has grown and the QP would have to
+        find them again one expansion step after the other.
+        """
+        moved, t = x.copy(), self.rows.tangential
+        bound = self.rows.friction_bound(x)
+        moved[t] = np.where(sliding != 0, sliding * bound, np.clip(x[t], -bound, bound))
+        return moved
+
+    def _solve_qp(self, index, iteration, d, limits, x, reduction):
         op, settings, history = self.operator, self.settings, self.history
+        gradient = op.apply(x) - d
+        left = projected_gradient(x, gradient, *limits)
+        tol = max(settings.rtol * self.scale_d, reduction * np.sqrt(op.dot(left, left)))
         offset = op.products
 
         def monitor(kind, products, residual):
             history.log.append((offset + products, index, iteration, kind, residual / (self.scale_d or 1.0)))
 
-        known = gradient if gradient is not None and self._inside(x, limits) else None
-        result = mprgp(op.apply, d, *limits, x, tol=settings.rtol * self.scale_d, norm_bound=self.bound,
-                       preconditioner=self.preconditioner, max_products=settings.max_products, gradient0=known,
+        result = mprgp(op.apply, d, *limits, x, tol=tol, norm_bound=self.bound,
+                       preconditioner=self.preconditioner, max_products=settings.max_products, gradient0=gradient,
                        dot=op.dot, monitor=monitor)
         self.bound = result.norm_bound
         for name in ("cg_steps", "expansion_steps", "proportioning_steps"):
@@ -146,11 +181,6 @@ class QuasistaticSolver:
             history.exit_status = 3 if result.status == "indefinite operator" else 4
             history.reason = f"step {index}: MPRGP ended with '{result.status}': {result.reason}"
         return result
-
-    def _inside(self, x, limits) -> bool:
-        """Whether x satisfies the new bounds exactly, so that its known gradient can be reused."""
-        outside = np.count_nonzero((x < limits[0]) | (x > limits[1]))
-        return self.operator.comm.allreduce(int(outside)) == 0
 
     def _norm(self, pressure: np.ndarray) -> float:
         """Euclidean norm of values on the normal rows."""
@@ -170,20 +200,17 @@ class QuasistaticSolver:
             self.history.reason = f"step {index}: no fixed point of the friction bound in {iteration} iterations"
         return self.history.exit_status != 0
 
-    def _finish(self, index, weights, d, x, gradient, used, iteration, changes, products) -> Step:
+    def _finish(self, index, weights, d, x, gradient, sliding, iteration, changes, products) -> Step:
         """Put the last multipliers exactly into the cone of their own pressures and close the step.
 
         The last QP was solved with the bound of the iterate before. Nodes that slid stay on the bound and
         the others inside it, so that the active set the QP has found is kept.
         """
         op, rows = self.operator, self.rows
-        lower, upper = rows.limits(op.owned, x)
-        final = np.clip(x, lower, upper)
-        if len(rows.tangential) and not rows.tresca:
-            t = rows.tangential
-            final[t] = np.where(np.abs(x[t]) == used, np.sign(x[t]) * upper[t], final[t])
+        final = self._follow(x, sliding)
         if op.comm.allreduce(int(np.count_nonzero(final != x))):
             x, gradient = final, op.apply(final) - d
+        lower, upper = rows.limits(op.owned, x)
         left = projected_gradient(x, gradient, lower, upper)
         scale_u = op.corner_displacement(x, weights)
         residuals = friction.kkt_residuals(rows, x, gradient, np.sqrt(op.dot(left, left)), scale_u, self.scale_d,
