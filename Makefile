@@ -1,0 +1,49 @@
+# `make help` lists the targets. NAME=value words after a target are handed through to the driver.
+PYTHON ?= /usr/bin/python3
+OMP_NUM_THREADS ?= 1
+export OMP_NUM_THREADS
+
+SCENES := $(basename $(notdir $(wildcard edp/*.edp)))
+DRIVER := $(PYTHON) -m driver
+
+# every variable given on the command line as a quoted word, but for those that are the Makefile's own
+OWN := PYTHON OMP_NUM_THREADS ARGS
+quote = '$(subst ','\'',$1)'
+GIVEN = $(foreach v,$(filter-out $(OWN),$(.VARIABLES)),$(if $(filter command,$(origin $v)),$(call quote,$v=$(value $v))))
+
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test test-long run table saddle figures $(SCENES)
+
+help:  ## this list
+	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' Makefile | expand -t 12
+	@echo "$(SCENES)" | fmt -w 88 | sed '1s/^/scenes      /; 2,$$s/^/            /'
+
+setup:  ## install the Debian packages of apt-packages.txt that are missing
+	@driver/setup.sh
+
+demo: setup  ## set up if needed, run the model example under both loadings, draw its figures
+	@$(DRIVER) model $(GIVEN)
+
+test: setup  ## set up if needed, run the tests [ARGS="-k name"]
+	@$(PYTHON) -m pytest $(ARGS)
+
+test-long: setup  ## the tests marked slow
+	@$(PYTHON) -m pytest -m slow $(ARGS)
+
+run:  ## one scene: SCENE=name or path [SUBDOMAINS=4x2|8] [STEPS=] [NP=] [OUT=] [...]; alone: list the scenes
+	@$(DRIVER) run $(GIVEN)
+
+model:  ## the model example [LOADING=monotone|nonmonotone] [FRICTION=] [CELLS=] [...]
+	@$(DRIVER) model $(GIVEN)
+
+$(filter-out model,$(SCENES)):
+	@$(DRIVER) run SCENE=$@ $(GIVEN)
+
+table:  ## the slides' table, ours beside theirs [ROWS=1,2,3] [METHOD=default|plain] [NP=] [FRESH=yes]
+	@$(DRIVER) table $(GIVEN)
+
+saddle:  ## write and draw the FETI-DP saddle-point matrix of a small case [SCENE=] [SUBDOMAINS=] [CELLS=] [OUT=]
+	@$(DRIVER) saddle $(GIVEN)
+
+figures:  ## redraw the figures of finished runs from their files [OUT=results/mine]
+	@$(DRIVER) figures $(or $(OUT),$(sort $(patsubst %/summary.json,%,$(wildcard results/*/summary.json))))
