@@ -150,14 +150,14 @@ class DualOperator:
         self._local_rows, self._to_rows = _scatter(self._dual, rows)
         # partial sums of a scalar product: the rows of each subdomain, in the order of subdomains
         self._starts = structure.row_starts
+        self._partial_counts = _counts(self.comm, len(self._starts))
         # corner forces travel in the order of subdomains, so that every rank adds them up alike
         number = [structure.corner_global[s] for s in order]
         first = np.cumsum([0, *(len(n) for n in structure.corner_global)])
         self._corner_order = _join([np.arange(first[s], first[s + 1]) for s in order], int)
         self._corner_local = _join(number, int)
         self._corner_all = np.concatenate(self.comm.allgather(_join(structure.corner_global, int)))
-        counts = self.comm.allgather(len(self._corner_local))
-        self._corner_counts = (counts, np.cumsum([0, *counts[:-1]]).tolist())
+        self._corner_counts = _counts(self.comm, len(self._corner_local))
 
     def _build_coarse(self) -> None:
         """Assemble and factorize S_cc on every rank; refuse a structure that is a mechanism."""
@@ -198,7 +198,9 @@ class DualOperator:
             filled = self._starts < np.append(self._starts[1:], self.owned)  # reduceat has no empty segments
             partial[filled] = np.add.reduceat(a * b, self._starts[filled])
         if self.comm.size > 1:
-            partial = np.concatenate(self.comm.allgather(partial))
+            everyone = np.empty(self.structure.total)
+            self.comm.Allgatherv(partial, (everyone, self._partial_counts))
+            partial = everyone
         return float(partial.sum())
 
     def _gather(self, x: np.ndarray) -> np.ndarray:
@@ -365,6 +367,12 @@ def _scatter(vector: PETSc.Vec, index: np.ndarray):
     source = PETSc.IS().createGeneral(index, comm=PETSc.COMM_SELF)
     target = PETSc.IS().createStride(len(index), first=0, step=1, comm=PETSc.COMM_SELF)
     return local, PETSc.Scatter().create(vector, source, local, target)
+
+
+def _counts(comm, length: int) -> tuple[list[int], list[int]]:
+    """Lengths and offsets of the ranks' parts of a gathered array."""
+    counts = comm.allgather(length)
+    return counts, np.cumsum([0, *counts[:-1]]).tolist()
 
 
 def _join(arrays: list, kind) -> np.ndarray:
