@@ -107,14 +107,15 @@ class Run:
 
 
 def read_table(path: Path) -> dict | None:
-    """Columns of a CSV file as arrays; None if the file is absent or has no rows."""
+    """Columns of a CSV file as arrays, empty numbers as nan; None if the file is absent or has no rows."""
     if not path.exists():
         return None
     with open(path, newline="") as file:
         names, *rows = csv.reader(file)
     if not rows:
         return None
-    return {n: np.array(c, dtype=str if n in WORDS else float) for n, c in zip(names, zip(*rows))}
+    return {n: np.array(c) if n in WORDS else np.array([v or "nan" for v in c], dtype=float)
+            for n, c in zip(names, zip(*rows))}
 
 
 def read_mesh(path: Path, time: float) -> Mesh:
@@ -461,7 +462,9 @@ def loading(figure: Figure, run: Run) -> None:
         handles += axes.plot(history["time"], history[name], "-", marker="osD^v"[number % 5], ms=3.2,
                              color=[BLUE, RED, GREEN, ORANGE, INK][number % 5], label=symbol)
     axes.set(xlabel="time $t$", ylabel=r"amplitude $\varphi$ [–]" if len(names) == 1 else "amplitude [–]")
+    axes.update_datalim([(0, 0)])  # time starts at zero even where the first step is not there
     axes.margins(x=0.02)
+    axes.autoscale_view()
     axes.grid(color="0.9", lw=0.5)
     steps = int(run.history["step"].max())
     header(figure, run, f"History of loading, {steps} time steps (markers)", handles)
@@ -485,7 +488,8 @@ def deformed(figure: Figure, run: Run) -> None:
     # Corner singularities grow with refinement; they must not take the colours from the rest of the body.
     beyond = values.max() > 1.05 * top
     moved = (mesh.xy + times * mesh.displacement) * scale.factor
-    picture = paint_body(axes, moved, mesh.triangles, values, cmap="viridis", vmin=0, vmax=top if beyond else values.max() or 1)
+    limit = top if beyond else values.max() or 1
+    picture = paint_body(axes, moved, mesh.triangles, values, cmap="viridis", vmin=0, vmax=limit)
     handles = []
     if run.boundary:
         b = {n: run.boundary[n] * scale.factor for n in ("x0", "y0", "x1", "y1")}
@@ -687,7 +691,8 @@ def convergence(figure: Figure, run: Run) -> None:
     axes.set(xlabel="dual multiplications, cumulative", ylabel="relative projected gradient [–]")
     axes.margins(x=0.01)
     mark_steps(axes, table)
-    header(figure, run, "Convergence of MPRGP", handles, f"every {every}th iteration and all starts drawn" if every > 1 else "")
+    note = f"every {every}th iteration and all starts drawn" if every > 1 else ""
+    header(figure, run, "Convergence of MPRGP", handles, note)
 
 
 # ----------------------------------------------------------------------------------------- history
@@ -719,8 +724,10 @@ def history(figure: Figure, run: Run) -> None:
     panels[-1].set_xlabel("time $t$")
     figure.align_ylabels()
     total = int(table["fixed_point_iterations"].sum())
-    header(figure, run, r"Resultant forces on $\Gamma_c$" + (" and fixed-point iterations" if run.fixed_point else ""),
-           handles, f"{total} fixed-point iterations" if run.fixed_point else "")
+    caption, note = r"Resultant forces on $\Gamma_c$", ""
+    if run.fixed_point:
+        caption, note = f"{caption} and fixed-point iterations", f"{total} fixed-point iterations"
+    header(figure, run, caption, handles, note)
 
 
 # --------------------------------------------------------------------------------------- the run
@@ -754,6 +761,7 @@ def compose(name: str, run: Run) -> Figure:
         FigureCanvasAgg(figure)
         wanted(run)[name](figure, run)
         figure.draw_without_rendering()
+        figure.set_layout_engine("none")  # frozen, so that the bitmap and the PDF are the same picture
     return figure
 
 

@@ -144,6 +144,12 @@ def run(plain):
     return figures.read_run(plain)
 
 
+@pytest.fixture(scope="module")
+def drawn(run):
+    """All its figures, laid out once; the tests only look at them."""
+    return {name: figures.compose(name, run) for name in ALL}
+
+
 # ---------------------------------------------------------------------------------------- helpers
 
 def words(figure) -> str:
@@ -200,8 +206,13 @@ def test_every_figure_is_written_whole(plain):
     assert [p.name for p in paths] == [f"{n}.{kind}" for n in ALL for kind in ("png", "pdf")]
     assert all(p.read_bytes()[:4] == (b"\x89PNG" if p.suffix == ".png" else b"%PDF") for p in paths)
     assert sorted(p.name for p in (plain / "figures").iterdir()) == sorted(p.name for p in paths)
+
+
+def test_drawing_again_gives_the_same_files(tmp_path):
+    directory = make_run(tmp_path, time="static", friction="none", products=6)
+    paths = figures.draw_run(directory)
     first = [p.read_bytes() for p in paths]
-    assert figures.draw_run(plain) == paths
+    assert figures.draw_run(directory) == paths
     assert [p.read_bytes() for p in paths] == first
 
 
@@ -218,13 +229,15 @@ def test_what_the_scene_does_not_declare_is_not_drawn(tmp_path, change, absent):
 
 
 def test_figures_of_an_earlier_run_do_not_stay(tmp_path):
-    directory = make_run(tmp_path, steps=1, time="static", friction="none", products=6)
+    directory = make_run(tmp_path, time="static", contact="none", friction="none", products=6)
+    for name in ("boundary.csv", "fields.pvd"):
+        (directory / name).unlink()
     (directory / "figures").mkdir()
-    (directory / "figures" / "contact_tangential.png").write_bytes(b"old")
-    (directory / "figures" / "notes.txt").write_bytes(b"mine")
+    for name in ("contact_tangential.png", "geometry.pdf", "notes.txt"):
+        (directory / "figures" / name).write_bytes(b"old")
     figures.draw_run(directory)
-    left = {p.name for p in (directory / "figures").iterdir()}
-    assert "contact_tangential.png" not in left and "notes.txt" in left
+    left = sorted(p.name for p in (directory / "figures").iterdir())
+    assert left == ["convergence.pdf", "convergence.png", "notes.txt"]
 
 
 def test_optional_files_may_be_missing(tmp_path):
@@ -241,8 +254,8 @@ def test_a_directory_without_a_run_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_nothing_overlaps_or_leaves_the_page(run, name):
-    figure = figures.compose(name, run)
+def test_nothing_overlaps_or_leaves_the_page(drawn, name):
+    figure = drawn[name]
     assert figure.get_figwidth() == pytest.approx(16 / 2.54)
     assert outside(figure) == []
     assert overlaps(figure) == []
@@ -259,8 +272,8 @@ def test_several_contact_boundaries_have_a_panel_each(tmp_path, labels):
         assert ("4 of 5 contact boundaries shown" in words(figure)) == (labels == 5)
 
 
-def test_geometry_names_the_parts_and_draws_the_loads_to_scale(run):
-    figure = figures.compose("geometry", run)
+def test_geometry_names_the_parts_and_draws_the_loads_to_scale(drawn):
+    figure = drawn["geometry"]
     text = "\n".join(legend_words(figure))
     assert all(part in text for part in (r"$\Gamma_u$", r"$\Gamma_p$", r"$\Gamma_c$", "subdomains"))
     assert "longest arrow 100 MPa" in words(figure)
@@ -311,15 +324,26 @@ def test_rim_of_the_torn_mesh_is_the_boundary_of_every_subdomain(run):
     assert length == pytest.approx(8 * 4 * 0.5)
 
 
-def test_loading_has_a_curve_for_every_amplitude_from_time_zero(run):
-    figure = figures.compose("loading", run)
+def test_loading_has_a_curve_for_every_amplitude_from_time_zero(drawn):
+    figure = drawn["loading"]
     assert legend_words(figure) == [r"$\varphi_{1}(t)$", r"$\varphi_{2}(t)$"]
     for line in figure.axes[0].lines:
         assert len(line.get_xdata()) == 21 and line.get_xdata()[0] == 0 and line.get_marker() != "None"
 
 
-def test_deformed_body_is_magnified_as_in_the_slides(run):
-    figure = figures.compose("deformed", run)
+def test_history_may_start_at_step_one_and_have_empty_cells(tmp_path):
+    directory = make_run(tmp_path, steps=3, products=6)
+    first, _, *rows = (directory / "history.csv").read_text().splitlines()
+    (directory / "history.csv").write_text("\n".join([first + ",contraction", *(row + "," for row in rows)]))
+    run = figures.read_run(directory)
+    assert np.all(np.isnan(run.history["contraction"])) and run.history["step"][0] == 1
+    axes = figures.compose("loading", run).axes[0]
+    assert axes.get_xlim()[0] <= 0 and len(axes.lines[0].get_xdata()) == 3
+    assert len(figures.compose("history", run).axes[1].patches) == 3
+
+
+def test_deformed_body_is_magnified_as_in_the_slides(run, drawn):
+    figure = drawn["deformed"]
     assert "300×" in words(figure) and "[MPa]" in words(figure) and "$t = 1$" in words(figure)
     largest = run.last.xy + 300 * run.last.displacement
     paths = figure.axes[0].collections[0].get_paths()
@@ -339,8 +363,8 @@ def test_other_scenes_choose_their_magnification(tmp_path):
     assert "scene hertz" in words(figures.compose("deformed", run))
 
 
-def test_normal_panels(run):
-    figure = figures.compose("contact_normal", run)
+def test_normal_panels(run, drawn):
+    figure = drawn["contact_normal"]
     above, below = figure.axes
     assert above.get_ylabel() == r"$\sigma_n$ [MPa]" and below.get_ylabel() == "$u_n$ [µm]"
     assert r"$\Gamma_c$ [m]" in below.get_xlabel()
@@ -349,24 +373,24 @@ def test_normal_panels(run):
     assert stress.min() == pytest.approx(run.contact["sigma_n"][-21:].min() / 1e6) and stress.max() <= 0
 
 
-def test_tangential_panels(run):
-    figure = figures.compose("contact_tangential", run)
+def test_tangential_panels(drawn):
+    figure = drawn["contact_tangential"]
     above, below = figure.axes
     assert above.get_ylabel() == r"$\sigma_t$ [MPa]" and below.get_ylabel() == "$u_t$ [µm]"
     lower, upper, stress = (line.get_ydata() for line in above.lines[:3])
     assert np.all(lower <= stress + 1e-9) and np.all(stress <= upper + 1e-9) and np.allclose(lower, -upper)
 
 
-def test_zones_are_the_runs_of_equal_status(run):
-    figure = figures.compose("contact_normal", run)
+def test_zones_are_the_runs_of_equal_status(run, drawn):
+    figure = drawn["contact_normal"]
     last = run.contact["status"][-21:]
     assert len(figure.axes[0].patches) == 1 + np.count_nonzero(last[1:] != last[:-1])
     edges = [p.get_xy()[:, 0] for p in figure.axes[0].patches]
     assert edges[0].min() == pytest.approx(1 / 21) and edges[-1].max() == pytest.approx(2)
 
 
-def test_status_picture_has_a_cell_for_every_node_and_step(run):
-    figure = figures.compose("contact_status", run)
+def test_status_picture_has_a_cell_for_every_node_and_step(run, drawn):
+    figure = drawn["contact_status"]
     (mesh,) = figure.axes[0].collections
     codes = mesh.get_array().reshape(20, 21)
     names = np.array(list(figures.STATUS))
@@ -398,8 +422,8 @@ def test_thinned_convergence_keeps_starts_and_counts_everything(tmp_path):
     assert total == len(table["kind"]) and f"every {every}th iteration" in words(figure)
 
 
-def test_history_shows_forces_per_thickness_and_iterations(run):
-    figure = figures.compose("history", run)
+def test_history_shows_forces_per_thickness_and_iterations(drawn):
+    figure = drawn["history"]
     forces, iterations = figure.axes
     assert forces.get_ylabel() == "contact force [MN/m]"
     assert [p.get_height() for p in iterations.patches] == [6] * 20
