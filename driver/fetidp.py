@@ -387,6 +387,8 @@ def _blocked(rows: np.ndarray, matrix: np.ndarray) -> np.ndarray:
     independent of how many others a rank has.
     """
     count, m = rows.shape
+    if m == 0:
+        return np.zeros((count, matrix.shape[1]))
     full = -(-count // BLOCK) * BLOCK
     if full != count:
         padded = np.zeros((full, m))

@@ -15,6 +15,24 @@ OPEN, STICK, SLIP = 0, 1, 2
 STATUS_NAMES = ("open", "stick", "slip")
 
 
+@dataclass(frozen=True)
+class SlipLaw:
+    """Factor of the friction coefficient that depends on slip or displacement, tabulated by the scene.
+
+    `argument`: "slip" (length of the way slid so far) or "displacement" (|u_t|); `values` at equal steps
+    over [0, range], constant beyond.
+    """
+
+    argument: str
+    range: float
+    values: np.ndarray
+
+    def factor(self, u_t: np.ndarray, previous: np.ndarray, way: np.ndarray) -> np.ndarray:
+        """(j,) factors for tangential displacements u_t, those of the previous step and the way slid until then."""
+        s = np.abs(u_t) if self.argument == "displacement" else way + np.abs(u_t - previous)
+        return np.interp(s, np.linspace(0.0, self.range, len(self.values)), self.values)
+
+
 @dataclass
 class ContactRows:
     """The contact rows a rank owns, as positions in its dual vectors.

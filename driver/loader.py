@@ -87,6 +87,7 @@ class Manifest:
     patterns: list
     amplitudes: dict
     parameters: dict
+    slip_law: dict | None = None  # argument, range, values: factor of the friction coefficient
     raw: dict = field(repr=False, default_factory=dict)
 
     def amplitude(self, pattern: int, step: int) -> float:
@@ -107,10 +108,10 @@ def read_manifest(directory: Path) -> Manifest:
     except (ValueError, OSError) as problem:
         raise InputError(f"{path} is not readable ({problem}); run the scene again") from None
     names = [name for name in Manifest.__dataclass_fields__ if name not in ("directory", "raw")]
-    missing = [name for name in names if not isinstance(raw, dict) or name not in raw]
+    missing = [name for name in names if not isinstance(raw, dict) or name not in raw and name != "slip_law"]
     if missing:
         raise InputError(f"{path} lacks {', '.join(missing)}; run the scene again")
-    manifest = Manifest(directory=Path(directory), raw=raw, **{name: raw[name] for name in names})
+    manifest = Manifest(directory=Path(directory), raw=raw, **{name: raw[name] for name in names if name in raw})
     _check_manifest(manifest, path)
     return manifest
 

@@ -56,35 +56,44 @@ class QuasistaticSolver:
     """Marches through the time steps of one problem. Collective over the operator's communicator."""
 
     def __init__(self, operator: DualOperator, effects: dict, amplitudes: np.ndarray, times: np.ndarray,
-                 settings: Settings):
+                 settings: Settings, slip_law: friction.SlipLaw | None = None):
         """`amplitudes` (steps + 1, patterns): factor of every load pattern at every time of `times`."""
         self.operator, self.settings, self.effects = operator, settings, effects
         self.amplitudes, self.times = amplitudes, times
         self.rows = friction.contact_rows(operator.structure, effects)
+        self.coefficient, self.slip_law = self.rows.bound, slip_law
+        self.u_t = np.zeros(len(self.rows.tangential))  # tangential displacement at the end of the last step
+        self.way = np.zeros(len(self.rows.tangential))  # length of the way slid until then
         self.history = History()
         self.preconditioner = DirichletPreconditioner(operator) if settings.preconditioner == "dirichlet" else None
-        start = np.random.default_rng(1).standard_normal(operator.structure.dual_dofs)
-        mine = slice(*operator.structure.row_range)
-        self.bound, _ = norm_bound(operator.apply, operator.owned, dot=operator.dot, start=start[mine])
+        self.bound = self._bound_norm()
         self.history.counts["dual_multiplications_setup"] = operator.products
         self.scale_d = 0.0
+
+    def _bound_norm(self) -> float:
+        """Upper bound of ||F||; the same random start vector for any number of ranks."""
+        structure, op = self.operator.structure, self.operator
+        if structure.dual_dofs == 0:  # one subdomain without contact: nothing to iterate on
+            return 1.0
+        start = np.random.default_rng(1).standard_normal(structure.dual_dofs)
+        return norm_bound(op.apply, op.owned, dot=op.dot, start=start[slice(*structure.row_range)])[0]
 
     def steps(self):
         """Generate the finished `Step`s; stops early, with the reason in `history`, if one fails."""
         op = self.operator
         before = op.products
         lam, older = np.zeros(op.owned), np.zeros(op.owned)
-        u_t = np.zeros(len(self.rows.tangential))
         clock = time.perf_counter()
         for index in range(1, len(self.times)):
             weights = self.amplitudes[index]
             d = op.load_response(weights)
             d[self.rows.normal] -= self.rows.gap
-            d[self.rows.tangential] -= u_t
+            d[self.rows.tangential] -= self.u_t
             start, sliding = self._predict(index, lam, older), self._sliding(lam, self.rows.friction_bound(lam))
             step = self._fixed_point(index, weights, d, start, sliding)
             lam, older = step.multipliers, lam
-            u_t = u_t - step.gradient[self.rows.tangential]
+            slip = -step.gradient[self.rows.tangential]
+            self.u_t, self.way = self.u_t + slip, self.way + np.abs(slip)
             self._record(step, before)
             self.history.seconds += time.perf_counter() - clock
             yield step
@@ -136,7 +145,8 @@ class QuasistaticSolver:
             sliding = self._sliding(x, bound)
             if self.history.exit_status or not coulomb:
                 break
-            changes.append(self._norm(change))
+            self._renew_coefficient(gradient)
+            changes.append(max(self._norm(change), self._norm(rows.friction_bound(x) - bound, tangential=True)))
             exact = result.residual <= settings.rtol * self.scale_d
             if exact and changes[-1] <= settings.friction_rtol * self._norm(x[rows.normal]):
                 break
@@ -144,6 +154,12 @@ class QuasistaticSolver:
                 break
             x = self._follow(x, sliding)
         return self._finish(index, weights, d, x, gradient, sliding, iteration, changes, products)
+
+    def _renew_coefficient(self, gradient: np.ndarray) -> None:
+        """Friction coefficients at the tangential displacements of the latest iterate."""
+        if self.slip_law is not None:
+            u_t = self.u_t - gradient[self.rows.tangential]
+            self.rows.bound = self.coefficient * self.slip_law.factor(u_t, self.u_t, self.way)
 
     def _sliding(self, x: np.ndarray, bound: np.ndarray) -> np.ndarray:
         """Sign of the multiplier at tangential rows that are on their bound, 0 at the others."""
@@ -182,11 +198,11 @@ class QuasistaticSolver:
             history.reason = f"step {index}: MPRGP ended with '{result.status}': {result.reason}"
         return result
 
-    def _norm(self, pressure: np.ndarray) -> float:
-        """Euclidean norm of values on the normal rows."""
-        values = np.zeros(self.operator.owned)
-        values[self.rows.normal] = pressure
-        return np.sqrt(self.operator.dot(values, values))
+    def _norm(self, values: np.ndarray, tangential: bool = False) -> float:
+        """Euclidean norm of values on the normal (or tangential) rows."""
+        full = np.zeros(self.operator.owned)
+        full[self.rows.tangential if tangential else self.rows.normal] = values
+        return np.sqrt(self.operator.dot(full, full))
 
     def _diverges(self, index: int, iteration: int, changes: list) -> bool:
         """Stop when the changes no longer contract over a window, or at the iteration limit."""

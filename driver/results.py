@@ -72,18 +72,26 @@ class ContactState:
                 "status": values[6].astype(int)}
 
 
-def resultants(operator: DualOperator, step: Step, fields, contact: dict) -> dict[str, np.ndarray]:
-    """Resultants (2,) of loads, support reactions and contact forces; they add up to zero."""
-    structure, total = operator.structure, np.zeros((2, 2))
+def resultants(operator: DualOperator, step: Step, fields, contact: dict) -> tuple[dict, np.ndarray]:
+    """Resultants (2,) of loads, support reactions and contact forces, which add up to zero, and `size`.
+
+    `size` (2,) is the sum of the absolute values of all these nodal forces: the measure of their balance,
+    because resultants themselves may vanish.
+    """
+    structure, total = operator.structure, np.zeros((3, 2))
     for s, (sub, u) in enumerate(zip(structure.subdomains, fields)):
         load = step.weights @ sub.loads
         reaction = (sub.multiply(u) - load)[structure.fixed[s]]
         total[0] += np.bincount(sub.dof_component, load, minlength=2)
-        total[1] += np.bincount(sub.dof_component[structure.fixed[s]], reaction, minlength=2)
-    load, reaction = np.sum(operator.comm.allgather(total), axis=0)
+        held = sub.dof_component[structure.fixed[s]]
+        total[1] += np.bincount(held, reaction, minlength=2)
+        total[2] += np.bincount(sub.dof_component, np.abs(load), minlength=2)
+        total[2] += np.bincount(held, np.abs(reaction), minlength=2)
+    load, reaction, size = np.sum(operator.comm.allgather(total), axis=0)
     b = structure.contact
     force = ((contact["sigma_n"] * b.weight)[:, None] * b.normal + (contact["sigma_t"] * b.weight)[:, None] * b.tangent)
-    return {"load": load, "reaction": reaction, "contact": force.sum(axis=0)}
+    forces = {"load": load, "reaction": reaction, "contact": force.sum(axis=0)}
+    return forces, size + np.abs(force).sum(axis=0)
 
 
 class Writer:
@@ -106,10 +114,9 @@ class Writer:
         """Evaluate and record one step."""
         fields = self.operator.displacements(step.multipliers, step.weights)
         state = self.contact.evaluate(step, fields)
-        forces = resultants(self.operator, step, fields, state)
-        size = max(np.abs(value).max() for value in forces.values())
-        if size > 0:
-            self.balance = max(self.balance, float(np.abs(sum(forces.values())).max() / size))
+        forces, size = resultants(self.operator, step, fields, state)
+        if size.max() > 0:
+            self.balance = max(self.balance, float(np.abs(sum(forces.values())).max() / size.max()))
         largest = max((float(np.linalg.norm(u.reshape(-1, 2), axis=1).max()) for u in fields), default=0.0)
         largest = max(self.operator.comm.allgather(largest))
         self.dissipated += float(-(state["sigma_t"] * state["slip"] * self.contact.boundary.weight).sum())

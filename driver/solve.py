@@ -58,6 +58,7 @@ def run(directory: Path, request: dict, comm) -> tuple[int, str]:
 def _run(directory: Path, request: dict, comm) -> tuple[int, str]:
     from . import quasistatic, substructuring
     from .fetidp import DualOperator
+    from .friction import SlipLaw
     from .results import Writer
 
     clock, seconds = time.perf_counter(), dict(request["seconds"])
@@ -77,7 +78,8 @@ def _run(directory: Path, request: dict, comm) -> tuple[int, str]:
     amplitudes = np.array([[manifest.amplitude(k, i) for k in range(len(manifest.patterns))]
                            for i in range(manifest.steps + 1)])
     settings = quasistatic.Settings(**request["settings"])
-    solver = quasistatic.QuasistaticSolver(operator, manifest.effects, amplitudes, times, settings)
+    law = SlipLaw(**manifest.slip_law) if manifest.slip_law else None
+    solver = quasistatic.QuasistaticSolver(operator, manifest.effects, amplitudes, times, settings, law)
     lap("setup")
     writer = Writer(directory, manifest, operator, solver, request["fields"]) if request["output"] else None
     progress = Progress(manifest.steps, request["scene"], request["quiet"] or comm.rank > 0)
