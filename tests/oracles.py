@@ -66,3 +66,154 @@ def _assert_kkt(A, b, lower, upper, x, scale):
     g = np.where(x == upper, np.where(x == lower, 0, np.maximum(A @ x - b, 0)), g)
     size = ((np.abs(A) @ np.abs(x) + np.abs(b)) / scale).max()
     assert np.all(np.abs(g) / scale <= 1e-11 * size), (np.abs(g) / scale / size).max()
+
+
+# ------------------------------------------------------------------- the assembled (untorn) problem
+
+class Assembled:
+    """The untorn body: stiffness by vertex number, its supports, and the compliance of its contact nodes.
+
+    Knows nothing of corners, gluing or dual rows. Free dofs only; dof 2 gid + component.
+    """
+
+    def __init__(self, manifest, subdomains):
+        from scipy.sparse import coo_matrix
+        from scipy.sparse.linalg import splu
+
+        size = 2 * manifest.vertices
+        keys = [2 * sub.vertex_gid[sub.dof_vertex] + sub.dof_component for sub in subdomains]
+        self.K = sum(coo_matrix((sub.values, (k[sub.rows], k[sub.columns])), shape=(size, size)).tocsc()
+                     for sub, k in zip(subdomains, keys))
+        self.loads = np.zeros((len(manifest.patterns), size))
+        self.held = np.zeros_like(self.loads)
+        used, free = np.zeros(size, bool), np.ones(size, bool)
+        for sub, k in zip(subdomains, keys):
+            used[k] = True
+            free[k[sub.fixed]] = False
+            self.held[:, k[sub.fixed]] = sub.fixed_values
+            for total, load in zip(self.loads, sub.loads):
+                np.add.at(total, k, load)
+        self.free = np.flatnonzero(free & used)
+        self._factor = splu(self.K[self.free][:, self.free].tocsc())
+        self._collect_contact(subdomains)
+
+    def _collect_contact(self, subdomains):
+        parts = {}
+        for sub in subdomains:
+            if sub.contact is None:
+                continue
+            c = sub.contact
+            for vertex, label, w, n, gap, F in zip(c.vertex, c.label, c.weight, c.normal, c.gap, c.friction):
+                key = (int(label), int(sub.vertex_gid[vertex]))
+                parts.setdefault(key, []).append((w, *(w * n), w * gap, w * F, *sub.xy[vertex]))
+        free = set(self.free.tolist())
+        kept = [(key, np.array(p)) for key, p in parts.items() if free & {2 * key[1], 2 * key[1] + 1}]
+        kept.sort(key=lambda pair: (pair[0][0], *pair[1][0, 5:]))  # label, then x: the model's order along the arc
+        self.gid = np.array([key[1] for key, _ in kept], int)
+        total = np.array([p.sum(axis=0) for _, p in kept]).reshape(-1, 7)
+        self.weight, self.gap, self.friction = total[:, 0], total[:, 3] / total[:, 0], total[:, 4] / total[:, 0]
+        self.xy = np.array([p[0, 5:] for _, p in kept]).reshape(-1, 2)
+        self.normal = total[:, 1:3] / np.linalg.norm(total[:, 1:3], axis=1)[:, None]
+        self.tangent = np.column_stack([-self.normal[:, 1], self.normal[:, 0]])
+
+    def solve(self, weights, forces=None):
+        """Displacements (2 vertices,) under sum_k weights_k pattern_k plus nodal `forces`."""
+        u = np.asarray(weights) @ self.held
+        right = np.asarray(weights) @ self.loads + (0 if forces is None else forces) - self.K @ u
+        u[self.free] = self._factor.solve(right[self.free])
+        return u
+
+    @property
+    def B(self):
+        """(2 n_c, 2 vertices): n.u of every contact node, then t.u; supports left out."""
+        n, rows = len(self.gid), np.arange(len(self.gid))
+        B = np.zeros((2 * n, self.K.shape[0]))
+        for c in (0, 1):
+            B[rows, 2 * self.gid + c] = self.normal[:, c]
+            B[n + rows, 2 * self.gid + c] = self.tangent[:, c]
+        kept = np.zeros(B.shape[1], bool)
+        kept[self.free] = True
+        return B * kept
+
+    def compliance(self):
+        """C (2 n_c, 2 n_c): displacements n.u, t.u of the contact nodes under unit nodal forces there."""
+        B = self.B[:, self.free]
+        C = B @ self._factor.solve(np.ascontiguousarray(B.T))
+        return (C + C.T) / 2
+
+
+# -------------------------------------------------------- quasistatic contact with Coulomb friction
+
+def warm_box_qp(A, b, lower, upper, guess):
+    """box_qp with a guessed solution: tries primal-dual active set steps, falls back on box_qp.
+
+    The active set step may cycle, so its answer is returned only when it passes the KKT check.
+    """
+    at = np.where(guess <= lower, -1, np.where(guess >= upper, 1, 0))
+    at[lower == upper] = -1
+    scale = np.sqrt(np.diag(A))
+    for _ in range(40):
+        x = np.where(at < 0, lower, np.where(at > 0, upper, 0.0))
+        F, rest = np.flatnonzero(at == 0), np.flatnonzero(at)
+        x[F] = np.linalg.solve(A[np.ix_(F, F)], b[F] - A[np.ix_(F, rest)] @ x[rest])
+        g = A @ x - b
+        new = np.where((at == 0) & (x < lower), -1, np.where((at == 0) & (x > upper), 1, at))
+        new[((at < 0) & (g < 0)) | ((at > 0) & (g > 0))] = 0
+        new[lower == upper] = -1
+        if np.array_equal(new, at):
+            _assert_kkt(A, b, lower, upper, x, scale)
+            return x
+        at = new
+    return box_qp(A, b, lower, upper)
+
+
+def coulomb_step(C, d, friction, start):
+    """Multipliers (normal, then tangential) of one time step with local Coulomb friction.
+
+    Successive approximations of the friction bound to rounding around dense QPs; checks the conditions of
+    contact and friction of the answer. AssertionError if the iteration does not settle.
+    """
+    n = len(friction)
+    x = start
+    for _ in range(300):
+        g = friction * x[:n]
+        new = warm_box_qp(C, d, np.concatenate([np.zeros(n), -g]), np.concatenate([np.full(n, np.inf), g]), x)
+        change = np.abs(new[:n] - x[:n]).max()
+        x = new
+        if change <= 1e-13 * np.abs(x[:n]).max():
+            break
+    else:
+        raise AssertionError("the oracle's fixed point does not settle")
+    _assert_coulomb(C, d, friction, x)
+    return x
+
+
+def _assert_coulomb(C, d, friction, x):
+    """Signorini's and Coulomb's conditions at every node, to rounding of the dense solves."""
+    n, move = len(friction), d - C @ x
+    size, force = 1e-10 * np.abs(d).max(), np.abs(x).max()
+    bound = friction * x[:n]
+    assert x[:n].min() >= 0 and move[:n].max() <= size
+    assert np.all(np.abs(move[:n])[x[:n] > 0] <= size)
+    assert np.all(np.abs(x[n:]) <= bound + 1e-10 * force)
+    assert np.all(np.abs(move[n:])[np.abs(x[n:]) < bound - 1e-10 * force] <= size)
+    assert np.all(x[n:] * move[n:] >= -size * force)
+
+
+def coulomb_history(body: Assembled, amplitudes):
+    """Tractions and displacements of the contact nodes, dict of (steps, n_c): u_n, u_t, sigma_n, sigma_t.
+
+    `amplitudes` (steps + 1, patterns). Stick refers to the tangential displacement of the step before.
+    """
+    C, B, n = body.compliance(), body.B, len(body.gid)
+    unit = np.array([B @ body.solve(w) for w in np.eye(len(body.loads))])
+    found = {name: [] for name in ("u_n", "u_t", "sigma_n", "sigma_t")}
+    x, u_t = np.zeros(2 * n), np.zeros(n)
+    for weights in amplitudes[1:]:
+        loaded = weights @ unit
+        x = coulomb_step(C, loaded - np.concatenate([body.gap, u_t]), body.friction, x)
+        moved = loaded - C @ x
+        u_t = moved[n:]
+        for name, value in zip(found, (moved[:n], u_t, -x[:n] / body.weight, -x[n:] / body.weight)):
+            found[name].append(value)
+    return {name: np.array(value) for name, value in found.items()}

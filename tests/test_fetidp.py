@@ -1,0 +1,433 @@
+"""The identities FETI-DP carries within itself, and its answers against the assembled problem."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from oracles import Assembled
+
+from driver import environment, fetidp
+from driver.errors import NoSolution
+from driver.fetidp import DirichletPreconditioner, DualOperator
+from driver.substructuring import GLUING, NORMAL, TANGENTIAL
+
+EPS = np.finfo(float).eps
+PARTITIONS = ["4x2", "3x3", "7"]  # two structured ones and a graph partition
+
+
+@pytest.fixture(params=PARTITIONS)
+def problem(request, built):
+    return built(cells=4, subdomains=request.param)
+
+
+def keys(problem):
+    """Of every subdomain the body's dof number 2 gid + component of every local dof."""
+    return [2 * sub.vertex_gid[sub.dof_vertex] + sub.dof_component for sub in problem.subdomains]
+
+
+def local_B(rows, dofs):
+    """(m, dofs) unsigned rows of one subdomain."""
+    B = np.zeros((len(rows.row), dofs))
+    np.add.at(B, (np.arange(len(rows.row))[:, None], rows.dof), rows.coefficient)
+    return B
+
+
+def spread(problem, weight):
+    """(dual dofs, stacked local dofs) matrix with the local rows weighted by rows.<weight>."""
+    parts = []
+    for sub, rows in zip(problem.subdomains, problem.structure.rows):
+        part = np.zeros((problem.structure.dual_dofs, sub.dofs))
+        part[rows.row] = getattr(rows, weight)[:, None] * local_B(rows, sub.dofs)
+        parts.append(part)
+    return np.hstack(parts)
+
+
+def free_field(problem, rng):
+    """A random displacement of the untorn body that respects the supports, on the stacked local dofs."""
+    w = rng.standard_normal(2 * problem.manifest.vertices)
+    for key, fixed in zip(keys(problem), problem.structure.fixed):
+        w[key[fixed]] = 0
+    return w[np.concatenate(keys(problem))]
+
+
+# ------------------------------------------------------------------------------ numbering
+
+def test_every_row_is_numbered_once(problem):
+    """Each number is used; a gluing row by two subdomains with opposite signs, at the same dof of the body."""
+    s = problem.structure
+    seen = [[] for _ in range(s.dual_dofs)]
+    for index, (key, rows) in enumerate(zip(keys(problem), s.rows)):
+        assert len(np.unique(rows.row)) == len(rows.row)
+        for k, row in enumerate(rows.row):
+            seen[row].append((index, rows.sign[k], key[rows.dof[k, 0]]))
+    for row, uses in enumerate(seen):
+        if s.row_kind[row] == GLUING:
+            (i, a, key_i), (j, b, key_j) = uses
+            assert i < j and (a, b) == (1, -1) and key_i == key_j
+        else:
+            assert [sign for _, sign, _ in uses] == [1] + [0] * (len(uses) - 1)
+
+
+def test_rows_are_owned_in_the_order_of_subdomains(problem):
+    s = problem.structure
+    lowest = np.full(s.dual_dofs, len(problem.subdomains))
+    for index, rows in enumerate(s.rows):
+        lowest[rows.row] = np.minimum(lowest[rows.row], index)
+    assert np.all(np.diff(lowest) >= 0)
+    assert s.row_range == (0, s.dual_dofs)
+    np.testing.assert_array_equal(s.row_starts, np.searchsorted(lowest, np.arange(len(problem.subdomains))))
+
+
+def test_coarse_numbers_round_trip(problem):
+    """The same corner dof of the body has one number in all its subdomains, and every number is used."""
+    s, of_key = problem.structure, {}
+    for key, dofs, number in zip(keys(problem), s.corner_dofs, s.corner_global):
+        for k, n in zip(key[dofs], number):
+            assert of_key.setdefault(k, n) == n
+    assert sorted(of_key.values()) == list(range(s.coarse_dofs))
+
+
+def test_dofs_are_torn_corner_or_fixed(problem):
+    for c in problem.operator.classes:
+        for member in c.members:
+            fixed = problem.structure.fixed[member]
+            everything = np.concatenate([c.torn, c.corner, fixed])
+            assert sorted(everything) == list(range(problem.subdomains[member].dofs))
+
+
+def test_contact_rows_point_back_to_their_nodes(problem):
+    s, c = problem.structure, problem.structure.contact
+    for kind, numbers, direction in ((NORMAL, c.normal_row, c.normal), (TANGENTIAL, c.tangential_row, c.tangent)):
+        assert sorted(numbers) == np.flatnonzero(s.row_kind == kind).tolist()
+        for sub, rows in zip(problem.subdomains, s.rows):
+            for k in np.flatnonzero(np.isin(rows.row, numbers)):
+                node = int(np.flatnonzero(numbers == rows.row[k])[0])
+                assert sub.vertex_gid[rows.dof[k] // 2].tolist() == [c.gid[node]] * 2
+                np.testing.assert_allclose(rows.coefficient[k], direction[node], atol=1e-15)
+
+
+def test_gather_and_assemble_are_transposed(problem):
+    """Sending a dual vector to the subdomains and adding it up counts every row's subdomains."""
+    op, s = problem.operator, problem.structure
+    uses = np.bincount(np.concatenate([rows.row for rows in s.rows]), minlength=s.dual_dofs)
+    x = np.arange(1.0, s.dual_dofs + 1)
+    assert np.array_equal(op._assemble(op._gather(x).copy()), uses * x)  # small whole numbers: exact
+
+
+@pytest.mark.parametrize("subdomains, primal, dual", [("4x2", 1936, 260), ("8x4", 7744, 1096), ("16x8", 30976, 4496)])
+def test_sizes_of_the_slides(built, subdomains, primal, dual):
+    s = built(reduce=False, subdomains=subdomains).structure
+    assert (s.primal_dofs, s.dual_dofs) == (primal, dual)
+
+
+# ------------------------------------------------------------------- tearing and gluing identities
+
+def test_continuous_fields_have_no_jump(problem):
+    w = free_field(problem, np.random.default_rng(0))
+    B = spread(problem, "sign")[problem.structure.row_kind == GLUING]
+    assert np.all(B @ w == 0)  # a difference of two equal numbers
+
+
+def test_contact_rows_read_normal_and_tangential_displacement(problem):
+    """n.u and t.u of a continuous field, once per node however many subdomains share it (corners included)."""
+    w, c = free_field(problem, np.random.default_rng(0)), problem.structure.contact
+    read = spread(problem, "sign") @ w
+    u = np.zeros(2 * problem.manifest.vertices)
+    u[np.concatenate(keys(problem))] = w
+    u = u.reshape(-1, 2)[c.gid]
+    np.testing.assert_allclose(read[c.normal_row], (u * c.normal).sum(axis=1), atol=4 * EPS * np.abs(u).max())
+    np.testing.assert_allclose(read[c.tangential_row], (u * c.tangent).sum(axis=1), atol=4 * EPS * np.abs(u).max())
+
+
+def average(problem, w):
+    """E_D w: mean over the subdomains that share a dof; the identity on fields without jumps."""
+    key = np.concatenate(keys(problem))
+    count = np.bincount(key, minlength=2 * problem.manifest.vertices)
+    return (np.bincount(key, w, minlength=len(count)) / np.maximum(count, 1))[key]
+
+
+def torn_field(problem, rng):
+    """A random field of X: continuous at the corners, zero at the supports, torn elsewhere."""
+    w = rng.standard_normal(sum(sub.dofs for sub in problem.subdomains))
+    whole, at = free_field(problem, rng), 0
+    for sub, corner, fixed in zip(problem.subdomains, problem.structure.corner_dofs, problem.structure.fixed):
+        w[at + corner], w[at + fixed] = whole[at + corner], 0
+        at += sub.dofs
+    return w
+
+
+def test_average_and_jump_add_up_to_the_identity(problem):
+    """E_D + P_D = I on fields with common corners, P_D = B_D' B: weights and gluing rows fit together."""
+    gluing = problem.structure.row_kind == GLUING
+    B, B_D = (spread(problem, name)[gluing] for name in ("sign", "scaling"))
+    w = torn_field(problem, np.random.default_rng(1))
+    jump = B_D.T @ (B @ w)
+    assert np.abs(jump).max() > 0.1  # the field is torn
+    np.testing.assert_allclose(average(problem, w) + jump, w, atol=8 * EPS)
+    np.testing.assert_allclose(average(problem, jump), 0, atol=8 * EPS)  # R_D' P_D = 0
+    np.testing.assert_allclose(B_D.T @ (B @ jump), jump, atol=8 * EPS)  # a projection
+
+
+def test_scaled_jump_is_a_right_inverse(problem):
+    gluing = problem.structure.row_kind == GLUING
+    B, B_D = (spread(problem, name)[gluing] for name in ("sign", "scaling"))
+    assert np.array_equal(B @ B_D.T, np.eye(gluing.sum()))  # halves and ones: exact
+
+
+# ------------------------------------------------------------------------ the dual operator
+
+def condensed(problem):
+    """Contact part of F after elimination of the gluing multipliers, and the load's part likewise."""
+    s, F = problem.structure, problem.F
+    order = np.concatenate([s.contact.normal_row, s.contact.tangential_row])
+    d = problem.operator.load_response(np.ones(s.patterns))
+    gluing = s.row_kind == GLUING
+    if not gluing.any():
+        return F[np.ix_(order, order)], d[order]
+    inner = np.linalg.solve(F[np.ix_(gluing, gluing)], np.column_stack([F[np.ix_(gluing, order)], d[gluing]]))
+    across = F[np.ix_(order, gluing)]
+    return F[np.ix_(order, order)] - across @ inner[:, :-1], d[order] - across @ inner[:, -1]
+
+
+def check_compliance(problem):
+    """F and d condensed onto the contact nodes are those of the assembled body.
+
+    Rounding: eps times the condition of the stiffness (of order (2/h)^2 times 10, so below 1e5 for these
+    meshes) and of the gluing block (below 1e2) would allow 1e-9; 1e-10 leaves no room for a modelling error.
+    """
+    body = Assembled(problem.manifest, problem.subdomains)
+    assert body.gid.tolist() == problem.structure.contact.gid.tolist()
+    C, unit = body.compliance(), body.B @ body.solve(np.ones(len(body.loads)))
+    found, d = condensed(problem)
+    assert np.abs(found - C).max() <= 1e-10 * np.abs(C).max()
+    assert np.abs(d - unit).max() <= 1e-10 * np.abs(unit).max()
+
+
+def test_dual_operator_is_symmetric_positive_definite(problem):
+    F = problem.F
+    # the product with S_cc^-1 is not symmetric to the last bit: eps times the coarse problem's condition
+    assert np.abs(F - F.T).max() <= 1e-12 * np.abs(F).max()
+    values = np.linalg.eigvalsh((F + F.T) / 2)
+    assert values[0] > 1e-6 * values[-1]  # a dependent row would give 1e-16; conditions here are 1e3 to 1e4
+
+
+def test_products_are_counted(problem):
+    before = problem.operator.products
+    problem.operator.apply(np.ones(problem.structure.dual_dofs))
+    assert problem.operator.products == before + 1
+
+
+def test_apply_does_not_change_its_argument(problem):
+    x = np.random.default_rng(0).standard_normal(problem.structure.dual_dofs)
+    kept = x.copy()
+    first = problem.operator.apply(x)
+    second = first.copy()
+    problem.operator.apply(2 * x)
+    assert np.array_equal(x, kept) and np.array_equal(first, second)
+
+
+def test_condensed_operator_is_the_compliance_of_the_body(problem):
+    check_compliance(problem)
+
+
+def test_condensed_operator_at_the_size_of_the_slides(built):
+    check_compliance(built())
+
+
+ANNULUS = """
+border outer0(t=0, 4) { x=t; y=0; label=1; }
+border outer1(t=0, 1.5) { x=4; y=t; label=2; }
+border outer2(t=4, 0) { x=t; y=1.5; label=3; }
+border outer3(t=1.5, 0) { x=0; y=t; label=4; }
+border hole(t=0, 2*pi) { x=2 + 0.4*cos(t); y=0.75 + 0.4*sin(t); label=5; }
+body = buildmesh(outer0(20) + outer1(8) + outer2(20) + outer3(8) + hole(-12));
+"""
+
+
+@pytest.mark.parametrize("subdomains", ["1x1", "3x1", "1x3", "5x3", "2", "9"])
+def test_body_with_a_hole(built, variant, subdomains):
+    """Unstructured mesh; subdomains around the hole, in two pieces (1x3) or meeting a neighbour twice (2x1)."""
+    scene = variant("hole", ("rectangle(0., 2., 0., 1.);", ANNULUS))
+    check_compliance(built(scene, subdomains=subdomains))
+
+
+@pytest.mark.parametrize("young", ["(x < 0.9 ? E : 10*E)", "E*(1 + 1e-8*x)", "E*(1 + x*y)"])
+def test_subdomains_of_different_material_share_nothing(built, variant, young):
+    """Classes are formed by matrices, not by shape: also a difference in the eighth digit must count."""
+    scene = variant(f"young{len(young)}", ("macro young() E //", f"macro young() {young} //"))
+    problem = built(scene, cells=3)
+    check_compliance(problem)
+    for c in problem.operator.classes:
+        model = problem.subdomains[c.members[0]].values
+        for member in c.members:
+            assert np.abs(problem.subdomains[member].values - model).max() <= 1e-11 * np.abs(model).max()
+
+
+def test_sharing_classes_changes_nothing(built, monkeypatch):
+    shared = built()
+    assert len(shared.operator.classes) < len(shared.subdomains)
+    monkeypatch.setattr(fetidp, "_fingerprint", lambda structure, s: str(s).encode())
+    alone = DualOperator(shared.structure, MPI.COMM_SELF)
+    assert len(alone.classes) == len(shared.subdomains)
+    x = np.random.default_rng(3).standard_normal(alone.owned)
+    # equal subdomains differ in the last bits of K: eps times the condition of K_rr (1e3 for 10x10 cells)
+    for one, other in zip((alone.apply(x), alone.load_response(np.ones(1))),
+                          (shared.operator.apply(x), shared.operator.load_response(np.ones(1)))):
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-12 * np.abs(other).max())
+
+
+# ------------------------------------------------------------------------------ corners
+
+@pytest.mark.parametrize("subdomains", ["1x2", "5x1", "2x6", "2", "3", "5", "6", "8", "11", "13", "17", "23", "30"])
+def test_torn_subdomains_are_held(built, subdomains):
+    """K_rr of every subdomain is positive definite: corners and supports leave no rigid motion or hinge."""
+    problem = built(cells=4, subdomains=subdomains)
+    s = problem.structure
+    for sub, fixed, corner in zip(problem.subdomains, s.fixed, s.corner_dofs):
+        K = np.zeros((sub.dofs, sub.dofs))
+        np.add.at(K, (sub.rows, sub.columns), sub.values)
+        kept = np.setdiff1d(np.arange(sub.dofs), np.concatenate([fixed, corner]))
+        values = np.linalg.eigvalsh(K[np.ix_(kept, kept)])
+        # a motion would give rounding, 1e-16; a piece hung up on two corners a mesh width apart gives 1e-4
+        assert values[0] > 1e-6 * values[-1], sub.index
+    check_compliance(problem)
+
+
+def test_structured_corners_are_the_subdomain_vertices(built):
+    s = built().structure
+    found = {tuple(sub.xy[v]) for sub, dofs in zip(s.subdomains, s.corner_dofs) for v in dofs // 2}
+    assert found == {(x, y) for x in (0.5, 1, 1.5, 2) for y in (0, 0.5, 1)}
+
+
+# ------------------------------------------------------------------- Dirichlet preconditioner
+
+def gluing_condition(problem):
+    """Condition number of the preconditioned gluing block M F."""
+    operator, gluing = problem.operator, problem.structure.row_kind == GLUING
+    columns = np.eye(problem.structure.dual_dofs)[gluing]
+    F = np.array([operator.apply(e)[gluing] for e in columns])
+    M = DirichletPreconditioner(operator)
+    M = np.array([M(e, gluing)[gluing] for e in columns])
+    assert np.abs(M - M.T).max() <= 1e-10 * np.abs(M).max()  # pinv costs eps times the condition of F_i, 1e4
+    L = np.linalg.cholesky((M + M.T) / 2)  # fails unless positive definite
+    values = np.linalg.eigvalsh(L.T @ ((F + F.T) / 2) @ L)
+    return values[-1] / values[0]
+
+
+def test_dirichlet_preconditioner_is_good_and_scalable(built):
+    """4.7 to 5.0 were measured for 10x10 cells (algorithms.md), and no growth with the number of subdomains."""
+    small, large = (gluing_condition(built(subdomains=n)) for n in ("4x2", "8x4"))
+    assert small < 6 and large < 6
+    assert abs(large / small - 1) < 0.15
+
+
+def test_preconditioner_respects_the_face(problem):
+    """Zero outside the free set, and symmetric on it: MPRGP needs both in every face."""
+    rng = np.random.default_rng(5)
+    free = (problem.structure.row_kind == GLUING) | (rng.random(problem.structure.dual_dofs) < 0.5)
+    M = DirichletPreconditioner(problem.operator)
+    x, y = rng.standard_normal((2, len(free)))
+    Mx, My = M(x, free).copy(), M(y, free).copy()
+    assert not Mx[~free].any()
+    assert np.array_equal(Mx, M(np.where(free, x, 0), free))
+    # eps times the condition of the local F_i (1e4) times the cancellation of a random product (1e2)
+    assert abs(Mx @ y - My @ x) <= 1e-9 * np.linalg.norm(Mx) * np.linalg.norm(y)
+    assert Mx @ x > 0
+
+
+# ------------------------------------------------------------------- linear problems and supports
+
+NO_CONTACT = (("macro contact() 1 //\n", ""), ("macro friction() F //\n", ""))
+
+
+def check_linear(problem):
+    """Without contact the displacements are those of the assembled body.
+
+    Both solves round with eps times a condition of the stiffness below 1e5: 1e-10 relative is safe.
+    """
+    assert not np.any(problem.structure.row_kind != GLUING)
+    weights = np.ones(problem.structure.patterns)
+    d = problem.operator.load_response(weights)
+    lam = np.linalg.solve(problem.F, d) if len(d) else d
+    u = Assembled(problem.manifest, problem.subdomains).solve(weights)
+    for key, found in zip(keys(problem), problem.operator.displacements(lam, weights)):
+        assert np.abs(found - u[key]).max() <= 1e-10 * np.abs(u).max()
+
+
+@pytest.mark.parametrize("subdomains", ["4x2", "2x1", "1x1", "9", "1"])
+def test_linear_problem_equals_a_direct_solve(built, variant, subdomains):
+    check_linear(built(variant("linear", *NO_CONTACT), cells=5, subdomains=subdomains))
+
+
+@pytest.mark.parametrize("subdomains", ["4x2", "2x2", "1x1", "6"])
+def test_prescribed_displacement_equals_a_direct_solve(built, variant, subdomains):
+    pushed = variant("pushed", *NO_CONTACT, ('include "export.idp"', "macro displacement1() on(2, u1 = 1e-3, u2 = 2e-3*y) //\n"
+                                             'include "export.idp"'))
+    check_linear(built(pushed, cells=5, subdomains=subdomains))
+
+
+@pytest.mark.parametrize("subdomains", ["4x2", "1x1", "5"])
+@pytest.mark.parametrize("name, support", [
+    ("loose", ""),  # three rigid motions
+    ("rolling", "macro support() on(4, u1 = 0.) //\n"),  # slides along y
+    ("sliding", "macro support() on(1, u2 = 0.) //\n")])  # slides along x
+def test_body_that_can_move_is_refused(built, variant, subdomains, name, support):
+    """Contact alone holds nothing: F would be singular or, with rounding, anything at all."""
+    scene = variant(name, ("macro support() on(4, u1 = 0., u2 = 0.) //\n", support), *NO_CONTACT)
+    with pytest.raises(NoSolution) as found:
+        built(scene, cells=4, subdomains=subdomains)
+    assert "support" in str(found.value)
+
+
+def test_mechanism_ends_the_run_with_a_reason(solved, variant):
+    scene = variant("loose_contact", ("macro support() on(4, u1 = 0., u2 = 0.) //\n", ""))
+    run = solved(scene, cells=4)
+    assert run.status == 3 and "support" in run.reason
+
+
+# ------------------------------------------------------------------------------ ranks
+
+SCRIPT = """
+import hashlib, sys
+from driver import environment
+environment.single_threaded(); environment.prepare_petsc()
+import petsc4py; petsc4py.init([])
+import numpy as np
+from mpi4py import MPI
+from pathlib import Path
+from driver.loader import read_manifest, read_subdomains
+from driver import fetidp, substructuring
+comm = MPI.COMM_WORLD
+for directory in sys.argv[1:]:
+    manifest = read_manifest(Path(directory))
+    first, last = substructuring.partition(manifest.subdomains, comm)
+    structure = substructuring.build(manifest, read_subdomains(manifest, first, last, comm), first, comm)
+    op = fetidp.DualOperator(structure, comm)
+    mine = slice(*structure.row_range)
+    x = np.random.default_rng(7).standard_normal(structure.dual_dofs)[mine]
+    free = np.random.default_rng(8).random(structure.dual_dofs)[mine] < 0.7
+    y = op.apply(x).copy()
+    found = [y, op.load_response(np.ones(structure.patterns)), fetidp.DirichletPreconditioner(op)(x, free),
+             np.array([op.dot(x, y), op.dot(x, x)]) if comm.rank == 0 else (op.dot(x, y), op.dot(x, x))[:0]]
+    found = [np.concatenate(comm.gather(np.asarray(part, float)) or [[]]) for part in found]
+    if comm.rank == 0:
+        print(*(hashlib.sha1(part.tobytes()).hexdigest()[:12] for part in found))
+"""
+
+
+def test_any_split_gives_the_same_bits(exported, tmp_path):
+    """Products, loads, preconditioner and scalar products: sums are taken in an order the ranks do not change."""
+    script = tmp_path / "split.py"
+    script.write_text(SCRIPT)
+    cases = [exported(), exported(subdomains="7", cells=4), exported(subdomains="2x1", cells=4)]
+    answers = {}
+    for ranks in (1, 2, 3):  # 3 ranks on 2 subdomains: one has none
+        env = {**environment.child_environment(), "PYTHONPATH": str(environment.ROOT)}
+        done = subprocess.run([*environment.mpirun(ranks), sys.executable, script, *cases], env=env, text=True,
+                              capture_output=True, timeout=120)
+        assert done.returncode == 0, done.stderr[-2000:]
+        answers[ranks] = done.stdout
+    assert len(answers[1].split()) == 12
+    assert answers[1] == answers[2] == answers[3]

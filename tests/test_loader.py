@@ -1,0 +1,393 @@
+"""What FreeFEM exports is what it assembled, and a spoiled export is refused with a reason."""
+
+import json
+from dataclasses import MISSING
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from driver import freefem
+from driver.errors import InputError
+from driver.loader import Manifest, read_manifest, read_subdomains
+
+YOUNG, POISSON = 21.19e10, 0.277
+# arrays of a record of the model example, in the order of export.idp
+(HEAD, GID, X, Y, TRIANGLES, REGION, EDGES, LAMBDA, MU, DOF_COORDINATE, IS_X, ROWS, COLUMNS, VALUES, LOAD, FIXED,
+ CONTACT) = range(17)
+
+
+# ------------------------------------------------------------------------------ a sound export
+
+@pytest.fixture(scope="module")
+def model(built):
+    return built(reduce=False, cells=4)
+
+
+def dense(sub):
+    K = np.zeros((sub.dofs, sub.dofs))
+    np.add.at(K, (sub.rows, sub.columns), sub.values)
+    return K
+
+
+def test_stiffness_is_symmetric(model):
+    for sub in model.subdomains:
+        K = dense(sub)
+        # entries are sums of up to 6 element contributions, in two different orders at worst
+        assert np.abs(K - K.T).max() <= 1e-14 * np.abs(K).max()
+
+
+def test_rigid_body_motions_cost_nothing(model):
+    """Pure Neumann matrix: no support and no penalty may have been assembled into it."""
+    for sub in model.subdomains:
+        x, y = sub.xy.T
+        for motion in (np.column_stack([1 + 0 * x, 0 * x]), np.column_stack([0 * x, 1 + 0 * x]), np.column_stack([-y, x])):
+            force = dense(sub) @ motion.ravel()
+            # at most 14 products a row, each rounded
+            assert np.abs(force).max() <= 1e-13 * np.abs(sub.values).max() * np.abs(motion).max()
+
+
+def p1_stiffness(sub):
+    """Dense plane strain stiffness from the mesh and Young's modulus and Poisson's ratio alone."""
+    lam, mu = YOUNG * POISSON / ((1 + POISSON) * (1 - 2 * POISSON)), YOUNG / (2 * (1 + POISSON))
+    C = np.array([[lam + 2 * mu, lam, 0], [lam, lam + 2 * mu, 0], [0, 0, mu]])
+    K = np.zeros((sub.dofs, sub.dofs))
+    for triangle in sub.triangles:
+        place = np.column_stack([np.ones(3), sub.xy[triangle]])
+        gx, gy = np.linalg.inv(place)[1:]
+        strain = np.zeros((3, 6))
+        strain[0, 0::2], strain[1, 1::2], strain[2, 0::2], strain[2, 1::2] = gx, gy, gy, gx
+        dof = (2 * triangle[:, None] + [0, 1]).ravel()
+        K[np.ix_(dof, dof)] += 0.5 * abs(np.linalg.det(place)) * strain.T @ C @ strain
+    return K
+
+
+@pytest.mark.parametrize("subdomains", ["4x2", "5"])
+def test_stiffness_equals_an_independent_assembly(built, subdomains):
+    for sub in built(reduce=False, cells=4, subdomains=subdomains).subdomains:
+        K = p1_stiffness(sub)
+        # inverting 3x3 matrices of condition < 1e3 (cells of size 1/8) costs three digits
+        assert np.abs(dense(sub) - K).max() <= 1e-12 * np.abs(K).max()
+
+
+def test_loads_are_the_integrals_of_the_tractions(model):
+    """Resultant of -1e8 on the top (length 2) and of (3e7, 5e7) on the right side (length 1)."""
+    total = sum(np.array([sub.loads[0, 0::2].sum(), sub.loads[0, 1::2].sum()]) for sub in model.subdomains)
+    np.testing.assert_allclose(total, [3e7, 5e7 - 2e8], rtol=1e-13)  # sums of some hundred roundings
+
+
+def test_supports_and_contact_are_where_the_scene_says(model):
+    for sub in model.subdomains:
+        left = np.flatnonzero(sub.xy[:, 0] == 0)
+        assert sub.fixed.tolist() == (2 * left[:, None] + [0, 1]).ravel().tolist()
+        bottom = np.flatnonzero(sub.xy[:, 1] == 0)
+        c = sub.contact
+        assert (c is None) == (len(bottom) == 0)
+        if c is not None:
+            assert sorted(c.vertex) == bottom.tolist()
+            np.testing.assert_allclose(c.normal, np.tile([0, -1], (len(bottom), 1)), atol=1e-15)
+            assert c.weight.sum() == pytest.approx(0.5, rel=1e-14)  # the segments add up to the side's length
+            assert np.all(c.gap == 0) and np.allclose(c.friction, 0.3, rtol=1e-15)
+
+
+def test_export_is_exact_to_the_last_bit(model):
+    """The scene's lattice formula evaluated in double precision gives the very bits of the file."""
+    for sub in model.subdomains:
+        column, row = sub.vertex_gid % 17, sub.vertex_gid // 17
+        assert np.array_equal(sub.xy[:, 0], 0 + (2.0 - 0) * (column / 16))
+        assert np.array_equal(sub.xy[:, 1], 0 + (1.0 - 0) * (row / 8))
+
+
+@pytest.mark.parametrize("value", [0.1 + 0.2, 1 / 3, 0.3 * (1 + 2**-52), 1.2345678901234567e-8])
+def test_manifest_numbers_round_trip(exported, value):
+    found = read_manifest(exported(cells=2, subdomains="2x1", friction=repr(value)))
+    assert found.parameters["friction"] == value
+
+
+def test_amplitudes_are_those_of_the_slides(exported):
+    m = read_manifest(exported(cells=2, subdomains="2x1", loading="nonmonotone", steps=7))
+    expected = [-4 * (i / 7) ** 2 + 5 * (i / 7) for i in range(8)]
+    np.testing.assert_allclose(m.amplitudes["1"], expected, rtol=0, atol=4e-16 * 5)  # a few roundings of 5t
+    assert m.steps == 7 and m.t_end == 1
+
+
+def test_more_ranks_export_the_same_bytes(exported):
+    one, three = (exported(ranks=ranks, cells=2) for ranks in (1, 3))
+    blocks = [(three / f"block-{k}.bin").read_bytes() for k in range(3)]
+    assert b"".join(blocks) == (one / "block-0.bin").read_bytes()
+    assert read_manifest(three).blocks == 3
+
+
+# --------------------------------------------------------------------------- spoiled exports
+
+@pytest.fixture
+def small(exported, copied):
+    """A private copy of a tiny export: 2x1 subdomains of 2x2 cells."""
+    return copied(exported(cells=2, subdomains="2x1", steps=2))
+
+
+def arrays(directory):
+    """Records of block-0.bin, each a list of int64 arrays in file order."""
+    words = np.fromfile(directory / "block-0.bin", np.int64)
+    found, at = [], 0
+    while at < len(words):
+        found.append(words[at + 1 : at + 1 + words[at]].copy())
+        at += 1 + words[at]
+    starts = [k for k, a in enumerate(found) if k == 0 or k == starts_of_second(found)]
+    return [found[a:b] for a, b in zip(starts, [*starts[1:], len(found)])]
+
+
+def starts_of_second(found):
+    """Position of the second record: its head is the first later array of 9 words that starts with 1."""
+    return next(k for k, a in enumerate(found) if k >= CONTACT and len(a) == 9 and a[0] == 1 and a[1] == found[0][1])
+
+
+def write(directory, records):
+    words = [word for record in records for a in record for word in (np.array([len(a)]), a)]
+    np.concatenate(words).astype(np.int64).tofile(directory / "block-0.bin")
+
+
+def spoil(directory, array, change, record=0):
+    """Apply `change` to one array of a record, seen as what it holds."""
+    records = arrays(directory)
+    real = array in (X, Y, LAMBDA, MU, DOF_COORDINATE, IS_X, VALUES, LOAD) or array >= CONTACT + 2
+    change(records[record][array].view(np.float64 if real else np.int64))
+    write(directory, records)
+
+
+def refused(read, directory, *words):
+    with pytest.raises(InputError) as found:
+        read(directory, reduce=False)
+    message = str(found.value)
+    assert "\n" not in message
+    for word in words:
+        assert word in message, message
+
+
+def test_rewritten_export_is_accepted(small, read):
+    """The tests' own writer changes nothing by itself."""
+    before = (small / "block-0.bin").read_bytes()
+    write(small, arrays(small))
+    assert (small / "block-0.bin").read_bytes() == before
+    assert len(read(small, reduce=False).subdomains) == 2
+
+
+def test_truncated_anywhere(small, read):
+    whole = (small / "block-0.bin").read_bytes()
+    for size in [*range(0, len(whole), 8), *range(3, len(whole), 1001), len(whole) - 1]:
+        (small / "block-0.bin").write_bytes(whole[:size])
+        refused(read, small, "truncated")
+
+
+def test_longer_than_its_records(small, read):
+    with open(small / "block-0.bin", "ab") as file:
+        file.write(bytes(8))
+    refused(read, small, "after its last record")
+
+
+@pytest.mark.parametrize("array", [X, Y, LAMBDA, MU, DOF_COORDINATE, VALUES, LOAD, CONTACT + 2, CONTACT + 5])
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_not_finite(small, read, array, bad):
+    spoil(small, array, lambda a: a.__setitem__(len(a) // 2, bad), record=1)
+    refused(read, small, "not finite")
+
+
+def test_unsymmetric(small, read):
+    rows, columns = (arrays(small)[0][k] for k in (ROWS, COLUMNS))
+    entry = int(np.flatnonzero(rows != columns)[5])
+    spoil(small, VALUES, lambda a: a.__setitem__(entry, a[entry] + 1e-9 * np.abs(a).max()))
+    refused(read, small, "subdomain 0", "not symmetric")
+
+
+def test_unsymmetric_pattern(small, read):
+    def move(columns):
+        columns[np.flatnonzero(arrays(small)[0][ROWS] != columns)[0]] = 17
+
+    spoil(small, COLUMNS, move)
+    refused(read, small, "not symmetric")
+
+
+def test_swapped_records(small, read):
+    write(small, arrays(small)[::-1])
+    refused(read, small, "belongs to subdomain 1")
+
+
+def test_swapped_blocks(exported, copied, read):
+    directory = copied(exported(ranks=3, cells=2))
+    (directory / "block-0.bin").rename(directory / "other")
+    (directory / "block-2.bin").rename(directory / "block-0.bin")
+    (directory / "other").rename(directory / "block-2.bin")
+    with pytest.raises(InputError, match="subdomain"):
+        read(directory, reduce=False)
+
+
+def test_missing_block(exported, copied, read):
+    directory = copied(exported(ranks=3, cells=2))
+    (directory / "block-1.bin").unlink()
+    refused(read, directory, "block-1.bin", "missing")
+
+
+def test_wrong_count_of_any_array(small, read):
+    records = arrays(small)
+    position, words = 0, np.fromfile(small / "block-0.bin", np.int64)
+    for a in [a for record in records for a in record]:
+        for wrong in (-1, 1):
+            changed = words.copy()
+            changed[position] += wrong
+            changed.tofile(small / "block-0.bin")
+            with pytest.raises(InputError):
+                read(small, reduce=False)
+        position += 1 + len(a)
+
+
+@pytest.mark.parametrize("value", [-1, 2**40, np.float64(np.nan).view(np.int64), np.float64(1e300).view(np.int64)])
+def test_a_wild_word_anywhere_ends_in_no_traceback(small, read, value):
+    """Any word of the file overwritten: the export is refused by an InputError or read, nothing else."""
+    words = np.fromfile(small / "block-0.bin", np.int64)
+    accepted = 0
+    for at in range(len(words)):
+        changed = words.copy()
+        changed[at] = value
+        changed.tofile(small / "block-0.bin")
+        try:
+            read(small, reduce=False)
+            accepted += 1
+        except InputError:
+            pass
+        except Exception as problem:
+            raise AssertionError(f"word {at} set to {value}: {problem!r}") from problem
+    assert accepted < len(words) / 2
+
+
+# -------------------------------------------------------------------------------- interfaces
+
+def at(record, x, y):
+    """Local number of the vertex at (x, y)."""
+    return int(np.flatnonzero((record[X].view(float) == x) & (record[Y].view(float) == y))[0])
+
+
+@pytest.mark.parametrize("distance", [1e-3, 1e-9])
+def test_shared_vertex_moved(small, read, distance):
+    vertex = at(arrays(small)[0], 1, 0.5)
+    spoil(small, X, lambda a: a.__setitem__(vertex, a[vertex] + distance))
+    spoil(small, DOF_COORDINATE, lambda a: a.__setitem__(2 * vertex, a[2 * vertex] + distance))
+    refused(read, small, "do not conform")
+
+
+def test_vertex_moved_without_its_dofs(small, read):
+    vertex = at(arrays(small)[0], 1, 0.5)
+    spoil(small, X, lambda a: a.__setitem__(vertex, a[vertex] + 1e-3))
+    refused(read, small, "dof coordinates do not match")
+
+
+# body numbers of the 5 x 3 vertices: 0..4 at the bottom, 5..9, 10..14 at the top; 15 is used by none
+@pytest.mark.parametrize("x, y, new", [
+    (1, 0.5, 15), (1, 0, 15), (1, 1, 15),  # torn open
+    (1, 0.5, 8), (0.5, 1, 13), (0, 0, 4),  # tied to a vertex of the neighbour
+    (0.5, 0.5, 7), (0.5, 0.5, 2), (0.5, 0.5, 5), (0.5, 1, 12), (0, 0, 1)])  # a number twice in one subdomain
+def test_renumbered_vertex(small, read, x, y, new):
+    """One vertex of subdomain 0 gets another body number: refused, or dofs would be tied or held wrongly."""
+    edit(small, vertices=16)
+    here = at(arrays(small)[0], x, y)
+    spoil(small, GID, lambda a: a.__setitem__(here, new))
+    with pytest.raises(InputError):
+        read(small, reduce=False)
+
+
+@pytest.mark.parametrize("bad", [-1, 9, 2**40])
+def test_boundary_edge_of_no_vertex(small, read, bad):
+    """Edges carry the labels of contact and interfaces: one that joins no vertices is lost silently."""
+    spoil(small, EDGES, lambda a: a.__setitem__(3, bad))
+    with pytest.raises(InputError):
+        read(small, reduce=False)
+
+
+def test_swapped_interface_numbers(small, read):
+    """Two interface vertices exchange their numbers on one side: every edge may still find a partner."""
+    record = arrays(small)[0]
+    gid, top, middle = record[GID], at(record, 1, 1), at(record, 1, 0.5)
+    spoil(small, GID, lambda a: a.__setitem__([top, middle], gid[[middle, top]]))
+    refused(read, small, "do not conform")
+
+
+# -------------------------------------------------------------------------------- the manifest
+
+def edit(directory, **changes):
+    """Change entries of the manifest; None removes one."""
+    path = directory / "manifest.json"
+    raw = json.loads(path.read_text())
+    raw.update(changes)
+    path.write_text(json.dumps({k: v for k, v in raw.items() if v is not None}))
+
+
+def test_missing_manifest(small, read):
+    (small / "manifest.json").unlink()
+    refused(read, small, "manifest.json is missing")
+
+
+def test_truncated_manifest(small, read):
+    whole = (small / "manifest.json").read_text().rstrip()
+    for size in range(0, len(whole), 5):
+        (small / "manifest.json").write_text(whole[:size])
+        refused(read, small, "manifest.json is not readable")
+
+
+@pytest.mark.parametrize("text", ["[]", "3", "null", '"x"', "{}"])
+def test_manifest_that_is_no_manifest(small, read, text):
+    (small / "manifest.json").write_text(text)
+    refused(read, small, "lacks")
+
+
+NEEDED = [name for name, f in Manifest.__dataclass_fields__.items()
+          if name != "directory" and f.default is f.default_factory is MISSING]
+
+
+@pytest.mark.parametrize("name", NEEDED)
+def test_manifest_lacks_an_entry(small, read, name):
+    edit(small, **{name: None})
+    refused(read, small, "lacks", name)
+
+
+@pytest.mark.parametrize("name", ["subdomains", "blocks", "vertices", "steps", "effects", "patterns", "amplitudes",
+                                  "contact_labels"])
+@pytest.mark.parametrize("value", ["x", [3]])
+def test_manifest_entry_of_the_wrong_type(small, read, name, value):
+    edit(small, **{name: value})
+    with pytest.raises(InputError):
+        read(small, reduce=False)
+
+
+@pytest.mark.parametrize("changes, word", [
+    ({"steps": 3}, "3 steps"), ({"steps": 0}, "positive"), ({"subdomains": 3}, "truncated"),
+    ({"subdomains": 1}, "after its last record"), ({"blocks": 2}, "block"), ({"vertices": 9}, "vertex number"),
+    ({"amplitudes": {"1": [0, float("nan"), 1]}}, "not finite"), ({"amplitudes": {"1": [0, 1]}}, "2 values"),
+    ({"amplitudes": {}}, "amplitude 1"), ({"patterns": []}, "load patterns"), ({"contact_labels": [1, 77]}, "77"),
+    ({"material": "general"}, "count")])
+def test_manifest_that_does_not_fit_its_records(small, read, changes, word):
+    edit(small, **changes)
+    refused(read, small, word)
+
+
+# ------------------------------------------------------------------------ parameters echoed back
+
+def test_a_flag_that_the_scene_does_not_read_is_refused(tmp_path):
+    with pytest.raises(InputError, match="unknown parameter '-frictoin'"):
+        freefem.export(freefem.find_scene("model"), tmp_path, {"frictoin": "0.4"})
+
+
+@pytest.mark.parametrize("asked, word", [({"friction": "0.4"}, "friction=0.3"), ({"loading": "nonmonotone"}, "monotone"),
+                                         ({"pressure": "1"}, "does not read")])
+def test_echo_is_compared(exported, asked, word):
+    """A scene that drops or changes a value must not go unnoticed."""
+    manifest = read_manifest(exported(cells=2, subdomains="2x1", steps=2))
+    with pytest.raises(InputError, match=word):
+        freefem._check_echo(manifest, asked)
+
+
+def test_reading_part_of_the_subdomains(exported):
+    """A rank that starts in the middle of a block reads the same records."""
+    manifest = read_manifest(exported(ranks=3, cells=2))
+    everything = read_subdomains(manifest, 0, 8, MPI.COMM_SELF)
+    for start, stop in [(0, 3), (3, 5), (5, 8), (7, 8), (4, 4)]:
+        for sub, other in zip(read_subdomains(manifest, start, stop, MPI.COMM_SELF), everything[start:stop]):
+            assert sub.index == other.index and np.array_equal(sub.values, other.values)
