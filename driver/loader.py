@@ -13,6 +13,7 @@ import numpy as np
 
 from .errors import InputError, agree
 
+OPTIONAL = ("slip_law", "initial_state")  # parts of the manifest that only some scenes have
 HEAD = 9  # subdomain, vertices, triangles, boundary edges, dofs, nnz, patterns, fixed dofs, contact nodes
 
 
@@ -29,6 +30,7 @@ class ContactData:
     normal: np.ndarray  # (n_c, 2), outward, length 1 on straight parts
     gap: np.ndarray
     friction: np.ndarray
+    initial: np.ndarray  # tangential displacement at time 0
 
 
 @dataclass
@@ -87,6 +89,7 @@ class Manifest:
     patterns: list
     amplitudes: dict
     parameters: dict
+    initial_state: bool = False  # whether contact nodes carry a displacement at time 0
     slip_law: dict | None = None  # argument, range, values: factor of the friction coefficient
     raw: dict = field(repr=False, default_factory=dict)
 
@@ -108,7 +111,7 @@ def read_manifest(directory: Path) -> Manifest:
     except (ValueError, OSError) as problem:
         raise InputError(f"{path} is not readable ({problem}); run the scene again") from None
     names = [name for name in Manifest.__dataclass_fields__ if name not in ("directory", "raw")]
-    missing = [name for name in names if not isinstance(raw, dict) or name not in raw and name != "slip_law"]
+    missing = [name for name in names if not isinstance(raw, dict) or name not in raw and name not in OPTIONAL]
     if missing:
         raise InputError(f"{path} lacks {', '.join(missing)}; run the scene again")
     manifest = Manifest(directory=Path(directory), raw=raw, **{name: raw[name] for name in names if name in raw})
@@ -177,7 +180,7 @@ def _record_words(head: np.ndarray, manifest: Manifest) -> int:
     moving = sum(pattern["kind"] == "displacement" for pattern in manifest.patterns)
     moduli = 2 if manifest.material == "isotropic" else 6
     counted = [nv] * 3 + [3 * nt, nt, 3 * ne] + [nt] * moduli + [nd] * 2 + [nnz] * 3 + [nd] * patterns + [fixed]
-    counted += [max(1, fixed)] * moving + ([contact] * 7 if contact else [])
+    counted += [max(1, fixed)] * moving + ([contact] * (7 + manifest.initial_state) if contact else [])
     return sum(counted) + len(counted)
 
 
@@ -233,7 +236,7 @@ def _read_record(reader: _Block, manifest: Manifest, index: int) -> Subdomain:
     for k, pattern in enumerate(manifest.patterns):
         if pattern["kind"] == "displacement":
             fixed_values[k] = reader.array(max(1, fixed), np.float64)[:fixed]
-    data = _read_contact(reader, contact, nv, where) if contact else None
+    data = _read_contact(reader, manifest, contact, nv, where) if contact else None
     return Subdomain(index, gid, xy, triangles, region, edge[:, :2], edge[:, 2], elasticity, sigma_zz, dof_vertex, component,
                      rows, columns, values, loads, fixed_dofs, fixed_values, data)
 
@@ -277,10 +280,11 @@ def _check_symmetric(rows, columns, values, nd, where) -> None:
         raise InputError(f"{where}: the stiffness matrix is not symmetric")
 
 
-def _read_contact(reader: _Block, count: int, nv: int, where: str) -> ContactData:
+def _read_contact(reader: _Block, manifest: Manifest, count: int, nv: int, where: str) -> ContactData:
     vertex = reader.indices(count, nv, "contact vertex")
     label = reader.array(count)
     weight, nx, ny, gap, friction = (reader.array(count, np.float64) for _ in range(5))
     if weight.min() <= 0:
         raise InputError(f"{where}: a contact node has no length of boundary")
-    return ContactData(vertex, label, weight, np.column_stack([nx, ny]), gap, friction)
+    initial = reader.array(count, np.float64) if manifest.initial_state else np.zeros(count)
+    return ContactData(vertex, label, weight, np.column_stack([nx, ny]), gap, friction, initial)

@@ -62,7 +62,7 @@ class QuasistaticSolver:
         self.amplitudes, self.times = amplitudes, times
         self.rows = friction.contact_rows(operator.structure, effects)
         self.coefficient, self.slip_law = self.rows.bound, slip_law
-        self.u_t = np.zeros(len(self.rows.tangential))  # tangential displacement at the end of the last step
+        self.u_t = operator.structure.contact.initial[self.rows.tangential_node]  # tangential displacement at the end of the last step
         self.way = np.zeros(len(self.rows.tangential))  # length of the way slid until then
         self.history = History()
         self.preconditioner = DirichletPreconditioner(operator) if settings.preconditioner == "dirichlet" else None

@@ -46,7 +46,7 @@ class ContactState:
     def __init__(self, operator: DualOperator, solver: QuasistaticSolver):
         self.operator, self.rows = operator, solver.rows
         self.boundary = operator.structure.contact
-        self.u_t = np.zeros(len(self.boundary.gid))
+        self.u_t = self.boundary.initial
 
     def evaluate(self, step: Step, fields: list[np.ndarray]) -> dict[str, np.ndarray]:
         """u_n, u_t, slip, sigma_n, sigma_t, bound and status code of every contact node."""

@@ -42,6 +42,7 @@ class ContactBoundary:
     normal: np.ndarray
     gap: np.ndarray
     friction: np.ndarray
+    initial: np.ndarray  # tangential displacement at time 0
     normal_row: np.ndarray
     tangential_row: np.ndarray
 
@@ -248,16 +249,16 @@ def _fixed_dofs(manifest: Manifest, subdomains: list[Subdomain], comm) -> tuple[
 
 def _contact_boundary(manifest, subdomains, tables, fixed, comm) -> ContactBoundary:
     """Contact nodes of all subdomains, the parts of a node's dual segment added up."""
-    found = [np.empty((0, 9))]
+    found = [np.empty((0, 10))]
     for sub in subdomains:
         c = sub.contact
         if c is not None:
-            part = np.column_stack([c.normal, c.gap, c.friction]) * c.weight[:, None]
+            part = np.column_stack([c.normal, c.gap, c.friction, c.initial]) * c.weight[:, None]
             found.append(np.column_stack([c.label, sub.vertex_gid[c.vertex], c.weight, part, sub.xy[c.vertex]]))
     found = _gather(comm, np.concatenate(found))
     keys, at, inverse = np.unique(found[:, :2], axis=0, return_index=True, return_inverse=True)
-    total = np.zeros((len(keys), 5))
-    np.add.at(total, inverse, found[:, 2:7])
+    total = np.zeros((len(keys), 6))
+    np.add.at(total, inverse, found[:, 2:8])
     weight = total[:, 0]
     normal = total[:, 1:3] / np.linalg.norm(total[:, 1:3], axis=1)[:, None]
     label, gid = keys.T.astype(np.int64)
@@ -265,12 +266,12 @@ def _contact_boundary(manifest, subdomains, tables, fixed, comm) -> ContactBound
     if missing:
         raise InputError(f"no contact node has the label {missing[0]}: the scene declares contact on a label "
                          "that its mesh lacks")
-    arc = _arc_lengths(label, gid, found[at, 7:9], tables.edges)
+    arc = _arc_lengths(label, gid, found[at, 8:10], tables.edges)
     order = np.lexsort((arc, label))
     order = order[~_held(gid, fixed)[order]]
     none = np.full(len(order), -1)
-    return ContactBoundary(gid[order], label[order], found[at, 7:9][order], arc[order], weight[order], normal[order],
-                           (total[:, 3] / weight)[order], (total[:, 4] / weight)[order], none, none.copy())
+    return ContactBoundary(gid[order], label[order], found[at, 8:10][order], arc[order], weight[order], normal[order],
+                           *(total[order, k] / weight[order] for k in (3, 4, 5)), none, none.copy())
 
 
 def _held(gid: np.ndarray, fixed) -> np.ndarray:
