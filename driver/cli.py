@@ -32,6 +32,8 @@ def parse_pairs(words: list[str]) -> dict[str, str]:
         name, equals, value = word.partition("=")
         if not equals or not name or not value:
             raise InputError(f"'{word}' is not of the form NAME=VALUE")
+        if name.lower() in pairs:
+            raise InputError(f"{name.upper()} is given twice")
         pairs[name.lower()] = value
     return pairs
 
@@ -189,10 +191,11 @@ def command_run(words: list[str]) -> None:
 
 
 def command_model(words: list[str]) -> None:
-    """The model example under both loading histories, in results/model-<loading>."""
+    """The model example under both loading histories, in results/model-<loading> (or OUT-<loading>)."""
     pairs = parse_pairs(words)
+    base = pairs.get("out", str(RESULTS / "model"))
     for loading in [pairs["loading"]] if "loading" in pairs else ["monotone", "nonmonotone"]:
-        out = pairs.get("out", str(RESULTS / f"model-{loading}"))
+        out = base if {"loading", "out"} <= set(pairs) else f"{base}-{loading}"
         run = Run.from_pairs({**pairs, "scene": "model", "loading": loading, "out": out})
         print(describe(execute(run), run.out))
 
@@ -201,6 +204,8 @@ def command_figures(words: list[str]) -> None:
     """Redraw the figures of finished runs from their files."""
     from .figures import draw_run
 
+    if not words:
+        raise InputError("no finished run to draw; 'make run SCENE=model' leaves one in results/model")
     for word in words:
         if not (Path(word) / "summary.json").is_file():
             raise InputError(f"{word} holds no finished run (no summary.json)")
@@ -213,6 +218,19 @@ def command_table(words: list[str]) -> None:
     from .table import make_table
 
     make_table(parse_pairs(words))
+
+
+def command_saddle(words: list[str]) -> None:
+    """The FETI-DP saddle-point matrix of a small case, written and drawn."""
+    environment.prepare_petsc()
+    from mpi4py import MPI
+
+    from .saddle import write_saddle
+
+    pairs = {"scene": "model", **parse_pairs(words)}
+    scene, folder = freefem.find_scene(pairs.pop("scene")), Path(pairs.pop("out", RESULTS / "saddle"))
+    for path in write_saddle(scene, pairs, folder, MPI.COMM_WORLD):
+        print(os.path.relpath(path))
 
 
 def command_solve(words: list[str]) -> None:

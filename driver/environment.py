@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import sys
 from pathlib import Path
 
 from .errors import InputError
@@ -12,10 +13,14 @@ SET_UP = "run 'make setup' (apt packages: see apt-packages.txt)"
 
 
 def prepare_petsc() -> None:
-    """Let petsc4py find its PETSc, which Debian's package alone does not tell it."""
+    """Let petsc4py find its PETSc, which Debian's package alone does not tell it.
+
+    The package's .pth file reads PETSC_DIR when Python starts, so for this process the path is set as well.
+    """
     if "PETSC_DIR" not in os.environ and not Path("/usr/lib/petsc").exists():
         for candidate in sorted(Path("/usr/lib/petscdir").glob("petsc*/*-real"), reverse=True):
             os.environ["PETSC_DIR"] = str(candidate)
+            sys.path.append(str(candidate / "lib/python3/dist-packages"))
             break
 
 
