@@ -117,6 +117,7 @@ def _execute(run: Run, work: Path, out: Path) -> dict:
         from .figures import draw_run
 
         draw_run(work)
+    (work / "export" / "freefem.log").rename(work / "freefem.log")
     shutil.rmtree(work / "export")
     _publish(work, out)
     if status:
@@ -170,7 +171,7 @@ def describe(summary: dict, out: Path) -> str:
     """Few lines about a finished run."""
     sizes, counts, worst = summary["sizes"], summary["counts"], max(summary["residuals"].values(), default=0)
     s = summary["seconds"]
-    return (f"{summary['scene']} {summary['variant']}: {sizes['subdomains']} subdomains, {sizes['primal_dofs']} primal and "
+    return (f"{' '.join(filter(None, (summary['scene'], summary['variant'])))}: {sizes['subdomains']} subdomains, {sizes['primal_dofs']} primal and "
             f"{sizes['dual_dofs']} dual dofs, {summary['steps']} steps\n"
             f"  {counts['fixed_point_iterations']} fixed-point iterations, {counts['dual_multiplications']} products with F, "
             f"largest KKT residual {worst:.1e}, force balance {summary['balance']:.1e}\n"
