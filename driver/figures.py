@@ -452,17 +452,16 @@ def geometry_legend(run: Run, role: np.ndarray) -> list:
 
 def loading(figure: Figure, run: Run) -> None:
     """Amplitudes of the load patterns over time, with a marker at every step."""
-    history = run.history
-    names = [n for n in history if n.startswith("amplitude_")]
+    histories = list(run.summary["amplitudes"].values())
     figure.set_figheight(6.5 * INCH)
     axes = figure.add_subplot()
     handles = []
-    for number, name in enumerate(names):
-        symbol = r"$\varphi(t)$" if len(names) == 1 else rf"$\varphi_{{{number + 1}}}(t)$"
-        handles += axes.plot(history["time"], history[name], "-", marker="osD^v"[number % 5], ms=3.2,
+    for number, (name, values) in enumerate(run.summary["amplitudes"].items()):
+        symbol = r"$\varphi(t)$" if len(histories) == 1 else rf"$\varphi_{{{name}}}(t)$"
+        times = np.linspace(0, run.summary["t_end"], len(values))
+        handles += axes.plot(times, values, "-", marker="osD^v"[number % 5], ms=3.2,
                              color=[BLUE, RED, GREEN, ORANGE, INK][number % 5], label=symbol)
-    axes.set(xlabel="time $t$", ylabel=r"amplitude $\varphi$ [–]" if len(names) == 1 else "amplitude [–]")
-    axes.update_datalim([(0, 0)])  # time starts at zero even where the first step is not there
+    axes.set(xlabel="time $t$", ylabel=r"amplitude $\varphi$ [–]" if len(histories) == 1 else "amplitude [–]")
     axes.margins(x=0.02)
     axes.autoscale_view()
     axes.grid(color="0.9", lw=0.5)

@@ -16,10 +16,11 @@ PRIMAL = {"gluing": 0, "normal": 1, "tangential": 2}
 
 
 class Progress:
-    """Steps done, residual and time left: a bar on a terminal, plain lines elsewhere."""
+    """Steps done, residual and time left: a bar on a terminal, plain lines elsewhere, all lines in a log."""
 
-    def __init__(self, total: int, label: str, quiet: bool):
+    def __init__(self, total: int, label: str, quiet: bool, log: Path | None):
         self.total, self.label, self.quiet, self.bar = total, label, quiet, None
+        self.log = open(log, "w") if log else None
         if not quiet and sys.stderr.isatty():
             from tqdm import tqdm
 
@@ -28,17 +29,26 @@ class Progress:
 
     def update(self, step) -> None:
         """Report one finished step."""
-        worst = max(step.residuals.values())
+        worst, spent = max(step.residuals.values()), time.perf_counter() - self.start
+        line = (f"{self.label}: step {step.index}/{self.total}, {step.fixed_point_iterations} fixed-point iterations, "
+                f"{step.products} products, KKT residual {worst:.1e}")
+        self.note(f"{line}, {spent:.2f} s")
         if self.bar is not None:
             self.bar.set_postfix(fixed_point=step.fixed_point_iterations, products=step.products, kkt=f"{worst:.1e}")
             self.bar.update()
         elif not self.quiet and (step.index % max(1, self.total // 5) == 0 or step.index == self.total):
-            left = (time.perf_counter() - self.start) * (self.total - step.index) / step.index
-            print(f"{self.label}: step {step.index}/{self.total}, {step.products} products, KKT residual {worst:.1e}, "
-                  f"{left:.0f} s left", flush=True)
+            print(f"{line}, {spent * (self.total - step.index) / step.index:.0f} s left", flush=True)
 
-    def close(self) -> None:
-        """Leave the bar."""
+    def note(self, line: str) -> None:
+        """One line for the log alone."""
+        if self.log:
+            print(line, file=self.log, flush=True)
+
+    def close(self, outcome: str) -> None:
+        """Leave the bar and close the log with how the run ended."""
+        self.note(outcome)
+        if self.log:
+            self.log.close()
         if self.bar is not None:
             self.bar.close()
 
@@ -82,13 +92,16 @@ def _run(directory: Path, request: dict, comm) -> tuple[int, str]:
     solver = quasistatic.QuasistaticSolver(operator, manifest.effects, amplitudes, times, settings, law)
     lap("setup")
     writer = Writer(directory, manifest, operator, solver, request["fields"]) if request["output"] else None
-    progress = Progress(manifest.steps, request["scene"], request["quiet"] or comm.rank > 0)
+    root = comm.rank == 0
+    progress = Progress(manifest.steps, request["scene"], request["quiet"] or not root,
+                        directory / "run.log" if root and writer else None)
+    progress.note(f"{request['scene']} {manifest.parameters} {request['settings']} on {comm.size} ranks")
     for step in solver.steps():
         progress.update(step)
         if writer:
             writer.add(step)
-    progress.close()
     history = solver.history
+    progress.close(history.reason or "converged")
     seconds["solve"] = history.seconds
     summary = _summary(request, manifest, structure, history, comm)
     lap("output")
@@ -116,7 +129,7 @@ def _summary(request, manifest: Manifest, structure, history, comm) -> dict:
                   "coarse_dofs": structure.coarse_dofs, "contact_nodes": len(structure.contact.gid)},
         "steps": history.steps, "t_end": manifest.t_end, "counts": history.counts, "residuals": history.residuals,
         "memory_mib": comm.allreduce(peak), "ranks": comm.size, "units": manifest.units,
-        "parameters": {**manifest.parameters, **request["settings"]}, "versions": _versions(),
+        "amplitudes": manifest.amplitudes, "parameters": {**manifest.parameters, **request["settings"]}, "versions": _versions(),
     }
 
 
