@@ -214,13 +214,16 @@ def _farthest_points(tables: _Tables, neighbour: np.ndarray, corners: np.ndarray
     if not len(edges):
         return np.empty(0, np.int64)
     pair = edges[:, 0] * (tables.edges[:, 0].max() + 1) + neighbour[one_side]
-    # a node of the interface graph is a (pair, vertex), so that pieces of different pairs stay apart
-    keys = np.concatenate([np.column_stack([pair, edges[:, 1]]), np.column_stack([pair, edges[:, 2]])])
-    nodes, inverse = np.unique(keys, axis=0, return_inverse=True)
+    # a node of the interface graph is a (pair, vertex), so that pieces of different pairs stay apart; corners cut
+    # the graph: a piece that leaves a corner and returns to it hangs on that one corner
+    ends = edges[:, 1:3].T.ravel()
+    copy = np.where(np.isin(ends, corners), 1 + np.arange(len(ends)), 0)
+    nodes, inverse = np.unique(np.column_stack([np.tile(pair, 2), ends, copy]), axis=0, return_inverse=True)
     a, b = np.split(inverse, 2)
     graph = coo_matrix((np.ones(len(a)), (a, b)), shape=(len(nodes),) * 2)
     pieces, piece = connected_components(graph, directed=False)
-    held = np.bincount(piece, np.isin(nodes[:, 1], corners), minlength=pieces)
+    at_corner = np.unique(np.column_stack([piece, nodes[:, 1]])[nodes[:, 2] > 0], axis=0)
+    held = np.bincount(at_corner[:, 0], minlength=pieces)
     place = np.empty((len(tables.gids), 2))
     place[tables.vertex_id] = tables.xy
     added = []
