@@ -40,7 +40,8 @@ def parse_pairs(words: list[str]) -> dict[str, str]:
 
 def _setting(field, text: str):
     """Value of a solver option from its text. Raises InputError for the wrong type."""
-    choices = {"preconditioner": ("dirichlet", "none"), "predictor": ("load", "previous")}.get(field.name)
+    choices = {"preconditioner": ("dirichlet", "none"), "predictor": ("load", "previous"),
+               "expansion": ("cg", "gradient")}.get(field.name)
     if choices and text not in choices:
         raise InputError(f"{field.name.upper()} must be one of {', '.join(choices)}, not '{text}'")
     try:

@@ -133,11 +133,11 @@ class _Mprgp:
     """State of one solve: x, g always belong together and x is always feasible."""
 
     def __init__(self, A, b, lower, upper, tol, bound, gamma, alpha_factor, preconditioner,
-                 max_products, dot, monitor):
+                 max_products, dot, monitor, projected_cg):
         self.A, self.b, self.lower, self.upper = A, b, lower, upper
         self.tol, self.bound, self.gamma, self.alpha_factor = tol, bound, gamma, alpha_factor
         self.preconditioner, self.max_products = preconditioner, max_products
-        self.dot, self.monitor = dot, monitor
+        self.dot, self.monitor, self.projected_cg = dot, monitor, projected_cg
         self.products = 0
         self.counts = {"cg": 0, "expansion": 0, "proportioning": 0}
         self.b_norm = np.sqrt(dot(b, b))
@@ -192,7 +192,8 @@ class _Mprgp:
         """Release criterion: ||beta||^2 <= gamma^2 phi~'phi keeps the face."""
         step = self.alpha_factor / self.bound
         reduced = reduced_free_gradient(self.x, self.phi, self.lower, self.upper, step)
-        return self.beta2 <= self.gamma**2 * self.dot(reduced, self.phi)
+        self.reduced_slope = self.dot(reduced, self.phi)
+        return self.beta2 <= self.gamma**2 * self.reduced_slope
 
     def step(self):
         """One step of the algorithm; returns its kind."""
@@ -204,6 +205,8 @@ class _Mprgp:
         ratio = _bound_ratios(self.x, p, self.lower, self.upper)
         length, blocked = _cut_step(ratio, wish, self.dot)
         self.refuse_endless(length, p, slope)
+        if blocked and self.projected_cg and self.projected_step(p, slope, wish, length):
+            return "expansion"
         self.go(p, Ap, length, ratio)
         self.decrease += length * (slope - 0.5 * length * self.curvature)
         if not blocked:
@@ -263,6 +266,29 @@ class _Mprgp:
         self.decrease += length * (self.beta2 - 0.5 * length * self.curvature)
         self.p = self.Ap = None
         return "proportioning"
+
+    def projected_step(self, p, slope, wish, cut):
+        """x <- P(x - wish p), the whole CG step projected; returns whether it was taken.
+
+        Many components meet their bounds at once, where the half step stops at the first. The step is
+        taken only if f falls at least as far as on the half step and as far as the gradient projection
+        with abar provably takes it, abar (1 - alpha_factor/2) phi~'phi; so the convergence proof of
+        MPRGP, which rests on that decrease, holds with it.
+        """
+        if not np.isfinite(wish):
+            return False
+        new = np.clip(self.x - wish * p, self.lower, self.upper)
+        d = new - self.x
+        g_new = self.gradient_at(new)
+        change = 0.5 * self.dot(d, self.g + g_new)
+        half = -cut * (slope - 0.5 * cut * self.curvature)
+        needed = -(1 - 0.5 * self.alpha_factor) * self.alpha_factor / self.bound * self.reduced_slope
+        if not change <= min(half, needed):
+            return False
+        self.decrease -= change
+        self.place(new, g_new, 0)
+        self.p = self.Ap = None
+        return True
 
     def expand(self):
         """x <- P(x - abar phi(x)) from the point the half step has reached.
@@ -384,7 +410,8 @@ def _checked(b, lower, upper, x0, dot):
 
 
 def mprgp(A, b, lower, upper, x0=None, *, tol, norm_bound, gamma=1.0, alpha_factor=1.95,
-          preconditioner=None, max_products=10_000, gradient0=None, dot=np.dot, monitor=None):
+          preconditioner=None, max_products=10_000, gradient0=None, dot=np.dot, monitor=None,
+          expansion="gradient"):
     """Minimise 1/2 x'Ax - b'x over lower <= x <= upper; returns a Result.
 
     A               callable (n,) -> (n,), symmetric positive (semi)definite; local parts
@@ -402,18 +429,23 @@ def mprgp(A, b, lower, upper, x0=None, *, tol, norm_bound, gamma=1.0, alpha_fact
     dot             global scalar product of two local parts
     monitor         callable (kind, products, residual) after every step, kind in {"start", "cg",
                     "expansion", "proportioning"}
+    expansion       "gradient": half a CG step, then the fixed gradient projection step; "cg": the
+                    whole CG step projected where that lowers f enough, else as "gradient"
 
-    Products: one for a CG or a proportioning step, two for an expansion step.  All iterates are
+    Products: one for a CG or a proportioning step, two for an expansion step (three where the
+    projected CG step was tried in vain).  All iterates are
     feasible.  Data that make no problem raise ValueError (on all ranks); an operator that is
     indefinite, or returns NaN or inf, or leaves f unbounded ends with "indefinite operator".
     """
     if not (np.isfinite(norm_bound) and norm_bound > 0):
         raise ValueError("norm_bound must be positive and finite")
+    if expansion not in ("gradient", "cg"):
+        raise ValueError("expansion must be gradient or cg")
     if not (0 < alpha_factor <= 2 and gamma > 0 and tol >= 0 and max_products >= 1):
         raise ValueError("need 0 < alpha_factor <= 2, gamma > 0, tol >= 0, max_products >= 1")
     b, lower, upper, x = _checked(b, lower, upper, x0, dot)
     run = _Mprgp(A, b, lower, upper, tol, float(norm_bound), gamma, alpha_factor, preconditioner,
-                 max_products, dot, monitor)
+                 max_products, dot, monitor, expansion == "cg")
     run.x = x
     if gradient0 is not None:
         moved = np.zeros_like(x) if x0 is None else x - x0

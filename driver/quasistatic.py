@@ -189,7 +189,7 @@ class QuasistaticSolver:
 
         result = mprgp(op.apply, d, *limits, x, tol=tol, norm_bound=self.bound,
                        preconditioner=self.preconditioner, max_products=settings.max_products, gradient0=gradient,
-                       dot=op.dot, monitor=monitor)
+                       dot=op.dot, monitor=monitor, expansion=settings.expansion)
         self.bound = result.norm_bound
         for name in ("cg_steps", "expansion_steps", "proportioning_steps"):
             history.counts[name] += getattr(result, name)

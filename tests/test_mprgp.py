@@ -133,6 +133,7 @@ def test_random_problems_against_the_active_set_oracle(block):
         A, b, lower, upper = problem(seed)
         assert_solves(A, b, lower, upper, solve(A, b, lower, upper))
         assert_solves(A, b, lower, upper, solve(A, b, lower, upper, x0=corner(seed)))
+        assert_solves(A, b, lower, upper, solve(A, b, lower, upper, x0=corner(seed), expansion="cg"))
 
 
 def test_all_kinds_of_steps_occur_in_the_random_problems():
@@ -413,6 +414,22 @@ def test_expansion_step_by_hand():
     assert np.array_equal(half.x, [0, 2]) and np.array_equal(half.gradient, [1, 1])
 
 
+def test_projected_cg_step_is_taken_only_if_it_lowers_the_objective_enough():
+    """A = I: the projected CG step is the solution. Strongly coupled: it would raise f, so it is not taken."""
+    b = np.array([-1.0, 1.0])
+    r = mprgp(lambda v: v, b, 0.0, np.inf, np.array([1.0, 3.0]), tol=1e-12, norm_bound=1.0, expansion="cg")
+    assert np.array_equal(r.x, [0, 1]) and (r.expansion_steps, r.products) == (1, 3)
+    # from (0.1, 1) the CG step goes to the minimiser (-9, 10) of f; projected to (0, 10) f is larger
+    A = np.array([[1.0, 0.95], [0.95, 1.0]])
+    b, x0 = A @ np.array([-9.0, 10.0]), np.array([0.1, 1.0])
+    f = lambda x: x @ (A @ x) / 2 - b @ x
+    seen = []
+    r = mprgp(lambda v: A @ v, b, 0.0, np.inf, x0, tol=1e-10, norm_bound=1.95, expansion="cg",
+              monitor=lambda *step: seen.append(step))
+    assert r.status == "converged" and f(r.x) <= f(x0)
+    assert r.x == pytest.approx([0.0, b[1]], abs=1e-9)  # b_2 > 0 and the first component is held at zero
+
+
 def test_conjugate_directions_need_one_step_per_distinct_eigenvalue():
     rng = np.random.default_rng(3)
     Q = orthogonal(rng, 20)
@@ -437,7 +454,8 @@ def test_too_small_norm_bound_is_found_out():
     assert raised >= 10
 
 
-def test_objective_never_rises(monkeypatch):
+@pytest.mark.parametrize("expansion", ["gradient", "cg"])
+def test_objective_never_rises(monkeypatch, expansion):
     """f at every iterate, also with a norm bound ten times too small."""
     for seed in range(40):
         A, b, lower, upper = problem(seed)
@@ -449,7 +467,7 @@ def test_objective_never_rises(monkeypatch):
 
         with monkeypatch.context() as patch:
             patch.setattr(module._Mprgp, "place", watch)
-            r = solve(A, b, lower, upper, norm_bound=np.linalg.norm(A, 2) / 10)
+            r = solve(A, b, lower, upper, norm_bound=np.linalg.norm(A, 2) / 10, expansion=expansion)
         size = np.linalg.norm(A, 2) * np.dot(r.x, r.x) + np.abs(b) @ np.abs(r.x) + abs(values[0])
         assert np.all(np.diff(values) <= 100 * EPS * size)
 
