@@ -47,6 +47,15 @@ class ContactState:
         self.operator, self.rows = operator, solver.rows
         self.boundary = operator.structure.contact
         self.u_t = self.boundary.initial
+        self.held = self._held()
+
+    def _held(self) -> np.ndarray:
+        """(n_c, 2): displacement components of the contact nodes that a support holds."""
+        structure = self.operator.structure
+        keys = [2 * sub.vertex_gid[sub.dof_vertex[fixed]] + sub.dof_component[fixed]
+                for sub, fixed in zip(structure.subdomains, structure.fixed)]
+        mine = np.isin(2 * self.boundary.gid[:, None] + [0, 1], np.concatenate([np.empty(0, np.int64), *keys]))
+        return np.any(self.operator.comm.allgather(mine), axis=0)
 
     def evaluate(self, step: Step, fields: list[np.ndarray]) -> dict[str, np.ndarray]:
         """u_n, u_t, slip, sigma_n, sigma_t, bound and status code of every contact node."""
@@ -72,11 +81,12 @@ class ContactState:
                 "status": values[6].astype(int)}
 
 
-def resultants(operator: DualOperator, step: Step, fields, contact: dict) -> tuple[dict, np.ndarray]:
+def resultants(operator: DualOperator, step: Step, fields, contact: dict, supported) -> tuple[dict, np.ndarray]:
     """Resultants (2,) of loads, support reactions and contact forces, which add up to zero, and `size`.
 
     `size` (2,) is the sum of the absolute values of all these nodal forces: the measure of their balance,
-    because resultants themselves may vanish.
+    because resultants themselves may vanish. `supported` (n_c, 2): components of contact nodes that a support
+    holds too; there the support takes what K u leaves after the contact force.
     """
     structure, total = operator.structure, np.zeros((3, 2))
     for s, (sub, u) in enumerate(zip(structure.subdomains, fields)):
@@ -90,6 +100,7 @@ def resultants(operator: DualOperator, step: Step, fields, contact: dict) -> tup
     load, reaction, size = np.sum(operator.comm.allgather(total), axis=0)
     b = structure.contact
     force = ((contact["sigma_n"] * b.weight)[:, None] * b.normal + (contact["sigma_t"] * b.weight)[:, None] * b.tangent)
+    reaction = reaction - (force * supported).sum(axis=0)
     forces = {"load": load, "reaction": reaction, "contact": force.sum(axis=0)}
     return forces, size + np.abs(force).sum(axis=0)
 
@@ -114,7 +125,7 @@ class Writer:
         """Evaluate and record one step."""
         fields = self.operator.displacements(step.multipliers, step.weights)
         state = self.contact.evaluate(step, fields)
-        forces, size = resultants(self.operator, step, fields, state)
+        forces, size = resultants(self.operator, step, fields, state, self.contact.held)
         if size.max() > 0:
             self.balance = max(self.balance, float(np.abs(sum(forces.values())).max() / size.max()))
         largest = max((float(np.linalg.norm(u.reshape(-1, 2), axis=1).max()) for u in fields), default=0.0)
