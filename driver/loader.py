@@ -119,7 +119,15 @@ def read_manifest(directory: Path) -> Manifest:
     return manifest
 
 
+KINDS = {"subdomains": int, "blocks": int, "vertices": int, "interface_label": int, "element": str, "plane": str,
+         "material": str, "units": dict, "effects": dict, "steps": int, "t_end": (int, float), "contact_labels": list,
+         "patterns": list, "amplitudes": dict, "parameters": dict}
+
+
 def _check_manifest(manifest: Manifest, path: Path) -> None:
+    for name, kind in KINDS.items():
+        if not isinstance(getattr(manifest, name), kind):
+            raise InputError(f"{path}: {name} is not of the right type; run the scene again")
     counts = (manifest.subdomains, manifest.blocks, manifest.vertices, manifest.steps)
     if not all(isinstance(count, int) and count > 0 for count in counts):
         raise InputError(f"{path}: subdomains, blocks, vertices and steps must be positive whole numbers")
@@ -129,6 +137,8 @@ def _check_manifest(manifest: Manifest, path: Path) -> None:
         if not np.all(np.isfinite(history)):
             raise InputError(f"{path}: amplitude {number} is not finite at every step")
     for pattern in manifest.patterns:
+        if not isinstance(pattern, dict) or not {"kind", "amplitude"} <= set(pattern):
+            raise InputError(f"{path}: a load pattern lacks its kind or amplitude; run the scene again")
         if str(pattern["amplitude"]) not in manifest.amplitudes:
             raise InputError(f"{path}: amplitude {pattern['amplitude']} is used but not given")
 
@@ -221,9 +231,13 @@ def _read_record(reader: _Block, manifest: Manifest, index: int) -> Subdomain:
         raise InputError(f"{where}: sizes that make no subdomain ({nv} vertices, {nt} triangles, {nd} dofs)")
     gid = reader.indices(nv, manifest.vertices, "vertex number")
     xy = np.column_stack([reader.array(nv, np.float64), reader.array(nv, np.float64)])
+    if len(np.unique(gid)) != nv:
+        raise InputError(f"{where}: a vertex number stands twice in the record")
     triangles = reader.indices(3 * nt, nv, "triangle vertex").reshape(nt, 3)
     region = reader.array(nt)
     edge = reader.array(3 * ne).reshape(ne, 3)
+    if edge[:, :2].min() < 0 or edge[:, :2].max() >= nv:
+        raise InputError(f"{where}: a boundary edge ends at no vertex")
     elasticity, sigma_zz = _read_elasticity(reader, manifest, nt)
     dof_vertex, component = _dof_layout(reader, nd, xy, where)
     rows = reader.indices(nnz, nd, "stiffness row")
@@ -284,6 +298,8 @@ def _read_contact(reader: _Block, manifest: Manifest, count: int, nv: int, where
     vertex = reader.indices(count, nv, "contact vertex")
     label = reader.array(count)
     weight, nx, ny, gap, friction = (reader.array(count, np.float64) for _ in range(5))
+    if not np.isin(label, manifest.contact_labels).all():
+        raise InputError(f"{where}: a contact node has a label that the scene does not declare for contact")
     if weight.min() <= 0:
         raise InputError(f"{where}: a contact node has no length of boundary")
     initial = reader.array(count, np.float64) if manifest.initial_state else np.zeros(count)

@@ -293,6 +293,9 @@ def _arc_lengths(label, gid, xy, edges) -> np.ndarray:
         index = {g: i for i, g in zip(nodes, gid[nodes])}
         links = {i: [] for i in nodes}
         for a, b in np.unique(edges[edges[:, 3] == one, 1:3], axis=0):
+            if a not in index or b not in index:
+                raise InputError(f"a boundary edge of contact label {one} has an end that is no contact node; "
+                                 "run the scene again")
             links[index[a]].append(index[b])
             links[index[b]].append(index[a])
         start, left = 0.0, set(nodes)
