@@ -19,6 +19,7 @@ from pathlib import Path
 
 from . import environment, freefem
 from .errors import DriverError, InputError, error_of
+from .ledger import never_mattered
 
 RESULTS = environment.ROOT / "results"
 # driver options beside quasistatic.Settings; everything else is a parameter of the scene
@@ -171,13 +172,13 @@ def _publish(work: Path, out: Path) -> None:
 def describe(summary: dict, out: Path) -> str:
     """Few lines about a finished run."""
     sizes, counts, worst = summary["sizes"], summary["counts"], max(summary["residuals"].values(), default=0)
-    s = summary["seconds"]
+    s, idle = summary["seconds"], never_mattered(summary["effects_ledger"])
     return (f"{' '.join(filter(None, (summary['scene'], summary['variant'])))}: {sizes['subdomains']} subdomains, {sizes['primal_dofs']} primal and "
             f"{sizes['dual_dofs']} dual dofs, {summary['steps']} steps\n"
             f"  {counts['fixed_point_iterations']} fixed-point iterations, {counts['dual_multiplications']} products with F, "
             f"largest KKT residual {worst:.1e}, force balance {summary['balance']:.1e}\n"
             f"  {s['total']:.2f} s (FreeFEM {s['export']:.2f}, setup {s['setup']:.2f}, solve {s['solve']:.2f}, output "
-            f"{s['output']:.2f}), results in {os.path.relpath(out)}")
+            f"{s['output']:.2f}), results in {os.path.relpath(out)}" + "".join(f"\n  {line}" for line in idle))
 
 
 def command_run(words: list[str]) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from .errors import DriverError
+from .ledger import effects_ledger
 from .loader import Manifest, read_manifest, read_subdomains
 from .results import write_json
 
@@ -108,6 +109,7 @@ def _run(directory: Path, request: dict, comm) -> tuple[int, str]:
     seconds["output"] -= history.seconds
     seconds["total"] = sum(seconds.values())
     summary["seconds"] = seconds
+    summary["effects_ledger"] = _ledger(summary, manifest, structure, history, amplitudes, writer, comm)
     if writer:
         writer.close(summary)
     elif comm.rank == 0:
@@ -131,6 +133,17 @@ def _summary(request, manifest: Manifest, structure, history, comm) -> dict:
         "memory_mib": comm.allreduce(peak), "ranks": comm.size, "units": manifest.units,
         "amplitudes": manifest.amplitudes, "parameters": {**manifest.parameters, **request["settings"]}, "versions": _versions(),
     }
+
+
+def _ledger(summary, manifest: Manifest, structure, history, amplitudes, writer, comm) -> dict:
+    largest = [max([np.abs(sub.loads[k]).max(initial=0) for sub in structure.subdomains]
+                   + [np.abs(values[k]).max(initial=0) for values in structure.fixed_values], default=0.0)
+               for k in range(len(manifest.patterns))]
+    largest = np.max(comm.allgather(largest), axis=0)
+    patterns = [{"kind": p["kind"], "largest": float(size)} for p, size in zip(manifest.patterns, largest)]
+    return effects_ledger(summary["effects"], summary["sizes"], patterns, amplitudes,
+                          writer.history_rows if writer else [], history.log, history.seconds,
+                          bool(structure.contact.gap.any()), bool(structure.contact.initial.any()))
 
 
 def _versions() -> dict:
