@@ -94,6 +94,7 @@ class Run:
 def execute(run: Run) -> dict:
     """Export, solve, draw; returns the summary. Raises DriverError; `run.out` changes only as a whole."""
     out = run.out.absolute()
+    _check_out(out)
     work = out.with_name(f".{out.name}.{os.getpid()}")
     try:
         work.mkdir(parents=True)
@@ -105,6 +106,14 @@ def execute(run: Run) -> dict:
         raise InputError(f"writing the results failed: {problem}") from None
     finally:
         shutil.rmtree(work, ignore_errors=True)
+
+
+def _check_out(out: Path) -> None:
+    """A run replaces its whole directory: it must be new, empty, or hold an earlier run."""
+    if not out.name or out.is_file():
+        raise InputError(f"OUT={out} is no directory that results can be written to")
+    if out.is_dir() and any(out.iterdir()) and not (out / "summary.json").is_file():
+        raise InputError(f"OUT={out} holds files but no earlier run; choose another directory or empty it")
 
 
 def _execute(run: Run, work: Path, out: Path) -> dict:
@@ -151,7 +160,7 @@ def solve_here(work: Path, request: dict) -> tuple[int, str]:
     try:
         import petsc4py
 
-        petsc4py.init([])
+        petsc4py.init(["driver", "-no_signal_handler"])  # SIGINT and SIGPIPE are ours to report
         from mpi4py import MPI
 
         from . import solve as spmd
@@ -233,6 +242,14 @@ def command_saddle(words: list[str]) -> None:
     pairs = {"scene": "model", **parse_pairs(words)}
     scene, folder = freefem.find_scene(pairs.pop("scene")), Path(pairs.pop("out", RESULTS / "saddle"))
     for path in write_saddle(scene, pairs, folder, MPI.COMM_WORLD):
+        print(os.path.relpath(path))
+
+
+def command_effects(words: list[str]) -> None:
+    """What each declared effect of a scene changes and costs."""
+    from .effects import run_effects
+
+    for path in run_effects(parse_pairs(words)):
         print(os.path.relpath(path))
 
 

@@ -61,16 +61,19 @@ def _explain(output: str, status: int, scene: Path) -> str:
         return f"{scene.name}: {refused.group(1)}"
     if status < 0:
         return f"FreeFEM was killed by signal {-status} while running {scene.name}"
-    message = [line.strip() for line in output.splitlines() if re.search(r"error|assert|impossible|exist|unknown", line, re.I)]
-    place = re.search(r"[Ee]rror line number\s*(\d+), in file ([^,\s]+)", output)
-    line = re.search(r"current line = (\d+)|line number\s*:?\s*(\d+)", output)
-    if place:
-        where = f"{Path(place.group(2)).name} line {place.group(1)}"
-    else:
-        where = f"{scene.name} line {line.group(1) or line.group(2)}" if line else scene.name
-    before = output.split("Error line number")[0].strip().splitlines()
-    said = before[-1].strip() if place and before else (message[0] if message else "no message")
-    return f"FreeFEM failed in {where} (exit {status}): {said}"
+    lines = [line.strip() for line in output.splitlines() if line.strip()]
+    compile_error = re.search(r"Error line number\s*(\d+), in file (\S+?), before\s+token\s*(.*)", output)
+    if compile_error:
+        number, file, token = compile_error.groups()
+        at = next(i for i, line in enumerate(lines) if "Error line number" in line)
+        around = [line for line in lines[max(0, at - 3):at] + lines[at + 1:at + 2] if "current line" not in line]
+        name = Path(file).name if file.endswith((".edp", ".idp")) else scene.name
+        return f"FreeFEM failed in {name} line {number} before token {token.strip()}: {'; '.join(around) or 'syntax error'}"
+    at = next((i for i, line in enumerate(lines) if "current line" in line), len(lines))
+    number = re.search(r"current line = (\d+)", output)
+    where = f"{scene.name} line {number.group(1)}" if number else scene.name
+    said = [line for line in lines[max(0, at - 2):at + 2] if "current line" not in line] or lines[-1:]
+    return f"FreeFEM failed in {where} (exit {status}): {'; '.join(dict.fromkeys(said)) or 'no message'}"
 
 
 def _check_echo(manifest: Manifest, parameters: dict[str, str]) -> None:
@@ -79,6 +82,9 @@ def _check_echo(manifest: Manifest, parameters: dict[str, str]) -> None:
         if name not in manifest.parameters:
             raise InputError(f"the scene does not read the parameter '{name}'")
         found = manifest.parameters[name]
-        same = str(found) == asked if isinstance(found, str) else float(asked) == float(found)
+        try:
+            same = found == asked if isinstance(found, str) else float(asked) == float(found)
+        except ValueError:
+            raise InputError(f"{name.upper()} expects a number, not '{asked}'") from None
         if not same:
             raise InputError(f"the scene read {name}={found} where {asked} was asked")

@@ -15,7 +15,7 @@ from .friction import OPEN, STATUS_NAMES
 from .loader import Manifest, Subdomain
 from .quasistatic import QuasistaticSolver, Step
 
-CONTACT_COLUMNS = ("step,time,node,boundary,x,y,arc,weight,normal_x,normal_y,gap,u_n,u_t,slip,sigma_n,sigma_t,"
+CONTACT_COLUMNS = ("step,time,node,x,y,arc,weight,normal_x,normal_y,gap,u_n,u_t,slip,sigma_n,sigma_t,"
                    "bound,status").split(",")
 
 
@@ -114,6 +114,7 @@ class Writer:
         self.root, self.write_fields = operator.comm.rank == 0, fields
         self.contact = ContactState(operator, solver)
         self.contact_rows, self.history_rows, self.vtu = [], [], []
+        self.several = len(manifest.contact_labels) > 1  # then contact.csv ends with a column for the label
         self.balance = self.dissipated = 0.0
         self.mesh = self._gather_mesh() if fields else None
         self._boundary()
@@ -156,9 +157,9 @@ class Writer:
         b = self.contact.boundary
         for i in range(len(b.gid)):
             self.contact_rows.append([
-                step.index, repr(step.time), i, b.label[i], *map(repr, map(float, (
+                step.index, repr(step.time), i, *map(repr, map(float, (
                     *b.xy[i], b.arc[i], b.weight[i], *b.normal[i], b.gap[i], *(state[name][i] for name in (
-                        "u_n", "u_t", "slip", "sigma_n", "sigma_t", "bound"))))), STATUS_NAMES[state["status"][i]]])
+                        "u_n", "u_t", "slip", "sigma_n", "sigma_t", "bound"))))), STATUS_NAMES[state["status"][i]]] + [b.label[i]] * self.several)
 
     # ---- meshes and fields -------------------------------------------------------------------------
     def _gather_mesh(self):
@@ -234,7 +235,8 @@ class Writer:
         if not self.root:
             return
         if len(self.contact.boundary.gid):
-            _write_csv(self.directory / "contact.csv", CONTACT_COLUMNS, self.contact_rows)
+            columns = CONTACT_COLUMNS + ["boundary"] * self.several
+            _write_csv(self.directory / "contact.csv", columns, self.contact_rows)
         if self.history_rows:
             rows = [list(row.values()) for row in self.history_rows]
             _write_csv(self.directory / "history.csv", list(self.history_rows[0]), rows)
