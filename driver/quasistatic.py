@@ -82,9 +82,10 @@ class QuasistaticSolver:
         """Generate the finished `Step`s; stops early, with the reason in `history`, if one fails."""
         op = self.operator
         before = op.products
-        lam, older = np.zeros(op.owned), np.zeros(op.owned)
         clock = time.perf_counter()
-        for index in range(1, len(self.times)):
+        lam = self._preload() if self.effects.get("initial") == "preload" else np.zeros(op.owned)
+        older = lam
+        for index in range(1, len(self.times) if self.history.exit_status == 0 else 1):
             weights = self.amplitudes[index]
             d = op.load_response(weights)
             d[self.rows.normal] -= self.rows.gap
@@ -100,6 +101,21 @@ class QuasistaticSolver:
             clock = time.perf_counter()
             if self.history.exit_status:
                 return
+
+    def _preload(self) -> np.ndarray:
+        """Multipliers of the frictionless equilibrium at time 0, whose displacement becomes u_0."""
+        op, rows, contact = self.operator, self.rows, self.operator.structure.contact
+        d = op.load_response(self.amplitudes[0])
+        d[rows.normal] -= rows.gap
+        self.scale_d = np.sqrt(op.dot(d, d))
+        lower, upper = rows.limits(op.owned, np.zeros(op.owned))
+        lower[rows.tangential] = upper[rows.tangential] = 0.0
+        result = self._solve_qp(0, 1, d, (lower, upper), np.zeros(op.owned), 0.0)
+        self.u_t = -result.gradient[rows.tangential]
+        found = np.zeros(len(contact.gid))
+        found[rows.tangential_node] = self.u_t
+        contact.initial[:] = np.sum(op.comm.allgather(found), axis=0)
+        return result.x
 
     def _predict(self, index: int, lam: np.ndarray, older: np.ndarray) -> np.ndarray:
         """Multipliers to start the step from: the last change, scaled like the change of the load.
