@@ -72,7 +72,8 @@ def _explain(output: str, status: int, scene: Path) -> str:
     at = next((i for i, line in enumerate(lines) if "current line" in line), len(lines))
     number = re.search(r"current line = (\d+)", output)
     where = f"{scene.name} line {number.group(1)}" if number else scene.name
-    said = [line for line in lines[max(0, at - 2):at + 2] if "current line" not in line] or lines[-1:]
+    said = [line for line in lines[max(0, at - 2):at] if not line.startswith("-")]
+    said += [line for line in lines if line.startswith("Exec error")][:1]
     return f"FreeFEM failed in {where} (exit {status}): {'; '.join(dict.fromkeys(said)) or 'no message'}"
 
 
