@@ -12,7 +12,7 @@ quote = '$(subst ','\'',$1)'
 GIVEN = $(foreach v,$(filter-out $(OWN),$(.VARIABLES)),$(if $(filter command,$(origin $v)),$(call quote,$v=$(value $v))))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-long run table saddle figures $(SCENES)
+.PHONY: help setup demo test test-long run table effects saddle figures $(SCENES)
 
 help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' Makefile | expand -t 12
@@ -41,6 +41,9 @@ $(filter-out model,$(SCENES)):
 
 table:  ## the slides' table, ours beside theirs [ROWS=1,2,3] [METHOD=default|plain] [NP=] [FRESH=yes]
 	@$(DRIVER) table $(GIVEN)
+
+effects:  ## a scene as declared and with each effect taken out in turn: SCENE=bracket [NP=] [...]
+	@$(DRIVER) effects $(GIVEN)
 
 saddle:  ## write and draw the FETI-DP saddle-point matrix of a small case [SCENE=] [SUBDOMAINS=] [CELLS=] [OUT=]
 	@$(DRIVER) saddle $(GIVEN)
