@@ -8,22 +8,13 @@ for; 4 not converged in the allowed iterations. A user's mistake is told in one 
 """
 
 import argparse
-import dataclasses
 import json
-import os
-import shutil
-import subprocess
 import sys
-import time
 from pathlib import Path
 
 from . import environment, freefem
-from .errors import DriverError, InputError, error_of
-from .ledger import never_mattered
-
-RESULTS = environment.ROOT / "results"
-# driver options beside quasistatic.Settings; everything else is a parameter of the scene
-OPTIONS = ("scene", "np", "out", "fields", "figures", "quiet")
+from .errors import DriverError, InputError
+from .run import RESULTS, Run, describe, execute, solve_here
 
 
 def parse_pairs(words: list[str]) -> dict[str, str]:
@@ -37,157 +28,6 @@ def parse_pairs(words: list[str]) -> dict[str, str]:
             raise InputError(f"{name.upper()} is given twice")
         pairs[name.lower()] = value
     return pairs
-
-
-def _setting(field, text: str):
-    """Value of a solver option from its text. Raises InputError for the wrong type."""
-    choices = {"preconditioner": ("dirichlet", "none"), "predictor": ("load", "previous"),
-               "expansion": ("cg", "gradient")}.get(field.name)
-    if choices and text not in choices:
-        raise InputError(f"{field.name.upper()} must be one of {', '.join(choices)}, not '{text}'")
-    try:
-        value = field.type(text)
-    except ValueError:
-        raise InputError(f"{field.name.upper()} expects {'a whole number' if field.type is int else 'a number'}, not '{text}'") from None
-    if field.type is not str and not (0 < value < float("inf")):
-        raise InputError(f"{field.name.upper()} must be positive, not '{text}'")
-    return value
-
-
-def _yes(options: dict, name: str, preset: str) -> bool:
-    value = options.get(name, preset)
-    if value not in ("yes", "no"):
-        raise InputError(f"{name.upper()} must be yes or no, not '{value}'")
-    return value == "yes"
-
-
-@dataclasses.dataclass
-class Run:
-    """A run as asked for on the command line."""
-
-    scene: Path
-    out: Path
-    ranks: int
-    settings: dict
-    parameters: dict
-    fields: bool = True
-    figures: bool = True
-    quiet: bool = False
-
-    @classmethod
-    def from_pairs(cls, pairs: dict[str, str]) -> "Run":
-        """Sort NAME=VALUE pairs into options, solver settings and scene parameters."""
-        from .options import Settings
-
-        scene = freefem.find_scene(pairs["scene"])
-        ranks = pairs.get("np", "1")
-        if not ranks.isdigit() or int(ranks) < 1:
-            raise InputError(f"NP expects a number of ranks, not '{ranks}'")
-        known = {f.name: f for f in dataclasses.fields(Settings)}
-        settings = {n: _setting(known[n], v) for n, v in pairs.items() if n in known}
-        parameters = {n: v for n, v in pairs.items() if n not in known and n not in OPTIONS}
-        out = Path(pairs["out"]) if "out" in pairs else RESULTS / scene.stem
-        return cls(scene, out, int(ranks), settings, parameters, _yes(pairs, "fields", "yes"),
-                   _yes(pairs, "figures", "yes"), _yes(pairs, "quiet", "no"))
-
-
-def execute(run: Run) -> dict:
-    """Export, solve, draw; returns the summary. Raises DriverError; `run.out` changes only as a whole."""
-    out = run.out.absolute()
-    _check_out(out)
-    work = out.with_name(f".{out.name}.{os.getpid()}")
-    try:
-        work.mkdir(parents=True)
-    except OSError as problem:
-        raise InputError(f"cannot write results to {out.parent}: {problem.strerror}") from None
-    try:
-        return _execute(run, work, out)
-    except OSError as problem:
-        raise InputError(f"writing the results failed: {problem}") from None
-    finally:
-        shutil.rmtree(work, ignore_errors=True)
-
-
-def _check_out(out: Path) -> None:
-    """A run replaces its whole directory: it must be new, empty, or hold an earlier run."""
-    if not out.name or out.is_file():
-        raise InputError(f"OUT={out} is no directory that results can be written to")
-    if out.is_dir() and any(out.iterdir()) and not (out / "summary.json").is_file():
-        raise InputError(f"OUT={out} holds files but no earlier run; choose another directory or empty it")
-
-
-def _execute(run: Run, work: Path, out: Path) -> dict:
-    clock = time.perf_counter()
-    freefem.export(run.scene, work / "export", run.parameters, run.ranks)
-    request = {"scene": run.scene.stem, "settings": run.settings, "fields": run.fields, "output": True,
-               "quiet": run.quiet, "seconds": {"export": time.perf_counter() - clock}}
-    status, reason = solve(work, request, run.ranks)
-    if not (work / "summary.json").exists():
-        raise error_of(status, reason)
-    if run.figures:
-        from .figures import draw_run
-
-        draw_run(work)
-    (work / "export" / "freefem.log").rename(work / "freefem.log")
-    shutil.rmtree(work / "export")
-    _publish(work, out)
-    if status:
-        raise error_of(status, f"{reason}; what was found is kept in {out}")
-    return json.loads((out / "summary.json").read_text())
-
-
-def solve(work: Path, request: dict, ranks: int) -> tuple[int, str]:
-    """Run the SPMD part on `ranks` ranks; exit status and reason."""
-    if ranks == 1:
-        return solve_here(work, request)
-    (work / "request.json").write_text(json.dumps(request))
-    command = [*environment.mpirun(ranks), sys.executable, "-m", "driver", "solve", str(work)]
-    env = environment.child_environment()
-    env["PYTHONPATH"] = os.pathsep.join(filter(None, [str(environment.ROOT), env.get("PYTHONPATH")]))
-    done = subprocess.run(command, env=env, stdin=subprocess.DEVNULL)
-    try:
-        answer = json.loads((work / "answer.json").read_text())
-    except FileNotFoundError:
-        raise InputError(f"a rank of the solver died (mpirun exit {done.returncode}); nothing was changed") from None
-    for name in ("request.json", "answer.json"):
-        (work / name).unlink()
-    return answer["status"], answer["reason"]
-
-
-def solve_here(work: Path, request: dict) -> tuple[int, str]:
-    """The SPMD part on the ranks this process was started with."""
-    environment.prepare_petsc()
-    try:
-        import petsc4py
-
-        petsc4py.init(["driver", "-no_signal_handler"])  # SIGINT and SIGPIPE are ours to report
-        from mpi4py import MPI
-
-        from . import solve as spmd
-    except ImportError as problem:
-        raise InputError(f"the Python package {problem.name} is not installed; {environment.SET_UP}") from None
-    return spmd.run(work, request, MPI.COMM_WORLD)
-
-
-def _publish(work: Path, out: Path) -> None:
-    """Put the finished directory in the place of an older one, which is removed last."""
-    old = out.with_name(f".{out.name}.old.{os.getpid()}")
-    if out.exists():
-        out.rename(old)
-    work.rename(out)
-    shutil.rmtree(old, ignore_errors=True)
-
-
-def describe(summary: dict, out: Path) -> str:
-    """Few lines about a finished run."""
-    sizes, counts, worst = summary["sizes"], summary["counts"], max(summary["residuals"].values(), default=0)
-    s, idle = summary["seconds"], never_mattered(summary["effects_ledger"])
-    return (f"{' '.join(filter(None, (summary['scene'], summary['variant'])))}: {sizes['subdomains']} subdomains, {sizes['primal_dofs']} primal and "
-            f"{sizes['dual_dofs']} dual dofs, {summary['steps']} steps\n"
-            f"  {counts['fixed_point_iterations']} fixed-point iterations, {counts['dual_multiplications']} products with F, "
-            f"largest KKT residual {worst:.1e}, force balance {summary['balance']:.1e}\n"
-            f"  {s['total']:.2f} s (FreeFEM {s['export']:.2f}, setup {s['setup']:.2f}, solve {s['solve']:.2f}, output "
-            f"{s['output']:.2f}), results in {os.path.relpath(out)}" + "".join(f"\n  {line}" for line in idle))
 
 
 def command_run(words: list[str]) -> None:

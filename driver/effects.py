@@ -194,7 +194,7 @@ def run_effects(pairs: dict[str, str]) -> list[Path]:
     Raises InputError for options that the study sets itself and for a scene that does not run as declared
     (DriverError of the run's exit status).
     """
-    from .cli import RESULTS
+    from .run import RESULTS
     from .errors import error_of
 
     if "scene" not in pairs:

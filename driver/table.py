@@ -11,7 +11,7 @@ import json
 import os
 from pathlib import Path
 
-from .cli import RESULTS, Run, execute
+from .run import RESULTS, Run, execute
 from .errors import InputError
 from .options import Settings
 

@@ -22,7 +22,7 @@ petsc4py.init([])
 
 from mpi4py import MPI
 
-from driver import cli, freefem
+from driver import freefem, run
 from driver.errors import DriverError
 
 MODEL = environment.ROOT / "edp" / "model.edp"
@@ -157,7 +157,7 @@ def solved(tmp_path_factory):
             pairs.update({name.lower(): str(value) for name, value in options.items()})
             status, reason = 0, ""
             try:
-                cli.execute(cli.Run.from_pairs(pairs))
+                run.execute(run.Run.from_pairs(pairs))
             except DriverError as problem:
                 status, reason = problem.exit_status, str(problem)
             made[key] = read_outcome(out, status, reason)
