@@ -109,7 +109,7 @@ class Assembled:
         free = set(self.free.tolist())
         kept = [(key, np.array(p)) for key, p in parts.items() if free & {2 * key[1], 2 * key[1] + 1}]
         kept.sort(key=lambda pair: (pair[0][0], *pair[1][0, 5:]))  # label, then x: the model's order along the arc
-        self.gid = np.array([key[1] for key, _ in kept], int)
+        self.label, self.gid = np.array([key for key, _ in kept], int).reshape(-1, 2).T
         total = np.array([p.sum(axis=0) for _, p in kept]).reshape(-1, 7)
         self.weight, self.gap, self.friction = total[:, 0], total[:, 3] / total[:, 0], total[:, 4] / total[:, 0]
         self.xy = np.array([p[0, 5:] for _, p in kept]).reshape(-1, 2)
@@ -125,15 +125,13 @@ class Assembled:
 
     @property
     def B(self):
-        """(2 n_c, 2 vertices): n.u of every contact node, then t.u; supports left out."""
+        """(2 n_c, 2 vertices): n.u of every contact node, then t.u."""
         n, rows = len(self.gid), np.arange(len(self.gid))
         B = np.zeros((2 * n, self.K.shape[0]))
         for c in (0, 1):
             B[rows, 2 * self.gid + c] = self.normal[:, c]
             B[n + rows, 2 * self.gid + c] = self.tangent[:, c]
-        kept = np.zeros(B.shape[1], bool)
-        kept[self.free] = True
-        return B * kept
+        return B
 
     def compliance(self):
         """C (2 n_c, 2 n_c): displacements n.u, t.u of the contact nodes under unit nodal forces there."""

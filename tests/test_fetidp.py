@@ -178,17 +178,16 @@ def test_scaled_jump_is_a_right_inverse(problem):
 
 # ------------------------------------------------------------------------ the dual operator
 
-def condensed(problem):
-    """Contact part of F after elimination of the gluing multipliers, and the load's part likewise."""
+def condensed(problem, rows):
+    """F at the contact rows `rows` after elimination of the gluing multipliers, and the load's part likewise."""
     s, F = problem.structure, problem.F
-    order = np.concatenate([s.contact.normal_row, s.contact.tangential_row])
     d = problem.operator.load_response(np.ones(s.patterns))
     gluing = s.row_kind == GLUING
     if not gluing.any():
-        return F[np.ix_(order, order)], d[order]
-    inner = np.linalg.solve(F[np.ix_(gluing, gluing)], np.column_stack([F[np.ix_(gluing, order)], d[gluing]]))
-    across = F[np.ix_(order, gluing)]
-    return F[np.ix_(order, order)] - across @ inner[:, :-1], d[order] - across @ inner[:, -1]
+        return F[np.ix_(rows, rows)], d[rows]
+    inner = np.linalg.solve(F[np.ix_(gluing, gluing)], np.column_stack([F[np.ix_(gluing, rows)], d[gluing]]))
+    across = F[np.ix_(rows, gluing)]
+    return F[np.ix_(rows, rows)] - across @ inner[:, :-1], d[rows] - across @ inner[:, -1]
 
 
 def check_compliance(problem):
@@ -197,10 +196,14 @@ def check_compliance(problem):
     Rounding: eps times the condition of the stiffness (of order (2/h)^2 times 10, so below 1e5 for these
     meshes) and of the gluing block (below 1e2) would allow 1e-9; 1e-10 leaves no room for a modelling error.
     """
-    body = Assembled(problem.manifest, problem.subdomains)
-    assert body.gid.tolist() == problem.structure.contact.gid.tolist()
-    C, unit = body.compliance(), body.B @ body.solve(np.ones(len(body.loads)))
-    found, d = condensed(problem)
+    body, contact = Assembled(problem.manifest, problem.subdomains), problem.structure.contact
+    nodes = list(zip(body.label, body.gid))
+    at = np.array([nodes.index(node) for node in zip(contact.label, contact.gid)])
+    assert sorted(at) == list(range(len(nodes)))
+    rows, at = np.concatenate([contact.normal_row, contact.tangential_row]), np.concatenate([at, len(at) + at])
+    rows, at = rows[rows >= 0], at[rows >= 0]
+    C, unit = body.compliance()[np.ix_(at, at)], (body.B @ body.solve(np.ones(len(body.loads))))[at]
+    found, d = condensed(problem, rows)
     assert np.abs(found - C).max() <= 1e-10 * np.abs(C).max()
     assert np.abs(d - unit).max() <= 1e-10 * np.abs(unit).max()
 
@@ -250,6 +253,31 @@ body = buildmesh(outer0(20) + outer1(8) + outer2(20) + outer3(8) + hole(-12));
 def test_body_with_a_hole(built, variant, subdomains):
     """Unstructured mesh; subdomains around the hole, in two pieces (1x3) or meeting a neighbour twice (2x1)."""
     scene = variant("hole", ("rectangle(0., 2., 0., 1.);", ANNULUS))
+    check_compliance(built(scene, subdomains=subdomains))
+
+
+@pytest.mark.parametrize("contact", ["5", "1, 5", "3, 2"])
+def test_contact_on_a_curve_and_on_several_labels(built, variant, contact):
+    """Normals of every direction; a node at a corner of the body has a pair of rows for each of its labels."""
+    scene = variant(f"contact{len(contact)}{contact[0]}", ("rectangle(0., 2., 0., 1.);", ANNULUS),
+                    ("macro contact() 1 //", f"macro contact() {contact} //"))
+    check_compliance(built(scene, subdomains="4x2"))
+
+
+SLANTED = """
+border side1(t=0, 2) { x=t; y=0.2*t; label=1; }
+border side2(t=0.4, 1) { x=2; y=t; label=2; }
+border side3(t=2, 0) { x=t; y=1; label=3; }
+border side4(t=1, 0) { x=0; y=t; label=4; }
+body = buildmesh(side1(16) + side2(6) + side3(16) + side4(8));
+"""
+
+
+@pytest.mark.parametrize("subdomains", ["1x1", "4x2", "5"])
+def test_contact_node_with_one_prescribed_component(built, variant, subdomains):
+    """On a slope n.u at the end node is part unknown (u2), part prescribed (u1 = 1e-3): both belong to d."""
+    scene = variant("slanted", ("rectangle(0., 2., 0., 1.);", SLANTED), ("macro friction() F //\n", ""),
+                    ('include "export.idp"', "macro displacement1() on(2, u1 = 1e-3) //\ninclude \"export.idp\""))
     check_compliance(built(scene, subdomains=subdomains))
 
 
