@@ -18,7 +18,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from . import environment, freefem
-from .errors import InputError
+from .errors import InputError, error_of
+from .run import RESULTS
 
 FRICTION = r"friction|tresca|slipFactor|displacementFactor|slipRange"
 # taken out one after the other: name and the macros that declare it; no macro of a scene may be in the way
@@ -318,12 +319,12 @@ def _tractions(axes, touching: list[Variant], found: list[Variant]) -> None:
     """Normal and tangential tractions along the contact boundary that carries most, at the end of the run."""
     import numpy as np
 
-    from .figures import scale_for, select
+    from .figures import contact_boundaries, scale_for
 
     full, units = touching[0].contact, touching[0].units
-    load = {b: float(np.abs(full["sigma_n"] * full["weight"])[full["boundary"] == b].sum()) for b in set(full["boundary"])}
+    load = {b: float(np.abs(rows["sigma_n"] * rows["weight"]).sum()) for b, rows in contact_boundaries(full)}
     most = max(load, key=load.get)
-    shown = [(variant, select(variant.contact, variant.contact["boundary"] == most)) for variant in touching]
+    shown = [(variant, dict(contact_boundaries(variant.contact))[most]) for variant in touching]
     along = scale_for(units["length"], full["arc"])
     for panel, column, symbol in zip(axes, ("sigma_n", "sigma_t"), (r"\sigma_n", r"\sigma_t")):
         # one singular corner would flatten all curves
