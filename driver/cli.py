@@ -9,6 +9,7 @@ for; 4 not converged in the allowed iterations. A user's mistake is told in one 
 
 import argparse
 import json
+import os
 import sys
 from pathlib import Path
 

@@ -39,8 +39,8 @@ NAMES = {"lift-off": "adhesion (bilateral)"}
 DRIVES = r"(load|displacement)(\d)"  # forces and displacements: taken out one by one where there are several
 
 RESPONSE = {  # at the end of the run: column and its heading in the picture
-    "peak_normal": "peak\n$|\\sigma_n|$", "peak_tangential": "peak\n$|\\sigma_t|$", "resultant_n": "resultant\n$|R_n|$",
-    "resultant_t": "resultant\n$|R_t|$", "contact_length": "contact\nlength", "largest_slip": "largest\nslip",
+    "peak_normal": "peak\n$|\\sigma_n|$", "peak_tangential": "peak\n$|\\sigma_t|$", "resultant_n": "total\n$|R_n|$",
+    "resultant_t": "total\n$|R_t|$", "contact_length": "contact\nlength", "largest_slip": "largest\nslip",
     "dissipated": "friction\nenergy", "max_displacement": "largest\n$|u|$"}
 COST = ("primal_dofs", "dual_gluing", "dual_normal", "dual_tangential", "coarse_dofs", "steps",
         "fixed_point_iterations", "dual_multiplications", "dual_multiplications_setup")
@@ -294,8 +294,9 @@ def draw(folder: Path, name: str, found: list[Variant]) -> list[Path]:
         FigureCanvasAgg(figure)
         rows = figure.add_gridspec(2 if touching else 1, 1, height_ratios=[5.2, matrix] if touching else None)
         if touching:
-            top = rows[0].subgridspec(1, 2)
-            _tractions([figure.add_subplot(top[0, k]) for k in (0, 1)], touching, found)
+            rubs = any(variant.contact["sigma_t"].any() for variant in touching)
+            top = rows[0].subgridspec(1, 1 + rubs)
+            _tractions([figure.add_subplot(top[0, k]) for k in range(1 + rubs)], touching, found)
         bottom = rows[-1].subgridspec(1, 3, width_ratios=[7.4, 1.5, 1.5])
         _changes(figure.add_subplot(bottom[0, 0]), found)
         _costs(figure.add_subplot(bottom[0, 1]), figure.add_subplot(bottom[0, 2]), found)
@@ -327,10 +328,9 @@ def _tractions(axes, touching: list[Variant], found: list[Variant]) -> None:
     shown = [(variant, dict(contact_boundaries(variant.contact))[most]) for variant in touching]
     along = scale_for(units["length"], full["arc"])
     for panel, column, symbol in zip(axes, ("sigma_n", "sigma_t"), (r"\sigma_n", r"\sigma_t")):
-        # one singular corner would flatten all curves
-        values = np.concatenate([rows[column] for _, rows in shown])
-        stress = scale_for(units["stress"], np.quantile(np.abs(full["sigma_n"]), 0.98))
-        low, high = np.quantile(values, [0.015, 0.985]) * stress.factor
+        values, weight = (np.concatenate([rows[name] for _, rows in shown]) for name in (column, "weight"))
+        stress = scale_for(units["stress"], _spread(np.abs(values), weight, 0.95)[1])
+        low, high = np.multiply(_spread(values, weight, 0.97), stress.factor)
         for variant, rows in shown:
             panel.plot(rows["arc"] * along.factor, rows[column] * stress.factor, label=label(variant), **_style(variant, found))
         panel.axhline(0, color="0.6", lw=0.5, zorder=0)
@@ -338,10 +338,18 @@ def _tractions(axes, touching: list[Variant], found: list[Variant]) -> None:
         panel.set(xlabel=f"arc length [{along.label}]", ylabel=rf"${symbol}$ [{stress.label}]", ylim=(low - room, high + room)
                   if high > low else None)
         panel.margins(x=0)
-        panel.set_title("normal traction" if column == "sigma_n" else "tangential traction")
-    if len(load) > 1:
-        axes[0].set_title(f"normal traction, boundary {most:g}")
-        axes[1].set_title(f"tangential traction, boundary {most:g}")
+        title = "normal traction" if column == "sigma_n" else "tangential traction"
+        panel.set_title(title + (f", boundary {most}" if len(load) > 1 else ""))
+
+
+def _spread(values, weight, share: float) -> tuple[float, float]:
+    """Range, 0 included, that the values keep to on `share` of the length: a singular edge would flatten all curves."""
+    import numpy as np
+
+    order = np.argsort(values)
+    along = np.cumsum(weight[order]) / weight.sum()
+    low, high = values[order][np.minimum(np.searchsorted(along, [1 - share, share]), len(values) - 1)]
+    return min(low, 0.0), max(high, 0.0)
 
 
 def _changes(axes, found: list[Variant]) -> None:
@@ -357,11 +365,11 @@ def _changes(axes, found: list[Variant]) -> None:
     axes.imshow(shade, cmap=colours, vmin=-1, vmax=1, aspect="auto", interpolation="nearest")
     for i, variant in enumerate(others):
         if not variant.row:
-            reason = variant.reason if len(variant.reason) < 75 else variant.reason[:72].rsplit(" ", 1)[0] + " …"
+            reason = variant.reason if len(variant.reason) < 64 else variant.reason[:61].rsplit(" ", 1)[0] + " …"
             axes.text(len(RESPONSE) / 2 - 0.5, i, f"no solution: {reason}", ha="center", va="center", fontsize=6, color="0.3")
             continue
         for k, name in enumerate(RESPONSE):
-            axes.text(k, i, change(variant.row[f"{name}_change"], short=True), ha="center", va="center", fontsize=7)
+            axes.text(k, i, change(variant.row[f"{name}_change"], short=True).replace("-", "\N{MINUS SIGN}"), ha="center", va="center", fontsize=7)
     axes.set_xticks(range(len(RESPONSE)), list(RESPONSE.values()), fontsize=6.5)
     axes.set_yticks(range(len(others)), [label(variant) for variant in others])
     axes.set_xticks(np.arange(-0.5, len(RESPONSE)), minor=True)
