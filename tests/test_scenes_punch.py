@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from oracles import Assembled, coulomb_history
+from driver import freefem
+from oracles import Assembled, coulomb_history, warm_box_qp
 
 TIGHT = {"RTOL": 1e-10, "FRICTION_RTOL": 1e-10}
 
@@ -10,11 +11,21 @@ TIGHT = {"RTOL": 1e-10, "FRICTION_RTOL": 1e-10}
 @pytest.fixture(scope="module")
 def frictionless(tmp_path_factory):
     """Path of the punch without friction, in one step."""
-    from driver import effects, freefem
+    from driver import effects
 
-    text = effects.without(freefem.find_scene("punch").read_text(), "friction")
+    text = effects.without(freefem.find_scene("punch").read_text(), effects.FRICTION)
     path = tmp_path_factory.mktemp("punch") / "punch.edp"
     path.write_text(effects.static(text))
+    return path
+
+
+@pytest.fixture(scope="module")
+def constant(tmp_path_factory):
+    """Path of the punch with a friction coefficient that depends on the place only."""
+    from driver import effects
+
+    path = tmp_path_factory.mktemp("constant") / "punch.edp"
+    path.write_text(effects.without(freefem.find_scene("punch").read_text(), "slipFactor"))
     return path
 
 
@@ -72,16 +83,16 @@ class OnSymmetryLine(Assembled):
 
 
 @pytest.mark.parametrize("indentation", [0.01, 0.03])
-def test_friction_against_dense_fixed_point(solved, built, indentation):
+def test_friction_against_dense_fixed_point(solved, built, constant, indentation):
     """F falls along the punch. Multipliers: stopping tolerance 1e-10 times a condition number below 1e5."""
-    problem = built("punch", reduce=False, indentation=indentation, steps=4)
+    problem = built(constant, reduce=False, indentation=indentation, steps=4)
     m = problem.manifest
     amplitudes = np.array([[m.amplitude(k, i) for k in range(len(m.patterns))] for i in range(m.steps + 1)])
     body = OnSymmetryLine(m, problem.subdomains)
     # friction is F times the nodal pressure: the scene's coefficient, not the exported one
     assert np.allclose(body.friction, 0.3 * (1 - 0.5 * body.xy[:, 0]), rtol=1e-12)
     expected = coulomb_history(body, amplitudes)
-    run = solved("punch", INDENTATION=indentation, STEPS=4, **TIGHT)
+    run = solved(constant, INDENTATION=indentation, STEPS=4, **TIGHT)
     assert run.status == 0, run.reason
     for name in ("sigma_n", "sigma_t", "u_n", "u_t"):
         # the punch does not let the surface move along n: u_n is measured by the indentation
@@ -94,8 +105,72 @@ def test_friction_against_dense_fixed_point(solved, built, indentation):
     assert x[status == "stick"].max() < x[status == "slip"].min()
 
 
-def test_stick_zone_does_not_grow_with_the_load(solved):
+def test_stick_zone_does_not_grow_with_the_load(solved, constant):
     """The problem is homogeneous in the indentation: all zones stay where they are (Spence's similarity)."""
-    run = solved("punch", INDENTATION=0.01, STEPS=4, **TIGHT)
+    run = solved(constant, INDENTATION=0.01, STEPS=4, **TIGHT)
     for status in run.contact["status"][:-1]:
         assert np.array_equal(status, run.contact["status"][-1])
+
+
+# ---- F that depends on the way slid, or on the tangential displacement ---------------------------------
+
+RANGE = 5e-4  # the scene's; the edge slips further than that
+LAWS = {"slipFactor": lambda now, before, way: way + np.abs(now - before), "displacementFactor": lambda now, before, way: np.abs(now)}
+
+
+def weakening(s):
+    """The scene's law: from 1 to 0.5 at RANGE, constant beyond. Linear, so that the driver's table of it is exact."""
+    return 1 - 0.5 * np.minimum(s / RANGE, 1)
+
+
+def dense_history(body, amplitudes, argument):
+    """Successive approximations of the bound F(s) lambda_n to rounding; asserts Coulomb's law of the answer."""
+    C, n = body.compliance(), len(body.gid)
+    x, u_t, way, found = np.zeros(2 * n), np.zeros(n), np.zeros(n), []
+    for weights in amplitudes[1:]:
+        free = body.B @ body.solve(weights)
+        d = free - np.concatenate([body.gap, u_t])
+        for _ in range(500):
+            F = body.friction * weakening(argument((free - C @ x)[n:], u_t, way))
+            g = F * x[:n]
+            new = warm_box_qp(C, d, np.concatenate([np.zeros(n), -g]), np.concatenate([np.full(n, np.inf), g]), x)
+            change, x = np.abs(new - x).max(), new
+            if change <= 1e-13 * np.abs(x).max():
+                break
+        else:
+            raise AssertionError("the oracle's fixed point does not settle")
+        moved = (free - C @ x)[n:]
+        bound = body.friction * weakening(argument(moved, u_t, way)) * x[:n]
+        slip, size = moved - u_t, np.abs(x).max()
+        assert np.all(np.abs(x[n:]) <= bound + 1e-10 * size)
+        assert np.all(np.abs(slip)[np.abs(x[n:]) < bound - 1e-9 * size] <= 1e-10 * np.abs(d).max())
+        assert np.all(x[n:] * slip >= -1e-10 * size * np.abs(d).max())
+        way, u_t = way + np.abs(slip), moved
+        found.append((-x[:n] / body.weight, -x[n:] / body.weight, u_t))
+    return dict(zip(("sigma_n", "sigma_t", "u_t"), map(np.array, zip(*found))))
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_slip_dependent_friction(solved, exported, read, tmp_path_factory, law):
+    """The punch goes in and half out again, so that the way slid and the displacement are not the same."""
+    text = freefem.find_scene("punch").read_text()
+    assert "macro slipFactor(s)" in text and "macro amplitude1(t) t //" in text
+    text = text.replace("macro slipFactor(s)", f"macro {law}(s)").replace(
+        "macro amplitude1(t) t //", "macro amplitude1(t) (t < 0.6 ? t/0.6 : 1. - 1.5*(t - 0.6)) //")
+    path = tmp_path_factory.mktemp("law") / f"{law}.edp"
+    path.write_text(text)
+    problem = read(exported(path, steps=5, h=1 / 16), reduce=False)
+    m = problem.manifest
+    amplitudes = np.array([[m.amplitude(k, i) for k in range(len(m.patterns))] for i in range(m.steps + 1)])
+    body = OnSymmetryLine(m, problem.subdomains)
+    expected = dense_history(body, amplitudes, LAWS[law])
+    run = solved(path, STEPS=5, H=1 / 16, **TIGHT)
+    assert run.status == 0, run.reason
+    assert run.summary["effects"]["friction"] == "coulomb-slip-dependent"
+    order, oracle_order = np.argsort(run.contact["x"][0]), np.argsort(body.xy[:, 0])
+    for name in ("sigma_n", "sigma_t", "u_t"):
+        size = np.abs(expected["u_t" if name == "u_t" else "sigma_n"]).max()
+        assert np.abs(run.contact[name][:, order] - expected[name][:, oracle_order]).max() <= 1e-5 * size, name
+    # the law is felt: the outer half slips far enough to lose friction
+    constant = dense_history(body, amplitudes, lambda now, before, way: np.zeros(len(now)))
+    assert np.abs(expected["sigma_t"] - constant["sigma_t"]).max() > 0.01 * np.abs(constant["sigma_n"]).max()
