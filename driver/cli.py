@@ -1,7 +1,7 @@
 """Command line: one run from scene to figures, and the tables made of many runs.
 
     python3 -m driver run SCENE=model LOADING=monotone NP=2 OUT=results/mine
-    python3 -m driver scenes | figures DIRECTORY | table [ROWS=1,2,3] | saddle SCENE=model OUT=...
+    python3 -m driver scenes | figures DIRECTORY | table [ROWS=1,2,3] | effects SCENE=punch | saddle SCENE=model OUT=...
 
 Exit status: 0 converged; 2 bad input or missing dependency; 3 no (unique) solution the method can vouch
 for; 4 not converged in the allowed iterations. A user's mistake is told in one line.
