@@ -21,7 +21,7 @@ from scipy.sparse import coo_matrix, csr_matrix
 
 from . import freefem
 from .errors import InputError
-from .fetidp import constraint_matrix
+from .reduction import constraint_matrix
 from .loader import read_subdomains
 from .substructuring import Substructure, build
 

@@ -8,7 +8,7 @@ import pytest
 from mpi4py import MPI
 from oracles import Assembled
 
-from driver import environment, fetidp
+from driver import environment, reduction
 from driver.errors import NoSolution
 from driver.fetidp import DirichletPreconditioner, DualOperator
 from driver.substructuring import GLUING, NORMAL, TANGENTIAL
@@ -296,7 +296,7 @@ def test_subdomains_of_different_material_share_nothing(built, variant, young):
 def test_sharing_classes_changes_nothing(built, monkeypatch):
     shared = built()
     assert len(shared.operator.classes) < len(shared.subdomains)
-    monkeypatch.setattr(fetidp, "_fingerprint", lambda structure, s: str(s).encode())
+    monkeypatch.setattr(reduction, "_fingerprint", lambda structure, s: str(s).encode())
     alone = DualOperator(shared.structure, MPI.COMM_SELF)
     assert len(alone.classes) == len(shared.subdomains)
     x = np.random.default_rng(3).standard_normal(alone.owned)
