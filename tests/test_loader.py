@@ -246,7 +246,7 @@ def test_a_wild_word_anywhere_ends_in_no_traceback(small, read, value):
     """Any word of the file overwritten: the export is refused by an InputError or read, nothing else."""
     words = np.fromfile(small / "block-0.bin", np.int64)
     accepted = 0
-    for at in range(len(words)):
+    for at in range(0, len(words), 1 + (value > 0)):  # -1 everywhere, the others at every second word
         changed = words.copy()
         changed[at] = value
         changed.tofile(small / "block-0.bin")
