@@ -30,6 +30,13 @@ class HalfPlane:
         self.state = np.where(np.abs(self.x) < reach / 2, STICK, OPEN)
         self.dissipated = 0.0
 
+    def preload(self, P, a, p0):
+        """Start from Hertz's pressure, put on without friction."""
+        self.p = p0 * np.sqrt(np.maximum(0.0, 1 - (self.x / a) ** 2))
+        self.p *= P / (self.width * self.p.sum())
+        self.u_x = self.cross @ self.p
+        return self
+
     def step(self, P, Q):
         """Advance to the resultants P, Q by an active-set iteration; AssertionError if its KKT conditions fail."""
         n, seen = len(self.x), set()
