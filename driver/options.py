@@ -9,6 +9,7 @@ class Settings:
 
     rtol: float = 1e-6  # MPRGP: projected gradient over ||d||
     friction_rtol: float = 1e-6  # fixed point: change of lambda_n over lambda_n
+    primal_rtol: float = 1e-4  # gluing jump and penetration over the body's displacement; else rtol is tightened
     max_fixed_point: int = 100  # per time step
     max_products: int = 200_000  # per QP
     preconditioner: str = "dirichlet"  # or "none": the plain method

@@ -13,12 +13,13 @@ import time
 from dataclasses import dataclass, field
 
 import numpy as np
-from mpi4py import MPI
 
 from . import friction
 from .fetidp import DirichletPreconditioner, DualOperator
-from .options import Settings
 from .mprgp import mprgp, norm_bound, projected_gradient
+from .options import Settings
+
+TIGHTENINGS = 3  # tenfold reductions of the QP tolerance that a step may ask for
 
 
 @dataclass
@@ -49,7 +50,22 @@ class History:
     steps: int = 0
     exit_status: int = 0
     reason: str = ""
+    warnings: list = field(default_factory=list)
     seconds: float = 0.0
+
+
+@dataclass
+class _Trace:
+    """Iterations of the fixed point in one time step and the changes they made."""
+
+    iterations: int = 0
+    changes: list = field(default_factory=list)
+
+    @property
+    def contraction(self) -> float:
+        """Ratio of the last two changes, NaN if there are none."""
+        last = self.changes[-2:]
+        return last[1] / last[0] if len(last) == 2 and last[0] > 0 else np.nan
 
 
 class QuasistaticSolver:
@@ -91,7 +107,7 @@ class QuasistaticSolver:
             d[self.rows.normal] -= self.rows.gap
             d[self.rows.tangential] -= self.u_t
             start, sliding = self._predict(index, lam, older), self._sliding(lam, self.rows.friction_bound(lam))
-            step = self._fixed_point(index, weights, d, start, sliding)
+            step = self._step(index, weights, d, start, sliding)
             lam, older = step.multipliers, lam
             slip = -step.gradient[self.rows.tangential]
             self.u_t, self.way = self.u_t + slip, self.way + np.abs(slip)
@@ -110,6 +126,7 @@ class QuasistaticSolver:
         self.scale_d = np.sqrt(op.dot(d, d))
         lower, upper = rows.limits(op.owned, np.zeros(op.owned))
         lower[rows.tangential] = upper[rows.tangential] = 0.0
+        self.tol = self.settings.rtol * self.scale_d
         result = self._solve_qp(0, 1, d, (lower, upper), np.zeros(op.owned), 0.0)
         self.u_t = -result.gradient[rows.tangential]
         found = np.zeros(len(contact.gid))
@@ -139,37 +156,57 @@ class QuasistaticSolver:
         self.history.steps = step.index
 
     # ---- one time step -----------------------------------------------------------------------
-    def _fixed_point(self, index: int, weights, d, start, sliding) -> Step:
+    def _step(self, index: int, weights, d, start, sliding) -> Step:
+        """One time step, with a tighter QP tolerance until displacements are good to `primal_rtol`.
+
+        The tolerance on the projected gradient is relative to ||d||, the displacements of the body without
+        contact and glue, which may be far larger than those of the solution.
+        """
+        op, settings, rows = self.operator, self.settings, self.rows
+        self.scale_d = max(self.scale_d, np.sqrt(op.dot(d, d)))
+        self.tol = settings.rtol * self.scale_d
+        products, trace = op.products, _Trace()
+        lower, _ = rows.limits(op.owned, start)
+        x = self._follow(np.maximum(start, lower), sliding)
+        for _ in range(TIGHTENINGS + 1):
+            x, gradient, sliding = self._fixed_point(index, d, x, trace)
+            x, gradient = self._into_cone(d, x, gradient, sliding)
+            residuals = self._residuals(weights, x, gradient)
+            poor = max(residuals["gluing"], residuals["penetration"])
+            if self.history.exit_status or poor <= settings.primal_rtol:
+                break
+            self.tol *= 0.1
+        else:
+            self.history.warnings.append(f"step {index}: gluing or penetration residual {poor:.1e} above "
+                                         f"{settings.primal_rtol:.0e} although MPRGP was tightened")
+        return Step(index, float(self.times[index]), weights, x, gradient, friction.status(rows, x, gradient),
+                    trace.iterations, op.products - products, trace.contraction, residuals)
+
+    def _fixed_point(self, index: int, d, x, trace: "_Trace"):
         """Successive approximations lambda_n -> Phi(lambda_n), each QP solved only as far as it pays.
 
         The first QPs would be solved far beyond the error of their friction bound; each reduces its initial
-        residual by `inner_rtol`, and the last one meets `rtol`.
+        residual by `inner_rtol`, and the last one meets the tolerance. Returns multipliers, gradient and the
+        rows that slide.
         """
         op, settings, rows = self.operator, self.settings, self.rows
-        products = op.products
-        self.scale_d = max(self.scale_d, np.sqrt(op.dot(d, d)))
         coulomb = bool(op.comm.allreduce(int(len(rows.tangential) > 0 and not rows.tresca)))
-        lower, _ = rows.limits(op.owned, start)
-        x = self._follow(np.maximum(start, lower), sliding)
-        changes, iteration = [], 0
         while True:
-            iteration += 1
+            trace.iterations += 1
             limits, bound = rows.limits(op.owned, x), rows.friction_bound(x)
             x = np.clip(x, *limits)
-            result = self._solve_qp(index, iteration, d, limits, x, settings.inner_rtol if coulomb else 0.0)
+            result = self._solve_qp(index, trace.iterations, d, limits, x, settings.inner_rtol if coulomb else 0.0)
             change, x, gradient = result.x[rows.normal] - x[rows.normal], result.x, result.gradient
             sliding = self._sliding(x, bound)
             if self.history.exit_status or not coulomb:
                 break
             self._renew_coefficient(gradient)
-            changes.append(max(self._norm(change), self._norm(rows.friction_bound(x) - bound, tangential=True)))
-            exact = result.residual <= settings.rtol * self.scale_d
-            if exact and changes[-1] <= settings.friction_rtol * self._norm(x[rows.normal]):
-                break
-            if self._diverges(index, iteration, changes):
+            trace.changes.append(max(self._norm(change), self._norm(rows.friction_bound(x) - bound, tangential=True)))
+            settled = trace.changes[-1] <= settings.friction_rtol * self._norm(x[rows.normal])
+            if settled and result.residual <= self.tol or self._diverges(index, trace):
                 break
             x = self._follow(x, sliding)
-        return self._finish(index, weights, d, x, gradient, sliding, iteration, changes, products)
+        return x, gradient, sliding
 
     def _renew_coefficient(self, gradient: np.ndarray) -> None:
         """Friction coefficients at the tangential displacements of the latest iterate."""
@@ -197,7 +234,7 @@ class QuasistaticSolver:
         op, settings, history = self.operator, self.settings, self.history
         gradient = op.apply(x) - d
         left = projected_gradient(x, gradient, *limits)
-        tol = max(settings.rtol * self.scale_d, reduction * np.sqrt(op.dot(left, left)))
+        tol = max(self.tol, reduction * np.sqrt(op.dot(left, left)))
         offset = op.products
 
         def monitor(kind, products, residual):
@@ -220,33 +257,32 @@ class QuasistaticSolver:
         full[self.rows.tangential if tangential else self.rows.normal] = values
         return np.sqrt(self.operator.dot(full, full))
 
-    def _diverges(self, index: int, iteration: int, changes: list) -> bool:
+    def _diverges(self, index: int, trace: "_Trace") -> bool:
         """Stop when the changes no longer contract over a window, or at the iteration limit."""
-        window = 8
+        window, changes = 8, trace.changes
         if len(changes) > 2 * window and min(changes[-window:]) >= min(changes[:-window]):
             self.history.exit_status = 3
             self.history.reason = (f"step {index}: the fixed point for the friction bound does not contract; the "
                                    "friction coefficient may be beyond the range of a unique solution")
-        elif iteration >= self.settings.max_fixed_point:
+        elif trace.iterations >= self.settings.max_fixed_point:
             self.history.exit_status = 4
-            self.history.reason = f"step {index}: no fixed point of the friction bound in {iteration} iterations"
+            self.history.reason = f"step {index}: no fixed point of the friction bound in {trace.iterations} iterations"
         return self.history.exit_status != 0
 
-    def _finish(self, index, weights, d, x, gradient, sliding, iteration, changes, products) -> Step:
-        """Put the last multipliers exactly into the cone of their own pressures and close the step.
+    def _into_cone(self, d, x, gradient, sliding):
+        """Multipliers put exactly into the cone of their own pressures, and their gradient.
 
         The last QP was solved with the bound of the iterate before. Nodes that slid stay on the bound and
         the others inside it, so that the active set the QP has found is kept.
         """
-        op, rows = self.operator, self.rows
         final = self._follow(x, sliding)
-        if op.comm.allreduce(int(np.count_nonzero(final != x))):
-            x, gradient = final, op.apply(final) - d
-        lower, upper = rows.limits(op.owned, x)
-        left = projected_gradient(x, gradient, lower, upper)
-        scale_u = op.corner_displacement(x, weights)
-        residuals = friction.kkt_residuals(rows, x, gradient, np.sqrt(op.dot(left, left)), scale_u, self.scale_d,
-                                           op.comm)
-        contraction = changes[-1] / changes[-2] if len(changes) > 1 and changes[-2] > 0 else np.nan
-        return Step(index, float(self.times[index]), weights, x, gradient, friction.status(rows, x, gradient),
-                    iteration, op.products - products, contraction, residuals)
+        if self.operator.comm.allreduce(int(np.count_nonzero(final != x))):
+            return final, self.operator.apply(final) - d
+        return x, gradient
+
+    def _residuals(self, weights, x, gradient) -> dict:
+        """KKT residuals of the step's state."""
+        op = self.operator
+        left = projected_gradient(x, gradient, *self.rows.limits(op.owned, x))
+        return friction.kkt_residuals(self.rows, x, gradient, np.sqrt(op.dot(left, left)),
+                                      op.corner_displacement(x, weights), self.scale_d, op.comm)

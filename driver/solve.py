@@ -123,7 +123,7 @@ def _summary(request, manifest: Manifest, structure, history, comm) -> dict:
     variant = next((str(v) for k, v in manifest.parameters.items() if k == "loading"), "")
     return {
         "scene": request["scene"], "variant": variant, "converged": history.exit_status == 0,
-        "reason": history.reason, "warnings": [history.reason] if history.reason else [],
+        "reason": history.reason, "warnings": history.warnings + [history.reason] * bool(history.reason),
         "effects": {**manifest.effects, "body_force": any(p["kind"] == "body_force" for p in manifest.patterns),
                     "bodies": 1},
         "sizes": {"subdomains": structure.total, "primal_dofs": structure.primal_dofs,
