@@ -7,7 +7,7 @@ from dataclasses import dataclass
 class Settings:
     """Numerical options of the solver; all tolerances are relative."""
 
-    rtol: float = 1e-6  # MPRGP: projected gradient over ||d||
+    rtol: float = 1e-8  # MPRGP: projected gradient over ||d||
     friction_rtol: float = 1e-6  # fixed point: change of lambda_n over lambda_n
     primal_rtol: float = 1e-4  # gluing jump and penetration over the body's displacement; else rtol is tightened
     max_fixed_point: int = 100  # per time step
