@@ -49,7 +49,8 @@ class Subdomain:
     edges: np.ndarray  # (n_e, 2) boundary edges
     edge_label: np.ndarray  # (n_e,)
     elasticity: np.ndarray  # (n_t, 3, 3) plane Hooke's law in Voigt form
-    sigma_zz: np.ndarray  # (n_t,) factor of (e11 + e22) in the out-of-plane stress
+    thermal: dict[int, np.ndarray]  # by thermal pattern: (n_t, 3) stress of its strain if that is suppressed
+    sigma_zz: np.ndarray | None  # (n_t,) factor of (e11 + e22) in the out-of-plane stress; None where that is zero
     dof_vertex: np.ndarray
     dof_component: np.ndarray
     rows: np.ndarray
@@ -189,7 +190,8 @@ def _record_words(head: np.ndarray, manifest: Manifest) -> int:
     _, nv, nt, ne, nd, nnz, patterns, fixed, contact = (int(n) for n in head)
     moving = sum(pattern["kind"] == "displacement" for pattern in manifest.patterns)
     moduli = 2 if manifest.material == "isotropic" else 6
-    counted = [nv] * 3 + [3 * nt, nt, 3 * ne] + [nt] * moduli + [nd] * 2 + [nnz] * 3 + [nd] * patterns + [fixed]
+    heated = sum(pattern["kind"] == "thermal" for pattern in manifest.patterns)
+    counted = [nv] * 3 + [3 * nt, nt, 3 * ne] + [nt] * (moduli + 3 * heated) + [nd] * 2 + [nnz] * 3 + [nd] * patterns + [fixed]
     counted += [max(1, fixed)] * moving + ([contact] * (7 + manifest.initial_state) if contact else [])
     return sum(counted) + len(counted)
 
@@ -239,6 +241,8 @@ def _read_record(reader: _Block, manifest: Manifest, index: int) -> Subdomain:
     if edge[:, :2].min() < 0 or edge[:, :2].max() >= nv:
         raise InputError(f"{where}: a boundary edge ends at no vertex")
     elasticity, sigma_zz = _read_elasticity(reader, manifest, nt)
+    thermal = {k: np.column_stack([reader.array(nt, np.float64) for _ in range(3)])
+               for k, pattern in enumerate(manifest.patterns) if pattern["kind"] == "thermal"}
     dof_vertex, component = _dof_layout(reader, nd, xy, where)
     rows = reader.indices(nnz, nd, "stiffness row")
     columns = reader.indices(nnz, nd, "stiffness column")
@@ -251,7 +255,8 @@ def _read_record(reader: _Block, manifest: Manifest, index: int) -> Subdomain:
         if pattern["kind"] == "displacement":
             fixed_values[k] = reader.array(max(1, fixed), np.float64)[:fixed]
     data = _read_contact(reader, manifest, contact, nv, where) if contact else None
-    return Subdomain(index, gid, xy, triangles, region, edge[:, :2], edge[:, 2], elasticity, sigma_zz, dof_vertex, component,
+    return Subdomain(index, gid, xy, triangles, region, edge[:, :2], edge[:, 2], elasticity, thermal, sigma_zz,
+                     dof_vertex, component,
                      rows, columns, values, loads, fixed_dofs, fixed_values, data)
 
 
@@ -261,10 +266,10 @@ def _read_elasticity(reader: _Block, manifest: Manifest, nt: int):
         lam, mu = reader.array(nt, np.float64), reader.array(nt, np.float64)
         zero = np.zeros(nt)
         entries = (lam + 2 * mu, lam, zero, lam + 2 * mu, zero, mu)
-        sigma_zz = lam if manifest.plane == "strain" else zero
+        sigma_zz = lam if manifest.plane == "strain" else None
     else:
         entries = [reader.array(nt, np.float64) for _ in range(6)]
-        sigma_zz = np.zeros(nt)  # general plane laws say nothing of the third direction
+        sigma_zz = None  # general plane laws say nothing of the third direction
     c11, c12, c13, c22, c23, c33 = entries
     return np.stack([c11, c12, c13, c12, c22, c23, c13, c23, c33], axis=1).reshape(nt, 3, 3), sigma_zz
 

@@ -31,11 +31,19 @@ def strains(sub: Subdomain, u: np.ndarray) -> np.ndarray:
     return np.column_stack([d[:, 0, 0], d[:, 1, 1], d[:, 1, 0] + d[:, 0, 1]])
 
 
-def stresses(sub: Subdomain, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Stresses (n_t, 3) s11, s22, s12 and von Mises stress (n_t,) of displacements u (dofs,)."""
+def stresses(sub: Subdomain, u: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Stresses (n_t, 3) s11, s22, s12 and von Mises stress (n_t,) of displacements u (dofs,).
+
+    `weights` (patterns,) are the factors of the load patterns: what thermal strains would have of stress if
+    they were suppressed is taken off.
+    """
     strain = strains(sub, u)
     s = np.einsum("tij,tj->ti", sub.elasticity, strain)
-    zz = sub.sigma_zz * (strain[:, 0] + strain[:, 1])
+    zz = 0.0 if sub.sigma_zz is None else sub.sigma_zz * (strain[:, 0] + strain[:, 1])
+    for pattern, suppressed in sub.thermal.items():
+        s -= weights[pattern] * suppressed
+        if sub.sigma_zz is not None:  # isotropic: the same in all directions
+            zz = zz - weights[pattern] * suppressed[:, 0]
     mises = np.sqrt(0.5 * ((s[:, 0] - s[:, 1]) ** 2 + (s[:, 1] - zz) ** 2 + (zz - s[:, 0]) ** 2) + 3 * s[:, 2] ** 2)
     return s, mises
 
@@ -179,7 +187,7 @@ class Writer:
     def _write_vtu(self, step: Step, fields) -> None:
         import meshio
 
-        tensors = [stresses(sub, u) for sub, u in zip(self.operator.structure.subdomains, fields)]
+        tensors = [stresses(sub, u, step.weights) for sub, u in zip(self.operator.structure.subdomains, fields)]
         part = (np.concatenate([np.empty(0), *fields]), np.concatenate([np.empty((0, 3)), *(s for s, _ in tensors)]),
                 np.concatenate([np.empty(0), *(m for _, m in tensors)]))
         parts = self.operator.comm.gather(part)
