@@ -51,6 +51,7 @@ def export(scene: Path, directory: Path, parameters: dict[str, str], ranks: int 
         raise InputError(_explain(done.stdout, done.returncode, scene))
     manifest = read_manifest(directory)
     _check_echo(manifest, parameters)
+    _check_fixed_labels(scene, manifest)
     return manifest
 
 
@@ -89,3 +90,13 @@ def _check_echo(manifest: Manifest, parameters: dict[str, str]) -> None:
             raise InputError(f"{name.upper()} expects a number, not '{asked}'") from None
         if not same:
             raise InputError(f"the scene read {name}={found} where {asked} was asked")
+
+
+def _check_fixed_labels(scene: Path, manifest: Manifest) -> None:
+    """FreeFEM ignores on(label, ...) for a label that the mesh lacks: refuse it where it stands as a number."""
+    for number, line in enumerate(scene.read_text().splitlines(), 1):
+        code = line.split("//")[0]
+        for label in re.findall(r"\bon\(\s*(\d+)\s*,", code):
+            if int(label) not in manifest.labels:
+                raise InputError(f"{scene.name} line {number}: on({label}, ...) names a label that the mesh lacks; it "
+                                 f"has {', '.join(map(str, manifest.labels))}")

@@ -79,13 +79,22 @@ def contact_rows(structure: Substructure, effects: dict) -> ContactRows:
         np.flatnonzero(structure.row_kind[start:stop] == GLUING), tresca, effects["contact"] == "bilateral")
 
 
-def kkt_residuals(rows: ContactRows, multipliers, gradient, tolerance_free, scale_u: float, scale_d: float, comm) -> dict:
+@dataclass
+class Scales:
+    """Largest values met so far in a run: what residuals are relative to, also in steps without load."""
+
+    d: float = 0.0  # ||d||
+    displacement: float = 0.0
+    pressure: float = 0.0  # nodal force
+
+
+def kkt_residuals(rows: ContactRows, multipliers, gradient, left: float, scales: Scales, comm) -> dict:
     """Relative KKT residuals of one time step, the largest over the contact and gluing rows.
 
-    gluing, penetration: relative to the body's displacement `scale_u`; sign, cone: relative to the largest
-    nodal pressure; complementarity: pressure times distance plus friction's lost dissipation
-    g |slip| + lambda_t . (-slip), relative to largest pressure times `scale_u`; stationarity: norm of the
-    projected gradient `tolerance_free` relative to `scale_d` = ||d||.
+    gluing, penetration: relative to the largest displacement; sign, cone: relative to the largest nodal
+    pressure; complementarity: pressure times distance, and friction's lost dissipation g |slip| - lambda_t slip,
+    relative to the product of both; stationarity: norm `left` of the projected gradient relative to ||d||.
+    Updates the largest pressure in `scales`.
     """
     move = -gradient
     lambda_n, lambda_t = multipliers[rows.normal], multipliers[rows.tangential]
@@ -101,10 +110,12 @@ def kkt_residuals(rows: ContactRows, multipliers, gradient, tolerance_free, scal
         np.abs(lambda_n).max(initial=0),
     ])
     gluing, penetration, sign, cone, gap_work, slip_work, force = np.max(comm.allgather(local), axis=0)
+    scales.pressure = max(scales.pressure, float(force))
     ratio = lambda a, b: float(a / b) if b > 0 else float(a > 0)
-    return {"stationarity": ratio(tolerance_free, scale_d), "gluing": ratio(gluing, scale_u),
-            "penetration": ratio(penetration, scale_u), "sign": ratio(sign, force), "cone": ratio(cone, force),
-            "complementarity": ratio(max(gap_work, slip_work), force * scale_u)}
+    return {"stationarity": ratio(left, scales.d), "gluing": ratio(gluing, scales.displacement),
+            "penetration": ratio(penetration, scales.displacement), "sign": ratio(sign, scales.pressure),
+            "cone": ratio(cone, scales.pressure),
+            "complementarity": ratio(max(gap_work, slip_work), scales.pressure * scales.displacement)}
 
 
 def status(rows: ContactRows, multipliers: np.ndarray, gradient: np.ndarray) -> np.ndarray:

@@ -87,6 +87,7 @@ class Manifest:
     steps: int
     t_end: float
     contact_labels: list
+    labels: list
     patterns: list
     amplitudes: dict
     parameters: dict
@@ -121,7 +122,7 @@ def read_manifest(directory: Path) -> Manifest:
 
 
 KINDS = {"subdomains": int, "blocks": int, "vertices": int, "interface_label": int, "element": str, "plane": str,
-         "material": str, "units": dict, "effects": dict, "steps": int, "t_end": (int, float), "contact_labels": list,
+         "material": str, "units": dict, "effects": dict, "steps": int, "t_end": (int, float), "contact_labels": list, "labels": list,
          "patterns": list, "amplitudes": dict, "parameters": dict}
 
 
@@ -236,6 +237,9 @@ def _read_record(reader: _Block, manifest: Manifest, index: int) -> Subdomain:
     if len(np.unique(gid)) != nv:
         raise InputError(f"{where}: a vertex number stands twice in the record")
     triangles = reader.indices(3 * nt, nv, "triangle vertex").reshape(nt, 3)
+    a, b, c = (xy[triangles[:, k]] for k in range(3))
+    if np.min((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]) <= 0:
+        raise InputError(f"{where}: a triangle is flat or turned inside out; the body penetrates itself")
     region = reader.array(nt)
     edge = reader.array(3 * ne).reshape(ne, 3)
     if edge[:, :2].min() < 0 or edge[:, :2].max() >= nv:

@@ -19,6 +19,7 @@ from .fetidp import DirichletPreconditioner, DualOperator
 from .mprgp import mprgp, norm_bound, projected_gradient
 from .options import Settings
 
+CANCELLED = 1e-8  # displacements below this part of ||d|| are what rounding leaves of loads that contact takes
 TIGHTENINGS = 3  # tenfold reductions of the QP tolerance that a step may ask for
 
 
@@ -84,7 +85,7 @@ class QuasistaticSolver:
         self.preconditioner = DirichletPreconditioner(operator) if settings.preconditioner == "dirichlet" else None
         self.bound = self._bound_norm()
         self.history.counts["dual_multiplications_setup"] = operator.products
-        self.scale_d = 0.0
+        self.scales = friction.Scales()
 
     def _bound_norm(self) -> float:
         """Upper bound of ||F||; the same random start vector for any number of ranks."""
@@ -123,10 +124,10 @@ class QuasistaticSolver:
         op, rows, contact = self.operator, self.rows, self.operator.structure.contact
         d = op.load_response(self.amplitudes[0])
         d[rows.normal] -= rows.gap
-        self.scale_d = np.sqrt(op.dot(d, d))
+        self.scales.d = np.sqrt(op.dot(d, d))
         lower, upper = rows.limits(op.owned, np.zeros(op.owned))
         lower[rows.tangential] = upper[rows.tangential] = 0.0
-        self.tol = self.settings.rtol * self.scale_d
+        self.tol = self.settings.rtol * self.scales.d
         result = self._solve_qp(0, 1, d, (lower, upper), np.zeros(op.owned), 0.0)
         self.u_t = -result.gradient[rows.tangential]
         found = np.zeros(len(contact.gid))
@@ -163,8 +164,8 @@ class QuasistaticSolver:
         contact and glue, which may be far larger than those of the solution.
         """
         op, settings, rows = self.operator, self.settings, self.rows
-        self.scale_d = max(self.scale_d, np.sqrt(op.dot(d, d)))
-        self.tol = settings.rtol * self.scale_d
+        self.scales.d = max(self.scales.d, np.sqrt(op.dot(d, d)))
+        self.tol = settings.rtol * self.scales.d
         products, trace = op.products, _Trace()
         lower, _ = rows.limits(op.owned, start)
         x = self._follow(np.maximum(start, lower), sliding)
@@ -238,7 +239,7 @@ class QuasistaticSolver:
         offset = op.products
 
         def monitor(kind, products, residual):
-            history.log.append((offset + products, index, iteration, kind, residual / (self.scale_d or 1.0)))
+            history.log.append((offset + products, index, iteration, kind, residual / (self.scales.d or 1.0)))
 
         result = mprgp(op.apply, d, *limits, x, tol=tol, norm_bound=self.bound,
                        preconditioner=self.preconditioner, max_products=settings.max_products, gradient0=gradient,
@@ -284,5 +285,6 @@ class QuasistaticSolver:
         """KKT residuals of the step's state."""
         op = self.operator
         left = projected_gradient(x, gradient, *self.rows.limits(op.owned, x))
-        return friction.kkt_residuals(self.rows, x, gradient, np.sqrt(op.dot(left, left)),
-                                      op.corner_displacement(x, weights), self.scale_d, op.comm)
+        self.scales.displacement = max(self.scales.displacement, op.corner_displacement(x, weights),
+                                       CANCELLED * self.scales.d)
+        return friction.kkt_residuals(self.rows, x, gradient, np.sqrt(op.dot(left, left)), self.scales, op.comm)

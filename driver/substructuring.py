@@ -106,6 +106,7 @@ def build(manifest: Manifest, subdomains: list[Subdomain], first: int, comm) -> 
     """
     tables = _Tables(manifest, subdomains, comm)
     tables.check_conformity(comm)
+    tables.check_overlap()
     corners = _corner_vertices(tables)
     fixed = _fixed_dofs(manifest, subdomains, comm)
     contact = _contact_boundary(manifest, subdomains, tables, fixed, comm)
@@ -166,6 +167,22 @@ class _Tables:
                                f"{at[1]:g}) has different coordinates in its subdomains")
         agree(comm, error)
 
+    def check_overlap(self) -> None:
+        """The outline of the body must not cross itself: such a start would penetrate itself."""
+        place = np.empty((len(self.gids), 2))
+        place[self.vertex_id] = self.xy
+        ends = np.searchsorted(self.gids, self.edges[~self.shared, 1:3])
+        p, q = place[ends[:, 0]], place[ends[:, 1]]
+        low, high = np.minimum(p, q), np.maximum(p, q)
+        order = np.argsort(low[:, 0])
+        last = np.searchsorted(low[order, 0], high[order, 0], side="right")  # edges that start before this one ends
+        for i, (here, stop) in enumerate(zip(order, last)):
+            other = order[i + 1 : stop]
+            other = other[(low[other, 1] < high[here, 1]) & (high[other, 1] > low[here, 1])]
+            if len(other) and _crosses(p[here], q[here], p[other], q[other]).any():
+                at = (p[here] + q[here]) / 2
+                raise InputError(f"the body penetrates itself: its outline crosses itself near ({at[0]:g}, {at[1]:g})")
+
     def neighbour(self) -> np.ndarray:
         """For every boundary edge the subdomain on its other side, or -1."""
         other = np.full(len(self.edges), -1)
@@ -173,6 +190,15 @@ class _Tables:
         order = order[self.shared[order]]
         other[order[0::2]], other[order[1::2]] = self.edges[order[1::2], 0], self.edges[order[0::2], 0]
         return other
+
+
+def _crosses(p: np.ndarray, q: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Whether the segment p-q has an inner point in common with the inside of each segment a-b."""
+    side = lambda u, v, w: (v - u)[..., 0] * (w - u)[..., 1] - (v - u)[..., 1] * (w - u)[..., 0]
+    # touching ends do not count; rounding of a side is about eps times the squared length of an edge
+    slack = 1e-12 * np.maximum(((q - p) ** 2).sum(), ((b - a) ** 2).sum(axis=1))
+    apart = lambda one, two: (one > slack) & (two < -slack) | (one < -slack) & (two > slack)
+    return apart(side(p, q, a), side(p, q, b)) & apart(side(a, b, p), side(a, b, q))
 
 
 def _labels(sub: Subdomain, edges: np.ndarray) -> np.ndarray:
