@@ -41,6 +41,9 @@ def scene(tmp_path):
     (dict(contact="macro contact() 1 //\nmacro contactNormal() [0., 1.] //"), "does not point out of the body on label 1"),
     (dict(young="(x > 1 ? -1. : 1.)"), "young = -1"),
     (dict(poisson="0.5"), "poisson = 0.5"),
+    (dict(support="on(9, u1 = 0., u2 = 0.)"), "line 7: on(9, ...) names a label that the mesh lacks"),
+    (dict(body="mesh T = square(60, 3);\nbody = movemesh(T, [(1.2 - 0.2*y)*cos(6.6*x), (1.2 - 0.2*y)*sin(6.6*x)]);"),
+     "penetrates itself"),
     (dict(body="body = square(4, 4) + square(4, 4, [x + 3, y]);"), "not connected"),
     (dict(contact="macro pointLoad1() [0.52, 0.5, 1., 0.] //"), "no vertex of the mesh at (0.52, 0.5)"),
     (dict(extra='include "gmsh.idp"', body='body = gmshBody("nowhere.geo", 0.1);'), "nowhere.geo"),
@@ -107,3 +110,44 @@ def test_gmsh_body_with_clockwise_surface_and_stray_point(solved, scene, tmp_pat
     assert run.history["load_y"][0] == pytest.approx(-0.02, rel=1e-12)  # pressure times length
     finer = solved(scene(extra='include "gmsh.idp"', body='body = gmshBody("box.geo", meshSize(0.3));'), subdomains=3, h=0.1)
     assert finer.summary["sizes"]["primal_dofs"] > 2 * run.summary["sizes"]["primal_dofs"]
+
+
+def test_material_must_be_declared_and_stable(solved, scene, tmp_path):
+    bare = tmp_path / "bare.edp"
+    bare.write_text(scene().read_text().replace("macro young() 1. //\n", ""))
+    assert "no material" in solved(bare).reason
+    soft = tmp_path / "soft.edp"
+    soft.write_text(scene().read_text().replace(
+        "macro young() 1. //\nmacro poisson() 0.3 //", "macro c11() 1. //\nmacro c12() 2. //\nmacro c13() 0. //\n"
+        "macro c22() 1. //\nmacro c23() 0. //\nmacro c33() 1. //"))
+    found = solved(soft)
+    assert found.status == 2 and "not positive definite" in found.reason
+
+
+def test_isotropic_and_general_law_agree(solved, scene, tmp_path):
+    """c11 = c22 = lambda + 2 mu, c12 = lambda, c33 = mu: the same body, so equal but for rounding."""
+    lam, mu = 0.3 / (1.3 * 0.4), 1 / 2.6
+    general = tmp_path / "general.edp"
+    general.write_text(scene().read_text().replace(
+        "macro young() 1. //\nmacro poisson() 0.3 //",
+        f"macro c11() {lam + 2 * mu!r} //\nmacro c12() {lam!r} //\nmacro c13() 0. //\nmacro c22() {lam + 2 * mu!r} //\n"
+        f"macro c23() 0. //\nmacro c33() {mu!r} //"))
+    one, two = solved(scene(), cells=5, rtol=1e-12), solved(general, cells=5, rtol=1e-12)
+    # condition of F below 1e4
+    np.testing.assert_allclose(two.contact["sigma_n"], one.contact["sigma_n"], atol=1e-8 * 0.01)
+
+
+def test_residuals_of_an_unloaded_step_are_relative_to_the_run(solved):
+    """The bar's last step has no load and no displacement; its rounding is no residual of order one."""
+    found = solved("bar", cells=4)
+    assert found.history["max_displacement"][-1] < 1e-9 * found.history["max_displacement"].max()
+    assert max(found.summary["residuals"].values()) < 1e-5
+
+
+def test_steps_tighten_mprgp_until_displacements_are_good(solved):
+    """rtol = 1e-3 of the displacements without contact would leave jumps of a percent of the real ones."""
+    loose = solved(cells=5, rtol=1e-3, friction_rtol=1e-3, primal_rtol=0.5, steps=5)
+    tight = solved(cells=5, rtol=1e-3, friction_rtol=1e-3, primal_rtol=1e-4, steps=5)
+    worst = [max(run.summary["residuals"][name] for name in ("gluing", "penetration")) for run in (loose, tight)]
+    assert worst[0] > 1e-3 and worst[1] <= 1e-4
+    assert not tight.summary["warnings"]
