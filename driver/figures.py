@@ -553,7 +553,19 @@ def contact_scales(run: Run, shown: list, stresses: tuple, displacements: tuple)
     def gather(names):
         return np.concatenate([rows[n] for _, rows in shown for n in names])
     return (length_scale(run, gather(("arc",))), stress_scale(run, gather(stresses)),
-            length_scale(run, gather(displacements)))
+            length_scale(run, np.append(gather(displacements), visible(run))))
+
+
+def visible(run: Run) -> float:
+    """Displacement that still counts as one: 1% of the body's largest; below it axes would show rounding."""
+    return 0.01 * run.history["max_displacement"].max()
+
+
+def widen(axes, span: float) -> None:
+    """Limits of y at least `span` apart, about the same middle."""
+    low, high = axes.get_ylim()
+    if high - low < span:
+        axes.set_ylim((low + high - span) / 2, (low + high + span) / 2)
 
 
 def contact_panels(figure: Figure, run: Run, caption: str, panels: tuple) -> None:
@@ -570,6 +582,7 @@ def contact_panels(figure: Figure, run: Run, caption: str, panels: tuple) -> Non
             handles.update({line.get_label(): line for line in lines})
             axes.axhline(0, color="0.45", lw=0.5, zorder=1)
             axes.locator_params(axis="y", nbins=6)
+        widen(below, visible(run) * length.factor)
         below.set_xlabel(rf"arc length along $\Gamma_c$ [{arc.label}]")
     figure.align_ylabels()
     status = np.concatenate([rows["status"] for _, rows in shown])
