@@ -343,13 +343,15 @@ def _tractions(axes, touching: list[Variant], found: list[Variant]) -> None:
 
 
 def _spread(values, weight, share: float) -> tuple[float, float]:
-    """Range, 0 included, that the values keep to on `share` of the length: a singular edge would flatten all curves."""
+    """Range, 0 included, of all values, or where a singular edge would flatten all curves that of `share` of the length."""
     import numpy as np
 
+    whole = min(values.min(), 0.0), max(values.max(), 0.0)
     order = np.argsort(values)
     along = np.cumsum(weight[order]) / weight.sum()
     low, high = values[order][np.minimum(np.searchsorted(along, [1 - share, share]), len(values) - 1)]
-    return min(low, 0.0), max(high, 0.0)
+    low, high = min(low, 0.0), max(high, 0.0)
+    return (low, high) if whole[1] - whole[0] > 3 * (high - low) else whole
 
 
 def _changes(axes, found: list[Variant]) -> None:
