@@ -4,6 +4,7 @@ import platform
 import resource
 import sys
 import time
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -104,7 +105,7 @@ def _run(directory: Path, request: dict, comm) -> tuple[int, str]:
     history = solver.history
     progress.close(history.reason or "converged")
     seconds["solve"] = history.seconds
-    summary = _summary(request, manifest, structure, history, comm)
+    summary = _summary(request, manifest, structure, history, settings, comm)
     lap("output")
     seconds["output"] -= history.seconds
     seconds["total"] = sum(seconds.values())
@@ -117,7 +118,7 @@ def _run(directory: Path, request: dict, comm) -> tuple[int, str]:
     return history.exit_status, history.reason
 
 
-def _summary(request, manifest: Manifest, structure, history, comm) -> dict:
+def _summary(request, manifest: Manifest, structure, history, settings, comm) -> dict:
     kinds = np.bincount(structure.row_kind, minlength=3)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     variant = next((str(v) for k, v in manifest.parameters.items() if k == "loading"), "")
@@ -131,7 +132,7 @@ def _summary(request, manifest: Manifest, structure, history, comm) -> dict:
                   "coarse_dofs": structure.coarse_dofs, "contact_nodes": len(structure.contact.gid)},
         "steps": history.steps, "t_end": manifest.t_end, "counts": history.counts, "residuals": history.residuals,
         "memory_mib": comm.allreduce(peak), "ranks": comm.size, "units": manifest.units,
-        "amplitudes": manifest.amplitudes, "parameters": {**manifest.parameters, **request["settings"]}, "versions": _versions(),
+        "amplitudes": manifest.amplitudes, "parameters": {**manifest.parameters, **asdict(settings)}, "versions": _versions(),
     }
 
 
