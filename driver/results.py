@@ -54,6 +54,7 @@ class ContactState:
     def __init__(self, operator: DualOperator, solver: QuasistaticSolver):
         self.operator, self.rows = operator, solver.rows
         self.boundary = operator.structure.contact
+        self.frictional = solver.effects["friction"] != "none"
         self.u_t = self.boundary.initial
         self.held = self._held()
 
@@ -81,6 +82,9 @@ class ContactState:
         values[5, rows.tangential_node] = rows.friction_bound(step.multipliers)
         values[6, rows.normal_node] = step.status
         values = np.sum(self.operator.comm.allgather(values), axis=0)
+        if self.frictional:  # a node that a support holds tangentially has no row of its own, but a bound
+            alone = b.tangential_row < 0
+            values[5, alone] = (b.friction * (b.weight if self.rows.tresca else np.abs(values[3])))[alone]
         u = (values[:2] / values[2]).T
         u_n, u_t = (u * b.normal).sum(axis=1), (u * b.tangent).sum(axis=1)
         slip, self.u_t = u_t - self.u_t, u_t
