@@ -10,6 +10,7 @@ for; 4 not converged in the allowed iterations. A user's mistake is told in one 
 import argparse
 import json
 import os
+import signal
 import sys
 from pathlib import Path
 
@@ -111,6 +112,7 @@ COMMANDS = {name.removeprefix("command_"): function for name, function in list(g
 def main() -> None:
     """Entry point of ``python3 -m driver``."""
     environment.single_threaded()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # clean up as on ctrl-C
     parser = argparse.ArgumentParser(prog="python3 -m driver", description=__doc__.split("\n\n")[0])
     parser.add_argument("command", choices=COMMANDS)
     parser.add_argument("words", nargs="*", help="NAME=VALUE options, or directories for figures")
@@ -121,7 +123,8 @@ def main() -> None:
         print(f"error: {problem}", file=sys.stderr)
         sys.exit(problem.exit_status)
     except KeyboardInterrupt:
-        print("interrupted: nothing was changed", file=sys.stderr)
+        if given.command != "solve":  # ranks leave the message to the process that started them
+            print("interrupted: earlier results and finished runs are as they were", file=sys.stderr)
         sys.exit(130)
     except ImportError as problem:
         print(f"error: the Python package {problem.name} is not installed; {environment.SET_UP}", file=sys.stderr)

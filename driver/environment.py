@@ -2,6 +2,8 @@
 
 import os
 import shutil
+import signal
+import subprocess
 import sys
 from pathlib import Path
 
@@ -41,6 +43,21 @@ def program(name: str) -> str:
 def mpirun(ranks: int) -> list[str]:
     """Command prefix that starts `ranks` processes, more than there are cores if asked."""
     return [program("mpirun"), "--oversubscribe", "--bind-to", "none", "-n", str(ranks)]
+
+
+def run_child(command: list[str], **options) -> subprocess.CompletedProcess:
+    """subprocess.run that on an interrupt gives mpirun the time to stop its ranks and clean up."""
+    with subprocess.Popen(command, stdin=subprocess.DEVNULL, **options) as child:
+        try:
+            output, _ = child.communicate()
+        except KeyboardInterrupt:
+            child.send_signal(signal.SIGINT)
+            try:
+                child.wait(timeout=10)
+            except subprocess.TimeoutExpired:
+                child.kill()
+            raise
+    return subprocess.CompletedProcess(command, child.returncode, output)
 
 
 def child_environment(parallel: bool = False) -> dict[str, str]:

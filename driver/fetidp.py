@@ -111,8 +111,8 @@ class DualOperator:
         negative, _, _ = factor.getInertia()
         null = factor.getMumpsInfog(28)
         if negative or null:
-            raise NoSolution("the body can move without deforming: its supports leave "
-                             f"{max(null, negative)} rigid motion(s) or a mechanism free")
+            raise NoSolution("the body can move without deforming: its supports leave a rigid motion or a "
+                             "mechanism free")
         self.coarse_solver = pc
         self._coarse = (PETSc.Vec().createSeq(n), PETSc.Vec().createSeq(n))
 

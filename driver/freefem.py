@@ -1,5 +1,6 @@
 """Stage 1: run a scene through FreeFEM, which meshes, assembles and exports its subdomains."""
 
+import difflib
 import re
 import subprocess
 from pathlib import Path
@@ -31,9 +32,10 @@ def find_scene(name: str) -> Path:
 def export(scene: Path, directory: Path, parameters: dict[str, str], ranks: int = 1) -> Manifest:
     """Run `scene` with command-line `parameters`, spread over `ranks`, into `directory`.
 
-    Raises InputError with FreeFEM's own message and script line if the script fails, and if what it
+    Raises InputError for macros that nothing reads, with FreeFEM's own message and script line if the script fails, and if what it
     parsed differs from what was asked.
     """
+    _check_macros(scene)
     directory.mkdir(parents=True, exist_ok=True)
     arguments = [str(scene), "-export", str(directory)]
     for name, value in parameters.items():
@@ -43,9 +45,8 @@ def export(scene: Path, directory: Path, parameters: dict[str, str], ranks: int 
         command = [*environment.mpirun(ranks), environment.program("FreeFem++-mpi"), *flags, *arguments]
     else:
         command = [environment.program("FreeFem++"), *flags, *arguments]
-    done = subprocess.run(command, env=environment.child_environment(ranks > 1), stdin=subprocess.DEVNULL,
-                          stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace",
-                          cwd=scene.parent)
+    done = environment.run_child(command, env=environment.child_environment(ranks > 1), stdout=subprocess.PIPE,
+                                 stderr=subprocess.STDOUT, text=True, errors="replace", cwd=scene.parent)
     (directory / "freefem.log").write_text(done.stdout)
     if done.returncode != 0:
         raise InputError(_explain(done.stdout, done.returncode, scene))
@@ -90,6 +91,22 @@ def _check_echo(manifest: Manifest, parameters: dict[str, str]) -> None:
             raise InputError(f"{name.upper()} expects a number, not '{asked}'") from None
         if not same:
             raise InputError(f"the scene read {name}={found} where {asked} was asked")
+
+
+def _check_macros(scene: Path) -> None:
+    """A macro that is neither of the library's vocabulary nor used in the script is a misspelt declaration."""
+    text = scene.read_text(errors="replace")
+    code = "\n".join(line.split("//")[0] for line in text.splitlines())
+    if 'include "export.idp"' not in code:
+        return
+    library = "\n".join(path.read_text() for path in environment.LIBRARY.glob("*.idp"))
+    read, optional = set(re.findall(r"\w+", library)), re.findall(r"IFMACRO\(!?(\w+)\)", library)
+    for number, line in enumerate(text.splitlines(), 1):
+        found = re.match(r"\s*macro\s+(\w+)", line)
+        if found and found.group(1) not in read and len(re.findall(rf"\b{found.group(1)}\b", code)) == 1:
+            near = difflib.get_close_matches(found.group(1), sorted(set(optional)), 1)
+            hint = f"; did you mean {near[0]}?" if near else ""
+            raise InputError(f"{scene.name} line {number}: nothing reads the macro {found.group(1)}{hint}")
 
 
 def _check_fixed_labels(scene: Path, manifest: Manifest) -> None:

@@ -103,7 +103,7 @@ def kkt_residuals(rows: ContactRows, multipliers, gradient, left: float, scales:
     local = np.array([
         np.abs(move[rows.gluing]).max(initial=0),
         (np.abs(over) if rows.bilateral else over).max(initial=0),
-        (-one_sided).max(initial=0),
+        (-one_sided).max(initial=0) + 0.0,  # no -0.0
         (np.abs(lambda_t) - bound).max(initial=0),
         (np.abs(one_sided * over[: len(one_sided)])).max(initial=0),
         (bound * np.abs(slip) - lambda_t * slip).max(initial=0),

@@ -4,7 +4,6 @@ import dataclasses
 import json
 import os
 import shutil
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -74,6 +73,7 @@ def execute(run: Run) -> dict:
     """Export, solve, draw; returns the summary. Raises DriverError; `run.out` changes only as a whole."""
     out = run.out.absolute()
     _check_out(out)
+    _sweep(out)
     work = out.with_name(f".{out.name}.{os.getpid()}")
     try:
         work.mkdir(parents=True)
@@ -85,6 +85,14 @@ def execute(run: Run) -> dict:
         raise InputError(f"writing the results failed: {problem}") from None
     finally:
         shutil.rmtree(work, ignore_errors=True)
+
+
+def _sweep(out: Path) -> None:
+    """Remove private directories of earlier runs to `out` whose process was killed."""
+    for left in out.parent.glob(f".{out.name}.*"):
+        number = left.name.rpartition(".")[2]
+        if number.isdigit() and not Path(f"/proc/{number}").exists():
+            shutil.rmtree(left, ignore_errors=True)
 
 
 def _check_out(out: Path) -> None:
@@ -109,9 +117,11 @@ def _execute(run: Run, work: Path, out: Path) -> dict:
         draw_run(work)
     (work / "export" / "freefem.log").rename(work / "freefem.log")
     shutil.rmtree(work / "export")
+    if status and (out / "summary.json").is_file() and json.loads((out / "summary.json").read_text())["converged"]:
+        out = out.with_name(f"{out.name}-unconverged")  # what was there before is worth more
     _publish(work, out)
     if status:
-        raise error_of(status, f"{reason}; what was found is kept in {out}")
+        raise error_of(status, f"{reason}; what was found is kept in {os.path.relpath(out)}")
     return json.loads((out / "summary.json").read_text())
 
 
@@ -123,7 +133,7 @@ def solve(work: Path, request: dict, ranks: int) -> tuple[int, str]:
     command = [*environment.mpirun(ranks), sys.executable, "-m", "driver", "solve", str(work)]
     env = environment.child_environment()
     env["PYTHONPATH"] = os.pathsep.join(filter(None, [str(environment.ROOT), env.get("PYTHONPATH")]))
-    done = subprocess.run(command, env=env, stdin=subprocess.DEVNULL)
+    done = environment.run_child(command, env=env)
     try:
         answer = json.loads((work / "answer.json").read_text())
     except FileNotFoundError:

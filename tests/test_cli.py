@@ -3,10 +3,13 @@
 import csv
 import hashlib
 import json
+import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
+import time
 
 import meshio
 import numpy as np
@@ -405,3 +408,46 @@ def test_a_terminal_gets_a_bar(tmp_path):
                           stdin=subprocess.DEVNULL, capture_output=True, timeout=60)
     assert done.returncode == 0
     assert b"step/s" in done.stdout and b"2/2" in done.stdout and b"\rmodel" in done.stdout
+
+
+# ------------------------------------------------------------------------ what a scene misspells
+
+@pytest.mark.parametrize("old, new, said", [
+    ("macro friction()", "macro fricton()", "nothing reads the macro fricton; did you mean friction?"),
+    ("macro amplitude1(t)", "macro amplitud1(t)", "amplitud1"),
+    ("macro poisson() nu //\n", "", "not poisson")])
+def test_misspelt_declaration_is_refused(command, tmp_path, variant, old, new, said):
+    """Left alone it would be a scene without friction, or with a load that is always on."""
+    path = variant("misspelt", (old, new))
+    one_line(command("run", f"SCENE={path}", *FAST, f"OUT={tmp_path / 'out'}"), said)
+
+
+def test_unconverged_run_does_not_replace_a_converged_one(command, tmp_path):
+    out = tmp_path / "out"
+    assert command("run", "SCENE=model", *FAST, f"OUT={out}").returncode == 0
+    before = listing(out)
+    done = command("run", "SCENE=model", *FAST, "MAX_FIXED_POINT=1", f"OUT={out}")
+    assert done.returncode == 4 and "out-unconverged" in done.stderr
+    assert listing(out) == before
+    assert json.loads((tmp_path / "out-unconverged" / "summary.json").read_text())["converged"] is False
+
+
+@pytest.mark.parametrize("ranks", [1, 2])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_interrupted_run_leaves_nothing(tmp_path, ranks, number):
+    """Signals in the middle of the solve: one line, no work directory, no orphan."""
+    words = ["SCENE=model", "LOADING=nonmonotone", "SUBDOMAINS=16x16", "RTOL=1e-12", "STEPS=200", "FIGURES=no",
+             f"NP={ranks}", f"OUT={tmp_path / 'out'}"]
+    # as in a terminal: a session of its own, the signal goes to the driver
+    run = subprocess.Popen([sys.executable, "-m", "driver", "run", *words], cwd=environment.ROOT, text=True,
+                           env=dict(os.environ),  # without what MPI has put into this process
+                           stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True,
+                           preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler))
+    time.sleep(4)
+    run.send_signal(number)
+    _, said = run.communicate(timeout=30)
+    assert run.returncode == 130, said
+    assert "interrupted" in said and "Traceback" not in said
+    assert listing(tmp_path) == {}
+    left = subprocess.run(["pgrep", "-f", str(tmp_path)], capture_output=True, text=True)
+    assert not left.stdout
