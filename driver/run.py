@@ -88,10 +88,18 @@ def execute(run: Run) -> dict:
 
 
 def _sweep(out: Path) -> None:
-    """Remove private directories of earlier runs to `out` whose process was killed."""
+    """Remove private directories of earlier runs to `out` whose process was killed.
+
+    A run killed between the two renames of `_publish` has left the older result under its private name only:
+    that one goes back to its place.
+    """
     for left in out.parent.glob(f".{out.name}.*"):
         number = left.name.rpartition(".")[2]
-        if number.isdigit() and not Path(f"/proc/{number}").exists():
+        if not number.isdigit() or Path(f"/proc/{number}").exists():
+            continue
+        if left.name == f".{out.name}.old.{number}" and not out.exists():
+            left.rename(out)
+        else:
             shutil.rmtree(left, ignore_errors=True)
 
 
@@ -106,8 +114,8 @@ def _check_out(out: Path) -> None:
 def _execute(run: Run, work: Path, out: Path) -> dict:
     clock = time.perf_counter()
     freefem.export(run.scene, work / "export", run.parameters, run.ranks)
-    request = {"scene": run.scene.stem, "settings": run.settings, "fields": run.fields, "output": True,
-               "quiet": run.quiet, "seconds": {"export": time.perf_counter() - clock}}
+    request = {"scene": run.scene.stem, "settings": run.settings, "fields": run.fields, "quiet": run.quiet,
+               "seconds": {"export": time.perf_counter() - clock}}
     status, reason = solve(work, request, run.ranks)
     if not (work / "summary.json").exists():
         raise error_of(status, reason)

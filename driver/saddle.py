@@ -107,7 +107,7 @@ def _draw(whole: Saddle, folder: Path) -> list[Path]:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    from .figures import BLUE, GREEN, INCH, ORANGE, STYLE, WIDTH, write
+    from .figures import BLUE, GREEN, ORANGE, STYLE, WIDTH, write
 
     n, r, c = whole.matrix.shape[0], whole.torn[-1], whole.corners
     i, j = whole.matrix.nonzero()

@@ -12,7 +12,6 @@ import numpy as np
 from .errors import DriverError
 from .ledger import effects_ledger
 from .loader import Manifest, read_manifest, read_subdomains
-from .results import write_json
 
 PRIMAL = {"gluing": 0, "normal": 1, "tangential": 2}
 
@@ -93,15 +92,14 @@ def _run(directory: Path, request: dict, comm) -> tuple[int, str]:
     law = SlipLaw(**manifest.slip_law) if manifest.slip_law else None
     solver = quasistatic.QuasistaticSolver(operator, manifest.effects, amplitudes, times, settings, law)
     lap("setup")
-    writer = Writer(directory, manifest, operator, solver, request["fields"]) if request["output"] else None
+    writer = Writer(directory, manifest, operator, solver, request["fields"])
     root = comm.rank == 0
     progress = Progress(manifest.steps, request["scene"], request["quiet"] or not root,
-                        directory / "run.log" if root and writer else None)
+                        directory / "run.log" if root else None)
     progress.note(f"{request['scene']} {manifest.parameters} {request['settings']} on {comm.size} ranks")
     for step in solver.steps():
         progress.update(step)
-        if writer:
-            writer.add(step)
+        writer.add(step)
     history = solver.history
     progress.close(history.reason or "converged")
     seconds["solve"] = history.seconds
@@ -111,10 +109,7 @@ def _run(directory: Path, request: dict, comm) -> tuple[int, str]:
     seconds["total"] = sum(seconds.values())
     summary["seconds"] = seconds
     summary["effects_ledger"] = _ledger(summary, manifest, structure, history, amplitudes, writer, comm)
-    if writer:
-        writer.close(summary)
-    elif comm.rank == 0:
-        write_json(directory / "summary.json", summary)
+    writer.close(summary)
     return history.exit_status, history.reason
 
 
@@ -143,7 +138,7 @@ def _ledger(summary, manifest: Manifest, structure, history, amplitudes, writer,
     largest = np.max(comm.allgather(largest), axis=0)
     patterns = [{"kind": p["kind"], "largest": float(size)} for p, size in zip(manifest.patterns, largest)]
     return effects_ledger(summary["effects"], summary["sizes"], patterns, amplitudes,
-                          writer.history_rows if writer else [], history.log, history.seconds,
+                          writer.history_rows, history.log, history.seconds,
                           bool(structure.contact.gap.any()), bool(structure.contact.initial.any()))
 
 

@@ -460,3 +460,13 @@ def command_lines():
             yield path.read_bytes()
         except OSError:
             pass
+
+
+def test_result_of_a_run_killed_while_publishing_comes_back(command, tmp_path):
+    """Between the two renames the older result has its private name only; the next run must not sweep it away."""
+    out = tmp_path / "out"
+    assert command("run", "SCENE=model", *FAST, f"OUT={out}").returncode == 0
+    before = listing(out)
+    out.rename(tmp_path / ".out.old.999999999")
+    one_line(command("run", "SCENE=model", *FAST, "FRICTION=x", f"OUT={out}"))
+    assert listing(out) == before and not list(tmp_path.glob(".out*"))
