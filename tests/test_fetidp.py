@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 from mpi4py import MPI
-from oracles import Assembled
+from driver.oracle import Assembled
 
 from driver import environment, reduction
 from driver.errors import NoSolution

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from oracles import Assembled, coulomb_history, box_qp
+from driver.oracle import Assembled, coulomb_history, box_qp
 
 from driver.results import stresses
 

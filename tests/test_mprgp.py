@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from oracles import box_qp
+from driver.oracle import box_qp
 
 import driver.mprgp as module
 from driver.mprgp import mprgp, norm_bound, projected_gradient

@@ -6,7 +6,7 @@ and every step is a small box-constrained QP whose solution checks its own optim
 
 import numpy as np
 import pytest
-from oracles import Assembled, box_qp, coulomb_history, warm_box_qp
+from driver.oracle import Assembled, box_qp, coulomb_history, warm_box_qp
 
 # MPRGP stops at 1e-10 of the right-hand side; the dual operator's condition number is below 1e4 (4x2 subdomains),
 # so multipliers are good to 1e-6 and displacements, which C maps back, to 1e-8 of the largest
@@ -80,7 +80,7 @@ def test_static_is_the_last_step_of_proportional_loading(solved):
 
 def test_oracle_refuses_a_wrong_answer(built):
     """The QP oracle's own check is alive: a perturbed compliance is not optimal for the true one."""
-    from oracles import _assert_kkt
+    from driver.oracle import assert_kkt
 
     body = Assembled(built("model-static", reduce=False).manifest, built("model-static", reduce=False).subdomains)
     n = len(body.gid)
@@ -88,4 +88,4 @@ def test_oracle_refuses_a_wrong_answer(built):
     lower, upper = np.zeros(n), np.full(n, np.inf)
     x = box_qp(C * (1 + 1e-6 * np.eye(n)), d, lower, upper)
     with pytest.raises(AssertionError):
-        _assert_kkt(C, d, lower, upper, x, np.sqrt(np.diag(C)))
+        assert_kkt(C, d, lower, upper, x, np.sqrt(np.diag(C)))

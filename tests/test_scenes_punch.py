@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from driver import freefem
-from oracles import Assembled, coulomb_history, warm_box_qp
+from driver.oracle import Assembled, coulomb_history, warm_box_qp
 
 TIGHT = {"RTOL": 1e-10, "FRICTION_RTOL": 1e-10}
 
