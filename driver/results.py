@@ -13,6 +13,7 @@ import numpy as np
 from .fetidp import DualOperator
 from .friction import OPEN, STATUS_NAMES
 from .loader import Manifest, Subdomain
+from .quantities import quantities
 from .quasistatic import QuasistaticSolver, Step
 
 CONTACT_COLUMNS = ("step,time,node,x,y,arc,weight,normal_x,normal_y,gap,u_n,u_t,slip,sigma_n,sigma_t,"
@@ -126,6 +127,7 @@ class Writer:
         self.root, self.write_fields = operator.comm.rank == 0, fields
         self.contact = ContactState(operator, solver)
         self.contact_rows, self.history_rows, self.vtu = [], [], []
+        self.states = {name: [] for name in ("u_n", "slip", "sigma_n", "sigma_t", "status")}  # one entry a step
         self.several = len(manifest.contact_labels) > 1  # then contact.csv ends with a column for the label
         self.balance = self.dissipated = 0.0
         self.mesh = self._gather_mesh() if fields else None
@@ -146,6 +148,8 @@ class Writer:
         self.dissipated += float(-(state["sigma_t"] * state["slip"] * self.contact.boundary.weight).sum())
         self._history_row(step, state, forces, largest)
         self._contact_rows(step, state)
+        for name, column in self.states.items():
+            column.append(state[name])
         if self.write_fields:
             self._write_vtu(step, fields)
 
@@ -260,8 +264,20 @@ class Writer:
                 f'<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n<Collection>\n{sets}'
                 "</Collection>\n</VTKFile>\n")
         summary["balance"] = self.balance
+        self._quantities(summary)
         summary["dissipated"] = self.dissipated
         write_json(self.directory / "summary.json", summary)
+
+    def _quantities(self, summary: dict) -> None:
+        """Add the quantities of interest and the time that they belong to."""
+        if not self.history_rows:
+            return
+        b = self.contact.boundary
+        nodes = {name: getattr(b, name) for name in ("xy", "arc", "weight", "gap", "label")}
+        steps = {name: np.array(column) for name, column in self.states.items()}
+        summary["quantities"], at = quantities(summary["effects"], nodes, steps,
+                                               [row["max_displacement"] for row in self.history_rows])
+        summary["quantities_time"] = self.history_rows[at]["time"]
 
 
 def _edge_tractions(edges, place, push) -> dict[int, np.ndarray]:
