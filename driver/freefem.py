@@ -1,11 +1,12 @@
 """Stage 1: run a scene through FreeFEM, which meshes, assembles and exports its subdomains."""
 
 import difflib
+import hashlib
 import re
 import subprocess
 from pathlib import Path
 
-from . import environment
+from . import environment, seal
 from .errors import InputError
 from .loader import Manifest, read_manifest
 
@@ -32,10 +33,11 @@ def find_scene(name: str) -> Path:
 def export(scene: Path, directory: Path, parameters: dict[str, str], ranks: int = 1) -> Manifest:
     """Run `scene` with command-line `parameters`, spread over `ranks`, into `directory`.
 
-    Raises InputError for macros that nothing reads, with FreeFEM's own message and script line if the script fails, and if what it
-    parsed differs from what was asked.
+    Raises InputError for macros that nothing reads, with FreeFEM's own message and script line if the script fails, if what it
+    parsed differs from what was asked, and if the scene was edited meanwhile; OSError if the disk is full.
     """
     _check_macros(scene)
+    text = text_digest(scene)
     directory.mkdir(parents=True, exist_ok=True)
     arguments = [str(scene), "-export", str(directory)]
     for name, value in parameters.items():
@@ -50,10 +52,27 @@ def export(scene: Path, directory: Path, parameters: dict[str, str], ranks: int 
     (directory / "freefem.log").write_text(done.stdout)
     if done.returncode != 0:
         raise InputError(_explain(done.stdout, done.returncode, scene))
-    manifest = read_manifest(directory)
+    seal.write(directory, text, ranks)
+    manifest = read_manifest(directory, text_digest(scene))
     _check_echo(manifest, parameters)
     _check_fixed_labels(scene, manifest)
     return manifest
+
+
+def text_digest(scene: Path) -> str:
+    """Digest of the scene's script, of the library and of every file that either names in quotes."""
+    digest, known, left = hashlib.sha256(), set(), [scene, *sorted(environment.LIBRARY.glob("*.idp"))]
+    while left:
+        path = left.pop().resolve()
+        if path in known:
+            continue
+        known.add(path)
+        content = path.read_bytes()
+        digest.update(f"{path.name} {len(content)} ".encode("utf-8", "surrogateescape") + content)
+        if path.suffix in (".edp", ".idp"):
+            named = [scene.parent / name for name in re.findall(r'"([\w./+-]+)"', content.decode("utf-8", "replace"))]
+            left += [file for file in named if len(file.name) < 256 and file.is_file()]
+    return digest.hexdigest()
 
 
 def _explain(output: str, status: int, scene: Path) -> str:

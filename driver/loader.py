@@ -1,8 +1,9 @@
 """Stage 2: read an export (manifest and subdomain records) and refuse what is not sound.
 
-An export is a directory with ``manifest.json`` and ``block-<k>.bin``. A block holds the records of a
-contiguous range of subdomains; each array of a record is an int64 count followed by its raw int64 or
-float64 values, in the order written by ``edp/lib/export.idp``.
+An export is a directory with ``manifest.json``, ``block-<k>.bin`` and the driver's ``seal.json``. A block holds
+the records of a contiguous range of subdomains; each array of a record is an int64 count followed by its raw
+int64 or float64 values, in the order written by ``edp/lib/export.idp``. The seal shows what was changed since
+FreeFEM wrote it, the checks of this module what FreeFEM, or a scene, did wrong.
 """
 
 import json
@@ -11,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from . import seal as seals
 from .errors import InputError, agree
 
 OPTIONAL = ("slip_law", "initial_state")  # parts of the manifest that only some scenes have
@@ -93,6 +95,7 @@ class Manifest:
     parameters: dict
     initial_state: bool = False  # whether contact nodes carry a displacement at time 0
     slip_law: dict | None = None  # argument, range, values: factor of the friction coefficient
+    seal: seals.Seal | None = field(repr=False, default=None)
     raw: dict = field(repr=False, default_factory=dict)
 
     def amplitude(self, pattern: int, step: int) -> float:
@@ -100,63 +103,106 @@ class Manifest:
         return self.amplitudes[str(self.patterns[pattern]["amplitude"])][step]
 
 
-def read_manifest(directory: Path) -> Manifest:
-    """Read and check ``manifest.json``.
+def read_manifest(directory: Path, scene: str | None = None) -> Manifest:
+    """Read and check ``manifest.json``; `scene`, if given, is the digest that the scene's text has now.
 
-    Raises InputError when it is missing, not JSON, incomplete or not finite.
+    Raises InputError when it is missing, spoiled, of another text, not JSON, incomplete or not finite.
     """
     path = Path(directory) / "manifest.json"
+    if not path.exists():
+        raise InputError(f"{path} is missing: the FreeFEM stage did not finish; run the scene again")
+    seal = seals.read(path.parent, scene)
+    seals.check(seal, path)
     try:
         raw = json.loads(path.read_text())
-    except FileNotFoundError:
-        raise InputError(f"{path} is missing: the FreeFEM stage did not finish; run the scene again") from None
-    except (ValueError, OSError) as problem:
+    except (ValueError, OSError, RecursionError) as problem:
         raise InputError(f"{path} is not readable ({problem}); run the scene again") from None
-    names = [name for name in Manifest.__dataclass_fields__ if name not in ("directory", "raw")]
+    names = [name for name in Manifest.__dataclass_fields__ if name not in ("directory", "raw", "seal")]
     missing = [name for name in names if not isinstance(raw, dict) or name not in raw and name not in OPTIONAL]
     if missing:
         raise InputError(f"{path} lacks {', '.join(missing)}; run the scene again")
-    manifest = Manifest(directory=Path(directory), raw=raw, **{name: raw[name] for name in names if name in raw})
-    _check_manifest(manifest, path)
+    manifest = Manifest(directory=Path(directory), raw=raw, seal=seal,
+                        **{name: raw[name] for name in names if name in raw})
+    try:
+        _check_manifest(manifest)
+    except InputError as problem:
+        raise InputError(f"{path}: {problem}; run the scene again") from None
     return manifest
 
 
 KINDS = {"subdomains": int, "blocks": int, "vertices": int, "interface_label": int, "element": str, "plane": str,
          "material": str, "units": dict, "effects": dict, "steps": int, "t_end": (int, float), "contact_labels": list, "labels": list,
-         "patterns": list, "amplitudes": dict, "parameters": dict}
+         "patterns": list, "amplitudes": dict, "parameters": dict, "initial_state": bool, "slip_law": (dict, type(None))}
+# words that mean something to the stages that follow; any other would silently count as "not declared"
+WORDS = {"element": ("P1",), "plane": ("strain", "stress"), "material": ("isotropic", "general")}
+EFFECTS = {"contact": ("none", "unilateral", "bilateral"), "time": ("static", "quasistatic"),
+           "friction": ("none", "tresca", "coulomb", "coulomb-slip-dependent"), "initial": ("preload",)}
+PATTERNS = ("traction", "body_force", "point", "thermal", "displacement")
 
 
-def _check_manifest(manifest: Manifest, path: Path) -> None:
+def _is(value, kind) -> bool:
+    """isinstance, but True is no number."""
+    return isinstance(value, kind) and (kind is bool or not isinstance(value, bool))
+
+
+def _finite(values) -> bool:
+    """A list of finite numbers?"""
+    return isinstance(values, list) and all(_is(v, (int, float)) and abs(v) < np.inf for v in values)
+
+
+def _check_manifest(manifest: Manifest) -> None:
     for name, kind in KINDS.items():
-        if not isinstance(getattr(manifest, name), kind):
-            raise InputError(f"{path}: {name} is not of the right type; run the scene again")
-    counts = (manifest.subdomains, manifest.blocks, manifest.vertices, manifest.steps)
-    if not all(isinstance(count, int) and count > 0 for count in counts):
-        raise InputError(f"{path}: subdomains, blocks, vertices and steps must be positive whole numbers")
+        if not _is(getattr(manifest, name), kind):
+            raise InputError(f"{name} is not of the right type")
+    if min(manifest.subdomains, manifest.blocks, manifest.vertices, manifest.steps) <= 0:
+        raise InputError("subdomains, blocks, vertices and steps must be positive whole numbers")
+    if manifest.blocks != len(manifest.seal.files) - 1:
+        raise InputError(f"{manifest.blocks} blocks are declared, {len(manifest.seal.files) - 1} were sealed")
+    if not 0 < manifest.t_end < np.inf:
+        raise InputError("t_end must be a positive number")
+    if not all(_is(label, int) for label in [*manifest.labels, *manifest.contact_labels]):
+        raise InputError("a label is no whole number")
+    found = {name: getattr(manifest, name) for name in WORDS} | manifest.effects
+    for name, words in (WORDS | EFFECTS).items():
+        if name in found and found[name] not in words or name not in (*found, "initial"):
+            raise InputError(f"{name} must be one of {', '.join(words)}, not {found.get(name)!r}")
+    _check_histories(manifest)
+    if manifest.slip_law is not None:
+        _check_slip_law(manifest.slip_law)
+
+
+def _check_histories(manifest: Manifest) -> None:
     for number, history in manifest.amplitudes.items():
+        if not _finite(history):
+            raise InputError(f"amplitude {number} is not finite at every step")
         if len(history) != manifest.steps + 1:
-            raise InputError(f"{path}: amplitude {number} has {len(history)} values for {manifest.steps} steps")
-        if not np.all(np.isfinite(history)):
-            raise InputError(f"{path}: amplitude {number} is not finite at every step")
+            raise InputError(f"amplitude {number} has {len(history)} values for {manifest.steps} steps")
     for pattern in manifest.patterns:
         if not isinstance(pattern, dict) or not {"kind", "amplitude"} <= set(pattern):
-            raise InputError(f"{path}: a load pattern lacks its kind or amplitude; run the scene again")
+            raise InputError("a load pattern lacks its kind or amplitude")
+        if pattern["kind"] not in PATTERNS:
+            raise InputError(f"{pattern['kind']!r} is no kind of load pattern")
         if str(pattern["amplitude"]) not in manifest.amplitudes:
-            raise InputError(f"{path}: amplitude {pattern['amplitude']} is used but not given")
+            raise InputError(f"amplitude {pattern['amplitude']} is used but not given")
+
+
+def _check_slip_law(law: dict) -> None:
+    sound = set(law) == {"argument", "range", "values"} and law["argument"] in ("slip", "displacement")
+    if not (sound and _finite([law["range"]]) and law["range"] > 0 and _finite(law["values"]) and len(law["values"]) > 1):
+        raise InputError("slip_law must have argument, a positive range and finite values")
 
 
 class _Block:
     """Sequential reader of the counted arrays of one block file."""
 
-    def __init__(self, path: Path):
-        self.path = path
-        try:
-            if path.stat().st_size % 8:
-                raise InputError(f"{path} is truncated: its size is not a multiple of 8 bytes")
-            self.words = np.memmap(path, dtype=np.int64, mode="r") if path.stat().st_size else np.empty(0, np.int64)
-        except FileNotFoundError:
-            raise InputError(f"{path} is missing: the export is incomplete; run the scene again") from None
-        self.at = 0
+    def __init__(self, path: Path, seal: seals.Seal):
+        self.path, self.at = path, 0
+        if not path.exists():
+            raise InputError(f"{path} is missing: the export is incomplete; run the scene again")
+        seals.check(seal, path)
+        if path.stat().st_size % 8:
+            raise InputError(f"{path} is truncated: its size is not a multiple of 8 bytes")
+        self.words = np.memmap(path, dtype=np.int64, mode="r") if path.stat().st_size else np.empty(0, np.int64)
 
     def array(self, count: int, dtype=np.int64) -> np.ndarray:
         """The next array, which must have `count` entries; float64 ones must be finite."""
@@ -200,8 +246,8 @@ def _record_words(head: np.ndarray, manifest: Manifest) -> int:
 def read_subdomains(manifest: Manifest, start: int, stop: int, comm) -> list[Subdomain]:
     """Read subdomains start <= s < stop; collective over `comm`.
 
-    Raises InputError (on all ranks alike) when a record is truncated, not finite, of the wrong size,
-    out of range or its stiffness is not symmetric.
+    Raises InputError (on all ranks alike) when a block is not what the seal says, or a record is truncated, not
+    finite, of the wrong size, out of range, or its stiffness is not symmetric or resists a rigid motion.
     """
     found, error = [], None
     try:
@@ -210,7 +256,7 @@ def read_subdomains(manifest: Manifest, start: int, stop: int, comm) -> list[Sub
             last = manifest.subdomains * (block + 1) // manifest.blocks
             if max(first, start) >= min(last, stop):
                 continue
-            reader = _Block(manifest.directory / f"block-{block}.bin")
+            reader = _Block(manifest.directory / f"block-{block}.bin", manifest.seal)
             for _ in range(first, max(first, start)):
                 reader.skip(manifest)
             for index in range(max(first, start), min(last, stop)):
@@ -252,6 +298,7 @@ def _read_record(reader: _Block, manifest: Manifest, index: int) -> Subdomain:
     columns = reader.indices(nnz, nd, "stiffness column")
     values = reader.array(nnz, np.float64)
     _check_symmetric(rows, columns, values, nd, where)
+    _check_rigid_motions(rows, columns, values, xy[dof_vertex], component, where)
     loads = np.array([reader.array(nd, np.float64) for _ in range(patterns)]).reshape(patterns, nd)
     fixed_dofs = reader.indices(fixed, nd, "fixed dof")
     fixed_values = np.zeros((patterns, fixed))
@@ -303,6 +350,27 @@ def _check_symmetric(rows, columns, values, nd, where) -> None:
         raise InputError(f"{where}: the stiffness matrix is not symmetric")
 
 
+def _check_rigid_motions(rows, columns, values, place, component, where) -> None:
+    """The pure Neumann stiffness resists neither translations nor the rotation about the row's own node.
+
+    `place` (dofs, 2) and `component` (dofs,) are those of the dofs. Element matrices are positive semidefinite, so
+    the element contributions that were added up to K_ij are at most sqrt(K_ii K_jj) together, and each carries
+    some roundings: a row of K times a motion m is zero to 1e-13 of sum_j sqrt(K_ii K_jj) |m_j|, which leaves
+    some hundred roundings to the products and sums of assembly and of this check.
+    """
+    diagonal = np.zeros(len(place))
+    on = rows == columns
+    diagonal[rows[on]] = values[on]
+    if diagonal.min() <= 0:
+        raise InputError(f"{where}: a diagonal entry of the stiffness matrix is not positive")
+    arm = place[columns] - place[rows]
+    x, size = component[columns] == 0, np.sqrt(diagonal[rows] * diagonal[columns])
+    for motion in (x.astype(float), 1.0 - x, np.where(x, -arm[:, 1], arm[:, 0])):
+        force = np.bincount(rows, values * motion, minlength=len(place))
+        if np.any(np.abs(force) > 1e-13 * np.bincount(rows, size * np.abs(motion), minlength=len(place))):
+            raise InputError(f"{where}: the stiffness matrix resists a rigid motion; it is not the body's")
+
+
 def _read_contact(reader: _Block, manifest: Manifest, count: int, nv: int, where: str) -> ContactData:
     vertex = reader.indices(count, nv, "contact vertex")
     label = reader.array(count)
@@ -311,5 +379,7 @@ def _read_contact(reader: _Block, manifest: Manifest, count: int, nv: int, where
         raise InputError(f"{where}: a contact node has a label that the scene does not declare for contact")
     if weight.min() <= 0:
         raise InputError(f"{where}: a contact node has no length of boundary")
+    if friction.min() < 0:
+        raise InputError(f"{where}: a contact node has a negative friction coefficient or bound")
     initial = reader.array(count, np.float64) if manifest.initial_state else np.zeros(count)
     return ContactData(vertex, label, weight, np.column_stack([nx, ny]), gap, friction, initial)

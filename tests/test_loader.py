@@ -5,9 +5,10 @@ from dataclasses import MISSING
 
 import numpy as np
 import pytest
+from conftest import read_problem
 from mpi4py import MPI
 
-from driver import freefem
+from driver import freefem, seal
 from driver.errors import InputError
 from driver.loader import Manifest, read_manifest, read_subdomains
 
@@ -118,7 +119,111 @@ def test_more_ranks_export_the_same_bytes(exported):
     assert read_manifest(three).blocks == 3
 
 
-# --------------------------------------------------------------------------- spoiled exports
+# ------------------------------------------------------------ exports changed after they were sealed
+
+@pytest.fixture
+def sealed(exported, copied):
+    """A private copy of a sealed export in three blocks."""
+    return copied(exported(ranks=3, cells=2))
+
+
+def flip(path, bit):
+    """Turn one bit of a file over."""
+    content = bytearray(path.read_bytes())
+    content[bit // 8] ^= 1 << bit % 8
+    path.write_bytes(content)
+
+
+@pytest.mark.parametrize("name", ["block-0.bin", "block-2.bin", "manifest.json"])
+def test_any_flipped_bit_is_seen(sealed, name):
+    """Also the last bit of a number, with which the export would look sound."""
+    path = sealed / name
+    whole = path.read_bytes()
+    for bit in np.random.default_rng(7).integers(0, 8 * len(whole), 60):
+        flip(path, int(bit))
+        with pytest.raises(InputError, match=f"{name} was changed after FreeFEM wrote it"):
+            read_problem(sealed, reduce=False)
+        path.write_bytes(whole)
+
+
+@pytest.mark.parametrize("name", ["block-1.bin", "manifest.json"])
+@pytest.mark.parametrize("spoil, said", [
+    (lambda path: path.write_bytes(path.read_bytes()[:-8]), "is truncated"),
+    (lambda path: path.write_bytes(b""), "is truncated: 0 of"),
+    (lambda path: path.write_bytes(path.read_bytes() + b" "), "goes on after its last record"),
+    (lambda path: path.unlink(), "is missing")], ids=["cut", "empty", "longer", "missing"])
+def test_sealed_file_spoiled(sealed, name, spoil, said):
+    spoil(sealed / name)
+    with pytest.raises(InputError, match=f"{name} {said}"):
+        read_problem(sealed, reduce=False)
+
+
+def test_exchanged_blocks_are_named(sealed):
+    (sealed / "block-0.bin").rename(sealed / "other")
+    (sealed / "block-2.bin").rename(sealed / "block-0.bin")
+    (sealed / "other").rename(sealed / "block-2.bin")
+    with pytest.raises(InputError, match="block-0.bin holds what FreeFEM wrote to block-2.bin"):
+        read_problem(sealed, reduce=False)
+
+
+@pytest.mark.parametrize("text", [None, "", "{", "[]", "{}", '{"scene": 1, "content": 2, "files": 3}',
+                                  '{"scene": "", "content": "", "files": {"manifest.json": [1]}}'])
+def test_seal_that_is_none(sealed, text):
+    (sealed / "seal.json").unlink()
+    if text is not None:
+        (sealed / "seal.json").write_text(text)
+    with pytest.raises(InputError, match="seal.json is (missing|not readable)"):
+        read_problem(sealed, reduce=False)
+
+
+def test_seal_does_not_depend_on_ranks(exported):
+    """Content and scene digests are those of the same problem; another problem has others."""
+    one, three = (seal.read(exported(ranks=ranks, cells=2)) for ranks in (1, 3))
+    other = seal.read(exported(cells=2, friction="0.4"))
+    assert (one.scene, one.content) == (three.scene, three.content) and len(three.files) == 4
+    assert other.scene == one.scene and other.content != one.content
+
+
+@pytest.mark.parametrize("edited", ["own.edp", "part.edp", "mesh.msh"])
+def test_export_of_an_edited_scene_is_stale(exported, copied, variant, tmp_path, edited):
+    """The script itself, what it includes, and data files that it or an included file names."""
+    scene = tmp_path / "own.edp"
+    scene.write_text(variant("own").read_text() + 'include "part.edp"\n')
+    (tmp_path / "part.edp").write_text('string data = "mesh.msh";\n')
+    (tmp_path / "mesh.msh").write_bytes(bytes(range(256)))
+    directory = copied(exported(cells=2))
+    seal.write(directory, freefem.text_digest(scene), 1)
+    read_manifest(directory, freefem.text_digest(scene))
+    (tmp_path / edited).write_text("// another\n")
+    with pytest.raises(InputError, match="stale"):
+        read_manifest(directory, freefem.text_digest(scene))
+
+
+def test_scene_edited_while_freefem_runs(tmp_path, variant, monkeypatch):
+    """FreeFEM may have read the old text or the new one: neither can be vouched for."""
+    scene, run_child = variant("edited"), freefem.environment.run_child
+
+    def edit_too(*words, **options):
+        done = run_child(*words, **options)
+        scene.write_text(scene.read_text() + "// an afterthought\n")
+        return done
+
+    monkeypatch.setattr(freefem.environment, "run_child", edit_too)
+    with pytest.raises(InputError, match="stale"):
+        freefem.export(scene, tmp_path / "export", {"cells": "2"})
+
+
+# ----------------------------------------------------- exports that FreeFEM, not the way to here, has spoiled
+
+@pytest.fixture
+def read(read):
+    """The session's `read`, after a seal that vouches for whatever is there."""
+    def sealed_again(directory, **options):
+        seal.write(directory, "", len(list(directory.glob("block-*.bin"))))
+        return read(directory, **options)
+
+    return sealed_again
+
 
 @pytest.fixture
 def small(exported, copied):
@@ -268,11 +373,36 @@ def at(record, x, y):
 
 
 @pytest.mark.parametrize("distance", [1e-3, 1e-9])
-def test_shared_vertex_moved(small, read, distance):
+def test_subdomain_moved(small, read, distance):
+    """As a whole: its stiffness is that of its mesh, only its neighbour knows better."""
+    spoil(small, X, lambda a: a.__iadd__(distance))
+    spoil(small, DOF_COORDINATE, lambda a: a[::2].__iadd__(distance))
+    refused(read, small, "do not conform")
+
+
+@pytest.mark.parametrize("distance", [1e-3, 1e-9])
+def test_vertex_moved(small, read, distance):
+    """A stiffness assembled on the old mesh resists the rotation of the new one."""
     vertex = at(arrays(small)[0], 1, 0.5)
     spoil(small, X, lambda a: a.__setitem__(vertex, a[vertex] + distance))
     spoil(small, DOF_COORDINATE, lambda a: a.__setitem__(2 * vertex, a[2 * vertex] + distance))
-    refused(read, small, "do not conform")
+    refused(read, small, "resists a rigid motion")
+
+
+@pytest.mark.parametrize("row, column", [(0, 0), (3, 5), (7, 7)])
+def test_stiffness_that_is_not_the_bodys(small, read, row, column):
+    """A support or a penalty assembled into the matrix, a lost element, a wrong power of ten: symmetric, yet wrong."""
+    pair = [(row, column), (column, row)]
+    rows, columns, values = (arrays(small)[0][k] for k in (ROWS, COLUMNS, VALUES))
+    there = [k for k in range(len(rows)) if (rows[k], columns[k]) in pair]
+    assert there
+    spoil(small, VALUES, lambda a: a.__setitem__(there, a[there] + 1e-9 * np.abs(a).max()))
+    refused(read, small, "resists a rigid motion")
+
+
+def test_negative_friction(small, read):
+    spoil(small, CONTACT + 6, lambda a: a.__setitem__(1, -0.3))
+    refused(read, small, "negative friction")
 
 
 def test_vertex_moved_without_its_dofs(small, read):
