@@ -118,6 +118,31 @@ def resultants(operator: DualOperator, step: Step, fields, contact: dict, suppor
     return forces, size + np.abs(force).sum(axis=0)
 
 
+class Record:
+    """The steps of a run at the contact nodes, on every rank: what its quantities of interest follow from."""
+
+    def __init__(self, operator: DualOperator, solver: QuasistaticSolver):
+        self.operator, self.effects, self.contact = operator, solver.effects, ContactState(operator, solver)
+        self.states = {name: [] for name in ("u_n", "slip", "sigma_n", "sigma_t", "status")}  # one entry a step
+        self.displacements = []  # the largest of the body
+
+    def add(self, step: Step) -> tuple[list[np.ndarray], dict[str, np.ndarray]]:
+        """Evaluate one step; displacements of the rank's subdomains and the state of the contact nodes."""
+        fields = self.operator.displacements(step.multipliers, step.weights)
+        state = self.contact.evaluate(step, fields)
+        for name, column in self.states.items():
+            column.append(state[name])
+        largest = max((float(np.linalg.norm(u.reshape(-1, 2), axis=1).max()) for u in fields), default=0.0)
+        self.displacements.append(max(self.operator.comm.allgather(largest)))
+        return fields, state
+
+    def quantities(self) -> tuple[dict[str, float], int]:
+        """Quantities of interest, and the index of the step that they belong to."""
+        nodes = {name: getattr(self.contact.boundary, name) for name in ("xy", "arc", "weight", "gap", "label")}
+        steps = {name: np.array(column) for name, column in self.states.items()}
+        return quantities(self.effects, nodes, steps, self.displacements)
+
+
 class Writer:
     """Collects the steps of a run and writes its files; collective, rank 0 writes."""
 
@@ -125,9 +150,9 @@ class Writer:
                  fields: bool):
         self.directory, self.manifest, self.operator, self.solver = directory, manifest, operator, solver
         self.root, self.write_fields = operator.comm.rank == 0, fields
-        self.contact = ContactState(operator, solver)
+        self.record = Record(operator, solver)
+        self.contact = self.record.contact
         self.contact_rows, self.history_rows, self.vtu = [], [], []
-        self.states = {name: [] for name in ("u_n", "slip", "sigma_n", "sigma_t", "status")}  # one entry a step
         self.several = len(manifest.contact_labels) > 1  # then contact.csv ends with a column for the label
         self.balance = self.dissipated = 0.0
         self.mesh = self._gather_mesh() if fields else None
@@ -138,18 +163,13 @@ class Writer:
     # ---- per step --------------------------------------------------------------------------------
     def add(self, step: Step) -> None:
         """Evaluate and record one step."""
-        fields = self.operator.displacements(step.multipliers, step.weights)
-        state = self.contact.evaluate(step, fields)
+        fields, state = self.record.add(step)
         forces, size = resultants(self.operator, step, fields, state, self.contact.held)
         if size.max() > 0:
             self.balance = max(self.balance, float(np.abs(sum(forces.values())).max() / size.max()))
-        largest = max((float(np.linalg.norm(u.reshape(-1, 2), axis=1).max()) for u in fields), default=0.0)
-        largest = max(self.operator.comm.allgather(largest))
         self.dissipated += float(-(state["sigma_t"] * state["slip"] * self.contact.boundary.weight).sum())
-        self._history_row(step, state, forces, largest)
+        self._history_row(step, state, forces, self.record.displacements[-1])
         self._contact_rows(step, state)
-        for name, column in self.states.items():
-            column.append(state[name])
         if self.write_fields:
             self._write_vtu(step, fields)
 
@@ -264,20 +284,11 @@ class Writer:
                 f'<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n<Collection>\n{sets}'
                 "</Collection>\n</VTKFile>\n")
         summary["balance"] = self.balance
-        self._quantities(summary)
+        if self.history_rows:
+            summary["quantities"], at = self.record.quantities()
+            summary["quantities_time"] = self.history_rows[at]["time"]
         summary["dissipated"] = self.dissipated
         write_json(self.directory / "summary.json", summary)
-
-    def _quantities(self, summary: dict) -> None:
-        """Add the quantities of interest and the time that they belong to."""
-        if not self.history_rows:
-            return
-        b = self.contact.boundary
-        nodes = {name: getattr(b, name) for name in ("xy", "arc", "weight", "gap", "label")}
-        steps = {name: np.array(column) for name, column in self.states.items()}
-        summary["quantities"], at = quantities(summary["effects"], nodes, steps,
-                                               [row["max_displacement"] for row in self.history_rows])
-        summary["quantities_time"] = self.history_rows[at]["time"]
 
 
 def _edge_tractions(edges, place, push) -> dict[int, np.ndarray]:

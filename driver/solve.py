@@ -11,7 +11,8 @@ import numpy as np
 
 from .errors import DriverError
 from .ledger import effects_ledger
-from .loader import Manifest, read_manifest, read_subdomains
+from .loader import Manifest
+from .options import Settings
 
 PRIMAL = {"gluing": 0, "normal": 1, "tangential": 2}
 
@@ -67,9 +68,7 @@ def run(directory: Path, request: dict, comm) -> tuple[int, str]:
 
 
 def _run(directory: Path, request: dict, comm) -> tuple[int, str]:
-    from . import quasistatic, substructuring
-    from .fetidp import DualOperator
-    from .friction import SlipLaw
+    from .problem import assemble
     from .results import Writer
 
     clock, seconds = time.perf_counter(), dict(request["seconds"])
@@ -79,18 +78,10 @@ def _run(directory: Path, request: dict, comm) -> tuple[int, str]:
         now = time.perf_counter()
         seconds[name], clock = now - clock, now
 
-    manifest = read_manifest(directory / "export")
-    first, last = substructuring.partition(manifest.subdomains, comm)
-    subdomains = read_subdomains(manifest, first, last, comm)
-    lap("read")
-    structure = substructuring.build(manifest, subdomains, first, comm)
-    operator = DualOperator(structure, comm)
-    times = np.linspace(0, manifest.t_end, manifest.steps + 1)
-    amplitudes = np.array([[manifest.amplitude(k, i) for k in range(len(manifest.patterns))]
-                           for i in range(manifest.steps + 1)])
-    settings = quasistatic.Settings(**request["settings"])
-    law = SlipLaw(**manifest.slip_law) if manifest.slip_law else None
-    solver = quasistatic.QuasistaticSolver(operator, manifest.effects, amplitudes, times, settings, law)
+    problem = assemble(directory / "export", comm, lap)
+    manifest, structure, operator = problem.manifest, problem.structure, problem.operator
+    settings = Settings(**request["settings"])
+    solver = problem.solver(settings)
     lap("setup")
     writer = Writer(directory, manifest, operator, solver, request["fields"])
     root = comm.rank == 0
@@ -108,7 +99,7 @@ def _run(directory: Path, request: dict, comm) -> tuple[int, str]:
     seconds["output"] -= history.seconds
     seconds["total"] = sum(seconds.values())
     summary["seconds"] = seconds
-    summary["effects_ledger"] = _ledger(summary, manifest, structure, history, amplitudes, writer, comm)
+    summary["effects_ledger"] = _ledger(summary, manifest, structure, history, problem.amplitudes, writer, comm)
     writer.close(summary)
     return history.exit_status, history.reason
 

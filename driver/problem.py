@@ -1,0 +1,46 @@
+"""An export made ready for time stepping: read, torn, reduced; and solvers of its load history, whole or in part."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+
+from . import quasistatic, substructuring
+from .fetidp import DualOperator
+from .friction import SlipLaw
+from .loader import Manifest, read_manifest, read_subdomains
+from .options import Settings
+
+
+@dataclasses.dataclass
+class Problem:
+    """A scene at one mesh size: what it declared, its substructures and their dual operator."""
+
+    manifest: Manifest
+    structure: substructuring.Substructure
+    operator: DualOperator
+
+    @property
+    def amplitudes(self) -> np.ndarray:
+        """(steps + 1, patterns) factor of every load pattern at the exported times."""
+        m = self.manifest
+        return np.array([[m.amplitude(k, i) for k in range(len(m.patterns))] for i in range(m.steps + 1)])
+
+    def solver(self, settings: Settings, samples=None) -> quasistatic.QuasistaticSolver:
+        """Solver that steps through the exported times with the indices `samples`, by default all of them."""
+        m = self.manifest
+        samples = np.arange(m.steps + 1) if samples is None else samples
+        law = SlipLaw(**m.slip_law) if m.slip_law else None
+        times = np.linspace(0, m.t_end, m.steps + 1)
+        return quasistatic.QuasistaticSolver(self.operator, m.effects, self.amplitudes[samples], times[samples],
+                                             settings, law)
+
+
+def assemble(directory: Path, comm, lap=lambda stage: None) -> Problem:
+    """The problem of the export in `directory`; collective. `lap` is called when reading is done."""
+    manifest = read_manifest(directory)
+    first, last = substructuring.partition(manifest.subdomains, comm)
+    subdomains = read_subdomains(manifest, first, last, comm)
+    lap("read")
+    structure = substructuring.build(manifest, subdomains, first, comm)
+    return Problem(manifest, structure, DualOperator(structure, comm))
