@@ -1,7 +1,8 @@
 """Command line: one run from scene to figures, and the tables made of many runs.
 
     python3 -m driver run SCENE=model LOADING=monotone NP=2 OUT=results/mine
-    python3 -m driver scenes | figures DIRECTORY | table [ROWS=1,2,3] | effects SCENE=punch | saddle SCENE=model OUT=...
+    python3 -m driver scenes | figures DIRECTORY | table [ROWS=1,2,3] | effects SCENE=punch | hard [FAMILY=scale]
+    python3 -m driver saddle SCENE=model OUT=...
 
 Exit status: 0 converged; 2 bad input or missing dependency; 3 no (unique) solution the method can vouch
 for; 4 not converged in the allowed iterations. A user's mistake is told in one line.
@@ -92,6 +93,14 @@ def command_effects(words: list[str]) -> None:
     from .effects import run_effects
 
     for path in run_effects(parse_pairs(words)):
+        print(os.path.relpath(path))
+
+
+def command_hard(words: list[str]) -> None:
+    """The hard cases: each solved and checked, or refused for a stated reason."""
+    from .hard.suite import run_suite
+
+    for path in run_suite(parse_pairs(words)):
         print(os.path.relpath(path))
 
 

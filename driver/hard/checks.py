@@ -1,0 +1,208 @@
+"""Independent answers for the hard cases: the assembled body, closed forms, other runs. And the condition estimate.
+
+A check is a callable (case, size, outcome) -> Check. The assembled body is exported anew and knows nothing of
+corners, gluing or dual rows; its sparse factorization is SuperLU's, where the driver's are PETSc's and MUMPS's.
+"""
+
+import functools
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from .. import environment, freefem
+from ..loader import read_manifest, read_subdomains
+from ..oracle import Assembled, coulomb_history
+from .case import Case, Check, Outcome, reference
+
+DRIVER = {"RTOL", "FRICTION_RTOL", "PRIMAL_RTOL", "INNER_RTOL", "MAX_FIXED_POINT", "MAX_PRODUCTS", "PRECONDITIONER",
+          "PREDICTOR", "EXPANSION", "NP", "OUT", "FIELDS", "FIGURES", "QUIET"}
+
+
+@functools.lru_cache(maxsize=4)
+def _read(scene: str, parameters: tuple):
+    """Manifest and subdomains of a fresh export."""
+    environment.prepare_petsc()
+    from mpi4py import MPI
+
+    with tempfile.TemporaryDirectory() as folder:
+        freefem.export(freefem.find_scene(scene), Path(folder), dict(parameters))
+        manifest = read_manifest(Path(folder))
+        return manifest, read_subdomains(manifest, 0, manifest.subdomains, MPI.COMM_SELF)
+
+
+def exported(case: Case, size: dict):
+    """Manifest and subdomains of the case, exported anew."""
+    given = case.arguments(size)
+    return _read(case.scene, tuple((name.lower(), given[name]) for name in given if name not in DRIVER))
+
+
+@functools.lru_cache(maxsize=2)
+def _assembled(scene: str, parameters: tuple) -> Assembled:
+    return Assembled(*_read(scene, parameters))
+
+
+def assembled(case: Case, size: dict) -> Assembled:
+    """The untorn body of the case."""
+    given = case.arguments(size)
+    return _assembled(case.scene, tuple((name.lower(), given[name]) for name in given if name not in DRIVER))
+
+
+def amplitudes(manifest) -> np.ndarray:
+    """(steps + 1, patterns): factor of every load pattern at every time."""
+    return np.array([[manifest.amplitude(k, i) for k in range(len(manifest.patterns))]
+                     for i in range(manifest.steps + 1)])
+
+
+def _same_nodes(body: Assembled, contact: dict) -> np.ndarray:
+    """Column of contact.csv for every contact node of the assembled body."""
+    label = contact.get("boundary", np.full(contact["x"].shape, body.label[0]))[-1]
+    theirs = np.lexsort((contact["y"][-1], contact["x"][-1], label))
+    ours = np.lexsort((body.xy[:, 1], body.xy[:, 0], body.label))
+    order = np.empty(len(ours), int)
+    order[ours] = theirs
+    if not np.array_equal(body.xy, np.column_stack([contact["x"][-1], contact["y"][-1]])[order]):
+        raise ValueError("contact.csv and the assembled body have different contact nodes")
+    return order
+
+
+def dense(tolerance: float):
+    """Against the dense fixed point on the assembled body, step by step: displacements and tractions.
+
+    Deviations are relative to the largest displacement and the largest pressure of the run.
+    """
+    def check(case: Case, size: dict, outcome: Outcome) -> Check:
+        manifest, _ = exported(case, size)
+        body = assembled(case, size)
+        expected, order = coulomb_history(body, amplitudes(manifest)), _same_nodes(body, outcome.contact)
+        error = 0.0
+        for names in (("u_n", "u_t"), ("sigma_n", "sigma_t")):
+            largest = max(np.abs(expected[name]).max() for name in names)
+            apart = max(np.abs(outcome.contact[name][:, order] - expected[name]).max() for name in names)
+            error = max(error, ratio(apart, largest))
+        return Check("dense fixed point", error, tolerance)
+    return check
+
+
+def laws(tolerance: float):
+    """The reported contact forces put on the assembled body: do its displacements obey all laws of contact and friction?
+
+    Says everything where answers are unique, and stays right where they are not. Deviations of displacements and
+    gaps are relative to the largest displacement of the run, those of tractions to its largest pressure.
+    """
+    def check(case: Case, size: dict, outcome: Outcome) -> Check:
+        manifest, _ = exported(case, size)
+        body, contact = assembled(case, size), outcome.contact
+        history = amplitudes(manifest)
+        if not contact:
+            return Check("laws on the assembled body", _displacement_error(body, history, outcome), tolerance)
+        order = _same_nodes(body, contact)
+        far, press = outcome.history["max_displacement"].max(), np.abs(contact["sigma_n"]).max()
+        force = np.concatenate([contact[name][:, order] * body.weight for name in ("sigma_n", "sigma_t")], axis=1)
+        u = np.array([body.B @ body.solve(w, body.B.T @ f) for w, f in zip(history[1:], force)])
+        u_n, u_t = np.split(u, 2, axis=1)
+        start = contact["u_t"][:1, order] - contact["slip"][:1, order]
+        slip = np.diff(np.concatenate([start, u_t]), axis=0)
+        sigma_n, sigma_t = contact["sigma_n"][:, order], contact["sigma_t"][:, order]
+        bound = body.friction * np.abs(sigma_n)
+        free = contact["bound"][:, order] > 0  # nodes that have a friction law of their own
+        errors = [ratio(np.abs(u_n - contact["u_n"][:, order]).max(), far),
+                  ratio(np.abs(u_t - contact["u_t"][:, order]).max(), far),
+                  ratio((u_n - body.gap).max(initial=0), far), ratio(sigma_n.max(initial=0), press),
+                  ratio(np.abs(sigma_n * (u_n - body.gap)).max(), far * press),
+                  ratio((np.abs(sigma_t) - bound).max(initial=0), press),
+                  ratio((free * (bound * np.abs(slip) + sigma_t * slip)).max(initial=0), far * press)]
+        return Check("laws on the assembled body", float(max(errors)), tolerance)
+    return check
+
+
+def _displacement_error(body: Assembled, history: np.ndarray, outcome: Outcome) -> float:
+    """Without contact: largest displacement of the body against the one reported, over all steps."""
+    far = np.array([np.linalg.norm(body.solve(w).reshape(-1, 2), axis=1).max() for w in history[1:]])
+    return ratio(np.abs(far - outcome.history["max_displacement"]).max(), far.max())
+
+
+def same_as(tolerance: float, length: float = 1.0, stress: float = 1.0, *, options: dict):
+    """Against the same run with `options`: equal iteration counts, and equal answers but for the units.
+
+    Lengths (displacements among them) are `length` times, stresses `stress` times those of the other run.
+    """
+    scales = {"u_n": length, "u_t": length, "slip": length, "sigma_n": stress, "sigma_t": stress}
+
+    def check(case: Case, size: dict, outcome: Outcome) -> Check:
+        other = reference(case, size, options)
+        same = outcome.summary["counts"] == other.summary["counts"]
+        error = max(ratio(np.abs(outcome.contact[name] - scale * other.contact[name]).max(),
+                          scale * max(np.abs(other.contact[n]).max() for n in scales if n[0] == name[0]))
+                    for name, scale in scales.items() if name != "slip")
+        return Check("the run in other units" if same else "the run in other units, other counts", error if same else np.inf, tolerance)
+    return check
+
+
+def holds(what: str, condition):
+    """`condition(outcome)` must be true."""
+    return lambda case, size, outcome: Check(what, 0.0 if condition(outcome) else np.inf, 1.0)
+
+
+def closed_form(oracle: str, tolerance: float, formula):
+    """Against a closed form: `formula(outcome)` gives pairs (found, expected) of numbers or arrays."""
+    def check(case: Case, size: dict, outcome: Outcome) -> Check:
+        errors = [ratio(np.abs(np.asarray(found) - expected).max(), np.abs(expected).max())
+                  for found, expected in formula(outcome)]
+        return Check(oracle, float(max(errors)), tolerance)
+    return check
+
+
+def ratio(part: float, whole: float) -> float:
+    """part / whole; where the whole is zero, 0 for nothing and infinity for something."""
+    return float(part / whole) if whole > 0 else (0.0 if part == 0 else np.inf)
+
+
+def condition(case: Case, size: dict, outcome: Outcome) -> float:
+    """Estimated condition number of the preconditioned dual operator on the last step's face.
+
+    The face holds all gluing rows, the normal rows of nodes that touch and the tangential rows of those that
+    stick. See `face_condition`.
+    """
+    from mpi4py import MPI
+
+    from ..fetidp import DirichletPreconditioner, DualOperator
+    from ..substructuring import GLUING, build
+
+    manifest, subdomains = exported(case, size)
+    operator = DualOperator(build(manifest, subdomains, 0, MPI.COMM_SELF), MPI.COMM_SELF)
+    free = operator.structure.row_kind == GLUING
+    if outcome.contact:
+        boundary, status = operator.structure.contact, outcome.contact["status"][-1]
+        for rows, wanted in ((boundary.normal_row, status != "open"), (boundary.tangential_row, status == "stick")):
+            free[rows[wanted & (rows >= 0)]] = True
+    return face_condition(operator, DirichletPreconditioner(operator), free)
+
+
+def face_condition(operator, preconditioner, free: np.ndarray, steps: int = 80) -> float:
+    """Ratio of the extreme Ritz values of M F on the face `free` (owned,) after `steps` of preconditioned CG.
+
+    The coefficients of CG make up the Lanczos matrix (Golub, Van Loan, Matrix Computations, 10.2); its extreme
+    eigenvalues approach those of M F from inside, so this is a lower bound of the condition number. NaN
+    where the face is empty.
+    """
+    if not free.any():
+        return np.nan
+    r = np.where(free, np.random.default_rng(3).standard_normal(len(free)), 0.0)
+    z = preconditioner(r, free)
+    p, rho, first = z, r @ z, r @ z
+    diagonal, off, beta, alpha = [], [], 0.0, 1.0
+    for _ in range(min(steps, int(free.sum()))):
+        Ap = np.where(free, operator.apply(p), 0.0)
+        last, alpha = alpha, rho / (p @ Ap)
+        diagonal.append(1 / alpha + beta / last)
+        r = r - alpha * Ap
+        z = preconditioner(r, free)
+        beta, rho = (r @ z) / rho, r @ z
+        if not rho > 1e-24 * first:
+            break
+        off.append(np.sqrt(beta) / alpha)
+        p = z + beta * p
+    off = off[: len(diagonal) - 1]
+    ritz = np.linalg.eigvalsh(np.diag(diagonal) + np.diag(off, 1) + np.diag(off, -1))
+    return float(ritz[-1] / ritz[0])

@@ -1,0 +1,205 @@
+"""All hard cases at all sizes: run, judge, report.csv, pictures."""
+
+import csv
+import hashlib
+import importlib
+import multiprocessing
+import os
+import re
+import shutil
+import time
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import DriverError, InputError
+from ..oracle import OracleFailure
+from ..run import RESULTS
+from .case import Case, Outcome, reference, run_case
+
+FAMILIES = ("material", "geometry", "contact", "scale", "support")
+RESIDUALS = ("stationarity", "gluing", "penetration", "sign", "cone", "complementarity")
+OPTIONS = ("family", "case", "fast", "jobs", "out")
+
+
+@dataclass
+class Row:
+    """One line of report.csv: a case at one size; numbers that do not apply are NaN."""
+
+    family: str
+    case: str
+    size: str
+    expected: str  # "solved" or "refused (exit n)"
+    status: str  # "solved", "refused" or "FAILED"
+    exit: int
+    why: str  # the reason of a refusal or a failure, warnings of a solved case
+    stationarity: float = np.nan
+    gluing: float = np.nan
+    penetration: float = np.nan
+    sign: float = np.nan
+    cone: float = np.nan
+    complementarity: float = np.nan
+    kkt_tolerance: float = np.nan
+    oracle: str = ""
+    error: float = np.nan  # largest deviation over its tolerance, of all checks
+    products: int = 0
+    fixed_point: int = 0
+    iterations_ratio: float = np.nan  # products over those of the easy reference
+    ratio_allowed: float = np.nan
+    condition: float = np.nan
+    seconds: float = np.nan
+    sweep: str = ""
+    place: float = np.nan  # in the sweep
+
+    @property
+    def kkt(self) -> float:
+        """The largest KKT residual."""
+        values = [getattr(self, name) for name in RESIDUALS]
+        return float(np.nanmax(values)) if np.isfinite(values).any() else np.nan
+
+
+def cases(family: str | None = None) -> list[Case]:
+    """All cases, or those of one family."""
+    names = (family,) if family else FAMILIES
+    return [case for name in names for case in importlib.import_module(f"{__package__}.{name}").CASES]
+
+
+def run_suite(pairs: dict[str, str]) -> list[Path]:
+    """Run the cases asked for; the paths of report and pictures.
+
+    Options: family, case (part of a name), fast (yes: the first size of the cases in the default tests), jobs
+    (cases at a time), out. Raises InputError for others, and DriverError if a case ends in neither of the two ways.
+    """
+    chosen, folder, jobs = _chosen(pairs)
+    folder.mkdir(parents=True, exist_ok=True)
+    shutil.rmtree(folder / "runs", ignore_errors=True)
+    rows, clock = [], time.perf_counter()
+    with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
+        tasks = [pool.submit(_judge_named, case.family, case.name, size, folder / "runs") for case, size in chosen]
+        for task in tasks:
+            rows.append(task.result())
+            print(_line(rows[-1]), flush=True)
+    shutil.rmtree(folder / "runs", ignore_errors=True)
+    _write(folder / "report.csv", rows)
+    from .picture import draw
+
+    made = [folder / "report.csv", *draw(rows, folder)]
+    failed = [row for row in rows if row.status == "FAILED"]
+    count = {name: sum(row.status == name for row in rows) for name in ("solved", "refused")}
+    print(f"{len({row.case for row in rows})} cases at {len(rows)} sizes: {count['solved']} solved and checked, {count['refused']} refused as "
+          f"they must be, {len(failed)} failed; {time.perf_counter() - clock:.0f} s")
+    if failed:
+        raise DriverError(f"{len(failed)} hard cases failed, see {os.path.relpath(folder / 'report.csv')}")
+    return made
+
+
+def _chosen(pairs: dict[str, str]):
+    """Cases with their sizes, result directory and number of jobs from the options."""
+    unknown = set(pairs) - set(OPTIONS)
+    if unknown:
+        raise InputError(f"the hard cases have no option {sorted(unknown)[0].upper()}; they have "
+                         f"{', '.join(map(str.upper, OPTIONS))}")
+    families = pairs["family"].split(",") if "family" in pairs else list(FAMILIES)
+    for name in families:
+        if name not in FAMILIES:
+            raise InputError(f"FAMILY must be of {', '.join(FAMILIES)}, not '{name}'")
+    if pairs.get("fast", "no") not in ("yes", "no"):
+        raise InputError(f"FAST must be yes or no, not '{pairs['fast']}'")
+    jobs = pairs.get("jobs", str(os.cpu_count() or 1))
+    if not jobs.isdigit() or int(jobs) < 1:
+        raise InputError(f"JOBS expects a number of processes, not '{jobs}'")
+    fast = pairs.get("fast", "no") == "yes"
+    found = [(case, size) for family in families for case in cases(family)
+             if pairs.get("case", "") in case.name and (case.fast or not fast)
+             for size in (case.sizes[:1] if fast else case.sizes)]
+    if not found:
+        raise InputError(f"no hard case has '{pairs['case']}' in its name")
+    return found, Path(pairs.get("out", RESULTS / "hard")).absolute(), int(jobs)
+
+
+# ---- one case ------------------------------------------------------------------------------------
+
+def _judge_named(family: str, name: str, size: dict, folder: Path) -> Row:
+    """`judge` for another process, to which checks cannot be sent."""
+    return judge(next(case for case in cases(family) if case.name == name), size, folder)
+
+
+def judge(case: Case, size: dict, folder: Path) -> Row:
+    """Run a case at one size and judge how it ended; never raises for what a case does."""
+    outcome = run_case(case, size, folder / _folder_name(case, size))
+    expected = "solved" if case.status == 0 else f"refused (exit {case.status})"
+    row = Row(case.family, case.name, " ".join(f"{n}={v}" for n, v in size.items()), expected, "FAILED", outcome.status,
+              outcome.message, seconds=round(outcome.seconds, 2))
+    row.sweep, row.place = case.sweep or ("", np.nan)
+    if outcome.crashed or outcome.status != case.status:
+        return row
+    if case.status:
+        if re.search(case.reason, outcome.message) and not outcome.directory.exists():
+            row.status = "refused"
+        return row
+    try:
+        row.why = _judge_solved(case, size, outcome, row)
+    except (DriverError, OracleFailure, ValueError, KeyError) as problem:
+        row.why = f"the check failed: {problem!r}"
+        return row
+    row.status = "FAILED" if row.why else "solved"
+    row.why = row.why or "; ".join(outcome.summary["warnings"])
+    return row
+
+
+def _judge_solved(case: Case, size: dict, outcome: Outcome, row: Row) -> str:
+    """Fill in the row of a case that claims to be solved; what is wrong with it, or nothing."""
+    from .checks import condition
+
+    summary, wrong = outcome.summary, []
+    for name, value in summary["residuals"].items():
+        setattr(row, name, value)
+    row.kkt_tolerance = case.kkt
+    if summary["residuals"] and not row.kkt <= case.kkt:
+        wrong.append(f"KKT residual {row.kkt:.1e}")
+    row.products = summary["counts"]["dual_multiplications"]
+    row.fixed_point = summary["counts"]["fixed_point_iterations"]
+    found = [check(case, size, outcome) for check in case.checks]
+    row.oracle, row.error = ", ".join(c.oracle for c in found), max((c.error / c.tolerance for c in found), default=np.nan)
+    wrong += [f"{c.error:.1e} off {c.oracle}" for c in found if not c.error <= c.tolerance]
+    if not found:
+        wrong.append("the case names no oracle")
+    if case.warning and not any(re.search(case.warning, said) for said in summary["warnings"]):
+        wrong.append(f"no warning of '{case.warning}'")
+    if case.easy is not None:
+        easy = reference(case, size, case.easy).summary["counts"]["dual_multiplications"]
+        row.iterations_ratio, row.ratio_allowed = row.products / max(easy, 1), case.ratio or np.nan
+        if case.ratio and row.iterations_ratio > case.ratio:
+            wrong.append(f"{row.iterations_ratio:.1f} times the products of the easy reference")
+    if case.scene and case.perform is None:
+        row.condition = condition(case, size, outcome)
+    return "; ".join(wrong)
+
+
+def _folder_name(case: Case, size: dict) -> str:
+    """A directory of its own for every run of every process."""
+    text = repr((case.name, sorted(case.arguments(size).items()), os.getpid()))
+    return f"{re.sub('[^a-z0-9]+', '-', case.name.lower())}-{hashlib.sha1(text.encode()).hexdigest()[:10]}"
+
+
+# ---- report --------------------------------------------------------------------------------------
+
+def _line(row: Row) -> str:
+    told = f"{row.status:8s} {row.family}: {row.case} [{row.size}]"
+    if row.status == "solved":
+        said = f"KKT {row.kkt:.1e}, {row.error:.2g} of the tolerance off {row.oracle}, {row.products} products"
+        return f"{told}: {said}" + (f" ({row.iterations_ratio:.2g} of easy)" if np.isfinite(row.iterations_ratio) else "")
+    return f"{told}: exit {row.exit}, {row.why}"
+
+
+def _write(path: Path, rows: list[Row]) -> None:
+    hidden = path.with_name(f".{path.name}")
+    with open(hidden, "w", newline="") as file:
+        out = csv.DictWriter(file, list(asdict(rows[0])))
+        out.writeheader()
+        for row in rows:
+            out.writerow({name: "" if isinstance(value, float) and np.isnan(value) else value
+                          for name, value in asdict(row).items()})
+    hidden.replace(path)
