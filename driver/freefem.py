@@ -30,8 +30,10 @@ def find_scene(name: str) -> Path:
     raise InputError(f"no scene '{name}'; a path to an .edp file or one of: {', '.join(scenes())}")
 
 
-def export(scene: Path, directory: Path, parameters: dict[str, str], ranks: int = 1) -> Manifest:
+def export(scene: Path, directory: Path, parameters: dict[str, str], ranks: int = 1, sizes: Path | None = None) -> Manifest:
     """Run `scene` with command-line `parameters`, spread over `ranks`, into `directory`.
+
+    `sizes` is the stem of a field of element sizes (see adaptivity.write_sizes) that the body is meshed with.
 
     Raises InputError for macros that nothing reads, with FreeFEM's own message and script line if the script fails, if what it
     parsed differs from what was asked, and if the scene was edited meanwhile; OSError if the disk is full.
@@ -42,6 +44,8 @@ def export(scene: Path, directory: Path, parameters: dict[str, str], ranks: int 
     arguments = [str(scene), "-export", str(directory)]
     for name, value in parameters.items():
         arguments += [f"-{name}", value]
+    if sizes:
+        arguments += ["-sizes", str(sizes)]
     flags = ["-nw", "-ns", "-v", "0"]
     if ranks > 1:
         command = [*environment.mpirun(ranks), environment.program("FreeFem++-mpi"), *flags, *arguments]

@@ -8,13 +8,13 @@ import sys
 import time
 from pathlib import Path
 
-from . import environment, freefem
+from . import adaptivity, environment, freefem
 from .errors import InputError, error_of
 from .ledger import never_mattered
 
 RESULTS = environment.ROOT / "results"
 # driver options beside options.Settings; everything else is a parameter of the scene
-OPTIONS = ("scene", "np", "out", "fields", "figures", "quiet")
+OPTIONS = ("scene", "np", "out", "fields", "figures", "quiet", "adapt")
 
 
 def _setting(field, text: str):
@@ -51,6 +51,7 @@ class Run:
     fields: bool = True
     figures: bool = True
     quiet: bool = False
+    adapt: int = 0  # cycles of adaptive refinement before the run itself
 
     @classmethod
     def from_pairs(cls, pairs: dict[str, str]) -> "Run":
@@ -61,12 +62,15 @@ class Run:
         ranks = pairs.get("np", "1")
         if not ranks.isdigit() or int(ranks) < 1:
             raise InputError(f"NP expects a number of ranks, not '{ranks}'")
+        adapt = pairs.get("adapt", "0")
+        if not adapt.isdigit():
+            raise InputError(f"ADAPT expects a number of refinement cycles, not '{adapt}'")
         known = {f.name: f for f in dataclasses.fields(Settings)}
         settings = {n: _setting(known[n], v) for n, v in pairs.items() if n in known}
         parameters = {n: v for n, v in pairs.items() if n not in known and n not in OPTIONS}
         out = Path(pairs["out"]) if "out" in pairs else RESULTS / scene.stem
         return cls(scene, out, int(ranks), settings, parameters, _yes(pairs, "fields", "yes"),
-                   _yes(pairs, "figures", "yes"), _yes(pairs, "quiet", "no"))
+                   _yes(pairs, "figures", "yes"), _yes(pairs, "quiet", "no"), int(adapt))
 
 
 def execute(run: Run) -> dict:
@@ -112,13 +116,14 @@ def _check_out(out: Path) -> None:
 
 
 def _execute(run: Run, work: Path, out: Path) -> dict:
-    clock = time.perf_counter()
-    freefem.export(run.scene, work / "export", run.parameters, run.ranks)
-    request = {"scene": run.scene.stem, "settings": run.settings, "fields": run.fields, "quiet": run.quiet,
-               "seconds": {"export": time.perf_counter() - clock}}
-    status, reason = solve(work, request, run.ranks)
+    cycles = _refine(run, work)
+    status, reason = _cycle(run, work, cycles, {"fields": run.fields})
     if not (work / "summary.json").exists():
         raise error_of(status, reason)
+    if cycles:
+        adaptivity.report(work, cycles)
+        for place in cycles:
+            shutil.rmtree(place)
     if run.figures:
         from .figures import draw_run
 
@@ -131,6 +136,31 @@ def _execute(run: Run, work: Path, out: Path) -> dict:
     if status:
         raise error_of(status, f"{reason}; what was found is kept in {os.path.relpath(out)}")
     return json.loads((out / "summary.json").read_text())
+
+
+def _refine(run: Run, work: Path) -> list[Path]:
+    """Directories of the finished refinement cycles; each holds the element sizes of the mesh that follows."""
+    cycles = []
+    for cycle in range(run.adapt):
+        place = work / f"cycle-{cycle}"
+        place.mkdir()
+        status, reason = _cycle(run, place, cycles, {"fields": False})
+        if status:
+            raise error_of(status, f"refinement cycle {cycle + 1}: {reason}")
+        cycles.append(place)
+        if not run.quiet:
+            print(f"{run.scene.stem}: refinement cycle {cycle + 1} of {run.adapt}: {adaptivity.describe(place)}", flush=True)
+    return cycles
+
+
+def _cycle(run: Run, work: Path, before: list[Path], request: dict) -> tuple[int, str]:
+    """Export and solve on the mesh that the cycles `before` lead to; exit status and reason."""
+    clock = time.perf_counter()
+    freefem.export(run.scene, work / "export", run.parameters, run.ranks, before[-1] / adaptivity.STEM if before else None)
+    seconds = {"adaptation": sum(map(adaptivity.seconds, before))} if before else {}
+    request |= {"refine": run.adapt > 0, "scene": run.scene.stem, "settings": run.settings, "quiet": run.quiet,
+                "seconds": {**seconds, "export": time.perf_counter() - clock}}
+    return solve(work, request, run.ranks)
 
 
 def solve(work: Path, request: dict, ranks: int) -> tuple[int, str]:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from .adaptivity import Recovery
 from .errors import DriverError
 from .ledger import effects_ledger
 from .loader import Manifest
@@ -88,9 +89,12 @@ def _run(directory: Path, request: dict, comm) -> tuple[int, str]:
     progress = Progress(manifest.steps, request["scene"], request["quiet"] or not root,
                         directory / "run.log" if root else None)
     progress.note(f"{request['scene']} {manifest.parameters} {request['settings']} on {comm.size} ranks")
+    recovery = Recovery(structure, manifest, comm) if request.get("refine") else None
     for step in solver.steps():
         progress.update(step)
         writer.add(step)
+        if recovery:
+            recovery.add(step, operator.displacements(step.multipliers, step.weights))
     history = solver.history
     progress.close(history.reason or "converged")
     seconds["solve"] = history.seconds
@@ -99,6 +103,8 @@ def _run(directory: Path, request: dict, comm) -> tuple[int, str]:
     seconds["output"] -= history.seconds
     seconds["total"] = sum(seconds.values())
     summary["seconds"] = seconds
+    if recovery:
+        summary["indicator"] = recovery.close(directory)
     summary["effects_ledger"] = _ledger(summary, manifest, structure, history, problem.amplitudes, writer, comm)
     writer.close(summary)
     return history.exit_status, history.reason
