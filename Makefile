@@ -30,7 +30,7 @@ test: setup  ## set up if needed, run the tests [ARGS="-k name"]
 test-long: setup  ## the tests marked slow
 	@$(PYTHON) -m pytest -m slow $(ARGS)
 
-run:  ## one scene: SCENE=name or path [SUBDOMAINS=4x2|8] [STEPS=] [NP=] [OUT=] [...]; alone: list the scenes
+run:  ## one scene: SCENE=name or path [SUBDOMAINS=4x2|8] [STEPS=] [ADAPT=] [NP=] [OUT=] [...]; alone: list the scenes
 	@$(DRIVER) run $(GIVEN)
 
 model:  ## the model example [LOADING=monotone|nonmonotone] [FRICTION=] [CELLS=] [...]
