@@ -2,7 +2,7 @@
 
     python3 -m driver run SCENE=model LOADING=monotone NP=2 OUT=results/mine
     python3 -m driver scenes | figures DIRECTORY | table [ROWS=1,2,3] | effects SCENE=punch | hard [FAMILY=scale]
-    python3 -m driver saddle SCENE=model OUT=...
+    python3 -m driver study SCENE=model FRICTION=0:1:11 | saddle SCENE=model OUT=...
 
 Exit status: 0 converged; 2 bad input or missing dependency; 3 no (unique) solution the method can vouch
 for; 4 not converged in the allowed iterations. A user's mistake is told in one line.
@@ -58,13 +58,15 @@ def command_model(words: list[str]) -> None:
 def command_figures(words: list[str]) -> None:
     """Redraw the figures of finished runs from their files."""
     from .figures import draw_run
+    from .study import draw_study
 
     if not words:
         raise InputError("no finished run to draw; 'make run SCENE=model' leaves one in results/model")
     for word in words:
         if not (Path(word) / "summary.json").is_file():
             raise InputError(f"{word} holds no finished run (no summary.json)")
-        for path in draw_run(Path(word)):
+        is_study = "study" in json.loads((Path(word) / "summary.json").read_text())
+        for path in (draw_study if is_study else draw_run)(Path(word)):
             print(path)
 
 
@@ -102,6 +104,15 @@ def command_hard(words: list[str]) -> None:
 
     for path in run_suite(parse_pairs(words)):
         print(os.path.relpath(path))
+
+
+def command_study(words: list[str]) -> None:
+    """Many values of one parameter on one export."""
+    from .study import describe as describe_study
+    from .study import make_study
+
+    summary, out = make_study(parse_pairs(words))
+    print(describe_study(summary, out))
 
 
 def command_solve(words: list[str]) -> None:

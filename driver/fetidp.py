@@ -23,6 +23,9 @@ their first subdomain wherever it lives, and the (small) coarse problem is assem
 rank.
 """
 
+import copy
+import dataclasses
+
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -30,7 +33,7 @@ from scipy.sparse import coo_matrix
 
 from .errors import NoSolution, agree
 from .reduction import LocalClass, group, petsc_matrix, reduce_class
-from .substructuring import Substructure
+from .substructuring import ContactBoundary, Substructure
 
 BLOCK = 4  # members per dense product: fixed, so that a member's result does not depend on its company
 
@@ -71,9 +74,10 @@ class DualOperator:
             row_at, corner_at = c.rows.stop, c.corners.stop
         self.sign = _join([structure.rows[s].sign for s in order], float)
         self.scaling = _join([structure.rows[s].scaling for s in order], float)
-        rows = _join([structure.rows[s].row for s in order], PETSc.IntType)
+        self._row_numbers = _join([structure.rows[s].row for s in order], PETSc.IntType)
         self._dual = PETSc.Vec().createMPI((self.owned, structure.dual_dofs), comm=self.comm)
-        self._local_rows, self._to_rows = _scatter(self._dual, rows)
+        self._local_rows, self._to_rows = _scatter(self._dual, self._row_numbers)
+        self._by_width = {}  # vectors and scatters of several columns
         # partial sums of a scalar product: the rows of each subdomain, in the order of subdomains
         self._starts = structure.row_starts
         self._partial_counts = _counts(self.comm, len(self._starts))
@@ -172,6 +176,81 @@ class DualOperator:
             y[c.rows] += _blocked(corner[c.corners].reshape(len(c.members), -1), c.A_transposed).ravel()
         return self._assemble(y * self.sign)
 
+    def preconditioner(self) -> "DirichletPreconditioner":
+        """The Dirichlet preconditioner of F."""
+        return DirichletPreconditioner(self)
+
+    def with_contact(self, contact: ContactBoundary) -> "DualOperator":
+        """The same body with other gaps, friction or initial state at its contact nodes; counts its own products."""
+        other = copy.copy(self)
+        other.structure, other.products = dataclasses.replace(self.structure, contact=contact), 0
+        return other
+
+    # ---- several columns at a time -----------------------------------------------------------
+    def _columns(self, k: int):
+        """Vectors and scatter for k multipliers a row."""
+        if k not in self._by_width:
+            vector = PETSc.Vec().createMPI((k * self.owned, k * self.structure.dual_dofs), comm=self.comm)
+            self._by_width[k] = (vector, *_scatter(vector, self._row_numbers, k))
+        return self._by_width[k]
+
+    def gather_columns(self, x: np.ndarray) -> np.ndarray:
+        """The rank's stacked local rows of k dual vectors (owned, k), unsigned."""
+        vector, local, to_rows = self._columns(x.shape[1])
+        vector.array[:] = x.ravel()
+        to_rows.scatter(vector, local, addv=False, mode="forward")
+        return local.array.reshape(-1, x.shape[1])
+
+    def assemble_columns(self, rows: np.ndarray) -> np.ndarray:
+        """Add up stacked local rows (., k) into k dual vectors (owned, k)."""
+        vector, local, to_rows = self._columns(rows.shape[1])
+        local.array[:] = rows.ravel()
+        vector.set(0)
+        to_rows.scatter(local, vector, addv=True, mode="reverse")
+        return vector.array.reshape(-1, rows.shape[1]).copy()
+
+    def apply_columns(self, multipliers: np.ndarray) -> np.ndarray:
+        """F times k dual vectors, (owned, k); counts k products."""
+        k = multipliers.shape[1]
+        self.products += k
+        x = self.gather_columns(multipliers) * self.sign[:, None]
+        y, force = np.empty_like(x), np.empty((len(self._corner_local), k))
+        for c in self.classes:
+            members, m = len(c.members), len(c.F)
+            both = np.matmul(c.F_and_A.T, x[c.rows].reshape(members, m, k))
+            y[c.rows] = both[:, :m].reshape(-1, k)
+            force[c.corners] = both[:, m:].reshape(-1, k)
+        corner = self._coarse_columns(force)
+        for c in self.classes:
+            y[c.rows] += np.matmul(c.A, corner[c.corners].reshape(len(c.members), -1, k)).reshape(-1, k)
+        return self.assemble_columns(y * self.sign[:, None])
+
+    def _coarse_columns(self, local: np.ndarray) -> np.ndarray:
+        """`coarse_solve` for k columns, (., k)."""
+        if self.coarse_solver is None:
+            return np.zeros_like(local)
+        forces = np.empty_like(local)
+        forces[self._corner_order] = local
+        forces = np.concatenate(self.comm.allgather(forces)) if self.comm.size > 1 else forces
+        n, k = self.structure.coarse_dofs, local.shape[1]
+        cell = self._corner_all[:, None] * k + np.arange(k)
+        right = np.bincount(cell.ravel(), forces.ravel(), minlength=n * k).reshape(n, k)
+        b = PETSc.Mat().createDense((n, k), array=np.asfortranarray(right), comm=PETSc.COMM_SELF)
+        x = PETSc.Mat().createDense((n, k), comm=PETSc.COMM_SELF)
+        x.setUp()
+        self.coarse_solver.getFactorMatrix().matSolve(b, x)
+        found = x.getDenseArray()[self._corner_local]
+        b.destroy(), x.destroy()
+        return found
+
+    def dots(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Global scalar products of the columns of two blocks (owned, k), added as in `dot`."""
+        partial = np.zeros((len(self._starts), a.shape[1]))
+        if self.owned:
+            filled = self._starts < np.append(self._starts[1:], self.owned)
+            partial[filled] = np.add.reduceat(a * b, self._starts[filled], axis=0)
+        return np.concatenate(self.comm.allgather(partial)).sum(axis=0)
+
     def _pattern_load(self, s: int) -> np.ndarray:
         """(patterns, dofs) loads with the forces of prescribed displacements moved to the right."""
         sub, fixed = self.structure.subdomains[s], self.structure.fixed[s]
@@ -197,13 +276,25 @@ class DualOperator:
 
     def corner_displacement(self, multipliers: np.ndarray, weights: np.ndarray) -> float:
         """Largest displacement of a corner: a cheap measure of how far the body moves."""
+        corner = self._corner_displacements(multipliers, weights)
+        return self.comm.allreduce(float(np.abs(corner).max(initial=0)), op=MPI.MAX)
+
+    def coarse_displacements(self, multipliers: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """(coarse dofs,) displacements of the corners, on every rank."""
+        found, corner = np.empty(self.structure.coarse_dofs), self._corner_displacements(multipliers, weights)
+        for numbers, values in self.comm.allgather((self._corner_local, corner)):
+            found[numbers] = values
+        return found
+
+    def _corner_displacements(self, multipliers: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """Displacements of the stacked corner dofs."""
         x, force = self._gather(multipliers) * self.sign, np.empty(len(self._corner_local))
         for c in self.classes:
             force[c.corners] = _blocked(x[c.rows].reshape(len(c.members), -1), c.A).ravel()
         corner = -self.coarse_solve(force)
         for w, (_, loaded) in zip(weights, self.loaded):
             corner += w * loaded
-        return self.comm.allreduce(float(np.abs(corner).max(initial=0)), op=MPI.MAX)
+        return corner
 
     def _prescribed(self, weights: np.ndarray) -> np.ndarray:
         """Stacked local rows of B on the prescribed displacements, which B_r and B_c leave out."""
@@ -264,6 +355,14 @@ class DirichletPreconditioner:
         self.operator = operator
         self.schur = [_schur(c) for c in operator.classes]
 
+    def columns(self, residual: np.ndarray, free: np.ndarray) -> np.ndarray:
+        """M times k residuals (owned, k) on the face `free` (owned, 1)."""
+        op, k = self.operator, residual.shape[1]
+        x = op.gather_columns(np.where(free, residual, 0.0)) * op.scaling[:, None]
+        for c, schur in zip(op.classes, self.schur):
+            x[c.rows] = np.matmul(schur, x[c.rows].reshape(len(c.members), -1, k)).reshape(-1, k)
+        return np.where(free, op.assemble_columns(x * op.scaling[:, None]), 0.0)
+
     def __call__(self, residual: np.ndarray, free: np.ndarray) -> np.ndarray:
         """M residual on the face `free`, zero elsewhere."""
         op = self.operator
@@ -287,11 +386,11 @@ def _schur(c: LocalClass) -> np.ndarray:
     return schur
 
 
-def _scatter(vector: PETSc.Vec, index: np.ndarray):
-    """A local vector and the scatter that fills it with the entries `index` of `vector`."""
-    local = PETSc.Vec().createSeq(len(index))
-    source = PETSc.IS().createGeneral(index, comm=PETSc.COMM_SELF)
-    target = PETSc.IS().createStride(len(index), first=0, step=1, comm=PETSc.COMM_SELF)
+def _scatter(vector: PETSc.Vec, index: np.ndarray, width: int = 1):
+    """A local vector and the scatter that fills it with the entries (of `width` numbers) `index` of `vector`."""
+    local = PETSc.Vec().createSeq(width * len(index))
+    source = PETSc.IS().createBlock(width, index, comm=PETSc.COMM_SELF)
+    target = PETSc.IS().createStride(width * len(index), first=0, step=1, comm=PETSc.COMM_SELF)
     return local, PETSc.Scatter().create(vector, source, local, target)
 
 

@@ -41,7 +41,17 @@ def export(scene: Path, directory: Path, parameters: dict[str, str], ranks: int 
     _check_macros(scene)
     text = text_digest(scene)
     directory.mkdir(parents=True, exist_ok=True)
-    arguments = [str(scene), "-export", str(directory)]
+    _run(scene, scene, directory, parameters, ranks)
+    seal.write(directory, text, [f"block-{k}.bin" for k in range(ranks)])
+    manifest = read_manifest(directory, text_digest(scene))
+    _check_echo(manifest, parameters)
+    _check_fixed_labels(scene, manifest)
+    return manifest
+
+
+def _run(script: Path, scene: Path, directory: Path, parameters: dict[str, str], ranks: int) -> None:
+    """Run `script` in the scene's folder; raises InputError with what FreeFEM said if it fails."""
+    arguments = [str(script), "-export", str(directory)]
     for name, value in parameters.items():
         arguments += [f"-{name}", value]
     if sizes:
@@ -56,11 +66,80 @@ def export(scene: Path, directory: Path, parameters: dict[str, str], ranks: int 
     (directory / "freefem.log").write_text(done.stdout)
     if done.returncode != 0:
         raise InputError(_explain(done.stdout, done.returncode, scene))
-    seal.write(directory, text, ranks)
-    manifest = read_manifest(directory, text_digest(scene))
-    _check_echo(manifest, parameters)
-    _check_fixed_labels(scene, manifest)
-    return manifest
+
+
+# what a parameter study may change: read by edp/lib/study.idp and manifest.idp, in no stiffness and no load
+STUDIED = {"friction", "tresca", "gap", "initialX", "initialY", "slipFactor", "displacementFactor", "slipRange",
+           *(f"amplitude{k}" for k in range(1, 5))}
+
+
+def export_study(scene: Path, directory: Path, parameters: dict[str, str], name: str, values: list[str]) -> list[Manifest]:
+    """Contact data and manifest of `scene` for every value of parameter `name`, in directory/0, 1, ...
+
+    One FreeFEM process goes through the script once a value and assembles nothing. Raises InputError if the
+    parameter changes more than friction, gap, initial state and load histories, and as `export`.
+    """
+    more = changed_by(scene, name) - STUDIED
+    if more:
+        raise InputError(f"a study can vary what changes friction, gap, load histories or steps; {name.upper()} also "
+                         f"changes {', '.join(sorted(more))}")
+    lines = ["// every value of a parameter study in turn", f'macro studied() "{name}" //',
+             f"string[int] studiedValues({len(values)});"]
+    lines += [f'studiedValues[{k}] = "{value}";' for k, value in enumerate(values)]
+    lines += [f"for (int study = 0; study < {len(values)}; ++study) {{", f'include "{scene}"', "}"]
+    for k in range(len(values)):
+        (directory / str(k)).mkdir(parents=True)
+    text, script = text_digest(scene), directory / "study.edp"
+    script.write_text("\n".join(lines) + "\n")
+    _run(script, scene, directory, {**parameters, name: values[0]}, 1)
+    for k in range(len(values)):
+        seal.write(directory / str(k), text, ["contact.bin"])
+    manifests = [read_manifest(directory / str(k)) for k in range(len(values))]
+    for manifest, value in zip(manifests, values):
+        _check_echo(manifest, {**parameters, name: value})
+    return manifests
+
+
+def changed_by(scene: Path, name: str) -> set[str]:
+    """Declarations of a scene that its parameter `name` reaches, followed through variables and macros of the text.
+
+    Statements that do more than give a variable its value count as changed themselves (by their text).
+    """
+    if name == "steps":
+        return set()
+    text = "\n".join(_code(scene))
+    macro = re.compile(r"\bmacro\s+(\w+)(.*?)//[^\n]*", re.DOTALL)
+    macros = [(found.group(1), found.group(2)) for found in macro.finditer(text)]
+    rest = re.sub(r"//[^\n]*", "", macro.sub("", text))
+    statements = [" ".join(part.split()) for part in re.split(r"[;{}]", rest) if part.strip()]
+    read = re.compile(rf'\b(?:physical|whole|choice)\(\s*"{re.escape(name)}"')
+    reached, changed, size = set(), set(), -1
+    while size < len(reached) + len(changed):
+        size = len(reached) + len(changed)
+        touched = lambda words: read.search(words) or reached & set(re.findall(r"\w+", words))
+        for statement in filter(touched, statements):
+            if re.match(r"(?:(?:real|int|bool|string) )?\w+ ?=[^=]", statement):
+                reached |= set(re.findall(r"(\w+) ?=(?!=)", statement))
+            else:
+                changed.add(f"'{statement}'")
+        reached |= {word for word, body in macros if touched(body)}
+    vocabulary = set(re.findall(r"IFMACRO\(!?(\w+)\)", "\n".join(path.read_text() for path in environment.LIBRARY.glob("*.idp"))))
+    if not reached | changed:
+        raise InputError(f"{scene.name} reads no parameter {name.upper()} that a study could vary")
+    return changed | (reached & vocabulary)
+
+
+def _code(script: Path) -> list[str]:
+    """Lines of a script and of what it includes, but for the library's own files."""
+    lines = []
+    for line in script.read_text(errors="replace").splitlines():
+        found = re.match(r'\s*include\s+"([^"]+)"', line)
+        if not found:
+            lines.append(line)
+        elif found.group(1) not in ("scene.idp", "export.idp", "gmsh.idp"):
+            places = [folder / found.group(1) for folder in (script.parent, environment.LIBRARY)]
+            lines += [more for place in places if place.is_file() for more in _code(place)]
+    return lines
 
 
 def text_digest(scene: Path) -> str:

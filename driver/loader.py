@@ -371,6 +371,22 @@ def _check_rigid_motions(rows, columns, values, place, component, where) -> None
             raise InputError(f"{where}: the stiffness matrix resists a rigid motion; it is not the body's")
 
 
+def read_contact(directory: Path, manifest: Manifest) -> list[tuple[ContactData, np.ndarray, np.ndarray]]:
+    """Contact nodes of one value of a parameter study, piece by piece: data, vertex numbers and places.
+
+    Raises InputError as `read_subdomains`.
+    """
+    reader, found = _Block(directory / "contact.bin", manifest.seal), []
+    while reader.at < len(reader.words):
+        count = int(reader.array(1)[0])
+        label, gid = reader.array(count), reader.indices(count, manifest.vertices, "vertex number")
+        weight, nx, ny, gap, friction, x, y = (reader.array(count, np.float64) for _ in range(7))
+        initial = reader.array(count, np.float64) if manifest.initial_state else np.zeros(count)
+        data = ContactData(np.arange(count), label, weight, np.column_stack([nx, ny]), gap, friction, initial)
+        found.append((data, gid, np.column_stack([x, y])))
+    return found
+
+
 def _read_contact(reader: _Block, manifest: Manifest, count: int, nv: int, where: str) -> ContactData:
     vertex = reader.indices(count, nv, "contact vertex")
     label = reader.array(count)

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from . import friction
-from .fetidp import DirichletPreconditioner, DualOperator
+from .fetidp import DualOperator
 from .mprgp import mprgp, norm_bound, projected_gradient
 from .options import Settings
 
@@ -82,7 +82,7 @@ class QuasistaticSolver:
         self.u_t = operator.structure.contact.initial[self.rows.tangential_node]  # tangential displacement at the end of the last step
         self.way = np.zeros(len(self.rows.tangential))  # length of the way slid until then
         self.history = History()
-        self.preconditioner = DirichletPreconditioner(operator) if settings.preconditioner == "dirichlet" else None
+        self.preconditioner = operator.preconditioner() if settings.preconditioner == "dirichlet" else None
         self.bound = self._bound_norm()
         self.history.counts["dual_multiplications_setup"] = operator.products
         self.scales = friction.Scales()

@@ -1,5 +1,6 @@
 """One run from scene to figures: the stages in their order, in a private directory that is renamed at the end."""
 
+import contextlib
 import dataclasses
 import json
 import os
@@ -76,6 +77,13 @@ class Run:
 def execute(run: Run) -> dict:
     """Export, solve, draw; returns the summary. Raises DriverError; `run.out` changes only as a whole."""
     out = run.out.absolute()
+    with private_directory(out) as work:
+        return _execute(run, work, out)
+
+
+@contextlib.contextmanager
+def private_directory(out: Path):
+    """A directory beside `out` to work in, removed at the end; raises InputError where nothing can be written."""
     _check_out(out)
     _sweep(out)
     work = out.with_name(f".{out.name}.{os.getpid()}")
@@ -84,7 +92,7 @@ def execute(run: Run) -> dict:
     except OSError as problem:
         raise InputError(f"cannot write results to {out.parent}: {problem.strerror}") from None
     try:
-        return _execute(run, work, out)
+        yield work
     except OSError as problem:
         raise InputError(f"writing the results failed: {problem}") from None
     finally:
@@ -94,7 +102,7 @@ def execute(run: Run) -> dict:
 def _sweep(out: Path) -> None:
     """Remove private directories of earlier runs to `out` whose process was killed.
 
-    A run killed between the two renames of `_publish` has left the older result under its private name only:
+    A run killed between the two renames of `publish` has left the older result under its private name only:
     that one goes back to its place.
     """
     for left in out.parent.glob(f".{out.name}.*"):
@@ -132,7 +140,7 @@ def _execute(run: Run, work: Path, out: Path) -> dict:
     shutil.rmtree(work / "export")
     if status and (out / "summary.json").is_file() and json.loads((out / "summary.json").read_text())["converged"]:
         out = out.with_name(f"{out.name}-unconverged")  # what was there before is worth more
-    _publish(work, out)
+    publish(work, out)
     if status:
         raise error_of(status, f"{reason}; what was found is kept in {os.path.relpath(out)}")
     return json.loads((out / "summary.json").read_text())
@@ -190,13 +198,14 @@ def solve_here(work: Path, request: dict) -> tuple[int, str]:
         petsc4py.init(["driver", "-no_signal_handler"])  # SIGINT and SIGPIPE are ours to report
         from mpi4py import MPI
 
-        from . import solve as spmd
+        from . import solve, study
     except ImportError as problem:
         raise InputError(f"the Python package {problem.name} is not installed; {environment.SET_UP}") from None
-    return spmd.run(work, request, MPI.COMM_WORLD)
+    stage = study if "study" in request else solve
+    return stage.run(work, request, MPI.COMM_WORLD)
 
 
-def _publish(work: Path, out: Path) -> None:
+def publish(work: Path, out: Path) -> None:
     """Put the finished directory in the place of an older one, which is removed last."""
     old = out.with_name(f".{out.name}.old.{os.getpid()}")
     if out.exists():

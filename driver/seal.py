@@ -30,8 +30,8 @@ class Seal:
     files: dict[str, tuple[int, int]]
 
 
-def write(directory: Path, scene: str, blocks: int) -> Seal:
-    """Seal the manifest and the `blocks` blocks that FreeFEM wrote for a scene whose text has the digest `scene`.
+def write(directory: Path, scene: str, names: list[str]) -> Seal:
+    """Seal the manifest and the records `names` that FreeFEM wrote for a scene whose text has the digest `scene`.
 
     FreeFEM does not tell when its writes fail: room for a little more proves that they did not. Raises OSError if
     there is none, InputError if a file is missing.
@@ -39,7 +39,6 @@ def write(directory: Path, scene: str, blocks: int) -> Seal:
     probe = directory / "probe"
     probe.write_bytes(bytes(PROBE))
     probe.unlink()
-    names = [f"block-{k}.bin" for k in range(blocks)]
     for path in (directory / name for name in ("manifest.json", *names)):
         if not path.is_file():
             raise InputError(f"{path} is missing: the FreeFEM stage did not finish; run the scene again")

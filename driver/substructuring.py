@@ -21,7 +21,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from .errors import InputError, agree
-from .loader import Manifest, Subdomain
+from .loader import ContactData, Manifest, Subdomain
 
 GLUING, NORMAL, TANGENTIAL = 0, 1, 2
 
@@ -280,14 +280,10 @@ def _contact_boundary(manifest, subdomains, tables, fixed, comm) -> ContactBound
     """Contact nodes of all subdomains, the parts of a node's dual segment added up."""
     found = [np.empty((0, 10))]
     for sub in subdomains:
-        c = sub.contact
-        if c is not None:
-            part = np.column_stack([c.normal, c.gap, c.friction, c.initial]) * c.weight[:, None]
-            found.append(np.column_stack([c.label, sub.vertex_gid[c.vertex], c.weight, part, sub.xy[c.vertex]]))
+        if sub.contact is not None:
+            found.append(contact_table(sub.contact, sub.vertex_gid[sub.contact.vertex], sub.xy[sub.contact.vertex]))
     found = _gather(comm, np.concatenate(found))
-    keys, at, inverse = np.unique(found[:, :2], axis=0, return_index=True, return_inverse=True)
-    total = np.zeros((len(keys), 6))
-    np.add.at(total, inverse, found[:, 2:8])
+    keys, at, total = add_parts(found)
     weight = total[:, 0]
     normal = total[:, 1:3] / np.linalg.norm(total[:, 1:3], axis=1)[:, None]
     label, gid = keys.T.astype(np.int64)
@@ -301,6 +297,20 @@ def _contact_boundary(manifest, subdomains, tables, fixed, comm) -> ContactBound
     none = np.full(len(order), -1)
     return ContactBoundary(gid[order], label[order], found[at, 8:10][order], arc[order], weight[order], normal[order],
                            *(total[order, k] / weight[order] for k in (3, 4, 5)), none, none.copy())
+
+
+def contact_table(c: ContactData, gid: np.ndarray, xy: np.ndarray) -> np.ndarray:
+    """(n, 10) contact nodes of one piece: label, gid, weight, and normal, gap, friction, initial times weight; place."""
+    part = np.column_stack([c.normal, c.gap, c.friction, c.initial]) * c.weight[:, None]
+    return np.column_stack([c.label, gid, c.weight, part, xy])
+
+
+def add_parts(found: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(label, gid) of the nodes of a `contact_table`, where each stands first, and the sums of columns 2 to 7."""
+    keys, at, inverse = np.unique(found[:, :2], axis=0, return_index=True, return_inverse=True)
+    total = np.zeros((len(keys), 6))
+    np.add.at(total, inverse, found[:, 2:8])
+    return keys, at, total
 
 
 def _held(gid: np.ndarray, fixed) -> np.ndarray:

@@ -192,7 +192,7 @@ def test_export_of_an_edited_scene_is_stale(exported, copied, variant, tmp_path,
     (tmp_path / "part.edp").write_text('string data = "mesh.msh";\n')
     (tmp_path / "mesh.msh").write_bytes(bytes(range(256)))
     directory = copied(exported(cells=2))
-    seal.write(directory, freefem.text_digest(scene), 1)
+    seal.write(directory, freefem.text_digest(scene), ["block-0.bin"])
     read_manifest(directory, freefem.text_digest(scene))
     (tmp_path / edited).write_text("// another\n")
     with pytest.raises(InputError, match="stale"):
@@ -219,7 +219,7 @@ def test_scene_edited_while_freefem_runs(tmp_path, variant, monkeypatch):
 def read(read):
     """The session's `read`, after a seal that vouches for whatever is there."""
     def sealed_again(directory, **options):
-        seal.write(directory, "", len(list(directory.glob("block-*.bin"))))
+        seal.write(directory, "", [path.name for path in directory.glob("block-*.bin")])
         return read(directory, **options)
 
     return sealed_again

@@ -1,0 +1,149 @@
+"""Parameter studies: the condensed compliance, agreement with single runs, what a study refuses."""
+
+import csv
+
+import numpy as np
+import pytest
+
+from driver import study
+from driver.cli import parse_pairs
+from driver.compliance import ContactCompliance
+from driver.errors import InputError
+from driver.freefem import changed_by
+from driver.substructuring import GLUING
+
+# The projected gradient to 1e-11 |d| leaves multipliers good to cond(F) = 3e3 times that, the fixed point to 1e-10 / (1 - q)
+# with a contraction q < 0.9 (contraction.csv of the model): together below 1e-6 of the largest traction.
+TIGHT = {"rtol": "1e-11", "friction_rtol": "1e-10"}
+CLOSE = 1e-6
+
+
+@pytest.fixture
+def made(tmp_path):
+    """made(NAME=value, ...): summary and rows of the files of a study, by file name."""
+
+    def make(**options):
+        pairs = {"out": str(tmp_path / "study"), "figures": "no", "quiet": "yes", **TIGHT, **options}
+        summary, folder = study.make_study(pairs)
+        return summary, {path.stem: list(csv.DictReader(path.open())) for path in folder.glob("*.csv")}
+
+    return make
+
+
+def tractions(rows: list[dict], **where) -> np.ndarray:
+    """(nodes, 2) sigma_n, sigma_t of the rows with the given values."""
+    return np.array([[float(row["sigma_n"]), float(row["sigma_t"])] for row in rows
+                     if all(row[name] == value for name, value in where.items())])
+
+
+def compare(rows: list[dict], single, **where) -> None:
+    """Tractions of one value against the last step of a single run."""
+    ours = tractions(rows, **where)
+    theirs = np.column_stack([single.contact[name][-1] for name in ("sigma_n", "sigma_t")])
+    assert np.abs(ours - theirs).max() <= CLOSE * np.abs(theirs).max()
+
+
+def test_compliance_is_schur_complement_of_dual_matrix(built):
+    problem = built(subdomains="4x2", cells=4)
+    F, gluing = problem.F, problem.structure.row_kind == GLUING
+    condensed = ContactCompliance(problem.operator)
+    schur = F[~gluing][:, ~gluing] - F[~gluing][:, gluing] @ np.linalg.solve(F[gluing][:, gluing], F[gluing][:, ~gluing])
+    # gluing residuals of 1e-10, times the condition number of about 5 that the preconditioner leaves
+    assert np.abs(condensed.C - schur).max() <= 1e-9 * np.abs(schur).max()
+    d = problem.operator.load_response(np.ones(1))
+    reduced = d[~gluing] - F[~gluing][:, gluing] @ np.linalg.solve(F[gluing][:, gluing], d[gluing])
+    assert np.abs(condensed.load_response(np.ones(1)) - reduced).max() <= 1e-9 * np.abs(reduced).max()
+
+
+def test_condensed_corner_displacement(built):
+    problem = built(subdomains="4x2", cells=4)
+    F, gluing = problem.F, problem.structure.row_kind == GLUING
+    condensed, weights = ContactCompliance(problem.operator), np.ones(1)
+    whole = np.random.default_rng(8).standard_normal(len(gluing))
+    d = problem.operator.load_response(weights)
+    whole[gluing] = np.linalg.solve(F[gluing][:, gluing], d[gluing] - F[gluing][:, ~gluing] @ whole[~gluing])
+    expected = problem.operator.corner_displacement(whole, weights)
+    assert condensed.corner_displacement(whole[~gluing], weights) == pytest.approx(expected, rel=1e-8)
+
+
+def test_block_products_equal_single_ones(built):
+    operator = built(subdomains="4x2", cells=4).operator
+    block = np.random.default_rng(9).standard_normal((operator.owned, 5))
+    before = operator.products
+    found = operator.apply_columns(block)
+    assert operator.products == before + 5
+    single = np.column_stack([operator.apply(column) for column in block.T])
+    assert np.abs(found - single).max() <= 1e-13 * np.abs(single).max()  # other order of the sums
+
+
+def test_friction_values_agree_with_single_runs(made, solved):
+    values = ("0.1", "0.3", "0.7")
+    summary, files = made(scene="model", loading="nonmonotone", friction=",".join(values), steps="6")
+    assert summary["condensed"] and summary["converged"] and len(files["history"]) == 3 * 6
+    for value, row in zip(values, files["study"]):
+        single = solved(loading="nonmonotone", friction=value, steps=6, **TIGHT)
+        compare(files["contact"], single, friction=value)
+        assert float(row["dissipated"]) == pytest.approx(single.summary["dissipated"], rel=1e-5)
+        assert [int(row[f"nodes_{s}"]) for s in ("open", "stick", "slip")] == [
+            int(single.history[f"nodes_{s}"][-1]) for s in ("open", "stick", "slip")]
+
+
+def test_loadings_and_steps(made, solved):
+    _, files = made(scene="model", loading="monotone,nonmonotone", steps="4")
+    for loading in ("monotone", "nonmonotone"):
+        compare(files["contact"], solved(loading=loading, steps=4, **TIGHT), loading=loading)
+    _, files = made(scene="model", loading="nonmonotone", steps="2,4")
+    compare(files["contact"], solved(loading="nonmonotone", steps=4, **TIGHT), steps="4")
+
+
+def test_gaps_on_a_graph_partition_without_condensation(made, solved, monkeypatch):
+    monkeypatch.setattr(study, "LARGEST", 0)
+    summary, files = made(scene="bracket", play="0.01,0.03", steps="3")
+    assert not summary["condensed"]
+    compare(files["contact"], solved("bracket", play=0.03, steps=3, **TIGHT), play="0.03")
+
+
+def test_any_number_of_ranks_gives_the_same_bits(made):
+    one = made(scene="model", friction="0.2,0.3,0.4", steps="3")[1]
+    assert one == made(scene="model", friction="0.2,0.3,0.4", steps="3", np="2")[1]
+
+
+@pytest.mark.parametrize("text, changed", [
+    ("", {"friction"}),
+    ("real E2 = 3.*F, other = 1.;", {"friction"}),
+    ("real other = 1., E = F*1e9;", {"friction", "young"}),
+    ("macro strength() (2.*F) //\nreal E = strength*1e9;", {"friction", "young"}),
+    ("rotate(F);", {"friction", "'rotate(F)'"}),
+])
+def test_what_a_parameter_changes(variant, text, changed):
+    old = "real E = 21.19e10, nu = 0.277;"
+    kept = "" if "E = " in text else old
+    scene = variant(f"changed-{abs(hash(text))}", (old, f"{kept}\n{text}"))
+    assert changed_by(scene, "friction") == changed
+
+
+@pytest.mark.parametrize("words, reason", [
+    ("SCENE=model FRICTION=0.3", "exactly one parameter"),
+    ("SCENE=model FRICTION=0.3,0.4 STEPS=2,3", "exactly one parameter"),
+    ("SCENE=model FRICTION=0.3:0.4", "first:last:count"),
+    ("SCENE=model FRICTION=0.3,0.3", "gives one twice"),
+    ("SCENE=model CELLS=5,10", "reads no parameter CELLS"),
+    ("SCENE=thermal RISE=50,100", "also changes thermal1"),
+    ("SCENE=cantilever STEPS=1,2", "static scene has one step"),
+    ("SCENE=model FRICTION=0.3,-1", "friction is negative"),
+    ("FRICTION=0.3,0.4", "needs SCENE="),
+])
+def test_refusals(words, reason, tmp_path):
+    with pytest.raises(InputError, match=reason):
+        study.make_study({**parse_pairs(words.split()), "out": str(tmp_path / "study"), "quiet": "yes"})
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_value_without_solution_is_told_and_the_others_kept(tmp_path):
+    out = tmp_path / "study"
+    pairs = {"scene": "model", "friction": "0.3,0.4", "steps": "2", "out": str(out), "max_products": "40", "quiet": "yes",
+             "figures": "no", "max_fixed_point": "1"}
+    with pytest.raises(study.DriverError, match="2 of 2 values did not converge, the first FRICTION=0.3"):
+        study.make_study(pairs)
+    rows = list(csv.DictReader((out / "study.csv").open()))
+    assert [row["converged"] for row in rows] == ["no", "no"]
