@@ -41,7 +41,7 @@ def export(scene: Path, directory: Path, parameters: dict[str, str], ranks: int 
     _check_macros(scene)
     text = text_digest(scene)
     directory.mkdir(parents=True, exist_ok=True)
-    _run(scene, scene, directory, parameters, ranks)
+    _run(scene, scene, directory, {**parameters, **({"sizes": str(sizes)} if sizes else {})}, ranks)
     seal.write(directory, text, [f"block-{k}.bin" for k in range(ranks)])
     manifest = read_manifest(directory, text_digest(scene))
     _check_echo(manifest, parameters)
@@ -54,8 +54,6 @@ def _run(script: Path, scene: Path, directory: Path, parameters: dict[str, str],
     arguments = [str(script), "-export", str(directory)]
     for name, value in parameters.items():
         arguments += [f"-{name}", value]
-    if sizes:
-        arguments += ["-sizes", str(sizes)]
     flags = ["-nw", "-ns", "-v", "0"]
     if ranks > 1:
         command = [*environment.mpirun(ranks), environment.program("FreeFem++-mpi"), *flags, *arguments]

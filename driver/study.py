@@ -38,6 +38,8 @@ def make_study(pairs: dict[str, str]) -> tuple[dict, Path]:
 
     name, values = _studied(pairs)
     run = Run.from_pairs({**pairs, name: values[0]})
+    if run.adapt:
+        raise InputError("a study has one mesh; ADAPT belongs to single runs")
     out = (run.out if "out" in pairs else RESULTS / "study" / f"{run.scene.stem}-{name}").absolute()
     with private_directory(out) as work:
         clock = time.perf_counter()
