@@ -9,13 +9,14 @@ import sys
 import time
 from pathlib import Path
 
-from . import adaptivity, environment, freefem
+from . import adaptivity, budget, environment, freefem
 from .errors import InputError, error_of
 from .ledger import never_mattered
 
 RESULTS = environment.ROOT / "results"
 # driver options beside options.Settings; everything else is a parameter of the scene
-OPTIONS = ("scene", "np", "out", "fields", "figures", "quiet", "adapt")
+OPTIONS = ("scene", "np", "out", "fields", "figures", "quiet", "adapt", "errors")
+ERRORS = ("yes", "energy", "no")
 
 
 def _setting(field, text: str):
@@ -53,6 +54,7 @@ class Run:
     figures: bool = True
     quiet: bool = False
     adapt: int = 0  # cycles of adaptive refinement before the run itself
+    errors: str = "yes"  # which error estimates: all, "energy": that of the energy norm alone, or "no"
 
     @classmethod
     def from_pairs(cls, pairs: dict[str, str]) -> "Run":
@@ -69,9 +71,12 @@ class Run:
         known = {f.name: f for f in dataclasses.fields(Settings)}
         settings = {n: _setting(known[n], v) for n, v in pairs.items() if n in known}
         parameters = {n: v for n, v in pairs.items() if n not in known and n not in OPTIONS}
+        errors = pairs.get("errors", "yes")
+        if errors not in ERRORS:
+            raise InputError(f"ERRORS must be one of {', '.join(ERRORS)}, not '{errors}'")
         out = Path(pairs["out"]) if "out" in pairs else RESULTS / scene.stem
         return cls(scene, out, int(ranks), settings, parameters, _yes(pairs, "fields", "yes"),
-                   _yes(pairs, "figures", "yes"), _yes(pairs, "quiet", "no"), int(adapt))
+                   _yes(pairs, "figures", "yes"), _yes(pairs, "quiet", "no"), int(adapt), errors)
 
 
 def execute(run: Run) -> dict:
@@ -125,7 +130,8 @@ def _check_out(out: Path) -> None:
 
 def _execute(run: Run, work: Path, out: Path) -> dict:
     cycles = _refine(run, work)
-    status, reason = _cycle(run, work, cycles, {"fields": run.fields})
+    status, reason = _cycle(run, work, cycles, {"fields": run.fields, "errors": run.errors, "path": str(run.scene),
+                                                "parameters": run.parameters, "cycles": [str(c) for c in cycles]})
     if not (work / "summary.json").exists():
         raise error_of(status, reason)
     if cycles:
@@ -152,7 +158,7 @@ def _refine(run: Run, work: Path) -> list[Path]:
     for cycle in range(run.adapt):
         place = work / f"cycle-{cycle}"
         place.mkdir()
-        status, reason = _cycle(run, place, cycles, {"fields": False})
+        status, reason = _cycle(run, place, cycles, {"fields": False, "errors": "no"})
         if status:
             raise error_of(status, f"refinement cycle {cycle + 1}: {reason}")
         cycles.append(place)
@@ -218,9 +224,12 @@ def describe(summary: dict, out: Path) -> str:
     """Few lines about a finished run."""
     sizes, counts, worst = summary["sizes"], summary["counts"], max(summary["residuals"].values(), default=0)
     s, idle = summary["seconds"], never_mattered(summary["effects_ledger"])
+    estimated = f", error estimates {s['estimates']:.2f}" if "estimates" in s else ""
+    known = budget.describe(summary.get("errors", {}), summary["units"])
     return (f"{' '.join(filter(None, (summary['scene'], summary['variant'])))}: {sizes['subdomains']} subdomains, {sizes['primal_dofs']} primal and "
             f"{sizes['dual_dofs']} dual dofs, {summary['steps']} steps\n"
             f"  {counts['fixed_point_iterations']} fixed-point iterations, {counts['dual_multiplications']} products with F, "
             f"largest KKT residual {worst:.1e}, force balance {summary['balance']:.1e}\n"
             f"  {s['total']:.2f} s (FreeFEM {s['export']:.2f}, setup {s['setup']:.2f}, solve {s['solve']:.2f}, output "
-            f"{s['output']:.2f}), results in {os.path.relpath(out)}" + "".join(f"\n  {line}" for line in idle))
+            f"{s['output']:.2f}{estimated}), results in {os.path.relpath(out)}"
+            + "".join(f"\n  {line}" for line in [*idle, *known]))

@@ -101,6 +101,9 @@ def _run(directory: Path, request: dict, comm) -> tuple[int, str]:
     summary = _summary(request, manifest, structure, history, settings, comm)
     lap("output")
     seconds["output"] -= history.seconds
+    if request["errors"] == "yes" and history.exit_status == 0:
+        summary["errors"] = _budget(directory, request, problem, writer, comm)
+        lap("estimates")
     seconds["total"] = sum(seconds.values())
     summary["seconds"] = seconds
     if recovery:
@@ -108,6 +111,18 @@ def _run(directory: Path, request: dict, comm) -> tuple[int, str]:
     summary["effects_ledger"] = _ledger(summary, manifest, structure, history, problem.amplitudes, writer, comm)
     writer.close(summary)
     return history.exit_status, history.reason
+
+
+def _budget(directory: Path, request: dict, problem, writer, comm) -> dict:
+    """Error budget in the quantities of interest, from companions of the finished run."""
+    from .levels import Levels, assess
+
+    levels = Levels(Path(request["path"]), request["parameters"], directory / "companions", comm)
+    levels.problems[()] = problem
+    try:
+        return assess(levels, problem.manifest, Settings(**request["settings"]), *writer.record.quantities())
+    finally:
+        levels.close()
 
 
 def _summary(request, manifest: Manifest, structure, history, settings, comm) -> dict:

@@ -1,0 +1,195 @@
+"""Error budget of a run in its quantities of interest: what mesh, time step, friction and solver each contribute.
+
+Companions of the run on coarser meshes tell the parts. With sizes h, r h, r s h and values q0, q1, q2 the error of q0 is
+taken for C h^p, so that
+
+    |q1 - q2| / |q0 - q1| = (s^p - 1) r^p / (r^p - 1)  gives p,   error = S |q0 - q1| / (r^p - 1)
+
+with a safety factor S = 1.25, as in the grid convergence index with three grids; with two, p is the formal order and
+S = 3 (P. J. Roache, "Perspective: a method for uniform reporting of grid refinement studies", J. Fluids Eng. 116 (1994)
+405-413). The same holds for time steps. A small q0 - q1 after a large q1 - q2 is an accident, as the edge of contact falls between nodes: where p is far above
+the formal order, the error is that of first order after q1 - q2. Where differences do not fall the values have no limit to extrapolate to: either they wander by
+little, then twice their spread is the error, or there is none to be given (a pressure that grows without limit at a
+corner).
+
+mesh      the same run on meshes with elements 2 and 4 times as long
+time      on the mesh of doubled size, every second and every fourth time of the load history
+friction  there at every fourth time: FRICTION_RTOL against a hundredth of it, both with RTOL/100
+solver    likewise RTOL (MPRGP, gluing) against a hundredth of it
+
+What the run does not have has no part: time in a static scene, or where the end of the history does not depend on the
+way to it (no friction); the fixed point without Coulomb friction.
+"""
+
+import dataclasses
+
+import numpy as np
+
+from .loader import Manifest
+from .options import Settings
+
+FORMAL = {"mesh": 2.0, "time": 1.0}  # orders of P1 elements for functionals and of the implicit Euler method
+SLOWEST = 0.3  # an observed order below this is no convergence
+WANDER = 0.02  # spread, relative to the value, below which values that do not converge visibly just wander
+ALONE = "no coarser run to compare with"
+SINGULAR = "does not converge under refinement, it may be singular"
+UNITS = {"peak_pressure": (1, 0), "normal_resultant": (1, 1), "tangential_resultant": (1, 1), "contact_length": (0, 1),
+         "slip": (0, 1), "dissipated_energy": (1, 2), "displacement": (0, 1)}  # powers of stress and length
+
+
+def main_quantity(values: dict) -> str:
+    """The quantity that stands for a run if none is named: the normal resultant, without contact the displacement."""
+    return "normal_resultant" if "normal_resultant" in values else "displacement"
+
+
+# ---- one part --------------------------------------------------------------------------------------------
+
+@dataclasses.dataclass
+class Part:
+    """Error (None: not known), observed order (None: not observed) and, if need be, what is wrong."""
+
+    error: float | None
+    order: float | None = None
+    note: str = ""
+
+
+def observed_order(d1: float, d2: float, r: float, s: float) -> float:
+    """p of (s^p - 1) r^p / (r^p - 1) = d2/d1, which grows with p; -inf where the differences do not fall."""
+    growth = lambda p: (s**p - 1) * r**p / (r**p - 1)
+    if d1 == 0:
+        return np.inf
+    if d2 / d1 <= growth(1e-3):
+        return -np.inf
+    low, high = 1e-3, 8.0
+    for _ in range(50):
+        middle = (low + high) / 2
+        low, high = (middle, high) if growth(middle) < d2 / d1 else (low, middle)
+    return low
+
+
+def extrapolate(changes: list[float], ratios: list[float], formal: float, value: float, limit: bool = False) -> Part:
+    """Error of a `value` from its changes q0 - q1, q1 - q2 (none to two) between sizes in `ratios` (r, s).
+
+    `limit`: the method has a limit in any case, so that changes that grow only tell that it is not near.
+    """
+    if not changes:
+        return Part(None, note=ALONE)
+    d1, r = abs(changes[0]), ratios[0]
+    if len(changes) == 1:
+        return Part(3 * d1 / (r**formal - 1))
+    d2, s = abs(changes[1]), ratios[1]
+    if d1 == d2 == 0:
+        return Part(0.0)
+    turned = changes[0] * changes[1] < 0
+    order = observed_order(d1, d2, r, s)
+    if order >= SLOWEST:
+        p = min(order, formal) if order <= formal + 0.5 else 1.0
+        rest = d2 / ((s**p - 1) * r**p)  # = d1/(r^p - 1), but for p that was changed
+        return Part(1.25 * max(rest, d1 if turned else 0.0), order)
+    spread = max(d1, d2) if turned else d1 + d2
+    if turned or limit or spread <= WANDER * abs(value):
+        return Part(2 * spread)
+    return Part(None, note=SINGULAR)
+
+
+# ---- the budget of a run -----------------------------------------------------------------------------------
+
+def summed(parts: dict[str, Part], value: float) -> dict:
+    """The budget of one quantity."""
+    errors = {source: part.error for source, part in parts.items()}
+    total = None if None in errors.values() else float(sum(errors.values()))
+    relative = None if total is None else 0.0 if total == 0 else total / abs(value) if value else None
+    orders = {f"{source}_order": part.order for source, part in parts.items()
+              if part.order is not None and np.isfinite(part.order)}
+    note = "; ".join(f"{source}: {part.note}" for source, part in parts.items() if part.note)
+    return {"value": value, **errors, "total": total, "relative": relative, **orders, **({"note": note} if note else {})}
+
+
+# ---- knobs and words ---------------------------------------------------------------------------------------------------
+
+def mesh_knob(parameters: dict) -> str | None:
+    """Name of the parameter that sets the mesh size, None for a scene that has none."""
+    return next((name for name in ("cells", "h") if name in parameters), None)
+
+
+def coarser(knob: str, size: float) -> float | None:
+    """The mesh size twice as coarse (CELLS: rounded down), None where there is none."""
+    return 2 * size if knob == "h" else size // 2 or None
+
+
+def ratio(knob: str, coarse: float, fine: float) -> float:
+    """Length of an element at size `coarse` over that at size `fine`."""
+    return coarse / fine if knob == "h" else fine / coarse
+
+
+def name_of(knob: str, value: float) -> str:
+    """A setting as on the command line."""
+    return f"{knob.upper()}={value:g}"
+
+
+def next_setting(source: str, manifest: Manifest, settings: Settings) -> str:
+    """The setting that lowers the part `source` of the error, as on the command line."""
+    if source == "mesh":
+        knob = mesh_knob(manifest.parameters)
+        if knob is None:
+            return "a finer mesh"
+        size = manifest.parameters[knob]
+        return name_of(knob, size / 2 if knob == "h" else 2 * size)
+    return {"time": f"STEPS={2 * manifest.steps}", "friction": f"FRICTION_RTOL={settings.friction_rtol / 10:.0e}",
+            "solver": f"RTOL={settings.rtol / 10:.0e}"}[source]
+
+
+def advice(found: dict, manifest: Manifest, settings: Settings) -> str:
+    """One sentence: the largest part of the main quantity's error and the setting that lowers it."""
+    name = main_quantity(found)
+    entry = found[name]
+    parts = {source: entry[source] for source in ("mesh", "time", "friction", "solver") if source in entry}
+    unknown = [source for source, error in parts.items() if error is None]
+    words = name.replace("_", " ")
+    if unknown:
+        return f"the error of the {words} from {' and '.join(SOURCES[source] for source in unknown)} is not known"
+    largest = max(parts, key=parts.get)
+    if entry["relative"] is not None and entry["relative"] < 1e-5:
+        return f"the {words} needs nothing finer"
+    return (f"{100 * parts[largest] / entry['total']:.0f} % of the error of the {words} is due to the {SOURCES[largest]}: "
+            f"{next_setting(largest, manifest, settings)} would lower it")
+
+
+SOURCES = {"mesh": "mesh", "time": "time step", "friction": "friction's fixed point", "solver": "solver's tolerance"}
+
+
+def unit(name: str, units: dict) -> str:
+    """Unit of a quantity in the scene's units."""
+    stress, length = UNITS[name]
+    parts = [units["stress"]] * stress + [units["length"] + ("²" if length == 2 else "")] * (length > 0)
+    return " ".join(part for part in parts if part[0] != "1") or "1"
+
+
+def share(error: float | None, value: float) -> str:
+    """An error relative to the value, as people read it."""
+    if error is None:
+        return "?"
+    if error == 0:
+        return "0"
+    if value == 0:
+        return f"{error:.0e}"
+    percent = 100 * error / abs(value)
+    if percent < 0.001:
+        return "<0.001 %"
+    return f"{percent:.{max(0, min(3, 1 - int(np.floor(np.log10(percent)))))}f} %"
+
+
+def describe(errors: dict, units: dict) -> list[str]:
+    """The budget as lines of a table."""
+    found = errors.get("quantities")
+    if not found:
+        return []
+    sources = [source for source in SOURCES if any(source in entry for entry in found.values())]
+    heads = {name: f"{name.replace('_', ' ')} [{unit(name, units)}]" for name in found}
+    width = max(map(len, heads.values()))
+    lines = [f"{'estimated errors':{width}s}{'value':>12s}" + "".join(f"{s:>11s}" for s in (*sources, "total"))]
+    for name, entry in found.items():
+        cells = [share(entry[s], entry["value"]) if s in entry else "" for s in (*sources, "total")]
+        note = f"  {entry['note']}" if "note" in entry and entry["total"] is None else ""
+        lines.append(f"{heads[name]:{width}s}{entry['value']:12.4g}" + "".join(f"{cell:>11s}" for cell in cells) + note)
+    return [*lines, errors["advice"], *errors["notes"]]

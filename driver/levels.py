@@ -1,0 +1,197 @@
+"""One scene at several mesh sizes, time steps and tolerances in one process: the runs that error estimates compare.
+
+Every mesh is exported and reduced once, however many runs it serves. Collective over one communicator; FreeFEM is
+started by the root rank alone, with one rank of its own.
+"""
+
+import dataclasses
+import shutil
+import time
+from pathlib import Path
+
+import numpy as np
+
+from . import freefem
+from .budget import FORMAL, Part, advice, coarser, extrapolate, mesh_knob, name_of, ratio, summed
+from .errors import DriverError, InputError, agree
+from .loader import Manifest
+from .options import Settings
+from .problem import Problem, assemble
+from .results import Record
+
+TIGHTER = 100.0  # tolerances of the companions that tell what those of the run leave
+
+
+def samples(steps: int, stride: int) -> np.ndarray:
+    """Indices of every `stride`-th of `steps` + 1 times, counted from the last, and of the first."""
+    return np.unique(np.r_[0, np.arange(steps, -1, -stride)])
+
+
+@dataclasses.dataclass
+class Level:
+    """A finished run."""
+
+    values: dict  # quantities of interest
+    steps: int
+    products: int
+    seconds: float  # of the steps
+    at: int = -1  # index of the step that the quantities belong to
+
+
+class Levels:
+    """Meshes and finished runs of one scene."""
+
+    def __init__(self, scene: Path, parameters: dict[str, str], folder: Path, comm):
+        """`parameters` of the command line; exports go to `folder`, which `close` removes."""
+        self.scene, self.parameters, self.folder, self.comm = scene, parameters, folder, comm
+        self.problems: dict = {}
+        self.runs: dict = {}
+
+    def problem(self, **changes) -> Problem:
+        """The scene with some parameters changed. Raises DriverError where FreeFEM or the loader refuses it."""
+        key = tuple(sorted(changes.items()))
+        if key not in self.problems:
+            self.problems[key] = self._assemble(changes)
+        return self.problems[key]
+
+    def _assemble(self, changes: dict) -> Problem:
+        place, error = self.folder / "-".join(f"{k}{v:g}" for k, v in changes.items()), None
+        if self.comm.rank == 0:
+            try:
+                words = {name: f"{value:.17g}" for name, value in changes.items()}
+                freefem.export(self.scene, place, {**self.parameters, **words})
+            except DriverError as problem:
+                error = problem
+        agree(self.comm, error)
+        found = assemble(place, self.comm)
+        self.comm.barrier()
+        if self.comm.rank == 0:
+            shutil.rmtree(place)
+        return found
+
+    def run(self, settings: Settings, stride: int = 1, **changes) -> Level:
+        """The run with `settings` on every `stride`-th time. Raises DriverError if it does not converge."""
+        key = (*dataclasses.astuple(settings), stride, *sorted(changes.items()))
+        if key not in self.runs:
+            self.runs[key] = self._run(self.problem(**changes), settings, stride)
+        return self.runs[key]
+
+    def _run(self, problem: Problem, settings: Settings, stride: int) -> Level:
+        clock, before = time.perf_counter(), problem.operator.products
+        solver = problem.solver(settings, samples(problem.manifest.steps, stride))
+        record = Record(problem.operator, solver)
+        for step in solver.steps():
+            record.add(step)
+        if solver.history.exit_status:
+            raise InputError(solver.history.reason)
+        values, at = record.quantities()
+        return Level(values, solver.history.steps, problem.operator.products - before, time.perf_counter() - clock, at)
+
+    def close(self) -> None:
+        """Remove what is left of the exports."""
+        if self.comm.rank == 0:
+            shutil.rmtree(self.folder, ignore_errors=True)
+
+
+class Companions:
+    """Runs beside one run, and what each part of its error follows from."""
+
+    def __init__(self, levels: Levels, manifest: Manifest, settings: Settings, values: dict, at: int):
+        """`values`: quantities of the run with `manifest` and `settings`, at the step with index `at`."""
+        self.levels, self.manifest, self.settings, self.values, self.at = levels, manifest, settings, values, at
+        self.knob = mesh_knob(manifest.parameters)
+        self.notes = []
+        self.sizes = self._sizes()
+        self.base = self.sizes[1] if len(self.sizes) > 1 else None  # of the companions that tell the other parts
+
+    def _sizes(self) -> list[float]:
+        """Mesh sizes that can be had, finest first."""
+        if self.knob is None:
+            self.notes.append("no parameter (CELLS, H) sets the mesh size of this scene: no coarser mesh to compare with")
+            return []
+        sizes = [self.manifest.parameters[self.knob]]
+        for _ in range(2):
+            size = coarser(self.knob, sizes[-1])
+            if size is None or not self._meshed(size):
+                break
+            sizes.append(size)
+        if len(sizes) == 1:
+            self.notes.append(f"no coarser mesh than {name_of(self.knob, sizes[0])} to compare with")
+        return sizes
+
+    def _meshed(self, size: float) -> bool:
+        """Whether the scene can be had at a mesh size; if not, a note says why."""
+        try:
+            self.levels.problem(**{self.knob: size})
+        except DriverError as problem:
+            self.notes.append(f"companion {name_of(self.knob, size)}: {problem}")
+            return False
+        return True
+
+    def _values(self, size: float | None, stride: int = 1, settings: Settings | None = None) -> dict | None:
+        """Quantities of a run on the mesh of a size (None: that of the run itself), None and a note if it fails."""
+        changes = {} if size is None else {self.knob: size}
+        try:
+            return self.levels.run(settings or self.settings, stride, **changes).values
+        except DriverError as problem:
+            self.notes.append(f"companion {' '.join(name_of(*c) for c in changes.items())}: {problem}")
+            return None
+
+    def parts(self) -> dict[str, dict[str, Part]]:
+        """Part by source and quantity."""
+        effects = self.manifest.effects
+        found = {"mesh": self._mesh()}
+        if effects["time"] != "static" and (effects["friction"] != "none" or self.at < self.manifest.steps - 1):
+            found["time"] = self._time()
+        if effects["friction"] in ("coulomb", "coulomb-slip-dependent"):
+            found["friction"] = self._algebraic({"rtol": self.settings.rtol / TIGHTER},
+                                                {"friction_rtol": self.settings.friction_rtol / TIGHTER})
+        found["solver"] = self._algebraic({}, {"rtol": self.settings.rtol / TIGHTER})
+        return found
+
+    def _stride(self, wanted: int) -> int:
+        """The largest of 4, 2, 1 up to `wanted` that leaves a step."""
+        return max(stride for stride in (1, 2, 4) if stride <= min(wanted, self.manifest.steps))
+
+    def _mesh(self) -> dict[str, Part]:
+        """Coarser meshes; the coarsest against the middle one, at every second time."""
+        ratios = [ratio(self.knob, b, a) for a, b in zip(self.sizes, self.sizes[1:])]
+        runs = [(self.values, self._values(self.sizes[1]))] if len(self.sizes) > 1 else []
+        if len(self.sizes) > 2:
+            runs.append([self._values(size, self._stride(2)) for size in self.sizes[1:]])
+        return self._parts(runs, ratios, FORMAL["mesh"])
+
+    def _time(self) -> dict[str, Part]:
+        """Every second and fourth time; without friction the history is forgotten, and only the instant counts."""
+        forgetful = self.manifest.effects["friction"] == "none"
+        strides = [stride for stride in (1, 2, 4)[: 2 if forgetful else 3] if stride <= self.manifest.steps]
+        values = [self._values(self.base, stride) for stride in strides]
+        counts = [len(samples(self.manifest.steps, stride)) - 1 for stride in strides]
+        return self._parts(list(zip(values, values[1:])), [a / b for a, b in zip(counts, counts[1:])], FORMAL["time"], True)
+
+    def _algebraic(self, first: dict, then: dict) -> dict[str, Part]:
+        """What settings `then` change in a run with those of `first`."""
+        loose = dataclasses.replace(self.settings, **first)
+        one, other = (self._values(self.base, self._stride(4), settings)
+                      for settings in (loose, dataclasses.replace(loose, **then)))
+        if one is None or other is None:
+            return {name: Part(None, note="the companion with tighter tolerances failed") for name in self.values}
+        return {name: Part(abs(one[name] - other[name])) for name in self.values}
+
+    def _parts(self, runs: list, ratios: list[float], formal: float, limit: bool = False) -> dict[str, Part]:
+        """Parts from pairs of a finer and a coarser run, the finest pair first; pairs that failed end the list."""
+        good = [pair for k, pair in enumerate(runs) if not any(run is None for before in runs[: k + 1] for run in before)]
+        return {name: extrapolate([fine[name] - coarse[name] for fine, coarse in good], ratios, formal, value, limit)
+                for name, value in self.values.items()}
+
+
+def assess(levels: Levels, manifest: Manifest, settings: Settings, values: dict, at: int) -> dict:
+    """The error budget of a run with quantities `values` at the step with index `at`: {"quantities": ..., "advice": ..., "notes": ...}.
+
+    Errors are absolute, `relative` is the total relative to the value; None where a part is not known. Collective.
+    """
+    companions = Companions(levels, manifest, settings, values, at)
+    parts = companions.parts()
+    found = {name: summed({source: part[name] for source, part in parts.items()}, value)
+             for name, value in values.items()}
+    return {"quantities": found, "advice": advice(found, manifest, settings), "notes": companions.notes}
