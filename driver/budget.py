@@ -7,8 +7,8 @@ taken for C h^p, so that
 
 with a safety factor S = 1.25, as in the grid convergence index with three grids; with two, p is the formal order and
 S = 3 (P. J. Roache, "Perspective: a method for uniform reporting of grid refinement studies", J. Fluids Eng. 116 (1994)
-405-413). The same holds for time steps. A small q0 - q1 after a large q1 - q2 is an accident, as the edge of contact falls between nodes: where p is far above
-the formal order, the error is that of first order after q1 - q2. Where differences do not fall the values have no limit to extrapolate to: either they wander by
+405-413). The same holds for time steps. A small q0 - q1 after a large q1 - q2 is an accident, as the edge of contact falls between nodes: p above the formal
+order is trusted as little as below, down to the first order, and the error follows from q1 - q2. Where differences do not fall the values have no limit to extrapolate to: either they wander by
 little, then twice their spread is the error, or there is none to be given (a pressure that grows without limit at a
 corner).
 
@@ -83,8 +83,8 @@ def extrapolate(changes: list[float], ratios: list[float], formal: float, value:
     turned = changes[0] * changes[1] < 0
     order = observed_order(d1, d2, r, s)
     if order >= SLOWEST:
-        p = min(order, formal) if order <= formal + 0.5 else 1.0
-        rest = d2 / ((s**p - 1) * r**p)  # = d1/(r^p - 1), but for p that was changed
+        p = order if order <= formal else max(1.0, 2 * formal - order)
+        rest = d2 / ((s**p - 1) * r**p)  # = d1/(r^p - 1), but where p was changed
         return Part(1.25 * max(rest, d1 if turned else 0.0), order)
     spread = max(d1, d2) if turned else d1 + d2
     if turned or limit or spread <= WANDER * abs(value):

@@ -145,7 +145,8 @@ def run_variant(name: str, text: str, scene: Path, pairs: dict[str, str], folder
     place = folder / re.sub(r"\W+", "-", name or "declared")
     place.mkdir()
     (place / scene.name).write_text(text)
-    options = {**pairs, "scene": place / scene.name, "out": place / "out", "figures": "no", "fields": "no", "quiet": "yes"}
+    options = {**pairs, "scene": place / scene.name, "out": place / "out", "figures": "no", "fields": "no", "quiet": "yes",
+               "errors": "no"}
     if name == "time":
         options.pop("steps", None)
     command = [sys.executable, "-m", "driver", "run", *(f"{key.upper()}={value}" for key, value in options.items())]
@@ -200,7 +201,7 @@ def run_effects(pairs: dict[str, str]) -> list[Path]:
 
     if "scene" not in pairs:
         raise InputError("make effects SCENE=<name or path to an .edp>; 'make run' lists the scenes")
-    for name in ("figures", "fields", "quiet"):
+    for name in ("figures", "fields", "quiet", "errors"):
         if name in pairs:
             raise InputError(f"the study decides on {name.upper()} itself")
     scene = freefem.find_scene(pairs["scene"])

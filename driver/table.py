@@ -93,7 +93,7 @@ def _make_row(folder: Path, method: str, row: int, ranks: str) -> None:
     for loading in LOADINGS:
         print(f"{method}, {ROWS[row]} subdomains, {loading}")
         pairs = {"scene": "model", "loading": loading, "subdomains": ROWS[row], "cells": "10", "steps": "20",
-                 "np": ranks, "fields": "no", "figures": "no",
+                 "np": ranks, "fields": "no", "figures": "no", "errors": "no",
                  "out": str(folder / "runs" / f"{method}-{ROWS[row]}-{loading}"),
                  **{name: str(value) for name, value in _settings(method).items()}}
         summary[loading] = execute(Run.from_pairs(pairs))

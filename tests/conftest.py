@@ -153,7 +153,7 @@ def solved(tmp_path_factory):
         key = _key(scene, options)
         if key not in made:
             out = tmp_path_factory.mktemp("run") / "out"
-            pairs = {"scene": str(scene), "out": str(out), "figures": "no", "fields": "no", "quiet": "yes"}
+            pairs = {"scene": str(scene), "out": str(out), "figures": "no", "fields": "no", "quiet": "yes", "errors": "no"}
             pairs.update({name.lower(): str(value) for name, value in options.items()})
             status, reason = 0, ""
             try:

@@ -18,7 +18,7 @@ import pytest
 
 from driver import environment
 
-FAST = ("CELLS=2", "SUBDOMAINS=2x1", "STEPS=2", "FIGURES=no", "FIELDS=no")
+FAST = ("CELLS=2", "SUBDOMAINS=2x1", "STEPS=2", "FIGURES=no", "FIELDS=no", "ERRORS=no")
 
 
 def one_line(done, *words):
