@@ -7,13 +7,13 @@ taken for C h^p, so that
 
 with a safety factor S = 1.25, as in the grid convergence index with three grids; with two, p is the formal order and
 S = 3 (P. J. Roache, "Perspective: a method for uniform reporting of grid refinement studies", J. Fluids Eng. 116 (1994)
-405-413). The same holds for time steps. A small q0 - q1 after a large q1 - q2 is an accident, as the edge of contact falls between nodes: p above the formal
-order is trusted as little as below, down to the first order, and the error follows from q1 - q2. Where differences do not fall the values have no limit to extrapolate to: either they wander by
-little, then twice their spread is the error, or there is none to be given (a pressure that grows without limit at a
-corner).
+405-413). The same holds for time steps. A small q0 - q1 after a large q1 - q2 is an accident, as the edge of contact
+falls between nodes: p above the formal order is trusted as little as below, down to the first order, and the error
+follows from q1 - q2. Where differences do not fall, twice the spread of the values is the error; but a pressure, the
+only quantity that may be without limit, has none to be given unless it wanders by little.
 
-mesh      the same run on meshes with elements 2 and 4 times as long
-time      on the mesh of doubled size, every second and every fourth time of the load history
+mesh      the same run on meshes with elements 2 and 4 times as long, or of the cycles before (ADAPT)
+time      on the finer one of these meshes, every second and every fourth time of the load history
 friction  there at every fourth time: FRICTION_RTOL against a hundredth of it, both with RTOL/100
 solver    likewise RTOL (MPRGP, gluing) against a hundredth of it
 
@@ -25,14 +25,12 @@ import dataclasses
 
 import numpy as np
 
-from .loader import Manifest
-from .options import Settings
-
 FORMAL = {"mesh": 2.0, "time": 1.0}  # orders of P1 elements for functionals and of the implicit Euler method
 SLOWEST = 0.3  # an observed order below this is no convergence
 WANDER = 0.02  # spread, relative to the value, below which values that do not converge visibly just wander
 ALONE = "no coarser run to compare with"
 SINGULAR = "does not converge under refinement, it may be singular"
+UNBOUNDED = ("peak_pressure",)  # may have no limit under refinement
 UNITS = {"peak_pressure": (1, 0), "normal_resultant": (1, 1), "tangential_resultant": (1, 1), "contact_length": (0, 1),
          "slip": (0, 1), "dissipated_energy": (1, 2), "displacement": (0, 1)}  # powers of stress and length
 
@@ -70,7 +68,7 @@ def observed_order(d1: float, d2: float, r: float, s: float) -> float:
 def extrapolate(changes: list[float], ratios: list[float], formal: float, value: float, limit: bool = False) -> Part:
     """Error of a `value` from its changes q0 - q1, q1 - q2 (none to two) between sizes in `ratios` (r, s).
 
-    `limit`: the method has a limit in any case, so that changes that grow only tell that it is not near.
+    `limit`: there is a limit in any case, so that changes that grow only tell that it is not near.
     """
     if not changes:
         return Part(None, note=ALONE)
@@ -127,20 +125,8 @@ def name_of(knob: str, value: float) -> str:
     return f"{knob.upper()}={value:g}"
 
 
-def next_setting(source: str, manifest: Manifest, settings: Settings) -> str:
-    """The setting that lowers the part `source` of the error, as on the command line."""
-    if source == "mesh":
-        knob = mesh_knob(manifest.parameters)
-        if knob is None:
-            return "a finer mesh"
-        size = manifest.parameters[knob]
-        return name_of(knob, size / 2 if knob == "h" else 2 * size)
-    return {"time": f"STEPS={2 * manifest.steps}", "friction": f"FRICTION_RTOL={settings.friction_rtol / 10:.0e}",
-            "solver": f"RTOL={settings.rtol / 10:.0e}"}[source]
-
-
-def advice(found: dict, manifest: Manifest, settings: Settings) -> str:
-    """One sentence: the largest part of the main quantity's error and the setting that lowers it."""
+def advice(found: dict, remedies: dict[str, str]) -> str:
+    """One sentence: the largest part of the main quantity's error and what of `remedies` lowers it."""
     name = main_quantity(found)
     entry = found[name]
     parts = {source: entry[source] for source in ("mesh", "time", "friction", "solver") if source in entry}
@@ -152,7 +138,7 @@ def advice(found: dict, manifest: Manifest, settings: Settings) -> str:
     if entry["relative"] is not None and entry["relative"] < 1e-5:
         return f"the {words} needs nothing finer"
     return (f"{100 * parts[largest] / entry['total']:.0f} % of the error of the {words} is due to the {SOURCES[largest]}: "
-            f"{next_setting(largest, manifest, settings)} would lower it")
+            f"{remedies[largest]} would lower it")
 
 
 SOURCES = {"mesh": "mesh", "time": "time step", "friction": "friction's fixed point", "solver": "solver's tolerance"}

@@ -12,9 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from . import freefem
-from .budget import FORMAL, Part, advice, coarser, extrapolate, mesh_knob, name_of, ratio, summed
+from .budget import FORMAL, UNBOUNDED, Part, advice, coarser, extrapolate, mesh_knob, name_of, ratio, summed
 from .errors import DriverError, InputError, agree
-from .loader import Manifest
 from .options import Settings
 from .problem import Problem, assemble
 from .results import Record
@@ -41,9 +40,12 @@ class Level:
 class Levels:
     """Meshes and finished runs of one scene."""
 
-    def __init__(self, scene: Path, parameters: dict[str, str], folder: Path, comm):
-        """`parameters` of the command line; exports go to `folder`, which `close` removes."""
-        self.scene, self.parameters, self.folder, self.comm = scene, parameters, folder, comm
+    def __init__(self, scene: Path, parameters: dict[str, str], folder: Path, comm, cycles=()):
+        """`parameters` of the command line; exports go to `folder`, which `close` removes.
+
+        `cycles`: directories of finished cycles of adaptive refinement, whose exports are the meshes cycle=0, 1, ...
+        """
+        self.scene, self.parameters, self.folder, self.comm, self.cycles = scene, parameters, folder, comm, cycles
         self.problems: dict = {}
         self.runs: dict = {}
 
@@ -55,6 +57,8 @@ class Levels:
         return self.problems[key]
 
     def _assemble(self, changes: dict) -> Problem:
+        if "cycle" in changes:
+            return assemble(self.cycles[changes["cycle"]] / "export", self.comm)
         place, error = self.folder / "-".join(f"{k}{v:g}" for k, v in changes.items()), None
         if self.comm.rank == 0:
             try:
@@ -62,6 +66,8 @@ class Levels:
                 freefem.export(self.scene, place, {**self.parameters, **words})
             except DriverError as problem:
                 error = problem
+            except OSError as problem:
+                error = InputError(f"writing the export failed: {problem.strerror}")
         agree(self.comm, error)
         found = assemble(place, self.comm)
         self.comm.barrier()
@@ -96,19 +102,20 @@ class Levels:
 class Companions:
     """Runs beside one run, and what each part of its error follows from."""
 
-    def __init__(self, levels: Levels, manifest: Manifest, settings: Settings, values: dict, at: int):
-        """`values`: quantities of the run with `manifest` and `settings`, at the step with index `at`."""
-        self.levels, self.manifest, self.settings, self.values, self.at = levels, manifest, settings, values, at
-        self.knob = mesh_knob(manifest.parameters)
+    def __init__(self, levels: Levels, problem: Problem, settings: Settings, values: dict, at: int):
+        """`values`: quantities of the run of `problem` with `settings`, at the step with index `at`."""
+        self.levels, self.manifest, self.settings, self.values, self.at = levels, problem.manifest, settings, values, at
+        levels.problems[()] = problem
+        self.knob = mesh_knob(self.manifest.parameters)
         self.notes = []
-        self.sizes = self._sizes()
-        self.base = self.sizes[1] if len(self.sizes) > 1 else None  # of the companions that tell the other parts
+        self.meshes, self.ratios = self._adapted() if levels.cycles else self._uniform()
+        self.base = self.meshes[1 if len(self.meshes) > 1 else 0]  # of the companions that tell the other parts
 
-    def _sizes(self) -> list[float]:
-        """Mesh sizes that can be had, finest first."""
+    def _uniform(self) -> tuple[list[dict], list[float]]:
+        """Meshes of the scene with elements twice and four times as long, as far as there are such."""
         if self.knob is None:
             self.notes.append("no parameter (CELLS, H) sets the mesh size of this scene: no coarser mesh to compare with")
-            return []
+            return [{}], []
         sizes = [self.manifest.parameters[self.knob]]
         for _ in range(2):
             size = coarser(self.knob, sizes[-1])
@@ -117,7 +124,13 @@ class Companions:
             sizes.append(size)
         if len(sizes) == 1:
             self.notes.append(f"no coarser mesh than {name_of(self.knob, sizes[0])} to compare with")
-        return sizes
+        return [{}, *({self.knob: size} for size in sizes[1:])], [ratio(self.knob, b, a) for a, b in zip(sizes, sizes[1:])]
+
+    def _adapted(self) -> tuple[list[dict], list[float]]:
+        """Meshes of the two cycles of refinement before the last; their elements' length follows from their number."""
+        meshes = [{}, *({"cycle": k} for k in reversed(range(len(self.levels.cycles))))][:3]
+        count = [self.levels.problem(**mesh).manifest.vertices for mesh in meshes]
+        return meshes, [max(1.1, (a / b) ** 0.5) for a, b in zip(count, count[1:])]
 
     def _meshed(self, size: float) -> bool:
         """Whether the scene can be had at a mesh size; if not, a note says why."""
@@ -128,14 +141,24 @@ class Companions:
             return False
         return True
 
-    def _values(self, size: float | None, stride: int = 1, settings: Settings | None = None) -> dict | None:
-        """Quantities of a run on the mesh of a size (None: that of the run itself), None and a note if it fails."""
-        changes = {} if size is None else {self.knob: size}
+    def _values(self, mesh: dict, stride: int = 1, settings: Settings | None = None) -> dict | None:
+        """Quantities of a run on a mesh, None and a note if it fails."""
         try:
-            return self.levels.run(settings or self.settings, stride, **changes).values
+            return self.levels.run(settings or self.settings, stride, **mesh).values
         except DriverError as problem:
-            self.notes.append(f"companion {' '.join(name_of(*c) for c in changes.items())}: {problem}")
+            self.notes.append(f"companion {' '.join(name_of(*change) for change in mesh.items())}: {problem}")
             return None
+
+    def remedies(self) -> dict[str, str]:
+        """For every part the setting that lowers it, as on the command line."""
+        mesh = "a finer mesh"
+        if self.levels.cycles:
+            mesh = f"ADAPT={len(self.levels.cycles) + 1}"
+        elif self.knob:
+            size = self.manifest.parameters[self.knob]
+            mesh = name_of(self.knob, size / 2 if self.knob == "h" else 2 * size)
+        return {"mesh": mesh, "time": f"STEPS={2 * self.manifest.steps}",
+                "friction": f"FRICTION_RTOL={self.settings.friction_rtol / 10:.0e}", "solver": f"RTOL={self.settings.rtol / 10:.0e}"}
 
     def parts(self) -> dict[str, dict[str, Part]]:
         """Part by source and quantity."""
@@ -155,11 +178,10 @@ class Companions:
 
     def _mesh(self) -> dict[str, Part]:
         """Coarser meshes; the coarsest against the middle one, at every second time."""
-        ratios = [ratio(self.knob, b, a) for a, b in zip(self.sizes, self.sizes[1:])]
-        runs = [(self.values, self._values(self.sizes[1]))] if len(self.sizes) > 1 else []
-        if len(self.sizes) > 2:
-            runs.append([self._values(size, self._stride(2)) for size in self.sizes[1:]])
-        return self._parts(runs, ratios, FORMAL["mesh"])
+        runs = [(self.values, self._values(self.meshes[1]))] if len(self.meshes) > 1 else []
+        if len(self.meshes) > 2:
+            runs.append([self._values(mesh, self._stride(2)) for mesh in self.meshes[1:]])
+        return self._parts(runs, self.ratios, FORMAL["mesh"], UNBOUNDED)
 
     def _time(self) -> dict[str, Part]:
         """Every second and fourth time; without friction the history is forgotten, and only the instant counts."""
@@ -167,7 +189,7 @@ class Companions:
         strides = [stride for stride in (1, 2, 4)[: 2 if forgetful else 3] if stride <= self.manifest.steps]
         values = [self._values(self.base, stride) for stride in strides]
         counts = [len(samples(self.manifest.steps, stride)) - 1 for stride in strides]
-        return self._parts(list(zip(values, values[1:])), [a / b for a, b in zip(counts, counts[1:])], FORMAL["time"], True)
+        return self._parts(list(zip(values, values[1:])), [a / b for a, b in zip(counts, counts[1:])], FORMAL["time"])
 
     def _algebraic(self, first: dict, then: dict) -> dict[str, Part]:
         """What settings `then` change in a run with those of `first`."""
@@ -178,20 +200,21 @@ class Companions:
             return {name: Part(None, note="the companion with tighter tolerances failed") for name in self.values}
         return {name: Part(abs(one[name] - other[name])) for name in self.values}
 
-    def _parts(self, runs: list, ratios: list[float], formal: float, limit: bool = False) -> dict[str, Part]:
+    def _parts(self, runs: list, ratios: list[float], formal: float, unbounded=()) -> dict[str, Part]:
         """Parts from pairs of a finer and a coarser run, the finest pair first; pairs that failed end the list."""
         good = [pair for k, pair in enumerate(runs) if not any(run is None for before in runs[: k + 1] for run in before)]
-        return {name: extrapolate([fine[name] - coarse[name] for fine, coarse in good], ratios, formal, value, limit)
+        return {name: extrapolate([fine[name] - coarse[name] for fine, coarse in good], ratios, formal, value, name not in unbounded)
                 for name, value in self.values.items()}
 
 
-def assess(levels: Levels, manifest: Manifest, settings: Settings, values: dict, at: int) -> dict:
-    """The error budget of a run with quantities `values` at the step with index `at`: {"quantities": ..., "advice": ..., "notes": ...}.
+def assess(levels: Levels, problem: Problem, settings: Settings, values: dict, at: int) -> dict:
+    """The error budget of a run with quantities `values` at the step with index `at`.
 
-    Errors are absolute, `relative` is the total relative to the value; None where a part is not known. Collective.
+    {"quantities": ..., "advice": ..., "notes": ...}: errors are absolute, `relative` is the total relative to the
+    value; None where a part is not known. Collective.
     """
-    companions = Companions(levels, manifest, settings, values, at)
+    companions = Companions(levels, problem, settings, values, at)
     parts = companions.parts()
     found = {name: summed({source: part[name] for source, part in parts.items()}, value)
              for name, value in values.items()}
-    return {"quantities": found, "advice": advice(found, manifest, settings), "notes": companions.notes}
+    return {"quantities": found, "advice": advice(found, companions.remedies()), "notes": companions.notes}

@@ -117,10 +117,10 @@ def _budget(directory: Path, request: dict, problem, writer, comm) -> dict:
     """Error budget in the quantities of interest, from companions of the finished run."""
     from .levels import Levels, assess
 
-    levels = Levels(Path(request["path"]), request["parameters"], directory / "companions", comm)
-    levels.problems[()] = problem
+    levels = Levels(Path(request["path"]), request["parameters"], directory / "companions", comm,
+                    [Path(place) for place in request["cycles"]])
     try:
-        return assess(levels, problem.manifest, Settings(**request["settings"]), *writer.record.quantities())
+        return assess(levels, problem, Settings(**request["settings"]), *writer.record.quantities())
     finally:
         levels.close()
 

@@ -116,6 +116,14 @@ def test_true_errors_are_within_the_budget(solved):
             assert error <= entry["total"] <= 5 * error, (scene, options)
 
 
+def test_adaptive_meshes_are_compared_with_those_of_the_cycles_before(solved):
+    run = solved("pressfit", h=4, adapt=2, errors="yes")
+    entry = run.summary["errors"]["quantities"]["normal_resultant"]
+    assert entry["relative"] is not None and "ADAPT=3" in run.summary["errors"]["advice"]
+    pressure = 210e3 / 1.3 * 0.05 / (0.4 * 20 / 35**2 + 1 / 20) * (1 / 20**2 - 1 / 35**2)
+    assert abs(entry["value"] - pressure * 10 * np.pi) <= entry["total"]
+
+
 def test_a_singular_pressure_is_said_to_be_one(solved):
     """Under the edge of a punch the pressure has no limit; its resultant has."""
     found = errors(solved, "punch", h=0.05, steps=4)
