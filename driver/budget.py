@@ -166,10 +166,10 @@ def share(error: float | None, value: float) -> str:
 
 
 def describe(errors: dict, units: dict) -> list[str]:
-    """The budget as lines of a table."""
-    found = errors.get("quantities")
+    """The budget as lines of a table, then the error in the energy norm."""
+    found, energy = errors.get("quantities"), describe_energy(errors.get("energy", {}))
     if not found:
-        return []
+        return energy
     sources = [source for source in SOURCES if any(source in entry for entry in found.values())]
     heads = {name: f"{name.replace('_', ' ')} [{unit(name, units)}]" for name in found}
     width = max(map(len, heads.values()))
@@ -178,4 +178,15 @@ def describe(errors: dict, units: dict) -> list[str]:
         cells = [share(entry[s], entry["value"]) if s in entry else "" for s in (*sources, "total")]
         note = f"  {entry['note']}" if "note" in entry and entry["total"] is None else ""
         lines.append(f"{heads[name]:{width}s}{entry['value']:12.4g}" + "".join(f"{cell:>11s}" for cell in cells) + note)
-    return [*lines, errors["advice"], *errors["notes"]]
+    return [*lines, errors["advice"], *errors["notes"], *energy]
+
+
+def describe_energy(found: dict) -> list[str]:
+    """The last step's error in the energy norm as a line, none if it was not estimated."""
+    if "reason" in found:
+        return [f"no error in the energy norm: {found['reason']}"]
+    if "total" not in found:
+        return []
+    parts = ", ".join(f"{name} {share(found[name], found['norm'])}" for name in ("mesh", "solver", "friction"))
+    bound = "at most" if found["kind"] == "equilibrated" else "about"
+    return [f"error of the last step in the energy norm: {bound} {share(found['total'], found['norm'])} ({parts})"]

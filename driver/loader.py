@@ -59,6 +59,8 @@ class Subdomain:
     columns: np.ndarray
     values: np.ndarray
     loads: np.ndarray  # (patterns, dofs)
+    edge_loads: dict[int, np.ndarray]  # by traction pattern: (n_e, 2, 2) moments [end, component] against the hats
+    body_loads: dict[int, np.ndarray]  # by body force pattern: (n_t, 3, 2) moments [vertex, component] likewise
     fixed: np.ndarray  # (n_fixed,) Dirichlet dofs
     fixed_values: np.ndarray  # (patterns, n_fixed); zero for patterns that move no support
     contact: ContactData | None = None
@@ -239,6 +241,8 @@ def _record_words(head: np.ndarray, manifest: Manifest) -> int:
     moduli = 2 if manifest.material == "isotropic" else 6
     heated = sum(pattern["kind"] == "thermal" for pattern in manifest.patterns)
     counted = [nv] * 3 + [3 * nt, nt, 3 * ne] + [nt] * (moduli + 3 * heated) + [nd] * 2 + [nnz] * 3 + [nd] * patterns + [fixed]
+    kinds = [pattern["kind"] for pattern in manifest.patterns]
+    counted += [4 * ne] * kinds.count("traction") + [2 * nt] * (3 * kinds.count("body_force"))
     counted += [max(1, fixed)] * moving + ([contact] * (7 + manifest.initial_state) if contact else [])
     return sum(counted) + len(counted)
 
@@ -300,6 +304,11 @@ def _read_record(reader: _Block, manifest: Manifest, index: int) -> Subdomain:
     _check_symmetric(rows, columns, values, nd, where)
     _check_rigid_motions(rows, columns, values, xy[dof_vertex], component, where)
     loads = np.array([reader.array(nd, np.float64) for _ in range(patterns)]).reshape(patterns, nd)
+    edge_loads = _read_edge_loads(reader, manifest, ne)
+    body_loads = _read_body_loads(reader, manifest, xy[triangles])
+    _check_distributed(loads, edge[:, :2], edge_loads, "edges", 1.0, where)
+    _check_distributed(loads, triangles, body_loads, "triangles", np.abs(xy).max() / np.linalg.norm(b - a, axis=1).min(),
+                       where)
     fixed_dofs = reader.indices(fixed, nd, "fixed dof")
     fixed_values = np.zeros((patterns, fixed))
     for k, pattern in enumerate(manifest.patterns):
@@ -308,7 +317,7 @@ def _read_record(reader: _Block, manifest: Manifest, index: int) -> Subdomain:
     data = _read_contact(reader, manifest, contact, nv, where) if contact else None
     return Subdomain(index, gid, xy, triangles, region, edge[:, :2], edge[:, 2], elasticity, thermal, sigma_zz,
                      dof_vertex, component,
-                     rows, columns, values, loads, fixed_dofs, fixed_values, data)
+                     rows, columns, values, loads, edge_loads, body_loads, fixed_dofs, fixed_values, data)
 
 
 def _read_elasticity(reader: _Block, manifest: Manifest, nt: int):
@@ -339,6 +348,45 @@ def _dof_layout(reader: _Block, nd: int, xy: np.ndarray, where: str):
     if not np.allclose(coordinate, xy[vertex, component], rtol=0, atol=1e-12 * np.ptp(xy)):
         raise InputError(f"{where}: dof coordinates do not match the vertices")
     return vertex, component
+
+
+def _read_edge_loads(reader: _Block, manifest: Manifest, ne: int) -> dict[int, np.ndarray]:
+    """Moments of every traction pattern on the boundary edges."""
+    return {k: reader.array(4 * ne, np.float64).reshape(ne, 2, 2)
+            for k, pattern in enumerate(manifest.patterns) if pattern["kind"] == "traction"}
+
+
+def _read_body_loads(reader: _Block, manifest: Manifest, corner: np.ndarray) -> dict[int, np.ndarray]:
+    """Moments of every body force against the hat functions of the triangles with corners (n_t, 3, 2).
+
+    The export holds the integrals of f, x f and y f; hats are linear in x and y.
+    """
+    gradient = hat_gradients(corner)
+    middle = corner.mean(axis=1)
+    found = {}
+    for k, pattern in enumerate(manifest.patterns):
+        if pattern["kind"] == "body_force":
+            f, fx, fy = (reader.array(2 * len(corner), np.float64).reshape(-1, 2) for _ in range(3))
+            slopes = np.stack([fx - middle[:, :1] * f, fy - middle[:, 1:] * f], axis=1)  # [t, direction, component]
+            found[k] = f[:, None, :] / 3 + gradient @ slopes
+    return found
+
+
+def _check_distributed(loads, nodes, found: dict, what: str, cancelled: float, where: str) -> None:
+    """Moments by edge or triangle must add up to the nodal loads, to rounding times what was `cancelled`."""
+    for pattern, moments in found.items():
+        total = np.zeros((loads.shape[1] // 2, 2))
+        np.add.at(total, nodes, moments)
+        slack = 1e-12 * (1 + cancelled) * np.abs(loads[pattern]).max()
+        if np.abs(total.ravel() - loads[pattern]).max() > slack:
+            raise InputError(f"{where}: the loads of the {what} do not add up to those of the nodes")
+
+
+def hat_gradients(corner: np.ndarray) -> np.ndarray:
+    """(n_t, 3, 2) gradients of the hat functions of triangles with corners (n_t, 3, 2), counterclockwise."""
+    edge = corner[:, [2, 0, 1]] - corner[:, [1, 2, 0]]  # edge opposite to each vertex
+    double_area = edge[:, 0, 0] * edge[:, 1, 1] - edge[:, 0, 1] * edge[:, 1, 0]
+    return np.stack([-edge[:, :, 1], edge[:, :, 0]], axis=2) / double_area[:, None, None]
 
 
 def _check_symmetric(rows, columns, values, nd, where) -> None:

@@ -15,4 +15,5 @@ class Settings:
     preconditioner: str = "dirichlet"  # or "none": the plain method
     predictor: str = "load"  # start a step from multipliers extrapolated with the load, or "previous"
     inner_rtol: float = 0.1  # residual reduction of a QP before its friction bound is renewed
+    estimator: str = "equilibrated"  # error in the energy norm: a bound; "recovery": averaged stresses; "none"
     expansion: str = "cg"  # MPRGP's expansion step: whole CG step projected, or "gradient": fixed length

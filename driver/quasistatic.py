@@ -37,6 +37,7 @@ class Step:
     products: int
     contraction: float  # ratio of the last two changes of the fixed point, NaN if there was one
     residuals: dict
+    mismatch: float = 0.0  # energy norm of the last change of friction forces to the bound of their own pressures
 
 
 @dataclass
@@ -171,7 +172,7 @@ class QuasistaticSolver:
         x = self._follow(np.maximum(start, lower), sliding)
         for _ in range(TIGHTENINGS + 1):
             x, gradient, sliding = self._fixed_point(index, d, x, trace)
-            x, gradient = self._into_cone(d, x, gradient, sliding)
+            x, gradient, mismatch = self._into_cone(d, x, gradient, sliding)
             residuals = self._residuals(weights, x, gradient)
             poor = max(residuals["gluing"], residuals["penetration"])
             if self.history.exit_status or poor <= settings.primal_rtol:
@@ -181,7 +182,7 @@ class QuasistaticSolver:
             self.history.warnings.append(f"step {index}: gluing or penetration residual {poor:.1e} above "
                                          f"{settings.primal_rtol:.0e} although MPRGP was tightened")
         return Step(index, float(self.times[index]), weights, x, gradient, friction.status(rows, x, gradient),
-                    trace.iterations, op.products - products, trace.contraction, residuals)
+                    trace.iterations, op.products - products, trace.contraction, residuals, mismatch)
 
     def _fixed_point(self, index: int, d, x, trace: "_Trace"):
         """Successive approximations lambda_n -> Phi(lambda_n), each QP solved only as far as it pays.
@@ -271,15 +272,16 @@ class QuasistaticSolver:
         return self.history.exit_status != 0
 
     def _into_cone(self, d, x, gradient, sliding):
-        """Multipliers put exactly into the cone of their own pressures, and their gradient.
+        """Multipliers put exactly into the cone of their own pressures, their gradient and the change's energy norm.
 
         The last QP was solved with the bound of the iterate before. Nodes that slid stay on the bound and
         the others inside it, so that the active set the QP has found is kept.
         """
-        final = self._follow(x, sliding)
-        if self.operator.comm.allreduce(int(np.count_nonzero(final != x))):
-            return final, self.operator.apply(final) - d
-        return x, gradient
+        op, final = self.operator, self._follow(x, sliding)
+        if op.comm.allreduce(int(np.count_nonzero(final != x))):
+            moved = op.apply(final) - d
+            return final, moved, float(np.sqrt(max(op.dot(final - x, moved - gradient), 0.0)))
+        return x, gradient, 0.0
 
     def _residuals(self, weights, x, gradient) -> dict:
         """KKT residuals of the step's state."""

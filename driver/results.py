@@ -94,17 +94,19 @@ class ContactState:
                 "status": values[6].astype(int)}
 
 
-def resultants(operator: DualOperator, step: Step, fields, contact: dict, supported) -> tuple[dict, np.ndarray]:
+def resultants(operator: DualOperator, step: Step, inner, contact: dict, supported) -> tuple[dict, np.ndarray]:
     """Resultants (2,) of loads, support reactions and contact forces, which add up to zero, and `size`.
+
+    `inner` are the forces K u of the rank's subdomains.
 
     `size` (2,) is the sum of the absolute values of all these nodal forces: the measure of their balance,
     because resultants themselves may vanish. `supported` (n_c, 2): components of contact nodes that a support
     holds too; there the support takes what K u leaves after the contact force.
     """
     structure, total = operator.structure, np.zeros((3, 2))
-    for s, (sub, u) in enumerate(zip(structure.subdomains, fields)):
+    for s, (sub, force) in enumerate(zip(structure.subdomains, inner)):
         load = step.weights @ sub.loads
-        reaction = (sub.multiply(u) - load)[structure.fixed[s]]
+        reaction = (force - load)[structure.fixed[s]]
         total[0] += np.bincount(sub.dof_component, load, minlength=2)
         held = sub.dof_component[structure.fixed[s]]
         total[1] += np.bincount(held, reaction, minlength=2)
@@ -161,10 +163,11 @@ class Writer:
             (directory / "fields").mkdir()
 
     # ---- per step --------------------------------------------------------------------------------
-    def add(self, step: Step) -> None:
-        """Evaluate and record one step."""
+    def add(self, step: Step) -> tuple[dict[str, np.ndarray], float]:
+        """Evaluate and record one step; the state of the contact nodes and the body's energy u' K u."""
         fields, state = self.record.add(step)
-        forces, size = resultants(self.operator, step, fields, state, self.contact.held)
+        inner = [sub.multiply(u) for sub, u in zip(self.operator.structure.subdomains, fields)]
+        forces, size = resultants(self.operator, step, inner, state, self.contact.held)
         if size.max() > 0:
             self.balance = max(self.balance, float(np.abs(sum(forces.values())).max() / size.max()))
         self.dissipated += float(-(state["sigma_t"] * state["slip"] * self.contact.boundary.weight).sum())
@@ -172,6 +175,14 @@ class Writer:
         self._contact_rows(step, state)
         if self.write_fields:
             self._write_vtu(step, fields)
+        energy = float(sum(u @ force for u, force in zip(fields, inner)))
+        return state, self.operator.comm.allreduce(energy)
+
+    def indicate(self, step: Step, indicator: np.ndarray) -> None:
+        """Write the fields of a step again, with the error indicator of every triangle."""
+        if self.write_fields:
+            fields = self.operator.displacements(step.multipliers, step.weights)
+            self._write_vtu(step, fields, {"error_indicator": [indicator]})
 
     def _history_row(self, step: Step, state, forces, largest) -> None:
         weight, touching = self.contact.boundary.weight, state["status"] != OPEN
@@ -212,7 +223,7 @@ class Writer:
         xy, number = (np.concatenate([p[k] for p in parts]) for k in (0, 2))
         return xy, np.concatenate([t + o for (_, t, _), o in zip(parts, start)]), number
 
-    def _write_vtu(self, step: Step, fields) -> None:
+    def _write_vtu(self, step: Step, fields, more: dict | None = None) -> None:
         import meshio
 
         tensors = [stresses(sub, u, step.weights) for sub, u in zip(self.operator.structure.subdomains, fields)]
@@ -225,10 +236,11 @@ class Writer:
         xy, triangles, number = self.mesh
         flat = lambda pairs: np.column_stack([pairs, np.zeros(len(pairs))])
         mesh = meshio.Mesh(flat(xy), [("triangle", triangles)], point_data={"displacement": flat(u.reshape(-1, 2))},
-                           cell_data={"stress": [stress], "von_mises": [mises], "subdomain": [number]})
+                           cell_data={"stress": [stress], "von_mises": [mises], "subdomain": [number], **(more or {})})
         name = f"fields/step_{step.index:04d}.vtu"
         mesh.write(self.directory / name)
-        self.vtu.append((step.time, name))
+        if (step.time, name) not in self.vtu:
+            self.vtu.append((step.time, name))
 
     def _boundary(self) -> None:
         """boundary.csv: edges of the body's outline with their part in the scene and the unit traction."""

@@ -22,7 +22,7 @@ ERRORS = ("yes", "energy", "no")
 def _setting(field, text: str):
     """Value of a solver option from its text. Raises InputError for the wrong type."""
     choices = {"preconditioner": ("dirichlet", "none"), "predictor": ("load", "previous"),
-               "expansion": ("cg", "gradient")}.get(field.name)
+               "expansion": ("cg", "gradient"), "estimator": ("equilibrated", "recovery", "none")}.get(field.name)
     if choices and text not in choices:
         raise InputError(f"{field.name.upper()} must be one of {', '.join(choices)}, not '{text}'")
     try:

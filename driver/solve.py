@@ -69,6 +69,7 @@ def run(directory: Path, request: dict, comm) -> tuple[int, str]:
 
 
 def _run(directory: Path, request: dict, comm) -> tuple[int, str]:
+    from .estimation import EnergyEstimator
     from .problem import assemble
     from .results import Writer
 
@@ -90,9 +91,10 @@ def _run(directory: Path, request: dict, comm) -> tuple[int, str]:
                         directory / "run.log" if root else None)
     progress.note(f"{request['scene']} {manifest.parameters} {request['settings']} on {comm.size} ranks")
     recovery = Recovery(structure, manifest, comm) if request.get("refine") else None
+    estimator = EnergyEstimator(operator, manifest, writer.contact, settings.estimator)
     for step in solver.steps():
         progress.update(step)
-        writer.add(step)
+        estimator.consider(step, *writer.add(step))
         if recovery:
             recovery.add(step, operator.displacements(step.multipliers, step.weights))
     history = solver.history
@@ -101,8 +103,11 @@ def _run(directory: Path, request: dict, comm) -> tuple[int, str]:
     summary = _summary(request, manifest, structure, history, settings, comm)
     lap("output")
     seconds["output"] -= history.seconds
+    if request["errors"] != "no" and history.exit_status != 3:
+        summary["errors"] = {"energy": _energy_error(estimator, writer, settings)}
+        lap("energy_error")
     if request["errors"] == "yes" and history.exit_status == 0:
-        summary["errors"] = _budget(directory, request, problem, writer, comm)
+        summary["errors"] |= _budget(directory, request, problem, writer, comm)
         lap("estimates")
     seconds["total"] = sum(seconds.values())
     summary["seconds"] = seconds
@@ -111,6 +116,17 @@ def _run(directory: Path, request: dict, comm) -> tuple[int, str]:
     summary["effects_ledger"] = _ledger(summary, manifest, structure, history, problem.amplitudes, writer, comm)
     writer.close(summary)
     return history.exit_status, history.reason
+
+
+def _energy_error(estimator, writer, settings: Settings) -> dict:
+    """Error in the energy norm of the steps that the estimator chooses, whose fields get its indicator."""
+    from .estimation import report
+
+    estimates = estimator.estimates()
+    for step, estimate in estimates:
+        if estimate.indicator is not None:
+            writer.indicate(step, estimate.indicator)
+    return report(estimates, settings.estimator)
 
 
 def _budget(directory: Path, request: dict, problem, writer, comm) -> dict:

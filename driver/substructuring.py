@@ -27,6 +27,21 @@ GLUING, NORMAL, TANGENTIAL = 0, 1, 2
 
 
 @dataclass
+class ClampedContact:
+    """Nodes on contact edges that supports hold in both components: they carry no contact condition.
+
+    Arrays of length n_k; `values` (n_k, 2, patterns) are the prescribed displacements.
+    """
+
+    gid: np.ndarray
+    label: np.ndarray
+    xy: np.ndarray
+    normal: np.ndarray
+    gap: np.ndarray
+    values: np.ndarray
+
+
+@dataclass
 class ContactBoundary:
     """All contact nodes of the body, replicated on every rank; arrays of length n_c.
 
@@ -45,6 +60,7 @@ class ContactBoundary:
     initial: np.ndarray  # tangential displacement at time 0
     normal_row: np.ndarray
     tangential_row: np.ndarray
+    clamped: ClampedContact
 
     @property
     def tangent(self) -> np.ndarray:
@@ -292,11 +308,15 @@ def _contact_boundary(manifest, subdomains, tables, fixed, comm) -> ContactBound
         raise InputError(f"no contact node has the label {missing[0]}: the scene declares contact on a label "
                          "that its mesh lacks")
     arc = _arc_lengths(label, gid, found[at, 8:10], tables.edges)
+    held = _held(gid, fixed)
     order = np.lexsort((arc, label))
-    order = order[~_held(gid, fixed)[order]]
+    order = order[~held[order]]
     none = np.full(len(order), -1)
+    values = fixed[1][np.searchsorted(fixed[0], 2 * gid[held][:, None] + [0, 1])]
+    clamped = ClampedContact(gid[held], label[held], found[at, 8:10][held], normal[held], (total[:, 3] / weight)[held],
+                             values)
     return ContactBoundary(gid[order], label[order], found[at, 8:10][order], arc[order], weight[order], normal[order],
-                           *(total[order, k] / weight[order] for k in (3, 4, 5)), none, none.copy())
+                           *(total[order, k] / weight[order] for k in (3, 4, 5)), none, none.copy(), clamped)
 
 
 def contact_table(c: ContactData, gid: np.ndarray, xy: np.ndarray) -> np.ndarray:

@@ -14,8 +14,8 @@ from driver.loader import Manifest, read_manifest, read_subdomains
 
 YOUNG, POISSON = 21.19e10, 0.277
 # arrays of a record of the model example, in the order of export.idp
-(HEAD, GID, X, Y, TRIANGLES, REGION, EDGES, LAMBDA, MU, DOF_COORDINATE, IS_X, ROWS, COLUMNS, VALUES, LOAD, FIXED,
- CONTACT) = range(17)
+(HEAD, GID, X, Y, TRIANGLES, REGION, EDGES, LAMBDA, MU, DOF_COORDINATE, IS_X, ROWS, COLUMNS, VALUES, LOAD, EDGE_LOAD, FIXED,
+ CONTACT) = range(18)
 
 
 # ------------------------------------------------------------------------------ a sound export
@@ -75,6 +75,35 @@ def test_loads_are_the_integrals_of_the_tractions(model):
     """Resultant of -1e8 on the top (length 2) and of (3e7, 5e7) on the right side (length 1)."""
     total = sum(np.array([sub.loads[0, 0::2].sum(), sub.loads[0, 1::2].sum()]) for sub in model.subdomains)
     np.testing.assert_allclose(total, [3e7, 5e7 - 2e8], rtol=1e-13)  # sums of some hundred roundings
+
+
+def test_distributed_loads_are_integrals_over_edges_and_triangles(built):
+    """Uneven tractions and body forces: moments against hat functions by Gauss quadrature, exact here to rounding.
+
+    On the corner triangle of the top right two loaded edges meet: nodal forces could not tell them apart.
+    """
+    problem = built("cantilever", reduce=False, cells=3, subdomains="2x1")
+    k, w, a, E, nu = 1.3, 0.01, 0.02, 1000.0, 0.3
+    lam, mu = E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
+    s11 = lambda x, y: (2 * lam + 2 * mu) * w * k * np.cos(k * x) * np.cos(k * y)
+    s12 = lambda x, y: mu * (-2 * w * k * np.sin(k * x) * np.sin(k * y) + 2 * a * x)
+    n = {1: (0, -1), 2: (1, 0), 3: (0, 1)}
+    at, weight = np.polynomial.legendre.leggauss(3)  # FreeFEM's own rule on edges
+    at, weight = (1 + at) / 2, weight / 2
+    patterns = [p["kind"] for p in problem.manifest.patterns]
+    load, body = patterns.index("traction"), patterns.index("body_force")
+    for sub in problem.subdomains:
+        for (i, j), label, found in zip(sub.edges, sub.edge_label, sub.edge_loads[load]):
+            p, q = sub.xy[[i, j]]
+            x, y = (p + at[:, None] * (q - p)).T
+            t = np.zeros((2, 3))
+            if label in n:
+                t = np.array([s11(x, y) * n[label][0] + s12(x, y) * n[label][1], s12(x, y) * n[label][0] + s11(x, y) * n[label][1]])
+            expected = np.linalg.norm(q - p) * np.array([(t * weight * (1 - at)).sum(axis=1), (t * weight * at).sum(axis=1)])
+            np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13 * 30)  # 30: the largest traction
+        total = np.zeros_like(sub.xy)
+        np.add.at(total, sub.triangles, sub.body_loads[body])
+        np.testing.assert_allclose(total.ravel(), sub.loads[body], rtol=0, atol=1e-12 * np.abs(sub.loads[body]).max())
 
 
 def test_supports_and_contact_are_where_the_scene_says(model):
@@ -255,7 +284,7 @@ def write(directory, records):
 def spoil(directory, array, change, record=0):
     """Apply `change` to one array of a record, seen as what it holds."""
     records = arrays(directory)
-    real = array in (X, Y, LAMBDA, MU, DOF_COORDINATE, IS_X, VALUES, LOAD) or array >= CONTACT + 2
+    real = array in (X, Y, LAMBDA, MU, DOF_COORDINATE, IS_X, VALUES, LOAD, EDGE_LOAD) or array >= CONTACT + 2
     change(records[record][array].view(np.float64 if real else np.int64))
     write(directory, records)
 
@@ -290,11 +319,16 @@ def test_longer_than_its_records(small, read):
     refused(read, small, "after its last record")
 
 
-@pytest.mark.parametrize("array", [X, Y, LAMBDA, MU, DOF_COORDINATE, VALUES, LOAD, CONTACT + 2, CONTACT + 5])
+@pytest.mark.parametrize("array", [X, Y, LAMBDA, MU, DOF_COORDINATE, VALUES, LOAD, EDGE_LOAD, CONTACT + 2, CONTACT + 5])
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_not_finite(small, read, array, bad):
     spoil(small, array, lambda a: a.__setitem__(len(a) // 2, bad), record=1)
     refused(read, small, "not finite")
+
+
+def test_edge_loads_that_are_not_the_nodal_ones(small, read):
+    spoil(small, EDGE_LOAD, lambda a: a.__imul__(1 + 1e-6), record=1)
+    refused(read, small, "edges", "nodes")
 
 
 def test_unsymmetric(small, read):
