@@ -15,8 +15,6 @@ from pathlib import Path
 
 import numpy as np
 
-from .results import write_json
-
 STEM = "size"  # of the files of a size field, see write_sizes
 GROWTH = 4.0  # triangles of one cycle's mesh over those of the one before: half the error on a well graded mesh
 STEEPEST = 0.5  # difference of sizes over distance: neighbours must not differ too much
@@ -95,6 +93,8 @@ def describe(place: Path) -> str:
 
 def report(work: Path, cycles: list[Path]) -> None:
     """Write adaptivity.csv, a row for every cycle and one for the run itself in `work`; complete its summary."""
+    from .results import write_json  # starts MPI, which commands without a solver do without
+
     rows = [_row(k, place) for k, place in enumerate([*cycles, work])]
     with open(work / "adaptivity.csv", "w", newline="") as file:
         table = csv.DictWriter(file, list(rows[0]))
