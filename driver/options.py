@@ -17,3 +17,4 @@ class Settings:
     inner_rtol: float = 0.1  # residual reduction of a QP before its friction bound is renewed
     estimator: str = "equilibrated"  # error in the energy norm: a bound; "recovery": averaged stresses; "none"
     expansion: str = "cg"  # MPRGP's expansion step: whole CG step projected, or "gradient": fixed length
+    uniqueness: str = "auto"  # look for other solutions of every step: "yes", "no", or where few nodes or doubt suggest it

@@ -6,20 +6,27 @@ given friction bound F g, the box-constrained QP
 
     min 1/2 lambda' F lambda - lambda' d,   lambda_n >= 0,  |lambda_t| <= F g.
 
-Multipliers and g start from those of the previous iteration and the previous step.
+Multipliers and g start from those of the previous iteration and the previous step. Where the iteration does not
+contract the methods of `globalization` take over; `uniqueness` looks whether a step has other solutions.
 """
 
 import time
 from dataclasses import dataclass, field
 
 import numpy as np
+from mpi4py import MPI
 
-from . import friction
+from . import friction, globalization
+from .condensation import Condensation
+from .errors import NotConverged
 from .fetidp import DualOperator
 from .mprgp import mprgp, norm_bound, projected_gradient
 from .options import Settings
+from .uniqueness import Uniqueness, worthwhile
 
 CANCELLED = 1e-8  # displacements below this part of ||d|| are what rounding leaves of loads that contact takes
+WINDOW = 8  # iterations of the fixed point over which its changes must have fallen
+CONDENSED_PASSES = 30  # corrections of a solution of the condensed contact problem
 TIGHTENINGS = 3  # tenfold reductions of the QP tolerance that a step may ask for
 
 
@@ -35,7 +42,7 @@ class Step:
     status: np.ndarray  # of the rank's nodes with a normal row
     fixed_point_iterations: int
     products: int
-    contraction: float  # ratio of the last two changes of the fixed point, NaN if there was one
+    contraction: float  # mean ratio of successive changes of the fixed point, NaN if there was one
     residuals: dict
     mismatch: float = 0.0  # energy norm of the last change of friction forces to the bound of their own pressures
 
@@ -53,6 +60,8 @@ class History:
     exit_status: int = 0
     reason: str = ""
     warnings: list = field(default_factory=list)
+    fallbacks: globalization.Fallbacks = field(default_factory=globalization.Fallbacks)
+    contraction: float = 0.0  # worst of the steps
     seconds: float = 0.0
 
 
@@ -62,12 +71,18 @@ class _Trace:
 
     iterations: int = 0
     changes: list = field(default_factory=list)
+    fallback: bool = False  # successive approximations did not contract
 
     @property
     def contraction(self) -> float:
-        """Ratio of the last two changes, NaN if there are none."""
-        last = self.changes[-2:]
-        return last[1] / last[0] if len(last) == 2 and last[0] > 0 else np.nan
+        """Geometric mean of the ratios of successive changes, over the last `WINDOW` ones; NaN if there are none."""
+        last = self.changes[-WINDOW - 1 :]
+        return (last[-1] / last[0]) ** (1 / (len(last) - 1)) if len(last) > 1 and last[0] > 0 else np.nan
+
+    @property
+    def stalls(self) -> bool:
+        """Whether the changes have not fallen over a window."""
+        return len(self.changes) > 2 * WINDOW and min(self.changes[-WINDOW:]) >= min(self.changes[:-WINDOW])
 
 
 class QuasistaticSolver:
@@ -87,6 +102,10 @@ class QuasistaticSolver:
         self.bound = self._bound_norm()
         self.history.counts["dual_multiplications_setup"] = operator.products
         self.scales = friction.Scales()
+        self.condensation = Condensation(operator, self.rows)
+        largest = operator.comm.allreduce(float(0.0 if self.rows.tresca else self.rows.bound.max(initial=0)), op=MPI.MAX)
+        self.uniqueness, self.largest_friction = Uniqueness(largest > 0), largest
+        self.doubtful = False
 
     def _bound_norm(self) -> float:
         """Upper bound of ||F||; the same random start vector for any number of ranks."""
@@ -156,6 +175,7 @@ class QuasistaticSolver:
         for name, value in step.residuals.items():
             worst[name] = max(worst.get(name, 0.0), value)
         self.history.steps = step.index
+        self.history.contraction = max(self.history.contraction, np.nan_to_num(step.contraction))
 
     # ---- one time step -----------------------------------------------------------------------
     def _step(self, index: int, weights, d, start, sliding) -> Step:
@@ -181,6 +201,7 @@ class QuasistaticSolver:
         else:
             self.history.warnings.append(f"step {index}: gluing or penetration residual {poor:.1e} above "
                                          f"{settings.primal_rtol:.0e} although MPRGP was tightened")
+        self._examine(index, x, gradient, trace)
         return Step(index, float(self.times[index]), weights, x, gradient, friction.status(rows, x, gradient),
                     trace.iterations, op.products - products, trace.contraction, residuals, mismatch)
 
@@ -191,24 +212,130 @@ class QuasistaticSolver:
         residual by `inner_rtol`, and the last one meets the tolerance. Returns multipliers, gradient and the
         rows that slide.
         """
-        op, settings, rows = self.operator, self.settings, self.rows
-        coulomb = bool(op.comm.allreduce(int(len(rows.tangential) > 0 and not rows.tresca)))
-        while True:
+        settings, rows = self.settings, self.rows
+        coulomb = bool(self.operator.comm.allreduce(int(len(rows.tangential) > 0 and not rows.tresca)))
+        while not trace.fallback:
             trace.iterations += 1
-            limits, bound = rows.limits(op.owned, x), rows.friction_bound(x)
-            x = np.clip(x, *limits)
-            result = self._solve_qp(index, trace.iterations, d, limits, x, settings.inner_rtol if coulomb else 0.0)
-            change, x, gradient = result.x[rows.normal] - x[rows.normal], result.x, result.gradient
+            bound = rows.friction_bound(x)
+            result, change = self._approximate(index, trace, d, x, bound, settings.inner_rtol if coulomb else 0.0, coulomb)
+            x, gradient = result.x, result.gradient
             sliding = self._sliding(x, bound)
             if self.history.exit_status or not coulomb:
-                break
-            self._renew_coefficient(gradient)
-            trace.changes.append(max(self._norm(change), self._norm(rows.friction_bound(x) - bound, tangential=True)))
-            settled = trace.changes[-1] <= settings.friction_rtol * self._norm(x[rows.normal])
-            if settled and result.residual <= self.tol or self._diverges(index, trace):
-                break
+                return x, gradient, sliding
+            trace.changes.append(change)
+            if self._settled(change, result):
+                return x, gradient, sliding
+            tired = trace.iterations >= settings.max_fixed_point
+            if tired and trace.iterations <= 2 * WINDOW:
+                self._end(4, f"step {index}: no fixed point of the friction bound in {trace.iterations} iterations")
+                return x, gradient, sliding
+            trace.fallback = trace.stalls or tired
             x = self._follow(x, sliding)
-        return x, gradient, sliding
+        return self._globalise(index, d, x, trace)
+
+    def _approximate(self, index, trace, d, x, bound, reduction, coulomb=True):
+        """The QP with friction bounds `bound` started from x: its result, and the change of pressures and bounds."""
+        limits = self._limits(x, bound)
+        x = np.clip(x, *limits)
+        result = self._solve_qp(index, trace.iterations, d, limits, x, reduction)
+        if self.history.exit_status or not coulomb:
+            return result, 0.0
+        self._renew_coefficient(result.gradient)
+        return result, max(self._norm(result.x[self.rows.normal] - x[self.rows.normal]),
+                           self._norm(self.rows.friction_bound(result.x) - bound, tangential=True))
+
+    def _settled(self, change: float, result) -> bool:
+        return change <= self.settings.friction_rtol * self._norm(result.x[self.rows.normal]) and result.residual <= self.tol
+
+    def _globalise(self, index: int, d, x, trace: "_Trace"):
+        """The fixed point by the methods of `globalization`, in their order; see `_fixed_point`."""
+        found = self._accelerate(index, d, x, trace)
+        if found is None and not self.history.exit_status:
+            found = self._condense(index, d, x, trace)
+        if found is not None:
+            return found
+        if not self.history.exit_status:
+            self._end(3, f"step {index}: the fixed point for the friction bound does not contract, and no other method "
+                         "found a solution; the friction coefficient is beyond the range of a unique one")
+        return x, self.operator.apply(x) - d, self._sliding(x, self.rows.friction_bound(x))
+
+    def _accelerate(self, index: int, d, x, trace: "_Trace"):
+        """Anderson acceleration of the friction bounds; None if it makes no headway."""
+        rows, bound, changes = self.rows, self.rows.friction_bound(x), []
+        method = globalization.Anderson(self._tangential_dot)
+        while not (changes and globalization.gives_up(changes)):
+            trace.iterations += 1
+            result, change = self._approximate(index, trace, d, x, bound, self.settings.inner_rtol)
+            if self.history.exit_status:
+                return None
+            x, sliding = result.x, self._sliding(result.x, bound)
+            changes.append(change)
+            if self._settled(change, result):
+                self.history.fallbacks.note(globalization.ANDERSON, index)
+                return x, result.gradient, sliding
+            bound = method.next(bound, rows.friction_bound(x))
+        return None
+
+    def _condense(self, index: int, d, x, trace: "_Trace"):
+        """A solution of the condensed contact problem, corrected until it is one of the whole; None if none is found.
+
+        Every pass solves for the gluing multipliers with the contact multipliers held. What then is left on the
+        contact rows makes the load of the condensed problem exact for the next pass.
+        """
+        if self.condensation.n > globalization.CONDENSED_NODES:
+            return None
+        rows, method, part, last = self.rows, globalization.NEWTON, 1.0, np.inf
+        for _ in range(CONDENSED_PASSES):
+            trace.iterations += 1
+            bound, coefficient = rows.friction_bound(x), rows.bound
+            result = self._solve_qp(index, trace.iterations, d, self.condensation.held(x), x, 0.0)
+            if self.history.exit_status:
+                return None
+            x = result.x
+            self._renew_coefficient(result.gradient)
+            change = self._norm(rows.friction_bound(x) - bound, tangential=True)
+            left = projected_gradient(x, result.gradient, *self._limits(x, bound))
+            # the gluing rows alone may be left with a residual of tol
+            if change <= self.settings.friction_rtol * self._norm(x[rows.normal]) and self._length(left) <= 2 * self.tol:
+                self.history.fallbacks.note(method, index)
+                return x, result.gradient, self._sliding(x, bound)
+            part, last = part if change <= 0.5 * last else 0.5 * part, change
+            rows.bound = coefficient + part * (rows.bound - coefficient)
+            try:
+                contact, found = globalization.solve_condensed(self.condensation.problem(x, result.gradient),
+                                                               self.condensation.gather(x))
+            except NotConverged:
+                return None
+            if contact is None:
+                return None
+            method = found if found == globalization.LEMKE else method
+            x = self.condensation.place(contact, x)
+        return None
+
+    def _limits(self, x: np.ndarray, bound: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Limits of the multipliers under the friction bounds `bound`."""
+        lower, upper = self.rows.limits(self.operator.owned, x)
+        lower[self.rows.tangential], upper[self.rows.tangential] = -bound, bound
+        return lower, upper
+
+    def _examine(self, index: int, x, gradient, trace: "_Trace") -> None:
+        """Look for other solutions of the step where there is reason to; see `uniqueness`."""
+        found, choice, nodes = self.uniqueness, self.settings.uniqueness, self.condensation.n
+        self.doubtful = self.doubtful or trace.fallback
+        if not found.frictional or self.history.exit_status or found.failure:
+            return
+        if not worthwhile(choice, nodes, self.largest_friction, self.doubtful):
+            return
+        if nodes > globalization.CONDENSED_NODES:
+            found.failure = f"{nodes} contact nodes, more than {globalization.CONDENSED_NODES}"
+            return
+        try:
+            problem = self.condensation.problem(x, gradient)
+        except NotConverged as problem:
+            found.failure = str(problem)
+            return
+        contact = self.operator.structure.contact
+        found.examine(index, problem, self.condensation.gather(x), contact.weight[contact.normal_row >= 0])
 
     def _renew_coefficient(self, gradient: np.ndarray) -> None:
         """Friction coefficients at the tangential displacements of the latest iterate."""
@@ -249,27 +376,31 @@ class QuasistaticSolver:
         for name in ("cg_steps", "expansion_steps", "proportioning_steps"):
             history.counts[name] += getattr(result, name)
         if result.status != "converged":
-            history.exit_status = 3 if result.status == "indefinite operator" else 4
-            history.reason = f"step {index}: MPRGP ended with '{result.status}': {result.reason}"
+            self._end(3 if result.status == "indefinite operator" else 4,
+                      f"step {index}: MPRGP ended with '{result.status}': {result.reason}")
         return result
+
+    def _end(self, status: int, reason: str) -> None:
+        """The run ends after this step, with an exit status and the reason."""
+        self.history.exit_status, self.history.reason = status, reason
+
+    def _length(self, vector: np.ndarray) -> float:
+        """Euclidean norm of a dual vector."""
+        return np.sqrt(self.operator.dot(vector, vector))
+
+    def _on(self, rows: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """The dual vector with `values` on `rows` and zero elsewhere."""
+        full = np.zeros(self.operator.owned)
+        full[rows] = values
+        return full
 
     def _norm(self, values: np.ndarray, tangential: bool = False) -> float:
         """Euclidean norm of values on the normal (or tangential) rows."""
-        full = np.zeros(self.operator.owned)
-        full[self.rows.tangential if tangential else self.rows.normal] = values
-        return np.sqrt(self.operator.dot(full, full))
+        return self._length(self._on(self.rows.tangential if tangential else self.rows.normal, values))
 
-    def _diverges(self, index: int, trace: "_Trace") -> bool:
-        """Stop when the changes no longer contract over a window, or at the iteration limit."""
-        window, changes = 8, trace.changes
-        if len(changes) > 2 * window and min(changes[-window:]) >= min(changes[:-window]):
-            self.history.exit_status = 3
-            self.history.reason = (f"step {index}: the fixed point for the friction bound does not contract; the "
-                                   "friction coefficient may be beyond the range of a unique solution")
-        elif trace.iterations >= self.settings.max_fixed_point:
-            self.history.exit_status = 4
-            self.history.reason = f"step {index}: no fixed point of the friction bound in {trace.iterations} iterations"
-        return self.history.exit_status != 0
+    def _tangential_dot(self, a: np.ndarray, b: np.ndarray) -> float:
+        """Scalar product of values on the tangential rows."""
+        return self.operator.dot(*(self._on(self.rows.tangential, values) for values in (a, b)))
 
     def _into_cone(self, d, x, gradient, sliding):
         """Multipliers put exactly into the cone of their own pressures, their gradient and the change's energy norm.

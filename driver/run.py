@@ -22,7 +22,8 @@ ERRORS = ("yes", "energy", "no")
 def _setting(field, text: str):
     """Value of a solver option from its text. Raises InputError for the wrong type."""
     choices = {"preconditioner": ("dirichlet", "none"), "predictor": ("load", "previous"),
-               "expansion": ("cg", "gradient"), "estimator": ("equilibrated", "recovery", "none")}.get(field.name)
+               "expansion": ("cg", "gradient"), "estimator": ("equilibrated", "recovery", "none"),
+               "uniqueness": ("auto", "yes", "no")}.get(field.name)
     if choices and text not in choices:
         raise InputError(f"{field.name.upper()} must be one of {', '.join(choices)}, not '{text}'")
     try:
@@ -232,4 +233,4 @@ def describe(summary: dict, out: Path) -> str:
             f"largest KKT residual {worst:.1e}, force balance {summary['balance']:.1e}\n"
             f"  {s['total']:.2f} s (FreeFEM {s['export']:.2f}, setup {s['setup']:.2f}, solve {s['solve']:.2f}, output "
             f"{s['output']:.2f}{estimated}), results in {os.path.relpath(out)}"
-            + "".join(f"\n  {line}" for line in [*idle, *known]))
+            + "".join(f"\n  {line}" for line in [*idle, *known, *(f"warning: {w}" for w in summary["warnings"])]))

@@ -100,7 +100,7 @@ def _run(directory: Path, request: dict, comm) -> tuple[int, str]:
     history = solver.history
     progress.close(history.reason or "converged")
     seconds["solve"] = history.seconds
-    summary = _summary(request, manifest, structure, history, settings, comm)
+    summary = _summary(request, manifest, structure, history, solver.uniqueness, settings, comm)
     lap("output")
     seconds["output"] -= history.seconds
     if request["errors"] != "no" and history.exit_status != 3:
@@ -136,24 +136,27 @@ def _budget(directory: Path, request: dict, problem, writer, comm) -> dict:
     levels = Levels(Path(request["path"]), request["parameters"], directory / "companions", comm,
                     [Path(place) for place in request["cycles"]])
     try:
-        return assess(levels, problem, Settings(**request["settings"]), *writer.record.quantities())
+        return assess(levels, problem, Settings(**{**request["settings"], "uniqueness": "no"}), *writer.record.quantities())
     finally:
         levels.close()
 
 
-def _summary(request, manifest: Manifest, structure, history, settings, comm) -> dict:
+def _summary(request, manifest: Manifest, structure, history, uniqueness, settings, comm) -> dict:
     kinds = np.bincount(structure.row_kind, minlength=3)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     variant = next((str(v) for k, v in manifest.parameters.items() if k == "loading"), "")
     return {
         "scene": request["scene"], "variant": variant, "converged": history.exit_status == 0,
-        "reason": history.reason, "warnings": history.warnings + [history.reason] * bool(history.reason),
+        "reason": history.reason,
+        "warnings": [*history.warnings, *history.fallbacks.warnings(), *uniqueness.warnings(), *[history.reason] * bool(history.reason)],
         "effects": {**manifest.effects, "body_force": any(p["kind"] == "body_force" for p in manifest.patterns),
                     "bodies": 1},
         "sizes": {"subdomains": structure.total, "primal_dofs": structure.primal_dofs,
                   "dual_dofs": structure.dual_dofs, **{f"dual_{name}": int(kinds[k]) for name, k in PRIMAL.items()},
                   "coarse_dofs": structure.coarse_dofs, "contact_nodes": len(structure.contact.gid)},
         "steps": history.steps, "t_end": manifest.t_end, "counts": history.counts, "residuals": history.residuals,
+        "contraction": history.contraction, "fallbacks": {name: len(steps) for name, steps in history.fallbacks.steps.items()},
+        "uniqueness": uniqueness.summary(),
         "memory_mib": comm.allreduce(peak), "ranks": comm.size, "units": manifest.units,
         "amplitudes": manifest.amplitudes, "parameters": {**manifest.parameters, **asdict(settings)}, "versions": _versions(),
     }

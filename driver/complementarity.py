@@ -1,0 +1,265 @@
+"""The dense contact problem with Coulomb friction on a few contact nodes: Newton, Lemke, all solutions.
+
+With the compliance C of the contact nodes, x = (lambda_n, lambda_t) and movements d - C x = (over, slip):
+
+    lambda_n >= 0,  over <= 0,  lambda_n over = 0,      |lambda_t| <= F lambda_n,
+    slip >= 0 where lambda_t = F lambda_n,  slip <= 0 where lambda_t = -F lambda_n,  slip = 0 between.
+
+In two dimensions this is piecewise linear: with every node open, sticking or sliding one way it is a linear
+system (A. Klarbring, in: Contact Mechanics, Plenum 1995, on the 4^n states). Its map is coercive and of degree
+one, so that for any F there is a solution, and an odd number of them unless one sits on the border between states.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+OPEN, STICK, FORWARD, BACKWARD = 0, 1, 2, 3  # states of a node; sliding by the sign of lambda_t
+ROUNDING = 1e-9  # relative violation of the law that rounding of small dense systems may leave
+DISTINCT = 1e-6  # solutions nearer than this part of the largest multiplier are the same
+NEWTON_STEPS = 50
+COVERS = 4  # covering vectors Lemke's method tries
+
+
+@dataclass
+class CoulombProblem:
+    """`compliance` (n + m, n + m) SPD, `load` d (n + m,), `coefficient` F (m,), `pair` (m,).
+
+    n nodes have a normal row and the m nodes `pair` of them a tangential one. `bilateral`: lambda_n of any sign
+    and over = 0 everywhere, the friction bound is F |lambda_n|.
+    """
+
+    compliance: np.ndarray
+    load: np.ndarray
+    coefficient: np.ndarray
+    pair: np.ndarray
+    bilateral: bool = False
+
+    def __post_init__(self):
+        self.n, self.m = len(self.load) - len(self.pair), len(self.pair)
+        self.rigidity = 1.0 / np.diag(self.compliance)  # force per length, as the scale of every row
+
+    def states(self, x: np.ndarray) -> np.ndarray:
+        """(n,) states that the augmented multipliers x + rigidity * movement fall into."""
+        trial = x + self.rigidity * (self.load - self.compliance @ x)
+        normal, tangential = trial[: self.n], trial[self.n :]
+        found = np.full(self.n, STICK) if self.bilateral else np.where(normal > 0, STICK, OPEN)
+        bound = self.coefficient * np.abs(normal)[self.pair]
+        sliding = np.where(np.abs(tangential) < bound, STICK, np.where(tangential > 0, FORWARD, BACKWARD))
+        found[self.pair] = np.where(found[self.pair] == OPEN, OPEN, sliding)
+        return found
+
+    def signs(self, x: np.ndarray) -> np.ndarray:
+        """(n,) signs of lambda_n, all +1 in unilateral contact."""
+        return np.where(x[: self.n] < 0, -1.0, 1.0) if self.bilateral else np.ones(self.n)
+
+    def system(self, states: np.ndarray, sign: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Matrix and right-hand side of x in the given states, with lambda_n of the given signs."""
+        matrix, right = self.compliance.copy(), self.load.copy()
+        off = np.flatnonzero(states == OPEN)
+        matrix[off], right[off] = 0.0, 0.0
+        matrix[off, off] = 1.0 / self.rigidity[off]
+        at = states[self.pair]
+        for k in np.flatnonzero(at != STICK):
+            row, node = self.n + k, self.pair[k]
+            matrix[row], right[row] = 0.0, 0.0
+            matrix[row, row] = 1.0 / self.rigidity[row]
+            if at[k] != OPEN:
+                way = (1.0 if at[k] == FORWARD else -1.0) * sign[node]
+                matrix[row, node] = -way * self.coefficient[k] / self.rigidity[row]
+        return matrix, right
+
+    def solution_in(self, states: np.ndarray, sign: np.ndarray | None = None) -> np.ndarray | None:
+        """x (n + m,) of the linear system of `states`, exactly in its states; None if the system is singular."""
+        matrix, right = self.system(states, np.ones(self.n) if sign is None else sign)
+        try:
+            x = np.linalg.solve(matrix, right)
+        except np.linalg.LinAlgError:
+            return None
+        if not np.all(np.isfinite(x)):
+            return None
+        x[: self.n][states == OPEN] = 0.0
+        at, bound = states[self.pair], self.coefficient * np.abs(x[self.pair])
+        x[self.n :] = np.where(at == FORWARD, bound, np.where(at == BACKWARD, -bound, np.where(at == OPEN, 0.0, x[self.n :])))
+        return x
+
+    def violation(self, x: np.ndarray) -> float:
+        """Largest violation of the law at x, relative to the largest terms of its sums; inf if x is no number."""
+        move = self.load - self.compliance @ x
+        force = max(np.abs(x).max(initial=0), np.abs(self.rigidity * self.load).max(initial=0))
+        if not np.isfinite(force) or force == 0:
+            return 0.0 if force == 0 else np.inf
+        normal, tangential = x[: self.n], x[self.n :]
+        over, slip = (self.rigidity * move)[: self.n], (self.rigidity * move)[self.n :]  # as forces
+        bound = self.coefficient * np.abs(normal)[self.pair]
+        natural = over if self.bilateral else normal - np.maximum(normal + over, 0)
+        rub = tangential - np.clip(tangential + slip, -bound, bound)
+        return float(max(np.abs(natural).max(initial=0), np.abs(rub).max(initial=0)) / force)
+
+    def solves(self, x: np.ndarray | None) -> bool:
+        """Whether x obeys the law to rounding."""
+        return x is not None and self.violation(x) <= ROUNDING
+
+
+def newton(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
+    """Semismooth Newton steps (P. Alart, A. Curnier, CMAME 92 (1991) 353-375) from `start` (n + m,).
+
+    Each solves the linear system of the states that the last iterate falls into. None where states come again
+    without having settled, or a system is singular: convergence is local.
+    """
+    x, seen = start, set()
+    for _ in range(NEWTON_STEPS):
+        states, sign = problem.states(x), problem.signs(x)
+        key = states.tobytes() + sign.tobytes()
+        if key in seen:
+            return None
+        seen.add(key)
+        x = problem.solution_in(states, sign)
+        if x is None:
+            return None
+        if problem.solves(x):
+            return x
+    return None
+
+
+def lemke(problem: CoulombProblem) -> np.ndarray | None:
+    """A solution by complementary pivots, for any friction coefficient; unilateral contact only.
+
+    With lambda_t = a - b and the size s of the slip the law is the linear complementarity problem
+
+        0 <= lambda_n | -over >= 0,   0 <= a | s - slip >= 0,   0 <= b | s + slip >= 0,   0 <= s | F lambda_n - a - b >= 0.
+
+    Its matrix is copositive, and z'Mz = 0 <= Mz has solutions (0, 0, 0, s) only, at which q'z = 0: so Lemke's
+    method ends in a solution (R. Cottle, J.-S. Pang, R. Stone, The Linear Complementarity Problem, section 4.4; as
+    D. Stewart and J. Trinkle, Int. J. Numer. Meth. Engng 39 (1996) 2673-2691, use it in dynamics), unless rounding
+    leads it astray: then another covering vector is tried. None if all fail.
+    """
+    if problem.bilateral:
+        return None
+    n, m = problem.n, problem.m
+    scale = np.sqrt(problem.rigidity)  # unknowns x / scale: any units, rows of like size
+    C, d = problem.compliance * np.outer(scale, scale), problem.load * scale
+    size = np.abs(d).max(initial=0)
+    if size == 0:
+        return np.zeros(n + m)
+    Cnn, Cnt, Ctt = C[:n, :n], C[:n, n:], C[n:, n:]
+    cone = np.zeros((m, n))
+    cone[np.arange(m), problem.pair] = problem.coefficient * scale[problem.pair] / scale[n:]
+    unit, none = np.eye(m), np.zeros((m, m))
+    M = np.block([[Cnn, Cnt, -Cnt, np.zeros((n, m))], [Cnt.T, Ctt, -Ctt, unit], [-Cnt.T, -Ctt, Ctt, unit],
+                  [cone, -unit, -unit, none]])
+    q = np.concatenate([-d[:n], -d[n:], d[n:], np.zeros(m)]) / size
+    rng = np.random.default_rng(1)
+    for attempt in range(COVERS):
+        cover = np.ones(len(q)) if attempt == 0 else rng.uniform(0.5, 1.5, len(q))
+        z = _lemke_pivots(M, q, cover)
+        if z is not None:
+            normal, forth, back, slip = np.split(z, [n, n + m, n + 2 * m])
+            states = np.where(normal > 0, STICK, OPEN)
+            sliding = np.where(slip > 0, np.where(forth > back, FORWARD, BACKWARD), STICK)
+            states[problem.pair] = np.where(states[problem.pair] == OPEN, OPEN, sliding)
+            for x in (problem.solution_in(states), newton(problem, scale * size * np.append(normal, forth - back))):
+                if problem.solves(x):
+                    return x
+    return None
+
+
+def _lemke_pivots(M: np.ndarray, q: np.ndarray, cover: np.ndarray) -> np.ndarray | None:
+    """z >= 0 with w = M z + q >= 0, w'z = 0, by Lemke's method with covering vector `cover` > 0; None on a ray.
+
+    The tableau holds w or z of every row in terms of the nonbasic ones: columns 0..k-1 and the artificial one k.
+    """
+    k = len(q)
+    if q.min(initial=0.0) >= 0:
+        return np.zeros(k)
+    table = np.column_stack([-M, -cover, q])
+    basic, nonbasic = np.arange(k), np.arange(k, 2 * k + 1)  # w_i is i, z_i is k + i, the artificial one 2 k
+    row, column = int(np.argmin(q / cover)), k
+    for _ in range(50 * k):
+        _pivot(table, row, column)
+        leaving = basic[row]
+        basic[row], nonbasic[column] = nonbasic[column], leaving
+        if leaving == 2 * k:
+            z = np.zeros(2 * k)
+            z[basic] = table[:, -1]
+            return np.maximum(z[k:], 0.0)
+        partner = leaving + k if leaving < k else leaving - k
+        column = int(np.flatnonzero(nonbasic == partner)[0])
+        entry = table[:, column]
+        able = entry > 1e-11 * np.abs(entry).max()
+        if not able.any():
+            return None
+        ratio = np.where(able, table[:, -1] / np.where(able, entry, 1.0), np.inf)
+        ties = np.flatnonzero(ratio <= ratio.min() + 1e-13)
+        artificial = ties[basic[ties] == 2 * k]
+        row = int(artificial[0] if len(artificial) else ties[np.argmax(entry[ties])])
+    return None
+
+
+def _pivot(table: np.ndarray, row: int, column: int) -> None:
+    """Exchange the variables of `row` and `column`."""
+    pivot = table[row, column]
+    line = table[row] / pivot
+    line[column] = 1.0 / pivot
+    entry = table[:, column].copy()
+    entry[row] = 0.0
+    table[:, column] = 0.0
+    table[row] = 0.0
+    table -= np.outer(entry, line)
+    table[row] = line
+
+
+def all_solutions(problem: CoulombProblem) -> list[np.ndarray]:
+    """Every isolated solution, by trying all 4^n states (unilateral contact): for a handful of nodes."""
+    found = []
+    choices = [4 if i in problem.pair else 2 for i in range(problem.n)]
+    for states in np.ndindex(*choices):
+        x = problem.solution_in(np.array(states))
+        _add_solution(found, x if problem.solves(x) else None)
+    return found
+
+
+def search(problem: CoulombProblem, start: np.ndarray) -> list[np.ndarray]:
+    """Solutions that Newton reaches from `start`, from all sticking, all sliding and all open, Lemke's, and those
+    that differ from one of these in the state of one node. Not necessarily all there are.
+    """
+    whole = [np.full(problem.n, s) for s in (STICK, FORWARD, BACKWARD, OPEN)[: 3 if problem.bilateral else 4]]
+    found = []
+    for guess in (start, *map(problem.solution_in, whole)):
+        _add_solution(found, None if guess is None else newton(problem, guess))
+    _add_solution(found, lemke(problem))
+    for x in found[:]:
+        for y in _neighbours(problem, x):
+            _add_solution(found, y)
+    return found
+
+
+def _neighbours(problem: CoulombProblem, x: np.ndarray):
+    """Solutions in states that differ from those of x at one node."""
+    states, sign = problem.states(x), problem.signs(x)
+    for i in range(problem.n):
+        for state in (OPEN, STICK, FORWARD, BACKWARD):
+            if state == states[i] or state == OPEN and problem.bilateral or state > STICK and i not in problem.pair:
+                continue
+            other = states.copy()
+            other[i] = state
+            y = problem.solution_in(other, sign)
+            if problem.solves(y):
+                yield y
+
+
+def _add_solution(found: list[np.ndarray], x: np.ndarray | None) -> None:
+    """Append x unless it is none or, to rounding, one of `found`."""
+    if x is not None:
+        size = max(np.abs(y).max(initial=0) for y in (*found, x))
+        if all(np.abs(x - y).max(initial=0) > DISTINCT * size for y in found):
+            found.append(x)
+
+
+def index(problem: CoulombProblem, x: np.ndarray) -> int:
+    """Sign of the determinant of the law's linear system at the solution x.
+
+    The signs of all solutions add up to one (degree of the map; without friction the sign is one), so -1 proves
+    that there are two more at least.
+    """
+    return int(np.linalg.slogdet(problem.system(problem.states(x), problem.signs(x))[0])[0])
