@@ -17,6 +17,7 @@ import numpy as np
 OPEN, STICK, FORWARD, BACKWARD = 0, 1, 2, 3  # states of a node; sliding by the sign of lambda_t
 ROUNDING = 1e-9  # relative violation of the law that rounding of small dense systems may leave
 DISTINCT = 1e-6  # solutions nearer than this part of the largest multiplier are the same
+MANY = 9  # solutions after which no more are looked for
 NEWTON_STEPS = 50
 COVERS = 4  # covering vectors Lemke's method tries
 
@@ -109,6 +110,8 @@ def newton(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
     """
     x, seen = start, set()
     for _ in range(NEWTON_STEPS):
+        if problem.solves(x):
+            return x
         states, sign = problem.states(x), problem.signs(x)
         key = states.tobytes() + sign.tobytes()
         if key in seen:
@@ -117,8 +120,6 @@ def newton(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
         x = problem.solution_in(states, sign)
         if x is None:
             return None
-        if problem.solves(x):
-            return x
     return None
 
 
@@ -221,21 +222,23 @@ def all_solutions(problem: CoulombProblem) -> list[np.ndarray]:
 
 def search(problem: CoulombProblem, start: np.ndarray) -> list[np.ndarray]:
     """Solutions that Newton reaches from `start`, from all sticking, all sliding and all open, Lemke's, and those
-    that differ from one of these in the state of one node. Not necessarily all there are.
+    that Newton reaches from any of these with the state of one node changed. Not necessarily all there are.
     """
     whole = [np.full(problem.n, s) for s in (STICK, FORWARD, BACKWARD, OPEN)[: 3 if problem.bilateral else 4]]
     found = []
     for guess in (start, *map(problem.solution_in, whole)):
         _add_solution(found, None if guess is None else newton(problem, guess))
     _add_solution(found, lemke(problem))
-    for x in found[:]:
-        for y in _neighbours(problem, x):
-            _add_solution(found, y)
+    done = 0
+    while done < len(found) < MANY:
+        for guess in _neighbours(problem, found[done]):
+            _add_solution(found, newton(problem, guess))
+        done += 1
     return found
 
 
 def _neighbours(problem: CoulombProblem, x: np.ndarray):
-    """Solutions in states that differ from those of x at one node."""
+    """The vectors that solve the linear systems of states that differ from those of x at one node."""
     states, sign = problem.states(x), problem.signs(x)
     for i in range(problem.n):
         for state in (OPEN, STICK, FORWARD, BACKWARD):
@@ -244,7 +247,7 @@ def _neighbours(problem: CoulombProblem, x: np.ndarray):
             other = states.copy()
             other[i] = state
             y = problem.solution_in(other, sign)
-            if problem.solves(y):
+            if y is not None:
                 yield y
 
 

@@ -37,8 +37,8 @@ class Fallbacks:
 
     def warnings(self) -> list[str]:
         """One line for every method that was used."""
-        return [f"successive approximations of the friction bound did not contract in {len(steps)} steps (the first is "
-                f"step {steps[0]}): {method} found the solution" for method, steps in self.steps.items()]
+        return [f"{method} found the solution where successive approximations of the friction bound did not settle, "
+                f"from step {steps[0]} on in {len(steps)} of the steps" for method, steps in self.steps.items()]
 
 
 class Anderson:

@@ -75,9 +75,12 @@ class _Trace:
 
     @property
     def contraction(self) -> float:
-        """Geometric mean of the ratios of successive changes, over the last `WINDOW` ones; NaN if there are none."""
-        last = self.changes[-WINDOW - 1 :]
-        return (last[-1] / last[0]) ** (1 / (len(last) - 1)) if len(last) > 1 and last[0] > 0 else np.nan
+        """Geometric mean of the ratios of successive changes, over the last `WINDOW` ones; NaN if there are none.
+
+        A QP that is left as it is makes no change, which says nothing of the next one.
+        """
+        last = [change for change in self.changes if change > 0][-WINDOW - 1 :]
+        return (last[-1] / last[0]) ** (1 / (len(last) - 1)) if len(last) > 1 else np.nan
 
     @property
     def stalls(self) -> bool:

@@ -362,23 +362,12 @@ def test_fixed_point_that_does_not_contract_is_stopped(built, steps_of, monkeypa
     assert len(steps) == 1 and steps[0].fixed_point_iterations < 200
 
 
-def test_friction_beyond_contraction(solved):
-    """Beyond F of about 3 successive approximations may end or jump between states; some of these jump."""
-    runs = [solved(friction=F, steps=1) for F in (4, 6, 10, 12, 14, 15, 16, 18, 20)]
-    stopped = [run for run in runs if run.status]
-    assert stopped, "none is refused any more: look for coefficients that are"
-    for run in stopped:
-        assert run.status in (3, 4) and "fixed point" in run.reason
-        assert run.summary["converged"] is False and run.summary["warnings"]
-
-
 @pytest.mark.parametrize("friction", [1, 2, 5, 30, 300])
-def test_large_friction_is_solved_or_refused(solved, friction):
-    """Converged to something that satisfies the law, or stopped with a reason; never quietly wrong."""
+def test_large_friction_is_solved(solved, friction):
+    """A step has a solution for any coefficient, perhaps several: one is found, and that is said."""
     found = solved(friction=friction, loading="nonmonotone", steps=5)
-    if found.status:
-        assert found.status in (3, 4) and "fixed point" in found.reason
-        return
+    assert found.status == 0, found.reason
+    assert (found.summary["uniqueness"]["verdict"] == "not unique") == (friction > 5)
     residuals = dict(found.summary["residuals"])
     # lost dissipation is reported against the pressure, friction forces are up to F times that
     assert residuals.pop("complementarity") <= 1e-4 * max(1, friction)
