@@ -105,10 +105,12 @@ class Scene:
     def manifest(self) -> Manifest:
         steps, patterns = len(self.amplitudes) - 1, self.amplitudes.shape[1]
         effects = {"contact": "unilateral", "friction": "coulomb", "time": "quasistatic", **(self.effects or {})}
-        return Manifest(Path("."), int(self.body.part.max()) + 1, 1, len(self.body.xy), INTERFACE, "P1", "strain", "isotropic",
-                        {}, effects, steps, 1.0, [self.contact], [BOTTOM, RIGHT, TOP, LEFT],
-                        [{"kind": "traction", "amplitude": k} for k in range(patterns)],
-                        {str(k): self.amplitudes[:, k].tolist() for k in range(patterns)}, {})
+        return Manifest(
+            directory=Path("."), subdomains=int(self.body.part.max()) + 1, blocks=1, vertices=len(self.body.xy),
+            interface_label=INTERFACE, element="P1", plane="strain", material="isotropic", units={}, effects=effects,
+            steps=steps, t_end=1.0, contact_labels=[self.contact], labels=[BOTTOM, RIGHT, TOP, LEFT],
+            patterns=[{"kind": "traction", "amplitude": k} for k in range(patterns)],
+            amplitudes={str(k): self.amplitudes[:, k].tolist() for k in range(patterns)}, parameters={})
 
     def subdomains(self) -> list[Subdomain]:
         return [self._subdomain(s) for s in range(int(self.body.part.max()) + 1)]
@@ -139,9 +141,13 @@ class Scene:
         vertices = local[held[np.isin(held, gid)]]
         fixed = np.sort(np.concatenate([2 * vertices, 2 * vertices + 1]))
         zero = np.zeros((len(triangles), 3, 3))
-        return Subdomain(number, gid, xy, triangles, np.zeros(len(triangles), int), edges[:, :2], edges[:, 2], zero, {}, lam,
-                         np.arange(2 * len(gid)) // 2, np.arange(2 * len(gid)) % 2, *_stiffness(xy, triangles, lam, mu),
-                         loads, fixed, np.zeros((len(self.tractions), len(fixed))), self._contact_data(outer, xy, gid))
+        rows, columns, values = _stiffness(xy, triangles, lam, mu)
+        return Subdomain(
+            index=number, vertex_gid=gid, xy=xy, triangles=triangles, region=np.zeros(len(triangles), int),
+            edges=edges[:, :2], edge_label=edges[:, 2], elasticity=zero, thermal={}, sigma_zz=lam,
+            dof_vertex=np.arange(2 * len(gid)) // 2, dof_component=np.arange(2 * len(gid)) % 2, rows=rows, columns=columns,
+            values=values, loads=loads, edge_loads={}, body_loads={}, fixed=fixed,
+            fixed_values=np.zeros((len(self.tractions), len(fixed))), contact=self._contact_data(outer, xy, gid))
 
     def _contact_data(self, outer, xy, gid) -> ContactData | None:
         weight, normal = {}, {}
