@@ -10,15 +10,22 @@ and c follows from the number of triangles that is wanted. edp/lib/adapt.idp and
 """
 
 import csv
+import dataclasses
 import json
 from pathlib import Path
 
 import numpy as np
 
+from .errors import InputError
+from .options import Settings
+
 STEM = "size"  # of the files of a size field, see write_sizes
 GROWTH = 4.0  # triangles of one cycle's mesh over those of the one before: half the error on a well graded mesh
 STEEPEST = 0.5  # difference of sizes over distance: neighbours must not differ too much
 SMALLEST, LARGEST = 0.125, 2.0  # new size over old in one cycle: an indicator does not see further
+ROUNDING = 1e-8  # an error below this part of the solution's norm is none
+# tolerances of the cycles, whose meshes err by more
+COARSE = {"rtol": 1e-4, "friction_rtol": 1e-3, "primal_rtol": 1e-2}
 
 
 def element_sizes(xy: np.ndarray, triangles: np.ndarray) -> np.ndarray:
@@ -59,6 +66,21 @@ def nodal_sizes(xy: np.ndarray, triangles: np.ndarray, size: np.ndarray) -> np.n
     return nodal
 
 
+def next_mesh(stem: Path, mesh, estimates: list) -> None:
+    """Write the sizes of the mesh that follows `mesh` (equilibration.Mesh) after the `estimates` (estimation.Estimate).
+
+    A triangle's error is that of all estimated steps together. Raises InputError where there is no estimate.
+    """
+    reason = next((found.reason for found in estimates if found.reason), "" if estimates else "nothing was estimated")
+    if reason:
+        raise InputError(f"ADAPT has no error to refine by: {reason}")
+    square = sum(found.indicator**2 * (found.mesh > ROUNDING * found.norm) for found in estimates)
+    xy = np.zeros((mesh.triangles.max() + 1, 2))
+    xy[mesh.triangles] = mesh.corner
+    size = new_sizes(element_sizes(xy, mesh.triangles), np.sqrt(square), GROWTH * len(mesh.triangles))
+    write_sizes(stem, xy, mesh.triangles, mesh.edges[mesh.boundary], nodal_sizes(xy, mesh.triangles, size))
+
+
 def write_sizes(stem: Path, xy: np.ndarray, triangles: np.ndarray, edges: np.ndarray, size: np.ndarray) -> None:
     """The three files of a size field (n_v,) that edp/lib/adapt.idp names; `edges` (n_e, 2) of the outline."""
     zero = lambda rows: np.zeros(len(rows), np.int64)
@@ -77,35 +99,37 @@ def write_sizes(stem: Path, xy: np.ndarray, triangles: np.ndarray, edges: np.nda
         file.write("};\n")
 
 
-# ---- what a run tells of its cycles ------------------------------------------------------------------
+# ---- the cycles of a run -------------------------------------------------------------------------------
 
-def seconds(place: Path) -> float:
-    """Seconds that the cycle in directory `place` took."""
-    spent = _summary(place)["seconds"]
-    return spent["total"] - spent.get("adaptation", 0.0)
+def coarse(settings: dict) -> dict:
+    """Solver settings of a cycle: those of the run, loosened to what its mesh is worth."""
+    preset = dataclasses.asdict(Settings(**settings))
+    kind = "recovery" if preset["estimator"] == "none" else preset["estimator"]
+    return {**settings, **{name: max(value, preset[name]) for name, value in COARSE.items()}, "estimator": kind}
+
+
+def seconds(cycles: list[Path]) -> dict[str, float]:
+    """Seconds that finished cycles took: FreeFEM's (export_cycles) and all others (solve_cycles)."""
+    spent = [_summary(place)["seconds"] for place in cycles]
+    export = sum(s["export"] for s in spent)
+    own = sum(s["total"] - s.get("export_cycles", 0.0) - s.get("solve_cycles", 0.0) for s in spent)
+    return {"export_cycles": export, "solve_cycles": own - export} if cycles else {}
 
 
 def describe(place: Path) -> str:
     """One line about a finished cycle."""
     row = _row(0, place)
-    return ", ".join([f"{row['primal_dofs']} primal dofs", f"error indicator {row['indicator']:.3g}", f"{row['seconds']:.2f} s"])
+    return (f"{row['primal_dofs']} primal dofs, error in the energy norm {100 * (row['relative'] or 0.0):.2g}%, "
+            f"{row['seconds']:.2f} s")
 
 
 def report(work: Path, cycles: list[Path]) -> None:
-    """Write adaptivity.csv, a row for every cycle and one for the run itself in `work`; complete its summary."""
-    from .results import write_json  # starts MPI, which commands without a solver do without
-
+    """Write adaptivity.csv, a row for every cycle and one for the run itself in `work`."""
     rows = [_row(k, place) for k, place in enumerate([*cycles, work])]
     with open(work / "adaptivity.csv", "w", newline="") as file:
         table = csv.DictWriter(file, list(rows[0]))
         table.writeheader()
         table.writerows(rows)
-    summary = _summary(work)
-    summary["adaptivity"] = {"cycles": len(cycles), "primal_dofs": [row["primal_dofs"] for row in rows],
-                             "indicator": [row["indicator"] for row in rows]}
-    write_json(work / "summary.json", summary)
-    for path in work.glob(f"{STEM}.*"):
-        path.unlink()
 
 
 def _summary(place: Path) -> dict:
@@ -114,44 +138,7 @@ def _summary(place: Path) -> dict:
 
 def _row(cycle: int, place: Path) -> dict:
     summary = _summary(place)
+    s, energy = summary["seconds"], summary.get("errors", {}).get("energy", {})
     return {"cycle": cycle, "subdomains": summary["sizes"]["subdomains"], "primal_dofs": summary["sizes"]["primal_dofs"],
-            "indicator": summary.get("indicator"), "seconds": round(seconds(place), 3), **summary["quantities"]}
-
-
-class Recovery:
-    """Error indicator by recovered stresses (Zienkiewicz, Zhu 1987), the mean over the steps; collective."""
-
-    def __init__(self, structure, manifest, comm):
-        self.structure, self.comm, self.steps = structure, comm, 0
-        subs = structure.subdomains
-        parts = comm.allgather([(s.vertex_gid, s.xy, s.vertex_gid[s.triangles],
-                                 s.vertex_gid[s.edges[s.edge_label != manifest.interface_label]]) for s in subs])
-        parts = [p for part in parts for p in part]
-        self.xy = np.zeros((manifest.vertices, 2))
-        for gid, xy, _, _ in parts:
-            self.xy[gid] = xy
-        self.triangles, self.edges = (np.concatenate([p[k] for p in parts]) for k in (2, 3))
-        self.square = np.zeros(len(self.triangles))
-
-    def add(self, step, fields):
-        from .results import stresses
-
-        gather = lambda arrays: np.concatenate(sum(self.comm.allgather(arrays), []))
-        subs = self.structure.subdomains
-        sigma = gather([stresses(s, u, step.weights)[0] for s, u in zip(subs, fields)])
-        compliance = np.linalg.inv(gather([s.elasticity for s in subs]))
-        area = np.sqrt(3) / 4 * element_sizes(self.xy, self.triangles) ** 2
-        total, smooth = np.zeros(len(self.xy)), np.zeros((len(self.xy), 3))
-        np.add.at(total, self.triangles.ravel(), np.repeat(area, 3))
-        np.add.at(smooth, self.triangles.ravel(), np.repeat(area[:, None] * sigma, 3, axis=0))
-        smooth /= total[:, None]
-        corner = smooth[self.triangles] - sigma[:, None]
-        middle = 0.5 * (corner + np.roll(corner, 1, axis=1))
-        self.square += np.einsum("tqi,tij,tqj,t->t", middle, compliance, middle, area / 3)
-        self.steps += 1
-
-    def close(self, directory, growth=GROWTH):
-        eta = np.sqrt(self.square / self.steps)
-        size = new_sizes(element_sizes(self.xy, self.triangles), eta, growth * len(eta))
-        write_sizes(directory / STEM, self.xy, self.triangles, self.edges, nodal_sizes(self.xy, self.triangles, size))
-        return float(np.sqrt((eta**2).sum()))
+            "mesh_error": energy.get("mesh"), "relative": energy["mesh"] / energy["norm"] if energy.get("norm") else None,
+            "seconds": round(s["total"] - s.get("export_cycles", 0.0) - s.get("solve_cycles", 0.0), 3), **summary["quantities"]}

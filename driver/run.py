@@ -159,7 +159,8 @@ def _refine(run: Run, work: Path) -> list[Path]:
     for cycle in range(run.adapt):
         place = work / f"cycle-{cycle}"
         place.mkdir()
-        status, reason = _cycle(run, place, cycles, {"fields": False, "errors": "no"})
+        status, reason = _cycle(run, place, cycles, {"fields": False, "errors": "energy", "refine": True,
+                                                     "settings": adaptivity.coarse(run.settings)})
         if status:
             raise error_of(status, f"refinement cycle {cycle + 1}: {reason}")
         cycles.append(place)
@@ -172,10 +173,8 @@ def _cycle(run: Run, work: Path, before: list[Path], request: dict) -> tuple[int
     """Export and solve on the mesh that the cycles `before` lead to; exit status and reason."""
     clock = time.perf_counter()
     freefem.export(run.scene, work / "export", run.parameters, run.ranks, before[-1] / adaptivity.STEM if before else None)
-    seconds = {"adaptation": sum(map(adaptivity.seconds, before))} if before else {}
-    request |= {"refine": run.adapt > 0, "scene": run.scene.stem, "settings": run.settings, "quiet": run.quiet,
-                "seconds": {**seconds, "export": time.perf_counter() - clock}}
-    return solve(work, request, run.ranks)
+    return solve(work, {"scene": run.scene.stem, "settings": run.settings, "quiet": run.quiet, **request,
+                        "seconds": {**adaptivity.seconds(before), "export": time.perf_counter() - clock}}, run.ranks)
 
 
 def solve(work: Path, request: dict, ranks: int) -> tuple[int, str]:

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from .adaptivity import Recovery
-from .errors import DriverError
+from . import adaptivity
+from .errors import DriverError, agree
 from .ledger import effects_ledger
 from .loader import Manifest
 from .options import Settings
@@ -90,13 +90,10 @@ def _run(directory: Path, request: dict, comm) -> tuple[int, str]:
     progress = Progress(manifest.steps, request["scene"], request["quiet"] or not root,
                         directory / "run.log" if root else None)
     progress.note(f"{request['scene']} {manifest.parameters} {request['settings']} on {comm.size} ranks")
-    recovery = Recovery(structure, manifest, comm) if request.get("refine") else None
     estimator = EnergyEstimator(operator, manifest, writer.contact, settings.estimator)
     for step in solver.steps():
         progress.update(step)
         estimator.consider(step, *writer.add(step))
-        if recovery:
-            recovery.add(step, operator.displacements(step.multipliers, step.weights))
     history = solver.history
     progress.close(history.reason or "converged")
     seconds["solve"] = history.seconds
@@ -104,29 +101,40 @@ def _run(directory: Path, request: dict, comm) -> tuple[int, str]:
     lap("output")
     seconds["output"] -= history.seconds
     if request["errors"] != "no" and history.exit_status != 3:
-        summary["errors"] = {"energy": _energy_error(estimator, writer, settings)}
+        estimates = estimator.estimates()
+        summary["errors"] = {"energy": _energy_error(estimates, writer, settings)}
+        if request.get("refine"):
+            _next_mesh(directory, estimator, estimates, comm)
         lap("energy_error")
     if request["errors"] == "yes" and history.exit_status == 0:
         summary["errors"] |= _budget(directory, request, problem, writer, comm)
         lap("estimates")
     seconds["total"] = sum(seconds.values())
     summary["seconds"] = seconds
-    if recovery:
-        summary["indicator"] = recovery.close(directory)
     summary["effects_ledger"] = _ledger(summary, manifest, structure, history, problem.amplitudes, writer, comm)
     writer.close(summary)
     return history.exit_status, history.reason
 
 
-def _energy_error(estimator, writer, settings: Settings) -> dict:
-    """Error in the energy norm of the steps that the estimator chooses, whose fields get its indicator."""
+def _energy_error(estimates, writer, settings: Settings) -> dict:
+    """Error in the energy norm of the estimated steps, whose fields get the indicator."""
     from .estimation import report
 
-    estimates = estimator.estimates()
     for step, estimate in estimates:
         if estimate.indicator is not None:
             writer.indicate(step, estimate.indicator)
     return report(estimates, settings.estimator)
+
+
+def _next_mesh(directory: Path, estimator, estimates, comm) -> None:
+    """Leave the element sizes of the next cycle's mesh."""
+    error = None
+    if comm.rank == 0:
+        try:
+            adaptivity.next_mesh(directory / adaptivity.STEM, estimator.body.mesh, [found for _, found in estimates])
+        except DriverError as problem:
+            error = problem
+    agree(comm, error)
 
 
 def _budget(directory: Path, request: dict, problem, writer, comm) -> dict:
