@@ -22,7 +22,7 @@ the callable ``dot``; every decision is taken on what ``dot`` returned.  If ``do
 float to all ranks, all ranks take the same branches.  Local parts may be empty.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -411,7 +411,7 @@ def _checked(b, lower, upper, x0, dot):
 
 def mprgp(A, b, lower, upper, x0=None, *, tol, norm_bound, gamma=1.0, alpha_factor=1.95,
           preconditioner=None, max_products=10_000, gradient0=None, dot=np.dot, monitor=None,
-          expansion="gradient"):
+          expansion="gradient", scale=None):
     """Minimise 1/2 x'Ax - b'x over lower <= x <= upper; returns a Result.
 
     A               callable (n,) -> (n,), symmetric positive (semi)definite; local parts
@@ -431,6 +431,9 @@ def mprgp(A, b, lower, upper, x0=None, *, tol, norm_bound, gamma=1.0, alpha_fact
                     "expansion", "proportioning"}
     expansion       "gradient": half a CG step, then the fixed gradient projection step; "cg": the
                     whole CG step projected where that lowers f enough, else as "gradient"
+    scale           (n,) D > 0: the iteration runs in y = x / D, that is with D A D and D b, which makes up for
+                    rows of very different size. `tol` then bounds ||D g^P|| and `norm_bound` ||D A D||, and
+                    Result.residual is ||D g^P||; all else is in x. Powers of two round nothing.
 
     Products: one for a CG or a proportioning step, two for an expansion step (three where the
     projected CG step was tried in vain).  All iterates are
@@ -443,6 +446,10 @@ def mprgp(A, b, lower, upper, x0=None, *, tol, norm_bound, gamma=1.0, alpha_fact
         raise ValueError("expansion must be gradient or cg")
     if not (0 < alpha_factor <= 2 and gamma > 0 and tol >= 0 and max_products >= 1):
         raise ValueError("need 0 < alpha_factor <= 2, gamma > 0, tol >= 0, max_products >= 1")
+    if scale is not None:
+        return _unscaled(A, b, lower, upper, x0, scale, dict(
+            tol=tol, norm_bound=norm_bound, gamma=gamma, alpha_factor=alpha_factor, preconditioner=preconditioner,
+            max_products=max_products, gradient0=gradient0, dot=dot, monitor=monitor, expansion=expansion))
     b, lower, upper, x = _checked(b, lower, upper, x0, dot)
     run = _Mprgp(A, b, lower, upper, tol, float(norm_bound), gamma, alpha_factor, preconditioner,
                  max_products, dot, monitor, expansion == "cg")
@@ -452,6 +459,18 @@ def mprgp(A, b, lower, upper, x0=None, *, tol, norm_bound, gamma=1.0, alpha_fact
         _refuse(moved != 0, "gradient0 was given for an x0 outside the box", dot)
         run.g = np.array(gradient0, dtype=float)
     return run.result()
+
+
+def _unscaled(A, b, lower, upper, x0, scale, options):
+    """mprgp in the variables y = x / scale, its Result in x."""
+    inner, gradient0 = options["preconditioner"], options["gradient0"]
+    if inner is not None:
+        options["preconditioner"] = lambda phi, free: inner(phi / scale, free) / scale
+    if gradient0 is not None:
+        options["gradient0"] = scale * gradient0
+    found = mprgp(lambda y: scale * A(scale * y), scale * b, lower / scale, upper / scale,
+                  None if x0 is None else x0 / scale, **options)
+    return replace(found, x=scale * found.x, gradient=found.gradient / scale)
 
 
 def _lanczos(A, v, dot, steps):

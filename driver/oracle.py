@@ -181,29 +181,29 @@ def coulomb_step(C, d, friction, start):
     contact and friction of the answer. OracleFailure if the iteration does not settle.
     """
     n = len(friction)
-    x = start
+    x, rounding = start, max(1e-13, np.finfo(float).eps * np.linalg.cond(C))  # what dense solves are good to
     for _ in range(300):
         g = friction * x[:n]
         new = warm_box_qp(C, d, np.concatenate([np.zeros(n), -g]), np.concatenate([np.full(n, np.inf), g]), x)
         change = np.abs(new[:n] - x[:n]).max()
         x = new
-        if change <= 1e-13 * np.abs(x[:n]).max():
+        if change <= rounding * np.abs(x[:n]).max():
             break
     else:
         raise OracleFailure("the oracle's fixed point does not settle")
-    _assert_coulomb(C, d, friction, x)
+    _assert_coulomb(C, d, friction, x, max(1e-10, 10 * rounding))
     return x
 
 
-def _assert_coulomb(C, d, friction, x):
-    """Signorini's and Coulomb's conditions at every node, to rounding of the dense solves."""
+def _assert_coulomb(C, d, friction, x, slack):
+    """Signorini's and Coulomb's conditions at every node, to the relative rounding `slack` of the dense solves."""
     n, move = len(friction), d - C @ x
-    size, force = 1e-10 * np.abs(d).max(), np.abs(x).max()
+    size, force = slack * np.abs(d).max(), np.abs(x).max()
     bound = friction * x[:n]
     _require(x[:n].min() >= 0 and move[:n].max() <= size, "penetration or tension")
     _require(np.all(np.abs(move[:n])[x[:n] > 0] <= size), "pressure at a distance")
-    _require(np.all(np.abs(x[n:]) <= bound + 1e-10 * force), "friction above its bound")
-    _require(np.all(np.abs(move[n:])[np.abs(x[n:]) < bound - 1e-10 * force] <= size), "slip below the bound")
+    _require(np.all(np.abs(x[n:]) <= bound + slack * force), "friction above its bound")
+    _require(np.all(np.abs(move[n:])[np.abs(x[n:]) < bound - slack * force] <= size), "slip below the bound")
     _require(np.all(x[n:] * move[n:] >= -size * force), "friction along the slip")
 
 

@@ -72,6 +72,7 @@ class _Trace:
     iterations: int = 0
     changes: list = field(default_factory=list)
     fallback: bool = False  # successive approximations did not contract
+    exact: bool = False  # every QP is solved to the tolerance: where multipliers answer violently to residuals
 
     @property
     def contraction(self) -> float:
@@ -102,6 +103,8 @@ class QuasistaticSolver:
         self.way = np.zeros(len(self.rows.tangential))  # length of the way slid until then
         self.history = History()
         self.preconditioner = operator.preconditioner() if settings.preconditioner == "dirichlet" else None
+        structure = operator.structure
+        self.scale = structure.row_scale[slice(*structure.row_range)]
         self.bound = self._bound_norm()
         self.history.counts["dual_multiplications_setup"] = operator.products
         self.scales = friction.Scales()
@@ -111,12 +114,25 @@ class QuasistaticSolver:
         self.doubtful = False
 
     def _bound_norm(self) -> float:
-        """Upper bound of ||F||; the same random start vector for any number of ranks."""
+        """Upper bound of the scaled ||F||; the same random start vector for any number of ranks."""
         structure, op = self.operator.structure, self.operator
         if structure.dual_dofs == 0:  # one subdomain without contact: nothing to iterate on
             return 1.0
         start = np.random.default_rng(1).standard_normal(structure.dual_dofs)
-        return norm_bound(op.apply, op.owned, dot=op.dot, start=start[slice(*structure.row_range)])[0]
+        return norm_bound(lambda y: self.scale * op.apply(self.scale * y), op.owned, dot=op.dot,
+                          start=start[slice(*structure.row_range)])[0]
+
+    def _size(self, displacements: np.ndarray) -> float:
+        """Norm of displacements of the dual rows in the scale that MPRGP works in."""
+        scaled = self.scale * displacements
+        return np.sqrt(self.operator.dot(scaled, scaled))
+
+    def _extent(self, d: np.ndarray) -> float:
+        """||d|| without what is left of gaps that the load alone would not close: they could be any distance."""
+        seen, normal, gap = d.copy(), self.rows.normal, self.rows.gap
+        reach = np.abs(d[normal] + gap)
+        seen[normal] = np.where(gap > 0, np.clip(d[normal], -reach, reach), d[normal])
+        return self._size(seen)
 
     def steps(self):
         """Generate the finished `Step`s; stops early, with the reason in `history`, if one fails."""
@@ -147,7 +163,7 @@ class QuasistaticSolver:
         op, rows, contact = self.operator, self.rows, self.operator.structure.contact
         d = op.load_response(self.amplitudes[0])
         d[rows.normal] -= rows.gap
-        self.scales.d = np.sqrt(op.dot(d, d))
+        self.scales.d = self._extent(d)
         lower, upper = rows.limits(op.owned, np.zeros(op.owned))
         lower[rows.tangential] = upper[rows.tangential] = 0.0
         self.tol = self.settings.rtol * self.scales.d
@@ -188,7 +204,7 @@ class QuasistaticSolver:
         contact and glue, which may be far larger than those of the solution.
         """
         op, settings, rows = self.operator, self.settings, self.rows
-        self.scales.d = max(self.scales.d, np.sqrt(op.dot(d, d)))
+        self.scales.d = max(self.scales.d, self._extent(d))
         self.tol = settings.rtol * self.scales.d
         products, trace = op.products, _Trace()
         lower, _ = rows.limits(op.owned, start)
@@ -220,7 +236,7 @@ class QuasistaticSolver:
         while not trace.fallback:
             trace.iterations += 1
             bound = rows.friction_bound(x)
-            result, change = self._approximate(index, trace, d, x, bound, settings.inner_rtol if coulomb else 0.0, coulomb)
+            result, change = self._approximate(index, trace, d, x, bound, self._reduction(trace) if coulomb else 0.0, coulomb)
             x, gradient = result.x, result.gradient
             sliding = self._sliding(x, bound)
             if self.history.exit_status or not coulomb:
@@ -232,6 +248,8 @@ class QuasistaticSolver:
             if tired and trace.iterations <= 2 * WINDOW:
                 self._end(4, f"step {index}: no fixed point of the friction bound in {trace.iterations} iterations")
                 return x, gradient, sliding
+            if trace.stalls and not trace.exact:  # by the errors of QPs left early? Solved in full they must stall again
+                trace.exact, trace.changes = True, []
             trace.fallback = trace.stalls or tired
             x = self._follow(x, sliding)
         return self._globalise(index, d, x, trace)
@@ -246,6 +264,10 @@ class QuasistaticSolver:
         self._renew_coefficient(result.gradient)
         return result, max(self._norm(result.x[self.rows.normal] - x[self.rows.normal]),
                            self._norm(self.rows.friction_bound(result.x) - bound, tangential=True))
+
+    def _reduction(self, trace: "_Trace") -> float:
+        """Residual reduction of a QP of the fixed point."""
+        return 0.0 if trace.exact else self.settings.inner_rtol
 
     def _settled(self, change: float, result) -> bool:
         return change <= self.settings.friction_rtol * self._norm(result.x[self.rows.normal]) and result.residual <= self.tol
@@ -268,7 +290,7 @@ class QuasistaticSolver:
         method = globalization.Anderson(self._tangential_dot)
         while not (changes and globalization.gives_up(changes)):
             trace.iterations += 1
-            result, change = self._approximate(index, trace, d, x, bound, self.settings.inner_rtol)
+            result, change = self._approximate(index, trace, d, x, bound, self._reduction(trace))
             if self.history.exit_status:
                 return None
             x, sliding = result.x, self._sliding(result.x, bound)
@@ -299,7 +321,7 @@ class QuasistaticSolver:
             change = self._norm(rows.friction_bound(x) - bound, tangential=True)
             left = projected_gradient(x, result.gradient, *self._limits(x, bound))
             # the gluing rows alone may be left with a residual of tol
-            if change <= self.settings.friction_rtol * self._norm(x[rows.normal]) and self._length(left) <= 2 * self.tol:
+            if change <= self.settings.friction_rtol * self._norm(x[rows.normal]) and self._size(left) <= 2 * self.tol:
                 self.history.fallbacks.note(method, index)
                 return x, result.gradient, self._sliding(x, bound)
             part, last = part if change <= 0.5 * last else 0.5 * part, change
@@ -366,7 +388,7 @@ class QuasistaticSolver:
         op, settings, history = self.operator, self.settings, self.history
         gradient = op.apply(x) - d
         left = projected_gradient(x, gradient, *limits)
-        tol = max(self.tol, reduction * np.sqrt(op.dot(left, left)))
+        tol = max(self.tol, reduction * self._size(left))
         offset = op.products
 
         def monitor(kind, products, residual):
@@ -374,7 +396,7 @@ class QuasistaticSolver:
 
         result = mprgp(op.apply, d, *limits, x, tol=tol, norm_bound=self.bound,
                        preconditioner=self.preconditioner, max_products=settings.max_products, gradient0=gradient,
-                       dot=op.dot, monitor=monitor, expansion=settings.expansion)
+                       dot=op.dot, monitor=monitor, expansion=settings.expansion, scale=self.scale)
         self.bound = result.norm_bound
         for name in ("cg_steps", "expansion_steps", "proportioning_steps"):
             history.counts[name] += getattr(result, name)
@@ -423,4 +445,4 @@ class QuasistaticSolver:
         left = projected_gradient(x, gradient, *self.rows.limits(op.owned, x))
         self.scales.displacement = max(self.scales.displacement, op.corner_displacement(x, weights),
                                        CANCELLED * self.scales.d)
-        return friction.kkt_residuals(self.rows, x, gradient, np.sqrt(op.dot(left, left)), self.scales, op.comm)
+        return friction.kkt_residuals(self.rows, x, gradient, self._size(left), self.scales, op.comm)

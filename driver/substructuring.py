@@ -77,7 +77,7 @@ class LocalRows:
     dof: np.ndarray  # (m, 2)
     coefficient: np.ndarray  # (m, 2), zero on fixed dofs
     fixed_part: np.ndarray  # (m, 2): what was removed from `coefficient` there
-    scaling: np.ndarray  # (m,) entry of B_D: sign times the multiplicity (or stiffness) weight
+    scaling: np.ndarray  # (m,) entry of B_D: sign times the stiffness weight
 
     def fixed_share(self, fixed: np.ndarray, values: np.ndarray, dofs: int) -> np.ndarray:
         """(m,) contribution of prescribed displacements to the rows."""
@@ -101,6 +101,7 @@ class Substructure:
     coarse_dofs: int
     dual_dofs: int
     row_kind: np.ndarray  # (dual_dofs,) GLUING, NORMAL or TANGENTIAL
+    row_scale: np.ndarray  # (dual_dofs,) power of two near the root of the stiffness that a row sees, relative
     row_range: tuple[int, int]  # rows owned by this rank
     row_starts: np.ndarray  # per local subdomain: its first row, counted from row_range[0]
     patterns: int
@@ -142,12 +143,19 @@ def boundary_edges(triangles: np.ndarray) -> np.ndarray:
     return np.column_stack(np.divmod(keys[counts == 1], span))
 
 
+def vertex_stiffness(sub: Subdomain) -> np.ndarray:
+    """(n_v,) stiffness of the subdomain at its vertices: the trace of Hooke's law in the stiffest triangle there."""
+    found = np.zeros(len(sub.xy))
+    np.maximum.at(found, sub.triangles, np.trace(sub.elasticity, axis1=1, axis2=2)[:, None])
+    return found
+
+
 class _Tables:
     """Boundary edges and vertices of all subdomains, replicated on every rank."""
 
     def __init__(self, manifest: Manifest, subdomains: list[Subdomain], comm):
         edges, vertices = [np.empty((0, 4), np.int64)], [np.empty((0, 2), np.int64)]
-        coordinates = [np.empty((0, 2))]
+        coordinates, stiffness = [np.empty((0, 2))], [np.empty(0)]
         for sub in subdomains:
             local = boundary_edges(sub.triangles)
             gid = np.sort(sub.vertex_gid[local], axis=1)
@@ -155,9 +163,11 @@ class _Tables:
             seen = np.unique(local)
             vertices.append(np.column_stack([np.full(len(seen), sub.index), sub.vertex_gid[seen]]))
             coordinates.append(sub.xy[seen])
+            stiffness.append(vertex_stiffness(sub)[seen])
         self.edges = _gather(comm, np.concatenate(edges))  # subdomain, gid, gid, label
         self.vertices = _gather(comm, np.concatenate(vertices))  # subdomain, gid
         self.xy = _gather(comm, np.concatenate(coordinates))
+        self.stiffness = _gather(comm, np.concatenate(stiffness))
         self.interface_label = manifest.interface_label
         key = self.edges[:, 1] * manifest.vertices + self.edges[:, 2]
         _, self.edge_id, self.edge_count = np.unique(key, return_inverse=True, return_counts=True)
@@ -396,6 +406,7 @@ def _number(manifest, subdomains, first, tables, corners, fixed, contact, comm) 
     contact.normal_row[normal_rows] = number[n_g : n_g + n_n]
     contact.tangential_row[tangential_rows] = number[n_g + n_n :]
 
+    row_scale = _row_scale(tables, row_gid[order], kind[order])
     last = first + len(subdomains)
     sorted_owner = row_owner[order]
     row_range = (int(np.searchsorted(sorted_owner, first)), int(np.searchsorted(sorted_owner, last)))
@@ -406,9 +417,23 @@ def _number(manifest, subdomains, first, tables, corners, fixed, contact, comm) 
     primal = comm.allreduce(sum(sub.dofs for sub in subdomains))
     outer = tables.edges[~tables.shared][:, 1:]
     return Substructure(subdomains, first, manifest.subdomains, *parts[:5], coarse_dofs=len(corner_keys),
-                        dual_dofs=len(order), row_kind=kind[order], row_range=row_range, row_starts=row_starts,
+                        dual_dofs=len(order), row_kind=kind[order], row_scale=row_scale, row_range=row_range, row_starts=row_starts,
                         patterns=len(manifest.patterns), contact=contact,
                         multiplicity=parts[5], outer_edges=outer, primal_dofs=primal)
+
+
+def _row_scale(tables, row_gid, kind) -> np.ndarray:
+    """(rows,) D with which D F D has a diagonal of like size where the stiffness jumps; ones where it does not.
+
+    A gluing row meets the more compliant of its two sides, a contact row the stiffest of its node's subdomains.
+    Powers of two, so that scaling rounds nothing; relative to the stiffest row, so that units do not matter.
+    """
+    low, high = np.full(len(tables.gids), np.inf), np.zeros(len(tables.gids))
+    np.minimum.at(low, tables.vertex_id, tables.stiffness)
+    np.maximum.at(high, tables.vertex_id, tables.stiffness)
+    at = np.searchsorted(tables.gids, row_gid)
+    seen = np.where(kind == GLUING, low[at], high[at])
+    return 2.0 ** np.round(0.5 * np.log2(seen / seen.max(initial=0)))
 
 
 def _acts(gid, direction, fixed_keys) -> np.ndarray:
@@ -432,10 +457,16 @@ class _Numbering:
         self.tables, self.corner_keys, self.fixed, self.contact = tables, corner_keys, fixed, contact
         self.gluing, self.gluing_row = gluing, gluing_row  # sorted keys, row of each
         self._span = int(tables.vertices[:, 0].max()) + 1
-        # how many lower subdomains share the vertex of each (vertex, subdomain) pair
-        self.pairs = np.sort(tables.vertices[:, 1] * self._span + tables.vertices[:, 0])
+        # how many lower subdomains share the vertex of each (vertex, subdomain) pair, and how many stiffer ones
+        pairs = tables.vertices[:, 1] * self._span + tables.vertices[:, 0]
+        order = np.argsort(pairs)
+        self.pairs, self.stiffness = pairs[order], tables.stiffness[order]
         gid = self.pairs // self._span
-        self.place = np.arange(len(gid)) - np.searchsorted(gid, gid)
+        start = np.searchsorted(gid, gid)
+        self.place = np.arange(len(gid)) - start
+        self.rank = np.empty(len(gid), np.int64)
+        self.rank[np.lexsort((-self.stiffness, gid))] = self.place  # stable: equal ones in their order
+        self.shared_stiffness = np.add.reduceat(self.stiffness, np.unique(start))[np.unique(gid, return_inverse=True)[1]]
         self.contact_gids = np.unique(contact.gid)
 
     def localize(self, sub: Subdomain):
@@ -453,10 +484,12 @@ class _Numbering:
     def _rows(self, sub, key, multiplicity, held) -> LocalRows:
         at, glued = _lookup(self.gluing, key)
         dof = np.flatnonzero(glued)
-        sign = np.where(self._lower_sharers(key[dof] // 2, sub.index) == 0, 1.0, -1.0)
+        pair = self._pair(key[dof] // 2, sub.index)
+        sign = np.where(self.place[pair] == 0, 1.0, -1.0)
+        other = 1.0 - self.stiffness[pair] / self.shared_stiffness[pair]  # the other side's share of the stiffness
         coefficient = np.tile([1.0, 0.0], (len(dof), 1))
         pieces = [(self.gluing_row[at[dof]], sign, np.column_stack([dof, dof]), coefficient,
-                   np.zeros_like(coefficient), 0.5 * sign)]
+                   np.zeros_like(coefficient), other * sign)]
         if _lookup(self.contact_gids, sub.vertex_gid)[1].any():
             for direction, rows in ((self.contact.normal, self.contact.normal_row),
                                     (self.contact.tangent, self.contact.tangential_row)):
@@ -472,13 +505,12 @@ class _Numbering:
         dof = 2 * vertex[:, None] + [0, 1]
         free = ~held[dof]
         # the product takes a shared node's row from its owner, the preconditioner halves it between the two
-        # lowest subdomains: sums of at most two terms do not depend on their order
-        place = self._lower_sharers(self.contact.gid[here], sub.index)
-        sign = np.where(place == 0, 1.0, 0.0)
-        scaling = np.where(multiplicity[vertex] == 1, 1.0, np.where(place < 2, 0.5, 0.0))
+        # stiffest subdomains: sums of at most two terms do not depend on their order
+        pair = self._pair(self.contact.gid[here], sub.index)
+        sign = np.where(self.place[pair] == 0, 1.0, 0.0)
+        scaling = np.where(multiplicity[vertex] == 1, 1.0, np.where(self.rank[pair] < 2, 0.5, 0.0))
         return rows[here], sign, dof, direction[here] * free, direction[here] * ~free, scaling
 
-    def _lower_sharers(self, gid: np.ndarray, subdomain: int) -> np.ndarray:
-        """How many lower subdomains share each of the vertices of `subdomain`."""
-        at, found = _lookup(self.pairs, gid * self._span + subdomain)
-        return np.where(found, self.place[at], 0)
+    def _pair(self, gid: np.ndarray, subdomain: int) -> np.ndarray:
+        """Positions in `pairs` of vertices on the boundary of `subdomain`."""
+        return _lookup(self.pairs, gid * self._span + subdomain)[0]

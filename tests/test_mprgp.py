@@ -634,3 +634,25 @@ def test_norm_bound_breakdown_and_start():
         norm_bound(lambda v: v, 3, start=np.zeros(3))
     with pytest.raises(ValueError):
         norm_bound(lambda v: v * np.nan, 3)
+
+
+# --------------------------------------------------------------------------------- scaling
+
+@pytest.mark.parametrize("expansion", ["cg", "gradient"])
+def test_scale_makes_up_for_rows_of_different_size(expansion):
+    """D A D of a well-conditioned matrix spoilt by 1e6 is solved like that matrix: the same steps, the same answer."""
+    rng = np.random.default_rng(5)
+    n = 30
+    A, b = spd(rng, n, 10.0), rng.standard_normal(n)
+    lower, upper = np.full(n, -0.3), np.where(rng.random(n) < 0.5, 0.2, np.inf)
+    plain = mprgp(Operator(A), b, lower, upper, tol=1e-10, norm_bound=1.0, expansion=expansion)
+    D = 2.0 ** rng.integers(-10, 11, n)  # powers of two: not a bit may change
+    spoilt = A / np.outer(D, D)
+    jacobi = lambda r, free: np.where(free, r / np.diag(spoilt), 0.0)
+    same = dict(tol=1e-10, norm_bound=1.0, expansion=expansion, scale=D)
+    found = mprgp(Operator(spoilt), b / D, lower * D, upper * D, **same)
+    assert np.array_equal(found.x / D, plain.x) and found.products == plain.products
+    assert found.residual == plain.residual and np.array_equal(found.gradient * D, plain.gradient)
+    started = mprgp(Operator(spoilt), b / D, lower * D, upper * D, plain.x * D, gradient0=(A @ plain.x - b) / D,
+                    preconditioner=jacobi, **same)
+    assert started.status == "converged" and started.products <= 2
