@@ -140,11 +140,11 @@ class Scene:
         held = np.unique(body.outline[body.outline[:, 2] == self.support, :2])
         vertices = local[held[np.isin(held, gid)]]
         fixed = np.sort(np.concatenate([2 * vertices, 2 * vertices + 1]))
-        zero = np.zeros((len(triangles), 3, 3))
+        elasticity = lam[:, None, None] * np.array([[1.0, 1, 0], [1, 1, 0], [0, 0, 0]]) + mu[:, None, None] * np.diag([2.0, 2, 1])
         rows, columns, values = _stiffness(xy, triangles, lam, mu)
         return Subdomain(
             index=number, vertex_gid=gid, xy=xy, triangles=triangles, region=np.zeros(len(triangles), int),
-            edges=edges[:, :2], edge_label=edges[:, 2], elasticity=zero, thermal={}, sigma_zz=lam,
+            edges=edges[:, :2], edge_label=edges[:, 2], elasticity=elasticity, thermal={}, sigma_zz=lam,
             dof_vertex=np.arange(2 * len(gid)) // 2, dof_component=np.arange(2 * len(gid)) % 2, rows=rows, columns=columns,
             values=values, loads=loads, edge_loads={}, body_loads={}, fixed=fixed,
             fixed_values=np.zeros((len(self.tractions), len(fixed))), contact=self._contact_data(outer, xy, gid))
