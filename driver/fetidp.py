@@ -93,7 +93,7 @@ class DualOperator:
     def _build_coarse(self) -> None:
         """Assemble and factorize S_cc on every rank; refuse a structure that is a mechanism."""
         n = self.structure.coarse_dofs
-        self.coarse_solver = None
+        self.coarse_solver, self.coarse_factor_entries = None, 0
         if n == 0:
             return
         local = [None] * len(self.structure.subdomains)
@@ -118,6 +118,7 @@ class DualOperator:
         if negative or null:
             raise NoSolution("the body can move without deforming: its supports leave a rigid motion or a "
                              "mechanism free")
+        self.coarse_factor_entries = factor.getMumpsInfog(29)
         # MUMPS vouches for the matrix; CHOLMOD's triangular solves are several times faster
         self.coarse_solver = PETSc.PC().create(PETSc.COMM_SELF)
         self.coarse_solver.setType("cholesky")
@@ -197,6 +198,13 @@ class DualOperator:
         other = copy.copy(self)
         other.structure, other.products = dataclasses.replace(self.structure, contact=contact), 0
         return other
+
+    def message_bytes(self) -> dict[str, int]:
+        """Bytes that this rank receives: in a product with F, for gluing and coarse problem, and in a scalar product."""
+        start, stop = self.structure.row_range
+        foreign = int(np.count_nonzero((self._row_numbers < start) | (self._row_numbers >= stop)))
+        corners = len(self._corner_all) - len(self._corner_local)
+        return {"rows": 2 * 8 * foreign, "coarse": 8 * corners, "dot": 8 * (self.structure.total - len(self._starts))}
 
     # ---- several columns at a time -----------------------------------------------------------
     def _columns(self, k: int):

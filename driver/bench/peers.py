@@ -31,6 +31,7 @@ def measure(bench: Workbench, large: bool = False) -> dict:
     for cells, (subdomains, target) in {**CASES, **(LARGE if large else {})}.items():
         mesh, ours, theirs = bench.folder / "mesh.npz", bench.folder / "run", bench.folder / "getfem.npz"
         _write_mesh(bench.problem(subdomains).structure, mesh)
+        bench.forget(subdomains)
         script = str(Path(__file__).with_name("getfem_model.py"))
         commands = {
             "driver": driver("run", "SCENE=model", f"LOADING={LOADING}", f"SUBDOMAINS={subdomains}", f"STEPS={STEPS}",

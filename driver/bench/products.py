@@ -16,7 +16,7 @@ def measure(bench: Workbench) -> dict:
             history = march(bench.problem(subdomains, loading), **method_settings("default"))
             counts[row, loading] = history.counts["dual_multiplications"]
             slides = SLIDES[row][5 + LOADINGS.index(loading)]
-            report.add(PART, f"products, {subdomains}, {loading}", counts[row, loading], "", f"<= {slides // 10}")
+            report.add(PART, f"products, {subdomains}, {loading}", counts[row, loading], "", f"<= {slides / 10}")
             setup = history.counts["dual_multiplications_setup"]
         report.add(PART, f"products of the set-up, {subdomains}", setup, "", "<= 200")
         if row in ABLATED:

@@ -75,7 +75,7 @@ class Workbench:
         self.folder, self.report = folder, Report()
         self.exports = folder / "exports"
         shutil.rmtree(self.exports, ignore_errors=True)
-        self._problems = {}
+        self._problems, self._manifests = {}, {}
         self.export_seconds = {}
 
     def export(self, subdomains: str, cells: int = 10, ranks: int = 1) -> Path:
@@ -92,9 +92,11 @@ class Workbench:
         """The Problem of a size under a loading, with its own count of products; operators are kept by size."""
         key = (subdomains, cells)
         if key not in self._problems:
-            self._problems[key] = (self.assemble(subdomains, cells), self._loadings(subdomains, cells))
-        problem, manifests = self._problems[key]
-        return dataclasses.replace(problem, manifest=manifests[loading],
+            self._problems[key] = self.assemble(subdomains, cells)
+        if key not in self._manifests:
+            self._manifests[key] = self._loadings(subdomains, cells)
+        problem = self._problems[key]
+        return dataclasses.replace(problem, manifest=self._manifests[key][loading],
                                    operator=problem.operator.with_contact(problem.structure.contact))
 
     def assemble(self, subdomains: str, cells: int = 10, lap=lambda stage: None):
