@@ -20,7 +20,7 @@ def measure(bench: Workbench) -> dict:
     _export(bench)
     _read_back(bench)
     out = bench.folder / "run"
-    _, peak = child(driver("run", "SCENE=model", f"SUBDOMAINS={SUBDOMAINS}", f"OUT={out}", "FIELDS=no", "FIGURES=no", "QUIET=yes"))
+    _, peak = child(driver("run", "SCENE=model", f"SUBDOMAINS={SUBDOMAINS}", f"OUT={out}", "ERRORS=no", "FIELDS=no", "FIGURES=no", "QUIET=yes"))
     report.add(PART, f"peak memory of the driver, {DOFS} dofs, one rank", peak, "MiB", "<= 1536")
     _start_up(bench)
     return {}
