@@ -34,7 +34,7 @@ class ContactCompliance:
     """
 
     def __init__(self, operator: DualOperator):
-        self.comm, self.products = MPI.COMM_SELF, 0
+        self.comm, self.products, self.modes = MPI.COMM_SELF, 0, 0  # bodies that supports hold
         before, structure = operator.products, operator.structure
         kind = structure.row_kind[slice(*structure.row_range)]
         self._operator, self._gluing = operator, (kind == GLUING)[:, None]

@@ -95,7 +95,10 @@ class EnergyEstimator:
     def __init__(self, operator, manifest: Manifest, contact, kind: str):
         """`contact` is results.ContactState; `kind` "equilibrated" (the bound above) or "recovery" (no bound:
         Zienkiewicz and Zhu's averaged stresses)."""
-        self.operator, self.manifest, self.kind = operator, manifest, kind
+        # between two bodies the equilibrated tractions of both sides would have to be those of one mortar: averaged
+        # stresses, which know nothing of contact, stand in
+        self.operator, self.manifest, self.kind = operator, manifest, (
+            "recovery" if kind == "equilibrated" and contact.boundary.paired.any() else kind)
         self.root = operator.comm.rank == 0
         self.state, self.boundary, self.rows = contact, contact.boundary, contact.rows
         self.body = None
@@ -207,10 +210,11 @@ class EnergyEstimator:
             indicator=np.sqrt(share))
 
     def _contact(self, step: Step, state: dict) -> "_ContactTractions":
-        before = np.array([self.manifest.amplitude(k, step.index - 1) for k in range(len(step.weights))])
+        now = step.weights[: len(self.manifest.patterns)]
+        before = np.array([self.manifest.amplitude(k, step.index - 1) for k in range(len(now))])
         values = self.boundary.clamped.values
-        return _ContactTractions(self.state, self.operator.structure.outer_edges, state, values @ step.weights,
-                                 values @ (step.weights - before))
+        return _ContactTractions(self.state, self.operator.structure.outer_edges, state, values @ now,
+                                 values @ (now - before))
 
     def _admissible(self, torn: np.ndarray) -> np.ndarray:
         """Torn copy of the displacements averaged over subdomains and pushed out of the obstacle."""

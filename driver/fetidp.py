@@ -11,6 +11,15 @@ and elimination of u leaves  B u = d - F lambda  with
 
     F = B_r K_rr^-1 B_r' + A S_cc^-1 A',      d = B u(lambda = 0).
 
+Bodies that no support holds make S_cc singular, with the orthonormal rigid motions Q (at the corners) as its
+kernel. They are held by springs of small stiffness 1/rho whose rest positions alpha follow the motion until
+they carry no force, the proximal point method or, in the dual, the augmented Lagrangian of G lambda = e with
+G = Q' A', which keeps the QP's bounds scalar (SMALBE: Dostal, Horak (2010)):
+
+    S_rho^-1 = P S_cc^+ P + rho Q Q',   P = I - Q Q',      d(alpha) = d + A Q alpha.
+
+A rigid motion counts as one more load pattern with the factor alpha.
+
 The local parts of F and A are explicit dense matrices (see reduction.py); subdomains with equal ones share
 them, which turns the product into a few dense products with many columns. See Farhat, Lesoinne, Le Tallec, Pierson, Rixen (2001);
 Klawonn, Rheinbach: FETI-DP methods for elasticity; Mandel, Dohrmann, Tezaur (2005) for the algebra.
@@ -29,12 +38,14 @@ import dataclasses
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.sparse import coo_matrix
+from scipy.linalg import qr
+from scipy.sparse import coo_matrix, diags
 
 from .errors import NoSolution, agree
 from .reduction import LocalClass, group, petsc_matrix, reduce_class
-from .substructuring import ContactBoundary, Substructure
+from .substructuring import GLUING, ContactBoundary, Substructure
 
+SOFTNESS = 3.0  # of the springs under free bodies: rho in units of (number of corner dofs) / (stiffness of one)
 BLOCK = 4  # members per dense product: fixed, so that a member's result does not depend on its company
 
 
@@ -48,7 +59,7 @@ class DualOperator:
     def __init__(self, structure: Substructure, comm):
         self.structure, self.comm = structure, comm
         self.owned = structure.row_range[1] - structure.row_range[0]
-        self.products = 0
+        self.products, self.modes = 0, len(structure.rigid_modes)
         error = None
         self.classes: list[LocalClass] = []
         groups = group(structure, comm)
@@ -61,6 +72,8 @@ class DualOperator:
         self._build_coarse()
         self.loads = [self._pattern_load(s) for s in range(len(structure.subdomains))]
         self.loaded = [self._respond(k) for k in range(structure.patterns)]
+        self.loaded += [self._rigid_response(k) for k in range(self.modes)]
+        self.rigid_work = self._rigid_work()
 
     # ---- layout ------------------------------------------------------------------------------
     def _lay_out(self) -> None:
@@ -77,8 +90,8 @@ class DualOperator:
         self._row_numbers = _join([structure.rows[s].row for s in order], PETSc.IntType)
         self._dual = PETSc.Vec().createMPI((self.owned, structure.dual_dofs), comm=self.comm)
         self._local_rows, self._to_rows = _scatter(self._dual, self._row_numbers)
-        self._out_rows = self._local_rows.duplicate()
         self._by_width = {}  # vectors and scatters of several columns
+        self._slots = _Slots(structure, self._row_numbers, order, self.comm) if structure.contact.paired.any() else None
         # partial sums of a scalar product: the rows of each subdomain, in the order of subdomains
         self._starts = structure.row_starts
         self._partial_counts = _counts(self.comm, len(self._starts))
@@ -93,7 +106,7 @@ class DualOperator:
     def _build_coarse(self) -> None:
         """Assemble and factorize S_cc on every rank; refuse a structure that is a mechanism."""
         n = self.structure.coarse_dofs
-        self.coarse_solver, self.coarse_factor_entries = None, 0
+        self.coarse_solver = None
         if n == 0:
             return
         local = [None] * len(self.structure.subdomains)
@@ -108,7 +121,7 @@ class DualOperator:
         pc = PETSc.PC().create(PETSc.COMM_SELF)
         pc.setType("cholesky")
         pc.setFactorSolverType("mumps")
-        pc.setOperators(petsc_matrix(self.coarse_matrix))
+        pc.setOperators(petsc_matrix(self._held_coarse_matrix()))
         pc.setFactorSetUpSolverType()
         factor = pc.getFactorMatrix()
         factor.setMumpsIcntl(24, 1)  # count null pivots instead of dividing by them
@@ -116,16 +129,23 @@ class DualOperator:
         negative, _, _ = factor.getInertia()
         null = factor.getMumpsInfog(28)
         if negative or null:
-            raise NoSolution("the body can move without deforming: its supports leave a rigid motion or a "
-                             "mechanism free")
-        self.coarse_factor_entries = factor.getMumpsInfog(29)
-        # MUMPS vouches for the matrix; CHOLMOD's triangular solves are several times faster
-        self.coarse_solver = PETSc.PC().create(PETSc.COMM_SELF)
-        self.coarse_solver.setType("cholesky")
-        self.coarse_solver.setFactorSolverType("cholmod")
-        self.coarse_solver.setOperators(pc.getOperators()[0])
-        self.coarse_solver.setUp()
+            raise NoSolution("the structure is a mechanism: parts of a body can move without deforming, hinged on "
+                             "single points")
+        self.coarse_solver = pc
         self._coarse = (PETSc.Vec().createSeq(n), PETSc.Vec().createSeq(n))
+
+    def _held_coarse_matrix(self):
+        """S_cc with as many dofs pinned as there are free rigid motions; sets the size rho of the springs."""
+        S, Q, n = self.coarse_matrix, self.structure.rigid_corners, self.structure.coarse_dofs
+        self._pins = np.empty(0, np.int64)
+        if not self.modes:
+            return S
+        stiffness = S.diagonal().mean()
+        self.rho = SOFTNESS * n / stiffness
+        self._pins = np.sort(qr(Q.T, pivoting=True)[2][: self.modes])
+        free = np.ones(n)
+        free[self._pins] = 0.0
+        return (diags(free) @ S @ diags(free) + diags(stiffness * (1.0 - free))).tocsr()
 
     # ---- vectors -----------------------------------------------------------------------------
     def dot(self, a: np.ndarray, b: np.ndarray) -> float:
@@ -148,13 +168,11 @@ class DualOperator:
 
     def _assemble(self, local: np.ndarray) -> np.ndarray:
         """Add up stacked local rows into a dual vector."""
-        self._out_rows.array[:] = local
-        return self._add_up(self._out_rows)
-
-    def _add_up(self, rows: PETSc.Vec) -> np.ndarray:
-        """Dual vector of the sums of stacked local rows."""
+        if self._slots is not None:
+            return self._slots.add_up(local)
+        self._local_rows.array[:] = local
         self._dual.set(0)
-        self._to_rows.scatter(rows, self._dual, addv=True, mode="reverse")
+        self._to_rows.scatter(self._local_rows, self._dual, addv=True, mode="reverse")
         return self._dual.array.copy()
 
     def coarse_solve(self, local: np.ndarray) -> np.ndarray:
@@ -167,27 +185,32 @@ class DualOperator:
             everyone = np.empty(len(self._corner_all))
             self.comm.Allgatherv(forces, (everyone, self._corner_counts))
             forces = everyone
-        right, solution = self._coarse
-        right.array[:] = np.bincount(self._corner_all, forces, minlength=len(right.array))
+        return self._spring_held(np.bincount(self._corner_all, forces, minlength=self.structure.coarse_dofs))[self._corner_local]
+
+    def _spring_held(self, forces: np.ndarray) -> np.ndarray:
+        """S_rho^-1 times assembled corner forces."""
+        (right, solution), Q = self._coarse, self.structure.rigid_corners
+        motion = Q.T @ forces
+        right.array[:] = forces - Q @ motion if self.modes else forces
+        right.array[self._pins] = 0.0
         self.coarse_solver.apply(right, solution)
-        return solution.array[self._corner_local]
+        u = solution.array
+        return u + Q @ (self.rho * motion - Q.T @ u) if self.modes else u
 
     # ---- the dual problem --------------------------------------------------------------------
     def apply(self, multipliers: np.ndarray) -> np.ndarray:
         """F times a dual vector."""
         self.products += 1
-        x, y, force = self._gather(multipliers), self._out_rows.array, np.empty(len(self._corner_local))
-        x *= self.sign
+        x = self._gather(multipliers) * self.sign
+        y, force = np.empty_like(x), np.empty(len(self._corner_local))
         for c in self.classes:
-            k, own = len(c.members), x[c.rows].reshape(len(c.members), -1)
-            _blocked(own, c.F, y[c.rows].reshape(k, -1))
-            _blocked(own, c.A, force[c.corners].reshape(k, -1))
+            m, both = len(c.F), _blocked(x[c.rows].reshape(len(c.members), -1), c.F_and_A)
+            y[c.rows] = both[:, :m].ravel()
+            force[c.corners] = both[:, m:].ravel()
         corner = self.coarse_solve(force)
         for c in self.classes:
-            k, m = len(c.members), len(c.F)
-            y[c.rows].reshape(k, m)[:] += _blocked(corner[c.corners].reshape(k, -1), c.A_transposed)
-        y *= self.sign
-        return self._add_up(self._out_rows)
+            y[c.rows] += _blocked(corner[c.corners].reshape(len(c.members), -1), c.A_transposed).ravel()
+        return self._assemble(y * self.sign)
 
     def preconditioner(self) -> "DirichletPreconditioner":
         """The Dirichlet preconditioner of F."""
@@ -198,13 +221,6 @@ class DualOperator:
         other = copy.copy(self)
         other.structure, other.products = dataclasses.replace(self.structure, contact=contact), 0
         return other
-
-    def message_bytes(self) -> dict[str, int]:
-        """Bytes that this rank receives: in a product with F, for gluing and coarse problem, and in a scalar product."""
-        start, stop = self.structure.row_range
-        foreign = int(np.count_nonzero((self._row_numbers < start) | (self._row_numbers >= stop)))
-        corners = len(self._corner_all) - len(self._corner_local)
-        return {"rows": 2 * 8 * foreign, "coarse": 8 * corners, "dot": 8 * (self.structure.total - len(self._starts))}
 
     # ---- several columns at a time -----------------------------------------------------------
     def _columns(self, k: int):
@@ -223,6 +239,8 @@ class DualOperator:
 
     def assemble_columns(self, rows: np.ndarray) -> np.ndarray:
         """Add up stacked local rows (., k) into k dual vectors (owned, k)."""
+        if self._slots is not None:
+            return np.column_stack([self._slots.add_up(column) for column in rows.T])
         vector, local, to_rows = self._columns(rows.shape[1])
         local.array[:] = rows.ravel()
         vector.set(0)
@@ -236,9 +254,10 @@ class DualOperator:
         x = self.gather_columns(multipliers) * self.sign[:, None]
         y, force = np.empty_like(x), np.empty((len(self._corner_local), k))
         for c in self.classes:
-            own = x[c.rows].reshape(len(c.members), -1, k)
-            y[c.rows] = np.matmul(c.F, own).reshape(-1, k)
-            force[c.corners] = np.matmul(c.A_transposed, own).reshape(-1, k)
+            members, m = len(c.members), len(c.F)
+            both = np.matmul(c.F_and_A.T, x[c.rows].reshape(members, m, k))
+            y[c.rows] = both[:, :m].reshape(-1, k)
+            force[c.corners] = both[:, m:].reshape(-1, k)
         corner = self._coarse_columns(force)
         for c in self.classes:
             y[c.rows] += np.matmul(c.A, corner[c.corners].reshape(len(c.members), -1, k)).reshape(-1, k)
@@ -254,13 +273,19 @@ class DualOperator:
         n, k = self.structure.coarse_dofs, local.shape[1]
         cell = self._corner_all[:, None] * k + np.arange(k)
         right = np.bincount(cell.ravel(), forces.ravel(), minlength=n * k).reshape(n, k)
+        Q = self.structure.rigid_corners
+        motion = Q.T @ right
+        right = right - Q @ motion
+        right[self._pins] = 0.0
         b = PETSc.Mat().createDense((n, k), array=np.asfortranarray(right), comm=PETSc.COMM_SELF)
         x = PETSc.Mat().createDense((n, k), comm=PETSc.COMM_SELF)
         x.setUp()
         self.coarse_solver.getFactorMatrix().matSolve(b, x)
-        found = x.getDenseArray()[self._corner_local]
+        u = x.getDenseArray().copy()
         b.destroy(), x.destroy()
-        return found
+        if self.modes:
+            u += Q @ (self.rho * motion - Q.T @ u)
+        return u[self._corner_local]
 
     def dots(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Global scalar products of the columns of two blocks (owned, k), added as in `dot`."""
@@ -289,8 +314,41 @@ class DualOperator:
             corner[c.corners] = u[c.corner].T.ravel()
         return self._assemble(x * self.sign), corner
 
+    def _rigid_response(self, k: int) -> tuple[np.ndarray, np.ndarray]:
+        """d = B u and the stacked corner displacements of a rigid motion."""
+        structure, mode = self.structure, self.structure.rigid_modes[k]
+        local = np.zeros(len(self.sign))
+        for c in self.classes:
+            m = c.F.shape[0]
+            for i, s in enumerate(c.members):
+                if structure.first + s in mode.members:
+                    u = mode.displacement(structure.subdomains[s].xy).ravel()
+                    local[c.rows.start + i * m : c.rows.start + (i + 1) * m] = (structure.rows[s].coefficient * u[structure.rows[s].dof]).sum(axis=1)
+        glued = self._assemble(local * self.sign)
+        glued[structure.row_kind[slice(*structure.row_range)] == GLUING] = 0.0  # what rounding leaves
+        return glued, structure.rigid_corners[self._corner_local, k]
+
+    def _rigid_work(self) -> np.ndarray:
+        """(patterns, modes): work of every load pattern on every rigid motion, and of its absolute values."""
+        structure = self.structure
+        work = np.zeros((2, structure.total, structure.patterns, self.modes))
+        for s, sub in enumerate(structure.subdomains):
+            for k, mode in enumerate(structure.rigid_modes):
+                if structure.first + s in mode.members:
+                    each = sub.loads * mode.displacement(sub.xy).ravel()
+                    work[0, structure.first + s, :, k], work[1, structure.first + s, :, k] = each.sum(axis=1), np.abs(each).sum(axis=1)
+        return np.sum(self.comm.allgather(work), axis=0).sum(axis=1)
+
+    def imbalance(self, multipliers: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(modes,) work of loads and contact forces on every rigid motion, zero in equilibrium, and their sizes."""
+        factors = weights[: self.structure.patterns]
+        contact = [(self.dot(d, multipliers), self.dot(np.abs(d), np.abs(multipliers)))
+                   for d, _ in self.loaded[self.structure.patterns :]]
+        contact = np.array(contact).reshape(-1, 2)
+        return factors @ self.rigid_work[0] - contact[:, 0], np.abs(factors) @ self.rigid_work[1] + contact[:, 1]
+
     def load_response(self, weights: np.ndarray) -> np.ndarray:
-        """d for the load sum_k weights_k f_k."""
+        """d for the load sum_k weights_k f_k; `weights` may go on with the factors of the rigid motions."""
         return sum((w * d for w, (d, _) in zip(weights, self.loaded)), np.zeros(self.owned))
 
     def corner_displacement(self, multipliers: np.ndarray, weights: np.ndarray) -> float:
@@ -327,12 +385,25 @@ class DualOperator:
                     share[c.rows.start + k * m : c.rows.start + (k + 1) * m] = local
         return share
 
+    def forces_on_supports(self, multipliers: np.ndarray) -> list[np.ndarray]:
+        """B' lambda on the fixed dofs of every local subdomain: contact forces that a support takes directly."""
+        x = self._gather(multipliers) * self.sign
+        found = [np.empty(0)] * len(self.structure.subdomains)
+        for c in self.classes:
+            for s, forces in zip(c.members, x[c.rows].reshape(len(c.members), -1)):
+                rows = self.structure.rows[s]
+                all_dofs = np.bincount(rows.dof.ravel(), (rows.fixed_part * forces[:, None]).ravel(),
+                                       minlength=self.structure.subdomains[s].dofs)
+                found[s] = all_dofs[self.structure.fixed[s]]
+        return found
+
     def _solve(self, weights: np.ndarray, rows: np.ndarray) -> list[np.ndarray]:
         """Displacements (dofs, members) of each class under sum_k weights_k f_k - B' lambda.
 
-        `rows` holds the signed stacked local multipliers.
+        `rows` holds the signed stacked local multipliers; `weights` may go on with factors of the rigid motions.
         """
         force, partial = np.empty(len(self._corner_local)), []
+        weights, motion = weights[: self.structure.patterns], weights[self.structure.patterns :]
         for c in self.classes:
             f = np.column_stack([weights @ self.loads[s] for s in c.members])
             row = rows[c.rows].reshape(len(c.members), -1)
@@ -341,6 +412,8 @@ class DualOperator:
             force[c.corners] = (f[c.corner] - c.B_c.T @ row.T - c.K_rc.T @ u_r).T.ravel()
             partial.append((right, u_r))
         corner = self.coarse_solve(force)
+        if len(motion):
+            corner += (self.structure.rigid_corners @ motion)[self._corner_local]
         result = []
         for c, (right, u_r) in zip(self.classes, partial):
             u_c = corner[c.corners].reshape(len(c.members), -1).T
@@ -353,21 +426,49 @@ class DualOperator:
 
     def displacements(self, multipliers: np.ndarray, weights: np.ndarray) -> list[np.ndarray]:
         """Displacements (dofs,) of every local subdomain for given multipliers and pattern factors."""
-        rows = self._gather(multipliers) * self.sign
+        rows, factors = self._gather(multipliers) * self.sign, weights[: self.structure.patterns]
         found = [np.empty(0)] * len(self.structure.subdomains)
         for c, u in zip(self.classes, self._solve(weights, rows)):
             for k, s in enumerate(c.members):
                 found[s] = u[:, k].copy()
-                found[s][self.structure.fixed[s]] = weights @ self.structure.fixed_values[s]
+                found[s][self.structure.fixed[s]] = factors @ self.structure.fixed_values[s]
         return found
+
+
+class _Slots:
+    """Sums over the subdomains of a row in their order, for rows that more than two of them share.
+
+    Sums of two terms do not depend on their order, those of more do: here every term travels to its own slot
+    at the row's rank, and the slots of a row are added up there.
+    """
+
+    def __init__(self, structure: Substructure, rows: np.ndarray, order: list[int], comm):
+        subdomain = np.repeat([structure.first + s for s in order], [len(structure.rows[s].row) for s in order])
+        mine = np.column_stack([rows, subdomain]).astype(np.int64).reshape(-1, 2)
+        pairs = np.concatenate(comm.allgather(mine))
+        pairs = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
+        key = lambda table: table[:, 0] * structure.total + table[:, 1]
+        first, last = np.searchsorted(pairs[:, 0], structure.row_range)
+        self._starts = np.searchsorted(pairs[:, 0], np.arange(*structure.row_range)) - first
+        self._vector = PETSc.Vec().createMPI((last - first, len(pairs)), comm=comm)
+        slot = np.searchsorted(key(pairs), key(mine)).astype(PETSc.IntType)
+        self._local, self._scatter = _scatter(self._vector, slot)
+
+    def add_up(self, local: np.ndarray) -> np.ndarray:
+        """Dual vector of stacked local rows."""
+        self._local.array[:] = local
+        self._scatter.scatter(self._local, self._vector, addv=False, mode="reverse")
+        if not len(self._starts):
+            return np.zeros(0)
+        return np.add.reduceat(self._vector.array, self._starts)
 
 
 class DirichletPreconditioner:
     """M = sum_i B_D,i S_i B_D,i' restricted to a face (Klawonn, Rheinbach; multiplicity scaling).
 
-    S_i is the Schur complement of the subdomain's stiffness on the dofs of its rows. As the rows of B_r
-    are orthonormal it is the inverse of the explicit local F_i; corners that carry contact rows are
-    released: with v_b = B_r u, v_c = B_c' x the energy is that of v_b - A v_c plus that of v_c in S.
+    S_i is the stiffness of the subdomain in the displacements of its rows, the (pseudo) inverse of the explicit
+    local F_i; corners that carry contact rows of their own are released: with v_b = B_r u, v_c = B_c' x the
+    energy is that of v_b - A v_c plus that of v_c in S.
     """
 
     def __init__(self, operator: DualOperator):
@@ -385,19 +486,16 @@ class DirichletPreconditioner:
     def __call__(self, residual: np.ndarray, free: np.ndarray) -> np.ndarray:
         """M residual on the face `free`, zero elsewhere."""
         op = self.operator
-        x, y = op._gather(np.where(free, residual, 0.0)), op._out_rows.array
-        x *= op.scaling
+        x = op._gather(np.where(free, residual, 0.0)) * op.scaling
         for c, schur in zip(op.classes, self.schur):
-            k = len(c.members)
-            _blocked(x[c.rows].reshape(k, -1), schur, y[c.rows].reshape(k, -1))
-        y *= op.scaling
-        return np.where(free, op._add_up(op._out_rows), 0.0)
+            x[c.rows] = _blocked(x[c.rows].reshape(len(c.members), -1), schur).ravel()
+        return np.where(free, op._assemble(x * op.scaling), 0.0)
 
 
 def _schur(c: LocalClass) -> np.ndarray:
     """(m, m) stiffness of one subdomain in its rows' displacements."""
     B_c = c.B_c.toarray()
-    on_corner = np.abs(B_c).max(axis=1, initial=0) > 0
+    on_corner = (np.abs(B_c).max(axis=1, initial=0) > 0) & (np.asarray(abs(c.B_r).sum(axis=1)).ravel() == 0)
     torn = ~on_corner
     inverse = np.linalg.pinv(c.F[np.ix_(torn, torn)], hermitian=True)
     relative = np.zeros((torn.sum(), len(torn)))  # v_b - A v_c
@@ -427,18 +525,18 @@ def _join(arrays: list, kind) -> np.ndarray:
     return np.concatenate([np.empty(0, kind), *arrays]).astype(kind)
 
 
-def _blocked(rows: np.ndarray, matrix: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
-    """rows @ matrix, (k, m) @ (m, n), in blocks of BLOCK rows, into `out` (k, n) if given.
+def _blocked(rows: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """rows @ matrix, (k, m) @ (m, n), in blocks of BLOCK rows.
 
     BLAS may round differently for different numbers of rows; a fixed number makes each row's result
     independent of how many others a rank has.
     """
-    (count, m), n = rows.shape, matrix.shape[1]
-    out = np.empty((count, n)) if out is None else out
-    whole = count - count % BLOCK
-    np.matmul(rows[:whole].reshape(-1, BLOCK, m), matrix, out=out[:whole].reshape(-1, BLOCK, n))
-    if whole < count:
-        last = np.zeros((BLOCK, m))
-        last[: count - whole] = rows[whole:]
-        out[whole:] = (last @ matrix)[: count - whole]
-    return out
+    count, m = rows.shape
+    if m == 0:
+        return np.zeros((count, matrix.shape[1]))
+    full = -(-count // BLOCK) * BLOCK
+    if full != count:
+        padded = np.zeros((full, m))
+        padded[:count] = rows
+        rows = padded
+    return (rows.reshape(-1, BLOCK, m) @ matrix).reshape(full, -1)[:count]

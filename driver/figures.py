@@ -40,7 +40,7 @@ BLUE, ORANGE, GREEN, RED, INK = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#22
 STATUS = {"open": "#C8C8C8", "stick": BLUE, "slip": ORANGE}
 KINDS = {"start": (INK, "D", 3.2), "cg": (BLUE, "o", 1.7), "expansion": (ORANGE, "^", 2.4),
          "proportioning": (GREEN, "s", 2.4)}
-ROLES = {"free": INK, "support": BLUE, "load": RED, "contact": GREEN}
+ROLES = {"free": INK, "support": BLUE, "load": RED, "contact": GREEN, "pair": GREEN}
 
 STYLE = {
     "font.size": 9, "axes.titlesize": 9, "axes.labelsize": 9,
@@ -440,7 +440,8 @@ def geometry(figure: Figure, run: Run) -> None:
 def geometry_legend(run: Run, role: np.ndarray) -> list:
     """Legend entries for the boundary parts that occur."""
     names = {"support": r"$\Gamma_u$ support", "load": r"$\Gamma_p$ traction",
-             "contact": r"$\Gamma_c$ contact, rigid foundation", "free": "free"}
+             "contact": r"$\Gamma_c$ contact, rigid foundation", "pair": r"$\Gamma_c$ contact of two bodies",
+             "free": "free"}
     handles = [Line2D([], [], color=ROLES[n], lw=1 if n == "free" else 2.2, label=text)
                for n, text in names.items() if (role == n).any()]
     if run.summary["sizes"]["subdomains"] > 1:

@@ -86,6 +86,7 @@ class Scales:
     d: float = 0.0  # ||d||
     displacement: float = 0.0
     pressure: float = 0.0  # nodal force
+    work: np.ndarray | float = 0.0  # (modes,) of the forces on every free rigid motion, absolute values added up
 
 
 def kkt_residuals(rows: ContactRows, multipliers, gradient, left: float, scales: Scales, comm) -> dict:

@@ -15,7 +15,7 @@ import numpy as np
 from . import seal as seals
 from .errors import InputError, agree
 
-OPTIONAL = ("slip_law", "initial_state")  # parts of the manifest that only some scenes have
+OPTIONAL = ("slip_law", "initial_state", "contact_pairs")  # parts of the manifest that only some scenes have
 HEAD = 9  # subdomain, vertices, triangles, boundary edges, dofs, nnz, patterns, fixed dofs, contact nodes
 
 
@@ -90,11 +90,13 @@ class Manifest:
     effects: dict
     steps: int
     t_end: float
+    bodies: int
     contact_labels: list
     labels: list
     patterns: list
     amplitudes: dict
     parameters: dict
+    contact_pairs: list = field(default_factory=list)  # [label with contact nodes, label of the other body]
     initial_state: bool = False  # whether contact nodes carry a displacement at time 0
     slip_law: dict | None = None  # argument, range, values: factor of the friction coefficient
     seal: seals.Seal | None = field(repr=False, default=None)
@@ -133,7 +135,7 @@ def read_manifest(directory: Path, scene: str | None = None) -> Manifest:
 
 
 KINDS = {"subdomains": int, "blocks": int, "vertices": int, "interface_label": int, "element": str, "plane": str,
-         "material": str, "units": dict, "effects": dict, "steps": int, "t_end": (int, float), "contact_labels": list, "labels": list,
+         "material": str, "units": dict, "effects": dict, "steps": int, "t_end": (int, float), "contact_labels": list, "labels": list, "bodies": int, "contact_pairs": list,
          "patterns": list, "amplitudes": dict, "parameters": dict, "initial_state": bool, "slip_law": (dict, type(None))}
 # words that mean something to the stages that follow; any other would silently count as "not declared"
 WORDS = {"element": ("P1",), "plane": ("strain", "stress"), "material": ("isotropic", "general")}
@@ -156,14 +158,17 @@ def _check_manifest(manifest: Manifest) -> None:
     for name, kind in KINDS.items():
         if not _is(getattr(manifest, name), kind):
             raise InputError(f"{name} is not of the right type")
-    if min(manifest.subdomains, manifest.blocks, manifest.vertices, manifest.steps) <= 0:
-        raise InputError("subdomains, blocks, vertices and steps must be positive whole numbers")
+    if min(manifest.subdomains, manifest.blocks, manifest.vertices, manifest.steps, manifest.bodies) <= 0:
+        raise InputError("subdomains, blocks, vertices, steps and bodies must be positive whole numbers")
     if manifest.blocks != len(manifest.seal.files) - 1:
         raise InputError(f"{manifest.blocks} blocks are declared, {len(manifest.seal.files) - 1} were sealed")
     if not 0 < manifest.t_end < np.inf:
         raise InputError("t_end must be a positive number")
     if not all(_is(label, int) for label in [*manifest.labels, *manifest.contact_labels]):
         raise InputError("a label is no whole number")
+    for pair in manifest.contact_pairs:
+        if not (isinstance(pair, list) and len(pair) == 2 and pair[0] in manifest.contact_labels and pair[1] in manifest.labels):
+            raise InputError(f"contact_pairs has {pair!r} where two labels of the mesh belong")
     found = {name: getattr(manifest, name) for name in WORDS} | manifest.effects
     for name, words in (WORDS | EFFECTS).items():
         if name in found and found[name] not in words or name not in (*found, "initial"):

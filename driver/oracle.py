@@ -86,7 +86,7 @@ class Assembled:
     """
 
     def __init__(self, manifest, subdomains):
-        from scipy.sparse import coo_matrix
+        from scipy.sparse import bmat, coo_matrix, csc_matrix
         from scipy.sparse.linalg import splu
 
         size = 2 * manifest.vertices
@@ -103,8 +103,34 @@ class Assembled:
             for total, load in zip(self.loads, sub.loads):
                 np.add.at(total, k, load)
         self.free = np.flatnonzero(free & used)
-        self._factor = splu(self.K[self.free][:, self.free].tocsc())
+        place = np.zeros(size)
+        for sub, k in zip(subdomains, keys):
+            place[k] = sub.xy[sub.dof_vertex, sub.dof_component]
+        self.motions = self._free_motions(place)
+        border = csc_matrix(self.motions[self.free])
+        held = self.K[self.free][:, self.free]
+        self._factor = splu(bmat([[held, border], [border.T, None]]).tocsc() if border.shape[1] else held.tocsc())
         self._collect_contact(subdomains)
+
+    def _free_motions(self, place) -> np.ndarray:
+        """(2 vertices, modes): rigid motions that the supports leave to the bodies; `place` by dof."""
+        from scipy.linalg import null_space
+        from scipy.sparse.csgraph import connected_components
+
+        _, body = connected_components(self.K, directed=False)
+        held = np.ones(self.K.shape[0], bool)
+        held[self.free] = False
+        columns = [np.zeros((self.K.shape[0], 0))]
+        for one in np.unique(body[self.free]):
+            vertex = np.flatnonzero(body == one) // 2
+            x, y = (place[2 * vertex + c] - place[2 * vertex + c].mean() for c in (0, 1))
+            even = np.flatnonzero(body == one) % 2 == 0
+            size = max(np.ptp(x), np.ptp(y))
+            rigid = np.zeros((self.K.shape[0], 3))
+            rigid[body == one] = np.column_stack([even, ~even, np.where(even, -y, x) / size])
+            kernel = null_space(rigid[held & (body == one)], rcond=1e-10) if held[body == one].any() else np.eye(3)
+            columns.append(rigid @ kernel)
+        return np.hstack(columns)
 
     def _collect_contact(self, subdomains):
         parts = {}
@@ -126,10 +152,10 @@ class Assembled:
         self.tangent = np.column_stack([-self.normal[:, 1], self.normal[:, 0]])
 
     def solve(self, weights, forces=None):
-        """Displacements (2 vertices,) under sum_k weights_k pattern_k plus nodal `forces`."""
+        """Displacements (2 vertices,) under sum_k weights_k pattern_k plus nodal `forces`, up to the free `motions`."""
         u = np.asarray(weights) @ self.held
         right = np.asarray(weights) @ self.loads + (0 if forces is None else forces) - self.K @ u
-        u[self.free] = self._factor.solve(right[self.free])
+        u[self.free] = self._factor.solve(np.append(right[self.free], np.zeros(self.motions.shape[1])))[: len(self.free)]
         return u
 
     @property
@@ -144,6 +170,7 @@ class Assembled:
 
     def compliance(self):
         """C (2 n_c, 2 n_c): displacements n.u, t.u of the contact nodes under unit nodal forces there."""
+        _require(self.motions.shape[1] == 0, "undefined: a body that no support holds has no compliance")
         B = self.B[:, self.free]
         C = B @ self._factor.solve(np.ascontiguousarray(B.T))
         return (C + C.T) / 2

@@ -18,13 +18,16 @@ from mpi4py import MPI
 
 from . import friction, globalization
 from .condensation import Condensation
-from .errors import NotConverged
+from .equilibrium import rigid_equilibrium
+from .errors import NoSolution, NotConverged
 from .fetidp import DualOperator
 from .mprgp import mprgp, norm_bound, projected_gradient
 from .options import Settings
 from .uniqueness import Uniqueness, worthwhile
 
 CANCELLED = 1e-8  # displacements below this part of ||d|| are what rounding leaves of loads that contact takes
+BALANCE = 10.0  # imbalance of free bodies over RTOL: a QP solved to RTOL leaves about as much of its own
+SETTLING = 0.3  # relative change of pressures and friction bounds below which free bodies follow their springs
 WINDOW = 8  # iterations of the fixed point over which its changes must have fallen
 CONDENSED_PASSES = 30  # corrections of a solution of the condensed contact problem
 TIGHTENINGS = 3  # tenfold reductions of the QP tolerance that a step may ask for
@@ -36,7 +39,7 @@ class Step:
 
     index: int
     time: float
-    weights: np.ndarray  # pattern factors
+    weights: np.ndarray  # factors of the load patterns, then of the free rigid motions
     multipliers: np.ndarray
     gradient: np.ndarray
     status: np.ndarray  # of the rank's nodes with a normal row
@@ -45,6 +48,14 @@ class Step:
     contraction: float  # mean ratio of successive changes of the fixed point, NaN if there was one
     residuals: dict
     mismatch: float = 0.0  # energy norm of the last change of friction forces to the bound of their own pressures
+
+
+@dataclass
+class _Load:
+    """What drives a time step: factors of the load patterns, then of the free rigid motions, and the d they make."""
+
+    weights: np.ndarray
+    d: np.ndarray
 
 
 @dataclass
@@ -112,6 +123,7 @@ class QuasistaticSolver:
         largest = operator.comm.allreduce(float(0.0 if self.rows.tresca else self.rows.bound.max(initial=0)), op=MPI.MAX)
         self.uniqueness, self.largest_friction = Uniqueness(largest > 0), largest
         self.doubtful = False
+        self.motion = np.zeros(operator.modes)  # of bodies that no support holds
 
     def _bound_norm(self) -> float:
         """Upper bound of the scaled ||F||; the same random start vector for any number of ranks."""
@@ -140,15 +152,15 @@ class QuasistaticSolver:
         before = op.products
         clock = time.perf_counter()
         lam = self._preload() if self.effects.get("initial") == "preload" else np.zeros(op.owned)
-        older = lam
+        older, older_motion = lam, self.motion
         for index in range(1, len(self.times) if self.history.exit_status == 0 else 1):
-            weights = self.amplitudes[index]
-            d = op.load_response(weights)
-            d[self.rows.normal] -= self.rows.gap
-            d[self.rows.tangential] -= self.u_t
+            if not self._can_rest(index):
+                return
+            load = self._load(index, self._predict(index, self.motion, older_motion), self.u_t)
             start, sliding = self._predict(index, lam, older), self._sliding(lam, self.rows.friction_bound(lam))
-            step = self._step(index, weights, d, start, sliding)
+            step = self._step(index, load, start, sliding)
             lam, older = step.multipliers, lam
+            self.motion, older_motion = step.weights[op.structure.patterns :], self.motion
             slip = -step.gradient[self.rows.tangential]
             self.u_t, self.way = self.u_t + slip, self.way + np.abs(slip)
             self._record(step, before)
@@ -158,16 +170,79 @@ class QuasistaticSolver:
             if self.history.exit_status:
                 return
 
+    def _load(self, index: int, motion: np.ndarray, u_t: np.ndarray) -> _Load:
+        """Load of a step that starts from rigid motions `motion` and tangential displacements u_t."""
+        weights = np.concatenate([self.amplitudes[index], motion])
+        d = self.operator.load_response(weights)
+        d[self.rows.normal] -= self.rows.gap
+        d[self.rows.tangential] -= u_t
+        return _Load(weights, d)
+
+    def _can_rest(self, index: int) -> bool:
+        """Can contact hold the bodies without support? If so, the first step starts with gaps closed."""
+        op = self.operator
+        if not op.modes:
+            return True
+        weights = self.amplitudes[index]
+        motions = np.column_stack([d for d, _ in op.loaded[op.structure.patterns :]])
+        work, size = op.imbalance(np.zeros(op.owned), weights)
+        found = rigid_equilibrium(self.rows, motions, work, size, op.comm)
+        if found is None:
+            self.history.exit_status = 3
+            self.history.reason = f"step {index}: {self._why_no_rest()}"
+            if index == 1:
+                raise NoSolution(self.history.reason)  # there is nothing to keep
+            return False
+        if index == 1 and not self.motion.any():
+            self.motion = found
+        return True
+
+    def _why_no_rest(self) -> str:
+        bodies = sorted({mode.body + 1 for mode in self.operator.structure.rigid_modes})
+        names = f"{'body' if len(bodies) == 1 else 'bodies'} {', '.join(map(str, bodies))}"
+        how = {"none": "without contact nothing can", "unilateral": "contact cannot", "bilateral": "contact cannot"}[
+            self.effects["contact"]]
+        if self.effects["friction"] != "none":
+            how = "contact and friction cannot"
+        return (f"no equilibrium: {how} balance the loads on {names}, which no support holds: it slides off, tips over "
+                "or is pulled away; add supports or friction")
+
+    def _move(self, load: _Load, x: np.ndarray, gradient: np.ndarray) -> None:
+        """Rigid motions follow what their springs still carry; d and the gradient with them."""
+        op = self.operator
+        net, _ = op.imbalance(x, load.weights)
+        change = op.rho * net
+        load.weights[op.structure.patterns :] += change
+        for factor, (d, _) in zip(change, op.loaded[op.structure.patterns :]):
+            load.d += factor * d
+            gradient -= factor * d
+
+    def _imbalance(self, load: _Load, x: np.ndarray) -> float:
+        """Largest force that rigid motions leave to their springs, relative to the forces at work."""
+        if not self.operator.modes:
+            return 0.0
+        net, size = self.operator.imbalance(x, load.weights)
+        self.scales.work = np.maximum(self.scales.work, size)
+        return float(np.max(np.abs(net) / np.where(self.scales.work > 0, self.scales.work, 1.0)))
+
     def _preload(self) -> np.ndarray:
         """Multipliers of the frictionless equilibrium at time 0, whose displacement becomes u_0."""
         op, rows, contact = self.operator, self.rows, self.operator.structure.contact
-        d = op.load_response(self.amplitudes[0])
-        d[rows.normal] -= rows.gap
-        self.scales.d = self._extent(d)
+        load, x = self._load(0, self.motion, np.zeros(len(rows.tangential))), np.zeros(op.owned)
+        self.scales.d = self._extent(load.d)
         lower, upper = rows.limits(op.owned, np.zeros(op.owned))
         lower[rows.tangential] = upper[rows.tangential] = 0.0
         self.tol = self.settings.rtol * self.scales.d
-        result = self._solve_qp(0, 1, d, (lower, upper), np.zeros(op.owned), 0.0)
+        for iteration in range(1, self.settings.max_fixed_point + 1):
+            result = self._solve_qp(0, iteration, load.d, (lower, upper), x, 0.0)
+            x = result.x
+            if self.history.exit_status or self._imbalance(load, x) <= BALANCE * self.settings.rtol:
+                break
+            self._move(load, x, result.gradient)
+        else:
+            self.history.exit_status = 4
+            self.history.reason = f"preload: no equilibrium of the free bodies in {iteration} iterations"
+        self.motion = load.weights[op.structure.patterns :]
         self.u_t = -result.gradient[rows.tangential]
         found = np.zeros(len(contact.gid))
         found[rows.tangential_node] = self.u_t
@@ -197,22 +272,22 @@ class QuasistaticSolver:
         self.history.contraction = max(self.history.contraction, np.nan_to_num(step.contraction))
 
     # ---- one time step -----------------------------------------------------------------------
-    def _step(self, index: int, weights, d, start, sliding) -> Step:
+    def _step(self, index: int, load: _Load, start, sliding) -> Step:
         """One time step, with a tighter QP tolerance until displacements are good to `primal_rtol`.
 
         The tolerance on the projected gradient is relative to ||d||, the displacements of the body without
         contact and glue, which may be far larger than those of the solution.
         """
         op, settings, rows = self.operator, self.settings, self.rows
-        self.scales.d = max(self.scales.d, self._extent(d))
+        self.scales.d = max(self.scales.d, self._extent(load.d))
         self.tol = settings.rtol * self.scales.d
         products, trace = op.products, _Trace()
         lower, _ = rows.limits(op.owned, start)
         x = self._follow(np.maximum(start, lower), sliding)
         for _ in range(TIGHTENINGS + 1):
-            x, gradient, sliding = self._fixed_point(index, d, x, trace)
-            x, gradient, mismatch = self._into_cone(d, x, gradient, sliding)
-            residuals = self._residuals(weights, x, gradient)
+            x, gradient, sliding = self._fixed_point(index, load, x, trace)
+            x, gradient, mismatch = self._into_cone(load.d, x, gradient, sliding)
+            residuals = self._residuals(load, x, gradient)
             poor = max(residuals["gluing"], residuals["penetration"])
             if self.history.exit_status or poor <= settings.primal_rtol:
                 break
@@ -221,38 +296,42 @@ class QuasistaticSolver:
             self.history.warnings.append(f"step {index}: gluing or penetration residual {poor:.1e} above "
                                          f"{settings.primal_rtol:.0e} although MPRGP was tightened")
         self._examine(index, x, gradient, trace)
-        return Step(index, float(self.times[index]), weights, x, gradient, friction.status(rows, x, gradient),
+        return Step(index, float(self.times[index]), load.weights, x, gradient, friction.status(rows, x, gradient),
                     trace.iterations, op.products - products, trace.contraction, residuals, mismatch)
 
-    def _fixed_point(self, index: int, d, x, trace: "_Trace"):
+    def _fixed_point(self, index: int, load: _Load, x, trace: "_Trace"):
         """Successive approximations lambda_n -> Phi(lambda_n), each QP solved only as far as it pays.
 
         The first QPs would be solved far beyond the error of their friction bound; each reduces its initial
-        residual by `inner_rtol`, and the last one meets the tolerance. Returns multipliers, gradient and the
-        rows that slide.
+        residual by `inner_rtol`, and the last one meets the tolerance. Bodies without support move in the same
+        iterations. Returns multipliers, gradient and the rows that slide.
         """
-        settings, rows = self.settings, self.rows
+        settings, rows, free = self.settings, self.rows, self.operator.modes > 0
         coulomb = bool(self.operator.comm.allreduce(int(len(rows.tangential) > 0 and not rows.tresca)))
         while not trace.fallback:
             trace.iterations += 1
             bound = rows.friction_bound(x)
-            result, change = self._approximate(index, trace, d, x, bound, self._reduction(trace) if coulomb else 0.0, coulomb)
+            reduction = self._reduction(trace) if coulomb or free else 0.0
+            result, change = self._approximate(index, trace, load.d, x, bound, reduction, coulomb)
             x, gradient = result.x, result.gradient
             sliding = self._sliding(x, bound)
-            if self.history.exit_status or not coulomb:
+            if self.history.exit_status or not (coulomb or free):
                 return x, gradient, sliding
             trace.changes.append(change)
-            if self._settled(change, result):
+            balanced = self._imbalance(load, x) <= BALANCE * settings.rtol
+            if balanced and self._settled(change, result):
                 return x, gradient, sliding
             tired = trace.iterations >= settings.max_fixed_point
-            if tired and trace.iterations <= 2 * WINDOW:
+            if tired and (free or trace.iterations <= 2 * WINDOW):
                 self._end(4, f"step {index}: no fixed point of the friction bound in {trace.iterations} iterations")
                 return x, gradient, sliding
+            if not balanced and change <= SETTLING * self._norm(x[rows.normal]):
+                self._move(load, x, gradient)  # before, friction is too far off to say where to
             if trace.stalls and not trace.exact:  # by the errors of QPs left early? Solved in full they must stall again
                 trace.exact, trace.changes = True, []
-            trace.fallback = trace.stalls or tired
+            trace.fallback = (trace.stalls or tired) and not free  # a motion renews the pressures: no sign of stalling
             x = self._follow(x, sliding)
-        return self._globalise(index, d, x, trace)
+        return self._globalise(index, load.d, x, trace)
 
     def _approximate(self, index, trace, d, x, bound, reduction, coulomb=True):
         """The QP with friction bounds `bound` started from x: its result, and the change of pressures and bounds."""
@@ -349,6 +428,9 @@ class QuasistaticSolver:
         self.doubtful = self.doubtful or trace.fallback
         if not found.frictional or self.history.exit_status or found.failure:
             return
+        if self.operator.modes:
+            found.failure = "a body without support"
+            return
         if not worthwhile(choice, nodes, self.largest_friction, self.doubtful):
             return
         if nodes > globalization.CONDENSED_NODES:
@@ -439,10 +521,11 @@ class QuasistaticSolver:
             return final, moved, float(np.sqrt(max(op.dot(final - x, moved - gradient), 0.0)))
         return x, gradient, 0.0
 
-    def _residuals(self, weights, x, gradient) -> dict:
+    def _residuals(self, load: _Load, x, gradient) -> dict:
         """KKT residuals of the step's state."""
         op = self.operator
         left = projected_gradient(x, gradient, *self.rows.limits(op.owned, x))
-        self.scales.displacement = max(self.scales.displacement, op.corner_displacement(x, weights),
+        self.scales.displacement = max(self.scales.displacement, op.corner_displacement(x, load.weights),
                                        CANCELLED * self.scales.d)
-        return friction.kkt_residuals(self.rows, x, gradient, self._size(left), self.scales, op.comm)
+        found = friction.kkt_residuals(self.rows, x, gradient, self._size(left), self.scales, op.comm)
+        return found | {"equilibrium": self._imbalance(load, x)} if op.modes else found

@@ -82,6 +82,7 @@ class LocalClass:
     corners: slice | None = None
 
     def __post_init__(self):
+        self.F_and_A = np.hstack([self.F, self.A])
         self.A_transposed = np.ascontiguousarray(self.A.T)
 
 
@@ -154,5 +155,5 @@ def reduce_class(structure: Substructure, members: list[int], values: np.ndarray
 def constraint_matrix(rows: LocalRows, dofs: int):
     """Unsigned rows of B on one subdomain as scipy CSR, shape (m, dofs)."""
     m = len(rows.row)
-    entries = (rows.coefficient.ravel(), (np.repeat(np.arange(m), 2), rows.dof.ravel()))
+    entries = (rows.coefficient.ravel(), (np.repeat(np.arange(m), rows.dof.shape[1]), rows.dof.ravel()))
     return coo_matrix(entries, shape=(m, dofs)).tocsr()

@@ -70,43 +70,51 @@ class ContactState:
     def evaluate(self, step: Step, fields: list[np.ndarray]) -> dict[str, np.ndarray]:
         """u_n, u_t, slip, sigma_n, sigma_t, bound and status code of every contact node."""
         b, rows, n = self.boundary, self.rows, len(self.boundary.gid)
-        values = np.zeros((7, n))  # u_x, u_y, multiplicity, lambda_n, lambda_t, bound, status
-        for sub, u in zip(self.operator.structure.subdomains, fields):
-            here = np.flatnonzero(np.isin(b.gid, sub.vertex_gid))
-            order = np.argsort(sub.vertex_gid)
-            vertex = order[np.searchsorted(sub.vertex_gid[order], b.gid[here])]
-            values[0, here] += u[2 * vertex]
-            values[1, here] += u[2 * vertex + 1]
-            values[2, here] += 1
-        values[3, rows.normal_node] = step.multipliers[rows.normal]
-        values[4, rows.tangential_node] = step.multipliers[rows.tangential]
-        values[5, rows.tangential_node] = rows.friction_bound(step.multipliers)
-        values[6, rows.normal_node] = step.status
+        values = np.zeros((4, n))  # lambda_n, lambda_t, bound, status
+        values[0, rows.normal_node] = step.multipliers[rows.normal]
+        values[1, rows.tangential_node] = step.multipliers[rows.tangential]
+        values[2, rows.tangential_node] = rows.friction_bound(step.multipliers)
+        values[3, rows.normal_node] = step.status
         values = np.sum(self.operator.comm.allgather(values), axis=0)
         if self.frictional:  # a node that a support holds tangentially has no row of its own, but a bound
             alone = b.tangential_row < 0
-            values[5, alone] = (b.friction * (b.weight if self.rows.tresca else np.abs(values[3])))[alone]
-        u = (values[:2] / values[2]).T
+            values[2, alone] = (b.friction * (b.weight if self.rows.tresca else np.abs(values[0])))[alone]
+        u = self._jump(fields)
         u_n, u_t = (u * b.normal).sum(axis=1), (u * b.tangent).sum(axis=1)
         slip, self.u_t = u_t - self.u_t, u_t
-        return {"u_n": u_n, "u_t": u_t, "slip": slip, "sigma_n": 0.0 - values[3] / b.weight,
-                "sigma_t": 0.0 - values[4] / b.weight, "bound": values[5] / b.weight,
-                "status": values[6].astype(int)}
+        return {"u_n": u_n, "u_t": u_t, "slip": slip, "sigma_n": 0.0 - values[0] / b.weight,
+                "sigma_t": 0.0 - values[1] / b.weight, "bound": values[2] / b.weight,
+                "status": values[3].astype(int)}
+
+    def _jump(self, fields: list[np.ndarray]) -> np.ndarray:
+        """(n_c, 2) displacement of the contact nodes, relative to the other body where there is one."""
+        b = self.boundary
+        gids, term = np.unique(b.term_gid, return_inverse=True)
+        values = np.zeros((len(gids), 3))  # u_x, u_y, multiplicity
+        for sub, u in zip(self.operator.structure.subdomains, fields):
+            order = np.argsort(sub.vertex_gid)
+            here = np.flatnonzero(np.isin(gids, sub.vertex_gid))
+            vertex = order[np.searchsorted(sub.vertex_gid[order], gids[here])]
+            values[here] += np.column_stack([u[2 * vertex], u[2 * vertex + 1], np.ones(len(here))])
+        values = np.sum(self.operator.comm.allgather(values), axis=0)
+        jump = np.zeros((len(b.gid), 2))
+        np.add.at(jump, b.term_node, b.term_value[:, None] * (values[:, :2] / values[:, 2:])[term])
+        return jump
 
 
-def resultants(operator: DualOperator, step: Step, inner, contact: dict, supported) -> tuple[dict, np.ndarray]:
-    """Resultants (2,) of loads, support reactions and contact forces, which add up to zero, and `size`.
+def resultants(operator: DualOperator, step: Step, inner, contact: dict) -> tuple[dict, np.ndarray]:
+    """Resultants (2,) of loads, support reactions and the obstacles' forces, which add up to zero, and `size`.
 
     `inner` are the forces K u of the rank's subdomains.
 
     `size` (2,) is the sum of the absolute values of all these nodal forces: the measure of their balance,
-    because resultants themselves may vanish. `supported` (n_c, 2): components of contact nodes that a support
-    holds too; there the support takes what K u leaves after the contact force.
+    because resultants themselves may vanish. A support takes what K u leaves after load and contact forces.
     """
     structure, total = operator.structure, np.zeros((3, 2))
+    forces = operator.forces_on_supports(step.multipliers)
     for s, (sub, force) in enumerate(zip(structure.subdomains, inner)):
-        load = step.weights @ sub.loads
-        reaction = (force - load)[structure.fixed[s]]
+        load = step.weights[: structure.patterns] @ sub.loads
+        reaction = (force - load)[structure.fixed[s]] + forces[s]
         total[0] += np.bincount(sub.dof_component, load, minlength=2)
         held = sub.dof_component[structure.fixed[s]]
         total[1] += np.bincount(held, reaction, minlength=2)
@@ -114,10 +122,9 @@ def resultants(operator: DualOperator, step: Step, inner, contact: dict, support
         total[2] += np.bincount(held, np.abs(reaction), minlength=2)
     load, reaction, size = np.sum(operator.comm.allgather(total), axis=0)
     b = structure.contact
-    force = ((contact["sigma_n"] * b.weight)[:, None] * b.normal + (contact["sigma_t"] * b.weight)[:, None] * b.tangent)
-    reaction = reaction - (force * supported).sum(axis=0)
-    forces = {"load": load, "reaction": reaction, "contact": force.sum(axis=0)}
-    return forces, size + np.abs(force).sum(axis=0)
+    weight = np.where(b.paired, 0.0, b.weight)  # forces between two bodies cancel
+    force = ((contact["sigma_n"] * weight)[:, None] * b.normal + (contact["sigma_t"] * weight)[:, None] * b.tangent)
+    return {"load": load, "reaction": reaction, "contact": force.sum(axis=0)}, size + np.abs(force).sum(axis=0)
 
 
 class Record:
@@ -167,7 +174,7 @@ class Writer:
         """Evaluate and record one step; the state of the contact nodes and the body's energy u' K u."""
         fields, state = self.record.add(step)
         inner = [sub.multiply(u) for sub, u in zip(self.operator.structure.subdomains, fields)]
-        forces, size = resultants(self.operator, step, inner, state, self.contact.held)
+        forces, size = resultants(self.operator, step, inner, state)
         if size.max() > 0:
             self.balance = max(self.balance, float(np.abs(sum(forces.values())).max() / size.max()))
         self.dissipated += float(-(state["sigma_t"] * state["slip"] * self.contact.boundary.weight).sum())
@@ -268,12 +275,13 @@ class Writer:
                 push[g] = push.get(g, 0) + f
         edges = self.operator.structure.outer_edges.tolist()
         traction = _edge_tractions(edges, place, push)
+        paired = {label for pair in self.manifest.contact_pairs for label in pair}
         with open(self.directory / "boundary.csv", "w", newline="") as file:
             out = csv.writer(file)
             out.writerow("x0,y0,x1,y1,label,role,traction_x,traction_y".split(","))
             for a, b, label in edges:
                 pull = traction.get(label, np.zeros(2))
-                role = ("contact" if label in self.manifest.contact_labels else "support" if a in held and b in held
+                role = ("pair" if label in paired else "contact" if label in self.manifest.contact_labels else "support" if a in held and b in held
                         else "load" if pull.any() else "free")
                 out.writerow([*place[a], *place[b], label, role, *pull])
 

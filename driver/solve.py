@@ -123,7 +123,7 @@ def _energy_error(estimates, writer, settings: Settings) -> dict:
     for step, estimate in estimates:
         if estimate.indicator is not None:
             writer.indicate(step, estimate.indicator)
-    return report(estimates, settings.estimator)
+    return report(estimates, estimator.kind)
 
 
 def _next_mesh(directory: Path, estimator, estimates, comm) -> None:
@@ -158,7 +158,7 @@ def _summary(request, manifest: Manifest, structure, history, uniqueness, settin
         "reason": history.reason,
         "warnings": [*history.warnings, *history.fallbacks.warnings(), *uniqueness.warnings(), *[history.reason] * bool(history.reason)],
         "effects": {**manifest.effects, "body_force": any(p["kind"] == "body_force" for p in manifest.patterns),
-                    "bodies": 1},
+                    "bodies": manifest.bodies},
         "sizes": {"subdomains": structure.total, "primal_dofs": structure.primal_dofs,
                   "dual_dofs": structure.dual_dofs, **{f"dual_{name}": int(kinds[k]) for name, k in PRIMAL.items()},
                   "coarse_dofs": structure.coarse_dofs, "contact_nodes": len(structure.contact.gid)},

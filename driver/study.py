@@ -112,7 +112,7 @@ def _run(directory: Path, request: dict, comm) -> tuple[int, str]:
         raise InputError("a study needs a scene with contact: without it the response is linear in its loads")
     lap("setup")
     rows = int(np.count_nonzero(structure.row_kind))
-    condensed = rows <= LARGEST
+    condensed = rows <= LARGEST and not structure.rigid_modes
     if condensed:
         operator = ContactCompliance(operator)
     lap("condense")
@@ -172,10 +172,14 @@ def _contact_of(name: str, boundary, pieces: list):
     at = [place.get(node, -1) for node in zip(boundary.label.tolist(), boundary.gid.tolist())]
     weight = total[at, 0]
     normal = total[at, 1:3] / np.linalg.norm(total[at, 1:3], axis=1)[:, None]
-    if -1 in at or not np.allclose(weight, boundary.weight, rtol=1e-9) or not np.allclose(normal, boundary.normal, atol=1e-9):
+    rigid = ~boundary.paired  # between two bodies weight, normal and gap follow from both sides
+    if -1 in at or not (np.allclose(weight[rigid], boundary.weight[rigid], rtol=1e-9)
+                        and np.allclose(normal[rigid], boundary.normal[rigid], atol=1e-9)):
         raise InputError(f"a study cannot vary {name.upper()}: it moves or turns the contact boundary")
     gap, friction, initial = (total[at, 3:6] / weight[:, None]).T
-    return dataclasses.replace(boundary, gap=gap, friction=friction, initial=initial)
+    if gap[~rigid].any():
+        raise InputError(f"a study cannot vary {name.upper()} in a scene that declares pairGap")
+    return dataclasses.replace(boundary, gap=np.where(rigid, gap, boundary.gap), friction=friction, initial=initial)
 
 
 @dataclasses.dataclass

@@ -9,7 +9,7 @@ Rows of the constraint matrix B (Haslinger, Vlach, Dostal, SNA'07):
 * gluing: u_c(a, i) - u_c(a, j) = 0 at every interface node a that is no corner (non-redundant, as such a
   node belongs to exactly two subdomains i < j), for every displacement component c that is not fixed;
 * normal and tangential contact: n.u and t.u at every contact node, corners included, t being n turned
-  by +90 degrees.
+  by +90 degrees; between two bodies u is the mortar jump of mortar.py.
 
 Rows are numbered by the subdomain that owns them (the lowest one that has the node).
 """
@@ -20,6 +20,7 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from . import mortar
 from .errors import InputError, agree
 from .loader import ContactData, Manifest, Subdomain
 
@@ -46,7 +47,9 @@ class ContactBoundary:
     """All contact nodes of the body, replicated on every rank; arrays of length n_c.
 
     Ordered by label, then along the arc. `normal_row` and `tangential_row` are global dual rows, -1 where
-    a node has none (frictionless contact, or a direction that the support fixes).
+    a node has none (frictionless contact, or a direction that the support fixes). What meets at node i is
+    the sum of value_k u(gid_k) over the terms k with node_k = i: its own displacement on a rigid obstacle,
+    a mortar jump where `paired`.
     """
 
     gid: np.ndarray
@@ -58,6 +61,10 @@ class ContactBoundary:
     gap: np.ndarray
     friction: np.ndarray
     initial: np.ndarray  # tangential displacement at time 0
+    paired: np.ndarray  # the node meets another body
+    term_node: np.ndarray
+    term_gid: np.ndarray
+    term_value: np.ndarray
     normal_row: np.ndarray
     tangential_row: np.ndarray
     clamped: ClampedContact
@@ -70,13 +77,16 @@ class ContactBoundary:
 
 @dataclass
 class LocalRows:
-    """Constraint rows that act on one subdomain: row r reads sign_r * sum_k coefficient_rk u[dof_rk]."""
+    """Constraint rows that act on one subdomain: row r reads sign_r * sum_k coefficient_rk u[dof_rk].
+
+    The width w is 2, or what the widest row between bodies needs; shorter rows end with zero coefficients.
+    """
 
     row: np.ndarray  # (m,) global dual row
     sign: np.ndarray  # (m,) +1/-1 on gluing rows, 1 on contact rows, 0 where another subdomain owns one
-    dof: np.ndarray  # (m, 2)
-    coefficient: np.ndarray  # (m, 2), zero on fixed dofs
-    fixed_part: np.ndarray  # (m, 2): what was removed from `coefficient` there
+    dof: np.ndarray  # (m, w)
+    coefficient: np.ndarray  # (m, w), zero on fixed dofs
+    fixed_part: np.ndarray  # (m, w): what was removed from `coefficient` there
     scaling: np.ndarray  # (m,) entry of B_D: sign times the stiffness weight
 
     def fixed_share(self, fixed: np.ndarray, values: np.ndarray, dofs: int) -> np.ndarray:
@@ -84,6 +94,22 @@ class LocalRows:
         u = np.zeros(dofs)
         u[fixed] = values
         return (self.fixed_part * u[self.dof]).sum(axis=1)
+
+
+@dataclass
+class RigidMode:
+    """A rigid motion of one body that no support holds: u(x) = a + b (x - center) turned by +90 degrees."""
+
+    body: int  # number of the body: connected subdomains, in the order of their first one
+    members: np.ndarray  # subdomains of the body
+    center: np.ndarray  # (2,)
+    translation: np.ndarray  # (2,) a
+    rotation: float  # b
+
+    def displacement(self, xy: np.ndarray) -> np.ndarray:
+        """(n, 2) displacements at the places xy (n, 2)."""
+        away = xy - self.center
+        return self.translation + self.rotation * np.column_stack([-away[:, 1], away[:, 0]])
 
 
 @dataclass
@@ -107,6 +133,8 @@ class Substructure:
     patterns: int
     contact: ContactBoundary
     multiplicity: list[np.ndarray]  # per subdomain: (n_v,) number of subdomains that share a vertex
+    rigid_modes: list[RigidMode]  # of bodies whose supports, if any, leave them free
+    rigid_corners: np.ndarray  # (coarse_dofs, modes) orthonormal: the modes at the coarse dofs
     outer_edges: np.ndarray  # (n, 3): gid, gid, label of the edges of the untorn body's boundary
     primal_dofs: int
 
@@ -123,7 +151,7 @@ def build(manifest: Manifest, subdomains: list[Subdomain], first: int, comm) -> 
     """
     tables = _Tables(manifest, subdomains, comm)
     tables.check_conformity(comm)
-    tables.check_overlap()
+    tables.check_overlap(np.unique(manifest.contact_pairs))
     corners = _corner_vertices(tables)
     fixed = _fixed_dofs(manifest, subdomains, comm)
     contact = _contact_boundary(manifest, subdomains, tables, fixed, comm)
@@ -193,11 +221,14 @@ class _Tables:
                                f"{at[1]:g}) has different coordinates in its subdomains")
         agree(comm, error)
 
-    def check_overlap(self) -> None:
-        """The outline of the body must not cross itself: such a start would penetrate itself."""
+    def check_overlap(self, paired: np.ndarray) -> None:
+        """The outline must not cross itself: such a start would penetrate itself.
+
+        Labels `paired` are spared: two bodies that fit may cross by the error of their meshes.
+        """
         place = np.empty((len(self.gids), 2))
         place[self.vertex_id] = self.xy
-        ends = np.searchsorted(self.gids, self.edges[~self.shared, 1:3])
+        ends = np.searchsorted(self.gids, self.edges[~self.shared & ~np.isin(self.edges[:, 3], paired), 1:3])
         p, q = place[ends[:, 0]], place[ends[:, 1]]
         low, high = np.minimum(p, q), np.maximum(p, q)
         order = np.argsort(low[:, 0])
@@ -256,7 +287,21 @@ def _corner_vertices(tables: _Tables) -> np.ndarray:
     degree = np.diff(np.r_[start, len(gid)])
     mixed = np.minimum.reduceat(kind, start) != np.maximum.reduceat(kind, start)
     corners = np.union1d(gid[start][mixed | (degree != 2)], tables.gids[tables.count > 2])
-    return np.union1d(corners, _farthest_points(tables, neighbour, corners))
+    corners = np.union1d(corners, _farthest_points(tables, neighbour, corners))
+    return np.union1d(corners, _missing_corners(tables, corners))
+
+
+def _missing_corners(tables: _Tables, corners: np.ndarray) -> np.ndarray:
+    """Corners for subdomains that have less than two: an undivided body with one label all round."""
+    has = np.bincount(tables.vertices[np.isin(tables.vertices[:, 1], corners), 0],
+                      minlength=int(tables.vertices[:, 0].max()) + 1)
+    added = []
+    for weak in np.flatnonzero(has < 2):
+        mine = np.flatnonzero(tables.vertices[:, 0] == weak)
+        first = mine[np.linalg.norm(tables.xy[mine] - tables.xy[mine[0]], axis=1).argmax()]
+        second = mine[np.linalg.norm(tables.xy[mine] - tables.xy[first], axis=1).argmax()]
+        added += [tables.vertices[first, 1], tables.vertices[second, 1]]
+    return np.array(added, np.int64)
 
 
 def _farthest_points(tables: _Tables, neighbour: np.ndarray, corners: np.ndarray) -> np.ndarray:
@@ -310,23 +355,79 @@ def _contact_boundary(manifest, subdomains, tables, fixed, comm) -> ContactBound
             found.append(contact_table(sub.contact, sub.vertex_gid[sub.contact.vertex], sub.xy[sub.contact.vertex]))
     found = _gather(comm, np.concatenate(found))
     keys, at, total = add_parts(found)
-    weight = total[:, 0]
-    normal = total[:, 1:3] / np.linalg.norm(total[:, 1:3], axis=1)[:, None]
     label, gid = keys.T.astype(np.int64)
+    xy, weight, n = found[at, 8:10], total[:, 0].copy(), len(gid)
+    normal = total[:, 1:3] / np.linalg.norm(total[:, 1:3], axis=1)[:, None]
+    gap, friction, initial = (total[:, k] / weight for k in (3, 4, 5))
     missing = [wanted for wanted in manifest.contact_labels if wanted not in label]
     if missing:
         raise InputError(f"no contact node has the label {missing[0]}: the scene declares contact on a label "
                          "that its mesh lacks")
-    arc = _arc_lengths(label, gid, found[at, 8:10], tables.edges)
+    arc = _arc_lengths(label, gid, xy, tables.edges)
+    paired, terms = np.isin(label, [one for one, _ in manifest.contact_pairs]), [(np.arange(n), gid, np.ones(n))]
+    terms = [tuple(column[~paired] for column in terms[0])]
+    sides = _PairSides(manifest, subdomains, fixed, comm)
+    for one, two in manifest.contact_pairs:
+        here = np.flatnonzero(label == one)
+        weight[here], normal[here], more, (node, gids, value) = sides.couple(one, two, gid[here])
+        gap[here] += more
+        terms.append((here[node], gids, value))
     held = _held(gid, fixed)
-    order = np.lexsort((arc, label))
-    order = order[~held[order]]
-    none = np.full(len(order), -1)
-    values = fixed[1][np.searchsorted(fixed[0], 2 * gid[held][:, None] + [0, 1])]
-    clamped = ClampedContact(gid[held], label[held], found[at, 8:10][held], normal[held], (total[:, 3] / weight)[held],
-                             values)
-    return ContactBoundary(gid[order], label[order], found[at, 8:10][order], arc[order], weight[order], normal[order],
-                           *(total[order, k] / weight[order] for k in (3, 4, 5)), none, none.copy(), clamped)
+    values = fixed[1][np.searchsorted(fixed[0], 2 * gid[held & ~paired][:, None] + [0, 1])]
+    clamped = ClampedContact(gid[held & ~paired], *(of[held & ~paired] for of in (label, xy, normal, gap)), values)
+    kept = np.flatnonzero(~held & (weight > 0))
+    order = kept[np.lexsort((arc[kept], label[kept]))]
+    position = np.full(n, -1)
+    position[order] = np.arange(len(order))
+    node, gids, value = (np.concatenate(column) for column in zip(*terms))
+    node = position[node]
+    none, used = np.full(len(order), -1), node >= 0
+    return ContactBoundary(gid[order], label[order], xy[order], arc[order], weight[order], normal[order], gap[order],
+                           friction[order], initial[order], paired[order], node[used], gids[used], value[used],
+                           none, none.copy(), clamped)
+
+
+class _PairSides:
+    """Boundaries that meet in contact pairs, replicated on every rank."""
+
+    def __init__(self, manifest: Manifest, subdomains: list[Subdomain], fixed, comm):
+        labels, self.fixed = np.unique(manifest.contact_pairs), fixed
+        found = [np.empty((0, 9))]
+        for sub in subdomains if len(labels) else ():
+            edges = _outward_edges(sub.triangles)
+            label = _labels(sub, np.sort(edges, axis=1))
+            edges, label = edges[np.isin(label, labels)], label[np.isin(label, labels)]
+            a, b = sub.xy[edges[:, 0]], sub.xy[edges[:, 1]]
+            found.append(np.column_stack([label, sub.vertex_gid[edges], a, b, (b - a)[:, 1], (a - b)[:, 0]]))
+        self.edges = _gather(comm, np.concatenate(found))  # label, gid, gid, place, place, normal times length
+
+    def couple(self, one: int, two: int, nodes: np.ndarray):
+        """Weight (n,), normal (n, 2), gap (n,) and terms (node, gid, value) of the contact nodes of a pair."""
+        (first, gids), (second, others) = self._side(one), self._side(two)
+        found = mortar.couple(first, second, _held(gids, self.fixed))
+        if not found.weight.any():
+            raise InputError(f"the boundaries {one} and {two} of a contact pair do not face each other, or a support "
+                             f"holds all nodes of {one}: then name {two} first")
+        at = np.searchsorted(gids, nodes)
+        position = np.full(len(gids), -1)
+        position[at] = np.arange(len(nodes))
+        vertex_gid = np.where(found.side == 0, gids[np.where(found.side == 0, found.vertex, 0)],
+                              others[np.where(found.side == 1, found.vertex, 0)])
+        return found.weight[at], found.normal[at], found.gap[at], (position[found.node], vertex_gid, found.value)
+
+    def _side(self, label: int) -> tuple[mortar.Side, np.ndarray]:
+        edges = self.edges[self.edges[:, 0] == label]
+        gids, first, inverse = np.unique(edges[:, 1:3].ravel().astype(np.int64), return_index=True, return_inverse=True)
+        normal = edges[:, 7:9] / np.linalg.norm(edges[:, 7:9], axis=1)[:, None]
+        return mortar.Side(edges[:, 3:7].reshape(-1, 2)[first], inverse.reshape(-1, 2), normal), gids
+
+
+def _outward_edges(triangles: np.ndarray) -> np.ndarray:
+    """(n, 2) edges of one triangle only, in its (counterclockwise) direction: the body lies on their left."""
+    edges = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    span = edges.max() + 1
+    _, inverse, counts = np.unique(edges.min(axis=1) * span + edges.max(axis=1), return_inverse=True, return_counts=True)
+    return edges[counts[inverse] == 1]
 
 
 def contact_table(c: ContactData, gid: np.ndarray, xy: np.ndarray) -> np.ndarray:
@@ -389,10 +490,10 @@ def _number(manifest, subdomains, first, tables, corners, fixed, contact, comm) 
     gluing = (2 * tables.gids[plain][:, None] + [0, 1]).ravel()
     gluing = gluing[~np.isin(gluing, fixed_keys)]
     frictional = manifest.effects["friction"] != "none"
-    normal_rows = np.flatnonzero(_acts(contact.gid, contact.normal, fixed_keys))
+    normal_rows = np.flatnonzero(_acts(contact, contact.normal, fixed_keys))
     tangential_rows = np.empty(0, np.int64)
     if frictional:  # where the support fixes the normal direction there is no contact pressure to rub under
-        tangential_rows = normal_rows[_acts(contact.gid, contact.tangent, fixed_keys)[normal_rows]]
+        tangential_rows = normal_rows[_acts(contact, contact.tangent, fixed_keys)[normal_rows]]
 
     # (owner, kind, position) of every row; sorting them gives the numbering
     kind = np.repeat([GLUING, NORMAL, TANGENTIAL], [len(gluing), len(normal_rows), len(tangential_rows)])
@@ -416,10 +517,11 @@ def _number(manifest, subdomains, first, tables, corners, fixed, contact, comm) 
     parts = [list(column) for column in zip(*local)] if local else [[] for _ in range(6)]
     primal = comm.allreduce(sum(sub.dofs for sub in subdomains))
     outer = tables.edges[~tables.shared][:, 1:]
+    modes, at_corners = _rigid_modes(tables, fixed_keys, corner_keys)
     return Substructure(subdomains, first, manifest.subdomains, *parts[:5], coarse_dofs=len(corner_keys),
                         dual_dofs=len(order), row_kind=kind[order], row_scale=row_scale, row_range=row_range, row_starts=row_starts,
                         patterns=len(manifest.patterns), contact=contact,
-                        multiplicity=parts[5], outer_edges=outer, primal_dofs=primal)
+                        multiplicity=parts[5], rigid_modes=modes, rigid_corners=at_corners, outer_edges=outer, primal_dofs=primal)
 
 
 def _row_scale(tables, row_gid, kind) -> np.ndarray:
@@ -436,9 +538,12 @@ def _row_scale(tables, row_gid, kind) -> np.ndarray:
     return 2.0 ** np.round(0.5 * np.log2(seen / seen.max(initial=0)))
 
 
-def _acts(gid, direction, fixed_keys) -> np.ndarray:
-    """True where a row direction.u at a vertex moves a dof that is not fixed."""
-    free = np.column_stack([~np.isin(2 * gid + c, fixed_keys) for c in (0, 1)])
+def _acts(contact: ContactBoundary, direction: np.ndarray, fixed_keys) -> np.ndarray:
+    """True for the contact nodes whose own displacement in `direction` a support leaves free.
+
+    Between two bodies a multiplier that moves only its neighbours and the other side would nearly repeat theirs.
+    """
+    free = np.column_stack([~np.isin(2 * contact.gid + c, fixed_keys) for c in (0, 1)])
     return np.abs(direction * free).max(axis=1, initial=0) > 1e-12
 
 
@@ -448,6 +553,42 @@ def _lookup(keys: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarra
         return np.zeros(len(wanted), np.int64), np.zeros(len(wanted), bool)
     at = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
     return at, keys[at] == wanted
+
+
+def _rigid_modes(tables, fixed_keys, corner_keys) -> tuple[list[RigidMode], np.ndarray]:
+    """Rigid motions that the supports leave to each body, orthonormal at its coarse dofs."""
+    total = int(tables.vertices[:, 0].max()) + 1
+    links = coo_matrix((np.ones(len(tables.vertices)), (tables.vertices[:, 0], total + tables.vertex_id)),
+                       shape=(total + len(tables.gids),) * 2)
+    _, body = connected_components(links, directed=False)
+    place = np.empty((len(tables.gids), 2))
+    place[tables.vertex_id] = tables.xy
+    modes, columns = [], []
+    for number, one in enumerate(dict.fromkeys(body[:total].tolist())):  # in the order of the first subdomains
+        vertices = np.flatnonzero(body[total:] == one)
+        center, size = place[vertices].mean(axis=0), np.ptp(place[vertices], axis=0).max()
+        keys = (2 * tables.gids[vertices][:, None] + [0, 1]).ravel()
+        away = (place[vertices] - center) / size
+        motions = np.stack([np.tile([1.0, 0.0], (len(away), 1)), np.tile([0.0, 1.0], (len(away), 1)),
+                            np.column_stack([-away[:, 1], away[:, 0]])], axis=2).reshape(-1, 3)
+        _, sizes, basis = np.linalg.svd(motions[np.isin(keys, fixed_keys)], full_matrices=True)
+        rank = int((sizes > 1e-10 * max(1.0, sizes.max(initial=0.0))).sum())
+        free = basis[rank:].T  # (3, modes)
+        at = np.isin(keys, corner_keys)
+        if not free.shape[1] or not at.any():
+            continue
+        _, triangle = np.linalg.qr(motions[at] @ free)
+        free = free @ np.linalg.inv(triangle)
+        column = np.zeros((len(corner_keys), free.shape[1]))
+        column[np.searchsorted(corner_keys, keys[at])] = motions[at] @ free
+        columns.append(column)
+        modes += [RigidMode(number, np.flatnonzero(body[:total] == one), center, c[:2].copy(), c[2] / size) for c in free.T]
+    return modes, np.hstack([np.zeros((len(corner_keys), 0)), *columns])
+
+
+def _widen(array: np.ndarray, width: int) -> np.ndarray:
+    """(m, width): `array` with columns of zeros added."""
+    return np.pad(array, ((0, 0), (0, width - array.shape[1])))
 
 
 class _Numbering:
@@ -467,7 +608,7 @@ class _Numbering:
         self.rank = np.empty(len(gid), np.int64)
         self.rank[np.lexsort((-self.stiffness, gid))] = self.place  # stable: equal ones in their order
         self.shared_stiffness = np.add.reduceat(self.stiffness, np.unique(start))[np.unique(gid, return_inverse=True)[1]]
-        self.contact_gids = np.unique(contact.gid)
+        self.contact_gids = np.unique(contact.term_gid)
 
     def localize(self, sub: Subdomain):
         """Fixed dofs and values, corner dofs and numbers, rows, multiplicities of one subdomain."""
@@ -494,12 +635,18 @@ class _Numbering:
             for direction, rows in ((self.contact.normal, self.contact.normal_row),
                                     (self.contact.tangent, self.contact.tangential_row)):
                 pieces.append(self._contact_rows(sub, multiplicity, held, direction, rows))
+                if self.contact.paired.any():
+                    pieces.append(self._pair_rows(sub, held, direction, rows))
+        width = max(piece[2].shape[1] for piece in pieces)
+        pieces = [(row, sign, *(_widen(array, width) for array in (dof, *parts)), scaling)
+                  for row, sign, dof, *parts, scaling in pieces]
         return LocalRows(*(np.concatenate(column) for column in zip(*pieces)))
 
     def _contact_rows(self, sub, multiplicity, held, direction, rows):
+        """Rows of the nodes that meet a rigid obstacle."""
         order = np.argsort(sub.vertex_gid)
         at, inside = _lookup(sub.vertex_gid[order], self.contact.gid)
-        here = np.flatnonzero(inside & (rows >= 0))
+        here = np.flatnonzero(inside & (rows >= 0) & ~self.contact.paired)
         vertex = order[at[here]]
         # dofs are numbered vertex by vertex, as the loader has checked
         dof = 2 * vertex[:, None] + [0, 1]
@@ -514,3 +661,25 @@ class _Numbering:
     def _pair(self, gid: np.ndarray, subdomain: int) -> np.ndarray:
         """Positions in `pairs` of vertices on the boundary of `subdomain`."""
         return _lookup(self.pairs, gid * self._span + subdomain)[0]
+
+    def _pair_rows(self, sub, held, direction, rows):
+        """Rows between two bodies: the terms at the vertices that this subdomain owns.
+
+        The preconditioner halves a row between the two bodies, and each half in proportion to the terms.
+        """
+        c, order = self.contact, np.argsort(sub.vertex_gid)
+        at, inside = _lookup(sub.vertex_gid[order], c.term_gid)
+        mine = np.flatnonzero(inside & c.paired[c.term_node] & (rows[c.term_node] >= 0))
+        mine = mine[self.place[self._pair(c.term_gid[mine], sub.index)] == 0]
+        mine = mine[np.argsort(c.term_node[mine], kind="stable")]
+        here, start, count = np.unique(c.term_node[mine], return_index=True, return_counts=True)
+        slot = np.arange(len(mine)) - np.repeat(start, count)  # a term's place in its row
+        place = (np.repeat(np.arange(len(here)), count), slot)
+        vertex, value = np.zeros((2, len(here), count.max(initial=1)))
+        vertex[place], value[place] = order[at[mine]], c.term_value[mine]
+        shape = (len(here), 2 * vertex.shape[1])
+        dof = (2 * vertex.astype(np.int64)[:, :, None] + [0, 1]).reshape(shape)
+        coefficient = (value[:, :, None] * direction[here][:, None, :]).reshape(shape)
+        free = ~held[dof]
+        scaling = 0.5 * np.abs(value).sum(axis=1)  # the values of either side add up to 1
+        return rows[here], np.ones(len(here)), dof, coefficient * free, coefficient * ~free, scaling

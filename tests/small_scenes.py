@@ -108,7 +108,7 @@ class Scene:
         return Manifest(
             directory=Path("."), subdomains=int(self.body.part.max()) + 1, blocks=1, vertices=len(self.body.xy),
             interface_label=INTERFACE, element="P1", plane="strain", material="isotropic", units={}, effects=effects,
-            steps=steps, t_end=1.0, contact_labels=[self.contact], labels=[BOTTOM, RIGHT, TOP, LEFT],
+            steps=steps, t_end=1.0, bodies=1, contact_labels=[self.contact], labels=[BOTTOM, RIGHT, TOP, LEFT],
             patterns=[{"kind": "traction", "amplitude": k} for k in range(patterns)],
             amplitudes={str(k): self.amplitudes[:, k].tolist() for k in range(patterns)}, parameters={})
 

@@ -231,7 +231,7 @@ def test_not_converged_keeps_marked_results(command, tmp_path):
 
 
 def test_no_solution_has_its_own_status(command, tmp_path, variant):
-    path = variant("cli_loose", ("macro support() on(4, u1 = 0., u2 = 0.) //\n", ""))
+    path = variant("cli_loose", ("macro support() on(4, u1 = 0., u2 = 0.) //\n", ""), ('"friction", 0.3', '"friction", 0.1'))
     for ranks in (1, 2):
         done = command("run", f"SCENE={path}", *FAST, f"NP={ranks}", f"OUT={tmp_path / 'out'}")
         assert done.returncode == 3 and "Traceback" not in done.stderr

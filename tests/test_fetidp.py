@@ -401,18 +401,23 @@ def test_prescribed_displacement_equals_a_direct_solve(built, variant, subdomain
     ("loose", ""),  # three rigid motions
     ("rolling", "macro support() on(4, u1 = 0.) //\n"),  # slides along y
     ("sliding", "macro support() on(1, u2 = 0.) //\n")])  # slides along x
-def test_body_that_can_move_is_refused(built, variant, subdomains, name, support):
-    """Contact alone holds nothing: F would be singular or, with rounding, anything at all."""
+def test_body_that_can_move_is_refused(solved, variant, subdomains, name, support):
+    """Nothing takes the load's work on the free rigid motions: no equilibrium, whatever the body deforms."""
     scene = variant(name, ("macro support() on(4, u1 = 0., u2 = 0.) //\n", support), *NO_CONTACT)
-    with pytest.raises(NoSolution) as found:
-        built(scene, cells=4, subdomains=subdomains)
-    assert "support" in str(found.value)
+    run = solved(scene, cells=4, subdomains=subdomains)
+    assert run.status == 3 and "which no support holds" in run.reason
 
 
-def test_mechanism_ends_the_run_with_a_reason(solved, variant):
+@pytest.mark.parametrize("friction, status", [(0.3, 0), (0.15, 3)])
+def test_friction_alone_holds_the_model_or_not(solved, variant, friction, status):
+    """The final load is 3e7 sideways on 15e7 downwards: friction holds the body from F = 0.2 on."""
     scene = variant("loose_contact", ("macro support() on(4, u1 = 0., u2 = 0.) //\n", ""))
-    run = solved(scene, cells=4)
-    assert run.status == 3 and "support" in run.reason
+    run = solved(scene, cells=4, friction=friction)
+    assert run.status == status
+    if status:
+        assert "which no support holds" in run.reason
+    else:
+        np.testing.assert_allclose([run.history["contact_x"][-1], run.history["contact_y"][-1]], [-3e7, 15e7], rtol=1e-6)
 
 
 # ------------------------------------------------------------------------------ ranks

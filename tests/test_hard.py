@@ -45,9 +45,9 @@ def test_every_case_says_what_is_expected():
     ({"easy": {"CELLS": 1}, "ratio": 0.1}, "easy reference"),
     ({"warning": "the moon"}, "no warning"),
     ({"seconds": 0.05}, "killed"),
-    ({"options": {**SMALL, "HOLD": "none"}}, "without deforming"),
-    ({"options": {**SMALL, "HOLD": "none"}, "status": 3, "reason": "the moon"}, "without deforming"),
-    ({"options": {**SMALL, "HOLD": "none"}, "status": 2, "reason": "without deforming"}, "without deforming"),
+    ({"options": {**SMALL, "HOLD": "none", "FRICTION": 0.1}}, "no equilibrium"),
+    ({"options": {**SMALL, "HOLD": "none", "FRICTION": 0.1}, "status": 3, "reason": "the moon"}, "no equilibrium"),
+    ({"options": {**SMALL, "HOLD": "none", "FRICTION": 0.1}, "status": 2, "reason": "no equilibrium"}, "no equilibrium"),
     ({"perform": lambda case, size, folder: Outcome(1, "Traceback", 0.0, folder, crashed=True), "status": 1}, "Traceback"),
 ], ids=lambda value: "" if isinstance(value, dict) else value or "solved")
 def test_judge(change, why, tmp_path):

@@ -1,0 +1,65 @@
+"""Stage 6, bodies without support: can contact hold them at all, and where would rigid bodies come to rest?
+
+The loads' work on every free rigid motion must be balanced by contact forces inside their cones, a linear program
+in the multipliers:
+
+    min gap' lambda_n   with   G lambda = L,   lambda_n >= 0,   |lambda_t| <= F lambda_n  (or a given bound),
+
+column j of G' being the motion of the contact rows under rigid motion j. Without a solution there is no equilibrium
+whatever the bodies deform; with one its dual variables are the rigid motion that closes the gaps first. Compare
+Haslinger, Kucera, Sassi: floating bodies; for the static theorem Kanno (2011), ch. 1.
+"""
+
+import numpy as np
+from scipy.optimize import linprog
+from scipy.sparse import bmat, csr_matrix, diags, identity
+
+from .friction import ContactRows
+
+SLACK = 1e-7  # relative imbalance that counts as balanced: the solver's own tolerance
+
+
+def rigid_equilibrium(rows: ContactRows, motions: np.ndarray, work: np.ndarray, size: np.ndarray, comm):
+    """Rigid motion (modes,) in which contact first balances the loads, or None if it cannot.
+
+    `motions` (owned, modes): dual rows' displacement under every rigid motion; `work` (modes,) of the loads on
+    them, `size` (modes,) of its terms. Collective; the same answer on every rank.
+    """
+    part = (motions[rows.normal], rows.gap, rows.normal_node, motions[rows.tangential], rows.tangential_node,
+            rows.bound)
+    parts = comm.gather(part)
+    answer = None
+    if comm.rank == 0:
+        normal, gap, node, tangential, rubbing, bound = (np.concatenate(column) for column in zip(*parts))
+        answer = _solve(normal, gap, tangential, np.searchsorted(node, rubbing), bound, rows.tresca, rows.bilateral,
+                        work, size)
+    return comm.bcast(answer)
+
+
+def _solve(normal, gap, tangential, pair, bound, tresca, bilateral, work, size):
+    """The linear program, scaled to forces and motions of order one."""
+    k, j = len(normal), len(tangential)
+    reach = np.abs(np.vstack([normal, tangential])).max(axis=0, initial=0.0)
+    if not size.any():
+        return np.zeros(len(work))  # no load: no motion
+    if np.any(reach[np.abs(work) > SLACK * size] == 0):
+        return None  # a motion that no contact resists
+    reach[reach == 0] = 1.0
+    force = np.max(size / reach)
+    balance = np.vstack([normal, tangential]).T / reach[:, None]
+    cone = None
+    limit = np.full(j, np.inf)
+    if tresca:
+        limit = bound / force
+    elif j:
+        pick = csr_matrix((np.ones(j), (np.arange(j), pair)), shape=(j, k))
+        cone = bmat([[-diags(bound) @ pick, identity(j)], [-diags(bound) @ pick, -identity(j)]]).tocsr()
+    far = np.abs(gap).max(initial=0.0) or 1.0
+    found = linprog(np.concatenate([gap / far, np.zeros(j)]), A_ub=cone, b_ub=None if cone is None else np.zeros(2 * j),
+                    A_eq=balance, b_eq=work / reach / force, method="highs",
+                    bounds=[(None if bilateral else 0.0, None)] * k + [(-b, b) for b in limit])
+    if found.status == 2:
+        return None
+    if found.status != 0 or not gap.any():
+        return np.zeros(len(work))  # unbounded: bodies overlap everywhere; the steps themselves find the motion
+    return found.eqlin.marginals * far / reach
