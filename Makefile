@@ -12,7 +12,7 @@ quote = '$(subst ','\'',$1)'
 GIVEN = $(foreach v,$(filter-out $(OWN),$(.VARIABLES)),$(if $(filter command,$(origin $v)),$(call quote,$v=$(value $v))))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-long run table effects study hard saddle figures $(SCENES)
+.PHONY: help setup demo test test-long run table effects bench study hard saddle figures $(SCENES)
 
 help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' Makefile | expand -t 12
@@ -44,6 +44,9 @@ table:  ## the slides' table, ours beside theirs [ROWS=1,2,3] [METHOD=default|pl
 
 effects:  ## a scene as declared and with each effect taken out in turn: SCENE=bracket [NP=] [...]
 	@$(DRIVER) effects $(GIVEN)
+
+bench:  ## what runs cost, beside the slides, a factorization, GetFEM, TAO and the machine's limits [PARTS=products,tao] [LARGE=yes]
+	@$(DRIVER) bench $(GIVEN)
 
 study:  ## many values of one parameter on one export: SCENE=model FRICTION=0.05:1.0:100 [NP=] [...]
 	@$(DRIVER) study $(GIVEN)

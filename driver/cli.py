@@ -2,7 +2,7 @@
 
     python3 -m driver run SCENE=model LOADING=monotone NP=2 OUT=results/mine
     python3 -m driver scenes | figures DIRECTORY | table [ROWS=1,2,3] | effects SCENE=punch | hard [FAMILY=scale]
-    python3 -m driver study SCENE=model FRICTION=0:1:11 | saddle SCENE=model OUT=...
+    python3 -m driver study SCENE=model FRICTION=0:1:11 | bench [PARTS=products] | saddle SCENE=model OUT=...
 
 Exit status: 0 converged; 2 bad input or missing dependency; 3 no (unique) solution the method can vouch
 for; 4 not converged in the allowed iterations. A user's mistake is told in one line.
@@ -103,6 +103,14 @@ def command_hard(words: list[str]) -> None:
     from .hard.suite import run_suite
 
     for path in run_suite(parse_pairs(words)):
+        print(os.path.relpath(path))
+
+
+def command_bench(words: list[str]) -> None:
+    """What a run costs, beside the slides, a factorization, other programs and the machine's limits."""
+    from .bench.suite import run_bench
+
+    for path in run_bench(parse_pairs(words)):
         print(os.path.relpath(path))
 
 

@@ -90,6 +90,7 @@ class DualOperator:
         self._row_numbers = _join([structure.rows[s].row for s in order], PETSc.IntType)
         self._dual = PETSc.Vec().createMPI((self.owned, structure.dual_dofs), comm=self.comm)
         self._local_rows, self._to_rows = _scatter(self._dual, self._row_numbers)
+        self._out_rows = self._local_rows.duplicate()
         self._by_width = {}  # vectors and scatters of several columns
         self._slots = _Slots(structure, self._row_numbers, order, self.comm) if structure.contact.paired.any() else None
         # partial sums of a scalar product: the rows of each subdomain, in the order of subdomains
@@ -106,7 +107,7 @@ class DualOperator:
     def _build_coarse(self) -> None:
         """Assemble and factorize S_cc on every rank; refuse a structure that is a mechanism."""
         n = self.structure.coarse_dofs
-        self.coarse_solver = None
+        self.coarse_solver, self.coarse_factor_entries = None, 0
         if n == 0:
             return
         local = [None] * len(self.structure.subdomains)
@@ -131,7 +132,13 @@ class DualOperator:
         if negative or null:
             raise NoSolution("the structure is a mechanism: parts of a body can move without deforming, hinged on "
                              "single points")
-        self.coarse_solver = pc
+        self.coarse_factor_entries = factor.getMumpsInfog(29)
+        # MUMPS vouches for the matrix; CHOLMOD's triangular solves are several times faster
+        self.coarse_solver = PETSc.PC().create(PETSc.COMM_SELF)
+        self.coarse_solver.setType("cholesky")
+        self.coarse_solver.setFactorSolverType("cholmod")
+        self.coarse_solver.setOperators(pc.getOperators()[0])
+        self.coarse_solver.setUp()
         self._coarse = (PETSc.Vec().createSeq(n), PETSc.Vec().createSeq(n))
 
     def _held_coarse_matrix(self):
@@ -168,11 +175,15 @@ class DualOperator:
 
     def _assemble(self, local: np.ndarray) -> np.ndarray:
         """Add up stacked local rows into a dual vector."""
+        self._out_rows.array[:] = local
+        return self._add_up(self._out_rows)
+
+    def _add_up(self, rows: PETSc.Vec) -> np.ndarray:
+        """Dual vector of the sums of stacked local rows."""
         if self._slots is not None:
-            return self._slots.add_up(local)
-        self._local_rows.array[:] = local
+            return self._slots.add_up(rows.array)
         self._dual.set(0)
-        self._to_rows.scatter(self._local_rows, self._dual, addv=True, mode="reverse")
+        self._to_rows.scatter(rows, self._dual, addv=True, mode="reverse")
         return self._dual.array.copy()
 
     def coarse_solve(self, local: np.ndarray) -> np.ndarray:
@@ -201,16 +212,18 @@ class DualOperator:
     def apply(self, multipliers: np.ndarray) -> np.ndarray:
         """F times a dual vector."""
         self.products += 1
-        x = self._gather(multipliers) * self.sign
-        y, force = np.empty_like(x), np.empty(len(self._corner_local))
+        x, y, force = self._gather(multipliers), self._out_rows.array, np.empty(len(self._corner_local))
+        x *= self.sign
         for c in self.classes:
-            m, both = len(c.F), _blocked(x[c.rows].reshape(len(c.members), -1), c.F_and_A)
-            y[c.rows] = both[:, :m].ravel()
-            force[c.corners] = both[:, m:].ravel()
+            k, own = len(c.members), x[c.rows].reshape(len(c.members), -1)
+            _blocked(own, c.F, y[c.rows].reshape(k, -1))
+            _blocked(own, c.A, force[c.corners].reshape(k, -1))
         corner = self.coarse_solve(force)
         for c in self.classes:
-            y[c.rows] += _blocked(corner[c.corners].reshape(len(c.members), -1), c.A_transposed).ravel()
-        return self._assemble(y * self.sign)
+            k, m = len(c.members), len(c.F)
+            y[c.rows].reshape(k, m)[:] += _blocked(corner[c.corners].reshape(k, -1), c.A_transposed)
+        y *= self.sign
+        return self._add_up(self._out_rows)
 
     def preconditioner(self) -> "DirichletPreconditioner":
         """The Dirichlet preconditioner of F."""
@@ -221,6 +234,13 @@ class DualOperator:
         other = copy.copy(self)
         other.structure, other.products = dataclasses.replace(self.structure, contact=contact), 0
         return other
+
+    def message_bytes(self) -> dict[str, int]:
+        """Bytes that this rank receives: in a product with F, for gluing and coarse problem, and in a scalar product."""
+        start, stop = self.structure.row_range
+        foreign = int(np.count_nonzero((self._row_numbers < start) | (self._row_numbers >= stop)))
+        corners = len(self._corner_all) - len(self._corner_local)
+        return {"rows": 2 * 8 * foreign, "coarse": 8 * corners, "dot": 8 * (self.structure.total - len(self._starts))}
 
     # ---- several columns at a time -----------------------------------------------------------
     def _columns(self, k: int):
@@ -254,10 +274,9 @@ class DualOperator:
         x = self.gather_columns(multipliers) * self.sign[:, None]
         y, force = np.empty_like(x), np.empty((len(self._corner_local), k))
         for c in self.classes:
-            members, m = len(c.members), len(c.F)
-            both = np.matmul(c.F_and_A.T, x[c.rows].reshape(members, m, k))
-            y[c.rows] = both[:, :m].reshape(-1, k)
-            force[c.corners] = both[:, m:].reshape(-1, k)
+            own = x[c.rows].reshape(len(c.members), -1, k)
+            y[c.rows] = np.matmul(c.F, own).reshape(-1, k)
+            force[c.corners] = np.matmul(c.A_transposed, own).reshape(-1, k)
         corner = self._coarse_columns(force)
         for c in self.classes:
             y[c.rows] += np.matmul(c.A, corner[c.corners].reshape(len(c.members), -1, k)).reshape(-1, k)
@@ -486,10 +505,13 @@ class DirichletPreconditioner:
     def __call__(self, residual: np.ndarray, free: np.ndarray) -> np.ndarray:
         """M residual on the face `free`, zero elsewhere."""
         op = self.operator
-        x = op._gather(np.where(free, residual, 0.0)) * op.scaling
+        x, y = op._gather(np.where(free, residual, 0.0)), op._out_rows.array
+        x *= op.scaling
         for c, schur in zip(op.classes, self.schur):
-            x[c.rows] = _blocked(x[c.rows].reshape(len(c.members), -1), schur).ravel()
-        return np.where(free, op._assemble(x * op.scaling), 0.0)
+            k = len(c.members)
+            _blocked(x[c.rows].reshape(k, -1), schur, y[c.rows].reshape(k, -1))
+        y *= op.scaling
+        return np.where(free, op._add_up(op._out_rows), 0.0)
 
 
 def _schur(c: LocalClass) -> np.ndarray:
@@ -525,18 +547,18 @@ def _join(arrays: list, kind) -> np.ndarray:
     return np.concatenate([np.empty(0, kind), *arrays]).astype(kind)
 
 
-def _blocked(rows: np.ndarray, matrix: np.ndarray) -> np.ndarray:
-    """rows @ matrix, (k, m) @ (m, n), in blocks of BLOCK rows.
+def _blocked(rows: np.ndarray, matrix: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+    """rows @ matrix, (k, m) @ (m, n), in blocks of BLOCK rows, into `out` (k, n) if given.
 
     BLAS may round differently for different numbers of rows; a fixed number makes each row's result
     independent of how many others a rank has.
     """
-    count, m = rows.shape
-    if m == 0:
-        return np.zeros((count, matrix.shape[1]))
-    full = -(-count // BLOCK) * BLOCK
-    if full != count:
-        padded = np.zeros((full, m))
-        padded[:count] = rows
-        rows = padded
-    return (rows.reshape(-1, BLOCK, m) @ matrix).reshape(full, -1)[:count]
+    (count, m), n = rows.shape, matrix.shape[1]
+    out = np.empty((count, n)) if out is None else out
+    whole = count - count % BLOCK
+    np.matmul(rows[:whole].reshape(-1, BLOCK, m), matrix, out=out[:whole].reshape(-1, BLOCK, n))
+    if whole < count:
+        last = np.zeros((BLOCK, m))
+        last[: count - whole] = rows[whole:]
+        out[whole:] = (last @ matrix)[: count - whole]
+    return out

@@ -82,7 +82,6 @@ class LocalClass:
     corners: slice | None = None
 
     def __post_init__(self):
-        self.F_and_A = np.hstack([self.F, self.A])
         self.A_transposed = np.ascontiguousarray(self.A.T)
 
 

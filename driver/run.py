@@ -35,7 +35,7 @@ def _setting(field, text: str):
     return value
 
 
-def _yes(options: dict, name: str, preset: str) -> bool:
+def yes(options: dict, name: str, preset: str) -> bool:
     value = options.get(name, preset)
     if value not in ("yes", "no"):
         raise InputError(f"{name.upper()} must be yes or no, not '{value}'")
@@ -76,8 +76,8 @@ class Run:
         if errors not in ERRORS:
             raise InputError(f"ERRORS must be one of {', '.join(ERRORS)}, not '{errors}'")
         out = Path(pairs["out"]) if "out" in pairs else RESULTS / scene.stem
-        return cls(scene, out, int(ranks), settings, parameters, _yes(pairs, "fields", "yes"),
-                   _yes(pairs, "figures", "yes"), _yes(pairs, "quiet", "no"), int(adapt), errors)
+        return cls(scene, out, int(ranks), settings, parameters, yes(pairs, "fields", "yes"),
+                   yes(pairs, "figures", "yes"), yes(pairs, "quiet", "no"), int(adapt), errors)
 
 
 def execute(run: Run) -> dict:

@@ -69,7 +69,7 @@ def _methods(text: str | None) -> list[str]:
     return [text] if text else list(METHODS)
 
 
-def _settings(method: str) -> dict:
+def method_settings(method: str) -> dict:
     """Solver settings of a method: the slides' stopping rules alone, whatever the driver's defaults."""
     return {"rtol": 1e-6, "friction_rtol": 1e-6, "primal_rtol": 1.0, **METHODS[method]}
 
@@ -84,7 +84,7 @@ def _finished(folder: Path, method: str, row: int) -> dict | None:
         found = json.loads(_row_file(folder, method, row).read_text())
     except FileNotFoundError:
         return None
-    return found["row"] if found["settings"] == dataclasses.asdict(Settings(**_settings(method))) else None
+    return found["row"] if found["settings"] == dataclasses.asdict(Settings(**method_settings(method))) else None
 
 
 def _make_row(folder: Path, method: str, row: int, ranks: str) -> None:
@@ -95,12 +95,12 @@ def _make_row(folder: Path, method: str, row: int, ranks: str) -> None:
         pairs = {"scene": "model", "loading": loading, "subdomains": ROWS[row], "cells": "10", "steps": "20",
                  "np": ranks, "fields": "no", "figures": "no", "errors": "no",
                  "out": str(folder / "runs" / f"{method}-{ROWS[row]}-{loading}"),
-                 **{name: str(value) for name, value in _settings(method).items()}}
+                 **{name: str(value) for name, value in method_settings(method).items()}}
         summary[loading] = execute(Run.from_pairs(pairs))
     path = _row_file(folder, method, row)
     path.parent.mkdir(parents=True, exist_ok=True)
     hidden = path.with_name(f".{path.name}")
-    found = {"settings": dataclasses.asdict(Settings(**_settings(method))), "row": _columns(row, method, summary)}
+    found = {"settings": dataclasses.asdict(Settings(**method_settings(method))), "row": _columns(row, method, summary)}
     hidden.write_text(json.dumps(found, indent=1) + "\n")
     hidden.replace(path)
 

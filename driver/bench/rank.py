@@ -1,0 +1,74 @@
+"""One rank of a timed run:  mpirun python3 -m driver.bench.rank EXPORT OUT.json REPEATS"""
+
+import json
+import sys
+import time
+from pathlib import Path
+
+from .. import environment
+
+environment.single_threaded()
+environment.prepare_petsc()
+
+import petsc4py
+
+petsc4py.init(["driver", "-no_signal_handler"])
+
+import numpy as np
+from mpi4py import MPI
+
+from ..fetidp import DualOperator
+from ..loader import read_manifest, read_subdomains
+from ..problem import Problem
+from ..substructuring import build, partition
+from ..table import method_settings
+from .workbench import march
+
+CALLS = 20  # products timed at a time
+
+
+def once(directory: Path, comm) -> dict:
+    """Seconds of every stage (of the slowest rank), counts and message volume of one run."""
+    seconds = {}
+    comm.Barrier()
+    clock = time.perf_counter()
+
+    def lap(name: str) -> None:
+        nonlocal clock
+        comm.Barrier()
+        now = time.perf_counter()
+        seconds[name], clock = now - clock, now
+
+    manifest = read_manifest(directory)
+    first, last = partition(manifest.subdomains, comm)
+    subdomains = read_subdomains(manifest, first, last, comm)
+    lap("read")
+    structure = build(manifest, subdomains, first, comm)
+    lap("skeleton")
+    operator = DualOperator(structure, comm)
+    lap("reduction")
+    x = np.ones(operator.owned)
+    operator.apply(x)
+    lap("warm")
+    for _ in range(CALLS):
+        operator.apply(x)
+    lap("product")
+    seconds["product"] /= CALLS
+    operator.products = 0
+    history = march(Problem(manifest, structure, operator), **method_settings("default"))
+    lap("steps")
+    bytes_ = operator.message_bytes()
+    return {"seconds": seconds, "counts": history.counts, "subdomains": structure.total, "coarse": structure.coarse_dofs,
+            "bytes": {name: comm.allreduce(value) for name, value in bytes_.items()}}
+
+
+def main(directory: str, out: str, repeats: int) -> None:
+    """Repeat the run; rank 0 writes all of them."""
+    comm = MPI.COMM_WORLD
+    found = [once(Path(directory), comm) for _ in range(repeats)]
+    if comm.rank == 0:
+        Path(out).write_text(json.dumps(found))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], sys.argv[2], int(sys.argv[3]))

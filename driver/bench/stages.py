@@ -1,0 +1,77 @@
+"""The FreeFEM stage, reading it back, memory and start-up."""
+
+import subprocess
+import sys
+
+from mpi4py import MPI
+
+from ..loader import read_manifest, read_subdomains
+from .workbench import REPEATS, Workbench, child, driver, in_turn, ratios, seconds
+
+PART = "stages"
+SUBDOMAINS = "64x32"
+DOFS = 495_616
+SMALLER = "32x16"
+
+
+def measure(bench: Workbench) -> dict:
+    """Seconds per dof of the export on one and two ranks, reading, memory and start-up."""
+    report = bench.report
+    _export(bench)
+    _read_back(bench)
+    out = bench.folder / "run"
+    _, peak = child(driver("run", "SCENE=model", f"SUBDOMAINS={SUBDOMAINS}", f"OUT={out}", "ERRORS=no", "FIELDS=no", "FIGURES=no", "QUIET=yes"))
+    report.add(PART, f"peak memory of the driver, {DOFS} dofs, one rank", peak, "MiB", "<= 1536")
+    _start_up(bench)
+    return {}
+
+
+def _export(bench: Workbench) -> None:
+    """FreeFEM on one and on two ranks."""
+    fresh = lambda ranks: lambda: _fresh_export(bench, ranks)
+    found = in_turn({"one": fresh(1), "two": fresh(2)}, REPEATS)
+    dofs = DOFS / 4
+    bench.report.add(PART, f"FreeFEM stage, {SMALLER}, per dof, one core", [1e6 * s / dofs for s in found["one"]], "µs", "<= 12")
+    bench.report.add(PART, f"FreeFEM stage, {SMALLER}, one rank over two", ratios(found["one"], found["two"]), "", ">= 1.7")
+    bench.export(SUBDOMAINS)
+    bench.report.add(PART, f"FreeFEM stage, {SUBDOMAINS}, per dof, one core", 1e6 * bench.export_seconds[SUBDOMAINS, 10, 1] / DOFS,
+                     "µs", "<= 12")
+
+
+def _fresh_export(bench: Workbench, ranks: int) -> float:
+    bench.export_seconds.pop((SMALLER, 10, ranks), None)
+    bench.export(SMALLER, 10, ranks)
+    return bench.export_seconds[SMALLER, 10, ranks]
+
+
+def _read_back(bench: Workbench) -> None:
+    """The loader against the disk itself, past the page cache."""
+    directory = bench.export(SUBDOMAINS)
+    size = sum(path.stat().st_size for path in directory.glob("block-*.bin"))
+    manifest = read_manifest(directory)
+
+    def disk():
+        for path in directory.glob("block-*.bin"):
+            subprocess.run(["dd", f"if={path}", "of=/dev/null", "bs=4M", "iflag=direct"], check=True, capture_output=True)
+
+    try:
+        found = in_turn({"loader": lambda: seconds(lambda: read_subdomains(manifest, 0, manifest.subdomains, MPI.COMM_SELF)),
+                         "disk": disk}, REPEATS)
+    except subprocess.CalledProcessError:
+        bench.report.skip(PART, "the file system has no direct reads to compare the loader with")
+        return
+    bench.report.add(PART, f"export of {DOFS} dofs", size / 1e6, "MB")
+    bench.report.add(PART, "reading it back with all checks", [size / 1e6 / s for s in found["loader"]], "MB/s")
+    bench.report.add(PART, "disk alone", [size / 1e6 / s for s in found["disk"]], "MB/s")
+    bench.report.add(PART, "reading over disk speed", ratios(found["disk"], found["loader"]), "", ">= 1")
+
+
+def _start_up(bench: Workbench) -> None:
+    """make demo and the imports of a run."""
+    demo = in_turn({"demo": lambda: child(["make", "-s", "demo", f"OUT={bench.folder / 'demo'}", "QUIET=yes"])[0]}, 1)
+    bench.report.add(PART, "make demo on a set-up machine", demo["demo"], "s", "<= 15")
+    code = "from driver import environment; environment.prepare_petsc(); import driver.cli, driver.solve, driver.problem, driver.results"
+    found = in_turn({"driver": lambda: child([sys.executable, "-c", code])[0],
+                     "python": lambda: child([sys.executable, "-c", "pass"])[0]}, REPEATS)
+    imports = [a - b for a, b in zip(found["driver"], found["python"])]
+    bench.report.add(PART, "importing the driver, numpy, PETSc and MPI included", imports, "s", "<= 1")

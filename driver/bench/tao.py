@@ -1,0 +1,121 @@
+"""PETSc's bound-constrained solvers (TAO) on one QP of the model example: products with F until the same tolerance."""
+
+import numpy as np
+from petsc4py import PETSc
+
+from ..mprgp import mprgp, norm_bound, projected_gradient
+from ..options import Settings
+from ..table import LOADINGS
+from .workbench import Workbench, march
+
+PART = "tao"
+SIZES = ("4x2", "8x4", "16x8")
+SOLVERS = ("bncg", "bqnls", "blmvm", "gpcg", "tron", "bnls", "bntr", "bntl")  # bqpip changes F's diagonal: no use of products
+RTOL = 1e-6  # projected gradient over ||d||
+LIMIT = 20_000  # products after which a solver has failed
+
+
+class Limit(Exception):
+    """Too many products."""
+
+
+def problem_of(bench: Workbench, subdomains: str):
+    """Operator, d, bounds of the QP at t = 0.25 with the friction bounds of its solution: mixed contact states."""
+    problem = bench.problem(subdomains, LOADINGS[1])
+    solver = problem.solver(Settings())
+    step = next(step for step in solver.steps() if step.index == 5 or solver.history.exit_status)
+    d = problem.operator.apply(step.multipliers) - step.gradient
+    return problem.operator, d, solver.rows.limits(len(d), step.multipliers), solver
+
+
+def ours(operator, d, bounds, solver) -> int:
+    """Products of MPRGP from zero, the estimate of the norm included."""
+    before = operator.products
+    bound, _ = norm_bound(operator.apply, operator.owned, dot=operator.dot)
+    result = mprgp(operator.apply, d, *bounds, np.clip(np.zeros_like(d), *bounds), tol=RTOL * np.linalg.norm(d),
+                   norm_bound=bound, preconditioner=solver.preconditioner, dot=operator.dot, expansion="cg")
+    if result.status != "converged":
+        raise RuntimeError(f"MPRGP ended with {result.status}")
+    return operator.products - before
+
+
+def theirs(name: str, operator, d, bounds, bound: float) -> tuple[int, bool]:
+    """Products of a TAO solver from zero until the projected gradient is small, and whether it got there.
+
+    TAO's tolerances and first steps are absolute: the problem is scaled to a norm of F and of d of one.
+    """
+    size, before, length = len(d), operator.products, np.linalg.norm(d)
+    unit, right = length / bound, d / length
+    lower, upper = (bound_ / unit for bound_ in bounds)
+    best = [np.inf]
+
+    def product(x: np.ndarray) -> np.ndarray:
+        if operator.products - before >= LIMIT:
+            raise Limit
+        return operator.apply(x) / bound
+
+    def objective_gradient(tao, x, g):
+        Fx = product(x.array_r)
+        g.array[:] = Fx - right
+        return float(0.5 * x.array_r @ Fx - x.array_r @ right)
+
+    def monitor(tao):
+        x, g = tao.getSolution().array_r, tao.getGradient()[0].array_r
+        best[0] = float(np.linalg.norm(projected_gradient(np.clip(x, lower, upper), g, lower, upper)))
+        if best[0] <= RTOL:
+            tao.setConvergedReason(PETSc.TAO.Reason.CONVERGED_USER)
+
+    class Shell:
+        def mult(self, matrix, x, y):
+            y.array[:] = product(x.array_r)
+
+    vec = lambda values: PETSc.Vec().createWithArray(np.array(values), comm=PETSc.COMM_SELF)
+    hessian = PETSc.Mat().createPython((size, size), Shell(), comm=PETSc.COMM_SELF)
+    hessian.setUp()
+    hessian.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+    tao = PETSc.TAO().create(PETSc.COMM_SELF)
+    tao.setType(name)
+    tao.setObjectiveGradient(objective_gradient, vec(np.zeros(size)))
+    tao.setHessian(lambda tao, x, H, P: None, hessian)
+    tao.setVariableBounds(*(vec(np.clip(bound, PETSc.NINFINITY, PETSc.INFINITY)) for bound in (lower, upper)))
+    tao.setSolution(vec(np.clip(np.zeros(size), lower, upper)))
+    tao.setTolerances(gatol=0.0, grtol=0.0, gttol=0.0)  # the monitor decides
+    tao.setMaximumIterations(LIMIT)
+    tao.setMaximumFunctionEvaluations(LIMIT)
+    tao.setMonitor(monitor)
+    PETSc.Options()["tao_subset_type"] = "matrixfree"  # tron, gpcg: faces without taking F apart
+    tao.setFromOptions()
+    if tao.getKSP():
+        tao.getKSP().getPC().setType("none")
+    try:
+        tao.solve()
+    except Limit:
+        pass
+    return operator.products - before, best[0] <= RTOL
+
+
+def measure(bench: Workbench) -> dict:
+    """Products of every solver, ours beside them."""
+    found = {}
+    for subdomains in SIZES:
+        operator, d, bounds, solver = problem_of(bench, subdomains)
+        own, counts = ours(operator, d, bounds, solver), {}
+        for name in SOLVERS:
+            counts[name], converged = theirs(name, operator, d, bounds, solver.bound)
+            bench.report.add(PART, f"{name}, {subdomains}" + ", not converged" * (not converged), counts[name], "")
+        bench.report.add(PART, f"MPRGP, {subdomains}, {len(d)} multipliers", own, "", f"<= {min(counts.values()) - 1}")
+        found[subdomains] = {"mprgp": own, **counts}
+    return found
+
+
+def draw(figure, found: dict) -> None:
+    """Products of every solver, a group of bars a size."""
+    from ..figures import BLUE, GREEN, ORANGE
+
+    axes, names = figure.subplots(), ["mprgp", *SOLVERS]
+    for k, (colour, (subdomains, counts)) in enumerate(zip((BLUE, ORANGE, GREEN), found.items())):
+        axes.bar([i + 0.27 * (k - 1) for i in range(len(names))], [counts[name] for name in names], 0.25, color=colour,
+                 label=f"{subdomains} subdomains")
+    axes.set_xticks(range(len(names)), [name.upper() for name in names])
+    axes.set(yscale="log", ylabel=f"products with $F$ until {RTOL:.0e}")
+    axes.legend(frameon=False)

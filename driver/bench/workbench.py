@@ -1,0 +1,187 @@
+"""What the parts share: the model example at several sizes, clocks, and the report."""
+
+import csv
+import dataclasses
+import os
+import resource
+import shutil
+import statistics
+import subprocess
+import sys
+import time
+from collections import deque
+from pathlib import Path
+
+import numpy as np
+
+from .. import environment, freefem
+from ..options import Settings
+from ..table import LOADINGS
+
+REPEATS = 3
+
+
+@dataclasses.dataclass
+class Row:
+    """A measured value, its target (such as "<= 3"; empty: none) and the spread (largest - smallest) / median."""
+
+    part: str
+    name: str
+    value: float
+    unit: str
+    target: str
+    met: str
+    spread: str
+
+
+class Report:
+    """Rows of report.csv, printed as they come."""
+
+    def __init__(self):
+        self.rows: list[Row] = []
+
+    def add(self, part: str, name: str, values, unit: str, target: str = "") -> float:
+        """Add the median of `values` (or one number) with `target` "<= number" or ">= number"; returns it."""
+        values = np.atleast_1d(values).astype(float)
+        value, met, spread = float(np.median(values)), "", ""
+        if target:
+            relation, limit = target.split()
+            met = "yes" if (value <= float(limit) if relation == "<=" else value >= float(limit)) else "no"
+        if len(values) > 1 and value:
+            spread = f"{np.ptp(values) / abs(value):.2f}"
+        self.rows.append(Row(part, name, value, unit, target, met, spread))
+        print(f"  {name}: {value:.4g} {unit}" + f"   (target {target}: {met})" * bool(target), flush=True)
+        return value
+
+    def skip(self, part: str, reason: str) -> None:
+        """A row for what could not be measured, and why."""
+        self.rows.append(Row(part, reason, float("nan"), "", "", "skipped", ""))
+        print(f"  skipped: {reason}", flush=True)
+
+    def write(self, path: Path) -> None:
+        """report.csv under a temporary name, renamed."""
+        hidden = path.with_name(f".{path.name}")
+        with open(hidden, "w", newline="") as file:
+            out = csv.writer(file)
+            out.writerow([field.name for field in dataclasses.fields(Row)])
+            out.writerows([[f"{v:.6g}" if isinstance(v, float) else v for v in dataclasses.astuple(row)] for row in self.rows])
+        hidden.replace(path)
+
+
+class Workbench:
+    """Exports and operators of the model example by size, made once, in a folder of their own."""
+
+    def __init__(self, folder: Path):
+        self.folder, self.report = folder, Report()
+        self.exports = folder / "exports"
+        shutil.rmtree(self.exports, ignore_errors=True)
+        self._problems, self._manifests = {}, {}
+        self.export_seconds = {}
+
+    def export(self, subdomains: str, cells: int = 10, ranks: int = 1) -> Path:
+        """Directory of the export of the model example under the monotone loading, timed when it is made."""
+        key = (subdomains, cells, ranks)
+        directory = self.exports / f"{subdomains}-{cells}-{ranks}"
+        if key not in self.export_seconds:
+            clock = time.perf_counter()
+            freefem.export(freefem.find_scene("model"), directory, {"subdomains": subdomains, "cells": str(cells)}, ranks)
+            self.export_seconds[key] = time.perf_counter() - clock
+        return directory
+
+    def problem(self, subdomains: str, loading: str = "monotone", cells: int = 10):
+        """The Problem of a size under a loading, with its own count of products; operators are kept by size."""
+        key = (subdomains, cells)
+        if key not in self._problems:
+            self._problems[key] = self.assemble(subdomains, cells)
+        if key not in self._manifests:
+            self._manifests[key] = self._loadings(subdomains, cells)
+        problem = self._problems[key]
+        return dataclasses.replace(problem, manifest=self._manifests[key][loading],
+                                   operator=problem.operator.with_contact(problem.structure.contact))
+
+    def assemble(self, subdomains: str, cells: int = 10, lap=lambda stage: None):
+        """Read and reduce the export of a size anew, on this process alone."""
+        from mpi4py import MPI
+
+        from ..problem import assemble
+
+        return assemble(self.export(subdomains, cells), MPI.COMM_SELF, lap)
+
+    def _loadings(self, subdomains: str, cells: int) -> dict:
+        directory = self.exports / f"{subdomains}-{cells}-loadings"
+        parameters = {"subdomains": subdomains, "cells": str(cells)}
+        found = freefem.export_study(freefem.find_scene("model"), directory, parameters, "loading", list(LOADINGS))
+        return dict(zip(LOADINGS, found))
+
+    def forget(self, subdomains: str, cells: int = 10) -> None:
+        """Free the operator of a size."""
+        self._problems.pop((subdomains, cells), None)
+
+    def close(self) -> None:
+        """Remove the exports."""
+        shutil.rmtree(self.exports, ignore_errors=True)
+
+
+def march(problem, **settings):
+    """Go through all steps; the history. Raises RuntimeError if it does not converge: a benchmark must."""
+    solver = problem.solver(Settings(**settings))
+    deque(solver.steps(), maxlen=0)
+    if solver.history.exit_status:
+        raise RuntimeError(f"a benchmark run failed: {solver.history.reason}")
+    return solver.history
+
+
+def seconds(action) -> float:
+    """Wall time of a call."""
+    clock = time.perf_counter()
+    action()
+    return time.perf_counter() - clock
+
+
+def in_turn(actions: dict, repeats: int = REPEATS) -> dict[str, list[float]]:
+    """Seconds of every action, taken in turn so that all see the same state of the machine.
+
+    An action returns the seconds that count, or None for its wall time.
+    """
+    found = {name: [] for name in actions}
+    for _ in range(repeats):
+        for name, action in actions.items():
+            clock = time.perf_counter()
+            own = action()
+            found[name].append(time.perf_counter() - clock if own is None else own)
+    return found
+
+
+def ratios(over: list[float], under: list[float]) -> list[float]:
+    """Ratios of times of the same round."""
+    return [a / b for a, b in zip(over, under)]
+
+
+def child(command: list[str], **changes) -> tuple[float, float]:
+    """Run a process: its wall seconds and peak memory in MiB. Raises RuntimeError with its last words if it fails."""
+    env = {**environment.child_environment(), "PYTHONPATH": str(environment.ROOT), **changes}
+    clock = time.perf_counter()
+    with subprocess.Popen(command, env=env, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+                          text=True, errors="replace", cwd=environment.ROOT) as process:
+        words = process.stdout.read()
+        _, status, usage = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+    wall = time.perf_counter() - clock
+    if process.returncode:
+        raise RuntimeError(f"{' '.join(command[:4])} failed: {' '.join(words.split())[-300:]}")
+    return wall, usage.ru_maxrss / 1024
+
+
+def driver(*words: str) -> list[str]:
+    """Command line of the driver with this Python."""
+    return [sys.executable, "-m", "driver", *words]
+
+
+def memory_mib() -> float:
+    """Peak resident memory of this process."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def median(values) -> float:
+    """Median of a list."""
+    return statistics.median(values)
