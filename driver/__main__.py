@@ -1,5 +1,10 @@
-"""``python3 -m driver``: see cli.py."""
+"""``python3 -m driver``"""
 
-from .cli import main
+import sys
 
-main()
+try:
+    from .cli import main
+
+    main()
+except KeyboardInterrupt:  # before main could deal with it, or once more while it did
+    sys.exit(130)

@@ -13,10 +13,11 @@ import json
 import os
 import signal
 import sys
+import traceback
 from pathlib import Path
 
 from . import environment, freefem
-from .errors import DriverError, InputError
+from .errors import DriverError, InputError, write_error
 from .run import RESULTS, Run, describe, execute, solve_here
 
 
@@ -128,7 +129,14 @@ def command_solve(words: list[str]) -> None:
     from mpi4py import MPI
 
     work = Path(words[0])
-    status, reason = solve_here(work, json.loads((work / "request.json").read_text()))
+    try:
+        status, reason = solve_here(work, json.loads((work / "request.json").read_text()))
+    except DriverError as problem:
+        status, reason = problem.exit_status, str(problem)
+    except Exception:  # the other ranks wait for this one: end them
+        traceback.print_exc()
+        sys.stderr.flush()
+        MPI.COMM_WORLD.Abort(1)
     if MPI.COMM_WORLD.rank == 0:
         (work / "answer.json").write_text(json.dumps({"status": status, "reason": reason}))
 
@@ -150,9 +158,15 @@ def main() -> None:
     except DriverError as problem:
         print(f"error: {problem}", file=sys.stderr)
         sys.exit(problem.exit_status)
-    except KeyboardInterrupt:
+    except OSError as problem:
+        print(f"error: {write_error(problem)}", file=sys.stderr)
+        sys.exit(2)
+    except MemoryError:
+        print("error: not enough memory", file=sys.stderr)
+        sys.exit(2)
+    except KeyboardInterrupt as stop:
         if given.command != "solve":  # ranks leave the message to the process that started them
-            print("interrupted: earlier results and finished runs are as they were", file=sys.stderr)
+            print(f"interrupted: earlier results and finished runs are as they were{''.join(stop.args)}", file=sys.stderr)
         sys.exit(130)
     except ImportError as problem:
         print(f"error: the Python package {problem.name} is not installed; {environment.SET_UP}", file=sys.stderr)

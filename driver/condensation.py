@@ -52,6 +52,11 @@ class Condensation:
             lower[rows] = upper[rows] = x[rows]
         return lower, upper
 
+    @property
+    def known(self) -> bool:
+        """Whether the compliance was asked for."""
+        return self._compliance is not None
+
     def compliance(self) -> np.ndarray:
         """C (n + m, n + m), found at the first call. Raises NotConverged."""
         if self._compliance is None:

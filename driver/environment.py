@@ -1,5 +1,6 @@
 """Where the machine keeps FreeFEM, Open MPI and PETSc, as Debian packages them."""
 
+import ctypes
 import os
 import shutil
 import signal
@@ -11,6 +12,8 @@ from .errors import InputError
 
 ROOT = Path(__file__).resolve().parent.parent
 LIBRARY = ROOT / "edp" / "lib"
+PR_SET_PDEATHSIG = 1  # of Linux's prctl: the signal that a process gets when its parent ends
+PATIENCE = 10  # seconds that an interrupted child has to end by itself
 SET_UP = "run 'make setup' (apt packages: see apt-packages.txt)"
 
 
@@ -41,23 +44,45 @@ def program(name: str) -> str:
 
 
 def mpirun(ranks: int) -> list[str]:
-    """Command prefix that starts `ranks` processes, more than there are cores if asked."""
-    return [program("mpirun"), "--oversubscribe", "--bind-to", "none", "-n", str(ranks)]
+    """Command prefix that starts `ranks` processes, more than there are cores if asked; they end with mpirun."""
+    return [program("mpirun"), "--oversubscribe", "--bind-to", "none", "-n", str(ranks),
+            program("setpriv"), "--pdeathsig", "KILL"]
 
 
 def run_child(command: list[str], **options) -> subprocess.CompletedProcess:
-    """subprocess.run that on an interrupt gives mpirun the time to stop its ranks and clean up."""
-    with subprocess.Popen(command, stdin=subprocess.DEVNULL, **options) as child:
+    """subprocess.run whose child ends with this process, however that ends.
+
+    On an interrupt mpirun has the time to stop its ranks and clean up. Raises InputError if the program cannot be
+    started.
+    """
+    libc, parent = ctypes.CDLL(None), os.getpid()
+
+    def end_with_parent():
+        libc.prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+        if os.getppid() != parent:
+            os._exit(128 + signal.SIGTERM)
+
+    try:
+        child = subprocess.Popen(command, stdin=subprocess.DEVNULL, preexec_fn=end_with_parent, **options)
+    except OSError as problem:
+        raise InputError(f"{command[0]} cannot be started: {problem.strerror}") from None
+    with child:
         try:
-            output, _ = child.communicate()
-        except KeyboardInterrupt:
-            child.send_signal(signal.SIGINT)
-            try:
-                child.wait(timeout=10)
-            except subprocess.TimeoutExpired:
-                child.kill()
+            output, errors = child.communicate()
+        except BaseException:
+            _stop(child)
             raise
-    return subprocess.CompletedProcess(command, child.returncode, output)
+    return subprocess.CompletedProcess(command, child.returncode, output, errors)
+
+
+def _stop(child: subprocess.Popen) -> None:
+    for number, patience in ((signal.SIGINT, PATIENCE), (signal.SIGKILL, None)):
+        child.send_signal(number)
+        try:
+            child.wait(patience)
+            return
+        except subprocess.TimeoutExpired:
+            continue
 
 
 def child_environment(parallel: bool = False) -> dict[str, str]:

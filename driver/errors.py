@@ -1,5 +1,7 @@
 """What can go wrong for a user, and the exit status each kind has."""
 
+from contextlib import contextmanager
+
 
 class DriverError(Exception):
     """Base of all errors that are reported in one line, without a traceback."""
@@ -33,6 +35,25 @@ def agree(comm, error: DriverError | None) -> None:
     for found in comm.allgather(error):
         if found is not None:
             raise found
+
+
+@contextmanager
+def agreed_writes(comm):
+    """A block in which ranks may write files and nothing is collective: its DriverError or OSError is raised on all ranks."""
+    error = None
+    try:
+        yield
+    except DriverError as problem:
+        error = problem
+    except OSError as problem:
+        error = write_error(problem)
+    agree(comm, error)
+
+
+def write_error(problem: OSError) -> InputError:
+    """A full disk, a directory that is not writable, ... in one line."""
+    where = f" ({problem.filename})" if problem.filename else ""
+    return InputError(f"writing the results failed: {problem.strerror or problem}{where}")
 
 
 def error_of(status: int, reason: str) -> DriverError:

@@ -33,7 +33,7 @@ import numpy as np
 
 from . import equilibration
 from .loader import Manifest, Subdomain, hat_gradients
-from .quasistatic import Step
+from .quasistatic import Step, gathered, scattered
 
 ROUNDING = 1e-6  # part of the largest edge moment below which a reaction in a single point counts as none
 
@@ -109,6 +109,19 @@ class EnergyEstimator:
         self.last = (energy, step, state)
         if self.largest is None or energy > (1 + 1e-9) * self.largest[0]:
             self.largest = self.last
+
+    def snapshot(self) -> dict | None:
+        """The steps kept so far, for `restore`, on rank 0; collective."""
+        kept = {name: getattr(self, name) for name in ("last", "largest")}
+        found = {name: gathered(step, self.rows, len(self.boundary.gid), self.operator.comm) for name, (_, step, _) in kept.items()}
+        return {name: {"energy": energy, "step": found[name], "state": state}
+                for name, (energy, _, state) in kept.items()} if self.root else None
+
+    def restore(self, state: dict) -> None:
+        """Continue from a `snapshot` of the same problem; the same on every rank."""
+        for name, kept in state.items():
+            step = scattered(kept["step"], self.rows, self.operator.structure.row_range)
+            setattr(self, name, (kept["energy"], step, kept["state"]))
 
     def estimates(self) -> list[tuple[Step, Estimate]]:
         """Of the last step and, if it is another one, of the step with the largest energy; the same on all ranks."""

@@ -161,8 +161,8 @@ def _explain(output: str, status: int, scene: Path) -> str:
     refused = re.search(r"scene error: (.*)", output)
     if refused:
         return f"{scene.name}: {refused.group(1)}"
-    if status < 0:
-        return f"FreeFEM was killed by signal {-status} while running {scene.name}"
+    if status < 0 or status > 128:  # by itself or, as mpirun tells it, one of its ranks
+        return f"FreeFEM was killed by signal {-status if status < 0 else status - 128} while running {scene.name}"
     lines = [line.strip() for line in output.splitlines() if line.strip()]
     compile_error = re.search(r"Error line number\s*(\d+), in file (\S+?), before\s+token\s*(.*)", output)
     if compile_error:

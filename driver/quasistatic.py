@@ -11,7 +11,7 @@ contract the methods of `globalization` take over; `uniqueness` looks whether a 
 """
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 
 import numpy as np
 from mpi4py import MPI
@@ -50,6 +50,25 @@ class Step:
     mismatch: float = 0.0  # energy norm of the last change of friction forces to the bound of their own pressures
 
 
+def gathered(step: Step, rows: friction.ContactRows, contact_nodes: int, comm) -> dict | None:
+    """A step as numbers and arrays of the whole problem on rank 0, for `scattered`; collective."""
+    parts = comm.gather((step.multipliers, step.gradient, rows.normal_node, step.status))
+    if parts is None:
+        return None
+    multipliers, gradient, node, status = map(np.concatenate, zip(*parts))
+    by_node = np.zeros(contact_nodes, np.int64)
+    by_node[node] = status
+    return {f.name: getattr(step, f.name) for f in fields(Step)} | {
+        "multipliers": multipliers, "gradient": gradient, "status": by_node}
+
+
+def scattered(state: dict, rows: friction.ContactRows, row_range: tuple[int, int]) -> Step:
+    """This rank's part of a step from what `gathered` returned."""
+    mine = slice(*row_range)
+    return Step(**state | {"multipliers": state["multipliers"][mine], "gradient": state["gradient"][mine],
+                           "status": state["status"][rows.normal_node]})
+
+
 @dataclass
 class _Load:
     """What drives a time step: factors of the load patterns, then of the free rigid motions, and the d they make."""
@@ -74,6 +93,9 @@ class History:
     fallbacks: globalization.Fallbacks = field(default_factory=globalization.Fallbacks)
     contraction: float = 0.0  # worst of the steps
     seconds: float = 0.0
+
+
+KEPT = ("counts", "residuals", "steps", "warnings", "contraction", "seconds")  # of a History in a snapshot
 
 
 @dataclass
@@ -123,7 +145,8 @@ class QuasistaticSolver:
         largest = operator.comm.allreduce(float(0.0 if self.rows.tresca else self.rows.bound.max(initial=0)), op=MPI.MAX)
         self.uniqueness, self.largest_friction = Uniqueness(largest > 0), largest
         self.doubtful = False
-        self.motion = np.zeros(operator.modes)  # of bodies that no support holds
+        self.motion = self.older_motion = np.zeros(operator.modes)  # of bodies that no support holds
+        self.multipliers = self.older = np.zeros(operator.owned)  # of the last step and of the one before
 
     def _bound_norm(self) -> float:
         """Upper bound of the scaled ||F||; the same random start vector for any number of ranks."""
@@ -147,23 +170,23 @@ class QuasistaticSolver:
         return self._size(seen)
 
     def steps(self):
-        """Generate the finished `Step`s; stops early, with the reason in `history`, if one fails."""
-        op = self.operator
-        before = op.products
+        """Generate the finished `Step`s after those in `history`; stops early, with the reason there, if one fails."""
         clock = time.perf_counter()
-        lam = self._preload() if self.effects.get("initial") == "preload" else np.zeros(op.owned)
-        older, older_motion = lam, self.motion
-        for index in range(1, len(self.times) if self.history.exit_status == 0 else 1):
+        if self.history.steps == 0 and self.effects.get("initial") == "preload":
+            self.multipliers = self.older = self._preload()
+            self.older_motion = self.motion
+        for index in range(self.history.steps + 1, len(self.times) if self.history.exit_status == 0 else 1):
             if not self._can_rest(index):
                 return
-            load = self._load(index, self._predict(index, self.motion, older_motion), self.u_t)
-            start, sliding = self._predict(index, lam, older), self._sliding(lam, self.rows.friction_bound(lam))
+            lam = self.multipliers
+            load = self._load(index, self._predict(index, self.motion, self.older_motion), self.u_t)
+            start, sliding = self._predict(index, lam, self.older), self._sliding(lam, self.rows.friction_bound(lam))
             step = self._step(index, load, start, sliding)
-            lam, older = step.multipliers, lam
-            self.motion, older_motion = step.weights[op.structure.patterns :], self.motion
+            self.multipliers, self.older = step.multipliers, lam
+            self.motion, self.older_motion = step.weights[self.operator.structure.patterns :], self.motion
             slip = -step.gradient[self.rows.tangential]
             self.u_t, self.way = self.u_t + slip, self.way + np.abs(slip)
-            self._record(step, before)
+            self._record(step)
             self.history.seconds += time.perf_counter() - clock
             yield step
             clock = time.perf_counter()
@@ -224,6 +247,48 @@ class QuasistaticSolver:
         net, size = self.operator.imbalance(x, load.weights)
         self.scales.work = np.maximum(self.scales.work, size)
         return float(np.max(np.abs(net) / np.where(self.scales.work > 0, self.scales.work, 1.0)))
+    # ---- checkpoints ---------------------------------------------------------------------------
+    def snapshot(self) -> dict | None:
+        """All that the next step depends on and that the run reports, for `restore`, on rank 0; collective.
+
+        Arrays follow the global numbering of dual rows and contact nodes, numbers are exact: any number of ranks
+        goes on from it with the same bits.
+        """
+        op, contact, history = self.operator, self.operator.structure.contact, self.history
+        parts = op.comm.gather((self.multipliers, self.older, self.rows.tangential_node,
+                                self.u_t, self.way, self.rows.bound))
+        if parts is None:
+            return None
+        multipliers, older, node, *values = map(np.concatenate, zip(*parts))
+        by_node = np.zeros((3, len(contact.gid)))
+        by_node[:, node] = values
+        product, step, iteration, kind, residual = zip(*history.log) if history.log else ((),) * 5
+        return {"multipliers": multipliers, "older": older, "u_t": by_node[0], "way": by_node[1], "bound": by_node[2],
+                "initial": contact.initial, "norm_bound": float(self.bound), "products": op.products,
+                "scales": {**asdict(self.scales), "work": np.asarray(self.scales.work)},
+                "motion": self.motion, "older_motion": self.older_motion,
+                "log_numbers": np.array([product, step, iteration], np.int64), "log_kind": np.array(kind, str),
+                "log_residual": np.array(residual, float), "fallbacks": history.fallbacks.steps,
+                "history": {name: getattr(history, name) for name in KEPT}, "doubtful": self.doubtful,
+                "condensed": self.condensation.known,
+                "uniqueness": {**asdict(self.uniqueness), "several": list(self.uniqueness.several.items())}}
+
+    def restore(self, state: dict) -> None:
+        """Continue from a `snapshot` of the same problem and settings; the same on every rank."""
+        mine, node, history = slice(*self.operator.structure.row_range), self.rows.tangential_node, self.history
+        self.multipliers, self.older = state["multipliers"][mine], state["older"][mine]
+        self.motion, self.older_motion = state["motion"], state["older_motion"]
+        self.u_t, self.way, self.rows.bound = (state[name][node] for name in ("u_t", "way", "bound"))
+        self.operator.structure.contact.initial[:] = state["initial"]
+        self.bound, self.doubtful, self.scales = state["norm_bound"], state["doubtful"], friction.Scales(**state["scales"])
+        self.uniqueness = Uniqueness(**{**state["uniqueness"], "several": dict(state["uniqueness"]["several"])})
+        if state["condensed"]:
+            self.condensation.compliance()  # its products have been counted
+        self.operator.products = state["products"]
+        history.log.extend(zip(*state["log_numbers"].tolist(), state["log_kind"].tolist(), state["log_residual"].tolist()))
+        history.fallbacks.steps = state["fallbacks"]
+        for name in KEPT:
+            setattr(history, name, state["history"][name])
 
     def _preload(self) -> np.ndarray:
         """Multipliers of the frictionless equilibrium at time 0, whose displacement becomes u_0."""
@@ -262,10 +327,10 @@ class QuasistaticSolver:
         ratio = change @ last / size if size > 0 else 0.0
         return lam + min(max(ratio, 0.0), 2.0) * (lam - older)
 
-    def _record(self, step: Step, before: int) -> None:
+    def _record(self, step: Step) -> None:
         counts, worst = self.history.counts, self.history.residuals
         counts["fixed_point_iterations"] += step.fixed_point_iterations
-        counts["dual_multiplications"] = self.operator.products - before
+        counts["dual_multiplications"] = self.operator.products - counts["dual_multiplications_setup"]
         for name, value in step.residuals.items():
             worst[name] = max(worst.get(name, 0.0), value)
         self.history.steps = step.index

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from .errors import agreed_writes
 from .fetidp import DualOperator
 from .friction import OPEN, STATUS_NAMES
 from .loader import Manifest, Subdomain
@@ -18,6 +19,7 @@ from .quasistatic import QuasistaticSolver, Step
 
 CONTACT_COLUMNS = ("step,time,node,x,y,arc,weight,normal_x,normal_y,gap,u_n,u_t,slip,sigma_n,sigma_t,"
                    "bound,status").split(",")
+CONTACT_STATE = ("u_n", "u_t", "slip", "sigma_n", "sigma_t", "bound", "status")
 
 
 def strains(sub: Subdomain, u: np.ndarray) -> np.ndarray:
@@ -110,9 +112,9 @@ def resultants(operator: DualOperator, step: Step, inner, contact: dict) -> tupl
     `size` (2,) is the sum of the absolute values of all these nodal forces: the measure of their balance,
     because resultants themselves may vanish. A support takes what K u leaves after load and contact forces.
     """
-    structure, total = operator.structure, np.zeros((3, 2))
+    structure, totals = operator.structure, np.zeros((len(inner), 3, 2))
     forces = operator.forces_on_supports(step.multipliers)
-    for s, (sub, force) in enumerate(zip(structure.subdomains, inner)):
+    for s, (sub, force, total) in enumerate(zip(structure.subdomains, inner, totals)):
         load = step.weights[: structure.patterns] @ sub.loads
         reaction = (force - load)[structure.fixed[s]] + forces[s]
         total[0] += np.bincount(sub.dof_component, load, minlength=2)
@@ -120,7 +122,7 @@ def resultants(operator: DualOperator, step: Step, inner, contact: dict) -> tupl
         total[1] += np.bincount(held, reaction, minlength=2)
         total[2] += np.bincount(sub.dof_component, np.abs(load), minlength=2)
         total[2] += np.bincount(held, np.abs(reaction), minlength=2)
-    load, reaction, size = np.sum(operator.comm.allgather(total), axis=0)
+    load, reaction, size = np.concatenate(operator.comm.allgather(totals)).sum(axis=0)  # the same order on any ranks
     b = structure.contact
     weight = np.where(b.paired, 0.0, b.weight)  # forces between two bodies cancel
     force = ((contact["sigma_n"] * weight)[:, None] * b.normal + (contact["sigma_t"] * weight)[:, None] * b.tangent)
@@ -132,7 +134,7 @@ class Record:
 
     def __init__(self, operator: DualOperator, solver: QuasistaticSolver):
         self.operator, self.effects, self.contact = operator, solver.effects, ContactState(operator, solver)
-        self.states = {name: [] for name in ("u_n", "slip", "sigma_n", "sigma_t", "status")}  # one entry a step
+        self.states = {name: [] for name in CONTACT_STATE}  # one array (n_c,) a step
         self.displacements = []  # the largest of the body
 
     def add(self, step: Step) -> tuple[list[np.ndarray], dict[str, np.ndarray]]:
@@ -151,6 +153,16 @@ class Record:
         steps = {name: np.array(column) for name, column in self.states.items()}
         return quantities(self.effects, nodes, steps, self.displacements)
 
+    def snapshot(self) -> dict:
+        """The steps so far, for `restore`."""
+        return {"states": {name: np.array(column) for name, column in self.states.items()}, "u_t": self.contact.u_t,
+                "displacements": self.displacements}
+
+    def restore(self, state: dict) -> None:
+        """Continue from a `snapshot` of the same problem."""
+        self.states = {name: list(columns) for name, columns in state["states"].items()}
+        self.contact.u_t, self.displacements = state["u_t"], state["displacements"]
+
 
 class Writer:
     """Collects the steps of a run and writes its files; collective, rank 0 writes."""
@@ -161,13 +173,14 @@ class Writer:
         self.root, self.write_fields = operator.comm.rank == 0, fields
         self.record = Record(operator, solver)
         self.contact = self.record.contact
-        self.contact_rows, self.history_rows, self.vtu = [], [], []
+        self.history_rows, self.vtu = [], []  # vtu: (time, name) of every file of fields
         self.several = len(manifest.contact_labels) > 1  # then contact.csv ends with a column for the label
         self.balance = self.dissipated = 0.0
         self.mesh = self._gather_mesh() if fields else None
         self._boundary()
-        if fields and self.root:
-            (directory / "fields").mkdir()
+        with agreed_writes(operator.comm):
+            if fields and self.root:
+                (directory / "fields").mkdir(exist_ok=True)
 
     # ---- per step --------------------------------------------------------------------------------
     def add(self, step: Step) -> tuple[dict[str, np.ndarray], float]:
@@ -179,9 +192,8 @@ class Writer:
             self.balance = max(self.balance, float(np.abs(sum(forces.values())).max() / size.max()))
         self.dissipated += float(-(state["sigma_t"] * state["slip"] * self.contact.boundary.weight).sum())
         self._history_row(step, state, forces, self.record.displacements[-1])
-        self._contact_rows(step, state)
         if self.write_fields:
-            self._write_vtu(step, fields)
+            self.vtu.append((step.time, self._write_vtu(step, fields)))
         energy = float(sum(u @ force for u, force in zip(fields, inner)))
         return state, self.operator.comm.allreduce(energy)
 
@@ -207,13 +219,27 @@ class Writer:
         row |= {f"kkt_{name}": value for name, value in step.residuals.items()}
         self.history_rows.append(row)
 
-    def _contact_rows(self, step: Step, state) -> None:
-        b = self.contact.boundary
-        for i in range(len(b.gid)):
-            self.contact_rows.append([
-                step.index, repr(step.time), i, *map(repr, map(float, (
-                    *b.xy[i], b.arc[i], b.weight[i], *b.normal[i], b.gap[i], *(state[name][i] for name in (
-                        "u_n", "u_t", "slip", "sigma_n", "sigma_t", "bound"))))), STATUS_NAMES[state["status"][i]]] + [b.label[i]] * self.several)
+    def _contact_rows(self):
+        """Rows of contact.csv."""
+        b, states = self.contact.boundary, self.record.states
+        nodes = [[repr(float(v)) for v in (*b.xy[i], b.arc[i], b.weight[i], *b.normal[i], b.gap[i])] for i in range(len(b.gid))]
+        for k, row in enumerate(self.history_rows):
+            *values, status = (states[name][k].tolist() for name in CONTACT_STATE)
+            for i, found in enumerate(zip(*values)):
+                yield ([row["step"], repr(row["time"]), i, *nodes[i], *map(repr, found), STATUS_NAMES[status[i]]]
+                       + [b.label[i]] * self.several)
+
+    # ---- checkpoints -------------------------------------------------------------------------------
+    def snapshot(self) -> dict:
+        """What the steps so far have left here, for `restore`."""
+        return {"record": self.record.snapshot(), "rows": self.history_rows, "balance": self.balance,
+                "dissipated": self.dissipated, "vtu": self.vtu}
+
+    def restore(self, state: dict) -> None:
+        """Continue from a `snapshot` of the same problem."""
+        self.record.restore(state["record"])
+        self.history_rows, self.balance, self.dissipated = state["rows"], state["balance"], state["dissipated"]
+        self.vtu = state["vtu"]
 
     # ---- meshes and fields -------------------------------------------------------------------------
     def _gather_mesh(self):
@@ -230,7 +256,18 @@ class Writer:
         xy, number = (np.concatenate([p[k] for p in parts]) for k in (0, 2))
         return xy, np.concatenate([t + o for (_, t, _), o in zip(parts, start)]), number
 
-    def _write_vtu(self, step: Step, fields, more: dict | None = None) -> None:
+    def _write_vtu(self, step: Step, fields, more: dict | None = None) -> str:
+        """Displacements and stresses for ParaView; the file's name, under which it is never there in part."""
+        name = f"step_{step.index:04d}.vtu"
+        mesh = self._deformed(step, fields, more)
+        with agreed_writes(self.operator.comm):
+            if self.root:
+                mesh.write(self.directory / "fields" / f".{name}")
+                (self.directory / "fields" / f".{name}").replace(self.directory / "fields" / name)
+        return f"fields/{name}"
+
+    def _deformed(self, step: Step, fields, more: dict | None):
+        """The mesh with its fields, on rank 0."""
         import meshio
 
         tensors = [stresses(sub, u, step.weights) for sub, u in zip(self.operator.structure.subdomains, fields)]
@@ -238,16 +275,12 @@ class Writer:
                 np.concatenate([np.empty(0), *(m for _, m in tensors)]))
         parts = self.operator.comm.gather(part)
         if not self.root:
-            return
+            return None
         u, stress, mises = (np.concatenate([p[k] for p in parts]) for k in range(3))
         xy, triangles, number = self.mesh
         flat = lambda pairs: np.column_stack([pairs, np.zeros(len(pairs))])
-        mesh = meshio.Mesh(flat(xy), [("triangle", triangles)], point_data={"displacement": flat(u.reshape(-1, 2))},
+        return meshio.Mesh(flat(xy), [("triangle", triangles)], point_data={"displacement": flat(u.reshape(-1, 2))},
                            cell_data={"stress": [stress], "von_mises": [mises], "subdomain": [number], **(more or {})})
-        name = f"fields/step_{step.index:04d}.vtu"
-        mesh.write(self.directory / name)
-        if (step.time, name) not in self.vtu:
-            self.vtu.append((step.time, name))
 
     def _boundary(self) -> None:
         """boundary.csv: edges of the body's outline with their part in the scene and the unit traction."""
@@ -263,8 +296,9 @@ class Writer:
         wanted = set(structure.outer_edges[:, :2].ravel().tolist())
         place = {g: xy for g, xy in place.items() if g in wanted}
         found = comm.gather((place, {g: push[g] for g in place}, held))
-        if self.root:
-            self._write_boundary(found)
+        with agreed_writes(comm):
+            if self.root:
+                self._write_boundary(found)
 
     def _write_boundary(self, found) -> None:
         place, push, held = {}, {}, set()
@@ -288,11 +322,14 @@ class Writer:
     # ---- end of the run --------------------------------------------------------------------------------
     def close(self, summary: dict) -> None:
         """Write tables and summary; `summary` is completed by what the writer knows."""
-        if not self.root:
-            return
+        with agreed_writes(self.operator.comm):
+            if self.root:
+                self._write_all(summary)
+
+    def _write_all(self, summary: dict) -> None:
         if len(self.contact.boundary.gid):
             columns = CONTACT_COLUMNS + ["boundary"] * self.several
-            _write_csv(self.directory / "contact.csv", columns, self.contact_rows)
+            _write_csv(self.directory / "contact.csv", columns, self._contact_rows())
         if self.history_rows:
             rows = [list(row.values()) for row in self.history_rows]
             _write_csv(self.directory / "history.csv", list(self.history_rows[0]), rows)

@@ -1,21 +1,24 @@
 """One run from scene to figures: the stages in their order, in a private directory that is renamed at the end."""
 
-import contextlib
 import dataclasses
 import json
 import os
 import shutil
+import signal
+import subprocess
 import sys
 import time
 from pathlib import Path
 
-from . import adaptivity, budget, environment, freefem
+from . import adaptivity, budget, environment, freefem, seal
+from .checkpoint import fingerprint
 from .errors import InputError, error_of
 from .ledger import never_mattered
+from .workspace import Workspace
 
 RESULTS = environment.ROOT / "results"
 # driver options beside options.Settings; everything else is a parameter of the scene
-OPTIONS = ("scene", "np", "out", "fields", "figures", "quiet", "adapt", "errors")
+OPTIONS = ("scene", "np", "out", "fields", "figures", "quiet", "resume", "adapt", "errors")
 ERRORS = ("yes", "energy", "no")
 
 
@@ -54,6 +57,7 @@ class Run:
     fields: bool = True
     figures: bool = True
     quiet: bool = False
+    resume: bool = True  # go on where an interrupted run has stopped
     adapt: int = 0  # cycles of adaptive refinement before the run itself
     errors: str = "yes"  # which error estimates: all, "energy": that of the energy norm alone, or "no"
 
@@ -76,69 +80,27 @@ class Run:
         if errors not in ERRORS:
             raise InputError(f"ERRORS must be one of {', '.join(ERRORS)}, not '{errors}'")
         out = Path(pairs["out"]) if "out" in pairs else RESULTS / scene.stem
-        return cls(scene, out, int(ranks), settings, parameters, yes(pairs, "fields", "yes"),
-                   yes(pairs, "figures", "yes"), yes(pairs, "quiet", "no"), int(adapt), errors)
+        return cls(scene, out, int(ranks), settings, parameters, yes(pairs, "fields", "yes"), yes(pairs, "figures", "yes"),
+                   yes(pairs, "quiet", "no"), yes(pairs, "resume", "yes"), int(adapt), errors)
 
 
 def execute(run: Run) -> dict:
     """Export, solve, draw; returns the summary. Raises DriverError; `run.out` changes only as a whole."""
-    out = run.out.absolute()
-    with private_directory(out) as work:
-        return _execute(run, work, out)
+    with Workspace(run.out.absolute()) as place:
+        return _execute(run, place)
 
 
-@contextlib.contextmanager
-def private_directory(out: Path):
-    """A directory beside `out` to work in, removed at the end; raises InputError where nothing can be written."""
-    _check_out(out)
-    _sweep(out)
-    work = out.with_name(f".{out.name}.{os.getpid()}")
-    try:
-        work.mkdir(parents=True)
-    except OSError as problem:
-        raise InputError(f"cannot write results to {out.parent}: {problem.strerror}") from None
-    try:
-        yield work
-    except OSError as problem:
-        raise InputError(f"writing the results failed: {problem}") from None
-    finally:
-        shutil.rmtree(work, ignore_errors=True)
-
-
-def _sweep(out: Path) -> None:
-    """Remove private directories of earlier runs to `out` whose process was killed.
-
-    A run killed between the two renames of `publish` has left the older result under its private name only:
-    that one goes back to its place.
-    """
-    for left in out.parent.glob(f".{out.name}.*"):
-        number = left.name.rpartition(".")[2]
-        if not number.isdigit() or Path(f"/proc/{number}").exists():
-            continue
-        if left.name == f".{out.name}.old.{number}" and not out.exists():
-            left.rename(out)
-        else:
-            shutil.rmtree(left, ignore_errors=True)
-
-
-def _check_out(out: Path) -> None:
-    """A run replaces its whole directory: it must be new, empty, or hold an earlier run."""
-    if not out.name or out.is_file():
-        raise InputError(f"OUT={out} is no directory that results can be written to")
-    if out.is_dir() and any(out.iterdir()) and not (out / "summary.json").is_file():
-        raise InputError(f"OUT={out} holds files but no earlier run; choose another directory or empty it")
-
-
-def _execute(run: Run, work: Path, out: Path) -> dict:
-    cycles = _refine(run, work)
-    status, reason = _cycle(run, work, cycles, {"fields": run.fields, "errors": run.errors, "path": str(run.scene),
-                                                "parameters": run.parameters, "cycles": [str(c) for c in cycles]})
+def _execute(run: Run, place: Workspace) -> dict:
+    work, out = place.path, place.out
+    cycles = _refine(run, place)
+    status, reason = _cycle(run, place, work, cycles, {"fields": run.fields, "errors": run.errors, "path": str(run.scene),
+                                                       "parameters": run.parameters, "cycles": [str(c) for c in cycles]})
     if not (work / "summary.json").exists():
         raise error_of(status, reason)
     if cycles:
         adaptivity.report(work, cycles)
-        for place in cycles:
-            shutil.rmtree(place)
+        for cycle in cycles:
+            shutil.rmtree(cycle)
     if run.figures:
         from .figures import draw_run
 
@@ -147,34 +109,52 @@ def _execute(run: Run, work: Path, out: Path) -> dict:
     shutil.rmtree(work / "export")
     if status and (out / "summary.json").is_file() and json.loads((out / "summary.json").read_text())["converged"]:
         out = out.with_name(f"{out.name}-unconverged")  # what was there before is worth more
-    publish(work, out)
+    place.publish(out)
     if status:
         raise error_of(status, f"{reason}; what was found is kept in {os.path.relpath(out)}")
     return json.loads((out / "summary.json").read_text())
 
 
-def _refine(run: Run, work: Path) -> list[Path]:
+def _refine(run: Run, place: Workspace) -> list[Path]:
     """Directories of the finished refinement cycles; each holds the element sizes of the mesh that follows."""
     cycles = []
     for cycle in range(run.adapt):
-        place = work / f"cycle-{cycle}"
-        place.mkdir()
-        status, reason = _cycle(run, place, cycles, {"fields": False, "errors": "energy", "refine": True,
-                                                     "settings": adaptivity.coarse(run.settings)})
+        work = place.path / f"cycle-{cycle}"
+        work.mkdir()
+        status, reason = _cycle(run, place, work, cycles, {"fields": False, "errors": "energy", "refine": True,
+                                                           "settings": adaptivity.coarse(run.settings)})
         if status:
             raise error_of(status, f"refinement cycle {cycle + 1}: {reason}")
-        cycles.append(place)
+        cycles.append(work)
         if not run.quiet:
-            print(f"{run.scene.stem}: refinement cycle {cycle + 1} of {run.adapt}: {adaptivity.describe(place)}", flush=True)
+            print(f"{run.scene.stem}: refinement cycle {cycle + 1} of {run.adapt}: {adaptivity.describe(work)}", flush=True)
     return cycles
 
 
-def _cycle(run: Run, work: Path, before: list[Path], request: dict) -> tuple[int, str]:
-    """Export and solve on the mesh that the cycles `before` lead to; exit status and reason."""
+def _cycle(run: Run, place: Workspace, work: Path, before: list[Path], request: dict) -> tuple[int, str]:
+    """Export and solve in `work` on the mesh that the cycles `before` lead to; exit status and reason.
+
+    FreeFEM runs again when an interrupted run is taken up: that its records are the same is what shows that nothing
+    they depend on has changed.
+    """
     clock = time.perf_counter()
     freefem.export(run.scene, work / "export", run.parameters, run.ranks, before[-1] / adaptivity.STEM if before else None)
-    return solve(work, {"scene": run.scene.stem, "settings": run.settings, "quiet": run.quiet, **request,
-                        "seconds": {**adaptivity.seconds(before), "export": time.perf_counter() - clock}}, run.ranks)
+    request = {"scene": run.scene.stem, "settings": run.settings, "quiet": run.quiet, **request}
+    request["fingerprint"] = fingerprint(seal.read(work / "export").content,
+                                         {**request["settings"], "fields": request["fields"]})
+    _take_up(run, place, work, request["fingerprint"])
+    request["seconds"] = {**adaptivity.seconds(before), "export": time.perf_counter() - clock}
+    return solve(work, request, run.ranks)
+
+
+def _take_up(run: Run, place: Workspace, work: Path, identity: dict) -> None:
+    """Go on where an interrupted run has stopped, unless it shall start over; says so."""
+    steps, wrong = place.take_up(work, identity, run.resume)
+    told = [f"goes on after step {steps} of an interrupted run; RESUME=no would start over"] if steps else []
+    if wrong and not steps:
+        told = [f"starts over; an interrupted run is there, but {' and '.join(sorted(wrong))}"]
+    for line in told if not run.quiet else ():
+        print(f"{run.scene.stem}: {line}", flush=True)
 
 
 def solve(work: Path, request: dict, ranks: int) -> tuple[int, str]:
@@ -185,14 +165,28 @@ def solve(work: Path, request: dict, ranks: int) -> tuple[int, str]:
     command = [*environment.mpirun(ranks), sys.executable, "-m", "driver", "solve", str(work)]
     env = environment.child_environment()
     env["PYTHONPATH"] = os.pathsep.join(filter(None, [str(environment.ROOT), env.get("PYTHONPATH")]))
-    done = environment.run_child(command, env=env)
+    done = environment.run_child(command, env=env, stderr=subprocess.PIPE, text=True, errors="replace")
     try:
         answer = json.loads((work / "answer.json").read_text())
     except FileNotFoundError:
-        raise InputError(f"a rank of the solver died (mpirun exit {done.returncode}); nothing was changed") from None
+        raise InputError(_why_no_answer(done)) from None
+    sys.stderr.write(done.stderr)
     for name in ("request.json", "answer.json"):
         (work / name).unlink()
     return answer["status"], answer["reason"]
+
+
+def _why_no_answer(done) -> str:
+    """One line out of what mpirun and its ranks have said; a traceback, which no user has caused, is shown whole."""
+    told = [line.removeprefix("error: ") for line in done.stderr.splitlines() if line.startswith("error: ")]
+    if told:
+        return told[0]
+    if "Traceback" in done.stderr:
+        sys.stderr.write(done.stderr)
+        return "a rank of the solver failed"
+    if done.returncode in (-signal.SIGKILL, 128 + signal.SIGKILL):
+        return "a rank of the solver was killed; was there enough memory?"
+    return f"a rank of the solver died (mpirun exit {done.returncode})"
 
 
 def solve_here(work: Path, request: dict) -> tuple[int, str]:
@@ -209,15 +203,6 @@ def solve_here(work: Path, request: dict) -> tuple[int, str]:
         raise InputError(f"the Python package {problem.name} is not installed; {environment.SET_UP}") from None
     stage = study if "study" in request else solve
     return stage.run(work, request, MPI.COMM_WORLD)
-
-
-def publish(work: Path, out: Path) -> None:
-    """Put the finished directory in the place of an older one, which is removed last."""
-    old = out.with_name(f".{out.name}.old.{os.getpid()}")
-    if out.exists():
-        out.rename(old)
-    work.rename(out)
-    shutil.rmtree(old, ignore_errors=True)
 
 
 def describe(summary: dict, out: Path) -> str:

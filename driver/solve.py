@@ -10,10 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from . import adaptivity
-from .errors import DriverError, agree
+from .checkpoint import Checkpoints
+from .errors import DriverError, agreed_writes
 from .ledger import effects_ledger
 from .loader import Manifest
 from .options import Settings
+from .workspace import lock_log
 
 PRIMAL = {"gluing": 0, "normal": 1, "tangential": 2}
 
@@ -21,13 +23,16 @@ PRIMAL = {"gluing": 0, "normal": 1, "tangential": 2}
 class Progress:
     """Steps done, residual and time left: a bar on a terminal, plain lines elsewhere, all lines in a log."""
 
-    def __init__(self, total: int, label: str, quiet: bool, log: Path | None):
-        self.total, self.label, self.quiet, self.bar = total, label, quiet, None
-        self.log = open(log, "w") if log else None
+    def __init__(self, total: int, done: int, label: str, quiet: bool, log: Path | None):
+        """`done` steps of `total` are those of an interrupted run."""
+        self.total, self.done, self.label, self.quiet, self.bar = total, done, label, quiet, None
+        self.log = open(log, "a") if log else None
+        if self.log:
+            lock_log(self.log)
         if not quiet and sys.stderr.isatty():
             from tqdm import tqdm
 
-            self.bar = tqdm(total=total, desc=label, unit="step", file=sys.stderr)
+            self.bar = tqdm(total=total, initial=done, desc=label, unit="step", file=sys.stderr)
         self.start = time.perf_counter()
 
     def update(self, step) -> None:
@@ -40,7 +45,7 @@ class Progress:
             self.bar.set_postfix(fixed_point=step.fixed_point_iterations, products=step.products, kkt=f"{worst:.1e}")
             self.bar.update()
         elif not self.quiet and (step.index % max(1, self.total // 5) == 0 or step.index == self.total):
-            print(f"{line}, {spent * (self.total - step.index) / step.index:.0f} s left", flush=True)
+            print(f"{line}, {spent * (self.total - step.index) / (step.index - self.done):.0f} s left", flush=True)
 
     def note(self, line: str) -> None:
         """One line for the log alone."""
@@ -60,7 +65,8 @@ def run(directory: Path, request: dict, comm) -> tuple[int, str]:
     """Solve the export in ``directory/export`` and write the results into `directory`.
 
     `request` holds scene, settings (of quasistatic.Settings), fields (bool), quiet (bool), seconds (of the
-    stages before). Collective over `comm`; returns exit status and reason, the same on every rank.
+    stages before), errors, refine (bool) and fingerprint (see checkpoint). Goes on from a checkpoint in `directory`, if
+    one is there. Collective over `comm`; returns exit status and reason, the same on every rank.
     """
     try:
         return _run(directory, request, comm)
@@ -86,20 +92,29 @@ def _run(directory: Path, request: dict, comm) -> tuple[int, str]:
     solver = problem.solver(settings)
     lap("setup")
     writer = Writer(directory, manifest, operator, solver, request["fields"])
-    root = comm.rank == 0
-    progress = Progress(manifest.steps, request["scene"], request["quiet"] or not root,
-                        directory / "run.log" if root else None)
-    progress.note(f"{request['scene']} {manifest.parameters} {request['settings']} on {comm.size} ranks")
     estimator = EnergyEstimator(operator, manifest, writer.contact, settings.estimator)
+    parts = {"solver": solver, "writer": writer, "estimator": estimator}
+    checkpoints = Checkpoints(directory, request["fingerprint"], parts, comm)
+    checkpoints.restore()
+    root, done, spent = comm.rank == 0, solver.history.steps, solver.history.seconds
+    with agreed_writes(comm):
+        progress = Progress(manifest.steps, done, request["scene"], request["quiet"] or not root,
+                            directory / "run.log" if root else None)
+        progress.note(f"{request['scene']} {manifest.parameters} {request['settings']} on {comm.size} ranks"
+                      + f", resumed after step {done}" * bool(done))
     for step in solver.steps():
-        progress.update(step)
+        with agreed_writes(comm):
+            progress.update(step)
         estimator.consider(step, *writer.add(step))
+        if solver.history.exit_status == 0:
+            checkpoints.save()
     history = solver.history
-    progress.close(history.reason or "converged")
+    with agreed_writes(comm):
+        progress.close(history.reason or "converged")
     seconds["solve"] = history.seconds
     summary = _summary(request, manifest, structure, history, solver.uniqueness, settings, comm)
     lap("output")
-    seconds["output"] -= history.seconds
+    seconds["output"] -= history.seconds - spent  # of this process; seconds["solve"] is that of all steps
     if request["errors"] != "no" and history.exit_status != 3:
         estimates = estimator.estimates()
         summary["errors"] = {"energy": _energy_error(estimates, writer, settings)}
@@ -110,7 +125,7 @@ def _run(directory: Path, request: dict, comm) -> tuple[int, str]:
         summary["errors"] |= _budget(directory, request, problem, writer, comm)
         lap("estimates")
     seconds["total"] = sum(seconds.values())
-    summary["seconds"] = seconds
+    summary["seconds"], summary["resumed_after_step"] = seconds, done
     summary["effects_ledger"] = _ledger(summary, manifest, structure, history, problem.amplitudes, writer, comm)
     writer.close(summary)
     return history.exit_status, history.reason
@@ -128,13 +143,9 @@ def _energy_error(estimates, writer, settings: Settings) -> dict:
 
 def _next_mesh(directory: Path, estimator, estimates, comm) -> None:
     """Leave the element sizes of the next cycle's mesh."""
-    error = None
-    if comm.rank == 0:
-        try:
+    with agreed_writes(comm):
+        if comm.rank == 0:
             adaptivity.next_mesh(directory / adaptivity.STEM, estimator.body.mesh, [found for _, found in estimates])
-        except DriverError as problem:
-            error = problem
-    agree(comm, error)
 
 
 def _budget(directory: Path, request: dict, problem, writer, comm) -> dict:

@@ -34,15 +34,16 @@ def make_study(pairs: dict[str, str]) -> tuple[dict, Path]:
     Exactly one scene parameter holds several values: first:last:count, equally spaced, or a,b,c. Raises
     DriverError; values that did not converge are told at the end and kept in the files, marked so.
     """
-    from .run import RESULTS, Run, private_directory, publish, solve
+    from .run import RESULTS, Run, solve
+    from .workspace import Workspace
 
     name, values = _studied(pairs)
     run = Run.from_pairs({**pairs, name: values[0]})
     if run.adapt:
         raise InputError("a study has one mesh; ADAPT belongs to single runs")
     out = (run.out if "out" in pairs else RESULTS / "study" / f"{run.scene.stem}-{name}").absolute()
-    with private_directory(out) as work:
-        clock = time.perf_counter()
+    with Workspace(out) as place:
+        clock, work = time.perf_counter(), place.path
         freefem.export(run.scene, work / "export", run.parameters, run.ranks)
         base = time.perf_counter()
         freefem.export_study(run.scene, work / "values", run.parameters, name, values)
@@ -55,7 +56,7 @@ def make_study(pairs: dict[str, str]) -> tuple[dict, Path]:
             draw_study(work)
         for folder in ("export", "values"):
             shutil.rmtree(work / folder)
-        publish(work, out)
+        place.publish(out)
     if status:
         raise error_of(status, f"{reason}; the study is kept in {os.path.relpath(out)}")
     return json.loads((out / "summary.json").read_text()), out

@@ -1,0 +1,331 @@
+"""Interrupted runs: earlier results stay whole, and the same command goes on with the same bits."""
+
+import csv
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from driver import checkpoint, cli, environment, freefem, run, seal, solve, workspace
+from driver.errors import DriverError, InputError
+
+WORDS = ("SCENE=model", "LOADING=nonmonotone", "CELLS=4", "STEPS=8", "FIGURES=no", "ERRORS=no")
+OWN = ("seconds", "memory_mib", "ranks", "resumed_after_step")  # of summary.json: how a run went, not what it found
+
+
+def listing(out: Path) -> dict:
+    """Content of every file that holds results."""
+    found = {str(path.relative_to(out)): path.read_bytes() for path in sorted(out.rglob("*"))
+             if path.is_file() and path.suffix != ".log"}
+    summary = json.loads(found.pop("summary.json"))
+    ledger = {name: {k: v for k, v in entry.items() if k != "seconds"} for name, entry in summary.pop("effects_ledger").items()}
+    return found | {"summary": {k: v for k, v in summary.items() if k not in OWN}, "ledger": ledger}
+
+
+def execute(*words: str) -> dict:
+    return run.execute(run.Run.from_pairs(cli.parse_pairs([*words, "QUIET=yes"])))
+
+
+@pytest.fixture
+def every_step(monkeypatch):
+    """A checkpoint after every step, whatever it costs."""
+    monkeypatch.setattr(checkpoint, "SHARE", np.inf)
+
+
+@pytest.fixture
+def stop_after(monkeypatch):
+    """stop_after(k, problem): the next run meets `problem` as soon as step k is behind it."""
+    update = solve.Progress.update
+
+    def make(step: int, problem=KeyboardInterrupt):
+        def stopped(self, found):
+            if found.index > step:
+                monkeypatch.setattr(solve.Progress, "update", update)
+                raise problem
+            update(self, found)
+
+        monkeypatch.setattr(solve.Progress, "update", stopped)
+
+    return make
+
+
+def hidden(folder: Path) -> list:
+    return sorted(path.name for path in folder.iterdir() if path.name.startswith("."))
+
+
+# ------------------------------------------------------------------------- the same numbers
+
+MODEL = ("SCENE=model", "LOADING=nonmonotone", "CELLS=4", "STEPS=6", "FIGURES=no", "FIELDS=no", "ERRORS=no")
+CASES = {
+    "energy error": ("ERRORS=energy",),
+    "plain": ("PRECONDITIONER=none", "PREDICTOR=previous", "INNER_RTOL=1e-9", "EXPANSION=gradient", "RTOL=1e-6"),
+    "fields": ("FIELDS=yes", "ERRORS=energy"), "floating bodies": ("SCENE=slope", "LOADING=", "CELLS="), "slip law": ("SCENE=punch", "LOADING=", "CELLS="),
+    "several boundaries": ("SCENE=bracket", "LOADING=", "CELLS=", "H=8", "SUBDOMAINS=4"), "adaptive": ("SCENE=hertz", "LOADING=", "CELLS=", "STEPS=", "ADAPT=1")}
+
+
+def words_of(case: str) -> list[str]:
+    """MODEL with what the case changes; an empty value takes a word away."""
+    words = {word.split("=")[0]: word for word in (*MODEL, *CASES[case])}.values()
+    return [word for word in words if not word.endswith("=")]
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_stopped_run_goes_on_with_the_same_bits(tmp_path, every_step, stop_after, case):
+    """Stopped twice, after the first step and in the middle."""
+    words = words_of(case)
+    execute(*words, f"OUT={tmp_path / 'whole'}")
+    for step in (1, 4):
+        stop_after(step)
+        with pytest.raises(KeyboardInterrupt, match=f"goes on after step {step}$"):
+            execute(*words, f"OUT={tmp_path / 'out'}")
+        assert not (tmp_path / "out").exists() and len(hidden(tmp_path)) == 1
+    summary = execute(*words, f"OUT={tmp_path / 'out'}")
+    assert summary["resumed_after_step"] == 4
+    assert listing(tmp_path / "out") == listing(tmp_path / "whole")
+    assert hidden(tmp_path) == []
+
+
+def test_uninterrupted_run_has_no_trace_of_checkpoints(tmp_path, every_step):
+    """Numbers do not depend on checkpoints being written, nor on how many."""
+    execute(*WORDS, f"OUT={tmp_path / 'often'}")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(checkpoint, "SHARE", 1e-9)  # the first one only
+        summary = execute(*WORDS, f"OUT={tmp_path / 'once'}")
+    assert listing(tmp_path / "often") == listing(tmp_path / "once") and summary["resumed_after_step"] == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["often", "once"]
+    assert not [path.name for path in (tmp_path / "often").iterdir() if "checkpoint" in path.name]
+
+
+# ------------------------------------------------------------------------ when not to go on
+
+@pytest.fixture
+def stopped(tmp_path, every_step, stop_after):
+    """OUT of a run that was stopped after step 3 of WORDS."""
+    stop_after(3)
+    with pytest.raises(KeyboardInterrupt):
+        execute(*WORDS, f"OUT={tmp_path / 'out'}")
+    return tmp_path / "out"
+
+
+def run_loudly(capsys, *words):
+    capsys.readouterr()
+    summary = run.execute(run.Run.from_pairs(cli.parse_pairs([*words])))
+    return summary, capsys.readouterr().out
+
+
+@pytest.mark.parametrize("word, said", [
+    ("FRICTION=0.2", "of other scene or parameters"), ("STEPS=9", "of other scene or parameters"),
+    ("RTOL=1e-7", "of other options"), ("FIELDS=no", "of other options")])
+def test_another_run_starts_over(stopped, capsys, word, said):
+    """And what was kept for the interrupted run goes when this one is done: its results would be replaced."""
+    words = {w.split("=")[0]: w for w in (*WORDS, word, f"OUT={stopped}")}.values()
+    summary, told = run_loudly(capsys, *words)
+    assert summary["resumed_after_step"] == 0 and said in told
+    assert hidden(stopped.parent) == []
+
+
+def test_another_run_that_fails_spares_the_interrupted_one(stopped):
+    with pytest.raises(InputError):
+        execute(*WORDS, "FRICTION=-1", f"OUT={stopped}")
+    assert execute(*WORDS, f"OUT={stopped}")["resumed_after_step"] == 3
+
+
+def test_edited_scene_starts_over(tmp_path, variant, every_step, stop_after):
+    """The export is made anew and compared: no edit of script, library or mesh can go unnoticed."""
+    scene, out = variant("resume_edited"), tmp_path / "out"
+    words = (f"SCENE={scene}", *WORDS[1:], "FIELDS=no", f"OUT={out}")
+    stop_after(3)
+    with pytest.raises(KeyboardInterrupt):
+        execute(*words)
+    scene.write_text(scene.read_text().replace("macro contact() 1 //", "macro contact() 1 //\nmacro gap() 1e-5 //"))
+    assert execute(*words)["resumed_after_step"] == 0
+    contact = list(csv.DictReader((out / "contact.csv").read_text().splitlines()))
+    assert {float(row["gap"]) for row in contact} == {1e-5}
+
+
+def test_resume_no_starts_over(stopped):
+    assert execute(*WORDS, f"OUT={stopped}", "RESUME=no")["resumed_after_step"] == 0
+    assert hidden(stopped.parent) == []
+
+
+def spoil_checkpoint(work):
+    content = bytearray((work / checkpoint.NAME).read_bytes())
+    content[len(content) // 2] ^= 4
+    (work / checkpoint.NAME).write_bytes(content)
+
+
+@pytest.mark.parametrize("spoil", [
+    spoil_checkpoint, lambda work: (work / checkpoint.NAME).write_bytes(b""),
+    lambda work: (work / checkpoint.NAME).write_bytes((work / checkpoint.NAME).read_bytes()[:-9]),
+    lambda work: (work / "fields" / "step_0002.vtu").unlink(),
+    lambda work: (work / "fields" / "step_0002.vtu").write_bytes(b"")],
+    ids=["bit", "empty", "cut", "field lost", "field empty"])
+def test_damaged_remains_are_not_taken_up(stopped, capsys, spoil):
+    """After a power failure, say."""
+    work, = stopped.parent.glob(".out.*")
+    spoil(work)
+    summary, told = run_loudly(capsys, *WORDS, f"OUT={stopped}")
+    assert summary["resumed_after_step"] == 0 and "damaged" in told
+    assert hidden(stopped.parent) == []
+
+
+def test_every_byte_of_a_checkpoint_counts(stopped):
+    work, = stopped.parent.glob(".out.*")
+    content = (work / checkpoint.NAME).read_bytes()
+    assert checkpoint.steps(checkpoint.read(work)) == 3
+    for at in np.random.default_rng(3).integers(0, len(content), 150):
+        spoiled = bytearray(content)
+        spoiled[at] ^= 16
+        (work / checkpoint.NAME).write_bytes(spoiled)
+        assert checkpoint.read(work) is None
+
+
+def test_a_living_run_keeps_its_directory(tmp_path):
+    """Two runs to the same place do not get into each other's way."""
+    first = workspace.Workspace(tmp_path / "out")
+    second = workspace.Workspace(tmp_path / "out")
+    assert first.path != second.path and second.left == []
+    for place in (first, second):
+        with place:
+            pass
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_directories_of_other_results_are_left_alone(tmp_path):
+    """OUT=a next to OUT=a.b, and hidden directories that no run has made."""
+    for name in (".a.b.1", ".a.1x", ".a.old", ".ab.1"):
+        (tmp_path / name).mkdir()
+    with workspace.Workspace(tmp_path / "a"):
+        pass
+    assert hidden(tmp_path) == [".a.1x", ".a.b.1", ".a.old", ".ab.1"]
+
+
+@pytest.mark.parametrize("atomic", [True, False], ids=["exchange", "two renames"])
+def test_an_interrupt_while_publishing_waits(tmp_path, monkeypatch, atomic):
+    """At the moment when an older result might have its private name only."""
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "summary.json").write_text("old")
+    place = workspace.Workspace(out)
+    (place.path / "summary.json").write_text("new")
+    exchange = workspace._exchange
+
+    def interrupted(*paths):
+        signal.raise_signal(signal.SIGINT)
+        return exchange(*paths) if atomic else False
+
+    monkeypatch.setattr(workspace, "_exchange", interrupted)
+    with pytest.raises(KeyboardInterrupt), place:
+        place.publish(out)
+    assert (out / "summary.json").read_text() == "new" and hidden(tmp_path) == []
+
+
+# --------------------------------------------------------------------------- killed processes
+
+class Victim:
+    """A run in a session of its own, to be stopped from outside; `words` as on the command line."""
+
+    def __init__(self, folder: Path, *words: str):
+        self.folder = folder
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "driver", "run", *words], cwd=environment.ROOT, env=dict(os.environ), text=True,
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True,
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler))
+
+    def relatives(self, word: str = "") -> list[int]:
+        """Processes whose command line names the folder and `word`."""
+        found = []
+        for path in Path("/proc").glob("[0-9]*/cmdline"):
+            try:
+                line = path.read_bytes().decode(errors="replace")
+            except OSError:
+                continue
+            if str(self.folder) in line and word in line:
+                found.append(int(path.parent.name))
+        return found
+
+    def end(self) -> tuple[int, str]:
+        """Exit status and what was said on stderr; nothing of it may run on."""
+        _, said = self.process.communicate(timeout=120)
+        limit = time.monotonic() + 20
+        while self.relatives() and time.monotonic() < limit:
+            time.sleep(0.02)
+        assert not self.relatives(), "processes outlive their driver"
+        return self.process.returncode, said
+
+
+LONG = ("SCENE=model", "LOADING=nonmonotone", "CELLS=4", "STEPS=40", "RTOL=1e-10", "FIGURES=no", "ERRORS=no")
+
+
+@pytest.fixture(scope="module")
+def reference(tmp_path_factory):
+    """Listing of LONG run without disturbance, of an older run, and the first one's seconds on one rank and on two."""
+    folder, seconds = tmp_path_factory.mktemp("reference"), {}
+    for ranks in (1, 2):
+        clock = time.monotonic()
+        assert Victim(folder, *LONG, f"NP={ranks}", f"OUT={folder / 'new'}").end()[0] == 0
+        seconds[ranks] = time.monotonic() - clock
+    execute("SCENE=model", "CELLS=2", "STEPS=2", "FIGURES=no", f"OUT={folder / 'old'}")
+    return folder / "old", listing(folder / "new"), seconds
+
+
+WAYS = [(1, "driver", signal.SIGINT), (1, "driver", signal.SIGKILL), (2, "driver", signal.SIGTERM),
+        (2, "driver", signal.SIGKILL), (2, "rank", signal.SIGKILL)]
+
+
+def kill_and_run_again(folder, reference, ranks, target, number, moment):
+    """One try: a run is hit at `moment` (of its usual duration), then made once more on the other number of ranks."""
+    old, new, seconds = reference
+    out = folder / "out"
+    shutil.copytree(old, out)
+    before = listing(out)
+    victim = Victim(folder, *LONG, f"NP={ranks}", f"OUT={out}")
+    time.sleep(0.1 + moment * seconds[ranks])
+    if target == "rank":
+        limit = time.monotonic() + 30
+        while not victim.relatives("driver\0solve") and victim.process.poll() is None and time.monotonic() < limit:
+            time.sleep(0.01)
+    targets = [victim.process.pid] if target == "driver" else victim.relatives("driver\0solve\0")[-1:]
+    for pid in targets:
+        try:
+            os.kill(pid, number)
+        except ProcessLookupError:
+            pass
+    status, said = victim.end()
+    assert "Traceback" not in said and len(said.strip().splitlines()) <= 1, said
+    assert status in {0, -number, *([130] if number != signal.SIGKILL else []), *([2] if target == "rank" else [])}, said
+    found = listing(out)
+    assert found == new if status == 0 else found in (before, new)
+    again = Victim(folder, *LONG, f"NP={3 - ranks}", f"OUT={out}")
+    status, said = again.end()
+    assert status == 0, said
+    assert listing(out) == new
+    assert [path.name for path in folder.iterdir()] == ["out"]
+    return json.loads((out / "summary.json").read_text())["resumed_after_step"]
+
+
+@pytest.mark.parametrize("ranks, target, number", WAYS)
+def test_killed_run_goes_on(tmp_path, reference, ranks, target, number):
+    """In the middle of its steps; on another number of ranks."""
+    assert kill_and_run_again(tmp_path, reference, ranks, target, number, 0.6) >= 0
+
+
+@pytest.mark.slow
+def test_fifty_random_kills(tmp_path, reference):
+    """Any moment from the start of the process to its end, any of the ways; some of them must hit the steps."""
+    random, resumed = np.random.default_rng(50), []
+    for k in range(50):
+        folder = tmp_path / str(k)
+        folder.mkdir()
+        resumed.append(kill_and_run_again(folder, reference, *WAYS[k % len(WAYS)], random.uniform()))
+        print(k, WAYS[k % len(WAYS)], "resumed after step", resumed[-1], flush=True)
+        shutil.rmtree(folder)
+    assert sum(step > 0 for step in resumed) >= 5
