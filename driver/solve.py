@@ -117,7 +117,7 @@ def _run(directory: Path, request: dict, comm) -> tuple[int, str]:
     seconds["output"] -= history.seconds - spent  # of this process; seconds["solve"] is that of all steps
     if request["errors"] != "no" and history.exit_status != 3:
         estimates = estimator.estimates()
-        summary["errors"] = {"energy": _energy_error(estimates, writer, settings)}
+        summary["errors"] = {"energy": _energy_error(estimates, writer, estimator.kind)}
         if request.get("refine"):
             _next_mesh(directory, estimator, estimates, comm)
         lap("energy_error")
@@ -131,14 +131,14 @@ def _run(directory: Path, request: dict, comm) -> tuple[int, str]:
     return history.exit_status, history.reason
 
 
-def _energy_error(estimates, writer, settings: Settings) -> dict:
+def _energy_error(estimates, writer, kind: str) -> dict:
     """Error in the energy norm of the estimated steps, whose fields get the indicator."""
     from .estimation import report
 
     for step, estimate in estimates:
         if estimate.indicator is not None:
             writer.indicate(step, estimate.indicator)
-    return report(estimates, estimator.kind)
+    return report(estimates, kind)
 
 
 def _next_mesh(directory: Path, estimator, estimates, comm) -> None:

@@ -69,7 +69,7 @@ MODEL = ("SCENE=model", "LOADING=nonmonotone", "CELLS=4", "STEPS=6", "FIGURES=no
 CASES = {
     "energy error": ("ERRORS=energy",),
     "plain": ("PRECONDITIONER=none", "PREDICTOR=previous", "INNER_RTOL=1e-9", "EXPANSION=gradient", "RTOL=1e-6"),
-    "fields": ("FIELDS=yes", "ERRORS=energy"), "floating bodies": ("SCENE=slope", "LOADING=", "CELLS="), "slip law": ("SCENE=punch", "LOADING=", "CELLS="),
+    "fields": ("FIELDS=yes", "ERRORS=energy"), "floating body": ("SCENE=hard/slope", "LOADING="), "slip law": ("SCENE=punch", "LOADING=", "CELLS="),
     "several boundaries": ("SCENE=bracket", "LOADING=", "CELLS=", "H=8", "SUBDOMAINS=4")}
 
 
