@@ -69,7 +69,7 @@ MODEL = ("SCENE=model", "LOADING=nonmonotone", "CELLS=4", "STEPS=6", "FIGURES=no
 CASES = {
     "energy error": ("ERRORS=energy",),
     "plain": ("PRECONDITIONER=none", "PREDICTOR=previous", "INNER_RTOL=1e-9", "EXPANSION=gradient", "RTOL=1e-6"),
-    "fields": ("FIELDS=yes", "ERRORS=energy"), "floating body": ("SCENE=hard/slope", "LOADING="), "slip law": ("SCENE=punch", "LOADING=", "CELLS="),
+    "fields": ("FIELDS=yes", "ERRORS=energy"), "slip law": ("SCENE=punch", "LOADING=", "CELLS="),
     "several boundaries": ("SCENE=bracket", "LOADING=", "CELLS=", "H=8", "SUBDOMAINS=4")}
 
 
@@ -110,6 +110,21 @@ def test_stopped_refinement_goes_on(tmp_path, every_step, stop_after):
         one["adaptivity.csv"] = [[v for k, v in row.items() if k != "seconds"]
                                  for row in csv.DictReader(one["adaptivity.csv"].decode().splitlines())]
     assert found == whole and hidden(tmp_path) == []
+
+
+def test_body_without_support_goes_on(tmp_path, every_step, stop_after):
+    """Its rigid motion is part of what is kept."""
+    scene = tmp_path / "sledge.edp"
+    scene.write_text((environment.ROOT / "edp" / "slope.edp").read_text().replace(
+        "macro young()", "quasistatic(1.);\nmacro amplitude1(t) (0.5 + t) //\nmacro load2() traction(2, 300*t1, 300*t2) //\n"
+        "macro amplitude2(t) sin(6*t) //\nreal t1 = cos(angle*pi/180), t2 = sin(angle*pi/180);\nmacro young()", 1))
+    words = (f"SCENE={scene}", "STEPS=6", *MODEL[4:])
+    execute(*words, f"OUT={tmp_path / 'whole'}")
+    stop_after(3)
+    with pytest.raises(KeyboardInterrupt, match="goes on after step 3"):
+        execute(*words, f"OUT={tmp_path / 'out'}")
+    execute(*words, f"OUT={tmp_path / 'out'}")
+    assert listing(tmp_path / "out") == listing(tmp_path / "whole")
 
 
 def test_uninterrupted_run_has_no_trace_of_checkpoints(tmp_path, every_step):
