@@ -556,7 +556,8 @@ def _blocked(rows: np.ndarray, matrix: np.ndarray, out: np.ndarray | None = None
     (count, m), n = rows.shape, matrix.shape[1]
     out = np.empty((count, n)) if out is None else out
     whole = count - count % BLOCK
-    np.matmul(rows[:whole].reshape(-1, BLOCK, m), matrix, out=out[:whole].reshape(-1, BLOCK, n))
+    shape = whole // BLOCK, BLOCK  # given in full: m or n may be 0
+    np.matmul(rows[:whole].reshape(*shape, m), matrix, out=out[:whole].reshape(*shape, n))
     if whole < count:
         last = np.zeros((BLOCK, m))
         last[: count - whole] = rows[whole:]
