@@ -13,9 +13,10 @@ import numpy as np
 
 from . import freefem
 from .budget import FORMAL, UNBOUNDED, Part, advice, coarser, extrapolate, mesh_knob, name_of, ratio, summed
-from .errors import DriverError, InputError, agree
+from .errors import DriverError, InputError, agree, error_of
 from .options import Settings
 from .problem import Problem, assemble
+from .quasistatic import QuasistaticSolver
 from .results import Record
 
 TIGHTER = 100.0  # tolerances of the companions that tell what those of the run leave
@@ -31,10 +32,10 @@ class Level:
     """A finished run."""
 
     values: dict  # quantities of interest
-    steps: int
+    at: int  # index of the step that they belong to
     products: int
-    seconds: float  # of the steps
-    at: int = -1  # index of the step that the quantities belong to
+    solver: QuasistaticSolver
+    trace: list  # its steps, each with the friction coefficients or bounds that its rows had then
 
 
 class Levels:
@@ -48,6 +49,12 @@ class Levels:
         self.scene, self.parameters, self.folder, self.comm, self.cycles = scene, parameters, folder, comm, cycles
         self.problems: dict = {}
         self.runs: dict = {}
+        self.seconds = dict.fromkeys(("export", "setup", "solve"), 0.0)
+        self.products = 0
+
+    def place(self, **changes) -> Path:
+        """Directory of the export with some parameters changed."""
+        return self.folder / "-".join(f"{name}{value:.17g}" for name, value in sorted(changes.items()))
 
     def problem(self, **changes) -> Problem:
         """The scene with some parameters changed. Raises DriverError where FreeFEM or the loader refuses it."""
@@ -59,7 +66,7 @@ class Levels:
     def _assemble(self, changes: dict) -> Problem:
         if "cycle" in changes:
             return assemble(self.cycles[changes["cycle"]] / "export", self.comm)
-        place, error = self.folder / "-".join(f"{k}{v:g}" for k, v in changes.items()), None
+        place, error, clock = self.place(**changes), None, time.perf_counter()
         if self.comm.rank == 0:
             try:
                 words = {name: f"{value:.17g}" for name, value in changes.items()}
@@ -69,10 +76,10 @@ class Levels:
             except OSError as problem:
                 error = InputError(f"writing the export failed: {problem.strerror}")
         agree(self.comm, error)
+        self.seconds["export"] += time.perf_counter() - clock
+        clock = time.perf_counter()
         found = assemble(place, self.comm)
-        self.comm.barrier()
-        if self.comm.rank == 0:
-            shutil.rmtree(place)
+        self.seconds["setup"] += time.perf_counter() - clock
         return found
 
     def run(self, settings: Settings, stride: int = 1, **changes) -> Level:
@@ -85,13 +92,16 @@ class Levels:
     def _run(self, problem: Problem, settings: Settings, stride: int) -> Level:
         clock, before = time.perf_counter(), problem.operator.products
         solver = problem.solver(settings, samples(problem.manifest.steps, stride))
-        record = Record(problem.operator, solver)
+        record, trace = Record(problem.operator, solver), []
         for step in solver.steps():
             record.add(step)
+            trace.append((step, solver.rows.bound))
+        products = problem.operator.products - before
+        self.products += products
+        self.seconds["solve"] += time.perf_counter() - clock
         if solver.history.exit_status:
-            raise InputError(solver.history.reason)
-        values, at = record.quantities()
-        return Level(values, solver.history.steps, problem.operator.products - before, time.perf_counter() - clock, at)
+            raise error_of(solver.history.exit_status, solver.history.reason)
+        return Level(*record.quantities(), products, solver, trace)
 
     def close(self) -> None:
         """Remove what is left of the exports."""

@@ -52,9 +52,8 @@ def quantities(effects: dict, nodes: dict, steps: dict, displacement) -> tuple[d
         "normal_resultant": normal[at], "contact_length": contact_length(nodes, pieces, steps, at),
         "displacement": displacement[at]}
     if effects["friction"] != "none":
-        way = np.where(steps["status"] == SLIP, np.abs(steps["slip"]), 0.0).sum(axis=0)
         found |= {"tangential_resultant": steps["sigma_t"][at] @ weight,
-                  "slip": max(peak(nodes["arc"][piece], way[piece]) for piece in pieces),
+                  "slip": max(longest_way(nodes, piece, steps, at) for piece in pieces),
                   "dissipated_energy": -((steps["sigma_t"] * steps["slip"]) @ weight).sum()}
     return {name: float(found[name]) for name in names(effects)}, at
 
@@ -104,11 +103,16 @@ def traction(nodes: dict, pressure: np.ndarray, piece: np.ndarray) -> np.ndarray
 
 
 def peak(arc: np.ndarray, values: np.ndarray) -> float:
-    """Largest of `values` (k,) over `arc`, of the parabola through it and its neighbours where it has two."""
+    """Largest of `values` (k,) over `arc`, of the parabola through it and its neighbours where both are positive.
+
+    At an edge of contact, beyond which they vanish, they are not smooth.
+    """
     k = int(np.argmax(values))
     if k in (0, len(values) - 1):
         return float(values[k])
     x, y = arc[k - 1 : k + 2] - arc[k], values[k - 1 : k + 2]
+    if y.min() <= 0:
+        return float(y[1])
     left, right = (y[1] - y[0]) / -x[0], (y[2] - y[1]) / x[2]
     bend = (right - left) / (x[2] - x[0])
     slope = left + bend * -x[0]
@@ -119,21 +123,46 @@ def contact_length(nodes: dict, pieces: list[np.ndarray], steps: dict, at: int) 
     """Length in contact at step `at`; edges between a closed and an open node count in part."""
     total = 0.0
     for piece in pieces:
-        x, closed = nodes["arc"][piece], steps["status"][at][piece] != OPEN
-        opening = np.maximum(nodes["gap"] - steps["u_n"][at], 0.0)[piece]
-        pressure = np.maximum(-steps["sigma_n"][at], 0.0)[piece]
+        closed = steps["status"][at][piece] != OPEN
         if len(piece) == 1:
             total += float(nodes["weight"][piece[0]]) * closed[0]
             continue
-        total += float(_beyond(nodes, piece) @ closed[[0, -1]])
-        for i, side in enumerate(np.diff(x)):
-            if closed[i] and closed[i + 1]:
-                total += side
-            elif closed[i]:
-                total += _part(x[i:], opening[i:], pressure[: i + 1][::-1], x[: i + 1][::-1], closed[i:])
-            elif closed[i + 1]:
-                total += _part(-x[i + 1 :: -1], opening[i + 1 :: -1], pressure[i + 1 :], -x[i + 1 :], closed[i + 1 :: -1])
+        side = np.diff(nodes["arc"][piece])
+        total += float(_beyond(nodes, piece) @ closed[[0, -1]]) + float(side @ (closed[1:] & closed[:-1]))
+        total += sum(part for _, _, part in edges_of_contact(nodes, piece, steps, at))
     return float(total)
+
+
+def edges_of_contact(nodes: dict, piece: np.ndarray, steps: dict, at: int) -> list[tuple[int, int, float]]:
+    """Closed node, open node (places in `piece`) and length in contact of every edge between such at step `at`."""
+    x, closed = nodes["arc"][piece], steps["status"][at][piece] != OPEN
+    opening = np.maximum(nodes["gap"] - steps["u_n"][at], 0.0)[piece]
+    pressure = np.maximum(-steps["sigma_n"][at], 0.0)[piece]
+    found = []
+    for i in np.flatnonzero(closed[1:] != closed[:-1]):
+        if closed[i]:
+            part = _part(x[i:], opening[i:], pressure[: i + 1][::-1], x[: i + 1][::-1], closed[i:])
+            found.append((i, i + 1, part))
+        else:
+            part = _part(-x[i + 1 :: -1], opening[i + 1 :: -1], pressure[i + 1 :], -x[i + 1 :], closed[i + 1 :: -1])
+            found.append((i + 1, i, part))
+    return found
+
+
+def longest_way(nodes: dict, piece: np.ndarray, steps: dict, at: int) -> float:
+    """Longest way that a point of a piece has slid in contact, also at the edges of contact of step `at` between nodes.
+
+    Slip is often largest at an edge of contact; the last closed node alone would tell it by the mesh size only. What
+    the open node beyond the edge has moved while its neighbour slid counts as far as the edge.
+    """
+    move, sliding = np.abs(steps["slip"])[:, piece], steps["status"][:, piece] == SLIP
+    way = np.where(sliding, move, 0.0).sum(axis=0)
+    found = peak(nodes["arc"][piece], way)
+    for closed, beyond, part in edges_of_contact(nodes, piece, steps, at):
+        with_it = np.where(sliding[:, closed] | sliding[:, beyond], move[:, beyond], 0.0).sum()
+        side = abs(nodes["arc"][piece[beyond]] - nodes["arc"][piece[closed]])
+        found = max(found, float(way[closed] + part / side * (with_it - way[closed])))
+    return found
 
 
 def _part(x, opening, pressure, inward, closed) -> float:

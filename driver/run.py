@@ -10,7 +10,7 @@ import sys
 import time
 from pathlib import Path
 
-from . import adaptivity, budget, environment, freefem, seal
+from . import adaptivity, budget, environment, freefem, goal, seal
 from .checkpoint import fingerprint
 from .errors import InputError, error_of
 from .ledger import never_mattered
@@ -18,7 +18,7 @@ from .workspace import Workspace
 
 RESULTS = environment.ROOT / "results"
 # driver options beside options.Settings; everything else is a parameter of the scene
-OPTIONS = ("scene", "np", "out", "fields", "figures", "quiet", "resume", "adapt", "errors")
+OPTIONS = ("scene", "np", "out", "fields", "figures", "quiet", "resume", "adapt", "errors", "accuracy")
 ERRORS = ("yes", "energy", "no")
 
 
@@ -60,6 +60,7 @@ class Run:
     resume: bool = True  # go on where an interrupted run has stopped
     adapt: int = 0  # cycles of adaptive refinement before the run itself
     errors: str = "yes"  # which error estimates: all, "energy": that of the energy norm alone, or "no"
+    accuracy: tuple[float, str] | None = None  # relative error asked for and quantity: the settings follow from it
 
     @classmethod
     def from_pairs(cls, pairs: dict[str, str]) -> "Run":
@@ -79,9 +80,13 @@ class Run:
         errors = pairs.get("errors", "yes")
         if errors not in ERRORS:
             raise InputError(f"ERRORS must be one of {', '.join(ERRORS)}, not '{errors}'")
+        accuracy = goal.parse(pairs["accuracy"]) if "accuracy" in pairs else None
+        chosen = [name for name in goal.CHOSEN if accuracy and name in pairs]
+        if chosen:
+            raise InputError(f"ACCURACY chooses {chosen[0].upper()} itself: leave one of them out")
         out = Path(pairs["out"]) if "out" in pairs else RESULTS / scene.stem
         return cls(scene, out, int(ranks), settings, parameters, yes(pairs, "fields", "yes"), yes(pairs, "figures", "yes"),
-                   yes(pairs, "quiet", "no"), yes(pairs, "resume", "yes"), int(adapt), errors)
+                   yes(pairs, "quiet", "no"), yes(pairs, "resume", "yes"), int(adapt), errors, accuracy)
 
 
 def execute(run: Run) -> dict:
@@ -93,8 +98,13 @@ def execute(run: Run) -> dict:
 def _execute(run: Run, place: Workspace) -> dict:
     work, out = place.path, place.out
     cycles = _refine(run, place)
-    status, reason = _cycle(run, place, work, cycles, {"fields": run.fields, "errors": run.errors, "path": str(run.scene),
-                                                       "parameters": run.parameters, "cycles": [str(c) for c in cycles]})
+    request = {"fields": run.fields, "errors": run.errors, "path": str(run.scene), "parameters": run.parameters,
+               "cycles": [str(cycle) for cycle in cycles]}
+    if run.accuracy:
+        request |= {"scene": run.scene.stem, "settings": run.settings, "quiet": run.quiet, "accuracy": run.accuracy}
+        status, reason = solve(work, request, run.ranks)
+    else:
+        status, reason = _cycle(run, place, work, cycles, request)
     if not (work / "summary.json").exists():
         raise error_of(status, reason)
     if cycles:
@@ -201,7 +211,7 @@ def solve_here(work: Path, request: dict) -> tuple[int, str]:
         from . import solve, study
     except ImportError as problem:
         raise InputError(f"the Python package {problem.name} is not installed; {environment.SET_UP}") from None
-    stage = study if "study" in request else solve
+    stage = goal if "accuracy" in request else study if "study" in request else solve
     return stage.run(work, request, MPI.COMM_WORLD)
 
 

@@ -112,7 +112,7 @@ def _run(directory: Path, request: dict, comm) -> tuple[int, str]:
     with agreed_writes(comm):
         progress.close(history.reason or "converged")
     seconds["solve"] = history.seconds
-    summary = _summary(request, manifest, structure, history, solver.uniqueness, settings, comm)
+    summary = summarize(request, manifest, structure, history, solver.uniqueness, settings, comm)
     lap("output")
     seconds["output"] -= history.seconds - spent  # of this process; seconds["solve"] is that of all steps
     if request["errors"] != "no" and history.exit_status != 3:
@@ -126,7 +126,7 @@ def _run(directory: Path, request: dict, comm) -> tuple[int, str]:
         lap("estimates")
     seconds["total"] = sum(seconds.values())
     summary["seconds"], summary["resumed_after_step"] = seconds, done
-    summary["effects_ledger"] = _ledger(summary, manifest, structure, history, problem.amplitudes, writer, comm)
+    summary["effects_ledger"] = ledger_of(summary, manifest, structure, history, problem.amplitudes, writer, comm)
     writer.close(summary)
     return history.exit_status, history.reason
 
@@ -160,7 +160,7 @@ def _budget(directory: Path, request: dict, problem, writer, comm) -> dict:
         levels.close()
 
 
-def _summary(request, manifest: Manifest, structure, history, uniqueness, settings, comm) -> dict:
+def summarize(request, manifest: Manifest, structure, history, uniqueness, settings, comm) -> dict:
     kinds = np.bincount(structure.row_kind, minlength=3)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     variant = next((str(v) for k, v in manifest.parameters.items() if k == "loading"), "")
@@ -181,7 +181,7 @@ def _summary(request, manifest: Manifest, structure, history, uniqueness, settin
     }
 
 
-def _ledger(summary, manifest: Manifest, structure, history, amplitudes, writer, comm) -> dict:
+def ledger_of(summary, manifest: Manifest, structure, history, amplitudes, writer, comm) -> dict:
     largest = [max([np.abs(sub.loads[k]).max(initial=0) for sub in structure.subdomains]
                    + [np.abs(values[k]).max(initial=0) for values in structure.fixed_values], default=0.0)
                for k in range(len(manifest.patterns))]
