@@ -75,6 +75,7 @@ def run(directory: Path, request: dict, comm) -> tuple[int, str]:
 
 
 def _run(directory: Path, request: dict, comm) -> tuple[int, str]:
+    from . import soundness
     from .estimation import EnergyEstimator
     from .problem import assemble
     from .results import Writer
@@ -109,6 +110,7 @@ def _run(directory: Path, request: dict, comm) -> tuple[int, str]:
         if solver.history.exit_status == 0:
             checkpoints.save()
     history = solver.history
+    history.warnings += soundness.warnings(problem, estimator.largest and estimator.largest[1])
     with agreed_writes(comm):
         progress.close(history.reason or "converged")
     seconds["solve"] = history.seconds

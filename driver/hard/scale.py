@@ -24,7 +24,13 @@ def load(factor: float) -> Case:
                 checks=(same_as(ROUNDING, factor, factor, options=plain), laws(1e-6)))
 
 
+FAR = {"X0": 2e6, "Y0": 2e6}  # a million body lengths
+# coordinates are good to 2e-16 * 2e6 there, 4e-9 of a cell, and strains of elements with them; contact answers tenfold
+DIGITS = 1e-6
+
 CASES = [
     *(units(power, kind) for kind, powers in (("LENGTH", (9, -9)), ("STRESS", (12, -12))) for power in powers),
     load(1e-12), load(1e12),
+    Case("a million body lengths from the origin", "scale", BLOCK, {**HUMP, **FAR}, warning="digits", fast=True,
+         checks=(same_as(DIGITS, options={"X0": 0, "Y0": 0}, counts=False), laws(1e-6))),
 ]

@@ -1,0 +1,43 @@
+"""Warnings about mesh and numbers: said where they are due, and only there."""
+
+import pytest
+
+from driver import environment
+
+QUICK = {"SUBDOMAINS": "2x1", "CELLS": 4, "STEPS": 1, "ERRORS": "no"}
+
+
+def said(run, word: str) -> bool:
+    assert run.status == 0, run.reason
+    return any(word in line for line in run.summary["warnings"])
+
+
+@pytest.mark.parametrize("nu, cells, locks", [(0.3, 2, False), (0.45, 4, False), (0.49, 2, True), (0.49, 8, True),
+                                              (0.499, 4, True), (0.4999, 2, True), (0.4999, 8, True)])
+def test_locking(solved, nu, cells, locks):
+    """By the table in the module's text: from nu = 0.49 on coarse meshes and fine, never at 0.45."""
+    run = solved("hard/block", **{**QUICK, "CELLS": cells}, POISSON=nu)
+    assert said(run, "elements lock") == locks
+
+
+def test_no_locking_in_plane_stress_or_uniform_strain(solved, tmp_path):
+    """Plane stress lets the body get thicker; a uniform state is exact in any element."""
+    block = (environment.ROOT / "edp" / "hard" / "block.edp").read_text()
+    plane = tmp_path / "plane.edp"
+    plane.write_text(block.replace("macro contact()", "macro planeStress() 1 //\nmacro contact()"))
+    assert not said(solved(plane, **QUICK, POISSON=0.4999), "elements lock")
+    patch = tmp_path / "patch.edp"
+    text = (environment.ROOT / "edp" / "patch.edp").read_text()
+    assert "nu = 0.3" in text
+    patch.write_text(text.replace("nu = 0.3", "nu = 0.4999"))
+    assert not said(solved(patch, SUBDOMAINS="2x1", CELLS=4, ERRORS="no"), "elements lock")
+
+
+def test_locking_does_not_depend_on_ranks(solved):
+    one, two = (solved("hard/block", **QUICK, POISSON=0.499, X0=1e5, NP=ranks) for ranks in (1, 2))
+    assert one.summary["warnings"] == two.summary["warnings"] and len(one.summary["warnings"]) == 2
+
+
+@pytest.mark.parametrize("x0, far", [(0, False), (1000, False), (1e4, True), (-1e6, True)])
+def test_lost_digits(solved, x0, far):
+    assert said(solved("hard/block", **QUICK, X0=x0), "digits") == far
