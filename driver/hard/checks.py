@@ -6,17 +6,18 @@ corners, gluing or dual rows; its sparse factorization is SuperLU's, where the d
 
 import functools
 import tempfile
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 
-from .. import environment, freefem
+from .. import environment, freefem, run
 from ..loader import read_manifest, read_subdomains
+from ..options import Settings
 from ..oracle import Assembled, coulomb_history
 from .case import Case, Check, Outcome, reference
 
-DRIVER = {"RTOL", "FRICTION_RTOL", "PRIMAL_RTOL", "INNER_RTOL", "MAX_FIXED_POINT", "MAX_PRODUCTS", "PRECONDITIONER",
-          "PREDICTOR", "EXPANSION", "NP", "OUT", "FIELDS", "FIGURES", "QUIET", "ERRORS", "ADAPT", "ESTIMATOR", "UNIQUENESS", "RESUME"}
+DRIVER = {name.upper() for name in (*run.OPTIONS, *(field.name for field in fields(Settings)))}  # no parameters of the scene
 
 
 @functools.lru_cache(maxsize=4)
