@@ -54,6 +54,9 @@ study:  ## many values of one parameter on one export: SCENE=model FRICTION=0.05
 hard:  ## the hard cases, each solved and checked or refused [FAMILY=scale,contact] [CASE=name] [FAST=yes] [JOBS=]
 	@$(DRIVER) hard $(GIVEN)
 
+accuracy:  ## what accuracy costs in seconds: SCENE=hertz [EFFORT=quick|full] [REPEATS=] [QUANTITY=] [...]
+	@$(DRIVER) accuracy $(GIVEN)
+
 saddle:  ## write and draw the FETI-DP saddle-point matrix of a small case [SCENE=] [SUBDOMAINS=] [CELLS=] [OUT=]
 	@$(DRIVER) saddle $(GIVEN)
 

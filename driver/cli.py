@@ -57,13 +57,17 @@ def command_model(words: list[str]) -> None:
 
 
 def command_figures(words: list[str]) -> None:
-    """Redraw the figures of finished runs from their files."""
+    """Redraw the figures of finished runs and studies from their files."""
     from .figures import draw_run
     from .study import draw_study
+    from .work_precision import draw
 
     if not words:
         raise InputError("no finished run to draw; 'make run SCENE=model' leaves one in results/model")
     for word in words:
+        if (Path(word) / "accuracy.csv").is_file():
+            print(*draw(Path(word), every=True), sep="\n")
+            continue
         if not (Path(word) / "summary.json").is_file():
             raise InputError(f"{word} holds no finished run (no summary.json)")
         is_study = "study" in json.loads((Path(word) / "summary.json").read_text())
@@ -122,6 +126,14 @@ def command_study(words: list[str]) -> None:
 
     summary, out = make_study(parse_pairs(words))
     print(describe_study(summary, out))
+
+
+def command_accuracy(words: list[str]) -> None:
+    """What accuracy costs: sweeps of every knob of a scene."""
+    from .accuracy import run_accuracy
+
+    for path in run_accuracy(parse_pairs(words)):
+        print(os.path.relpath(path))
 
 
 def command_solve(words: list[str]) -> None:
