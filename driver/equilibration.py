@@ -16,15 +16,17 @@ the three parts that the centroid cuts off, with continuous tractions between th
 on each, chosen to give the moments of f. Tractions, body force and stress map together by the Piola transformation,
 so that one constant matrix of the reference triangle serves every element.
 
-The energy of sigma* - sigma_h is then lessened over the vertices' free constants and over one more traction an edge that
-loads no triangle: tangential, linear and odd about the middle of the edge. A few conjugate gradients suffice, as both
-act locally; without the second kind the estimate is half as sharp.
+The deviation sigma* - sigma_h is a sum of few such stresses: at each corner of the triangle moments +b and -b on its two
+sides (the sums at the corner are those of sigma_h), the share of f, and on each side a tangential traction that is linear
+and odd about its middle, which loads no triangle and is at first zero. The energy of the deviation is then lessened
+over these odd tractions and the free constants of the vertices. A few conjugate gradients suffice, as both act locally;
+without the odd tractions the estimate is half as sharp.
 
 All functions are pure and work on arrays over the whole mesh; forces are per thickness.
 """
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -61,6 +63,11 @@ class Mesh:
         last = np.roll(2 * edge + (end > start), 1, axis=1)
         return cls(corner, triangles, np.column_stack(np.divmod(keys, span)), first, last, count == 1)
 
+    @cached_property
+    def gradient(self) -> np.ndarray:
+        """(n_t, 3, 2) gradients of the hat functions."""
+        return hat_gradients(self.corner)
+
     def find(self, ends: np.ndarray) -> np.ndarray:
         """Numbers of edges given by their vertices (n, 2); they must exist."""
         span = self.edges.max() + 1
@@ -68,25 +75,25 @@ class Mesh:
         keys = self.edges[:, 0] * span + self.edges[:, 1]
         return np.searchsorted(keys, low * span + high)
 
-    @property
+    @cached_property
     def outward(self) -> np.ndarray:
         """(n_t, 3, 2) outward normals of the sides k to k + 1, as long as these."""
         side = np.roll(self.corner, -1, axis=1) - self.corner
         return np.stack([side[..., 1], -side[..., 0]], axis=-1)
 
-    @property
+    @cached_property
     def length(self) -> np.ndarray:
         """(n_e,) of the edges."""
         found = np.empty(len(self.edges))
         found[self.first // 2] = np.linalg.norm(self.outward, axis=2)
         return found
 
-    @property
+    @cached_property
     def columns(self) -> np.ndarray:
         """(n_t, 2, 2) Jacobian matrices of the maps from the reference triangle."""
         return np.stack([self.corner[:, 1] - self.corner[:, 0], self.corner[:, 2] - self.corner[:, 0]], axis=2)
 
-    @property
+    @cached_property
     def area(self) -> np.ndarray:
         """(n_t,)"""
         a, b = self.corner[:, 1] - self.corner[:, 0], self.corner[:, 2] - self.corner[:, 0]
@@ -134,13 +141,18 @@ def chains(mesh: Mesh) -> Chains:
     return Chains(order, np.arange(len(heads)) >= len(open_start), (order >= 0).sum(axis=0))
 
 
-def prolongation(mesh: Mesh, stress: np.ndarray, body: np.ndarray) -> np.ndarray:
+def prolongation(mesh: Mesh, stress: np.ndarray, body: np.ndarray | None) -> np.ndarray:
     """(n_t, 3, 2) what tractions must do on each triangle: int sigma_h grad phi - int f phi.
 
-    `stress` (n_t, 3) constant on triangles; `body` (n_t, 3, 2) moments of the body force.
+    `stress` (n_t, 3) constant on triangles; `body` (n_t, 3, 2) moments of the body force, if there is one.
     """
-    gradient = hat_gradients(mesh.corner) * mesh.area[:, None, None]
-    return gradient @ full_tensor(stress) - body
+    inner = mesh.gradient @ full_tensor(stress * mesh.area[:, None])
+    return inner if body is None else inner - body
+
+
+def side_moments(mesh: Mesh, stress: np.ndarray) -> np.ndarray:
+    """(n_t, 3, 2) moments of the tractions of constant stresses (n_t, 3) on the sides k to k + 1, alike at both ends."""
+    return 0.5 * mesh.outward @ full_tensor(stress)
 
 
 def averaged_moments(mesh: Mesh, stress: np.ndarray) -> np.ndarray:
@@ -148,7 +160,7 @@ def averaged_moments(mesh: Mesh, stress: np.ndarray) -> np.ndarray:
 
     Signed for the triangle left of each half-edge.
     """
-    traction = 0.5 * np.einsum("tij,tkj->tki", full_tensor(stress), mesh.outward)  # moments, L/2 times the traction
+    traction = side_moments(mesh, stress)
     total, count = np.zeros((2 * len(mesh.edges), 2)), np.zeros(2 * len(mesh.edges))
     for half, value in ((mesh.first, traction), (mesh.last, -np.roll(traction, 1, axis=1))):
         for c in range(2):
@@ -247,154 +259,163 @@ def reference_stress() -> np.ndarray:
     return solution.reshape(3, 3, 3, 18)
 
 
-def admissible_stress(mesh: Mesh, moments: np.ndarray, body: np.ndarray) -> np.ndarray:
-    """(n_t, 3, 3, 3) stress [triangle, part, node, s11 s22 s12] for edge moments and body force moments.
+@lru_cache(maxsize=2)
+def reference_modes(body: bool) -> np.ndarray:
+    """(27, 9), with `body` (27, 15), stresses of the reference triangle that deviations from sigma_h consist of.
 
-    `moments` (half-edges, 2) as from `edge_moments`; `body` (n_t, 3, 2), which must be in equilibrium with them.
+    Modes 2 k + c: moments +1, -1 of component c at corner k on the sides to its next and previous corner; 6 + k:
+    moments +t, -t at the ends of side k along its direction t; 9 + 2 k + c: body force with moment 1 of component c at
+    corner k, -1/2 on its two sides.
     """
-    ends = np.stack([moments[mesh.first], -moments[np.roll(mesh.last, -1, axis=1)]], axis=2)  # [t, side, end, c]
-    data = np.concatenate([ends.reshape(len(body), 6, 2), body], axis=1)
-    data = data @ np.linalg.inv(mesh.columns).transpose(0, 2, 1)
-    inner = data.reshape(-1, 18) @ reference_stress().reshape(27, 18).T
-    return (inner.reshape(-1, 9, 3) @ piola(mesh).transpose(0, 2, 1)).reshape(-1, 3, 3, 3)
-
-
-def piola(mesh: Mesh) -> np.ndarray:
-    """(n_t, 3, 3) maps of reference stresses s11, s22, s12 to those of the triangles: J s J' / det J."""
-    (a, b), (c, d) = mesh.columns.transpose(1, 2, 0)
-    rows = [[a * a, b * b, 2 * a * b], [c * c, d * d, 2 * c * d], [a * c, b * d, a * d + b * c]]
-    return np.array(rows).transpose(2, 0, 1) / (2 * mesh.area)[:, None, None]
-
-
-def energy(area: np.ndarray, compliance: np.ndarray, stress: np.ndarray) -> np.ndarray:
-    """(n_t,) int s : C^-1 s of stresses (n_t, parts, 3 nodes, 3) linear on equal parts of the triangles."""
-    return np.einsum("tpni,tpni->t", stress, _strain_moments(area, compliance, stress))
-
-
-def _strain_moments(area: np.ndarray, compliance: np.ndarray, stress: np.ndarray) -> np.ndarray:
-    """Moments of the strain C^-1 s against the hats of the parts, shaped like `stress`."""
-    weighted = stress + stress.sum(axis=2, keepdims=True)
-    flat = weighted.reshape(len(stress), -1, 3) @ (compliance * (area / (12 * stress.shape[1]))[:, None, None])
-    return flat.reshape(stress.shape)
-
-
-# ---- least energy ---------------------------------------------------------------------------------------------------
-@lru_cache(maxsize=1)
-def reference_modes() -> np.ndarray:
-    """(27, 9) stresses of the reference triangle for tractions that load nothing.
-
-    Modes 2 k + c: moments +1, -1 of component c at corner k on its two sides; mode 6 + k: moments +t, -t at the ends
-    of side k along its direction t.
-    """
-    data = np.zeros((3, 2, 2, 9))  # [side, end, component, mode]
+    data = np.zeros((3, 2, 2, 15))  # [side, end, component, mode]
+    force = np.zeros((3, 2, 15))
     for k in range(3):
-        data[k, 0, :, 2 * k : 2 * k + 2] += np.eye(2)
-        data[k - 1, 1, :, 2 * k : 2 * k + 2] -= np.eye(2)
+        vertex, share = slice(2 * k, 2 * k + 2), slice(9 + 2 * k, 11 + 2 * k)
+        for side, end, sign in ((k, 0, 1), (k - 1, 1, -1)):
+            data[side, end, :, vertex] = sign * np.eye(2)
+            data[side, end, :, share] = -0.5 * np.eye(2)
+        force[k, :, share] = np.eye(2)
         data[k, 0, :, 6 + k] = CORNER[(k + 1) % 3] - CORNER[k]
         data[k, 1, :, 6 + k] = -data[k, 0, :, 6 + k]
-    return reference_stress()[..., :12].reshape(27, 12) @ data.reshape(12, 9)
+    modes = reference_stress().reshape(27, 18) @ np.concatenate([data.reshape(12, 15), force.reshape(6, 15)])
+    return modes if body else modes[:, :9]
 
 
-class Modes:
-    """Stresses in equilibrium with nothing that may be added to an admissible one, with small support.
+# ---- deviations ----------------------------------------------------------------------------------------------------
+def piola(mesh: Mesh) -> np.ndarray:
+    """(3, 3, n_t) maps of reference stresses s11, s22, s12 to those of the triangles: J s J' / det J."""
+    (a, b), (c, d) = mesh.columns.transpose(1, 2, 0)
+    rows = [[a * a, b * b, 2 * a * b], [c * c, d * d, 2 * c * d], [a * c, b * d, a * d + b * c]]
+    return np.array(rows) / (2 * mesh.area)
 
-    Two a vertex, where its chain is not closed by given tractions: the same moment added on all its half-edges. One an
-    edge without given tractions: a tangential traction that is linear, odd and so without force and torque. Unknowns
-    are the vertex moments (n_c, 2), then the edge moments (n_e,), stacked flat.
+
+class Deviations:
+    """Deviations sigma* - sigma_h of statically admissible stresses, by coefficients (m, n_t) of `reference_modes`.
+
+    Changes that keep the equilibrium have unknowns with small support: two a vertex, where given tractions do not close
+    its chain, the same moment added on all its half-edges, (n_c, 2); one an edge without given tractions, its odd
+    tangential traction, (n_e,). They are stacked flat. Triangles come last in all arrays, so that sums over the few
+    coefficients run along contiguous rows.
     """
 
-    def __init__(self, mesh: Mesh, around: Chains, known: np.ndarray, compliance: np.ndarray):
-        n, last = around.order.shape[1], mesh.last.ravel()
-        head = known[mesh.first.ravel()[around.order[0]]]
-        end = known[last[around.order[around.length - 1, np.arange(n)]]]
-        vertex_free = around.closed[:, None] | ~(head | end)
-        edge_free = ~known[::2].any(axis=1)
-        self.free = np.concatenate([vertex_free.ravel(), edge_free])
+    def __init__(self, mesh: Mesh, around: Chains, known: np.ndarray, compliance: np.ndarray, body: bool):
+        """`known` (half-edges, 2): where tractions are given; `compliance` (n_t, 3, 3); `body`: with body force."""
+        self.mesh, self.body, self.map = mesh, body, piola(mesh)
+        (a, b), (c, d) = mesh.columns.transpose(1, 2, 0)
+        self.inverse = np.array([[d, -b], [-c, a]]) / (2 * mesh.area)
+        self.free = self._free(mesh, around, known)
         chain = np.empty(mesh.first.size, int)
         for level in around.order:
             inside = level >= 0
             chain[level[inside]] = np.flatnonzero(inside)
-        chain, edge = chain.reshape(-1, 3), mesh.first // 2
-        self.unknown = np.concatenate([2 * chain[..., None] + [0, 1], (2 * n + edge)[..., None]], axis=2)
-        self.inverse = np.linalg.inv(mesh.columns)
-        self.scale = np.where(mesh.first % 2 == 0, 1.0, -1.0) / mesh.length[edge]
-        self.map = piola(mesh)
-        mass = (np.eye(3) + 1) * (1 / 36)
-        modes = reference_modes().reshape(3, 3, 3, 9)
-        weighted = np.einsum("mn,pnsi->pmsi", mass, modes)
-        gram = np.einsum("pmsi,pmrj->srij", weighted, modes).reshape(9, 81)
-        compliance = self.map.transpose(0, 2, 1) @ (compliance * mesh.area[:, None, None]) @ self.map
-        self.matrix = (compliance.reshape(-1, 9) @ gram).reshape(-1, 9, 9)  # energies of the reference modes
+        n, edge = around.order.shape[1], mesh.first // 2
+        chain = 2 * chain.reshape(-1, 3)
+        unknown = np.stack([chain, chain + 1, 2 * n + edge])  # moment x, moment y, odd traction
+        self.unknown = np.ascontiguousarray(unknown.transpose(2, 0, 1))  # [corner, 3, t]
+        self.scale = (np.where(mesh.first % 2 == 0, 1.0, -1.0) / mesh.length[edge]).T.copy()
+        modes = reference_modes(body).reshape(3, 3, 3, -1)  # [part, node, stress, mode]
+        mass = np.einsum("mn,pnsi->pmsi", (np.eye(3) + 1) / 36, modes)
+        gram = np.einsum("pmsi,pmrj->ijsr", mass, modes)
+        local = np.einsum("rat,trs,sbt,t->abt", self.map, compliance, self.map, mesh.area, optimize=True)
+        self.matrix = (gram.reshape(-1, 9) @ local.reshape(9, -1)).reshape(*gram.shape[:2], -1)  # energies of the modes
+
+    @staticmethod
+    def _free(mesh: Mesh, around: Chains, known: np.ndarray) -> np.ndarray:
+        end = mesh.last.ravel()[around.order[around.length - 1, np.arange(around.order.shape[1])]]
+        head = mesh.first.ravel()[around.order[0]]
+        vertex = around.closed[:, None] | ~(known[head] | known[end])
+        return np.concatenate([vertex.ravel(), ~known[::2].any(axis=1)])
+
+    def start(self, moments: np.ndarray, stress: np.ndarray, force: np.ndarray | None) -> np.ndarray:
+        """Coefficients for edge moments (half-edges, 2), stress (n_t, 3) and body force moments (n_t, 3, 2)."""
+        found = np.zeros(self.matrix.shape[1:])
+        corner = moments[self.mesh.first] - side_moments(self.mesh, stress)
+        if force is not None:
+            corner += 0.5 * force
+            found[9:] = self._to_reference(force.transpose(1, 2, 0))
+        found[:6] = self._to_reference(corner.transpose(1, 2, 0))
+        return found
+
+    def _to_reference(self, vectors: np.ndarray) -> np.ndarray:
+        """(6, n_t) vectors (3, 2, n_t) seen from the reference triangle."""
+        return np.einsum("abt,kbt->kat", self.inverse, vectors).reshape(6, -1)
 
     def local(self, x: np.ndarray) -> np.ndarray:
-        """(n_t, 9) coefficients of the reference modes."""
-        here = x[self.unknown]  # [t, corner, (moment x, moment y, edge)]
-        vertex = here[..., :2] @ self.inverse.transpose(0, 2, 1)
-        return np.concatenate([vertex.reshape(-1, 6), here[..., 2] * self.scale], axis=1)
+        """Coefficients (9, n_t) of the unknowns x."""
+        here = x[self.unknown]  # [corner, (moment x, moment y, edge), t]
+        return np.concatenate([self._to_reference(here[:, :2]), here[:, 2] * self.scale])
 
-    def assemble(self, local: np.ndarray) -> np.ndarray:
-        """Transpose of `local`, on the free unknowns."""
-        vertex, edge = local[:, :6].reshape(-1, 3, 2) @ self.inverse, local[:, 6:] * self.scale
-        value = np.concatenate([vertex, edge[..., None]], axis=2)
+    def assemble(self, force: np.ndarray) -> np.ndarray:
+        """Transpose of `local` on the free unknowns."""
+        value = np.empty(self.unknown.shape)
+        np.einsum("abt,kat->kbt", self.inverse, force[:6].reshape(3, 2, -1), out=value[:, :2])
+        np.multiply(force[6:9], self.scale, out=value[:, 2])
+        return self._add(value)
+
+    def _add(self, value: np.ndarray) -> np.ndarray:
         return np.where(self.free, np.bincount(self.unknown.ravel(), value.ravel(), minlength=len(self.free)), 0.0)
 
-    def apply(self, x: np.ndarray) -> np.ndarray:
-        """Gradient of half the energy of the stress of x."""
-        return self.assemble((self.matrix @ self.local(x)[..., None])[..., 0])
-
+    @cached_property
     def diagonal(self) -> np.ndarray:
-        """Diagonal of `apply`, one where unknowns are not free."""
-        matrix, value = self.matrix, np.empty((len(self.matrix), 3, 3))
+        """Diagonal of the energy in the unknowns, one where they are not free."""
+        value = np.empty(self.unknown.shape)
         for k in range(3):
-            block = matrix[:, 2 * k : 2 * k + 2, 2 * k : 2 * k + 2]
-            value[:, k, :2] = np.einsum("tac,tab,tbc->tc", self.inverse, block, self.inverse)
-            value[:, k, 2] = matrix[:, 6 + k, 6 + k] * self.scale[:, k] ** 2
-        total = np.bincount(self.unknown.ravel(), value.ravel(), minlength=len(self.free))
-        return np.where(self.free, total, 1.0)
+            block = self.matrix[2 * k : 2 * k + 2, 2 * k : 2 * k + 2]
+            value[k, :2] = np.einsum("act,abt,bct->ct", self.inverse, block, self.inverse)
+            value[k, 2] = self.matrix[6 + k, 6 + k] * self.scale[k] ** 2
+        return np.where(self.free, self._add(value), 1.0)
 
-    def stress(self, x: np.ndarray) -> np.ndarray:
-        """(n_t, 3, 3, 3) stress of x."""
-        inner = self.local(x) @ reference_modes().T
-        return (inner.reshape(-1, 9, 3) @ self.map.transpose(0, 2, 1)).reshape(-1, 3, 3, 3)
+    def _strain(self, y: np.ndarray, modes: int | None = None) -> np.ndarray:
+        """Half the derivative of the energy by the coefficients of all or the first `modes`."""
+        return np.einsum("ijt,jt->it", self.matrix[:modes, :modes], y)
 
-    def project(self, strain_moments: np.ndarray) -> np.ndarray:
-        """Gradient of half an energy whose strain has these moments (n_t, 3, 3, 3) against the hats of the parts."""
-        inner = strain_moments.reshape(-1, 9, 3) @ self.map
-        return self.assemble(inner.reshape(-1, 27) @ reference_modes())
+    def energy(self, y: np.ndarray) -> np.ndarray:
+        """(n_t,) int s : C^-1 s of deviations y."""
+        return np.einsum("it,it->t", y, self._strain(y))
 
+    def mean(self, y: np.ndarray) -> np.ndarray:
+        """(n_t, 3) mean stress of deviations y."""
+        average = reference_modes(self.body).reshape(9, 3, -1).mean(axis=0)
+        return np.einsum("ijt,jt->ti", self.map, average @ y)
 
-def least_energy(modes: Modes, error: np.ndarray, area: np.ndarray, compliance: np.ndarray,
-                 gain: float = 0.01, iterations: int = 50) -> np.ndarray:
-    """`error` (n_t, 3, 3, 3) = sigma* - sigma_h with modes added that lessen its energy.
+    def lessen(self, y: np.ndarray, gain: float = 0.02, iterations: int = 50) -> np.ndarray:
+        """y with changes added that lessen its energy; whatever the number of iterations, equilibrium is kept.
 
-    Conjugate gradients with the diagonal as preconditioner, until an iteration gains less than the part `gain` of the
-    energy; any iterate is in equilibrium.
-    """
-    square = energy(area, compliance, error).sum()
-    residual = -modes.project(_strain_moments(area, compliance, error))
-    diagonal, x, direction, product = modes.diagonal(), np.zeros(len(modes.free)), 0.0, 1.0
-    for _ in range(iterations):
-        scaled = residual / diagonal
-        previous, product = product, residual @ scaled
-        if product == 0.0:
-            break
-        direction = scaled + product / previous * direction
-        applied = modes.apply(direction)
-        step = product / (direction @ applied)
-        x += step * direction
-        residual -= step * applied
-        square -= step * product
-        if step * product <= gain * square:
-            break
-    return error + modes.stress(x)
+        Conjugate gradients with the diagonal as preconditioner, until an iteration gains less than the part `gain`.
+        """
+        force = self._strain(y)
+        square, residual = float(np.sum(y * force)), -self.assemble(force)
+        x, direction, product = np.zeros(len(self.free)), 0.0, 1.0
+        for _ in range(iterations):
+            scaled = residual / self.diagonal
+            previous, product = product, residual @ scaled
+            if product == 0.0:
+                break
+            direction = scaled + product / previous * direction
+            applied = self.assemble(self._strain(self.local(direction), 9))
+            step = product / (direction @ applied)
+            x += step * direction
+            residual -= step * applied
+            square -= step * product
+            if step * product <= gain * square:
+                break
+        found = y.copy()
+        found[:9] += self.local(x)
+        return found
 
 
 # ---- recovery -------------------------------------------------------------------------------------------------------
 def recovered_stress(triangles: np.ndarray, region: np.ndarray, area: np.ndarray, stress: np.ndarray) -> np.ndarray:
-    """(n_t, 1, 3, 3) stress of Zienkiewicz and Zhu (1987): means over the triangles at each vertex, by region."""
+    """(n_t, 3 corners, 3) stress of Zienkiewicz and Zhu (1987): means over the triangles at each vertex, by region."""
     _, vertex = np.unique(region[:, None] * (triangles.max() + 1) + triangles, return_inverse=True)
     vertex = vertex.reshape(-1)
     weight = np.repeat(area, 3)
     mean = np.column_stack([np.bincount(vertex, weight * np.repeat(s, 3)) for s in stress.T])
     mean /= np.bincount(vertex, weight)[:, None]
-    return mean[vertex].reshape(-1, 1, 3, 3)
+    return mean[vertex].reshape(-1, 3, 3)
+
+
+def linear_energy(area: np.ndarray, compliance: np.ndarray, stress: np.ndarray) -> np.ndarray:
+    """(n_t,) int s : C^-1 s of stresses (n_t, 3 corners, 3) linear on the triangles."""
+    strain = (stress + stress.sum(axis=1, keepdims=True)) @ compliance
+    return np.einsum("tni,tni->t", stress, strain) * area / 12

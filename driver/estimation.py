@@ -24,17 +24,24 @@ multipliers of the glue).
 Parts (after Rey, Rey, Gosselet 2014: strict error bound with separated contributions of the discretization and of the
 iterative solver): with sigma_h of the torn, not yet averaged displacements, A <= ||sigma* - sigma_h|| + ||sigma_h -
 sigma(v)||. The first is the mesh's, the second the gluing jump's and the penetration's; the nodal sum
--lambda_n (gap - v_n) + ... , which the QP would make zero, is the solver's share of B.
+lambda_n (gap - v_n) + ..., which the QP would make zero, is the solver's share of B. It also gets what vertices are
+out of balance by: rounding, and on a body that contact alone holds the torque between the two kinds of nodal forces.
+The friction part belongs to the last change of the friction forces, to the bound of their own pressures after the
+last QP: its displacements, with those of all changes to come at the rate of the fixed point, and what it adds to
+gluing jump, penetration and gap.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from . import equilibration
-from .loader import Manifest, Subdomain, hat_gradients
+from .loader import Manifest, Subdomain
 from .quasistatic import Step, gathered, scattered
 
+NOTHING = 1e-6  # displacements below this part of the largest ones of the run are what tolerances leave
+SLOWEST = 0.99  # largest rate of contraction of the fixed point that its remaining changes are extrapolated with
 ROUNDING = 1e-6  # part of the largest edge moment below which a reaction in a single point counts as none
 
 
@@ -67,26 +74,27 @@ class _Body:
     compliance: np.ndarray
     mesh: equilibration.Mesh
     chains: equilibration.Chains
+    stiffness: np.ndarray  # (vertices, 2) diagonal entries of the assembled stiffness
     held: np.ndarray  # (vertices, 2) components that supports hold
     given: np.ndarray  # (half-edges, 2) where the traction is given: boundary edges without support, by component
 
     def strain(self, u: np.ndarray) -> np.ndarray:
         """(n_t, 3) e11, e22, 2 e12 of torn displacements (n_torn, 2)."""
-        d = np.einsum("tij,tik->tjk", hat_gradients(self.mesh.corner), u[self.torn])
+        d = self.mesh.gradient.transpose(0, 2, 1) @ u[self.torn]  # d[t, j, k] = d u_k / d x_j
         return np.column_stack([d[:, 0, 0], d[:, 1, 1], d[:, 1, 0] + d[:, 0, 1]])
 
-    def stress(self, u: np.ndarray, thermal: np.ndarray) -> np.ndarray:
-        """(n_t, 3) stress of torn displacements; `thermal` (n_t, 3) what suppressed expansion takes off."""
-        return np.einsum("tij,tj->ti", self.elasticity, self.strain(u)) - thermal
+    def untorn(self, u: np.ndarray) -> np.ndarray:
+        """(vertices, 2) means of torn displacements over the subdomains that share a vertex."""
+        count = np.bincount(self.vertex)
+        return np.column_stack([np.bincount(self.vertex, u[:, c]) / count for c in (0, 1)])
 
-    def norm(self, u: np.ndarray) -> float:
-        """Energy norm of torn displacements."""
-        strain = self.strain(u)
-        return float(np.sqrt(np.einsum("ti,tij,tj,t->", strain, self.elasticity, strain, self.mesh.area, optimize=True)))
+    def norm(self, stress: np.ndarray) -> float:
+        """Energy norm of constant stresses (n_t, 3)."""
+        return float(np.sqrt(self.work(stress, stress).sum()))
 
-    def energy(self, stress: np.ndarray) -> np.ndarray:
-        """(n_t,) complementary energies, twice, of stresses (n_t, parts, nodes, 3)."""
-        return equilibration.energy(self.mesh.area, self.compliance, stress)
+    def work(self, stress: np.ndarray, other: np.ndarray) -> np.ndarray:
+        """(n_t,) int s : C^-1 r of constant stresses (n_t, 3)."""
+        return np.einsum("ti,tij,tj->t", stress, self.compliance, other) * self.mesh.area
 
 
 class EnergyEstimator:
@@ -101,6 +109,7 @@ class EnergyEstimator:
             "recovery" if kind == "equilibrated" and contact.boundary.paired.any() else kind)
         self.root = operator.comm.rank == 0
         self.state, self.boundary, self.rows = contact, contact.boundary, contact.rows
+        self.heavy = any(pattern["kind"] == "body_force" for pattern in manifest.patterns)
         self.body = None
         self.last = self.largest = None
 
@@ -124,8 +133,14 @@ class EnergyEstimator:
             setattr(self, name, (kept["energy"], step, kept["state"]))
 
     def estimates(self) -> list[tuple[Step, Estimate]]:
-        """Of the last step and, if it is another one, of the step with the largest energy; the same on all ranks."""
-        wanted = {kept[1].index: kept for kept in (self.last, self.largest) if kept} if self.kind != "none" else {}
+        """Of the last step and, if it is another one, of the step with the largest energy; the same on all ranks.
+
+        A last step without load, whose displacements tolerances have left, is left out.
+        """
+        wanted = {}
+        if self.kind != "none" and self.last:
+            loaded = self.last[0] > NOTHING**2 * self.largest[0] or self.last[1].index == self.largest[1].index
+            wanted = {kept[1].index: kept for kept in [self.last] * loaded + [self.largest]}
         if wanted:
             self.body = self._gather_body()
         return [(step, self.operator.comm.bcast(self._estimate(step, state))) for _, step, state in wanted.values()]
@@ -156,7 +171,8 @@ class EnergyEstimator:
         held = np.zeros((len(number), 2), bool)
         held[np.searchsorted(number, fixed[:, 0]), fixed[:, 1]] = True
         return _Body(number, vertex, torn, region, elasticity, np.linalg.inv(elasticity), mesh,
-                     equilibration.chains(mesh), held, self._given(mesh, number, held))
+                     equilibration.chains(mesh), _vertex_stiffness(mesh, elasticity), held,
+                     self._given(mesh, number, held))
 
     def _given(self, mesh, number, held) -> np.ndarray:
         """Half-edges and components with given traction: on the outline, but for labels that are held as a whole."""
@@ -189,38 +205,54 @@ class EnergyEstimator:
         if not self.root:
             return None
         body = self.body
-        sigma = body.stress(fields, thermal)
+        elastic = _stress(body.elasticity, body.strain(fields))
+        sigma = elastic - thermal
         smooth = equilibration.recovered_stress(body.mesh.triangles, body.region, body.mesh.area, sigma)
-        share = body.energy(smooth - sigma[:, None, None])
-        size = float(np.sqrt(share.sum()))
-        return Estimate(step.index, mesh=size, total=size, norm=body.norm(fields), indicator=np.sqrt(share))
+        share = equilibration.linear_energy(body.mesh.area, body.compliance, smooth - sigma[:, None])
+        size = np.sqrt(share.sum())
+        return Estimate(step.index, mesh=size, total=size, norm=body.norm(elastic), indicator=np.sqrt(share))
 
     def _bound(self, step: Step, state: dict, fields, thermal) -> Estimate | None:
         contact = self._contact(step, state)
         multipliers = contact.multipliers(step.multipliers, self.rows)
         balanced = self._gather_fields(self.operator.displacements(multipliers, step.weights))
-        force = self._gather((3, 2), float, lambda s, sub: sum(
-            (step.weights[k] * f for k, f in sub.body_loads.items()), np.zeros((len(sub.triangles), 3, 2))))
+        moved = self._moved(step)
+        force = self._body_force(step.weights)
         applied = self._applied(step.weights, contact)
         if not self.root:
             return None
-        body, mesh = self.body, self.body.mesh
-        sigma, kinematic = body.stress(fields, thermal), body.stress(self._admissible(fields), thermal)
-        start, imbalance, largest = self._equilibrated(body.stress(balanced, thermal), force, applied)
-        unbalanced, reason = self._unbalanced(imbalance, largest)
+        body = self.body
+        elastic = _stress(body.elasticity, body.strain(fields))
+        base = _stress(body.elasticity, body.strain(balanced)) - thermal
+        deviation, unbalanced, reason = self._equilibrated(base, force, applied)
         if reason:
             return Estimate(step.index, reason=reason)
-        error = equilibration.least_energy(equilibration.Modes(mesh, body.chains, body.given, body.compliance),
-                                           start - sigma[:, None, None], mesh.area, body.compliance)
-        share, gap, nodal_gap = body.energy(error), contact.duality_gap(), contact.nodal_gap()
-        self.stress = error + sigma[:, None, None]
-        apart = (sigma - kinematic)[:, None, None]
-        friction = step.mismatch / (1 - min(step.contraction, 0.99)) if step.contraction > 0 else step.mismatch
+        shift = base - elastic + thermal  # by the consistent contact forces
+        pull = lambda u: _stress(body.elasticity, body.strain(self._admissible(u, contact) - u))
+        apart_qp, gap_qp = pull(fields - moved), contact.nodal_gap()
+        apart, gap, nodal_gap = pull(fields), contact.duality_gap(), contact.nodal_gap()
+        mean = self.deviations.mean(deviation)
+        share = np.maximum(self.deviations.energy(deviation) + body.work(2 * mean + shift, shift), 0.0)
+        whole = share.sum() + body.work(apart - 2 * (mean + shift), apart).sum()
+        rate = min(np.nan_to_num(step.contraction), SLOWEST)
+        onward = body.norm(_stress(body.elasticity, body.strain(moved))) / (1 - rate)  # of all changes to come
         return Estimate(
             step.index, mesh=_root(share.sum(), max(gap - nodal_gap, 0.0)),
-            solver=_root(body.energy(apart.repeat(3, 2)).sum(), nodal_gap) + unbalanced, friction=friction,
-            total=_root(body.energy(error + apart).sum(), gap) + unbalanced + friction, norm=body.norm(fields),
-            indicator=np.sqrt(share))
+            solver=_root(body.norm(apart_qp) ** 2, gap_qp) + unbalanced,
+            friction=_root(body.norm(apart - apart_qp) ** 2, max(nodal_gap - gap_qp, 0.0)) + onward,
+            total=_root(whole, gap) + unbalanced + onward, norm=body.norm(elastic), indicator=np.sqrt(share))
+
+    def _moved(self, step: Step) -> np.ndarray | None:
+        """Torn displacements by the last change of the friction forces, on rank 0."""
+        if step.moved is None:
+            return np.zeros((len(self.body.vertex), 2)) if self.root else None
+        return self._gather_fields(self.operator.displacements(step.moved, np.zeros(len(step.weights))))
+
+    def _body_force(self, weights: np.ndarray) -> np.ndarray | None:
+        """(n_t, 3, 2) moments of the body force on rank 0; None where the scene declares none."""
+        if not self.heavy:
+            return None
+        return self._gather((3, 2), float, lambda s, sub: sum(weights[k] * f for k, f in sub.body_loads.items()))
 
     def _contact(self, step: Step, state: dict) -> "_ContactTractions":
         now = step.weights[: len(self.manifest.patterns)]
@@ -229,17 +261,22 @@ class EnergyEstimator:
         return _ContactTractions(self.state, self.operator.structure.outer_edges, state, values @ now,
                                  values @ (now - before))
 
-    def _admissible(self, torn: np.ndarray) -> np.ndarray:
-        """Torn copy of the displacements averaged over subdomains and pushed out of the obstacle."""
+    def _admissible(self, torn: np.ndarray, contact: "_ContactTractions") -> np.ndarray:
+        """Torn copy of the displacements averaged over subdomains and made admissible at the contact nodes.
+
+        Nodes go out of the obstacle. They go onto it, or back to where they stuck, if that costs less energy on the
+        vertex's own stiffness than the work it saves. Sets distances and slip of `contact`.
+        """
         body, b = self.body, self.boundary
-        count = np.bincount(body.vertex)
-        u = np.column_stack([np.bincount(body.vertex, torn[:, c]) / count for c in (0, 1)])
+        u = body.untorn(torn)
         at = np.searchsorted(body.gid, b.gid)
-        for i in np.flatnonzero(b.normal_row >= 0):
-            free = b.normal[i] * ~body.held[at[i]]
-            over = u[at[i]] @ b.normal[i] - b.gap[i]
-            if over > 0 or self.rows.bilateral:
-                u[at[i]] -= over * free / (free @ free)
+        contact.place(u[at])
+        stiffness = body.stiffness[at].max(axis=1, initial=0)
+        for row, direction, move in ((b.normal_row, b.normal, contact.onto_obstacle(stiffness)),
+                                     (b.tangential_row, b.tangent, contact.back_to_stick(stiffness))):
+            free = direction * ~body.held[at]
+            change = np.where(row >= 0, move, 0.0)[:, None] * free / np.maximum((free**2).sum(axis=1), 1e-300)[:, None]
+            np.add.at(u, at, change)
         return u[body.vertex]
 
     def _applied(self, weights: np.ndarray, contact: "_ContactTractions") -> np.ndarray | None:
@@ -260,13 +297,20 @@ class EnergyEstimator:
                 np.add.at(applied, 2 * edge + (vertex[:, end] > vertex[:, 1 - end]), value[:, end])
         return applied
 
-    def _equilibrated(self, sigma, force, applied) -> tuple[np.ndarray, np.ndarray, float]:
-        """Statically admissible stress (n_t, 3, 3, 3), imbalance (vertices, 2) that was spread, largest moment."""
+    def _equilibrated(self, base, force, applied) -> tuple[np.ndarray, float, str]:
+        """Deviation of a statically admissible stress from `base`, and of _unbalanced what had to be spread for it."""
         body, mesh = self.body, self.body.mesh
-        load = equilibration.prolongation(mesh, sigma, force)
-        target = equilibration.averaged_moments(mesh, sigma)
+        load = equilibration.prolongation(mesh, base, force)
+        target = equilibration.averaged_moments(mesh, base)
         moments, imbalance = equilibration.edge_moments(mesh, body.chains, load, target, applied, body.given)
-        return equilibration.admissible_stress(mesh, moments, force), imbalance, float(np.abs(moments).max())
+        start = self.deviations.start(moments, base, force)
+        return self.deviations.lessen(start), *self._unbalanced(imbalance, np.abs(moments).max())
+
+    @cached_property
+    def deviations(self) -> equilibration.Deviations:
+        """On rank 0."""
+        body = self.body
+        return equilibration.Deviations(body.mesh, body.chains, body.given, body.compliance, self.heavy)
 
     def _unbalanced(self, imbalance: np.ndarray, size: float) -> tuple[float, str]:
         """Energy norm of the forces that vertices are out of balance by, each on the stiffness of its vertex.
@@ -275,16 +319,11 @@ class EnergyEstimator:
         then says so.
         """
         body, mesh = self.body, self.body.mesh
-        g = hat_gradients(mesh.corner)
-        zero = np.zeros(g.shape[:2])
-        strain = np.stack([np.stack([g[..., 0], zero, g[..., 1]], -1), np.stack([zero, g[..., 1], g[..., 0]], -1)], 2)
-        local = np.einsum("tvci,tij,tvcj,t->tvc", strain, body.elasticity, strain, mesh.area, optimize=True)
-        stiffness = np.column_stack([np.bincount(mesh.triangles.ravel(), local[..., c].ravel()) for c in (0, 1)])
         vertex = mesh.triangles.ravel()[body.chains.order[0]]
         held = body.held[vertex]
         if np.abs(imbalance[held]).max(initial=0) > ROUNDING * size:
             return 0.0, "a support in a single point takes a force: the exact solution has no finite energy"
-        return float(np.sqrt((imbalance**2 / stiffness[vertex])[~held].sum())), ""
+        return float(np.sqrt((imbalance**2 / body.stiffness[vertex])[~held].sum())), ""
 
 
 def report(estimates: list[tuple[Step, Estimate]], kind: str) -> dict:
@@ -298,6 +337,19 @@ def report(estimates: list[tuple[Step, Estimate]], kind: str) -> dict:
         entries.append({"step": found.step, "reason": found.reason} if found.reason else
                        {"step": found.step, **parts, "relative": float(relative)})
     return {"kind": kind, **entries[0], **({"largest": entries[1]} if len(entries) > 1 else {})}
+
+
+def _stress(elasticity: np.ndarray, strain: np.ndarray) -> np.ndarray:
+    """(n_t, 3) elastic stress."""
+    return np.einsum("tij,tj->ti", elasticity, strain)
+
+
+def _vertex_stiffness(mesh: equilibration.Mesh, elasticity: np.ndarray) -> np.ndarray:
+    """(vertices, 2) diagonal entries of the assembled stiffness."""
+    gx, gy = mesh.gradient.transpose(2, 0, 1)
+    (xx, _, xz), (_, yy, yz), (_, _, zz) = elasticity.transpose(1, 2, 0)[..., None] * mesh.area[:, None]
+    local = (xx * gx**2 + 2 * xz * gx * gy + zz * gy**2, yy * gy**2 + 2 * yz * gx * gy + zz * gx**2)
+    return np.column_stack([np.bincount(mesh.triangles.ravel(), value.ravel()) for value in local])
 
 
 def _root(square: float, gap: float) -> float:
@@ -330,9 +382,10 @@ class _ContactTractions:
         if contact.frictional:
             self.shear = self._continued(join(state["sigma_t"]), ~self.own_tangential)
             self.shear = np.clip(self.shear, -self.bound, self.bound)
-        distance = join(b.gap - state["u_n"], c.gap - (move * c.normal).sum(axis=1))
-        self.distance = np.zeros(len(self.gid)) if contact.rows.bilateral else np.maximum(distance, 0.0)
-        self.slip = join(state["slip"], (step_move * self.tangent[len(b.gid) :]).sum(axis=1))
+        self.bilateral = contact.rows.bilateral
+        self.before = state["u_t"] - state["slip"]
+        self.distance = join(np.zeros(len(b.gid)), np.maximum(c.gap - (move * c.normal).sum(axis=1), 0.0))
+        self.slip = join(np.zeros(len(b.gid)), (step_move * self.tangent[len(b.gid) :]).sum(axis=1))
         self.moments = self._moments()
 
     def _edges(self, outer_edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -387,6 +440,30 @@ class _ContactTractions:
         found[rows.tangential] = tangential[rows.tangential_node]
         return found
 
+    def place(self, u: np.ndarray) -> None:
+        """Set distances and slip of the contact nodes by their displacements (n_c, 2)."""
+        b, n = self.boundary, len(self.boundary.gid)
+        self.distance[:n] = b.gap - (u * b.normal).sum(axis=1)
+        self.slip[:n] = (u * b.tangent).sum(axis=1) - self.before
+
+    def onto_obstacle(self, stiffness: np.ndarray) -> np.ndarray:
+        """(n_c,) moves of the contact nodes along the normal, see _admissible; stiffness of the nodes."""
+        n, force = len(self.boundary.gid), -self.computed["sigma_n"] * self.boundary.weight
+        distance = self.distance[:n]
+        onto = (distance < 0) | self.bilateral | (stiffness * distance <= force)
+        move = np.where(onto & self.own_normal[:n], distance, 0.0)
+        self.distance[:n] = np.where(self.bilateral, 0.0, np.maximum(distance - move, 0.0))
+        return move
+
+    def back_to_stick(self, stiffness: np.ndarray) -> np.ndarray:
+        """(n_c,) moves of the contact nodes along the tangent, see _admissible; stiffness of the nodes."""
+        n, c = len(self.boundary.gid), self.computed
+        slip = self.slip[:n]
+        lost = (c["bound"] + c["sigma_t"] * np.sign(slip)) * self.boundary.weight  # work per slip that friction misses
+        move = np.where((stiffness * np.abs(slip) <= lost) & self.own_tangential[:n], -slip, 0.0)
+        self.slip[:n] += move
+        return move
+
     def duality_gap(self) -> float:
         """int -t*_n (gap - v_n) + s |slip| + t*_t slip over the contact boundary."""
         product = lambda f, g: float((self.length / 3) @ (
@@ -406,5 +483,6 @@ class _ContactTractions:
         """What the QP would make zero: lambda_n (gap - v_n) + g |slip| - lambda_t slip, summed over the nodes."""
         b, c = self.boundary, self.computed
         n = len(b.gid)
-        slid = np.where(b.tangential_row >= 0, c["bound"] * np.abs(c["slip"]) + c["sigma_t"] * c["slip"], 0.0)
+        slip = self.slip[:n]
+        slid = np.where(b.tangential_row >= 0, c["bound"] * np.abs(slip) + c["sigma_t"] * slip, 0.0)
         return max(float(b.weight @ (-c["sigma_n"] * self.distance[:n] + slid)), 0.0)

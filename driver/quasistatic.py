@@ -47,26 +47,29 @@ class Step:
     products: int
     contraction: float  # mean ratio of successive changes of the fixed point, NaN if there was one
     residuals: dict
-    mismatch: float = 0.0  # energy norm of the last change of friction forces to the bound of their own pressures
+    moved: np.ndarray | None = None  # last change of the multipliers, to the friction bound of their own pressures
 
 
 def gathered(step: Step, rows: friction.ContactRows, contact_nodes: int, comm) -> dict | None:
     """A step as numbers and arrays of the whole problem on rank 0, for `scattered`; collective."""
-    parts = comm.gather((step.multipliers, step.gradient, rows.normal_node, step.status))
+    moved = np.empty(0) if step.moved is None else step.moved
+    parts = comm.gather((step.multipliers, step.gradient, rows.normal_node, step.status, moved))
     if parts is None:
         return None
-    multipliers, gradient, node, status = map(np.concatenate, zip(*parts))
+    multipliers, gradient, node, status, moved = map(np.concatenate, zip(*parts))
     by_node = np.zeros(contact_nodes, np.int64)
     by_node[node] = status
     return {f.name: getattr(step, f.name) for f in fields(Step)} | {
-        "multipliers": multipliers, "gradient": gradient, "status": by_node}
+        "multipliers": multipliers, "gradient": gradient, "status": by_node,
+        "moved": None if step.moved is None else moved}
 
 
 def scattered(state: dict, rows: friction.ContactRows, row_range: tuple[int, int]) -> Step:
     """This rank's part of a step from what `gathered` returned."""
     mine = slice(*row_range)
+    moved = None if state["moved"] is None else state["moved"][mine]
     return Step(**state | {"multipliers": state["multipliers"][mine], "gradient": state["gradient"][mine],
-                           "status": state["status"][rows.normal_node]})
+                           "status": state["status"][rows.normal_node], "moved": moved})
 
 
 @dataclass
@@ -351,7 +354,7 @@ class QuasistaticSolver:
         x = self._follow(np.maximum(start, lower), sliding)
         for _ in range(TIGHTENINGS + 1):
             x, gradient, sliding = self._fixed_point(index, load, x, trace)
-            x, gradient, mismatch = self._into_cone(load.d, x, gradient, sliding)
+            x, gradient, moved = self._into_cone(load.d, x, gradient, sliding)
             residuals = self._residuals(load, x, gradient)
             poor = max(residuals["gluing"], residuals["penetration"])
             if self.history.exit_status or poor <= settings.primal_rtol:
@@ -362,7 +365,7 @@ class QuasistaticSolver:
                                          f"{settings.primal_rtol:.0e} although MPRGP was tightened")
         self._examine(index, x, gradient, trace)
         return Step(index, float(self.times[index]), load.weights, x, gradient, friction.status(rows, x, gradient),
-                    trace.iterations, op.products - products, trace.contraction, residuals, mismatch)
+                    trace.iterations, op.products - products, trace.contraction, residuals, moved)
 
     def _fixed_point(self, index: int, load: _Load, x, trace: "_Trace"):
         """Successive approximations lambda_n -> Phi(lambda_n), each QP solved only as far as it pays.
@@ -575,16 +578,15 @@ class QuasistaticSolver:
         return self.operator.dot(*(self._on(self.rows.tangential, values) for values in (a, b)))
 
     def _into_cone(self, d, x, gradient, sliding):
-        """Multipliers put exactly into the cone of their own pressures, their gradient and the change's energy norm.
+        """Multipliers put exactly into the cone of their own pressures, their gradient, the change (None: no change).
 
         The last QP was solved with the bound of the iterate before. Nodes that slid stay on the bound and
         the others inside it, so that the active set the QP has found is kept.
         """
         op, final = self.operator, self._follow(x, sliding)
         if op.comm.allreduce(int(np.count_nonzero(final != x))):
-            moved = op.apply(final) - d
-            return final, moved, float(np.sqrt(max(op.dot(final - x, moved - gradient), 0.0)))
-        return x, gradient, 0.0
+            return final, op.apply(final) - d, final - x
+        return x, gradient, None
 
     def _residuals(self, load: _Load, x, gradient) -> dict:
         """KKT residuals of the step's state."""

@@ -1,0 +1,367 @@
+"""Bound of the error in the energy norm: equilibrium of its stress, effectivity, parts, and what breaks it."""
+
+import json
+
+import meshio
+import numpy as np
+import pytest
+from matplotlib.tri import Triangulation
+
+from driver import environment, equilibration
+from driver.estimation import EnergyEstimator
+from driver.results import ContactState
+from test_scenes_zones import strain as exact_zones
+
+SCENES = environment.ROOT / "edp"
+
+
+class Recorded(EnergyEstimator):
+    """Keeps what went into the bound."""
+
+    def _equilibrated(self, base, force, applied):
+        self.base, self.force, self.applied = base, force, applied
+        self.deviation, *rest = super()._equilibrated(base, force, applied)
+        return self.deviation, *rest
+
+    def _admissible(self, torn, contact):
+        self.kinematic, self.contact = super()._admissible(torn, contact), contact
+        return self.kinematic
+
+    @property
+    def stress(self):
+        """(n_t, 3 parts, 3 nodes, 3) the statically admissible stress."""
+        inner = equilibration.reference_modes(self.heavy)[:, : len(self.deviation)] @ self.deviation
+        turned = np.einsum("ijt,njt->tni", self.deviations.map, inner.reshape(9, 3, -1))
+        return turned.reshape(-1, 3, 3, 3) + self.base[:, None, None]
+
+
+@pytest.fixture(scope="module")
+def estimated(built, steps_of):
+    """estimated(scene, settings, change=None, kind, **parameters): the estimator and its estimate of the last step.
+
+    `change`, if given, gets the last step and may spoil it before it is estimated.
+    """
+    made = {}
+
+    def make(scene="model", settings=(), kind="equilibrated", change=None, **parameters):
+        key = (str(scene), tuple(settings), kind, change, tuple(sorted(parameters.items())))
+        if key not in made:
+            problem = built(scene, **parameters)
+            solver, steps = steps_of(problem, **dict(settings))
+            contact = ContactState(problem.operator, solver)
+            estimator = Recorded(problem.operator, problem.manifest, contact, kind)
+            for step in steps:
+                if change and step is steps[-1]:
+                    change(step, solver)
+                fields = problem.operator.displacements(step.multipliers, step.weights)
+                estimator.consider(step, contact.evaluate(step, fields), step.index)
+            made[key] = problem, estimator, dict((s.index, found) for s, found in estimator.estimates())[len(steps)]
+        return made[key]
+
+    return make
+
+
+# ---- equilibrium --------------------------------------------------------------------------------------------------
+
+def tractions(estimator, side):
+    """(n_t, 2 ends, 2) forces per parameter of the stress on side k to k + 1, from inside."""
+    across = estimator.body.mesh.outward[:, side]
+    full = equilibration.full_tensor(estimator.stress[:, (side + 2) % 3, :2])
+    return np.einsum("tnij,tj->tni", full, across)
+
+
+def check_equilibrium(estimator):
+    """Body force, tractions between parts, between triangles and on the boundary, to rounding of the largest."""
+    mesh, stress = estimator.body.mesh, estimator.stress
+    scale = np.abs(stress).max() * mesh.length.max()
+    slack = 1e-11 * scale  # sums of some hundred products; inverses of triangles of condition below 1e3
+    middle = mesh.corner.mean(axis=1)
+    for j in range(3):  # between the parts on both sides of the line from corner j to the middle
+        line = middle - mesh.corner[:, j]
+        across = np.column_stack([line[:, 1], -line[:, 0]])
+        for left, right in ((1, 0), (2, 2)):
+            jump = stress[:, (j + 1) % 3, left] - stress[:, (j + 2) % 3, right]
+            assert np.abs(np.einsum("tij,tj->ti", equilibration.full_tensor(jump), across)).max() <= slack
+    force = np.zeros((len(stress), 3, 2))
+    for part in range(3):
+        corner = np.stack([mesh.corner[:, (part + 1) % 3], mesh.corner[:, (part + 2) % 3], middle], axis=1)
+        gradient = equilibration.hat_gradients(corner) * (mesh.area / 3)[:, None, None]
+        total = -np.einsum("tnij,tnj->ti", equilibration.full_tensor(stress[:, part]), gradient)
+        for k in range(3):
+            force[:, k] += (1 / 9 if k == part else 4 / 9) * total
+    assert np.abs(force - (0 if estimator.force is None else estimator.force)).max() <= slack
+    found = np.zeros((2 * len(mesh.edges), 2))
+    for k in range(3):
+        end = tractions(estimator, k)
+        moments = np.stack([2 * end[:, 0] + end[:, 1], end[:, 0] + 2 * end[:, 1]], axis=1) / 6
+        np.add.at(found, mesh.first[:, k], moments[:, 0])
+        np.add.at(found, mesh.last[:, (k + 1) % 3], moments[:, 1])
+    inside = ~np.repeat(mesh.boundary, 2)
+    assert np.abs(found[inside]).max() <= slack  # what one triangle takes the other gives
+    given = estimator.body.given
+    assert np.abs((found - estimator.applied)[given]).max() <= slack
+    return found
+
+
+EQUILIBRATED = [("model", dict(cells=4, steps=2, loading="nonmonotone")), ("cantilever", dict(cells=3, subdomains="5")),
+                ("patch", dict(cells=2, angle=30, subdomains="7")), ("thermal", dict(cells=2, steps=2)),
+                ("bracket", dict(h=8, steps=2)), ("pressfit", dict(h=6)), ("tutorial", dict(h=4, steps=3)),
+                ("zones", dict(cells=4, steps=1))]
+
+
+@pytest.mark.parametrize("scene, parameters", EQUILIBRATED)
+def test_the_stress_is_in_equilibrium(estimated, scene, parameters):
+    problem, estimator, _ = estimated(scene, **parameters)
+    found = check_equilibrium(estimator)
+    assert np.abs(found[np.repeat(estimator.body.mesh.boundary, 2)]).max() > 0
+
+
+@pytest.mark.parametrize("scene, parameters", EQUILIBRATED)
+def test_contact_tractions_are_in_the_cone(estimated, scene, parameters):
+    """At both ends, so everywhere, of each contact edge; the normals of an edge's ends may differ, by that much it may fail."""
+    problem, estimator, _ = estimated(scene, **parameters)
+    c = estimator.contact
+    moments = c.moments
+    value = np.stack([4 * moments[:, 0] - 2 * moments[:, 1], 4 * moments[:, 1] - 2 * moments[:, 0]], axis=1)
+    value /= c.length[:, None, None]
+    normal = np.einsum("nei,nei->ne", value, c.normal[c.node])
+    tangential = np.einsum("nei,nei->ne", value, c.tangent[c.node])
+    bend = np.abs(c.normal[c.node[:, 0]] - c.normal[c.node[:, 1]]).max(initial=0)
+    slack = (1e-12 + bend**2) * np.abs(value).max(initial=0)
+    assert (normal <= slack).all()
+    assert (np.abs(tangential) <= c.bound[c.node] + slack).all()
+
+
+# ---- effectivity --------------------------------------------------------------------------------------------------
+
+@pytest.fixture(scope="module")
+def split(tmp_path_factory):
+    """split(scene, n): a scene whose mesh is that of `scene` with every side cut into n."""
+    folder = tmp_path_factory.mktemp("split")
+
+    def make(scene, n):
+        text = (SCENES / f"{scene}.edp").read_text().replace("../meshes", str(environment.ROOT / "meshes"))
+        path = folder / f"{scene}-{n}.edp"
+        path.write_text(text.replace('include "export.idp"', f'body = trunc(body, 1, split = {n});\ninclude "export.idp"'))
+        return path
+
+    return make
+
+
+def true_error(coarse, fine):
+    """Energy norm of the difference of the displacements of two estimators on nested meshes."""
+    one, two = coarse.body, fine.body
+    place = np.zeros((len(one.gid), 2))
+    place[one.mesh.triangles] = one.mesh.corner
+    middle = two.mesh.corner.mean(axis=1)
+    at = Triangulation(*place.T, one.mesh.triangles).get_trifinder()(*middle.T)
+    assert (at >= 0).all()
+    apart = two.strain(fine.kinematic) - one.strain(coarse.kinematic)[at]
+    return np.sqrt(np.einsum("ti,tij,tj,t->", apart, two.elasticity, apart, two.mesh.area))
+
+
+NESTED = [("model", dict(cells=4, steps=2, loading="nonmonotone"), 32), ("model-tresca", dict(cells=4, steps=1), 32),
+          ("hertz", dict(h=0.006), 4), ("punch", dict(h=0.15, steps=2), 4), ("pressfit", dict(h=6), 4),
+          ("bracket", dict(h=12, steps=2), 4)]
+
+
+@pytest.mark.parametrize("scene, parameters, finer", NESTED)
+def test_effectivity_against_a_nested_mesh(estimated, split, scene, parameters, finer):
+    """The overkill error is too small by the error of the fine mesh itself: the bound must exceed it, and not by far."""
+    if "cells" in parameters:
+        coarse, fine = estimated(scene, **parameters), estimated(scene, **{**parameters, "cells": finer})
+    else:
+        coarse, fine = estimated(split(scene, 1), **parameters), estimated(split(scene, finer), **parameters)
+    error = true_error(coarse[1], fine[1])
+    assert error <= coarse[2].total <= 2 * error
+    assert fine[2].total < coarse[2].total
+
+
+def exact_cantilever(x, y):
+    """Strains e11, e22, 2 e12 of the displacement that edp/cantilever.edp gives."""
+    w, k, a = 0.01, 1.3, 0.02
+    e = w * k * np.cos(k * x) * np.cos(k * y)
+    return np.stack([e, e, -2 * w * k * np.sin(k * x) * np.sin(k * y) + 2 * a * x], axis=-1)
+
+
+def exact_ring(x, y, b=20.0, c=35.0, interference=0.05, nu=0.3):
+    """Lame: u_r = A r + B/r with u_r(b) = interference, sigma_r(c) = 0 in plane strain."""
+    slope = (1 - 2 * nu) / c**2  # A / B
+    B = interference / (slope * b + 1 / b)
+    A, r = slope * B, np.hypot(x, y)
+    radial, hoop, cos, sin = A - B / r**2, A + B / r**2, x / r, y / r
+    return np.stack([radial * cos**2 + hoop * sin**2, radial * sin**2 + hoop * cos**2,
+                     2 * (radial - hoop) * cos * sin], axis=-1)
+
+
+@pytest.mark.parametrize("scene, exact, parameters", [
+    ("cantilever", exact_cantilever, dict(cells=3)), ("cantilever", exact_cantilever, dict(cells=9, subdomains="5")),
+    ("pressfit", exact_ring, dict(h=3)), ("pressfit", exact_ring, dict(h=1.5)),
+    ("zones", exact_zones, dict(cells=8, steps=1)), ("zones", exact_zones, dict(cells=16, steps=1, subdomains="6"))])
+def test_effectivity_against_a_closed_form(estimated, scene, exact, parameters):
+    """Elasticity, Lame's ring (whose polygon it does not see: that errs by h^2 against an error of order h), and
+    contact that sticks, slips and opens."""
+    _, estimator, found = estimated(scene, **parameters)
+    body = estimator.body
+    corner = body.mesh.corner
+    points = np.einsum("qn,tni->tqi", (np.ones((3, 3)) - np.eye(3)) / 2, corner)  # edge midpoints: exact for squares
+    apart = exact(*points.transpose(2, 0, 1)) - body.strain(estimator.kinematic)[:, None]
+    error = np.sqrt(np.einsum("tqi,tij,tqj,t->", apart, body.elasticity, apart, body.mesh.area / 3))
+    assert 0.99 * error <= found.total <= 1.5 * error, found.total / error
+
+
+def test_effectivity_of_recovery_is_near_one_where_the_solution_is_smooth(estimated):
+    one, two = (estimated("cantilever", kind=kind, cells=9, subdomains="5")[2] for kind in ("equilibrated", "recovery"))
+    assert two.total == pytest.approx(one.total, rel=0.1)
+
+
+@pytest.mark.parametrize("scene, parameters", [("patch", dict(cells=3)), ("patch", dict(cells=2, angle=30, subdomains="7")),
+                                               ("bar", dict(cells=2, steps=4)), ("thermal", dict(cells=2, steps=2))])
+def test_nothing_is_estimated_where_the_solution_is_exact(estimated, scene, parameters):
+    _, _, found = estimated(scene, settings=(("rtol", 1e-12),), **parameters)
+    assert found.total <= 1e-7 * found.norm or found.norm < 1e-12  # the square root of rounding in the energies
+
+
+# ---- parts --------------------------------------------------------------------------------------------------------
+
+def test_parts_answer_to_their_own_knob(estimated):
+    base = dict(cells=4, steps=2, loading="nonmonotone")
+    loose = (("rtol", 1e-3), ("primal_rtol", 1.0), ("friction_rtol", 1e-10), ("inner_rtol", 1e-9))
+    tight = (("rtol", 1e-9), *loose[1:])
+    one, two = estimated(settings=loose, **base)[2], estimated(settings=tight, **base)[2]
+    assert one.solver > 1e3 * two.solver and one.mesh == pytest.approx(two.mesh, rel=0.02)
+    finer = estimated(settings=tight, **{**base, "cells": 8})[2]
+    assert finer.mesh < 0.75 * two.mesh and max(finer.solver, two.solver) < 1e-4 * finer.mesh
+    early = (("rtol", 1e-9), ("friction_rtol", 0.3), ("inner_rtol", 1e-9))
+    one, two = (estimated(settings=s, **base, friction=0.8)[2] for s in (early, tight))
+    assert one.friction > 1e3 * max(two.friction, one.solver)
+    assert one.mesh == pytest.approx(two.mesh, rel=0.02)
+
+
+def test_the_friction_part_is_the_way_to_the_fixed_point(estimated):
+    """Displacements of an early and of the last iterate: their distance is the friction part, to a factor of two."""
+    base = dict(cells=4, steps=2, loading="nonmonotone", friction=0.8)
+    early, last = (estimated(settings=(("rtol", 1e-9), ("friction_rtol", tolerance), ("inner_rtol", 1e-9)), **base)
+                   for tolerance in (0.3, 1e-10))
+    assert 0.5 < true_error(early[1], last[1]) / early[2].friction < 2
+
+
+def stir(step, solver):
+    """Contact forces that are far from a solution, but in the cone; a little disorder of the glue."""
+    rows, random = solver.rows, np.random.default_rng(3)
+    x = step.multipliers
+    x[rows.normal] *= random.uniform(0.7, 1.3, len(rows.normal))
+    bound = rows.friction_bound(x)
+    x[rows.tangential] = np.clip(random.uniform(-1.2, 1.2, len(bound)), -1, 1) * bound
+    x[rows.gluing] *= random.uniform(0.98, 1.02, len(rows.gluing))
+
+
+def test_the_bound_holds_far_from_the_solution(estimated):
+    """With a given friction bound any admissible pair is bounded: this needs every term of the duality gap."""
+    fine = estimated("model-tresca", cells=32, steps=1)[1]
+    _, estimator, found = estimated("model-tresca", cells=4, steps=1, change=stir)
+    error = true_error(estimator, fine)
+    undisturbed = true_error(estimated("model-tresca", cells=4, steps=1)[1], fine)
+    assert error > 1.2 * undisturbed
+    assert error <= found.total <= found.mesh + found.solver
+    assert found.solver > 0.5 * found.mesh
+
+
+def slip_away(step, solver):
+    """No friction forces at all, as if the tangential rows had been lost."""
+    step.multipliers[solver.rows.tangential] = 0.0
+
+
+def test_lost_friction_shows_in_the_duality_gap(estimated):
+    """The displacements are those of equilibrium without friction: only the contact term can tell."""
+    fine = estimated("model-tresca", cells=32, steps=1)[1]
+    _, estimator, found = estimated("model-tresca", cells=4, steps=1, change=slip_away)
+    assert found.total >= true_error(estimator, fine)
+    assert estimator.contact.duality_gap() > 0.2 * found.mesh**2
+    assert found.solver > 0.3 * found.mesh
+
+
+# ---- what breaks it ---------------------------------------------------------------------------------------------
+
+def test_a_wrong_sign_is_noticed(estimated, monkeypatch):
+    """Contact tractions of the wrong sign leave vertices out of balance, which the solver's part shows."""
+    sound = estimated(cells=4, steps=1)[2]
+    plain = EnergyEstimator._applied
+
+    def turned(self, weights, contact):
+        contact.moments = -contact.moments
+        return plain(self, weights, contact)
+
+    monkeypatch.setattr(EnergyEstimator, "_applied", turned)
+    broken = estimated(cells=4, steps=1, settings=(("max_fixed_point", 99),))[2]
+    assert broken.solver > sound.mesh > 1e3 * sound.solver
+
+
+def test_unbalanced_vertices_are_reported_and_spread(estimated):
+    """An extra force on one vertex is the solver's: the stress stays in equilibrium on every triangle."""
+    _, estimator, _ = estimated(cells=4, steps=1)
+    body = estimator.body
+    load = equilibration.prolongation(body.mesh, estimator.base, None)
+    load[0] += [[3.0, 0.0], [0.0, 5.0], [0.0, 0.0]]
+    target = equilibration.averaged_moments(body.mesh, estimator.base)
+    moments, imbalance = equilibration.edge_moments(body.mesh, body.chains, load, target, estimator.applied, body.given)
+    inner = ~body.held[body.mesh.triangles[0]].any(axis=1)
+    vertex = body.mesh.triangles.ravel()[body.chains.order[0]]
+    for k in range(2):
+        if inner[k]:
+            at = np.flatnonzero(vertex == body.mesh.triangles[0, k])[0]
+            np.testing.assert_allclose(imbalance[at], -np.array([[3.0, 0.0], [0.0, 5.0]])[k], atol=1e-6 * np.abs(load).max())
+
+
+def test_a_reaction_in_a_single_point_has_no_estimate(estimated):
+    _, estimator, _ = estimated(cells=4, steps=1)
+    vertex = estimator.body.mesh.triangles.ravel()[estimator.body.chains.order[0]]
+    imbalance = np.zeros((len(vertex), 2))
+    free = np.flatnonzero(~estimator.body.held[vertex].any(axis=1))[0]
+    imbalance[free] = 1.0
+    size, reason = estimator._unbalanced(imbalance, 10.0)
+    assert not reason and size > 0
+    imbalance[free], imbalance[np.flatnonzero(estimator.body.held[vertex].all(axis=1))[0]] = 0.0, 1.0
+    assert "single point" in estimator._unbalanced(imbalance, 10.0)[1]
+
+
+def test_point_loads_have_no_estimate(variant, estimated):
+    pushed = variant("pushed-point", ('include "export.idp"', 'macro pointLoad1() [2., 1., 0., -1e5] //\ninclude "export.idp"'))
+    assert "point loads" in estimated(pushed, cells=2, steps=1)[2].reason
+
+
+# ---- runs --------------------------------------------------------------------------------------------------------
+
+def test_the_summary_and_the_field_agree(solved):
+    run = solved("model", loading="nonmonotone", cells=3, steps=4, fields="yes", errors="energy")
+    found = run.summary["errors"]["energy"]
+    assert found["kind"] == "equilibrated" and found["step"] == 4
+    assert found["total"] <= found["mesh"] + found["solver"] + found["friction"]
+    assert found["relative"] == pytest.approx(found["total"] / found["norm"])
+    assert found["largest"]["step"] == 2 and found["largest"]["norm"] > found["norm"]  # phi_2 is largest at t = 0.625
+    for entry in (found, found["largest"]):
+        field = meshio.read(run.directory / f"fields/step_{entry['step']:04d}.vtu").cell_data["error_indicator"][0]
+        # the field leaves out what contact adds between nodes
+        assert np.linalg.norm(field) == pytest.approx(entry["mesh"], rel=1e-2)
+    assert "error_indicator" not in meshio.read(run.directory / "fields/step_0003.vtu").cell_data
+    assert (run.directory / "fields.pvd").read_text().count("<DataSet") == 4
+
+
+def test_any_number_of_ranks_gives_the_same_estimate(solved):
+    one, two = (solved("model", loading="nonmonotone", cells=3, steps=2, fields="yes", errors="energy", np=n) for n in (1, 2))
+    assert json.dumps(one.summary["errors"]) == json.dumps(two.summary["errors"])
+    fields = [meshio.read(run.directory / "fields/step_0002.vtu").cell_data["error_indicator"][0] for run in (one, two)]
+    assert np.array_equal(*fields)
+
+
+def test_kinds(solved):
+    run = solved("model", cells=3, steps=1, errors="energy", estimator="recovery").summary["errors"]["energy"]
+    assert run["kind"] == "recovery" and run["total"] == run["mesh"] > 0 and run["solver"] == run["friction"] == 0
+    assert solved("model", cells=3, steps=1, errors="energy", estimator="none").summary["errors"]["energy"] == {"kind": "none"}
+    assert solved("model", cells=3, steps=1, estimator="exact").status == 2
+
+
+def test_an_unloaded_end_is_left_to_the_largest_step(solved):
+    """The bar's load goes back to nothing: there rounding would be compared with rounding."""
+    found = solved("bar", cells=2, steps=4, errors="energy").summary["errors"]["energy"]
+    assert found["step"] == 2 and "largest" not in found
