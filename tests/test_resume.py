@@ -1,5 +1,6 @@
 """Interrupted runs: earlier results stay whole, and the same command goes on with the same bits."""
 
+import contextlib
 import csv
 import json
 import os
@@ -296,70 +297,79 @@ class Victim:
         return self.process.returncode, said
 
 
-LONG = ("SCENE=model", "LOADING=nonmonotone", "CELLS=4", "STEPS=40", "RTOL=1e-10", "FIGURES=no", "ERRORS=no")
+LONG = ("SCENE=model", "LOADING=nonmonotone", "CELLS=4", "STEPS=20", "RTOL=1e-10", "FIGURES=no", "ERRORS=no")
 
 
 @pytest.fixture(scope="module")
 def reference(tmp_path_factory):
-    """Listing of LONG run without disturbance, of an older run, and the first one's seconds on one rank and on two."""
-    folder, seconds = tmp_path_factory.mktemp("reference"), {}
-    for ranks in (1, 2):
-        clock = time.monotonic()
-        assert Victim(folder, *LONG, f"NP={ranks}", f"OUT={folder / 'new'}").end()[0] == 0
-        seconds[ranks] = time.monotonic() - clock
-    execute("SCENE=model", "CELLS=2", "STEPS=2", "FIGURES=no", f"OUT={folder / 'old'}")
-    return folder / "old", listing(folder / "new"), seconds
+    """An older result, and the listing that LONG leaves undisturbed."""
+    folder = tmp_path_factory.mktemp("reference")
+    execute(*LONG, f"OUT={folder / 'new'}")
+    execute("SCENE=model", "CELLS=2", "STEPS=2", "FIGURES=no", "ERRORS=no", f"OUT={folder / 'old'}")
+    return folder / "old", listing(folder / "new")
 
 
-WAYS = [(1, "driver", signal.SIGINT), (1, "driver", signal.SIGKILL), (2, "driver", signal.SIGTERM),
-        (2, "driver", signal.SIGKILL), (2, "rank", signal.SIGKILL)]
+def kill_and_run_again(folder, reference, ranks, target, number, moment=None, again=None):
+    """One try: a run is hit after `moment` seconds, or as soon as it has a checkpoint, and made once more.
 
-
-def kill_and_run_again(folder, reference, ranks, target, number, moment):
-    """One try: a run is hit at `moment` (of its usual duration), then made once more on the other number of ranks."""
-    old, new, seconds = reference
+    Until then the older result is what it was; afterwards the new one is there to the last bit and nothing else,
+    and no process is left. Returns the step that the second run started after.
+    """
+    old, new = reference
     out = folder / "out"
     shutil.copytree(old, out)
     before = listing(out)
     victim = Victim(folder, *LONG, f"NP={ranks}", f"OUT={out}")
-    time.sleep(0.1 + moment * seconds[ranks])
+    if moment is None:
+        wait_for(lambda: list(folder.glob(f".out.*/{checkpoint.NAME}")) or victim.process.poll() is not None)
+    else:
+        time.sleep(moment)
     if target == "rank":
-        limit = time.monotonic() + 30
-        while not victim.relatives("driver\0solve") and victim.process.poll() is None and time.monotonic() < limit:
-            time.sleep(0.01)
-    targets = [victim.process.pid] if target == "driver" else victim.relatives("driver\0solve\0")[-1:]
-    for pid in targets:
-        try:
+        wait_for(lambda: victim.relatives("driver\0solve\0") or victim.process.poll() is not None)
+    for pid in [victim.process.pid] if target == "driver" else victim.relatives("driver\0solve\0")[-1:]:
+        with contextlib.suppress(ProcessLookupError):
             os.kill(pid, number)
-        except ProcessLookupError:
-            pass
     status, said = victim.end()
     assert "Traceback" not in said and len(said.strip().splitlines()) <= 1, said
     assert status in {0, -number, *([130] if number != signal.SIGKILL else []), *([2] if target == "rank" else [])}, said
     found = listing(out)
     assert found == new if status == 0 else found in (before, new)
-    again = Victim(folder, *LONG, f"NP={3 - ranks}", f"OUT={out}")
-    status, said = again.end()
+    status, said = Victim(folder, *LONG, f"NP={again or ranks}", f"OUT={out}").end()
     assert status == 0, said
     assert listing(out) == new
     assert [path.name for path in folder.iterdir()] == ["out"]
     return json.loads((out / "summary.json").read_text())["resumed_after_step"]
 
 
-@pytest.mark.parametrize("ranks, target, number", WAYS)
-def test_killed_run_goes_on(tmp_path, reference, ranks, target, number):
-    """In the middle of its steps; on another number of ranks."""
-    assert kill_and_run_again(tmp_path, reference, ranks, target, number, 0.6) >= 0
+def wait_for(event, seconds=60):
+    limit = time.monotonic() + seconds
+    while not event() and time.monotonic() < limit:
+        time.sleep(0.005)
+
+
+@pytest.mark.parametrize("ranks, target, number, again", [
+    (1, "driver", signal.SIGINT, 1), (1, "driver", signal.SIGKILL, 1), (2, "driver", signal.SIGKILL, 1),
+    (2, "rank", signal.SIGKILL, 1)])
+def test_killed_run_goes_on(tmp_path, reference, ranks, target, number, again):
+    """In the middle of its steps; some on another number of ranks."""
+    assert kill_and_run_again(tmp_path, reference, ranks, target, number, again=again) > 0
 
 
 @pytest.mark.slow
 def test_fifty_random_kills(tmp_path, reference):
-    """Any moment from the start of the process to its end, any of the ways; some of them must hit the steps."""
-    random, resumed = np.random.default_rng(50), []
+    """At any moment, from the start of the process to its end; some must hit the steps."""
+    random, resumed, seconds = np.random.default_rng(50), [], {}
+    for ranks in (1, 2):
+        clock = time.monotonic()
+        assert Victim(tmp_path, *LONG, f"NP={ranks}", f"OUT={tmp_path / 'timed'}").end()[0] == 0
+        seconds[ranks] = time.monotonic() - clock
+    ways = [(ranks, "driver", number) for ranks in (1, 2) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)]
     for k in range(50):
+        ranks, target, number = [*ways, (2, "rank", signal.SIGKILL)][k % 7]
         folder = tmp_path / str(k)
         folder.mkdir()
-        resumed.append(kill_and_run_again(folder, reference, *WAYS[k % len(WAYS)], random.uniform()))
-        print(k, WAYS[k % len(WAYS)], "resumed after step", resumed[-1], flush=True)
+        moment = 0.1 + seconds[ranks] * random.uniform()
+        resumed.append(kill_and_run_again(folder, reference, ranks, target, number, moment, random.integers(1, 3)))
+        print(f"{k}: NP={ranks} {target} {number.name} after {moment:.2f} s, went on after step {resumed[-1]}", flush=True)
         shutil.rmtree(folder)
     assert sum(step > 0 for step in resumed) >= 5
