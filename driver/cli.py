@@ -27,7 +27,9 @@ def parse_pairs(words: list[str]) -> dict[str, str]:
     for word in words:
         name, equals, value = word.partition("=")
         if not equals or not name or not value:
-            raise InputError(f"'{word}' is not of the form NAME=VALUE")
+            raise InputError(f"{word!r} is not of the form NAME=VALUE")
+        if not word.isprintable():
+            raise InputError(f"{word!r} holds characters that cannot be printed")
         if name.lower() in pairs:
             raise InputError(f"{name.upper()} is given twice")
         pairs[name.lower()] = value

@@ -1,5 +1,6 @@
 """Stage 1: run a scene through FreeFEM, which meshes, assembles and exports its subdomains."""
 
+import contextlib
 import difflib
 import hashlib
 import re
@@ -11,6 +12,8 @@ from .errors import InputError
 from .loader import Manifest, read_manifest
 
 SCENES = environment.ROOT / "edp"
+# flags that mean something to FreeFEM itself, or that `export` sets
+RESERVED = ("export", "sizes", "f", "v", "nw", "ns", "ne", "cd", "log", "wait", "nowait", "glut", "fglut", "version")
 
 
 def scenes() -> dict[str, str]:
@@ -25,8 +28,9 @@ def scenes() -> dict[str, str]:
 def find_scene(name: str) -> Path:
     """Script of a scene given by name or path. Raises InputError if there is none."""
     for path in (Path(name), SCENES / f"{name}.edp"):
-        if path.suffix == ".edp" and path.is_file():
-            return path.resolve()
+        with contextlib.suppress(OSError, ValueError):  # names that are no names
+            if path.suffix == ".edp" and path.is_file():
+                return path.resolve()
     raise InputError(f"no scene '{name}'; a path to an .edp file or one of: {', '.join(scenes())}")
 
 

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -20,6 +21,9 @@ RESULTS = environment.ROOT / "results"
 # driver options beside options.Settings; everything else is a parameter of the scene
 OPTIONS = ("scene", "np", "out", "fields", "figures", "quiet", "resume", "adapt", "errors", "accuracy")
 ERRORS = ("yes", "energy", "no")
+RANKS_PER_CORE = 64  # more could not even start
+MOST_CYCLES = 20  # of refinement, each with four times the triangles
+NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
 
 def _setting(field, text: str):
@@ -29,13 +33,24 @@ def _setting(field, text: str):
                "uniqueness": ("auto", "yes", "no")}.get(field.name)
     if choices and text not in choices:
         raise InputError(f"{field.name.upper()} must be one of {', '.join(choices)}, not '{text}'")
-    try:
-        value = field.type(text)
-    except ValueError:
-        raise InputError(f"{field.name.upper()} expects {'a whole number' if field.type is int else 'a number'}, not '{text}'") from None
-    if field.type is not str and not (0 < value < float("inf")):
+    if field.type is str:
+        return text
+    if field.type is int:
+        return _count(field.name, text, "a whole number", 1)
+    if not NUMBER.fullmatch(text):
+        raise InputError(f"{field.name.upper()} expects a number, not '{text}'")
+    if not 0 < float(text) < float("inf"):
         raise InputError(f"{field.name.upper()} must be positive, not '{text}'")
-    return value
+    return float(text)
+
+
+def _count(name: str, text: str, what: str, least: int, most: int = 10**9) -> int:
+    """A whole number in plain digits, from `least` to `most`. Raises InputError."""
+    if not re.fullmatch("[0-9]+", text):
+        raise InputError(f"{name.upper()} expects {what}, not '{text}'")
+    if len(text) > 18 or not least <= int(text) <= most:
+        raise InputError(f"{name.upper()} expects {what} from {least} to {most}, not '{text}'")
+    return int(text)
 
 
 def yes(options: dict, name: str, preset: str) -> bool:
@@ -68,12 +83,8 @@ class Run:
         from .options import Settings
 
         scene = freefem.find_scene(pairs["scene"])
-        ranks = pairs.get("np", "1")
-        if not ranks.isdigit() or int(ranks) < 1:
-            raise InputError(f"NP expects a number of ranks, not '{ranks}'")
-        adapt = pairs.get("adapt", "0")
-        if not adapt.isdigit():
-            raise InputError(f"ADAPT expects a number of refinement cycles, not '{adapt}'")
+        ranks = _count("np", pairs.get("np", "1"), "a number of ranks", 1, RANKS_PER_CORE * os.cpu_count())
+        adapt = _count("adapt", pairs.get("adapt", "0"), "a number of refinement cycles", 0, MOST_CYCLES)
         known = {f.name: f for f in dataclasses.fields(Settings)}
         settings = {n: _setting(known[n], v) for n, v in pairs.items() if n in known}
         parameters = {n: v for n, v in pairs.items() if n not in known and n not in OPTIONS}
@@ -85,8 +96,10 @@ class Run:
         if chosen:
             raise InputError(f"ACCURACY chooses {chosen[0].upper()} itself: leave one of them out")
         out = Path(pairs["out"]) if "out" in pairs else RESULTS / scene.stem
-        return cls(scene, out, int(ranks), settings, parameters, yes(pairs, "fields", "yes"), yes(pairs, "figures", "yes"),
-                   yes(pairs, "quiet", "no"), yes(pairs, "resume", "yes"), int(adapt), errors, accuracy)
+        for name in sorted(set(parameters) & set(freefem.RESERVED)):
+            raise InputError(f"{name.upper()} is no parameter of a scene: FreeFEM and the driver use the word themselves")
+        return cls(scene, out, ranks, settings, parameters, yes(pairs, "fields", "yes"), yes(pairs, "figures", "yes"),
+                   yes(pairs, "quiet", "no"), yes(pairs, "resume", "yes"), adapt, errors, accuracy)
 
 
 def execute(run: Run) -> dict:
