@@ -15,6 +15,8 @@ import json
 from pathlib import Path
 
 import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from .errors import InputError
 from .options import Settings
@@ -82,15 +84,25 @@ def next_mesh(stem: Path, mesh, estimates: list) -> None:
 
 
 def write_sizes(stem: Path, xy: np.ndarray, triangles: np.ndarray, edges: np.ndarray, size: np.ndarray) -> None:
-    """The three files of a size field (n_v,) that edp/lib/adapt.idp names; `edges` (n_e, 2) of the outline."""
+    """The files of a size field (n_v,) that edp/lib/adapt.idp names; `edges` (n_e, 2) of the outline.
+
+    Bodies, which share no vertex, have files of their own: where they touch their meshes overlap. Their vertices come one
+    body after the other.
+    """
     zero = lambda rows: np.zeros(len(rows), np.int64)
-    with open(f"{stem}.msh", "w") as file:
-        file.write(f"{len(xy)} {len(triangles)} {len(edges)}\n")
-        np.savetxt(file, np.column_stack([xy, zero(xy)]), fmt="%.17g %.17g %d")
-        np.savetxt(file, np.column_stack([triangles + 1, zero(triangles)]), fmt="%d")
-        np.savetxt(file, np.column_stack([edges + 1, zero(edges) + 1]), fmt="%d")
-    with open(f"{stem}.bin", "wb") as file:
-        file.write(np.int64(len(size)).tobytes() + np.ascontiguousarray(size, float).tobytes())
+    links = coo_matrix((np.ones(3 * len(triangles)), (triangles.ravel(), np.roll(triangles, 1, axis=1).ravel())), (len(xy),) * 2)
+    body = connected_components(links, directed=False)[1]
+    names, first = np.unique(body, return_index=True)
+    for k, name in enumerate(names[np.argsort(first)]):
+        own = np.flatnonzero(body == name)
+        inside, rim = (np.searchsorted(own, part[body[part[:, 0]] == name]) for part in (triangles, edges))
+        with open(f"{stem}-{k}.msh", "w") as file:
+            file.write(f"{len(own)} {len(inside)} {len(rim)}\n")
+            np.savetxt(file, np.column_stack([xy[own], zero(own)]), fmt="%.17g %.17g %d")
+            np.savetxt(file, np.column_stack([inside + 1, zero(inside)]), fmt="%d")
+            np.savetxt(file, np.column_stack([rim + 1, zero(rim) + 1]), fmt="%d")
+        with open(f"{stem}-{k}.bin", "wb") as file:
+            file.write(np.int64(len(own)).tobytes() + np.ascontiguousarray(size[own], float).tobytes())
     corner = np.concatenate([xy, zero(xy)[:, None]], axis=1)[triangles].reshape(-1, 9)
     with open(f"{stem}.pos", "w") as file:
         file.write('View "size" {\n')
