@@ -27,7 +27,7 @@ Klawonn, Rheinbach: FETI-DP methods for elasticity; Mandel, Dohrmann, Tezaur (20
 Results do not depend on the number of ranks, not even in the last bit: MPRGP decides by comparisons, and
 two runs that differ in rounding may take different paths to answers that differ by the tolerance. So
 every sum is taken in an order that the distribution does not change: scalar products add the partial sums
-of the subdomains in their order, dense products go in blocks of fixed size, classes take the matrices of
+of the subdomains in their order, dense products go in blocks of fixed size (blocks.py), classes take the matrices of
 their first subdomain wherever it lives, and the (small) coarse problem is assembled and solved on every
 rank.
 """
@@ -41,12 +41,12 @@ from petsc4py import PETSc
 from scipy.linalg import qr
 from scipy.sparse import coo_matrix, diags
 
+from .blocks import BlockDiagonal
 from .errors import NoSolution, agree
 from .reduction import LocalClass, group, petsc_matrix, reduce_class
 from .substructuring import GLUING, ContactBoundary, Substructure
 
 SOFTNESS = 3.0  # of the springs under free bodies: rho in units of (number of corner dofs) / (stiffness of one)
-BLOCK = 4  # members per dense product: fixed, so that a member's result does not depend on its company
 
 
 class DualOperator:
@@ -64,7 +64,7 @@ class DualOperator:
         self.classes: list[LocalClass] = []
         groups = group(structure, comm)
         try:
-            self.classes = [reduce_class(structure, members, K) for members, K in groups]
+            self.classes = [reduce_class(structure, *found) for found in groups]
         except NoSolution as problem:
             error = problem
         agree(comm, error)
@@ -85,6 +85,9 @@ class DualOperator:
             c.rows = slice(row_at, row_at + k * c.F.shape[0])
             c.corners = slice(corner_at, corner_at + k * len(c.corner))
             row_at, corner_at = c.rows.stop, c.corners.stop
+        self._F = BlockDiagonal(self.classes, [c.F for c in self.classes], "rows", "rows")
+        self._A = BlockDiagonal(self.classes, [c.A for c in self.classes], "rows", "corners")
+        self._A_transposed = BlockDiagonal(self.classes, [c.A_transposed for c in self.classes], "corners", "rows")
         self.sign = _join([structure.rows[s].sign for s in order], float)
         self.scaling = _join([structure.rows[s].scaling for s in order], float)
         self._row_numbers = _join([structure.rows[s].row for s in order], PETSc.IntType)
@@ -212,16 +215,11 @@ class DualOperator:
     def apply(self, multipliers: np.ndarray) -> np.ndarray:
         """F times a dual vector."""
         self.products += 1
-        x, y, force = self._gather(multipliers), self._out_rows.array, np.empty(len(self._corner_local))
+        x, y, force = self._gather(multipliers), self._out_rows.array, np.zeros(len(self._corner_local))
         x *= self.sign
-        for c in self.classes:
-            k, own = len(c.members), x[c.rows].reshape(len(c.members), -1)
-            _blocked(own, c.F, y[c.rows].reshape(k, -1))
-            _blocked(own, c.A, force[c.corners].reshape(k, -1))
-        corner = self.coarse_solve(force)
-        for c in self.classes:
-            k, m = len(c.members), len(c.F)
-            y[c.rows].reshape(k, m)[:] += _blocked(corner[c.corners].reshape(k, -1), c.A_transposed)
+        self._F.multiply(x, y)
+        self._A.multiply(x, force)
+        self._A_transposed.multiply(self.coarse_solve(force), y, add=True)
         y *= self.sign
         return self._add_up(self._out_rows)
 
@@ -384,9 +382,8 @@ class DualOperator:
 
     def _corner_displacements(self, multipliers: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """Displacements of the stacked corner dofs."""
-        x, force = self._gather(multipliers) * self.sign, np.empty(len(self._corner_local))
-        for c in self.classes:
-            force[c.corners] = _blocked(x[c.rows].reshape(len(c.members), -1), c.A).ravel()
+        x, force = self._gather(multipliers) * self.sign, np.zeros(len(self._corner_local))
+        self._A.multiply(x, force)
         corner = -self.coarse_solve(force)
         for w, (_, loaded) in zip(weights, self.loaded):
             corner += w * loaded
@@ -493,6 +490,7 @@ class DirichletPreconditioner:
     def __init__(self, operator: DualOperator):
         self.operator = operator
         self.schur = [_schur(c) for c in operator.classes]
+        self.blocks = BlockDiagonal(operator.classes, self.schur, "rows", "rows")
 
     def columns(self, residual: np.ndarray, free: np.ndarray) -> np.ndarray:
         """M times k residuals (owned, k) on the face `free` (owned, 1)."""
@@ -507,9 +505,7 @@ class DirichletPreconditioner:
         op = self.operator
         x, y = op._gather(np.where(free, residual, 0.0)), op._out_rows.array
         x *= op.scaling
-        for c, schur in zip(op.classes, self.schur):
-            k = len(c.members)
-            _blocked(x[c.rows].reshape(k, -1), schur, y[c.rows].reshape(k, -1))
+        self.blocks.multiply(x, y)
         y *= op.scaling
         return np.where(free, op._add_up(op._out_rows), 0.0)
 
@@ -545,21 +541,3 @@ def _counts(comm, length: int) -> tuple[list[int], list[int]]:
 def _join(arrays: list, kind) -> np.ndarray:
     """Concatenation that also works for ranks without subdomains."""
     return np.concatenate([np.empty(0, kind), *arrays]).astype(kind)
-
-
-def _blocked(rows: np.ndarray, matrix: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
-    """rows @ matrix, (k, m) @ (m, n), in blocks of BLOCK rows, into `out` (k, n) if given.
-
-    BLAS may round differently for different numbers of rows; a fixed number makes each row's result
-    independent of how many others a rank has.
-    """
-    (count, m), n = rows.shape, matrix.shape[1]
-    out = np.empty((count, n)) if out is None else out
-    whole = count - count % BLOCK
-    shape = whole // BLOCK, BLOCK  # given in full: m or n may be 0
-    np.matmul(rows[:whole].reshape(*shape, m), matrix, out=out[:whole].reshape(*shape, n))
-    if whole < count:
-        last = np.zeros((BLOCK, m))
-        last[: count - whole] = rows[whole:]
-        out[whole:] = (last @ matrix)[: count - whole]
-    return out

@@ -11,6 +11,7 @@ import numpy as np
 from petsc4py import PETSc
 from scipy.sparse import coo_matrix
 
+from .blocks import BLOCK
 from .errors import NoSolution
 from .substructuring import LocalRows, Substructure
 
@@ -78,6 +79,7 @@ class LocalClass:
     F: np.ndarray  # (m, m) B_r K_rr^-1 B_r'
     A: np.ndarray  # (m, n_c)
     S: np.ndarray  # (n_c, n_c) local part of S_cc
+    shared: bool  # BLOCK members or more on all ranks together
     rows: slice | None = None
     corners: slice | None = None
 
@@ -85,11 +87,12 @@ class LocalClass:
         self.A_transposed = np.ascontiguousarray(self.A.T)
 
 
-def group(structure: Substructure, comm) -> list[tuple[list[int], np.ndarray]]:
+def group(structure: Substructure, comm) -> list[tuple[list[int], np.ndarray, bool]]:
     """Classes of subdomains with the same dof sets, rows and (to rounding) stiffness; collective.
 
-    Returns for every class with members on this rank their local indices and the stiffness values of the
-    class's first subdomain, which may live on another rank.
+    Returns for every class with members on this rank their local indices, the stiffness values of the class's
+    first subdomain, which may live on another rank, and whether it has so many members on all ranks together
+    that dense products with many columns pay.
     """
     keys = [_fingerprint(structure, s) for s in range(len(structure.subdomains))]
     open_ = list(range(len(keys)))
@@ -108,13 +111,17 @@ def group(structure: Substructure, comm) -> list[tuple[list[int], np.ndarray]]:
         left = {key: [] for key in mine}
         for s in open_:
             left[keys[s]].append(s)
-        open_ = []
+        open_, round_ = [], {}
         for key, candidates in left.items():
             model = sent.get(key, structure.subdomains[mine[key]].values)
             same = [np.abs(model - structure.subdomains[s].values).max() <= SAME * np.abs(model).max() for s in candidates]
-            if any(same):
-                classes.append(([s for s, ok in zip(candidates, same) if ok], model))
+            round_[key] = [s for s, ok in zip(candidates, same) if ok], model
             open_ += [s for s, ok in zip(candidates, same) if not ok]
+        sizes = {}
+        for part in comm.allgather({key: len(members) for key, (members, _) in round_.items()}):
+            for key, size in part.items():
+                sizes[key] = sizes.get(key, 0) + size
+        classes += [(members, model, sizes[key] >= BLOCK) for key, (members, model) in round_.items() if members]
         open_.sort()
     return sorted(classes, key=lambda pair: pair[0])
 
@@ -131,7 +138,7 @@ def _fingerprint(structure: Substructure, s: int) -> bytes:
     return digest.digest()
 
 
-def reduce_class(structure: Substructure, members: list[int], values: np.ndarray) -> LocalClass:
+def reduce_class(structure: Substructure, members: list[int], values: np.ndarray, shared: bool) -> LocalClass:
     """Factorize K_rr of a class with stiffness `values` and form its explicit F, A and S."""
     s = members[0]
     sub, corner, rows = structure.subdomains[s], structure.corner_dofs[s], structure.rows[s]
@@ -148,7 +155,7 @@ def reduce_class(structure: Substructure, members: list[int], values: np.ndarray
     F = B_r @ solved[:, :m]
     A = B_c.toarray() - B_r @ solved[:, m:]
     S = K[corner][:, corner].toarray() - K_rc.T @ solved[:, m:]
-    return LocalClass(members, torn, corner, factor, B_r, B_c, K_rc, (F + F.T) / 2, A, (S + S.T) / 2)
+    return LocalClass(members, torn, corner, factor, B_r, B_c, K_rc, (F + F.T) / 2, A, (S + S.T) / 2, shared)
 
 
 def constraint_matrix(rows: LocalRows, dofs: int):

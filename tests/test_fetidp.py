@@ -464,3 +464,33 @@ def test_any_split_gives_the_same_bits(exported, tmp_path):
         answers[ranks] = done.stdout
     assert len(answers[1].split()) == 12
     assert answers[1] == answers[2] == answers[3]
+
+
+def test_block_diagonal_products_shared_and_padded():
+    """Against one product a member, for blocks that many share, blocks of their own and empty ones."""
+    from types import SimpleNamespace
+
+    from driver.blocks import BlockDiagonal
+
+    rng = np.random.default_rng(31)
+    classes, matrices, x_at, y_at = [], [], 0, 0
+    for members, m, n, shared in ((6, 5, 3, True), (1, 7, 2, False), (2, 7, 1, False), (1, 0, 2, False), (1, 4, 0, False), (1, 9, 9, True)):
+        classes.append(SimpleNamespace(members=list(range(members)), shared=shared, rows=slice(x_at, x_at + members * m),
+                                       corners=slice(y_at, y_at + members * n)))
+        matrices.append(rng.standard_normal((m, n)))
+        x_at, y_at = x_at + members * m, y_at + members * n
+    x, before = rng.standard_normal(x_at), rng.standard_normal(y_at)
+    expected = np.zeros(y_at)
+    for c, M in zip(classes, matrices):
+        expected[c.corners] = (x[c.rows].reshape(len(c.members), -1) @ M).ravel()
+    blocks, y = BlockDiagonal(classes, matrices, "rows", "corners"), np.zeros(y_at)
+    blocks.multiply(x, y)
+    assert np.abs(y - expected).max() <= 1e-14 * np.abs(expected).max() * 10  # sums of up to nine terms
+    y = before.copy()
+    blocks.multiply(x, y, add=True)
+    assert np.abs(y - before - expected).max() <= 1e-14 * (np.abs(before) + np.abs(expected)).max() * 10
+
+
+def test_a_class_is_shared_by_its_members_on_all_ranks(built):
+    operator = built(subdomains="4x2", cells=4).operator
+    assert all(c.shared == (len(c.members) >= 4) for c in operator.classes)
