@@ -30,6 +30,8 @@ EPS = np.finfo(float).eps
 
 # Curvature p'Ap within this many roundings of ||A|| p'p cannot be told from zero.
 CURVATURE_ROUNDINGS = 64
+# Products smaller than this have lost digits.
+SMALLEST = np.finfo(float).tiny / EPS
 # A gradient Ax - b is right to this many roundings of ||A|| ||x|| + ||b||.
 GRADIENT_ROUNDINGS = 10
 # A factor 2^40 between bound and norm is no bad estimate any more: it is noise in A.
@@ -149,6 +151,7 @@ class _Mprgp:
         self.curvature = 0.0
         self.updates = 0  # gradient updates by recurrence since the last product at x
         self.residual = np.inf
+        self.largest = 0.0  # residual since the last product at x
         self.best, self.best_at, self.decrease = np.inf, 0, 0.0
         self.refuted, self.refuted_at = 0, np.inf
 
@@ -239,6 +242,8 @@ class _Mprgp:
         curvature, noise = self.dot(p, Ap), self.dot(p, p) * self.bound * CURVATURE_ROUNDINGS * EPS
         if not np.isfinite(curvature):
             raise _Stop("indefinite operator", "A returned values that are not finite")
+        if noise < SMALLEST:
+            raise _Stop("stagnated", "what is left of the gradient underflows")
         if curvature < -noise:
             raise _Stop("indefinite operator", f"negative curvature p'Ap = {curvature:.3e}")
         self.curvature = curvature if curvature > noise else 0.0
@@ -321,6 +326,18 @@ class _Mprgp:
 
     # -- control ------------------------------------------------------------------------------
 
+    def refresh(self):
+        """Recomputes a gradient that updates have brought below the rounding of the one they started from.
+
+        Such a gradient says nothing of x any more, and CG would follow it into underflow.
+        """
+        self.largest = self.residual if self.updates == 0 else max(self.largest, self.residual)
+        if self.tol < self.residual < EPS * self.largest:
+            self.place(self.x, self.gradient_at(self.x), 0)
+            self.p = self.Ap = None
+            self.evaluate()
+            self.largest = self.residual
+
     def is_converged(self):
         """||g^P|| <= tol, on a recomputed gradient where the recurrence may have drifted.
 
@@ -366,6 +383,7 @@ class _Mprgp:
                 self.place(self.x, self.gradient_at(self.x), 0)
             while True:
                 self.evaluate()
+                self.refresh()
                 if self.monitor is not None:
                     self.monitor(kind, self.products, self.residual)
                 if self.is_converged():

@@ -558,6 +558,19 @@ def test_noisy_operator_stagnates(noise):
             100 * noise * np.linalg.norm(b))
 
 
+@pytest.mark.parametrize("expansion", ["cg", "gradient"])
+def test_a_gradient_below_its_own_rounding_is_not_followed(expansion):
+    """Solution 0 and tol 0: updates take the gradient to 1e-158 while x stays at 1e-17, and then p'Ap underflows."""
+    rng = np.random.default_rng(0)
+    Q = orthogonal(rng, 6)
+    A = 1e-12 * (Q @ Q.T)
+    x0 = np.array([4.5, 3.9, -2.7, 1.3, -0.9, 2.3])
+    found = mprgp(lambda v: A @ v, np.zeros(6), -rng.random(6), np.inf, x0, tol=0.0, norm_bound=1e-12, expansion=expansion)
+    assert found.products < 100 and found.status in ("converged", "stagnated")
+    assert np.abs(found.x).max() < 1e-100
+    assert np.linalg.norm(found.gradient - A @ found.x) <= 1e-10 * np.linalg.norm(A @ found.x)
+
+
 def test_steps_that_lead_nowhere_stagnate(monkeypatch):
     def step(self):
         self.product(self.x)
