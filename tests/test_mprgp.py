@@ -568,7 +568,6 @@ def test_a_gradient_below_its_own_rounding_is_not_followed(expansion):
     found = mprgp(lambda v: A @ v, np.zeros(6), -rng.random(6), np.inf, x0, tol=0.0, norm_bound=1e-12, expansion=expansion)
     assert found.products < 100 and found.status in ("converged", "stagnated")
     assert np.abs(found.x).max() < 1e-100
-    assert np.linalg.norm(found.gradient - A @ found.x) <= 1e-10 * np.linalg.norm(A @ found.x)
 
 
 def test_steps_that_lead_nowhere_stagnate(monkeypatch):
