@@ -151,7 +151,7 @@ class _Mprgp:
         self.curvature = 0.0
         self.updates = 0  # gradient updates by recurrence since the last product at x
         self.residual = np.inf
-        self.largest = 0.0  # residual since the last product at x
+        self.trust = 0.0  # rounding of the gradient that the updates started from
         self.best, self.best_at, self.decrease = np.inf, 0, 0.0
         self.refuted, self.refuted_at = 0, np.inf
 
@@ -329,14 +329,18 @@ class _Mprgp:
     def refresh(self):
         """Recomputes a gradient that updates have brought below the rounding of the one they started from.
 
-        Such a gradient says nothing of x any more, and CG would follow it into underflow.
+        Only where x has become so much smaller since then that this brings digits back. Without them the gradient
+        says nothing of x any more, and CG would follow it into underflow.
         """
-        self.largest = self.residual if self.updates == 0 else max(self.largest, self.residual)
-        if self.tol < self.residual < EPS * self.largest:
-            self.place(self.x, self.gradient_at(self.x), 0)
-            self.p = self.Ap = None
-            self.evaluate()
-            self.largest = self.residual
+        if self.updates == 0:
+            self.trust = self.gradient_rounding(self.x)
+        elif self.tol < self.residual < self.trust:
+            rounding = self.gradient_rounding(self.x)
+            if rounding < 0.01 * self.trust:
+                self.place(self.x, self.gradient_at(self.x), 0)
+                self.p = self.Ap = None
+                self.trust = rounding
+                self.evaluate()
 
     def is_converged(self):
         """||g^P|| <= tol, on a recomputed gradient where the recurrence may have drifted.

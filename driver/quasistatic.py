@@ -166,7 +166,12 @@ class QuasistaticSolver:
         return np.sqrt(self.operator.dot(scaled, scaled))
 
     def _extent(self, d: np.ndarray) -> float:
-        """||d|| without what is left of gaps that the load alone would not close: they could be any distance."""
+        """||d|| without what is left of gaps that the load alone would not close: they could be any distance.
+
+        Bilateral contact closes them all.
+        """
+        if self.rows.bilateral:
+            return self._size(d)
         seen, normal, gap = d.copy(), self.rows.normal, self.rows.gap
         reach = np.abs(d[normal] + gap)
         seen[normal] = np.where(gap > 0, np.clip(d[normal], -reach, reach), d[normal])
