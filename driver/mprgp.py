@@ -334,7 +334,7 @@ class _Mprgp:
         """
         if self.updates == 0:
             self.trust = self.gradient_rounding(self.x)
-        elif self.tol < self.residual < self.trust:
+        elif self.tol < self.residual < GRADIENT_ROUNDINGS * self.updates * self.trust:
             rounding = self.gradient_rounding(self.x)
             if rounding < 0.01 * self.trust:
                 self.place(self.x, self.gradient_at(self.x), 0)
