@@ -211,6 +211,15 @@ class DualOperator:
         u = solution.array
         return u + Q @ (self.rho * motion - Q.T @ u) if self.modes else u
 
+    def coarse_inverse(self, dofs: np.ndarray) -> np.ndarray:
+        """Rows and columns `dofs` of the coarse solution operator, (k, k); one coarse solve a column, on every rank."""
+        inverse, force = np.empty((len(dofs), len(dofs))), np.zeros(self.structure.coarse_dofs)
+        for k, dof in enumerate(dofs):
+            force[dof] = 1.0
+            inverse[:, k] = self._spring_held(force)[dofs]
+            force[dof] = 0.0
+        return (inverse + inverse.T) / 2
+
     # ---- the dual problem --------------------------------------------------------------------
     def apply(self, multipliers: np.ndarray) -> np.ndarray:
         """F times a dual vector."""

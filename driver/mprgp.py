@@ -135,11 +135,11 @@ class _Mprgp:
     """State of one solve: x, g always belong together and x is always feasible."""
 
     def __init__(self, A, b, lower, upper, tol, bound, gamma, alpha_factor, preconditioner,
-                 max_products, dot, monitor, projected_cg):
+                 max_products, dot, monitor, projected_cg, relax):
         self.A, self.b, self.lower, self.upper = A, b, lower, upper
         self.tol, self.bound, self.gamma, self.alpha_factor = tol, bound, gamma, alpha_factor
         self.preconditioner, self.max_products = preconditioner, max_products
-        self.dot, self.monitor, self.projected_cg = dot, monitor, projected_cg
+        self.dot, self.monitor, self.projected_cg, self.relax = dot, monitor, projected_cg, relax
         self.products = 0
         self.counts = {"cg": 0, "expansion": 0, "proportioning": 0}
         self.b_norm = np.sqrt(dot(b, b))
@@ -201,15 +201,20 @@ class _Mprgp:
     def step(self):
         """One step of the algorithm; returns its kind."""
         if not self.is_proportional():
-            return self.proportioning_step()
+            released = self.relax is not None and self.relaxed_step(self.x, self.g, 0.5 * self.beta2 / self.bound)
+            return "proportioning" if released else self.proportioning_step()
         p, slope = self.direction()
         Ap = self.product(p)
         wish = self.exact_step(p, Ap, slope)
         ratio = _bound_ratios(self.x, p, self.lower, self.upper)
         length, blocked = _cut_step(ratio, wish, self.dot)
         self.refuse_endless(length, p, slope)
-        if blocked and self.projected_cg and self.projected_step(p, slope, wish, length):
-            return "expansion"
+        if blocked and np.isfinite(wish):
+            needed = max(length * (slope - 0.5 * length * self.curvature), self.sufficient_decrease())
+            if self.relax is not None and self.relaxed_step(self.x - wish * p, self.g - wish * Ap, needed):
+                return "expansion"
+            if self.projected_cg and self.projected_step(p, wish, needed):
+                return "expansion"
         self.go(p, Ap, length, ratio)
         self.decrease += length * (slope - 0.5 * length * self.curvature)
         if not blocked:
@@ -272,23 +277,35 @@ class _Mprgp:
         self.p = self.Ap = None
         return "proportioning"
 
-    def projected_step(self, p, slope, wish, cut):
+    def sufficient_decrease(self):
+        """abar (1 - alpha_factor/2) phi~'phi, by which a gradient projection step provably lowers f."""
+        return (1 - 0.5 * self.alpha_factor) * self.alpha_factor / self.bound * self.reduced_slope
+
+    def projected_step(self, p, wish, needed):
         """x <- P(x - wish p), the whole CG step projected; returns whether it was taken.
 
         Many components meet their bounds at once, where the half step stops at the first. The step is
-        taken only if f falls at least as far as on the half step and as far as the gradient projection
-        with abar provably takes it, abar (1 - alpha_factor/2) phi~'phi; so the convergence proof of
-        MPRGP, which rests on that decrease, holds with it.
+        taken only if f falls by `needed`: as far as on the half step and as far as the gradient projection
+        provably takes it; so the convergence proof of MPRGP, which rests on that decrease, holds with it.
         """
-        if not np.isfinite(wish):
-            return False
-        new = np.clip(self.x - wish * p, self.lower, self.upper)
+        return self.try_step(np.clip(self.x - wish * p, self.lower, self.upper), needed)
+
+    def relaxed_step(self, y, g, needed):
+        """x <- relax(y, g); returns whether it was taken, which needs the same decrease of f as other steps.
+
+        y is the end of the whole CG step, feasible or not (then its active set follows from the block
+        problem instead of a projection), or x itself where components are to be released.
+        """
+        return self.try_step(self.relax(y, g), needed)
+
+    def try_step(self, new, needed):
+        """x <- new (n,), feasible, if that lowers f by `needed` at least; one product."""
         d = new - self.x
+        if not self.dot(d, d) > 0:
+            return False
         g_new = self.gradient_at(new)
         change = 0.5 * self.dot(d, self.g + g_new)
-        half = -cut * (slope - 0.5 * cut * self.curvature)
-        needed = -(1 - 0.5 * self.alpha_factor) * self.alpha_factor / self.bound * self.reduced_slope
-        if not change <= min(half, needed):
+        if not change <= -needed:
             return False
         self.decrease -= change
         self.place(new, g_new, 0)
@@ -433,7 +450,7 @@ def _checked(b, lower, upper, x0, dot):
 
 def mprgp(A, b, lower, upper, x0=None, *, tol, norm_bound, gamma=1.0, alpha_factor=1.95,
           preconditioner=None, max_products=10_000, gradient0=None, dot=np.dot, monitor=None,
-          expansion="gradient", scale=None):
+          expansion="gradient", scale=None, relax=None):
     """Minimise 1/2 x'Ax - b'x over lower <= x <= upper; returns a Result.
 
     A               callable (n,) -> (n,), symmetric positive (semi)definite; local parts
@@ -456,9 +473,12 @@ def mprgp(A, b, lower, upper, x0=None, *, tol, norm_bound, gamma=1.0, alpha_fact
     scale           (n,) D > 0: the iteration runs in y = x / D, that is with D A D and D b, which makes up for
                     rows of very different size. `tol` then bounds ||D g^P|| and `norm_bound` ||D A D||, and
                     Result.residual is ||D g^P||; all else is in x. Powers of two round nothing.
+    relax           callable (y, g) -> x: from any y (n,) and g = A y - b a feasible x that (nearly) minimises
+                    f over some components, the others being those of y.  Tried in expansion and
+                    proportioning steps, and taken where it lowers f enough
 
     Products: one for a CG or a proportioning step, two for an expansion step (three where the
-    projected CG step was tried in vain).  All iterates are
+    projected CG step or `relax` was tried in vain).  All iterates are
     feasible.  Data that make no problem raise ValueError (on all ranks); an operator that is
     indefinite, or returns NaN or inf, or leaves f unbounded ends with "indefinite operator".
     """
@@ -471,10 +491,10 @@ def mprgp(A, b, lower, upper, x0=None, *, tol, norm_bound, gamma=1.0, alpha_fact
     if scale is not None:
         return _unscaled(A, b, lower, upper, x0, scale, dict(
             tol=tol, norm_bound=norm_bound, gamma=gamma, alpha_factor=alpha_factor, preconditioner=preconditioner,
-            max_products=max_products, gradient0=gradient0, dot=dot, monitor=monitor, expansion=expansion))
+            max_products=max_products, gradient0=gradient0, dot=dot, monitor=monitor, expansion=expansion, relax=relax))
     b, lower, upper, x = _checked(b, lower, upper, x0, dot)
     run = _Mprgp(A, b, lower, upper, tol, float(norm_bound), gamma, alpha_factor, preconditioner,
-                 max_products, dot, monitor, expansion == "cg")
+                 max_products, dot, monitor, expansion == "cg", relax)
     run.x = x
     if gradient0 is not None:
         moved = np.zeros_like(x) if x0 is None else x - x0
@@ -485,11 +505,13 @@ def mprgp(A, b, lower, upper, x0=None, *, tol, norm_bound, gamma=1.0, alpha_fact
 
 def _unscaled(A, b, lower, upper, x0, scale, options):
     """mprgp in the variables y = x / scale, its Result in x."""
-    inner, gradient0 = options["preconditioner"], options["gradient0"]
+    inner, gradient0, relax = (options[name] for name in ("preconditioner", "gradient0", "relax"))
     if inner is not None:
         options["preconditioner"] = lambda phi, free: inner(phi / scale, free) / scale
     if gradient0 is not None:
         options["gradient0"] = scale * gradient0
+    if options["relax"] is not None:
+        options["relax"] = lambda y, g: relax(scale * y, g / scale) / scale
     found = mprgp(lambda y: scale * A(scale * y), scale * b, lower / scale, upper / scale,
                   None if x0 is None else x0 / scale, **options)
     return replace(found, x=scale * found.x, gradient=found.gradient / scale)

@@ -12,9 +12,10 @@ class Settings:
     primal_rtol: float = 1e-4  # gluing jump and penetration over the body's displacement; else rtol is tightened
     max_fixed_point: int = 100  # per time step
     max_products: int = 200_000  # per QP
-    preconditioner: str = "dirichlet"  # or "none": the plain method
+    preconditioner: str = "deflated"  # Dirichlet with contact tractions deflated, "dirichlet" alone, or "none"
     predictor: str = "load"  # start a step from multipliers extrapolated with the load, or "previous"
     inner_rtol: float = 0.1  # residual reduction of a QP before its friction bound is renewed
     estimator: str = "equilibrated"  # error in the energy norm: a bound; "recovery": averaged stresses; "none"
-    expansion: str = "cg"  # MPRGP's expansion step: whole CG step projected, or "gradient": fixed length
+    expansion: str = "contact"  # MPRGP's expansion step: contact problem solved, "cg" step projected, or "gradient" step
+    corrector: str = "contact"  # contact and friction solved for given gluing before each QP, or "none"
     uniqueness: str = "auto"  # look for other solutions of every step: "yes", "no", or where few nodes or doubt suggest it

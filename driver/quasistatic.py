@@ -18,17 +18,23 @@ from mpi4py import MPI
 
 from . import friction, globalization
 from .condensation import Condensation
+from .contactblock import ContactBlock
+from .deflation import DeflatedPreconditioner, Deflation
 from .equilibrium import rigid_equilibrium
 from .errors import NoSolution, NotConverged
 from .fetidp import DualOperator
 from .mprgp import mprgp, norm_bound, projected_gradient
 from .options import Settings
+from .relaxation import ContactRelaxation
+from .substructuring import GLUING
 from .uniqueness import Uniqueness, worthwhile
 
 CANCELLED = 1e-8  # displacements below this part of ||d|| are what rounding leaves of loads that contact takes
 BALANCE = 10.0  # imbalance of free bodies over RTOL: a QP solved to RTOL leaves about as much of its own
 SETTLING = 0.3  # relative change of pressures and friction bounds below which free bodies follow their springs
 WINDOW = 8  # iterations of the fixed point over which its changes must have fallen
+CORRECTIONS = 30  # friction bounds in the contact problem with F_cc, at most
+CORRECTION = 0.1  # its residual, relative to the whole one before
 CONDENSED_PASSES = 30  # corrections of a solution of the condensed contact problem
 TIGHTENINGS = 3  # tenfold reductions of the QP tolerance that a step may ask for
 
@@ -138,10 +144,10 @@ class QuasistaticSolver:
         self.u_t = operator.structure.contact.initial[self.rows.tangential_node]  # tangential displacement at the end of the last step
         self.way = np.zeros(len(self.rows.tangential))  # length of the way slid until then
         self.history = History()
-        self.preconditioner = operator.preconditioner() if settings.preconditioner == "dirichlet" else None
         structure = operator.structure
         self.scale = structure.row_scale[slice(*structure.row_range)]
         self.bound = self._bound_norm()
+        self.preconditioner, self.relaxation = self._accelerators()
         self.history.counts["dual_multiplications_setup"] = operator.products
         self.scales = friction.Scales()
         self.condensation = Condensation(operator, self.rows)
@@ -159,6 +165,24 @@ class QuasistaticSolver:
         start = np.random.default_rng(1).standard_normal(structure.dual_dofs)
         return norm_bound(lambda y: self.scale * op.apply(self.scale * y), op.owned, dot=op.dot,
                           start=start[slice(*structure.row_range)])[0]
+
+    def _accelerators(self):
+        """The preconditioner and the relaxation of the contact multipliers that the settings ask for, or None.
+
+        Without gluing the contact block is the whole operator, and neither deflation nor relaxation has a sense.
+        """
+        settings, op = self.settings, self.operator
+        relaxed = "contact" in (settings.expansion, settings.corrector)
+        kinds = np.unique(op.structure.row_kind)
+        coupled = (relaxed or settings.preconditioner == "deflated") and GLUING in kinds and len(kinds) > 1
+        local = op.preconditioner() if settings.preconditioner != "none" or coupled else None
+        chosen = local if settings.preconditioner != "none" else None
+        if not coupled:
+            return chosen, None
+        deflation = Deflation(ContactBlock(op, local), op.structure)
+        if settings.preconditioner == "deflated":
+            chosen = DeflatedPreconditioner(local, deflation)
+        return chosen, ContactRelaxation(op, deflation, self.bound, self.scale) if relaxed else None
 
     def _size(self, displacements: np.ndarray) -> float:
         """Norm of displacements of the dual rows in the scale that MPRGP works in."""
@@ -357,8 +381,9 @@ class QuasistaticSolver:
         products, trace = op.products, _Trace()
         lower, _ = rows.limits(op.owned, start)
         x = self._follow(np.maximum(start, lower), sliding)
+        gradient = op.apply(x) - load.d
         for _ in range(TIGHTENINGS + 1):
-            x, gradient, sliding = self._fixed_point(index, load, x, trace)
+            x, gradient, sliding = self._fixed_point(index, load, x, gradient, sliding, trace)
             x, gradient, moved = self._into_cone(load.d, x, gradient, sliding)
             residuals = self._residuals(load, x, gradient)
             poor = max(residuals["gluing"], residuals["penetration"])
@@ -372,20 +397,20 @@ class QuasistaticSolver:
         return Step(index, float(self.times[index]), load.weights, x, gradient, friction.status(rows, x, gradient),
                     trace.iterations, op.products - products, trace.contraction, residuals, moved)
 
-    def _fixed_point(self, index: int, load: _Load, x, trace: "_Trace"):
+    def _fixed_point(self, index: int, load: _Load, x, gradient, sliding, trace: "_Trace"):
         """Successive approximations lambda_n -> Phi(lambda_n), each QP solved only as far as it pays.
 
         The first QPs would be solved far beyond the error of their friction bound; each reduces its initial
         residual by `inner_rtol`, and the last one meets the tolerance. Bodies without support move in the same
-        iterations. Returns multipliers, gradient and the rows that slide.
+        iterations. Starts from and returns multipliers, gradient and the rows that slide.
         """
         settings, rows, free = self.settings, self.rows, self.operator.modes > 0
         coulomb = bool(self.operator.comm.allreduce(int(len(rows.tangential) > 0 and not rows.tresca)))
         while not trace.fallback:
             trace.iterations += 1
-            bound = rows.friction_bound(x)
-            reduction = self._reduction(trace) if coulomb or free else 0.0
-            result, change = self._approximate(index, trace, load.d, x, bound, reduction, coulomb)
+            x, gradient = self._placed(self._start(x, gradient, sliding), load.d, x, gradient)
+            bound, reduction = rows.friction_bound(x), self._reduction(trace) if coulomb or free else 0.0
+            result, change = self._approximate(index, trace, load.d, x, bound, reduction, coulomb, gradient)
             x, gradient = result.x, result.gradient
             sliding = self._sliding(x, bound)
             if self.history.exit_status or not (coulomb or free):
@@ -403,14 +428,46 @@ class QuasistaticSolver:
             if trace.stalls and not trace.exact:  # by the errors of QPs left early? Solved in full they must stall again
                 trace.exact, trace.changes = True, []
             trace.fallback = (trace.stalls or tired) and not free  # a motion renews the pressures: no sign of stalling
-            x = self._follow(x, sliding)
-        return self._globalise(index, load.d, x, trace)
+        return self._globalise(index, load.d, self._follow(x, sliding), trace)
 
-    def _approximate(self, index, trace, d, x, bound, reduction, coulomb=True):
+    def _start(self, x, gradient, sliding):
+        """Start of the next QP: x moved to the friction bound of its own pressures, and corrected if so set."""
+        start = self._follow(x, sliding)
+        if self.relaxation is None or self.settings.corrector == "none":
+            return start
+        return self._correct(start, self.relaxation.moved(start, x, gradient))
+
+    def _correct(self, x, gradient):
+        """x with the contact multipliers that solve contact and friction while the gluing ones stay.
+
+        Successive approximations as in `_fixed_point`, with F_cc for F. `gradient` need be right only on the contact rows.
+        """
+        rows, aim = self.rows, None
+        for _ in range(CORRECTIONS):
+            limits, bound = rows.limits(self.operator.owned, x), rows.friction_bound(x)
+            left = projected_gradient(x, gradient, *limits)
+            if aim is None:
+                whole = self._size(left)
+                aim = max(0.5 * self.tol, CORRECTION * whole)
+            left[rows.gluing] = 0.0
+            if whole <= self.tol or self._size(left) <= aim:
+                break
+            solved, gradient = self.relaxation(x, gradient, limits, 0.5 * aim)
+            x = self._follow(solved, self._sliding(solved, bound))
+            gradient = self.relaxation.moved(x, solved, gradient)
+        return x
+
+    def _placed(self, moved, d, x, gradient):
+        """`moved` and its gradient, which takes a product unless it is x and the gradient there is known."""
+        if gradient is None or self.operator.comm.allreduce(int(np.count_nonzero(moved != x))):
+            return moved, self.operator.apply(moved) - d
+        return x, gradient
+
+    def _approximate(self, index, trace, d, x, bound, reduction, coulomb=True, gradient=None):
         """The QP with friction bounds `bound` started from x: its result, and the change of pressures and bounds."""
         limits = self._limits(x, bound)
-        x = np.clip(x, *limits)
-        result = self._solve_qp(index, trace.iterations, d, limits, x, reduction)
+        x, gradient = self._placed(np.clip(x, *limits), d, x, gradient)
+        result = self._solve_qp(index, trace.iterations, d, limits, x, reduction, gradient)
         if self.history.exit_status or not coulomb:
             return result, 0.0
         self._renew_coefficient(result.gradient)
@@ -539,19 +596,23 @@ class QuasistaticSolver:
         moved[t] = np.where(sliding != 0, sliding * bound, np.clip(x[t], -bound, bound))
         return moved
 
-    def _solve_qp(self, index, iteration, d, limits, x, reduction):
+    def _solve_qp(self, index, iteration, d, limits, x, reduction, gradient=None):
         op, settings, history = self.operator, self.settings, self.history
-        gradient = op.apply(x) - d
+        if gradient is None:
+            gradient = op.apply(x) - d
         left = projected_gradient(x, gradient, *limits)
         tol = max(self.tol, reduction * self._size(left))
-        offset = op.products
+        offset, relax = op.products, None
+        if self.relaxation is not None and settings.expansion == "contact":
+            relax = lambda y, gradient: self.relaxation(y, gradient, limits, 0.5 * tol)[0]
 
         def monitor(kind, products, residual):
             history.log.append((offset + products, index, iteration, kind, residual / (self.scales.d or 1.0)))
 
         result = mprgp(op.apply, d, *limits, x, tol=tol, norm_bound=self.bound,
                        preconditioner=self.preconditioner, max_products=settings.max_products, gradient0=gradient,
-                       dot=op.dot, monitor=monitor, expansion=settings.expansion, scale=self.scale)
+                       dot=op.dot, monitor=monitor, scale=self.scale, relax=relax,
+                       expansion="gradient" if settings.expansion == "gradient" else "cg")
         self.bound = result.norm_bound
         for name in ("cg_steps", "expansion_steps", "proportioning_steps"):
             history.counts[name] += getattr(result, name)
@@ -588,10 +649,8 @@ class QuasistaticSolver:
         The last QP was solved with the bound of the iterate before. Nodes that slid stay on the bound and
         the others inside it, so that the active set the QP has found is kept.
         """
-        op, final = self.operator, self._follow(x, sliding)
-        if op.comm.allreduce(int(np.count_nonzero(final != x))):
-            return final, op.apply(final) - d, final - x
-        return x, gradient, None
+        final, renewed = self._placed(self._follow(x, sliding), d, x, gradient)
+        return final, renewed, None if final is x else final - x
 
     def _residuals(self, load: _Load, x, gradient) -> dict:
         """KKT residuals of the step's state."""

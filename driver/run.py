@@ -28,9 +28,9 @@ NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
 def _setting(field, text: str):
     """Value of a solver option from its text. Raises InputError for the wrong type."""
-    choices = {"preconditioner": ("dirichlet", "none"), "predictor": ("load", "previous"),
-               "expansion": ("cg", "gradient"), "estimator": ("equilibrated", "recovery", "none"),
-               "uniqueness": ("auto", "yes", "no")}.get(field.name)
+    choices = {"preconditioner": ("deflated", "dirichlet", "none"), "predictor": ("load", "previous"),
+               "expansion": ("contact", "cg", "gradient"), "corrector": ("contact", "none"),
+               "estimator": ("equilibrated", "recovery", "none"), "uniqueness": ("auto", "yes", "no")}.get(field.name)
     if choices and text not in choices:
         raise InputError(f"{field.name.upper()} must be one of {', '.join(choices)}, not '{text}'")
     if field.type is str:

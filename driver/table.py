@@ -17,7 +17,7 @@ from .options import Settings
 
 LOADINGS = ("monotone", "nonmonotone")
 METHODS = {"default": {}, "plain": {"preconditioner": "none", "predictor": "previous", "inner_rtol": 1e-9,
-                                    "expansion": "gradient"}}
+                                    "expansion": "gradient", "corrector": "none"}}
 ROWS = {1: "4x2", 2: "8x4", 3: "16x8", 4: "32x16", 5: "64x32"}
 # as printed: n_s, n_p, n_d, iterations (monotone, nonmonotone), products (monotone, nonmonotone)
 SLIDES = {1: (8, 1936, 260, 135, 120, 6515, 5565), 2: (32, 7744, 1096, 136, 121, 8326, 7309),

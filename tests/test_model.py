@@ -11,7 +11,7 @@ LOADINGS = ["monotone", "nonmonotone"]
 # times the tolerance, in proportion over 1e-6 .. 1e-12: about cond F. So 1e-11 leaves room below 1e-6.
 TIGHT = {"rtol": 1e-11, "friction_rtol": 1e-11}
 # the slides' method: no preconditioner, steps start from the previous one, every QP to the full tolerance
-PLAIN = {"preconditioner": "none", "predictor": "previous", "inner_rtol": 1e-9}
+PLAIN = {"preconditioner": "none", "predictor": "previous", "inner_rtol": 1e-9, "expansion": "gradient", "corrector": "none"}
 F = 0.3
 
 

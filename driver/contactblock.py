@@ -1,0 +1,94 @@
+"""Stage 4, contact part: F_cc, the rows and columns of F that belong to the contact boundary.
+
+F_cc gives contact displacements under contact forces while the gluing multipliers stay as they are. In
+F = B_r K_rr^-1 B_r' + A S_cc^-1 A' only the subdomains that touch the contact boundary and their corners take part,
+
+    F_cc = L + A_c G A_c',    L block diagonal over these subdomains,    G = S_cc^-1 on their corner dofs,
+
+so a product with it costs about n_c and not n_d operations, and needs no communication: every rank holds all of
+it. It bounds the compliance C of the glued body from above, C = F_cc - F_cg F_gg^-1 F_gc, closely where contact
+forces vary slowly: gluing at the corners alone carries those (Mandel, Dohrmann, Tezaur 2005, with the averages taken at
+interfaces). For 10x10 cells F_cc is within 1 to 4.3 of C, nine tenths of the spectrum within 1.5, whatever n_s.
+"""
+
+import numpy as np
+from scipy.sparse import coo_matrix
+
+from .fetidp import DirichletPreconditioner, DualOperator
+from .substructuring import GLUING
+
+
+class ContactBlock:
+    """F_cc and the Dirichlet preconditioner's M_cc on the n contact rows, replicated. Collective over `comm`.
+
+    Contact rows are in the order of the dual rows; `gather` and `scatter` move between them and dual vectors.
+    """
+
+    def __init__(self, operator: DualOperator, preconditioner: DirichletPreconditioner):
+        structure, self.comm = operator.structure, operator.comm
+        start, stop = structure.row_range
+        self.rows = np.flatnonzero(structure.row_kind != GLUING)  # global dual rows
+        first, last = np.searchsorted(self.rows, (start, stop))
+        self._mine, self._owned = slice(first, last), self.rows[first:last] - start
+        counts = self.comm.allgather(int(last - first))
+        self._counts = counts, np.cumsum([0, *counts[:-1]]).tolist()
+        self.size = len(self.rows)
+        parts = self._local_parts(operator, preconditioner)
+        corners = np.unique(np.concatenate([np.empty(0, int), *(part["corner"] for part in parts)]))
+        self.local, self.M = (self._spread(parts, name, self.rows, self.rows) for name in ("F", "M"))
+        self.A = self._spread(parts, "A", self.rows, corners)
+        self.G = operator.coarse_inverse(corners)
+
+    def _local_parts(self, operator, preconditioner) -> list[dict]:
+        """Contact rows, corners and matrices of every subdomain with contact, in the order of subdomains."""
+        structure = operator.structure
+        found = [None] * len(structure.subdomains)
+        for c, schur in zip(operator.classes, preconditioner.schur):
+            for s in c.members:
+                rows = structure.rows[s]
+                at = np.flatnonzero(structure.row_kind[rows.row] != GLUING)
+                if not len(at):
+                    continue
+                sign, scaling = rows.sign[at], rows.scaling[at]
+                found[s] = {"row": rows.row[at], "corner": structure.corner_global[s],
+                            "F": c.F[np.ix_(at, at)] * np.outer(sign, sign), "A": sign[:, None] * c.A[at],
+                            "M": schur[np.ix_(at, at)] * np.outer(scaling, scaling)}
+        return [part for rank in self.comm.allgather([part for part in found if part]) for part in rank]
+
+    @staticmethod
+    def _spread(parts: list[dict], name: str, rows: np.ndarray, columns: np.ndarray):
+        """CSR sum of the subdomains' matrices; `columns` is `rows` for square ones, else the corner dofs."""
+        which = "row" if columns is rows else "corner"
+        at = [np.searchsorted(rows, part["row"]) for part in parts]
+        to = [np.searchsorted(columns, part[which]) for part in parts]
+        join = lambda arrays: np.concatenate([np.empty(0), *arrays])
+        i = join([np.repeat(a, len(b)) for a, b in zip(at, to)]).astype(int)
+        j = join([np.tile(b, len(a)) for a, b in zip(at, to)]).astype(int)
+        matrix = coo_matrix((join([part[name].ravel() for part in parts]), (i, j)), shape=(len(rows), len(columns))).tocsr()
+        matrix.eliminate_zeros()
+        return matrix
+
+    def gather(self, x: np.ndarray) -> np.ndarray:
+        """(n,) all contact rows of a dual vector (or mask), on every rank."""
+        mine = np.asarray(x[self._owned], float)
+        if self.comm.size == 1:
+            return mine
+        everyone = np.empty(self.size)
+        self.comm.Allgatherv(mine, (everyone, self._counts))
+        return everyone
+
+    def scatter(self, values: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """A copy of the dual vector `x` with the contact rows `values` (n,)."""
+        result = x.copy()
+        result[self._owned] = values[self._mine]
+        return result
+
+    def apply(self, v: np.ndarray) -> np.ndarray:
+        """F_cc v, shape (n,)."""
+        return self.local @ v + self.A @ (self.G @ (self.A.T @ v))
+
+    def galerkin(self, W) -> np.ndarray:
+        """W' F_cc W for sparse W (n, k)."""
+        T = (self.A.T @ W).T
+        coarse = T @ (T @ self.G).T
+        return (W.T @ (self.local @ W)).toarray() + (coarse + coarse.T) / 2
