@@ -175,7 +175,7 @@ class Writer:
         self.contact = self.record.contact
         self.history_rows, self.vtu = [], []  # vtu: (time, name) of every file of fields
         self.several = len(manifest.contact_labels) > 1  # then contact.csv ends with a column for the label
-        self.balance = self.dissipated = 0.0
+        self.balance, self.dissipated = (0.0, 0.0), 0.0  # the largest resultant left and the largest forces of the run
         self.mesh = self._gather_mesh() if fields else None
         self._boundary()
         with agreed_writes(operator.comm):
@@ -188,8 +188,8 @@ class Writer:
         fields, state = self.record.add(step)
         inner = [sub.multiply(u) for sub, u in zip(self.operator.structure.subdomains, fields)]
         forces, size = resultants(self.operator, step, inner, state)
-        if size.max() > 0:
-            self.balance = max(self.balance, float(np.abs(sum(forces.values())).max() / size.max()))
+        left = np.abs(sum(forces.values())).max()
+        self.balance = (max(self.balance[0], float(left)), max(self.balance[1], float(size.max())))
         self.dissipated += float(-(state["sigma_t"] * state["slip"] * self.contact.boundary.weight).sum())
         self._history_row(step, state, forces, self.record.displacements[-1])
         if self.write_fields:
@@ -340,7 +340,8 @@ class Writer:
             (self.directory / "fields.pvd").write_text(
                 f'<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n<Collection>\n{sets}'
                 "</Collection>\n</VTKFile>\n")
-        summary["balance"] = self.balance
+        left, forces = self.balance
+        summary["balance"] = left / forces if forces > 0 else 0.0
         if self.history_rows:
             summary["quantities"], at = self.record.quantities()
             summary["quantities_time"] = self.history_rows[at]["time"]

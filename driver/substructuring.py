@@ -493,7 +493,7 @@ def _number(manifest, subdomains, first, tables, corners, fixed, contact, comm) 
     normal_rows = np.flatnonzero(_acts(contact, contact.normal, fixed_keys))
     tangential_rows = np.empty(0, np.int64)
     if frictional:  # where the support fixes the normal direction there is no contact pressure to rub under
-        tangential_rows = normal_rows[_acts(contact, contact.tangent, fixed_keys)[normal_rows]]
+        tangential_rows = normal_rows[_slides(contact, fixed_keys)[normal_rows]]
 
     # (owner, kind, position) of every row; sorting them gives the numbering
     kind = np.repeat([GLUING, NORMAL, TANGENTIAL], [len(gluing), len(normal_rows), len(tangential_rows)])
@@ -536,6 +536,18 @@ def _row_scale(tables, row_gid, kind) -> np.ndarray:
     at = np.searchsorted(tables.gids, row_gid)
     seen = np.where(kind == GLUING, low[at], high[at])
     return 2.0 ** np.round(0.5 * np.log2(seen / seen.max(initial=0)))
+
+
+def _slides(contact: ContactBoundary, fixed_keys) -> np.ndarray:
+    """True for the contact nodes that can slide along the boundary while they touch.
+
+    A node on a rigid obstacle with one component held has one displacement: where the obstacle stops it, it stands.
+    Its friction would be a second force along that displacement, and only the sum of the two is determined: all of
+    it is taken for contact's.
+    """
+    held = np.isin(2 * contact.gid, fixed_keys) | np.isin(2 * contact.gid + 1, fixed_keys)
+    stands = held & ~contact.paired & _acts(contact, contact.normal, fixed_keys)
+    return _acts(contact, contact.tangent, fixed_keys) & ~stands
 
 
 def _acts(contact: ContactBoundary, direction: np.ndarray, fixed_keys) -> np.ndarray:

@@ -494,3 +494,14 @@ def test_block_diagonal_products_shared_and_padded():
 def test_a_class_is_shared_by_its_members_on_all_ranks(built):
     operator = built(subdomains="4x2", cells=4).operator
     assert all(c.shared == (len(c.members) >= 4) for c in operator.classes)
+
+
+def test_rows_of_a_slanted_boundary_that_ends_at_a_roller_are_independent(built):
+    """The tip has one displacement left: normal and tangential rows there would be multiples of each other."""
+    problem = built("hard/slope", left="roller", n=4, steps=1)
+    values = np.linalg.eigvalsh(problem.F)
+    assert values[0] > 1e-6 * values[-1]  # condition of F below a million: no row repeats another
+    contact = problem.structure.contact
+    tip = np.flatnonzero(np.linalg.norm(contact.xy, axis=1) < 1e-12)
+    assert contact.normal_row[tip] >= 0 > contact.tangential_row[tip]
+    assert (np.delete(contact.tangential_row, tip) >= 0).all()
