@@ -107,16 +107,16 @@ def _reference(run: tuple, limit: float) -> Outcome:
     return outcome
 
 
-def run_command(words: list[str], directory: Path, limit: float, **changes) -> Outcome:
+def run_command(words: list[str], directory: Path, limit: float, prefix: list[str] = (), **changes) -> Outcome:
     """One call of the command line whose results go to `directory`; killed after `limit` seconds.
 
-    `changes` are environment variables to set.
+    `prefix` is a command that runs it, `changes` are environment variables to set.
     """
     for left in (directory, directory.with_name(f"{directory.name}-unconverged")):
         shutil.rmtree(left, ignore_errors=True)
     env = {**os.environ, "PYTHONPATH": str(environment.ROOT), **changes}
     clock = time.perf_counter()
-    with subprocess.Popen([sys.executable, "-m", "driver", *words], cwd=environment.ROOT, env=env, text=True,
+    with subprocess.Popen([*prefix, sys.executable, "-m", "driver", *words], cwd=environment.ROOT, env=env, text=True,
                           stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as child:
         try:
             _, said = child.communicate(timeout=limit)

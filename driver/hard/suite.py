@@ -19,7 +19,7 @@ from ..oracle import OracleFailure
 from ..run import RESULTS
 from .case import Case, Outcome, reference, run_case
 
-FAMILIES = ("material", "geometry", "contact", "friction", "scale", "support")
+FAMILIES = ("material", "geometry", "contact", "friction", "scale", "support", "environment")
 RESIDUALS = ("stationarity", "gluing", "penetration", "sign", "cone", "complementarity")
 OPTIONS = ("family", "case", "fast", "jobs", "out")
 

@@ -1,0 +1,212 @@
+"""Environment: disks, programs, exports and processes that fail; one line says so, and nothing is lost."""
+
+import contextlib
+import json
+import os
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from ..checkpoint import NAME
+from ..environment import ROOT, program
+from .case import Case, Check, Outcome, run_command, run_scene
+
+SCENE = "hard/block"
+
+
+def _command(case: Case, size: dict, directory: Path) -> list[str]:
+    options = {"SCENE": case.scene, **case.arguments(size), "OUT": directory}
+    return ["run", *(f"{name}={value}" for name, value in options.items())]
+
+
+# ---- what surrounds the run ------------------------------------------------------------------------
+
+def mounted(how: str, instead: str):
+    """A run whose results go to a file system of its own, mounted with the options `how`.
+
+    Where a user may not mount, `instead` is a shell command that has the same effect as nearly as can be.
+    """
+    def perform(case, size, directory):
+        directory.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory() as place:
+            mount = f"mount -t tmpfs -o {how} none {shlex.quote(place)}"
+            own = ["unshare", "-rm", "sh", "-c"]
+            allowed = subprocess.run([*own, mount], stderr=subprocess.DEVNULL).returncode == 0
+            prefix = [*own, f'{mount} && exec "$@"', "sh"] if allowed else [
+                "sh", "-c", f'cd {shlex.quote(place)} && {instead} && cd / && exec "$@"', "sh"]
+            return run_command(_command(case, size, Path(place) / "out"), directory, case.seconds, prefix)
+
+    return perform
+
+
+def without(*programs: str):
+    """A run on a machine where `programs` are not installed."""
+    def perform(case, size, directory):
+        with tempfile.TemporaryDirectory() as place:
+            for folder in reversed(os.environ["PATH"].split(os.pathsep)):
+                for path in Path(folder).glob("*"):
+                    link = Path(place) / path.name
+                    link.unlink(missing_ok=True)
+                    link.symlink_to(path)
+            for name in programs:
+                (Path(place) / name).unlink(missing_ok=True)
+            return run_command(_command(case, size, directory), directory, case.seconds, PATH=place)
+
+    return perform
+
+
+def freefem(script: str):
+    """A run with a shell script in FreeFEM's place; `$freefem` is the real program, `$export` the directory it fills."""
+    def perform(case, size, directory):
+        with tempfile.TemporaryDirectory() as place:
+            path = Path(place) / "FreeFem++"
+            path.write_text(f"#!/bin/sh\nfreefem={shlex.quote(program('FreeFem++'))}\n"
+                            'for word; do test "$last" = -export && export=$word; last=$word; done\n' + script)
+            path.chmod(0o755)
+            search = os.pathsep.join([place, os.environ["PATH"]])
+            return run_command(_command(case, size, directory), directory, case.seconds, PATH=search)
+
+    return perform
+
+
+def no_package(name: str):
+    """A run for which a Python package is not installed."""
+    def perform(case, size, directory):
+        with tempfile.TemporaryDirectory() as place:
+            (Path(place) / f"{name}.py").write_text(f"raise ImportError('no such package', name={name!r})\n")
+            return run_command(_command(case, size, directory), directory, case.seconds,
+                               PYTHONPATH=os.pathsep.join([place, str(ROOT)]))
+
+    return perform
+
+
+def edited(case, size, directory):
+    """A scene that is edited while FreeFEM runs."""
+    with tempfile.TemporaryDirectory() as place:
+        scene = Path(place) / "own.edp"
+        shutil.copy(ROOT / "edp" / f"{case.scene}.edp", scene)
+        given = Case(case.name, case.family, str(scene), case.options)
+        return freefem(f'"$freefem" "$@"; echo "// more" >> {shlex.quote(str(scene))}\n')(given, size, directory)
+
+
+def spoiled(spoil):
+    """The solver alone, on an export that `spoil`(directory of the export) has changed since it was sealed."""
+    def perform(case, size, directory):
+        from ..freefem import export, find_scene
+        from ..seal import read
+
+        with tempfile.TemporaryDirectory() as place:
+            work, own = Path(place), ("FIELDS", "FIGURES", "QUIET", "RESUME", "ERRORS", "RTOL", "FRICTION_RTOL", "PRIMAL_RTOL")
+            parameters = {name.lower(): value for name, value in case.arguments(size).items() if name not in own}
+            export(find_scene(case.scene), work / "export", parameters)
+            request = {"scene": "block", "settings": {}, "fields": False, "errors": "no", "quiet": True, "seconds": {},
+                       "fingerprint": {"scene or parameters": read(work / "export").content}}
+            (work / "request.json").write_text(json.dumps(request))
+            spoil(work / "export")
+            clock = time.perf_counter()
+            outcome = run_command(["solve", place], directory, case.seconds)
+            if (work / "answer.json").exists():
+                answer = json.loads((work / "answer.json").read_text())
+                outcome.status, outcome.message = answer["status"], answer["reason"]
+            outcome.seconds = time.perf_counter() - clock
+            return outcome
+
+    return perform
+
+
+def _flip(export: Path) -> None:
+    content = bytearray((export / "block-0.bin").read_bytes())
+    content[len(content) // 2] ^= 1
+    (export / "block-0.bin").write_bytes(content)
+
+
+def _cut(export: Path) -> None:
+    content = (export / "block-0.bin").read_bytes()
+    (export / "block-0.bin").write_bytes(content[: len(content) // 2])
+
+
+# ---- interruptions ---------------------------------------------------------------------------------
+
+def stopped(number: signal.Signals, rank: bool = False):
+    """A run hit by a signal as soon as it has a checkpoint, itself or one of its ranks, and then made again."""
+    def perform(case, size, directory):
+        words = [word for word in _command(case, size, directory) if word != "RESUME=no"]
+        env = {**os.environ, "PYTHONPATH": str(ROOT)}
+        directory.parent.mkdir(parents=True, exist_ok=True)
+        with subprocess.Popen([sys.executable, "-m", "driver", *words], cwd=ROOT, env=env, stdin=subprocess.DEVNULL,
+                              stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as child:
+            limit = time.monotonic() + case.seconds
+            while child.poll() is None and not list(directory.parent.glob(f".{directory.name}.*/{NAME}")):
+                if time.monotonic() > limit:
+                    child.kill()
+                time.sleep(0.01)
+            for pid in _ranks(directory) if rank else [child.pid]:
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(pid, number)
+            child.wait()
+        outcome = run_command(words, directory, case.seconds)
+        if outcome.status == 0 and outcome.summary["resumed_after_step"] == 0:
+            outcome.status, outcome.message = -1, "started over"
+        if list(directory.parent.glob(f".{directory.name}.*")):
+            outcome.status, outcome.message = -1, "a private directory was left"
+        return outcome
+
+    return perform
+
+
+def _ranks(directory: Path) -> list[int]:
+    """One of the ranks that work for the results `directory`."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/cmdline"):
+        with contextlib.suppress(OSError):
+            line = path.read_bytes().split(b"\0")
+            if b"solve" in line and os.fsencode(directory.parent / f".{directory.name}.") in b"\0".join(line) and b"mpirun" not in line[0]:
+                found.append(int(path.parent.name))
+    return found[-1:]
+
+
+def undisturbed(case: Case, size: dict, outcome: Outcome) -> Check:
+    """The same run without interruption: every table, to the last byte."""
+    with tempfile.TemporaryDirectory() as place:
+        whole = run_scene(case, size, Path(place) / "run").directory
+        names = sorted(path.name for path in whole.glob("*.csv"))
+        same = all((whole / name).read_bytes() == (outcome.directory / name).read_bytes() for name in names)
+        return Check("the run without interruption, bit by bit", float(not (same and names)), 0.5)
+
+
+def _refused(name: str, perform, reason: str, fast: bool = False, **options) -> Case:
+    return Case(name, "environment", SCENE, options, status=2, reason=reason, perform=perform, fast=fast)
+
+
+CASES = [
+    _refused("disk full while FreeFEM writes", mounted("size=200k", "ulimit -f 100"), "No space left|File too large|signal 25",
+             fast=True),
+    _refused("disk full while results are written", mounted("size=1m", "ulimit -f 100"), "No space left.*goes on after step|"
+             "File too large|signal 25", FIELDS="yes", STEPS=40, CELLS=2),
+    _refused("results on a read-only disk", mounted("ro", ": > out && mkdir .out"), "cannot write results.*Read-only|is no directory",
+             fast=True),
+    _refused("FreeFEM missing", without("FreeFem++"), "FreeFem\\+\\+ is not installed; run 'make setup'"),
+    _refused("mpirun missing", without("mpirun"), "mpirun is not installed; run 'make setup'", NP=2),
+    _refused("petsc4py missing", no_package("petsc4py"), "package petsc4py is not installed; run 'make setup'", fast=True),
+    _refused("petsc4py missing on ranks", no_package("petsc4py"), "package petsc4py is not installed", NP=2),
+    _refused("FreeFEM fails", freefem("echo 'Out of bound'; exit 6\n"), "FreeFEM failed.*exit 6"),
+    _refused("FreeFEM is killed", freefem("kill -9 $$\n"), "FreeFEM was killed by signal 9", fast=True),
+    _refused("FreeFEM writes nothing", freefem("exit 0\n"), "manifest.json is missing"),
+    _refused("FreeFEM loses a block", freefem('"$freefem" "$@"; rm "$export/block-0.bin"\n'), "block-0.bin is missing"),
+    _refused("FreeFEM writes half a block", freefem('"$freefem" "$@"; truncate -s 4000 "$export/block-0.bin"\n'), "is truncated"),
+    _refused("FreeFEM writes half a manifest", freefem('"$freefem" "$@"; truncate -s 400 "$export/manifest.json"\n'),
+             "manifest.json is not readable"),
+    _refused("scene edited while FreeFEM runs", edited, "stale", fast=True),
+    _refused("export with a flipped bit", spoiled(_flip), "was changed after FreeFEM wrote it", fast=True),
+    _refused("export cut in half", spoiled(_cut), "is truncated"),
+    _refused("export without its seal", spoiled(lambda export: (export / "seal.json").unlink()), "seal.json is missing"),
+    Case("interrupted", "environment", SCENE, {"STEPS": 40}, checks=(undisturbed,), perform=stopped(signal.SIGINT)),
+    Case("driver killed", "environment", SCENE, {"STEPS": 40}, checks=(undisturbed,), perform=stopped(signal.SIGKILL), fast=True),
+    Case("a rank killed", "environment", SCENE, {"STEPS": 20, "NP": 2}, checks=(undisturbed,),
+         perform=stopped(signal.SIGKILL, rank=True)),
+]
