@@ -45,7 +45,7 @@ def test_closed_form_takes_the_place_of_overkill():
     # Hertz: the ellipse of p0 over 2a carries P
     assert np.pi / 2 * a * p0 == pytest.approx(P, rel=1e-12)
     assert a**2 == pytest.approx(4 * P * (1 - 0.3**2) / (np.pi * 2000), rel=1e-12)
-    assert found["peak_pressure"].uncertainty == pytest.approx(a**2 + 0.005, rel=1e-9)
+    assert found["peak_pressure"].uncertainty == pytest.approx(2 * a**2 + 0.005, rel=1e-9)
 
 
 def test_an_error_that_cancels_by_accident_is_not_trusted():
