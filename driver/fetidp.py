@@ -46,7 +46,9 @@ from .errors import NoSolution, agree
 from .reduction import LocalClass, group, petsc_matrix, reduce_class
 from .substructuring import GLUING, ContactBoundary, Substructure
 
-SOFTNESS = 3.0  # of the springs under free bodies: rho in units of (number of corner dofs) / (stiffness of one)
+SOFTNESS = 10.0  # of the springs under free bodies: rho in units of (number of corner dofs) / (stiffness of one)
+DEPENDENT = 1e-9  # eigenvalues of a local F below this part of the largest: rows that depend on one another
+FLOOR = 0.01  # of a released corner's stiffness: what holds a subdomain all of whose corners are released
 
 
 class DualOperator:
@@ -498,7 +500,8 @@ class DirichletPreconditioner:
 
     def __init__(self, operator: DualOperator):
         self.operator = operator
-        self.schur = [_schur(c) for c in operator.classes]
+        general = operator.modes or operator.structure.contact.paired.any()
+        self.schur = [_released(c) if general else _schur(c) for c in operator.classes]
         self.blocks = BlockDiagonal(operator.classes, self.schur, "rows", "rows")
 
     def columns(self, residual: np.ndarray, free: np.ndarray) -> np.ndarray:
@@ -522,7 +525,7 @@ class DirichletPreconditioner:
 def _schur(c: LocalClass) -> np.ndarray:
     """(m, m) stiffness of one subdomain in its rows' displacements."""
     B_c = c.B_c.toarray()
-    on_corner = (np.abs(B_c).max(axis=1, initial=0) > 0) & (np.asarray(abs(c.B_r).sum(axis=1)).ravel() == 0)
+    on_corner = np.abs(B_c).max(axis=1, initial=0) > 0
     torn = ~on_corner
     inverse = np.linalg.pinv(c.F[np.ix_(torn, torn)], hermitian=True)
     relative = np.zeros((torn.sum(), len(torn)))  # v_b - A v_c
@@ -531,6 +534,21 @@ def _schur(c: LocalClass) -> np.ndarray:
     schur = relative.T @ inverse @ relative
     schur[np.ix_(on_corner, on_corner)] += B_c[on_corner] @ c.S @ B_c[on_corner].T
     return schur
+
+
+def _released(c: LocalClass) -> np.ndarray:
+    """(m, m) the same for rows of any kind: all corner dofs that contact rows move are released.
+
+    Its inverse is F_i + A S^-1 A' over these corners; a subdomain with no other corners is held a little. Rows that
+    depend on one another here, though not with the other body's part, get the stiffness of an average row.
+    """
+    moved = np.abs(c.B_c.toarray()).max(axis=0, initial=0) > 0
+    S, A = c.S[np.ix_(moved, moved)], c.A[:, moved]
+    S = S + FLOOR * np.diag(np.diag(S))
+    compliance, vectors = np.linalg.eigh(c.F + A @ np.linalg.solve(S, A.T))
+    independent = compliance > DEPENDENT * compliance.max(initial=0.0)
+    average = np.median(compliance[independent]) if independent.any() else 1.0
+    return (vectors / np.where(independent, compliance, average)) @ vectors.T
 
 
 def _scatter(vector: PETSc.Vec, index: np.ndarray, width: int = 1):

@@ -1,15 +1,17 @@
-"""Stage 3, between bodies: mortar coupling of two boundaries with piecewise constant multipliers.
+"""Stage 3, between bodies: mortar coupling of two boundaries with dual multipliers.
 
-One side of a contact pair carries the contact nodes; a node's multiplier is constant on its dual segment, the
-halves of its two edges, so that each multiplier keeps a scalar bound. Node i keeps
+One side of a contact pair carries the contact nodes. The multiplier's basis functions psi_i are biorthogonal to
+the side's hat functions, int psi_i phi_j ds = delta_ij int phi_i ds, so that every node has a condition and a
+bound of its own,
 
-    n_i . jump_i <= gap_i,      jump_i = 1/|S_i| int_{S_i} (u - u* o pi) ds,      gap_i = 1/|S_i| int_{S_i} g ds,
+    n_i . jump_i <= gap_i,    jump_i = u_i - 1/w_i int psi_i (u* o pi) ds,    gap_i = 1/w_i int psi_i g ds,
 
-S_i being the part of its dual segment that faces the other side, pi the projection onto the other side along the
-field n of averaged nodal normals, g the distance on that way. Both sides are cut at each other's vertices, so that
-the integrals of piecewise linear displacements are exact on straight boundaries and constant stress passes (patch
-test). See Bernardi, Maday, Patera (1994); Puso, Laursen: A mortar segment-to-segment contact method (2004); for
-normals and projection Yang, Laursen, Meng (2005).
+with w_i = int phi_i ds over the part of the boundary that faces the other side, pi the projection onto that side
+along the field n of averaged nodal normals, u* its displacement and g the distance on that way. Both sides are cut
+at each other's vertices, so that the integrals are exact on straight boundaries; as the psi_i add up to one,
+constant stress passes (patch test). On edges that are covered in part the psi_i are dual on that part. See
+Wohlmuth, A mortar finite element method using dual spaces for the Lagrange multiplier (2000); Popp, Gitterle,
+Gee, Wall (2010); for normals and projection Yang, Laursen, Meng (2005).
 """
 
 from dataclasses import dataclass
@@ -21,7 +23,7 @@ from .errors import InputError
 POINT = np.array([-np.sqrt(0.6), 0.0, np.sqrt(0.6)])  # Gauss, exact to degree 5 on [-1, 1]
 WEIGHT = np.array([5.0, 8.0, 5.0]) / 18.0  # of an interval of length 1
 FACING = -0.2  # cosine between the normals of facing edges, at most
-SLIVER = 1e-9  # parts of an edge shorter than this, relative to the edge, are rounding
+SLIVER = 1e-6  # parts of an edge shorter than this, relative to the edge, do not count
 
 
 @dataclass
@@ -44,7 +46,7 @@ class Side:
 class Coupling:
     """What the contact nodes of one pair keep; n is the number of vertices of the first side.
 
-    `weight` (n,) = |S_i|, zero where nothing is faced; `gap` (n,); `normal` (n, 2). The jump is a sum of terms:
+    `weight` (n,) = w_i, zero where nothing is faced; `gap` (n,); `normal` (n, 2). The jump is a sum of terms:
     value_k times the displacement of vertex vertex_k of side side_k goes to row node_k.
     """
 
@@ -61,22 +63,19 @@ def couple(first: Side, second: Side, held: np.ndarray) -> Coupling:
     """Mortar coupling of two sides. Raises InputError if a place of the first faces several of the second.
 
     A vertex of the first side that a support holds (`held`, (n,) bool) has no displacement to constrain: the next
-    vertex's multiplier takes its half edge over, which keeps constant stress exact and the rows independent.
+    vertex's multiplier takes its part over, which keeps constant stress exact and the rows independent.
     """
     normal = first.nodal_normals()
-    edge, other, start, stop = _segments(first, normal, second)
-    n = len(first.xy)
+    e, o, start, stop = _segments(first, normal, second)
+    n, dual = len(first.xy), _dual_basis(len(first.edges), e, start, stop)
     weight, gap = np.zeros(n), np.zeros(n)
     terms = []
-    for half, (low, high) in enumerate(((0.0, 0.5), (0.5, 1.0))):  # of each edge, with its vertex's multiplier
-        a, b = np.maximum(start, low), np.minimum(stop, high)
-        keep = b - a > SLIVER
-        a, b, e, o = a[keep], b[keep], edge[keep], other[keep]
-        row = np.where(held[first.edges[e, half]], first.edges[e, 1 - half], first.edges[e, half])
-        for point, share in zip(POINT, WEIGHT):
-            xi = (a + b) / 2 + (b - a) / 2 * point
-            eta, distance, ds = _project(first, normal, second, e, o, xi)
-            part = share * (b - a) * ds
+    for point, share in zip(POINT, WEIGHT):
+        xi = (start + stop) / 2 + (stop - start) / 2 * point
+        eta, distance, ds = _project(first, normal, second, e, o, xi)
+        for end in (0, 1):  # the two multipliers of an edge
+            row = np.where(held[first.edges[e, end]], first.edges[e, 1 - end], first.edges[e, end])
+            part = share * (stop - start) * ds * (dual[e, end, 0] * (1.0 - xi) + dual[e, end, 1] * xi)
             np.add.at(weight, row, part)
             np.add.at(gap, row, part * distance)
             for side, edges, shape in ((0, first.edges[e], xi), (1, second.edges[o], eta)):
@@ -89,12 +88,30 @@ def couple(first: Side, second: Side, held: np.ndarray) -> Coupling:
                     *_merge(node, side, vertex, value, weight, used))
 
 
+def _dual_basis(edges: int, e: np.ndarray, start: np.ndarray, stop: np.ndarray) -> np.ndarray:
+    """(edges, 2, 2) dual basis of every edge in terms of its hat functions: psi_a = sum_b A_ab phi_b.
+
+    A = D M^-1 with D_aa = int phi_a, M_ab = int phi_a phi_b over the covered part of the edge.
+    """
+    D, M = np.zeros((edges, 2)), np.zeros((edges, 2, 2))
+    for point, share in zip(POINT, WEIGHT):
+        xi = (start + stop) / 2 + (stop - start) / 2 * point
+        phi = np.column_stack([1.0 - xi, xi])
+        part = share * (stop - start)
+        np.add.at(D, e, part[:, None] * phi)
+        np.add.at(M, e, part[:, None, None] * phi[:, :, None] * phi[:, None, :])
+    covered = D.sum(axis=1) > 0
+    A = np.zeros_like(M)
+    A[covered] = D[covered][:, :, None] * np.linalg.inv(M[covered])
+    return A
+
+
 def _merge(node, side, vertex, value, weight, used):
     """Terms with equal row and vertex added up and divided by the row's weight."""
     keys, inverse = np.unique(np.column_stack([node, side, vertex]), axis=0, return_inverse=True)
     total = np.bincount(inverse, value, minlength=len(keys))
     node, side, vertex = keys.T
-    keep = used[node] & (np.abs(total) > 1e-14 * weight[node])  # a shape function that only rounding touches
+    keep = used[node] & (np.abs(total) > 1e-12 * weight[node])  # the dual basis leaves rounding at the neighbours
     return node[keep], side[keep], vertex[keep], total[keep] / weight[node[keep]]
 
 

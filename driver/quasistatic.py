@@ -30,7 +30,6 @@ from .substructuring import GLUING
 from .uniqueness import Uniqueness, worthwhile
 
 CANCELLED = 1e-8  # displacements below this part of ||d|| are what rounding leaves of loads that contact takes
-BALANCE = 10.0  # imbalance of free bodies over RTOL: a QP solved to RTOL leaves about as much of its own
 SETTLING = 0.3  # relative change of pressures and friction bounds below which free bodies follow their springs
 WINDOW = 8  # iterations of the fixed point over which its changes must have fallen
 CORRECTIONS = 30  # friction bounds in the contact problem with F_cc, at most
@@ -333,7 +332,7 @@ class QuasistaticSolver:
         for iteration in range(1, self.settings.max_fixed_point + 1):
             result = self._solve_qp(0, iteration, load.d, (lower, upper), x, 0.0)
             x = result.x
-            if self.history.exit_status or self._imbalance(load, x) <= BALANCE * self.settings.rtol:
+            if self.history.exit_status or self._imbalance(load, x) <= self.settings.friction_rtol:
                 break
             self._move(load, x, result.gradient)
         else:
@@ -416,7 +415,7 @@ class QuasistaticSolver:
             if self.history.exit_status or not (coulomb or free):
                 return x, gradient, sliding
             trace.changes.append(change)
-            balanced = self._imbalance(load, x) <= BALANCE * settings.rtol
+            balanced = self._imbalance(load, x) <= settings.friction_rtol
             if balanced and self._settled(change, result):
                 return x, gradient, sliding
             tired = trace.iterations >= settings.max_fixed_point

@@ -65,6 +65,7 @@ class ContactBoundary:
     term_node: np.ndarray
     term_gid: np.ndarray
     term_value: np.ndarray
+    term_other: np.ndarray  # the term belongs to the other body
     normal_row: np.ndarray
     tangential_row: np.ndarray
     clamped: ClampedContact
@@ -364,14 +365,14 @@ def _contact_boundary(manifest, subdomains, tables, fixed, comm) -> ContactBound
         raise InputError(f"no contact node has the label {missing[0]}: the scene declares contact on a label "
                          "that its mesh lacks")
     arc = _arc_lengths(label, gid, xy, tables.edges)
-    paired, terms = np.isin(label, [one for one, _ in manifest.contact_pairs]), [(np.arange(n), gid, np.ones(n))]
+    paired, terms = np.isin(label, [one for one, _ in manifest.contact_pairs]), [(np.arange(n), gid, np.ones(n), np.zeros(n, bool))]
     terms = [tuple(column[~paired] for column in terms[0])]
     sides = _PairSides(manifest, subdomains, fixed, comm)
     for one, two in manifest.contact_pairs:
         here = np.flatnonzero(label == one)
-        weight[here], normal[here], more, (node, gids, value) = sides.couple(one, two, gid[here])
+        weight[here], normal[here], more, (node, *term) = sides.couple(one, two, gid[here])
         gap[here] += more
-        terms.append((here[node], gids, value))
+        terms.append((here[node], *term))
     held = _held(gid, fixed)
     values = fixed[1][np.searchsorted(fixed[0], 2 * gid[held & ~paired][:, None] + [0, 1])]
     clamped = ClampedContact(gid[held & ~paired], *(of[held & ~paired] for of in (label, xy, normal, gap)), values)
@@ -379,11 +380,11 @@ def _contact_boundary(manifest, subdomains, tables, fixed, comm) -> ContactBound
     order = kept[np.lexsort((arc[kept], label[kept]))]
     position = np.full(n, -1)
     position[order] = np.arange(len(order))
-    node, gids, value = (np.concatenate(column) for column in zip(*terms))
+    node, gids, value, other = (np.concatenate(column) for column in zip(*terms))
     node = position[node]
     none, used = np.full(len(order), -1), node >= 0
     return ContactBoundary(gid[order], label[order], xy[order], arc[order], weight[order], normal[order], gap[order],
-                           friction[order], initial[order], paired[order], node[used], gids[used], value[used],
+                           friction[order], initial[order], paired[order], node[used], gids[used], value[used], other[used],
                            none, none.copy(), clamped)
 
 
@@ -402,7 +403,7 @@ class _PairSides:
         self.edges = _gather(comm, np.concatenate(found))  # label, gid, gid, place, place, normal times length
 
     def couple(self, one: int, two: int, nodes: np.ndarray):
-        """Weight (n,), normal (n, 2), gap (n,) and terms (node, gid, value) of the contact nodes of a pair."""
+        """Weight (n,), normal (n, 2), gap (n,) and terms (node, gid, value, other body) of the nodes of a pair."""
         (first, gids), (second, others) = self._side(one), self._side(two)
         found = mortar.couple(first, second, _held(gids, self.fixed))
         if not found.weight.any():
@@ -413,7 +414,7 @@ class _PairSides:
         position[at] = np.arange(len(nodes))
         vertex_gid = np.where(found.side == 0, gids[np.where(found.side == 0, found.vertex, 0)],
                               others[np.where(found.side == 1, found.vertex, 0)])
-        return found.weight[at], found.normal[at], found.gap[at], (position[found.node], vertex_gid, found.value)
+        return found.weight[at], found.normal[at], found.gap[at], (position[found.node], vertex_gid, found.value, found.side == 1)
 
     def _side(self, label: int) -> tuple[mortar.Side, np.ndarray]:
         edges = self.edges[self.edges[:, 0] == label]
@@ -677,7 +678,8 @@ class _Numbering:
     def _pair_rows(self, sub, held, direction, rows):
         """Rows between two bodies: the terms at the vertices that this subdomain owns.
 
-        The preconditioner halves a row between the two bodies, and each half in proportion to the terms.
+        The preconditioner knows a row by the stiffness of the side with the contact nodes alone: the other side's
+        rows depend on one another where its mesh is coarser.
         """
         c, order = self.contact, np.argsort(sub.vertex_gid)
         at, inside = _lookup(sub.vertex_gid[order], c.term_gid)
@@ -687,11 +689,11 @@ class _Numbering:
         here, start, count = np.unique(c.term_node[mine], return_index=True, return_counts=True)
         slot = np.arange(len(mine)) - np.repeat(start, count)  # a term's place in its row
         place = (np.repeat(np.arange(len(here)), count), slot)
-        vertex, value = np.zeros((2, len(here), count.max(initial=1)))
-        vertex[place], value[place] = order[at[mine]], c.term_value[mine]
+        vertex, value, own = np.zeros((3, len(here), count.max(initial=1)))
+        vertex[place], value[place], own[place] = order[at[mine]], c.term_value[mine], ~c.term_other[mine]
         shape = (len(here), 2 * vertex.shape[1])
         dof = (2 * vertex.astype(np.int64)[:, :, None] + [0, 1]).reshape(shape)
         coefficient = (value[:, :, None] * direction[here][:, None, :]).reshape(shape)
         free = ~held[dof]
-        scaling = 0.5 * np.abs(value).sum(axis=1)  # the values of either side add up to 1
+        scaling = (own * value).sum(axis=1)  # adds up to 1 over the subdomains
         return rows[here], np.ones(len(here)), dof, coefficient * free, coefficient * ~free, scaling

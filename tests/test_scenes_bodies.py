@@ -1,4 +1,4 @@
-"""Several bodies and bodies without support: scenes patch-bodies, slope."""
+"""Several bodies and bodies without support: patch-bodies, slope, wedge, hertz-bodies, mindlin-bodies, stack, joint."""
 
 import numpy as np
 import pytest
@@ -102,3 +102,159 @@ def test_block_rests_on_a_slope(solved, angle, subdomains):
 def test_impossible_equilibrium_is_named(solved, options):
     run = solved("slope", **options)
     assert run.status == 3 and "no equilibrium" in run.reason and "body 1" in run.reason
+
+
+# ------------------------------------------------------------------------------------------ closed forms
+
+def resultant_between(run, step=-1):
+    """(2,) force that the first side of the pairs feels."""
+    c = {name: column[step] for name, column in run.contact.items() if name != "status"}
+    normal = np.column_stack([c["normal_x"], c["normal_y"]])
+    tangent = np.column_stack([-normal[:, 1], normal[:, 0]])
+    return ((c["sigma_n"] * c["weight"])[:, None] * normal + (c["sigma_t"] * c["weight"])[:, None] * tangent).sum(axis=0)
+
+
+@pytest.mark.parametrize("options", [{}, {"angle": 25, "friction": 0.35, "subdomains": 3}])
+def test_wedge_force_ratio(solved, options):
+    """Once all slides: H/V = (F + tan)/(1 - F tan), to the tolerance of balance and fixed point."""
+    run = solved("wedge", **options)
+    assert run.status == 0 and np.all(run.contact["status"][-1] == "slip")
+    F, slope = options.get("friction", 0.2), np.tan(np.radians(options.get("angle", 15)))
+    force = resultant_between(run)
+    assert abs(force[0] / force[1]) == pytest.approx((F + slope) / (1 - F * slope), rel=1e-5)
+    assert force[1] == pytest.approx(20.0 * 24.0, rel=1e-5)  # pressure times the block's width
+
+
+def half_width_and_peak(x, traction):
+    """Of the ellipse through `traction` where it is above 0.3 of its peak: traction^2 is linear in x^2."""
+    high = traction > 0.3 * traction.max()
+    slope, square = np.polyfit(x[high] ** 2, traction[high] ** 2, 1)
+    return np.sqrt(-square / slope), np.sqrt(square)
+
+
+def ellipse(x, a, height):
+    return height * np.sqrt(np.maximum(0.0, 1 - (x / a) ** 2))
+
+
+def hertz_closed_form(P, moduli, radii, nu=0.3):
+    """Half-width and peak pressure of two cylinders under P per length."""
+    modulus = 1 / sum((1 - nu**2) / E for E in moduli)
+    a = np.sqrt(4 * P / sum(1 / R for R in radii) / (np.pi * modulus))
+    return a, 2 * P / (np.pi * a)
+
+
+def hertz_bodies_errors(run):
+    assert run.status == 0, run.reason
+    x, weight, pressure = run.contact["x"][-1], run.contact["weight"][-1], -run.contact["sigma_n"][-1]
+    a, p0 = hertz_closed_form(pressure @ weight, (2000, 4000), (1, 1.5))
+    width, peak = half_width_and_peak(x, pressure)
+    exact = ellipse(x, a, p0)
+    return abs(width / a - 1), abs(peak / p0 - 1), np.sqrt(weight @ (pressure - exact) ** 2 / (weight @ exact**2))
+
+
+def test_two_cylinders_at_the_shipped_mesh(solved):
+    width, peak, shape = hertz_bodies_errors(solved("hertz-bodies"))
+    # the closed form errs by (a/R)^2 = 0.1%; the profile by what the edge of contact leaves between two nodes
+    assert width < 0.01 and peak < 0.01 and shape < 0.03
+
+
+def test_two_cylinders_converge(solved):
+    loads = np.linspace(0.0018, 0.0025, 4)  # the edge of contact falls differently between nodes: average
+    found = [np.mean([hertz_bodies_errors(solved("hertz-bodies", h=h, approach=d))[2] for d in loads])
+             for h in (0.008, 0.004, 0.002)]
+    # sqrt-shaped ends: the edge elements' traction errs by sqrt(h/a) over a length h: order 1
+    assert found[0] > found[1] > found[2] and np.log2(found[0] / found[2]) / 2 > 0.7, found
+
+
+def partial_slip(run, F=0.3):
+    """Stick half-width and L2 error of the shear at the end of the first shift, both relative."""
+    assert run.status == 0, run.reason
+    step = int(np.argmin(np.abs(run.history["time"] - 1)))
+    c = {name: run.contact[name][step] for name in ("x", "weight", "sigma_n", "sigma_t")}
+    x, weight, pressure, shear = c["x"], c["weight"], -c["sigma_n"], np.abs(c["sigma_t"])
+    P, Q = weight @ pressure, weight @ shear
+    a, p0 = hertz_closed_form(P, (2000, 2000), (1, 1))
+    stick = a * np.sqrt(1 - Q / (F * P))
+    exact = ellipse(x, a, F * p0) - ellipse(x, stick, F * p0 * stick / a)
+    found, _ = half_width_and_peak(x, np.maximum(F * pressure - shear, 0.0))
+    return abs(found / stick - 1), np.sqrt(weight @ (shear - exact) ** 2 / (weight @ exact**2))
+
+
+def test_two_cylinders_in_partial_slip(solved):
+    stick, shear = partial_slip(solved("mindlin-bodies", steps=6))
+    assert stick < 0.02
+    assert shear < 0.06  # the profile's slope is infinite at both ends of the slip zones: order 1 in h, see the slow test
+
+
+@pytest.mark.slow
+def test_two_cylinders_in_partial_slip_on_a_finer_mesh(solved):
+    coarse, fine = (partial_slip(solved("mindlin-bodies", steps=6, h=h)) for h in (0.0015, 0.0005))
+    assert fine[0] < 0.02 and fine[1] < 0.02 and fine[1] < coarse[1] / 1.8
+
+
+# --------------------------------------------------------------------- bodies on bodies, none of them supported
+
+def assembled_laws(problem, step, u_t, far):
+    """Largest violation of the laws when the step's multipliers act on the assembled bodies; and u_t after it.
+
+    The assembled stiffness knows nothing of corners or gluing; the motions of the free bodies are fitted to the
+    step's jumps. Displacements relative to `far`, forces to the largest one.
+    """
+    from driver.oracle import Assembled
+
+    c, body = problem.structure.contact, Assembled(problem.manifest, problem.subdomains)
+    n, size = len(c.gid), body.K.shape[0]
+    B = np.zeros((2 * n, size))
+    for first, direction in ((0, c.normal), (n, c.tangent)):
+        for axis in (0, 1):
+            np.add.at(B, (first + c.term_node, 2 * c.term_gid + axis), c.term_value * direction[c.term_node, axis])
+    force = np.concatenate([step.multipliers[c.normal_row], step.multipliers[c.tangential_row]])
+    weights = step.weights[: len(problem.manifest.patterns)]
+    load = weights @ body.loads
+    imbalance = np.abs(body.motions.T @ (load - B.T @ force)).max() / np.abs(body.motions.T @ np.abs(load)).max()
+    jump = B @ body.solve(weights, -B.T @ force)
+    turned, wanted = B @ body.motions, np.concatenate([c.gap - step.gradient[c.normal_row], u_t - step.gradient[c.tangential_row]])
+    jump += turned @ np.linalg.lstsq(turned, wanted - jump, rcond=None)[0]
+    u_n, slip = jump[:n] - c.gap, jump[n:] - u_t
+    normal, rub, big = force[:n], force[n:], force.max()
+    bound = c.friction * normal
+    return max(imbalance, np.abs(jump - wanted).max() / far, u_n.max() / far, -normal.min() / big,
+               (np.abs(rub) - bound).max() / big, np.abs(normal * u_n).max() / (far * big),
+               (bound * np.abs(slip) - rub * slip).max() / (far * big)), jump[n:]
+
+
+@pytest.mark.parametrize("subdomains, push", [("9", 0.2), ("3", 0.2), ("2x1", 0.4)])
+def test_stack_obeys_the_laws_on_the_assembled_bodies(built, steps_of, subdomains, push):
+    problem = built("stack", subdomains=subdomains, push=push, h=0.15, steps=6)
+    assert len(problem.structure.rigid_modes) == 9
+    solver, steps = steps_of(problem, rtol=1e-11, friction_rtol=1e-9)
+    u_t, worst = np.zeros(len(problem.structure.contact.gid)), 0.0
+    for step in steps:
+        error, u_t = assembled_laws(problem, step, u_t, solver.scales.displacement)
+        worst = max(worst, error)
+    # the QP's residual is relative to what bodies on their springs alone would move, 200 times what they do: 2e-9;
+    # friction is settled to 1e-9; the rest is how far displacements answer to both
+    assert len(steps) == 6 and worst < 1e-7
+
+
+def test_stack_balances_and_does_not_depend_on_the_partition(solved):
+    one, other = (solved("stack", subdomains=s, steps=6, rtol=1e-11, friction_rtol=1e-9) for s in ("9", "4"))
+    for run in (one, other):
+        assert run.status == 0 and run.summary["balance"] < 1e-8
+    order = [np.lexsort((run.contact["x"][0], run.contact["y"][0].round(9))) for run in (one, other)]
+    for name in ("sigma_n", "sigma_t"):
+        a, b = (run.contact[name][:, o] for run, o in zip((one, other), order))
+        np.testing.assert_allclose(a, b, rtol=0, atol=1e-5 * np.abs(one.contact["sigma_n"]).max())
+
+
+def test_stack_topples_where_it_must(solved):
+    """Pushed at half height of the top block by F times its weight and more it slides off: no equilibrium."""
+    run = solved("stack", push=0.6, steps=4)
+    assert run.status == 3 and "no equilibrium" in run.reason and "step 2" in run.reason
+    assert run.summary["converged"] is False and run.summary["steps"] == 1
+
+
+def test_ranks_do_not_change_a_bit(solved):
+    one, other = (solved("stack", subdomains="5", steps=3, np=n) for n in (1, 3))
+    for name in ("sigma_n", "sigma_t", "u_n", "u_t"):
+        np.testing.assert_array_equal(one.contact[name], other.contact[name])
