@@ -229,13 +229,15 @@ class EnergyEstimator:
             return Estimate(step.index, reason=reason)
         shift = base - elastic + thermal  # by the consistent contact forces
         pull = lambda u: _stress(body.elasticity, body.strain(self._admissible(u, contact) - u))
-        apart_qp, gap_qp = pull(fields - moved), contact.nodal_gap()
+        before = None if moved is None else (pull(fields - moved), contact.nodal_gap())  # of the QP's own solution
         apart, gap, nodal_gap = pull(fields), contact.duality_gap(), contact.nodal_gap()
+        apart_qp, gap_qp = before or (apart, nodal_gap)
         mean = self.deviations.mean(deviation)
         share = np.maximum(self.deviations.energy(deviation) + body.work(2 * mean + shift, shift), 0.0)
         whole = share.sum() + body.work(apart - 2 * (mean + shift), apart).sum()
         rate = min(np.nan_to_num(step.contraction), SLOWEST)
-        onward = body.norm(_stress(body.elasticity, body.strain(moved))) / (1 - rate)  # of all changes to come
+        change = 0.0 if moved is None else body.norm(_stress(body.elasticity, body.strain(moved)))
+        onward = change / (1 - rate)  # of all changes to come
         return Estimate(
             step.index, mesh=_root(share.sum(), max(gap - nodal_gap, 0.0)),
             solver=_root(body.norm(apart_qp) ** 2, gap_qp) + unbalanced,
@@ -243,9 +245,9 @@ class EnergyEstimator:
             total=_root(whole, gap) + unbalanced + onward, norm=body.norm(elastic), indicator=np.sqrt(share))
 
     def _moved(self, step: Step) -> np.ndarray | None:
-        """Torn displacements by the last change of the friction forces, on rank 0."""
+        """Torn displacements by the last change of the friction forces, on rank 0; None where there was none."""
         if step.moved is None:
-            return np.zeros((len(self.body.vertex), 2)) if self.root else None
+            return None
         return self._gather_fields(self.operator.displacements(step.moved, np.zeros(len(step.weights))))
 
     def _body_force(self, weights: np.ndarray) -> np.ndarray | None:

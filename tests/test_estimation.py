@@ -244,6 +244,10 @@ def test_the_friction_part_is_the_way_to_the_fixed_point(estimated):
     early, last = (estimated(settings=(("rtol", 1e-9), ("friction_rtol", tolerance), ("inner_rtol", 1e-9)), **base)
                    for tolerance in (0.3, 1e-10))
     assert 0.5 < true_error(early[1], last[1]) / early[2].friction < 2
+    problem, estimator, found = early
+    step = estimator.last[1]
+    onward = np.sqrt(step.moved @ problem.operator.apply(step.moved)) / (1 - step.contraction)
+    assert found.total - expected_total(estimator) == pytest.approx(onward, rel=1e-3)  # of a sum 1e4 times as large
 
 
 def stir(step, solver):
@@ -265,6 +269,34 @@ def test_the_bound_holds_far_from_the_solution(estimated):
     assert error > 1.2 * undisturbed
     assert error <= found.total <= found.mesh + found.solver
     assert found.solver > 0.5 * found.mesh
+
+
+def test_the_total_is_that_of_its_stress_and_displacements(estimated):
+    """The estimate adds up squares and products of small differences; here the two stresses are subtracted."""
+    _, estimator, found = estimated("model-tresca", cells=4, steps=1, change=stir)
+    assert found.total == pytest.approx(expected_total(estimator), rel=1e-6)  # vertices are out of balance by rounding
+
+
+def expected_total(estimator):
+    """The bound without a friction part, by the energy of the difference of the two stresses."""
+    body, contact = estimator.body, estimator.contact
+    kinematic = np.einsum("tij,tj->ti", body.elasticity, body.strain(estimator.kinematic))
+    apart = estimator.stress - kinematic[:, None, None]
+    square = sum(equilibration.linear_energy(body.mesh.area / 3, body.compliance, apart[:, k]).sum() for k in range(3))
+    return np.sqrt(square) / 2 + np.sqrt(square / 4 + contact.duality_gap())
+
+
+def test_the_duality_gap_is_the_integral_over_the_contact_boundary(estimated):
+    """By a rule of many points; slip changes its sign inside edges, where the rule is good to 1/n^2."""
+    _, estimator, _ = estimated("model-tresca", cells=4, steps=1, change=stir)
+    c, n = estimator.contact, 2000
+    assert (np.diff(np.sign(c.slip[c.node]), axis=1) != 0).any() and c.distance.max() > 0
+    at = (np.arange(n) + 0.5) / n
+    along = lambda value: (1 - at) * value[c.node[:, :1]] + at * value[c.node[:, 1:]]
+    pressure, shear, bound, distance, slip = map(along, (c.pressure, c.shear, c.bound, c.distance, c.slip))
+    parts = [(c.length @ term.mean(axis=1)) for term in (pressure * distance, bound * np.abs(slip) + shear * slip)]
+    assert min(parts) > 1e-3 * max(parts)
+    assert c.duality_gap() == pytest.approx(sum(parts), rel=1e-5)
 
 
 def slip_away(step, solver):
@@ -310,6 +342,9 @@ def test_unbalanced_vertices_are_reported_and_spread(estimated):
     for k in range(2):
         if inner[k]:
             at = np.flatnonzero(vertex == body.mesh.triangles[0, k])[0]
+            around = body.mesh.triangles == body.mesh.triangles[0, k]
+            left = (moments[body.mesh.first] - moments[body.mesh.last] - load)[around]
+            np.testing.assert_allclose(left, np.tile(imbalance[at] / around.sum(), (around.sum(), 1)), atol=1e-9 * np.abs(load).max())
             np.testing.assert_allclose(imbalance[at], -np.array([[3.0, 0.0], [0.0, 5.0]])[k], atol=1e-6 * np.abs(load).max())
 
 
