@@ -23,7 +23,7 @@ from matplotlib.colors import ListedColormap, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import FuncFormatter, MaxNLocator
 from scipy.spatial import cKDTree
 
 from .errors import InputError
@@ -84,6 +84,7 @@ class Run:
     boundary: dict | None
     first: Mesh | None
     last: Mesh | None
+    adaptivity: dict | None = None
 
     @property
     def quasistatic(self) -> bool:
@@ -136,7 +137,7 @@ def read_run(directory: Path) -> Run:
                 for d in ElementTree.parse(directory / "fields.pvd").iter("DataSet")]
         if sets:
             first, last = (read_mesh(path, time) for time, path in (min(sets), max(sets)))
-    tables = {n: read_table(directory / f"{n}.csv") for n in ("history", "contact", "convergence", "boundary")}
+    tables = {n: read_table(directory / f"{n}.csv") for n in ("history", "contact", "convergence", "boundary", "adaptivity")}
     return Run(json.loads((directory / "summary.json").read_text()), first=first, last=last, **tables)
 
 
@@ -708,6 +709,29 @@ def convergence(figure: Figure, run: Run) -> None:
     header(figure, run, "Convergence of MPRGP", handles, note)
 
 
+# ------------------------------------------------------------------------------------ adaptivity
+
+def adaptivity(figure: Figure, run: Run) -> None:
+    """The adapted mesh, and the error in the energy norm over the unknowns of all cycles."""
+    figure.set_figheight(8.5 * INCH)
+    body, error = figure.subplots(1, 2, width_ratios=[1.7, 1])
+    scale = length_scale(run, run.first.xy)
+    body.set_aspect("equal")
+    body.triplot(*(run.first.xy * scale.factor).T, run.first.triangles, lw=0.25, color=INK, rasterized=True)
+    body.set(xlabel=f"$x$ [{scale.label}]", ylabel=f"$y$ [{scale.label}]")
+    size, relative = run.adaptivity["primal_dofs"], 100 * run.adaptivity["relative"]
+    error.loglog(size, relative, "o-", color=BLUE, label="cycles")
+    error.loglog(size, relative[0] * (size / size[0]) ** -0.5, "--", color="0.6", lw=0.8, label=r"$N^{-1/2}$")
+    error.set(xlabel="primal unknowns $N$", ylabel="error in the energy norm [%]")
+    error.grid(color="0.9", lw=0.5, which="both")
+    for axis in (error.xaxis, error.yaxis):
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_minor_formatter(FuncFormatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "25" else ""))
+    error.tick_params(which="both", labelsize=7)
+    header(figure, run, "Adaptive refinement", error.get_legend_handles_labels()[0],
+           f"{len(run.first.triangles)} triangles after {len(size) - 1} cycles")
+
+
 # ----------------------------------------------------------------------------------------- history
 
 def history(figure: Figure, run: Run) -> None:
@@ -759,12 +783,13 @@ def wanted(run: Run) -> dict:
         contact_status: touching and run.quasistatic and len(np.unique(run.contact["step"])) > 1,
         convergence: run.convergence is not None,
         history: touching and moving,
+        adaptivity: run.adaptivity is not None and run.first is not None and np.isfinite(run.adaptivity["relative"]).all(),
     }
     return {draw.__name__: draw for draw, yes in choice.items() if yes}
 
 
 FILES = ("geometry", "loading", "deformed", "contact_normal", "contact_tangential", "contact_status",
-         "convergence", "history")
+         "convergence", "history", "adaptivity")
 
 
 def compose(name: str, run: Run) -> Figure:

@@ -207,6 +207,18 @@ def test_options_of_adaptation(solved):
     assert not list(run.directory.glob("size*")) and not list(run.directory.glob("cycle*"))
 
 
+def test_figure_of_the_mesh_and_its_error(solved):
+    from driver import figures
+
+    run = solved("pressfit", h=5, adapt=1, errors="energy", fields="yes")
+    assert "adaptivity" in figures.wanted(figures.read_run(run.directory))
+    drawn = figures.compose("adaptivity", figures.read_run(run.directory))
+    body, error = drawn.axes
+    sizes, relative = error.lines[0].get_data()
+    np.testing.assert_allclose(sizes, [row["primal_dofs"] for row in cycles(run)])
+    assert relative[-1] == pytest.approx(100 * run.summary["errors"]["energy"]["mesh"] / run.summary["errors"]["energy"]["norm"])
+
+
 def test_point_loads_have_no_error_to_refine_by(solved, tmp_path):
     scene = tmp_path / "point.edp"
     scene.write_text(freefem.find_scene("bar").read_text().replace(
