@@ -84,7 +84,8 @@ def full_sliding(outcome):
     yield abs((c["sigma_t"] * c["weight"]).sum(axis=1)[-1]), F * abs(pressed)
 
 
-MANY = {"CYCLES": 100, "STEPS": 800}
+# a step inherits the slip of all before it: errors of 800 steps may add up
+MANY = {"CYCLES": 100, "STEPS": 800, "RTOL": 1e-12, "FRICTION_RTOL": 1e-11}
 CASES = [
     Case("no friction", "friction", BLOCK, {"FRICTION": 0}, checks=BOTH, easy={"FRICTION": 0.3}, ratio=2.0, sweep=("friction coefficient", 0.01)),
     *(Case(f"F = {F:g}", "friction", BLOCK, {"FRICTION": F}, checks=BOTH, easy={"FRICTION": 0.3}, sweep=("friction coefficient", F), fast=F == 1)
@@ -96,7 +97,8 @@ CASES = [
     Case("F jumps from 1 to 0", "friction", CYCLES, {"CYCLES": 2, "STEPS": 16, "FRICTION": 1, "JUMP": 0}, checks=BOTH),
     Case("full sliding sets in", "friction", "tutorial", {"STEPS": 10}, sizes=({}, {"SUBDOMAINS": 12}),
          checks=(laws(1e-6), closed_form("T = F N", 1e-6, full_sliding), holds("all slide", lambda o: "stick" not in states(o)))),
-    Case("everything sticks", "friction", BLOCK, {"FRICTION": 1, "LIFT": 0, "PULL": 0}, checks=(*BOTH, holds("all stick", lambda o: states(o) == {"stick"}))),
+    Case("everything sticks", "friction", BLOCK, {"FRICTION": 1, "LIFT": 0, "PULL": 0}, 
+         checks=(laws(1e-6), holds("all stick", lambda o: states(o) == {"stick"}))),  # nothing moves: no displacement to compare
     Case("contact ends at the clamped side", "friction", CYCLES, {"CYCLES": 1, "STEPS": 8}, checks=BOTH,
          sizes=({"CELLS": 8}, {"CELLS": 16})),
     Case("100 cycles", "friction", CYCLES, MANY, sizes=({"SUBDOMAINS": "2x1", "CELLS": 4}, {"SUBDOMAINS": "4x2", "CELLS": 4}),

@@ -19,7 +19,7 @@ from ..oracle import OracleFailure
 from ..run import RESULTS
 from .case import Case, Outcome, reference, run_case
 
-FAMILIES = ("material", "geometry", "contact", "friction", "scale", "support", "environment")
+FAMILIES = ("material", "geometry", "contact", "friction", "scale", "support", "algorithm", "environment")
 RESIDUALS = ("stationarity", "gluing", "penetration", "sign", "cone", "complementarity")
 OPTIONS = ("family", "case", "fast", "jobs", "out")
 
@@ -136,7 +136,9 @@ def judge(case: Case, size: dict, folder: Path) -> Row:
     if outcome.crashed or outcome.status != case.status:
         return row
     if case.status:
-        if re.search(case.reason, outcome.message) and not outcome.directory.exists():
+        # what was found before an iteration limit is kept, marked as not converged; else nothing is left behind
+        left = outcome.summary.get("converged") is False if case.status == 4 else not outcome.directory.exists()
+        if re.search(case.reason, outcome.message) and left:
             row.status = "refused"
         return row
     try:
