@@ -11,7 +11,6 @@ Haslinger, Kucera, Sassi: floating bodies; for the static theorem Kanno (2011), 
 """
 
 import numpy as np
-from scipy.optimize import linprog
 from scipy.sparse import bmat, csr_matrix, diags, identity
 
 from .friction import ContactRows
@@ -54,6 +53,8 @@ def _solve(normal, gap, tangential, pair, bound, tresca, bilateral, work, size):
     elif j:
         pick = csr_matrix((np.ones(j), (np.arange(j), pair)), shape=(j, k))
         cone = bmat([[-diags(bound) @ pick, identity(j)], [-diags(bound) @ pick, -identity(j)]]).tocsr()
+    from scipy.optimize import linprog  # slow to import, and only free bodies need it
+
     far = np.abs(gap).max(initial=0.0) or 1.0
     found = linprog(np.concatenate([gap / far, np.zeros(j)]), A_ub=cone, b_ub=None if cone is None else np.zeros(2 * j),
                     A_eq=balance, b_eq=work / reach / force, method="highs",

@@ -209,7 +209,8 @@ class _Block:
         seals.check(seal, path)
         if path.stat().st_size % 8:
             raise InputError(f"{path} is truncated: its size is not a multiple of 8 bytes")
-        self.words = np.memmap(path, dtype=np.int64, mode="r") if path.stat().st_size else np.empty(0, np.int64)
+        size = path.stat().st_size  # a plain view: slices of a memmap are objects that cost more than small arrays
+        self.words = np.memmap(path, dtype=np.int64, mode="r").view(np.ndarray) if size else np.empty(0, np.int64)
 
     def array(self, count: int, dtype=np.int64) -> np.ndarray:
         """The next array, which must have `count` entries; float64 ones must be finite."""
@@ -350,7 +351,7 @@ def _dof_layout(reader: _Block, nd: int, xy: np.ndarray, where: str):
     vertex = np.arange(nd) // 2
     if not np.array_equal(component, np.arange(nd) % 2):
         raise InputError(f"{where}: dofs are not numbered vertex by vertex")
-    if not np.allclose(coordinate, xy[vertex, component], rtol=0, atol=1e-12 * np.ptp(xy)):
+    if np.abs(coordinate - xy.ravel()).max() > 1e-12 * np.ptp(xy):
         raise InputError(f"{where}: dof coordinates do not match the vertices")
     return vertex, component
 
@@ -395,8 +396,9 @@ def hat_gradients(corner: np.ndarray) -> np.ndarray:
 
 
 def _check_symmetric(rows, columns, values, nd, where) -> None:
-    forward, backward = np.lexsort((columns, rows)), np.lexsort((rows, columns))
-    same = np.array_equal(rows[forward], columns[backward]) and np.array_equal(columns[forward], rows[backward])
+    entry, mirrored = rows * nd + columns, columns * nd + rows
+    forward, backward = np.argsort(entry, kind="stable"), np.argsort(mirrored, kind="stable")
+    same = np.array_equal(entry[forward], mirrored[backward])
     # assembled from symmetric element matrices: only the order of additions can differ
     slack = 1e-12 * np.abs(values).max()
     if not same or np.abs(values[forward] - values[backward]).max() > slack:
