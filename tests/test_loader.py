@@ -556,3 +556,32 @@ def test_reading_part_of_the_subdomains(exported):
     for start, stop in [(0, 3), (3, 5), (5, 8), (7, 8), (4, 4)]:
         for sub, other in zip(read_subdomains(manifest, start, stop, MPI.COMM_SELF), everything[start:stop]):
             assert sub.index == other.index and np.array_equal(sub.values, other.values)
+
+
+def elastic(sub) -> np.ndarray:
+    """(dofs, dofs) stiffness of linear triangles from the exported elasticity, element by element."""
+    from driver.loader import hat_gradients
+
+    corner = sub.xy[sub.triangles]
+    gradient, K = hat_gradients(corner), np.zeros((sub.dofs, sub.dofs))
+    sides = corner[:, 1:] - corner[:, :1]
+    area = 0.5 * (sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0])
+    for t, vertices in enumerate(sub.triangles):
+        B = np.zeros((3, 6))
+        B[0, 0::2], B[1, 1::2] = gradient[t, :, 0], gradient[t, :, 1]
+        B[2, 0::2], B[2, 1::2] = gradient[t, :, 1], gradient[t, :, 0]
+        dofs = np.column_stack([2 * vertices, 2 * vertices + 1]).ravel()
+        K[np.ix_(dofs, dofs)] += area[t] * B.T @ sub.elasticity[t] @ B
+    return K
+
+
+@pytest.mark.parametrize("young", ["E", "(x > 1.2 ? 2. : 1.)*E", "E*(1 + x)", "(x > 1.2 && y < 0.4 ? 1.0001 : 1.)*E"])
+def test_pieces_share_a_stiffness_only_where_it_is_theirs(variant, exported, read, young):
+    """Pieces of a rectangle reuse the stiffness of piece 0: right for every material, the same on any ranks."""
+    scene = variant(f"young-{abs(hash(young))}", ("macro young() E //", f"macro young() {young} //"))
+    alone, spread = (exported(scene, ranks=ranks, subdomains="4x2", cells=5) for ranks in (1, 2))
+    for sub in read(alone, reduce=False).subdomains:
+        found, expected = np.zeros((sub.dofs, sub.dofs)), elastic(sub)
+        found[sub.rows, sub.columns] = sub.values
+        assert np.abs(found - expected).max() <= 1e-12 * np.abs(expected).max()  # rounding of some ten sums
+    assert seal.read(alone).content == seal.read(spread).content

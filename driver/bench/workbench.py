@@ -157,9 +157,11 @@ def ratios(over: list[float], under: list[float]) -> list[float]:
     return [a / b for a, b in zip(over, under)]
 
 
-def child(command: list[str], **changes) -> tuple[float, float]:
+def child(command: list[str]) -> tuple[float, float]:
     """Run a process: its wall seconds and peak memory in MiB. Raises RuntimeError with its last words if it fails."""
-    env = {**environment.child_environment(), "PYTHONPATH": str(environment.ROOT), **changes}
+    env = {**environment.child_environment(), "PYTHONPATH": str(environment.ROOT)}
+    for name in ("MAKEFLAGS", "MAKEOVERRIDES", "MFLAGS", "MAKELEVEL"):  # options of `make bench` are not the child's
+        env.pop(name, None)
     clock = time.perf_counter()
     with subprocess.Popen(command, env=env, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
                           text=True, errors="replace", cwd=environment.ROOT) as process:
