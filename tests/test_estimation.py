@@ -238,6 +238,16 @@ def test_parts_answer_to_their_own_knob(estimated):
     assert one.mesh == pytest.approx(two.mesh, rel=0.02)
 
 
+@pytest.mark.parametrize("name, change", [
+    ("uneven", ("macro young() E //", "macro young() (E*(1 + x*x + 2*y)) //")),
+    ("warmed", ('include "export.idp"', 'macro thermal1() (1e-4*x*y*(1 + y)) //\ninclude "export.idp"'))])
+def test_what_varies_inside_triangles_leaves_vertices_in_balance(variant, estimated, name, change):
+    """Elasticity and thermal stress are the means that the assembled forces have seen: the solver's part is the solver's."""
+    scene = variant(name, change)
+    loose, tight = (estimated(scene, settings=(("rtol", tol), ("primal_rtol", 1.0)), cells=3, steps=1)[2] for tol in (1e-5, 1e-9))
+    assert tight.solver < 1e-2 * loose.solver and tight.solver < 1e-5 * tight.mesh
+
+
 def test_the_friction_part_is_the_way_to_the_fixed_point(estimated):
     """Displacements of an early and of the last iterate: their distance is the friction part, to a factor of two."""
     base = dict(cells=4, steps=2, loading="nonmonotone", friction=0.8)
