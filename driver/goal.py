@@ -113,7 +113,7 @@ class Search:
         """Whether the steps of the last of `runs`, with twice as many steps each, are enough; sets their part."""
         last = runs[:-4:-1]
         self.parts["time"] = {q: extrapolate([a[q] - b[q] for a, b in zip(last, last[1:])], [2.0] * (len(last) - 1),
-                                             FORMAL["time"], value) for q, value in last[0].items()}
+                                             FORMAL["time"], value, True) for q, value in last[0].items()}
         return self.parts["time"][self.name].error <= TIME * self.asked * abs(last[0][self.name])
 
     def _memoryless(self, size) -> bool:
