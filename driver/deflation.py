@@ -2,14 +2,15 @@
 
 Preconditioning by subdomains knows nothing of how the body as a whole holds contact tractions that vary slowly from corner to corner:
 F M has about two large eigenvalues per contact corner. Traction hats (piecewise linear between neighbouring contact corners, for
-normal and tangential multipliers), restricted to the rows W of the current face, take them out:
+normal and tangential multipliers) take them out. With the hats H on the rows of the current face and their nodal forces
+W = D H, D the weights of the nodes,
 
-    z = (I - P) M (I - P) r + W (W' F W)^-1 W' r,      P = W (W'W)^-1 W'.
+    z = (I - P) M (I - P') r + W (W' F W)^-1 W' r,      P = W (H'W)^-1 H'.
 
-This is the balancing preconditioner of Mandel (1993) with the orthogonal projector P in the place of the F-orthogonal one,
-a two-level splitting that is stable in H^(-1/2), where tractions live. Neither P nor
-W' F W = W' F_cc W (see contactblock.py) needs a product with F, so the deflation follows the face for free.
-It is symmetric positive definite on the face, as M is.
+This is the balancing preconditioner of Mandel (1993) with the mass projector P in the place of the F-orthogonal one,
+a two-level splitting that is stable in H^(-1/2), where tractions live: P' reproduces slowly varying displacements r, P slowly
+varying forces z. Neither P nor W' F W = W' F_cc W (see contactblock.py) needs a product with F, so the
+deflation follows the face for free. It is symmetric positive definite on the face, as M is.
 """
 
 import numpy as np
@@ -24,7 +25,7 @@ DEPENDENT = 1e-4  # squared sine of the angle below which a restricted hat count
 
 
 def traction_hats(structure: Substructure, rows: np.ndarray, comm):
-    """(len(rows), k) CSR: nodal forces on the contact rows of tractions that are hat functions at contact corners."""
+    """Hat functions at the contact corners on the contact `rows`, (len(rows), k) CSR, and the rows' weights."""
     contact = structure.contact
     row, node = _row_nodes(structure)
     position = np.searchsorted(rows, row)
@@ -37,10 +38,12 @@ def traction_hats(structure: Substructure, rows: np.ndarray, comm):
             knots = np.unique(np.concatenate([contact.arc[corner & on_label], [contact.arc[on_label].min(), contact.arc[on_label].max()]]))
             values = np.column_stack([np.interp(arc, knots, hat) for hat in np.eye(len(knots))])
             at, hat = np.nonzero(values)
-            columns.append((position[here[at]], count + hat, (values * contact.weight[node[here], None])[at, hat]))
+            columns.append((position[here[at]], count + hat, values[at, hat]))
             count += len(knots)
     i, j, value = (np.concatenate([np.empty(0), *part]) for part in zip(*columns)) if columns else np.empty((3, 0))
-    return csr_matrix((value, (i.astype(int), j.astype(int))), shape=(len(rows), count))
+    weight = np.empty(len(rows))
+    weight[position] = contact.weight[node]
+    return csr_matrix((value, (i.astype(int), j.astype(int))), shape=(len(rows), count)), weight
 
 
 def _row_nodes(structure: Substructure) -> tuple[np.ndarray, np.ndarray]:
@@ -65,46 +68,52 @@ def _independent(matrix: np.ndarray) -> np.ndarray:
 
 
 class Face:
-    """The traction hats restricted to a face, with the factors of W'W and W'FW."""
+    """The traction hats restricted to a face, with the factors of H'W and W'FW."""
 
-    def __init__(self, block: ContactBlock, hats, free: np.ndarray):
-        W = hats.multiply(free[:, None]).tocsc()
-        length = np.sqrt(np.asarray(W.multiply(W).sum(axis=0)).ravel())
-        W = (W[:, length > 0].multiply(1 / length[length > 0])).tocsc()
-        W = W[:, _independent((W.T @ W).toarray())]
-        self.W, self.W_transposed = W.tocsr(), W.T.tocsr()
-        self.size = W.shape[1]
+    def __init__(self, block: ContactBlock, hats, weight: np.ndarray, free: np.ndarray):
+        H = hats.multiply(free[:, None]).tocsc()
+        mass = H.multiply(H).T @ weight
+        H = (H[:, mass > 0].multiply(1 / np.sqrt(mass[mass > 0]))).tocsc()
+        H = H[:, _independent((H.T @ H.multiply(weight[:, None])).toarray())]
+        W = H.multiply(weight[:, None]).tocsc()
+        self.size = H.shape[1]
+        self.H, self.W, self.H_transposed, self.W_transposed = H.tocsr(), W.tocsr(), H.T.tocsr(), W.T.tocsr()
         if self.size:
-            self.gram, self.coarse = cho_factor((W.T @ W).toarray()), cho_factor(block.galerkin(W))
+            self.mass, self.coarse = cho_factor((H.T @ W).toarray()), cho_factor(block.galerkin(W))
 
-    def average(self, v: np.ndarray) -> np.ndarray:
-        """P v: the part of v (n,) that varies as slowly as the hats."""
-        return self.W @ cho_solve(self.gram, self.W_transposed @ v) if self.size else np.zeros_like(v)
+    def displacement(self, r: np.ndarray) -> np.ndarray:
+        """P' r: the part of displacements r (n,) that varies as slowly as the hats."""
+        return self.H @ cho_solve(self.mass, self.W_transposed @ r) if self.size else np.zeros_like(r)
 
-    def correction(self, v: np.ndarray) -> np.ndarray:
-        """W (W'FW)^-1 W' v."""
-        return self.W @ cho_solve(self.coarse, self.W_transposed @ v) if self.size else np.zeros_like(v)
+    def force(self, z: np.ndarray) -> np.ndarray:
+        """P z: the part of nodal forces z (n,) whose traction varies as slowly as the hats."""
+        return self.W @ cho_solve(self.mass, self.H_transposed @ z) if self.size else np.zeros_like(z)
+
+    def correction(self, r: np.ndarray) -> np.ndarray:
+        """W (W'FW)^-1 W' r."""
+        return self.W @ cho_solve(self.coarse, self.W_transposed @ r) if self.size else np.zeros_like(r)
 
 
 class Deflation:
     """Keeps the hats of the latest face and preconditions residuals on the contact rows."""
 
     def __init__(self, block: ContactBlock, structure: Substructure):
-        self.block, self.hats = block, traction_hats(structure, block.rows, block.comm)
+        self.block = block
+        self.hats, self.weight = traction_hats(structure, block.rows, block.comm)
         self._free = self._face = None
 
     def face(self, free: np.ndarray) -> Face:
         """The hats on the contact rows where `free` (n,) is set."""
         if self._free is None or not np.array_equal(free, self._free):
-            self._free, self._face = free, Face(self.block, self.hats, free)
+            self._free, self._face = free, Face(self.block, self.hats, self.weight, free)
         return self._face
 
     def contact(self, residual: np.ndarray, free: np.ndarray) -> np.ndarray:
         """z for F_cc alone, with M_cc for M; shapes (n,)."""
         face = self.face(free)
         residual = np.where(free, residual, 0.0)
-        z = np.where(free, self.block.M @ (residual - face.average(residual)), 0.0)
-        return z - face.average(z) + face.correction(residual)
+        z = np.where(free, self.block.M @ (residual - face.displacement(residual)), 0.0)
+        return z - face.force(z) + face.correction(residual)
 
 
 class DeflatedPreconditioner:
@@ -118,6 +127,6 @@ class DeflatedPreconditioner:
         block = self.deflation.block
         face = self.deflation.face(block.gather(free) > 0)
         contact = block.gather(np.where(free, residual, 0.0))
-        z = self.dirichlet(block.scatter(contact - face.average(contact), residual), free)
+        z = self.dirichlet(block.scatter(contact - face.displacement(contact), residual), free)
         found = block.gather(z)
-        return block.scatter(found - face.average(found) + face.correction(contact), z)
+        return block.scatter(found - face.force(found) + face.correction(contact), z)
