@@ -6,9 +6,9 @@ F = B_r K_rr^-1 B_r' + A S_cc^-1 A' only the subdomains that touch the contact b
     F_cc = L + A_c G A_c',    L block diagonal over these subdomains,    G = S_cc^-1 on their corner dofs,
 
 so a product with it costs about n_c and not n_d operations, and needs no communication: every rank holds all of
-it. It bounds the compliance C of the glued body from above, C = F_cc - F_cg F_gg^-1 F_gc, closely where contact
-forces vary slowly: gluing at the corners alone carries those (Mandel, Dohrmann, Tezaur 2005, with the averages taken at
-interfaces). For 10x10 cells F_cc is within 1 to 4.3 of C, nine tenths of the spectrum within 1.5, whatever n_s.
+it. It bounds the compliance C = F_cc - F_cg F_gg^-1 F_gc of the glued body from above, and closely, as corners alone
+hold subdomains together well (Mandel, Dohrmann, Tezaur 2005). For 10x10 cells the eigenvalues of F_cc relative to C
+were 1 to 4.3, half of them 1.00001 or less, at 32 and at 128 subdomains.
 """
 
 import numpy as np

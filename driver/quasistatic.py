@@ -91,7 +91,7 @@ class History:
 
     counts: dict = field(default_factory=lambda: dict.fromkeys(
         ("fixed_point_iterations", "dual_multiplications", "dual_multiplications_setup", "cg_steps",
-         "expansion_steps", "proportioning_steps"), 0))
+         "expansion_steps", "proportioning_steps", "contact_block_products"), 0))
     log: list = field(default_factory=list)  # (product, step, iteration, kind, residual)
     residuals: dict = field(default_factory=dict)
     steps: int = 0
@@ -362,6 +362,9 @@ class QuasistaticSolver:
         counts, worst = self.history.counts, self.history.residuals
         counts["fixed_point_iterations"] += step.fixed_point_iterations
         counts["dual_multiplications"] = self.operator.products - counts["dual_multiplications_setup"]
+        if self.relaxation is not None:
+            counts["contact_block_products"] += self.relaxation.products
+            self.relaxation.products = 0
         for name, value in step.residuals.items():
             worst[name] = max(worst.get(name, 0.0), value)
         self.history.steps = step.index

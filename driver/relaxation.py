@@ -17,7 +17,7 @@ LIMIT = 1000  # products with F_cc
 
 
 class ContactRelaxation:
-    """Minimises over the contact multipliers. Collective over the operator's communicator; `products` with F_cc."""
+    """Minimises over the contact multipliers; counts its `products` with F_cc. Collective over `operator.comm`."""
 
     def __init__(self, operator: DualOperator, deflation: Deflation, norm_bound: float, scale: np.ndarray):
         """`scale` (owned,) of MPRGP and `norm_bound` of F in it, which bounds F_cc as well."""

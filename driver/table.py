@@ -2,7 +2,8 @@
 
 The slides (Haslinger, Vlach, Dostal, SNA'07) state neither steps nor tolerances; 20 steps and 1e-6 are what
 reproduces the size of their counts. `default` is the driver as it comes, `plain` the slides' own method:
-no preconditioner, each step started from the previous one, every QP solved to the full tolerance.
+no preconditioner, each step started from the previous one, every QP solved to the full tolerance and without help from
+the contact block.
 """
 
 import csv
