@@ -207,6 +207,12 @@ def test_options_of_adaptation(solved):
     assert not list(run.directory.glob("size*")) and not list(run.directory.glob("cycle*"))
 
 
+def test_meshes_do_not_depend_on_the_ranks(solved):
+    one, two = (solved("pressfit", h=8, adapt=1, np=ranks) for ranks in (1, 2))
+    # to the last bit, as all results
+    assert (one.directory / "contact.csv").read_bytes() == (two.directory / "contact.csv").read_bytes()
+
+
 def test_figure_of_the_mesh_and_its_error(solved):
     from driver import figures
 
