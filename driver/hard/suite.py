@@ -78,9 +78,13 @@ def run_suite(pairs: dict[str, str]) -> list[Path]:
     rows, clock = [], time.perf_counter()
     with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
         tasks = [pool.submit(_judge_named, case.family, case.name, size, folder / "runs") for case, size in chosen]
-        for task in tasks:
-            rows.append(task.result())
-            print(_line(rows[-1]), flush=True)
+        try:
+            for task in tasks:
+                rows.append(task.result())
+                print(_line(rows[-1]), flush=True)
+        except BaseException:  # an interrupt: what runs is ended by it too, what waits must not begin
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
     shutil.rmtree(folder / "runs", ignore_errors=True)
     _write(folder / "report.csv", rows)
     from .picture import draw
