@@ -35,6 +35,7 @@ WINDOW = 8  # iterations of the fixed point over which its changes must have fal
 CORRECTIONS = 30  # friction bounds in the contact problem with F_cc, at most
 CORRECTION = 0.1  # its residual, relative to the whole one before
 CONDENSED_PASSES = 30  # corrections of a solution of the condensed contact problem
+LOOSE = "nothing that touches or sticks holds a rigid motion of a body without support"
 TIGHTENINGS = 3  # tenfold reductions of the QP tolerance that a step may ask for
 
 
@@ -396,6 +397,7 @@ class QuasistaticSolver:
             self.history.warnings.append(f"step {index}: gluing or penetration residual {poor:.1e} above "
                                          f"{settings.primal_rtol:.0e} although MPRGP was tightened")
         self._examine(index, x, gradient, trace)
+        self._note_loose_motion(index, x)
         return Step(index, float(self.times[index]), load.weights, x, gradient, friction.status(rows, x, gradient),
                     trace.iterations, op.products - products, trace.contraction, residuals, moved)
 
@@ -553,6 +555,22 @@ class QuasistaticSolver:
         lower, upper = self.rows.limits(self.operator.owned, x)
         lower[self.rows.tangential], upper[self.rows.tangential] = -bound, bound
         return lower, upper
+
+    def _note_loose_motion(self, index: int, x: np.ndarray) -> None:
+        """Say it once if nothing that touches or sticks holds a rigid motion of a body without support.
+
+        Such a body is in equilibrium at many places. The motion leaves no row that acts, or only those of zero.
+        """
+        op, rows = self.operator, self.rows
+        if not op.modes or self.history.exit_status or any(LOOSE in line for line in self.history.warnings):
+            return
+        acts = np.zeros(op.owned)
+        acts[rows.normal] = rows.bilateral | (x[rows.normal] != 0)
+        acts[rows.tangential] = np.abs(x[rows.tangential]) < rows.friction_bound(x)
+        motions = [d for d, _ in op.loaded[op.structure.patterns :]]
+        held = np.array([[op.dot(acts * a, b) for b in motions] for a in motions])
+        if np.linalg.eigvalsh(held)[0] <= 1e-12 * max(op.dot(d, d) for d in motions):  # squares of roundings
+            self.history.warnings.append(f"step {index}: {LOOSE}, and displacements are one answer of many")
 
     def _examine(self, index: int, x, gradient, trace: "_Trace") -> None:
         """Look for other solutions of the step where there is reason to; see `uniqueness`."""
