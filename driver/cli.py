@@ -147,8 +147,11 @@ def command_solve(words: list[str]) -> None:
         status, reason = solve_here(work, json.loads((work / "request.json").read_text()))
     except DriverError as problem:
         status, reason = problem.exit_status, str(problem)
-    except Exception:  # the other ranks wait for this one: end them
-        traceback.print_exc()
+    except Exception as problem:  # the other ranks wait for this one: end them
+        if isinstance(problem, MemoryError):
+            print("error: not enough memory", file=sys.stderr)
+        else:
+            traceback.print_exc()
         sys.stderr.flush()
         MPI.COMM_WORLD.Abort(1)
     if MPI.COMM_WORLD.rank == 0:
@@ -183,5 +186,5 @@ def main() -> None:
             print(f"interrupted: earlier results and finished runs are as they were{''.join(stop.args)}", file=sys.stderr)
         sys.exit(130)
     except ImportError as problem:
-        print(f"error: the Python package {problem.name} is not installed; {environment.SET_UP}", file=sys.stderr)
+        print(f"error: {environment.package_error(problem)}", file=sys.stderr)
         sys.exit(2)

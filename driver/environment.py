@@ -43,6 +43,13 @@ def program(name: str) -> str:
     return found
 
 
+def package_error(problem: ImportError) -> InputError:
+    """A Python package that is not installed, or is and cannot be loaded, as where memory is short."""
+    if isinstance(problem, ModuleNotFoundError):
+        return InputError(f"the Python package {problem.name} is not installed; {SET_UP}")
+    return InputError(f"a Python package cannot be loaded: {' '.join(str(problem).split())}")
+
+
 def mpirun(ranks: int) -> list[str]:
     """Command prefix that starts `ranks` processes, more than there are cores if asked; they end with mpirun."""
     return [program("mpirun"), "--oversubscribe", "--bind-to", "none", "-n", str(ranks),

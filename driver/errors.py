@@ -1,5 +1,6 @@
 """What can go wrong for a user, and the exit status each kind has."""
 
+import errno
 from contextlib import contextmanager
 
 
@@ -52,6 +53,8 @@ def agreed_writes(comm):
 
 def write_error(problem: OSError) -> InputError:
     """A full disk, a directory that is not writable, ... in one line."""
+    if problem.errno == errno.ENOMEM:
+        return InputError("not enough memory")
     where = f" ({problem.filename})" if problem.filename else ""
     return InputError(f"writing the results failed: {problem.strerror or problem}{where}")
 

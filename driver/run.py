@@ -21,6 +21,7 @@ RESULTS = environment.ROOT / "results"
 # driver options beside options.Settings; everything else is a parameter of the scene
 OPTIONS = ("scene", "np", "out", "fields", "figures", "quiet", "resume", "adapt", "errors", "accuracy")
 ERRORS = ("yes", "energy", "no")
+PETSC_ERR_MEM = 55
 RANKS_PER_CORE = 64  # more could not even start
 MOST_CYCLES = 20  # of refinement, each with four times the triangles
 NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
@@ -219,13 +220,19 @@ def solve_here(work: Path, request: dict) -> tuple[int, str]:
         import petsc4py
 
         petsc4py.init(["driver", "-no_signal_handler"])  # SIGINT and SIGPIPE are ours to report
+        import petsc4py.PETSc
         from mpi4py import MPI
 
         from . import solve, study
     except ImportError as problem:
-        raise InputError(f"the Python package {problem.name} is not installed; {environment.SET_UP}") from None
+        raise environment.package_error(problem) from None
     stage = goal if "accuracy" in request else study if "study" in request else solve
-    return stage.run(work, request, MPI.COMM_WORLD)
+    try:
+        return stage.run(work, request, MPI.COMM_WORLD)
+    except petsc4py.PETSc.Error as problem:
+        if problem.ierr == PETSC_ERR_MEM:
+            raise MemoryError from None
+        raise
 
 
 def describe(summary: dict, out: Path) -> str:

@@ -78,7 +78,7 @@ def no_package(name: str):
     """A run for which a Python package is not installed."""
     def perform(case, size, directory):
         with tempfile.TemporaryDirectory() as place:
-            (Path(place) / f"{name}.py").write_text(f"raise ImportError('no such package', name={name!r})\n")
+            (Path(place) / f"{name}.py").write_text(f"raise ModuleNotFoundError('no such package', name={name!r})\n")
             return run_command(_command(case, size, directory), directory, case.seconds,
                                PYTHONPATH=os.pathsep.join([place, str(ROOT)]))
 
