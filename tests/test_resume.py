@@ -70,6 +70,7 @@ MODEL = ("SCENE=model", "LOADING=nonmonotone", "CELLS=4", "STEPS=6", "FIGURES=no
 CASES = {
     "energy error": ("ERRORS=energy",),
     "plain": ("PRECONDITIONER=none", "PREDICTOR=previous", "INNER_RTOL=1e-9", "EXPANSION=gradient", "RTOL=1e-6"),
+    "deflated": ("PRECONDITIONER=deflated", "EXPANSION=contact"),
     "fields": ("FIELDS=yes", "ERRORS=energy"), "slip law": ("SCENE=punch", "LOADING=", "CELLS="),
     "several boundaries": ("SCENE=bracket", "LOADING=", "CELLS=", "H=8", "SUBDOMAINS=4")}
 
