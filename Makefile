@@ -12,7 +12,7 @@ quote = '$(subst ','\'',$1)'
 GIVEN = $(foreach v,$(filter-out $(OWN),$(.VARIABLES)),$(if $(filter command,$(origin $v)),$(call quote,$v=$(value $v))))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-long run table effects bench study hard saddle figures $(SCENES)
+.PHONY: help setup demo test test-long run table effects accuracy stopping bench study hard saddle figures $(SCENES)
 
 help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' Makefile | expand -t 12
@@ -53,6 +53,9 @@ study:  ## many values of one parameter on one export: SCENE=model FRICTION=0.05
 
 hard:  ## the hard cases, each solved and checked or refused [FAMILY=scale,contact] [CASE=name] [FAST=yes] [JOBS=]
 	@$(DRIVER) hard $(GIVEN)
+
+stopping:  ## what stopping by the error budget saves on the model example [ROWS=1,2,3,4] [OUT=]
+	@$(DRIVER) stopping $(GIVEN)
 
 accuracy:  ## what accuracy costs in seconds: SCENE=hertz [EFFORT=quick|full] [REPEATS=] [QUANTITY=] [...]
 	@$(DRIVER) accuracy $(GIVEN)

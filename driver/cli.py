@@ -138,6 +138,15 @@ def command_accuracy(words: list[str]) -> None:
         print(os.path.relpath(path))
 
 
+def command_stopping(words: list[str]) -> None:
+    """What stopping by the error budget saves on the model example."""
+    environment.prepare_petsc()
+    from .stopping import run_stopping
+
+    for path in run_stopping(parse_pairs(words)):
+        print(os.path.relpath(path))
+
+
 def command_solve(words: list[str]) -> None:
     """One rank of the SPMD part (started by mpirun)."""
     from mpi4py import MPI
