@@ -198,3 +198,13 @@ def test_random_scenes(examples):
 
     check()
     assert len(compared) > examples / 2, "too few comparisons with the oracle"
+
+
+def test_bilateral_contact_closes_gaps_without_load():
+    """No load at all: the gap itself is what has to be overcome, and the tolerance must follow it."""
+    scene = random_scene(np.random.default_rng(5), 0.3, 6, 3, 3, 1)
+    scene.effects, scene.gap, scene.amplitudes = {"contact": "bilateral"}, 1e-3, np.zeros((2, 2))
+    run = solve(scene, rtol=RTOL)
+    assert run.solver.history.exit_status == 0, run.solver.history.reason
+    assert_obeys(scene, DenseScene(run), run.steps, LEFT * run.solver.scales.d)
+    assert np.abs(run.steps[0].multipliers).max() > 0

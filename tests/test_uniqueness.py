@@ -201,6 +201,20 @@ def test_fallback_is_reported(solved):
     assert any("did not settle" in line and "step 1" in line for line in found.summary["warnings"])
 
 
+def test_condensed_newton_finds_the_fixed_point(built, steps_of, monkeypatch):
+    """Stopped after 5 of the 16 iterations it needs and with Anderson acceleration out of the way: the same answer."""
+    from driver import quasistatic
+
+    problem = built(cells=4, friction=3, steps=1)
+    _, plain = steps_of(problem, rtol=1e-11, friction_rtol=1e-11, uniqueness="no")
+    monkeypatch.setattr(quasistatic.QuasistaticSolver, "_accelerate", lambda *a: None)
+    monkeypatch.setattr(quasistatic, "WINDOW", 2)
+    solver, steps = steps_of(problem, rtol=1e-11, friction_rtol=1e-11, uniqueness="no", max_fixed_point=5)
+    assert solver.history.exit_status == 0 and solver.history.fallbacks.steps == {globalization.NEWTON: [1]}
+    size = np.abs(plain[0].multipliers).max()
+    assert np.abs(steps[0].multipliers - plain[0].multipliers).max() <= 1e-6 * size  # cond F times rtol, with room
+
+
 def test_fallbacks_do_not_depend_on_ranks(solved):
     one, two = (solved(friction=6, steps=1, cells=4, corrector="none", max_fixed_point=17, NP=ranks) for ranks in (1, 2))
     assert one.summary["fallbacks"], "look for another coefficient at which one is needed"
