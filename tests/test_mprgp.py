@@ -472,6 +472,42 @@ def test_objective_never_rises(monkeypatch, expansion):
         assert np.all(np.diff(values) <= 100 * EPS * size)
 
 
+@pytest.mark.parametrize("useful", [True, False], ids=["minimiser of a block", "random points"])
+def test_relaxation_helps_or_does_no_harm(monkeypatch, useful):
+    """A block minimiser is taken; points that do not lower f enough are refused, so MPRGP converges all the same."""
+    taken, tried = 0, 0
+    for seed in range(40):
+        A, b, lower, upper = problem(seed)
+        half, rng, values = len(b) // 2 + 1, np.random.default_rng(seed), []
+        place, relaxed = module._Mprgp.place, module._Mprgp.relaxed_step
+
+        def relax(y, g):
+            if not useful:
+                return np.clip(y + rng.standard_normal(len(b)), lower, upper)
+            rest = b[:half] - A[:half, half:] @ np.clip(y, lower, upper)[half:]
+            block = box_qp(A[:half, :half], rest, lower[:half], upper[:half])
+            return np.concatenate([block, np.clip(y, lower, upper)[half:]])
+
+        def watch(self, x, g, updates):
+            values.append(x @ (A @ x) / 2 - b @ x)
+            place(self, x, g, updates)
+
+        def count(self, *args):
+            nonlocal taken, tried
+            found = relaxed(self, *args)
+            taken, tried = taken + found, tried + 1
+            return found
+
+        with monkeypatch.context() as patch:
+            patch.setattr(module._Mprgp, "place", watch)
+            patch.setattr(module._Mprgp, "relaxed_step", count)
+            r = solve(A, b, lower, upper, expansion="cg", relax=relax)
+        assert_solves(A, b, lower, upper, r)
+        size = np.linalg.norm(A, 2) * np.dot(r.x, r.x) + np.abs(b) @ np.abs(r.x) + abs(values[0])
+        assert np.all(np.diff(values) <= 100 * EPS * size)
+    assert tried > 20 and taken > (tried / 2 if useful else 0)
+
+
 @pytest.mark.parametrize("bounds", [(-np.inf, np.inf), (0.0, np.inf), (-np.inf, 0.5)])
 def test_indefinite_operator(bounds):
     A = np.diag([1.0, 2.0, -1.0])
