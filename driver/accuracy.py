@@ -69,7 +69,8 @@ class Setting:
         found = {} if self.mesh is None else {knob: f"{self.mesh:.6g}"}
         found |= {} if self.steps is None else {"steps": str(self.steps)}
         found |= {"adapt": str(self.adapt)} if self.adapt else {}
-        return found | {name: f"{value:.0e}".replace("e-0", "e-") if value < 0.1 else f"{value:g}" for name, value in self.tolerances}
+        short = lambda value: f"{value:.0e}".replace("e-0", "e-") if value < 0.1 else f"{value:g}"
+        return found | {name: short(value) for name, value in self.tolerances}
 
 
 @dataclass
@@ -222,7 +223,8 @@ class Study:
                 error = ""
                 if known:
                     reference = known[quantity]
-                    error = f", {words(quantity)} errs by {percent(reference.relative(trial.values[quantity] - reference.value))}"
+                    share = reference.relative(trial.values[quantity] - reference.value)
+                    error = f", {words(quantity)} errs by {percent(share)}"
                 said = f"{trial.seconds:.2f} s + {statistics.median(trial.export):.2f} s export{error}"
             print(f"[{number}/{total}, {time.perf_counter() - clock:.0f} s] {KNOBS.get(trial.knob, 'reference')}: "
                   f"{trial.words}: {said}", flush=True)
@@ -349,23 +351,25 @@ def words(name: str) -> str:
 RUN_COLUMNS = ("knob", "value", "setting", "primal_dofs", "dual_dofs", "dual_multiplications", "reason", "energy_estimate",
                "seconds_solver", "seconds_solver_least", "seconds_solver_most", "seconds_export", "seconds_export_least",
                "seconds_export_most", "repeats")
+BARGAIN_COLUMNS = ("quantity", "accuracy", "seconds_solver", "seconds_export", "error", "setting")
 
 
 def rows(trials: list[Trial], known: dict[str, Reference]) -> list[dict]:
-    """One row a trial. `error` is relative to the reference, `sure` see there, `own` what the trial's knob alone has of it."""
+    """One row a trial. `error` is relative to the reference, `sure` see there, `own` what its knob alone has of it."""
     trusted = {name: sure(trials, reference, name) for name, reference in known.items()}
     fronts = {name: front(trials, trusted[name]) for name in known}
     found = []
     for trial in trials:
-        row = {"knob": trial.knob, "value": trial.value, "setting": trial.words, "reason": trial.reason, "energy_estimate": trial.energy,
-               "repeats": len(trial.solver), **trial.sizes}
+        row = {"knob": trial.knob, "value": trial.value, "setting": trial.words, "reason": trial.reason,
+               "energy_estimate": trial.energy, "repeats": len(trial.solver), **trial.sizes}
         for stage in ("solver", "export") if trial.values else ():
             spent = getattr(trial, stage)
             row |= {f"seconds_{stage}": statistics.median(spent), f"seconds_{stage}_least": min(spent),
                     f"seconds_{stage}_most": max(spent)}
         for name, reference in known.items() if trial.values else ():
             value = trial.values[name]
-            row |= {name: value, f"{name}_error": reference.relative(value - reference.value), f"{name}_sure": trusted[name][id(trial)],
+            row |= {name: value, f"{name}_error": reference.relative(value - reference.value),
+                    f"{name}_sure": trusted[name][id(trial)],
                     f"{name}_own": trial.tight and reference.relative(value - trial.tight.values[name]),
                     f"{name}_front": int(trial in fronts[name])}
         found.append(row)
@@ -411,7 +415,8 @@ def describe(table: list[dict], known: dict[str, Reference], units: dict, main: 
                    if reference.uncertainty > row["accuracy"] / 2 else "no run reaches it")
             lines.append(f"{percent(row['accuracy']):>10s}" + "".join(f"{cell:>9s}" for cell in cells)
                          + f"  {row.get('setting', why)}")
-    lines += ["", f"{'seconds of the solver for':26s}" + "".join(f"{percent(level):>9s}" for level in LEVELS) + "   reference"]
+    heads = "".join(f"{percent(level):>9s}" for level in LEVELS)
+    lines += ["", f"{'seconds of the solver for':26s}{heads}   reference"]
     for name, reference in known.items():
         cells = [f"{row['seconds_solver']:.2f}" if "setting" in row else "-" for row in table if row["quantity"] == name]
         lines.append(f"{words(name):26s}" + "".join(f"{cell:>9s}" for cell in cells)
@@ -445,10 +450,10 @@ def run_accuracy(pairs: dict[str, str]) -> list[Path]:
     main = pairs.get("quantity") or telling(known)
     table = bargains(trials, known)
     columns = [*RUN_COLUMNS, *(f"{name}{suffix}" for name in known for suffix in ("", "_error", "_sure", "_own", "_front"))]
+    values = [{"scene": f"{scene.stem}{variant}", "quantity": name, "value": r.value, "unit": unit(name, study.units),
+               "uncertainty": r.uncertainty, "source": r.source, "main": int(name == main)} for name, r in known.items()]
     paths = [write_table(out / "accuracy.csv", columns, rows(trials, known)),
-             write_table(out / "bargains.csv", ("quantity", "accuracy", "seconds_solver", "seconds_export", "error", "setting"), table),
-             write_table(out / "reference.csv", ("scene", "quantity", "value", "unit", "uncertainty", "source", "main"),
-                         [{"scene": f"{scene.stem}{variant}", "quantity": name, "value": r.value, "unit": unit(name, study.units), "uncertainty": r.uncertainty,
-                           "source": r.source, "main": int(name == main)} for name, r in known.items()])]
+             write_table(out / "bargains.csv", BARGAIN_COLUMNS, table),
+             write_table(out / "reference.csv", tuple(values[0]), values)]
     print(describe(table, known, study.units, main))
     return paths + draw(out)

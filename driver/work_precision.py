@@ -44,9 +44,13 @@ def read(path: Path) -> list[dict]:
 
 def points(table: list[dict], quantity: str) -> list[Point]:
     """The runs of accuracy.csv that have a result."""
-    return [Point(row["knob"], float(row["value"]), row["setting"], *(float(row[f"seconds_solver{suffix}"]) for suffix in ("", "_least", "_most")),
-                  float(row[f"{quantity}_error"]), float(row[f"{quantity}_sure"]), float(row[f"{quantity}_own"]) if row[f"{quantity}_own"] else None,
-                  row[f"{quantity}_front"] == "1") for row in table if row["seconds_solver"]]
+    def point(row):
+        seconds = (float(row[f"seconds_solver{suffix}"]) for suffix in ("", "_least", "_most"))
+        error, sure, own = (float(row[f"{quantity}_{name}"] or "nan") for name in ("error", "sure", "own"))
+        return Point(row["knob"], float(row["value"]), row["setting"], *seconds, error, sure,
+                     None if math.isnan(own) else own, row[f"{quantity}_front"] == "1")
+
+    return [point(row) for row in table if row["seconds_solver"]]
 
 
 def exponent(x: list[float], errors: list[float], span: float) -> float | None:
