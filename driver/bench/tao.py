@@ -30,10 +30,11 @@ def problem_of(bench: Workbench, subdomains: str):
 
 def ours(operator, d, bounds, solver) -> int:
     """Products of MPRGP from zero, the estimate of the norm included."""
-    before = operator.products
+    before, tol = operator.products, RTOL * np.linalg.norm(d)
     bound, _ = norm_bound(operator.apply, operator.owned, dot=operator.dot)
-    result = mprgp(operator.apply, d, *bounds, np.clip(np.zeros_like(d), *bounds), tol=RTOL * np.linalg.norm(d),
-                   norm_bound=bound, preconditioner=solver.preconditioner, dot=operator.dot, expansion="cg")
+    result = mprgp(operator.apply, d, *bounds, np.clip(np.zeros_like(d), *bounds), tol=tol, norm_bound=bound,
+                   preconditioner=solver.preconditioner, dot=operator.dot, expansion="cg",
+                   relax=lambda y, gradient: solver.relaxation(y, gradient, bounds, 0.5 * tol)[0])
     if result.status != "converged":
         raise RuntimeError(f"MPRGP ended with {result.status}")
     return operator.products - before
