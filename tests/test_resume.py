@@ -356,6 +356,19 @@ def test_killed_run_goes_on(tmp_path, reference, ranks, target, number, again):
     assert kill_and_run_again(tmp_path, reference, ranks, target, number, again=again) > 0
 
 
+def test_ranks_end_with_their_driver(tmp_path):
+    """A driver that is killed cannot tell them to; the run would take minutes."""
+    victim = Victim(tmp_path, *LONG[:3], "STEPS=20000", "FIGURES=no", "FIELDS=no", "NP=2", f"OUT={tmp_path / 'out'}")
+    wait_for(lambda: list(tmp_path.glob(f".out.*/{checkpoint.NAME}")))
+    victim.process.kill()
+    wait_for(lambda: not victim.relatives(), 15)
+    left = victim.relatives()
+    for pid in left:
+        os.kill(pid, signal.SIGKILL)
+    victim.process.communicate()
+    assert not left
+
+
 @pytest.mark.slow
 def test_fifty_random_kills(tmp_path, reference):
     """At any moment, from the start of the process to its end; some must hit the steps."""
