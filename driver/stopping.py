@@ -178,6 +178,7 @@ def draw(folder: Path, table: list[dict]) -> list[Path]:
             below.minorticks_off()
         panels[0, 0].set_ylabel("products with $F$")
         panels[1, 0].set_ylabel("relative change\nof contact tractions")
-        panels[0, 0].legend(loc="upper left")
-        panels[1, 0].legend(loc="best")
+        for row, names in ((0, 3), (1, 1)):  # sharey: room for the legend above the curves of both columns
+            panels[row, 0].set_ylim(top=6 * panels[row, 0].get_ylim()[1])
+            panels[row, 0].legend(loc="upper left", ncols=names, columnspacing=1.0, handlelength=1.5)
         return write(figure, folder, "stopping")
