@@ -108,3 +108,16 @@ def test_the_screen_tells_what_was_reached(command, tmp_path):
     done = command("run", "SCENE=pressfit", "ACCURACY=3%", "FIGURES=no", "FIELDS=no", f"OUT={tmp_path / 'out'}")
     assert done.returncode == 0 and "asked for 3 %; the same settings by hand: H=" in done.stdout, done.stderr
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["accuracy"]["asked"] == 0.03
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scene, options, overkill", [
+    ("model", {"loading": "monotone"}, {"subdomains": "8x4", "cells": 40}),
+    ("model", {"loading": "nonmonotone"}, {"subdomains": "8x4", "cells": 40, "steps": 80}),
+    ("mindlin", {}, {"h": 0.0006, "steps": 40}), ("punch", {}, {"h": 0.00625}), ("tutorial", {}, {"h": 0.25, "steps": 40})])
+def test_overkill_runs_confirm_the_request(solved, scene, options, overkill):
+    """The normal resultant against meshes so fine that they err by less than a third of the finest request."""
+    truth = solved(scene, uniqueness="no", **options, **overkill).summary["quantities"]["normal_resultant"]
+    for asked in (0.1, 0.03, 0.01):
+        run = solved(scene, accuracy=asked, **options)
+        assert run.status == 0 and abs(run.summary["quantities"]["normal_resultant"] / truth - 1) <= asked, (asked, run.reason)
