@@ -505,3 +505,13 @@ def test_rows_of_a_slanted_boundary_that_ends_at_a_roller_are_independent(built)
     tip = np.flatnonzero(np.linalg.norm(contact.xy, axis=1) < 1e-12)
     assert contact.normal_row[tip] >= 0 > contact.tangential_row[tip]
     assert (np.delete(contact.tangential_row, tip) >= 0).all()
+
+
+def test_rows_are_scaled_by_the_stiffness_they_see(built):
+    """Ones on a homogeneous body; with a jump of 2^20, 2^-10 on gluing rows (the soft side) and on soft contact."""
+    small = {"subdomains": "2x1", "cells": 4, "steps": 1}
+    assert (built("hard/block", **small).structure.row_scale == 1).all()
+    structure = built("hard/block", jump=2**20, board="halves", **small).structure  # the left half is stiff
+    scale, contact = structure.row_scale, structure.contact
+    assert (scale[structure.row_kind == GLUING] == 2.0**-10).all()
+    assert np.array_equal(scale[contact.normal_row], np.where(contact.xy[:, 0] <= 1, 1.0, 2.0**-10))

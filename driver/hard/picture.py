@@ -1,5 +1,6 @@
 """Pictures of a suite's rows: a table in colours, case by case, and the products along the sweeps."""
 
+import textwrap
 from pathlib import Path
 
 import matplotlib
@@ -100,7 +101,7 @@ def _draw_sweeps(rows: list[Row], folder: Path) -> list[Path]:
     names = list(dict.fromkeys(row.sweep for row in rows if row.sweep))
     across = min(3, len(names))
     down = -(-len(names) // across)
-    figure = Figure(figsize=(WIDTH, 4.6 * down * INCH), dpi=150, layout="constrained")
+    figure = Figure(figsize=(WIDTH, 5 * down * INCH), dpi=150, layout="constrained")
     FigureCanvasAgg(figure)
     panels = np.ravel(figure.subplots(down, across, squeeze=False))
     for axes, name in zip(panels, names):
@@ -112,7 +113,7 @@ def _draw_sweeps(rows: list[Row], folder: Path) -> list[Path]:
         places = [row.place for row in own]
         if places and min(places) > 0 and max(places) > 20 * min(places):
             axes.set_xscale("log")
-        axes.set(xlabel=name, ylim=(0, None))
+        axes.set(xlabel=textwrap.fill(name, 26), ylim=(0, None))
         axes.grid(color="0.9", lw=0.6)
         axes.legend(frameon=False, fontsize=6)
     for axes in panels[len(names):]:
