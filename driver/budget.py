@@ -30,6 +30,7 @@ SLOWEST = 0.3  # an observed order below this is no convergence
 WANDER = 0.02  # spread, relative to the value, below which values that do not converge visibly just wander
 ALONE = "no coarser run to compare with"
 SINGULAR = "does not converge under refinement, it may be singular"
+VANISHED = 1e-6  # of what its unit suggests: a quantity that is zero but for tolerances
 UNBOUNDED = ("peak_pressure",)  # may have no limit under refinement
 UNITS = {"peak_pressure": (1, 0), "normal_resultant": (1, 1), "tangential_resultant": (1, 1), "contact_length": (0, 1),
          "slip": (0, 1), "dissipated_energy": (1, 2), "displacement": (0, 1)}  # powers of stress and length
@@ -103,6 +104,13 @@ def summed(parts: dict[str, Part], value: float) -> dict:
     return {"value": value, **errors, "total": total, "relative": relative, **orders, **({"note": note} if note else {})}
 
 
+def vanishing(values: dict[str, float]) -> set[str]:
+    """Quantities that are zero but for rounding and tolerances: their errors relative to themselves mean nothing."""
+    force, way = abs(values.get("normal_resultant", 0.0)), abs(values.get("displacement", 0.0))
+    scales = {"tangential_resultant": force, "dissipated_energy": force * way, "slip": way}
+    return {name for name, scale in scales.items() if name in values and abs(values[name]) <= VANISHED * scale}
+
+
 # ---- knobs and words ---------------------------------------------------------------------------------------------------
 
 def mesh_knob(parameters: dict) -> str | None:
@@ -174,7 +182,11 @@ def describe(errors: dict, units: dict) -> list[str]:
     heads = {name: f"{name.replace('_', ' ')} [{unit(name, units)}]" for name in found}
     width = max(map(len, heads.values()))
     lines = [f"{'estimated errors':{width}s}{'value':>12s}" + "".join(f"{s:>11s}" for s in (*sources, "total"))]
+    zero = vanishing({name: entry["value"] for name, entry in found.items()})
     for name, entry in found.items():
+        if name in zero:
+            lines.append(f"{heads[name]:{width}s}{'about 0':>12s}")
+            continue
         cells = [share(entry[s], entry["value"]) if s in entry else "" for s in (*sources, "total")]
         note = f"  {entry['note']}" if "note" in entry and entry["total"] is None else ""
         lines.append(f"{heads[name]:{width}s}{entry['value']:12.4g}" + "".join(f"{cell:>11s}" for cell in cells) + note)

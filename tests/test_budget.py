@@ -92,9 +92,11 @@ def test_parts_answer_to_their_own_knob(solved, source, change):
     """The knob's own part changes by a factor of 2 at least; the sum of the large other ones by less than half.
 
     Mesh and time parts of one run are those of a discrete problem with kinks: moving the other knob moves them by
-    a part of themselves. Two orders separate them from the algebraic parts.
+    a part of themselves. Two orders separate them from the algebraic parts. The corrector settles friction with the
+    contact block, and QPs left early are gone on with, whatever the fixed point's tolerance: without both it shows.
     """
-    plain, other = errors(solved), errors(solved, **change)
+    alone = {"corrector": "none", "expansion": "cg", "inner_rtol": 1e-9} if source == "friction" else {}
+    plain, other = errors(solved, **alone), errors(solved, **alone, **change)
     size = lambda found, s: sum(relative(found, s)[name] for name in ("normal_resultant", "dissipated_energy"))
     own = size(other, source) / size(plain, source) if size(plain, source) > 0 else np.inf
     assert own < 0.5 if source in ("mesh", "time") else own > 2.0
