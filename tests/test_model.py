@@ -233,9 +233,9 @@ def test_units_make_no_difference(solved, variant, loading, length, stress):
 
 
 @pytest.mark.parametrize("friction", [0.6, 1])
-@pytest.mark.parametrize("length, stress", [(2.0**-10, 2.0**20), (2.0**7, 2.0**-30)])
+@pytest.mark.parametrize("length, stress", [(2.0**-10, 2.0**20), (2.0**8, 2.0**-30)])
 def test_binary_units_change_not_a_bit(solved, variant, friction, length, stress):
-    """Factors of two scale without rounding: any difference shows an absolute constant somewhere."""
+    """Even powers of two scale without rounding, square roots included: any difference shows an absolute constant."""
     options = {"loading": "nonmonotone", "friction": friction}
     reference, found = solved(**options), solved(with_units(variant, length, stress), **options)
     assert found.summary["counts"] == reference.summary["counts"]
