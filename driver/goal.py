@@ -31,6 +31,7 @@ COARSENING = (8, 4, 2, 1)  # of the scene's own mesh, for the first one that can
 SAMPLING = 32  # times of the load history per step of the scene
 FEWEST = 4  # a fourth of the scene's own steps is where their choice starts
 TIME, ALGEBRAIC, ROOM = 0.35, 0.05, 0.85
+LAST = 0.7  # of what is allowed may be the time step's part where there are no more steps to take
 LARGEST = 300_000  # vertices; twice as many unknowns
 TOLERANCES = ("rtol", "friction_rtol", "primal_rtol")
 CHOSEN = ("cells", "h", "steps", "rtol", "friction_rtol", "primal_rtol", "adapt")
@@ -111,12 +112,18 @@ class Search:
                 self.stride, self.parts["time"] = stride, errors
                 return
 
-    def _in_time(self, runs: list[dict]) -> bool:
-        """Whether the steps of the last of `runs`, with twice as many steps each, are enough; sets their part."""
+    @property
+    def _time_share(self) -> float:
+        """Part of what is allowed that the time step may take."""
+        return TIME if self.stride > 1 else LAST
+
+    def _in_time(self, runs: list[dict], part: float = TIME) -> bool:
+        """Whether the steps of the last of `runs`, with twice as many steps each, err by a `part` of what is allowed at
+        most; sets their part of the error."""
         last = runs[:-4:-1]
         self.parts["time"] = {q: extrapolate([a[q] - b[q] for a, b in zip(last, last[1:])], [2.0] * (len(last) - 1),
                                              FORMAL["time"], value, True) for q, value in last[0].items()}
-        return self.parts["time"][self.name].error <= TIME * self.asked * abs(last[0][self.name])
+        return self.parts["time"][self.name].error <= part * self.asked * abs(last[0][self.name])
 
     def _memoryless(self, size) -> bool:
         """Whether one step gives the quantity because the end does not depend on the way to it."""
@@ -132,14 +139,16 @@ class Search:
         """More steps, as the mesh of a size tells; raises NotConverged if there are no more."""
         if self.stride == 1:
             raise NotConverged(f"even {self.total} steps leave the {self._words()} an error of "
-                               f"{share(self.parts['time'][self.name].error, self._values(size)[self.name])}")
+                               f"{share(self.parts['time'][self.name].error, self._values(size)[self.name])}: too much of "
+                               f"{100 * self.asked:g} %, of which the mesh needs a part")
         before = self.stride
         self._choose_steps(size, 1)
         self.stride = min(self.stride, before // 2)
 
     def _enough_steps(self, size) -> bool:
         """Whether the time step's part is small enough on a finer mesh, against half the steps."""
-        return "time" not in self.parts or self._in_time([self._values(size, 2 * self.stride), self._values(size)])
+        return "time" not in self.parts or self._in_time(
+            [self._values(size, 2 * self.stride), self._values(size)], self._time_share)
 
     def _name(self, values: dict) -> str:
         """The quantity asked for; raises InputError if the scene has no such."""
@@ -229,7 +238,7 @@ class Search:
                     entry = self.budget()[self.name]
                     if entry["total"] <= allowed:
                         return
-            if len(self.sizes) > 2 and entry.get("time", 0.0) > TIME * allowed and entry["mesh"] is not None and entry["mesh"] <= allowed:
+            if len(self.sizes) > 2 and entry.get("time", 0.0) > self._time_share * allowed and entry["mesh"] is not None and entry["mesh"] <= allowed:
                 self._more_steps(self.sizes[-2])
                 continue
             if len(self.sizes) > 2 and entry["total"] is not None and entry["total"] <= allowed:  # tolerances were tightened
@@ -244,7 +253,16 @@ class Search:
             if vertices > LARGEST:
                 raise NotConverged(f"{100 * self.asked:g} % of the {self._words()} would take {name_of(self.knob, size)}, "
                                    f"{vertices:.0f} nodes; reached: {share(entry['total'], entry['value'])}")
+            self._make(size, entry)
             self.sizes.append(size)
+
+    def _make(self, size, entry: dict) -> None:
+        """Have the problem of a finer mesh made. Raises NotConverged if it cannot be."""
+        try:
+            self.levels.problem(**{self.knob: size})
+        except InputError as problem:
+            raise NotConverged(f"{100 * self.asked:g} % of the {self._words()} would take {name_of(self.knob, size)}, which cannot "
+                               f"be made ({problem}); reached: {share(entry['total'], entry['value'])}") from None
 
     def chosen(self) -> dict[str, str]:
         """The settings as options of the command line."""
