@@ -57,6 +57,18 @@ def test_mortar_jump_of_a_common_linear_motion_is_zero(n, m):
     assert found.weight.sum() == pytest.approx(1.0, rel=1e-14)
 
 
+@pytest.mark.parametrize("n, m", [(4, 7), (9, 2)])
+def test_multipliers_are_dual(n, m):
+    """A row has its own node's displacement and no other of that side, also where the other side ends half way."""
+    first, second = sides(n, m, gap=0.1)
+    second.xy[:, 0] *= 0.6
+    found = mortar.couple(first, second, np.zeros(n + 1, bool))
+    own = found.side == 0
+    assert np.array_equal(found.vertex[own], found.node[own])
+    np.testing.assert_allclose(found.value[own], 1.0, rtol=1e-9)
+    assert found.weight.sum() == pytest.approx(0.6, rel=1e-12)
+
+
 def arc(radius: float, n: int, outward: float) -> mortar.Side:
     """n chords of a quarter circle about the origin; the body lies inside if `outward` is 1."""
     angle = np.linspace(0, np.pi / 2, n + 1)
@@ -98,7 +110,8 @@ def test_block_rests_on_a_slope(solved, angle, subdomains):
     assert run.summary["residuals"]["equilibrium"] < 1e-6
 
 
-@pytest.mark.parametrize("options", [{"angle": 26.6}, {"angle": 45}, {"angle": 5, "friction": 0.05}, {"angle": 180}])
+@pytest.mark.parametrize("options", [{"angle": 26.6}, {"angle": 45}, {"angle": 5, "friction": 0.05}, {"angle": 180},
+                                     {"angle": 180, "friction": 0}])
 def test_impossible_equilibrium_is_named(solved, options):
     run = solved("slope", **options)
     assert run.status == 3 and "no equilibrium" in run.reason and "body 1" in run.reason
