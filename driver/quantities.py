@@ -75,13 +75,14 @@ def _beyond(nodes: dict, piece: np.ndarray) -> np.ndarray:
     """(2,) lengths of the edges beyond the ends of a piece, zero at an end of the boundary.
 
     There is such an edge where a clamped node, which carries no contact condition, follows; the dual segment of
-    the last node then reaches beyond it. The edge that closes a ring is shared by both ends.
+    the last node then covers half of it, between two bodies all of it. The edge that closes a ring is shared by both ends.
     """
     side = np.diff(nodes["arc"][piece])
     if not len(side):
         return np.zeros(2)
     ends = piece[[0, -1]]
-    left = 2 * nodes["weight"][ends] - side[[0, -1]]
+    weight, near = nodes["weight"][ends], side[[0, -1]]
+    left = np.where(nodes["paired"][ends], weight - near / 2, 2 * weight - near)
     left[left < 1e-6 * side[[0, -1]]] = 0.0
     closing = np.linalg.norm(np.subtract(*nodes["xy"][ends]))
     return left / 2 if np.allclose(left, closing, rtol=1e-6, atol=0) else left

@@ -149,7 +149,7 @@ class Record:
 
     def quantities(self) -> tuple[dict[str, float], int]:
         """Quantities of interest, and the index of the step that they belong to."""
-        nodes = {name: getattr(self.contact.boundary, name) for name in ("xy", "arc", "weight", "gap", "label")}
+        nodes = {name: getattr(self.contact.boundary, name) for name in ("xy", "arc", "weight", "gap", "label", "paired")}
         steps = {name: np.array(column) for name, column in self.states.items()}
         return quantities(self.effects, nodes, steps, self.displacements)
 

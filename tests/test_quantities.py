@@ -15,7 +15,7 @@ def line(x, closed, pressure, opening, **more):
     side = np.diff(x)
     weight = (np.r_[side, 0] + np.r_[0, side]) / 2
     nodes = {"xy": np.column_stack([x, 0 * x]), "arc": x - x[0], "weight": weight, "gap": np.zeros(len(x)),
-             "label": np.ones(len(x), int)}
+             "label": np.ones(len(x), int), "paired": np.zeros(len(x), bool)}
     steps = {"u_n": -opening, "slip": 0 * x, "sigma_n": -pressure, "sigma_t": 0 * x,
              "status": np.where(closed, STICK, OPEN)}
     return nodes, {name: (more[name] if name in more else value)[None] for name, value in steps.items()}
@@ -61,7 +61,7 @@ def test_ring_and_separate_pieces():
     side = 2 * np.sin(np.pi / 12)
     one = np.ones(12)
     ring = {"xy": np.column_stack([np.cos(angle), np.sin(angle)]), "arc": side * np.arange(12), "weight": side * one,
-            "gap": 0 * one, "label": one}
+            "gap": 0 * one, "label": one, "paired": one < 0}
     steps = {"u_n": 0 * one, "slip": 0 * one, "sigma_n": -one, "sigma_t": 0 * one, "status": STICK * one}
     assert values(ring, {k: v[None] for k, v in steps.items()})["contact_length"] == pytest.approx(12 * side, rel=1e-12)
     x = np.r_[np.linspace(0, 1, 6), np.linspace(3, 4, 6)]

@@ -30,6 +30,7 @@ def test_contact_patch_test(solved, options):
     strain = 1 / 1000 * np.array([0.3 * 1.3, -(1 - 0.3**2)])
     assert nodal_error(run, lambda x, y: np.column_stack([strain[0] * x, strain[1] * y])) < 1e-9
     assert run.summary["balance"] < 1e-12 and run.summary["effects"]["bodies"] == 2
+    assert run.summary["quantities"]["contact_length"] == pytest.approx(2 / c, rel=1e-6)  # the clamped end included
 
 
 def sides(n: int, m: int, height=lambda x: 0.0 * x, gap: float = 0.0):
