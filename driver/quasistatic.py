@@ -629,13 +629,21 @@ class QuasistaticSolver:
         def monitor(kind, products, residual):
             history.log.append((offset + products, index, iteration, kind, residual / (self.scales.d or 1.0)))
 
-        result = mprgp(op.apply, d, *limits, x, tol=tol, norm_bound=self.bound,
-                       preconditioner=self.preconditioner, max_products=settings.max_products, gradient0=gradient,
-                       dot=op.dot, monitor=monitor, scale=self.scale, relax=relax,
-                       expansion="gradient" if settings.expansion == "gradient" else "cg")
-        self.bound = result.norm_bound
-        for name in ("cg_steps", "expansion_steps", "proportioning_steps"):
-            history.counts[name] += getattr(result, name)
+        def attempt(x, gradient, relax):
+            found = mprgp(op.apply, d, *limits, x, tol=tol, norm_bound=self.bound,
+                          preconditioner=self.preconditioner, max_products=settings.max_products, gradient0=gradient,
+                          dot=op.dot, monitor=monitor, scale=self.scale, relax=relax,
+                          expansion="gradient" if settings.expansion == "gradient" else "cg")
+            self.bound = found.norm_bound
+            for name in ("cg_steps", "expansion_steps", "proportioning_steps"):
+                history.counts[name] += getattr(found, name)
+            return found
+
+        result = attempt(x, gradient, relax)
+        if result.status == "stagnated" and relax is not None:
+            # steps on the contact rows alone may be all rounding where the stiffness jumps within subdomains
+            offset = op.products
+            result = attempt(result.x, op.apply(result.x) - d, None)
         if result.status != "converged":
             self._end(3 if result.status == "indefinite operator" else 4,
                       f"step {index}: MPRGP ended with '{result.status}': {result.reason}")
