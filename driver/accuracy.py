@@ -13,7 +13,6 @@ pressure at a sharp corner) is left out.
 Leaves accuracy.csv (a row a run), reference.csv, bargains.csv and pictures.
 """
 
-import csv
 import dataclasses
 import math
 import statistics
@@ -25,6 +24,7 @@ from pathlib import Path
 from . import freefem
 from .budget import FORMAL, extrapolate, main_quantity, mesh_knob, unit
 from .errors import DriverError, InputError
+from .files import write_table
 from .options import Settings
 from .run import RESULTS, Run, execute
 
@@ -391,17 +391,6 @@ def bargains(trials: list[Trial], known: dict[str, Reference]) -> list[dict]:
     return found
 
 
-def write_table(path: Path, columns, table: list[dict]) -> Path:
-    """A CSV file under a temporary name, renamed."""
-    hidden = path.with_name(f".{path.name}")
-    with open(hidden, "w", newline="") as file:
-        out = csv.DictWriter(file, columns)
-        out.writeheader()
-        out.writerows(table)
-    hidden.replace(path)
-    return path
-
-
 def describe(table: list[dict], known: dict[str, Reference], units: dict, main: str) -> str:
     """The bargains as people read them: the main quantity in full, of the others the seconds."""
     reference = known[main]
@@ -452,8 +441,8 @@ def run_accuracy(pairs: dict[str, str]) -> list[Path]:
     columns = [*RUN_COLUMNS, *(f"{name}{suffix}" for name in known for suffix in ("", "_error", "_sure", "_own", "_front"))]
     values = [{"scene": f"{scene.stem}{variant}", "quantity": name, "value": r.value, "unit": unit(name, study.units),
                "uncertainty": r.uncertainty, "source": r.source, "main": int(name == main)} for name, r in known.items()]
-    paths = [write_table(out / "accuracy.csv", columns, rows(trials, known)),
-             write_table(out / "bargains.csv", BARGAIN_COLUMNS, table),
-             write_table(out / "reference.csv", tuple(values[0]), values)]
+    paths = [write_table(out / "accuracy.csv", rows(trials, known), columns),
+             write_table(out / "bargains.csv", table, BARGAIN_COLUMNS),
+             write_table(out / "reference.csv", values)]
     print(describe(table, known, study.units, main))
     return paths + draw(out)

@@ -9,7 +9,6 @@ area): eta -> eta (h_new/h)^2. A mesh of given accuracy has the fewest triangles
 and c follows from the number of triangles that is wanted. edp/lib/adapt.idp and gmsh.idp make the mesh.
 """
 
-import csv
 import dataclasses
 import json
 from pathlib import Path
@@ -19,6 +18,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from .errors import InputError
+from .files import write_table
 from .options import Settings
 
 STEM = "size"  # of the files of a size field, see write_sizes
@@ -138,10 +138,7 @@ def describe(place: Path) -> str:
 def report(work: Path, cycles: list[Path]) -> None:
     """Write adaptivity.csv, a row for every cycle and one for the run itself in `work`."""
     rows = [_row(k, place) for k, place in enumerate([*cycles, work])]
-    with open(work / "adaptivity.csv", "w", newline="") as file:
-        table = csv.DictWriter(file, list(rows[0]))
-        table.writeheader()
-        table.writerows(rows)
+    write_table(work / "adaptivity.csv", rows)
 
 
 def _summary(place: Path) -> dict:

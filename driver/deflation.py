@@ -19,7 +19,7 @@ from scipy.linalg import cho_factor, cho_solve, lapack
 from scipy.sparse import csr_matrix
 
 from .contactblock import ContactBlock
-from .fetidp import DirichletPreconditioner, DualOperator
+from .fetidp import DirichletPreconditioner
 from .substructuring import Substructure
 
 DEPENDENT = 1e-4  # squared sine of the angle below which a restricted hat counts as a combination of the others

@@ -7,7 +7,6 @@ macros that declare the effect; it runs in a process of its own, so that its mem
 ``<scene>.csv``, ``.png`` and ``.pdf``.
 """
 
-import csv
 import json
 import os
 import re
@@ -17,7 +16,7 @@ import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from . import environment, freefem
+from . import environment, files, freefem
 from .errors import InputError, error_of
 from .run import RESULTS
 
@@ -230,14 +229,8 @@ def label(variant: Variant) -> str:
 
 def write_table(path: Path, found: list[Variant]) -> Path:
     """One row a variant; columns of a variant without solution are empty."""
-    hidden = path.with_name(f".{path.name}")
-    with open(hidden, "w", newline="") as file:
-        table = csv.DictWriter(file, COLUMNS)
-        table.writeheader()
-        for variant in found:
-            table.writerow({**variant.row, "without": variant.name, "status": variant.status, "reason": variant.reason})
-    hidden.replace(path)
-    return path
+    rows = [{**v.row, "without": v.name, "status": v.status, "reason": v.reason} for v in found]
+    return files.write_table(path, rows, COLUMNS)
 
 
 def change(value: float | None, short: bool = False) -> str:

@@ -100,6 +100,7 @@ class DualOperator:
         self._slots = _Slots(structure, self._row_numbers, order, self.comm) if structure.contact.paired.any() else None
         # partial sums of a scalar product: the rows of each subdomain, in the order of subdomains
         self._starts = structure.row_starts
+        self._filled = self._starts < np.append(self._starts[1:], self.owned)  # reduceat has no empty segments
         self._partial_counts = _counts(self.comm, len(self._starts))
         # corner forces travel in the order of subdomains, so that every rank adds them up alike
         number = [structure.corner_global[s] for s in order]
@@ -149,7 +150,6 @@ class DualOperator:
     def _held_coarse_matrix(self):
         """S_cc with as many dofs pinned as there are free rigid motions; sets the size rho of the springs."""
         S, Q, n = self.coarse_matrix, self.structure.rigid_corners, self.structure.coarse_dofs
-        self._pins = np.empty(0, np.int64)
         if not self.modes:
             return S
         stiffness = S.diagonal().mean()
@@ -164,8 +164,7 @@ class DualOperator:
         """Global scalar product of two dual vectors: partial sums by subdomain, added in their order."""
         partial = np.zeros(len(self._starts))
         if self.owned:
-            filled = self._starts < np.append(self._starts[1:], self.owned)  # reduceat has no empty segments
-            partial[filled] = np.add.reduceat(a * b, self._starts[filled])
+            partial[self._filled] = np.add.reduceat(a * b, self._starts[self._filled])
         if self.comm.size > 1:
             everyone = np.empty(self.structure.total)
             self.comm.Allgatherv(partial, (everyone, self._partial_counts))
@@ -201,24 +200,43 @@ class DualOperator:
             everyone = np.empty(len(self._corner_all))
             self.comm.Allgatherv(forces, (everyone, self._corner_counts))
             forces = everyone
-        return self._spring_held(np.bincount(self._corner_all, forces, minlength=self.structure.coarse_dofs))[self._corner_local]
+        total = np.bincount(self._corner_all, forces, minlength=self.structure.coarse_dofs)
+        return self._spring_held(total, self._pinned_solve)[self._corner_local]
 
-    def _spring_held(self, forces: np.ndarray) -> np.ndarray:
-        """S_rho^-1 times assembled corner forces."""
-        (right, solution), Q = self._coarse, self.structure.rigid_corners
+    def _spring_held(self, forces: np.ndarray, pinned_solve) -> np.ndarray:
+        """S_rho^-1 times assembled corner forces, (n,) or (n, k); `pinned_solve` solves with the pinned S_cc."""
+        if not self.modes:
+            return pinned_solve(forces)
+        Q = self.structure.rigid_corners
         motion = Q.T @ forces
-        right.array[:] = forces - Q @ motion if self.modes else forces
-        right.array[self._pins] = 0.0
+        right = forces - Q @ motion
+        right[self._pins] = 0.0
+        u = pinned_solve(right)
+        return u + Q @ (self.rho * motion - Q.T @ u)
+
+    def _pinned_solve(self, forces: np.ndarray) -> np.ndarray:
+        """Solution with the factorized coarse matrix for one right-hand side (n,); overwritten by the next."""
+        right, solution = self._coarse
+        right.array[:] = forces
         self.coarse_solver.apply(right, solution)
-        u = solution.array
-        return u + Q @ (self.rho * motion - Q.T @ u) if self.modes else u
+        return solution.array
+
+    def _pinned_solve_columns(self, forces: np.ndarray) -> np.ndarray:
+        """The same for k right-hand sides (n, k)."""
+        b = PETSc.Mat().createDense(forces.shape, array=np.asfortranarray(forces), comm=PETSc.COMM_SELF)
+        x = PETSc.Mat().createDense(forces.shape, comm=PETSc.COMM_SELF)
+        x.setUp()
+        self.coarse_solver.getFactorMatrix().matSolve(b, x)
+        found = x.getDenseArray().copy()
+        b.destroy(), x.destroy()
+        return found
 
     def coarse_inverse(self, dofs: np.ndarray) -> np.ndarray:
         """Rows and columns `dofs` of the coarse solution operator, (k, k); one coarse solve a column, on every rank."""
         inverse, force = np.empty((len(dofs), len(dofs))), np.zeros(self.structure.coarse_dofs)
         for k, dof in enumerate(dofs):
             force[dof] = 1.0
-            inverse[:, k] = self._spring_held(force)[dofs]
+            inverse[:, k] = self._spring_held(force, self._pinned_solve)[dofs]
             force[dof] = 0.0
         return (inverse + inverse.T) / 2
 
@@ -301,26 +319,13 @@ class DualOperator:
         n, k = self.structure.coarse_dofs, local.shape[1]
         cell = self._corner_all[:, None] * k + np.arange(k)
         right = np.bincount(cell.ravel(), forces.ravel(), minlength=n * k).reshape(n, k)
-        Q = self.structure.rigid_corners
-        motion = Q.T @ right
-        right = right - Q @ motion
-        right[self._pins] = 0.0
-        b = PETSc.Mat().createDense((n, k), array=np.asfortranarray(right), comm=PETSc.COMM_SELF)
-        x = PETSc.Mat().createDense((n, k), comm=PETSc.COMM_SELF)
-        x.setUp()
-        self.coarse_solver.getFactorMatrix().matSolve(b, x)
-        u = x.getDenseArray().copy()
-        b.destroy(), x.destroy()
-        if self.modes:
-            u += Q @ (self.rho * motion - Q.T @ u)
-        return u[self._corner_local]
+        return self._spring_held(right, self._pinned_solve_columns)[self._corner_local]
 
     def dots(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Global scalar products of the columns of two blocks (owned, k), added as in `dot`."""
         partial = np.zeros((len(self._starts), a.shape[1]))
         if self.owned:
-            filled = self._starts < np.append(self._starts[1:], self.owned)
-            partial[filled] = np.add.reduceat(a * b, self._starts[filled], axis=0)
+            partial[self._filled] = np.add.reduceat(a * b, self._starts[self._filled], axis=0)
         return np.concatenate(self.comm.allgather(partial)).sum(axis=0)
 
     def _pattern_load(self, s: int) -> np.ndarray:
@@ -491,7 +496,7 @@ class _Slots:
 
 
 class DirichletPreconditioner:
-    """M = sum_i B_D,i S_i B_D,i' restricted to a face (Klawonn, Rheinbach; multiplicity scaling).
+    """M = sum_i B_D,i S_i B_D,i' restricted to a face (Klawonn, Rheinbach; stiffness scaling).
 
     S_i is the stiffness of the subdomain in the displacements of its rows, the (pseudo) inverse of the explicit
     local F_i; corners that carry contact rows of their own are released: with v_b = B_r u, v_c = B_c' x the

@@ -279,48 +279,6 @@ class QuasistaticSolver:
         net, size = self.operator.imbalance(x, load.weights)
         self.scales.work = np.maximum(self.scales.work, size)
         return float(np.max(np.abs(net) / np.where(self.scales.work > 0, self.scales.work, 1.0)))
-    # ---- checkpoints ---------------------------------------------------------------------------
-    def snapshot(self) -> dict | None:
-        """All that the next step depends on and that the run reports, for `restore`, on rank 0; collective.
-
-        Arrays follow the global numbering of dual rows and contact nodes, numbers are exact: any number of ranks
-        goes on from it with the same bits.
-        """
-        op, contact, history = self.operator, self.operator.structure.contact, self.history
-        parts = op.comm.gather((self.multipliers, self.older, self.rows.tangential_node,
-                                self.u_t, self.way, self.rows.bound))
-        if parts is None:
-            return None
-        multipliers, older, node, *values = map(np.concatenate, zip(*parts))
-        by_node = np.zeros((3, len(contact.gid)))
-        by_node[:, node] = values
-        product, step, iteration, kind, residual = zip(*history.log) if history.log else ((),) * 5
-        return {"multipliers": multipliers, "older": older, "u_t": by_node[0], "way": by_node[1], "bound": by_node[2],
-                "initial": contact.initial, "norm_bound": float(self.bound), "products": op.products,
-                "scales": {**asdict(self.scales), "work": np.asarray(self.scales.work)},
-                "motion": self.motion, "older_motion": self.older_motion,
-                "log_numbers": np.array([product, step, iteration], np.int64), "log_kind": np.array(kind, str),
-                "log_residual": np.array(residual, float), "fallbacks": history.fallbacks.steps,
-                "history": {name: getattr(history, name) for name in KEPT}, "doubtful": self.doubtful,
-                "condensed": self.condensation.known,
-                "uniqueness": {**asdict(self.uniqueness), "several": list(self.uniqueness.several.items())}}
-
-    def restore(self, state: dict) -> None:
-        """Continue from a `snapshot` of the same problem and settings; the same on every rank."""
-        mine, node, history = slice(*self.operator.structure.row_range), self.rows.tangential_node, self.history
-        self.multipliers, self.older = state["multipliers"][mine], state["older"][mine]
-        self.motion, self.older_motion = state["motion"], state["older_motion"]
-        self.u_t, self.way, self.rows.bound = (state[name][node] for name in ("u_t", "way", "bound"))
-        self.operator.structure.contact.initial[:] = state["initial"]
-        self.bound, self.doubtful, self.scales = state["norm_bound"], state["doubtful"], friction.Scales(**state["scales"])
-        self.uniqueness = Uniqueness(**{**state["uniqueness"], "several": dict(state["uniqueness"]["several"])})
-        if state["condensed"]:
-            self.condensation.compliance()  # its products have been counted
-        self.operator.products = state["products"]
-        history.log.extend(zip(*state["log_numbers"].tolist(), state["log_kind"].tolist(), state["log_residual"].tolist()))
-        history.fallbacks.steps = state["fallbacks"]
-        for name in KEPT:
-            setattr(history, name, state["history"][name])
 
     def _preload(self) -> np.ndarray:
         """Multipliers of the frictionless equilibrium at time 0, whose displacement becomes u_0."""
@@ -370,6 +328,49 @@ class QuasistaticSolver:
             worst[name] = max(worst.get(name, 0.0), value)
         self.history.steps = step.index
         self.history.contraction = max(self.history.contraction, np.nan_to_num(step.contraction))
+
+    # ---- checkpoints ---------------------------------------------------------------------------
+    def snapshot(self) -> dict | None:
+        """All that the next step depends on and that the run reports, for `restore`, on rank 0; collective.
+
+        Arrays follow the global numbering of dual rows and contact nodes, numbers are exact: any number of ranks
+        goes on from it with the same bits.
+        """
+        op, contact, history = self.operator, self.operator.structure.contact, self.history
+        parts = op.comm.gather((self.multipliers, self.older, self.rows.tangential_node,
+                                self.u_t, self.way, self.rows.bound))
+        if parts is None:
+            return None
+        multipliers, older, node, *values = map(np.concatenate, zip(*parts))
+        by_node = np.zeros((3, len(contact.gid)))
+        by_node[:, node] = values
+        product, step, iteration, kind, residual = zip(*history.log) if history.log else ((),) * 5
+        return {"multipliers": multipliers, "older": older, "u_t": by_node[0], "way": by_node[1], "bound": by_node[2],
+                "initial": contact.initial, "norm_bound": float(self.bound), "products": op.products,
+                "scales": {**asdict(self.scales), "work": np.asarray(self.scales.work)},
+                "motion": self.motion, "older_motion": self.older_motion,
+                "log_numbers": np.array([product, step, iteration], np.int64), "log_kind": np.array(kind, str),
+                "log_residual": np.array(residual, float), "fallbacks": history.fallbacks.steps,
+                "history": {name: getattr(history, name) for name in KEPT}, "doubtful": self.doubtful,
+                "condensed": self.condensation.known,
+                "uniqueness": {**asdict(self.uniqueness), "several": list(self.uniqueness.several.items())}}
+
+    def restore(self, state: dict) -> None:
+        """Continue from a `snapshot` of the same problem and settings; the same on every rank."""
+        mine, node, history = slice(*self.operator.structure.row_range), self.rows.tangential_node, self.history
+        self.multipliers, self.older = state["multipliers"][mine], state["older"][mine]
+        self.motion, self.older_motion = state["motion"], state["older_motion"]
+        self.u_t, self.way, self.rows.bound = (state[name][node] for name in ("u_t", "way", "bound"))
+        self.operator.structure.contact.initial[:] = state["initial"]
+        self.bound, self.doubtful, self.scales = state["norm_bound"], state["doubtful"], friction.Scales(**state["scales"])
+        self.uniqueness = Uniqueness(**{**state["uniqueness"], "several": dict(state["uniqueness"]["several"])})
+        if state["condensed"]:
+            self.condensation.compliance()  # its products have been counted
+        self.operator.products = state["products"]
+        history.log.extend(zip(*state["log_numbers"].tolist(), state["log_kind"].tolist(), state["log_residual"].tolist()))
+        history.fallbacks.steps = state["fallbacks"]
+        for name in KEPT:
+            setattr(history, name, state["history"][name])
 
     # ---- one time step -----------------------------------------------------------------------
     def _step(self, index: int, load: _Load, start, sliding) -> Step:

@@ -4,14 +4,13 @@ Fields are gathered on rank 0, which alone writes. Files go to the run's private
 command line renames as a whole, so a result directory that is there is complete.
 """
 
-import csv
-import json
 from pathlib import Path
 
 import numpy as np
 
 from .errors import agreed_writes
 from .fetidp import DualOperator
+from .files import write_json, write_rows
 from .friction import OPEN, STATUS_NAMES
 from .loader import Manifest, Subdomain
 from .quantities import quantities
@@ -310,14 +309,13 @@ class Writer:
         edges = self.operator.structure.outer_edges.tolist()
         traction = _edge_tractions(edges, place, push)
         paired = {label for pair in self.manifest.contact_pairs for label in pair}
-        with open(self.directory / "boundary.csv", "w", newline="") as file:
-            out = csv.writer(file)
-            out.writerow("x0,y0,x1,y1,label,role,traction_x,traction_y".split(","))
-            for a, b, label in edges:
-                pull = traction.get(label, np.zeros(2))
-                role = ("pair" if label in paired else "contact" if label in self.manifest.contact_labels else "support" if a in held and b in held
-                        else "load" if pull.any() else "free")
-                out.writerow([*place[a], *place[b], label, role, *pull])
+        rows = []
+        for a, b, label in edges:
+            pull = traction.get(label, np.zeros(2))
+            role = ("pair" if label in paired else "contact" if label in self.manifest.contact_labels else
+                    "support" if a in held and b in held else "load" if pull.any() else "free")
+            rows.append([*place[a], *place[b], label, role, *pull])
+        write_rows(self.directory / "boundary.csv", "x0,y0,x1,y1,label,role,traction_x,traction_y".split(","), rows)
 
     # ---- end of the run --------------------------------------------------------------------------------
     def close(self, summary: dict) -> None:
@@ -329,11 +327,11 @@ class Writer:
     def _write_all(self, summary: dict) -> None:
         if len(self.contact.boundary.gid):
             columns = CONTACT_COLUMNS + ["boundary"] * self.several
-            _write_csv(self.directory / "contact.csv", columns, self._contact_rows())
+            write_rows(self.directory / "contact.csv", columns, self._contact_rows())
         if self.history_rows:
             rows = [list(row.values()) for row in self.history_rows]
-            _write_csv(self.directory / "history.csv", list(self.history_rows[0]), rows)
-        _write_csv(self.directory / "convergence.csv", ["product", "step", "iteration", "kind", "residual"],
+            write_rows(self.directory / "history.csv", list(self.history_rows[0]), rows)
+        write_rows(self.directory / "convergence.csv", ["product", "step", "iteration", "kind", "residual"],
                    self.solver.history.log)
         if self.vtu:
             sets = "".join(f'<DataSet timestep="{t!r}" part="0" file="{name}"/>\n' for t, name in self.vtu)
@@ -366,17 +364,3 @@ def _edge_tractions(edges, place, push) -> dict[int, np.ndarray]:
     mean = {label: force[label] / total[label] for label in force}
     largest = max((np.abs(f).max() for f in mean.values()), default=0.0)
     return {label: np.where(np.abs(f) > 1e-9 * largest, f, 0.0) for label, f in mean.items()}
-
-
-def _write_csv(path: Path, header: list, rows: list) -> None:
-    with open(path, "w", newline="") as file:
-        out = csv.writer(file)
-        out.writerow(header)
-        out.writerows(rows)
-
-
-def write_json(path: Path, value: dict) -> None:
-    """Write JSON to a temporary name and rename it."""
-    hidden = path.with_name(f".{path.name}")
-    hidden.write_text(json.dumps(value, indent=1) + "\n")
-    hidden.replace(path)

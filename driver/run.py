@@ -13,7 +13,7 @@ from pathlib import Path
 
 from . import adaptivity, budget, environment, freefem, goal, seal
 from .checkpoint import fingerprint
-from .errors import InputError, error_of
+from .errors import DriverError, InputError, error_of
 from .ledger import never_mattered
 from .workspace import Workspace
 
@@ -229,6 +229,8 @@ def solve_here(work: Path, request: dict) -> tuple[int, str]:
     stage = goal if "accuracy" in request else study if "study" in request else solve
     try:
         return stage.run(work, request, MPI.COMM_WORLD)
+    except DriverError as problem:  # all ranks have agreed on it
+        return problem.exit_status, str(problem)
     except petsc4py.PETSc.Error as problem:
         if problem.ierr == PETSC_ERR_MEM:
             raise MemoryError from None

@@ -12,6 +12,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from .errors import InputError
+from .files import write_json
 
 CHUNK = 1 << 22  # bytes read at once
 PROBE = 1 << 16  # bytes; FreeFEM's buffers are smaller, so this much is not left after one of its writes has failed
@@ -47,9 +48,7 @@ def write(directory: Path, scene: str, names: list[str]) -> Seal:
     files["manifest.json"] = (len(manifest), zlib.crc32(manifest))
     records.update(re.sub(rb'"blocks": \d+', b"", manifest, count=1))
     seal = Seal(scene, records.hexdigest(), files)
-    hidden = directory / ".seal.json"
-    hidden.write_text(json.dumps(asdict(seal), indent=1) + "\n")
-    hidden.replace(directory / "seal.json")
+    write_json(directory / "seal.json", asdict(seal))
     return seal
 
 

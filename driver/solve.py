@@ -11,10 +11,11 @@ import numpy as np
 
 from . import adaptivity
 from .checkpoint import Checkpoints
-from .errors import DriverError, agreed_writes
+from .errors import agreed_writes
 from .ledger import effects_ledger
 from .loader import Manifest
 from .options import Settings
+from .timing import Laps
 from .workspace import lock_log
 
 PRIMAL = {"gluing": 0, "normal": 1, "tangential": 2}
@@ -66,27 +67,16 @@ def run(directory: Path, request: dict, comm) -> tuple[int, str]:
 
     `request` holds scene, settings (of quasistatic.Settings), fields (bool), quiet (bool), seconds (of the
     stages before), errors, refine (bool) and fingerprint (see checkpoint). Goes on from a checkpoint in `directory`, if
-    one is there. Collective over `comm`; returns exit status and reason, the same on every rank.
+    one is there. Collective over `comm`; returns exit status and reason, the same on every rank. Raises DriverError, on
+    all ranks alike, where there is nothing to keep.
     """
-    try:
-        return _run(directory, request, comm)
-    except DriverError as problem:
-        return problem.exit_status, str(problem)
-
-
-def _run(directory: Path, request: dict, comm) -> tuple[int, str]:
     from . import soundness
     from .estimation import EnergyEstimator
     from .problem import assemble
     from .results import Writer
 
-    clock, seconds = time.perf_counter(), dict(request["seconds"])
-
-    def lap(name: str) -> None:
-        nonlocal clock
-        now = time.perf_counter()
-        seconds[name], clock = now - clock, now
-
+    lap = Laps(request["seconds"])
+    seconds = lap.seconds
     problem = assemble(directory / "export", comm, lap)
     manifest, structure, operator = problem.manifest, problem.structure, problem.operator
     settings = Settings(**request["settings"])

@@ -16,7 +16,6 @@ with first order is that of h. Differences of tractions are those of (sigma_n, s
 boundary, relative to the norm of the reference, the largest of all time steps. Leaves stopping.csv, .png and .pdf.
 """
 
-import csv
 import shutil
 import tempfile
 from dataclasses import dataclass
@@ -26,6 +25,7 @@ import numpy as np
 
 from . import freefem
 from .errors import InputError
+from .files import write_table
 from .options import Settings
 from .run import RESULTS
 from .table import LOADINGS, ROWS
@@ -134,14 +134,7 @@ def run_stopping(pairs: dict[str, str]) -> list[Path]:
             for loading in LOADINGS:
                 table.append(compare(Path(folder), row, loading))
                 print(describe(table[-1]), flush=True)
-    path = out / "stopping.csv"
-    hidden = path.with_name(f".{path.name}")
-    with open(hidden, "w", newline="") as file:
-        rows = csv.DictWriter(file, COLUMNS)
-        rows.writeheader()
-        rows.writerows(table)
-    hidden.replace(path)
-    return [path, *draw(out, table)]
+    return [write_table(out / "stopping.csv", table, COLUMNS), *draw(out, table)]
 
 
 def describe(row: dict) -> str:

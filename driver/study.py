@@ -23,6 +23,8 @@ import numpy as np
 
 from . import freefem
 from .errors import DriverError, InputError, agree, error_of
+from .files import write_json, write_table
+from .timing import Laps
 
 LARGEST = 2000  # contact rows beyond which the condensation takes longer than a hundred runs save
 FIELDS = ("u_n", "u_t", "slip", "sigma_n", "sigma_t", "bound")
@@ -85,28 +87,15 @@ def _studied(pairs: dict[str, str]) -> tuple[str, list[str]]:
 
 # ---- the SPMD part -------------------------------------------------------------------------------
 
-
 def run(directory: Path, request: dict, comm) -> tuple[int, str]:
-    """Solve all values on the ranks of `comm` and write the files; exit status and reason, as solve.run."""
-    try:
-        return _run(directory, request, comm)
-    except DriverError as problem:
-        return problem.exit_status, str(problem)
-
-
-def _run(directory: Path, request: dict, comm) -> tuple[int, str]:
+    """Solve all values on the ranks of `comm` and write the files; exit status and reason, as solve.run. Raises DriverError."""
     from .compliance import ContactCompliance
     from .loader import read_contact, read_manifest
     from .options import Settings
     from .problem import assemble
 
-    clock, seconds = time.perf_counter(), dict(request["seconds"])
-
-    def lap(name: str) -> None:
-        nonlocal clock
-        now = time.perf_counter()
-        seconds[name], clock = now - clock, now
-
+    lap = Laps(request["seconds"])
+    seconds = lap.seconds
     problem = assemble(directory / "export", comm, lap)
     manifest, structure, operator = problem.manifest, problem.structure, problem.operator
     if not manifest.contact_labels:
@@ -246,12 +235,13 @@ def _quantities(contact, fields: dict) -> dict:
 def _write(directory: Path, request: dict, contact, outcomes: list[Outcome], summary: dict) -> None:
     """study.csv, history.csv, contact.csv and summary.json."""
     from .friction import STATUS_NAMES
-    from .results import write_json
 
     name, values = request["study"], request["values"]
     full = next((one.row for one in outcomes if one.history), outcomes[0].row)
-    _write_csv(directory / "study.csv", [{name: value} | dict.fromkeys(full, "") | one.row for value, one in zip(values, outcomes)])
-    _write_csv(directory / "history.csv", [{name: value, **row} for value, one in zip(values, outcomes) for row in one.history])
+    write_table(directory / "study.csv", [{name: value} | dict.fromkeys(full, "") | one.row for value, one in zip(values, outcomes)])
+    steps = [{name: value, **row} for value, one in zip(values, outcomes) for row in one.history]
+    if steps:
+        write_table(directory / "history.csv", steps)
     rows = []
     for value, one in zip(values, outcomes):
         for i in range(len(contact.gid) if one.fields else 0):
@@ -259,16 +249,9 @@ def _write(directory: Path, request: dict, contact, outcomes: list[Outcome], sum
                      "arc": contact.arc[i], "weight": contact.weight[i]}
             rows.append({name: value, **place, **{f: one.fields[f][i] for f in FIELDS},
                          "status": STATUS_NAMES[one.fields["status"][i]]})
-    _write_csv(directory / "contact.csv", rows)
-    write_json(directory / "summary.json", summary)
-
-
-def _write_csv(path: Path, rows: list[dict]) -> None:
     if rows:
-        with open(path, "w", newline="") as file:
-            out = csv.DictWriter(file, list(rows[0]))
-            out.writeheader()
-            out.writerows(rows)
+        write_table(directory / "contact.csv", rows)
+    write_json(directory / "summary.json", summary)
 
 
 def describe(summary: dict, out: Path) -> str:

@@ -6,7 +6,6 @@ no preconditioner, each step started from the previous one, every QP solved to t
 the contact block.
 """
 
-import csv
 import dataclasses
 import json
 import os
@@ -14,6 +13,7 @@ from pathlib import Path
 
 from .run import RESULTS, Run, execute
 from .errors import InputError
+from .files import write_json, write_table
 from .options import Settings
 
 LOADINGS = ("monotone", "nonmonotone")
@@ -50,7 +50,7 @@ def make_table(pairs: dict[str, str]) -> None:
             else:
                 _make_row(folder, method, row, pairs.get("np", "1"))
     table = [found for method in METHODS for row in ROWS if (found := _finished(folder, method, row))]
-    _write(folder / "table.csv", table)
+    write_table(folder / "table.csv", table)
     print(_text(table))
     for path in (folder / "table.csv", *_draw(folder, table)):
         print(os.path.relpath(path))
@@ -100,10 +100,8 @@ def _make_row(folder: Path, method: str, row: int, ranks: str) -> None:
         summary[loading] = execute(Run.from_pairs(pairs))
     path = _row_file(folder, method, row)
     path.parent.mkdir(parents=True, exist_ok=True)
-    hidden = path.with_name(f".{path.name}")
     found = {"settings": dataclasses.asdict(Settings(**method_settings(method))), "row": _columns(row, method, summary)}
-    hidden.write_text(json.dumps(found, indent=1) + "\n")
-    hidden.replace(path)
+    write_json(path, found)
 
 
 def _columns(row: int, method: str, summary: dict[str, dict]) -> dict:
@@ -118,15 +116,6 @@ def _columns(row: int, method: str, summary: dict[str, dict]) -> dict:
         columns |= {f"seconds_{stage}_{loading}": round(s["seconds"][stage], 3) for stage in ("export", "setup", "solve")}
     columns |= {f"n_m_setup_{loading}": s["counts"]["dual_multiplications_setup"] for s, loading in zip(both, LOADINGS)}
     return columns | {"memory_mib": round(max(s["memory_mib"] for s in both)), "ranks": both[0]["ranks"], "method": method}
-
-
-def _write(path: Path, table: list[dict]) -> None:
-    hidden = path.with_name(f".{path.name}")
-    with open(hidden, "w", newline="") as file:
-        out = csv.DictWriter(file, list(table[0]))
-        out.writeheader()
-        out.writerows(table)
-    hidden.replace(path)
 
 
 def _text(table: list[dict]) -> str:

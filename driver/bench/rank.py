@@ -2,7 +2,6 @@
 
 import json
 import sys
-import time
 from pathlib import Path
 
 from .. import environment
@@ -22,6 +21,7 @@ from ..loader import read_manifest, read_subdomains
 from ..problem import Problem
 from ..substructuring import build, partition
 from ..table import method_settings
+from ..timing import Laps
 from .workbench import march
 
 CALLS = 20  # products timed at a time
@@ -29,16 +29,9 @@ CALLS = 20  # products timed at a time
 
 def once(directory: Path, comm) -> dict:
     """Seconds of every stage (of the slowest rank), counts and message volume of one run."""
-    seconds = {}
     comm.Barrier()
-    clock = time.perf_counter()
-
-    def lap(name: str) -> None:
-        nonlocal clock
-        comm.Barrier()
-        now = time.perf_counter()
-        seconds[name], clock = now - clock, now
-
+    lap = Laps(barrier=comm.Barrier)
+    seconds = lap.seconds
     manifest = read_manifest(directory)
     first, last = partition(manifest.subdomains, comm)
     subdomains = read_subdomains(manifest, first, last, comm)

@@ -6,7 +6,7 @@ from petsc4py import PETSc
 from ..mprgp import mprgp, norm_bound, projected_gradient
 from ..options import Settings
 from ..table import LOADINGS
-from .workbench import Workbench, march
+from .workbench import Workbench
 
 PART = "tao"
 SIZES = ("4x2", "8x4", "16x8")

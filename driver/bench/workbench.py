@@ -1,6 +1,5 @@
 """What the parts share: the model example at several sizes, clocks, and the report."""
 
-import csv
 import dataclasses
 import os
 import resource
@@ -15,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from .. import environment, freefem
+from ..files import write_rows
 from ..options import Settings
 from ..table import LOADINGS
 
@@ -60,12 +60,8 @@ class Report:
 
     def write(self, path: Path) -> None:
         """report.csv under a temporary name, renamed."""
-        hidden = path.with_name(f".{path.name}")
-        with open(hidden, "w", newline="") as file:
-            out = csv.writer(file)
-            out.writerow([field.name for field in dataclasses.fields(Row)])
-            out.writerows([[f"{v:.6g}" if isinstance(v, float) else v for v in dataclasses.astuple(row)] for row in self.rows])
-        hidden.replace(path)
+        write_rows(path, [field.name for field in dataclasses.fields(Row)],
+                   [[f"{v:.6g}" if isinstance(v, float) else v for v in dataclasses.astuple(row)] for row in self.rows])
 
 
 class Workbench:

@@ -1,6 +1,5 @@
 """All hard cases at all sizes: run, judge, report.csv, pictures."""
 
-import csv
 import hashlib
 import importlib
 import multiprocessing
@@ -15,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import DriverError, InputError
+from ..files import write_table
 from ..oracle import OracleFailure
 from ..run import RESULTS
 from .case import Case, Outcome, reference, run_case
@@ -201,11 +201,5 @@ def _line(row: Row) -> str:
 
 
 def _write(path: Path, rows: list[Row]) -> None:
-    hidden = path.with_name(f".{path.name}")
-    with open(hidden, "w", newline="") as file:
-        out = csv.DictWriter(file, list(asdict(rows[0])))
-        out.writeheader()
-        for row in rows:
-            out.writerow({name: "" if isinstance(value, float) and np.isnan(value) else value
-                          for name, value in asdict(row).items()})
-    hidden.replace(path)
+    write_table(path, [{name: "" if isinstance(value, float) and np.isnan(value) else value
+                        for name, value in asdict(row).items()} for row in rows])

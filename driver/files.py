@@ -1,0 +1,41 @@
+"""Tables and JSON as files that appear whole: written under a hidden name beside their own, then renamed."""
+
+import csv
+import json
+from contextlib import contextmanager
+from pathlib import Path
+
+
+@contextmanager
+def renamed(path: Path):
+    """A hidden path to write to, renamed to `path` when the block has come through."""
+    hidden = path.with_name(f".{path.name}")
+    yield hidden
+    hidden.replace(path)
+
+
+def write_json(path: Path, value: dict) -> None:
+    """`value` as JSON."""
+    with renamed(path) as hidden:
+        hidden.write_text(json.dumps(value, indent=1) + "\n")
+
+
+def write_rows(path: Path, header: list, rows) -> Path:
+    """A CSV file of `header` and `rows`, sequences of values in its order; returns `path`."""
+    with renamed(path) as hidden, open(hidden, "w", newline="") as file:
+        out = csv.writer(file)
+        out.writerow(header)
+        out.writerows(rows)
+    return path
+
+
+def write_table(path: Path, rows: list[dict], columns=None) -> Path:
+    """A CSV file of `rows` with `columns`, by default those of the first row; returns `path`.
+
+    Values that a row lacks stay empty; raises ValueError for a row with a column of its own.
+    """
+    with renamed(path) as hidden, open(hidden, "w", newline="") as file:
+        out = csv.DictWriter(file, columns or list(rows[0]))
+        out.writeheader()
+        out.writerows(rows)
+    return path
