@@ -8,9 +8,11 @@ from pathlib import Path
 import meshio
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from driver import figures
 from driver.errors import InputError
+from driver.figures import body, contact, convergence, outline, scales
 
 ALL = ["geometry", "loading", "deformed", "contact_normal", "contact_tangential", "contact_status",
        "convergence", "history"]
@@ -285,12 +287,12 @@ def test_geometry_names_the_parts_and_draws_the_loads_to_scale(drawn):
 
 
 def test_boundary_edges_are_turned_outward(run):
-    start, end, normal = figures.outward_edges(run.boundary, run.first)
+    start, end, normal = outline.outward_edges(run.boundary, run.first)
     for label, expected in {1: (0, -1), 2: (1, 0), 3: (0, 1), 4: (-1, 0)}.items():
         assert np.allclose(normal[run.boundary["label"] == label], expected)
     follows = (np.abs(end[:, None] - start[None]).max(axis=2) < 1e-9).sum(axis=1)
     assert np.all(follows == 1), "directed edges close the outline"
-    (chain,) = figures.chains(start, end)
+    (chain,) = outline.chains(start, end)
     assert np.allclose(start[chain[1:]], end[chain[:-1]]) and len(chain) == len(start)
 
 
@@ -300,7 +302,7 @@ def circle(radius: float, angles):
 
 def test_marks_are_spread_evenly_over_unequal_edges():
     ends = circle(1, -np.pi + np.pi * np.linspace(0, 1, 40) ** 2)
-    points, edges = figures.sample(ends[:-1], ends[1:], 0.1)
+    points, edges = outline.sample(ends[:-1], ends[1:], 0.1)
     assert len(points) == len(edges) == 31  # pi / 0.1
     gaps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     assert np.allclose(gaps, np.pi / 31, rtol=0.01)  # chords of 0.1 and edges of 0.16 at most: 1 - x^2/24 > 0.99
@@ -311,8 +313,8 @@ def test_foundation_under_a_round_body_is_as_flat_as_its_gap_says():
     ends, size = circle(1, angle), 2.0
     contact = {"x": ends[:, 0], "y": ends[:, 1], "normal_x": ends[:, 0], "normal_y": ends[:, 1],
                "gap": -1 / np.sin(angle) - 1}  # along the normal, down to y = -1
-    axes = figures.Figure().add_subplot()
-    figures.foundation(axes, contact, ends[:-1], ends[1:], size, 1.0)
+    axes = Figure().add_subplot()
+    body.foundation(axes, contact, ends[:-1], ends[1:], size, 1.0)
     line, marks = (np.array(c.get_segments()) for c in axes.collections)
     # the rest by which the foundation is set off is taken along the normal
     assert np.allclose(line[:, 0, 1], -1 + 0.016 * size * np.sin(angle[:-1]))
@@ -351,14 +353,14 @@ def test_deformed_body_is_magnified_as_in_the_slides(run, drawn):
 
 @pytest.mark.parametrize("raw, chosen", [(1.0, 1), (8.9, 10), (4.4, 5), (230.0, 200), (0.031, 0.03)])
 def test_magnification_is_round(raw, chosen):
-    assert figures.round_magnification(raw) == pytest.approx(chosen)
+    assert scales.round_magnification(raw) == pytest.approx(chosen)
 
 
 def test_other_scenes_choose_their_magnification(tmp_path):
     run = figures.read_run(make_run(tmp_path, scene="edp/hertz.edp", steps=1, products=6))
     largest = np.linalg.norm(run.last.displacement, axis=1).max()
     # neighbours among the round numbers differ by a factor 2 at most, so by sqrt(2) from the wish
-    assert 0.08 / math.sqrt(2) <= figures.magnification(run) * largest / 2 <= 0.08 * math.sqrt(2)
+    assert 0.08 / math.sqrt(2) <= body.magnification(run) * largest / 2 <= 0.08 * math.sqrt(2)
     assert "scene hertz" in words(figures.compose("deformed", run))
 
 
@@ -392,7 +394,7 @@ def test_status_picture_has_a_cell_for_every_node_and_step(run, drawn):
     figure = drawn["contact_status"]
     (mesh,) = figure.axes[0].collections
     codes = mesh.get_array().reshape(20, 21)
-    names = np.array(list(figures.STATUS))
+    names = np.array(list(contact.STATUS))
     assert np.array_equal(names[codes.astype(int)].ravel(), run.contact["status"])
     assert figure.axes[0].get_ylim() == (0, 1)
 
@@ -412,10 +414,10 @@ def test_not_converged_is_said_in_every_title(tmp_path):
 def test_thinned_convergence_keeps_starts_and_counts_everything(tmp_path):
     run = figures.read_run(make_run(tmp_path, steps=20, products=600))
     table = run.convergence
-    thin, every = figures.thin_out(table)
+    thin, every = convergence.thin_out(table)
     assert len(table["kind"]) > 20000 and every > 1
     assert np.count_nonzero(thin["kind"] == "start") == np.count_nonzero(table["kind"] == "start") == 120
-    assert len(thin["kind"]) <= figures.POINTS + 120
+    assert len(thin["kind"]) <= convergence.POINTS + 120
     figure = figures.compose("convergence", run)
     total = sum(int(t.split("(")[1].rstrip(")").replace("\u2009", "")) for t in legend_words(figure))
     assert total == len(table["kind"]) and f"every {every}th iteration" in words(figure)
@@ -434,12 +436,12 @@ def test_history_shows_forces_per_thickness_and_iterations(drawn):
     ("mm", 120.0, "mm", 120), ("mm", 3e-3, "µm", 3), ("N/m", 2e6, "MN/m", 2), ("1", 0.5, "–", 0.5),
     ("psi", 3e5, r"$10^{3}$ psi", 300), ("Pa", 0.0, "Pa", 0)])
 def test_scales(unit, peak, label, shown):
-    scale = figures.scale_for(unit, [peak, -peak / 2])
+    scale = scales.scale_for(unit, [peak, -peak / 2])
     assert scale.label == label and scale.factor * peak == pytest.approx(shown)
 
 
 def test_resultants_of_mixed_units_are_forces_per_length(tmp_path):
     run = figures.read_run(make_run(tmp_path, steps=2, units=("mm", "MPa"), products=6))
-    assert figures.force_scale(run, [5.0]) == (pytest.approx(1.0), "kN/m")  # MPa mm = N/mm = kN/m
+    assert scales.force_scale(run, [5.0]) == (pytest.approx(1.0), "kN/m")  # MPa mm = N/mm = kN/m
     run.summary["units"] = {"length": "1", "stress": "1"}
-    assert figures.force_scale(run, [5.0]) == (1.0, "–")
+    assert scales.force_scale(run, [5.0]) == (1.0, "–")

@@ -1,0 +1,165 @@
+"""Stresses, displacements and status along the contact boundaries."""
+
+import numpy as np
+from matplotlib.colors import ListedColormap, to_rgb
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from .layout import PANELS, header, left_out, panel_grid
+from .reading import Run, contact_boundaries, segment_ends, select
+from .scales import Scale, length_scale, stress_scale
+from .style import BLUE, INK, ORANGE, RED
+
+STATUS = {"open": "#C8C8C8", "stick": BLUE, "slip": ORANGE}
+
+
+def pale(colour: str) -> tuple:
+    """A tint light enough to carry curves."""
+    return tuple(0.72 + 0.28 * c for c in to_rgb(colour))
+
+
+def status_names(run: Run) -> dict:
+    """What the legend calls each status; without friction a closed node neither sticks nor slips."""
+    return {"open": "open", "stick": "stick", "slip": "slip" if run.friction else "contact"}
+
+
+def shade_zones(axes, rows: dict, factor: float) -> None:
+    """Tint the background by the status of the nodes' dual segments."""
+    ends = segment_ends(rows["arc"], rows["weight"]) * factor
+    status = rows["status"]
+    jumps = np.flatnonzero(status[1:] != status[:-1]) + 1
+    for left, right in zip([0, *jumps], [*jumps, len(status)]):
+        axes.axvspan(ends[left], ends[right], color=pale(STATUS[status[left]]), lw=0, zorder=0)
+    axes.set_xlim(ends[0], ends[-1])
+
+
+def zone_handles(run: Run, status: np.ndarray, tint) -> list:
+    """Legend patches for the statuses that occur; a frictionless closed node is one kind, however written."""
+    names = status_names(run)
+    return [Patch(facecolor=tint(STATUS[s]), edgecolor="0.5", lw=0.4, label=names[s])
+            for s in STATUS if (status == s).any()]
+
+
+def final_boundaries(run: Run) -> list:
+    """Contact boundaries with their rows of the last step, in the order of arc."""
+    last = select(run.contact, run.contact["step"] == run.contact["step"].max())
+    if not run.friction:
+        last["status"] = np.where(last["status"] == "open", "open", "slip")
+    return contact_boundaries(last)
+
+
+def curve_style(nodes: int) -> dict:
+    """Markers show the nodes as long as they can be told apart."""
+    return {"marker": "o", "ms": 2.6} if nodes <= 60 else {"lw": 1.1}
+
+
+def contact_scales(run: Run, shown: list, stresses: tuple, displacements: tuple):
+    """Scales of arc, stress and displacement common to all panels of a figure."""
+    def gather(names):
+        return np.concatenate([rows[n] for _, rows in shown for n in names])
+    return (length_scale(run, gather(("arc",))), stress_scale(run, gather(stresses)),
+            length_scale(run, np.append(gather(displacements), visible(run))))
+
+
+def visible(run: Run) -> float:
+    """Displacement that still counts as one: 1% of the body's largest; below it axes would show rounding."""
+    return 0.01 * run.history["max_displacement"].max()
+
+
+def widen(axes, span: float) -> None:
+    """Limits of y at least `span` apart, about the same middle."""
+    low, high = axes.get_ylim()
+    if high - low < span:
+        axes.set_ylim((low + high - span) / 2, (low + high + span) / 2)
+
+
+def contact_panels(figure: Figure, run: Run, caption: str, panels: tuple) -> None:
+    """Stress above displacement for every contact boundary; `panels` are the two functions that draw them."""
+    boundaries = final_boundaries(run)
+    shown = boundaries[:PANELS]
+    names = (("sigma_n",), ("u_n",)) if panels[0] is normal_stress else (("sigma_t", "bound"), ("u_t",))
+    arc, stress, length = contact_scales(run, shown, *names)
+    handles = {}
+    for (_, rows), (above, below) in zip(shown, panel_grid(figure, shown, 2, 11)):
+        for axes, draw, scale in ((above, panels[0], stress), (below, panels[1], length)):
+            shade_zones(axes, rows, arc.factor)
+            lines = draw(axes, rows, rows["arc"] * arc.factor, scale)
+            handles.update({line.get_label(): line for line in lines})
+            axes.axhline(0, color="0.45", lw=0.5, zorder=1)
+            axes.locator_params(axis="y", nbins=6)
+        widen(below, visible(run) * length.factor)
+        below.set_xlabel(rf"arc length along $\Gamma_c$ [{arc.label}]")
+    figure.align_ylabels()
+    status = np.concatenate([rows["status"] for _, rows in shown])
+    time = run.contact["time"].max()
+    header(figure, run, caption + run.at(time), [*handles.values(), *zone_handles(run, status, pale)],
+           left_out(boundaries))
+
+
+def normal_stress(axes, rows: dict, arc: np.ndarray, scale: Scale) -> list:
+    """sigma_n over arc."""
+    axes.set_ylabel(rf"$\sigma_n$ [{scale.label}]")
+    return axes.plot(arc, rows["sigma_n"] * scale.factor, color=RED, label=r"stress $\sigma_n$",
+                     **curve_style(len(arc)))
+
+
+def normal_displacement(axes, rows: dict, arc: np.ndarray, scale: Scale) -> list:
+    """u_n and the gap over arc; a gap that opens far beyond u_n is cut rather than flattening u_n."""
+    u, gap = rows["u_n"] * scale.factor, rows["gap"] * scale.factor
+    closed = rows["status"] != "open"
+    matter = np.concatenate([u, gap[closed] if closed.any() else [gap.min()]])
+    margin = 0.08 * (np.ptp(matter) or 1.0)
+    axes.set_ylim(matter.min() - margin, matter.max() + margin)
+    axes.set_ylabel(rf"$u_n$ [{scale.label}]")
+    return (axes.plot(arc, gap, color=INK, ls=(0, (4, 2)), lw=1.0, label="gap")
+            + axes.plot(arc, u, color=BLUE, label="displacement $u_n$", **curve_style(len(arc))))
+
+
+def tangential_stress(axes, rows: dict, arc: np.ndarray, scale: Scale) -> list:
+    """sigma_t between minus and plus its bound."""
+    bound = rows["bound"] * scale.factor
+    axes.set_ylabel(rf"$\sigma_t$ [{scale.label}]")
+    axes.plot(arc, -bound, color=INK, ls=(0, (4, 2)), lw=1.0)
+    return (axes.plot(arc, bound, color=INK, ls=(0, (4, 2)), lw=1.0, label=r"bound $\pm g$")
+            + axes.plot(arc, rows["sigma_t"] * scale.factor, color=RED, label=r"stress $\sigma_t$",
+                        **curve_style(len(arc))))
+
+
+def tangential_displacement(axes, rows: dict, arc: np.ndarray, scale: Scale) -> list:
+    """u_t over arc."""
+    axes.set_ylabel(rf"$u_t$ [{scale.label}]")
+    return axes.plot(arc, rows["u_t"] * scale.factor, color=BLUE, label="displacement $u_t$",
+                     **curve_style(len(arc)))
+
+
+def contact_normal(figure: Figure, run: Run) -> None:
+    """Normal stress and displacement along the contact boundaries at the last time."""
+    contact_panels(figure, run, r"Normal stress and displacement on $\Gamma_c$",
+                   (normal_stress, normal_displacement))
+
+
+def contact_tangential(figure: Figure, run: Run) -> None:
+    """Tangential stress, its bound and tangential displacement at the last time."""
+    contact_panels(figure, run, r"Tangential stress and displacement on $\Gamma_c$",
+                   (tangential_stress, tangential_displacement))
+
+
+def contact_status(figure: Figure, run: Run) -> None:
+    """Open, stick and slip over arc and time; the cell of a step covers the time since the step before."""
+    boundaries = contact_boundaries(run.contact)
+    shown = boundaries[:PANELS]
+    (arc, _, _), seen = contact_scales(run, shown, ("sigma_n",), ("u_n",)), []
+    for (_, rows), (axes,) in zip(shown, panel_grid(figure, shown, 1, 8.5)):
+        times, nodes = np.unique(rows["time"]), np.count_nonzero(rows["step"] == rows["step"][0])
+        status = rows["status"]
+        if not run.friction:
+            status = np.where(status == "open", "open", "slip")
+        codes = np.array([list(STATUS).index(s) for s in status]).reshape(len(times), nodes)
+        ends = segment_ends(rows["arc"][:nodes], rows["weight"][:nodes]) * arc.factor
+        axes.pcolormesh(ends, np.concatenate([[0.0], times]), codes, vmin=0, vmax=2,
+                        cmap=ListedColormap(list(STATUS.values())), rasterized=nodes * len(times) > 5000,
+                        edgecolors="white" if nodes <= 60 and len(times) <= 60 else "none", linewidth=0.3)
+        axes.set(xlabel=rf"arc length along $\Gamma_c$ [{arc.label}]", ylabel="time $t$")
+        seen.append(status)
+    header(figure, run, r"Contact status on $\Gamma_c$ over time",
+           zone_handles(run, np.concatenate(seen), str), left_out(boundaries))

@@ -1,0 +1,83 @@
+"""Convergence of the QP solver over its products, and of the mesh over the cycles of refinement."""
+
+import math
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter
+
+from .layout import header
+from .reading import Run, select
+from .scales import length_scale
+from .style import BLUE, GREEN, INCH, INK, ORANGE
+
+POINTS = 4000  # markers a convergence plot can carry before it turns into a smear
+KINDS = {"start": (INK, "D", 3.2), "cg": (BLUE, "o", 1.7), "expansion": (ORANGE, "^", 2.4),
+         "proportioning": (GREEN, "s", 2.4)}
+
+
+def thin_out(table: dict) -> tuple[dict, int]:
+    """Every k-th row and all start rows, with the smallest k that leaves about POINTS others; and k."""
+    every = max(1, math.ceil(len(table["product"]) / POINTS))
+    keep = (np.arange(len(table["product"])) % every == 0) | (table["kind"] == "start")
+    return select(table, keep), every
+
+
+def mark_steps(axes, table: dict) -> None:
+    """Faint lines where time steps begin, with as many step numbers above as have room."""
+    steps, first = np.unique(table["step"], return_index=True)
+    begin = table["product"][first]
+    for x in begin[1:]:
+        axes.axvline(x, color="0.85", lw=0.5, zorder=0)
+    room, ticks = 0.03 * np.ptp(table["product"]), []
+    for step, x in zip(steps, begin):
+        if not ticks or x - ticks[-1][1] >= room:
+            ticks.append((step, x))
+    top = axes.secondary_xaxis("top")
+    top.set_xticks([x for _, x in ticks], [f"{s:.0f}" for s, _ in ticks])
+    top.tick_params(labelsize=7, length=2)
+    top.set_xlabel("time step (at its first product)", fontsize=8)
+
+
+def convergence(figure: Figure, run: Run) -> None:
+    """Relative projected gradient of the QP solver over the products with the dual operator."""
+    table = run.convergence
+    figure.set_figheight(9 * INCH)
+    axes = figure.add_subplot()
+    thin, every = thin_out(select(table, table["residual"] > 0))
+    axes.semilogy(thin["product"], thin["residual"], color="0.75", lw=0.3, zorder=1)
+    handles = []
+    for kind, (colour, marker, size) in KINDS.items():
+        own, total = thin["kind"] == kind, np.count_nonzero(table["kind"] == kind)
+        if total:
+            axes.plot(thin["product"][own], thin["residual"][own], ls="none", marker=marker, ms=size, mew=0,
+                      color=colour, zorder=3 if kind == "start" else 2)
+            handles.append(Line2D([], [], ls="none", marker=marker, ms=4, mew=0, color=colour,
+                                  label=f"{kind} ({total:,})".replace(",", "\u2009")))
+    axes.set(xlabel="dual multiplications, cumulative", ylabel="relative projected gradient [–]")
+    axes.margins(x=0.01)
+    mark_steps(axes, table)
+    note = f"every {every}th iteration and all starts drawn" if every > 1 else ""
+    header(figure, run, "Convergence of MPRGP", handles, note)
+
+
+def adaptivity(figure: Figure, run: Run) -> None:
+    """The adapted mesh, and the error in the energy norm over the unknowns of all cycles."""
+    figure.set_figheight(8.5 * INCH)
+    body, error = figure.subplots(1, 2, width_ratios=[1.7, 1])
+    scale = length_scale(run, run.first.xy)
+    body.set_aspect("equal")
+    body.triplot(*(run.first.xy * scale.factor).T, run.first.triangles, lw=0.25, color=INK, rasterized=True)
+    body.set(xlabel=f"$x$ [{scale.label}]", ylabel=f"$y$ [{scale.label}]")
+    size, relative = run.adaptivity["primal_dofs"], 100 * run.adaptivity["relative"]
+    error.loglog(size, relative, "o-", color=BLUE, label="cycles")
+    error.loglog(size, relative[0] * (size / size[0]) ** -0.5, "--", color="0.6", lw=0.8, label=r"$N^{-1/2}$")
+    error.set(xlabel="primal unknowns $N$", ylabel="error in the energy norm [%]")
+    error.grid(color="0.9", lw=0.5, which="both")
+    for axis in (error.xaxis, error.yaxis):
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_minor_formatter(FuncFormatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "25" else ""))
+    error.tick_params(which="both", labelsize=7)
+    header(figure, run, "Adaptive refinement", error.get_legend_handles_labels()[0],
+           f"{len(run.first.triangles)} triangles after {len(size) - 1} cycles")

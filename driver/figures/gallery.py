@@ -1,0 +1,65 @@
+"""All the figures of a run: which there are, and how they are composed and written."""
+
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from .body import deformed, geometry
+from .contact import contact_normal, contact_status, contact_tangential
+from .convergence import adaptivity, convergence
+from .history import history, loading
+from .reading import Run, read_run
+from .style import INCH, STYLE, WIDTH, write
+
+FILES = ("geometry", "loading", "deformed", "contact_normal", "contact_tangential", "contact_status",
+         "convergence", "history", "adaptivity")
+
+
+def wanted(run: Run) -> dict:
+    """The figures that the run has something to show for, in the order in which they are drawn."""
+    steps = len(run.history["step"]) if run.history else 0
+    touching = run.contact is not None
+    moving = run.quasistatic and steps > 1
+    choice = {
+        geometry: run.boundary is not None and run.first is not None,
+        loading: moving,
+        deformed: run.last is not None,
+        contact_normal: touching,
+        contact_tangential: touching and run.friction,
+        contact_status: touching and run.quasistatic and len(np.unique(run.contact["step"])) > 1,
+        convergence: run.convergence is not None,
+        history: touching and moving,
+        adaptivity: run.adaptivity is not None and run.first is not None and np.isfinite(run.adaptivity["relative"]).all(),
+    }
+    return {draw.__name__: draw for draw, yes in choice.items() if yes}
+
+
+def compose(name: str, run: Run) -> Figure:
+    """The finished figure `name` of a run, laid out and not yet written."""
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(WIDTH, 12 * INCH), dpi=150, layout="constrained")
+        FigureCanvasAgg(figure)
+        wanted(run)[name](figure, run)
+        figure.draw_without_rendering()
+        figure.set_layout_engine("none")  # frozen, so that the bitmap and the PDF are the same picture
+    return figure
+
+
+def draw_run(directory: Path) -> list[Path]:
+    """Draw all figures of a run directory into its folder ``figures``; returns the files written.
+
+    Figures of an earlier run that this one has nothing to show for are removed. Raises InputError if the
+    directory holds no run.
+    """
+    directory = Path(directory)
+    run = read_run(directory)
+    folder = directory / "figures"
+    folder.mkdir(exist_ok=True)
+    names = list(wanted(run))
+    for name in set(FILES) - set(names):
+        for kind in ("png", "pdf"):
+            (folder / f"{name}.{kind}").unlink(missing_ok=True)
+    return [path for name in names for path in write(compose(name, run), folder, name)]

@@ -1,0 +1,62 @@
+"""What happens over time: loads, contact forces, fixed-point iterations."""
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from .layout import header
+from .reading import Run, select
+from .scales import force_scale
+from .style import BLUE, GREEN, INCH, INK, ORANGE, RED
+
+
+def loading(figure: Figure, run: Run) -> None:
+    """Amplitudes of the load patterns over time, with a marker at every step."""
+    histories = list(run.summary["amplitudes"].values())
+    figure.set_figheight(6.5 * INCH)
+    axes = figure.add_subplot()
+    handles = []
+    for number, (name, values) in enumerate(run.summary["amplitudes"].items()):
+        symbol = r"$\varphi(t)$" if len(histories) == 1 else rf"$\varphi_{{{name}}}(t)$"
+        times = np.linspace(0, run.summary["t_end"], len(values))
+        handles += axes.plot(times, values, "-", marker="osD^v"[number % 5], ms=3.2,
+                             color=[BLUE, RED, GREEN, ORANGE, INK][number % 5], label=symbol)
+    axes.set(xlabel="time $t$", ylabel=r"amplitude $\varphi$ [–]" if len(histories) == 1 else "amplitude [–]")
+    axes.margins(x=0.02)
+    axes.autoscale_view()
+    axes.grid(color="0.9", lw=0.5)
+    steps = int(run.history["step"].max())
+    header(figure, run, f"History of loading, {steps} time steps (markers)", handles)
+
+
+def history(figure: Figure, run: Run) -> None:
+    """Resultant contact forces over time and, with Coulomb friction, fixed-point iterations per step."""
+    table = run.history
+    forces = {"resultant_n": ("normal", RED, "o"), "resultant_t": ("tangential", BLUE, "s")}
+    if not run.friction:
+        del forces["resultant_t"]
+    figure.set_figheight((11 if run.fixed_point else 7) * INCH)
+    panels = figure.subplots(2 if run.fixed_point else 1, sharex=True, squeeze=False)[:, 0]
+    scale = force_scale(run, np.concatenate([table[n] for n in forces]))
+    handles = []
+    for name, (word, colour, marker) in forces.items():
+        handles += panels[0].plot(table["time"], table[name] * scale.factor, marker=marker, ms=3, color=colour,
+                                  label=f"{word} resultant")
+    panels[0].axhline(0, color="0.45", lw=0.5, zorder=1)
+    panels[0].set_ylabel(f"contact force [{scale.label}]")
+    if run.fixed_point:
+        solved = select(table, table["step"] > 0)
+        width = 0.7 * np.diff(solved["time"], prepend=0.0).min()
+        panels[1].bar(solved["time"], solved["fixed_point_iterations"], width, color="0.55")
+        panels[1].set_ylabel("fixed-point iterations")
+        panels[1].yaxis.set_major_locator(MaxNLocator(6, integer=True))
+    for axes in panels:
+        axes.grid(color="0.9", lw=0.5)
+        axes.set_axisbelow(True)
+    panels[-1].set_xlabel("time $t$")
+    figure.align_ylabels()
+    total = int(table["fixed_point_iterations"].sum())
+    caption, note = r"Resultant forces on $\Gamma_c$", ""
+    if run.fixed_point:
+        caption, note = f"{caption} and fixed-point iterations", f"{total} fixed-point iterations"
+    header(figure, run, caption, handles, note)

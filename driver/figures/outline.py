@@ -1,0 +1,65 @@
+"""Geometry of boundary edges: their direction, the chains they form, points spread along them."""
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from .reading import Mesh
+
+
+def right_of(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Unit normals (e, 2) on the right of directed edges."""
+    along = end - start
+    return np.column_stack([along[:, 1], -along[:, 0]]) / np.linalg.norm(along, axis=1, keepdims=True)
+
+
+def outward_edges(boundary: dict, mesh: Mesh):
+    """Boundary edges as (start, end, outward normal), directed so that the body lies on their left."""
+    start = np.column_stack([boundary["x0"], boundary["y0"]])
+    end = np.column_stack([boundary["x1"], boundary["y1"]])
+    edges, inside = mesh.rim()
+    nearest = cKDTree(mesh.xy[edges].mean(axis=1)).query((start + end) / 2)[1]
+    inward = mesh.xy[inside[nearest]] - start
+    turned = np.sum(inward * right_of(start, end), axis=1) > 0
+    start[turned], end[turned] = end[turned], start[turned].copy()
+    return start, end, right_of(start, end)
+
+
+def chains(start: np.ndarray, end: np.ndarray) -> list[list[int]]:
+    """Edge numbers grouped into connected chains, each in the order of its edges."""
+    size = np.ptp(np.concatenate([start, end]), axis=0).max()
+
+    def key(point):
+        return tuple(np.rint(point / size * 1e7).astype(np.int64))
+
+    following = {}
+    for edge, point in enumerate(start):
+        following.setdefault(key(point), []).append(edge)
+    reached = {key(point) for point in end}
+    heads = [e for e, point in enumerate(start) if key(point) not in reached]
+    found, used = [], set()
+    for edge in heads + list(range(len(start))):  # whatever no head leads to is a closed curve
+        chain = []
+        while edge is not None and edge not in used:
+            used.add(edge)
+            chain.append(edge)
+            edge = next((e for e in following.get(key(end[edge]), []) if e not in used), None)
+        if chain:
+            found.append(chain)
+    return found
+
+
+def sample(start: np.ndarray, end: np.ndarray, spacing: float):
+    """Points spread evenly over the chains of some edges, and the edge that each lies on."""
+    points, owners = [], []
+    for chain in chains(start, end):
+        chain = np.array(chain)
+        length = np.linalg.norm(end[chain] - start[chain], axis=1)
+        ends = np.cumsum(length)
+        number = max(1, round(ends[-1] / spacing))
+        position = (np.arange(number) + 0.5) * ends[-1] / number
+        place = np.searchsorted(ends, position)
+        part = 1 - (ends[place] - position) / length[place]
+        edge = chain[place]
+        points.append(start[edge] + part[:, None] * (end[edge] - start[edge]))
+        owners.append(edge)
+    return np.concatenate(points), np.concatenate(owners)

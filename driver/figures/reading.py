@@ -1,0 +1,122 @@
+"""What the figures are drawn from: the tables and fields that a run left, read again."""
+
+import csv
+import json
+import xml.etree.ElementTree as ElementTree
+from dataclasses import dataclass
+from pathlib import Path
+
+import meshio
+import numpy as np
+
+from ..errors import InputError
+
+WORDS = {"status", "kind", "role"}  # the columns that are not numbers
+
+
+@dataclass
+class Mesh:
+    """Torn mesh of one step: points (n, 2), triangles (m, 3), displacement (n, 2), von Mises stress (m,)."""
+
+    time: float
+    xy: np.ndarray
+    triangles: np.ndarray
+    displacement: np.ndarray
+    von_mises: np.ndarray
+
+    def rim(self):
+        """Edges (e, 2) of the subdomain boundaries and, for each, the corner of its triangle inside."""
+        i, j, k = self.triangles.T
+        pairs = np.concatenate([np.column_stack(c) for c in ((i, j), (j, k), (k, i))])
+        keys = np.sort(pairs, axis=1) @ [len(self.xy), 1]
+        _, first, count = np.unique(keys, return_index=True, return_counts=True)
+        once = first[count == 1]
+        return pairs[once], np.concatenate([k, i, j])[once]
+
+
+@dataclass
+class Run:
+    """All that the figures are drawn from. Tables are dicts of columns; what a run lacks is None."""
+
+    summary: dict
+    history: dict
+    contact: dict | None
+    convergence: dict | None
+    boundary: dict | None
+    first: Mesh | None
+    last: Mesh | None
+    adaptivity: dict | None = None
+
+    @property
+    def quasistatic(self) -> bool:
+        return self.summary["effects"]["time"] == "quasistatic"
+
+    @property
+    def friction(self) -> bool:
+        return self.summary["effects"]["friction"] != "none"
+
+    @property
+    def fixed_point(self) -> bool:
+        """Does the bound depend on the solution, so that a fixed point is sought in every step?"""
+        return self.summary["effects"]["friction"].startswith("coulomb")
+
+    @property
+    def scene(self) -> str:
+        return Path(self.summary["scene"]).stem
+
+    def at(self, time: float) -> str:
+        return f" at $t = {time:g}$" if self.quasistatic else ""
+
+
+def read_table(path: Path) -> dict | None:
+    """Columns of a CSV file as arrays, empty numbers as nan; None if the file is absent or has no rows."""
+    if not path.exists():
+        return None
+    with open(path, newline="") as file:
+        names, *rows = csv.reader(file)
+    if not rows:
+        return None
+    return {n: np.array(c) if n in WORDS else np.array([v or "nan" for v in c], dtype=float)
+            for n, c in zip(names, zip(*rows))}
+
+
+def read_mesh(path: Path, time: float) -> Mesh:
+    """One .vtu of a run."""
+    data = meshio.read(path)
+    return Mesh(time, data.points[:, :2], data.cells_dict["triangle"].astype(np.int64),
+                data.point_data["displacement"][:, :2], data.cell_data_dict["von_mises"]["triangle"].ravel())
+
+
+def read_run(directory: Path) -> Run:
+    """Read a run directory; raises InputError if it is not one."""
+    for name in ("summary.json", "history.csv"):
+        if not (directory / name).exists():
+            raise InputError(f"{directory} holds no {name}: run the scene before drawing it")
+    first = last = None
+    if (directory / "fields.pvd").exists():
+        sets = [(float(d.get("timestep")), directory / d.get("file"))
+                for d in ElementTree.parse(directory / "fields.pvd").iter("DataSet")]
+        if sets:
+            first, last = (read_mesh(path, time) for time, path in (min(sets), max(sets)))
+    tables = {n: read_table(directory / f"{n}.csv") for n in ("history", "contact", "convergence", "boundary", "adaptivity")}
+    return Run(json.loads((directory / "summary.json").read_text()), first=first, last=last, **tables)
+
+
+def select(table: dict, rows) -> dict:
+    """The rows of a table picked by a mask or an index array."""
+    return {name: column[rows] for name, column in table.items()}
+
+
+def contact_boundaries(contact: dict) -> list[tuple[int, dict]]:
+    """(label, rows sorted by step and arc) of every contact boundary; one unnamed boundary is label 0."""
+    label = contact.get("boundary", np.zeros(len(contact["step"])))
+    order = np.lexsort((contact["arc"], contact["step"]))
+    return [(int(b), select(contact, order[label[order] == b])) for b in np.unique(label)]
+
+
+def segment_ends(arc: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """The n+1 ends of the dual segments of n nodes: midpoints inside, the segments' lengths at both ends."""
+    if len(arc) == 1:
+        return arc[0] + weight[0] * np.array([-0.5, 0.5])
+    middle = (arc[1:] + arc[:-1]) / 2
+    return np.concatenate([[middle[0] - weight[0]], middle, [middle[-1] + weight[-1]]])

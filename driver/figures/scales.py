@@ -1,0 +1,67 @@
+"""Units of the axes: factors that bring values between 1 and 1000, and the SI prefix that goes with them."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from .reading import Run
+
+
+class Scale(NamedTuple):
+    """Multiply by `factor` to get numbers in the unit called `label`."""
+
+    factor: float
+    label: str
+
+
+PREFIXES = {-9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
+
+
+def split_unit(unit: str) -> tuple[int, str | None]:
+    """Exponent and base of an SI unit of length or stress, e.g. (6, "Pa") for MPa; base None for others."""
+    for base in ("Pa", "m"):
+        for exponent, prefix in PREFIXES.items():
+            if unit in (prefix + base, prefix.replace("µ", "u") + base):
+                return exponent, base
+    return 0, None
+
+
+def scale_for(unit: str, values) -> Scale:
+    """Scale that brings `values` between 1 and 1000, with an SI prefix if the unit is a known one."""
+    values = np.abs(np.asarray(values, dtype=float))
+    peak = values.max(initial=0.0)
+    known, base = (split_unit(unit) if unit != "N/m" else (0, "N/m"))
+    thousands = 3 * math.floor(math.log10(peak * 10**known) / 3 + 1e-12) if peak > 0 else known
+    if base:
+        exponent = min(max(thousands, -9), 9)
+        return Scale(10.0 ** (known - exponent), PREFIXES[exponent] + base)
+    plain = "" if unit in ("", "1", "-") else unit
+    if peak == 0 or 0.1 <= peak < 1e4:
+        return Scale(1.0, plain or "–")
+    return Scale(10.0**-thousands, rf"$10^{{{thousands}}}$ {plain}".strip())
+
+
+def length_scale(run: Run, values) -> Scale:
+    return scale_for(run.summary["units"]["length"], values)
+
+
+def stress_scale(run: Run, values) -> Scale:
+    return scale_for(run.summary["units"]["stress"], values)
+
+
+def force_scale(run: Run, values) -> Scale:
+    """Scale of resultants of tractions over a line, force per unit of thickness."""
+    length, stress = run.summary["units"]["length"], run.summary["units"]["stress"]
+    (a, metre), (b, pascal) = split_unit(length), split_unit(stress)
+    if metre != "m" or pascal != "Pa":
+        product = "·".join(u for u in (stress, length) if u not in ("", "1", "-"))
+        return scale_for(product, values)
+    scale = scale_for("N/m", np.asarray(values) * 10.0 ** (a + b))
+    return Scale(scale.factor * 10.0 ** (a + b), scale.label)
+
+
+def round_magnification(raw: float) -> float:
+    """The number among 1, 2, 3, 5 times a power of ten that is nearest to `raw` on a log scale."""
+    power = 10.0 ** math.floor(math.log10(raw))
+    return min((m * power for m in (1, 2, 3, 5, 10)), key=lambda m: abs(math.log(m / raw)))
