@@ -16,9 +16,10 @@ import numpy as np
 from mpi4py import MPI
 from scipy.linalg import cho_factor, cho_solve
 
+from .contactboundary import ContactBoundary
 from .errors import NotConverged
 from .fetidp import DualOperator
-from .substructuring import GLUING, ContactBoundary
+from .substructuring import GLUING
 
 WIDTH = 32  # columns solved at a time
 GLUING_RTOL = 1e-10  # residual of F_gg per column, relative to its right-hand side: far below the tolerances of a QP

@@ -42,9 +42,10 @@ from scipy.linalg import qr
 from scipy.sparse import coo_matrix, diags
 
 from .blocks import BlockDiagonal
+from .contactboundary import ContactBoundary
 from .errors import NoSolution, agree
 from .reduction import LocalClass, group, petsc_matrix, reduce_class
-from .substructuring import GLUING, ContactBoundary, Substructure
+from .substructuring import GLUING, Substructure
 
 SOFTNESS = 10.0  # of the springs under free bodies: rho in units of (number of corner dofs) / (stiffness of one)
 DEPENDENT = 1e-9  # eigenvalues of a local F below this part of the largest: rows that depend on one another

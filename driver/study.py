@@ -155,7 +155,7 @@ def _check_same(name: str, base, value) -> None:
 
 def _contact_of(name: str, boundary, pieces: list):
     """The contact boundary with gap, friction and initial displacement of one value."""
-    from .substructuring import add_parts, contact_table
+    from .contactboundary import add_parts, contact_table
 
     keys, _, total = add_parts(np.concatenate([contact_table(data, gid, xy) for data, gid, xy in pieces]))
     place = {(label, gid): i for i, (label, gid) in enumerate(keys.astype(np.int64).tolist())}

@@ -1,0 +1,57 @@
+"""Rigid motions that supports leave to the bodies."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from .skeleton import Skeleton
+
+
+@dataclass
+class RigidMode:
+    """A rigid motion of one body that no support holds: u(x) = a + b (x - center) turned by +90 degrees."""
+
+    body: int  # number of the body: connected subdomains, in the order of their first one
+    members: np.ndarray  # subdomains of the body
+    center: np.ndarray  # (2,)
+    translation: np.ndarray  # (2,) a
+    rotation: float  # b
+
+    def displacement(self, xy: np.ndarray) -> np.ndarray:
+        """(n, 2) displacements at the places xy (n, 2)."""
+        away = xy - self.center
+        return self.translation + self.rotation * np.column_stack([-away[:, 1], away[:, 0]])
+
+
+def rigid_modes(skeleton, fixed_keys, corner_keys) -> tuple[list[RigidMode], np.ndarray]:
+    """Rigid motions that the supports leave to each body, orthonormal at its coarse dofs."""
+    total = int(skeleton.vertices[:, 0].max()) + 1
+    links = coo_matrix((np.ones(len(skeleton.vertices)), (skeleton.vertices[:, 0], total + skeleton.vertex_id)),
+                       shape=(total + len(skeleton.gids),) * 2)
+    _, body = connected_components(links, directed=False)
+    place = np.empty((len(skeleton.gids), 2))
+    place[skeleton.vertex_id] = skeleton.xy
+    modes, columns = [], []
+    for number, one in enumerate(dict.fromkeys(body[:total].tolist())):  # in the order of the first subdomains
+        vertices = np.flatnonzero(body[total:] == one)
+        center, size = place[vertices].mean(axis=0), np.ptp(place[vertices], axis=0).max()
+        keys = (2 * skeleton.gids[vertices][:, None] + [0, 1]).ravel()
+        away = (place[vertices] - center) / size
+        motions = np.stack([np.tile([1.0, 0.0], (len(away), 1)), np.tile([0.0, 1.0], (len(away), 1)),
+                            np.column_stack([-away[:, 1], away[:, 0]])], axis=2).reshape(-1, 3)
+        _, sizes, basis = np.linalg.svd(motions[np.isin(keys, fixed_keys)], full_matrices=True)
+        rank = int((sizes > 1e-10 * max(1.0, sizes.max(initial=0.0))).sum())
+        free = basis[rank:].T  # (3, modes)
+        at = np.isin(keys, corner_keys)
+        if not free.shape[1] or not at.any():
+            continue
+        _, triangle = np.linalg.qr(motions[at] @ free)
+        free = free @ np.linalg.inv(triangle)
+        column = np.zeros((len(corner_keys), free.shape[1]))
+        column[np.searchsorted(corner_keys, keys[at])] = motions[at] @ free
+        columns.append(column)
+        members = np.flatnonzero(body[:total] == one)
+        modes += [RigidMode(number, members, center, c[:2].copy(), c[2] / size) for c in free.T]
+    return modes, np.hstack([np.zeros((len(corner_keys), 0)), *columns])

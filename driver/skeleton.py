@@ -1,0 +1,123 @@
+"""The torn body's skeleton: boundary edges and nodes of all subdomains, replicated on every rank.
+
+What couples subdomains lives on their boundaries, which are small compared with the interiors; every rank gathers
+them and derives the same numbering, so that nothing depends on how subdomains are distributed over ranks.
+"""
+
+import numpy as np
+
+from .errors import InputError, agree
+from .loader import Manifest, Subdomain
+
+
+class Skeleton:
+    """Boundary edges and vertices of all subdomains, replicated on every rank."""
+
+    def __init__(self, manifest: Manifest, subdomains: list[Subdomain], comm):
+        edges, vertices = [np.empty((0, 4), np.int64)], [np.empty((0, 2), np.int64)]
+        coordinates, stiffness = [np.empty((0, 2))], [np.empty(0)]
+        for sub in subdomains:
+            local = boundary_edges(sub.triangles)
+            gid = np.sort(sub.vertex_gid[local], axis=1)
+            edges.append(np.column_stack([np.full(len(gid), sub.index), gid, edge_labels(sub, local)]))
+            seen = np.unique(local)
+            vertices.append(np.column_stack([np.full(len(seen), sub.index), sub.vertex_gid[seen]]))
+            coordinates.append(sub.xy[seen])
+            stiffness.append(vertex_stiffness(sub)[seen])
+        self.edges = gather(comm, np.concatenate(edges))  # subdomain, gid, gid, label
+        self.vertices = gather(comm, np.concatenate(vertices))  # subdomain, gid
+        self.xy = gather(comm, np.concatenate(coordinates))
+        self.stiffness = gather(comm, np.concatenate(stiffness))
+        self.interface_label = manifest.interface_label
+        key = self.edges[:, 1] * manifest.vertices + self.edges[:, 2]
+        _, self.edge_id, self.edge_count = np.unique(key, return_inverse=True, return_counts=True)
+        self.shared = self.edge_count[self.edge_id] == 2
+        self.gids, inverse, counts = np.unique(self.vertices[:, 1], return_inverse=True, return_counts=True)
+        self.vertex_id, self.count = inverse, counts
+
+    def check_conformity(self, comm) -> None:
+        """Every interface edge must have exactly two sides, with vertices at the same places."""
+        lonely = (~self.shared) & (self.edges[:, 3] == self.interface_label)
+        error = None
+        if lonely.any() or self.edge_count.max() > 2:
+            bad = self.edges[np.flatnonzero(lonely | (self.edge_count[self.edge_id] > 2))[0]]
+            error = InputError(f"the meshes do not conform along an interface of subdomain {bad[0]}: an edge "
+                               "has no match on the other side; export all subdomains from one mesh")
+        low, high = (np.full((len(self.gids), 2), s * np.inf) for s in (1, -1))
+        np.minimum.at(low, self.vertex_id, self.xy)
+        np.maximum.at(high, self.vertex_id, self.xy)
+        apart = np.abs(high - low).max(axis=1)
+        if error is None and apart.max() > 1e-10 * np.ptp(self.xy, axis=0).max():
+            at = self.xy[self.vertex_id == apart.argmax()][0]
+            error = InputError(f"the meshes do not conform along an interface: a shared node near ({at[0]:g}, "
+                               f"{at[1]:g}) has different coordinates in its subdomains")
+        agree(comm, error)
+
+    def check_overlap(self, paired: np.ndarray) -> None:
+        """The outline must not cross itself: such a start would penetrate itself.
+
+        Labels `paired` are spared: two bodies that fit may cross by the error of their meshes.
+        """
+        place = np.empty((len(self.gids), 2))
+        place[self.vertex_id] = self.xy
+        ends = np.searchsorted(self.gids, self.edges[~self.shared & ~np.isin(self.edges[:, 3], paired), 1:3])
+        p, q = place[ends[:, 0]], place[ends[:, 1]]
+        low, high = np.minimum(p, q), np.maximum(p, q)
+        order = np.argsort(low[:, 0])
+        last = np.searchsorted(low[order, 0], high[order, 0], side="right")  # edges that start before this one ends
+        for i, (here, stop) in enumerate(zip(order, last)):
+            other = order[i + 1 : stop]
+            other = other[(low[other, 1] < high[here, 1]) & (high[other, 1] > low[here, 1])]
+            if len(other) and _crosses(p[here], q[here], p[other], q[other]).any():
+                at = (p[here] + q[here]) / 2
+                raise InputError(f"the body penetrates itself: its outline crosses itself near ({at[0]:g}, {at[1]:g})")
+
+    def neighbour(self) -> np.ndarray:
+        """For every boundary edge the subdomain on its other side, or -1."""
+        other = np.full(len(self.edges), -1)
+        order = np.argsort(self.edge_id, kind="stable")
+        order = order[self.shared[order]]
+        other[order[0::2]], other[order[1::2]] = self.edges[order[1::2], 0], self.edges[order[0::2], 0]
+        return other
+
+
+def gather(comm, local: np.ndarray) -> np.ndarray:
+    """Concatenate the ranks' skeleton in rank order, which is subdomain order."""
+    return np.concatenate(comm.allgather(local)) if comm.size > 1 else local
+
+
+def boundary_edges(triangles: np.ndarray) -> np.ndarray:
+    """(n, 2) edges that belong to one triangle only, smaller vertex first."""
+    edges = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    span = edges.max() + 1
+    keys, counts = np.unique(edges[:, 0] * span + edges[:, 1], return_counts=True)
+    return np.column_stack(np.divmod(keys[counts == 1], span))
+
+
+def edge_labels(sub: Subdomain, edges: np.ndarray) -> np.ndarray:
+    """Labels of the given boundary edges (pairs of local vertices, smaller first)."""
+    span = len(sub.xy)
+    given = np.sort(sub.edges, axis=1)
+    keys = given[:, 0] * span + given[:, 1]
+    order = np.argsort(keys)
+    at = np.searchsorted(keys[order], edges[:, 0] * span + edges[:, 1])
+    at = np.minimum(at, len(order) - 1)
+    label = sub.edge_label[order[at]]
+    return np.where(keys[order[at]] == edges[:, 0] * span + edges[:, 1], label, 0)
+
+
+def vertex_stiffness(sub: Subdomain) -> np.ndarray:
+    """(n_v,) stiffness of the subdomain at its vertices: the trace of Hooke's law in the stiffest triangle there."""
+    found = np.zeros(len(sub.xy))
+    np.maximum.at(found, sub.triangles, np.trace(sub.elasticity, axis1=1, axis2=2)[:, None])
+    mantissa, exponent = np.frexp(found)  # means over triangles differ by rounding: nine digits make equals equal
+    return np.ldexp(np.round(mantissa * 2.0**30) / 2.0**30, exponent)
+
+
+def _crosses(p: np.ndarray, q: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Whether the segment p-q has an inner point in common with the inside of each segment a-b."""
+    side = lambda u, v, w: (v - u)[..., 0] * (w - u)[..., 1] - (v - u)[..., 1] * (w - u)[..., 0]
+    # touching ends do not count; rounding of a side is about eps times the squared length of an edge
+    slack = 1e-12 * np.maximum(((q - p) ** 2).sum(), ((b - a) ** 2).sum(axis=1))
+    apart = lambda one, two: (one > slack) & (two < -slack) | (one < -slack) & (two > slack)
+    return apart(side(p, q, a), side(p, q, b)) & apart(side(a, b, p), side(a, b, q))
