@@ -18,7 +18,8 @@ from pathlib import Path
 
 from . import environment, freefem
 from .errors import DriverError, InputError, write_error
-from .run import RESULTS, Run, describe, execute, solve_here
+from .launch import solve_here
+from .run import RESULTS, Run, describe, execute
 
 
 def parse_pairs(words: list[str]) -> dict[str, str]:
@@ -61,8 +62,8 @@ def command_model(words: list[str]) -> None:
 def command_figures(words: list[str]) -> None:
     """Redraw the figures of finished runs and studies from their files."""
     from .figures import draw_run
+    from .accuracy.work_precision import draw
     from .study import draw_study
-    from .work_precision import draw
 
     if not words:
         raise InputError("no finished run to draw; 'make run SCENE=model' leaves one in results/model")
@@ -132,7 +133,7 @@ def command_study(words: list[str]) -> None:
 
 def command_accuracy(words: list[str]) -> None:
     """What accuracy costs: sweeps of every knob of a scene."""
-    from .accuracy import run_accuracy
+    from .accuracy.sweeps import run_accuracy
 
     for path in run_accuracy(parse_pairs(words)):
         print(os.path.relpath(path))

@@ -5,8 +5,9 @@ import csv
 import numpy as np
 import pytest
 
-from driver import accuracy, work_precision
-from driver.accuracy import Reference, Setting, Trial
+from driver.accuracy import bargains, reference, sweeps, work_precision
+from driver.accuracy.reference import Reference
+from driver.accuracy.trial import KNOBS, Setting, Trial
 from driver.errors import InputError
 
 
@@ -24,7 +25,7 @@ def test_reference_adds_what_space_and_time_change():
     runs = {"base": (0.2, 0.1), "coarser": (0.2, 0.1), "finer": (0.1, 0.1), "finest": (0.05, 0.1),
             "fewer": (0.2, 0.04), "more": (0.2, 0.02), "most": (0.2, 0.01)}
     made = {name: Trial("reference", 0, Setting(1.0, 1), name, values=q(*at)) for name, at in runs.items()}
-    found = accuracy.references(made)
+    found = reference.references(made)
     assert set(found) == {"q"}  # what no run changes has no error to show
     left = 0.05**2 + 0.01  # in space and time at the finest
     assert found["q"].value == pytest.approx(1 + left, abs=1e-12)
@@ -35,12 +36,12 @@ def test_reference_adds_what_space_and_time_change():
 def test_quantity_that_does_not_converge_has_no_reference():
     value = {"base": 1.0, "coarser": 2.0, "finer": 4.0, "finest": 8.0}
     runs = {name: Trial("reference", 0, Setting(1.0, None), name, values={"q": v}) for name, v in value.items()}
-    assert not accuracy.references(runs)
+    assert not reference.references(runs)
 
 
 def test_closed_form_takes_the_place_of_overkill():
     P = 1.75
-    found = accuracy.hertz({"normal_resultant": Reference(P, 0.01 * P, "overkill")})
+    found = reference.hertz({"normal_resultant": Reference(P, 0.01 * P, "overkill")})
     a, p0 = found["contact_length"].value / 2, found["peak_pressure"].value
     # Hertz: the ellipse of p0 over 2a carries P
     assert np.pi / 2 * a * p0 == pytest.approx(P, rel=1e-12)
@@ -50,15 +51,15 @@ def test_closed_form_takes_the_place_of_overkill():
 
 def test_an_error_that_cancels_by_accident_is_not_trusted():
     lucky = [trial(value=4, error=0.2), trial(value=2, error=1e-5), trial(value=1, error=-0.05)]
-    error = accuracy.sure(lucky, TWO, "slip")
+    error = bargains.sure(lucky, TWO, "slip")
     assert [round(error[id(t)], 9) for t in lucky] == [0.2, 0.05, 0.05]
     # nothing is known below the reference's own error
     exact = [trial(error=0.0)]
-    assert accuracy.sure(exact, TWO, "slip")[id(exact[0])] == TWO.uncertainty
+    assert bargains.sure(exact, TWO, "slip")[id(exact[0])] == TWO.uncertainty
     # together: finer means mesh and steps, adaptive and uniform meshes apart
     grid = [trial("together", 0, 1e-5, steps=5, dofs=100), trial("together", 0, 0.1, steps=10, dofs=100),
             trial("together", 0, 0.03, steps=10, dofs=400), trial("together", 0, 0.02, steps=5, adapt=1, dofs=900)]
-    error = accuracy.sure(grid, TWO, "slip")
+    error = bargains.sure(grid, TWO, "slip")
     assert [round(error[id(t)], 9) for t in grid] == [0.1, 0.1, 0.03, 0.02]
 
 
@@ -66,15 +67,15 @@ def test_front_and_bargains():
     trials = [trial("mesh", 4, 0.2, 1.0), trial("mesh", 2, 0.08, 3.0), trial("mesh", 1, 0.01, 9.0),
               trial("adapt", 1, 0.1, 4.0), trial("adapt", 0.5, 0.009, 6.0), trial("rtol", 1, 0.0799, 3.5)]
     failed = Trial("rtol", 2, Setting(1.0, None), "fails", reason="no fixed point")
-    error = accuracy.sure([*trials, failed], TWO, "slip")
+    error = bargains.sure([*trials, failed], TWO, "slip")
     # the adaptive 0.1 costs more than the uniform 0.08; the last digit of 0.0799 is not worth a place
-    assert accuracy.front([*trials, failed], error) == [trials[0], trials[1], trials[4]]
-    cheapest = [accuracy.bargain([*trials, failed], error, level) for level in (0.5, 0.1, 0.05, 0.001)]
+    assert bargains.front([*trials, failed], error) == [trials[0], trials[1], trials[4]]
+    cheapest = [bargains.bargain([*trials, failed], error, level) for level in (0.5, 0.1, 0.05, 0.001)]
     assert cheapest == [trials[0], trials[1], trials[4], None]
-    table = accuracy.rows([*trials, failed], {"slip": TWO})
+    table = bargains.rows([*trials, failed], {"slip": TWO})
     assert [row.get("slip_front") for row in table] == [1, 1, 0, 0, 1, 0, None]
     assert table[-1]["reason"] == "no fixed point" and "seconds_solver" not in table[-1]
-    text = accuracy.describe(accuracy.bargains(trials, {"slip": TWO}), {"slip": TWO}, {"length": "m", "stress": "Pa"}, "slip")
+    text = bargains.describe(bargains.bargains(trials, {"slip": TWO}), {"slip": TWO}, {"length": "m", "stress": "Pa"}, "slip")
     assert "10%" in text and "mesh=2" in text and "good to 0.1%" in text
 
 
@@ -93,12 +94,12 @@ def test_exponents():
 @pytest.fixture(scope="module")
 def swept(tmp_path_factory):
     """Directory of the smallest study of the scene with a manufactured solution."""
-    out, kept = tmp_path_factory.mktemp("accuracy") / "zones", dict(accuracy.EFFORTS)
-    accuracy.EFFORTS["quick"] = accuracy.Effort(6000, 3, (0.5, 1, 2), (1e-2,), (1e-2, 1e-6), 1)
+    out, kept = tmp_path_factory.mktemp("accuracy") / "zones", dict(sweeps.EFFORTS)
+    sweeps.EFFORTS["quick"] = sweeps.Effort(6000, 3, (0.5, 1, 2), (1e-2,), (1e-2, 1e-6), 1)
     try:
-        paths = accuracy.run_accuracy({"scene": "zones", "steps": "2", "effort": "quick", "out": str(out)})
+        paths = sweeps.run_accuracy({"scene": "zones", "steps": "2", "effort": "quick", "out": str(out)})
     finally:
-        accuracy.EFFORTS.update(kept)
+        sweeps.EFFORTS.update(kept)
     assert all(path.is_file() for path in paths)
     return out
 
@@ -111,7 +112,7 @@ def read(path):
 def test_study_of_a_known_solution(swept):
     known = {row["quantity"]: row for row in read(swept / "reference.csv")}
     table = read(swept / "accuracy.csv")
-    assert {row["knob"] for row in table} == set(accuracy.KNOBS)
+    assert {row["knob"] for row in table} == set(KNOBS)
     # the reference covers the exact work that friction takes, 2 W/2 (see the scene), within its own stated error
     from test_scenes_zones import DISSIPATED
 
@@ -137,5 +138,5 @@ def test_study_of_a_known_solution(swept):
 ])
 def test_mistakes_are_told_in_one_line(tmp_path, pairs, said):
     with pytest.raises(InputError) as problem:
-        accuracy.run_accuracy({**pairs, "out": str(tmp_path / "out")})
+        sweeps.run_accuracy({**pairs, "out": str(tmp_path / "out")})
     assert said in str(problem.value) and "\n" not in str(problem.value)

@@ -5,10 +5,10 @@ import csv
 import numpy as np
 import pytest
 
-from driver import study
+from driver import parametric, study
 from driver.cli import parse_pairs
 from driver.compliance import ContactCompliance
-from driver.errors import InputError
+from driver.errors import DriverError, InputError
 from driver.freefem import changed_by
 from driver.substructuring import GLUING
 
@@ -97,7 +97,7 @@ def test_loadings_and_steps(made, solved):
 
 
 def test_gaps_on_a_graph_partition_without_condensation(made, solved, monkeypatch):
-    monkeypatch.setattr(study, "LARGEST", 0)
+    monkeypatch.setattr(parametric, "LARGEST", 0)
     summary, files = made(scene="bracket", play="0.01,0.03", steps="3")
     assert not summary["condensed"]
     compare(files["contact"], solved("bracket", play=0.03, steps=3, **TIGHT), play="0.03")
@@ -144,7 +144,7 @@ def test_a_value_without_solution_is_told_and_the_others_kept(tmp_path):
     out = tmp_path / "study"
     pairs = {"scene": "model", "friction": "0.3,0.4", "steps": "2", "out": str(out), "max_products": "40", "quiet": "yes",
              "figures": "no", "max_fixed_point": "1"}
-    with pytest.raises(study.DriverError, match="2 of 2 values did not converge, the first FRICTION=0.3"):
+    with pytest.raises(DriverError, match="2 of 2 values did not converge, the first FRICTION=0.3"):
         study.make_study(pairs)
     rows = list(csv.DictReader((out / "study.csv").open()))
     assert [row["converged"] for row in rows] == ["no", "no"]

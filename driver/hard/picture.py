@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 
 from ..figures import BLUE, GREEN, INCH, INK, ORANGE, RED, STYLE, WIDTH, write
-from .suite import RESIDUALS, Row
+from .report import RESIDUALS, Row
 
 COLUMNS = ("status", *RESIDUALS[:-1], "comple-\nmentarity", "error\n/ allowed", "products\n/ easy", "condition\nof $MF$", "seconds")
 PALE = {"good": "#CFE8DD", "near": "#F8E3B4", "bad": "#F2B8A0", "told": "#CFE0EE", "none": "#FFFFFF"}

@@ -8,56 +8,18 @@ import re
 import shutil
 import time
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import DriverError, InputError
-from ..files import write_table
 from ..oracle import OracleFailure
 from ..run import RESULTS
 from .case import Case, Outcome, reference, run_case
+from .report import Row, line, write
 
 FAMILIES = ("material", "geometry", "contact", "friction", "scale", "support", "algorithm", "environment")
-RESIDUALS = ("stationarity", "gluing", "penetration", "sign", "cone", "complementarity")
 OPTIONS = ("family", "case", "fast", "jobs", "out")
-
-
-@dataclass
-class Row:
-    """One line of report.csv: a case at one size; numbers that do not apply are NaN."""
-
-    family: str
-    case: str
-    size: str
-    expected: str  # "solved" or "refused (exit n)"
-    status: str  # "solved", "refused" or "FAILED"
-    exit: int
-    why: str  # the reason of a refusal or a failure, warnings of a solved case
-    stationarity: float = np.nan
-    gluing: float = np.nan
-    penetration: float = np.nan
-    sign: float = np.nan
-    cone: float = np.nan
-    complementarity: float = np.nan
-    kkt_tolerance: float = np.nan
-    oracle: str = ""
-    error: float = np.nan  # largest deviation over its tolerance, of all checks
-    products: int = 0
-    fixed_point: int = 0
-    iterations_ratio: float = np.nan  # products over those of the easy reference
-    ratio_allowed: float = np.nan
-    condition: float = np.nan
-    seconds: float = np.nan
-    sweep: str = ""
-    place: float = np.nan  # in the sweep
-
-    @property
-    def kkt(self) -> float:
-        """The largest KKT residual."""
-        values = [getattr(self, name) for name in RESIDUALS]
-        return float(np.nanmax(values)) if np.isfinite(values).any() else np.nan
 
 
 def cases(family: str | None = None) -> list[Case]:
@@ -81,12 +43,12 @@ def run_suite(pairs: dict[str, str]) -> list[Path]:
         try:
             for task in tasks:
                 rows.append(task.result())
-                print(_line(rows[-1]), flush=True)
+                print(line(rows[-1]), flush=True)
         except BaseException:  # an interrupt: what runs is ended by it too, what waits must not begin
             pool.shutdown(wait=False, cancel_futures=True)
             raise
     shutil.rmtree(folder / "runs", ignore_errors=True)
-    _write(folder / "report.csv", rows)
+    write(folder / "report.csv", rows)
     from .picture import draw
 
     made = [folder / "report.csv", *draw(rows, folder)]
@@ -188,18 +150,3 @@ def _folder_name(case: Case, size: dict) -> str:
     """A directory of its own for every run of every process."""
     text = repr((case.name, sorted(case.arguments(size).items()), os.getpid()))
     return f"{re.sub('[^a-z0-9]+', '-', case.name.lower())}-{hashlib.sha1(text.encode()).hexdigest()[:10]}"
-
-
-# ---- report --------------------------------------------------------------------------------------
-
-def _line(row: Row) -> str:
-    told = f"{row.status:8s} {row.family}: {row.case} [{row.size}]"
-    if row.status == "solved":
-        said = f"KKT {row.kkt:.1e}, {row.error:.2g} of the tolerance off {row.oracle}, {row.products} products"
-        return f"{told}: {said}" + (f" ({row.iterations_ratio:.2g} of easy)" if np.isfinite(row.iterations_ratio) else "")
-    return f"{told}: exit {row.exit}, {row.why}"
-
-
-def _write(path: Path, rows: list[Row]) -> None:
-    write_table(path, [{name: "" if isinstance(value, float) and np.isnan(value) else value
-                        for name, value in asdict(row).items()} for row in rows])

@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter
 
-from .accuracy import KNOBS, percent, words
-from .figures import BLUE, GREEN, INCH, INK, ORANGE, RED, STYLE, WIDTH, place_header, write
+from ..figures import BLUE, GREEN, INCH, INK, ORANGE, RED, STYLE, WIDTH, place_header, write
+from .trial import KNOBS, percent, words
 
 LOOK = {"mesh": (BLUE, "o"), "adapt": (GREEN, "^"), "steps": (ORANGE, "s"), "friction_rtol": ("#CC79A7", "D"),
         "rtol": (RED, "v"), "together": ("#888888", ".")}

@@ -1,0 +1,69 @@
+"""Starts the SPMD part of a run: in this process or on several ranks, and tells how it ended."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+from . import environment
+from .errors import DriverError, InputError
+
+PETSC_ERR_MEM = 55
+
+
+def solve(work: Path, request: dict, ranks: int) -> tuple[int, str]:
+    """Run the SPMD part on `ranks` ranks; exit status and reason."""
+    if ranks == 1:
+        return solve_here(work, request)
+    (work / "request.json").write_text(json.dumps(request))
+    command = [*environment.mpirun(ranks), sys.executable, "-m", "driver", "solve", str(work)]
+    env = environment.child_environment()
+    env["PYTHONPATH"] = os.pathsep.join(filter(None, [str(environment.ROOT), env.get("PYTHONPATH")]))
+    done = environment.run_child(command, env=env, stderr=subprocess.PIPE, text=True, errors="replace")
+    try:
+        answer = json.loads((work / "answer.json").read_text())
+    except FileNotFoundError:
+        raise InputError(_why_no_answer(done)) from None
+    sys.stderr.write(done.stderr)
+    for name in ("request.json", "answer.json"):
+        (work / name).unlink()
+    return answer["status"], answer["reason"]
+
+
+def _why_no_answer(done) -> str:
+    """One line out of what mpirun and its ranks have said; a traceback, which no user has caused, is shown whole."""
+    told = [line.removeprefix("error: ") for line in done.stderr.splitlines() if line.startswith("error: ")]
+    if told:
+        return told[0]
+    if "Traceback" in done.stderr:
+        sys.stderr.write(done.stderr)
+        return "a rank of the solver failed"
+    if done.returncode in (-signal.SIGKILL, 128 + signal.SIGKILL):
+        return "a rank of the solver was killed; was there enough memory?"
+    return f"a rank of the solver died (mpirun exit {done.returncode})"
+
+
+def solve_here(work: Path, request: dict) -> tuple[int, str]:
+    """The SPMD part on the ranks this process was started with."""
+    environment.prepare_petsc()
+    try:
+        import petsc4py
+
+        petsc4py.init(["driver", "-no_signal_handler"])  # SIGINT and SIGPIPE are ours to report
+        import petsc4py.PETSc
+        from mpi4py import MPI
+
+        from . import goal, parametric, solve
+    except ImportError as problem:
+        raise environment.package_error(problem) from None
+    stage = goal if "accuracy" in request else parametric if "study" in request else solve
+    try:
+        return stage.run(work, request, MPI.COMM_WORLD)
+    except DriverError as problem:  # all ranks have agreed on it
+        return problem.exit_status, str(problem)
+    except petsc4py.PETSc.Error as problem:
+        if problem.ierr == PETSC_ERR_MEM:
+            raise MemoryError from None
+        raise

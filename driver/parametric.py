@@ -1,0 +1,175 @@
+"""The SPMD part of a study: the values of one parameter, solved on one export, and their tables."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+
+from .compliance import ContactCompliance
+from .contactboundary import add_parts, contact_table
+from .errors import DriverError, InputError, agree
+from .files import write_json, write_table
+from .friction import OPEN, STATUS_NAMES
+from .loader import read_contact, read_manifest
+from .options import Settings
+from .problem import assemble
+from .timing import Laps
+
+LARGEST = 2000  # contact rows beyond which the condensation takes longer than a hundred runs save
+FIELDS = ("u_n", "u_t", "slip", "sigma_n", "sigma_t", "bound")
+
+
+def run(directory: Path, request: dict, comm) -> tuple[int, str]:
+    """Solve all values on the ranks of `comm` and write the files; exit status and reason, as solve.run. Raises DriverError."""
+    lap = Laps(request["seconds"])
+    seconds = lap.seconds
+    problem = assemble(directory / "export", comm, lap)
+    manifest, structure, operator = problem.manifest, problem.structure, problem.operator
+    if not manifest.contact_labels:
+        raise InputError("a study needs a scene with contact: without it the response is linear in its loads")
+    lap("setup")
+    rows = int(np.count_nonzero(structure.row_kind))
+    condensed = rows <= LARGEST and not structure.rigid_modes
+    if condensed:
+        operator = ContactCompliance(operator)
+    lap("condense")
+    # condensed, every rank solves values of its own; else all ranks solve each value together
+    mine = range(comm.rank, len(request["values"]), comm.size) if condensed else range(len(request["values"]))
+    settings, found, error = Settings(**request["settings"]), {}, None
+    try:
+        for k in mine:
+            folder = directory / "values" / str(k)
+            value = read_manifest(folder)
+            _check_same(request["study"], manifest, value)
+            contact = _contact_of(request["study"], structure.contact, read_contact(folder, value))
+            found[k] = _solve(dataclasses.replace(problem, manifest=value, operator=operator.with_contact(contact)), settings)
+            _progress(request, comm, k)
+    except DriverError as problem:
+        error = problem
+    agree(comm, error)
+    lap("solve")
+    found = {k: one for part in comm.allgather(found) for k, one in part.items()}
+    outcomes = [found[k] for k in range(len(request["values"]))]
+    seconds["total"] = sum(seconds.values())
+    failed = [k for k, one in enumerate(outcomes) if one.status]
+    status = max((one.status for one in outcomes), default=0)
+    reason = "" if not failed else (f"{len(failed)} of {len(outcomes)} values did not converge, the first "
+                                    f"{request['study'].upper()}={request['values'][failed[0]]}: {outcomes[failed[0]].reason}")
+    if comm.rank == 0:
+        summary = {"scene": request["scene"], "study": request["study"], "values": len(outcomes), "converged": not failed,
+                   "reason": reason, "contact_rows": rows, "condensed": condensed,
+                   "counts": {"dual_multiplications": sum(one.row["dual_multiplications"] for one in outcomes),
+                              "dual_multiplications_setup": operator.condensation_products if condensed else 0},
+                   "seconds": seconds, "ranks": comm.size, "units": manifest.units,
+                   "parameters": {**{n: v for n, v in manifest.parameters.items() if n != request["study"]},
+                                  **dataclasses.asdict(settings)}}
+        _write(directory, request, structure.contact, outcomes, summary)
+    return status, reason
+
+
+def _progress(request: dict, comm, k: int) -> None:
+    total = len(request["values"])
+    if comm.rank == 0 and not request["quiet"] and (k + 1) % max(1, total // 5) < comm.size:
+        print(f"{request['scene']}: {request['study']} = {request['values'][k]}, {k + 1} of {total}", flush=True)
+
+
+def _check_same(name: str, base, value) -> None:
+    """Refuse a value whose manifest differs where the stiffness, loads and rows of the export come from."""
+    for part in ("subdomains", "vertices", "effects", "patterns", "contact_labels", "material", "plane"):
+        if getattr(base, part) != getattr(value, part):
+            raise InputError(f"a study cannot vary {name.upper()}: it changes the scene's {part.replace('_', ' ')}")
+
+
+def _contact_of(name: str, boundary, pieces: list):
+    """The contact boundary with gap, friction and initial displacement of one value."""
+    keys, _, total = add_parts(np.concatenate([contact_table(data, gid, xy) for data, gid, xy in pieces]))
+    place = {(label, gid): i for i, (label, gid) in enumerate(keys.astype(np.int64).tolist())}
+    at = [place.get(node, -1) for node in zip(boundary.label.tolist(), boundary.gid.tolist())]
+    weight = total[at, 0]
+    normal = total[at, 1:3] / np.linalg.norm(total[at, 1:3], axis=1)[:, None]
+    rigid = ~boundary.paired  # between two bodies weight, normal and gap follow from both sides
+    if -1 in at or not (np.allclose(weight[rigid], boundary.weight[rigid], rtol=1e-9)
+                        and np.allclose(normal[rigid], boundary.normal[rigid], atol=1e-9)):
+        raise InputError(f"a study cannot vary {name.upper()}: it moves or turns the contact boundary")
+    gap, friction, initial = (total[at, 3:6] / weight[:, None]).T
+    if gap[~rigid].any():
+        raise InputError(f"a study cannot vary {name.upper()} in a scene that declares pairGap")
+    return dataclasses.replace(boundary, gap=np.where(rigid, gap, boundary.gap), friction=friction, initial=initial)
+
+
+@dataclasses.dataclass
+class Outcome:
+    """One value: its row of study.csv, those of history.csv, contact fields (n_c,) and status at the last step."""
+
+    status: int
+    reason: str
+    row: dict
+    history: list[dict]
+    fields: dict
+
+
+def _solve(problem, settings) -> Outcome:
+    """March through the steps of one value."""
+    operator, solver = problem.operator, problem.solver(settings)
+    history, fields, u_t = [], {}, operator.structure.contact.initial
+    dissipated = 0.0
+    for step in solver.steps():
+        fields = _fields(operator, solver.rows, step, u_t)
+        u_t = fields["u_t"]
+        row = _quantities(operator.structure.contact, fields)
+        dissipated += row.pop("work")
+        history.append({"step": step.index, "time": step.time, **row, "dissipated": dissipated,
+                        "fixed_point_iterations": step.fixed_point_iterations, "dual_multiplications": step.products,
+                        "kkt": max(step.residuals.values())})
+    counts, ended = solver.history.counts, solver.history
+    row = {"converged": "no" if ended.exit_status else "yes", "steps": ended.steps, **(history[-1] if history else {}),
+           "fixed_point_iterations": counts["fixed_point_iterations"], "dual_multiplications": counts["dual_multiplications"],
+           "kkt": max(ended.residuals.values(), default=0.0)}
+    row.pop("step", None), row.pop("time", None)
+    return Outcome(ended.exit_status, ended.reason, row, history, fields)
+
+
+def _fields(operator, rows, step, u_t: np.ndarray) -> dict[str, np.ndarray]:
+    """Nodal contact quantities from multipliers and gradient alone: at its rows B u = c - gradient."""
+    contact, values = operator.structure.contact, np.zeros((6, len(u_t)))
+    values[0, rows.normal_node] = rows.gap - step.gradient[rows.normal]
+    values[1, rows.tangential_node] = -step.gradient[rows.tangential]
+    values[2, rows.normal_node] = -step.multipliers[rows.normal]
+    values[3, rows.tangential_node] = -step.multipliers[rows.tangential]
+    values[4, rows.tangential_node] = rows.friction_bound(step.multipliers)
+    values[5, rows.normal_node] = step.status
+    u_n, slip, force_n, force_t, bound, status = np.sum(operator.comm.allgather(values), axis=0)
+    w = contact.weight
+    return {"u_n": u_n, "u_t": u_t + slip, "slip": slip, "sigma_n": force_n / w + 0.0, "sigma_t": force_t / w + 0.0,
+            "bound": bound / w, "status": status.astype(int)}
+
+
+def _quantities(contact, fields: dict) -> dict:
+    """Resultants and zones of one step; `work` is what friction dissipates in it."""
+    w, touching = contact.weight, fields["status"] != OPEN
+    nodes = np.bincount(fields["status"], minlength=3)
+    return {"resultant_n": float(fields["sigma_n"] @ w), "resultant_t": float(fields["sigma_t"] @ w),
+            "peak_pressure": float(-fields["sigma_n"].min(initial=0)), "contact_length": float(w[touching].sum()),
+            "largest_slip": float(np.abs(fields["slip"]).max(initial=0)),
+            **{f"nodes_{name}": int(nodes[k]) for k, name in enumerate(STATUS_NAMES)},
+            "work": float(-(fields["sigma_t"] * fields["slip"]) @ w)}
+
+
+def _write(directory: Path, request: dict, contact, outcomes: list[Outcome], summary: dict) -> None:
+    """study.csv, history.csv, contact.csv and summary.json."""
+    name, values = request["study"], request["values"]
+    full = next((one.row for one in outcomes if one.history), outcomes[0].row)
+    write_table(directory / "study.csv", [{name: value} | dict.fromkeys(full, "") | one.row for value, one in zip(values, outcomes)])
+    steps = [{name: value, **row} for value, one in zip(values, outcomes) for row in one.history]
+    if steps:
+        write_table(directory / "history.csv", steps)
+    rows = []
+    for value, one in zip(values, outcomes):
+        for i in range(len(contact.gid) if one.fields else 0):
+            place = {"node": i, "boundary": int(contact.label[i]), "x": contact.xy[i, 0], "y": contact.xy[i, 1],
+                     "arc": contact.arc[i], "weight": contact.weight[i]}
+            rows.append({name: value, **place, **{f: one.fields[f][i] for f in FIELDS},
+                         "status": STATUS_NAMES[one.fields["status"][i]]})
+    if rows:
+        write_table(directory / "contact.csv", rows)
+    write_json(directory / "summary.json", summary)
