@@ -38,7 +38,7 @@ import numpy as np
 
 from . import equilibration
 from .loader import Manifest, Subdomain
-from .quasistatic import Step, gathered, scattered
+from .step import Step, gathered, scattered
 
 NOTHING = 1e-6  # displacements below this part of the largest ones of the run are what tolerances leave
 SLOWEST = 0.99  # largest rate of contraction of the fixed point that its remaining changes are extrapolated with

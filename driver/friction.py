@@ -54,12 +54,31 @@ class ContactRows:
 
     def limits(self, size: int, pressure: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Lower and upper bounds of all owned multipliers under nodal pressures `pressure` (owned,)."""
+        return self.limits_at(size, self.friction_bound(pressure))
+
+    def limits_at(self, size: int, bound: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The same under the friction bounds `bound` (j,)."""
         lower, upper = np.full(size, -np.inf), np.full(size, np.inf)
         if not self.bilateral:
             lower[self.normal] = 0.0
-        g = self.friction_bound(pressure)
-        lower[self.tangential], upper[self.tangential] = -g, g
+        lower[self.tangential], upper[self.tangential] = -bound, bound
         return lower, upper
+
+    def sliding(self, x: np.ndarray, bound: np.ndarray) -> np.ndarray:
+        """(j,) sign of the multiplier at tangential rows that are on their bound, 0 at the others."""
+        multiplier = x[self.tangential]
+        return np.where(np.abs(multiplier) >= bound, np.sign(multiplier), 0.0)
+
+    def follow(self, x: np.ndarray, sliding: np.ndarray) -> np.ndarray:
+        """x with sliding nodes moved to, and the others cut at, the friction bound of its own pressures.
+
+        Left where they were, sliding nodes would be inside a bound that has grown and the QP would have to
+        find them again one expansion step after the other.
+        """
+        moved, t = x.copy(), self.tangential
+        bound = self.friction_bound(x)
+        moved[t] = np.where(sliding != 0, sliding * bound, np.clip(x[t], -bound, bound))
+        return moved
 
     def friction_bound(self, multipliers: np.ndarray) -> np.ndarray:
         """(j,) largest friction force: F |lambda_n| (Coulomb) or the given bound (Tresca)."""
@@ -77,6 +96,28 @@ def contact_rows(structure: Substructure, effects: dict) -> ContactRows:
         contact.normal_row[normal] - start, normal, contact.gap[normal],
         contact.tangential_row[tangential] - start, tangential, contact.normal_row[tangential] - start, bound,
         np.flatnonzero(structure.row_kind[start:stop] == GLUING), tresca, effects["contact"] == "bilateral")
+
+
+class SlidState:
+    """What friction keeps from step to step: tangential displacements `u_t` and the length `way` of the way slid, (j,).
+
+    Friction coefficients that depend on them are renewed in `rows`.
+    """
+
+    def __init__(self, rows: ContactRows, initial: np.ndarray, law: SlipLaw | None):
+        self.rows, self.law, self.coefficient = rows, law, rows.bound
+        self.u_t, self.way = initial[rows.tangential_node], np.zeros(len(rows.tangential))
+
+    def renew_coefficient(self, gradient: np.ndarray) -> None:
+        """Friction coefficients at the tangential displacements of the latest iterate."""
+        if self.law is not None:
+            u_t = self.u_t - gradient[self.rows.tangential]
+            self.rows.bound = self.coefficient * self.law.factor(u_t, self.u_t, self.way)
+
+    def advance(self, gradient: np.ndarray) -> None:
+        """A step ends with this gradient."""
+        slip = -gradient[self.rows.tangential]
+        self.u_t, self.way = self.u_t + slip, self.way + np.abs(slip)
 
 
 @dataclass

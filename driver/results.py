@@ -14,7 +14,8 @@ from .files import write_json, write_rows
 from .friction import OPEN, STATUS_NAMES
 from .loader import Manifest, Subdomain
 from .quantities import quantities
-from .quasistatic import QuasistaticSolver, Step
+from .quasistatic import QuasistaticSolver
+from .step import Step
 
 CONTACT_COLUMNS = ("step,time,node,x,y,arc,weight,normal_x,normal_y,gap,u_n,u_t,slip,sigma_n,sigma_t,"
                    "bound,status").split(",")

@@ -65,7 +65,7 @@ class Progress:
 def run(directory: Path, request: dict, comm) -> tuple[int, str]:
     """Solve the export in ``directory/export`` and write the results into `directory`.
 
-    `request` holds scene, settings (of quasistatic.Settings), fields (bool), quiet (bool), seconds (of the
+    `request` holds scene, settings (of options.Settings), fields (bool), quiet (bool), seconds (of the
     stages before), errors, refine (bool) and fingerprint (see checkpoint). Goes on from a checkpoint in `directory`, if
     one is there. Collective over `comm`; returns exit status and reason, the same on every rank. Raises DriverError, on
     all ranks alike, where there is nothing to keep.

@@ -61,7 +61,7 @@ def test_flops_of_a_product(bench):
 @pytest.mark.parametrize("name", ["blmvm", "tron"])
 def test_peers_reach_the_tolerance_on_the_same_problem(bench, name):
     operator, d, bounds, solver = tao.problem_of(bench, "4x2")
-    products, converged = tao.theirs(name, operator, d, bounds, solver.bound)
+    products, converged = tao.theirs(name, operator, d, bounds, solver.qp.bound)
     assert converged and products > 10
     assert tao.ours(operator, d, bounds, solver) < products
 
@@ -69,7 +69,7 @@ def test_peers_reach_the_tolerance_on_the_same_problem(bench, name):
 def test_a_solver_that_uses_too_many_products_has_failed(bench, monkeypatch):
     monkeypatch.setattr(tao, "LIMIT", 20)
     operator, d, bounds, solver = tao.problem_of(bench, "4x2")
-    assert tao.theirs("blmvm", operator, d, bounds, solver.bound) == (20, False)
+    assert tao.theirs("blmvm", operator, d, bounds, solver.qp.bound) == (20, False)
 
 
 def test_a_run_that_fails_is_no_measurement(bench):

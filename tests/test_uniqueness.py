@@ -203,12 +203,13 @@ def test_fallback_is_reported(solved):
 
 def test_condensed_newton_finds_the_fixed_point(built, steps_of, monkeypatch):
     """Stopped after 5 of the 16 iterations it needs and with Anderson acceleration out of the way: the same answer."""
-    from driver import quasistatic
+    from driver import fixedpoint, step
 
     problem = built(cells=4, friction=3, steps=1)
     _, plain = steps_of(problem, rtol=1e-11, friction_rtol=1e-11, uniqueness="no")
-    monkeypatch.setattr(quasistatic.QuasistaticSolver, "_accelerate", lambda *a: None)
-    monkeypatch.setattr(quasistatic, "WINDOW", 2)
+    monkeypatch.setattr(fixedpoint.FixedPoint, "_accelerate", lambda *a: None)
+    monkeypatch.setattr(step, "WINDOW", 2)
+    monkeypatch.setattr(fixedpoint, "WINDOW", 2)
     solver, steps = steps_of(problem, rtol=1e-11, friction_rtol=1e-11, uniqueness="no", max_fixed_point=5)
     assert solver.history.exit_status == 0 and solver.history.fallbacks.steps == {globalization.NEWTON: [1]}
     size = np.abs(plain[0].multipliers).max()

@@ -33,8 +33,8 @@ def ours(operator, d, bounds, solver) -> int:
     before, tol = operator.products, RTOL * np.linalg.norm(d)
     bound, _ = norm_bound(operator.apply, operator.owned, dot=operator.dot)
     result = mprgp(operator.apply, d, *bounds, np.clip(np.zeros_like(d), *bounds), tol=tol, norm_bound=bound,
-                   preconditioner=solver.preconditioner, dot=operator.dot, expansion="cg",
-                   relax=lambda y, gradient: solver.relaxation(y, gradient, bounds, 0.5 * tol)[0])
+                   preconditioner=solver.qp.preconditioner, dot=operator.dot, expansion="cg",
+                   relax=lambda y, gradient: solver.qp.relaxation(y, gradient, bounds, 0.5 * tol)[0])
     if result.status != "converged":
         raise RuntimeError(f"MPRGP ended with {result.status}")
     return operator.products - before
@@ -102,7 +102,7 @@ def measure(bench: Workbench) -> dict:
         operator, d, bounds, solver = problem_of(bench, subdomains)
         own, counts = ours(operator, d, bounds, solver), {}
         for name in SOLVERS:
-            counts[name], converged = theirs(name, operator, d, bounds, solver.bound)
+            counts[name], converged = theirs(name, operator, d, bounds, solver.qp.bound)
             bench.report.add(PART, f"{name}, {subdomains}" + ", not converged" * (not converged), counts[name], "")
         bench.report.add(PART, f"MPRGP, {subdomains}, {len(d)} multipliers", own, "", f"<= {min(counts.values()) - 1}")
         found[subdomains] = {"mprgp": own, **counts}

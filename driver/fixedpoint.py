@@ -1,0 +1,190 @@
+"""Stage 6: the fixed point lambda_n = Phi(lambda_n) for local Coulomb friction in one time step.
+
+Successive approximations with QPs that are solved only as far as it pays; where they do not contract the methods of
+`globalization` take over. Bodies without support follow their springs in the same iterations.
+"""
+
+import numpy as np
+
+from . import globalization
+from .condensation import Condensation
+from .errors import NotConverged
+from .freebodies import FreeBodies
+from .friction import SlidState
+from .frictionqp import FrictionQP
+from .mprgp import projected_gradient
+from .step import WINDOW, Load, Trace
+
+SETTLING = 0.3  # relative change of pressures and friction bounds below which free bodies follow their springs
+CORRECTIONS = 30  # friction bounds in the contact problem with F_cc, at most
+CORRECTION = 0.1  # its residual, relative to the whole one before
+CONDENSED_PASSES = 30  # corrections of a solution of the condensed contact problem
+
+
+class FixedPoint:
+    """Finds multipliers that solve the QP with the friction bound of their own pressures. Collective."""
+
+    def __init__(self, qp: FrictionQP, bodies: FreeBodies, slid: SlidState, condensation: Condensation):
+        self.qp, self.bodies, self.slid, self.condensation = qp, bodies, slid, condensation
+        self.operator, self.rows, self.settings, self.history = qp.operator, qp.rows, qp.settings, qp.history
+
+    def find(self, index: int, load: Load, x, gradient, sliding, trace: Trace):
+        """Successive approximations lambda_n -> Phi(lambda_n), each QP solved only as far as it pays.
+
+        The first QPs would be solved far beyond the error of their friction bound; each reduces its initial
+        residual by `inner_rtol`, and the last one meets the tolerance. Bodies without support move in the same
+        iterations. Starts from and returns multipliers, gradient and the rows that slide.
+        """
+        settings, rows, free = self.settings, self.rows, self.operator.modes > 0
+        coulomb = bool(self.operator.comm.allreduce(int(len(rows.tangential) > 0 and not rows.tresca)))
+        while not trace.fallback:
+            trace.iterations += 1
+            x, gradient = self.qp.placed(self._start(x, gradient, sliding), load.d, x, gradient)
+            bound, reduction = rows.friction_bound(x), self._reduction(trace) if coulomb or free else 0.0
+            result, change = self._approximate(index, trace, load.d, x, bound, reduction, coulomb, gradient)
+            x, gradient = result.x, result.gradient
+            sliding = rows.sliding(x, bound)
+            if self.history.exit_status or not (coulomb or free):
+                return x, gradient, sliding
+            trace.changes.append(change)
+            balanced = self.bodies.imbalance(load, x) <= settings.friction_rtol
+            if balanced and self._settled(change, result):
+                return x, gradient, sliding
+            tired = trace.iterations >= settings.max_fixed_point
+            if tired and (free or trace.iterations <= 2 * WINDOW):
+                self.history.end(4, f"step {index}: no fixed point of the friction bound in {trace.iterations} iterations")
+                return x, gradient, sliding
+            if not balanced and change <= SETTLING * self._norm(x[rows.normal]):
+                self.bodies.move(load, x, gradient)  # before, friction is too far off to say where to
+            if trace.stalls and not trace.exact:  # by the errors of QPs left early? Solved in full they must stall again
+                trace.exact, trace.changes = True, []
+            trace.fallback = (trace.stalls or tired) and not free  # a motion renews the pressures: no sign of stalling
+        return self._globalise(index, load.d, rows.follow(x, sliding), trace)
+
+    def _start(self, x, gradient, sliding):
+        """Start of the next QP: x moved to the friction bound of its own pressures, and corrected if so set."""
+        start, relaxation = self.rows.follow(x, sliding), self.qp.relaxation
+        if relaxation is None or self.settings.corrector == "none":
+            return start
+        return self._correct(start, relaxation.moved(start, x, gradient))
+
+    def _correct(self, x, gradient):
+        """x with the contact multipliers that solve contact and friction while the gluing ones stay.
+
+        Successive approximations as in `find`, with F_cc for F. `gradient` need be right only on the contact rows.
+        """
+        rows, qp, aim = self.rows, self.qp, None
+        for _ in range(CORRECTIONS):
+            limits, bound = rows.limits(self.operator.owned, x), rows.friction_bound(x)
+            left = projected_gradient(x, gradient, *limits)
+            if aim is None:
+                whole = qp.size(left)
+                aim = max(0.5 * qp.tol, CORRECTION * whole)
+            left[rows.gluing] = 0.0
+            if whole <= qp.tol or qp.size(left) <= aim:
+                break
+            solved, gradient = qp.relaxation(x, gradient, limits, 0.5 * aim)
+            x = rows.follow(solved, rows.sliding(solved, bound))
+            gradient = qp.relaxation.moved(x, solved, gradient)
+        return x
+
+    def _approximate(self, index, trace, d, x, bound, reduction, coulomb=True, gradient=None):
+        """The QP with friction bounds `bound` started from x: its result, and the change of pressures and bounds."""
+        limits = self.rows.limits_at(len(x), bound)
+        x, gradient = self.qp.placed(np.clip(x, *limits), d, x, gradient)
+        result = self.qp.solve(index, trace.iterations, d, limits, x, reduction, gradient)
+        if self.history.exit_status or not coulomb:
+            return result, 0.0
+        self.slid.renew_coefficient(result.gradient)
+        return result, max(self._norm(result.x[self.rows.normal] - x[self.rows.normal]),
+                           self._norm(self.rows.friction_bound(result.x) - bound, tangential=True))
+
+    def _reduction(self, trace: Trace) -> float:
+        """Residual reduction of a QP of the fixed point."""
+        return 0.0 if trace.exact else self.settings.inner_rtol
+
+    def _settled(self, change: float, result) -> bool:
+        return (change <= self.settings.friction_rtol * self._norm(result.x[self.rows.normal])
+                and result.residual <= self.qp.tol)
+
+    # ---- where they do not contract ------------------------------------------------------------
+    def _globalise(self, index: int, d, x, trace: Trace):
+        """The fixed point by the methods of `globalization`, in their order; see `find`."""
+        found = self._accelerate(index, d, x, trace)
+        if found is None and not self.history.exit_status:
+            found = self._condense(index, d, x, trace)
+        if found is not None:
+            return found
+        if not self.history.exit_status:
+            self.history.end(3, f"step {index}: the fixed point for the friction bound does not contract, and no other method "
+                                "found a solution; the friction coefficient is beyond the range of a unique one")
+        return x, self.operator.apply(x) - d, self.rows.sliding(x, self.rows.friction_bound(x))
+
+    def _accelerate(self, index: int, d, x, trace: Trace):
+        """Anderson acceleration of the friction bounds; None if it makes no headway."""
+        rows, bound, changes = self.rows, self.rows.friction_bound(x), []
+        method = globalization.Anderson(self._tangential_dot)
+        while not (changes and globalization.gives_up(changes)):
+            trace.iterations += 1
+            result, change = self._approximate(index, trace, d, x, bound, self._reduction(trace))
+            if self.history.exit_status:
+                return None
+            x, sliding = result.x, rows.sliding(result.x, bound)
+            changes.append(change)
+            if self._settled(change, result):
+                self.history.fallbacks.note(globalization.ANDERSON, index)
+                return x, result.gradient, sliding
+            bound = method.next(bound, rows.friction_bound(x))
+        return None
+
+    def _condense(self, index: int, d, x, trace: Trace):
+        """A solution of the condensed contact problem, corrected until it is one of the whole; None if none is found.
+
+        Every pass solves for the gluing multipliers with the contact multipliers held. What then is left on the
+        contact rows makes the load of the condensed problem exact for the next pass.
+        """
+        if self.condensation.n > globalization.CONDENSED_NODES:
+            return None
+        rows, qp, method, part, last = self.rows, self.qp, globalization.NEWTON, 1.0, np.inf
+        for _ in range(CONDENSED_PASSES):
+            trace.iterations += 1
+            bound, coefficient = rows.friction_bound(x), rows.bound
+            result = qp.solve(index, trace.iterations, d, self.condensation.held(x), x, 0.0)
+            if self.history.exit_status:
+                return None
+            x = result.x
+            self.slid.renew_coefficient(result.gradient)
+            change = self._norm(rows.friction_bound(x) - bound, tangential=True)
+            left = projected_gradient(x, result.gradient, *rows.limits_at(len(x), bound))
+            # the gluing rows alone may be left with a residual of tol
+            if change <= self.settings.friction_rtol * self._norm(x[rows.normal]) and qp.size(left) <= 2 * qp.tol:
+                self.history.fallbacks.note(method, index)
+                return x, result.gradient, rows.sliding(x, bound)
+            part, last = part if change <= 0.5 * last else 0.5 * part, change
+            rows.bound = coefficient + part * (rows.bound - coefficient)
+            try:
+                contact, found = globalization.solve_condensed(self.condensation.problem(x, result.gradient),
+                                                               self.condensation.gather(x))
+            except NotConverged:
+                return None
+            if contact is None:
+                return None
+            method = found if found == globalization.LEMKE else method
+            x = self.condensation.place(contact, x)
+        return None
+
+    # ---- norms of values on contact rows -------------------------------------------------------
+    def _on(self, rows: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """The dual vector with `values` on `rows` and zero elsewhere."""
+        full = np.zeros(self.operator.owned)
+        full[rows] = values
+        return full
+
+    def _norm(self, values: np.ndarray, tangential: bool = False) -> float:
+        """Euclidean norm of values on the normal (or tangential) rows."""
+        full = self._on(self.rows.tangential if tangential else self.rows.normal, values)
+        return np.sqrt(self.operator.dot(full, full))
+
+    def _tangential_dot(self, a: np.ndarray, b: np.ndarray) -> float:
+        """Scalar product of values on the tangential rows."""
+        return self.operator.dot(*(self._on(self.rows.tangential, values) for values in (a, b)))

@@ -1,0 +1,86 @@
+"""Stage 6, bodies without support: can contact hold them, and the rigid motion that follows what it cannot yet.
+
+The motion is found by the proximal point method: springs hold the bodies (see fetidp.py), and their rest moves by what
+they carry in every iteration of the friction bound until they carry nothing.
+"""
+
+import numpy as np
+
+from .equilibrium import rigid_equilibrium
+from .errors import NoSolution
+from .fetidp import DualOperator
+from .friction import ContactRows, Scales
+from .step import History, Load
+
+LOOSE = "nothing that touches or sticks holds a rigid motion of a body without support"
+
+
+class FreeBodies:
+    """Rigid motions of the bodies that no support holds; none of it does anything without such bodies. Collective."""
+
+    def __init__(self, operator: DualOperator, rows: ContactRows, effects: dict, scales: Scales, history: History):
+        self.operator, self.rows, self.effects, self.scales, self.history = operator, rows, effects, scales, history
+
+    @property
+    def _motions(self) -> list[np.ndarray]:
+        """Displacements of the rank's dual rows under every rigid motion."""
+        return [d for d, _ in self.operator.loaded[self.operator.structure.patterns :]]
+
+    def can_rest(self, index: int, weights: np.ndarray) -> np.ndarray | None:
+        """Rigid motion that closes gaps until contact balances the loads `weights`; None, noted, if nothing does.
+
+        Raises NoSolution in the first step, before which there is nothing to keep.
+        """
+        op = self.operator
+        if not op.modes:
+            return np.zeros(0)
+        work, size = op.imbalance(np.zeros(op.owned), weights)
+        found = rigid_equilibrium(self.rows, np.column_stack(self._motions), work, size, op.comm)
+        if found is None:
+            self.history.end(3, f"step {index}: {self._why_no_rest()}")
+            if index == 1:
+                raise NoSolution(self.history.reason)
+        return found
+
+    def _why_no_rest(self) -> str:
+        bodies = sorted({mode.body + 1 for mode in self.operator.structure.rigid_modes})
+        names = f"{'body' if len(bodies) == 1 else 'bodies'} {', '.join(map(str, bodies))}"
+        how = {"none": "without contact nothing can", "unilateral": "contact cannot", "bilateral": "contact cannot"}[
+            self.effects["contact"]]
+        if self.effects["friction"] != "none":
+            how = "contact and friction cannot"
+        return (f"no equilibrium: {how} balance the loads on {names}, which no support holds: it slides off, tips over "
+                "or is pulled away; add supports or friction")
+
+    def move(self, load: Load, x: np.ndarray, gradient: np.ndarray) -> None:
+        """Rigid motions follow what their springs still carry; d and the gradient with them."""
+        op = self.operator
+        net, _ = op.imbalance(x, load.weights)
+        change = op.rho * net
+        load.weights[op.structure.patterns :] += change
+        for factor, d in zip(change, self._motions):
+            load.d += factor * d
+            gradient -= factor * d
+
+    def imbalance(self, load: Load, x: np.ndarray) -> float:
+        """Largest force that rigid motions leave to their springs, relative to the forces at work."""
+        if not self.operator.modes:
+            return 0.0
+        net, size = self.operator.imbalance(x, load.weights)
+        self.scales.work = np.maximum(self.scales.work, size)
+        return float(np.max(np.abs(net) / np.where(self.scales.work > 0, self.scales.work, 1.0)))
+
+    def note_loose_motion(self, index: int, x: np.ndarray) -> None:
+        """Say it once if nothing that touches or sticks holds a rigid motion of a body without support.
+
+        Such a body is in equilibrium at many places. The motion leaves no row that acts, or only those of zero.
+        """
+        op, rows, motions = self.operator, self.rows, self._motions
+        if not op.modes or self.history.exit_status or any(LOOSE in line for line in self.history.warnings):
+            return
+        acts = np.zeros(op.owned)
+        acts[rows.normal] = rows.bilateral | (x[rows.normal] != 0)
+        acts[rows.tangential] = np.abs(x[rows.tangential]) < rows.friction_bound(x)
+        held = np.array([[op.dot(acts * a, b) for b in motions] for a in motions])
+        if np.linalg.eigvalsh(held)[0] <= 1e-12 * max(op.dot(d, d) for d in motions):  # squares of roundings
+            self.history.warnings.append(f"step {index}: {LOOSE}, and displacements are one answer of many")
