@@ -64,7 +64,7 @@ def contact_boundary(manifest, subdomains, skeleton, fixed, comm) -> ContactBoun
     found = [np.empty((0, 10))]
     for sub in subdomains:
         if sub.contact is not None:
-            found.append(contact_table(sub.contact, sub.vertex_gid[sub.contact.vertex], sub.xy[sub.contact.vertex]))
+            found.append(contact_table(sub.contact, sub.node_gid[sub.contact.node], sub.xy[sub.contact.node]))
     found = gather(comm, np.concatenate(found))
     keys, at, total = add_parts(found)
     label, gid = keys.T.astype(np.int64)
@@ -110,7 +110,7 @@ class _PairSides:
             label = edge_labels(sub, np.sort(edges, axis=1))
             edges, label = edges[np.isin(label, labels)], label[np.isin(label, labels)]
             a, b = sub.xy[edges[:, 0]], sub.xy[edges[:, 1]]
-            found.append(np.column_stack([label, sub.vertex_gid[edges], a, b, (b - a)[:, 1], (a - b)[:, 0]]))
+            found.append(np.column_stack([label, sub.node_gid[edges], a, b, (b - a)[:, 1], (a - b)[:, 0]]))
         self.edges = gather(comm, np.concatenate(found))  # label, gid, gid, place, place, normal times length
 
     def couple(self, one: int, two: int, nodes: np.ndarray):
@@ -123,9 +123,9 @@ class _PairSides:
         at = np.searchsorted(gids, nodes)
         position = np.full(len(gids), -1)
         position[at] = np.arange(len(nodes))
-        vertex_gid = np.where(found.side == 0, gids[np.where(found.side == 0, found.vertex, 0)],
+        node_gid = np.where(found.side == 0, gids[np.where(found.side == 0, found.vertex, 0)],
                               others[np.where(found.side == 1, found.vertex, 0)])
-        terms = position[found.node], vertex_gid, found.value, found.side == 1
+        terms = position[found.node], node_gid, found.value, found.side == 1
         return found.weight[at], found.normal[at], found.gap[at], terms
 
     def _side(self, label: int) -> tuple[mortar.Side, np.ndarray]:

@@ -30,14 +30,14 @@ def corner_vertices(skeleton: Skeleton) -> np.ndarray:
 
 def _missing_corners(skeleton: Skeleton, corners: np.ndarray) -> np.ndarray:
     """Corners for subdomains that have less than two: an undivided body with one label all round."""
-    has = np.bincount(skeleton.vertices[np.isin(skeleton.vertices[:, 1], corners), 0],
-                      minlength=int(skeleton.vertices[:, 0].max()) + 1)
+    has = np.bincount(skeleton.nodes[np.isin(skeleton.nodes[:, 1], corners), 0],
+                      minlength=int(skeleton.nodes[:, 0].max()) + 1)
     added = []
     for weak in np.flatnonzero(has < 2):
-        mine = np.flatnonzero(skeleton.vertices[:, 0] == weak)
+        mine = np.flatnonzero(skeleton.nodes[:, 0] == weak)
         first = mine[np.linalg.norm(skeleton.xy[mine] - skeleton.xy[mine[0]], axis=1).argmax()]
         second = mine[np.linalg.norm(skeleton.xy[mine] - skeleton.xy[first], axis=1).argmax()]
-        added += [skeleton.vertices[first, 1], skeleton.vertices[second, 1]]
+        added += [skeleton.nodes[first, 1], skeleton.nodes[second, 1]]
     return np.array(added, np.int64)
 
 
@@ -59,7 +59,7 @@ def _farthest_points(skeleton: Skeleton, neighbour: np.ndarray, corners: np.ndar
     at_corner = np.unique(np.column_stack([piece, nodes[:, 1]])[nodes[:, 2] > 0], axis=0)
     held = np.bincount(at_corner[:, 0], minlength=pieces)
     place = np.empty((len(skeleton.gids), 2))
-    place[skeleton.vertex_id] = skeleton.xy
+    place[skeleton.node_id] = skeleton.xy
     added = []
     for weak in np.flatnonzero(held < 2):
         gids = nodes[piece == weak, 1]

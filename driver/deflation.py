@@ -57,7 +57,7 @@ def _row_nodes(structure: Substructure) -> tuple[np.ndarray, np.ndarray]:
 
 def _corner_vertices(structure: Substructure, comm) -> np.ndarray:
     """Vertex numbers of the corners of all subdomains."""
-    mine = [sub.vertex_gid[sub.dof_vertex[dofs]] for sub, dofs in zip(structure.subdomains, structure.corner_dofs)]
+    mine = [sub.node_gid[sub.dof_node[dofs]] for sub, dofs in zip(structure.subdomains, structure.corner_dofs)]
     return np.unique(np.concatenate([np.empty(0, int), *(part for rank in comm.allgather(mine) for part in rank)]))
 
 

@@ -155,14 +155,14 @@ class EnergyEstimator:
 
     def _gather_body(self) -> _Body | None:
         structure = self.operator.structure
-        gid = self._gather((), int, lambda s, sub: sub.vertex_gid)
+        gid = self._gather((), int, lambda s, sub: sub.node_gid)
         size = self._gather((2,), int, lambda s, sub: np.array([[len(sub.xy), len(sub.triangles)]]))
         triangles = self._gather((3,), int, lambda s, sub: sub.triangles)
         corner = self._gather((3, 2), float, lambda s, sub: sub.xy[sub.triangles])
         region = self._gather((), int, lambda s, sub: sub.region)
         elasticity = self._gather((3, 3), float, lambda s, sub: sub.elasticity)
         fixed = self._gather((2,), int, lambda s, sub: np.column_stack(
-            [sub.vertex_gid[sub.dof_vertex[structure.fixed[s]]], sub.dof_component[structure.fixed[s]]]))
+            [sub.node_gid[sub.dof_node[structure.fixed[s]]], sub.dof_component[structure.fixed[s]]]))
         if not self.root:
             return None
         torn = triangles + np.repeat(np.cumsum(size[:, 0]) - size[:, 0], size[:, 1])[:, None]
@@ -286,7 +286,7 @@ class EnergyEstimator:
         def moments(sub: Subdomain) -> np.ndarray:
             return sum((weights[k] * m for k, m in sub.edge_loads.items()), np.zeros((len(sub.edges), 2, 2)))
 
-        ends = self._gather((2,), int, lambda s, sub: sub.vertex_gid[sub.edges])
+        ends = self._gather((2,), int, lambda s, sub: sub.node_gid[sub.edges])
         loads = self._gather((2, 2), float, lambda s, sub: moments(sub))
         if not self.root:
             return None

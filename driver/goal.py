@@ -248,7 +248,7 @@ class Search:
                 raise NoSolution(f"the {self._words()} cannot be had to {100 * self.asked:g} %: it grows from mesh to mesh, "
                                  f"as at a singular point; ask for another quantity")
             size = self._next(entry)
-            vertices = self.levels.problem(**{self.knob: self.sizes[-1]}).manifest.vertices * \
+            vertices = self.levels.problem(**{self.knob: self.sizes[-1]}).manifest.nodes * \
                 ratio(self.knob, self.sizes[-1], size) ** 2
             if vertices > LARGEST:
                 raise NotConverged(f"{100 * self.asked:g} % of the {self._words()} would take {name_of(self.knob, size)}, "

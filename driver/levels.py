@@ -140,7 +140,7 @@ class Companions:
     def _adapted(self) -> tuple[list[dict], list[float]]:
         """Meshes of the two cycles of refinement before the last; their elements' length follows from their number."""
         meshes = [{}, *({"cycle": k} for k in reversed(range(len(self.levels.cycles))))][:3]
-        count = [self.levels.problem(**mesh).manifest.vertices for mesh in meshes]
+        count = [self.levels.problem(**mesh).manifest.nodes for mesh in meshes]
         return meshes, [max(1.1, (a / b) ** 0.5) for a, b in zip(count, count[1:])]
 
     def _meshed(self, size: float) -> bool:

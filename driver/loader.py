@@ -16,7 +16,7 @@ from . import seal as seals
 from .errors import InputError, agree
 
 OPTIONAL = ("slip_law", "initial_state", "contact_pairs")  # parts of the manifest that only some scenes have
-HEAD = 9  # subdomain, vertices, triangles, boundary edges, dofs, nnz, patterns, fixed dofs, contact nodes
+HEAD = 9  # subdomain, nodes, triangles, boundary edges, dofs, nnz, patterns, fixed dofs, contact nodes
 
 
 @dataclass
@@ -26,7 +26,7 @@ class ContactData:
     All arrays have length n_c. Weights are lengths of the part of the dual segment on this subdomain.
     """
 
-    vertex: np.ndarray
+    node: np.ndarray
     label: np.ndarray
     weight: np.ndarray
     normal: np.ndarray  # (n_c, 2), outward, length 1 on straight parts
@@ -39,12 +39,12 @@ class ContactData:
 class Subdomain:
     """One torn subdomain as exported.
 
-    `dof_vertex` and `dof_component` give vertex and displacement component of every dof; `rows`,
+    `dof_node` and `dof_component` give node and displacement component of every dof; `rows`,
     `columns`, `values` are the pure Neumann stiffness in coordinate form, both triangles.
     """
 
     index: int
-    vertex_gid: np.ndarray  # (n_v,) vertex numbers in the untorn body
+    node_gid: np.ndarray  # (n_v,) node numbers in the untorn body
     xy: np.ndarray  # (n_v, 2)
     triangles: np.ndarray  # (n_t, 3)
     region: np.ndarray  # (n_t,)
@@ -53,7 +53,7 @@ class Subdomain:
     elasticity: np.ndarray  # (n_t, 3, 3) plane Hooke's law in Voigt form
     thermal: dict[int, np.ndarray]  # by thermal pattern: (n_t, 3) stress of its strain if that is suppressed
     sigma_zz: np.ndarray | None  # (n_t,) factor of (e11 + e22) in the out-of-plane stress; None where that is zero
-    dof_vertex: np.ndarray
+    dof_node: np.ndarray
     dof_component: np.ndarray
     rows: np.ndarray
     columns: np.ndarray
@@ -67,7 +67,7 @@ class Subdomain:
 
     @property
     def dofs(self) -> int:
-        return len(self.dof_vertex)
+        return len(self.dof_node)
 
     def multiply(self, u: np.ndarray) -> np.ndarray:
         """K u for u of shape (dofs,)."""
@@ -81,7 +81,7 @@ class Manifest:
     directory: Path
     subdomains: int
     blocks: int
-    vertices: int
+    nodes: int  # of the untorn bodies
     interface_label: int
     element: str
     plane: str
@@ -134,7 +134,7 @@ def read_manifest(directory: Path, scene: str | None = None) -> Manifest:
     return manifest
 
 
-KINDS = {"subdomains": int, "blocks": int, "vertices": int, "interface_label": int, "element": str, "plane": str,
+KINDS = {"subdomains": int, "blocks": int, "nodes": int, "interface_label": int, "element": str, "plane": str,
          "material": str, "units": dict, "effects": dict, "steps": int, "t_end": (int, float), "contact_labels": list, "labels": list, "bodies": int, "contact_pairs": list,
          "patterns": list, "amplitudes": dict, "parameters": dict, "initial_state": bool, "slip_law": (dict, type(None))}
 # words that mean something to the stages that follow; any other would silently count as "not declared"
@@ -158,8 +158,8 @@ def _check_manifest(manifest: Manifest) -> None:
     for name, kind in KINDS.items():
         if not _is(getattr(manifest, name), kind):
             raise InputError(f"{name} is not of the right type")
-    if min(manifest.subdomains, manifest.blocks, manifest.vertices, manifest.steps, manifest.bodies) <= 0:
-        raise InputError("subdomains, blocks, vertices, steps and bodies must be positive whole numbers")
+    if min(manifest.subdomains, manifest.blocks, manifest.nodes, manifest.steps, manifest.bodies) <= 0:
+        raise InputError("subdomains, blocks, nodes, steps and bodies must be positive whole numbers")
     if manifest.blocks != len(manifest.seal.files) - 1:
         raise InputError(f"{manifest.blocks} blocks are declared, {len(manifest.seal.files) - 1} were sealed")
     if not 0 < manifest.t_end < np.inf:
@@ -288,10 +288,10 @@ def _read_record(reader: _Block, manifest: Manifest, index: int) -> Subdomain:
         raise InputError(f"{where}: {patterns} load patterns, the manifest has {len(manifest.patterns)}")
     if min(nv, nt, ne, nd, nnz) <= 0 or nd != 2 * nv:
         raise InputError(f"{where}: sizes that make no subdomain ({nv} vertices, {nt} triangles, {nd} dofs)")
-    gid = reader.indices(nv, manifest.vertices, "vertex number")
+    gid = reader.indices(nv, manifest.nodes, "node number")
     xy = np.column_stack([reader.array(nv, np.float64), reader.array(nv, np.float64)])
     if len(np.unique(gid)) != nv:
-        raise InputError(f"{where}: a vertex number stands twice in the record")
+        raise InputError(f"{where}: a node number stands twice in the record")
     triangles = reader.indices(3 * nt, nv, "triangle vertex").reshape(nt, 3)
     a, b, c = (xy[triangles[:, k]] for k in range(3))
     if np.min((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]) <= 0:
@@ -303,12 +303,12 @@ def _read_record(reader: _Block, manifest: Manifest, index: int) -> Subdomain:
     elasticity, sigma_zz = _read_elasticity(reader, manifest, nt)
     thermal = {k: np.column_stack([reader.array(nt, np.float64) for _ in range(3)])
                for k, pattern in enumerate(manifest.patterns) if pattern["kind"] == "thermal"}
-    dof_vertex, component = _dof_layout(reader, nd, xy, where)
+    dof_node, component = _dof_layout(reader, nd, xy, where)
     rows = reader.indices(nnz, nd, "stiffness row")
     columns = reader.indices(nnz, nd, "stiffness column")
     values = reader.array(nnz, np.float64)
     _check_symmetric(rows, columns, values, nd, where)
-    _check_rigid_motions(rows, columns, values, xy[dof_vertex], component, where)
+    _check_rigid_motions(rows, columns, values, xy[dof_node], component, where)
     loads = np.array([reader.array(nd, np.float64) for _ in range(patterns)]).reshape(patterns, nd)
     edge_loads = _read_edge_loads(reader, manifest, ne)
     body_loads = _read_body_loads(reader, manifest, xy[triangles])
@@ -322,7 +322,7 @@ def _read_record(reader: _Block, manifest: Manifest, index: int) -> Subdomain:
             fixed_values[k] = reader.array(max(1, fixed), np.float64)[:fixed]
     data = _read_contact(reader, manifest, contact, nv, where) if contact else None
     return Subdomain(index, gid, xy, triangles, region, edge[:, :2], edge[:, 2], elasticity, thermal, sigma_zz,
-                     dof_vertex, component,
+                     dof_node, component,
                      rows, columns, values, loads, edge_loads, body_loads, fixed_dofs, fixed_values, data)
 
 
@@ -427,14 +427,14 @@ def _check_rigid_motions(rows, columns, values, place, component, where) -> None
 
 
 def read_contact(directory: Path, manifest: Manifest) -> list[tuple[ContactData, np.ndarray, np.ndarray]]:
-    """Contact nodes of one value of a parameter study, piece by piece: data, vertex numbers and places.
+    """Contact nodes of one value of a parameter study, piece by piece: data, node numbers and places.
 
     Raises InputError as `read_subdomains`.
     """
     reader, found = _Block(directory / "contact.bin", manifest.seal), []
     while reader.at < len(reader.words):
         count = int(reader.array(1)[0])
-        label, gid = reader.array(count), reader.indices(count, manifest.vertices, "vertex number")
+        label, gid = reader.array(count), reader.indices(count, manifest.nodes, "node number")
         weight, nx, ny, gap, friction, x, y = (reader.array(count, np.float64) for _ in range(7))
         initial = reader.array(count, np.float64) if manifest.initial_state else np.zeros(count)
         data = ContactData(np.arange(count), label, weight, np.column_stack([nx, ny]), gap, friction, initial)

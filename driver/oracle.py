@@ -89,8 +89,8 @@ class Assembled:
         from scipy.sparse import bmat, coo_matrix, csc_matrix
         from scipy.sparse.linalg import splu
 
-        size = 2 * manifest.vertices
-        keys = [2 * sub.vertex_gid[sub.dof_vertex] + sub.dof_component for sub in subdomains]
+        size = 2 * manifest.nodes
+        keys = [2 * sub.node_gid[sub.dof_node] + sub.dof_component for sub in subdomains]
         self.K = sum(coo_matrix((sub.values, (k[sub.rows], k[sub.columns])), shape=(size, size)).tocsc()
                      for sub, k in zip(subdomains, keys))
         self.loads = np.zeros((len(manifest.patterns), size))
@@ -105,7 +105,7 @@ class Assembled:
         self.free = np.flatnonzero(free & used)
         place = np.zeros(size)
         for sub, k in zip(subdomains, keys):
-            place[k] = sub.xy[sub.dof_vertex, sub.dof_component]
+            place[k] = sub.xy[sub.dof_node, sub.dof_component]
         self.motions = self._free_motions(place)
         border = csc_matrix(self.motions[self.free])
         held = self.K[self.free][:, self.free]
@@ -138,8 +138,8 @@ class Assembled:
             if sub.contact is None:
                 continue
             c = sub.contact
-            for vertex, label, w, n, gap, F in zip(c.vertex, c.label, c.weight, c.normal, c.gap, c.friction):
-                key = (int(label), int(sub.vertex_gid[vertex]))
+            for vertex, label, w, n, gap, F in zip(c.node, c.label, c.weight, c.normal, c.gap, c.friction):
+                key = (int(label), int(sub.node_gid[vertex]))
                 parts.setdefault(key, []).append((w, *(w * n), w * gap, w * F, *sub.xy[vertex]))
         free = set(self.free.tolist())
         kept = [(key, np.array(p)) for key, p in parts.items() if free & {2 * key[1], 2 * key[1] + 1}]

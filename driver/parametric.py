@@ -75,7 +75,7 @@ def _progress(request: dict, comm, k: int) -> None:
 
 def _check_same(name: str, base, value) -> None:
     """Refuse a value whose manifest differs where the stiffness, loads and rows of the export come from."""
-    for part in ("subdomains", "vertices", "effects", "patterns", "contact_labels", "material", "plane"):
+    for part in ("subdomains", "nodes", "effects", "patterns", "contact_labels", "material", "plane"):
         if getattr(base, part) != getattr(value, part):
             raise InputError(f"a study cannot vary {name.upper()}: it changes the scene's {part.replace('_', ' ')}")
 

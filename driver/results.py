@@ -64,7 +64,7 @@ class ContactState:
     def _held(self) -> np.ndarray:
         """(n_c, 2): displacement components of the contact nodes that a support holds."""
         structure = self.operator.structure
-        keys = [2 * sub.vertex_gid[sub.dof_vertex[fixed]] + sub.dof_component[fixed]
+        keys = [2 * sub.node_gid[sub.dof_node[fixed]] + sub.dof_component[fixed]
                 for sub, fixed in zip(structure.subdomains, structure.fixed)]
         mine = np.isin(2 * self.boundary.gid[:, None] + [0, 1], np.concatenate([np.empty(0, np.int64), *keys]))
         return np.any(self.operator.comm.allgather(mine), axis=0)
@@ -94,9 +94,9 @@ class ContactState:
         gids, term = np.unique(b.term_gid, return_inverse=True)
         values = np.zeros((len(gids), 3))  # u_x, u_y, multiplicity
         for sub, u in zip(self.operator.structure.subdomains, fields):
-            order = np.argsort(sub.vertex_gid)
-            here = np.flatnonzero(np.isin(gids, sub.vertex_gid))
-            vertex = order[np.searchsorted(sub.vertex_gid[order], gids[here])]
+            order = np.argsort(sub.node_gid)
+            here = np.flatnonzero(np.isin(gids, sub.node_gid))
+            vertex = order[np.searchsorted(sub.node_gid[order], gids[here])]
             values[here] += np.column_stack([u[2 * vertex], u[2 * vertex + 1], np.ones(len(here))])
         values = np.sum(self.operator.comm.allgather(values), axis=0)
         jump = np.zeros((len(b.gid), 2))
@@ -289,10 +289,10 @@ class Writer:
         for s, sub in enumerate(structure.subdomains):
             traction = [k for k, p in enumerate(self.manifest.patterns) if p["kind"] == "traction"]
             force = sub.loads[traction].sum(axis=0).reshape(-1, 2)
-            for v, gid in enumerate(sub.vertex_gid.tolist()):
+            for v, gid in enumerate(sub.node_gid.tolist()):
                 place[gid] = sub.xy[v]
                 push[gid] = push.get(gid, 0) + force[v]
-            held.update(sub.vertex_gid[sub.dof_vertex[structure.fixed[s]]].tolist())
+            held.update(sub.node_gid[sub.dof_node[structure.fixed[s]]].tolist())
         wanted = set(structure.outer_edges[:, :2].ravel().tolist())
         place = {g: xy for g, xy in place.items() if g in wanted}
         found = comm.gather((place, {g: push[g] for g in place}, held))

@@ -27,12 +27,12 @@ class RigidMode:
 
 def rigid_modes(skeleton, fixed_keys, corner_keys) -> tuple[list[RigidMode], np.ndarray]:
     """Rigid motions that the supports leave to each body, orthonormal at its coarse dofs."""
-    total = int(skeleton.vertices[:, 0].max()) + 1
-    links = coo_matrix((np.ones(len(skeleton.vertices)), (skeleton.vertices[:, 0], total + skeleton.vertex_id)),
+    total = int(skeleton.nodes[:, 0].max()) + 1
+    links = coo_matrix((np.ones(len(skeleton.nodes)), (skeleton.nodes[:, 0], total + skeleton.node_id)),
                        shape=(total + len(skeleton.gids),) * 2)
     _, body = connected_components(links, directed=False)
     place = np.empty((len(skeleton.gids), 2))
-    place[skeleton.vertex_id] = skeleton.xy
+    place[skeleton.node_id] = skeleton.xy
     modes, columns = [], []
     for number, one in enumerate(dict.fromkeys(body[:total].tolist())):  # in the order of the first subdomains
         vertices = np.flatnonzero(body[total:] == one)

@@ -11,29 +11,29 @@ from .loader import Manifest, Subdomain
 
 
 class Skeleton:
-    """Boundary edges and vertices of all subdomains, replicated on every rank."""
+    """Boundary edges and nodes of all subdomains, replicated on every rank."""
 
     def __init__(self, manifest: Manifest, subdomains: list[Subdomain], comm):
-        edges, vertices = [np.empty((0, 4), np.int64)], [np.empty((0, 2), np.int64)]
+        edges, nodes = [np.empty((0, 4), np.int64)], [np.empty((0, 2), np.int64)]
         coordinates, stiffness = [np.empty((0, 2))], [np.empty(0)]
         for sub in subdomains:
             local = boundary_edges(sub.triangles)
-            gid = np.sort(sub.vertex_gid[local], axis=1)
+            gid = np.sort(sub.node_gid[local], axis=1)
             edges.append(np.column_stack([np.full(len(gid), sub.index), gid, edge_labels(sub, local)]))
             seen = np.unique(local)
-            vertices.append(np.column_stack([np.full(len(seen), sub.index), sub.vertex_gid[seen]]))
+            nodes.append(np.column_stack([np.full(len(seen), sub.index), sub.node_gid[seen]]))
             coordinates.append(sub.xy[seen])
-            stiffness.append(vertex_stiffness(sub)[seen])
+            stiffness.append(node_stiffness(sub)[seen])
         self.edges = gather(comm, np.concatenate(edges))  # subdomain, gid, gid, label
-        self.vertices = gather(comm, np.concatenate(vertices))  # subdomain, gid
+        self.nodes = gather(comm, np.concatenate(nodes))  # subdomain, gid
         self.xy = gather(comm, np.concatenate(coordinates))
         self.stiffness = gather(comm, np.concatenate(stiffness))
         self.interface_label = manifest.interface_label
-        key = self.edges[:, 1] * manifest.vertices + self.edges[:, 2]
+        key = self.edges[:, 1] * manifest.nodes + self.edges[:, 2]
         _, self.edge_id, self.edge_count = np.unique(key, return_inverse=True, return_counts=True)
         self.shared = self.edge_count[self.edge_id] == 2
-        self.gids, inverse, counts = np.unique(self.vertices[:, 1], return_inverse=True, return_counts=True)
-        self.vertex_id, self.count = inverse, counts
+        self.gids, inverse, counts = np.unique(self.nodes[:, 1], return_inverse=True, return_counts=True)
+        self.node_id, self.count = inverse, counts
 
     def check_conformity(self, comm) -> None:
         """Every interface edge must have exactly two sides, with vertices at the same places."""
@@ -44,11 +44,11 @@ class Skeleton:
             error = InputError(f"the meshes do not conform along an interface of subdomain {bad[0]}: an edge "
                                "has no match on the other side; export all subdomains from one mesh")
         low, high = (np.full((len(self.gids), 2), s * np.inf) for s in (1, -1))
-        np.minimum.at(low, self.vertex_id, self.xy)
-        np.maximum.at(high, self.vertex_id, self.xy)
+        np.minimum.at(low, self.node_id, self.xy)
+        np.maximum.at(high, self.node_id, self.xy)
         apart = np.abs(high - low).max(axis=1)
         if error is None and apart.max() > 1e-10 * np.ptp(self.xy, axis=0).max():
-            at = self.xy[self.vertex_id == apart.argmax()][0]
+            at = self.xy[self.node_id == apart.argmax()][0]
             error = InputError(f"the meshes do not conform along an interface: a shared node near ({at[0]:g}, "
                                f"{at[1]:g}) has different coordinates in its subdomains")
         agree(comm, error)
@@ -59,7 +59,7 @@ class Skeleton:
         Labels `paired` are spared: two bodies that fit may cross by the error of their meshes.
         """
         place = np.empty((len(self.gids), 2))
-        place[self.vertex_id] = self.xy
+        place[self.node_id] = self.xy
         ends = np.searchsorted(self.gids, self.edges[~self.shared & ~np.isin(self.edges[:, 3], paired), 1:3])
         p, q = place[ends[:, 0]], place[ends[:, 1]]
         low, high = np.minimum(p, q), np.maximum(p, q)
@@ -106,8 +106,8 @@ def edge_labels(sub: Subdomain, edges: np.ndarray) -> np.ndarray:
     return np.where(keys[order[at]] == edges[:, 0] * span + edges[:, 1], label, 0)
 
 
-def vertex_stiffness(sub: Subdomain) -> np.ndarray:
-    """(n_v,) stiffness of the subdomain at its vertices: the trace of Hooke's law in the stiffest triangle there."""
+def node_stiffness(sub: Subdomain) -> np.ndarray:
+    """(n_v,) stiffness of the subdomain at its nodes: the trace of Hooke's law in the stiffest triangle there."""
     found = np.zeros(len(sub.xy))
     np.maximum.at(found, sub.triangles, np.trace(sub.elasticity, axis1=1, axis2=2)[:, None])
     mantissa, exponent = np.frexp(found)  # means over triangles differ by rounding: nine digits make equals equal

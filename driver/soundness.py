@@ -39,7 +39,7 @@ def locking(problem, step) -> list[str]:
         return []
     fields = problem.operator.displacements(step.multipliers, step.weights)
     parts = [_stresses(sub, some, u) for sub, some, u in zip(structure.subdomains, soft, fields)]
-    osc_p, osc_s, p, s, energy_p, energy_s = _oscillation(parts, manifest.vertices, comm)
+    osc_p, osc_s, p, s, energy_p, energy_s = _oscillation(parts, manifest.nodes, comm)
     noticeable = osc_p > NOTICEABLE**2 * (p + s) > 0
     if not (noticeable and (energy_p > DOMINANCE * energy_s or osc_p > s)):
         return []
@@ -58,7 +58,7 @@ def _stresses(sub, soft, u):
     s = 2 * mu[:, None] * np.column_stack([strain[:, 0] - volume / 3, strain[:, 1] - volume / 3, -volume / 3,
                                            strain[:, 2] / np.sqrt(2)])
     area = 0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
-    return sub.vertex_gid[sub.triangles[soft]], area, lam, mu, np.column_stack([lam * volume, s])
+    return sub.node_gid[sub.triangles[soft]], area, lam, mu, np.column_stack([lam * volume, s])
 
 
 def _oscillation(parts, vertices: int, comm) -> np.ndarray:

@@ -97,7 +97,7 @@ def _fixed_dofs(manifest: Manifest, subdomains: list[Subdomain], comm) -> tuple[
     """
     keys, values = [np.empty(0, np.int64)], [np.empty((0, len(manifest.patterns)))]
     for sub in subdomains:
-        keys.append(2 * sub.vertex_gid[sub.dof_vertex[sub.fixed]] + sub.dof_component[sub.fixed])
+        keys.append(2 * sub.node_gid[sub.dof_node[sub.fixed]] + sub.dof_component[sub.fixed])
         values.append(sub.fixed_values.T)
     keys, at = np.unique(gather(comm, np.concatenate(keys)), return_index=True)
     return keys, gather(comm, np.concatenate(values))[at]
@@ -107,7 +107,7 @@ def _number(manifest, subdomains, first, skeleton, corners, fixed, contact, comm
     """Number coarse dofs and dual rows and express both in every local subdomain's dofs."""
     fixed_keys = fixed[0]
     owner = np.full(len(skeleton.gids), np.iinfo(np.int64).max)
-    np.minimum.at(owner, skeleton.vertex_id, skeleton.vertices[:, 0])
+    np.minimum.at(owner, skeleton.node_id, skeleton.nodes[:, 0])
     corner_keys = (2 * corners[:, None] + [0, 1]).ravel()
     corner_keys = corner_keys[~np.isin(corner_keys, fixed_keys)]
     plain = (skeleton.count == 2) & ~np.isin(skeleton.gids, corners)
@@ -155,8 +155,8 @@ def _row_scale(skeleton, row_gid, kind) -> np.ndarray:
     Powers of two, so that scaling rounds nothing; relative to the stiffest row, so that units do not matter.
     """
     low, high = np.full(len(skeleton.gids), np.inf), np.zeros(len(skeleton.gids))
-    np.minimum.at(low, skeleton.vertex_id, skeleton.stiffness)
-    np.maximum.at(high, skeleton.vertex_id, skeleton.stiffness)
+    np.minimum.at(low, skeleton.node_id, skeleton.stiffness)
+    np.maximum.at(high, skeleton.node_id, skeleton.stiffness)
     at = np.searchsorted(skeleton.gids, row_gid)
     seen = np.where(kind == GLUING, low[at], high[at])
     return 2.0 ** np.round(0.5 * np.log2(seen / seen.max(initial=0)))
@@ -202,9 +202,9 @@ class _Numbering:
     def __init__(self, skeleton, corner_keys, fixed, gluing, gluing_row, contact):
         self.skeleton, self.corner_keys, self.fixed, self.contact = skeleton, corner_keys, fixed, contact
         self.gluing, self.gluing_row = gluing, gluing_row  # sorted keys, row of each
-        self._span = int(skeleton.vertices[:, 0].max()) + 1
+        self._span = int(skeleton.nodes[:, 0].max()) + 1
         # how many lower subdomains share the vertex of each (vertex, subdomain) pair, and how many stiffer ones
-        pairs = skeleton.vertices[:, 1] * self._span + skeleton.vertices[:, 0]
+        pairs = skeleton.nodes[:, 1] * self._span + skeleton.nodes[:, 0]
         order = np.argsort(pairs)
         self.pairs, self.stiffness = pairs[order], skeleton.stiffness[order]
         gid = self.pairs // self._span
@@ -217,12 +217,12 @@ class _Numbering:
 
     def localize(self, sub: Subdomain):
         """Fixed dofs and values, corner dofs and numbers, rows, multiplicities of one subdomain."""
-        key = 2 * sub.vertex_gid[sub.dof_vertex] + sub.dof_component
+        key = 2 * sub.node_gid[sub.dof_node] + sub.dof_component
         at, held = _lookup(self.fixed[0], key)
         held_values = self.fixed[1][at[held]].T
         number, corner = _lookup(self.corner_keys, key)
-        multiplicity = np.ones(len(sub.vertex_gid), np.int64)
-        at, on_boundary = _lookup(self.skeleton.gids, sub.vertex_gid)
+        multiplicity = np.ones(len(sub.node_gid), np.int64)
+        at, on_boundary = _lookup(self.skeleton.gids, sub.node_gid)
         multiplicity[on_boundary] = self.skeleton.count[at[on_boundary]]
         rows = self._rows(sub, key, multiplicity, held)
         return np.flatnonzero(held), held_values, np.flatnonzero(corner), number[corner], rows, multiplicity
@@ -236,7 +236,7 @@ class _Numbering:
         coefficient = np.tile([1.0, 0.0], (len(dof), 1))
         pieces = [(self.gluing_row[at[dof]], sign, np.column_stack([dof, dof]), coefficient,
                    np.zeros_like(coefficient), other * sign)]
-        if _lookup(self.contact_gids, sub.vertex_gid)[1].any():
+        if _lookup(self.contact_gids, sub.node_gid)[1].any():
             for direction, rows in ((self.contact.normal, self.contact.normal_row),
                                     (self.contact.tangent, self.contact.tangential_row)):
                 pieces.append(self._contact_rows(sub, multiplicity, held, direction, rows))
@@ -249,8 +249,8 @@ class _Numbering:
 
     def _contact_rows(self, sub, multiplicity, held, direction, rows):
         """Rows of the nodes that meet a rigid obstacle."""
-        order = np.argsort(sub.vertex_gid)
-        at, inside = _lookup(sub.vertex_gid[order], self.contact.gid)
+        order = np.argsort(sub.node_gid)
+        at, inside = _lookup(sub.node_gid[order], self.contact.gid)
         here = np.flatnonzero(inside & (rows >= 0) & ~self.contact.paired)
         vertex = order[at[here]]
         # dofs are numbered vertex by vertex, as the loader has checked
@@ -273,8 +273,8 @@ class _Numbering:
         The preconditioner knows a row by the stiffness of the side with the contact nodes alone: the other side's
         rows depend on one another where its mesh is coarser.
         """
-        c, order = self.contact, np.argsort(sub.vertex_gid)
-        at, inside = _lookup(sub.vertex_gid[order], c.term_gid)
+        c, order = self.contact, np.argsort(sub.node_gid)
+        at, inside = _lookup(sub.node_gid[order], c.term_gid)
         mine = np.flatnonzero(inside & c.paired[c.term_node] & (rows[c.term_node] >= 0))
         mine = mine[self.place[self._pair(c.term_gid[mine], sub.index)] == 0]
         mine = mine[np.argsort(c.term_node[mine], kind="stable")]

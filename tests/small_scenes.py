@@ -106,7 +106,7 @@ class Scene:
         steps, patterns = len(self.amplitudes) - 1, self.amplitudes.shape[1]
         effects = {"contact": "unilateral", "friction": "coulomb", "time": "quasistatic", **(self.effects or {})}
         return Manifest(
-            directory=Path("."), subdomains=int(self.body.part.max()) + 1, blocks=1, vertices=len(self.body.xy),
+            directory=Path("."), subdomains=int(self.body.part.max()) + 1, blocks=1, nodes=len(self.body.xy),
             interface_label=INTERFACE, element="P1", plane="strain", material="isotropic", units={}, effects=effects,
             steps=steps, t_end=1.0, bodies=1, contact_labels=[self.contact], labels=[BOTTOM, RIGHT, TOP, LEFT],
             patterns=[{"kind": "traction", "amplitude": k} for k in range(patterns)],
@@ -143,9 +143,9 @@ class Scene:
         elasticity = lam[:, None, None] * np.array([[1.0, 1, 0], [1, 1, 0], [0, 0, 0]]) + mu[:, None, None] * np.diag([2.0, 2, 1])
         rows, columns, values = _stiffness(xy, triangles, lam, mu)
         return Subdomain(
-            index=number, vertex_gid=gid, xy=xy, triangles=triangles, region=np.zeros(len(triangles), int),
+            index=number, node_gid=gid, xy=xy, triangles=triangles, region=np.zeros(len(triangles), int),
             edges=edges[:, :2], edge_label=edges[:, 2], elasticity=elasticity, thermal={}, sigma_zz=lam,
-            dof_vertex=np.arange(2 * len(gid)) // 2, dof_component=np.arange(2 * len(gid)) % 2, rows=rows, columns=columns,
+            dof_node=np.arange(2 * len(gid)) // 2, dof_component=np.arange(2 * len(gid)) % 2, rows=rows, columns=columns,
             values=values, loads=loads, edge_loads={}, body_loads={}, fixed=fixed,
             fixed_values=np.zeros((len(self.tractions), len(fixed))), contact=self._contact_data(outer, xy, gid))
 

@@ -96,11 +96,11 @@ def adapted(tmp_path_factory):
         parameters = {name: str(value) for name, value in parameters.items()}
         freefem.export(scene, folder / "first", parameters)
         first = read(folder / "first")
-        xy = np.zeros((1 + max(s.vertex_gid.max() for s in first), 2))
+        xy = np.zeros((1 + max(s.node_gid.max() for s in first), 2))
         for s in first:
-            xy[s.vertex_gid] = s.xy
-        triangles = np.concatenate([s.vertex_gid[s.triangles] for s in first])
-        edges = np.concatenate([s.vertex_gid[s.edges[s.edge_label < 100]] for s in first])
+            xy[s.node_gid] = s.xy
+        triangles = np.concatenate([s.node_gid[s.triangles] for s in first])
+        edges = np.concatenate([s.node_gid[s.edges[s.edge_label < 100]] for s in first])
         adaptivity.write_sizes(folder / "size", xy, triangles, edges, function(*xy.T))
         freefem.export(scene, folder / "second", parameters, sizes=folder / "size")
         return first, read(folder / "second")

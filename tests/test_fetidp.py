@@ -24,7 +24,7 @@ def problem(request, built):
 
 def keys(problem):
     """Of every subdomain the body's dof number 2 gid + component of every local dof."""
-    return [2 * sub.vertex_gid[sub.dof_vertex] + sub.dof_component for sub in problem.subdomains]
+    return [2 * sub.node_gid[sub.dof_node] + sub.dof_component for sub in problem.subdomains]
 
 
 def local_B(rows, dofs):
@@ -46,7 +46,7 @@ def spread(problem, weight):
 
 def free_field(problem, rng):
     """A random displacement of the untorn body that respects the supports, on the stacked local dofs."""
-    w = rng.standard_normal(2 * problem.manifest.vertices)
+    w = rng.standard_normal(2 * problem.manifest.nodes)
     for key, fixed in zip(keys(problem), problem.structure.fixed):
         w[key[fixed]] = 0
     return w[np.concatenate(keys(problem))]
@@ -104,7 +104,7 @@ def test_contact_rows_point_back_to_their_nodes(problem):
         for sub, rows in zip(problem.subdomains, s.rows):
             for k in np.flatnonzero(np.isin(rows.row, numbers)):
                 node = int(np.flatnonzero(numbers == rows.row[k])[0])
-                assert sub.vertex_gid[rows.dof[k] // 2].tolist() == [c.gid[node]] * 2
+                assert sub.node_gid[rows.dof[k] // 2].tolist() == [c.gid[node]] * 2
                 np.testing.assert_allclose(rows.coefficient[k], direction[node], atol=1e-15)
 
 
@@ -134,7 +134,7 @@ def test_contact_rows_read_normal_and_tangential_displacement(problem):
     """n.u and t.u of a continuous field, once per node however many subdomains share it (corners included)."""
     w, c = free_field(problem, np.random.default_rng(0)), problem.structure.contact
     read = spread(problem, "sign") @ w
-    u = np.zeros(2 * problem.manifest.vertices)
+    u = np.zeros(2 * problem.manifest.nodes)
     u[np.concatenate(keys(problem))] = w
     u = u.reshape(-1, 2)[c.gid]
     np.testing.assert_allclose(read[c.normal_row], (u * c.normal).sum(axis=1), atol=4 * EPS * np.abs(u).max())
@@ -144,7 +144,7 @@ def test_contact_rows_read_normal_and_tangential_displacement(problem):
 def average(problem, w):
     """E_D w: mean over the subdomains that share a dof; the identity on fields without jumps."""
     key = np.concatenate(keys(problem))
-    count = np.bincount(key, minlength=2 * problem.manifest.vertices)
+    count = np.bincount(key, minlength=2 * problem.manifest.nodes)
     return (np.bincount(key, w, minlength=len(count)) / np.maximum(count, 1))[key]
 
 

@@ -114,7 +114,7 @@ def test_supports_and_contact_are_where_the_scene_says(model):
         c = sub.contact
         assert (c is None) == (len(bottom) == 0)
         if c is not None:
-            assert sorted(c.vertex) == bottom.tolist()
+            assert sorted(c.node) == bottom.tolist()
             np.testing.assert_allclose(c.normal, np.tile([0, -1], (len(bottom), 1)), atol=1e-15)
             assert c.weight.sum() == pytest.approx(0.5, rel=1e-14)  # the segments add up to the side's length
             assert np.all(c.gap == 0) and np.allclose(c.friction, 0.3, rtol=1e-15)
@@ -123,7 +123,7 @@ def test_supports_and_contact_are_where_the_scene_says(model):
 def test_export_is_exact_to_the_last_bit(model):
     """The scene's lattice formula evaluated in double precision gives the very bits of the file."""
     for sub in model.subdomains:
-        column, row = sub.vertex_gid % 17, sub.vertex_gid // 17
+        column, row = sub.node_gid % 17, sub.node_gid // 17
         assert np.array_equal(sub.xy[:, 0], 0 + (2.0 - 0) * (column / 16))
         assert np.array_equal(sub.xy[:, 1], 0 + (1.0 - 0) * (row / 8))
 
@@ -452,7 +452,7 @@ def test_vertex_moved_without_its_dofs(small, read):
     (0.5, 0.5, 7), (0.5, 0.5, 2), (0.5, 0.5, 5), (0.5, 1, 12), (0, 0, 1)])  # a number twice in one subdomain
 def test_renumbered_vertex(small, read, x, y, new):
     """One vertex of subdomain 0 gets another body number: refused, or dofs would be tied or held wrongly."""
-    edit(small, vertices=16)
+    edit(small, nodes=16)
     here = at(arrays(small)[0], x, y)
     spoil(small, GID, lambda a: a.__setitem__(here, new))
     with pytest.raises(InputError):
@@ -513,7 +513,7 @@ def test_manifest_lacks_an_entry(small, read, name):
     refused(read, small, "lacks", name)
 
 
-@pytest.mark.parametrize("name", ["subdomains", "blocks", "vertices", "steps", "effects", "patterns", "amplitudes",
+@pytest.mark.parametrize("name", ["subdomains", "blocks", "nodes", "steps", "effects", "patterns", "amplitudes",
                                   "contact_labels"])
 @pytest.mark.parametrize("value", ["x", [3]])
 def test_manifest_entry_of_the_wrong_type(small, read, name, value):
@@ -524,7 +524,7 @@ def test_manifest_entry_of_the_wrong_type(small, read, name, value):
 
 @pytest.mark.parametrize("changes, word", [
     ({"steps": 3}, "3 steps"), ({"steps": 0}, "positive"), ({"subdomains": 3}, "truncated"),
-    ({"subdomains": 1}, "after its last record"), ({"blocks": 2}, "block"), ({"vertices": 9}, "vertex number"),
+    ({"subdomains": 1}, "after its last record"), ({"blocks": 2}, "block"), ({"nodes": 9}, "node number"),
     ({"amplitudes": {"1": [0, float("nan"), 1]}}, "not finite"), ({"amplitudes": {"1": [0, 1]}}, "2 values"),
     ({"amplitudes": {}}, "amplitude 1"), ({"patterns": []}, "load patterns"), ({"contact_labels": [1, 77]}, "77"),
     ({"material": "general"}, "count")])

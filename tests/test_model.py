@@ -79,7 +79,7 @@ def test_displacement_field_equals_the_assembled_solution(built, steps_of):
     lam = np.concatenate([step.multipliers[contact.normal_row], step.multipliers[contact.tangential_row]])
     u = body.solve(step.weights, -body.B.T @ lam)
     for sub, found in zip(problem.subdomains, problem.operator.displacements(step.multipliers, step.weights)):
-        key = 2 * sub.vertex_gid[sub.dof_vertex] + sub.dof_component
+        key = 2 * sub.node_gid[sub.dof_node] + sub.dof_component
         # gluing multipliers are right to rtol cond(F): the jump shows in the field
         assert np.abs(found - u[key]).max() <= 1e-6 * np.abs(u).max()
 

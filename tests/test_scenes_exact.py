@@ -111,8 +111,8 @@ def test_cantilever_converges_at_the_rates_of_linear_elements(built, steps_of):
 @pytest.mark.parametrize("subdomains", ["4x2", "6"])
 def test_cantilever_equals_an_assembled_solve(built, steps_of, subdomains):
     problem = built("cantilever", cells=5, subdomains=subdomains)
-    fields, n = solve(problem, steps_of), 2 * problem.manifest.vertices
-    keys = [2 * s.vertex_gid[s.dof_vertex] + s.dof_component for s in problem.subdomains]
+    fields, n = solve(problem, steps_of), 2 * problem.manifest.nodes
+    keys = [2 * s.node_gid[s.dof_node] + s.dof_component for s in problem.subdomains]
     stiffness = sum(coo_matrix((s.values, (k[s.rows], k[s.columns])), (n, n)).tocsr()
                     for s, k in zip(problem.subdomains, keys))
     load, u = np.zeros(n), np.zeros(n)

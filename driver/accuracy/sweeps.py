@@ -75,7 +75,7 @@ class Study:
         self.rubbing = manifest.effects["friction"] != "none"  # else the end does not depend on the steps
         self.steps = manifest.steps if manifest.effects["time"] == "quasistatic" else None
         # every vertex but those of interfaces counts once
-        self.unknowns = 2 * manifest.vertices
+        self.unknowns = 2 * manifest.nodes
         self.meshes = self._meshes()
         self.base = Setting(self.meshes[max(0, len(self.meshes) - 2)] if self.meshes else None, self.steps)
         self.start = self.meshes[max(0, len(self.meshes) - 3)] if self.meshes else None  # of adaptive refinement

@@ -20,10 +20,10 @@ ORDERINGS = {"AMD": 0, "SCOTCH": 3, "PORD": 4, "METIS": 5}  # MUMPS ICNTL(7)
 
 def assembled(structure):
     """Stiffness (n, n) of the whole body without supported dofs, as CSR, and its loads (patterns, n); no contact."""
-    size = 2 * (1 + max(int(sub.vertex_gid.max()) for sub in structure.subdomains))
+    size = 2 * (1 + max(int(sub.node_gid.max()) for sub in structure.subdomains))
     free, i, j, values, loads = np.ones(size, bool), [], [], [], np.zeros((structure.patterns, size))
     for sub, fixed in zip(structure.subdomains, structure.fixed):
-        number = 2 * sub.vertex_gid[sub.dof_vertex] + sub.dof_component
+        number = 2 * sub.node_gid[sub.dof_node] + sub.dof_component
         free[number[fixed]] = False
         i.append(number[sub.rows]), j.append(number[sub.columns]), values.append(sub.values)
         for k in range(structure.patterns):

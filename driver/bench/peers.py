@@ -54,10 +54,10 @@ def measure(bench: Workbench, large: bool = False) -> dict:
 
 def _write_mesh(structure, path: Path) -> None:
     """The untorn mesh."""
-    xy = np.empty((1 + max(int(sub.vertex_gid.max()) for sub in structure.subdomains), 2))
+    xy = np.empty((1 + max(int(sub.node_gid.max()) for sub in structure.subdomains), 2))
     for sub in structure.subdomains:
-        xy[sub.vertex_gid] = sub.xy
-    np.savez(path, xy=xy, triangles=np.concatenate([sub.vertex_gid[sub.triangles] for sub in structure.subdomains]))
+        xy[sub.node_gid] = sub.xy
+    np.savez(path, xy=xy, triangles=np.concatenate([sub.node_gid[sub.triangles] for sub in structure.subdomains]))
 
 
 def _compare(ours: Path, theirs: Path) -> float:
