@@ -87,7 +87,7 @@ def command_table(words: list[str]) -> None:
 
 def command_saddle(words: list[str]) -> None:
     """The FETI-DP saddle-point matrix of a small case, written and drawn."""
-    environment.prepare_petsc()
+    environment.start_petsc()
     from mpi4py import MPI
 
     from .saddle import write_saddle
@@ -141,7 +141,7 @@ def command_accuracy(words: list[str]) -> None:
 
 def command_stopping(words: list[str]) -> None:
     """What stopping by the error budget saves on the model example."""
-    environment.prepare_petsc()
+    environment.start_petsc()
     from .stopping import run_stopping
 
     for path in run_stopping(parse_pairs(words)):

@@ -14,10 +14,28 @@ ROOT = Path(__file__).resolve().parent.parent
 LIBRARY = ROOT / "edp" / "lib"
 PR_SET_PDEATHSIG = 1  # of Linux's prctl: the signal that a process gets when its parent ends
 PATIENCE = 10  # seconds that an interrupted child has to end by itself
+# Open MPI looks for fast networks and starts a daemon even for a process by itself, which takes longer than a small run
+ALONE = {"OMPI_MCA_pml": "ob1", "OMPI_MCA_btl": "self", "OMPI_MCA_ess_singleton_isolated": "1"}
+LAUNCHED = ("OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK", "SLURM_PROCID")  # what launchers tell a rank
 SET_UP = "run 'make setup' (apt packages: see apt-packages.txt)"
 
 
-def prepare_petsc() -> None:
+def start_petsc() -> None:
+    """Initialize MPI and PETSc. Raises ImportError if they are not installed."""
+    _find_petsc()
+    import petsc4py
+
+    alone = not any(name in os.environ for name in LAUNCHED)
+    settings = {name: value for name, value in ALONE.items() if alone and name not in os.environ}
+    os.environ.update(settings)
+    try:
+        petsc4py.init(["driver", "-no_signal_handler"])  # SIGINT and SIGPIPE are ours to report
+    finally:
+        for name in settings:  # this process's own, not its children's
+            del os.environ[name]
+
+
+def _find_petsc() -> None:
     """Let petsc4py find its PETSc, which Debian's package alone does not tell it.
 
     The package's .pth file reads PETSC_DIR when Python starts, so for this process the path is set as well.
@@ -56,8 +74,8 @@ def mpirun(ranks: int) -> list[str]:
             program("setpriv"), "--pdeathsig", "KILL"]
 
 
-def run_child(command: list[str], **options) -> subprocess.CompletedProcess:
-    """subprocess.run whose child ends with this process, however that ends.
+def run_child(command: list[str], meanwhile=lambda: None, **options) -> subprocess.CompletedProcess:
+    """subprocess.run whose child ends with this process, however that ends; calls `meanwhile` once it runs.
 
     On an interrupt mpirun has the time to stop its ranks and clean up. Raises InputError if the program cannot be
     started.
@@ -75,6 +93,7 @@ def run_child(command: list[str], **options) -> subprocess.CompletedProcess:
         raise InputError(f"{command[0]} cannot be started: {problem.strerror}") from None
     with child:
         try:
+            meanwhile()
             output, errors = child.communicate()
         except BaseException:
             _stop(child)
@@ -96,10 +115,11 @@ def child_environment(parallel: bool = False) -> dict[str, str]:
     """Environment for FreeFEM and MPI child processes.
 
     FreeFEM looks for its includes and plugins where the package does not put them; Open MPI refuses
-    to start as root unless told twice.
+    to start as root unless told twice, and looks for fast networks for a quarter of a second.
     """
     env = dict(os.environ)
     env.update(OMPI_ALLOW_RUN_AS_ROOT="1", OMPI_ALLOW_RUN_AS_ROOT_CONFIRM="1")
+    env.setdefault("OMPI_MCA_pml", "ob1")
     ranks = LIBRARY / ("mpi" if parallel else "serial")
     includes = [str(LIBRARY), str(ranks), *filter(None, [env.get("FF_INCLUDEPATH")]), "/usr/include/freefem++/idp"]
     plugins = ["/usr/lib/freefem++/mpi"] * parallel + [*filter(None, [env.get("FF_LOADPATH")]), "/usr/lib/freefem++"]

@@ -34,10 +34,12 @@ def find_scene(name: str) -> Path:
     raise InputError(f"no scene '{name}'; a path to an .edp file or one of: {', '.join(scenes())}")
 
 
-def export(scene: Path, directory: Path, parameters: dict[str, str], ranks: int = 1, sizes: Path | None = None) -> Manifest:
+def export(scene: Path, directory: Path, parameters: dict[str, str], ranks: int = 1, sizes: Path | None = None,
+           meanwhile=lambda: None) -> Manifest:
     """Run `scene` with command-line `parameters`, spread over `ranks`, into `directory`.
 
-    `sizes` is the stem of a field of element sizes (see adaptivity.write_sizes) that the body is meshed with.
+    `sizes` is the stem of a field of element sizes (see adaptivity.write_sizes) that the body is meshed with;
+    `meanwhile` is called while FreeFEM works.
 
     Raises InputError for macros that nothing reads, with FreeFEM's own message and script line if the script fails, if what it
     parsed differs from what was asked, and if the scene was edited meanwhile; OSError if the disk is full.
@@ -45,7 +47,7 @@ def export(scene: Path, directory: Path, parameters: dict[str, str], ranks: int 
     _check_macros(scene)
     text = text_digest(scene)
     directory.mkdir(parents=True, exist_ok=True)
-    _run(scene, scene, directory, {**parameters, **({"sizes": str(sizes)} if sizes else {})}, ranks)
+    _run(scene, scene, directory, {**parameters, **({"sizes": str(sizes)} if sizes else {})}, ranks, meanwhile)
     seal.write(directory, text, [f"block-{k}.bin" for k in range(ranks)])
     manifest = read_manifest(directory, text_digest(scene))
     _check_echo(manifest, parameters)
@@ -53,7 +55,8 @@ def export(scene: Path, directory: Path, parameters: dict[str, str], ranks: int 
     return manifest
 
 
-def _run(script: Path, scene: Path, directory: Path, parameters: dict[str, str], ranks: int) -> None:
+def _run(script: Path, scene: Path, directory: Path, parameters: dict[str, str], ranks: int,
+         meanwhile=lambda: None) -> None:
     """Run `script` in the scene's folder; raises InputError with what FreeFEM said if it fails."""
     arguments = [str(script), "-export", str(directory)]
     for name, value in parameters.items():
@@ -63,7 +66,7 @@ def _run(script: Path, scene: Path, directory: Path, parameters: dict[str, str],
         command = [*environment.mpirun(ranks), environment.program("FreeFem++-mpi"), *flags, *arguments]
     else:
         command = [environment.program("FreeFem++"), *flags, *arguments]
-    done = environment.run_child(command, env=environment.child_environment(ranks > 1), stdout=subprocess.PIPE,
+    done = environment.run_child(command, meanwhile, env=environment.child_environment(ranks > 1), stdout=subprocess.PIPE,
                                  stderr=subprocess.STDOUT, text=True, errors="replace", cwd=scene.parent)
     (directory / "freefem.log").write_text(done.stdout)
     if done.returncode != 0:

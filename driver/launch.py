@@ -45,20 +45,23 @@ def _why_no_answer(done) -> str:
     return f"a rank of the solver died (mpirun exit {done.returncode})"
 
 
-def solve_here(work: Path, request: dict) -> tuple[int, str]:
-    """The SPMD part on the ranks this process was started with."""
-    environment.prepare_petsc()
+def load() -> dict:
+    """Start PETSc and import what may run on the ranks. Raises InputError if a package is missing."""
     try:
-        import petsc4py
-
-        petsc4py.init(["driver", "-no_signal_handler"])  # SIGINT and SIGPIPE are ours to report
-        import petsc4py.PETSc
-        from mpi4py import MPI
-
+        environment.start_petsc()
         from . import goal, parametric, solve
     except ImportError as problem:
         raise environment.package_error(problem) from None
-    stage = goal if "accuracy" in request else parametric if "study" in request else solve
+    return {"accuracy": goal, "study": parametric, "run": solve}
+
+
+def solve_here(work: Path, request: dict) -> tuple[int, str]:
+    """The SPMD part on the ranks this process was started with."""
+    stages = load()
+    import petsc4py.PETSc
+    from mpi4py import MPI
+
+    stage = stages["accuracy" if "accuracy" in request else "study" if "study" in request else "run"]
     try:
         return stage.run(work, request, MPI.COMM_WORLD)
     except DriverError as problem:  # all ranks have agreed on it

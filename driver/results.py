@@ -60,6 +60,7 @@ class ContactState:
         self.frictional = solver.effects["friction"] != "none"
         self.u_t = self.boundary.initial
         self.held = self._held()
+        self._find_terms()
 
     def _held(self) -> np.ndarray:
         """(n_c, 2): displacement components of the contact nodes that a support holds."""
@@ -68,6 +69,17 @@ class ContactState:
                 for sub, fixed in zip(structure.subdomains, structure.fixed)]
         mine = np.isin(2 * self.boundary.gid[:, None] + [0, 1], np.concatenate([np.empty(0, np.int64), *keys]))
         return np.any(self.operator.comm.allgather(mine), axis=0)
+
+    def _find_terms(self) -> None:
+        """Where the displacements are that meet at the contact nodes: in every subdomain that has such a node."""
+        gids, self._term = np.unique(self.boundary.term_gid, return_inverse=True)
+        self._copies, numbers = [], [np.empty(0, int)]  # of the rank: (subdomain, its nodes)
+        for s, sub in enumerate(self.operator.structure.subdomains):
+            node = np.flatnonzero(np.isin(sub.node_gid, gids))
+            if len(node):
+                self._copies.append((s, node))
+                numbers.append(np.searchsorted(gids, sub.node_gid[node]))
+        self._copied = np.concatenate(self.operator.comm.allgather(np.concatenate(numbers)))
 
     def evaluate(self, step: Step, fields: list[np.ndarray]) -> dict[str, np.ndarray]:
         """u_n, u_t, slip, sigma_n, sigma_t, bound and status code of every contact node."""
@@ -91,16 +103,11 @@ class ContactState:
     def _jump(self, fields: list[np.ndarray]) -> np.ndarray:
         """(n_c, 2) displacement of the contact nodes, relative to the other body where there is one."""
         b = self.boundary
-        gids, term = np.unique(b.term_gid, return_inverse=True)
-        values = np.zeros((len(gids), 3))  # u_x, u_y, multiplicity
-        for sub, u in zip(self.operator.structure.subdomains, fields):
-            order = np.argsort(sub.node_gid)
-            here = np.flatnonzero(np.isin(gids, sub.node_gid))
-            vertex = order[np.searchsorted(sub.node_gid[order], gids[here])]
-            values[here] += np.column_stack([u[2 * vertex], u[2 * vertex + 1], np.ones(len(here))])
-        values = np.sum(self.operator.comm.allgather(values), axis=0)
+        copies = np.concatenate([np.empty((0, 2)), *(fields[s].reshape(-1, 2)[node] for s, node in self._copies)])
+        copies = np.concatenate(self.operator.comm.allgather(copies))  # in the order of subdomains on any ranks
+        mean = np.column_stack([np.bincount(self._copied, u) for u in copies.T]) / np.bincount(self._copied)[:, None]
         jump = np.zeros((len(b.gid), 2))
-        np.add.at(jump, b.term_node, b.term_value[:, None] * (values[:, :2] / values[:, 2:])[term])
+        np.add.at(jump, b.term_node, b.term_value[:, None] * mean[self._term])
         return jump
 
 

@@ -8,10 +8,9 @@ import shutil
 import time
 from pathlib import Path
 
-from . import adaptivity, budget, environment, freefem, goal, seal
+from . import adaptivity, budget, environment, freefem, goal, launch, seal
 from .checkpoint import fingerprint
 from .errors import InputError, error_of
-from .launch import solve
 from .ledger import never_mattered
 from .workspace import Workspace
 
@@ -113,7 +112,7 @@ def _execute(run: Run, place: Workspace) -> dict:
                "cycles": [str(cycle) for cycle in cycles]}
     if run.accuracy:
         request |= {"scene": run.scene.stem, "settings": run.settings, "quiet": run.quiet, "accuracy": run.accuracy}
-        status, reason = solve(work, request, run.ranks)
+        status, reason = launch.solve(work, request, run.ranks)
     else:
         status, reason = _cycle(run, place, work, cycles, request)
     if not (work / "summary.json").exists():
@@ -159,13 +158,14 @@ def _cycle(run: Run, place: Workspace, work: Path, before: list[Path], request: 
     they depend on has changed.
     """
     clock = time.perf_counter()
-    freefem.export(run.scene, work / "export", run.parameters, run.ranks, before[-1] / adaptivity.STEM if before else None)
+    freefem.export(run.scene, work / "export", run.parameters, run.ranks, before[-1] / adaptivity.STEM if before else None,
+                   launch.load if run.ranks == 1 else lambda: None)
     request = {"scene": run.scene.stem, "settings": run.settings, "quiet": run.quiet, **request}
     request["fingerprint"] = fingerprint(seal.read(work / "export").content,
                                          {**request["settings"], "fields": request["fields"]})
     _take_up(run, place, work, request["fingerprint"])
     request["seconds"] = {**adaptivity.seconds(before), "export": time.perf_counter() - clock}
-    return solve(work, request, run.ranks)
+    return launch.solve(work, request, run.ranks)
 
 
 def _take_up(run: Run, place: Workspace, work: Path, identity: dict) -> None:

@@ -8,13 +8,17 @@ from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
+from petsc4py import PETSc
 
-from . import adaptivity
+from . import adaptivity, soundness
 from .checkpoint import Checkpoints
 from .errors import agreed_writes
+from .estimation import EnergyEstimator, report
 from .ledger import effects_ledger
 from .loader import Manifest
 from .options import Settings
+from .problem import assemble
+from .results import Writer
 from .timing import Laps
 from .workspace import lock_log
 
@@ -70,11 +74,6 @@ def run(directory: Path, request: dict, comm) -> tuple[int, str]:
     one is there. Collective over `comm`; returns exit status and reason, the same on every rank. Raises DriverError, on
     all ranks alike, where there is nothing to keep.
     """
-    from . import soundness
-    from .estimation import EnergyEstimator
-    from .problem import assemble
-    from .results import Writer
-
     lap = Laps(request["seconds"])
     seconds = lap.seconds
     problem = assemble(directory / "export", comm, lap)
@@ -125,8 +124,6 @@ def run(directory: Path, request: dict, comm) -> tuple[int, str]:
 
 def _energy_error(estimates, writer, kind: str) -> dict:
     """Error in the energy norm of the estimated steps, whose fields get the indicator."""
-    from .estimation import report
-
     for step, estimate in estimates:
         if estimate.indicator is not None:
             writer.indicate(step, estimate.indicator)
@@ -185,7 +182,5 @@ def ledger_of(summary, manifest: Manifest, structure, history, amplitudes, write
 
 
 def _versions() -> dict:
-    from petsc4py import PETSc
-
     return {"python": platform.python_version(), "numpy": np.__version__,
             "petsc": ".".join(map(str, PETSc.Sys.getVersion()))}

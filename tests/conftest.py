@@ -12,13 +12,10 @@ from pathlib import Path
 from driver import environment
 
 environment.single_threaded()
-environment.prepare_petsc()
+environment.start_petsc()
 
 import numpy as np
-import petsc4py
 import pytest
-
-petsc4py.init([])
 
 from mpi4py import MPI
 

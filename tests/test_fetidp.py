@@ -425,8 +425,7 @@ def test_friction_alone_holds_the_model_or_not(solved, variant, friction, status
 SCRIPT = """
 import hashlib, sys
 from driver import environment
-environment.single_threaded(); environment.prepare_petsc()
-import petsc4py; petsc4py.init([])
+environment.single_threaded(); environment.start_petsc()
 import numpy as np
 from mpi4py import MPI
 from pathlib import Path

@@ -7,11 +7,7 @@ from pathlib import Path
 from .. import environment
 
 environment.single_threaded()
-environment.prepare_petsc()
-
-import petsc4py
-
-petsc4py.init(["driver", "-no_signal_handler"])
+environment.start_petsc()
 
 import numpy as np
 from mpi4py import MPI

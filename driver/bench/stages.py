@@ -70,7 +70,7 @@ def _start_up(bench: Workbench) -> None:
     """make demo and the imports of a run."""
     demo = in_turn({"demo": lambda: child(["make", "-s", "demo", f"OUT={bench.folder / 'demo'}", "QUIET=yes"])[0]}, 1)
     bench.report.add(PART, "make demo on a set-up machine", demo["demo"], "s", "<= 15")
-    code = "from driver import environment; environment.prepare_petsc(); import driver.cli, driver.solve, driver.problem, driver.results"
+    code = "from driver import environment; environment.start_petsc(); import driver.cli, driver.solve, driver.problem, driver.results"
     found = in_turn({"driver": lambda: child([sys.executable, "-c", code])[0],
                      "python": lambda: child([sys.executable, "-c", "pass"])[0]}, REPEATS)
     imports = [a - b for a, b in zip(found["driver"], found["python"])]

@@ -27,10 +27,7 @@ def run_bench(pairs: dict[str, str]) -> list[Path]:
     large = yes(pairs, "large", "no")
     folder = Path(pairs.get("out", RESULTS / "bench")).absolute()
     folder.mkdir(parents=True, exist_ok=True)
-    environment.prepare_petsc()
-    import petsc4py
-
-    petsc4py.init(["driver", "-no_signal_handler"])
+    environment.start_petsc()
     return _measure([name for name in PARTS if name in chosen], large, folder)
 
 

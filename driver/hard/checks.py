@@ -23,7 +23,7 @@ DRIVER = {name.upper() for name in (*run.OPTIONS, *(field.name for field in fiel
 @functools.lru_cache(maxsize=4)
 def _read(scene: str, parameters: tuple):
     """Manifest and subdomains of a fresh export."""
-    environment.prepare_petsc()
+    environment.start_petsc()
     from mpi4py import MPI
 
     with tempfile.TemporaryDirectory() as folder:
