@@ -471,3 +471,11 @@ def test_result_of_a_run_killed_while_publishing_comes_back(command, tmp_path):
     out.rename(tmp_path / ".out.old.999999999")
     one_line(command("run", "SCENE=model", *FAST, "FRICTION=x", f"OUT={out}"))
     assert listing(out) == before and not list(tmp_path.glob(".out*"))
+
+
+def test_settings_of_a_process_by_itself_are_not_its_childrens(monkeypatch):
+    """mpirun started from here must find its networks."""
+    monkeypatch.setattr(environment, "LAUNCHED", ())
+    before = dict(os.environ)
+    environment.start_petsc()
+    assert dict(os.environ) == before
