@@ -476,6 +476,8 @@ def test_result_of_a_run_killed_while_publishing_comes_back(command, tmp_path):
 def test_settings_of_a_process_by_itself_are_not_its_childrens(monkeypatch):
     """mpirun started from here must find its networks."""
     monkeypatch.setattr(environment, "LAUNCHED", ())
+    for name in environment.ALONE:
+        monkeypatch.delenv(name, raising=False)
     before = dict(os.environ)
     environment.start_petsc()
     assert dict(os.environ) == before
