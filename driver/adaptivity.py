@@ -90,7 +90,8 @@ def write_sizes(stem: Path, xy: np.ndarray, triangles: np.ndarray, edges: np.nda
     body after the other.
     """
     zero = lambda rows: np.zeros(len(rows), np.int64)
-    links = coo_matrix((np.ones(3 * len(triangles)), (triangles.ravel(), np.roll(triangles, 1, axis=1).ravel())), (len(xy),) * 2)
+    ends = triangles.ravel(), np.roll(triangles, 1, axis=1).ravel()
+    links = coo_matrix((np.ones(3 * len(triangles)), ends), (len(xy),) * 2)
     body = connected_components(links, directed=False)[1]
     names, first = np.unique(body, return_index=True)
     for k, name in enumerate(names[np.argsort(first)]):
@@ -150,4 +151,5 @@ def _row(cycle: int, place: Path) -> dict:
     s, energy = summary["seconds"], summary.get("errors", {}).get("energy", {})
     return {"cycle": cycle, "subdomains": summary["sizes"]["subdomains"], "primal_dofs": summary["sizes"]["primal_dofs"],
             "mesh_error": energy.get("mesh"), "relative": energy["mesh"] / energy["norm"] if energy.get("norm") else None,
-            "seconds": round(s["total"] - s.get("export_cycles", 0.0) - s.get("solve_cycles", 0.0), 3), **summary["quantities"]}
+            "seconds": round(s["total"] - s.get("export_cycles", 0.0) - s.get("solve_cycles", 0.0), 3),
+            **summary["quantities"]}

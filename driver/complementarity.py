@@ -81,7 +81,8 @@ class CoulombProblem:
             return None
         x[: self.n][states == OPEN] = 0.0
         at, bound = states[self.pair], self.coefficient * np.abs(x[self.pair])
-        x[self.n :] = np.where(at == FORWARD, bound, np.where(at == BACKWARD, -bound, np.where(at == OPEN, 0.0, x[self.n :])))
+        x[self.n :] = np.where(at == FORWARD, bound,
+                               np.where(at == BACKWARD, -bound, np.where(at == OPEN, 0.0, x[self.n :])))
         return x
 
     def violation(self, x: np.ndarray) -> float:

@@ -62,7 +62,8 @@ class Condensation:
         if self._compliance is None:
             op, structure = self.operator, self.operator.structure
             whole = op.C if isinstance(op, ContactCompliance) else ContactCompliance(op).C
-            rows = np.concatenate([structure.contact.normal_row[self._normal], structure.contact.tangential_row[self._tangential]])
+            rows = np.concatenate([structure.contact.normal_row[self._normal],
+                                   structure.contact.tangential_row[self._tangential]])
             order = np.searchsorted(np.flatnonzero(structure.row_kind != GLUING), rows)
             self._compliance = whole[np.ix_(order, order)]
         return self._compliance

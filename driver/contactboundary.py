@@ -7,7 +7,7 @@ import numpy as np
 from . import mortar
 from .errors import InputError
 from .loader import ContactData, Manifest, Subdomain
-from .skeleton import Skeleton, edge_labels, gather
+from .skeleton import edge_labels, gather
 
 
 @dataclass

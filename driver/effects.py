@@ -17,8 +17,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from . import environment, files, freefem
-from .errors import InputError, error_of
-from .run import RESULTS
+from .errors import InputError
 
 FRICTION = r"friction|tresca|slipFactor|displacementFactor|slipRange"
 # taken out one after the other: name and the macros that declare it; no macro of a scene may be in the way
@@ -172,7 +171,8 @@ def read_variant(name: str, out: Path) -> Variant:
         row["largest_slip"] = float(abs(contact["slip"]).reshape(-1, nodes).sum(axis=0).max())
         contact = select(contact, contact["step"] == contact["step"].max())
         row |= {"peak_normal": float(abs(contact["sigma_n"]).max()), "peak_tangential": float(abs(contact["sigma_t"]).max())}
-    row |= {key: value for part in (summary["sizes"], summary["counts"], summary) for key, value in part.items() if key in COST}
+    row |= {key: value for part in (summary["sizes"], summary["counts"], summary)
+            for key, value in part.items() if key in COST}
     row |= {f"seconds_{stage}": summary["seconds"][stage] for stage in STAGES} | {"memory_mib": summary["memory_mib"]}
     return Variant(name, 0, "", row, contact, summary["seconds"], summary["units"])
 
@@ -247,8 +247,8 @@ def change(value: float | None, short: bool = False) -> str:
 def describe(found: list[Variant]) -> str:
     """Both tables as text: changes relative to the scene as declared, and costs."""
     width = max(len(label(variant)) for variant in found) + 2
-    heads = [name.replace("_", " ").replace("resultant", "res.").replace("tangential", "tang.").replace("displacement", "displ.")
-             for name in RESPONSE]
+    short = lambda name: name.replace("resultant", "res.").replace("tangential", "tang.").replace("displacement", "displ.")
+    heads = [short(name.replace("_", " ")) for name in RESPONSE]
     lines = ["", "changes at the end of the run", " " * width + "".join(f"{head:>16s}" for head in heads)]
     for variant in found:
         cells = [f"{variant.row[name]:.4g}" if not variant.name else change(variant.row[f"{name}_change"])
@@ -295,7 +295,8 @@ def draw(folder: Path, name: str, found: list[Variant]) -> list[Path]:
         _changes(figure.add_subplot(bottom[0, 0]), found)
         _costs(figure.add_subplot(bottom[0, 1]), figure.add_subplot(bottom[0, 2]), found)
         figure.text(0.5, 1, "Effects taken out one at a time", ha="center", va="top", fontsize=10)
-        figure.text(0.5, 1, f"scene {name}; changes at the end of the run, costs of the whole run", ha="center", va="top", fontsize=8, color="0.35")
+        figure.text(0.5, 1, f"scene {name}; changes at the end of the run, costs of the whole run", ha="center",
+                    va="top", fontsize=8, color="0.35")
         if touching:
             handles, names = figure.axes[0].get_legend_handles_labels()
             figure.legend(handles, names, loc="upper center", ncols=min(4, len(names)), frameon=False, borderpad=0,
@@ -326,10 +327,12 @@ def _tractions(axes, touching: list[Variant], found: list[Variant]) -> None:
         stress = scale_for(units["stress"], _spread(np.abs(values), weight, 0.95)[1])
         low, high = np.multiply(_spread(values, weight, 0.97), stress.factor)
         for variant, rows in shown:
-            panel.plot(rows["arc"] * along.factor, rows[column] * stress.factor, label=label(variant), **_style(variant, found))
+            panel.plot(rows["arc"] * along.factor, rows[column] * stress.factor, label=label(variant),
+                       **_style(variant, found))
         panel.axhline(0, color="0.6", lw=0.5, zorder=0)
         room = 0.08 * max(high - low, 1e-300)
-        panel.set(xlabel=f"arc length [{along.label}]", ylabel=rf"${symbol}$ [{stress.label}]", ylim=(low - room, high + room)
+        panel.set(xlabel=f"arc length [{along.label}]", ylabel=rf"${symbol}$ [{stress.label}]",
+                  ylim=(low - room, high + room)
                   if high > low else None)
         panel.margins(x=0)
         title = "normal traction" if column == "sigma_n" else "tangential traction"
@@ -362,10 +365,12 @@ def _changes(axes, found: list[Variant]) -> None:
     for i, variant in enumerate(others):
         if not variant.row:
             reason = variant.reason if len(variant.reason) < 64 else variant.reason[:61].rsplit(" ", 1)[0] + " …"
-            axes.text(len(RESPONSE) / 2 - 0.5, i, f"no solution: {reason}", ha="center", va="center", fontsize=6, color="0.3")
+            axes.text(len(RESPONSE) / 2 - 0.5, i, f"no solution: {reason}", ha="center", va="center", fontsize=6,
+                      color="0.3")
             continue
         for k, name in enumerate(RESPONSE):
-            axes.text(k, i, change(variant.row[f"{name}_change"], short=True).replace("-", "\N{MINUS SIGN}"), ha="center", va="center", fontsize=7)
+            axes.text(k, i, change(variant.row[f"{name}_change"], short=True).replace("-", "\N{MINUS SIGN}"),
+                      ha="center", va="center", fontsize=7)
     axes.set_xticks(range(len(RESPONSE)), list(RESPONSE.values()), fontsize=6.5)
     axes.set_yticks(range(len(others)), [label(variant) for variant in others])
     axes.set_xticks(np.arange(-0.5, len(RESPONSE)), minor=True)

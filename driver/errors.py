@@ -40,7 +40,7 @@ def agree(comm, error: DriverError | None) -> None:
 
 @contextmanager
 def agreed_writes(comm):
-    """A block in which ranks may write files and nothing is collective: its DriverError or OSError is raised on all ranks."""
+    """A block in which ranks may write files and nothing is collective; its DriverError or OSError is raised on all."""
     error = None
     try:
         yield

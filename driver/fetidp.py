@@ -21,8 +21,8 @@ G = Q' A', which keeps the QP's bounds scalar (SMALBE: Dostal, Horak (2010)):
 A rigid motion counts as one more load pattern with the factor alpha.
 
 The local parts of F and A are explicit dense matrices (see reduction.py); subdomains with equal ones share
-them, which turns the product into a few dense products with many columns. See Farhat, Lesoinne, Le Tallec, Pierson, Rixen (2001);
-Klawonn, Rheinbach: FETI-DP methods for elasticity; Mandel, Dohrmann, Tezaur (2005) for the algebra.
+them, which turns the product into a few dense products with many columns. See Farhat, Lesoinne, Le Tallec, Pierson,
+Rixen (2001); Klawonn, Rheinbach: FETI-DP methods for elasticity; Mandel, Dohrmann, Tezaur (2005) for the algebra.
 
 Results do not depend on the number of ranks, not even in the last bit: MPRGP decides by comparisons, and
 two runs that differ in rounding may take different paths to answers that differ by the tolerance. So
@@ -357,7 +357,8 @@ class DualOperator:
             for i, s in enumerate(c.members):
                 if structure.first + s in mode.members:
                     u = mode.displacement(structure.subdomains[s].xy).ravel()
-                    local[c.rows.start + i * m : c.rows.start + (i + 1) * m] = (structure.rows[s].coefficient * u[structure.rows[s].dof]).sum(axis=1)
+                    rows = structure.rows[s]
+                    local[c.rows.start + i * m : c.rows.start + (i + 1) * m] = (rows.coefficient * u[rows.dof]).sum(axis=1)
         glued = self._assemble(local * self.sign)
         glued[structure.row_kind[slice(*structure.row_range)] == GLUING] = 0.0  # what rounding leaves
         return glued, structure.rigid_corners[self._corner_local, k]
@@ -370,7 +371,7 @@ class DualOperator:
             for k, mode in enumerate(structure.rigid_modes):
                 if structure.first + s in mode.members:
                     each = sub.loads * mode.displacement(sub.xy).ravel()
-                    work[0, structure.first + s, :, k], work[1, structure.first + s, :, k] = each.sum(axis=1), np.abs(each).sum(axis=1)
+                    work[:, structure.first + s, :, k] = each.sum(axis=1), np.abs(each).sum(axis=1)
         return np.sum(self.comm.allgather(work), axis=0).sum(axis=1)
 
     def imbalance(self, multipliers: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -414,7 +415,8 @@ class DualOperator:
             for k, s in enumerate(c.members):
                 values = weights @ self.structure.fixed_values[s]
                 if values.any():
-                    local = self.structure.rows[s].fixed_share(self.structure.fixed[s], values, self.structure.subdomains[s].dofs)
+                    local = self.structure.rows[s].fixed_share(self.structure.fixed[s], values,
+                                                               self.structure.subdomains[s].dofs)
                     share[c.rows.start + k * m : c.rows.start + (k + 1) * m] = local
         return share
 

@@ -75,9 +75,10 @@ class FreeBodies:
 
         Such a body is in equilibrium at many places. The motion leaves no row that acts, or only those of zero.
         """
-        op, rows, motions = self.operator, self.rows, self._motions
+        op, rows = self.operator, self.rows
         if not op.modes or self.history.exit_status or any(LOOSE in line for line in self.history.warnings):
             return
+        motions = self._motions
         acts = np.zeros(op.owned)
         acts[rows.normal] = rows.bilateral | (x[rows.normal] != 0)
         acts[rows.tangential] = np.abs(x[rows.tangential]) < rows.friction_bound(x)

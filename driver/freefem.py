@@ -41,8 +41,8 @@ def export(scene: Path, directory: Path, parameters: dict[str, str], ranks: int 
     `sizes` is the stem of a field of element sizes (see adaptivity.write_sizes) that the body is meshed with;
     `meanwhile` is called while FreeFEM works.
 
-    Raises InputError for macros that nothing reads, with FreeFEM's own message and script line if the script fails, if what it
-    parsed differs from what was asked, and if the scene was edited meanwhile; OSError if the disk is full.
+    Raises InputError for macros that nothing reads, with FreeFEM's own message and script line if the script fails, if
+    what it parsed differs from what was asked, and if the scene was edited meanwhile; OSError if the disk is full.
     """
     _check_macros(scene)
     text = text_digest(scene)
@@ -128,7 +128,8 @@ def changed_by(scene: Path, name: str) -> set[str]:
             else:
                 changed.add(f"'{statement}'")
         reached |= {word for word, body in macros if touched(body)}
-    vocabulary = set(re.findall(r"IFMACRO\(!?(\w+)\)", "\n".join(path.read_text() for path in environment.LIBRARY.glob("*.idp"))))
+    vocabulary = set(re.findall(r"IFMACRO\(!?(\w+)\)",
+                                "\n".join(path.read_text() for path in environment.LIBRARY.glob("*.idp"))))
     if not reached | changed:
         raise InputError(f"{scene.name} reads no parameter {name.upper()} that a study could vary")
     return changed | (reached & vocabulary)

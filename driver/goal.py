@@ -165,9 +165,11 @@ class Search:
         stride, before = max(self.stride, min(self.total, SAMPLING * FEWEST)), self.settings
         coulomb = self.effects["friction"] in ("coulomb", "coulomb-slip-dependent")
         while True:
-            tight = dataclasses.replace(self.settings, rtol=0.01 * self.settings.rtol, primal_rtol=0.01 * self.settings.primal_rtol)
+            tight = dataclasses.replace(self.settings, rtol=0.01 * self.settings.rtol,
+                                        primal_rtol=0.01 * self.settings.primal_rtol)
             plain, exact = (self._values(size, stride, s) for s in (self.settings, tight))
-            final = self._values(size, stride, dataclasses.replace(tight, friction_rtol=0.01 * tight.friction_rtol)) if coulomb else exact
+            tighter = dataclasses.replace(tight, friction_rtol=0.01 * tight.friction_rtol)
+            final = self._values(size, stride, tighter) if coulomb else exact
             self.parts["solver"] = {q: Part(abs(plain[q] - exact[q])) for q in plain}
             if coulomb:
                 self.parts["friction"] = {q: Part(abs(exact[q] - final[q])) for q in plain}
@@ -230,15 +232,16 @@ class Search:
         unsettled = 0
         while True:
             entry = self._assess()
-            self.say(f"{name_of(self.knob, self.sizes[-1])} STEPS={self.steps}: {self._words()} {entry['value']:.4g}, estimated "
-                     f"error {share(entry['total'], entry['value'])} (mesh {share(entry['mesh'], entry['value'])})")
+            self.say(f"{name_of(self.knob, self.sizes[-1])} STEPS={self.steps}: {self._words()} {entry['value']:.4g}, "
+                     f"estimated error {share(entry['total'], entry['value'])} (mesh {share(entry['mesh'], entry['value'])})")
             allowed = self.asked * abs(entry["value"])
             if len(self.sizes) > 2 and entry["total"] is not None and entry["total"] <= allowed:
                 if not self._tighten(self.sizes[-2]) and self._enough_steps(self.sizes[-2]):
                     entry = self.budget()[self.name]
                     if entry["total"] <= allowed:
                         return
-            if len(self.sizes) > 2 and entry.get("time", 0.0) > self._time_share * allowed and entry["mesh"] is not None and entry["mesh"] <= allowed:
+            if (len(self.sizes) > 2 and entry.get("time", 0.0) > self._time_share * allowed
+                    and entry["mesh"] is not None and entry["mesh"] <= allowed):
                 self._more_steps(self.sizes[-2])
                 continue
             if len(self.sizes) > 2 and entry["total"] is not None and entry["total"] <= allowed:  # tolerances were tightened
@@ -261,8 +264,8 @@ class Search:
         try:
             self.levels.problem(**{self.knob: size})
         except InputError as problem:
-            raise NotConverged(f"{100 * self.asked:g} % of the {self._words()} would take {name_of(self.knob, size)}, which cannot "
-                               f"be made ({problem}); reached: {share(entry['total'], entry['value'])}") from None
+            raise NotConverged(f"{100 * self.asked:g} % of the {self._words()} would take {name_of(self.knob, size)}, "
+                               f"which cannot be made ({problem}); reached: {share(entry['total'], entry['value'])}") from None
 
     def chosen(self) -> dict[str, str]:
         """The settings as options of the command line."""
@@ -319,7 +322,8 @@ def _write(directory: Path, request: dict, search: Search, status: int, reason: 
         writer.add(step)
     history = level.solver.history
     history.exit_status, history.reason = status, reason
-    summary = summarize(request, manifest, problem.structure, history, level.solver.uniqueness, search.scaled(search.settings, search.stride), comm)
+    summary = summarize(request, manifest, problem.structure, history, level.solver.uniqueness,
+                        search.scaled(search.settings, search.stride), comm)
     found = search.budget()
     entry, settings = found[search.name], " ".join(f"{name}={value}" for name, value in search.chosen().items())
     summary["errors"] = {"quantities": found, "notes": [], "advice":
@@ -329,7 +333,8 @@ def _write(directory: Path, request: dict, search: Search, status: int, reason: 
                            "settings": search.chosen(), "levels": len(search.sizes), "products": levels.products}
     now = time.perf_counter()
     summary["seconds"] = {"read": 0.0, **levels.seconds, "output": now - begun, "total": now - clock}
-    summary["effects_ledger"] = ledger_of(summary, manifest, problem.structure, history, problem.amplitudes[:: search.stride],
+    summary["effects_ledger"] = ledger_of(summary, manifest, problem.structure, history,
+                                          problem.amplitudes[:: search.stride],
                                           writer, comm)
     writer.close(summary)
     if comm.rank == 0:

@@ -169,7 +169,8 @@ class Companions:
             size = self.manifest.parameters[self.knob]
             mesh = name_of(self.knob, size / 2 if self.knob == "h" else 2 * size)
         return {"mesh": mesh, "time": f"STEPS={2 * self.manifest.steps}",
-                "friction": f"FRICTION_RTOL={self.settings.friction_rtol / 10:.0e}", "solver": f"RTOL={self.settings.rtol / 10:.0e}"}
+                "friction": f"FRICTION_RTOL={self.settings.friction_rtol / 10:.0e}",
+                "solver": f"RTOL={self.settings.rtol / 10:.0e}"}
 
     def parts(self) -> dict[str, dict[str, Part]]:
         """Part by source and quantity."""
@@ -214,7 +215,8 @@ class Companions:
     def _parts(self, runs: list, ratios: list[float], formal: float, unbounded=()) -> dict[str, Part]:
         """Parts from pairs of a finer and a coarser run, the finest pair first; pairs that failed end the list."""
         good = [pair for k, pair in enumerate(runs) if not any(run is None for before in runs[: k + 1] for run in before)]
-        return {name: extrapolate([fine[name] - coarse[name] for fine, coarse in good], ratios, formal, value, name not in unbounded)
+        return {name: extrapolate([fine[name] - coarse[name] for fine, coarse in good], ratios, formal, value,
+                                  name not in unbounded)
                 for name, value in self.values.items()}
 
 

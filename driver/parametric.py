@@ -20,7 +20,7 @@ FIELDS = ("u_n", "u_t", "slip", "sigma_n", "sigma_t", "bound")
 
 
 def run(directory: Path, request: dict, comm) -> tuple[int, str]:
-    """Solve all values on the ranks of `comm` and write the files; exit status and reason, as solve.run. Raises DriverError."""
+    """Solve all values on the ranks of `comm` and write the files; exit status and reason. Raises DriverError."""
     lap = Laps(request["seconds"])
     seconds = lap.seconds
     problem = assemble(directory / "export", comm, lap)
@@ -42,7 +42,8 @@ def run(directory: Path, request: dict, comm) -> tuple[int, str]:
             value = read_manifest(folder)
             _check_same(request["study"], manifest, value)
             contact = _contact_of(request["study"], structure.contact, read_contact(folder, value))
-            found[k] = _solve(dataclasses.replace(problem, manifest=value, operator=operator.with_contact(contact)), settings)
+            found[k] = _solve(dataclasses.replace(problem, manifest=value, operator=operator.with_contact(contact)),
+                              settings)
             _progress(request, comm, k)
     except DriverError as problem:
         error = problem
@@ -54,7 +55,8 @@ def run(directory: Path, request: dict, comm) -> tuple[int, str]:
     failed = [k for k, one in enumerate(outcomes) if one.status]
     status = max((one.status for one in outcomes), default=0)
     reason = "" if not failed else (f"{len(failed)} of {len(outcomes)} values did not converge, the first "
-                                    f"{request['study'].upper()}={request['values'][failed[0]]}: {outcomes[failed[0]].reason}")
+                                    f"{request['study'].upper()}={request['values'][failed[0]]}: "
+                                    f"{outcomes[failed[0]].reason}")
     if comm.rank == 0:
         summary = {"scene": request["scene"], "study": request["study"], "values": len(outcomes), "converged": not failed,
                    "reason": reason, "contact_rows": rows, "condensed": condensed,
@@ -123,7 +125,8 @@ def _solve(problem, settings) -> Outcome:
                         "kkt": max(step.residuals.values())})
     counts, ended = solver.history.counts, solver.history
     row = {"converged": "no" if ended.exit_status else "yes", "steps": ended.steps, **(history[-1] if history else {}),
-           "fixed_point_iterations": counts["fixed_point_iterations"], "dual_multiplications": counts["dual_multiplications"],
+           "fixed_point_iterations": counts["fixed_point_iterations"],
+           "dual_multiplications": counts["dual_multiplications"],
            "kkt": max(ended.residuals.values(), default=0.0)}
     row.pop("step", None), row.pop("time", None)
     return Outcome(ended.exit_status, ended.reason, row, history, fields)
@@ -159,7 +162,8 @@ def _write(directory: Path, request: dict, contact, outcomes: list[Outcome], sum
     """study.csv, history.csv, contact.csv and summary.json."""
     name, values = request["study"], request["values"]
     full = next((one.row for one in outcomes if one.history), outcomes[0].row)
-    write_table(directory / "study.csv", [{name: value} | dict.fromkeys(full, "") | one.row for value, one in zip(values, outcomes)])
+    write_table(directory / "study.csv", [{name: value} | dict.fromkeys(full, "") | one.row
+                                          for value, one in zip(values, outcomes)])
     steps = [{name: value, **row} for value, one in zip(values, outcomes) for row in one.history]
     if steps:
         write_table(directory / "history.csv", steps)

@@ -184,10 +184,10 @@ def describe(summary: dict, out: Path) -> str:
     s, idle = summary["seconds"], never_mattered(summary["effects_ledger"])
     estimated = f", error estimates {s['estimates']:.2f}" if "estimates" in s else ""
     known = budget.describe(summary.get("errors", {}), summary["units"])
-    return (f"{' '.join(filter(None, (summary['scene'], summary['variant'])))}: {sizes['subdomains']} subdomains, {sizes['primal_dofs']} primal and "
-            f"{sizes['dual_dofs']} dual dofs, {summary['steps']} steps\n"
-            f"  {counts['fixed_point_iterations']} fixed-point iterations, {counts['dual_multiplications']} products with F, "
-            f"largest KKT residual {worst:.1e}, force balance {summary['balance']:.1e}\n"
+    return (f"{' '.join(filter(None, (summary['scene'], summary['variant'])))}: {sizes['subdomains']} subdomains, "
+            f"{sizes['primal_dofs']} primal and {sizes['dual_dofs']} dual dofs, {summary['steps']} steps\n"
+            f"  {counts['fixed_point_iterations']} fixed-point iterations, {counts['dual_multiplications']} products "
+            f"with F, largest KKT residual {worst:.1e}, force balance {summary['balance']:.1e}\n"
             f"  {s['total']:.2f} s (FreeFEM {s['export']:.2f}, setup {s['setup']:.2f}, solve {s['solve']:.2f}, output "
             f"{s['output']:.2f}{estimated}), results in {os.path.relpath(out)}"
             + "".join(f"\n  {line}" for line in [*idle, *known, *(f"warning: {w}" for w in summary["warnings"])]))

@@ -95,7 +95,8 @@ def write_saddle(scene: Path, parameters: dict[str, str], folder: Path, comm) ->
     folder.mkdir(parents=True, exist_ok=True)
     hidden, path = folder / ".saddle.mtx", folder / "saddle.mtx"
     comment = (f" FETI-DP saddle-point matrix of {scene.name}: {whole.torn[-1]} torn dofs of {len(whole.torn)} subdomains, "
-               f"{structure.coarse_dofs} corner dofs,\n gluing, normal, tangential multipliers end at {whole.kinds.tolist()}")
+               f"{structure.coarse_dofs} corner dofs,\n gluing, normal, tangential multipliers end at "
+               f"{whole.kinds.tolist()}")
     mmwrite(str(hidden), whole.matrix, comment=comment, precision=17, symmetry="symmetric")
     os.replace(hidden, path)
     return [path, *_draw(whole, folder)]

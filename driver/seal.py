@@ -78,8 +78,8 @@ def read(directory: Path, scene: str | None = None) -> Seal:
     except (OSError, ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError):
         raise InputError(f"{path} is not readable; run the scene again") from None
     if scene is not None and scene != seal.scene:
-        raise InputError(f"{directory} is stale: the scene, or a file that it includes, was edited after this export; run the "
-                         "scene again")
+        raise InputError(f"{directory} is stale: the scene, or a file that it includes, was edited after this export; "
+                         "run the scene again")
     return seal
 
 

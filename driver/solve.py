@@ -156,17 +156,20 @@ def summarize(request, manifest: Manifest, structure, history, uniqueness, setti
     return {
         "scene": request["scene"], "variant": variant, "converged": history.exit_status == 0,
         "reason": history.reason,
-        "warnings": [*history.warnings, *history.fallbacks.warnings(), *uniqueness.warnings(), *[history.reason] * bool(history.reason)],
+        "warnings": [*history.warnings, *history.fallbacks.warnings(), *uniqueness.warnings(),
+                     *[history.reason] * bool(history.reason)],
         "effects": {**manifest.effects, "body_force": any(p["kind"] == "body_force" for p in manifest.patterns),
                     "bodies": manifest.bodies},
         "sizes": {"subdomains": structure.total, "primal_dofs": structure.primal_dofs,
                   "dual_dofs": structure.dual_dofs, **{f"dual_{name}": int(kinds[k]) for name, k in PRIMAL.items()},
                   "coarse_dofs": structure.coarse_dofs, "contact_nodes": len(structure.contact.gid)},
         "steps": history.steps, "t_end": manifest.t_end, "counts": history.counts, "residuals": history.residuals,
-        "contraction": history.contraction, "fallbacks": {name: len(steps) for name, steps in history.fallbacks.steps.items()},
+        "contraction": history.contraction,
+        "fallbacks": {name: len(steps) for name, steps in history.fallbacks.steps.items()},
         "uniqueness": uniqueness.summary(),
         "memory_mib": comm.allreduce(peak), "ranks": comm.size, "units": manifest.units,
-        "amplitudes": manifest.amplitudes, "parameters": {**manifest.parameters, **asdict(settings)}, "versions": _versions(),
+        "amplitudes": manifest.amplitudes, "parameters": {**manifest.parameters, **asdict(settings)},
+        "versions": _versions(),
     }
 
 

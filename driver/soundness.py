@@ -85,5 +85,5 @@ def lost_digits(structure, comm) -> list[str]:
     distance = np.abs([low, high]).max() / (high - low).max()
     if distance < FAR:
         return []
-    return [f"the body is {distance:.0e} times its length away from the origin: {np.log10(distance):.0f} of the 16 digits of "
-            "its coordinates say where it is and not what shape it has; move it to the origin"]
+    return [f"the body is {distance:.0e} times its length away from the origin: {np.log10(distance):.0f} of the 16 "
+            "digits of its coordinates say where it is and not what shape it has; move it to the origin"]

@@ -34,7 +34,8 @@ CELLS = 10
 TRIALS = (1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 3e-7)
 SHARE = 1 / 3
 RULES = {"classical": {"rtol": 1e-6, "friction_rtol": 1e-6, "inner_rtol": 1e-9, "predictor": "previous"},
-         "fixed": {"rtol": 1e-6, "friction_rtol": 1e-6}, "reference": {"rtol": 1e-10, "friction_rtol": 1e-9, "primal_rtol": 1e-7}}
+         "fixed": {"rtol": 1e-6, "friction_rtol": 1e-6},
+         "reference": {"rtol": 1e-10, "friction_rtol": 1e-9, "primal_rtol": 1e-7}}
 COLUMNS = ("row", "h", "loading", "discretization", "budget_rtol", "budget_friction_rtol", "products_classical",
            "products_fixed", "products_budget", "products_coarse", "saved_fixed", "saved_classical", "change_classical",
            "change_fixed", "change_budget")
@@ -67,7 +68,8 @@ class Mesh:
 
         from .problem import assemble
 
-        freefem.export(freefem.find_scene("model"), folder, {"loading": loading, "subdomains": subdomains, "cells": str(cells)})
+        freefem.export(freefem.find_scene("model"), folder,
+                       {"loading": loading, "subdomains": subdomains, "cells": str(cells)})
         self.problem = assemble(folder, MPI.COMM_SELF)
         shutil.rmtree(folder)
 
@@ -139,9 +141,10 @@ def run_stopping(pairs: dict[str, str]) -> list[Path]:
 
 def describe(row: dict) -> str:
     """One line."""
-    return (f"h = 1/{1 / row['h']:.0f}, {row['loading']}: products {row['products_classical']} classical, {row['products_fixed']} "
-            f"fixed, {row['products_budget']} by the budget ({100 * row['saved_fixed']:.0f} % and {100 * row['saved_classical']:.0f} % "
-            f"saved); tractions change by {row['change_budget']:.1e} (fixed: {row['change_fixed']:.1e}), discretization error "
+    return (f"h = 1/{1 / row['h']:.0f}, {row['loading']}: products {row['products_classical']} classical, "
+            f"{row['products_fixed']} fixed, {row['products_budget']} by the budget "
+            f"({100 * row['saved_fixed']:.0f} % and {100 * row['saved_classical']:.0f} % saved); tractions change by "
+            f"{row['change_budget']:.1e} (fixed: {row['change_fixed']:.1e}), discretization error "
             f"{row['discretization']:.1e}")
 
 

@@ -73,8 +73,8 @@ class Uniqueness:
         if self.several:
             step, solutions = next(iter(self.several.items()))
             named = "; ".join(_phrase(s) for s in solutions)
-            lines.append(f"step {step}{' and others' if len(self.several) > 1 else ''}: the solution is not unique; followed is "
-                         f"the first of: {named}")
+            lines.append(f"step {step}{' and others' if len(self.several) > 1 else ''}: the solution is not unique; "
+                         f"followed is the first of: {named}")
         return lines
 
 

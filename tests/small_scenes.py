@@ -140,7 +140,8 @@ class Scene:
         held = np.unique(body.outline[body.outline[:, 2] == self.support, :2])
         vertices = local[held[np.isin(held, gid)]]
         fixed = np.sort(np.concatenate([2 * vertices, 2 * vertices + 1]))
-        elasticity = lam[:, None, None] * np.array([[1.0, 1, 0], [1, 1, 0], [0, 0, 0]]) + mu[:, None, None] * np.diag([2.0, 2, 1])
+        elasticity = (lam[:, None, None] * np.array([[1.0, 1, 0], [1, 1, 0], [0, 0, 0]])
+                      + mu[:, None, None] * np.diag([2.0, 2, 1]))
         rows, columns, values = _stiffness(xy, triangles, lam, mu)
         return Subdomain(
             index=number, node_gid=gid, xy=xy, triangles=triangles, region=np.zeros(len(triangles), int),

@@ -84,7 +84,7 @@ include "export.idp"
 
 @pytest.fixture(scope="module")
 def adapted(tmp_path_factory):
-    """adapted(scene, function, **parameters): subdomains of the scene's mesh and of the one with the sizes function(x, y)."""
+    """adapted(scene, function, **parameters): subdomains of the scene's mesh and of that with the sizes function(x, y)."""
     from mpi4py import MPI
 
     def read(folder):
@@ -138,7 +138,8 @@ def test_freefem_mesh_keeps_curves_corners_labels_and_regions(adapted, tmp_path)
     assert np.abs(edges_of(second, 2) - tip).sum(axis=2).min() < 1e-12
     assert np.ptp(edges_of(second, 3)[:, :, 1]) < 1e-12
     for region in (1, 2):
-        area = [sum((np.sqrt(3) / 4 * adaptivity.element_sizes(s.xy, s.triangles)[s.region == region] ** 2).sum() for s in found)
+        area = [sum((np.sqrt(3) / 4 * adaptivity.element_sizes(s.xy, s.triangles)[s.region == region] ** 2).sum()
+                    for s in found)
                 for found in (first, second)]
         # the first mesh lacks the segments between chords and arc, h^2/(12 R^2) of the area below
         assert area[1] == pytest.approx(area[0], rel=5e-3)
@@ -222,7 +223,8 @@ def test_figure_of_the_mesh_and_its_error(solved):
     body, error = drawn.axes
     sizes, relative = error.lines[0].get_data()
     np.testing.assert_allclose(sizes, [row["primal_dofs"] for row in cycles(run)])
-    assert relative[-1] == pytest.approx(100 * run.summary["errors"]["energy"]["mesh"] / run.summary["errors"]["energy"]["norm"])
+    assert relative[-1] == pytest.approx(100 * run.summary["errors"]["energy"]["mesh"]
+                                         / run.summary["errors"]["energy"]["norm"])
 
 
 def test_point_loads_have_no_error_to_refine_by(solved, tmp_path):

@@ -58,7 +58,8 @@ def test_an_unknown_part_leaves_the_total_unknown():
 
 def errors(solved, scene="model", **options):
     """Budget of a run with estimates."""
-    run = solved(scene, errors="yes", **{"loading": "nonmonotone", "cells": 8, "steps": 8, **options} if scene == "model" else options)
+    nonmonotone = {"loading": "nonmonotone", "cells": 8, "steps": 8}
+    run = solved(scene, errors="yes", **(nonmonotone | options if scene == "model" else options))
     assert run.status == 0, run.reason
     return run.summary["errors"]["quantities"]
 
@@ -71,7 +72,8 @@ def relative(found, source):
 def test_what_a_scene_does_not_have_is_not_estimated(solved):
     for scene, missing in (("model", ()), ("model-static", ("time",)), ("model-tresca", ("friction",)),
                            ("model-frictionless", ("friction", "time")), ("cantilever", ("friction", "time"))):
-        options = {} if scene == "model" else {"cells": 2} if scene in ("model-static", "cantilever") else {"cells": 2, "steps": 2}
+        static = scene in ("model-static", "cantilever")
+        options = {} if scene == "model" else {"cells": 2} if static else {"cells": 2, "steps": 2}
         for entry in errors(solved, scene, **options).values():
             assert [s for s in SOURCES if s not in entry] == sorted(missing, key=SOURCES.index)
 

@@ -120,7 +120,7 @@ def test_deflated_preconditioner_is_symmetric_positive_definite_and_stays_in_the
 
 
 def test_deflation_makes_the_condition_flat(built):
-    """About 28 measured for 10x10 cells, whatever n_s (with exactly deflated hats 18); without deflation it grows fourfold."""
+    """About 28 measured for 10x10 cells, whatever n_s (18 with exactly deflated hats); without it grows fourfold."""
     found, plain = [], []
     for subdomains in ("4x2", "8x4"):
         problem = built(cells=5, subdomains=subdomains)

@@ -127,7 +127,8 @@ def rows(open_, stick, slip):
 
 def entries(effects_=PLAIN, history=rows([9, 0], [0, 4], [0, 5]), amplitudes=((0,), (1,), (0.5,)), patterns=LOAD, log=(),
             seconds=0.0, gaps=False, initial=False):
-    return ledger.effects_ledger(effects_, SIZES, patterns, np.array(amplitudes, float), history, list(log), seconds, gaps, initial)
+    return ledger.effects_ledger(effects_, SIZES, patterns, np.array(amplitudes, float), history, list(log), seconds,
+                                 gaps, initial)
 
 
 def test_active_effects():
@@ -240,7 +241,8 @@ def test_without_removes_definitions_only():
     left = effects.without(TEXT, "friction")
     assert effects.declared(left) == ["young", "frictionless", "gap", "tresca", "quasistatic", "amplitude1"]
     assert "two lines" not in left and "* 2" not in left
-    for kept in ('"macro friction() 1 //"', "// macro friction() 0.3 // stays", "macro frictionless() 1 //", 'include "export.idp"'):
+    for kept in ('"macro friction() 1 //"', "// macro friction() 0.3 // stays", "macro frictionless() 1 //",
+                 'include "export.idp"'):
         assert kept in left
     both = effects.without(TEXT, "gap|tresca")
     assert "/* macro gap() 1 // */" in both and "EndMacro" not in both and "1e-3" not in both
@@ -280,7 +282,8 @@ def test_variant_files_are_found(tmp_path):
 
 def test_static_variant_has_the_final_amplitude(exported, tmp_path):
     text = MODEL.read_text().replace("quasistatic(1.)", "quasistatic(0.8)")
-    manifest = json.loads((exported(stripped(tmp_path, effects.static(text), "static"), loading="nonmonotone") / "manifest.json").read_text())
+    directory = exported(stripped(tmp_path, effects.static(text), "static"), loading="nonmonotone")
+    manifest = json.loads((directory / "manifest.json").read_text())
     assert manifest["effects"]["time"] == "static" and manifest["steps"] == 1
     assert manifest["amplitudes"]["1"] == pytest.approx([0.0, -4 * 0.8**2 + 5 * 0.8], abs=1e-14)
 

@@ -118,7 +118,7 @@ def test_the_stress_is_in_equilibrium(estimated, scene, parameters):
 
 @pytest.mark.parametrize("scene, parameters", EQUILIBRATED)
 def test_contact_tractions_are_in_the_cone(estimated, scene, parameters):
-    """At both ends, so everywhere, of each contact edge; the normals of an edge's ends may differ, by that much it may fail."""
+    """At both ends, so everywhere, of each contact edge; by as much as the normals of its ends differ it may fail."""
     problem, estimator, _ = estimated(scene, **parameters)
     c = estimator.contact
     moments = c.moments
@@ -244,7 +244,8 @@ def test_parts_answer_to_their_own_knob(estimated):
 def test_what_varies_inside_triangles_leaves_vertices_in_balance(variant, estimated, name, change):
     """Elasticity and thermal stress are the means that the assembled forces have seen: the solver's part is the solver's."""
     scene = variant(name, change)
-    loose, tight = (estimated(scene, settings=(("rtol", tol), ("primal_rtol", 1.0)), cells=3, steps=1)[2] for tol in (1e-5, 1e-9))
+    loose, tight = (estimated(scene, settings=(("rtol", tol), ("primal_rtol", 1.0)), cells=3, steps=1)[2]
+                    for tol in (1e-5, 1e-9))
     assert tight.solver < 1e-2 * loose.solver and tight.solver < 1e-5 * tight.mesh
 
 
@@ -354,7 +355,8 @@ def test_unbalanced_vertices_are_reported_and_spread(estimated):
             at = np.flatnonzero(vertex == body.mesh.triangles[0, k])[0]
             around = body.mesh.triangles == body.mesh.triangles[0, k]
             left = (moments[body.mesh.first] - moments[body.mesh.last] - load)[around]
-            np.testing.assert_allclose(left, np.tile(imbalance[at] / around.sum(), (around.sum(), 1)), atol=1e-9 * np.abs(load).max())
+            np.testing.assert_allclose(left, np.tile(imbalance[at] / around.sum(), (around.sum(), 1)),
+                                       atol=1e-9 * np.abs(load).max())
             np.testing.assert_allclose(imbalance[at], -np.array([[3.0, 0.0], [0.0, 5.0]])[k], atol=1e-6 * np.abs(load).max())
 
 
@@ -371,7 +373,8 @@ def test_a_reaction_in_a_single_point_has_no_estimate(estimated):
 
 
 def test_point_loads_have_no_estimate(variant, estimated):
-    pushed = variant("pushed-point", ('include "export.idp"', 'macro pointLoad1() [2., 1., 0., -1e5] //\ninclude "export.idp"'))
+    pushed = variant("pushed-point", ('include "export.idp"',
+                                      'macro pointLoad1() [2., 1., 0., -1e5] //\ninclude "export.idp"'))
     assert "point loads" in estimated(pushed, cells=2, steps=1)[2].reason
 
 
@@ -393,7 +396,8 @@ def test_the_summary_and_the_field_agree(solved):
 
 
 def test_any_number_of_ranks_gives_the_same_estimate(solved):
-    one, two = (solved("model", loading="nonmonotone", cells=3, steps=2, fields="yes", errors="energy", np=n) for n in (1, 2))
+    one, two = (solved("model", loading="nonmonotone", cells=3, steps=2, fields="yes", errors="energy", np=n)
+                for n in (1, 2))
     assert json.dumps(one.summary["errors"]) == json.dumps(two.summary["errors"])
     fields = [meshio.read(run.directory / "fields/step_0002.vtu").cell_data["error_indicator"][0] for run in (one, two)]
     assert np.array_equal(*fields)
@@ -402,7 +406,8 @@ def test_any_number_of_ranks_gives_the_same_estimate(solved):
 def test_kinds(solved):
     run = solved("model", cells=3, steps=1, errors="energy", estimator="recovery").summary["errors"]["energy"]
     assert run["kind"] == "recovery" and run["total"] == run["mesh"] > 0 and run["solver"] == run["friction"] == 0
-    assert solved("model", cells=3, steps=1, errors="energy", estimator="none").summary["errors"]["energy"] == {"kind": "none"}
+    assert solved("model", cells=3, steps=1, errors="energy",
+                  estimator="none").summary["errors"]["energy"] == {"kind": "none"}
     assert solved("model", cells=3, steps=1, estimator="exact").status == 2
 
 

@@ -9,7 +9,6 @@ from mpi4py import MPI
 from driver.oracle import Assembled
 
 from driver import environment, reduction
-from driver.errors import NoSolution
 from driver.fetidp import DirichletPreconditioner, DualOperator
 from driver.substructuring import GLUING, NORMAL, TANGENTIAL
 
@@ -391,7 +390,8 @@ def test_linear_problem_equals_a_direct_solve(built, variant, subdomains):
 
 @pytest.mark.parametrize("subdomains", ["4x2", "2x2", "1x1", "6"])
 def test_prescribed_displacement_equals_a_direct_solve(built, variant, subdomains):
-    pushed = variant("pushed", *NO_CONTACT, ('include "export.idp"', "macro displacement1() on(2, u1 = 1e-3, u2 = 2e-3*y) //\n"
+    pushed = variant("pushed", *NO_CONTACT, ('include "export.idp"',
+                                             "macro displacement1() on(2, u1 = 1e-3, u2 = 2e-3*y) //\n"
                                              'include "export.idp"'))
     check_linear(built(pushed, cells=5, subdomains=subdomains))
 
@@ -473,7 +473,8 @@ def test_block_diagonal_products_shared_and_padded():
 
     rng = np.random.default_rng(31)
     classes, matrices, x_at, y_at = [], [], 0, 0
-    for members, m, n, shared in ((6, 5, 3, True), (1, 7, 2, False), (2, 7, 1, False), (1, 0, 2, False), (1, 4, 0, False), (1, 9, 9, True)):
+    for members, m, n, shared in ((6, 5, 3, True), (1, 7, 2, False), (2, 7, 1, False), (1, 0, 2, False),
+                                  (1, 4, 0, False), (1, 9, 9, True)):
         classes.append(SimpleNamespace(members=list(range(members)), shared=shared, rows=slice(x_at, x_at + members * m),
                                        corners=slice(y_at, y_at + members * n)))
         matrices.append(rng.standard_normal((m, n)))

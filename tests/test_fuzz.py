@@ -50,8 +50,10 @@ NAMES = st.one_of(st.sampled_from([*SETTINGS, *run.OPTIONS, "friction", "steps",
                   st.text(max_size=8))
 NUMBERS = st.one_of(st.floats().map(repr), st.integers().map(str), st.integers(0, 40).map(str),
                     st.from_regex(r"[+-]?[0-9_]{0,4}[.,]?[0-9_]{0,4}([eEdD][+-]?[0-9]{0,4})?", fullmatch=True))
-VALUES = st.one_of(NUMBERS, st.sampled_from(["yes", "no", "model", "dirichlet", "none", "load", "cg", "4x2", "²", "١٢", "1" * 5000,
-                                             "a" * 5000, "/", "..", "inf", "nan", "0x10", "True", " 1", "1\n"]), st.text(max_size=12))
+VALUES = st.one_of(NUMBERS,
+                   st.sampled_from(["yes", "no", "model", "dirichlet", "none", "load", "cg", "4x2", "²", "١٢", "1" * 5000,
+                                             "a" * 5000, "/", "..", "inf", "nan", "0x10", "True", " 1", "1\n"]),
+                   st.text(max_size=12))
 WORDS = st.lists(st.one_of(st.builds("{}={}".format, NAMES, VALUES), st.text(max_size=12)), max_size=4)
 
 
@@ -75,7 +77,8 @@ def test_words(cases):
     fuzz(cases, WORDS, check)
 
 
-@pytest.mark.parametrize("word", ["NP=1_0", "NP=²", "NP=1000000", "RTOL=1_0e-8", "RTOL=１e-8", "RTOL=0x1p-20", "MAX_PRODUCTS=1e3",
+@pytest.mark.parametrize("word", ["NP=1_0", "NP=²", "NP=1000000", "RTOL=1_0e-8", "RTOL=１e-8", "RTOL=0x1p-20",
+                                  "MAX_PRODUCTS=1e3",
                                   "ADAPT=1000", "EXPORT=/tmp", "V=100", "FRICTION=0.3\n", "NP=" + "1" * 5000])
 def test_words_that_python_or_freefem_would_take_for_something_else(word):
     with pytest.raises(DriverError) as found:
@@ -83,7 +86,8 @@ def test_words_that_python_or_freefem_would_take_for_something_else(word):
     assert "\n" not in str(found.value)
 
 
-@pytest.mark.parametrize("word", ["SCENE=" + "a" * 5000, "SCENE=a\0b", "SCENE=/", "SCENE=..", "SCENE=" + "/a" * 4000 + ".edp"])
+@pytest.mark.parametrize("word", ["SCENE=" + "a" * 5000, "SCENE=a\0b", "SCENE=/", "SCENE=..",
+                                  "SCENE=" + "/a" * 4000 + ".edp"])
 def test_names_of_no_scene(word):
     with pytest.raises(DriverError):
         run.Run.from_pairs(cli.parse_pairs([word]))
@@ -93,13 +97,14 @@ def test_names_of_no_scene(word):
 
 JSON = st.recursive(st.one_of(st.none(), st.booleans(), st.integers(), st.integers(-3, 12), st.floats(), st.text(max_size=6),
                               st.sampled_from([2**62, 1e308, -1, "P1", "none", "coulomb", "displacement", "1"])),
-                    lambda inner: st.one_of(st.lists(inner, max_size=4), st.dictionaries(st.text(max_size=6), inner, max_size=3)),
+                    lambda inner: st.one_of(st.lists(inner, max_size=4),
+                                            st.dictionaries(st.text(max_size=6), inner, max_size=3)),
                     max_leaves=6)
 
 
 @pytest.fixture(scope="module")
 def export(exported, tmp_path_factory):
-    """A private copy of a small export with prescribed displacements and a slip law: (directory, manifest's bytes, block's bytes)."""
+    """A private copy of a small export with prescribed displacements and a slip law: (directory, manifest, block)."""
     source, directory = exported("punch", subdomains=2, steps=2), tmp_path_factory.mktemp("fuzz")
     for path in source.iterdir():
         if path.is_file():
@@ -177,7 +182,8 @@ def test_records(cases, export):
     """Words of the records overwritten, moved, taken out or put in twice, and vouched for by a seal."""
     directory, _, block = export
     words = np.frombuffer(block, np.int64)
-    wild = st.one_of(st.integers(-3, 40), st.integers(-(2**63), 2**63 - 1), st.floats().map(lambda v: int(np.float64(v).view(np.int64))))
+    wild = st.one_of(st.integers(-3, 40), st.integers(-(2**63), 2**63 - 1),
+                     st.floats().map(lambda v: int(np.float64(v).view(np.int64))))
     edits = st.lists(st.tuples(st.sampled_from(["set", "swap", "drop", "twice"]), st.floats(0, 1, exclude_max=True),
                                st.integers(1, 40), wild), min_size=1, max_size=3)
 

@@ -98,7 +98,8 @@ def test_distributed_loads_are_integrals_over_edges_and_triangles(built):
             x, y = (p + at[:, None] * (q - p)).T
             t = np.zeros((2, 3))
             if label in n:
-                t = np.array([s11(x, y) * n[label][0] + s12(x, y) * n[label][1], s12(x, y) * n[label][0] + s11(x, y) * n[label][1]])
+                t = np.array([s11(x, y) * n[label][0] + s12(x, y) * n[label][1],
+                              s12(x, y) * n[label][0] + s11(x, y) * n[label][1]])
             expected = np.linalg.norm(q - p) * np.array([(t * weight * (1 - at)).sum(axis=1), (t * weight * at).sum(axis=1)])
             np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13 * 30)  # 30: the largest traction
         total = np.zeros_like(sub.xy)

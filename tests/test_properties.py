@@ -11,7 +11,7 @@ from small_scenes import Scene, random_scene, solve
 from test_mprgp import EPS, assert_solves, orthogonal, residual_of
 
 from driver.mprgp import mprgp
-from driver.oracle import Assembled, OracleFailure, box_qp, coulomb_step
+from driver.oracle import Assembled, OracleFailure, coulomb_step
 
 CALM = {"deadline": None, "derandomize": True, "database": None, "suppress_health_check": list(HealthCheck)}
 
@@ -25,7 +25,7 @@ def sizes(quick: int, long: int):
 
 @st.composite
 def box_qps(draw):
-    """(A, b, lower, upper, options): SPD of condition 1..1e10, any kind of box, any start, a norm bound that may be wrong."""
+    """(A, b, lower, upper, options): SPD of condition 1..1e10, any kind of box, any start, perhaps a wrong norm bound."""
     n, rng = draw(st.integers(1, 14)), np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     spread = draw(st.sampled_from([0, 1, 3, 6, 10]))
     d = 10.0 ** -np.append(spread * rng.random(max(n - 2, 0)), [0.0, spread])[:n]
@@ -53,7 +53,8 @@ def box_qps(draw):
     x0 = {"zero": np.zeros(n), "outside": 5 * rng.standard_normal(n),
           "corner": np.where(np.isfinite(lower), lower, np.where(np.isfinite(upper), upper, 0.0))}[start]
     wrong = draw(st.sampled_from([1.0, 1.0, 0.01, 0.5, 1.1, 100.0]))
-    options = {"norm_bound": max(wrong * np.linalg.norm(A, 2), 1e-300), "expansion": draw(st.sampled_from(["cg", "gradient"]))}
+    options = {"norm_bound": max(wrong * np.linalg.norm(A, 2), 1e-300),
+               "expansion": draw(st.sampled_from(["cg", "gradient"]))}
     if draw(st.booleans()):
         diagonal = np.diag(A).copy()
         options["preconditioner"] = lambda r, free: np.where(free, r / diagonal, 0.0)
@@ -72,7 +73,8 @@ def test_random_box_qps(examples):
         found = mprgp(lambda v: A @ v, b, lower, upper, x0, tol=tol, max_products=20_000, **options)
         residual = residual_of(A, b, lower, upper, found.x)[0]
         # rounding of A x - b on the way; a tolerance below it may be missed, and must then be said to be
-        noise = 100 * len(b) * EPS * (np.linalg.norm(A, 2) * np.linalg.norm(found.x if b.any() else start) + np.linalg.norm(b))
+        size = np.linalg.norm(found.x if b.any() else start)
+        noise = 100 * len(b) * EPS * (np.linalg.norm(A, 2) * size + np.linalg.norm(b))
         if found.status == "stagnated":
             assert tol <= noise and residual <= noise
         elif b.any():

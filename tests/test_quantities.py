@@ -126,5 +126,6 @@ def test_slip_reaches_to_the_edge_of_contact():
     """Slip that grows to an edge of contact at x = 0.66, between nodes: neither the last node's nor an overshoot."""
     x = np.linspace(0, 1, 11)
     opening = np.maximum(x - 0.66, 0) ** 1.5
-    nodes, steps = line(x, x < 0.66, np.maximum(0.66 - x, 0) ** 0.5, opening, slip=2 * x, status=np.where(x < 0.66, SLIP, OPEN))
+    nodes, steps = line(x, x < 0.66, np.maximum(0.66 - x, 0) ** 0.5, opening, slip=2 * x,
+                        status=np.where(x < 0.66, SLIP, OPEN))
     assert values(nodes, steps, "coulomb")["slip"] == pytest.approx(2 * 0.66, rel=1e-9)

@@ -4,7 +4,6 @@ import contextlib
 import csv
 import json
 import os
-import re
 import shutil
 import signal
 import subprocess
@@ -15,8 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from driver import checkpoint, cli, environment, freefem, run, seal, solve, workspace
-from driver.errors import DriverError, InputError
+from driver import checkpoint, cli, environment, run, solve, workspace
+from driver.errors import InputError
 
 WORDS = ("SCENE=model", "LOADING=nonmonotone", "CELLS=4", "STEPS=8", "FIGURES=no", "ERRORS=no")
 OWN = ("seconds", "memory_mib", "ranks", "resumed_after_step")  # of summary.json: how a run went, not what it found
@@ -27,7 +26,8 @@ def listing(out: Path) -> dict:
     found = {str(path.relative_to(out)): path.read_bytes() for path in sorted(out.rglob("*"))
              if path.is_file() and path.suffix != ".log"}
     summary = json.loads(found.pop("summary.json"))
-    ledger = {name: {k: v for k, v in entry.items() if k != "seconds"} for name, entry in summary.pop("effects_ledger").items()}
+    ledger = {name: {k: v for k, v in entry.items() if k != "seconds"}
+              for name, entry in summary.pop("effects_ledger").items()}
     return found | {"summary": {k: v for k, v in summary.items() if k not in OWN}, "ledger": ledger}
 
 

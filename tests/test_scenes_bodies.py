@@ -227,7 +227,8 @@ def assembled_laws(problem, step, u_t, far):
     load = weights @ body.loads
     imbalance = np.abs(body.motions.T @ (load - B.T @ force)).max() / np.abs(body.motions.T @ np.abs(load)).max()
     jump = B @ body.solve(weights, -B.T @ force)
-    turned, wanted = B @ body.motions, np.concatenate([c.gap - step.gradient[c.normal_row], u_t - step.gradient[c.tangential_row]])
+    turned, wanted = B @ body.motions, np.concatenate([c.gap - step.gradient[c.normal_row],
+                                                       u_t - step.gradient[c.tangential_row]])
     jump += turned @ np.linalg.lstsq(turned, wanted - jump, rcond=None)[0]
     u_n, slip = jump[:n] - c.gap, jump[n:] - u_t
     normal, rub, big = force[:n], force[n:], force.max()

@@ -76,7 +76,7 @@ def test_hertz_quantities_converge_to_the_closed_form(solved):
             errors.append((q["peak_pressure"] / p0 - 1, q["contact_length"] / (2 * a) - 1))
         found.append(np.sqrt(np.mean(np.square(errors), axis=0)))
     rate = np.log2(found[0] / found[1]) / 2
-    # order 1 at least: the edge lies anywhere in an element; the peak, inside, gains more (1.8 was measured, 1.5 for the length)
+    # order 1 at least: the edge lies anywhere in an element; the peak, inside, gains more (measured 1.8, length 1.5)
     assert np.all(rate > 1), (found, rate)
     # down to what the half-planes leave out, about 2 (a/R)^2
     assert np.all(found[2] < 2 * 2 * (hertz(1.76)[0] / R) ** 2), found

@@ -104,7 +104,8 @@ Physical Surface(1) = {1};
 
 def test_gmsh_body_with_clockwise_surface_and_stray_point(solved, scene, tmp_path):
     (tmp_path / "box.geo").write_text(GEO)
-    run = solved(scene(extra='include "gmsh.idp"', body='body = gmshBody("box.geo", meshSize(0.3));', young="(region == 1 ? 1. : 2.)"),
+    run = solved(scene(extra='include "gmsh.idp"', body='body = gmshBody("box.geo", meshSize(0.3));',
+                       young="(region == 1 ? 1. : 2.)"),
                  subdomains=3, h=0.2)
     assert run.status == 0
     assert run.history["load_y"][0] == pytest.approx(-0.02, rel=1e-12)  # pressure times length

@@ -115,7 +115,8 @@ def test_stick_zone_does_not_grow_with_the_load(solved, constant):
 # ---- F that depends on the way slid, or on the tangential displacement ---------------------------------
 
 RANGE = 5e-4  # the scene's; the edge slips further than that
-LAWS = {"slipFactor": lambda now, before, way: way + np.abs(now - before), "displacementFactor": lambda now, before, way: np.abs(now)}
+LAWS = {"slipFactor": lambda now, before, way: way + np.abs(now - before),
+        "displacementFactor": lambda now, before, way: np.abs(now)}
 
 
 def weakening(s):

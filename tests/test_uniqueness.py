@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from small_scenes import BOTTOM, LEFT, RIGHT, TOP, Body, Scene, solve
+from small_scenes import BOTTOM, LEFT, TOP, Body, Scene, solve
 
 from driver import complementarity, globalization
-from driver.complementarity import BACKWARD, OPEN, STICK, CoulombProblem, all_solutions, index, lemke, newton, search
+from driver.complementarity import CoulombProblem, all_solutions, index, lemke, newton, search
 from driver.oracle import Assembled
 
 
@@ -239,7 +239,8 @@ def test_examination_changes_no_number(solved):
 
 def test_contraction_is_reported(solved):
     """About 0.2 at F = 0.3 and growing with the coefficient: Phi's Lipschitz constant is proportional to it."""
-    rates = [solved(friction=F, steps=1, corrector="none", rtol=1e-11, friction_rtol=1e-11).summary["contraction"] for F in (0.3, 1, 2)]
+    rates = [solved(friction=F, steps=1, corrector="none", rtol=1e-11, friction_rtol=1e-11).summary["contraction"]
+             for F in (0.3, 1, 2)]
     assert 0 < rates[0] < rates[1] < rates[2] < 1
     history = solved(friction=0.3, steps=1, corrector="none", rtol=1e-11, friction_rtol=1e-11).history
     assert history["contraction"].max() == rates[0]

@@ -86,7 +86,8 @@ def compose(found: list[Point], reference: dict) -> Figure:
     handles = _errors(total, found, best, floor)
     slopes = figure.add_subplot(top[1, :])
     slopes.axis("off")
-    slopes.legend(*_own(own, found), title="powers of seconds s, and of size $h$, step $\\Delta t$, tolerance", loc="center", ncols=5, fontsize=7,
+    slopes.legend(*_own(own, found), title="powers of seconds s, and of size $h$, step $\\Delta t$, tolerance",
+                  loc="center", ncols=5, fontsize=7,
                   title_fontsize=7, frameon=False, columnspacing=1.2, handlelength=1.5)
     total.set(xlabel="seconds of the solver", ylabel=f"relative error of the {words(reference['quantity'])}",
               title="all errors, against the reference")
@@ -98,7 +99,8 @@ def compose(found: list[Point], reference: dict) -> Figure:
     _settings(figure.add_subplot(grid[1]), best)
     source = "closed form" if reference["source"] != "overkill" else "overkill run"
     figure.text(0.5, 1, f"What accuracy costs: {words(reference['quantity'])}", ha="center", va="top", fontsize=10)
-    figure.text(0.5, 1, f"{reference['scene']}; reference: {source}, good to {percent(floor)}; bars: spread of repeated runs", ha="center",
+    told = f"{reference['scene']}; reference: {source}, good to {percent(floor)}; bars: spread of repeated runs"
+    figure.text(0.5, 1, told, ha="center",
                 va="top", fontsize=8, color="0.35")
     figure.legend(handles=handles, loc="upper center", ncols=4, frameon=False, borderpad=0, borderaxespad=0,
                   columnspacing=1.2, handlelength=1.8)
@@ -116,7 +118,8 @@ def _errors(axes, found: list[Point], best: list[Point], floor: float) -> list:
             continue
         _curve(axes, line, [p.error for p in line], colour, marker, "" if knob == "together" else "-")
         handles.append(Line2D([], [], color=colour, marker=marker, ls="" if knob == "together" else "-", label=KNOBS[knob]))
-    axes.plot([p.seconds for p in best], [p.sure for p in best], "o", ls=":", lw=0.8, color=INK, mfc="none", ms=8, mew=0.8, zorder=5)
+    axes.plot([p.seconds for p in best], [p.sure for p in best], "o", ls=":", lw=0.8, color=INK, mfc="none", ms=8,
+              mew=0.8, zorder=5)
     for number, p in enumerate(best, 1):
         axes.annotate(str(number), (p.seconds, p.sure), xytext=(-8, -8), textcoords="offset points", fontsize=7,
                       ha="center", va="center", zorder=6)
@@ -139,7 +142,8 @@ def _own(axes, found: list[Point]):
             continue
         errors = [p.own for p in line]
         parts = [f"{symbol}$^{{{power:.1f}}}$".replace("-", "\N{MINUS SIGN}") for symbol, power in
-                 (("s", exponent([p.seconds for p in line], errors, 2)), (SIZES.get(knob), exponent([p.value for p in line], errors, 2)))
+                 (("s", exponent([p.seconds for p in line], errors, 2)),
+                  (SIZES.get(knob), exponent([p.value for p in line], errors, 2)))
                  if power is not None and symbol]
         label = ", ".join(parts) or "\N{EN DASH}"
         _curve(axes, line, errors, colour, marker, "-", label)
@@ -151,14 +155,16 @@ def _own(axes, found: list[Point]):
 def _curve(axes, line: list[Point], errors: list[float], colour, marker, style, label=None) -> None:
     seconds, shown = [p.seconds for p in line], [max(e, LEAST) for e in errors]
     spread = [[p.seconds - p.least for p in line], [p.most - p.seconds for p in line]]
-    axes.errorbar(seconds, shown, xerr=spread, color=colour, marker=marker, ls=style, lw=1, ms=4, elinewidth=0.6, label=label)
+    axes.errorbar(seconds, shown, xerr=spread, color=colour, marker=marker, ls=style, lw=1, ms=4, elinewidth=0.6,
+                  label=label)
 
 
 def _settings(axes, best: list[Point]) -> None:
     """The front's settings by number."""
     axes.axis("off")
     axes.set(xlim=(0, 1), ylim=(len(best) + 0.5, -0.5))
-    for x, text, side in ((0.055, "Pareto front", "left"), (0.3, "seconds", "right"), (0.4, "error", "right"), (0.43, "setting", "left")):
+    for x, text, side in ((0.055, "Pareto front", "left"), (0.3, "seconds", "right"), (0.4, "error", "right"),
+                          (0.43, "setting", "left")):
         axes.text(x, 0, text, fontsize=7, ha=side, va="center", weight="bold")
     for number, p in enumerate(best, 1):
         axes.text(0.045, number, f"{number}", fontsize=7, ha="right", va="center")

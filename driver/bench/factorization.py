@@ -68,12 +68,14 @@ def measure(bench: Workbench) -> dict:
     settings = method_settings("default")
     found = in_turn({
         "set-up": lambda: seconds(lambda: _set_up(problem, Settings(**settings))),
-        **{loading: lambda loading=loading: march(bench.problem(SUBDOMAINS, loading), **settings).seconds for loading in LOADINGS},
+        **{loading: lambda loading=loading: march(bench.problem(SUBDOMAINS, loading), **settings).seconds
+           for loading in LOADINGS},
         "MUMPS": lambda: factorize_and_solve(matrix, loads[0], ORDERINGS[best])}, REPEATS)
     matrix.destroy()
     both = [a + b for a, b in zip(*(found[loading] for loading in LOADINGS))]
     for name, values in found.items():
-        report.add(PART, f"{name}, {SUBDOMAINS}" + f" ({best} ordering, {K.shape[0]} unknowns)" * (name == "MUMPS"), values, "s")
+        report.add(PART, f"{name}, {SUBDOMAINS}" + f" ({best} ordering, {K.shape[0]} unknowns)" * (name == "MUMPS"),
+                   values, "s")
     whole = [2 * setup + steps for setup, steps in zip(found["set-up"], both)]
     report.add(PART, "two runs (set-up and steps of both loadings) over MUMPS", ratios(whole, found["MUMPS"]), "", "<= 3")
     shared = [setup + steps for setup, steps in zip(found["set-up"], both)]

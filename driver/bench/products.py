@@ -4,7 +4,8 @@ from ..table import LOADINGS, ROWS, SLIDES, method_settings
 from .workbench import Workbench, march
 
 PART = "products"
-LEFT_OUT = {"predictor": "previous", "inner_rtol": 1e-9, "preconditioner": "dirichlet", "expansion": "cg", "corrector": "none"}
+LEFT_OUT = {"predictor": "previous", "inner_rtol": 1e-9, "preconditioner": "dirichlet", "expansion": "cg",
+            "corrector": "none"}
 ABLATED = (1, 3)  # rows of the table
 
 

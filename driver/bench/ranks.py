@@ -22,7 +22,8 @@ TERMS = {
     "export": {"n m²/p": lambda n, m, p: n * m**2 / p, "n/p": lambda n, m, p: n / p, "1": lambda n, m, p: 1.0},
     "read": {"n m²/p": lambda n, m, p: n * m**2 / p, "n/p": lambda n, m, p: n / p, "1": lambda n, m, p: 1.0},
     "skeleton": {"n m": lambda n, m, p: n * m, "n m²/p": lambda n, m, p: n * m**2 / p, "n/p": lambda n, m, p: n / p},
-    "reduction": {"m³": lambda n, m, p: m**3, "n m²/p": lambda n, m, p: n * m**2 / p, "n": lambda n, m, p: n, "n^1.5": lambda n, m, p: n**1.5,
+    "reduction": {"m³": lambda n, m, p: m**3, "n m²/p": lambda n, m, p: n * m**2 / p, "n": lambda n, m, p: n,
+                  "n^1.5": lambda n, m, p: n**1.5,
                   "1": lambda n, m, p: 1.0},
     "product": {"n m²/p": lambda n, m, p: n * m**2 / p, "n log n": lambda n, m, p: n * np.log2(n),
                 "1": lambda n, m, p: 1.0},
@@ -66,7 +67,8 @@ def _weak(bench: Workbench) -> dict:
         products = one["counts"]["dual_multiplications"]
         bench.report.add(PART, f"weak scaling, {ranks} ranks: products", products, "")
         for name, text in (("rows", "gluing rows"), ("coarse", "coarse problem"), ("dot", "a scalar product")):
-            bench.report.add(PART, f"weak scaling, {ranks} ranks: {text}, received per rank and product", per_rank[name], "kB")
+            bench.report.add(PART, f"weak scaling, {ranks} ranks: {text}, received per rank and product",
+                             per_rank[name], "kB")
         found[ranks] = {"products": products, **per_rank}
     return found
 
@@ -79,7 +81,8 @@ def _model(bench: Workbench) -> dict:
         bench.export(subdomains, cells, ranks)
         point = (runs[0]["subdomains"], cells, ranks)
         for stage in TERMS:
-            values = [bench.export_seconds[subdomains, cells, ranks]] if stage == "export" else [r["seconds"][stage] for r in runs]
+            values = ([bench.export_seconds[subdomains, cells, ranks]] if stage == "export"
+                      else [r["seconds"][stage] for r in runs])
             measured[stage].append((point, median(values)))
     fits = {}
     n, m, many = PREDICTED

@@ -20,7 +20,8 @@ def measure(bench: Workbench) -> dict:
     _export(bench)
     _read_back(bench)
     out = bench.folder / "run"
-    _, peak = child(driver("run", "SCENE=model", f"SUBDOMAINS={SUBDOMAINS}", f"OUT={out}", "ERRORS=no", "FIELDS=no", "FIGURES=no", "QUIET=yes"))
+    _, peak = child(driver("run", "SCENE=model", f"SUBDOMAINS={SUBDOMAINS}", f"OUT={out}", "ERRORS=no", "FIELDS=no",
+                           "FIGURES=no", "QUIET=yes"))
     report.add(PART, f"peak memory of the driver, {DOFS} dofs, one rank", peak, "MiB", "<= 1536")
     _start_up(bench)
     return {}
@@ -31,10 +32,12 @@ def _export(bench: Workbench) -> None:
     fresh = lambda ranks: lambda: _fresh_export(bench, ranks)
     found = in_turn({"one": fresh(1), "two": fresh(2)}, REPEATS)
     dofs = DOFS / 4
-    bench.report.add(PART, f"FreeFEM stage, {SMALLER}, per dof, one core", [1e6 * s / dofs for s in found["one"]], "µs", "<= 12")
+    bench.report.add(PART, f"FreeFEM stage, {SMALLER}, per dof, one core", [1e6 * s / dofs for s in found["one"]],
+                     "µs", "<= 12")
     bench.report.add(PART, f"FreeFEM stage, {SMALLER}, one rank over two", ratios(found["one"], found["two"]), "", ">= 1.7")
     bench.export(SUBDOMAINS)
-    bench.report.add(PART, f"FreeFEM stage, {SUBDOMAINS}, per dof, one core", 1e6 * bench.export_seconds[SUBDOMAINS, 10, 1] / DOFS,
+    bench.report.add(PART, f"FreeFEM stage, {SUBDOMAINS}, per dof, one core",
+                     1e6 * bench.export_seconds[SUBDOMAINS, 10, 1] / DOFS,
                      "µs", "<= 12")
 
 
@@ -70,7 +73,8 @@ def _start_up(bench: Workbench) -> None:
     """make demo and the imports of a run."""
     demo = in_turn({"demo": lambda: child(["make", "-s", "demo", f"OUT={bench.folder / 'demo'}", "QUIET=yes"])[0]}, 1)
     bench.report.add(PART, "make demo on a set-up machine", demo["demo"], "s", "<= 15")
-    code = "from driver import environment; environment.start_petsc(); import driver.cli, driver.solve, driver.problem, driver.results"
+    code = ("from driver import environment; environment.start_petsc(); "
+            "import driver.cli, driver.solve, driver.problem, driver.results")
     found = in_turn({"driver": lambda: child([sys.executable, "-c", code])[0],
                      "python": lambda: child([sys.executable, "-c", "pass"])[0]}, REPEATS)
     imports = [a - b for a, b in zip(found["driver"], found["python"])]

@@ -19,7 +19,8 @@ def run_bench(pairs: dict[str, str]) -> list[Path]:
     """
     unknown = set(pairs) - set(OPTIONS)
     if unknown:
-        raise InputError(f"the benchmark has no option {sorted(unknown)[0].upper()}; it has {', '.join(map(str.upper, OPTIONS))}")
+        raise InputError(f"the benchmark has no option {sorted(unknown)[0].upper()}; it has "
+                         f"{', '.join(map(str.upper, OPTIONS))}")
     chosen = pairs.get("parts", ",".join(PARTS)).split(",")
     for name in chosen:
         if name not in PARTS:

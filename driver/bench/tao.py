@@ -10,7 +10,8 @@ from .workbench import Workbench
 
 PART = "tao"
 SIZES = ("4x2", "8x4", "16x8")
-SOLVERS = ("bncg", "bqnls", "blmvm", "gpcg", "tron", "bnls", "bntr", "bntl")  # bqpip changes F's diagonal: no use of products
+# not bqpip: it changes F's diagonal, for which products are no use
+SOLVERS = ("bncg", "bqnls", "blmvm", "gpcg", "tron", "bnls", "bntr", "bntl")
 RTOL = 1e-6  # projected gradient over ||d||
 LIMIT = 20_000  # products after which a solver has failed
 

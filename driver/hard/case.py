@@ -76,7 +76,8 @@ class Case:
 
     def arguments(self, size: dict) -> dict[str, str]:
         """All options of the run at one size, as text."""
-        given = {**TIGHT, "FIELDS": "no", "FIGURES": "no", "QUIET": "yes", "RESUME": "no", "ERRORS": "no", **self.options, **size}
+        given = {**TIGHT, "FIELDS": "no", "FIGURES": "no", "QUIET": "yes", "RESUME": "no", "ERRORS": "no",
+                 **self.options, **size}
         return {name: str(value) for name, value in given.items()}
 
 

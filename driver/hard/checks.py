@@ -143,7 +143,8 @@ def same_as(tolerance: float, length: float = 1.0, stress: float = 1.0, *, optio
         error = max(ratio(np.abs(outcome.contact[name] - scale * other.contact[name]).max(),
                           scale * max(np.abs(other.contact[n]).max() for n in scales if n[0] == name[0]))
                     for name, scale in scales.items() if name != "slip")
-        return Check("the run in other units or places" + ("" if same else " (other counts)"), error if same else np.inf, tolerance)
+        return Check("the run in other units or places" + ("" if same else " (other counts)"),
+                     error if same else np.inf, tolerance)
     return check
 
 

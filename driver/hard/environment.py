@@ -101,7 +101,8 @@ def spoiled(spoil):
         from ..seal import read
 
         with tempfile.TemporaryDirectory() as place:
-            work, own = Path(place), ("FIELDS", "FIGURES", "QUIET", "RESUME", "ERRORS", "RTOL", "FRICTION_RTOL", "PRIMAL_RTOL")
+            work = Path(place)
+            own = ("FIELDS", "FIGURES", "QUIET", "RESUME", "ERRORS", "RTOL", "FRICTION_RTOL", "PRIMAL_RTOL")
             parameters = {name.lower(): value for name, value in case.arguments(size).items() if name not in own}
             export(find_scene(case.scene), work / "export", parameters)
             request = {"scene": "block", "settings": {}, "fields": False, "errors": "no", "quiet": True, "seconds": {},
@@ -161,11 +162,11 @@ def stopped(number: signal.Signals, rank: bool = False):
 
 def _ranks(directory: Path) -> list[int]:
     """One of the ranks that work for the results `directory`."""
-    found = []
+    found, hidden = [], os.fsencode(directory.parent / f".{directory.name}.")
     for path in Path("/proc").glob("[0-9]*/cmdline"):
         with contextlib.suppress(OSError):
             line = path.read_bytes().split(b"\0")
-            if b"solve" in line and os.fsencode(directory.parent / f".{directory.name}.") in b"\0".join(line) and b"mpirun" not in line[0]:
+            if b"solve" in line and hidden in b"\0".join(line) and b"mpirun" not in line[0]:
                 found.append(int(path.parent.name))
     return found[-1:]
 
@@ -184,11 +185,13 @@ def _refused(name: str, perform, reason: str, fast: bool = False, **options) -> 
 
 
 CASES = [
-    _refused("disk full while FreeFEM writes", mounted("size=200k", "ulimit -f 100"), "No space left|File too large|signal 25",
+    _refused("disk full while FreeFEM writes", mounted("size=200k", "ulimit -f 100"),
+             "No space left|File too large|signal 25",
              fast=True),
     _refused("disk full while results are written", mounted("size=1m", "ulimit -f 100"), "No space left.*goes on after step|"
              "File too large|signal 25", FIELDS="yes", STEPS=40, CELLS=2),
-    _refused("results on a read-only disk", mounted("ro", ": > out && mkdir .out"), "cannot write results.*Read-only|is no directory",
+    _refused("results on a read-only disk", mounted("ro", ": > out && mkdir .out"),
+             "cannot write results.*Read-only|is no directory",
              fast=True),
     _refused("FreeFEM missing", without("FreeFem++"), "FreeFem\\+\\+ is not installed; run 'make setup'"),
     _refused("mpirun missing", without("mpirun"), "mpirun is not installed; run 'make setup'", NP=2),
@@ -198,7 +201,8 @@ CASES = [
     _refused("FreeFEM is killed", freefem("kill -9 $$\n"), "FreeFEM was killed by signal 9", fast=True),
     _refused("FreeFEM writes nothing", freefem("exit 0\n"), "manifest.json is missing"),
     _refused("FreeFEM loses a block", freefem('"$freefem" "$@"; rm "$export/block-0.bin"\n'), "block-0.bin is missing"),
-    _refused("FreeFEM writes half a block", freefem('"$freefem" "$@"; truncate -s 4000 "$export/block-0.bin"\n'), "is truncated"),
+    _refused("FreeFEM writes half a block", freefem('"$freefem" "$@"; truncate -s 4000 "$export/block-0.bin"\n'),
+             "is truncated"),
     _refused("FreeFEM writes half a manifest", freefem('"$freefem" "$@"; truncate -s 400 "$export/manifest.json"\n'),
              "manifest.json is not readable"),
     _refused("scene edited while FreeFEM runs", edited, "stale", fast=True),
@@ -206,7 +210,8 @@ CASES = [
     _refused("export cut in half", spoiled(_cut), "is truncated"),
     _refused("export without its seal", spoiled(lambda export: (export / "seal.json").unlink()), "seal.json is missing"),
     Case("interrupted", "environment", SCENE, {"STEPS": 40}, checks=(undisturbed,), perform=stopped(signal.SIGINT)),
-    Case("driver killed", "environment", SCENE, {"STEPS": 40}, checks=(undisturbed,), perform=stopped(signal.SIGKILL), fast=True),
+    Case("driver killed", "environment", SCENE, {"STEPS": 40}, checks=(undisturbed,), perform=stopped(signal.SIGKILL),
+         fast=True),
     Case("a rank killed", "environment", SCENE, {"STEPS": 20, "NP": 2}, checks=(undisturbed,),
          perform=stopped(signal.SIGKILL, rank=True)),
 ]

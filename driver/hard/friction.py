@@ -15,7 +15,8 @@ def cycle_to_cycle(tolerance: float):
         error = 0.0
         for names in (("u_n", "u_t"), ("sigma_n", "sigma_t")):
             largest = max(np.abs(outcome.contact[name]).max() for name in names)
-            error = max(error, *(ratio(np.abs(outcome.contact[n][-8:] - outcome.contact[n][-16:-8]).max(), largest) for n in names))
+            error = max(error, *(ratio(np.abs(outcome.contact[n][-8:] - outcome.contact[n][-16:-8]).max(), largest)
+                                 for n in names))
         return Check("the cycle before", error, tolerance)
     return check
 
@@ -41,7 +42,8 @@ def energy(tolerance: float):
         stored = np.diff(np.append(0.0, 0.5 * np.einsum("ki,ki->k", u, (body.K @ u.T).T)))
         rubbed = (mean(lam) * np.diff(rest(np.concatenate([c["u_n"], c["u_t"]], axis=1)), axis=0)).sum(axis=1)
         cycles = lambda values: values[8:].reshape(-1, 8).sum(axis=1)  # after the first, in which the press comes on
-        return Check("balance of energy", ratio(np.abs(cycles(given - stored - rubbed)).max(), np.abs(cycles(np.abs(given))).max()), tolerance)
+        return Check("balance of energy",
+                     ratio(np.abs(cycles(given - stored - rubbed)).max(), np.abs(cycles(np.abs(given))).max()), tolerance)
     return check
 
 
@@ -87,27 +89,36 @@ def full_sliding(outcome):
 # a step inherits the slip of all before it: errors of 800 steps may add up
 MANY = {"CYCLES": 100, "STEPS": 800, "RTOL": 1e-12, "FRICTION_RTOL": 1e-11}
 CASES = [
-    Case("no friction", "friction", BLOCK, {"FRICTION": 0}, checks=BOTH, easy={"FRICTION": 0.3}, ratio=2.0, sweep=("friction coefficient", 0.01)),
-    *(Case(f"F = {F:g}", "friction", BLOCK, {"FRICTION": F}, checks=BOTH, easy={"FRICTION": 0.3}, sweep=("friction coefficient", F), fast=F == 1)
+    Case("no friction", "friction", BLOCK, {"FRICTION": 0}, checks=BOTH, easy={"FRICTION": 0.3}, ratio=2.0,
+         sweep=("friction coefficient", 0.01)),
+    *(Case(f"F = {F:g}", "friction", BLOCK, {"FRICTION": F}, checks=BOTH, easy={"FRICTION": 0.3},
+           sweep=("friction coefficient", F), fast=F == 1)
       for F in (1e-9, 0.1, 0.3, 1, 2)),
     # the dense fixed point may settle on another solution, or on none: the law says whether this is one
-    *(Case(f"F = {F:g}", "friction", BLOCK, {"FRICTION": F}, checks=(laws(1e-6),), easy={"FRICTION": 0.3}, sweep=("friction coefficient", F))
+    *(Case(f"F = {F:g}", "friction", BLOCK, {"FRICTION": F}, checks=(laws(1e-6),), easy={"FRICTION": 0.3},
+           sweep=("friction coefficient", F))
       for F in (5, 10, 100)),
-    Case("F jumps from 0.1 to 1", "friction", CYCLES, {"CYCLES": 2, "STEPS": 16, "FRICTION": 0.1, "JUMP": 10}, checks=BOTH, fast=True),
+    Case("F jumps from 0.1 to 1", "friction", CYCLES, {"CYCLES": 2, "STEPS": 16, "FRICTION": 0.1, "JUMP": 10},
+         checks=BOTH, fast=True),
     Case("F jumps from 1 to 0", "friction", CYCLES, {"CYCLES": 2, "STEPS": 16, "FRICTION": 1, "JUMP": 0}, checks=BOTH),
     Case("full sliding sets in", "friction", "tutorial", {"STEPS": 10}, sizes=({}, {"SUBDOMAINS": 12}),
-         checks=(laws(1e-6), closed_form("T = F N", 1e-6, full_sliding), holds("all slide", lambda o: "stick" not in states(o)))),
+         checks=(laws(1e-6), closed_form("T = F N", 1e-6, full_sliding),
+                 holds("all slide", lambda o: "stick" not in states(o)))),
     Case("everything sticks", "friction", BLOCK, {"FRICTION": 1, "LIFT": 0, "PULL": 0}, 
-         checks=(laws(1e-6), holds("all stick", lambda o: states(o) == {"stick"}))),  # nothing moves: no displacement to compare
+         checks=(laws(1e-6),
+                 holds("all stick", lambda o: states(o) == {"stick"}))),  # nothing moves: no displacement to compare
     Case("contact ends at the clamped side", "friction", CYCLES, {"CYCLES": 1, "STEPS": 8}, checks=BOTH,
          sizes=({"CELLS": 8}, {"CELLS": 16})),
-    Case("100 cycles", "friction", CYCLES, MANY, sizes=({"SUBDOMAINS": "2x1", "CELLS": 4}, {"SUBDOMAINS": "4x2", "CELLS": 4}),
-         checks=(*BOTH, cycle_to_cycle(1e-8), energy(1e-6), closed_form("the cycles before", 1e-6, takes_as_much_as_is_given)), seconds=400),
+    Case("100 cycles", "friction", CYCLES, MANY,
+         sizes=({"SUBDOMAINS": "2x1", "CELLS": 4}, {"SUBDOMAINS": "4x2", "CELLS": 4}),
+         checks=(*BOTH, cycle_to_cycle(1e-8), energy(1e-6),
+                 closed_form("the cycles before", 1e-6, takes_as_much_as_is_given)), seconds=400),
     Case("one node: sticks, slides or lifts off", "friction", BLOCK, {"WIDTH": 1, "PRESS": 0, "FRICTION": 10, "STEPS": 1},
          sizes=({"SUBDOMAINS": "1x1", "CELLS": 1, "PULL": 8e7, "LIFT": -5e5},
                 {"SUBDOMAINS": "1x2", "CELLS": 1, "HEIGHT": 2, "PULL": 5.8e7, "LIFT": -2.2e6}),
          checks=(laws(1e-6), three_solutions), warning="not unique", fast=True),
-    *(Case(f"model beyond uniqueness, F = {F:g}", "friction", "model", {"FRICTION": F, "STEPS": 1}, checks=(laws(1e-6), solutions(3)),
+    *(Case(f"model beyond uniqueness, F = {F:g}", "friction", "model", {"FRICTION": F, "STEPS": 1},
+           checks=(laws(1e-6), solutions(3)),
            sizes=({"SUBDOMAINS": "4x2"}, {"SUBDOMAINS": "8x4", "CELLS": 5}), warning="not unique") for F in (6, 15)),
     Case("a hump of load beyond uniqueness", "friction", BLOCK, {"FRICTION": 15, "HISTORY": "hump"}, checks=(laws(1e-6),)),
 ]

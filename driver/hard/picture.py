@@ -12,7 +12,8 @@ from matplotlib.patches import Patch, Rectangle
 from ..figures import BLUE, GREEN, INCH, INK, ORANGE, RED, STYLE, WIDTH, write
 from .report import RESIDUALS, Row
 
-COLUMNS = ("status", *RESIDUALS[:-1], "comple-\nmentarity", "error\n/ allowed", "products\n/ easy", "condition\nof $MF$", "seconds")
+COLUMNS = ("status", *RESIDUALS[:-1], "comple-\nmentarity", "error\n/ allowed", "products\n/ easy",
+           "condition\nof $MF$", "seconds")
 PALE = {"good": "#CFE8DD", "near": "#F8E3B4", "bad": "#F2B8A0", "told": "#CFE0EE", "none": "#FFFFFF"}
 
 
@@ -109,7 +110,8 @@ def _draw_sweeps(rows: list[Row], folder: Path) -> list[Path]:
         sizes = list(dict.fromkeys(row.size for row in own))
         for size, colour, marker in zip(sizes, (BLUE, ORANGE, GREEN, RED, INK), "osD^v"):
             line = sorted((row.place, row.products) for row in own if row.size == size)
-            axes.plot(*zip(*line), color=colour, marker=marker, label=size.replace("SUBDOMAINS=", "").replace("CELLS=", "cells "))
+            axes.plot(*zip(*line), color=colour, marker=marker,
+                      label=size.replace("SUBDOMAINS=", "").replace("CELLS=", "cells "))
         places = [row.place for row in own]
         if places and min(places) > 0 and max(places) > 20 * min(places):
             axes.set_xscale("log")

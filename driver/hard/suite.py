@@ -54,8 +54,8 @@ def run_suite(pairs: dict[str, str]) -> list[Path]:
     made = [folder / "report.csv", *draw(rows, folder)]
     failed = [row for row in rows if row.status == "FAILED"]
     count = {name: sum(row.status == name for row in rows) for name in ("solved", "refused")}
-    print(f"{len({row.case for row in rows})} cases at {len(rows)} sizes: {count['solved']} solved and checked, {count['refused']} refused as "
-          f"they must be, {len(failed)} failed; {time.perf_counter() - clock:.0f} s")
+    print(f"{len({row.case for row in rows})} cases at {len(rows)} sizes: {count['solved']} solved and checked, "
+          f"{count['refused']} refused as they must be, {len(failed)} failed; {time.perf_counter() - clock:.0f} s")
     if failed:
         raise DriverError(f"{len(failed)} hard cases failed, see {os.path.relpath(folder / 'report.csv')}")
     return made

@@ -1,4 +1,4 @@
-"""Support: bodies that contact alone holds are solved, or refused where it cannot; mechanisms of subdomains are no body's."""
+"""Support: bodies that contact alone holds are solved, or refused where it cannot; mechanisms of parts are no body's."""
 
 from .case import Case
 from .checks import laws
