@@ -18,6 +18,7 @@ from .step import WINDOW, Load, Trace
 SETTLING = 0.3  # relative change of pressures and friction bounds below which free bodies follow their springs
 CORRECTIONS = 30  # friction bounds in the contact problem with F_cc, at most
 CORRECTION = 0.1  # its residual, relative to the whole one before
+BALANCED = 0.01  # its imbalance of bodies without support, relative to the one before
 CONDENSED_PASSES = 30  # corrections of a solution of the condensed contact problem
 
 
@@ -39,7 +40,8 @@ class FixedPoint:
         coulomb = bool(self.operator.comm.allreduce(int(len(rows.tangential) > 0 and not rows.tresca)))
         while not trace.fallback:
             trace.iterations += 1
-            x, gradient = self.qp.placed(self._start(x, gradient, sliding), load.d, x, gradient)
+            start, gradient = self._start(load, x, gradient, sliding)
+            x, gradient = self.qp.placed(start, load.d, x, gradient)
             bound, reduction = rows.friction_bound(x), self._reduction(trace) if coulomb or free else 0.0
             result, change = self._approximate(index, trace, load.d, x, bound, reduction, coulomb, gradient)
             x, gradient = result.x, result.gradient
@@ -55,34 +57,43 @@ class FixedPoint:
                 self.history.end(4, f"step {index}: no fixed point of the friction bound in {trace.iterations} iterations")
                 return x, gradient, sliding
             if not balanced and change <= SETTLING * self._norm(x[rows.normal]):
-                self.bodies.move(load, x, gradient)  # before, friction is too far off to say where to
+                gradient = gradient - self.bodies.follow(load, x)  # before, friction is too far off to say where to
             if trace.stalls and not trace.exact:  # by the errors of QPs left early? Solved in full they must stall again
                 trace.exact, trace.changes = True, []
             trace.fallback = (trace.stalls or tired) and not free  # a motion renews the pressures: no sign of stalling
         return self._globalise(index, load.d, rows.follow(x, sliding), trace)
 
-    def _start(self, x, gradient, sliding):
-        """Start of the next QP: x moved to the friction bound of its own pressures, and corrected if so set."""
+    def _start(self, load: Load, x, gradient, sliding):
+        """Start of the next QP: x moved to the friction bound of its own pressures, and corrected if so set.
+
+        Returned with the gradient at x, which changes with the load where bodies without support move.
+        """
         start, relaxation = self.rows.follow(x, sliding), self.qp.relaxation
         if relaxation is None or self.settings.corrector == "none":
-            return start
-        return self._correct(start, relaxation.moved(start, x, gradient))
+            return start, gradient
+        before = load.d.copy()
+        start = self._correct(load, start, relaxation.moved(start, x, gradient))
+        return start, gradient - (load.d - before) if self.operator.modes else gradient
 
-    def _correct(self, x, gradient):
+    def _correct(self, load: Load, x, gradient):
         """x with the contact multipliers that solve contact and friction while the gluing ones stay.
 
-        Successive approximations as in `find`, with F_cc for F. `gradient` need be right only on the contact rows.
+        Successive approximations as in `find`, with F_cc for F, and bodies without support follow as soon as these have
+        settled. `gradient` need be right only on the contact rows.
         """
         rows, qp, aim = self.rows, self.qp, None
         for _ in range(CORRECTIONS):
             limits, bound = rows.limits(self.operator.owned, x), rows.friction_bound(x)
             left = projected_gradient(x, gradient, *limits)
             if aim is None:
-                whole = qp.size(left)
+                whole, loose = qp.size(left), self.bodies.imbalance(load, x)
                 aim = max(0.5 * qp.tol, CORRECTION * whole)
+                balanced = max(0.5 * self.settings.friction_rtol, BALANCED * loose)
             left[rows.gluing] = 0.0
             if whole <= qp.tol or qp.size(left) <= aim:
-                break
+                if self.bodies.imbalance(load, x) <= balanced:
+                    break
+                gradient = gradient - self.bodies.follow(load, x)
             solved, gradient = qp.relaxation(x, gradient, limits, 0.5 * aim)
             x = rows.follow(solved, rows.sliding(solved, bound))
             gradient = qp.relaxation.moved(x, solved, gradient)

@@ -52,23 +52,27 @@ class FreeBodies:
         return (f"no equilibrium: {how} balance the loads on {names}, which no support holds: it slides off, tips over "
                 "or is pulled away; add supports or friction")
 
-    def move(self, load: Load, x: np.ndarray, gradient: np.ndarray) -> None:
-        """Rigid motions follow what their springs still carry; d and the gradient with them."""
+    def follow(self, load: Load, x: np.ndarray) -> np.ndarray:
+        """Rigid motions follow what their springs still carry; d with them. Returns the change of d."""
         op = self.operator
         net, _ = op.imbalance(x, load.weights)
         change = op.rho * net
         load.weights[op.structure.patterns :] += change
-        for factor, d in zip(change, self._motions):
-            load.d += factor * d
-            gradient -= factor * d
+        moved = sum(factor * d for factor, d in zip(change, self._motions))
+        load.d += moved
+        return moved
 
-    def imbalance(self, load: Load, x: np.ndarray) -> float:
-        """Largest force that rigid motions leave to their springs, relative to the forces at work."""
+    def imbalance(self, load: Load, x: np.ndarray, note: bool = False) -> float:
+        """Largest force that rigid motions leave to their springs, relative to the largest forces at work so far.
+
+        `note`: those of this state count from now on.
+        """
         if not self.operator.modes:
             return 0.0
         net, size = self.operator.imbalance(x, load.weights)
-        self.scales.work = np.maximum(self.scales.work, size)
-        return float(np.max(np.abs(net) / np.where(self.scales.work > 0, self.scales.work, 1.0)))
+        work = np.maximum(self.scales.work, size)
+        self.scales.work = work if note else self.scales.work
+        return float(np.max(np.abs(net) / np.where(work > 0, work, 1.0)))
 
     def note_loose_motion(self, index: int, x: np.ndarray) -> None:
         """Say it once if nothing that touches or sticks holds a rigid motion of a body without support.

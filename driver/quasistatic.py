@@ -102,7 +102,7 @@ class QuasistaticSolver:
             x = result.x
             if self.history.exit_status or self.bodies.imbalance(load, x) <= self.settings.friction_rtol:
                 break
-            self.bodies.move(load, x, result.gradient)
+            self.bodies.follow(load, x)
         else:
             self.history.end(4, f"preload: no equilibrium of the free bodies in {iteration} iterations")
         self.motion = load.weights[op.structure.patterns :]
@@ -205,7 +205,7 @@ class QuasistaticSolver:
         self.scales.displacement = max(self.scales.displacement, op.corner_displacement(x, load.weights),
                                        CANCELLED * self.scales.d)
         found = friction.kkt_residuals(self.rows, x, gradient, self.qp.size(left), self.scales, op.comm)
-        return found | {"equilibrium": self.bodies.imbalance(load, x)} if op.modes else found
+        return found | {"equilibrium": self.bodies.imbalance(load, x, note=True)} if op.modes else found
 
     # ---- checkpoints ---------------------------------------------------------------------------
     def snapshot(self) -> dict | None:
