@@ -14,38 +14,64 @@ definite on the face, as M is. Measured for 10x10 cells on faces of several kind
 8 subdomains and of 20 to 25 with 32; without deflation 260 to 850, and 630 to 2,800.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, lapack
-from scipy.sparse import csr_matrix
 
-from .contactblock import ContactBlock
+from .contactblock import ContactBlock, Galerkin
 from .fetidp import DirichletPreconditioner
 from .substructuring import Substructure
 
 DEPENDENT = 1e-4  # squared sine of the angle below which a restricted hat counts as a combination of the others
 
 
-def traction_hats(structure: Substructure, rows: np.ndarray, comm):
-    """Hat functions at the contact corners on the contact `rows`, (len(rows), k) CSR, and the rows' weights."""
+@dataclass
+class Hats:
+    """Piecewise linear tractions between the contact corners of a label: a row lies between two of them.
+
+    `number` (n, 2) are the hats at the n contact rows and `value` (n, 2) their tractions there; `weight` (n,) turns
+    tractions into nodal forces.
+    """
+
+    number: np.ndarray
+    value: np.ndarray
+    weight: np.ndarray
+    count: int
+
+    def sums(self, at_rows: np.ndarray) -> np.ndarray:
+        """(count,) sums over the rows of every hat of values (n, 2) that belong to the hats at a row."""
+        return np.bincount(self.number.ravel(), at_rows.ravel(), minlength=self.count)
+
+    def gram(self, force: np.ndarray, value: np.ndarray) -> np.ndarray:
+        """(count, count) products of nodal forces and tractions of the hats, (n, 2) each."""
+        cell = self.number[:, :, None] * self.count + self.number[:, None, :]
+        products = force[:, :, None] * value[:, None, :]
+        return np.bincount(cell.ravel(), products.ravel(), minlength=self.count**2).reshape(self.count, self.count)
+
+
+def traction_hats(structure: Substructure, rows: np.ndarray, comm) -> Hats:
+    """Hats with their tops at the contact corners and ends of every label, for the contact `rows`."""
     contact = structure.contact
     row, node = _row_nodes(structure)
     position = np.searchsorted(rows, row)
     corner = np.isin(contact.gid, _corner_vertices(structure, comm))
-    columns, count = [], 0
+    number, value, count = np.zeros((len(rows), 2), int), np.zeros((len(rows), 2)), 0
     for kind in np.unique(structure.row_kind[row]):
         for label in np.unique(contact.label):
             here = np.flatnonzero((structure.row_kind[row] == kind) & (contact.label[node] == label))
             arc, on_label = contact.arc[node[here]], contact.label == label
             ends = [contact.arc[on_label].min(), contact.arc[on_label].max()]
             knots = np.unique(np.concatenate([contact.arc[corner & on_label], ends]))
-            values = np.column_stack([np.interp(arc, knots, hat) for hat in np.eye(len(knots))])
-            at, hat = np.nonzero(values)
-            columns.append((position[here[at]], count + hat, values[at, hat]))
+            left = np.searchsorted(knots[1:-1], arc, side="right")
+            right = np.minimum(left + 1, len(knots) - 1)
+            share = (arc - knots[left]) / np.where(right > left, knots[right] - knots[left], 1.0)
+            number[position[here]] = count + np.column_stack([left, right])
+            value[position[here]] = np.column_stack([1 - share, share])
             count += len(knots)
-    i, j, value = (np.concatenate([np.empty(0), *part]) for part in zip(*columns)) if columns else np.empty((3, 0))
     weight = np.empty(len(rows))
     weight[position] = contact.weight[node]
-    return csr_matrix((value, (i.astype(int), j.astype(int))), shape=(len(rows), count)), weight
+    return Hats(number, value, weight, count)
 
 
 def _row_nodes(structure: Substructure) -> tuple[np.ndarray, np.ndarray]:
@@ -70,30 +96,45 @@ def _independent(matrix: np.ndarray) -> np.ndarray:
 
 
 class Face:
-    """The traction hats restricted to a face, with the factors of H'W and W'FW."""
+    """The traction hats restricted to a face, with the factors of H'W and W'FW.
 
-    def __init__(self, block: ContactBlock, hats, weight: np.ndarray, free: np.ndarray):
-        H = hats.multiply(free[:, None]).tocsc()
-        mass = H.multiply(H).T @ weight
-        H = (H[:, mass > 0].multiply(1 / np.sqrt(mass[mass > 0]))).tocsc()
-        H = H[:, _independent((H.T @ H.multiply(weight[:, None])).toarray())]
-        W = H.multiply(weight[:, None]).tocsc()
-        self.size = H.shape[1]
-        self.H, self.W, self.H_transposed, self.W_transposed = H.tocsr(), W.tocsr(), H.T.tocsr(), W.T.tocsr()
+    Hats that leave nothing on the face, or nothing new beside the others, are left out; the columns of H are scaled to
+    unit diagonal of H'W.
+    """
+
+    def __init__(self, hats: Hats, galerkin: Galerkin, free: np.ndarray):
+        self.hats = hats
+        self.H = np.where(free[:, None], hats.value, 0.0)  # as Hats.value
+        self.W = hats.weight[:, None] * self.H
+        mass = hats.gram(self.W, self.H)
+        some = np.flatnonzero(np.diag(mass) > 0)
+        scale = 1 / np.sqrt(np.diag(mass)[some])
+        scaled = lambda matrix: matrix[np.ix_(some, some)] * np.outer(scale, scale)
+        mass = scaled(mass)
+        kept = _independent(mass)
+        self.kept, self.scale, self.size = some[kept], scale[kept], len(kept)
         if self.size:
-            self.mass, self.coarse = cho_factor((H.T @ W).toarray()), cho_factor(block.galerkin(W))
+            both = np.ix_(kept, kept)
+            self.mass = cho_factor(mass[both], check_finite=False)
+            self.coarse = cho_factor(scaled(galerkin(self.W))[both], check_finite=False)
+
+    def _through(self, factor, left: np.ndarray, r: np.ndarray, right: np.ndarray) -> np.ndarray:
+        """right (factor)^-1 left' r (n,), for `left` and `right` H or W."""
+        coefficients, all_hats = self.scale * self.hats.sums(left * r[:, None])[self.kept], np.zeros(self.hats.count)
+        all_hats[self.kept] = self.scale * cho_solve(factor, coefficients, check_finite=False)
+        return (right * all_hats[self.hats.number]).sum(axis=1)
 
     def displacement(self, r: np.ndarray) -> np.ndarray:
         """P' r: the part of displacements r (n,) that varies as slowly as the hats."""
-        return self.H @ cho_solve(self.mass, self.W_transposed @ r) if self.size else np.zeros_like(r)
+        return self._through(self.mass, self.W, r, self.H) if self.size else np.zeros_like(r)
 
     def force(self, z: np.ndarray) -> np.ndarray:
         """P z: the part of nodal forces z (n,) whose traction varies as slowly as the hats."""
-        return self.W @ cho_solve(self.mass, self.H_transposed @ z) if self.size else np.zeros_like(z)
+        return self._through(self.mass, self.H, z, self.W) if self.size else np.zeros_like(z)
 
     def correction(self, r: np.ndarray) -> np.ndarray:
         """W (W'FW)^-1 W' r."""
-        return self.W @ cho_solve(self.coarse, self.W_transposed @ r) if self.size else np.zeros_like(r)
+        return self._through(self.coarse, self.W, r, self.W) if self.size else np.zeros_like(r)
 
 
 class Deflation:
@@ -101,13 +142,14 @@ class Deflation:
 
     def __init__(self, block: ContactBlock, structure: Substructure):
         self.block = block
-        self.hats, self.weight = traction_hats(structure, block.rows, block.comm)
+        self.hats = traction_hats(structure, block.rows, block.comm)
+        self.galerkin = Galerkin(block, self.hats.number, self.hats.count)
         self._free = self._face = None
 
     def face(self, free: np.ndarray) -> Face:
         """The hats on the contact rows where `free` (n,) is set."""
         if self._free is None or not np.array_equal(free, self._free):
-            self._free, self._face = free, Face(self.block, self.hats, self.weight, free)
+            self._free, self._face = free, Face(self.hats, self.galerkin, free)
         return self._face
 
     def contact(self, residual: np.ndarray, free: np.ndarray) -> np.ndarray:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from driver.contactblock import ContactBlock
+from driver.contactblock import ContactBlock, Galerkin
 from driver.deflation import DeflatedPreconditioner, Deflation, traction_hats
 from driver.relaxation import ContactRelaxation
 from driver.substructuring import GLUING, NORMAL
@@ -52,6 +52,13 @@ def condition(P, F):
     return values[-1] / values[0]
 
 
+def spread(columns, entries, k):
+    """The matrix (n, k) with `entries` (n, 2) in `columns` (n, 2)."""
+    W = np.zeros((len(entries), k))
+    np.add.at(W, (np.arange(len(entries))[:, None], columns), entries)
+    return W
+
+
 # ------------------------------------------------------------------------------ contact block
 
 def test_block_is_the_contact_part_of_the_operator(problem, parts):
@@ -60,10 +67,10 @@ def test_block_is_the_contact_part_of_the_operator(problem, parts):
     contact = np.ix_(block.rows, block.rows)
     # both sum the same local parts, in another order; the coarse part is solved with S_cc, of condition 1e4 at most
     assert np.abs(found - F[contact]).max() <= 1e4 * EPS * np.abs(F[contact]).max()
-    W = np.random.default_rng(0).standard_normal((block.size, 3))
-    from scipy.sparse import csr_matrix
-
-    np.testing.assert_allclose(block.galerkin(csr_matrix(W)), W.T @ F[contact] @ W, rtol=1e-10)
+    rng, columns = np.random.default_rng(0), np.random.default_rng(1).integers(0, 3, (block.size, 2))
+    entries = rng.standard_normal((block.size, 2))
+    W = spread(columns, entries, 3)
+    np.testing.assert_allclose(Galerkin(block, columns, 3)(entries), W.T @ F[contact] @ W, rtol=1e-10)
 
 
 def test_block_bounds_the_compliance_of_the_glued_body(parts, problem):
@@ -85,14 +92,22 @@ def test_gather_and_scatter_are_inverse(problem, parts):
 
 # ------------------------------------------------------------------------------ deflation
 
-def test_hats_add_up_to_a_uniform_traction(problem):
-    """A partition of unity: the hats of a direction sum up to nodal forces of traction 1, the weights."""
+def test_hats_make_uniform_and_linear_tractions(problem):
+    """A partition of unity: the hats of a direction sum up to traction 1, and some combination of them to the arc length.
+
+    They are of one direction each and overlap with their neighbours only, of which there are two.
+    """
     s = problem.structure
     rows = np.flatnonzero(s.row_kind != GLUING)
-    hats, weight = traction_hats(s, rows, MPI.COMM_SELF)
-    forces = weight * np.asarray(hats.sum(axis=1)).ravel()
+    hats = traction_hats(s, rows, MPI.COMM_SELF)
+    H = spread(hats.number, hats.value, hats.count)
     for numbers in (s.contact.normal_row, s.contact.tangential_row):
-        np.testing.assert_allclose(forces[np.searchsorted(rows, numbers)], s.contact.weight, rtol=1e-14)
+        at = np.searchsorted(rows, numbers)
+        np.testing.assert_allclose(hats.weight[at] * H[at].sum(axis=1), s.contact.weight, rtol=1e-14)
+        np.testing.assert_allclose(H[at] @ np.linalg.lstsq(H[at], s.contact.arc, rcond=None)[0], s.contact.arc, atol=1e-12)
+        assert H[at].any(axis=0).sum() == hats.count / 2
+    meets = (H.T @ H != 0).sum(axis=1)
+    assert meets.max() == 3 and H.max() == 1 and H.min() == 0
 
 
 def test_projection_and_correction(problem, parts):
@@ -103,7 +118,7 @@ def test_projection_and_correction(problem, parts):
         P = np.array([face.force(e) for e in np.eye(block.size)]).T
         transposed = np.array([face.displacement(e) for e in np.eye(block.size)]).T
         assert np.abs(P @ P - P).max() <= 1e-10 and np.abs(P - transposed.T).max() <= 1e-12
-        W = face.W.toarray()
+        W = spread(deflation.hats.number, face.W, deflation.hats.count)
         assert not W[block.gather(free) == 0].any(), "a hat reaches out of the face"
         F_W = F[np.ix_(block.rows, block.rows)] @ W
         again = np.array([face.correction(column) for column in F_W.T]).T
