@@ -33,24 +33,9 @@ def run(directory: Path, request: dict, comm) -> tuple[int, str]:
     if condensed:
         operator = ContactCompliance(operator)
     lap("condense")
-    # condensed, every rank solves values of its own; else all ranks solve each value together
-    mine = range(comm.rank, len(request["values"]), comm.size) if condensed else range(len(request["values"]))
-    settings, found, error = Settings(**request["settings"]), {}, None
-    try:
-        for k in mine:
-            folder = directory / "values" / str(k)
-            value = read_manifest(folder)
-            _check_same(request["study"], manifest, value)
-            contact = _contact_of(request["study"], structure.contact, read_contact(folder, value))
-            found[k] = _solve(dataclasses.replace(problem, manifest=value, operator=operator.with_contact(contact)),
-                              settings)
-            _progress(request, comm, k)
-    except DriverError as problem:
-        error = problem
-    agree(comm, error)
+    settings = Settings(**request["settings"])
+    outcomes = _outcomes(dataclasses.replace(problem, operator=operator), settings, directory, request, condensed, comm)
     lap("solve")
-    found = {k: one for part in comm.allgather(found) for k, one in part.items()}
-    outcomes = [found[k] for k in range(len(request["values"]))]
     seconds["total"] = sum(seconds.values())
     failed = [k for k, one in enumerate(outcomes) if one.status]
     status = max((one.status for one in outcomes), default=0)
@@ -60,6 +45,8 @@ def run(directory: Path, request: dict, comm) -> tuple[int, str]:
     if comm.rank == 0:
         summary = {"scene": request["scene"], "study": request["study"], "values": len(outcomes), "converged": not failed,
                    "reason": reason, "contact_rows": rows, "condensed": condensed,
+                   "warnings": [f"{request['study'].upper()}={value}: {line}"
+                                for value, one in zip(request["values"], outcomes) for line in one.warnings],
                    "counts": {"dual_multiplications": sum(one.row["dual_multiplications"] for one in outcomes),
                               "dual_multiplications_setup": operator.condensation_products if condensed else 0},
                    "seconds": seconds, "ranks": comm.size, "units": manifest.units,
@@ -67,6 +54,29 @@ def run(directory: Path, request: dict, comm) -> tuple[int, str]:
                                   **dataclasses.asdict(settings)}}
         _write(directory, request, structure.contact, outcomes, summary)
     return status, reason
+
+
+def _outcomes(problem, settings, directory: Path, request: dict, apart: bool, comm) -> list["Outcome"]:
+    """All values in their order; every rank solves values of its own if they are solved `apart`, else all ranks each.
+
+    Collective over `comm`. Raises DriverError.
+    """
+    structure, found, error = problem.structure, {}, None
+    mine = range(comm.rank, len(request["values"]), comm.size) if apart else range(len(request["values"]))
+    try:
+        for k in mine:
+            folder = directory / "values" / str(k)
+            value = read_manifest(folder)
+            _check_same(request["study"], problem.manifest, value)
+            contact = _contact_of(request["study"], structure.contact, read_contact(folder, value))
+            operator = problem.operator.with_contact(contact)
+            found[k] = _solve(dataclasses.replace(problem, manifest=value, operator=operator), settings)
+            _progress(request, comm, k)
+    except DriverError as problem:
+        error = problem
+    agree(comm, error)
+    found = {k: one for part in comm.allgather(found) for k, one in part.items()}
+    return [found[k] for k in range(len(request["values"]))]
 
 
 def _progress(request: dict, comm, k: int) -> None:
@@ -108,6 +118,7 @@ class Outcome:
     row: dict
     history: list[dict]
     fields: dict
+    warnings: list[str]
 
 
 def _solve(problem, settings) -> Outcome:
@@ -127,9 +138,10 @@ def _solve(problem, settings) -> Outcome:
     row = {"converged": "no" if ended.exit_status else "yes", "steps": ended.steps, **(history[-1] if history else {}),
            "fixed_point_iterations": counts["fixed_point_iterations"],
            "dual_multiplications": counts["dual_multiplications"],
-           "kkt": max(ended.residuals.values(), default=0.0)}
+           "kkt": max(ended.residuals.values(), default=0.0), "uniqueness": solver.uniqueness.verdict}
     row.pop("step", None), row.pop("time", None)
-    return Outcome(ended.exit_status, ended.reason, row, history, fields)
+    warnings = [*ended.warnings, *ended.fallbacks.warnings(), *solver.uniqueness.warnings()]
+    return Outcome(ended.exit_status, ended.reason, row, history, fields, warnings)
 
 
 def _fields(operator, rows, step, u_t: np.ndarray) -> dict[str, np.ndarray]:

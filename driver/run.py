@@ -3,12 +3,12 @@
 import dataclasses
 import json
 import os
-import re
 import shutil
 import time
 from pathlib import Path
 
 from . import adaptivity, budget, environment, freefem, goal, launch, seal
+from .arguments import choice, count, positive, yes
 from .checkpoint import fingerprint
 from .errors import InputError, error_of
 from .ledger import never_mattered
@@ -20,7 +20,6 @@ OPTIONS = ("scene", "np", "out", "fields", "figures", "quiet", "resume", "adapt"
 ERRORS = ("yes", "energy", "no")
 RANKS_PER_CORE = 64  # more could not even start
 MOST_CYCLES = 20  # of refinement, each with four times the triangles
-NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
 
 def _setting(field, text: str):
@@ -28,33 +27,11 @@ def _setting(field, text: str):
     choices = {"preconditioner": ("deflated", "dirichlet", "none"), "predictor": ("load", "previous"),
                "expansion": ("contact", "cg", "gradient"), "corrector": ("contact", "none"),
                "estimator": ("equilibrated", "recovery", "none"), "uniqueness": ("auto", "yes", "no")}.get(field.name)
-    if choices and text not in choices:
-        raise InputError(f"{field.name.upper()} must be one of {', '.join(choices)}, not '{text}'")
-    if field.type is str:
-        return text
+    if choices:
+        return choice({field.name: text}, field.name, choices, "")
     if field.type is int:
-        return _count(field.name, text, "a whole number", 1)
-    if not NUMBER.fullmatch(text):
-        raise InputError(f"{field.name.upper()} expects a number, not '{text}'")
-    if not 0 < float(text) < float("inf"):
-        raise InputError(f"{field.name.upper()} must be positive, not '{text}'")
-    return float(text)
-
-
-def _count(name: str, text: str, what: str, least: int, most: int = 10**9) -> int:
-    """A whole number in plain digits, from `least` to `most`. Raises InputError."""
-    if not re.fullmatch("[0-9]+", text):
-        raise InputError(f"{name.upper()} expects {what}, not '{text}'")
-    if len(text) > 18 or not least <= int(text) <= most:
-        raise InputError(f"{name.upper()} expects {what} from {least} to {most}, not '{text}'")
-    return int(text)
-
-
-def yes(options: dict, name: str, preset: str) -> bool:
-    value = options.get(name, preset)
-    if value not in ("yes", "no"):
-        raise InputError(f"{name.upper()} must be yes or no, not '{value}'")
-    return value == "yes"
+        return count(field.name, text, "a whole number", 1)
+    return positive(field.name, text)
 
 
 @dataclasses.dataclass
@@ -80,14 +57,12 @@ class Run:
         from .options import Settings
 
         scene = freefem.find_scene(pairs["scene"])
-        ranks = _count("np", pairs.get("np", "1"), "a number of ranks", 1, RANKS_PER_CORE * os.cpu_count())
-        adapt = _count("adapt", pairs.get("adapt", "0"), "a number of refinement cycles", 0, MOST_CYCLES)
+        ranks = count("np", pairs.get("np", "1"), "a number of ranks", 1, RANKS_PER_CORE * os.cpu_count())
+        adapt = count("adapt", pairs.get("adapt", "0"), "a number of refinement cycles", 0, MOST_CYCLES)
         known = {f.name: f for f in dataclasses.fields(Settings)}
         settings = {n: _setting(known[n], v) for n, v in pairs.items() if n in known}
         parameters = {n: v for n, v in pairs.items() if n not in known and n not in OPTIONS}
-        errors = pairs.get("errors", "yes")
-        if errors not in ERRORS:
-            raise InputError(f"ERRORS must be one of {', '.join(ERRORS)}, not '{errors}'")
+        errors = choice(pairs, "errors", ERRORS, "yes")
         accuracy = goal.parse(pairs["accuracy"]) if "accuracy" in pairs else None
         chosen = [name for name in goal.CHOSEN if accuracy and name in pairs]
         if chosen:

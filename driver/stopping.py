@@ -24,6 +24,7 @@ from pathlib import Path
 import numpy as np
 
 from . import freefem
+from .arguments import only
 from .errors import InputError
 from .files import write_table
 from .options import Settings
@@ -122,9 +123,7 @@ def compare(folder: Path, row: int, loading: str) -> dict:
 
 def run_stopping(pairs: dict[str, str]) -> list[Path]:
     """Make and draw the table; returns the files. Raises InputError for unknown options."""
-    unknown = set(pairs) - {"rows", "out"}
-    if unknown:
-        raise InputError(f"unknown option {min(unknown).upper()}; make stopping reads ROWS and OUT")
+    only(pairs, ("rows", "out"), "make stopping")
     words = pairs.get("rows", "1,2,3,4").split(",")
     if not set(words) <= set(map(str, ROWS)):
         raise InputError(f"ROWS expects numbers out of {', '.join(map(str, ROWS))}, not '{pairs['rows']}'")

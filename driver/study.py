@@ -26,6 +26,8 @@ from .launch import solve
 from .run import RESULTS, Run
 from .workspace import Workspace
 
+TOLD = 3  # warnings on the screen
+
 
 def make_study(pairs: dict[str, str]) -> tuple[dict, Path]:
     """Run a study as given by NAME=VALUE pairs; returns its summary and directory.
@@ -86,8 +88,14 @@ def describe(summary: dict, out: Path) -> str:
     return (f"{summary['scene']}: {summary['values']} values of {summary['study']}, {how} with "
             f"{counts['dual_multiplications_setup']} products with F, then {counts['dual_multiplications']} products\n"
             f"  {s['total']:.2f} s (FreeFEM {s['export']:.2f}, values {s['values']:.2f}, setup "
-            f"{s['read'] + s['setup']:.2f}, "
-            f"condensation {s['condense']:.2f}, solve {s['solve']:.2f}), results in {os.path.relpath(out)}")
+            f"{s['read'] + s['setup']:.2f}, condensation {s['condense']:.2f}, solve {s['solve']:.2f}), results in "
+            f"{os.path.relpath(out)}" + "".join(f"\n  {line}" for line in _told(summary["warnings"])))
+
+
+def _told(warnings: list[str]) -> list[str]:
+    """The first warnings for the screen; all are in summary.json."""
+    more = len(warnings) - TOLD
+    return [f"warning: {line}" for line in warnings[:TOLD]] + [f"and {more} warnings more in summary.json"] * (more > 0)
 
 
 def draw_study(directory: Path) -> list[Path]:

@@ -12,6 +12,7 @@ import os
 from pathlib import Path
 
 from .run import RESULTS, Run, execute
+from .arguments import choice, only, yes
 from .errors import InputError
 from .files import write_json, write_table
 from .options import Settings
@@ -35,17 +36,13 @@ def make_table(pairs: dict[str, str]) -> None:
     Options: rows (1,2,3), method (default or plain), np (ranks), fresh (yes: make rows anew). Raises
     InputError for others, and what a run raises.
     """
-    unknown = set(pairs) - {"rows", "method", "np", "fresh"}
-    if unknown:
-        raise InputError(f"the table has no option {sorted(unknown)[0].upper()}; it has ROWS, METHOD, NP and FRESH")
-    rows, methods = _rows(pairs.get("rows")), _methods(pairs.get("method"))
-    fresh = pairs.get("fresh", "no")
-    if fresh not in ("yes", "no"):
-        raise InputError(f"FRESH must be yes or no, not '{fresh}'")
+    only(pairs, ("rows", "method", "np", "fresh"), "the table")
+    rows, fresh = _rows(pairs.get("rows")), yes(pairs, "fresh", "no")
+    methods = [choice(pairs, "method", METHODS, "")] if "method" in pairs else list(METHODS)
     folder = RESULTS / "table"
     for row in rows:
         for method in methods:
-            if fresh == "no" and _finished(folder, method, row):
+            if not fresh and _finished(folder, method, row):
                 print(f"{method}, {ROWS[row]} subdomains: kept from earlier (FRESH=yes makes it anew)")
             else:
                 _make_row(folder, method, row, pairs.get("np", "1"))
@@ -62,12 +59,6 @@ def _rows(text: str | None) -> list[int]:
         if not word.isdigit() or int(word) not in ROWS:
             raise InputError(f"ROWS expects numbers from 1 to {len(ROWS)} such as 1,2,3, not '{text}'")
     return sorted({int(word) for word in words})
-
-
-def _methods(text: str | None) -> list[str]:
-    if text and text not in METHODS:
-        raise InputError(f"METHOD must be one of {', '.join(METHODS)}, not '{text}'")
-    return [text] if text else list(METHODS)
 
 
 def method_settings(method: str) -> dict:

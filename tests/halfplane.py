@@ -39,7 +39,7 @@ class HalfPlane:
 
     def step(self, P, Q):
         """Advance to the resultants P, Q by an active-set iteration; AssertionError if its KKT conditions fail."""
-        n, seen = len(self.x), set()
+        seen = set()
         for _ in range(200):
             p, q, u_x, g, slip = self._solve(P, Q)
             state = self._next_state(p, q, g, slip)

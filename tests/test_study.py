@@ -1,6 +1,7 @@
 """Parameter studies: the condensed compliance, agreement with single runs, what a study refuses."""
 
 import csv
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -86,6 +87,15 @@ def test_friction_values_agree_with_single_runs(made, solved):
         assert float(row["dissipated"]) == pytest.approx(single.summary["dissipated"], rel=1e-5)
         assert [int(row[f"nodes_{s}"]) for s in ("open", "stick", "slip")] == [
             int(single.history[f"nodes_{s}"][-1]) for s in ("open", "stick", "slip")]
+
+
+def test_values_beyond_uniqueness_are_told(made):
+    """The model example at one step, which has three solutions from F = 5.45 on and one at 0.3."""
+    summary, files = made(scene="model", friction="0.3,5.6", steps="1", subdomains="4x2", uniqueness="yes")
+    assert [row["uniqueness"] for row in files["study"]] == ["no second solution found", "not unique"]
+    assert any(line.startswith("FRICTION=5.6: step 1: the solution is not unique") for line in summary["warnings"])
+    assert not any("FRICTION=0.3" in line for line in summary["warnings"])
+    assert "warning: FRICTION=5.6" in study.describe(summary, Path("out"))
 
 
 def test_loadings_and_steps(made, solved):

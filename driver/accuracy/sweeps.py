@@ -22,6 +22,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from .. import freefem
+from ..arguments import choice, count
 from ..budget import mesh_knob, unit
 from ..errors import DriverError, InputError
 from ..files import write_table
@@ -58,11 +59,9 @@ class Study:
     """The sweeps of one scene: probes it, plans, runs."""
 
     def __init__(self, pairs: dict[str, str], out: Path):
-        self.effort = EFFORTS[_choice(pairs, "effort", tuple(EFFORTS), "full")]
-        repeats = pairs.get("repeats", str(self.effort.repeats))
-        if not repeats.isdigit() or int(repeats) < 1:
-            raise InputError(f"REPEATS expects a whole number of at least 1, not '{repeats}'")
-        self.repeats, self.out = int(repeats), out
+        self.effort = EFFORTS[choice(pairs, "effort", tuple(EFFORTS), "full")]
+        self.repeats = count("repeats", pairs.get("repeats", str(self.effort.repeats)), "a whole number", 1)
+        self.out = out
         self.scene = freefem.find_scene(pairs["scene"])
         self.given = {name: value for name, value in pairs.items() if name not in OWN} | {"np": pairs.get("np", "1")}
         tolerances = {field.name for field in dataclasses.fields(Settings)}
@@ -177,13 +176,6 @@ class Study:
     def closed_form(self):
         """The function that gives the scene's closed form, None where there is none."""
         return CLOSED_FORMS.get(self.scene.stem) if self.scene.parent == freefem.SCENES else None
-
-
-def _choice(pairs: dict, name: str, allowed: tuple, preset: str) -> str:
-    value = pairs.get(name, preset)
-    if value not in allowed:
-        raise InputError(f"{name.upper()} must be one of {', '.join(allowed)}, not '{value}'")
-    return value
 
 
 def run_accuracy(pairs: dict[str, str]) -> list[Path]:

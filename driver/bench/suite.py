@@ -4,8 +4,9 @@ import time
 from pathlib import Path
 
 from .. import environment
+from ..arguments import only, yes
 from ..errors import InputError
-from ..run import RESULTS, yes
+from ..run import RESULTS
 
 PARTS = ("products", "factorization", "getfem", "tao", "roofline", "stages", "ranks", "studies")
 OPTIONS = ("parts", "large", "out")
@@ -17,10 +18,7 @@ def run_bench(pairs: dict[str, str]) -> list[Path]:
     Options: parts (names, comma between), large (yes: GetFEM at h = 1/160 and 1/320 too, half an hour), out.
     Raises InputError for others.
     """
-    unknown = set(pairs) - set(OPTIONS)
-    if unknown:
-        raise InputError(f"the benchmark has no option {sorted(unknown)[0].upper()}; it has "
-                         f"{', '.join(map(str.upper, OPTIONS))}")
+    only(pairs, OPTIONS, "the benchmark")
     chosen = pairs.get("parts", ",".join(PARTS)).split(",")
     for name in chosen:
         if name not in PARTS:

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..arguments import count, only, yes
 from ..errors import DriverError, InputError
 from ..oracle import OracleFailure
 from ..run import RESULTS
@@ -53,9 +54,9 @@ def run_suite(pairs: dict[str, str]) -> list[Path]:
 
     made = [folder / "report.csv", *draw(rows, folder)]
     failed = [row for row in rows if row.status == "FAILED"]
-    count = {name: sum(row.status == name for row in rows) for name in ("solved", "refused")}
-    print(f"{len({row.case for row in rows})} cases at {len(rows)} sizes: {count['solved']} solved and checked, "
-          f"{count['refused']} refused as they must be, {len(failed)} failed; {time.perf_counter() - clock:.0f} s")
+    ended = {name: sum(row.status == name for row in rows) for name in ("solved", "refused")}
+    print(f"{len({row.case for row in rows})} cases at {len(rows)} sizes: {ended['solved']} solved and checked, "
+          f"{ended['refused']} refused as they must be, {len(failed)} failed; {time.perf_counter() - clock:.0f} s")
     if failed:
         raise DriverError(f"{len(failed)} hard cases failed, see {os.path.relpath(folder / 'report.csv')}")
     return made
@@ -63,26 +64,19 @@ def run_suite(pairs: dict[str, str]) -> list[Path]:
 
 def _chosen(pairs: dict[str, str]):
     """Cases with their sizes, result directory and number of jobs from the options."""
-    unknown = set(pairs) - set(OPTIONS)
-    if unknown:
-        raise InputError(f"the hard cases have no option {sorted(unknown)[0].upper()}; they have "
-                         f"{', '.join(map(str.upper, OPTIONS))}")
+    only(pairs, OPTIONS, "the suite of hard cases")
     families = pairs["family"].split(",") if "family" in pairs else list(FAMILIES)
     for name in families:
         if name not in FAMILIES:
             raise InputError(f"FAMILY must be of {', '.join(FAMILIES)}, not '{name}'")
-    if pairs.get("fast", "no") not in ("yes", "no"):
-        raise InputError(f"FAST must be yes or no, not '{pairs['fast']}'")
-    jobs = pairs.get("jobs", str(os.cpu_count() or 1))
-    if not jobs.isdigit() or int(jobs) < 1:
-        raise InputError(f"JOBS expects a number of processes, not '{jobs}'")
-    fast = pairs.get("fast", "no") == "yes"
+    fast = yes(pairs, "fast", "no")
+    jobs = count("jobs", pairs.get("jobs", str(os.cpu_count() or 1)), "a number of processes", 1)
     found = [(case, size) for family in families for case in cases(family)
              if pairs.get("case", "") in case.name and (case.fast or not fast)
              for size in (case.sizes[:1] if fast else case.sizes)]
     if not found:
         raise InputError(f"no hard case has '{pairs['case']}' in its name")
-    return found, Path(pairs.get("out", RESULTS / "hard")).absolute(), int(jobs)
+    return found, Path(pairs.get("out", RESULTS / "hard")).absolute(), jobs
 
 
 # ---- one case ------------------------------------------------------------------------------------
