@@ -45,6 +45,7 @@ class ContactBoundary:
     friction: np.ndarray
     initial: np.ndarray  # tangential displacement at time 0
     paired: np.ndarray  # the node meets another body
+    clearance: np.ndarray  # declared part of the gap of a paired node; the bodies' geometry makes the rest
     term_node: np.ndarray
     term_gid: np.ndarray
     term_value: np.ndarray
@@ -76,7 +77,7 @@ def contact_boundary(manifest, subdomains, skeleton, fixed, comm) -> ContactBoun
         raise InputError(f"no contact node has the label {missing[0]}: the scene declares contact on a label "
                          "that its mesh lacks")
     arc = _arc_lengths(label, gid, xy, skeleton.edges)
-    paired = np.isin(label, [one for one, _ in manifest.contact_pairs])
+    paired, clearance = np.isin(label, [one for one, _ in manifest.contact_pairs]), gap.copy()
     terms = [tuple(column[~paired] for column in (np.arange(n), gid, np.ones(n), np.zeros(n, bool)))]
     sides = _PairSides(manifest, subdomains, fixed, comm)
     for one, two in manifest.contact_pairs:
@@ -94,7 +95,7 @@ def contact_boundary(manifest, subdomains, skeleton, fixed, comm) -> ContactBoun
     node, gids, value, other = (np.concatenate(column) for column in zip(*terms))
     node = position[node]
     none, used = np.full(len(order), -1), node >= 0
-    fields = (of[order] for of in (gid, label, xy, arc, weight, normal, gap, friction, initial, paired))
+    fields = (of[order] for of in (gid, label, xy, arc, weight, normal, gap, friction, initial, paired, clearance))
     terms = (of[used] for of in (node, gids, value, other))
     return ContactBoundary(*fields, *terms, none, none.copy(), clamped)
 

@@ -21,6 +21,10 @@ lumped boundary mass: sigma* starts from the torn displacements under these noda
 in equilibrium under any multipliers, so that one recovery of displacements gives them (no iteration, no new
 multipliers of the glue).
 
+Between two bodies the jump takes the displacement's place; what its two sides and meshes that do not match add to
+sigma*, v and B stands in pairbound.py. Bodies that nothing holds need nothing more: their stress is in equilibrium all the
+same, and t* with the mortar's resultants on both sides.
+
 Parts (after Rey, Rey, Gosselet 2014: strict error bound with separated contributions of the discretization and of the
 iterative solver): with sigma_h of the torn, not yet averaged displacements, A <= ||sigma* - sigma_h|| + ||sigma_h -
 sigma(v)||. The first is the mesh's, the second the gluing jump's and the penetration's; the nodal sum
@@ -38,6 +42,7 @@ import numpy as np
 
 from . import equilibration
 from .loader import Manifest, Subdomain
+from .pairbound import PairBound, slid
 from .step import Step, gathered, scattered
 
 NOTHING = 1e-6  # displacements below this part of the largest ones of the run are what tolerances leave
@@ -103,10 +108,7 @@ class EnergyEstimator:
     def __init__(self, operator, manifest: Manifest, contact, kind: str):
         """`contact` is results.ContactState; `kind` "equilibrated" (the bound above) or "recovery" (no bound:
         Zienkiewicz and Zhu's averaged stresses)."""
-        # between two bodies the equilibrated tractions of both sides would have to be those of one mortar: averaged
-        # stresses, which know nothing of contact, stand in
-        self.operator, self.manifest, self.kind = operator, manifest, (
-            "recovery" if kind == "equilibrated" and contact.boundary.paired.any() else kind)
+        self.operator, self.manifest, self.kind = operator, manifest, kind
         self.root = operator.comm.rank == 0
         self.state, self.boundary, self.rows = contact, contact.boundary, contact.rows
         self.heavy = any(pattern["kind"] == "body_force" for pattern in manifest.patterns)
@@ -213,12 +215,13 @@ class EnergyEstimator:
         return Estimate(step.index, mesh=size, total=size, norm=body.norm(elastic), indicator=np.sqrt(share))
 
     def _bound(self, step: Step, state: dict, fields, thermal) -> Estimate | None:
-        contact = self._contact(step, state)
+        contact, pairs = self._contact(step, state), self._pairs(state)
         multipliers = contact.multipliers(step.multipliers, self.rows)
-        balanced = self._gather_fields(self.operator.displacements(multipliers, step.weights))
+        forces = self._forces(pairs, state) if self.boundary.paired.any() else None
+        balanced = self._gather_fields(self.operator.displacements(multipliers, step.weights, forces))
         moved = self._moved(step)
         force = self._body_force(step.weights)
-        applied = self._applied(step.weights, contact)
+        applied = self._applied(step.weights, contact, pairs)
         if not self.root:
             return None
         body = self.body
@@ -227,14 +230,17 @@ class EnergyEstimator:
         deviation, unbalanced, reason = self._equilibrated(base, force, applied)
         if reason:
             return Estimate(step.index, reason=reason)
-        shift = base - elastic + thermal  # by the consistent contact forces
         pull = lambda u: _stress(body.elasticity, body.strain(self._admissible(u, contact) - u))
         before = None if moved is None else (pull(fields - moved), contact.nodal_gap())  # of the QP's own solution
         apart, gap, nodal_gap = pull(fields), contact.duality_gap(), contact.nodal_gap()
         apart_qp, gap_qp = before or (apart, nodal_gap)
+        lift, between, more = self._lifted(fields, contact, pairs)
+        gap += more
+        shift = base - elastic + thermal - _stress(body.elasticity, body.strain(lift))  # by the consistent contact forces
         mean = self.deviations.mean(deviation)
         share = np.maximum(self.deviations.energy(deviation) + body.work(2 * mean + shift, shift), 0.0)
-        whole = share.sum() + body.work(apart - 2 * (mean + shift), apart).sum()
+        whole = np.maximum(share + body.work(apart - 2 * (mean + shift), apart), 0.0)
+        share, whole = (np.sqrt(share) + between) ** 2, (np.sqrt(whole) + between) ** 2
         rate = min(np.nan_to_num(step.contraction), SLOWEST)
         change = 0.0 if moved is None else body.norm(_stress(body.elasticity, body.strain(moved)))
         onward = change / (1 - rate)  # of all changes to come
@@ -242,7 +248,7 @@ class EnergyEstimator:
             step.index, mesh=_root(share.sum(), max(gap - nodal_gap, 0.0)),
             solver=_root(body.norm(apart_qp) ** 2, gap_qp) + unbalanced,
             friction=_root(body.norm(apart - apart_qp) ** 2, max(nodal_gap - gap_qp, 0.0)) + onward,
-            total=_root(whole, gap) + unbalanced + onward, norm=body.norm(elastic), indicator=np.sqrt(share))
+            total=_root(whole.sum(), gap) + unbalanced + onward, norm=body.norm(elastic), indicator=np.sqrt(share))
 
     def _moved(self, step: Step) -> np.ndarray | None:
         """Torn displacements by the last change of the friction forces, on rank 0; None where there was none."""
@@ -264,7 +270,7 @@ class EnergyEstimator:
                                  values @ (now - before))
 
     def _admissible(self, torn: np.ndarray, contact: "_ContactTractions") -> np.ndarray:
-        """Torn copy of the displacements averaged over subdomains and made admissible at the contact nodes.
+        """Torn copy of the displacements averaged over subdomains and made admissible at rigid obstacles.
 
         Nodes go out of the obstacle. They go onto it, or back to where they stuck, if that costs less energy on the
         vertex's own stiffness than the work it saves. Sets distances and slip of `contact`.
@@ -272,7 +278,9 @@ class EnergyEstimator:
         body, b = self.body, self.boundary
         u = body.untorn(torn)
         at = np.searchsorted(body.gid, b.gid)
-        contact.place(u[at])
+        jump = np.zeros((len(b.gid), 2))
+        np.add.at(jump, b.term_node, b.term_value[:, None] * u[np.searchsorted(body.gid, b.term_gid)])
+        contact.place(jump)
         stiffness = body.stiffness[at].max(axis=1, initial=0)
         for row, direction, move in ((b.normal_row, b.normal, contact.onto_obstacle(stiffness)),
                                      (b.tangential_row, b.tangent, contact.back_to_stick(stiffness))):
@@ -281,7 +289,63 @@ class EnergyEstimator:
             np.add.at(u, at, change)
         return u[body.vertex]
 
-    def _applied(self, weights: np.ndarray, contact: "_ContactTractions") -> np.ndarray | None:
+    def _pairs(self, state: dict) -> list[PairBound] | None:
+        """The contact pairs in one step, on rank 0."""
+        if not self.root:
+            return None
+        b, body, outer = self.boundary, self.body, self.operator.structure.outer_edges
+        edges = lambda label: np.searchsorted(body.gid, outer[outer[:, 2] == label, :2])
+        values = {"vertex": np.searchsorted(body.gid, b.gid), "weight": b.weight, "own_normal": b.normal_row >= 0,
+                  "own_tangential": b.tangential_row >= 0, "clearance": b.clearance, "pressure": -state["sigma_n"],
+                  "shear": state["sigma_t"], "bound": state["bound"], "before": state["u_t"] - state["slip"]}
+        return [PairBound(body.mesh, edges(one), edges(two), {name: of[b.label == one] for name, of in values.items()},
+                          self.state.frictional, self.rows.bilateral) for one, two in self.manifest.contact_pairs]
+
+    def _forces(self, pairs: list[PairBound] | None, state: dict) -> list[np.ndarray]:
+        """Forces on the rank's subdomains that replace those of the mortar multipliers by those of t*.
+
+        A vertex's force goes to the first subdomain that has it.
+        """
+        subs, found = self.operator.structure.subdomains, None
+        if self.root:
+            body, b = self.body, self.boundary
+            total = np.zeros((len(body.gid), 2))
+            for pair in pairs:
+                np.add.at(total, *pair.moments())
+            force = (state["sigma_n"] * b.weight)[:, None] * b.normal + (state["sigma_t"] * b.weight)[:, None] * b.tangent
+            mine = b.paired[b.term_node]
+            np.add.at(total, np.searchsorted(body.gid, b.term_gid[mine]),
+                      -(b.term_value[:, None] * force[b.term_node])[mine])
+            vertex = np.flatnonzero(total.any(axis=1))
+            found = np.unique(body.vertex, return_index=True)[1][vertex], total[vertex]
+        torn, force = self.operator.comm.bcast(found)
+        start = self.operator.comm.exscan(sum(len(sub.xy) for sub in subs)) or 0
+        made = []
+        for sub in subs:
+            here = (torn >= start) & (torn < start + len(sub.xy))
+            values = np.zeros((len(sub.xy), 2))
+            values[torn[here] - start] = force[here]
+            made.append(values.ravel())
+            start += len(sub.xy)
+        return made
+
+    def _lifted(self, torn: np.ndarray, contact: "_ContactTractions", pairs: list[PairBound]):
+        """Torn displacements that make admissible ones admissible at the pairs, too.
+
+        Also the energy norms (n_t,) of what happens inside edges, of displacements and tractions; and the pairs' share
+        of the duality gap.
+        """
+        body = self.body
+        u, gap, between = np.zeros((len(body.gid), 2)), 0.0, np.zeros(len(body.torn))
+        u[body.vertex] = start = self._admissible(torn, contact)
+        for pair in pairs:
+            lift = pair.lift(u, body.stiffness, body.held, body.elasticity)
+            u += lift.vertex
+            between += lift.bumps + pair.remainder(body.compliance)
+            gap += lift.gap
+        return u[body.vertex] - start, between, gap
+
+    def _applied(self, weights: np.ndarray, contact: "_ContactTractions", pairs) -> np.ndarray | None:
         """(half-edges, 2) moments of loads and contact tractions on the boundary edges, on rank 0."""
         def moments(sub: Subdomain) -> np.ndarray:
             return sum((weights[k] * m for k, m in sub.edge_loads.items()), np.zeros((len(sub.edges), 2, 2)))
@@ -292,8 +356,9 @@ class EnergyEstimator:
             return None
         mesh = self.body.mesh
         applied = np.zeros((2 * len(mesh.edges), 2))
-        for gid, value in ((ends, loads), (contact.gid[contact.node], contact.moments)):
-            vertex = np.searchsorted(self.body.gid, gid)
+        number = lambda gid: np.searchsorted(self.body.gid, gid)
+        given = [(number(ends), loads), (number(contact.gid[contact.node]), contact.moments)]
+        for vertex, value in given + [pair.moments() for pair in pairs]:
             edge = mesh.find(vertex)
             for end in range(2):
                 np.add.at(applied, 2 * edge + (vertex[:, end] > vertex[:, 1 - end]), value[:, end])
@@ -360,7 +425,7 @@ def _root(square: float, gap: float) -> float:
 
 
 class _ContactTractions:
-    """Contact tractions t* in the cone, linear on every edge between the computed nodal ones.
+    """Contact tractions t* of rigid obstacles in the cone, linear on every edge between the computed nodal ones.
 
     Arrays over the nodes: those of the contact boundary, then the clamped ones. A node that a support holds has no
     traction of its own in the held direction and takes the mean of its neighbours'.
@@ -376,7 +441,7 @@ class _ContactTractions:
         self.tangent = np.column_stack([-self.normal[:, 1], self.normal[:, 0]])
         self.node, self.length = self._edges(outer_edges)
         join = lambda values, more=None: np.concatenate([values, np.zeros(len(c.gid)) if more is None else more])
-        self.own_normal, self.own_tangential = (join(rows, np.full(len(c.gid), -1)) >= 0
+        self.own_normal, self.own_tangential = (join((rows >= 0) & ~b.paired, np.zeros(len(c.gid), bool))
                                                 for rows in (b.normal_row, b.tangential_row))
         self.pressure = -self._continued(join(state["sigma_n"]), ~self.own_normal)
         self.bound = self._continued(join(state["bound"]), ~self.own_normal)
@@ -395,7 +460,8 @@ class _ContactTractions:
         span = outer_edges[:, :2].max() + 1
         keys = self.label * span + self.gid
         order = np.argsort(keys)
-        edges = outer_edges[np.isin(outer_edges[:, 2], self.label)]
+        rigid = self.label[np.r_[~self.boundary.paired, np.ones(len(self.boundary.clamped.gid), bool)]]
+        edges = outer_edges[np.isin(outer_edges[:, 2], rigid)]
         node = order[np.searchsorted(keys[order], edges[:, 2:] * span + edges[:, :2])]
         return node, np.linalg.norm(self.xy[node[:, 0]] - self.xy[node[:, 1]], axis=1)
 
@@ -438,12 +504,12 @@ class _ContactTractions:
         free = b.normal * ~self.held
         normal = np.where(alone, -(force * free).sum(axis=1) / np.maximum((free**2).sum(axis=1), 1e-300), normal)
         found = computed.copy()
-        found[rows.normal] = normal[rows.normal_node]
-        found[rows.tangential] = tangential[rows.tangential_node]
+        for row, node, force in ((rows.normal, rows.normal_node, normal), (rows.tangential, rows.tangential_node, tangential)):
+            found[row] = np.where(b.paired[node], found[row], force[node])
         return found
 
     def place(self, u: np.ndarray) -> None:
-        """Set distances and slip of the contact nodes by their displacements (n_c, 2)."""
+        """Set distances and slip of the contact nodes by their displacements or jumps (n_c, 2)."""
         b, n = self.boundary, len(self.boundary.gid)
         self.distance[:n] = b.gap - (u * b.normal).sum(axis=1)
         self.slip[:n] = (u * b.tangent).sum(axis=1) - self.before
@@ -470,16 +536,8 @@ class _ContactTractions:
         """int -t*_n (gap - v_n) + s |slip| + t*_t slip over the contact boundary."""
         product = lambda f, g: float((self.length / 3) @ (
             f[self.node] * g[self.node] + 0.5 * f[self.node] * g[self.node[:, ::-1]]).sum(axis=1))
-        return product(self.pressure, self.distance) + product(self.shear, self.slip) + self._slid()
-
-    def _slid(self) -> float:
-        """int s |slip|: slip may change its sign inside an edge; each piece by Simpson's rule, exact there."""
-        (s0, s1), (d0, d1) = self.bound[self.node].T, self.slip[self.node].T
-        changes = d0 * d1 < 0
-        at = np.where(changes, d0 / np.where(changes, d0 - d1, 1.0), 1.0)
-        value = lambda x: (s0 + x * (s1 - s0)) * np.abs(d0 + x * (d1 - d0))
-        simpson = lambda a, c: (c - a) / 6 * (value(a) + 4 * value((a + c) / 2) + value(c))
-        return float(self.length @ (simpson(0.0, at) + simpson(at, 1.0)))
+        return (product(self.pressure, self.distance) + product(self.shear, self.slip)
+                + slid(self.length, self.bound[self.node], self.slip[self.node]))
 
     def nodal_gap(self) -> float:
         """What the QP would make zero: lambda_n (gap - v_n) + g |slip| - lambda_t slip, summed over the nodes."""

@@ -432,15 +432,18 @@ class DualOperator:
                 found[s] = all_dofs[self.structure.fixed[s]]
         return found
 
-    def _solve(self, weights: np.ndarray, rows: np.ndarray) -> list[np.ndarray]:
-        """Displacements (dofs, members) of each class under sum_k weights_k f_k - B' lambda.
+    def _solve(self, weights: np.ndarray, rows: np.ndarray, forces: list | None = None) -> list[np.ndarray]:
+        """Displacements (dofs, members) of each class under sum_k weights_k f_k - B' lambda + forces.
 
-        `rows` holds the signed stacked local multipliers; `weights` may go on with factors of the rigid motions.
+        `rows` holds the signed stacked local multipliers; `weights` may go on with factors of the rigid motions;
+        `forces`, if there are any, a (dofs,) array for every local subdomain.
         """
         force, partial = np.empty(len(self._corner_local)), []
         weights, motion = weights[: self.structure.patterns], weights[self.structure.patterns :]
         for c in self.classes:
             f = np.column_stack([weights @ self.loads[s] for s in c.members])
+            if forces is not None:
+                f += np.column_stack([forces[s] for s in c.members])
             row = rows[c.rows].reshape(len(c.members), -1)
             right = f[c.torn] - c.B_r.T @ row.T
             u_r = c.factor.solve(np.asarray(right)) if right.any() else np.zeros(right.shape)
@@ -459,11 +462,14 @@ class DualOperator:
             result.append(u)
         return result
 
-    def displacements(self, multipliers: np.ndarray, weights: np.ndarray) -> list[np.ndarray]:
-        """Displacements (dofs,) of every local subdomain for given multipliers and pattern factors."""
+    def displacements(self, multipliers: np.ndarray, weights: np.ndarray, forces: list | None = None) -> list[np.ndarray]:
+        """Displacements (dofs,) of every local subdomain for given multipliers and pattern factors.
+
+        `forces`: a (dofs,) array for every local subdomain that acts besides the patterns.
+        """
         rows, factors = self._gather(multipliers) * self.sign, weights[: self.structure.patterns]
         found = [np.empty(0)] * len(self.structure.subdomains)
-        for c, u in zip(self.classes, self._solve(weights, rows)):
+        for c, u in zip(self.classes, self._solve(weights, rows, forces)):
             for k, s in enumerate(c.members):
                 found[s] = u[:, k].copy()
                 found[s][self.structure.fixed[s]] = factors @ self.structure.fixed_values[s]

@@ -66,7 +66,7 @@ def couple(first: Side, second: Side, held: np.ndarray) -> Coupling:
     vertex's multiplier takes its part over, which keeps constant stress exact and the rows independent.
     """
     normal = first.nodal_normals()
-    e, o, start, stop = _segments(first, normal, second)
+    e, o, start, stop = _facing_parts(first, normal, second)
     n, dual = len(first.xy), _dual_basis(len(first.edges), e, start, stop)
     weight, gap = np.zeros(n), np.zeros(n)
     terms = []
@@ -119,7 +119,35 @@ def _cross(a, b):
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
-def _segments(first: Side, normal: np.ndarray, second: Side):
+@dataclass
+class Segments:
+    """Parts of the first side that each face one edge of the second; arrays of length m.
+
+    Part k goes from `at[k, 0]` to `at[k, 1]` (coordinates in [0, 1]) on edge `edge[k]` of the first side, and so
+    do the places `facing[k]` on edge `other[k]` of the second side that its ends are projected to. Parts of an edge
+    follow one another.
+    """
+
+    edge: np.ndarray
+    other: np.ndarray
+    at: np.ndarray
+    facing: np.ndarray
+
+
+def segments(first: Side, second: Side) -> Segments:
+    """The parts that `couple` integrates over; ends that only rounding and slivers keep apart are made one."""
+    normal = first.nodal_normals()
+    e, o, start, stop = _facing_parts(first, normal, second)
+    near = 2 * SLIVER
+    follows = np.r_[False, (e[1:] == e[:-1]) & (np.abs(start[1:] - stop[:-1]) < near)]
+    start = np.where(start < near, 0.0, start)
+    stop = np.where(stop > 1.0 - near, 1.0, stop)
+    start[1:] = np.where(follows[1:], stop[:-1], start[1:])
+    facing = [_project(first, normal, second, e, o, xi)[0] for xi in (start, stop)]
+    return Segments(e, o, np.column_stack([start, stop]), np.column_stack(facing))
+
+
+def _facing_parts(first: Side, normal: np.ndarray, second: Side):
     """Pairs of facing edges and the interval [start, stop] of the first edge that each pair shares."""
     e, o = np.nonzero(first.edge_normal @ second.edge_normal.T < FACING)
     ends = [_foot(first, normal, e, second.xy[second.edges[o, k]]) for k in (0, 1)]
