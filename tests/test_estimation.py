@@ -599,6 +599,9 @@ def test_any_number_of_ranks_gives_the_same_estimate(solved):
     assert json.dumps(one.summary["errors"]) == json.dumps(two.summary["errors"])
     fields = [meshio.read(run.directory / "fields/step_0002.vtu").cell_data["error_indicator"][0] for run in (one, two)]
     assert np.array_equal(*fields)
+    one, two = (solved("stack", subdomains="5", steps=1, errors="energy", np=n) for n in (1, 3))
+    assert one.summary["errors"]["energy"]["total"] > 0
+    assert json.dumps(one.summary["errors"]) == json.dumps(two.summary["errors"])
 
 
 def test_kinds(solved):
