@@ -8,6 +8,14 @@ With the compliance C of the contact nodes, x = (lambda_n, lambda_t) and movemen
 In two dimensions this is piecewise linear: with every node open, sticking or sliding one way it is a linear
 system (A. Klarbring, in: Contact Mechanics, Plenum 1995, on the 4^n states). Its map is coercive and of degree
 one, so that for any F there is a solution, and an odd number of them unless one sits on the border between states.
+
+Bodies that no support holds add their rigid motions beta as unknowns and their equilibrium as equations,
+
+    movements d + R beta - C x,      R'x = L,
+
+with the motions R of the contact rows and the loads' work L on them; C is that of the bodies on springs. Then there
+need be no solution, and the signs of several add up to nothing one knows. A motion that no row with force or sticking
+feels is left as it is: the bodies may rest at many places.
 """
 
 from dataclasses import dataclass
@@ -20,6 +28,10 @@ DISTINCT = 1e-6  # solutions nearer than this part of the largest multiplier are
 MANY = 9  # solutions after which no more are looked for
 NEWTON_STEPS = 50
 COVERS = 4  # covering vectors Lemke's method tries
+SPRINGS = 6  # softnesses of the springs that hold bodies without support for it
+SLIGHT = 1e-9  # part of a motion's reach below which rows do not feel it
+FAR = 1e6  # times the loads: forces and motions beyond are none
+LOOSELY = 1e-6  # violation of the law that linear programming may leave
 
 
 @dataclass
@@ -27,7 +39,8 @@ class CoulombProblem:
     """`compliance` (n + m, n + m) SPD, `load` d (n + m,), `coefficient` F (m,), `pair` (m,).
 
     n nodes have a normal row and the m nodes `pair` of them a tangential one. `bilateral`: lambda_n of any sign
-    and over = 0 everywhere, the friction bound is F |lambda_n|.
+    and over = 0 everywhere, the friction bound is F |lambda_n|. `motions` R (n + m, k) and `balance` L (k,) are of bodies
+    without support. Solutions are vectors z = (lambda_n, lambda_t, beta) of n + m + k numbers.
     """
 
     compliance: np.ndarray
@@ -35,14 +48,30 @@ class CoulombProblem:
     coefficient: np.ndarray
     pair: np.ndarray
     bilateral: bool = False
+    motions: np.ndarray | None = None
+    balance: np.ndarray | None = None
 
     def __post_init__(self):
-        self.n, self.m = len(self.load) - len(self.pair), len(self.pair)
+        self.rows, self.m = len(self.load), len(self.pair)
+        self.n = self.rows - self.m
         self.rigidity = 1.0 / np.diag(self.compliance)  # force per length, as the scale of every row
+        if self.motions is None:
+            self.motions, self.balance = np.zeros((self.rows, 0)), np.zeros(0)
+        self.k = self.motions.shape[1]
+        reach = np.abs(self.motions).max(axis=0, initial=0.0)
+        self.reach = np.where(reach > 0, reach, 1.0)  # displacement of the contact rows by a unit motion
 
-    def states(self, x: np.ndarray) -> np.ndarray:
+    def whole(self, x: np.ndarray) -> np.ndarray:
+        """z with the multipliers x (n + m,) and motions zero."""
+        return np.append(x, np.zeros(self.k))
+
+    def movement(self, z: np.ndarray) -> np.ndarray:
+        """(n + m,) over and slip."""
+        return self.load + self.motions @ z[self.rows :] - self.compliance @ z[: self.rows]
+
+    def states(self, z: np.ndarray) -> np.ndarray:
         """(n,) states that the augmented multipliers x + rigidity * movement fall into."""
-        trial = x + self.rigidity * (self.load - self.compliance @ x)
+        trial = z[: self.rows] + self.rigidity * self.movement(z)
         normal, tangential = trial[: self.n], trial[self.n :]
         found = np.full(self.n, STICK) if self.bilateral else np.where(normal > 0, STICK, OPEN)
         bound = self.coefficient * np.abs(normal)[self.pair]
@@ -50,13 +79,29 @@ class CoulombProblem:
         found[self.pair] = np.where(found[self.pair] == OPEN, OPEN, sliding)
         return found
 
-    def signs(self, x: np.ndarray) -> np.ndarray:
+    def signs(self, z: np.ndarray) -> np.ndarray:
         """(n,) signs of lambda_n, all +1 in unilateral contact."""
-        return np.where(x[: self.n] < 0, -1.0, 1.0) if self.bilateral else np.ones(self.n)
+        return np.where(z[: self.n] < 0, -1.0, 1.0) if self.bilateral else np.ones(self.n)
 
-    def system(self, states: np.ndarray, sign: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Matrix and right-hand side of x in the given states, with lambda_n of the given signs."""
-        matrix, right = self.compliance.copy(), self.load.copy()
+    def held(self, states: np.ndarray) -> np.ndarray:
+        """(k, h) orthonormal motions, in units of their reach, that rows in contact or sticking feel."""
+        if not self.k:
+            return np.zeros((0, 0))
+        acts = np.concatenate([states != OPEN, states[self.pair] == STICK])
+        _, sizes, basis = np.linalg.svd(self.motions[acts] / self.reach, full_matrices=False)
+        return basis[sizes > SLIGHT].T
+
+    def system(self, states: np.ndarray, sign: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Matrix and right-hand side of (x, gamma) in the given states, with lambda_n of the given signs.
+
+        The motions are `turn` gamma, the last of what is returned: those that the states hold.
+        """
+        turn = self.held(states) / self.reach[:, None]
+        rows, soft = self.rows, np.median(1.0 / self.rigidity)
+        matrix = np.zeros((rows + turn.shape[1],) * 2)
+        matrix[:rows, :rows], matrix[:rows, rows:] = self.compliance, -self.motions @ turn
+        matrix[rows:, :rows] = soft * (self.motions @ turn).T
+        right = np.append(self.load, soft * turn.T @ self.balance)
         off = np.flatnonzero(states == OPEN)
         matrix[off], right[off] = 0.0, 0.0
         matrix[off, off] = 1.0 / self.rigidity[off]
@@ -68,27 +113,32 @@ class CoulombProblem:
             if at[k] != OPEN:
                 way = (1.0 if at[k] == FORWARD else -1.0) * sign[node]
                 matrix[row, node] = -way * self.coefficient[k] / self.rigidity[row]
-        return matrix, right
+        return matrix, right, turn
 
     def solution_in(self, states: np.ndarray, sign: np.ndarray | None = None) -> np.ndarray | None:
-        """x (n + m,) of the linear system of `states`, exactly in its states; None if the system is singular."""
-        matrix, right = self.system(states, np.ones(self.n) if sign is None else sign)
+        """z of the linear system of `states`, exactly in its states; None if the system is singular."""
+        matrix, right, turn = self.system(states, np.ones(self.n) if sign is None else sign)
         try:
-            x = np.linalg.solve(matrix, right)
+            found = np.linalg.solve(matrix, right)
         except np.linalg.LinAlgError:
             return None
-        if not np.all(np.isfinite(x)):
+        if not np.all(np.isfinite(found)):
             return None
+        return self.within(states, np.append(found[: self.rows], turn @ found[self.rows :]))
+
+    def within(self, states: np.ndarray, z: np.ndarray) -> np.ndarray:
+        """z with multipliers of open and sliding rows put exactly into their states."""
+        x = z[: self.rows].copy()
         x[: self.n][states == OPEN] = 0.0
         at, bound = states[self.pair], self.coefficient * np.abs(x[self.pair])
-        x[self.n :] = np.where(at == FORWARD, bound,
-                               np.where(at == BACKWARD, -bound, np.where(at == OPEN, 0.0, x[self.n :])))
-        return x
+        x[self.n :] = np.where(at == FORWARD, bound, np.where(at == BACKWARD, -bound, np.where(at == OPEN, 0.0, x[self.n :])))
+        return np.append(x, z[self.rows :])
 
-    def violation(self, x: np.ndarray) -> float:
-        """Largest violation of the law at x, relative to the largest terms of its sums; inf if x is no number."""
-        move = self.load - self.compliance @ x
-        force = max(np.abs(x).max(initial=0), np.abs(self.rigidity * self.load).max(initial=0))
+    def violation(self, z: np.ndarray) -> float:
+        """Largest violation of the law at z, relative to the largest terms of its sums; inf if z is no number."""
+        x, move = z[: self.rows], self.movement(z)
+        work = np.abs(self.balance / self.reach).max(initial=0)
+        force = max(np.abs(x).max(initial=0), np.abs(self.rigidity * self.load).max(initial=0), work)
         if not np.isfinite(force) or force == 0:
             return 0.0 if force == 0 else np.inf
         normal, tangential = x[: self.n], x[self.n :]
@@ -96,15 +146,22 @@ class CoulombProblem:
         bound = self.coefficient * np.abs(normal)[self.pair]
         natural = over if self.bilateral else normal - np.maximum(normal + over, 0)
         rub = tangential - np.clip(tangential + slip, -bound, bound)
-        return float(max(np.abs(natural).max(initial=0), np.abs(rub).max(initial=0)) / force)
+        net = (self.balance - self.motions.T @ x) / self.reach
+        return float(max(np.abs(part).max(initial=0) for part in (natural, rub, net)) / force)
 
-    def solves(self, x: np.ndarray | None) -> bool:
-        """Whether x obeys the law to rounding."""
-        return x is not None and self.violation(x) <= ROUNDING
+    def solves(self, z: np.ndarray | None) -> bool:
+        """Whether z obeys the law to rounding."""
+        return z is not None and self.violation(z) <= ROUNDING
+
+    def on_springs(self, softness: float, rest: np.ndarray) -> "CoulombProblem":
+        """The bodies held by springs of compliance `softness` per unit reach whose rest are the motions `rest` (k,)."""
+        turned = softness * self.motions / self.reach**2
+        return CoulombProblem(self.compliance + turned @ self.motions.T, self.load + self.motions @ rest + turned @ self.balance,
+                              self.coefficient, self.pair, self.bilateral)
 
 
 def newton(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
-    """Semismooth Newton steps (P. Alart, A. Curnier, CMAME 92 (1991) 353-375) from `start` (n + m,).
+    """Semismooth Newton steps (P. Alart, A. Curnier, CMAME 92 (1991) 353-375) from `start` z.
 
     Each solves the linear system of the states that the last iterate falls into. None where states come again
     without having settled, or a system is singular: convergence is local.
@@ -135,9 +192,13 @@ def lemke(problem: CoulombProblem) -> np.ndarray | None:
     method ends in a solution (R. Cottle, J.-S. Pang, R. Stone, The Linear Complementarity Problem, section 4.4; as
     D. Stewart and J. Trinkle, Int. J. Numer. Meth. Engng 39 (1996) 2673-2691, use it in dynamics), unless rounding
     leads it astray: then another covering vector is tried. None if all fail.
+
+    Bodies without support are held by springs, softer every time, whose rest follows: Newton's method from there.
     """
     if problem.bilateral:
         return None
+    if problem.k:
+        return _lemke_on_springs(problem)
     n, m = problem.n, problem.m
     scale = np.sqrt(problem.rigidity)  # unknowns x / scale: any units, rows of like size
     C, d = problem.compliance * np.outer(scale, scale), problem.load * scale
@@ -163,6 +224,22 @@ def lemke(problem: CoulombProblem) -> np.ndarray | None:
             for x in (problem.solution_in(states), newton(problem, scale * size * np.append(normal, forth - back))):
                 if problem.solves(x):
                     return x
+    return None
+
+
+def _lemke_on_springs(problem: CoulombProblem) -> np.ndarray | None:
+    """`lemke` for bodies without support; None if they do not come to rest."""
+    softness, rest = np.median(1.0 / problem.rigidity), np.zeros(problem.k)
+    for _ in range(SPRINGS):
+        x = lemke(problem.on_springs(softness, rest))
+        if x is None:
+            return None
+        rest = rest + softness * (problem.balance - problem.motions.T @ x) / problem.reach**2
+        z = np.append(x, rest)
+        for found in (problem.solution_in(problem.states(z), problem.signs(z)), newton(problem, z)):
+            if problem.solves(found):
+                return found
+        softness *= 10.0
     return None
 
 
@@ -212,13 +289,57 @@ def _pivot(table: np.ndarray, row: int, column: int) -> None:
 
 
 def all_solutions(problem: CoulombProblem) -> list[np.ndarray]:
-    """Every isolated solution, by trying all 4^n states (unilateral contact): for a handful of nodes."""
+    """Every isolated solution, by trying all 4^n states (unilateral contact): for a handful of nodes.
+
+    Where the bodies' equilibrium leaves a continuum of forces in some states, two of them.
+    """
     found = []
     choices = [4 if i in problem.pair else 2 for i in range(problem.n)]
     for states in np.ndindex(*choices):
-        x = problem.solution_in(np.array(states))
-        _add_solution(found, x if problem.solves(x) else None)
+        z = problem.solution_in(np.array(states))
+        if problem.solves(z):
+            _add_solution(problem, found, z)
+        elif problem.k and (z is None or problem.held(np.array(states)).shape[1] < problem.k):
+            for z in _ends_in(problem, np.array(states)):
+                _add_solution(problem, found, z)
     return found
+
+
+def _ends_in(problem: CoulombProblem, states: np.ndarray) -> list[np.ndarray]:
+    """Two solutions z in `states` that lie far apart in forces, if there are any, by linear programming.
+
+    In given states the law is a set of linear equations and inequalities; where motions are loose, or the equations
+    singular, it may have no solution, one or many.
+    """
+    from scipy.optimize import linprog  # slow to import, and only free bodies need it
+
+    rows, k, n = problem.rows, problem.k, problem.n
+    force = max(np.abs(problem.balance / problem.reach).max(initial=0), np.abs(problem.rigidity * problem.load).max(initial=0))
+    far = np.abs(problem.load).max(initial=0) + force * np.median(1.0 / problem.rigidity)
+    if force == 0:
+        return []
+    x, move = np.eye(rows, rows + k), np.hstack([-problem.compliance * force, problem.motions / problem.reach * far]) / far
+    at, load = states[problem.pair], problem.load / far
+    push = problem.coefficient[:, None] * x[problem.pair]
+    equal, right = [(problem.motions / problem.reach).T @ x], [problem.balance / problem.reach / force]
+    below, limit = [], []
+    for mask, left, value, less in (
+            (states == OPEN, x[:n], 0.0, False), (states == OPEN, move[:n], -load[:n], True),
+            (states != OPEN, move[:n], -load[:n], False), (states != OPEN, -x[:n], 0.0, True),
+            (at == OPEN, x[n:], 0.0, False), (at == STICK, move[n:], -load[n:], False),
+            (at == STICK, x[n:] - push, 0.0, True), (at == STICK, -x[n:] - push, 0.0, True),
+            (at == FORWARD, x[n:] - push, 0.0, False), (at == FORWARD, -move[n:], load[n:], True),
+            (at == BACKWARD, x[n:] + push, 0.0, False), (at == BACKWARD, move[n:], -load[n:], True)):
+        (below if less else equal).append(left[mask])
+        (limit if less else right).append(np.broadcast_to(value, len(mask))[mask])
+    ends, direction = [], np.append(np.random.default_rng(2).standard_normal(rows), np.zeros(k))
+    for way in (direction, -direction):
+        found = linprog(way, A_ub=np.vstack(below), b_ub=np.concatenate(limit), A_eq=np.vstack(equal),
+                        b_eq=np.concatenate(right), bounds=(-FAR, FAR), method="highs")
+        if found.status == 0:
+            z = problem.within(states, np.append(found.x[:rows] * force, found.x[rows:] * far / problem.reach))
+            ends += [z] if problem.violation(z) <= LOOSELY else []
+    return ends
 
 
 def search(problem: CoulombProblem, start: np.ndarray) -> list[np.ndarray]:
@@ -228,12 +349,12 @@ def search(problem: CoulombProblem, start: np.ndarray) -> list[np.ndarray]:
     whole = [np.full(problem.n, s) for s in (STICK, FORWARD, BACKWARD, OPEN)[: 3 if problem.bilateral else 4]]
     found = []
     for guess in (start, *map(problem.solution_in, whole)):
-        _add_solution(found, None if guess is None else newton(problem, guess))
-    _add_solution(found, lemke(problem))
+        _add_solution(problem, found, None if guess is None else newton(problem, guess))
+    _add_solution(problem, found, lemke(problem))
     done = 0
     while done < len(found) < MANY:
         for guess in _neighbours(problem, found[done]):
-            _add_solution(found, newton(problem, guess))
+            _add_solution(problem, found, newton(problem, guess))
         done += 1
     return found
 
@@ -252,18 +373,19 @@ def _neighbours(problem: CoulombProblem, x: np.ndarray):
                 yield y
 
 
-def _add_solution(found: list[np.ndarray], x: np.ndarray | None) -> None:
-    """Append x unless it is none or, to rounding, one of `found`."""
-    if x is not None:
-        size = max(np.abs(y).max(initial=0) for y in (*found, x))
-        if all(np.abs(x - y).max(initial=0) > DISTINCT * size for y in found):
-            found.append(x)
+def _add_solution(problem: CoulombProblem, found: list[np.ndarray], z: np.ndarray | None) -> None:
+    """Append z unless it is none or its forces are, to rounding, those of one of `found`."""
+    if z is not None:
+        x = z[: problem.rows]
+        size = max(np.abs(y[: problem.rows]).max(initial=0) for y in (*found, z))
+        if all(np.abs(x - y[: problem.rows]).max(initial=0) > DISTINCT * size for y in found):
+            found.append(z)
 
 
-def index(problem: CoulombProblem, x: np.ndarray) -> int:
-    """Sign of the determinant of the law's linear system at the solution x.
+def index(problem: CoulombProblem, z: np.ndarray) -> int:
+    """Sign of the determinant of the law's linear system at the solution z.
 
     The signs of all solutions add up to one (degree of the map; without friction the sign is one), so -1 proves
-    that there are two more at least.
+    that there are two more at least - where supports hold all bodies.
     """
-    return int(np.linalg.slogdet(problem.system(problem.states(x), problem.signs(x))[0])[0])
+    return int(np.linalg.slogdet(problem.system(problem.states(z), problem.signs(z))[0])[0])

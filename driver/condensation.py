@@ -8,6 +8,7 @@ from .complementarity import CoulombProblem
 from .compliance import ContactCompliance
 from .fetidp import DualOperator
 from .friction import ContactRows
+from .step import Load
 from .substructuring import GLUING
 
 
@@ -68,10 +69,17 @@ class Condensation:
             self._compliance = whole[np.ix_(order, order)]
         return self._compliance
 
-    def problem(self, x: np.ndarray, gradient: np.ndarray) -> CoulombProblem:
-        """The condensed problem whose load is exact at the dual vector x with zero gradient on the gluing rows."""
-        C = self.compliance()
+    def problem(self, load: Load, x: np.ndarray, gradient: np.ndarray) -> CoulombProblem:
+        """The condensed problem whose load is exact at the dual vector x with zero gradient on the gluing rows.
+
+        Rigid motions of bodies without support are relative to those in `load`.
+        """
+        C, op = self.compliance(), self.operator
         coefficient = np.zeros(len(x))
         coefficient[self.rows.tangential] = self.rows.bound
-        coefficient = self.gather(coefficient)[self.n :]
-        return CoulombProblem(C, C @ self.gather(x) - self.gather(gradient), coefficient, self.pair, self.rows.bilateral)
+        coefficient, motions, balance = self.gather(coefficient)[self.n :], None, None
+        if op.modes:
+            motions = np.column_stack([self.gather(d) for d, _ in op.loaded[op.structure.patterns :]])
+            balance = load.weights[: op.structure.patterns] @ op.rigid_work[0]
+        return CoulombProblem(C, C @ self.gather(x) - self.gather(gradient), coefficient, self.pair, self.rows.bilateral,
+                              motions, balance)

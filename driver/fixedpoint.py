@@ -48,20 +48,20 @@ class FixedPoint:
             sliding = rows.sliding(x, bound)
             if self.history.exit_status or not (coulomb or free):
                 return x, gradient, sliding
-            trace.changes.append(change)
-            balanced = self.bodies.imbalance(load, x) <= settings.friction_rtol
-            if balanced and self._settled(change, result):
+            loose = self.bodies.imbalance(load, x)
+            trace.changes.append(max(change, loose * self._norm(x[rows.normal])))
+            if loose <= settings.friction_rtol and self._settled(change, result):
                 return x, gradient, sliding
             tired = trace.iterations >= settings.max_fixed_point
-            if tired and (free or trace.iterations <= 2 * WINDOW):
+            if tired and trace.iterations <= 2 * WINDOW:
                 self.history.end(4, f"step {index}: no fixed point of the friction bound in {trace.iterations} iterations")
                 return x, gradient, sliding
-            if not balanced and change <= SETTLING * self._norm(x[rows.normal]):
+            if loose > settings.friction_rtol and change <= SETTLING * self._norm(x[rows.normal]):
                 gradient = gradient - self.bodies.follow(load, x)  # before, friction is too far off to say where to
             if trace.stalls and not trace.exact:  # by the errors of QPs left early? Solved in full they must stall again
                 trace.exact, trace.changes = True, []
-            trace.fallback = (trace.stalls or tired) and not free  # a motion renews the pressures: no sign of stalling
-        return self._globalise(index, load.d, rows.follow(x, sliding), trace)
+            trace.fallback = trace.stalls or tired
+        return self._globalise(index, load, rows.follow(x, sliding), trace)
 
     def _start(self, load: Load, x, gradient, sliding):
         """Start of the next QP: x moved to the friction bound of its own pressures, and corrected if so set.
@@ -119,48 +119,59 @@ class FixedPoint:
                 and result.residual <= self.qp.tol)
 
     # ---- where they do not contract ------------------------------------------------------------
-    def _globalise(self, index: int, d, x, trace: Trace):
+    def _globalise(self, index: int, load: Load, x, trace: Trace):
         """The fixed point by the methods of `globalization`, in their order; see `find`."""
-        found = self._accelerate(index, d, x, trace)
+        found = self._accelerate(index, load, x, trace)
         if found is None and not self.history.exit_status:
-            found = self._condense(index, d, x, trace)
+            found = self._condense(index, load, x, trace)
         if found is not None:
             return found
         if not self.history.exit_status:
-            self.history.end(3, f"step {index}: the fixed point for the friction bound does not contract, and no other method "
-                                "found a solution; the friction coefficient is beyond the range of a unique one")
-        return x, self.operator.apply(x) - d, self.rows.sliding(x, self.rows.friction_bound(x))
+            unbalanced = self.bodies.imbalance(load, x) > self.settings.friction_rtol
+            why = self.bodies.why_unbalanced(load, x) if unbalanced else (
+                "the fixed point for the friction bound does not contract, and no other method found a solution; the "
+                "friction coefficient is beyond the range of a unique one")
+            self.history.end(3, f"step {index}: {why}")
+        return x, self.operator.apply(x) - load.d, self.rows.sliding(x, self.rows.friction_bound(x))
 
-    def _accelerate(self, index: int, d, x, trace: Trace):
-        """Anderson acceleration of the friction bounds; None if it makes no headway."""
-        rows, bound, changes = self.rows, self.rows.friction_bound(x), []
-        method = globalization.Anderson(self._tangential_dot)
+    def _accelerate(self, index: int, load: Load, x, trace: Trace):
+        """Anderson acceleration of the friction bounds and of the motions, as forces of their springs.
+
+        None if it makes no headway.
+        """
+        rows, op, changes, j = self.rows, self.operator, [], len(self.rows.tangential)
+        softness = op.rho if op.modes else 1.0
+        point = np.append(rows.friction_bound(x), load.weights[op.structure.patterns :] / softness)
+        method = globalization.Anderson(lambda a, b: self._tangential_dot(a[:j], b[:j]) + a[j:] @ b[j:])
         while not (changes and globalization.gives_up(changes)):
             trace.iterations += 1
-            result, change = self._approximate(index, trace, d, x, bound, self._reduction(trace))
+            bound = np.maximum(point[:j], 0.0)
+            self.bodies.shift(load, softness * point[j:] - load.weights[op.structure.patterns :])
+            result, change = self._approximate(index, trace, load.d, x, bound, self._reduction(trace))
             if self.history.exit_status:
                 return None
-            x, sliding = result.x, rows.sliding(result.x, bound)
-            changes.append(change)
-            if self._settled(change, result):
+            x, sliding, loose = result.x, rows.sliding(result.x, bound), self.bodies.imbalance(load, result.x)
+            changes.append(max(change, loose * self._norm(x[rows.normal])))
+            if loose <= self.settings.friction_rtol and self._settled(change, result):
                 self.history.fallbacks.note(globalization.ANDERSON, index)
                 return x, result.gradient, sliding
-            bound = method.next(bound, rows.friction_bound(x))
+            net, _ = op.imbalance(x, load.weights)
+            point = method.next(np.append(bound, point[j:]), np.append(rows.friction_bound(x), point[j:] + net))
         return None
 
-    def _condense(self, index: int, d, x, trace: Trace):
+    def _condense(self, index: int, load: Load, x, trace: Trace):
         """A solution of the condensed contact problem, corrected until it is one of the whole; None if none is found.
 
         Every pass solves for the gluing multipliers with the contact multipliers held. What then is left on the
         contact rows makes the load of the condensed problem exact for the next pass.
         """
-        if self.condensation.n > globalization.CONDENSED_NODES:
+        if self.condensation.n > globalization.CONDENSED_NODES or self.rows.tresca:
             return None
         rows, qp, method, part, last = self.rows, self.qp, globalization.NEWTON, 1.0, np.inf
         for _ in range(CONDENSED_PASSES):
             trace.iterations += 1
             bound, coefficient = rows.friction_bound(x), rows.bound
-            result = qp.solve(index, trace.iterations, d, self.condensation.held(x), x, 0.0)
+            result = qp.solve(index, trace.iterations, load.d, self.condensation.held(x), x, 0.0)
             if self.history.exit_status:
                 return None
             x = result.x
@@ -168,20 +179,22 @@ class FixedPoint:
             change = self._norm(rows.friction_bound(x) - bound, tangential=True)
             left = projected_gradient(x, result.gradient, *rows.limits_at(len(x), bound))
             # the gluing rows alone may be left with a residual of tol
-            if change <= self.settings.friction_rtol * self._norm(x[rows.normal]) and qp.size(left) <= 2 * qp.tol:
+            if (change <= self.settings.friction_rtol * self._norm(x[rows.normal]) and qp.size(left) <= 2 * qp.tol
+                    and self.bodies.imbalance(load, x) <= self.settings.friction_rtol):
                 self.history.fallbacks.note(method, index)
                 return x, result.gradient, rows.sliding(x, bound)
             part, last = part if change <= 0.5 * last else 0.5 * part, change
             rows.bound = coefficient + part * (rows.bound - coefficient)
             try:
-                contact, found = globalization.solve_condensed(self.condensation.problem(x, result.gradient),
-                                                               self.condensation.gather(x))
+                problem = self.condensation.problem(load, x, result.gradient)
             except NotConverged:
                 return None
-            if contact is None:
+            found, how = globalization.solve_condensed(problem, problem.whole(self.condensation.gather(x)))
+            if found is None:
                 return None
-            method = found if found == globalization.LEMKE else method
-            x = self.condensation.place(contact, x)
+            method = how if how == globalization.LEMKE else method
+            x = self.condensation.place(found[: problem.rows], x)
+            self.bodies.shift(load, found[problem.rows :])
         return None
 
     # ---- norms of values on contact rows -------------------------------------------------------

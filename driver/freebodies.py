@@ -42,23 +42,33 @@ class FreeBodies:
                 raise NoSolution(self.history.reason)
         return found
 
-    def _why_no_rest(self) -> str:
+    def _names(self) -> str:
         bodies = sorted({mode.body + 1 for mode in self.operator.structure.rigid_modes})
-        names = f"{'body' if len(bodies) == 1 else 'bodies'} {', '.join(map(str, bodies))}"
+        return f"{'body' if len(bodies) == 1 else 'bodies'} {', '.join(map(str, bodies))}"
+
+    def why_unbalanced(self, load: Load, x: np.ndarray) -> str:
+        """Why no state of contact and friction was found in which the bodies rest, although rigid ones could."""
+        return (f"no equilibrium was found: contact and friction could hold rigid bodies, but where these ones press and "
+                f"rub, {100 * self.imbalance(load, x):.2g} % of the forces on {self._names()}, which no support holds, stay "
+                "unbalanced")
+
+    def _why_no_rest(self) -> str:
         how = {"none": "without contact nothing can", "unilateral": "contact cannot", "bilateral": "contact cannot"}[
             self.effects["contact"]]
         if self.effects["friction"] != "none":
             how = "contact and friction cannot"
-        return (f"no equilibrium: {how} balance the loads on {names}, which no support holds: it slides off, tips over "
+        return (f"no equilibrium: {how} balance the loads on {self._names()}, which no support holds: it slides off, tips over "
                 "or is pulled away; add supports or friction")
 
     def follow(self, load: Load, x: np.ndarray) -> np.ndarray:
         """Rigid motions follow what their springs still carry; d with them. Returns the change of d."""
-        op = self.operator
-        net, _ = op.imbalance(x, load.weights)
-        change = op.rho * net
-        load.weights[op.structure.patterns :] += change
-        moved = sum(factor * d for factor, d in zip(change, self._motions))
+        net, _ = self.operator.imbalance(x, load.weights)
+        return self.shift(load, self.operator.rho * net)
+
+    def shift(self, load: Load, change: np.ndarray) -> np.ndarray:
+        """Move by `change` (modes,); d with it. Returns the change of d."""
+        load.weights[self.operator.structure.patterns :] += change
+        moved = sum((factor * d for factor, d in zip(change, self._motions)), np.zeros(self.operator.owned))
         load.d += moved
         return moved
 

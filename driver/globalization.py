@@ -42,7 +42,7 @@ class Fallbacks:
 
 
 class Anderson:
-    """Anderson acceleration of a fixed-point map g -> map(g) on bounds g >= 0 (D. Anderson, J. ACM 12 (1965) 547-560).
+    """Anderson acceleration of a fixed-point map g -> map(g) (D. Anderson, J. ACM 12 (1965) 547-560).
 
     `dot` is the global scalar product of two rank's parts.
     """
@@ -63,7 +63,7 @@ class Anderson:
             right = np.array([self.dot(f, self.changes[-1]) for _, f in moves])
             share = np.linalg.lstsq(gram, right, rcond=1e-12)[0]
             new = new - sum(s * (p + DAMPING * f) for s, (p, f) in zip(share, moves))
-        return np.maximum(new, 0.0)
+        return new
 
 
 def gives_up(changes: list[float]) -> bool:
@@ -74,7 +74,7 @@ def gives_up(changes: list[float]) -> bool:
 
 
 def solve_condensed(problem: CoulombProblem, start: np.ndarray) -> tuple[np.ndarray | None, str]:
-    """A solution (n + m,) of the condensed problem, and the method that found it; None if none did."""
+    """A solution z of the condensed problem, and the method that found it; None if none did."""
     for method, find in ((NEWTON, lambda: complementarity.newton(problem, start)),
                          (LEMKE, lambda: complementarity.lemke(problem))):
         x = find()

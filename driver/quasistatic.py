@@ -162,19 +162,16 @@ class QuasistaticSolver:
         else:
             self.history.warnings.append(f"step {index}: gluing or penetration residual {poor:.1e} above "
                                          f"{settings.primal_rtol:.0e} although MPRGP was tightened")
-        self._examine(index, x, gradient, trace)
+        self._examine(index, load, x, gradient, trace)
         self.bodies.note_loose_motion(index, x)
         return Step(index, float(self.times[index]), load.weights, x, gradient, friction.status(rows, x, gradient),
                     trace.iterations, op.products - products, trace.contraction, residuals, moved)
 
-    def _examine(self, index: int, x, gradient, trace: Trace) -> None:
+    def _examine(self, index: int, load: Load, x, gradient, trace: Trace) -> None:
         """Look for other solutions of the step where there is reason to; see `uniqueness`."""
         found, choice, nodes = self.uniqueness, self.settings.uniqueness, self.condensation.n
         self.doubtful = self.doubtful or trace.fallback
         if not found.frictional or self.history.exit_status or found.failure:
-            return
-        if self.operator.modes:
-            found.failure = "a body without support"
             return
         if not worthwhile(choice, nodes, self.largest_friction, self.doubtful):
             return
@@ -182,7 +179,7 @@ class QuasistaticSolver:
             found.failure = f"{nodes} contact nodes, more than {globalization.CONDENSED_NODES}"
             return
         try:
-            problem = self.condensation.problem(x, gradient)
+            problem = self.condensation.problem(load, x, gradient)
         except NotConverged as problem:
             found.failure = str(problem)
             return

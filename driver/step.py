@@ -99,4 +99,4 @@ class Trace:
     @property
     def stalls(self) -> bool:
         """Whether the changes have not fallen over a window."""
-        return len(self.changes) > 2 * WINDOW and min(self.changes[-WINDOW:]) >= min(self.changes[:-WINDOW])
+        return len(self.changes) > 2 * WINDOW and bool(min(self.changes[-WINDOW:]) >= min(self.changes[:-WINDOW]))

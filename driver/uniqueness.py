@@ -38,16 +38,18 @@ class Uniqueness:
     failure: str = ""
 
     def examine(self, step: int, problem: CoulombProblem, x: np.ndarray, weight: np.ndarray) -> None:
-        """Look for solutions of `problem` besides x (n + m,); `weight` (n,) lengths of the nodes' boundary."""
+        """Look for solutions of `problem` with other forces than x (n + m,); `weight` (n,) lengths of the nodes' boundary."""
         self.examined += 1
-        mine = complementarity.newton(problem, x)  # to rounding, to be told from the others
-        mine = x if mine is None or np.abs(mine - x).max() > 1e-2 * np.abs(x).max() else mine
+        forces = lambda z: z[: problem.rows]
+        mine = complementarity.newton(problem, problem.whole(x))  # to rounding, to be told from the others
+        mine = problem.whole(x) if mine is None or np.abs(forces(mine) - x).max() > 1e-2 * np.abs(x).max() else mine
         all_of_them = problem.n <= FEW and not problem.bilateral
         self.exhaustive += all_of_them
         found = complementarity.all_solutions(problem) if all_of_them else complementarity.search(problem, mine)
-        size = max((np.abs(y).max() for y in (mine, *found)), default=0.0)
-        others = [y for y in found if np.abs(y - mine).max(initial=0) > 1e-3 * size]
-        if others or size > 0 and complementarity.index(problem, mine) < 0:
+        size = max((np.abs(forces(y)).max() for y in (mine, *found)), default=0.0)
+        others = [y for y in found if np.abs(forces(y) - forces(mine)).max(initial=0) > 1e-3 * size]
+        # the sign of one solution tells of others only where a solution is sure to exist
+        if others or size > 0 and not problem.k and complementarity.index(problem, mine) < 0:
             self.several[step] = [_describe(problem, y, weight) for y in (mine, *others)]
 
     @property
@@ -78,12 +80,12 @@ class Uniqueness:
         return lines
 
 
-def _describe(problem: CoulombProblem, x: np.ndarray, weight: np.ndarray) -> dict:
+def _describe(problem: CoulombProblem, z: np.ndarray, weight: np.ndarray) -> dict:
     """Numbers that tell one solution from another."""
-    states = problem.states(x)
+    states, x = problem.states(z), z[: problem.rows]
     return {"open": int(np.sum(states == OPEN)), "stick": int(np.sum(states == STICK)), "slip": int(np.sum(states > STICK)),
             "resultant_n": float(-x[: problem.n].sum()), "resultant_t": float(-x[problem.n :].sum()),
-            "peak_pressure": float((x[: problem.n] / weight).max(initial=0)), "index": complementarity.index(problem, x)}
+            "peak_pressure": float((x[: problem.n] / weight).max(initial=0)), "index": complementarity.index(problem, z)}
 
 
 def _phrase(s: dict) -> str:
