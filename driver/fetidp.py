@@ -74,6 +74,7 @@ class DualOperator:
         self._lay_out()
         self._build_coarse()
         self.loads = [self._pattern_load(s) for s in range(len(structure.subdomains))]
+        self._acts = [load.any() for load in self.loads]
         self.loaded = [self._respond(k) for k in range(structure.patterns)]
         self.loaded += [self._rigid_response(k) for k in range(self.modes)]
         self.rigid_work = self._rigid_work()
@@ -427,6 +428,8 @@ class DualOperator:
         for c in self.classes:
             for s, forces in zip(c.members, x[c.rows].reshape(len(c.members), -1)):
                 rows = self.structure.rows[s]
+                if not len(self.structure.fixed[s]):
+                    continue
                 all_dofs = np.bincount(rows.dof.ravel(), (rows.fixed_part * forces[:, None]).ravel(),
                                        minlength=self.structure.subdomains[s].dofs)
                 found[s] = all_dofs[self.structure.fixed[s]]
@@ -441,7 +444,10 @@ class DualOperator:
         force, partial = np.empty(len(self._corner_local)), []
         weights, motion = weights[: self.structure.patterns], weights[self.structure.patterns :]
         for c in self.classes:
-            f = np.column_stack([weights @ self.loads[s] for s in c.members])
+            f = np.zeros((c.K.shape[0], len(c.members)))
+            for k, s in enumerate(c.members):
+                if self._acts[s]:
+                    f[:, k] = weights @ self.loads[s]
             if forces is not None:
                 f += np.column_stack([forces[s] for s in c.members])
             row = rows[c.rows].reshape(len(c.members), -1)
@@ -455,8 +461,7 @@ class DualOperator:
         result = []
         for c, (right, u_r) in zip(self.classes, partial):
             u_c = corner[c.corners].reshape(len(c.members), -1).T
-            sub = self.structure.subdomains[c.members[0]]
-            u = np.zeros((sub.dofs, len(c.members)))
+            u = np.zeros((c.K.shape[0], len(c.members)))
             u[c.corner] = u_c
             u[c.torn] = u_r if not u_c.any() else c.factor.solve(np.asarray(right - c.K_rc @ u_c))
             result.append(u)
@@ -470,9 +475,18 @@ class DualOperator:
         rows, factors = self._gather(multipliers) * self.sign, weights[: self.structure.patterns]
         found = [np.empty(0)] * len(self.structure.subdomains)
         for c, u in zip(self.classes, self._solve(weights, rows, forces)):
-            for k, s in enumerate(c.members):
-                found[s] = u[:, k].copy()
-                found[s][self.structure.fixed[s]] = factors @ self.structure.fixed_values[s]
+            for s, own in zip(c.members, np.ascontiguousarray(u.T)):
+                own[self.structure.fixed[s]] = factors @ self.structure.fixed_values[s]
+                found[s] = own
+        return found
+
+    def inner_forces(self, fields: list[np.ndarray]) -> list[np.ndarray]:
+        """K u (dofs,) for displacements u of every local subdomain, with the stiffness of its class."""
+        found = [np.empty(0)] * len(fields)
+        for c in self.classes:
+            forces = c.K @ np.column_stack([fields[s] for s in c.members])
+            for s, force in zip(c.members, np.ascontiguousarray(forces.T)):
+                found[s] = force
         return found
 
 

@@ -72,6 +72,7 @@ class LocalClass:
     members: list[int]
     torn: np.ndarray  # (n_r,) dofs of X^r
     corner: np.ndarray  # (n_c,) dofs of X^c
+    K: np.ndarray  # (dofs, dofs) sparse
     factor: Factor  # K_rr
     B_r: np.ndarray  # (m, n_r) sparse
     B_c: np.ndarray  # (m, n_c) sparse
@@ -155,7 +156,7 @@ def reduce_class(structure: Substructure, members: list[int], values: np.ndarray
     F = B_r @ solved[:, :m]
     A = B_c.toarray() - B_r @ solved[:, m:]
     S = K[corner][:, corner].toarray() - K_rc.T @ solved[:, m:]
-    return LocalClass(members, torn, corner, factor, B_r, B_c, K_rc, (F + F.T) / 2, A, (S + S.T) / 2, shared)
+    return LocalClass(members, torn, corner, K, factor, B_r, B_c, K_rc, (F + F.T) / 2, A, (S + S.T) / 2, shared)
 
 
 def constraint_matrix(rows: LocalRows, dofs: int):

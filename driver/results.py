@@ -122,6 +122,8 @@ def resultants(operator: DualOperator, step: Step, inner, contact: dict) -> tupl
     structure, totals = operator.structure, np.zeros((len(inner), 3, 2))
     forces = operator.forces_on_supports(step.multipliers)
     for s, (sub, force, total) in enumerate(zip(structure.subdomains, inner, totals)):
+        if not (len(structure.fixed[s]) or sub.loads.any()):
+            continue
         load = step.weights[: structure.patterns] @ sub.loads
         reaction = (force - load)[structure.fixed[s]] + forces[s]
         total[0] += np.bincount(sub.dof_component, load, minlength=2)
@@ -150,7 +152,8 @@ class Record:
         state = self.contact.evaluate(step, fields)
         for name, column in self.states.items():
             column.append(state[name])
-        largest = max((float(np.linalg.norm(u.reshape(-1, 2), axis=1).max()) for u in fields), default=0.0)
+        squares = np.concatenate([np.zeros(2), *fields]).reshape(-1, 2) ** 2
+        largest = float(np.sqrt(squares.sum(axis=1).max()))
         self.displacements.append(max(self.operator.comm.allgather(largest)))
         return fields, state
 
@@ -193,7 +196,7 @@ class Writer:
     def add(self, step: Step) -> tuple[dict[str, np.ndarray], float]:
         """Evaluate and record one step; the state of the contact nodes and the body's energy u' K u."""
         fields, state = self.record.add(step)
-        inner = [sub.multiply(u) for sub, u in zip(self.operator.structure.subdomains, fields)]
+        inner = self.operator.inner_forces(fields)
         forces, size = resultants(self.operator, step, inner, state)
         left = np.abs(sum(forces.values())).max()
         self.balance = (max(self.balance[0], float(left)), max(self.balance[1], float(size.max())))
@@ -293,16 +296,17 @@ class Writer:
         """boundary.csv: edges of the body's outline with their part in the scene and the unit traction."""
         structure, comm = self.operator.structure, self.operator.comm
         place, push, held = {}, {}, set()
+        traction = [k for k, p in enumerate(self.manifest.patterns) if p["kind"] == "traction"]
+        outline = np.zeros(self.manifest.nodes, bool)
+        outline[structure.outer_edges[:, :2]] = True
         for s, sub in enumerate(structure.subdomains):
-            traction = [k for k, p in enumerate(self.manifest.patterns) if p["kind"] == "traction"]
-            force = sub.loads[traction].sum(axis=0).reshape(-1, 2)
-            for v, gid in enumerate(sub.node_gid.tolist()):
-                place[gid] = sub.xy[v]
-                push[gid] = push.get(gid, 0) + force[v]
+            near = np.flatnonzero(outline[sub.node_gid])
+            force = sub.loads[traction].sum(axis=0).reshape(-1, 2)[near]
+            for gid, xy, f in zip(sub.node_gid[near].tolist(), sub.xy[near], force):
+                place[gid] = xy
+                push[gid] = push.get(gid, 0) + f
             held.update(sub.node_gid[sub.dof_node[structure.fixed[s]]].tolist())
-        wanted = set(structure.outer_edges[:, :2].ravel().tolist())
-        place = {g: xy for g, xy in place.items() if g in wanted}
-        found = comm.gather((place, {g: push[g] for g in place}, held))
+        found = comm.gather((place, push, held))
         with agreed_writes(comm):
             if self.root:
                 self._write_boundary(found)
