@@ -193,7 +193,7 @@ def _lookup(keys: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 def _widen(array: np.ndarray, width: int) -> np.ndarray:
     """(m, width): `array` with columns of zeros added."""
-    return np.pad(array, ((0, 0), (0, width - array.shape[1])))
+    return np.column_stack([array, np.zeros((len(array), width - array.shape[1]), array.dtype)])
 
 
 class _Numbering:
