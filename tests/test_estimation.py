@@ -112,7 +112,7 @@ def check_equilibrium(estimator):
 EQUILIBRATED = [("model", dict(cells=4, steps=2, loading="nonmonotone")), ("cantilever", dict(cells=3, subdomains="5")),
                 ("patch", dict(cells=2, angle=30, subdomains="7")), ("thermal", dict(cells=2, steps=2)),
                 ("bracket", dict(h=8, steps=2)), ("pressfit", dict(h=6)), ("tutorial", dict(h=4, steps=3)),
-                ("zones", dict(cells=4, steps=1)), ("hertz-bodies", dict(h=0.016)), ("mindlin-bodies", dict(h=0.012, steps=1))]
+                ("zones", dict(cells=4, steps=1)), ("hertz-bodies", dict(h=0.016)), ("mindlin-bodies", dict(h=0.15, steps=1))]
 
 
 @pytest.mark.parametrize("scene, parameters", EQUILIBRATED)
@@ -179,7 +179,7 @@ def around(mesh, places):
 NESTED = [("model", dict(cells=4, steps=2, loading="nonmonotone"), 32), ("model-tresca", dict(cells=4, steps=1), 32),
           ("hertz", dict(h=0.006), 4), ("punch", dict(h=0.15, steps=2), 4), ("pressfit", dict(h=6), 4),
           ("bracket", dict(h=12, steps=2), 4), ("wedge", dict(steps=1), 4), ("hertz-bodies", dict(h=0.016), 4),
-          ("joint", dict(h=1.6, steps=5), 4), ("mindlin-bodies", dict(h=0.012, steps=3), 4)]
+          ("joint", dict(h=1.6, steps=5), 4), ("mindlin-bodies", dict(h=0.3, steps=3), 3)]
 
 
 @pytest.mark.parametrize("scene, parameters, finer", NESTED)
@@ -196,7 +196,7 @@ def test_effectivity_against_a_nested_mesh(estimated, split, scene, parameters, 
 
 # ---- between two bodies ------------------------------------------------------------------------------------------
 
-BETWEEN = [("hertz-bodies", dict(h=0.016)), ("mindlin-bodies", dict(h=0.012, steps=1)), ("wedge", dict(steps=1)),
+BETWEEN = [("hertz-bodies", dict(h=0.016)), ("mindlin-bodies", dict(h=0.15, steps=1)), ("wedge", dict(steps=1)),
            ("stack", dict(h=0.25, steps=2))]
 
 
