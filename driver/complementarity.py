@@ -30,8 +30,6 @@ NEWTON_STEPS = 50
 COVERS = 4  # covering vectors Lemke's method tries
 SPRINGS = 6  # softnesses of the springs that hold bodies without support for it
 SLIGHT = 1e-9  # part of a motion's reach below which rows do not feel it
-FAR = 1e6  # times the loads: forces and motions beyond are none
-LOOSELY = 1e-6  # violation of the law that linear programming may leave
 
 
 @dataclass
@@ -291,55 +289,15 @@ def _pivot(table: np.ndarray, row: int, column: int) -> None:
 def all_solutions(problem: CoulombProblem) -> list[np.ndarray]:
     """Every isolated solution, by trying all 4^n states (unilateral contact): for a handful of nodes.
 
-    Where the bodies' equilibrium leaves a continuum of forces in some states, two of them.
+    Bodies that may rest at many places under the same forces: one of them. A motion that nothing holds in some states,
+    but that keeps nodes from overlapping or sliding the wrong way, ends where it does so in states that hold it.
     """
     found = []
     choices = [4 if i in problem.pair else 2 for i in range(problem.n)]
     for states in np.ndindex(*choices):
         z = problem.solution_in(np.array(states))
-        if problem.solves(z):
-            _add_solution(problem, found, z)
-        elif problem.k and (z is None or problem.held(np.array(states)).shape[1] < problem.k):
-            for z in _ends_in(problem, np.array(states)):
-                _add_solution(problem, found, z)
+        _add_solution(problem, found, z if problem.solves(z) else None)
     return found
-
-
-def _ends_in(problem: CoulombProblem, states: np.ndarray) -> list[np.ndarray]:
-    """Two solutions z in `states` that lie far apart in forces, if there are any, by linear programming.
-
-    In given states the law is a set of linear equations and inequalities; where motions are loose, or the equations
-    singular, it may have no solution, one or many.
-    """
-    from scipy.optimize import linprog  # slow to import, and only free bodies need it
-
-    rows, k, n = problem.rows, problem.k, problem.n
-    force = max(np.abs(problem.balance / problem.reach).max(initial=0), np.abs(problem.rigidity * problem.load).max(initial=0))
-    far = np.abs(problem.load).max(initial=0) + force * np.median(1.0 / problem.rigidity)
-    if force == 0:
-        return []
-    x, move = np.eye(rows, rows + k), np.hstack([-problem.compliance * force, problem.motions / problem.reach * far]) / far
-    at, load = states[problem.pair], problem.load / far
-    push = problem.coefficient[:, None] * x[problem.pair]
-    equal, right = [(problem.motions / problem.reach).T @ x], [problem.balance / problem.reach / force]
-    below, limit = [], []
-    for mask, left, value, less in (
-            (states == OPEN, x[:n], 0.0, False), (states == OPEN, move[:n], -load[:n], True),
-            (states != OPEN, move[:n], -load[:n], False), (states != OPEN, -x[:n], 0.0, True),
-            (at == OPEN, x[n:], 0.0, False), (at == STICK, move[n:], -load[n:], False),
-            (at == STICK, x[n:] - push, 0.0, True), (at == STICK, -x[n:] - push, 0.0, True),
-            (at == FORWARD, x[n:] - push, 0.0, False), (at == FORWARD, -move[n:], load[n:], True),
-            (at == BACKWARD, x[n:] + push, 0.0, False), (at == BACKWARD, move[n:], -load[n:], True)):
-        (below if less else equal).append(left[mask])
-        (limit if less else right).append(np.broadcast_to(value, len(mask))[mask])
-    ends, direction = [], np.append(np.random.default_rng(2).standard_normal(rows), np.zeros(k))
-    for way in (direction, -direction):
-        found = linprog(way, A_ub=np.vstack(below), b_ub=np.concatenate(limit), A_eq=np.vstack(equal),
-                        b_eq=np.concatenate(right), bounds=(-FAR, FAR), method="highs")
-        if found.status == 0:
-            z = problem.within(states, np.append(found.x[:rows] * force, found.x[rows:] * far / problem.reach))
-            ends += [z] if problem.violation(z) <= LOOSELY else []
-    return ends
 
 
 def search(problem: CoulombProblem, start: np.ndarray) -> list[np.ndarray]:

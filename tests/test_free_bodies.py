@@ -88,6 +88,19 @@ def test_all_solutions_are_those_of_the_body(nodes, modes):
     assert len(set(numbers)) > 1, "look for seeds with none or several"
 
 
+def test_motion_that_nothing_holds_by_hand():
+    """Two nodes on motions of their own; the load presses the first with 1, and the second is 1 away, or overlaps by 1.
+
+    C = 1 and springs of stiffness 1: the first moves on by 1 to be pressed with 1. The second stays where it is, or
+    leaves until it touches.
+    """
+    for over, moved in ((-1.0, 0.0), (1.0, -1.0)):
+        problem = CoulombProblem(np.eye(2), np.array([0.0, over]), np.zeros(0), np.zeros(0, int), False, np.eye(2),
+                                 np.array([1.0, 0.0]))
+        for z in (complementarity.lemke(problem), *complementarity.all_solutions(problem)):
+            np.testing.assert_allclose(z, [1.0, 0.0, 1.0, moved], atol=1e-12)
+
+
 # ------------------------------------------------------------------------------------------------ scenes
 
 HELD = "edp/hard/held.edp"
