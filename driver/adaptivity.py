@@ -1,10 +1,10 @@
 """Adaptive refinement: from an error indicator on one mesh to the element sizes of the next.
 
-The energy error of a linear triangle falls like the square of its size h (once for the strain, once for the root of its
-area): eta -> eta (h_new/h)^2. A mesh of given accuracy has the fewest triangles when all carry the same error c
-(Zienkiewicz, Zhu: Int. J. Numer. Meth. Engng 24, 1987; Diez, Huerta: CMAME 177, 1999), so
+The energy error of a triangle of degree p falls like the power p + 1 of its size h (p for the strain, once more for the
+root of its area): eta -> eta (h_new/h)^(p+1). A mesh of given accuracy has the fewest triangles when all carry the same
+error c (Zienkiewicz, Zhu: Int. J. Numer. Meth. Engng 24, 1987; Diez, Huerta: CMAME 177, 1999), so
 
-    h_new = h sqrt(c/eta),   number of new triangles = sum of (h/h_new)^2 = sum of eta / c,
+    h_new = h (c/eta)^(1/(p+1)),   number of new triangles = sum of (h/h_new)^2 = sum of (eta/c)^(2/(p+1)),
 
 and c follows from the number of triangles that is wanted. edp/lib/adapt.idp and gmsh.idp make the mesh.
 """
@@ -22,7 +22,7 @@ from .files import write_table
 from .options import Settings
 
 STEM = "size"  # of the files of a size field, see write_sizes
-GROWTH = 4.0  # triangles of one cycle's mesh over those of the one before: half the error on a well graded mesh
+GROWTH = 4.0  # triangles of one cycle's mesh over those of the one before: as if the size were halved
 STEEPEST = 0.5  # difference of sizes over distance: neighbours must not differ too much
 SMALLEST, LARGEST = 0.125, 2.0  # new size over old in one cycle: an indicator does not see further
 ROUNDING = 1e-8  # an error below this part of the solution's norm is none
@@ -37,18 +37,19 @@ def element_sizes(xy: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     return np.sqrt(2 / np.sqrt(3) * double)
 
 
-def new_sizes(size: np.ndarray, indicator: np.ndarray, wanted: float) -> np.ndarray:
-    """(n_t,) sizes that spread the error evenly over about `wanted` triangles.
+def new_sizes(size: np.ndarray, indicator: np.ndarray, wanted: float, degree: int = 1) -> np.ndarray:
+    """(n_t,) sizes that spread the error evenly over about `wanted` triangles of a `degree`.
 
     `size` (n_t,) of the present triangles, `indicator` (n_t,) energy error of each, not squared. Triangles that meet
     a limit leave fewer or more for the others, which the repetition makes up for.
     """
     if not indicator.any():
         return size * np.sqrt(len(size) / wanted)
-    level = indicator.sum() / wanted
+    power = 2 / (degree + 1)
+    level = ((indicator**power).sum() / wanted) ** (1 / power)
     for _ in range(20):
-        ratio = np.clip(np.sqrt(level / np.maximum(indicator, 1e-300)), SMALLEST, LARGEST)
-        level *= (ratio**-2).sum() / wanted
+        ratio = np.clip((level / np.maximum(indicator, 1e-300)) ** (power / 2), SMALLEST, LARGEST)
+        level *= ((ratio**-2).sum() / wanted) ** (1 / power)
     return size * ratio
 
 
@@ -68,7 +69,7 @@ def nodal_sizes(xy: np.ndarray, triangles: np.ndarray, size: np.ndarray) -> np.n
     return nodal
 
 
-def next_mesh(stem: Path, mesh, estimates: list) -> None:
+def next_mesh(stem: Path, mesh, estimates: list, degree: int) -> None:
     """Write the sizes of the mesh that follows `mesh` (equilibration.Mesh) after the `estimates` (estimation.Estimate).
 
     A triangle's error is that of all estimated steps together. Raises InputError where there is no estimate.
@@ -79,7 +80,7 @@ def next_mesh(stem: Path, mesh, estimates: list) -> None:
     square = sum(found.indicator**2 * (found.mesh > ROUNDING * found.norm) for found in estimates)
     xy = np.zeros((mesh.triangles.max() + 1, 2))
     xy[mesh.triangles] = mesh.corner
-    size = new_sizes(element_sizes(xy, mesh.triangles), np.sqrt(square), GROWTH * len(mesh.triangles))
+    size = new_sizes(element_sizes(xy, mesh.triangles), np.sqrt(square), GROWTH * len(mesh.triangles), degree)
     write_sizes(stem, xy, mesh.triangles, mesh.edges[mesh.boundary], nodal_sizes(xy, mesh.triangles, size))
 
 

@@ -46,6 +46,7 @@ class ContactBoundary:
     initial: np.ndarray  # tangential displacement at time 0
     paired: np.ndarray  # the node meets another body
     clearance: np.ndarray  # declared part of the gap of a paired node; the bodies' geometry makes the rest
+    middle: np.ndarray  # the node is the middle of an edge
     term_node: np.ndarray
     term_gid: np.ndarray
     term_value: np.ndarray
@@ -76,7 +77,7 @@ def contact_boundary(manifest, subdomains, skeleton, fixed, comm) -> ContactBoun
     if missing:
         raise InputError(f"no contact node has the label {missing[0]}: the scene declares contact on a label "
                          "that its mesh lacks")
-    arc = _arc_lengths(label, gid, xy, skeleton.edges)
+    arc = _arc_lengths(label, gid, xy, skeleton)
     paired, clearance = np.isin(label, [one for one, _ in manifest.contact_pairs]), gap.copy()
     terms = [tuple(column[~paired] for column in (np.arange(n), gid, np.ones(n), np.zeros(n, bool)))]
     sides = _PairSides(manifest, subdomains, fixed, comm)
@@ -85,6 +86,7 @@ def contact_boundary(manifest, subdomains, skeleton, fixed, comm) -> ContactBoun
         weight[here], normal[here], more, (node, *term) = sides.couple(one, two, gid[here])
         gap[here] += more
         terms.append((here[node], *term))
+    middle = np.isin(gid, skeleton.middles)
     held = held_nodes(gid, fixed)
     values = fixed[1][np.searchsorted(fixed[0], 2 * gid[held & ~paired][:, None] + [0, 1])]
     clamped = ClampedContact(gid[held & ~paired], *(of[held & ~paired] for of in (label, xy, normal, gap)), values)
@@ -95,7 +97,7 @@ def contact_boundary(manifest, subdomains, skeleton, fixed, comm) -> ContactBoun
     node, gids, value, other = (np.concatenate(column) for column in zip(*terms))
     node = position[node]
     none, used = np.full(len(order), -1), node >= 0
-    fields = (of[order] for of in (gid, label, xy, arc, weight, normal, gap, friction, initial, paired, clearance))
+    fields = (of[order] for of in (gid, label, xy, arc, weight, normal, gap, friction, initial, paired, clearance, middle))
     terms = (of[used] for of in (node, gids, value, other))
     return ContactBoundary(*fields, *terms, none, none.copy(), clamped)
 
@@ -163,7 +165,7 @@ def held_nodes(gid: np.ndarray, fixed) -> np.ndarray:
     return np.isin(2 * gid, fixed[0]) & np.isin(2 * gid + 1, fixed[0])
 
 
-def _arc_lengths(label, gid, xy, edges) -> np.ndarray:
+def _arc_lengths(label, gid, xy, skeleton) -> np.ndarray:
     """Arc length of every contact node along its label's chain of edges; pieces follow one another.
 
     A piece starts at its end with the smaller x (then y), a closed piece at its node with the smallest gid.
@@ -173,7 +175,7 @@ def _arc_lengths(label, gid, xy, edges) -> np.ndarray:
         nodes = np.flatnonzero(label == one)
         index = {g: i for i, g in zip(nodes, gid[nodes])}
         links = {i: [] for i in nodes}
-        for a, b in np.unique(edges[edges[:, 3] == one, 1:3], axis=0):
+        for a, b in skeleton.links(one):
             if a not in index or b not in index:
                 raise InputError(f"a boundary edge of contact label {one} has an end that is no contact node; "
                                  "run the scene again")

@@ -111,8 +111,8 @@ def _stop(child: subprocess.Popen) -> None:
             continue
 
 
-def child_environment(parallel: bool = False) -> dict[str, str]:
-    """Environment for FreeFEM and MPI child processes.
+def child_environment(parallel: bool = False, element: str = "P1") -> dict[str, str]:
+    """Environment for FreeFEM, which is to use an `element` of the library, and MPI child processes.
 
     FreeFEM looks for its includes and plugins where the package does not put them; Open MPI refuses
     to start as root unless told twice, and looks for fast networks for a quarter of a second.
@@ -121,7 +121,7 @@ def child_environment(parallel: bool = False) -> dict[str, str]:
     env.update(OMPI_ALLOW_RUN_AS_ROOT="1", OMPI_ALLOW_RUN_AS_ROOT_CONFIRM="1")
     env.setdefault("OMPI_MCA_pml", "ob1")
     ranks = LIBRARY / ("mpi" if parallel else "serial")
-    includes = [str(LIBRARY), str(ranks), *filter(None, [env.get("FF_INCLUDEPATH")]), "/usr/include/freefem++/idp"]
+    includes = [str(LIBRARY), str(ranks), str(LIBRARY / element), *filter(None, [env.get("FF_INCLUDEPATH")]), "/usr/include/freefem++/idp"]
     plugins = ["/usr/lib/freefem++/mpi"] * parallel + [*filter(None, [env.get("FF_LOADPATH")]), "/usr/lib/freefem++"]
     env.update(FF_INCLUDEPATH=";".join(includes), FF_LOADPATH=";".join(plugins))
     return env

@@ -40,7 +40,7 @@ from functools import cached_property
 
 import numpy as np
 
-from . import equilibration
+from . import elements, equilibration, recovery
 from .loader import Manifest, Subdomain
 from .pairbound import PairBound, slid
 from .step import Step, gathered, scattered
@@ -108,7 +108,9 @@ class EnergyEstimator:
     def __init__(self, operator, manifest: Manifest, contact, kind: str):
         """`contact` is results.ContactState; `kind` "equilibrated" (the bound above) or "recovery" (no bound:
         Zienkiewicz and Zhu's averaged stresses)."""
-        self.operator, self.manifest, self.kind = operator, manifest, kind
+        self.quadratic = manifest.element != "P1"  # the bound's equilibrated stresses belong to linear elements
+        self.operator, self.manifest = operator, manifest
+        self.kind = "recovery" if kind == "equilibrated" and self.quadratic else kind
         self.root = operator.comm.rank == 0
         self.state, self.boundary, self.rows = contact, contact.boundary, contact.rows
         self.heavy = any(pattern["kind"] == "body_force" for pattern in manifest.patterns)
@@ -157,9 +159,9 @@ class EnergyEstimator:
 
     def _gather_body(self) -> _Body | None:
         structure = self.operator.structure
-        gid = self._gather((), int, lambda s, sub: sub.node_gid)
-        size = self._gather((2,), int, lambda s, sub: np.array([[len(sub.xy), len(sub.triangles)]]))
-        triangles = self._gather((3,), int, lambda s, sub: sub.triangles)
+        gid = self._gather((), int, lambda s, sub: sub.node_gid[sub.vertices])
+        size = self._gather((2,), int, lambda s, sub: np.array([[sub.vertices.sum(), len(sub.triangles)]]))
+        triangles = self._gather((3,), int, lambda s, sub: (np.cumsum(sub.vertices) - 1)[sub.triangles])
         corner = self._gather((3, 2), float, lambda s, sub: sub.xy[sub.triangles])
         region = self._gather((), int, lambda s, sub: sub.region)
         elasticity = self._gather((3, 3), float, lambda s, sub: sub.elasticity)
@@ -171,6 +173,7 @@ class EnergyEstimator:
         number, vertex = np.unique(gid, return_inverse=True)
         mesh = equilibration.Mesh.of(vertex[torn], corner)
         held = np.zeros((len(number), 2), bool)
+        fixed = fixed[np.isin(fixed[:, 0], number)]  # at the vertices
         held[np.searchsorted(number, fixed[:, 0]), fixed[:, 1]] = True
         return _Body(number, vertex, torn, region, elasticity, np.linalg.inv(elasticity), mesh,
                      equilibration.chains(mesh), _vertex_stiffness(mesh, elasticity), held,
@@ -196,12 +199,29 @@ class EnergyEstimator:
         points = [k for k, p in enumerate(self.manifest.patterns) if p["kind"] == "point"]
         if np.any(step.weights[points]):
             return Estimate(step.index, reason="under point loads the exact solution has no finite energy")
-        fields = self._gather_fields(self.operator.displacements(step.multipliers, step.weights))
+        fields = self.operator.displacements(step.multipliers, step.weights)
         thermal = self._gather((3,), float, lambda s, sub: sum(
             (step.weights[k] * t for k, t in sub.thermal.items()), np.zeros((len(sub.triangles), 3))))
+        if self.quadratic:
+            return self._recover_quadratic(step, fields, thermal)
+        fields = self._gather_fields(fields)
         if self.kind == "recovery":
             return self._recover(step, fields, thermal)
         return self._bound(step, state, fields, thermal)
+
+    def _recover_quadratic(self, step: Step, fields, thermal) -> Estimate | None:
+        """As `_recover`, for stresses that are linear on the triangles."""
+        strain = self._gather((3, 3), float, lambda s, sub: elements.strains(
+            sub.xy[sub.triangles], fields[s].reshape(-1, 2)[sub.elements], elements.CORNERS))
+        if not self.root:
+            return None
+        body, compliance = self.body, self.body.compliance
+        elastic = np.einsum("tij,tmj->tmi", body.elasticity, strain)
+        sigma = elastic - thermal[:, None]
+        smooth = recovery.recovered_stress(body.mesh.corner, body.mesh.triangles, body.region, sigma)
+        share = recovery.energy(body.mesh.area, compliance, smooth - recovery.AT_NODES @ sigma)
+        size, norm = np.sqrt(share.sum()), np.sqrt(recovery.energy(body.mesh.area, compliance, elastic).sum())
+        return Estimate(step.index, mesh=size, total=size, norm=norm, indicator=np.sqrt(share))
 
     def _recover(self, step: Step, fields, thermal) -> Estimate | None:
         if not self.root:

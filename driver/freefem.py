@@ -7,7 +7,7 @@ import re
 import subprocess
 from pathlib import Path
 
-from . import environment, seal
+from . import elements, environment, seal
 from .errors import InputError
 from .loader import Manifest, read_manifest
 
@@ -57,7 +57,7 @@ def export(scene: Path, directory: Path, parameters: dict[str, str], ranks: int 
 
 def _run(script: Path, scene: Path, directory: Path, parameters: dict[str, str], ranks: int,
          meanwhile=lambda: None) -> None:
-    """Run `script` in the scene's folder; raises InputError with what FreeFEM said if it fails."""
+    """Run `script` in the scene's folder; raises InputError with what FreeFEM said if it fails, or for an unknown element."""
     arguments = [str(script), "-export", str(directory)]
     for name, value in parameters.items():
         arguments += [f"-{name}", value]
@@ -66,7 +66,11 @@ def _run(script: Path, scene: Path, directory: Path, parameters: dict[str, str],
         command = [*environment.mpirun(ranks), environment.program("FreeFem++-mpi"), *flags, *arguments]
     else:
         command = [environment.program("FreeFem++"), *flags, *arguments]
-    done = environment.run_child(command, meanwhile, env=environment.child_environment(ranks > 1), stdout=subprocess.PIPE,
+    element = parameters.get("element", "P1")
+    if element not in elements.NODES:
+        raise InputError(f"ELEMENT must be one of {', '.join(elements.NODES)}, not '{element}'")
+    env = environment.child_environment(ranks > 1, element)
+    done = environment.run_child(command, meanwhile, env=env, stdout=subprocess.PIPE,
                                  stderr=subprocess.STDOUT, text=True, errors="replace", cwd=scene.parent)
     (directory / "freefem.log").write_text(done.stdout)
     if done.returncode != 0:
@@ -150,7 +154,7 @@ def _code(script: Path) -> list[str]:
 
 def text_digest(scene: Path) -> str:
     """Digest of the scene's script, of the library and of every file that either names in quotes."""
-    digest, known, left = hashlib.sha256(), set(), [scene, *sorted(environment.LIBRARY.glob("*.idp"))]
+    digest, known, left = hashlib.sha256(), set(), [scene, *sorted(environment.LIBRARY.rglob("*.idp"))]
     while left:
         path = left.pop().resolve()
         if path in known:
@@ -207,7 +211,7 @@ def _check_macros(scene: Path) -> None:
     code = "\n".join(line.split("//")[0] for line in text.splitlines())
     if 'include "export.idp"' not in code:
         return
-    library = "\n".join(path.read_text() for path in environment.LIBRARY.glob("*.idp"))
+    library = "\n".join(path.read_text() for path in environment.LIBRARY.rglob("*.idp"))
     read, optional = set(re.findall(r"\w+", library)), re.findall(r"IFMACRO\(!?(\w+)\)", library)
     for number, line in enumerate(text.splitlines(), 1):
         found = re.match(r"\s*macro\s+(\w+)", line)

@@ -191,7 +191,7 @@ class Search:
         sizes = self.sizes[:-4:-1]
         runs = [self._values(size) for size in sizes]
         ratios = [ratio(self.knob, b, a) for a, b in zip(sizes, sizes[1:])]
-        formal = FORMAL["mesh"] if len(runs) > 2 else 1.0
+        formal = FORMAL["mesh"][self.first.element] if len(runs) > 2 else 1.0
         self.parts["mesh"] = {q: extrapolate([a[q] - b[q] for a, b in zip(runs, runs[1:])], ratios, formal, value,
                                              q not in UNBOUNDED) for q, value in runs[0].items()}
         return self.budget()[self.name]
@@ -209,7 +209,7 @@ class Search:
             factor = 2.0
         else:
             room = ROOM * max(self.asked * abs(entry["value"]) - others, 0.1 * self.asked * abs(entry["value"]))
-            order = min(max(entry.get("mesh_order", 1.0), 0.7), FORMAL["mesh"])
+            order = min(max(entry.get("mesh_order", 1.0), 0.7), FORMAL["mesh"][self.first.element])
             factor = min(max((entry["mesh"] / room) ** (1 / order), 1.25), 2.0 if len(self.sizes) < 3 else 4.0)
         return self._finer(size, factor)
 

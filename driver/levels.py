@@ -193,7 +193,7 @@ class Companions:
         runs = [(self.values, self._values(self.meshes[1]))] if len(self.meshes) > 1 else []
         if len(self.meshes) > 2:
             runs.append([self._values(mesh, self._stride(2)) for mesh in self.meshes[1:]])
-        return self._parts(runs, self.ratios, FORMAL["mesh"], UNBOUNDED)
+        return self._parts(runs, self.ratios, FORMAL["mesh"][self.manifest.element], UNBOUNDED)
 
     def _time(self) -> dict[str, Part]:
         """Every second and fourth time; without friction the history is forgotten, and only the instant counts."""

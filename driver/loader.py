@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from . import elements
 from . import seal as seals
 from .errors import InputError, agree
 
@@ -23,7 +24,8 @@ HEAD = 9  # subdomain, nodes, triangles, boundary edges, dofs, nnz, patterns, fi
 class ContactData:
     """Contact nodes of one subdomain, one entry per node and contact label.
 
-    All arrays have length n_c. Weights are lengths of the part of the dual segment on this subdomain.
+    All arrays have length n_c. Weights are integrals of the nodes' shape functions over the boundary of this
+    subdomain: of an edge its ends get 1/2 each or, with quadratic elements, 1/6 each and its middle 4/6.
     """
 
     node: np.ndarray
@@ -39,6 +41,7 @@ class ContactData:
 class Subdomain:
     """One torn subdomain as exported.
 
+    Its n_v nodes are the vertices of the mesh and, with quadratic elements, the middles of the (straight) edges.
     `dof_node` and `dof_component` give node and displacement component of every dof; `rows`,
     `columns`, `values` are the pure Neumann stiffness in coordinate form, both triangles.
     """
@@ -46,9 +49,9 @@ class Subdomain:
     index: int
     node_gid: np.ndarray  # (n_v,) node numbers in the untorn body
     xy: np.ndarray  # (n_v, 2)
-    triangles: np.ndarray  # (n_t, 3)
+    elements: np.ndarray  # (n_t, 3) or (n_t, 6) nodes as in elements.py
     region: np.ndarray  # (n_t,)
-    edges: np.ndarray  # (n_e, 2) boundary edges
+    edges: np.ndarray  # (n_e, 2) vertices of the boundary edges
     edge_label: np.ndarray  # (n_e,)
     elasticity: np.ndarray  # (n_t, 3, 3) plane Hooke's law in Voigt form
     thermal: dict[int, np.ndarray]  # by thermal pattern: (n_t, 3) stress of its strain if that is suppressed
@@ -68,6 +71,27 @@ class Subdomain:
     @property
     def dofs(self) -> int:
         return len(self.dof_node)
+
+    @property
+    def triangles(self) -> np.ndarray:
+        """(n_t, 3) vertices of the triangles."""
+        return self.elements[:, :3]
+
+    @property
+    def vertices(self) -> np.ndarray:
+        """(n_v,) whether a node is a vertex of the mesh."""
+        found = np.ones(len(self.xy), bool)
+        found[self.elements[:, 3:]] = False
+        return found
+
+    def middles(self, edges: np.ndarray) -> np.ndarray:
+        """(n,) nodes in the middle of edges given by their vertices (n, 2); none with linear elements."""
+        if self.elements.shape[1] == 3:
+            return np.empty(0, np.int64)
+        span = len(self.xy)
+        sides = np.sort(self.triangles[:, [1, 2, 2, 0, 0, 1]].reshape(-1, 2), axis=1) @ [span, 1]
+        keys, at = np.unique(sides, return_index=True)
+        return self.elements[:, 3:6].ravel()[at[np.searchsorted(keys, np.sort(edges, axis=1) @ [span, 1])]]
 
     def multiply(self, u: np.ndarray) -> np.ndarray:
         """K u for u of shape (dofs,)."""
@@ -138,7 +162,7 @@ KINDS = {"subdomains": int, "blocks": int, "nodes": int, "interface_label": int,
          "material": str, "units": dict, "effects": dict, "steps": int, "t_end": (int, float), "contact_labels": list, "labels": list, "bodies": int, "contact_pairs": list,
          "patterns": list, "amplitudes": dict, "parameters": dict, "initial_state": bool, "slip_law": (dict, type(None))}
 # words that mean something to the stages that follow; any other would silently count as "not declared"
-WORDS = {"element": ("P1",), "plane": ("strain", "stress"), "material": ("isotropic", "general")}
+WORDS = {"element": tuple(elements.NODES), "plane": ("strain", "stress"), "material": ("isotropic", "general")}
 EFFECTS = {"contact": ("none", "unilateral", "bilateral"), "time": ("static", "quasistatic"),
            "friction": ("none", "tresca", "coulomb", "coulomb-slip-dependent"), "initial": ("preload",)}
 PATTERNS = ("traction", "body_force", "point", "thermal", "displacement")
@@ -246,8 +270,8 @@ def _record_words(head: np.ndarray, manifest: Manifest) -> int:
     moving = sum(pattern["kind"] == "displacement" for pattern in manifest.patterns)
     moduli = 2 if manifest.material == "isotropic" else 6
     heated = sum(pattern["kind"] == "thermal" for pattern in manifest.patterns)
-    counted = [nv] * 3 + [3 * nt, nt, 3 * ne] + [nt] * (moduli + 3 * heated) + [nd] * 2 + [nnz] * 3 + [nd] * patterns + [fixed]
-    kinds = [pattern["kind"] for pattern in manifest.patterns]
+    counted = [nv] * 3 + [elements.NODES[manifest.element] * nt, nt, 3 * ne] + [nt] * (moduli + 3 * heated) + [nd] * 2 + [nnz] * 3 + [nd] * patterns + [fixed]
+    kinds = [pattern["kind"] for pattern in manifest.patterns] if manifest.element == "P1" else []
     counted += [4 * ne] * kinds.count("traction") + [2 * nt] * (3 * kinds.count("body_force"))
     counted += [max(1, fixed)] * moving + ([contact] * (7 + manifest.initial_state) if contact else [])
     return sum(counted) + len(counted)
@@ -287,18 +311,20 @@ def _read_record(reader: _Block, manifest: Manifest, index: int) -> Subdomain:
     if patterns != len(manifest.patterns):
         raise InputError(f"{where}: {patterns} load patterns, the manifest has {len(manifest.patterns)}")
     if min(nv, nt, ne, nd, nnz) <= 0 or nd != 2 * nv:
-        raise InputError(f"{where}: sizes that make no subdomain ({nv} vertices, {nt} triangles, {nd} dofs)")
+        raise InputError(f"{where}: sizes that make no subdomain ({nv} nodes, {nt} triangles, {nd} dofs)")
     gid = reader.indices(nv, manifest.nodes, "node number")
     xy = np.column_stack([reader.array(nv, np.float64), reader.array(nv, np.float64)])
     if len(np.unique(gid)) != nv:
         raise InputError(f"{where}: a node number stands twice in the record")
-    triangles = reader.indices(3 * nt, nv, "triangle vertex").reshape(nt, 3)
+    nodes = reader.indices(elements.NODES[manifest.element] * nt, nv, "triangle node").reshape(nt, -1)
+    triangles = nodes[:, :3]
     a, b, c = (xy[triangles[:, k]] for k in range(3))
     if np.min((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]) <= 0:
         raise InputError(f"{where}: a triangle is flat or turned inside out; the body penetrates itself")
+    _check_middles(nodes, xy, where)
     region = reader.array(nt)
     edge = reader.array(3 * ne).reshape(ne, 3)
-    if edge[:, :2].min() < 0 or edge[:, :2].max() >= nv:
+    if not np.isin(edge[:, :2], triangles).all():
         raise InputError(f"{where}: a boundary edge ends at no vertex")
     elasticity, sigma_zz = _read_elasticity(reader, manifest, nt)
     thermal = {k: np.column_stack([reader.array(nt, np.float64) for _ in range(3)])
@@ -310,18 +336,20 @@ def _read_record(reader: _Block, manifest: Manifest, index: int) -> Subdomain:
     _check_symmetric(rows, columns, values, nd, where)
     _check_rigid_motions(rows, columns, values, xy[dof_node], component, where)
     loads = np.array([reader.array(nd, np.float64) for _ in range(patterns)]).reshape(patterns, nd)
-    edge_loads = _read_edge_loads(reader, manifest, ne)
-    body_loads = _read_body_loads(reader, manifest, xy[triangles])
-    _check_distributed(loads, edge[:, :2], edge_loads, "edges", 1.0, where)
-    _check_distributed(loads, triangles, body_loads, "triangles", np.abs(xy).max() / np.linalg.norm(b - a, axis=1).min(),
-                       where)
+    edge_loads, body_loads = {}, {}
+    if manifest.element == "P1":
+        edge_loads = _read_edge_loads(reader, manifest, ne)
+        body_loads = _read_body_loads(reader, manifest, xy[triangles])
+        _check_distributed(loads, edge[:, :2], edge_loads, "edges", 1.0, where)
+        _check_distributed(loads, triangles, body_loads, "triangles", np.abs(xy).max() / np.linalg.norm(b - a, axis=1).min(),
+                           where)
     fixed_dofs = reader.indices(fixed, nd, "fixed dof")
     fixed_values = np.zeros((patterns, fixed))
     for k, pattern in enumerate(manifest.patterns):
         if pattern["kind"] == "displacement":
             fixed_values[k] = reader.array(max(1, fixed), np.float64)[:fixed]
     data = _read_contact(reader, manifest, contact, nv, where) if contact else None
-    return Subdomain(index, gid, xy, triangles, region, edge[:, :2], edge[:, 2], elasticity, thermal, sigma_zz,
+    return Subdomain(index, gid, xy, nodes, region, edge[:, :2], edge[:, 2], elasticity, thermal, sigma_zz,
                      dof_node, component,
                      rows, columns, values, loads, edge_loads, body_loads, fixed_dofs, fixed_values, data)
 
@@ -341,19 +369,27 @@ def _read_elasticity(reader: _Block, manifest: Manifest, nt: int):
 
 
 def _dof_layout(reader: _Block, nd: int, xy: np.ndarray, where: str):
-    """Vertex and component of every dof.
+    """Node and component of every dof.
 
-    FreeFEM numbers vector P1 dofs vertex by vertex; the exported coordinates and components of the dofs
+    FreeFEM numbers the dofs of a vector space node by node; the exported coordinates and components of the dofs
     are compared with that instead of being trusted.
     """
     coordinate = reader.array(nd, np.float64)
     component = np.where(reader.array(nd, np.float64) > 0.5, 0, 1)
-    vertex = np.arange(nd) // 2
+    node = np.arange(nd) // 2
     if not np.array_equal(component, np.arange(nd) % 2):
-        raise InputError(f"{where}: dofs are not numbered vertex by vertex")
+        raise InputError(f"{where}: dofs are not numbered node by node")
     if np.abs(coordinate - xy.ravel()).max() > 1e-12 * np.ptp(xy):
-        raise InputError(f"{where}: dof coordinates do not match the vertices")
-    return vertex, component
+        raise InputError(f"{where}: dof coordinates do not match the nodes")
+    return node, component
+
+
+def _check_middles(nodes: np.ndarray, xy: np.ndarray, where: str) -> None:
+    """The middles of sides must be where they are said to be."""
+    for k in range(3, nodes.shape[1]):
+        ends = xy[nodes[:, [(k + 1) % 3, (k + 2) % 3]]]
+        if np.abs(xy[nodes[:, k]] - ends.mean(axis=1)).max() > 1e-12 * np.ptp(xy):
+            raise InputError(f"{where}: the middle of a triangle's side is elsewhere")
 
 
 def _read_edge_loads(reader: _Block, manifest: Manifest, ne: int) -> dict[int, np.ndarray]:
@@ -367,7 +403,7 @@ def _read_body_loads(reader: _Block, manifest: Manifest, corner: np.ndarray) -> 
 
     The export holds the integrals of f, x f and y f; hats are linear in x and y.
     """
-    gradient = hat_gradients(corner)
+    gradient = elements.hat_gradients(corner)
     middle = corner.mean(axis=1)
     found = {}
     for k, pattern in enumerate(manifest.patterns):
@@ -386,13 +422,6 @@ def _check_distributed(loads, nodes, found: dict, what: str, cancelled: float, w
         slack = 1e-12 * (1 + cancelled) * np.abs(loads[pattern]).max()
         if np.abs(total.ravel() - loads[pattern]).max() > slack:
             raise InputError(f"{where}: the loads of the {what} do not add up to those of the nodes")
-
-
-def hat_gradients(corner: np.ndarray) -> np.ndarray:
-    """(n_t, 3, 2) gradients of the hat functions of triangles with corners (n_t, 3, 2), counterclockwise."""
-    edge = corner[:, [2, 0, 1]] - corner[:, [1, 2, 0]]  # edge opposite to each vertex
-    double_area = edge[:, 0, 0] * edge[:, 1, 1] - edge[:, 0, 1] * edge[:, 1, 0]
-    return np.stack([-edge[:, :, 1], edge[:, :, 0]], axis=2) / double_area[:, None, None]
 
 
 def _check_symmetric(rows, columns, values, nd, where) -> None:
@@ -443,7 +472,7 @@ def read_contact(directory: Path, manifest: Manifest) -> list[tuple[ContactData,
 
 
 def _read_contact(reader: _Block, manifest: Manifest, count: int, nv: int, where: str) -> ContactData:
-    vertex = reader.indices(count, nv, "contact vertex")
+    node = reader.indices(count, nv, "contact node")
     label = reader.array(count)
     weight, nx, ny, gap, friction = (reader.array(count, np.float64) for _ in range(5))
     if not np.isin(label, manifest.contact_labels).all():
@@ -453,4 +482,4 @@ def _read_contact(reader: _Block, manifest: Manifest, count: int, nv: int, where
     if friction.min() < 0:
         raise InputError(f"{where}: a contact node has a negative friction coefficient or bound")
     initial = reader.array(count, np.float64) if manifest.initial_state else np.zeros(count)
-    return ContactData(vertex, label, weight, np.column_stack([nx, ny]), gap, friction, initial)
+    return ContactData(node, label, weight, np.column_stack([nx, ny]), gap, friction, initial)

@@ -36,8 +36,8 @@ def names(effects: dict) -> tuple[str, ...]:
 def quantities(effects: dict, nodes: dict, steps: dict, displacement) -> tuple[dict[str, float], int]:
     """Values by name, and the index of the step that they belong to.
 
-    `nodes` holds the columns xy (n, 2), arc, weight, gap and label (n,) of the contact nodes, sorted by label and
-    arc; `steps` the columns u_n, slip, sigma_n, sigma_t and status (steps, n); `displacement` (steps,) the largest
+    `nodes` holds the columns xy (n, 2), arc, weight, gap, label, paired and middle (n,) of the contact nodes, sorted by
+    label and arc; `steps` the columns u_n, slip, sigma_n, sigma_t and status (steps, n); `displacement` (steps,) the largest
     displacement in the body. All as in contact.csv and history.csv, status as its code.
     """
     displacement = np.asarray(displacement, float)
@@ -76,6 +76,8 @@ def _beyond(nodes: dict, piece: np.ndarray) -> np.ndarray:
 
     There is such an edge where a clamped node, which carries no contact condition, follows; the dual segment of
     the last node then covers half of it, between two bodies all of it. The edge that closes a ring is shared by both ends.
+    Between nodes of quadratic elements it is half an edge: a vertex has a third of it, the middle two thirds of either
+    half.
     """
     side = np.diff(nodes["arc"][piece])
     if not len(side):
@@ -83,6 +85,8 @@ def _beyond(nodes: dict, piece: np.ndarray) -> np.ndarray:
     ends = piece[[0, -1]]
     weight, near = nodes["weight"][ends], side[[0, -1]]
     left = np.where(nodes["paired"][ends], weight - near / 2, 2 * weight - near)
+    if nodes["middle"].any():
+        left = np.where(nodes["middle"][ends], near, 3 * weight - near)
     left[left < 1e-6 * side[[0, -1]]] = 0.0
     closing = np.linalg.norm(np.subtract(*nodes["xy"][ends]))
     return left / 2 if np.allclose(left, closing, rtol=1e-6, atol=0) else left
@@ -92,9 +96,12 @@ def traction(nodes: dict, pressure: np.ndarray, piece: np.ndarray) -> np.ndarray
     """Pressures (k,) of the nodes of a piece, those at ends of the boundary continued from inside.
 
     An end node has half a dual segment and one or two triangles: force over weight errs there by O(h) however
-    smooth the pressure is. The line through its neighbours is of second order.
+    smooth the pressure is. The line through its neighbours is of second order. With quadratic elements so is the node's
+    own: its shape function has no first moment.
     """
     found = pressure[piece].copy()
+    if nodes["middle"].any():
+        return found
     for end, (one, two), edge in zip((0, -1), ((1, 2), (-2, -3)), _beyond(nodes, piece)):
         if edge == 0 and len(piece) > 3 and min(found[[end, one, two]]) > 0:
             x = nodes["arc"][piece]

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from . import elements
 from .errors import agreed_writes
 from .fetidp import DualOperator
 from .files import write_json, write_rows
@@ -23,19 +24,12 @@ CONTACT_STATE = ("u_n", "u_t", "slip", "sigma_n", "sigma_t", "bound", "status")
 
 
 def strains(sub: Subdomain, u: np.ndarray) -> np.ndarray:
-    """(n_t, 3) constant strains e11, e22, 2 e12 of P1 displacements u (dofs,)."""
-    corner = sub.xy[sub.triangles]
-    edge = corner[:, [2, 0, 1]] - corner[:, [1, 2, 0]]  # edge opposite to each vertex
-    area = np.abs(edge[:, 0, 0] * edge[:, 1, 1] - edge[:, 0, 1] * edge[:, 1, 0])
-    turn = np.sign(edge[:, 0, 0] * edge[:, 1, 1] - edge[:, 0, 1] * edge[:, 1, 0])
-    gradient = np.stack([-edge[:, :, 1], edge[:, :, 0]], axis=2) * (turn / area)[:, None, None]
-    value = u.reshape(-1, 2)[sub.triangles]
-    d = np.einsum("tij,tik->tjk", gradient, value)  # d[t, j, k] = d u_k / d x_j
-    return np.column_stack([d[:, 0, 0], d[:, 1, 1], d[:, 1, 0] + d[:, 0, 1]])
+    """(n_t, 3) mean strains e11, e22, 2 e12 of the displacements u (dofs,) over the triangles."""
+    return elements.strains(sub.xy[sub.triangles], u.reshape(-1, 2)[sub.elements])[:, 0]
 
 
 def stresses(sub: Subdomain, u: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Stresses (n_t, 3) s11, s22, s12 and von Mises stress (n_t,) of displacements u (dofs,).
+    """Mean stresses (n_t, 3) s11, s22, s12 and von Mises stress (n_t,) of displacements u (dofs,).
 
     `weights` (patterns,) are the factors of the load patterns: what thermal strains would have of stress if
     they were suppressed is taken off.
@@ -159,7 +153,8 @@ class Record:
 
     def quantities(self) -> tuple[dict[str, float], int]:
         """Quantities of interest, and the index of the step that they belong to."""
-        nodes = {name: getattr(self.contact.boundary, name) for name in ("xy", "arc", "weight", "gap", "label", "paired")}
+        nodes = {name: getattr(self.contact.boundary, name)
+                 for name in ("xy", "arc", "weight", "gap", "label", "paired", "middle")}
         steps = {name: np.array(column) for name, column in self.states.items()}
         return quantities(self.effects, nodes, steps, self.displacements)
 
@@ -253,11 +248,11 @@ class Writer:
 
     # ---- meshes and fields -------------------------------------------------------------------------
     def _gather_mesh(self):
-        """Points, triangles and subdomain numbers of the torn body on rank 0."""
-        subs = self.operator.structure.subdomains
+        """Points, nodes of the elements and subdomain numbers of the torn body on rank 0."""
+        subs, nodes = self.operator.structure.subdomains, elements.NODES[self.manifest.element]
         offset = np.cumsum([0, *(len(sub.xy) for sub in subs)])
         part = (np.concatenate([np.empty((0, 2)), *(sub.xy for sub in subs)]),
-                np.concatenate([np.empty((0, 3), int), *(sub.triangles + o for sub, o in zip(subs, offset))]),
+                np.concatenate([np.empty((0, nodes), int), *(sub.elements + o for sub, o in zip(subs, offset))]),
                 np.concatenate([np.empty(0, int), *(np.full(len(sub.triangles), sub.index) for sub in subs)]))
         parts = self.operator.comm.gather(part)
         if not self.root:
@@ -287,9 +282,10 @@ class Writer:
         if not self.root:
             return None
         u, stress, mises = (np.concatenate([p[k] for p in parts]) for k in range(3))
-        xy, triangles, number = self.mesh
+        xy, nodes, number = self.mesh
+        cells = ("triangle", nodes) if nodes.shape[1] == 3 else ("triangle6", nodes[:, elements.TO_VTK])
         flat = lambda pairs: np.column_stack([pairs, np.zeros(len(pairs))])
-        return meshio.Mesh(flat(xy), [("triangle", triangles)], point_data={"displacement": flat(u.reshape(-1, 2))},
+        return meshio.Mesh(flat(xy), [cells], point_data={"displacement": flat(u.reshape(-1, 2))},
                            cell_data={"stress": [stress], "von_mises": [mises], "subdomain": [number], **(more or {})})
 
     def _boundary(self) -> None:
@@ -298,7 +294,7 @@ class Writer:
         place, push, held = {}, {}, set()
         traction = [k for k, p in enumerate(self.manifest.patterns) if p["kind"] == "traction"]
         outline = np.zeros(self.manifest.nodes, bool)
-        outline[structure.outer_edges[:, :2]] = True
+        outline[structure.outer_edges[:, :2]] = outline[structure.outer_middles] = True
         for s, sub in enumerate(structure.subdomains):
             near = np.flatnonzero(outline[sub.node_gid])
             force = sub.loads[traction].sum(axis=0).reshape(-1, 2)[near]
@@ -318,8 +314,9 @@ class Writer:
             held |= fixed
             for g, f in force.items():
                 push[g] = push.get(g, 0) + f
-        edges = self.operator.structure.outer_edges.tolist()
-        traction = _edge_tractions(edges, place, push)
+        structure = self.operator.structure
+        edges = structure.outer_edges.tolist()
+        traction = _edge_tractions(edges, structure.outer_middles.tolist(), place, push)
         paired = {label for pair in self.manifest.contact_pairs for label in pair}
         rows = []
         for a, b, label in edges:
@@ -359,13 +356,17 @@ class Writer:
         write_json(self.directory / "summary.json", summary)
 
 
-def _edge_tractions(edges, place, push) -> dict[int, np.ndarray]:
-    """Mean traction of every outer label, from the nodal forces of nodes inside the label."""
+def _edge_tractions(edges, middles, place, push) -> dict[int, np.ndarray]:
+    """Mean traction of every outer label, from the nodal forces of nodes inside the label.
+
+    A node's part of an edge is the integral of its shape function: halves, with `middles` a sixth, a sixth and the rest.
+    """
     length, labels = {}, {}
-    for a, b, label in edges:
-        size = 0.5 * np.linalg.norm(np.subtract(place[a], place[b]))
-        for g in (a, b):
-            length[g] = length.get(g, 0.0) + size
+    for k, (a, b, label) in enumerate(edges):
+        size = np.linalg.norm(np.subtract(place[a], place[b]))
+        parts = {a: 1 / 6, b: 1 / 6, middles[k]: 4 / 6} if middles else {a: 0.5, b: 0.5}
+        for g, part in parts.items():
+            length[g] = length.get(g, 0.0) + part * size
             labels.setdefault(g, set()).add(label)
     force, total = {}, {}
     for g, own in labels.items():

@@ -15,25 +15,35 @@ class Skeleton:
 
     def __init__(self, manifest: Manifest, subdomains: list[Subdomain], comm):
         edges, nodes = [np.empty((0, 4), np.int64)], [np.empty((0, 2), np.int64)]
-        coordinates, stiffness = [np.empty((0, 2))], [np.empty(0)]
+        coordinates, stiffness, middles = [np.empty((0, 2))], [np.empty(0)], [np.empty(0, np.int64)]
         for sub in subdomains:
             local = boundary_edges(sub.triangles)
             gid = np.sort(sub.node_gid[local], axis=1)
             edges.append(np.column_stack([np.full(len(gid), sub.index), gid, edge_labels(sub, local)]))
-            seen = np.unique(local)
+            seen = np.union1d(local, sub.middles(local))
             nodes.append(np.column_stack([np.full(len(seen), sub.index), sub.node_gid[seen]]))
             coordinates.append(sub.xy[seen])
             stiffness.append(node_stiffness(sub)[seen])
+            middles.append(sub.node_gid[sub.middles(local)])
         self.edges = gather(comm, np.concatenate(edges))  # subdomain, gid, gid, label
         self.nodes = gather(comm, np.concatenate(nodes))  # subdomain, gid
         self.xy = gather(comm, np.concatenate(coordinates))
         self.stiffness = gather(comm, np.concatenate(stiffness))
+        self.middles = gather(comm, np.concatenate(middles))  # gid of every edge's middle, empty with linear elements
         self.interface_label = manifest.interface_label
         key = self.edges[:, 1] * manifest.nodes + self.edges[:, 2]
         _, self.edge_id, self.edge_count = np.unique(key, return_inverse=True, return_counts=True)
         self.shared = self.edge_count[self.edge_id] == 2
         self.gids, inverse, counts = np.unique(self.nodes[:, 1], return_inverse=True, return_counts=True)
         self.node_id, self.count = inverse, counts
+
+    def links(self, label: int) -> np.ndarray:
+        """(n, 2) gids of nodes that follow one another along the edges with a label; each pair once."""
+        here = self.edges[:, 3] == label
+        ends = self.edges[here, 1:3]
+        if len(self.middles):
+            ends = np.concatenate([np.column_stack([ends[:, k], self.middles[here]]) for k in (0, 1)])
+        return np.unique(ends, axis=0)
 
     def check_conformity(self, comm) -> None:
         """Every interface edge must have exactly two sides, with vertices at the same places."""
@@ -109,7 +119,7 @@ def edge_labels(sub: Subdomain, edges: np.ndarray) -> np.ndarray:
 def node_stiffness(sub: Subdomain) -> np.ndarray:
     """(n_v,) stiffness of the subdomain at its nodes: the trace of Hooke's law in the stiffest triangle there."""
     found = np.zeros(len(sub.xy))
-    np.maximum.at(found, sub.triangles, np.trace(sub.elasticity, axis1=1, axis2=2)[:, None])
+    np.maximum.at(found, sub.elements, np.trace(sub.elasticity, axis1=1, axis2=2)[:, None])
     mantissa, exponent = np.frexp(found)  # means over triangles differ by rounding: nine digits make equals equal
     return np.ldexp(np.round(mantissa * 2.0**30) / 2.0**30, exponent)
 

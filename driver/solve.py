@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from petsc4py import PETSc
 
-from . import adaptivity, soundness
+from . import adaptivity, elements, soundness
 from .checkpoint import Checkpoints
 from .errors import agreed_writes
 from .estimation import EnergyEstimator, report
@@ -134,7 +134,8 @@ def _next_mesh(directory: Path, estimator, estimates, comm) -> None:
     """Leave the element sizes of the next cycle's mesh."""
     with agreed_writes(comm):
         if comm.rank == 0:
-            adaptivity.next_mesh(directory / adaptivity.STEM, estimator.body.mesh, [found for _, found in estimates])
+            adaptivity.next_mesh(directory / adaptivity.STEM, estimator.body.mesh, [found for _, found in estimates],
+                                 elements.DEGREE[estimator.manifest.element])
 
 
 def _budget(directory: Path, request: dict, problem, writer, comm) -> dict:

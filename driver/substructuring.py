@@ -68,6 +68,7 @@ class Substructure:
     rigid_modes: list[RigidMode]  # of bodies whose supports, if any, leave them free
     rigid_corners: np.ndarray  # (coarse_dofs, modes) orthonormal: the modes at the coarse dofs
     outer_edges: np.ndarray  # (n, 3): gid, gid, label of the edges of the untorn body's boundary
+    outer_middles: np.ndarray  # (n,) gids of their middles; empty with linear elements
     primal_dofs: int
 
 
@@ -140,12 +141,13 @@ def _number(manifest, subdomains, first, skeleton, corners, fixed, contact, comm
     local = [numbering.localize(sub) for sub in subdomains]
     parts = [list(column) for column in zip(*local)] if local else [[] for _ in range(6)]
     primal = comm.allreduce(sum(sub.dofs for sub in subdomains))
-    outer = skeleton.edges[~skeleton.shared][:, 1:]
+    outer = ~skeleton.shared
+    middles = skeleton.middles[outer] if len(skeleton.middles) else skeleton.middles
     modes, at_corners = rigid_modes(skeleton, fixed_keys, corner_keys)
     return Substructure(subdomains, first, manifest.subdomains, *parts[:5], coarse_dofs=len(corner_keys),
                         dual_dofs=len(order), row_kind=kind[order], row_scale=row_scale, row_range=row_range,
                         row_starts=row_starts, patterns=len(manifest.patterns), contact=contact, multiplicity=parts[5],
-                        rigid_modes=modes, rigid_corners=at_corners, outer_edges=outer, primal_dofs=primal)
+                        rigid_modes=modes, rigid_corners=at_corners, outer_edges=skeleton.edges[outer][:, 1:], outer_middles=middles, primal_dofs=primal)
 
 
 def _row_scale(skeleton, row_gid, kind) -> np.ndarray:

@@ -144,7 +144,7 @@ class Scene:
                       + mu[:, None, None] * np.diag([2.0, 2, 1]))
         rows, columns, values = _stiffness(xy, triangles, lam, mu)
         return Subdomain(
-            index=number, node_gid=gid, xy=xy, triangles=triangles, region=np.zeros(len(triangles), int),
+            index=number, node_gid=gid, xy=xy, elements=triangles, region=np.zeros(len(triangles), int),
             edges=edges[:, :2], edge_label=edges[:, 2], elasticity=elasticity, thermal={}, sigma_zz=lam,
             dof_node=np.arange(2 * len(gid)) // 2, dof_component=np.arange(2 * len(gid)) % 2, rows=rows, columns=columns,
             values=values, loads=loads, edge_loads={}, body_loads={}, fixed=fixed,

@@ -18,14 +18,16 @@ def grid(n):
     return xy, np.concatenate([np.column_stack([at, at + 1, at + n + 2]), np.column_stack([at, at + n + 2, at + n + 1])])
 
 
-def test_sizes_spread_the_error_evenly():
+@pytest.mark.parametrize("degree", [1, 2])
+def test_sizes_spread_the_error_evenly(degree):
     rng = np.random.default_rng(3)
     size, indicator = rng.uniform(0.5, 2, 1000), rng.uniform(0.5, 2, 1000)
-    new = adaptivity.new_sizes(size, indicator, 4000)
+    new = adaptivity.new_sizes(size, indicator, 4000, degree)
     ratio = new / size
-    # the new triangles: (size/new)^2 in each old one, with the error indicator * ratio^2 each
+    # the new triangles: (size/new)^2 in each old one, with the error indicator * ratio^(degree + 1) each
     assert (ratio**-2).sum() == pytest.approx(4000, rel=1e-12)
-    np.testing.assert_allclose(indicator * ratio**2, indicator[0] * ratio[0] ** 2, rtol=1e-12)
+    error = indicator * ratio ** (degree + 1)
+    np.testing.assert_allclose(error, error[0], rtol=1e-12)
 
 
 def test_sizes_keep_their_limits_and_the_number_of_triangles():

@@ -16,9 +16,12 @@ EPS = np.finfo(float).eps
 PARTITIONS = ["4x2", "3x3", "7"]  # two structured ones and a graph partition
 
 
-@pytest.fixture(params=PARTITIONS)
+@pytest.fixture(params=[*PARTITIONS, "4x2 P2", "7 P2"])
 def problem(request, built):
-    return built(cells=4, subdomains=request.param)
+    subdomains, *quadratic = request.param.split()
+    if quadratic:
+        return built(cells=2, subdomains=subdomains, element="P2")
+    return built(cells=4, subdomains=subdomains)
 
 
 def keys(problem):

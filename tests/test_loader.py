@@ -561,7 +561,7 @@ def test_reading_part_of_the_subdomains(exported):
 
 def elastic(sub) -> np.ndarray:
     """(dofs, dofs) stiffness of linear triangles from the exported elasticity, element by element."""
-    from driver.loader import hat_gradients
+    from driver.elements import hat_gradients
 
     corner = sub.xy[sub.triangles]
     gradient, K = hat_gradients(corner), np.zeros((sub.dofs, sub.dofs))

@@ -15,7 +15,7 @@ def line(x, closed, pressure, opening, **more):
     side = np.diff(x)
     weight = (np.r_[side, 0] + np.r_[0, side]) / 2
     nodes = {"xy": np.column_stack([x, 0 * x]), "arc": x - x[0], "weight": weight, "gap": np.zeros(len(x)),
-             "label": np.ones(len(x), int), "paired": np.zeros(len(x), bool)}
+             "label": np.ones(len(x), int), "paired": np.zeros(len(x), bool), "middle": np.zeros(len(x), bool)}
     steps = {"u_n": -opening, "slip": 0 * x, "sigma_n": -pressure, "sigma_t": 0 * x,
              "status": np.where(closed, STICK, OPEN)}
     return nodes, {name: (more[name] if name in more else value)[None] for name, value in steps.items()}
@@ -56,12 +56,24 @@ def test_edges_on_clamped_nodes_and_ends_of_the_boundary():
     assert 0.8 <= values(clamped, steps)["contact_length"] <= 0.9
 
 
+@pytest.mark.parametrize("clamped", [1, 2], ids=["vertex next", "middle next"])
+def test_quadratic_nodes_beside_a_clamped_end(clamped):
+    """Edges of length 0.2 over [0, 1], whose first node or first two are clamped: closed everywhere, all of it counts."""
+    x = np.linspace(0, 1, 11)
+    nodes, steps = line(x, np.ones(11, bool), np.ones(11), 0 * x)
+    middle = np.arange(11) % 2 == 1
+    nodes |= {"middle": middle, "weight": 0.2 / 6 * np.where(middle, 4, np.where((x == 0) | (x == 1), 1, 2))}
+    cut = lambda columns, axis: {name: np.delete(column, np.s_[:clamped], axis) for name, column in columns.items()}
+    length = values(cut(nodes, 0), cut(steps, 1))["contact_length"]
+    assert length == pytest.approx(1.0 - 0.1 * (clamped - 1), rel=1e-12)  # up to the last clamped node
+
+
 def test_ring_and_separate_pieces():
     angle = np.arange(12) * np.pi / 6
     side = 2 * np.sin(np.pi / 12)
     one = np.ones(12)
     ring = {"xy": np.column_stack([np.cos(angle), np.sin(angle)]), "arc": side * np.arange(12), "weight": side * one,
-            "gap": 0 * one, "label": one, "paired": one < 0}
+            "gap": 0 * one, "label": one, "paired": one < 0, "middle": one < 0}
     steps = {"u_n": 0 * one, "slip": 0 * one, "sigma_n": -one, "sigma_t": 0 * one, "status": STICK * one}
     assert values(ring, {k: v[None] for k, v in steps.items()})["contact_length"] == pytest.approx(12 * side, rel=1e-12)
     x = np.r_[np.linspace(0, 1, 6), np.linspace(3, 4, 6)]

@@ -41,10 +41,10 @@ def hertz(found: dict[str, Reference]) -> dict[str, Reference]:
 CLOSED_FORMS = {"hertz": hertz}
 
 
-def references(runs: dict[str, Trial], closed_form=None) -> dict[str, Reference]:
+def references(runs: dict[str, Trial], closed_form=None, element: str = "P1") -> dict[str, Reference]:
     """Reference of every quantity that has one: that converges, and on which not all runs agree to rounding.
 
-    Its own error follows from the approach of adaptive meshes, whose cycles halve the error like a halved size, and of
+    Its own error follows from the approach of adaptive meshes, whose cycles lessen the error like a halved size, and of
     doubled steps (budget.extrapolate), plus the product of both corrections.
     """
     found = {}
@@ -52,7 +52,7 @@ def references(runs: dict[str, Trial], closed_form=None) -> dict[str, Reference]
         value = {key: trial.values[name] for key, trial in runs.items()}
         best, most = value.get("finest", base), value.get("most", base)
         total, own = best + most - base, abs((best - base) * (most - base) / base) if base else 0.0
-        for keys, formal, limit in ((("finest", "finer", "coarser"), FORMAL["mesh"], False),
+        for keys, formal, limit in ((("finest", "finer", "coarser"), FORMAL["mesh"][element], False),
                                     (("most", "more", "fewer"), FORMAL["time"], True)):
             if keys[0] in value:
                 one, two, three = (value[key] for key in keys)

@@ -68,7 +68,7 @@ class Study:
         with tempfile.TemporaryDirectory() as folder:
             manifest = freefem.export(self.scene, Path(folder) / "export",
                                       {n: v for n, v in self.given.items() if n not in tolerances | {"np"}})
-        self.parameters, self.units = manifest.parameters, manifest.units
+        self.parameters, self.units, self.element = manifest.parameters, manifest.units, manifest.element
         self.knob = mesh_knob(manifest.parameters)
         self.fixed_point = manifest.effects["friction"].startswith("coulomb")
         self.rubbing = manifest.effects["friction"] != "none"  # else the end does not depend on the steps
@@ -149,7 +149,7 @@ class Study:
         for trial in [*overkill.values(), *trials]:
             number += 1
             if number == len(overkill) + 1:
-                known = references(overkill, self.closed_form())
+                known = references(overkill, self.closed_form(), self.element)
                 if quantity is None:
                     quantity = telling(known)
                 elif quantity not in known:

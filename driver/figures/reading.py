@@ -13,16 +13,22 @@ from ..errors import InputError
 
 WORDS = {"status", "kind", "role"}  # the columns that are not numbers
 
+QUARTERS = [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]  # of a triangle with six nodes in VTK's order
+
 
 @dataclass
 class Mesh:
-    """Torn mesh of one step: points (n, 2), triangles (m, 3), displacement (n, 2), von Mises stress (m,)."""
+    """Torn mesh of one step: points (n, 2), triangles (m, 3), displacement (n, 2), von Mises stress (m,).
+
+    Of quadratic elements, vertices `corners` (e, 3), the triangles are the four that the middles of their sides make.
+    """
 
     time: float
     xy: np.ndarray
     triangles: np.ndarray
     displacement: np.ndarray
     von_mises: np.ndarray
+    corners: np.ndarray
 
     def rim(self):
         """Edges (e, 2) of the subdomain boundaries and, for each, the corner of its triangle inside."""
@@ -83,8 +89,11 @@ def read_table(path: Path) -> dict | None:
 def read_mesh(path: Path, time: float) -> Mesh:
     """One .vtu of a run."""
     data = meshio.read(path)
-    return Mesh(time, data.points[:, :2], data.cells_dict["triangle"].astype(np.int64),
-                data.point_data["displacement"][:, :2], data.cell_data_dict["von_mises"]["triangle"].ravel())
+    kind, = data.cells_dict
+    nodes, mises = data.cells_dict[kind].astype(np.int64), data.cell_data_dict["von_mises"][kind].ravel()
+    parts = QUARTERS if kind == "triangle6" else [[0, 1, 2]]
+    return Mesh(time, data.points[:, :2], nodes[:, parts].reshape(-1, 3), data.point_data["displacement"][:, :2],
+                np.repeat(mises, len(parts)), nodes[:, :3])
 
 
 def read_run(directory: Path) -> Run:

@@ -1,0 +1,55 @@
+"""Lagrange triangles: their nodes, shape functions and what follows from them at places inside a triangle.
+
+Places are barycentric coordinates l = (l_0, l_1, l_2). Nodes are the vertices, then, with quadratic elements, the
+middles of the sides opposite to them:
+
+    phi_i = l_i (2 l_i - 1),    phi_3+i = 4 l_j l_k    (i, j, k different).
+"""
+
+import numpy as np
+
+NODES = {"P1": 3, "P2": 6}  # of a triangle
+DEGREE = {"P1": 1, "P2": 2}  # a smooth solution's error in the energy norm falls like h to this power
+CENTER = np.full((1, 3), 1 / 3)
+CORNERS = np.eye(3)
+TO_VTK = [0, 1, 2, 5, 3, 4]  # VTK goes round the sides from vertex 0
+# of degree 4 on triangles of area 1 (Strang, Fix: An Analysis of the Finite Element Method, 1973, table 4.1)
+_A, _B = 0.445948490915965, 0.091576213509771
+POINTS = np.array([np.roll([1 - 2 * a, a, a], k) for a in (_A, _B) for k in range(3)])
+WEIGHTS = np.repeat([0.223381589678011, 0.109951743655322], 3)
+
+
+def shapes(nodes: int, places: np.ndarray) -> np.ndarray:
+    """(m, nodes) shape functions at places (m, 3)."""
+    if nodes == 3:
+        return places
+    return np.column_stack([places * (2 * places - 1), 4 * places[:, [1, 2, 0]] * places[:, [2, 0, 1]]])
+
+
+def slopes(nodes: int, places: np.ndarray) -> np.ndarray:
+    """(m, nodes, 3) derivatives of the shape functions by the barycentric coordinates at places (m, 3)."""
+    if nodes == 3:
+        return np.broadcast_to(np.eye(3), (len(places), 3, 3))
+    found = np.zeros((len(places), 6, 3))
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        found[:, i, i] = 4 * places[:, i] - 1
+        found[:, 3 + i, j], found[:, 3 + i, k] = 4 * places[:, k], 4 * places[:, j]
+    return found
+
+
+def hat_gradients(corner: np.ndarray) -> np.ndarray:
+    """(n_t, 3, 2) gradients of the hat functions of triangles with corners (n_t, 3, 2), counterclockwise."""
+    edge = corner[:, [2, 0, 1]] - corner[:, [1, 2, 0]]  # edge opposite to each vertex
+    double_area = edge[:, 0, 0] * edge[:, 1, 1] - edge[:, 0, 1] * edge[:, 1, 0]
+    return np.stack([-edge[:, :, 1], edge[:, :, 0]], axis=2) / double_area[:, None, None]
+
+
+def strains(corner: np.ndarray, value: np.ndarray, places: np.ndarray = CENTER) -> np.ndarray:
+    """(n_t, m, 3) strains e11, e22, 2 e12 at places (m, 3), their means over the triangles by default.
+
+    `corner` (n_t, 3, 2) vertices, `value` (n_t, nodes, 2) displacements of the nodes.
+    """
+    at_corners = value[:, None] if value.shape[1] == 3 else np.einsum("mnc,tnk->tmck", slopes(value.shape[1], places), value)
+    d = np.einsum("tcj,tmck->tmjk", hat_gradients(corner), at_corners)  # d[t, m, j, k] = d u_k / d x_j
+    return np.stack([d[..., 0, 0], d[..., 1, 1], d[..., 1, 0] + d[..., 0, 1]], axis=-1)
