@@ -80,6 +80,8 @@ def contact_boundary(manifest, subdomains, skeleton, fixed, comm) -> ContactBoun
     arc = _arc_lengths(label, gid, xy, skeleton)
     paired, clearance = np.isin(label, [one for one, _ in manifest.contact_pairs]), gap.copy()
     terms = [tuple(column[~paired] for column in (np.arange(n), gid, np.ones(n), np.zeros(n, bool)))]
+    if manifest.contact_pairs and manifest.element != "P1":
+        raise InputError(f"contact between bodies takes ELEMENT=P1, not {manifest.element}")
     sides = _PairSides(manifest, subdomains, fixed, comm)
     for one, two in manifest.contact_pairs:
         here = np.flatnonzero(label == one)
