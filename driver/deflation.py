@@ -17,7 +17,7 @@ definite on the face, as M is. Measured for 10x10 cells on faces of several kind
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, lapack
+from scipy.linalg import cho_factor, lapack
 
 from .contactblock import ContactBlock, Galerkin
 from .fetidp import DirichletPreconditioner
@@ -115,13 +115,13 @@ class Face:
         self.kept, self.scale, self.size = some[kept], scale[kept], len(kept)
         if self.size:
             both = np.ix_(kept, kept)
-            self.mass = cho_factor(mass[both], check_finite=False)
-            self.coarse = cho_factor(scaled(galerkin(self.W))[both], check_finite=False)
+            self.mass, self.coarse = (cho_factor(matrix[both], check_finite=False)
+                                      for matrix in (mass, scaled(galerkin(self.W))))
 
     def _through(self, factor, left: np.ndarray, r: np.ndarray, right: np.ndarray) -> np.ndarray:
         """right (factor)^-1 left' r (n,), for `left` and `right` H or W."""
         coefficients, all_hats = self.scale * self.hats.sums(left * r[:, None])[self.kept], np.zeros(self.hats.count)
-        all_hats[self.kept] = self.scale * cho_solve(factor, coefficients, check_finite=False)
+        all_hats[self.kept] = self.scale * lapack.dpotrs(factor[0], coefficients, lower=factor[1])[0]
         return (right * all_hats[self.hats.number]).sum(axis=1)
 
     def displacement(self, r: np.ndarray) -> np.ndarray:

@@ -14,8 +14,10 @@ ROOT = Path(__file__).resolve().parent.parent
 LIBRARY = ROOT / "edp" / "lib"
 PR_SET_PDEATHSIG = 1  # of Linux's prctl: the signal that a process gets when its parent ends
 PATIENCE = 10  # seconds that an interrupted child has to end by itself
-# Open MPI looks for fast networks and starts a daemon even for a process by itself, which takes longer than a small run
-ALONE = {"OMPI_MCA_pml": "ob1", "OMPI_MCA_btl": "self", "OMPI_MCA_ess_singleton_isolated": "1"}
+# Open MPI looks for fast networks and starts a daemon even for a process by itself, which takes longer than a small run;
+# without the daemon such processes would share one directory
+ALONE = {"OMPI_MCA_pml": "ob1", "OMPI_MCA_btl": "self", "OMPI_MCA_ess_singleton_isolated": "1",
+         "OMPI_MCA_orte_create_session_dirs": "0"}
 LAUNCHED = ("OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK", "SLURM_PROCID")  # what launchers tell a rank
 SET_UP = "run 'make setup' (apt packages: see apt-packages.txt)"
 

@@ -435,46 +435,58 @@ class DualOperator:
                 found[s] = all_dofs[self.structure.fixed[s]]
         return found
 
-    def _solve(self, weights: np.ndarray, rows: np.ndarray, forces: list | None = None) -> list[np.ndarray]:
+    def _solve(self, weights: np.ndarray, rows: np.ndarray, forces: list | None = None,
+               corner: np.ndarray | None = None) -> list[np.ndarray]:
         """Displacements (dofs, members) of each class under sum_k weights_k f_k - B' lambda + forces.
 
         `rows` holds the signed stacked local multipliers; `weights` may go on with factors of the rigid motions;
-        `forces`, if there are any, a (dofs,) array for every local subdomain.
+        `forces`, if there are any, a (dofs,) array for every local subdomain. Finding the displacements `corner` of the
+        stacked corner dofs takes one more solution for every subdomain, unless they are given.
         """
-        force, partial = np.empty(len(self._corner_local)), []
-        weights, motion = weights[: self.structure.patterns], weights[self.structure.patterns :]
-        for c in self.classes:
-            f = np.zeros((c.K.shape[0], len(c.members)))
-            for k, s in enumerate(c.members):
-                if self._acts[s]:
-                    f[:, k] = weights @ self.loads[s]
-            if forces is not None:
-                f += np.column_stack([forces[s] for s in c.members])
-            row = rows[c.rows].reshape(len(c.members), -1)
-            right = f[c.torn] - c.B_r.T @ row.T
-            u_r = c.factor.solve(np.asarray(right)) if right.any() else np.zeros(right.shape)
-            force[c.corners] = (f[c.corner] - c.B_c.T @ row.T - c.K_rc.T @ u_r).T.ravel()
-            partial.append((right, u_r))
-        corner = self.coarse_solve(force)
-        if len(motion):
-            corner += (self.structure.rigid_corners @ motion)[self._corner_local]
+        right = [self._forces(c, weights, rows, forces) for c in self.classes]
+        if corner is None:
+            corner = self._corner_response(right)
+            if len(weights) > self.structure.patterns:
+                corner += (self.structure.rigid_corners @ weights[self.structure.patterns :])[self._corner_local]
         result = []
-        for c, (right, u_r) in zip(self.classes, partial):
-            u_c = corner[c.corners].reshape(len(c.members), -1).T
-            u = np.zeros((c.K.shape[0], len(c.members)))
-            u[c.corner] = u_c
-            u[c.torn] = u_r if not u_c.any() else c.factor.solve(np.asarray(right - c.K_rc @ u_c))
+        for c, f in zip(self.classes, right):
+            u = np.zeros(f.shape)
+            u[c.corner] = corner[c.corners].reshape(len(c.members), -1).T
+            f = f[c.torn] - c.K_rc @ u[c.corner]
+            u[c.torn] = c.factor.solve(f) if f.any() else 0.0
             result.append(u)
         return result
+
+    def _forces(self, c: LocalClass, weights: np.ndarray, rows: np.ndarray, forces: list | None) -> np.ndarray:
+        """Forces (dofs, members) on the subdomains of a class; see `_solve`."""
+        f = np.zeros((c.K.shape[0], len(c.members)))
+        for k, s in enumerate(c.members):
+            if self._acts[s]:
+                f[:, k] = weights[: self.structure.patterns] @ self.loads[s]
+            if forces is not None:
+                f[:, k] += forces[s]
+        multipliers = rows[c.rows].reshape(len(c.members), -1).T
+        f[c.torn] -= c.B_r.T @ multipliers
+        f[c.corner] -= c.B_c.T @ multipliers
+        return f
+
+    def _corner_response(self, right: list[np.ndarray]) -> np.ndarray:
+        """Displacements of the stacked corner dofs under forces (dofs, members) on the classes."""
+        force = np.empty(len(self._corner_local))
+        for c, f in zip(self.classes, right):
+            u_r = c.factor.solve(f[c.torn]) if f[c.torn].any() else np.zeros((len(c.torn), f.shape[1]))
+            force[c.corners] = (f[c.corner] - c.K_rc.T @ u_r).T.ravel()
+        return self.coarse_solve(force)
 
     def displacements(self, multipliers: np.ndarray, weights: np.ndarray, forces: list | None = None) -> list[np.ndarray]:
         """Displacements (dofs,) of every local subdomain for given multipliers and pattern factors.
 
         `forces`: a (dofs,) array for every local subdomain that acts besides the patterns.
         """
+        corner = self._corner_displacements(multipliers, weights) if forces is None else None
         rows, factors = self._gather(multipliers) * self.sign, weights[: self.structure.patterns]
         found = [np.empty(0)] * len(self.structure.subdomains)
-        for c, u in zip(self.classes, self._solve(weights, rows, forces)):
+        for c, u in zip(self.classes, self._solve(weights, rows, forces, corner)):
             for s, own in zip(c.members, np.ascontiguousarray(u.T)):
                 own[self.structure.fixed[s]] = factors @ self.structure.fixed_values[s]
                 found[s] = own
