@@ -2,9 +2,22 @@
 
 import sys
 
+from . import environment
+from .errors import shortage, tell
+
+environment.single_threaded()  # before anything loads the library that reads it
 try:
     from .cli import main
 
+    environment.prepare_numpy()
     main()
 except KeyboardInterrupt:  # before main could deal with it, or once more while it did
     sys.exit(130)
+except ImportError as problem:
+    tell(environment.package_error(problem))
+    sys.exit(2)
+except Exception as problem:
+    if not shortage(problem):
+        raise
+    tell(shortage(problem))
+    sys.exit(2)

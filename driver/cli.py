@@ -17,7 +17,7 @@ import traceback
 from pathlib import Path
 
 from . import environment, freefem
-from .errors import DriverError, InputError, write_error
+from .errors import DriverError, InputError, shortage, tell, write_error
 from .launch import solve_here
 from .run import RESULTS, Run, describe, execute
 
@@ -155,11 +155,10 @@ def command_solve(words: list[str]) -> None:
     work = Path(words[0])
     try:
         status, reason = solve_here(work, json.loads((work / "request.json").read_text()))
-    except DriverError as problem:
-        status, reason = problem.exit_status, str(problem)
-    except Exception as problem:  # the other ranks wait for this one: end them
-        if isinstance(problem, MemoryError):
-            print("error: not enough memory", file=sys.stderr)
+    except Exception as problem:  # the other ranks know nothing of it and wait for this one: end them
+        reason = str(problem) if isinstance(problem, DriverError) else shortage(problem)
+        if reason:
+            tell(reason)
         else:
             traceback.print_exc()
         sys.stderr.flush()
@@ -174,7 +173,6 @@ COMMANDS = {name.removeprefix("command_"): function for name, function in list(g
 
 def main() -> None:
     """Entry point of ``python3 -m driver``."""
-    environment.single_threaded()
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # clean up as on ctrl-C
     parser = argparse.ArgumentParser(prog="python3 -m driver", description=__doc__.split("\n\n")[0])
     parser.add_argument("command", choices=COMMANDS)
@@ -183,18 +181,12 @@ def main() -> None:
     try:
         COMMANDS[given.command](given.words)
     except DriverError as problem:
-        print(f"error: {problem}", file=sys.stderr)
+        tell(problem)
         sys.exit(problem.exit_status)
     except OSError as problem:
-        print(f"error: {write_error(problem)}", file=sys.stderr)
-        sys.exit(2)
-    except MemoryError:
-        print("error: not enough memory", file=sys.stderr)
+        tell(write_error(problem))
         sys.exit(2)
     except KeyboardInterrupt as stop:
         if given.command != "solve":  # ranks leave the message to the process that started them
             print(f"interrupted: earlier results and finished runs are as they were{''.join(stop.args)}", file=sys.stderr)
         sys.exit(130)
-    except ImportError as problem:
-        print(f"error: {environment.package_error(problem)}", file=sys.stderr)
-        sys.exit(2)

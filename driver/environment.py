@@ -1,18 +1,21 @@
 """Where the machine keeps FreeFEM, Open MPI and PETSc, as Debian packages them."""
 
 import ctypes
+import mmap
 import os
 import shutil
 import signal
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
-from .errors import InputError
+from .errors import InputError, shortage
 
 ROOT = Path(__file__).resolve().parent.parent
 LIBRARY = ROOT / "edp" / "lib"
 PR_SET_PDEATHSIG = 1  # of Linux's prctl: the signal that a process gets when its parent ends
+BLAS_BUFFER = 2**27  # bytes that OpenBLAS asks for at its first product
 PATIENCE = 10  # seconds that an interrupted child has to end by itself
 # Open MPI looks for fast networks and starts a daemon even for a process by itself, which takes longer than a small run;
 # without the daemon such processes would share one directory
@@ -55,6 +58,22 @@ def single_threaded() -> None:
         os.environ.setdefault(name, "1")
 
 
+def prepare_numpy() -> None:
+    """Let a shortage of memory end in an error, whenever it comes. Raises MemoryError.
+
+    Where OpenBLAS gets no work space it tries again for ever, so it takes it here; where NumPy gets none for a
+    comparison, it warns and goes on with False.
+    """
+    warnings.filterwarnings("error", "elementwise comparison failed", DeprecationWarning)
+    try:
+        mmap.mmap(-1, BLAS_BUFFER).close()
+    except OSError:
+        raise MemoryError from None
+    import numpy as np
+
+    np.ones((300, 300)) @ np.ones(300)  # smaller products do without
+
+
 def program(name: str) -> str:
     """Full path of a program. Raises InputError if it is not installed."""
     found = shutil.which(name)
@@ -67,7 +86,7 @@ def package_error(problem: ImportError) -> InputError:
     """A Python package that is not installed, or is and cannot be loaded, as where memory is short."""
     if isinstance(problem, ModuleNotFoundError):
         return InputError(f"the Python package {problem.name} is not installed; {SET_UP}")
-    return InputError(f"a Python package cannot be loaded: {' '.join(str(problem).split())}")
+    return InputError(shortage(problem) or f"a Python package cannot be loaded: {' '.join(str(problem).split())}")
 
 
 def mpirun(ranks: int) -> list[str]:

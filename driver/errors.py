@@ -1,7 +1,10 @@
 """What can go wrong for a user, and the exit status each kind has."""
 
 import errno
+import sys
 from contextlib import contextmanager
+
+NO_MEMORY = "not enough memory"
 
 
 class DriverError(Exception):
@@ -26,6 +29,23 @@ class NotConverged(DriverError):
     """The allowed iterations did not suffice; partial results are kept (exit status 4)."""
 
     exit_status = 4
+
+
+def shortage(problem: BaseException) -> str:
+    """One line for an error that comes of too little memory, empty for any other."""
+    found = problem
+    while found is not None:
+        if (isinstance(found, MemoryError) or isinstance(found, OSError) and found.errno == errno.ENOMEM
+                or isinstance(found, ImportError) and "failed to map segment" in str(found)):
+            return NO_MEMORY
+        found = found.__cause__ or found.__context__
+    # Python's own code and imports lose their errors where they find no memory for them
+    return f"Python failed ({problem}); was there enough memory?" if isinstance(problem, SystemError) else ""
+
+
+def tell(problem) -> None:
+    """An error in one line of its own, also where several ranks write at the same time."""
+    sys.stderr.write(f"error: {problem}\n")
 
 
 def agree(comm, error: DriverError | None) -> None:
@@ -54,7 +74,7 @@ def agreed_writes(comm):
 def write_error(problem: OSError) -> InputError:
     """A full disk, a directory that is not writable, ... in one line."""
     if problem.errno == errno.ENOMEM:
-        return InputError("not enough memory")
+        return InputError(NO_MEMORY)
     where = f" ({problem.filename})" if problem.filename else ""
     return InputError(f"writing the results failed: {problem.strerror or problem}{where}")
 
