@@ -80,8 +80,6 @@ def contact_boundary(manifest, subdomains, skeleton, fixed, comm) -> ContactBoun
     arc = _arc_lengths(label, gid, xy, skeleton)
     paired, clearance = np.isin(label, [one for one, _ in manifest.contact_pairs]), gap.copy()
     terms = [tuple(column[~paired] for column in (np.arange(n), gid, np.ones(n), np.zeros(n, bool)))]
-    if manifest.contact_pairs and manifest.element != "P1":
-        raise InputError(f"contact between bodies takes ELEMENT=P1, not {manifest.element}")
     sides = _PairSides(manifest, subdomains, fixed, comm)
     for one, two in manifest.contact_pairs:
         here = np.flatnonzero(label == one)
@@ -109,14 +107,20 @@ class _PairSides:
 
     def __init__(self, manifest: Manifest, subdomains: list[Subdomain], fixed, comm):
         labels, self.fixed = np.unique(manifest.contact_pairs), fixed
-        found = [np.empty((0, 9))]
+        self.nodes = 2 if manifest.element == "P1" else 3  # of an edge
+        found = [np.empty((0, 5 + 3 * self.nodes))]
         for sub in subdomains if len(labels) else ():
             edges = _outward_edges(sub.triangles)
             label = edge_labels(sub, np.sort(edges, axis=1))
             edges, label = edges[np.isin(label, labels)], label[np.isin(label, labels)]
-            a, b = sub.xy[edges[:, 0]], sub.xy[edges[:, 1]]
-            found.append(np.column_stack([label, sub.node_gid[edges], a, b, (b - a)[:, 1], (a - b)[:, 0]]))
-        self.edges = gather(comm, np.concatenate(found))  # label, gid, gid, place, place, normal times length
+            along = sub.xy[edges[:, 1]] - sub.xy[edges[:, 0]]
+            bow = np.zeros_like(along)
+            if self.nodes == 3:
+                edges = np.column_stack([edges, sub.middles(edges)])
+                bow = sub.bow[edges[:, 2]]
+            found.append(np.column_stack([label, along[:, 1], -along[:, 0], bow, sub.node_gid[edges],
+                                          sub.xy[edges].reshape(-1, 2 * self.nodes)]))
+        self.edges = gather(comm, np.concatenate(found))  # label, normal times length, bow, gids, places
 
     def couple(self, one: int, two: int, nodes: np.ndarray):
         """Weight (n,), normal (n, 2), gap (n,) and terms (node, gid, value, other body) of the nodes of a pair."""
@@ -128,16 +132,17 @@ class _PairSides:
         at = np.searchsorted(gids, nodes)
         position = np.full(len(gids), -1)
         position[at] = np.arange(len(nodes))
-        node_gid = np.where(found.side == 0, gids[np.where(found.side == 0, found.vertex, 0)],
-                              others[np.where(found.side == 1, found.vertex, 0)])
+        node_gid = np.where(found.side == 0, gids[np.where(found.side == 0, found.of, 0)],
+                            others[np.where(found.side == 1, found.of, 0)])
         terms = position[found.node], node_gid, found.value, found.side == 1
         return found.weight[at], found.normal[at], found.gap[at], terms
 
     def _side(self, label: int) -> tuple[mortar.Side, np.ndarray]:
-        edges = self.edges[self.edges[:, 0] == label]
-        gids, first, inverse = np.unique(edges[:, 1:3].ravel().astype(np.int64), return_index=True, return_inverse=True)
-        normal = edges[:, 7:9] / np.linalg.norm(edges[:, 7:9], axis=1)[:, None]
-        return mortar.Side(edges[:, 3:7].reshape(-1, 2)[first], inverse.reshape(-1, 2), normal), gids
+        edges, places = self.edges[self.edges[:, 0] == label], 5 + self.nodes
+        gids, first, inverse = np.unique(edges[:, 5:places].ravel().astype(np.int64), return_index=True, return_inverse=True)
+        normal = edges[:, 1:3] / np.linalg.norm(edges[:, 1:3], axis=1)[:, None]
+        xy, bow = edges[:, places:].reshape(-1, 2)[first], edges[:, 3:5] if self.nodes == 3 else None
+        return mortar.Side(xy, inverse.reshape(-1, self.nodes), normal, bow), gids
 
 
 def _outward_edges(triangles: np.ndarray) -> np.ndarray:

@@ -67,6 +67,7 @@ class Subdomain:
     fixed: np.ndarray  # (n_fixed,) Dirichlet dofs
     fixed_values: np.ndarray  # (patterns, n_fixed); zero for patterns that move no support
     contact: ContactData | None = None
+    bow: np.ndarray | None = None  # (n_v, 2) ways from the middles of edges that meet another body to the boundary's curve
 
     @property
     def dofs(self) -> int:
@@ -273,7 +274,7 @@ def _record_words(head: np.ndarray, manifest: Manifest) -> int:
     counted = [nv] * 3 + [elements.NODES[manifest.element] * nt, nt, 3 * ne] + [nt] * (moduli + 3 * heated) + [nd] * 2 + [nnz] * 3 + [nd] * patterns + [fixed]
     kinds = [pattern["kind"] for pattern in manifest.patterns] if manifest.element == "P1" else []
     counted += [4 * ne] * kinds.count("traction") + [2 * nt] * (3 * kinds.count("body_force"))
-    counted += [max(1, fixed)] * moving + ([contact] * (7 + manifest.initial_state) if contact else [])
+    counted += [nv] * (2 * _bowed(manifest)) + [max(1, fixed)] * moving + ([contact] * (7 + manifest.initial_state) if contact else [])
     return sum(counted) + len(counted)
 
 
@@ -348,10 +349,11 @@ def _read_record(reader: _Block, manifest: Manifest, index: int) -> Subdomain:
     for k, pattern in enumerate(manifest.patterns):
         if pattern["kind"] == "displacement":
             fixed_values[k] = reader.array(max(1, fixed), np.float64)[:fixed]
+    bow = np.column_stack([reader.array(nv, np.float64) for _ in "xy"]) if _bowed(manifest) else None
     data = _read_contact(reader, manifest, contact, nv, where) if contact else None
     return Subdomain(index, gid, xy, nodes, region, edge[:, :2], edge[:, 2], elasticity, thermal, sigma_zz,
                      dof_node, component,
-                     rows, columns, values, loads, edge_loads, body_loads, fixed_dofs, fixed_values, data)
+                     rows, columns, values, loads, edge_loads, body_loads, fixed_dofs, fixed_values, data, bow)
 
 
 def _read_elasticity(reader: _Block, manifest: Manifest, nt: int):
@@ -382,6 +384,11 @@ def _dof_layout(reader: _Block, nd: int, xy: np.ndarray, where: str):
     if np.abs(coordinate - xy.ravel()).max() > 1e-12 * np.ptp(xy):
         raise InputError(f"{where}: dof coordinates do not match the nodes")
     return node, component
+
+
+def _bowed(manifest: Manifest) -> bool:
+    """Whether records say how far edges bow: quadratic elements of several bodies."""
+    return bool(manifest.contact_pairs) and manifest.element != "P1"
 
 
 def _check_middles(nodes: np.ndarray, xy: np.ndarray, where: str) -> None:

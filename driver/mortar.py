@@ -12,6 +12,16 @@ at each other's vertices, so that the integrals are exact on straight boundaries
 constant stress passes (patch test). On edges that are covered in part the psi_i are dual on that part. See
 Wohlmuth, A mortar finite element method using dual spaces for the Lagrange multiplier (2000); Popp, Gitterle,
 Gee, Wall (2010); for normals and projection Yang, Laursen, Meng (2005).
+
+Quadratic elements. The psi_i are dual to the quadratic shape functions (ends, then middle), whose integrals over an edge,
+1/6, 1/6 and 4/6 of it, are positive: a nodal force and the traction that it stands for have one sign, and the bounds
+act node by node as before. Their span has the linear functions, so that the multiplier does not limit the order, and
+duality makes the mortar projection local and bounded in the norms of the error analysis, which is the inf-sup
+condition, for any ratio of the meshes (Hueeber, Mair, Wohlmuth, Appl. Numer. Math. 54 (2005) 555-576: quadratic
+elements in contact; Lamichhane, Wohlmuth, Calcolo 39 (2002) 223-237: dual spaces of higher order in 2D). Over a part of
+an edge the integral of an end's function may be negative: edges covered in part have multipliers dual to the hats, for
+their ends alone. The field of normals and the projection are those of the straight edges; the gap counts how far the
+boundary bows from them.
 """
 
 from dataclasses import dataclass
@@ -28,26 +38,35 @@ SLIVER = 1e-6  # parts of an edge shorter than this, relative to the edge, do no
 
 @dataclass
 class Side:
-    """One side of a pair: vertices with place (n, 2), and edges (e, 2) with the unit outward normal of each."""
+    """One side of a pair: nodes with place (n, 2), and edges (e, 2), or (e, 3) with their middles.
+
+    `edge_normal` (e, 2) are the unit outward normals, `bow` (e, 2) the ways from the middles to the boundary's curve.
+    """
 
     xy: np.ndarray
     edges: np.ndarray
     edge_normal: np.ndarray
+    bow: np.ndarray | None = None
 
     def nodal_normals(self) -> np.ndarray:
-        """(n, 2) unit averages of the normals of a vertex's edges, weighted with their lengths."""
-        length = np.linalg.norm(self.xy[self.edges[:, 1]] - self.xy[self.edges[:, 0]], axis=1)
+        """(n, 2) unit averages of the normals of a vertex's edges, weighted with their lengths; in middles of both ends'."""
+        ends = self.edges[:, :2]
+        length = np.linalg.norm(self.xy[ends[:, 1]] - self.xy[ends[:, 0]], axis=1)
         total = np.zeros_like(self.xy)
-        np.add.at(total, self.edges.ravel(), np.repeat(self.edge_normal * length[:, None], 2, axis=0))
-        return total / np.linalg.norm(total, axis=1)[:, None]
+        np.add.at(total, ends.ravel(), np.repeat(self.edge_normal * length[:, None], 2, axis=0))
+        unit = lambda vectors: vectors / np.linalg.norm(vectors, axis=1)[:, None]
+        if self.edges.shape[1] == 3:
+            total[ends] = unit(total[ends].reshape(-1, 2)).reshape(-1, 2, 2)
+            total[self.edges[:, 2]] = total[ends].sum(axis=1)
+        return unit(total)
 
 
 @dataclass
 class Coupling:
-    """What the contact nodes of one pair keep; n is the number of vertices of the first side.
+    """What the contact nodes of one pair keep; n is the number of nodes of the first side.
 
     `weight` (n,) = w_i, zero where nothing is faced; `gap` (n,); `normal` (n, 2). The jump is a sum of terms:
-    value_k times the displacement of vertex vertex_k of side side_k goes to row node_k.
+    value_k times the displacement of node of_k of side side_k goes to row node_k.
     """
 
     weight: np.ndarray
@@ -55,64 +74,97 @@ class Coupling:
     normal: np.ndarray
     node: np.ndarray
     side: np.ndarray
-    vertex: np.ndarray
+    of: np.ndarray
     value: np.ndarray
 
 
 def couple(first: Side, second: Side, held: np.ndarray) -> Coupling:
     """Mortar coupling of two sides. Raises InputError if a place of the first faces several of the second.
 
-    A vertex of the first side that a support holds (`held`, (n,) bool) has no displacement to constrain: the next
-    vertex's multiplier takes its part over, which keeps constant stress exact and the rows independent.
+    A node of the first side that a support holds (`held`, (n,) bool) has no displacement to constrain: the next
+    node's multiplier on the edge takes its part over, which keeps constant stress exact and the rows independent.
     """
     normal = first.nodal_normals()
     e, o, start, stop = _facing_parts(first, normal, second)
-    n, dual = len(first.xy), _dual_basis(len(first.edges), e, start, stop)
+    n, (dual, whole) = len(first.xy), _dual_basis(first.edges.shape, e, start, stop)
+    heir = _heirs(first.edges, whole)
+    rows = np.where(held[first.edges], heir, first.edges)
     weight, gap = np.zeros(n), np.zeros(n)
     terms = []
     for point, share in zip(POINT, WEIGHT):
         xi = (start + stop) / 2 + (stop - start) / 2 * point
         eta, distance, ds = _project(first, normal, second, e, o, xi)
-        for end in (0, 1):  # the two multipliers of an edge
-            row = np.where(held[first.edges[e, end]], first.edges[e, 1 - end], first.edges[e, end])
-            part = share * (stop - start) * ds * (dual[e, end, 0] * (1.0 - xi) + dual[e, end, 1] * xi)
+        own, others = _shapes(first.edges.shape[1], xi), _shapes(second.edges.shape[1], eta)
+        for k in range(first.edges.shape[1]):  # the multipliers of an edge
+            row = rows[e, k]
+            part = share * (stop - start) * ds * sum(dual[e, k, b] * phi for b, phi in enumerate(own))
             np.add.at(weight, row, part)
             np.add.at(gap, row, part * distance)
-            for side, edges, shape in ((0, first.edges[e], xi), (1, second.edges[o], eta)):
+            for side, edges, shapes in ((0, first.edges[e], own), (1, second.edges[o], others)):
                 sign = 1.0 if side == 0 else -1.0
-                for corner, value in enumerate((1.0 - shape, shape)):
+                for corner, value in enumerate(shapes):
                     terms.append((row, np.full(len(row), side), edges[:, corner], sign * part * value))
     used = (weight > SLIVER * weight.max(initial=0.0)) & ~held
-    node, side, vertex, value = (np.concatenate([t[k] for t in terms]) for k in range(4))
+    node, side, of, value = (np.concatenate([t[k] for t in terms]) for k in range(4))
     return Coupling(np.where(used, weight, 0.0), np.divide(gap, weight, out=np.zeros(n), where=used), normal,
-                    *_merge(node, side, vertex, value, weight, used))
+                    *_merge(node, side, of, value, weight, used))
 
 
-def _dual_basis(edges: int, e: np.ndarray, start: np.ndarray, stop: np.ndarray) -> np.ndarray:
-    """(edges, 2, 2) dual basis of every edge in terms of its hat functions: psi_a = sum_b A_ab phi_b.
+def _shapes(nodes: int, xi: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Shape functions of an edge with 2 or 3 nodes at the places xi (m,), each (m,)."""
+    if nodes == 2:
+        return 1.0 - xi, xi
+    return (1.0 - xi) * (1.0 - 2.0 * xi), xi * (2.0 * xi - 1.0), 4.0 * xi * (1.0 - xi)
 
-    A = D M^-1 with D_aa = int phi_a, M_ab = int phi_a phi_b over the covered part of the edge.
+
+def _heirs(edges: np.ndarray, whole: np.ndarray) -> np.ndarray:
+    """(e, nodes) who takes the part of a held node: the middle, the other end where it has no multiplier."""
+    if edges.shape[1] == 2:
+        return edges[:, ::-1]
+    return np.where(whole[:, None], edges[:, [2, 2, 2]], edges[:, [1, 0, 2]])
+
+
+def _dual_basis(shape: tuple[int, int], e: np.ndarray, start: np.ndarray, stop: np.ndarray):
+    """(edges, nodes, nodes) dual basis of every edge in terms of its shape functions, psi_a = sum_b A_ab phi_b, and
+    whether (edges,) the edge is covered as a whole.
+
+    A = D M^-1 with D_aa = int phi_a, M_ab = int phi_a phi_b over the covered part of the edge; of a quadratic edge that
+    is covered in part with the hats for phi, which are those of the ends and half that of the middle.
     """
-    D, M = np.zeros((edges, 2)), np.zeros((edges, 2, 2))
+    edges, nodes = shape
+    covered = np.bincount(e, stop - start, minlength=edges)
+    whole = covered > 1.0 - SLIVER
+    A = np.zeros((edges, nodes, nodes))
+    if nodes == 3:
+        A[whole] = _duals(3, edges, e, start, stop)[whole]
+    some = (covered > 0) & ~(whole & (nodes == 3))
+    hats = np.eye(2) if nodes == 2 else np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5]])
+    A[some, :2] = _duals(2, edges, e, start, stop)[some] @ hats
+    return A, whole
+
+
+def _duals(nodes: int, edges: int, e, start, stop) -> np.ndarray:
+    """(edges, nodes, nodes) D M^-1 where an edge is covered."""
+    D, M = np.zeros((edges, nodes)), np.zeros((edges, nodes, nodes))
     for point, share in zip(POINT, WEIGHT):
         xi = (start + stop) / 2 + (stop - start) / 2 * point
-        phi = np.column_stack([1.0 - xi, xi])
+        phi = np.column_stack(_shapes(nodes, xi))
         part = share * (stop - start)
         np.add.at(D, e, part[:, None] * phi)
         np.add.at(M, e, part[:, None, None] * phi[:, :, None] * phi[:, None, :])
-    covered = D.sum(axis=1) > 0
+    covered = np.bincount(e, minlength=edges) > 0
     A = np.zeros_like(M)
     A[covered] = D[covered][:, :, None] * np.linalg.inv(M[covered])
     return A
 
 
-def _merge(node, side, vertex, value, weight, used):
-    """Terms with equal row and vertex added up and divided by the row's weight."""
-    keys, inverse = np.unique(np.column_stack([node, side, vertex]), axis=0, return_inverse=True)
+def _merge(node, side, of, value, weight, used):
+    """Terms with equal row and node added up and divided by the row's weight."""
+    keys, inverse = np.unique(np.column_stack([node, side, of]), axis=0, return_inverse=True)
     total = np.bincount(inverse, value, minlength=len(keys))
-    node, side, vertex = keys.T
+    node, side, of = keys.T
     keep = used[node] & (np.abs(total) > 1e-12 * weight[node])  # the dual basis leaves rounding at the neighbours
-    return node[keep], side[keep], vertex[keep], total[keep] / weight[node[keep]]
+    return node[keep], side[keep], of[keep], total[keep] / weight[node[keep]]
 
 
 def _cross(a, b):
@@ -165,7 +217,7 @@ def _facing_parts(first: Side, normal: np.ndarray, second: Side):
 
 def _foot(first: Side, normal: np.ndarray, e: np.ndarray, point: np.ndarray) -> np.ndarray:
     """Coordinate xi on edge e from which the field of normals meets `point`: (point - x(xi)) x n(xi) = 0."""
-    a, b = first.edges[e].T
+    a, b = first.edges[e, :2].T
     r, t = point - first.xy[a], first.xy[b] - first.xy[a]
     n, change = normal[a], normal[b] - normal[a]
     xi = _cross(r, n) / _cross(t, n)
@@ -179,7 +231,7 @@ def _foot(first: Side, normal: np.ndarray, e: np.ndarray, point: np.ndarray) -> 
 
 def _project(first: Side, normal: np.ndarray, second: Side, e, o, xi):
     """Coordinate eta on edge o, distance along the normal, and ds/dxi, seen from xi on edge e."""
-    a, b = first.edges[e].T
+    a, b = first.edges[e, :2].T
     t = first.xy[b] - first.xy[a]
     x = first.xy[a] + xi[:, None] * t
     n = normal[a] + xi[:, None] * (normal[b] - normal[a])
@@ -187,4 +239,7 @@ def _project(first: Side, normal: np.ndarray, second: Side, e, o, xi):
     c, d = second.xy[second.edges[o, 0]], second.xy[second.edges[o, 1]]
     eta = np.clip(_cross(x - c, n) / _cross(d - c, n), 0.0, 1.0)
     distance = ((c + eta[:, None] * (d - c) - x) * n).sum(axis=1)
+    for side, edge, at, sign in ((first, e, xi, -1.0), (second, o, eta, 1.0)):
+        if side.bow is not None:
+            distance += sign * 4.0 * at * (1.0 - at) * (side.bow[edge] * n).sum(axis=1)
     return eta, distance, np.linalg.norm(t, axis=1)

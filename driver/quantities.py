@@ -86,7 +86,8 @@ def _beyond(nodes: dict, piece: np.ndarray) -> np.ndarray:
     weight, near = nodes["weight"][ends], side[[0, -1]]
     left = np.where(nodes["paired"][ends], weight - near / 2, 2 * weight - near)
     if nodes["middle"].any():
-        left = np.where(nodes["middle"][ends], near, 3 * weight - near)
+        beyond = np.where(nodes["paired"][ends], weight - near / 3, 3 * weight - near)
+        left = np.where(nodes["middle"][ends], near, beyond)
     left[left < 1e-6 * side[[0, -1]]] = 0.0
     closing = np.linalg.norm(np.subtract(*nodes["xy"][ends]))
     return left / 2 if np.allclose(left, closing, rtol=1e-6, atol=0) else left

@@ -51,8 +51,8 @@ def test_mortar_jump_of_a_common_linear_motion_is_zero(n, m):
     first, second = sides(n, m, gap=0.25)
     found = mortar.couple(first, second, np.zeros(n + 1, bool))
     u = [3.0 + 2.0 * side.xy[:, 0] for side in (first, second)]
-    jump = np.bincount(found.node, found.value * np.where(found.side == 0, u[0][np.minimum(found.vertex, n)],
-                                                          u[1][np.minimum(found.vertex, m)]), minlength=n + 1)
+    jump = np.bincount(found.node, found.value * np.where(found.side == 0, u[0][np.minimum(found.of, n)],
+                                                          u[1][np.minimum(found.of, m)]), minlength=n + 1)
     assert np.abs(jump).max() < 1e-14
     np.testing.assert_allclose(found.gap, 0.25, rtol=1e-14)
     assert found.weight.sum() == pytest.approx(1.0, rel=1e-14)
@@ -65,7 +65,7 @@ def test_multipliers_are_dual(n, m):
     second.xy[:, 0] *= 0.6
     found = mortar.couple(first, second, np.zeros(n + 1, bool))
     own = found.side == 0
-    assert np.array_equal(found.vertex[own], found.node[own])
+    assert np.array_equal(found.of[own], found.node[own])
     np.testing.assert_allclose(found.value[own], 1.0, rtol=1e-9)
     assert found.weight.sum() == pytest.approx(0.6, rel=1e-12)
 
