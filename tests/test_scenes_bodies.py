@@ -19,7 +19,9 @@ def nodal_error(run, exact) -> float:
 
 @pytest.mark.parametrize("options", [
     {"tilt": 0}, {"tilt": 10}, {"tilt": -12, "ratio": 0.6}, {"tilt": 5, "ratio": 2.7, "subdomains": 2},
-    {"tilt": 10, "subdomains": 11}, {"tilt": 10, "subdomains": "3x2"}, {"tilt": 10, "ratio": 1}])
+    {"tilt": 10, "subdomains": 11}, {"tilt": 10, "subdomains": "3x2"}, {"tilt": 10, "ratio": 1},
+    {"tilt": 10, "element": "P2"}, {"tilt": -12, "ratio": 0.6, "subdomains": "3x2", "element": "P2"},
+    {"tilt": 5, "ratio": 2.7, "subdomains": 9, "element": "P2"}], ids=str)
 def test_contact_patch_test(solved, options):
     """Constant stress passes between any two meshes; what remains is the QP's tolerance over its conditioning."""
     run = solved("patch-bodies", fields="yes", **options, **EXACT)
@@ -33,35 +35,89 @@ def test_contact_patch_test(solved, options):
     assert run.summary["quantities"]["contact_length"] == pytest.approx(2 / c, rel=1e-6)  # the clamped end included
 
 
-def sides(n: int, m: int, height=lambda x: 0.0 * x, gap: float = 0.0):
-    """Two facing boundaries over [0, 1] with n and m edges, along y = height(x) and, `gap` above, the same."""
+def quadratic(side: mortar.Side, bow=None) -> mortar.Side:
+    """The side with the middles of its edges."""
+    ends, count = side.edges, len(side.xy)
+    return mortar.Side(np.concatenate([side.xy, side.xy[ends].mean(axis=1)]),
+                       np.column_stack([ends, count + np.arange(len(ends))]), side.edge_normal, bow)
+
+
+def sides(n: int, m: int, gap: float, degree: int = 1):
+    """Two facing boundaries over [0, 1] with n and m edges, along y = 0 and `gap` above."""
     made = []
     for count, lift, up in ((n, 0.0, 1.0), (m, gap, -1.0)):
         x = np.linspace(0, 1, count + 1)
-        xy = np.column_stack([x, height(x) + lift])
-        t = np.diff(xy, axis=0)
-        normal = up * np.column_stack([-t[:, 1], t[:, 0]]) / np.linalg.norm(t, axis=1)[:, None]
-        made.append(mortar.Side(xy, np.column_stack([np.arange(count), np.arange(1, count + 1)]), normal))
+        xy = np.column_stack([x, 0 * x + lift])
+        edges = np.column_stack([np.arange(count), np.arange(1, count + 1)])
+        side = mortar.Side(xy, edges, np.tile([0.0, up], (count, 1)))
+        made.append(side if degree == 1 else quadratic(side))
     return made
 
 
+def free(side: mortar.Side) -> np.ndarray:
+    return np.zeros(len(side.xy), bool)
+
+
+def jump_of(found: mortar.Coupling, u: list) -> np.ndarray:
+    """Jumps of nodal values u of both sides."""
+    both = np.concatenate(u)
+    return np.bincount(found.node, found.value * both[found.of + len(u[0]) * found.side], minlength=len(u[0]))
+
+
+@pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("n, m", [(4, 4), (4, 7), (9, 2)])
-def test_mortar_jump_of_a_common_linear_motion_is_zero(n, m):
-    """Both sides moved by the same linear field on a straight boundary: no jump in any row, to rounding."""
-    first, second = sides(n, m, gap=0.25)
-    found = mortar.couple(first, second, np.zeros(n + 1, bool))
+def test_mortar_jump_of_a_common_motion_is_zero(n, m, degree):
+    """Both sides moved by the same field of the elements' degree on a straight boundary: no jump in any row, to rounding."""
+    first, second = sides(n, m, 0.25, degree)
+    found = mortar.couple(first, second, free(first))
+    field = lambda x: 3.0 + 2.0 * x + (degree - 1) * 5.0 * x**2
+    assert np.abs(jump_of(found, [field(side.xy[:, 0]) for side in (first, second)])).max() < 1e-14 * 10
+    np.testing.assert_allclose(found.gap, 0.25, rtol=1e-13)
+    assert found.weight.min() > 0 and found.weight.sum() == pytest.approx(1.0, rel=1e-13)
+
+
+def test_quadratic_multipliers_are_dual_and_positive():
+    """Rows of wholly covered edges have their own node alone; 1/6, 4/6, 1/6 of an edge; a linear traction is exact."""
+    first, second = sides(5, 3, 0.1, degree=2)
+    found = mortar.couple(first, second, free(first))
+    own = found.side == 0
+    assert np.array_equal(found.of[own], found.node[own])
+    np.testing.assert_allclose(found.weight, np.r_[1, 2, 2, 2, 2, 1, [4] * 5] / 6 / 5, rtol=1e-13)
+    x = first.xy[:, 0]
+    force = found.weight * (1 + x)  # nodal forces of the traction 1 + x, taken over by the other side
+    passed = np.bincount(found.of[~own], -(found.value * force[found.node])[~own], minlength=len(second.xy))
+    at = second.xy[:, 0]
+    assert passed.sum() == pytest.approx(1.5, rel=1e-13) and passed @ at == pytest.approx(1 / 2 + 1 / 3, rel=1e-13)
+
+
+@pytest.mark.parametrize("reach", [0.5, 0.47, 0.93])
+def test_quadratic_edges_covered_in_part(reach):
+    """The other side ends inside an edge: every weight stays positive, they add up to what is covered, motions pass."""
+    first, second = sides(5, 3, 0.1, degree=2)
+    second.xy[:, 0] *= reach
+    found = mortar.couple(first, second, free(first))
+    assert found.weight.min() >= 0 and found.weight.sum() == pytest.approx(reach, rel=1e-12)
+    cut = int(reach * 5)
+    assert found.weight[6 + cut] == 0 and found.weight[cut + 1] > 0  # the middle of the cut edge has no multiplier
     u = [3.0 + 2.0 * side.xy[:, 0] for side in (first, second)]
-    jump = np.bincount(found.node, found.value * np.where(found.side == 0, u[0][np.minimum(found.of, n)],
-                                                          u[1][np.minimum(found.of, m)]), minlength=n + 1)
-    assert np.abs(jump).max() < 1e-14
-    np.testing.assert_allclose(found.gap, 0.25, rtol=1e-14)
-    assert found.weight.sum() == pytest.approx(1.0, rel=1e-14)
+    assert np.abs(jump_of(found, u)).max() < 1e-13
+
+
+def test_held_nodes_of_quadratic_edges():
+    """The middle takes over from a held end: the weights still add up and constant traction reaches the other side."""
+    first, second = sides(4, 3, 0.0, degree=2)
+    held = free(first)
+    held[0] = True
+    found = mortar.couple(first, second, held)
+    assert found.weight[0] == 0 and found.weight[5] == pytest.approx(5 / 6 / 4) and found.weight.sum() == pytest.approx(1.0)
+    passed = np.bincount(found.of[found.side == 1], -(found.value * found.weight[found.node])[found.side == 1])
+    np.testing.assert_allclose(passed, np.r_[1, 2, 2, 1, 4, 4, 4] / 6 / 3, rtol=1e-12)
 
 
 @pytest.mark.parametrize("n, m", [(4, 7), (9, 2)])
 def test_multipliers_are_dual(n, m):
     """A row has its own node's displacement and no other of that side, also where the other side ends half way."""
-    first, second = sides(n, m, gap=0.1)
+    first, second = sides(n, m, 0.1)
     second.xy[:, 0] *= 0.6
     found = mortar.couple(first, second, np.zeros(n + 1, bool))
     own = found.side == 0
@@ -86,6 +142,22 @@ def test_mortar_gap_of_concentric_arcs_converges():
         found = mortar.couple(arc(1.0, n, 1.0), arc(1.1, 3 * n // 2 + 1, -1.0), np.zeros(n + 1, bool))
         errors.append(np.abs(found.gap[2:-2] - 0.1).max())
     assert errors[1] < errors[0] / 3
+
+
+def test_mortar_gap_of_bowed_arcs():
+    """With the bows of quadratic edges the sag is gone: what is left is of fourth order."""
+    errors = []
+    for n in (8, 16):
+        made = []
+        for radius, count, outward in ((1.0, n, 1.0), (1.1, 3 * n // 2 + 1, -1.0)):
+            side = arc(radius, count, outward)
+            bow = outward * side.edge_normal * radius * (1 - np.cos(np.pi / 4 / count))
+            made.append(quadratic(side, bow))
+        found = mortar.couple(*made, free(made[0]))
+        inner = found.weight > 0
+        inner[[0, 1, n - 1, n, n + 1, 2 * n]] = False
+        errors.append(np.abs(found.gap[inner] - 0.1).max())
+    assert errors[1] < errors[0] / 10 and errors[0] < 1e-4, errors
 
 
 def test_side_that_faces_nothing(solved, tmp_path):
@@ -128,7 +200,7 @@ def resultant_between(run, step=-1):
     return ((c["sigma_n"] * c["weight"])[:, None] * normal + (c["sigma_t"] * c["weight"])[:, None] * tangent).sum(axis=0)
 
 
-@pytest.mark.parametrize("options", [{}, {"angle": 25, "friction": 0.35, "subdomains": 3}])
+@pytest.mark.parametrize("options", [{}, {"angle": 25, "friction": 0.35, "subdomains": 3}, {"element": "P2"}])
 def test_wedge_force_ratio(solved, options):
     """Once all slides: H/V = (F + tan)/(1 - F tan), to the tolerance of balance and fixed point."""
     run = solved("wedge", **options)
@@ -170,6 +242,12 @@ def test_two_cylinders_at_the_shipped_mesh(solved):
     width, peak, shape = hertz_bodies_errors(solved("hertz-bodies"))
     # the closed form errs by (a/R)^2 = 0.1%; the profile by what the edge of contact leaves between two nodes
     assert width < 0.01 and peak < 0.01 and shape < 0.03
+
+
+def test_two_cylinders_of_quadratic_elements(solved):
+    """On elements twice as large; bows left out, pressures would wiggle by h/a from node to node."""
+    width, peak, shape = hertz_bodies_errors(solved("hertz-bodies", h=0.002, element="P2"))
+    assert width < 0.003 and peak < 0.003 and shape < 0.01
 
 
 def test_two_cylinders_converge(solved):
