@@ -229,16 +229,16 @@ class _Block:
 
     def __init__(self, path: Path, seal: seals.Seal):
         self.path, self.at = path, 0
-        if not path.exists():
-            raise InputError(f"{path} is missing: the export is incomplete; run the scene again")
-        seals.check(seal, path)
-        if path.stat().st_size % 8:
+        content = seals.check(seal, path)
+        if len(content) % 8:
             raise InputError(f"{path} is truncated: its size is not a multiple of 8 bytes")
-        size = path.stat().st_size  # a plain view: slices of a memmap are objects that cost more than small arrays
-        self.words = np.memmap(path, dtype=np.int64, mode="r").view(np.ndarray) if size else np.empty(0, np.int64)
+        self.words = content.view(np.int64).view(np.ndarray)  # slices of a memmap cost more than small arrays
 
-    def array(self, count: int, dtype=np.int64) -> np.ndarray:
-        """The next array, which must have `count` entries; float64 ones must be finite."""
+    def array(self, count: int, dtype=np.int64, like: np.ndarray | None = None) -> np.ndarray:
+        """The next array, which must have `count` entries; float64 ones must be finite.
+
+        If it has the entries of `like`, an array that was read before, that one is returned.
+        """
         start = self.at + 1
         if count < 0 or start + count > len(self.words):
             raise InputError(f"{self.path} is truncated: {count} more numbers expected at word {self.at}")
@@ -247,15 +247,17 @@ class _Block:
                 f"{self.path}: an array of {count} numbers expected at word {self.at}, found a count of {self.words[self.at]}"
             )
         self.at = start + count
+        if like is not None and np.array_equal(self.words[start : self.at], like.ravel().view(np.int64)):
+            return like
         values = np.array(self.words[start : self.at]).view(dtype)
         if dtype is np.float64 and not np.all(np.isfinite(values)):
             raise InputError(f"{self.path}: a number that is not finite in the array at word {start}")
         return values
 
-    def indices(self, count: int, bound: int, what: str) -> np.ndarray:
-        """The next integer array, with entries in [0, bound)."""
-        values = self.array(count)
-        if count and (values.min() < 0 or values.max() >= bound):
+    def indices(self, count: int, bound: int, what: str, like: np.ndarray | None = None) -> np.ndarray:
+        """The next integer array, with entries in [0, bound), which those of `like` are known to be."""
+        values = self.array(count, like=like)
+        if count and values is not like and (values.min() < 0 or values.max() >= bound):
             raise InputError(f"{self.path}: {what} out of range in the array ending at word {self.at}")
         return values
 
@@ -284,7 +286,7 @@ def read_subdomains(manifest: Manifest, start: int, stop: int, comm) -> list[Sub
     Raises InputError (on all ranks alike) when a block is not what the seal says, or a record is truncated, not
     finite, of the wrong size, out of range, or its stiffness is not symmetric or resists a rigid motion.
     """
-    found, error = [], None
+    found, error, model = [], None, None
     try:
         for block in range(manifest.blocks):
             first = manifest.subdomains * block // manifest.blocks
@@ -295,7 +297,9 @@ def read_subdomains(manifest: Manifest, start: int, stop: int, comm) -> list[Sub
             for _ in range(first, max(first, start)):
                 reader.skip(manifest)
             for index in range(max(first, start), min(last, stop)):
-                found.append(_read_record(reader, manifest, index))
+                found.append(_read_record(reader, manifest, index, model))
+                if model is None or found[-1].values is not model.values:
+                    model = found[-1]
             if last <= stop and reader.at != len(reader.words):
                 raise InputError(f"{reader.path} goes on after its last record; run the scene again")
     except InputError as problem:
@@ -304,7 +308,11 @@ def read_subdomains(manifest: Manifest, start: int, stop: int, comm) -> list[Sub
     return found
 
 
-def _read_record(reader: _Block, manifest: Manifest, index: int) -> Subdomain:
+def _read_record(reader: _Block, manifest: Manifest, index: int, model: Subdomain | None) -> Subdomain:
+    """The next subdomain, number `index`. It shares mesh and stiffness with `model`, read before, where they are equal.
+
+    What is shared has been checked.
+    """
     number, nv, nt, ne, nd, nnz, patterns, fixed, contact = (int(n) for n in reader.array(HEAD))
     where = f"{reader.path}, subdomain {index}"
     if number != index:
@@ -313,11 +321,16 @@ def _read_record(reader: _Block, manifest: Manifest, index: int) -> Subdomain:
         raise InputError(f"{where}: {patterns} load patterns, the manifest has {len(manifest.patterns)}")
     if min(nv, nt, ne, nd, nnz) <= 0 or nd != 2 * nv:
         raise InputError(f"{where}: sizes that make no subdomain ({nv} nodes, {nt} triangles, {nd} dofs)")
+    if model is None or (nv, nt) != (len(model.xy), len(model.elements)):
+        like = dict.fromkeys(("elements", "rows", "columns", "values"))
+    else:
+        like = vars(model)
     gid = reader.indices(nv, manifest.nodes, "node number")
     xy = np.column_stack([reader.array(nv, np.float64), reader.array(nv, np.float64)])
     if len(np.unique(gid)) != nv:
         raise InputError(f"{where}: a node number stands twice in the record")
-    nodes = reader.indices(elements.NODES[manifest.element] * nt, nv, "triangle node").reshape(nt, -1)
+    nodes = reader.indices(elements.NODES[manifest.element] * nt, nv, "triangle node", like["elements"])
+    nodes = nodes if nodes is like["elements"] else nodes.reshape(nt, -1)
     triangles = nodes[:, :3]
     a, b, c = (xy[triangles[:, k]] for k in range(3))
     if np.min((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]) <= 0:
@@ -325,25 +338,30 @@ def _read_record(reader: _Block, manifest: Manifest, index: int) -> Subdomain:
     _check_middles(nodes, xy, where)
     region = reader.array(nt)
     edge = reader.array(3 * ne).reshape(ne, 3)
-    if not np.isin(edge[:, :2], triangles).all():
+    at_vertex = np.zeros(nv, bool)
+    at_vertex[triangles] = True
+    if edge[:, :2].min() < 0 or edge[:, :2].max() >= nv or not at_vertex[edge[:, :2]].all():
         raise InputError(f"{where}: a boundary edge ends at no vertex")
     elasticity, sigma_zz = _read_elasticity(reader, manifest, nt)
     thermal = {k: np.column_stack([reader.array(nt, np.float64) for _ in range(3)])
                for k, pattern in enumerate(manifest.patterns) if pattern["kind"] == "thermal"}
     dof_node, component = _dof_layout(reader, nd, xy, where)
-    rows = reader.indices(nnz, nd, "stiffness row")
-    columns = reader.indices(nnz, nd, "stiffness column")
-    values = reader.array(nnz, np.float64)
-    _check_symmetric(rows, columns, values, nd, where)
-    _check_rigid_motions(rows, columns, values, xy[dof_node], component, where)
+    rows = reader.indices(nnz, nd, "stiffness row", like["rows"])
+    columns = reader.indices(nnz, nd, "stiffness column", like["columns"])
+    values = reader.array(nnz, np.float64, like["values"])
+    known = rows is like["rows"] and columns is like["columns"] and values is like["values"]
+    if not known:
+        _check_symmetric(rows, columns, values, nd, where)
+    if not (known and _same_shape(xy, model.xy)):
+        _check_rigid_motions(rows, columns, values, xy[dof_node], component, where)
     loads = np.array([reader.array(nd, np.float64) for _ in range(patterns)]).reshape(patterns, nd)
     edge_loads, body_loads = {}, {}
     if manifest.element == "P1":
         edge_loads = _read_edge_loads(reader, manifest, ne)
         body_loads = _read_body_loads(reader, manifest, xy[triangles])
         _check_distributed(loads, edge[:, :2], edge_loads, "edges", 1.0, where)
-        _check_distributed(loads, triangles, body_loads, "triangles", np.abs(xy).max() / np.linalg.norm(b - a, axis=1).min(),
-                           where)
+        cancelled = np.abs(xy).max() / np.linalg.norm(b - a, axis=1).min() if body_loads else 0.0
+        _check_distributed(loads, triangles, body_loads, "triangles", cancelled, where)
     fixed_dofs = reader.indices(fixed, nd, "fixed dof")
     fixed_values = np.zeros((patterns, fixed))
     for k, pattern in enumerate(manifest.patterns):
@@ -410,11 +428,10 @@ def _read_body_loads(reader: _Block, manifest: Manifest, corner: np.ndarray) -> 
 
     The export holds the integrals of f, x f and y f; hats are linear in x and y.
     """
-    gradient = elements.hat_gradients(corner)
-    middle = corner.mean(axis=1)
     found = {}
     for k, pattern in enumerate(manifest.patterns):
         if pattern["kind"] == "body_force":
+            gradient, middle = elements.hat_gradients(corner), corner.mean(axis=1)
             f, fx, fy = (reader.array(2 * len(corner), np.float64).reshape(-1, 2) for _ in range(3))
             slopes = np.stack([fx - middle[:, :1] * f, fy - middle[:, 1:] * f], axis=1)  # [t, direction, component]
             found[k] = f[:, None, :] / 3 + gradient @ slopes
@@ -424,11 +441,19 @@ def _read_body_loads(reader: _Block, manifest: Manifest, corner: np.ndarray) -> 
 def _check_distributed(loads, nodes, found: dict, what: str, cancelled: float, where: str) -> None:
     """Moments by edge or triangle must add up to the nodal loads, to rounding times what was `cancelled`."""
     for pattern, moments in found.items():
+        if not (moments.any() or loads[pattern].any()):
+            continue
         total = np.zeros((loads.shape[1] // 2, 2))
         np.add.at(total, nodes, moments)
         slack = 1e-12 * (1 + cancelled) * np.abs(loads[pattern]).max()
         if np.abs(total.ravel() - loads[pattern]).max() > slack:
             raise InputError(f"{where}: the loads of the {what} do not add up to those of the nodes")
+
+
+def _same_shape(xy: np.ndarray, other: np.ndarray) -> bool:
+    """Whether places (n, 2) are `other`, moved, to the rounding of coordinates."""
+    rounding = np.finfo(float).eps * max(np.abs(xy).max(), np.abs(other).max())
+    return bool(np.abs((xy - xy[0]) - (other - other[0])).max() <= 4 * rounding)
 
 
 def _check_symmetric(rows, columns, values, nd, where) -> None:

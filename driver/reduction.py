@@ -13,6 +13,7 @@ from scipy.sparse import coo_matrix
 
 from .blocks import BLOCK
 from .errors import NoSolution
+from .loader import Subdomain
 from .substructuring import LocalRows, Substructure
 
 SAME = 1e-12  # stiffness entries equal to this, relative to the largest, differ by rounding only
@@ -95,7 +96,11 @@ def group(structure: Substructure, comm) -> list[tuple[list[int], np.ndarray, bo
     first subdomain, which may live on another rank, and whether it has so many members on all ranks together
     that dense products with many columns pay.
     """
-    keys = [_fingerprint(structure, s) for s in range(len(structure.subdomains))]
+    keys, patterns = [], {}
+    for s, sub in enumerate(structure.subdomains):
+        same = id(sub.rows), id(sub.columns), id(sub.values)  # subdomains share what the loader has found to be equal
+        pattern = patterns.get(same) or patterns.setdefault(same, _pattern(sub))
+        keys.append(_fingerprint(structure, s, pattern))
     open_ = list(range(len(keys)))
     classes = []
     while comm.allreduce(len(open_)):
@@ -115,7 +120,7 @@ def group(structure: Substructure, comm) -> list[tuple[list[int], np.ndarray, bo
         open_, round_ = [], {}
         for key, candidates in left.items():
             model = sent.get(key, structure.subdomains[mine[key]].values)
-            same = [np.abs(model - structure.subdomains[s].values).max() <= SAME * np.abs(model).max() for s in candidates]
+            same = [_same(model, structure.subdomains[s].values) for s in candidates]
             round_[key] = [s for s, ok in zip(candidates, same) if ok], model
             open_ += [s for s, ok in zip(candidates, same) if not ok]
         sizes = {}
@@ -127,13 +132,24 @@ def group(structure: Substructure, comm) -> list[tuple[list[int], np.ndarray, bo
     return sorted(classes, key=lambda pair: pair[0])
 
 
-def _fingerprint(structure: Substructure, s: int) -> bytes:
-    """Digest that equal subdomains share: dof sets, rows, sparsity and the first digits of the stiffness."""
-    sub, rows = structure.subdomains[s], structure.rows[s]
-    size = f"{np.linalg.norm(sub.values):.5e}".encode()
-    pattern = (structure.fixed[s], structure.corner_dofs[s], rows.dof, np.round(rows.coefficient, 13), sub.rows, sub.columns)
-    digest = hashlib.sha1(size)
-    for part in pattern:
+def _same(values: np.ndarray, others: np.ndarray) -> bool:
+    """Whether the entries of two stiffness matrices differ by rounding only."""
+    return values is others or bool(np.abs(values - others).max() <= SAME * np.abs(values).max())
+
+
+def _pattern(sub: Subdomain) -> bytes:
+    """Digest that subdomains with equal stiffness share: its sparsity and first digits."""
+    digest = hashlib.sha1(f"{np.linalg.norm(sub.values):.5e}".encode())
+    digest.update(sub.rows.tobytes())
+    digest.update(sub.columns.tobytes())
+    return digest.digest()
+
+
+def _fingerprint(structure: Substructure, s: int, pattern: bytes) -> bytes:
+    """Digest that equal subdomains share: dof sets and rows beside the `pattern` of their stiffness."""
+    rows = structure.rows[s]
+    digest = hashlib.sha1(pattern)
+    for part in (structure.fixed[s], structure.corner_dofs[s], rows.dof, np.round(rows.coefficient, 13)):
         digest.update(np.ascontiguousarray(part).tobytes())
         digest.update(b"|")
     return digest.digest()

@@ -11,6 +11,8 @@ import zlib
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+import numpy as np
+
 from .errors import InputError
 from .files import write_json
 
@@ -83,19 +85,20 @@ def read(directory: Path, scene: str | None = None) -> Seal:
     return seal
 
 
-def check(seal: Seal, path: Path) -> None:
-    """Compare a file with the seal of its export. Raises InputError with what is wrong with it."""
+def check(seal: Seal, path: Path) -> np.ndarray:
+    """Compare a file with the seal of its export; its bytes. Raises InputError with what is wrong with it."""
     if path.name not in seal.files:
         raise InputError(f"{path} is not of this export; run the scene again")
     try:
-        found = _measure(path)
+        content = np.memmap(path, np.uint8, "r") if path.stat().st_size else np.empty(0, np.uint8)
     except FileNotFoundError:
         raise InputError(f"{path} is missing: the export is incomplete; run the scene again") from None
     except OSError as problem:
         raise InputError(f"{path} is not readable ({problem.strerror}); run the scene again") from None
+    found = (len(content), zlib.crc32(content))
     size, _ = seal.files[path.name]
     if found == seal.files[path.name]:
-        return
+        return content
     others = [name for name, measured in seal.files.items() if measured == found]
     if others:
         raise InputError(f"{path} holds what FreeFEM wrote to {others[0]}: the files were exchanged; run the scene again")

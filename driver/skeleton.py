@@ -16,15 +16,16 @@ class Skeleton:
     def __init__(self, manifest: Manifest, subdomains: list[Subdomain], comm):
         edges, nodes = [np.empty((0, 4), np.int64)], [np.empty((0, 2), np.int64)]
         coordinates, stiffness, middles = [np.empty((0, 2))], [np.empty(0)], [np.empty(0, np.int64)]
+        outlines = {}  # by mesh, which subdomains of the same shape share
         for sub in subdomains:
-            local = boundary_edges(sub.triangles)
-            gid = np.sort(sub.node_gid[local], axis=1)
-            edges.append(np.column_stack([np.full(len(gid), sub.index), gid, edge_labels(sub, local)]))
-            seen = np.union1d(local, sub.middles(local))
+            outline = outlines.get(id(sub.elements)) or outlines.setdefault(id(sub.elements), Outline(sub))
+            gid = np.sort(sub.node_gid[outline.edges], axis=1)
+            edges.append(np.column_stack([np.full(len(gid), sub.index), gid, edge_labels(sub, outline.edges)]))
+            seen = outline.nodes
             nodes.append(np.column_stack([np.full(len(seen), sub.index), sub.node_gid[seen]]))
             coordinates.append(sub.xy[seen])
-            stiffness.append(node_stiffness(sub)[seen])
-            middles.append(sub.node_gid[sub.middles(local)])
+            stiffness.append(outline.stiffness(sub))
+            middles.append(sub.node_gid[outline.middles])
         self.edges = gather(comm, np.concatenate(edges))  # subdomain, gid, gid, label
         self.nodes = gather(comm, np.concatenate(nodes))  # subdomain, gid
         self.xy = gather(comm, np.concatenate(coordinates))
@@ -96,6 +97,30 @@ def gather(comm, local: np.ndarray) -> np.ndarray:
     return np.concatenate(comm.allgather(local)) if comm.size > 1 else local
 
 
+class Outline:
+    """The boundary of a subdomain in its own numbering: edges (n, 2), nodes (m,), middles of the edges.
+
+    Subdomains with the same `elements` have the same outline.
+    """
+
+    def __init__(self, sub: Subdomain):
+        self.edges = boundary_edges(sub.triangles)
+        self.middles = sub.middles(self.edges)
+        self.nodes = np.union1d(self.edges, self.middles)
+        order = np.argsort(sub.elements, axis=None, kind="stable")
+        node = sub.elements.ravel()[order]
+        order = order[np.isin(node, self.nodes)]
+        self._triangle = order // sub.elements.shape[1]
+        self._first = np.searchsorted(sub.elements.ravel()[order], self.nodes)
+
+    def stiffness(self, sub: Subdomain) -> np.ndarray:
+        """(m,) stiffness of a subdomain at the nodes: the trace of Hooke's law in the stiffest triangle there."""
+        trace = np.einsum("tii->t", sub.elasticity)
+        mantissa, exponent = np.frexp(np.maximum.reduceat(trace[self._triangle], self._first))
+        # means over triangles differ by rounding: nine digits make equals equal
+        return np.ldexp(np.round(mantissa * 2.0**30) / 2.0**30, exponent)
+
+
 def boundary_edges(triangles: np.ndarray) -> np.ndarray:
     """(n, 2) edges that belong to one triangle only, smaller vertex first."""
     edges = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
@@ -114,14 +139,6 @@ def edge_labels(sub: Subdomain, edges: np.ndarray) -> np.ndarray:
     at = np.minimum(at, len(order) - 1)
     label = sub.edge_label[order[at]]
     return np.where(keys[order[at]] == edges[:, 0] * span + edges[:, 1], label, 0)
-
-
-def node_stiffness(sub: Subdomain) -> np.ndarray:
-    """(n_v,) stiffness of the subdomain at its nodes: the trace of Hooke's law in the stiffest triangle there."""
-    found = np.zeros(len(sub.xy))
-    np.maximum.at(found, sub.elements, np.trace(sub.elasticity, axis1=1, axis2=2)[:, None])
-    mantissa, exponent = np.frexp(found)  # means over triangles differ by rounding: nine digits make equals equal
-    return np.ldexp(np.round(mantissa * 2.0**30) / 2.0**30, exponent)
 
 
 def _crosses(p: np.ndarray, q: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:

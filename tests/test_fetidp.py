@@ -298,7 +298,7 @@ def test_subdomains_of_different_material_share_nothing(built, variant, young):
 def test_sharing_classes_changes_nothing(built, monkeypatch):
     shared = built()
     assert len(shared.operator.classes) < len(shared.subdomains)
-    monkeypatch.setattr(reduction, "_fingerprint", lambda structure, s: str(s).encode())
+    monkeypatch.setattr(reduction, "_fingerprint", lambda structure, s, pattern: str(s).encode())
     alone = DualOperator(shared.structure, MPI.COMM_SELF)
     assert len(alone.classes) == len(shared.subdomains)
     x = np.random.default_rng(3).standard_normal(alone.owned)

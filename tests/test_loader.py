@@ -424,6 +424,31 @@ def test_vertex_moved(small, read, distance):
     refused(read, small, "resists a rigid motion")
 
 
+def test_what_the_next_subdomain_shares_is_kept_once(small, read):
+    one, other = read(small, reduce=False).subdomains
+    assert all(getattr(one, name) is getattr(other, name) for name in ("elements", "rows", "columns", "values"))
+
+
+@pytest.mark.parametrize("distance", [1e-3, 1e-11])
+def test_vertex_moved_where_the_stiffness_is_shared(small, read, distance):
+    """Checks of a stiffness that was read before hold for a mesh of the same shape only: 1e-11 is some ten roundings in
+    the rotation about a node at a distance of 0.5."""
+    vertex = at(arrays(small)[1], 1.5, 0.5)
+    spoil(small, X, lambda a: a.__setitem__(vertex, a[vertex] + distance), record=1)
+    spoil(small, DOF_COORDINATE, lambda a: a.__setitem__(2 * vertex, a[2 * vertex] + distance), record=1)
+    refused(read, small, "subdomain 1", "resists a rigid motion")
+
+
+def test_unsymmetric_where_the_rest_is_shared(small, read):
+    spoil(small, VALUES, lambda a: a.__setitem__(1, a[1] + 1e-6 * np.abs(a).max()), record=1)
+    refused(read, small, "subdomain 1", "not symmetric")
+
+
+def test_pattern_that_differs_where_the_values_are_shared(small, read):
+    spoil(small, COLUMNS, lambda a: a.__setitem__(1, a[-1]), record=1)
+    refused(read, small, "subdomain 1", "not symmetric")
+
+
 @pytest.mark.parametrize("row, column", [(0, 0), (3, 5), (7, 7)])
 def test_stiffness_that_is_not_the_bodys(small, read, row, column):
     """A support or a penalty assembled into the matrix, a lost element, a wrong power of ten: symmetric, yet wrong."""
