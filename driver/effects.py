@@ -24,8 +24,8 @@ FRICTION = r"friction|tresca|slipFactor|displacementFactor|slipRange"
 EFFECTS = {
     "friction": FRICTION,
     "slip dependence": "slipFactor|displacementFactor|slipRange",
-    "contact": f"contact|contactNormal|gap|obstacle|bilateral|{FRICTION}",
-    "gap": "gap",
+    "contact": f"contact|contactPair|contactNormal|gap|pairGap|obstacle|bilateral|{FRICTION}",
+    "gap": "gap|pairGap",
     "obstacle": "obstacle",
     "lift-off": "bilateral",
     "body force": r"bodyForce\d",

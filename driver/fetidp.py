@@ -75,8 +75,9 @@ class DualOperator:
         self._build_coarse()
         self.loads = [self._pattern_load(s) for s in range(len(structure.subdomains))]
         self._acts = [load.any() for load in self.loads]
-        self.loaded = [self._respond(k) for k in range(structure.patterns)]
-        self.loaded += [self._rigid_response(k) for k in range(self.modes)]
+        rigid = [self._rigid_response(k) for k in range(self.modes)]
+        self.rho = self._softness([d for d, _ in rigid])
+        self.loaded = [self._respond(k) for k in range(structure.patterns)] + rigid
         self.rigid_work = self._rigid_work()
 
     # ---- layout ------------------------------------------------------------------------------
@@ -150,12 +151,11 @@ class DualOperator:
         self._coarse = (PETSc.Vec().createSeq(n), PETSc.Vec().createSeq(n))
 
     def _held_coarse_matrix(self):
-        """S_cc with as many dofs pinned as there are free rigid motions; sets the size rho of the springs."""
+        """S_cc with as many dofs pinned as there are free rigid motions."""
         S, Q, n = self.coarse_matrix, self.structure.rigid_corners, self.structure.coarse_dofs
         if not self.modes:
             return S
         stiffness = S.diagonal().mean()
-        self.rho = SOFTNESS * n / stiffness
         self._pins = np.sort(qr(Q.T, pivoting=True)[2][: self.modes])
         free = np.ones(n)
         free[self._pins] = 0.0
@@ -214,7 +214,7 @@ class DualOperator:
         right = forces - Q @ motion
         right[self._pins] = 0.0
         u = pinned_solve(right)
-        return u + Q @ (self.rho * motion - Q.T @ u)
+        return u + Q @ ((self.rho * motion.T).T - Q.T @ u)
 
     def _pinned_solve(self, forces: np.ndarray) -> np.ndarray:
         """Solution with the factorized coarse matrix for one right-hand side (n,); overwritten by the next."""
@@ -363,6 +363,22 @@ class DualOperator:
         glued = self._assemble(local * self.sign)
         glued[structure.row_kind[slice(*structure.row_range)] == GLUING] = 0.0  # what rounding leaves
         return glued, structure.rigid_corners[self._corner_local, k]
+
+    def _softness(self, motions: list[np.ndarray]) -> np.ndarray:
+        """(modes,) rho: SOFTNESS over the stiffness with which a contact row holds a motion, by the softer body's part.
+
+        The compliance of a row is that of all subdomains it joins, their corners held by springs like their own stiffness.
+        """
+        local = np.zeros(len(self.sign))
+        for c in self.classes if motions else ():
+            held = np.linalg.solve(c.S + np.diag(np.diag(c.S)), c.A.T)
+            local[c.rows] = np.tile(np.diag(c.F) + np.einsum("ij,ji->i", c.A, held), len(c.members))
+        compliance, rho = self._assemble(local), np.zeros(len(motions))
+        for k, moved in enumerate(motions):
+            stiffness = np.divide(moved**2, compliance, out=np.zeros(self.owned), where=moved != 0)
+            rows = self.dot(np.sign(stiffness), np.sign(stiffness))
+            rho[k] = SOFTNESS * rows / self.dot(stiffness, np.ones(self.owned)) if rows else 0.0
+        return np.where(rho > 0, rho, rho.max(initial=0.0) or 1.0)
 
     def _rigid_work(self) -> np.ndarray:
         """(patterns, modes): work of every load pattern on every rigid motion, and of its absolute values."""
