@@ -28,6 +28,7 @@ DISTINCT = 1e-6  # solutions nearer than this part of the largest multiplier are
 MANY = 9  # solutions after which no more are looked for
 NEWTON_STEPS = 50
 COVERS = 4  # covering vectors Lemke's method tries
+FEW = 4  # contact nodes up to which all 4^n states are tried
 SPRINGS = 6  # softnesses of the springs that hold bodies without support for it
 SLIGHT = 1e-9  # part of a motion's reach below which rows do not feel it
 
@@ -226,19 +227,22 @@ def lemke(problem: CoulombProblem) -> np.ndarray | None:
 
 
 def _lemke_on_springs(problem: CoulombProblem) -> np.ndarray | None:
-    """`lemke` for bodies without support; None if they do not come to rest."""
-    softness, rest = np.median(1.0 / problem.rigidity), np.zeros(problem.k)
-    for _ in range(SPRINGS):
-        x = lemke(problem.on_springs(softness, rest))
-        if x is None:
-            return None
-        rest = rest + softness * (problem.balance - problem.motions.T @ x) / problem.reach**2
-        z = np.append(x, rest)
-        for found in (problem.solution_in(problem.states(z), problem.signs(z)), newton(problem, z)):
-            if problem.solves(found):
-                return found
-        softness *= 10.0
-    return None
+    """`lemke` for bodies without support; None if they do not come to rest.
+
+    The rest of the springs stays, and follows the motion: one may succeed where the other circles.
+    """
+    soft, follows = np.median(1.0 / problem.rigidity), np.zeros(problem.k)
+    for softness in soft * 10.0 ** np.arange(SPRINGS):
+        for rest in (follows, np.zeros(problem.k)):
+            x = lemke(problem.on_springs(softness, rest))
+            if x is None:
+                continue
+            moved = rest + softness * (problem.balance - problem.motions.T @ x) / problem.reach**2
+            follows, z = moved if rest is follows else follows, np.append(x, moved)
+            for found in (problem.solution_in(problem.states(z), problem.signs(z)), newton(problem, z)):
+                if problem.solves(found):
+                    return found
+    return next(iter(all_solutions(problem)), None) if problem.n <= FEW else None
 
 
 def _lemke_pivots(M: np.ndarray, q: np.ndarray, cover: np.ndarray) -> np.ndarray | None:

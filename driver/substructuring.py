@@ -132,12 +132,14 @@ def _number(manifest, subdomains, first, skeleton, corners, fixed, contact, comm
     contact.normal_row[normal_rows] = number[n_g : n_g + n_n]
     contact.tangential_row[tangential_rows] = number[n_g + n_n :]
 
-    row_scale = _row_scale(skeleton, row_gid[order], kind[order])
+    share = _pair_share(skeleton, contact)
+    shares = np.concatenate([np.ones(len(gluing)), share[normal_rows], share[tangential_rows]])
+    row_scale = _row_scale(skeleton, row_gid[order], kind[order], shares[order])
     last = first + len(subdomains)
     sorted_owner = row_owner[order]
     row_range = (int(np.searchsorted(sorted_owner, first)), int(np.searchsorted(sorted_owner, last)))
     row_starts = np.searchsorted(sorted_owner, np.arange(first, last)) - row_range[0]
-    numbering = _Numbering(skeleton, corner_keys, fixed, gluing, number[:n_g], contact)
+    numbering = _Numbering(skeleton, corner_keys, fixed, gluing, number[:n_g], contact, share)
     local = [numbering.localize(sub) for sub in subdomains]
     parts = [list(column) for column in zip(*local)] if local else [[] for _ in range(6)]
     primal = comm.allreduce(sum(sub.dofs for sub in subdomains))
@@ -150,17 +152,32 @@ def _number(manifest, subdomains, first, skeleton, corners, fixed, contact, comm
                         rigid_modes=modes, rigid_corners=at_corners, outer_edges=skeleton.edges[outer][:, 1:], outer_middles=middles, primal_dofs=primal)
 
 
-def _row_scale(skeleton, row_gid, kind) -> np.ndarray:
+def _pair_share(skeleton, contact: ContactBoundary) -> np.ndarray:
+    """(n_c,) part that the stiffness of both sides in series is of the contact node's own; 1 on rigid obstacles.
+
+    Sides as stiff as one another share alike, which is no jump: relative to that.
+    """
+    stiffness = np.zeros(len(skeleton.gids))
+    np.maximum.at(stiffness, skeleton.node_id, skeleton.stiffness)
+    at = stiffness[np.searchsorted(skeleton.gids, contact.term_gid)]
+    mean = lambda terms: (np.bincount(contact.term_node[terms], (np.abs(contact.term_value) * at)[terms], len(contact.gid))
+                          / np.maximum(np.bincount(contact.term_node[terms], np.abs(contact.term_value)[terms], len(contact.gid)), 1e-300))
+    own, other = mean(~contact.term_other), mean(contact.term_other)
+    return np.where(contact.paired & (own > 0), 2 * other / np.maximum(own + other, 1e-300), 1.0)
+
+
+def _row_scale(skeleton, row_gid, kind, share) -> np.ndarray:
     """(rows,) D with which D F D has a diagonal of like size where the stiffness jumps; ones where it does not.
 
-    A gluing row meets the more compliant of its two sides, a contact row the stiffest of its node's subdomains.
-    Powers of two, so that scaling rounds nothing; relative to the stiffest row, so that units do not matter.
+    A gluing row meets the more compliant of its two sides, a contact row the stiffest of its node's subdomains, or
+    `share` (rows,) of that. Powers of two, so that scaling rounds nothing; relative to the stiffest row, so that units
+    do not matter.
     """
     low, high = np.full(len(skeleton.gids), np.inf), np.zeros(len(skeleton.gids))
     np.minimum.at(low, skeleton.node_id, skeleton.stiffness)
     np.maximum.at(high, skeleton.node_id, skeleton.stiffness)
     at = np.searchsorted(skeleton.gids, row_gid)
-    seen = np.where(kind == GLUING, low[at], high[at])
+    seen = np.where(kind == GLUING, low[at], high[at] * share)
     return 2.0 ** np.round(0.5 * np.log2(seen / seen.max(initial=0)))
 
 
@@ -201,8 +218,9 @@ def _widen(array: np.ndarray, width: int) -> np.ndarray:
 class _Numbering:
     """Global numbers by key, and their localisation to one subdomain."""
 
-    def __init__(self, skeleton, corner_keys, fixed, gluing, gluing_row, contact):
+    def __init__(self, skeleton, corner_keys, fixed, gluing, gluing_row, contact, share):
         self.skeleton, self.corner_keys, self.fixed, self.contact = skeleton, corner_keys, fixed, contact
+        self.share = share  # of the stiffness of both sides in the contact node's own
         self.gluing, self.gluing_row = gluing, gluing_row  # sorted keys, row of each
         self._span = int(skeleton.nodes[:, 0].max()) + 1
         # how many lower subdomains share the vertex of each (vertex, subdomain) pair, and how many stiffer ones
@@ -272,8 +290,8 @@ class _Numbering:
     def _pair_rows(self, sub, held, direction, rows):
         """Rows between two bodies: the terms at the vertices that this subdomain owns.
 
-        The preconditioner knows a row by the stiffness of the side with the contact nodes alone: the other side's
-        rows depend on one another where its mesh is coarser.
+        The preconditioner knows a row by the stiffness of the side with the contact nodes alone, as the other side's
+        rows depend on one another where its mesh is coarser, and weighs it with what both have in series.
         """
         c, order = self.contact, np.argsort(sub.node_gid)
         at, inside = _lookup(sub.node_gid[order], c.term_gid)
@@ -289,5 +307,5 @@ class _Numbering:
         dof = (2 * vertex.astype(np.int64)[:, :, None] + [0, 1]).reshape(shape)
         coefficient = (value[:, :, None] * direction[here][:, None, :]).reshape(shape)
         free = ~held[dof]
-        scaling = (own * value).sum(axis=1)  # adds up to 1 over the subdomains
+        scaling = (own * value).sum(axis=1) * np.sqrt(self.share[here])  # adds up to the root over the subdomains
         return rows[here], np.ones(len(here)), dof, coefficient * free, coefficient * ~free, scaling

@@ -11,9 +11,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from . import complementarity
-from .complementarity import OPEN, STICK, CoulombProblem
+from .complementarity import FEW, OPEN, STICK, CoulombProblem
 
-FEW = 4  # contact nodes up to which all 4^n states are tried
 SMALL = 64  # contact nodes up to which a doubtful step is examined without being asked for
 # Plane problems of a half-plane are known to have a solution up to F = sqrt(3 - 4 nu) / (2 - 2 nu) (C. Eck,
 # J. Jarusek, Math. Models Meth. Appl. Sci. 8 (1998) 445-468); this is its least value, that of nu = 0

@@ -136,8 +136,8 @@ def test_small_scenes_against_enumeration(built, steps_of, options, count):
     contact = problem.structure.contact
     order = np.array([np.flatnonzero(contact.gid == one)[0] for one in gid])
     x = steps[0].multipliers[np.concatenate([contact.normal_row[order], contact.tangential_row[order]])]
-    # friction is settled to 1e-10, and multipliers answer to what is left by some hundred times
-    assert min(np.abs(x - y).max() for y in expected) < 1e-7 * np.abs(x).max()
+    # friction and balance are settled to 1e-10, and a jam with F = 20 answers to what is left by more than a thousand times
+    assert min(np.abs(x - y).max() for y in expected) < 1e-6 * np.abs(x).max()
     assert solver.uniqueness.verdict == ("unique" if count == 1 else "not unique")
     assert len(solver.uniqueness.several.get(1, [])) == (count if count > 1 else 0)
 
