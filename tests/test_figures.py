@@ -308,6 +308,29 @@ def test_marks_are_spread_evenly_over_unequal_edges():
     assert np.allclose(gaps, np.pi / 31, rtol=0.01)  # chords of 0.1 and edges of 0.16 at most: 1 - x^2/24 > 0.99
 
 
+def test_bodies_are_parted_by_their_boundaries_and_not_by_subdomains(run):
+    """A line of contact through the middle of the block makes two bodies of it, whose sizes are equal."""
+    mesh, boundary = run.first, run.boundary
+    assert not outline.bodies(mesh, boundary).any()
+    y = np.linspace(0, 1, 11)  # the ends of the mesh's edges there
+    cut = {"x0": np.ones(10), "y0": y[:-1], "x1": np.ones(10), "y1": y[1:]}
+    boundary = {name: np.append(boundary[name], values) for name, values in cut.items()}
+    found = outline.bodies(mesh, boundary)
+    left = mesh.xy[mesh.triangles].mean(axis=1)[:, 0] < 1
+    assert set(found[left]) != set(found[~left]) and len(set(found[left])) == len(set(found[~left])) == 1
+
+
+def test_pictures_show_the_time_of_the_quantities(tmp_path):
+    """Where contact is lost at the end, that is the time of its largest resultant."""
+    directory = make_run(tmp_path / "run", steps=4, products=6)
+    summary = json.loads((directory / "summary.json").read_text())
+    (directory / "summary.json").write_text(json.dumps(summary | {"quantities_time": 0.5}))
+    run = figures.read_run(directory)
+    assert run.last.time == 0.5
+    for name in ("deformed", "contact_normal", "contact_tangential"):
+        assert "at $t = 0.5$" in words(figures.compose(name, run))
+
+
 def test_foundation_under_a_round_body_is_as_flat_as_its_gap_says():
     angle = np.linspace(-0.7, -0.3, 9) * np.pi
     ends, size = circle(1, angle), 2.0

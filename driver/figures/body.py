@@ -10,11 +10,12 @@ from matplotlib.lines import Line2D
 from scipy.spatial import cKDTree
 
 from .layout import header, map_axes, shrink_to_body
-from .outline import outward_edges, right_of, sample
+from .outline import bodies, outer, outward_edges, right_of, sample
 from .reading import Run, select
 from .scales import round_magnification, stress_scale
 from .style import BLUE, GREEN, INK, RED
 
+TINTS = ["#F1F1EC", "#DDE8F0", "#F3E6D8"]  # of bodies
 ROLES = {"free": INK, "support": BLUE, "load": RED, "contact": GREEN, "pair": GREEN}
 
 
@@ -67,7 +68,8 @@ def geometry(figure: Figure, run: Run) -> None:
     xy, size = mesh.xy * scale.factor, np.ptp(mesh.xy, axis=0).max() * scale.factor
     start, end, normal = outward_edges(boundary, mesh)
     start, end = start * scale.factor, end * scale.factor
-    paint_body(axes, xy, mesh.triangles, np.zeros(len(mesh.triangles)), cmap=ListedColormap(["#F1F1EC"]))
+    body = bodies(mesh, boundary)
+    paint_body(axes, xy, mesh.triangles, body % len(TINTS), cmap=ListedColormap(TINTS), vmin=0, vmax=len(TINTS) - 1)
     inner = LineCollection(xy[mesh.rim()[0]], colors="0.62", linewidths=0.35, rasterized=True)
     axes.add_collection(inner)
     for name, colour in ROLES.items():
@@ -114,7 +116,7 @@ def magnification(run: Run) -> float:
 
 
 def deformed(figure: Figure, run: Run) -> None:
-    """Magnified deformed body with von Mises stress at the last time, and the undeformed outline."""
+    """Magnified deformed body with von Mises stress at the time of the quantities, and the undeformed outline."""
     mesh, times = run.last, magnification(run)
     axes, scale = map_axes(figure, run, mesh.xy)
     stress = stress_scale(run, np.percentile(mesh.von_mises, 99.5))
@@ -125,12 +127,17 @@ def deformed(figure: Figure, run: Run) -> None:
     moved = (mesh.xy + times * mesh.displacement) * scale.factor
     limit = top if beyond else values.max() or 1
     picture = paint_body(axes, moved, mesh.triangles, values, cmap="viridis", vmin=0, vmax=limit)
-    handles = []
+    handles, note = [], ""
     if run.boundary:
         b = {n: run.boundary[n] * scale.factor for n in ("x0", "y0", "x1", "y1")}
         outline = np.stack([np.column_stack([b["x0"], b["y0"]]), np.column_stack([b["x1"], b["y1"]])], axis=1)
         axes.add_collection(LineCollection(outline, colors=INK, linewidths=0.7))
         handles.append(Line2D([], [], color=INK, lw=0.7, label="undeformed outline"))
+        if bodies(mesh, run.boundary).max() > 0:  # where they touch, the colours alone may not tell them apart
+            rim = moved[mesh.rim()[0][outer(mesh, run.boundary)]]
+            axes.add_collection(LineCollection(rim, colors=RED, linewidths=0.9))
+            handles.append(Line2D([], [], color=RED, lw=0.9, label="bodies"))
+            note = "gaps are not magnified: bodies overlap in the picture alone"
     axes.autoscale_view()
     wide = np.ptp(moved[:, 0]) > 1.3 * np.ptp(moved[:, 1])
     bar = figure.colorbar(picture, ax=axes, location="bottom" if wide else "right", aspect=40, pad=0.02,
@@ -138,5 +145,5 @@ def deformed(figure: Figure, run: Run) -> None:
     largest = f", largest value {values.max():.3g}" if beyond else ""
     bar.set_label(f"von Mises stress [{stress.label}]{largest}")
     size = f"{times:,.0f}".replace(",", "\u2009") if times >= 1 else f"{times:g}"
-    header(figure, run, f"Deformed body{run.at(mesh.time)}, displacements magnified {size}×", handles)
+    header(figure, run, f"Deformed body{run.at(mesh.time)}, displacements magnified {size}×", handles, note)
     shrink_to_body(figure, axes)

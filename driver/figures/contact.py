@@ -40,9 +40,15 @@ def zone_handles(run: Run, status: np.ndarray, tint) -> list:
             for s in STATUS if (status == s).any()]
 
 
+def final_time(run: Run) -> float:
+    """The end or, where contact is lost by then, the time of its largest resultant."""
+    times = np.unique(run.contact["time"])
+    return times[np.abs(times - run.summary.get("quantities_time", times[-1])).argmin()]
+
+
 def final_boundaries(run: Run) -> list:
-    """Contact boundaries with their rows of the last step, in the order of arc."""
-    last = select(run.contact, run.contact["step"] == run.contact["step"].max())
+    """Contact boundaries with their rows at the time of the quantities, in the order of arc."""
+    last = select(run.contact, run.contact["time"] == final_time(run))
     if not run.friction:
         last["status"] = np.where(last["status"] == "open", "open", "slip")
     return contact_boundaries(last)
@@ -91,8 +97,7 @@ def contact_panels(figure: Figure, run: Run, caption: str, panels: tuple) -> Non
         below.set_xlabel(rf"arc length along $\Gamma_c$ [{arc.label}]")
     figure.align_ylabels()
     status = np.concatenate([rows["status"] for _, rows in shown])
-    time = run.contact["time"].max()
-    header(figure, run, caption + run.at(time), [*handles.values(), *zone_handles(run, status, pale)],
+    header(figure, run, caption + run.at(final_time(run)), [*handles.values(), *zone_handles(run, status, pale)],
            left_out(boundaries))
 
 
@@ -133,13 +138,13 @@ def tangential_displacement(axes, rows: dict, arc: np.ndarray, scale: Scale) -> 
 
 
 def contact_normal(figure: Figure, run: Run) -> None:
-    """Normal stress and displacement along the contact boundaries at the last time."""
+    """Normal stress and displacement along the contact boundaries at the time of the quantities."""
     contact_panels(figure, run, r"Normal stress and displacement on $\Gamma_c$",
                    (normal_stress, normal_displacement))
 
 
 def contact_tangential(figure: Figure, run: Run) -> None:
-    """Tangential stress, its bound and tangential displacement at the last time."""
+    """Tangential stress, its bound and tangential displacement at the time of the quantities."""
     contact_panels(figure, run, r"Tangential stress and displacement on $\Gamma_c$",
                    (tangential_stress, tangential_displacement))
 

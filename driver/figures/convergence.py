@@ -46,12 +46,13 @@ def convergence(figure: Figure, run: Run) -> None:
     figure.set_figheight(9 * INCH)
     axes = figure.add_subplot()
     thin, every = thin_out(select(table, table["residual"] > 0))
+    grown = 2 if len(thin["product"]) < 150 else 1.4 if len(thin["product"]) < 600 else 1
     axes.semilogy(thin["product"], thin["residual"], color="0.75", lw=0.3, zorder=1)
     handles = []
     for kind, (colour, marker, size) in KINDS.items():
         own, total = thin["kind"] == kind, np.count_nonzero(table["kind"] == kind)
         if total:
-            axes.plot(thin["product"][own], thin["residual"][own], ls="none", marker=marker, ms=size, mew=0,
+            axes.plot(thin["product"][own], thin["residual"][own], ls="none", marker=marker, ms=grown * size, mew=0,
                       color=colour, zorder=3 if kind == "start" else 2)
             handles.append(Line2D([], [], ls="none", marker=marker, ms=4, mew=0, color=colour,
                                   label=f"{kind} ({total:,})".replace(",", "\u2009")))

@@ -50,7 +50,7 @@ class Run:
     convergence: dict | None
     boundary: dict | None
     first: Mesh | None
-    last: Mesh | None
+    last: Mesh | None  # at the time of the quantities: the end or, where contact is lost by then, its peak
     adaptivity: dict | None = None
 
     @property
@@ -101,14 +101,17 @@ def read_run(directory: Path) -> Run:
     for name in ("summary.json", "history.csv"):
         if not (directory / name).exists():
             raise InputError(f"{directory} holds no {name}: run the scene before drawing it")
+    summary = json.loads((directory / "summary.json").read_text())
     first = last = None
     if (directory / "fields.pvd").exists():
         sets = [(float(d.get("timestep")), directory / d.get("file"))
                 for d in ElementTree.parse(directory / "fields.pvd").iter("DataSet")]
         if sets:
-            first, last = (read_mesh(path, time) for time, path in (min(sets), max(sets)))
+            told = summary.get("quantities_time", max(sets)[0])
+            nearest = min(sets, key=lambda one: abs(one[0] - told))
+            first, last = (read_mesh(path, time) for time, path in (min(sets), nearest))
     tables = {n: read_table(directory / f"{n}.csv") for n in ("history", "contact", "convergence", "boundary", "adaptivity")}
-    return Run(json.loads((directory / "summary.json").read_text()), first=first, last=last, **tables)
+    return Run(summary, first=first, last=last, **tables)
 
 
 def select(table: dict, rows) -> dict:
