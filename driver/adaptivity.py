@@ -88,7 +88,7 @@ def write_sizes(stem: Path, xy: np.ndarray, triangles: np.ndarray, edges: np.nda
     """The files of a size field (n_v,) that edp/lib/adapt.idp names; `edges` (n_e, 2) of the outline.
 
     Bodies, which share no vertex, have files of their own: where they touch their meshes overlap. Their vertices come one
-    body after the other.
+    body after the other. gmsh's file is for a body that is alone: a scene may mesh one of several elsewhere and move it.
     """
     zero = lambda rows: np.zeros(len(rows), np.int64)
     ends = triangles.ravel(), np.roll(triangles, 1, axis=1).ravel()
@@ -105,6 +105,8 @@ def write_sizes(stem: Path, xy: np.ndarray, triangles: np.ndarray, edges: np.nda
             np.savetxt(file, np.column_stack([rim + 1, zero(rim) + 1]), fmt="%d")
         with open(f"{stem}-{k}.bin", "wb") as file:
             file.write(np.int64(len(own)).tobytes() + np.ascontiguousarray(size[own], float).tobytes())
+    if len(names) > 1:
+        return
     corner = np.concatenate([xy, zero(xy)[:, None]], axis=1)[triangles].reshape(-1, 9)
     with open(f"{stem}.pos", "w") as file:
         file.write('View "size" {\n')
