@@ -104,7 +104,7 @@ def draw_study(directory: Path) -> list[Path]:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    from .figures import BLUE, GREEN, INCH, ORANGE, STYLE, WIDTH, write
+    from .figures import BLUE, GREEN, INCH, ORANGE, STYLE, WIDTH, scale_for, write
 
     summary = json.loads((directory / "summary.json").read_text())
     with open(directory / "study.csv", newline="") as file:
@@ -112,27 +112,32 @@ def draw_study(directory: Path) -> list[Path]:
     if not rows:
         return []
     name = summary["study"]
+    line = "-"
     try:
         x = [float(row[name]) for row in rows]
     except ValueError:
-        x = [row[name] for row in rows]
+        x, line = [row[name] for row in rows], ""  # nothing lies between words
     y = lambda column: np.array([float(row[column]) for row in rows])
     length, stress = summary["units"]["length"], summary["units"]["stress"]
-    marker = "o" if len(rows) <= 20 else ""
+    marker = "o" if len(rows) <= 20 or not line else ""
+
+    def plot(axes, what: str, unit: str, curves: dict) -> None:
+        scale = scale_for(unit, np.concatenate([values for values, _ in curves.values()]))
+        for label, (values, colour) in curves.items():
+            axes.plot(x, values * scale.factor, color=colour, ls=line, marker=marker, label=label)
+        axes.set_ylabel(f"{what} [{scale.label}]" if unit else what)
+        axes.margins(x=0.3 if not line else 0.05)
+
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(WIDTH, 12 * INCH), dpi=150, layout="constrained")
         FigureCanvasAgg(figure)
         forces, peak, zones, energy = figure.subplots(2, 2, sharex=True).ravel()
-        forces.plot(x, -y("resultant_n"), BLUE, marker=marker, label="pressing, $-R_n$")
-        forces.plot(x, y("resultant_t"), ORANGE, marker=marker, label="friction, $R_t$")
-        forces.set_ylabel(f"contact force [{stress}·{length}]")
-        peak.plot(x, y("peak_pressure"), BLUE, marker=marker)
-        peak.set_ylabel(f"largest pressure [{stress}]")
-        for zone, colour in (("stick", GREEN), ("slip", ORANGE), ("open", BLUE)):
-            zones.plot(x, y(f"nodes_{zone}"), colour, marker=marker, label=zone)
-        zones.set_ylabel("contact nodes")
-        energy.plot(x, y("dissipated"), ORANGE, marker=marker)
-        energy.set_ylabel(f"dissipated energy [{stress}·{length}²]")
+        plot(forces, "contact force", f"{stress}·{length}", {"pressing, $-R_n$": (-y("resultant_n"), BLUE),
+                                                             "friction, $R_t$": (y("resultant_t"), ORANGE)})
+        plot(peak, "largest pressure", stress, {"": (y("peak_pressure"), BLUE)})
+        plot(zones, "contact nodes", "", {zone: (y(f"nodes_{zone}"), colour) for zone, colour in
+                                          (("stick", GREEN), ("slip", ORANGE), ("open", BLUE))})
+        plot(energy, "dissipated energy", f"{stress}·{length}²", {"": (y("dissipated"), ORANGE)})
         for axes in (forces, zones):
             axes.legend(frameon=False)
         for axes in (zones, energy):
