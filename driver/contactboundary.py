@@ -26,6 +26,14 @@ class ClampedContact:
 
 
 @dataclass
+class Configuration:
+    """Where contact between bodies is linearized: displacements u (k, 2) of the vertices `gid` (k,) of both sides."""
+
+    gid: np.ndarray
+    u: np.ndarray
+
+
+@dataclass
 class ContactBoundary:
     """All contact nodes of the body, replicated on every rank; arrays of length n_c.
 
@@ -45,7 +53,6 @@ class ContactBoundary:
     friction: np.ndarray
     initial: np.ndarray  # tangential displacement at time 0
     paired: np.ndarray  # the node meets another body
-    clearance: np.ndarray  # declared part of the gap of a paired node; the bodies' geometry makes the rest
     middle: np.ndarray  # the node is the middle of an edge
     term_node: np.ndarray
     term_gid: np.ndarray
@@ -54,6 +61,7 @@ class ContactBoundary:
     normal_row: np.ndarray
     tangential_row: np.ndarray
     clamped: ClampedContact
+    about: Configuration | None = None  # of pairs; None: the initial geometry
 
     @property
     def tangent(self) -> np.ndarray:
@@ -61,8 +69,12 @@ class ContactBoundary:
         return np.column_stack([-self.normal[:, 1], self.normal[:, 0]])
 
 
-def contact_boundary(manifest, subdomains, skeleton, fixed, comm) -> ContactBoundary:
-    """Contact nodes of all subdomains, the parts of a node's dual segment added up."""
+def contact_boundary(manifest, subdomains, skeleton, fixed, comm, moved=None) -> ContactBoundary:
+    """Contact nodes of all subdomains, the parts of a node's dual segment added up.
+
+    `moved`, if given, holds displacements (dofs,) of the rank's subdomains: between bodies normals, facing parts and
+    gaps are those of the displaced boundaries.
+    """
     found = [np.empty((0, 10))]
     for sub in subdomains:
         if sub.contact is not None:
@@ -78,9 +90,9 @@ def contact_boundary(manifest, subdomains, skeleton, fixed, comm) -> ContactBoun
         raise InputError(f"no contact node has the label {missing[0]}: the scene declares contact on a label "
                          "that its mesh lacks")
     arc = _arc_lengths(label, gid, xy, skeleton)
-    paired, clearance = np.isin(label, [one for one, _ in manifest.contact_pairs]), gap.copy()
+    paired = np.isin(label, [one for one, _ in manifest.contact_pairs])
     terms = [tuple(column[~paired] for column in (np.arange(n), gid, np.ones(n), np.zeros(n, bool)))]
-    sides = _PairSides(manifest, subdomains, fixed, comm)
+    sides = _PairSides(manifest, subdomains, fixed, comm, moved)
     for one, two in manifest.contact_pairs:
         here = np.flatnonzero(label == one)
         weight[here], normal[here], more, (node, *term) = sides.couple(one, two, gid[here])
@@ -97,33 +109,41 @@ def contact_boundary(manifest, subdomains, skeleton, fixed, comm) -> ContactBoun
     node, gids, value, other = (np.concatenate(column) for column in zip(*terms))
     node = position[node]
     none, used = np.full(len(order), -1), node >= 0
-    fields = (of[order] for of in (gid, label, xy, arc, weight, normal, gap, friction, initial, paired, clearance, middle))
+    fields = (of[order] for of in (gid, label, xy, arc, weight, normal, gap, friction, initial, paired, middle))
     terms = (of[used] for of in (node, gids, value, other))
-    return ContactBoundary(*fields, *terms, none, none.copy(), clamped)
+    return ContactBoundary(*fields, *terms, none, none.copy(), clamped, sides.about)
 
 
 class _PairSides:
     """Boundaries that meet in contact pairs, replicated on every rank."""
 
-    def __init__(self, manifest: Manifest, subdomains: list[Subdomain], fixed, comm):
-        labels, self.fixed = np.unique(manifest.contact_pairs), fixed
-        self.nodes = 2 if manifest.element == "P1" else 3  # of an edge
-        found = [np.empty((0, 5 + 3 * self.nodes))]
-        for sub in subdomains if len(labels) else ():
+    def __init__(self, manifest: Manifest, subdomains: list[Subdomain], fixed, comm, moved=None):
+        labels, self.fixed, self.about = np.unique(manifest.contact_pairs), fixed, None
+        self.nodes = n = 2 if manifest.element == "P1" else 3  # of an edge
+        found = [np.empty((0, 3 + 5 * n))]
+        for s, sub in enumerate(subdomains if len(labels) else ()):
             edges = _outward_edges(sub.triangles)
             label = edge_labels(sub, np.sort(edges, axis=1))
             edges, label = edges[np.isin(label, labels)], label[np.isin(label, labels)]
-            along = sub.xy[edges[:, 1]] - sub.xy[edges[:, 0]]
-            bow = np.zeros_like(along)
-            if self.nodes == 3:
+            bow, u = np.zeros((len(edges), 2)), np.zeros_like(sub.xy) if moved is None else moved[s].reshape(-1, 2)
+            if n == 3:
                 edges = np.column_stack([edges, sub.middles(edges)])
                 bow = sub.bow[edges[:, 2]]
-            found.append(np.column_stack([label, along[:, 1], -along[:, 0], bow, sub.node_gid[edges],
-                                          sub.xy[edges].reshape(-1, 2 * self.nodes)]))
-        self.edges = gather(comm, np.concatenate(found))  # label, normal times length, bow, gids, places
+            found.append(np.column_stack([label, bow, sub.node_gid[edges], sub.xy[edges].reshape(-1, 2 * n),
+                                          u[edges].reshape(-1, 2 * n)]))
+        found = gather(comm, np.concatenate(found))
+        self.label, self.bow, self.gid = found[:, 0], found[:, 1:3], found[:, 3 : 3 + n].astype(np.int64)
+        self.xy, self.u = (found[:, 3 + k * n : 3 + (k + 2) * n].reshape(-1, n, 2) for k in (1, 3))
+        if moved is not None:
+            gids, first = np.unique(self.gid, return_index=True)
+            self.about = Configuration(gids, self.u.reshape(-1, 2)[first])
 
     def couple(self, one: int, two: int, nodes: np.ndarray):
-        """Weight (n,), normal (n, 2), gap (n,) and terms (node, gid, value, other body) of the nodes of a pair."""
+        """Weight (n,), normal (n, 2), gap (n,) and terms (node, gid, value, other body) of the nodes of a pair.
+
+        About a displacement w with the normals n of the displaced boundaries the condition n . [u] <= gap has as much
+        room at u = w as there is distance then: gap = distance + n . [w].
+        """
         (first, gids), (second, others) = self._side(one), self._side(two)
         found = mortar.couple(first, second, held_nodes(gids, self.fixed))
         if not found.weight.any():
@@ -134,15 +154,26 @@ class _PairSides:
         position[at] = np.arange(len(nodes))
         node_gid = np.where(found.side == 0, gids[np.where(found.side == 0, found.of, 0)],
                             others[np.where(found.side == 1, found.of, 0)])
+        gap = found.gap
+        if self.about is not None:
+            u = self.about.u[np.searchsorted(self.about.gid, node_gid)]
+            gap = gap + np.bincount(found.node, found.value * (found.normal[found.node] * u).sum(axis=1), minlength=len(gap))
         terms = position[found.node], node_gid, found.value, found.side == 1
-        return found.weight[at], found.normal[at], found.gap[at], terms
+        return found.weight[at], found.normal[at], gap[at], terms
 
     def _side(self, label: int) -> tuple[mortar.Side, np.ndarray]:
-        edges, places = self.edges[self.edges[:, 0] == label], 5 + self.nodes
-        gids, first, inverse = np.unique(edges[:, 5:places].ravel().astype(np.int64), return_index=True, return_inverse=True)
-        normal = edges[:, 1:3] / np.linalg.norm(edges[:, 1:3], axis=1)[:, None]
-        xy, bow = edges[:, places:].reshape(-1, 2)[first], edges[:, 3:5] if self.nodes == 3 else None
-        return mortar.Side(xy, inverse.reshape(-1, self.nodes), normal, bow), gids
+        """The side as it lies about `about`, with the lengths of the initial geometry; gids of its nodes."""
+        here = self.label == label
+        gids, first, inverse = np.unique(self.gid[here], return_index=True, return_inverse=True)
+        xy, u, bow = self.xy[here], self.u[here].copy(), None
+        length = np.linalg.norm(xy[:, 1] - xy[:, 0], axis=1)
+        if self.nodes == 3:  # middles stay on the straight edge between the ends
+            straight = u[:, :2].mean(axis=1)
+            bow, u[:, 2] = self.bow[here] + u[:, 2] - straight, straight
+        xy = xy + u
+        x, y = (xy[:, 1] - xy[:, 0]).T
+        normal = np.column_stack([y, -x]) / np.hypot(x, y)[:, None]
+        return mortar.Side(xy.reshape(-1, 2)[first], inverse.reshape(-1, self.nodes), normal, bow, length), gids
 
 
 def _outward_edges(triangles: np.ndarray) -> np.ndarray:

@@ -316,10 +316,14 @@ class EnergyEstimator:
         b, body, outer = self.boundary, self.body, self.operator.structure.outer_edges
         edges = lambda label: np.searchsorted(body.gid, outer[outer[:, 2] == label, :2])
         values = {"vertex": np.searchsorted(body.gid, b.gid), "weight": b.weight, "own_normal": b.normal_row >= 0,
-                  "own_tangential": b.tangential_row >= 0, "clearance": b.clearance, "pressure": -state["sigma_n"],
+                  "own_tangential": b.tangential_row >= 0, "gap": b.gap, "pressure": -state["sigma_n"],
                   "shear": state["sigma_t"], "bound": state["bound"], "before": state["u_t"] - state["slip"]}
+        about = None
+        if b.about is not None:
+            about = np.zeros((len(body.gid), 2))
+            about[np.searchsorted(body.gid, b.about.gid)] = b.about.u
         return [PairBound(body.mesh, edges(one), edges(two), {name: of[b.label == one] for name, of in values.items()},
-                          self.state.frictional, self.rows.bilateral) for one, two in self.manifest.contact_pairs]
+                          self.state.frictional, self.rows.bilateral, about) for one, two in self.manifest.contact_pairs]
 
     def _forces(self, pairs: list[PairBound] | None, state: dict) -> list[np.ndarray]:
         """Forces on the rank's subdomains that replace those of the mortar multipliers by those of t*.

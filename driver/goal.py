@@ -286,11 +286,13 @@ def run(directory: Path, request: dict, comm) -> tuple[int, str]:
 
     clock = time.perf_counter()
     root = comm.rank == 0
-    levels = Levels(Path(request["path"]), {**request["parameters"], "sampling": str(SAMPLING)}, directory / "levels", comm)
+    settings = Settings(**{"uniqueness": "no", **request["settings"]})
+    levels = Levels(Path(request["path"]), {**request["parameters"], "sampling": str(SAMPLING)}, directory / "levels", comm,
+                    settings)
     say = lambda line: print(f"{request['scene']}: {line}", flush=True) if root and not request["quiet"] else None
     status, reason, search = 0, "", None
     try:
-        search = Search(levels, Settings(**{"uniqueness": "no", **request["settings"]}), *request["accuracy"], say)
+        search = Search(levels, settings, *request["accuracy"], say)
         search.run()
     except DriverError as problem:
         status, reason = problem.exit_status, str(problem)

@@ -17,6 +17,7 @@ from .errors import DriverError, InputError, agree, error_of
 from .options import Settings
 from .problem import Problem, assemble
 from .quasistatic import QuasistaticSolver
+from .relinearization import linearized
 from .results import Record
 
 SETTLED = 1e-7  # a loose fixed point may stop where one a hundred times tighter does: the companion's is this at most
@@ -42,12 +43,14 @@ class Level:
 class Levels:
     """Meshes and finished runs of one scene."""
 
-    def __init__(self, scene: Path, parameters: dict[str, str], folder: Path, comm, cycles=()):
-        """`parameters` of the command line; exports go to `folder`, which `close` removes.
+    def __init__(self, scene: Path, parameters: dict[str, str], folder: Path, comm, settings: Settings, cycles=()):
+        """`parameters` of the command line; exports go to `folder`, which `close` removes. `settings` of the runs in which
+        contact is linearized, if they ask for that.
 
         `cycles`: directories of finished cycles of adaptive refinement, whose exports are the meshes cycle=0, 1, ...
         """
         self.scene, self.parameters, self.folder, self.comm, self.cycles = scene, parameters, folder, comm, cycles
+        self.settings = settings
         self.problems: dict = {}
         self.runs: dict = {}
         self.seconds = dict.fromkeys(("export", "setup", "solve"), 0.0)
@@ -66,7 +69,7 @@ class Levels:
 
     def _assemble(self, changes: dict) -> Problem:
         if "cycle" in changes:
-            return assemble(self.cycles[changes["cycle"]] / "export", self.comm)
+            return linearized(assemble(self.cycles[changes["cycle"]] / "export", self.comm), self.settings, self.comm)
         place, error, clock = self.place(**changes), None, time.perf_counter()
         if self.comm.rank == 0:
             try:
@@ -79,7 +82,7 @@ class Levels:
         agree(self.comm, error)
         self.seconds["export"] += time.perf_counter() - clock
         clock = time.perf_counter()
-        found = assemble(place, self.comm)
+        found = linearized(assemble(place, self.comm), self.settings, self.comm)
         self.seconds["setup"] += time.perf_counter() - clock
         return found
 

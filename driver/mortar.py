@@ -40,20 +40,32 @@ SLIVER = 1e-6  # parts of an edge shorter than this, relative to the edge, do no
 class Side:
     """One side of a pair: nodes with place (n, 2), and edges (e, 2), or (e, 3) with their middles.
 
-    `edge_normal` (e, 2) are the unit outward normals, `bow` (e, 2) the ways from the middles to the boundary's curve.
+    `edge_normal` (e, 2) are the unit outward normals, `bow` (e, 2) the ways from the middles to the boundary's curve,
+    `length` (e,) that of the edges in the configuration that stresses refer to; by default as they lie.
     """
 
     xy: np.ndarray
     edges: np.ndarray
     edge_normal: np.ndarray
     bow: np.ndarray | None = None
+    length: np.ndarray | None = None
+
+    def __post_init__(self):
+        if self.length is None:
+            self.length = self._length()
+
+    def _length(self) -> np.ndarray:
+        return np.linalg.norm(self.xy[self.edges[:, 1]] - self.xy[self.edges[:, 0]], axis=1)
 
     def nodal_normals(self) -> np.ndarray:
-        """(n, 2) unit averages of the normals of a vertex's edges, weighted with their lengths; in middles of both ends'."""
-        ends = self.edges[:, :2]
-        length = np.linalg.norm(self.xy[ends[:, 1]] - self.xy[ends[:, 0]], axis=1)
-        total = np.zeros_like(self.xy)
-        np.add.at(total, ends.ravel(), np.repeat(self.edge_normal * length[:, None], 2, axis=0))
+        """(n, 2) unit averages of the normals of a vertex's edges, each weighted with the length of the other edge.
+
+        That is the normal of the circle through a vertex and its neighbours: right to second order on curves,
+        however lengths change from edge to edge. Weights that grow with the edge's own length would be right to first
+        order. In middles the average of both ends'.
+        """
+        ends, total = self.edges[:, :2], np.zeros_like(self.xy)
+        np.add.at(total, ends.ravel(), np.repeat(self.edge_normal / self._length()[:, None], 2, axis=0))
         unit = lambda vectors: vectors / np.linalg.norm(vectors, axis=1)[:, None]
         if self.edges.shape[1] == 3:
             total[ends] = unit(total[ends].reshape(-1, 2)).reshape(-1, 2, 2)
@@ -206,6 +218,8 @@ def _facing_parts(first: Side, normal: np.ndarray, second: Side):
     start, stop = np.clip(np.minimum(*ends), 0.0, 1.0), np.clip(np.maximum(*ends), 0.0, 1.0)
     keep = stop - start > SLIVER
     e, o, start, stop = e[keep], o[keep], start[keep], stop[keep]
+    keep = _meets(first, normal, second, e, o, (start + stop) / 2)
+    e, o, start, stop = e[keep], o[keep], start[keep], stop[keep]
     covered = np.bincount(e, stop - start, minlength=len(first.edges))
     if covered.max(initial=0.0) > 1.0 + 1e-6:
         at = first.xy[first.edges[covered.argmax()]].mean(axis=0)
@@ -213,6 +227,18 @@ def _facing_parts(first: Side, normal: np.ndarray, second: Side):
                          "side; label only the parts that can meet")
     order = np.lexsort((start, e))
     return e[order], o[order], start[order], stop[order]
+
+
+def _meets(first: Side, normal: np.ndarray, second: Side, e: np.ndarray, o: np.ndarray, xi: np.ndarray) -> np.ndarray:
+    """Whether the normal from xi on edge e meets edge o.
+
+    Near the focus of the normals feet of the ends of o may lie on both sides of xi although o is elsewhere.
+    """
+    a, b = first.edges[e, :2].T
+    x = first.xy[a] + xi[:, None] * (first.xy[b] - first.xy[a])
+    n = normal[a] + xi[:, None] * (normal[b] - normal[a])
+    c, d = second.xy[second.edges[o, 0]], second.xy[second.edges[o, 1]]
+    return np.abs(_cross(x - c, n) / _cross(d - c, n) - 0.5) < 0.5 + 1e-6
 
 
 def _foot(first: Side, normal: np.ndarray, e: np.ndarray, point: np.ndarray) -> np.ndarray:
@@ -242,4 +268,4 @@ def _project(first: Side, normal: np.ndarray, second: Side, e, o, xi):
     for side, edge, at, sign in ((first, e, xi, -1.0), (second, o, eta, 1.0)):
         if side.bow is not None:
             distance += sign * 4.0 * at * (1.0 - at) * (side.bow[edge] * n).sum(axis=1)
-    return eta, distance, np.linalg.norm(t, axis=1)
+    return eta, distance, first.length[e]

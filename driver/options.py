@@ -18,4 +18,5 @@ class Settings:
     estimator: str = "equilibrated"  # error in the energy norm: a bound; "recovery": averaged stresses; "none"
     expansion: str = "contact"  # MPRGP's expansion step: contact problem solved, "cg" step projected, or "gradient" step
     corrector: str = "contact"  # contact and friction solved for given gluing before each QP, or "none"
+    linearization: str = "initial"  # of contact between bodies: about the initial geometry, or "updated" once
     uniqueness: str = "auto"  # look for other solutions of every step: "yes", "no", or where few nodes or doubt suggest it

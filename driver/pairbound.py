@@ -1,10 +1,12 @@
 """Stage 7, between two bodies: what a contact pair adds to the bound of the error in the energy norm.
 
-The problem in the continuum. Each part of the first side that faces one edge of the second (mortar.segments) is
-mapped onto it affinely, x -> x*; n(x) is linear between the averaged nodal normals, scaled to length 1. With the jump
-[v] = v(x) - v(x*), the gap g = (x* - x) . n and what the scene declares as clearance,
+The problem in the continuum. Each part of the first side that faces one edge of the second (mortar.segments; of the
+displaced sides, if contact is linearized about them) is mapped onto it affinely, x -> x*. The normal n(x) is linear between
+the averaged unit normals at the vertices, and so is the gap g between the contact nodes: as multipliers are dual, the
+mortar's gaps are those of this g, and that polygons stand for curves is no part of the error. With the jump
+[v] = v(x) - v(x*),
 
-    [v] . n <= g + clearance,   t . n <= 0,   (t . n) ([v] . n - g - clearance) = 0,   friction by t and [v],
+    [v] . n <= g,   t . n <= 0,   (t . n) ([v] . n - g) = 0,   friction by t and [v],
 
 where the tractions t on the first and -t dx/dx* on the second side are equal and opposite forces. Slip is counted
 from the computed mortar jumps of the step before, linear between the contact nodes. The argument of estimation.py
@@ -41,23 +43,26 @@ from . import equilibration, mortar
 class _Boundary:
     """One side of the pair on the untorn mesh; edges have the body on their left."""
 
-    side: mortar.Side
+    side: mortar.Side  # as it lies where contact is linearized
     vertex: np.ndarray  # (n,) untorn vertex of those of the side, ascending
     triangle: np.ndarray  # (e,) behind each edge
     corner: np.ndarray  # (e, 3, 2) of that triangle: start and end of the edge, apex
 
     @classmethod
-    def of(cls, mesh: equilibration.Mesh, ends: np.ndarray) -> "_Boundary":
-        """Of boundary edges given by their vertices (e, 2)."""
+    def of(cls, mesh: equilibration.Mesh, ends: np.ndarray, about: np.ndarray | None) -> "_Boundary":
+        """Of boundary edges given by their vertices (e, 2); `about` (vertices, 2) displacements of the linearization."""
         owner = np.empty(len(mesh.edges), int)
         owner[mesh.first // 2] = np.arange(mesh.first.size).reshape(-1, 3)
         triangle, k = np.divmod(owner[mesh.find(ends)], 3)
         corner = mesh.corner[triangle[:, None], (k[:, None] + [0, 1, 2]) % 3]
         vertex, at, edges = np.unique(mesh.triangles[triangle[:, None], (k[:, None] + [0, 1]) % 3],
                                       return_index=True, return_inverse=True)
-        along = corner[:, 1] - corner[:, 0]
+        edges, place = edges.reshape(-1, 2), corner[:, :2].reshape(-1, 2)[at]
+        now = place if about is None else place + about[vertex]
+        along = now[edges[:, 1]] - now[edges[:, 0]]
         normal = np.column_stack([along[:, 1], -along[:, 0]]) / np.linalg.norm(along, axis=1)[:, None]
-        return cls(mortar.Side(corner[:, :2].reshape(-1, 2)[at], edges.reshape(-1, 2), normal), vertex, triangle, corner)
+        length = np.linalg.norm(corner[:, 1] - corner[:, 0], axis=1)
+        return cls(mortar.Side(now, edges, normal, length=length), vertex, triangle, corner)
 
     def at(self, values: np.ndarray, edge: np.ndarray, place: np.ndarray) -> np.ndarray:
         """Nodal values, linear between the vertices, at places (m, k) of edges (m,): (m, k, ...)."""
@@ -80,12 +85,13 @@ class PairBound:
     """Tractions t* and admissible displacements of one contact pair in one step; on rank 0."""
 
     def __init__(self, mesh: equilibration.Mesh, first: np.ndarray, second: np.ndarray, nodes: dict, frictional: bool,
-                 bilateral: bool):
+                 bilateral: bool, about: np.ndarray | None = None):
         """`first`, `second` (e, 2): vertices of the boundary edges of both sides. `nodes`: arrays over the pair's contact
-        nodes: vertex, weight, own_normal, own_tangential (whether it has such a row), clearance, pressure, shear,
-        bound, before (tangential jump at the end of the step before)."""
+        nodes: vertex, weight, own_normal, own_tangential (whether it has such a row), gap, pressure, shear,
+        bound, before (tangential jump at the end of the step before). `about` (vertices, 2): displacements about which
+        contact is linearized, None for none."""
         self.mesh, self.frictional, self.bilateral = mesh, frictional, bilateral
-        self.first, self.second = _Boundary.of(mesh, first), _Boundary.of(mesh, second)
+        self.first, self.second = _Boundary.of(mesh, first, about), _Boundary.of(mesh, second, about)
         self.parts = mortar.segments(self.first.side, self.second.side)
         self.normal = self.first.side.nodal_normals()
         self.tangent = _turned(self.normal)
@@ -96,7 +102,7 @@ class PairBound:
         continued = lambda name, own: self._continued(spread(nodes[name]), own)
         self.pressure, self.bound = (continued(name, self.own_normal) for name in ("pressure", "bound"))
         known = spread(np.ones(len(here), bool))
-        self.clearance, self.before = (continued(name, known) for name in ("clearance", "before"))
+        self.gap, self.before = (continued(name, known) for name in ("gap", "before"))
         self.shear = np.zeros(n)
         if frictional:
             self.shear = np.clip(continued("shear", self.own_tangential), -self.bound, self.bound)
@@ -120,7 +126,7 @@ class PairBound:
         back = p.facing[:, 0] > p.facing[:, 1]
         facing = np.where(back[:, None], p.facing[:, ::-1], p.facing)
         across = facing[:, 1] - facing[:, 0]
-        shrink = self._length / (_length(two)[p.other] * np.maximum(across, 1e-300))
+        shrink = self._length / (two.side.length[p.other] * np.maximum(across, 1e-300))
         density = -np.where(back[:, None, None], density[:, ::-1], density) * shrink[:, None, None]
         seen = np.flatnonzero(across > 0)
         sides.append((two, equilibration.Fan.of(two.corner, p.other[seen], facing[seen]), density[seen]))
@@ -129,7 +135,7 @@ class PairBound:
     @cached_property
     def _length(self) -> np.ndarray:
         """(m,) of the parts of the first side."""
-        return _length(self.first)[self.parts.edge] * (self.parts.at[:, 1] - self.parts.at[:, 0])
+        return self.first.side.length[self.parts.edge] * (self.parts.at[:, 1] - self.parts.at[:, 0])
 
     def moments(self) -> tuple[np.ndarray, np.ndarray]:
         """Vertices (e, 2) of the edges of both sides and moments (e, 2 ends, 2) of T against their hats."""
@@ -166,7 +172,7 @@ class PairBound:
         energy = fan.bump_energy(fan.joined(between), elasticity[self.first.triangle])
         bumps = np.zeros(len(elasticity))
         np.add.at(bumps, self.first.triangle, np.sqrt(energy))
-        return Lift(change, bumps, jump, self._gap(jump))
+        return Lift(change, bumps, jump, self._duality_gap(jump))
 
     @cached_property
     def _point(self) -> np.ndarray:
@@ -190,12 +196,6 @@ class PairBound:
         p = self.parts
         return (self.first.at(u[self.first.vertex], p.edge, p.at) - self.second.at(u[self.second.vertex], p.other, p.facing))
 
-    @cached_property
-    def _apart(self) -> np.ndarray:
-        """(m, 2, 2) vectors from the second to the first side at the ends of the parts."""
-        p = self.parts
-        return self.first.at(self.first.side.xy, p.edge, p.at) - self.second.at(self.second.side.xy, p.other, p.facing)
-
     def _closing(self, jump: np.ndarray, stiffness: np.ndarray, loose: np.ndarray, free: np.ndarray) -> np.ndarray:
         """(points, 2) moves that close gap and slip where pressure or sticking is worth it, and all penetration.
 
@@ -208,7 +208,7 @@ class PairBound:
         points = point.max(initial=n - 1) + 1
         along = lambda values: self.first.at(values, p.edge, p.at)
         distance, slip = np.full(points, np.inf), np.zeros(points)
-        np.minimum.at(distance, point, along(self.clearance) - ((jump + self._apart) * unit).sum(axis=2))
+        np.minimum.at(distance, point, (along(self.gap) - (jump * normal).sum(axis=2)) / size)
         np.add.at(slip, point, (jump * _turned(unit)).sum(axis=2) - along(self.before))
         slip /= np.maximum(np.bincount(point.ravel(), minlength=points), 1)
         direction = np.zeros((points, 2))
@@ -232,8 +232,7 @@ class PairBound:
     def _excess(self, jump: np.ndarray, free: np.ndarray) -> np.ndarray:
         """(points, 2) normal moves by which a jump that is quadratic on a part exceeds its chord there, at most."""
         normal, size = self._frame
-        total = jump + self._apart
-        more = np.maximum(-((total[:, 1] - total[:, 0]) * (normal[:, 1] - normal[:, 0])).sum(axis=1), 0.0) / 4
+        more = np.maximum(-((jump[:, 1] - jump[:, 0]) * (normal[:, 1] - normal[:, 0])).sum(axis=1), 0.0) / 4
         points = self._point.max(initial=len(free) - 1) + 1
         most, direction = np.zeros(points), np.zeros((points, 2))
         np.maximum.at(most, self._point, more[:, None] / size)
@@ -241,18 +240,18 @@ class PairBound:
         most[: len(free)] *= free
         return most[:, None] * direction
 
-    def _gap(self, jump: np.ndarray) -> float:
+    def _duality_gap(self, jump: np.ndarray) -> float:
         """The duality gap of the pair for jumps (m, 2, 2) of the displacements, linear on every part."""
         p, total = self.parts, 0.0
         for point, share in zip(mortar.POINT, mortar.WEIGHT):
             s = (1.0 + point) / 2
             inside = lambda ends: (1.0 - s) * ends[:, 0] + s * ends[:, 1]
             along = lambda values: inside(self.first.at(values, p.edge, p.at))
-            normal = inside(self._frame[0])
-            normal /= np.linalg.norm(normal, axis=1)[:, None]
+            size = np.linalg.norm(inside(self._frame[0]), axis=1)
+            normal = inside(self._frame[0]) / size[:, None]
             dot = lambda a, b: (a * b).sum(axis=1)
             traction, moved = along(self.traction), inside(jump)
-            distance = along(self.clearance) - dot(moved + inside(self._apart), normal)
+            distance = along(self.gap) / size - dot(moved, normal)
             distance = np.zeros(len(normal)) if self.bilateral else np.maximum(distance, 0.0)
             total += share * self._length @ (-dot(traction, normal) * distance)
             if self.frictional:
@@ -293,7 +292,3 @@ def _spread(n: int, here: np.ndarray, values: np.ndarray) -> np.ndarray:
     found[here] = values
     return found
 
-
-def _length(boundary: _Boundary) -> np.ndarray:
-    """(e,) of the edges."""
-    return np.linalg.norm(boundary.corner[:, 1] - boundary.corner[:, 0], axis=1)

@@ -27,13 +27,15 @@ def run(directory: Path, request: dict, comm) -> tuple[int, str]:
     manifest, structure, operator = problem.manifest, problem.structure, problem.operator
     if not manifest.contact_labels:
         raise InputError("a study needs a scene with contact: without it the response is linear in its loads")
+    settings = Settings(**request["settings"])
+    if settings.linearization != "initial":
+        raise InputError("a study keeps one geometry of contact: leave LINEARIZATION out")
     lap("setup")
     rows = int(np.count_nonzero(structure.row_kind))
     condensed = rows <= LARGEST and not structure.rigid_modes
     if condensed:
         operator = ContactCompliance(operator)
     lap("condense")
-    settings = Settings(**request["settings"])
     outcomes = _outcomes(dataclasses.replace(problem, operator=operator), settings, directory, request, condensed, comm)
     lap("solve")
     seconds["total"] = sum(seconds.values())

@@ -26,7 +26,8 @@ def _setting(field, text: str):
     """Value of a solver option from its text. Raises InputError for the wrong type."""
     choices = {"preconditioner": ("deflated", "dirichlet", "none"), "predictor": ("load", "previous"),
                "expansion": ("contact", "cg", "gradient"), "corrector": ("contact", "none"),
-               "estimator": ("equilibrated", "recovery", "none"), "uniqueness": ("auto", "yes", "no")}.get(field.name)
+               "estimator": ("equilibrated", "recovery", "none"), "uniqueness": ("auto", "yes", "no"),
+               "linearization": ("initial", "updated")}.get(field.name)
     if choices:
         return choice({field.name: text}, field.name, choices, "")
     if field.type is int:

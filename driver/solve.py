@@ -18,6 +18,7 @@ from .ledger import effects_ledger
 from .loader import Manifest
 from .options import Settings
 from .problem import assemble
+from .relinearization import linearized
 from .results import Writer
 from .timing import Laps
 from .workspace import lock_log
@@ -76,9 +77,9 @@ def run(directory: Path, request: dict, comm) -> tuple[int, str]:
     """
     lap = Laps(request["seconds"])
     seconds = lap.seconds
-    problem = assemble(directory / "export", comm, lap)
-    manifest, structure, operator = problem.manifest, problem.structure, problem.operator
     settings = Settings(**request["settings"])
+    problem = linearized(assemble(directory / "export", comm, lap), settings, comm)
+    manifest, structure, operator = problem.manifest, problem.structure, problem.operator
     solver = problem.solver(settings)
     lap("setup")
     writer = Writer(directory, manifest, operator, solver, request["fields"])
@@ -142,10 +143,11 @@ def _budget(directory: Path, request: dict, problem, writer, comm) -> dict:
     """Error budget in the quantities of interest, from companions of the finished run."""
     from .levels import Levels, assess
 
-    levels = Levels(Path(request["path"]), request["parameters"], directory / "companions", comm,
+    settings = Settings(**{**request["settings"], "uniqueness": "no"})
+    levels = Levels(Path(request["path"]), request["parameters"], directory / "companions", comm, settings,
                     [Path(place) for place in request["cycles"]])
     try:
-        return assess(levels, problem, Settings(**{**request["settings"], "uniqueness": "no"}), *writer.record.quantities())
+        return assess(levels, problem, settings, *writer.record.quantities())
     finally:
         levels.close()
 

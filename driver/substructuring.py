@@ -77,9 +77,10 @@ def partition(total: int, comm) -> tuple[int, int]:
     return total * comm.rank // comm.size, total * (comm.rank + 1) // comm.size
 
 
-def build(manifest: Manifest, subdomains: list[Subdomain], first: int, comm) -> Substructure:
+def build(manifest: Manifest, subdomains: list[Subdomain], first: int, comm, moved: list | None = None) -> Substructure:
     """Derive corners, rows and numbering; collective over `comm`.
 
+    `moved`: displacements (dofs,) of the subdomains about which contact between bodies is linearized, if not about none.
     Raises InputError for interfaces that do not conform and for contact labels without nodes.
     """
     skeleton = Skeleton(manifest, subdomains, comm)
@@ -87,7 +88,7 @@ def build(manifest: Manifest, subdomains: list[Subdomain], first: int, comm) -> 
     skeleton.check_overlap(np.unique(manifest.contact_pairs))
     corners = corner_vertices(skeleton)
     fixed = _fixed_dofs(manifest, subdomains, comm)
-    contact = contact_boundary(manifest, subdomains, skeleton, fixed, comm)
+    contact = contact_boundary(manifest, subdomains, skeleton, fixed, comm, moved)
     return _number(manifest, subdomains, first, skeleton, corners, fixed, contact, comm)
 
 
