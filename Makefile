@@ -12,7 +12,7 @@ quote = '$(subst ','\'',$1)'
 GIVEN = $(foreach v,$(filter-out $(OWN),$(.VARIABLES)),$(if $(filter command,$(origin $v)),$(call quote,$v=$(value $v))))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-long run table effects accuracy stopping bench study hard saddle figures $(SCENES)
+.PHONY: help setup demo test test-long run table effects accuracy stopping locking bench study hard saddle figures $(SCENES)
 
 help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' Makefile | expand -t 12
@@ -56,6 +56,9 @@ hard:  ## the hard cases, each solved and checked or refused [FAMILY=scale,conta
 
 stopping:  ## what stopping by the error budget saves on the model example [ROWS=1,2,3,4] [OUT=]
 	@$(DRIVER) stopping $(GIVEN)
+
+locking:  ## how P1, P2 and P2-mixed converge where the material hardly changes its volume [OUT=]
+	@$(DRIVER) locking $(GIVEN)
 
 accuracy:  ## what accuracy costs in seconds: SCENE=hertz [EFFORT=quick|full] [REPEATS=] [QUANTITY=] [...]
 	@$(DRIVER) accuracy $(GIVEN)

@@ -28,7 +28,7 @@ import numpy as np
 # orders of the elements for functionals, and of the implicit Euler method. Functionals gain twice the order in the energy
 # norm: 1 with linear elements, with quadratic ones 3/2, as stresses have kinks where contact begins and ends
 # (Moussaoui, Khodja, Comm. PDE 17 (1992) 805-826)
-FORMAL = {"mesh": {"P1": 2.0, "P2": 3.0}, "time": 1.0}
+FORMAL = {"mesh": {"P1": 2.0, "P2": 3.0, "P2-mixed": 3.0}, "time": 1.0}
 SLOWEST = 0.3  # an observed order below this is no convergence
 WANDER = 0.02  # spread, relative to the value, below which values that do not converge visibly just wander
 ALONE = "no coarser run to compare with"

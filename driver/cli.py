@@ -148,6 +148,15 @@ def command_stopping(words: list[str]) -> None:
         print(os.path.relpath(path))
 
 
+def command_locking(words: list[str]) -> None:
+    """How elements converge in a material that hardly changes its volume."""
+    environment.start_petsc()
+    from .locking import run_locking
+
+    for path in run_locking(parse_pairs(words)):
+        print(os.path.relpath(path))
+
+
 def command_solve(words: list[str]) -> None:
     """One rank of the SPMD part (started by mpirun)."""
     from mpi4py import MPI

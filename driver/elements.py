@@ -1,17 +1,17 @@
 """Lagrange triangles: their nodes, shape functions and what follows from them at places inside a triangle.
 
 Places are barycentric coordinates l = (l_0, l_1, l_2). Nodes are the vertices, then, with quadratic elements, the
-middles of the sides opposite to them:
+middles of the sides opposite to them, then, with the bubble of P2-mixed, the centroid c:
 
-    phi_i = l_i (2 l_i - 1),    phi_3+i = 4 l_j l_k    (i, j, k different).
+    phi_i = l_i (2 l_i - 1),    phi_3+i = 4 l_j l_k    (i, j, k different),    less phi(c) phi_6 with phi_6 = 27 l_0 l_1 l_2.
 """
 
 import numpy as np
 
-NODES = {"P1": 3, "P2": 6}  # of a triangle
-DEGREE = {"P1": 1, "P2": 2}  # a smooth solution's error in the energy norm falls like h to this power
+NODES = {"P1": 3, "P2": 6, "P2-mixed": 7}  # of a triangle
+DEGREE = {"P1": 1, "P2": 2, "P2-mixed": 2}  # a smooth solution's error in the energy norm falls like h to this power
 CENTER = np.full((1, 3), 1 / 3)
-CORNERS = np.eye(3)
+AT_CENTER = np.array([-1.0, -1, -1, 4, 4, 4]) / 9  # quadratic shape functions at the centroid
 TO_VTK = [0, 1, 2, 5, 3, 4]  # VTK goes round the sides from vertex 0
 # of degree 4 on triangles of area 1 (Strang, Fix: An Analysis of the Finite Element Method, 1973, table 4.1)
 _A, _B = 0.445948490915965, 0.091576213509771
@@ -23,7 +23,11 @@ def shapes(nodes: int, places: np.ndarray) -> np.ndarray:
     """(m, nodes) shape functions at places (m, 3)."""
     if nodes == 3:
         return places
-    return np.column_stack([places * (2 * places - 1), 4 * places[:, [1, 2, 0]] * places[:, [2, 0, 1]]])
+    found = np.column_stack([places * (2 * places - 1), 4 * places[:, [1, 2, 0]] * places[:, [2, 0, 1]]])
+    if nodes == 6:
+        return found
+    bubble = 27 * places.prod(axis=1)[:, None]
+    return np.column_stack([found - AT_CENTER * bubble, bubble])
 
 
 def slopes(nodes: int, places: np.ndarray) -> np.ndarray:
@@ -35,7 +39,25 @@ def slopes(nodes: int, places: np.ndarray) -> np.ndarray:
         j, k = (i + 1) % 3, (i + 2) % 3
         found[:, i, i] = 4 * places[:, i] - 1
         found[:, 3 + i, j], found[:, 3 + i, k] = 4 * places[:, k], 4 * places[:, j]
-    return found
+    if nodes == 6:
+        return found
+    bubble = 27 * (places[:, [1, 2, 0]] * places[:, [2, 0, 1]])[:, None]
+    return np.concatenate([found - AT_CENTER[:, None] * bubble, bubble], axis=1)
+
+
+def mean_strains(corner: np.ndarray, value: np.ndarray) -> np.ndarray:
+    """(n_t, 3) means over the triangles of the strains as in `strains`; a bubble has none."""
+    return strains(corner, value[:, :6], CENTER)[:, 0]
+
+
+def linear_strains(corner: np.ndarray, value: np.ndarray) -> np.ndarray:
+    """(n_t, 3 corners, 3) strains as in `strains`, projected to the linear functions of every triangle in L2.
+
+    Of quadratic displacements these are the strains; with a bubble they are what the stress of P2-mixed has for its
+    pressure.
+    """
+    inverse_mass = 12 * (np.eye(3) - 0.25)
+    return (inverse_mass @ (POINTS.T * WEIGHTS)) @ strains(corner, value, POINTS)
 
 
 def hat_gradients(corner: np.ndarray) -> np.ndarray:
@@ -45,11 +67,12 @@ def hat_gradients(corner: np.ndarray) -> np.ndarray:
     return np.stack([-edge[:, :, 1], edge[:, :, 0]], axis=2) / double_area[:, None, None]
 
 
-def strains(corner: np.ndarray, value: np.ndarray, places: np.ndarray = CENTER) -> np.ndarray:
-    """(n_t, m, 3) strains e11, e22, 2 e12 at places (m, 3), their means over the triangles by default.
+def strains(corner: np.ndarray, value: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """(n_t, m, 3) strains e11, e22, 2 e12 at places (m, 3).
 
     `corner` (n_t, 3, 2) vertices, `value` (n_t, nodes, 2) displacements of the nodes.
     """
     at_corners = value[:, None] if value.shape[1] == 3 else np.einsum("mnc,tnk->tmck", slopes(value.shape[1], places), value)
     d = np.einsum("tcj,tmck->tmjk", hat_gradients(corner), at_corners)  # d[t, m, j, k] = d u_k / d x_j
-    return np.stack([d[..., 0, 0], d[..., 1, 1], d[..., 1, 0] + d[..., 0, 1]], axis=-1)
+    found = np.stack([d[..., 0, 0], d[..., 1, 1], d[..., 1, 0] + d[..., 0, 1]], axis=-1)
+    return np.broadcast_to(found, (len(corner), len(places), 3))  # constant with linear elements

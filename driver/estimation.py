@@ -211,8 +211,8 @@ class EnergyEstimator:
 
     def _recover_quadratic(self, step: Step, fields, thermal) -> Estimate | None:
         """As `_recover`, for stresses that are linear on the triangles."""
-        strain = self._gather((3, 3), float, lambda s, sub: elements.strains(
-            sub.xy[sub.triangles], fields[s].reshape(-1, 2)[sub.elements], elements.CORNERS))
+        strain = self._gather((3, 3), float, lambda s, sub: elements.linear_strains(
+            sub.xy[sub.triangles], fields[s].reshape(-1, 2)[sub.elements]))
         if not self.root:
             return None
         body, compliance = self.body, self.body.compliance

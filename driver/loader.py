@@ -41,7 +41,8 @@ class ContactData:
 class Subdomain:
     """One torn subdomain as exported.
 
-    Its n_v nodes are the vertices of the mesh and, with quadratic elements, the middles of the (straight) edges.
+    Its n_v nodes are the vertices of the mesh and, with quadratic elements, the middles of the (straight) edges and, with
+    P2-mixed, the centroids.
     `dof_node` and `dof_component` give node and displacement component of every dof; `rows`,
     `columns`, `values` are the pure Neumann stiffness in coordinate form, both triangles.
     """
@@ -49,7 +50,7 @@ class Subdomain:
     index: int
     node_gid: np.ndarray  # (n_v,) node numbers in the untorn body
     xy: np.ndarray  # (n_v, 2)
-    elements: np.ndarray  # (n_t, 3) or (n_t, 6) nodes as in elements.py
+    elements: np.ndarray  # (n_t, 3), (n_t, 6) or (n_t, 7) nodes as in elements.py
     region: np.ndarray  # (n_t,)
     edges: np.ndarray  # (n_e, 2) vertices of the boundary edges
     edge_label: np.ndarray  # (n_e,)
@@ -410,11 +411,11 @@ def _bowed(manifest: Manifest) -> bool:
 
 
 def _check_middles(nodes: np.ndarray, xy: np.ndarray, where: str) -> None:
-    """The middles of sides must be where they are said to be."""
+    """The middles of sides, and centroids, must be where they are said to be."""
     for k in range(3, nodes.shape[1]):
-        ends = xy[nodes[:, [(k + 1) % 3, (k + 2) % 3]]]
-        if np.abs(xy[nodes[:, k]] - ends.mean(axis=1)).max() > 1e-12 * np.ptp(xy):
-            raise InputError(f"{where}: the middle of a triangle's side is elsewhere")
+        around = xy[nodes[:, [0, 1, 2] if k == 6 else [(k + 1) % 3, (k + 2) % 3]]]
+        if np.abs(xy[nodes[:, k]] - around.mean(axis=1)).max() > 1e-12 * np.ptp(xy):
+            raise InputError(f"{where}: the middle of a triangle or of its side is elsewhere")
 
 
 def _read_edge_loads(reader: _Block, manifest: Manifest, ne: int) -> dict[int, np.ndarray]:

@@ -25,7 +25,7 @@ CONTACT_STATE = ("u_n", "u_t", "slip", "sigma_n", "sigma_t", "bound", "status")
 
 def strains(sub: Subdomain, u: np.ndarray) -> np.ndarray:
     """(n_t, 3) mean strains e11, e22, 2 e12 of the displacements u (dofs,) over the triangles."""
-    return elements.strains(sub.xy[sub.triangles], u.reshape(-1, 2)[sub.elements])[:, 0]
+    return elements.mean_strains(sub.xy[sub.triangles], u.reshape(-1, 2)[sub.elements])
 
 
 def stresses(sub: Subdomain, u: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -249,10 +249,12 @@ class Writer:
     # ---- meshes and fields -------------------------------------------------------------------------
     def _gather_mesh(self):
         """Points, nodes of the elements and subdomain numbers of the torn body on rank 0."""
-        subs, nodes = self.operator.structure.subdomains, elements.NODES[self.manifest.element]
-        offset = np.cumsum([0, *(len(sub.xy) for sub in subs)])
-        part = (np.concatenate([np.empty((0, 2)), *(sub.xy for sub in subs)]),
-                np.concatenate([np.empty((0, nodes), int), *(sub.elements + o for sub, o in zip(subs, offset))]),
+        subs, nodes = self.operator.structure.subdomains, min(6, elements.NODES[self.manifest.element])
+        drawn = [_drawn(sub) for sub in subs]
+        number = [(np.cumsum(shown) - 1)[sub.elements[:, :nodes]] for sub, shown in zip(subs, drawn)]
+        offset = np.cumsum([0, *(shown.sum() for shown in drawn)])
+        part = (np.concatenate([np.empty((0, 2)), *(sub.xy[shown] for sub, shown in zip(subs, drawn))]),
+                np.concatenate([np.empty((0, nodes), int), *(own + o for own, o in zip(number, offset))]),
                 np.concatenate([np.empty(0, int), *(np.full(len(sub.triangles), sub.index) for sub in subs)]))
         parts = self.operator.comm.gather(part)
         if not self.root:
@@ -276,7 +278,8 @@ class Writer:
         import meshio
 
         tensors = [stresses(sub, u, step.weights) for sub, u in zip(self.operator.structure.subdomains, fields)]
-        part = (np.concatenate([np.empty(0), *fields]), np.concatenate([np.empty((0, 3)), *(s for s, _ in tensors)]),
+        shown = [u.reshape(-1, 2)[_drawn(sub)] for sub, u in zip(self.operator.structure.subdomains, fields)]
+        part = (np.concatenate([np.empty((0, 2)), *shown]), np.concatenate([np.empty((0, 3)), *(s for s, _ in tensors)]),
                 np.concatenate([np.empty(0), *(m for _, m in tensors)]))
         parts = self.operator.comm.gather(part)
         if not self.root:
@@ -285,7 +288,7 @@ class Writer:
         xy, nodes, number = self.mesh
         cells = ("triangle", nodes) if nodes.shape[1] == 3 else ("triangle6", nodes[:, elements.TO_VTK])
         flat = lambda pairs: np.column_stack([pairs, np.zeros(len(pairs))])
-        return meshio.Mesh(flat(xy), [cells], point_data={"displacement": flat(u.reshape(-1, 2))},
+        return meshio.Mesh(flat(xy), [cells], point_data={"displacement": flat(u)},
                            cell_data={"stress": [stress], "von_mises": [mises], "subdomain": [number], **(more or {})})
 
     def _boundary(self) -> None:
@@ -354,6 +357,13 @@ class Writer:
             summary["quantities_time"] = self.history_rows[at]["time"]
         summary["dissipated"] = self.dissipated
         write_json(self.directory / "summary.json", summary)
+
+
+def _drawn(sub: Subdomain) -> np.ndarray:
+    """(n_v,) whether a node is a point of the files: not the centroids of P2-mixed."""
+    found = np.ones(len(sub.xy), bool)
+    found[sub.elements[:, 6:]] = False
+    return found
 
 
 def _edge_tractions(edges, middles, place, push) -> dict[int, np.ndarray]:

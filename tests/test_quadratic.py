@@ -9,7 +9,7 @@ from test_scenes_exact import E, TIGHT, exact, exact_strain
 from test_scenes_hertz import R, hertz, hertz_errors
 from test_scenes_zones import l2, pressure, shear, slide, strain
 
-from driver import elements, recovery
+from driver import elements, locking, recovery
 from driver.figures.reading import read_mesh
 
 def areas(sub):
@@ -22,14 +22,15 @@ def areas(sub):
 
 def test_shape_functions_hold_quadratics():
     """One at their own node, zero at the others; slopes are their derivatives; the rule is exact to degree 4."""
-    nodes = recovery.AT_NODES
-    np.testing.assert_allclose(elements.shapes(6, nodes), np.eye(6), atol=1e-15)
+    nodes = np.concatenate([recovery.AT_NODES, elements.CENTER])
     step = 1e-6
     at = np.array([[0.2, 0.3, 0.5], [0.6, 0.1, 0.3]])
-    for k in range(3):
-        moved = np.eye(3)[k] * step
-        difference = (elements.shapes(6, at + moved) - elements.shapes(6, at - moved)) / (2 * step)
-        np.testing.assert_allclose(elements.slopes(6, at)[:, :, k], difference, atol=1e-9)
+    for count in (6, 7):
+        np.testing.assert_allclose(elements.shapes(count, nodes[:count]), np.eye(count), atol=1e-15)
+        for k in range(3):
+            moved = np.eye(3)[k] * step
+            difference = (elements.shapes(count, at + moved) - elements.shapes(count, at - moved)) / (2 * step)
+            np.testing.assert_allclose(elements.slopes(count, at)[:, :, k], difference, atol=1e-9)
     x, y = elements.POINTS[:, 1:].T
     for i in range(5):  # int x^i y^j over the reference triangle, area 1/2
         for j in range(5 - i):
@@ -37,25 +38,37 @@ def test_shape_functions_hold_quadratics():
             assert elements.WEIGHTS @ (x**i * y**j) == pytest.approx(whole, rel=1e-13)
 
 
+QUADRATIC = ["P2", "P2-mixed"]
+
+
+@pytest.mark.parametrize("element", QUADRATIC)
 @pytest.mark.parametrize("subdomains", ["4x2", "5"])
-def test_stiffness_equals_an_independent_assembly(built, subdomains):
-    """Strains of elements.py at quadrature points, exact for products of linear strains."""
-    for sub in built("model", reduce=False, cells=2, subdomains=subdomains, element="P2").subdomains:
+def test_stiffness_equals_an_independent_assembly(built, subdomains, element):
+    """Strains of elements.py at quadrature points, exact for their products; P2-mixed takes the volume change projected."""
+    for sub in built("model", reduce=False, cells=2, subdomains=subdomains, element=element).subdomains:
         K = np.zeros((sub.dofs, sub.dofs))
-        corner = sub.xy[sub.triangles]
-        unit = np.eye(12).reshape(12, 1, 6, 2)
-        B = np.stack([elements.strains(corner, np.repeat(one, len(corner), axis=0), elements.POINTS) for one in unit], axis=-1)
-        local = np.einsum("tmia,tij,tmjb,m,t->tab", B, sub.elasticity, B, elements.WEIGHTS, areas(sub))
-        dof = (2 * sub.elements[:, :, None] + [0, 1]).reshape(len(corner), 12)
+        corner, count = sub.xy[sub.triangles], sub.elements.shape[1]
+        places, weights = elements.POINTS, elements.WEIGHTS
+        unit = [np.repeat(one, len(corner), axis=0) for one in np.eye(2 * count).reshape(-1, 1, count, 2)]
+        B = np.stack([elements.strains(corner, u, places) for u in unit], axis=-1)
+        C = sub.elasticity.copy()
+        local = 0.0
+        if element == "P2-mixed":
+            C[:, :2, :2] -= C[:, :1, 1:2]  # without lambda
+            volume = places @ np.stack([elements.linear_strains(corner, u)[..., :2].sum(axis=-1) for u in unit], axis=-1)
+            local = np.einsum("tma,t,tmb,m,t->tab", volume, sub.elasticity[:, 0, 1], volume, weights, areas(sub))
+        local = local + np.einsum("tmia,tij,tmjb,m,t->tab", B, C, B, weights, areas(sub))
+        dof = (2 * sub.elements[:, :, None] + [0, 1]).reshape(len(corner), 2 * count)
         np.add.at(K, (dof[:, :, None], dof[:, None, :]), local)
         found = np.zeros_like(K)
         np.add.at(found, (sub.rows, sub.columns), sub.values)
         assert np.abs(found - K).max() <= 1e-12 * np.abs(K).max()  # as for linear elements
 
 
+@pytest.mark.parametrize("element", QUADRATIC)
 @pytest.mark.parametrize("subdomains", ["4x2", "3x3", "7"])
-def test_nodes_of_neighbours_have_one_number_and_place(built, subdomains):
-    problem = built("model", reduce=False, cells=3, subdomains=subdomains, element="P2")
+def test_nodes_of_neighbours_have_one_number_and_place(built, subdomains, element):
+    problem = built("model", reduce=False, cells=3, subdomains=subdomains, element=element)
     gid = np.concatenate([sub.node_gid for sub in problem.subdomains])
     xy = np.concatenate([sub.xy for sub in problem.subdomains])
     places, number = np.unique(np.round(xy, 12), axis=0, return_inverse=True)
@@ -63,7 +76,8 @@ def test_nodes_of_neighbours_have_one_number_and_place(built, subdomains):
     assert len(np.unique(np.column_stack([gid, number.ravel()]), axis=0)) == len(places)
     triangles = sum(len(sub.triangles) for sub in problem.subdomains)
     vertices = len(np.unique(np.concatenate([sub.node_gid[sub.vertices] for sub in problem.subdomains])))
-    assert len(places) == vertices + (vertices + triangles - 1)  # Euler: edges of a body without holes
+    # Euler: edges of a body without holes
+    assert len(places) == vertices + (vertices + triangles - 1) + triangles * (element == "P2-mixed")
 
 
 def test_corners_are_vertices(built):
@@ -103,10 +117,11 @@ def test_point_load_acts_at_its_vertex(built, variant):
 
 # ------------------------------------------------------------------------------ exactness and rates
 
+@pytest.mark.parametrize("element", QUADRATIC)
 @pytest.mark.parametrize("options", [dict(subdomains="4x2", angle=30), dict(subdomains="7", angle=-137.5)], ids=str)
-def test_patch_is_exact(solved, options):
+def test_patch_is_exact(solved, options, element):
     """A constant pressure comes out constant at vertices and middles: no checkerboard."""
-    run = solved("patch", cells=4, rtol=TIGHT, element="P2", **options)
+    run = solved("patch", cells=4, rtol=TIGHT, element=element, **options)
     np.testing.assert_allclose(run.contact["sigma_n"], -1, rtol=1e-9)  # condition of the stiffness about 1e5
     assert np.abs(run.contact["u_n"]).max() < 1e-9 / E
 
@@ -126,12 +141,13 @@ include "export.idp"
 """
 
 
+@pytest.mark.parametrize("element", QUADRATIC)
 @pytest.mark.parametrize("cut", ["4x2", "5"])
-def test_pure_bending_is_exact(built, steps_of, tmp_path_factory, cut):
+def test_pure_bending_is_exact(built, steps_of, tmp_path_factory, cut, element):
     """The quadratic displacement of pure bending (plane strain), with its linear stress, for any mesh and cut."""
     scene = tmp_path_factory.mktemp("bent") / "bent.edp"
     scene.write_text(BENT.format(cut=cut))
-    problem = built(scene, cells=3, element="P2")
+    problem = built(scene, cells=3, element=element)
     solver, steps = steps_of(problem, rtol=TIGHT)
     kappa, c = 0.01, 0.3 / 0.7
     for sub, u in zip(problem.subdomains, problem.operator.displacements(steps[-1].multipliers, steps[-1].weights)):
@@ -191,6 +207,28 @@ def test_zones_energy_is_of_second_order(built, steps_of):
     assert abs(np.log2(one / two) - 2) < 0.05
 
 
+# ------------------------------------------------------------------------------ materials that keep their volume
+
+def test_orders_where_volume_is_kept():
+    """P2-mixed: 3, 2, 2 for any Poisson's ratio, with the same errors; P2 loses the pressure, P1 everything."""
+    found = {(element, nu): np.array([locking.row(element, nu, cells)[4:] for cells in (4, 8)])
+             for element, nu in (("P2-mixed", 0.49), ("P2-mixed", 0.499999), ("P2", 0.499999), ("P1", 0.499999))}
+    order = {case: np.log2(one / two) for case, (one, two) in found.items()}
+    for nu in (0.49, 0.499999):
+        np.testing.assert_allclose(order["P2-mixed", nu], [3, 2, 2], atol=0.2)  # the pressure's 1.84 is 1.94 one mesh on
+    np.testing.assert_allclose(found["P2-mixed", 0.499999], found["P2-mixed", 0.49], rtol=0.2)
+    assert abs(order["P2", 0.499999][1] - 1) < 0.15 and order["P2", 0.499999][2] < 0.5  # Babuska, Suri (1992)
+    assert np.all(np.abs(order["P1", 0.499999][:2]) < 0.1)  # stands still
+
+
+def test_mixed_form_takes_isotropic_materials(solved, tmp_path):
+    scene = tmp_path / "general.edp"
+    scene.write_text(BENT.format(cut="2x1").replace("macro young() 1000. //", "macro c11() 2. //\nmacro c12() 1. //"
+                     "\nmacro c13() 0. //\nmacro c22() 2. //\nmacro c23() 0. //\nmacro c33() 1. //").replace("macro poisson() 0.3 //", ""))
+    run = solved(scene, element="P2-mixed", cells=2)
+    assert run.status == 2 and "takes an isotropic material" in run.reason
+
+
 # ------------------------------------------------------------------------------ curved boundaries
 
 def test_middles_see_the_curve(solved):
@@ -215,9 +253,9 @@ def test_hertz(solved):
 
 # ------------------------------------------------------------------------------ friction and signs
 
-@pytest.mark.parametrize("subdomains", ["4x2", "5"])
-def test_model_equals_the_dense_solution(solved, built, subdomains):
-    options = {"loading": "nonmonotone", "cells": 3, "steps": 6, "subdomains": subdomains, "element": "P2"}
+@pytest.mark.parametrize("subdomains, element", [("4x2", "P2"), ("5", "P2"), ("5", "P2-mixed")])
+def test_model_equals_the_dense_solution(solved, built, subdomains, element):
+    options = {"loading": "nonmonotone", "cells": 3, "steps": 6, "subdomains": subdomains, "element": element}
     found = solved(**options, rtol=1e-11, friction_rtol=1e-11).contact
     problem = built(reduce=False, **options)
     m = problem.manifest
@@ -236,12 +274,12 @@ def test_signs_and_cone(solved):
 
 
 def test_ranks_and_partitions_make_no_difference(solved):
-    options = {"loading": "nonmonotone", "element": "P2", "cells": 4, "steps": 4, "subdomains": "5"}
+    options = {"loading": "nonmonotone", "element": "P2", "cells": 3, "steps": 2, "subdomains": "5"}
     one, two = solved(**options), solved(**options, np=2)
     for name in ("u_n", "u_t", "sigma_n", "sigma_t"):
         assert np.array_equal(one.contact[name], two.contact[name])
     assert one.summary["counts"] == two.summary["counts"]
-    tight = {"rtol": 1e-11, "friction_rtol": 1e-11, "loading": "nonmonotone", "element": "P2", "steps": 4}
+    tight = {"rtol": 1e-11, "friction_rtol": 1e-11, "loading": "nonmonotone", "element": "P2", "steps": 2}
     one, two = solved(**tight, cells=4), solved(**tight, subdomains="8x4", cells=2)
     for name in ("x", "weight", "u_n", "u_t", "sigma_n", "sigma_t"):
         assert_close(two.contact[name], one.contact[name], 2e-6)
@@ -268,9 +306,9 @@ def test_multipliers_are_stable(built):
 
 # ------------------------------------------------------------------------------ what a run leaves
 
-@pytest.fixture(scope="module")
-def cantilever(solved):
-    return solved("cantilever", cells=4, element="P2", fields="yes", errors="energy")
+@pytest.fixture(scope="module", params=QUADRATIC)
+def cantilever(request, solved):
+    return solved("cantilever", cells=4, element=request.param, fields="yes", errors="energy")
 
 
 def test_fields_are_quadratic_triangles(cantilever):
@@ -278,6 +316,7 @@ def test_fields_are_quadratic_triangles(cantilever):
     path = next((cantilever.directory / "fields").glob("*.vtu"))
     data = meshio.read(path)
     nodes, xy = data.cells_dict["triangle6"], data.points[:, :2]
+    assert np.array_equal(np.unique(nodes), np.arange(len(xy)))  # no points but those of the triangles
     np.testing.assert_allclose(xy[nodes[:, 3:]], (xy[nodes[:, :3]] + xy[nodes[:, [1, 2, 0]]]) / 2, atol=1e-12)
     # nodal errors of h^3 = (1/8)^3 times the third derivatives, W K^3, and constants far below one
     np.testing.assert_allclose(data.point_data["displacement"][:, :2], exact(*xy.T), atol=0.1 * (1 / 8) ** 3 * 0.01 * 1.3**3)
@@ -288,11 +327,11 @@ def test_fields_are_quadratic_triangles(cantilever):
     assert double.min() > 0 and double.sum() / 2 == pytest.approx(2.0)  # the four parts cover the body once
 
 
-@pytest.mark.parametrize("subdomains", ["4x2", "6"])
-def test_recovered_stress_tells_the_error(solved, built, steps_of, subdomains):
+@pytest.mark.parametrize("subdomains, element", [("4x2", "P2"), ("6", "P2"), ("6", "P2-mixed")])
+def test_recovered_stress_tells_the_error(solved, built, steps_of, subdomains, element):
     """The fitted stress converges faster than the computed one: the ratio to the true error tends to one."""
-    run = solved("cantilever", cells=6, element="P2", errors="energy", subdomains=subdomains)
-    problem = built("cantilever", cells=6, element="P2", subdomains=subdomains)
+    run = solved("cantilever", cells=6, element=element, errors="energy", subdomains=subdomains)
+    problem = built("cantilever", cells=6, element=element, subdomains=subdomains)
     true = errors(problem, steps_of, exact, exact_strain)[1]
     assert run.summary["errors"]["energy"]["kind"] == "recovery"  # nothing is said to be bounded
     assert run.summary["errors"]["energy"]["relative"] == pytest.approx(true, rel=0.1)

@@ -20,6 +20,12 @@ def test_locking(solved, nu, cells, locks):
     assert said(run, "elements lock") == locks
 
 
+@pytest.mark.parametrize("element, nu, locks", [("P2", 0.46, False), ("P2", 0.499, True), ("P2-mixed", 0.4999, False)])
+def test_locking_of_quadratic_elements(solved, element, nu, locks):
+    run = solved("hard/block", **QUICK, POISSON=nu, ELEMENT=element)
+    assert said(run, "P2 elements lock") == said(run, "ELEMENT=P2-mixed does not lock") == locks
+
+
 def test_no_locking_in_plane_stress_or_uniform_strain(solved, tmp_path):
     """Plane stress lets the body get thicker; a uniform state is exact in any element."""
     block = (environment.ROOT / "edp" / "hard" / "block.edp").read_text()
