@@ -141,8 +141,8 @@ def child_environment(parallel: bool = False, element: str = "P1") -> dict[str, 
     env = dict(os.environ)
     env.update(OMPI_ALLOW_RUN_AS_ROOT="1", OMPI_ALLOW_RUN_AS_ROOT_CONFIRM="1")
     env.setdefault("OMPI_MCA_pml", "ob1")
-    ranks = LIBRARY / ("mpi" if parallel else "serial")
-    includes = [str(LIBRARY), str(ranks), str(LIBRARY / element), *filter(None, [env.get("FF_INCLUDEPATH")]), "/usr/include/freefem++/idp"]
+    own = [LIBRARY, LIBRARY / ("mpi" if parallel else "serial"), LIBRARY / element]
+    includes = [*map(str, own), *filter(None, [env.get("FF_INCLUDEPATH")]), "/usr/include/freefem++/idp"]
     plugins = ["/usr/lib/freefem++/mpi"] * parallel + [*filter(None, [env.get("FF_LOADPATH")]), "/usr/lib/freefem++"]
     env.update(FF_INCLUDEPATH=";".join(includes), FF_LOADPATH=";".join(plugins))
     return env

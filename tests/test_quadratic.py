@@ -1,5 +1,7 @@
 """ELEMENT=P2: what quadratic elements export, their exactness, rates and signs, and that no result loses them."""
 
+import csv
+
 import meshio
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ from test_scenes_exact import E, TIGHT, exact, exact_strain
 from test_scenes_hertz import R, hertz, hertz_errors
 from test_scenes_zones import l2, pressure, shear, slide, strain
 
-from driver import elements, locking, recovery
+from driver import elements, locking, recovery, study
 from driver.figures.reading import read_mesh
 
 def areas(sub):
@@ -102,7 +104,8 @@ def test_unknown_element_is_refused(command):
 
 
 def test_point_load_acts_at_its_vertex(built, variant):
-    scene = variant("point", ("macro load1() traction(3, 0., -10e7) + traction(2, 3e7, 5e7) //", "macro pointLoad1() [2., 1., 1e6, -2e6] //"))
+    scene = variant("point", ("macro load1() traction(3, 0., -10e7) + traction(2, 3e7, 5e7) //",
+                              "macro pointLoad1() [2., 1., 1e6, -2e6] //"))
     for subdomains in ("4x2", "5"):
         problem = built(scene, reduce=False, cells=2, subdomains=subdomains, element="P2")
         total = np.zeros(2 * problem.manifest.nodes)
@@ -164,7 +167,8 @@ def errors(problem, steps_of, exact, strain, **settings):
     for sub, u in zip(problem.subdomains, problem.operator.displacements(steps[-1].multipliers, steps[-1].weights)):
         corner, value = sub.xy[sub.triangles], u.reshape(-1, 2)[sub.elements]
         x, y = np.moveaxis(elements.POINTS @ corner, -1, 0)
-        here, bent = elements.shapes(value.shape[1], elements.POINTS) @ value, elements.strains(corner, value, elements.POINTS)
+        here = elements.shapes(value.shape[1], elements.POINTS) @ value
+        bent = elements.strains(corner, value, elements.POINTS)
         energy = lambda e: np.einsum("tqi,tij,tqj,q,t->", e, sub.elasticity, e, elements.WEIGHTS, areas(sub))
         square = lambda v: np.einsum("tqd,q,t->", v**2, elements.WEIGHTS, areas(sub))
         total += (square(here - exact(x, y)), square(exact(x, y)), energy(bent - strain(x, y)), energy(strain(x, y)))
@@ -192,7 +196,8 @@ def test_zones_converge(zones):
 
     Dissipation, shear times slip, gains the order of the slip where that is all the error: 3 at least.
     """
-    for column, value, order in (("sigma_n", lambda x: -pressure(x), 2), ("sigma_t", lambda x: -shear(x), 2), ("u_t", slide, 3)):
+    for column, value, order in (("sigma_n", lambda x: -pressure(x), 2), ("sigma_t", lambda x: -shear(x), 2),
+                                 ("u_t", slide, 3)):
         one, two = (l2(run, column, value) for run in zones)
         assert abs(np.log2(one / two) - order) < 0.2, (column, one, two)
     for run, n in zip(zones, CELLS):  # the pressure vanishes with its slope: some nodes' distance
@@ -223,8 +228,10 @@ def test_orders_where_volume_is_kept():
 
 def test_mixed_form_takes_isotropic_materials(solved, tmp_path):
     scene = tmp_path / "general.edp"
-    scene.write_text(BENT.format(cut="2x1").replace("macro young() 1000. //", "macro c11() 2. //\nmacro c12() 1. //"
-                     "\nmacro c13() 0. //\nmacro c22() 2. //\nmacro c23() 0. //\nmacro c33() 1. //").replace("macro poisson() 0.3 //", ""))
+    general = "\n".join(f"macro c{name}() {value} //" for name, value in
+                        {"11": 2.0, "12": 1.0, "13": 0.0, "22": 2.0, "23": 0.0, "33": 1.0}.items())
+    isotropic = "macro young() 1000. //\nmacro poisson() 0.3 //"
+    scene.write_text(BENT.format(cut="2x1").replace(isotropic, general))
     run = solved(scene, element="P2-mixed", cells=2)
     assert run.status == 2 and "takes an isotropic material" in run.reason
 
@@ -355,11 +362,8 @@ def test_adaptive_meshes_follow_the_recovered_error(solved):
 
 
 def test_study_on_quadratic_elements(solved, tmp_path):
-    import csv
-
-    from driver import study
-
-    options = {"cells": "3", "steps": "3", "loading": "nonmonotone", "element": "P2", "rtol": "1e-11", "friction_rtol": "1e-10"}
+    options = {"cells": "3", "steps": "3", "loading": "nonmonotone", "element": "P2", "rtol": "1e-11",
+               "friction_rtol": "1e-10"}
     _, folder = study.make_study({"scene": "model", "friction": "0.2,0.4", "out": str(tmp_path / "out"), "figures": "no",
                                   "quiet": "yes", **options})
     rows = [row for row in csv.DictReader((folder / "contact.csv").open()) if row["friction"] == "0.4"]
