@@ -75,6 +75,8 @@ class DualOperator:
         self._build_coarse()
         self.loads = [self._pattern_load(s) for s in range(len(structure.subdomains))]
         self._acts = [load.any() for load in self.loads]
+        # local subdomains with loads or supports
+        self.acting = [s for s, sub in enumerate(structure.subdomains) if sub.loads.any() or len(structure.fixed[s])]
         rigid = [self._rigid_response(k) for k in range(self.modes)]
         self.rho = self._softness([d for d, _ in rigid])
         self.loaded = [self._respond(k) for k in range(structure.patterns)] + rigid
@@ -504,7 +506,8 @@ class DualOperator:
         found = [np.empty(0)] * len(self.structure.subdomains)
         for c, u in zip(self.classes, self._solve(weights, rows, forces, corner)):
             for s, own in zip(c.members, np.ascontiguousarray(u.T)):
-                own[self.structure.fixed[s]] = factors @ self.structure.fixed_values[s]
+                if len(self.structure.fixed[s]):
+                    own[self.structure.fixed[s]] = factors @ self.structure.fixed_values[s]
                 found[s] = own
         return found
 

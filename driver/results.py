@@ -68,11 +68,12 @@ class ContactState:
         """Where the displacements are that meet at the contact nodes: in every subdomain that has such a node."""
         gids, self._term = np.unique(self.boundary.term_gid, return_inverse=True)
         self._copies, numbers = [], [np.empty(0, int)]  # of the rank: (subdomain, its nodes)
-        for s, sub in enumerate(self.operator.structure.subdomains):
-            node = np.flatnonzero(np.isin(sub.node_gid, gids))
+        for s, sub in enumerate(self.operator.structure.subdomains if len(gids) else ()):
+            number = np.searchsorted(gids[:-1], sub.node_gid)
+            node = np.flatnonzero(gids[number] == sub.node_gid)
             if len(node):
                 self._copies.append((s, node))
-                numbers.append(np.searchsorted(gids, sub.node_gid[node]))
+                numbers.append(number[node])
         self._copied = np.concatenate(self.operator.comm.allgather(np.concatenate(numbers)))
 
     def evaluate(self, step: Step, fields: list[np.ndarray]) -> dict[str, np.ndarray]:
@@ -115,9 +116,8 @@ def resultants(operator: DualOperator, step: Step, inner, contact: dict) -> tupl
     """
     structure, totals = operator.structure, np.zeros((len(inner), 3, 2))
     forces = operator.forces_on_supports(step.multipliers)
-    for s, (sub, force, total) in enumerate(zip(structure.subdomains, inner, totals)):
-        if not (len(structure.fixed[s]) or sub.loads.any()):
-            continue
+    for s in operator.acting:
+        sub, force, total = structure.subdomains[s], inner[s], totals[s]
         load = step.weights[: structure.patterns] @ sub.loads
         reaction = (force - load)[structure.fixed[s]] + forces[s]
         total[0] += np.bincount(sub.dof_component, load, minlength=2)

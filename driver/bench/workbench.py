@@ -156,7 +156,8 @@ def ratios(over: list[float], under: list[float]) -> list[float]:
 def child(command: list[str]) -> tuple[float, float]:
     """Run a process: its wall seconds and peak memory in MiB. Raises RuntimeError with its last words if it fails."""
     env = {**environment.child_environment(), "PYTHONPATH": str(environment.ROOT)}
-    for name in ("MAKEFLAGS", "MAKEOVERRIDES", "MFLAGS", "MAKELEVEL"):  # options of `make bench` are not the child's
+    # options of `make bench` are not the child's; compiled modules are kept, as those of installed packages are
+    for name in ("MAKEFLAGS", "MAKEOVERRIDES", "MFLAGS", "MAKELEVEL", "PYTHONDONTWRITEBYTECODE"):
         env.pop(name, None)
     clock = time.perf_counter()
     with subprocess.Popen(command, env=env, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
