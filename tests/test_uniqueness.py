@@ -201,6 +201,13 @@ def test_fallback_is_reported(solved):
     assert any("did not settle" in line and "step 1" in line for line in found.summary["warnings"])
 
 
+@pytest.mark.parametrize("friction", [6, 8, 10])
+def test_qps_solved_in_full_settle_without_a_fallback(solved, friction):
+    """As above with more iterations: QPs left early made it stall, none of the other methods is needed."""
+    found = solved(friction=friction, steps=1, corrector="none", uniqueness="no")
+    assert found.status == 0 and not found.summary["fallbacks"]
+
+
 def test_condensed_newton_finds_the_fixed_point(built, steps_of, monkeypatch):
     """Stopped after 5 of the 16 iterations it needs and with Anderson acceleration out of the way: the same answer."""
     from driver import fixedpoint, step
