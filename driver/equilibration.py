@@ -504,8 +504,21 @@ def johnson_mercier(corner: np.ndarray, moments: np.ndarray) -> np.ndarray:
     return (full[..., [0, 1, 0], [0, 1, 1]] / np.linalg.det(columns)[:, None, None]).reshape(-1, 3, 3, 3)
 
 
+APEXES = np.array([[0, 0, 6], [1, 1, 4], [2, 2, 2], [0, 3, 3], [3, 0, 3]]) / 6  # barycentric: of a triangle, and inside
+
+
 def remainder_constant(triangle: np.ndarray, compliance: np.ndarray) -> np.ndarray:
     """(n,) c with ||s||^2 <= c int |r|^2 for a stress s without divergence and with tractions r on side 0 only.
+
+    s lives on the triangle with this side and that one of the `APEXES` for which c is least.
+    """
+    side = triangle[:, :2]
+    inside = [np.concatenate([side, np.einsum("k,nkj->nj", apex, triangle)[:, None]], axis=1) for apex in APEXES]
+    return np.min([_remainder_constant(one, compliance) for one in inside], axis=0)
+
+
+def _remainder_constant(triangle: np.ndarray, compliance: np.ndarray) -> np.ndarray:
+    """(n,) the same with s on all of the triangle.
 
     r may be any field without moments against linear ones. It is a sum of piecewise linear fields on halves of the
     side, of its halves and so on, each without moments on what it lives on and orthogonal to the others (Alpert,
