@@ -272,12 +272,13 @@ def partial_slip(run, F=0.3, R=50.0):
     return abs(found / stick - 1), np.sqrt(weight @ (shear - exact) ** 2 / (weight @ exact**2))
 
 
-@pytest.mark.parametrize("options", [{}, {"friction": 0.6}, {"shift": 0.003}])
+@pytest.mark.parametrize("options", [{}, {"friction": 0.6}, {"shift": 0.003}, {"radius": 0.05, "approach": 1.76e-5}])
 def test_two_cylinders_in_partial_slip(solved, options):
     """Slopes are infinite at the ends of contact and sticking: over an element of length h/4 there the shear errs by
     sqrt(h/4a), in L2 by about h/4a = 1.3%; the closed form errs by the order of a/R = 0.8%, where discs are no
     half-planes and the shear's moment moves the pressure by 0.1% of a."""
-    stick, shear = partial_slip(solved("mindlin-bodies", steps=6, **options), options.get("friction", 0.3))
+    run = solved("mindlin-bodies", steps=6, **options)
+    stick, shear = partial_slip(run, options.get("friction", 0.3), options.get("radius", 50.0))
     assert stick < 0.01
     assert shear < 0.02
 
