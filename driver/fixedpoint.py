@@ -18,7 +18,8 @@ from .step import WINDOW, Load, Trace
 SETTLING = 0.3  # relative change of pressures and friction bounds below which free bodies follow their springs
 CORRECTIONS = 30  # friction bounds in the contact problem with F_cc, at most
 CORRECTION = 0.1  # its residual, relative to the whole one before
-BALANCED = 0.01  # its imbalance of bodies without support, relative to the one before
+BALANCED = 0.1  # its imbalance of bodies without support, relative to the one before
+HEADWAY = 1.0  # relative imbalance after a QP above which the corrector leaves these bodies where they are
 CONDENSED_PASSES = 30  # corrections of a solution of the condensed contact problem
 
 
@@ -28,6 +29,7 @@ class FixedPoint:
     def __init__(self, qp: FrictionQP, bodies: FreeBodies, slid: SlidState, condensation: Condensation):
         self.qp, self.bodies, self.slid, self.condensation = qp, bodies, slid, condensation
         self.operator, self.rows, self.settings, self.history = qp.operator, qp.rows, qp.settings, qp.history
+        self.corrects_motion = False
 
     def find(self, index: int, load: Load, x, gradient, sliding, trace: Trace):
         """Successive approximations lambda_n -> Phi(lambda_n), each QP solved only as far as it pays.
@@ -38,6 +40,7 @@ class FixedPoint:
         """
         settings, rows, free = self.settings, self.rows, self.operator.modes > 0
         coulomb = bool(self.operator.comm.allreduce(int(len(rows.tangential) > 0 and not rows.tresca)))
+        secants, last, self.corrects_motion = self.bodies.secants(), np.inf, free
         while not trace.fallback:
             trace.iterations += 1
             start, gradient = self._start(load, x, gradient, sliding)
@@ -57,7 +60,9 @@ class FixedPoint:
                 self.history.end(4, f"step {index}: no fixed point of the friction bound in {trace.iterations} iterations")
                 return x, gradient, sliding
             if loose > settings.friction_rtol and change <= SETTLING * self._norm(x[rows.normal]):
-                gradient = gradient - self.bodies.follow(load, x)  # before, friction is too far off to say where to
+                gradient = gradient - self.bodies.lead(load, x, secants)  # before, friction is too far off to say where to
+            # for given gluing multipliers bodies may move too far, and back again after the next QP
+            last, self.corrects_motion = loose, self.corrects_motion and loose <= HEADWAY * last
             if trace.stalls and not trace.exact:  # by the errors of QPs left early? Solved in full they must stall again
                 trace.exact, trace.changes = True, []
             trace.fallback = trace.stalls or tired
@@ -91,7 +96,7 @@ class FixedPoint:
                 balanced = max(0.5 * self.settings.friction_rtol, BALANCED * loose)
             left[rows.gluing] = 0.0
             if whole <= qp.tol or qp.size(left) <= aim:
-                if self.bodies.imbalance(load, x) <= balanced:
+                if not self.corrects_motion or self.bodies.imbalance(load, x) <= balanced:
                     break
                 gradient = gradient - self.bodies.follow(load, x)
             solved, gradient = qp.relaxation(x, gradient, limits, 0.5 * aim)

@@ -10,8 +10,10 @@ from .equilibrium import rigid_equilibrium
 from .errors import NoSolution
 from .fetidp import DualOperator
 from .friction import ContactRows, Scales
+from .globalization import Anderson
 from .step import History, Load
 
+SECANTS = 5  # of the rigid motions' response that are combined
 LOOSE = "nothing that touches or sticks holds a rigid motion of a body without support"
 
 
@@ -64,6 +66,16 @@ class FreeBodies:
         """Rigid motions follow what their springs still carry; d with them. Returns the change of d."""
         net, _ = self.operator.imbalance(x, load.weights)
         return self.shift(load, self.operator.rho * net)
+
+    def secants(self) -> Anderson:
+        """What `lead` combines over the iterations of one step."""
+        return Anderson(np.dot, SECANTS, 1.0, 0.01)
+
+    def lead(self, load: Load, x: np.ndarray, secants: Anderson) -> np.ndarray:
+        """As `follow`, with Anderson acceleration: as springs know nothing of how contact holds bodies on one another."""
+        net, _ = self.operator.imbalance(x, load.weights)
+        unit, motion = np.sqrt(self.operator.rho), load.weights[self.operator.structure.patterns :]
+        return self.shift(load, unit * secants.next(motion / unit, motion / unit + unit * net) - motion)
 
     def shift(self, load: Load, change: np.ndarray) -> np.ndarray:
         """Move by `change` (modes,); d with it. Returns the change of d."""

@@ -150,6 +150,16 @@ class Assembled:
         self.xy = np.array([p[0, 5:] for _, p in kept]).reshape(-1, 2)
         self.normal = total[:, 1:3] / np.linalg.norm(total[:, 1:3], axis=1)[:, None]
         self.tangent = np.column_stack([-self.normal[:, 1], self.normal[:, 0]])
+        self.terms = np.arange(len(self.gid)), self.gid, np.ones(len(self.gid))  # node, vertex, weight in what meets
+
+    def meet(self, contact) -> None:
+        """Conditions of a ContactBoundary in place of the body's own: where bodies meet, rows are mortar jumps.
+
+        The weights of the jumps are then the driver's; stiffness and solution stay independent of it.
+        """
+        for name in ("gid", "label", "xy", "weight", "gap", "friction", "normal", "tangent"):
+            setattr(self, name, getattr(contact, name))
+        self.terms = contact.term_node, contact.term_gid, contact.term_value
 
     def solve(self, weights, forces=None):
         """Displacements (2 vertices,) under sum_k weights_k pattern_k plus nodal `forces`, up to the free `motions`."""
@@ -160,12 +170,12 @@ class Assembled:
 
     @property
     def B(self):
-        """(2 n_c, 2 vertices): n.u of every contact node, then t.u."""
-        n, rows = len(self.gid), np.arange(len(self.gid))
+        """(2 n_c, 2 vertices): what meets at every contact node, n.u or its jump, then t.u."""
+        n, (node, gid, value) = len(self.gid), self.terms
         B = np.zeros((2 * n, self.K.shape[0]))
         for c in (0, 1):
-            B[rows, 2 * self.gid + c] = self.normal[:, c]
-            B[n + rows, 2 * self.gid + c] = self.tangent[:, c]
+            np.add.at(B, (node, 2 * gid + c), value * self.normal[node, c])
+            np.add.at(B, (n + node, 2 * gid + c), value * self.tangent[node, c])
         return B
 
     def compliance(self):

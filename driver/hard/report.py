@@ -7,7 +7,7 @@ import numpy as np
 
 from ..files import write_table
 
-RESIDUALS = ("stationarity", "gluing", "penetration", "sign", "cone", "complementarity")
+RESIDUALS = ("stationarity", "gluing", "penetration", "sign", "cone", "equilibrium", "complementarity")
 
 
 @dataclass
@@ -26,6 +26,7 @@ class Row:
     penetration: float = np.nan
     sign: float = np.nan
     cone: float = np.nan
+    equilibrium: float = np.nan  # of bodies without support
     complementarity: float = np.nan
     kkt_tolerance: float = np.nan
     oracle: str = ""
