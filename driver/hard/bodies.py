@@ -13,9 +13,16 @@ ROUNDING = 1e-9  # as in scale.py
 
 
 def jump(value: float, fast: bool = False) -> Case:
-    """The upper block, which contact alone holds and whose side has the contact nodes, `value` times as stiff."""
-    return Case(f"E of the body on top times {value:.0e}", "bodies", PAIR, {**STEPS, "JUMP": value}, SIZES, FREE, easy={"JUMP": 1},
+    """The upper block, which contact alone holds, `value` times as stiff; contact nodes on the softer side."""
+    return Case(f"E of the body on top times {value:.0e}", "bodies", PAIR,
+                {**STEPS, "JUMP": value, "NODES": "upper" if value < 1 else "lower"}, SIZES, FREE, easy={"JUMP": 1},
                 ratio=3.0, sweep=("E of the body on top", value), fast=fast)
+
+
+def stiff_side(value: float) -> Case:
+    """Contact nodes on the side that is stiffer and finer: pressures that alternate there deform next to nothing."""
+    return Case(f"contact nodes on the body with E times {value:.0e}", "bodies", PAIR, {**STEPS, "JUMP": value}, SIZES, FREE,
+                easy={"JUMP": 1}, sweep=("the same, contact nodes on top", value))
 
 
 def ratio(value: float, nodes: str) -> Case:
@@ -35,6 +42,7 @@ def far(value: float) -> Case:
 
 CASES = [
     *(jump(value, fast=value == 1e6) for value in (1e-6, 1e-3, 1, 1e3, 1e6)),
+    stiff_side(1e3), stiff_side(1e6),
     *(ratio(value, nodes) for nodes in ("upper", "lower") for value in (0.1, 1, 10)),
     Case("a clearance closes", "bodies", PAIR, {**MOVED, "GAP": 4e-4}, SIZES, BOTH),
     Case("bodies that overlap", "bodies", PAIR, {**MOVED, "GAP": -4e-4}, SIZES, BOTH, fast=True),

@@ -96,8 +96,10 @@ def judge(case: Case, size: dict, folder: Path) -> Row:
     if outcome.crashed or outcome.status != case.status:
         return row
     if case.status:
-        # what was found before an iteration limit is kept, marked as not converged; else nothing is left behind
-        left = outcome.summary.get("converged") is False if case.status == 4 else not outcome.directory.exists()
+        # what was found before an iteration limit, or a step without solution, is kept, marked as not converged; else
+        # nothing is left behind
+        marked = outcome.summary.get("converged") is False
+        left = marked if case.status == 4 else marked and case.status == 3 or not outcome.directory.exists()
         if re.search(case.reason, outcome.message) and left:
             row.status = "refused"
         return row
