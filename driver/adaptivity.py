@@ -14,8 +14,6 @@ import json
 from pathlib import Path
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from .errors import InputError
 from .files import write_table
@@ -92,6 +90,9 @@ def write_sizes(stem: Path, xy: np.ndarray, triangles: np.ndarray, edges: np.nda
     """
     zero = lambda rows: np.zeros(len(rows), np.int64)
     ends = triangles.ravel(), np.roll(triangles, 1, axis=1).ravel()
+    from scipy.sparse import coo_matrix  # every run imports this module, and FreeFEM starts first
+    from scipy.sparse.csgraph import connected_components
+
     links = coo_matrix((np.ones(3 * len(triangles)), ends), (len(xy),) * 2)
     body = connected_components(links, directed=False)[1]
     names, first = np.unique(body, return_index=True)

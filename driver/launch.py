@@ -1,5 +1,6 @@
 """Starts the SPMD part of a run: in this process or on several ranks, and tells how it ended."""
 
+import gc
 import json
 import os
 import signal
@@ -52,6 +53,7 @@ def load() -> dict:
         from . import goal, parametric, solve
     except ImportError as problem:
         raise environment.package_error(problem) from None
+    gc.freeze()  # modules stay to the end: the collector need not look through them again and again
     return {"accuracy": goal, "study": parametric, "run": solve}
 
 
