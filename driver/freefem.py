@@ -120,7 +120,7 @@ def changed_by(scene: Path, name: str) -> set[str]:
     macro = re.compile(r"\bmacro\s+(\w+)(.*?)//[^\n]*", re.DOTALL)
     macros = [(found.group(1), found.group(2)) for found in macro.finditer(text)]
     rest = re.sub(r"//[^\n]*", "", macro.sub("", text))
-    statements = [" ".join(part.split()) for part in re.split(r"[;{}]", rest) if part.strip()]
+    statements = [" ".join(part.split()) for text in re.split(r"[;{}]", rest) for part in _declarations(text) if part.strip()]
     read = re.compile(rf'\b(?:physical|whole|choice)\(\s*"{re.escape(name)}"')
     reached, changed, size = set(), set(), -1
     while size < len(reached) + len(changed):
@@ -137,6 +137,21 @@ def changed_by(scene: Path, name: str) -> set[str]:
     if not reached | changed:
         raise InputError(f"{scene.name} reads no parameter {name.upper()} that a study could vary")
     return changed | (reached & vocabulary)
+
+
+def _declarations(statement: str) -> list[str]:
+    """A statement, but one that declares several variables, `real a = ..., b = ...`, as one for each."""
+    kind = re.match(r"\s*(real|int|bool|string)\s+(?=\w+\s*=)", statement)
+    if not kind:
+        return [statement]
+    parts, depth = [""], 0
+    for letter in statement[kind.end():]:
+        depth += (letter in "([") - (letter in ")]")
+        if letter == "," and depth == 0:
+            parts.append("")
+        else:
+            parts[-1] += letter
+    return [f"{kind[1]} {part}" for part in parts]
 
 
 def _code(script: Path) -> list[str]:

@@ -496,6 +496,8 @@ def read_contact(directory: Path, manifest: Manifest) -> list[tuple[ContactData,
     reader, found = _Block(directory / "contact.bin", manifest.seal), []
     while reader.at < len(reader.words):
         count = int(reader.array(1)[0])
+        if count == 0:  # a body without contact nodes
+            continue
         label, gid = reader.array(count), reader.indices(count, manifest.nodes, "node number")
         weight, nx, ny, gap, friction, x, y = (reader.array(count, np.float64) for _ in range(7))
         initial = reader.array(count, np.float64) if manifest.initial_state else np.zeros(count)

@@ -1,5 +1,6 @@
 """The SPMD part of a study: the values of one parameter, solved on one export, and their tables."""
 
+import contextlib
 import dataclasses
 from pathlib import Path
 
@@ -7,7 +8,7 @@ import numpy as np
 
 from .compliance import ContactCompliance
 from .contactboundary import add_parts, contact_table
-from .errors import DriverError, InputError, agree
+from .errors import DriverError, InputError, NoSolution, agree
 from .files import write_json, write_table
 from .friction import OPEN, STATUS_NAMES
 from .loader import read_contact, read_manifest
@@ -128,14 +129,15 @@ def _solve(problem, settings) -> Outcome:
     operator, solver = problem.operator, problem.solver(settings)
     history, fields, u_t = [], {}, operator.structure.contact.initial
     dissipated = 0.0
-    for step in solver.steps():
-        fields = _fields(operator, solver.rows, step, u_t)
-        u_t = fields["u_t"]
-        row = _quantities(operator.structure.contact, fields)
-        dissipated += row.pop("work")
-        history.append({"step": step.index, "time": step.time, **row, "dissipated": dissipated,
-                        "fixed_point_iterations": step.fixed_point_iterations, "dual_multiplications": step.products,
-                        "kkt": max(step.residuals.values())})
+    with contextlib.suppress(NoSolution):  # in the first step; the solver's history says why
+        for step in solver.steps():
+            fields = _fields(operator, solver.rows, step, u_t)
+            u_t = fields["u_t"]
+            row = _quantities(operator.structure.contact, fields)
+            dissipated += row.pop("work")
+            history.append({"step": step.index, "time": step.time, **row, "dissipated": dissipated,
+                            "fixed_point_iterations": step.fixed_point_iterations, "dual_multiplications": step.products,
+                            "kkt": max(step.residuals.values())})
     counts, ended = solver.history.counts, solver.history
     row = {"converged": "no" if ended.exit_status else "yes", "steps": ended.steps, **(history[-1] if history else {}),
            "fixed_point_iterations": counts["fixed_point_iterations"],

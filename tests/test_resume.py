@@ -72,7 +72,8 @@ CASES = {
     "plain": ("PRECONDITIONER=none", "PREDICTOR=previous", "INNER_RTOL=1e-9", "EXPANSION=gradient", "RTOL=1e-6"),
     "deflated": ("PRECONDITIONER=deflated", "EXPANSION=contact"),
     "fields": ("FIELDS=yes", "ERRORS=energy"), "slip law": ("SCENE=punch", "LOADING=", "CELLS="),
-    "several boundaries": ("SCENE=bracket", "LOADING=", "CELLS=", "H=8", "SUBDOMAINS=4")}
+    "several boundaries": ("SCENE=bracket", "LOADING=", "CELLS=", "H=8", "SUBDOMAINS=4"),
+    "floating stack": ("SCENE=stack", "LOADING=", "CELLS=", "H=0.25", "SUBDOMAINS=3")}
 
 
 def words_of(case: str) -> list[str]:

@@ -113,6 +113,22 @@ def test_gaps_on_a_graph_partition_without_condensation(made, solved, monkeypatc
     compare(files["contact"], solved("bracket", play=0.03, steps=3, **TIGHT), play="0.03")
 
 
+def test_bodies_without_support_agree_with_single_runs(made, solved):
+    """Nodes of the second and third body keep their numbers, a second parameter in the friction's statement its value."""
+    summary, files = made(scene="stack", friction="0.3,0.6", h="0.3", steps="3")
+    assert not summary["condensed"]
+    # friction and balance are settled to 1e-10, and tractions of bodies that stand on one another answer to both
+    compare(files["contact"], solved("stack", friction=0.3, h=0.3, steps=3, **TIGHT), friction="0.3")
+
+
+def test_a_value_without_equilibrium_is_told_and_the_others_kept(tmp_path):
+    out = tmp_path / "study"
+    with pytest.raises(DriverError, match="1 of 2 values did not converge, the first FRICTION=0.3: step 1: no equilibrium"):
+        study.make_study({"scene": "slope", "friction": "0.3,0.5", "cells": "3", "out": str(out), "quiet": "yes", "figures": "no"})
+    rows = list(csv.DictReader((out / "study.csv").open()))
+    assert [row["converged"] for row in rows] == ["no", "yes"] and float(rows[1]["resultant_n"]) < 0
+
+
 def test_any_number_of_ranks_gives_the_same_bits(made):
     one = made(scene="model", friction="0.2,0.3,0.4", steps="3")[1]
     assert one == made(scene="model", friction="0.2,0.3,0.4", steps="3", np="2")[1]
@@ -122,6 +138,7 @@ def test_any_number_of_ranks_gives_the_same_bits(made):
     ("", {"friction"}),
     ("real E2 = 3.*F, other = 1.;", {"friction"}),
     ("real other = 1., E = F*1e9;", {"friction", "young"}),
+    ("real other = min(F, 1.), E = 1e9;", {"friction"}),
     ("macro strength() (2.*F) //\nreal E = strength*1e9;", {"friction", "young"}),
     ("rotate(F);", {"friction", "'rotate(F)'"}),
 ])
