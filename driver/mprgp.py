@@ -137,6 +137,10 @@ class _Mprgp:
     def __init__(self, A, b, lower, upper, tol, bound, gamma, alpha_factor, preconditioner,
                  max_products, dot, monitor, projected_cg, relax):
         self.A, self.b, self.lower, self.upper = A, b, lower, upper
+        # most components have no bounds where few of many multipliers belong to contact
+        bounded = (lower > -np.inf) | (upper < np.inf)
+        self.bounded = slice(None) if bounded.all() else np.flatnonzero(bounded)
+        self.box = lower[self.bounded], upper[self.bounded]
         self.tol, self.bound, self.gamma, self.alpha_factor = tol, bound, gamma, alpha_factor
         self.preconditioner, self.max_products = preconditioner, max_products
         self.dot, self.monitor, self.projected_cg, self.relax = dot, monitor, projected_cg, relax
@@ -173,9 +177,16 @@ class _Mprgp:
 
     def go(self, p, Ap, step, ratio):
         """x - step p with the components that met a bound put exactly on it, and clipped."""
-        met = ratio <= step * (1 + 4 * EPS)
-        x = np.where(met, np.where(p > 0, self.lower, self.upper), self.x - step * p)
-        self.place(np.clip(x, self.lower, self.upper), self.g - step * Ap, self.updates + 1)
+        b, (lower, upper) = self.bounded, self.box
+        x, met = self.x - step * p, ratio[b] <= step * (1 + 4 * EPS)
+        x[b] = np.clip(np.where(met, np.where(p[b] > 0, lower, upper), x[b]), lower, upper)
+        self.place(x, self.g - step * Ap, self.updates + 1)
+
+    def ratios(self, p):
+        """For each component (n,) the step at which x - a p meets a bound."""
+        b, ratio = self.bounded, np.full(p.shape, np.inf)
+        ratio[b] = _bound_ratios(self.x[b], p[b], *self.box)
+        return ratio
 
     def gradient_rounding(self, x):
         """Size of the rounding error in a computed A x - b."""
@@ -185,7 +196,8 @@ class _Mprgp:
 
     def evaluate(self):
         """Split the gradient; sets the squares of the norms and the residual."""
-        self.phi, self.beta = split_gradient(self.x, self.g, self.lower, self.upper)
+        b, self.phi, self.beta = self.bounded, self.g.copy(), np.zeros_like(self.g)
+        self.phi[b], self.beta[b] = split_gradient(self.x[b], self.g[b], *self.box)
         self.phi2, self.beta2 = self.dot(self.phi, self.phi), self.dot(self.beta, self.beta)
         self.residual = float(np.sqrt(self.phi2 + self.beta2))
         if not np.isfinite(self.residual):
@@ -194,7 +206,8 @@ class _Mprgp:
     def is_proportional(self):
         """Release criterion: ||beta||^2 <= gamma^2 phi~'phi keeps the face."""
         step = self.alpha_factor / self.bound
-        reduced = reduced_free_gradient(self.x, self.phi, self.lower, self.upper, step)
+        b, reduced = self.bounded, self.phi.copy()
+        reduced[b] = reduced_free_gradient(self.x[b], self.phi[b], *self.box, step)
         self.reduced_slope = self.dot(reduced, self.phi)
         return self.beta2 <= self.gamma**2 * self.reduced_slope
 
@@ -206,7 +219,7 @@ class _Mprgp:
         p, slope = self.direction()
         Ap = self.product(p)
         wish = self.exact_step(p, Ap, slope)
-        ratio = _bound_ratios(self.x, p, self.lower, self.upper)
+        ratio = self.ratios(p)
         length, blocked = _cut_step(ratio, wish, self.dot)
         self.refuse_endless(length, p, slope)
         if blocked and np.isfinite(wish):
@@ -227,7 +240,8 @@ class _Mprgp:
     def direction(self):
         """CG direction p (n,) in the face, A-orthogonal to the last one, and its slope g'p."""
         phi, z, slope = self.phi, self.phi, self.phi2
-        free = (self.x != self.lower) & (self.x != self.upper)
+        b, free = self.bounded, np.ones(phi.shape, bool)
+        free[b] = (self.x[b] != self.box[0]) & (self.x[b] != self.box[1])
         if self.preconditioner is not None:
             z = np.where(free, self.preconditioner(phi, free), 0.0)
         if self.p is not None:
@@ -269,7 +283,7 @@ class _Mprgp:
         d = self.beta
         Ad = self.product(d)
         wish = self.exact_step(d, Ad, self.beta2)
-        ratio = _bound_ratios(self.x, d, self.lower, self.upper)
+        ratio = self.ratios(d)
         length, _ = _cut_step(ratio, wish, self.dot)
         self.refuse_endless(length, d, self.beta2)
         self.go(d, Ad, length, ratio)
