@@ -263,6 +263,8 @@ class _Numbering:
                 pieces.append(self._contact_rows(sub, multiplicity, held, direction, rows))
                 if self.contact.paired.any():
                     pieces.append(self._pair_rows(sub, held, direction, rows))
+        if len(pieces) == 1:
+            return LocalRows(*pieces[0])
         width = max(piece[2].shape[1] for piece in pieces)
         pieces = [(row, sign, *(_widen(array, width) for array in (dof, *parts)), scaling)
                   for row, sign, dof, *parts, scaling in pieces]
