@@ -2,8 +2,8 @@
 
     python3 -m driver accuracy SCENE=hertz [EFFORT=quick|full] [REPEATS=3] [QUANTITY=slip] [NP=] [OUT=] [...]
 
-One sweep a knob, from coarse to fine with all others at the base: the mesh (uniform), cycles of adaptive refinement, time
-steps, friction's fixed point, MPRGP's tolerance; and `together`, meshes and steps with loose tolerances, where the good
+One sweep a knob, from coarse to fine with all others at the base: the mesh (uniform), the same with quadratic elements,
+cycles of adaptive refinement, time steps, friction's fixed point, MPRGP's tolerance; and `together`, meshes and steps with loose tolerances, where the good
 bargains are. Errors are those of the quantities of interest against a closed form where there is one, else against
 
     q(finest adaptive mesh) + q(base mesh, most steps) - q(base mesh, base steps),
@@ -97,6 +97,8 @@ class Study:
         stepped = [max(1, round(f * self.steps)) for f in effort.steps] if self.steps else [None]
         for mesh in self.meshes:
             add("mesh", mesh if self.knob == "h" else 1 / mesh, mesh=mesh)
+        for mesh in self.coarser:
+            add("quadratic", mesh if self.knob == "h" else 1 / mesh, mesh=mesh, element="P2")
         for cycles in (1, 2) if self.meshes else ():
             add("adapt", 0.5**cycles, mesh=self.start, adapt=cycles)
         for steps in stepped if self.steps and self.rubbing else ():
@@ -106,11 +108,17 @@ class Study:
                 add("friction_rtol", tol, tolerances=(("friction_rtol", tol),))
         for tol in effort.rtol:  # its safeguard off, which would tighten it
             add("rtol", tol, tolerances=(("rtol", tol), ("primal_rtol", 1.0)))
-        for mesh, cycles in [(mesh, 0) for mesh in self.meshes] + [(self.start, k) for k in (1, 2) if self.meshes]:
+        loose = tuple((name, value) for name, value in LOOSE.items() if self.fixed_point or name != "friction_rtol")
+        together = [(mesh, 0, "") for mesh in self.meshes] + [(self.start, k, "") for k in (1, 2) if self.meshes]
+        for mesh, cycles, element in together + [(mesh, 0, "P2") for mesh in self.coarser]:
             for steps in stepped[::2] if self.rubbing else [self.steps]:
-                add("together", 0, mesh=mesh, adapt=cycles, steps=steps, tolerances=tuple(
-                    (name, value) for name, value in LOOSE.items() if self.fixed_point or name != "friction_rtol"))
+                add("together", 0, mesh=mesh, adapt=cycles, steps=steps, tolerances=loose, element=element)
         return found
+
+    @property
+    def coarser(self) -> list[float]:
+        """Meshes for quadratic elements: all but the finest, with as many unknowns as linear ones have on the next."""
+        return self.meshes[:-1] if self.element == "P1" else []
 
     def references(self) -> dict[str, Trial]:
         """Trials of the overkill reference: fine and less fine in space, in time."""
@@ -169,7 +177,7 @@ class Study:
             print(f"[{number}/{total}, {time.perf_counter() - clock:.0f} s] {KNOBS.get(trial.knob, 'reference')}: "
                   f"{trial.words}: {said}", flush=True)
         for trial in trials:
-            trial.tight = overkill.get({"mesh": "finest", "adapt": "finest", "steps": "most", "friction_rtol": "base",
+            trial.tight = overkill.get({"mesh": "finest", "quadratic": "finest", "adapt": "finest", "steps": "most", "friction_rtol": "base",
                                         "rtol": "base"}.get(trial.knob))
         return trials, known
 

@@ -3,7 +3,7 @@
 import statistics
 from dataclasses import dataclass, field
 
-KNOBS = {"mesh": "uniform meshes", "adapt": "adaptive meshes", "steps": "time steps", "friction_rtol": "fixed point",
+KNOBS = {"mesh": "uniform meshes", "quadratic": "the same, P2", "adapt": "adaptive meshes", "steps": "time steps", "friction_rtol": "fixed point",
          "rtol": "MPRGP", "together": "together"}
 
 
@@ -15,10 +15,12 @@ class Setting:
     steps: int | None
     adapt: int = 0
     tolerances: tuple = ()  # pairs of name and value
+    element: str = ""  # that of the study where empty
 
     def options(self, knob: str | None) -> dict[str, str]:
         """As on the command line; `knob` names the parameter of the mesh size."""
         found = {} if self.mesh is None else {knob: f"{self.mesh:.6g}"}
+        found |= {"element": self.element} if self.element else {}
         found |= {} if self.steps is None else {"steps": str(self.steps)}
         found |= {"adapt": str(self.adapt)} if self.adapt else {}
         short = lambda value: f"{value:.0e}".replace("e-0", "e-") if value < 0.1 else f"{value:g}"
@@ -54,8 +56,8 @@ class Trial:
         """Whether this is `other`, or another run of its sweep with nothing looser."""
         if self.knob != "together" or other.knob != "together":
             return self.knob == other.knob and self.value <= other.value
-        adaptive = [bool(trial.setting.adapt) for trial in (self, other)]
-        return (adaptive[0] == adaptive[1] and self.sizes["primal_dofs"] >= other.sizes["primal_dofs"]
+        kind = [(bool(trial.setting.adapt), trial.setting.element) for trial in (self, other)]
+        return (kind[0] == kind[1] and self.sizes["primal_dofs"] >= other.sizes["primal_dofs"]
                 and (self.setting.steps or 1) >= (other.setting.steps or 1))
 
     @property

@@ -19,7 +19,8 @@ from ..run import RESULTS
 from .case import Case, Outcome, reference, run_case
 from .report import Row, line, write
 
-FAMILIES = ("material", "geometry", "contact", "friction", "scale", "support", "bodies", "algorithm", "environment")
+FAMILIES = ("material", "geometry", "contact", "friction", "scale", "support", "bodies", "element", "algorithm",
+            "environment")
 OPTIONS = ("family", "case", "fast", "jobs", "out")
 
 
