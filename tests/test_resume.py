@@ -71,7 +71,8 @@ CASES = {
     "energy error": ("ERRORS=energy",),
     "plain": ("PRECONDITIONER=none", "PREDICTOR=previous", "INNER_RTOL=1e-9", "EXPANSION=gradient", "RTOL=1e-6"),
     "deflated": ("PRECONDITIONER=deflated", "EXPANSION=contact"),
-    "fields": ("FIELDS=yes", "ERRORS=energy"), "slip law": ("SCENE=punch", "LOADING=", "CELLS="),
+    "fields": ("FIELDS=yes", "ERRORS=energy"), "quadratic": ("ELEMENT=P2", "CELLS=2", "FIELDS=yes", "ERRORS=energy"),
+    "slip law": ("SCENE=punch", "LOADING=", "CELLS="),
     "several boundaries": ("SCENE=bracket", "LOADING=", "CELLS=", "H=8", "SUBDOMAINS=4"),
     "floating stack": ("SCENE=stack", "LOADING=", "CELLS=", "H=0.25", "SUBDOMAINS=3")}
 
