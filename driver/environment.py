@@ -136,11 +136,13 @@ def child_environment(parallel: bool = False, element: str = "P1") -> dict[str, 
     """Environment for FreeFEM, which is to use an `element` of the library, and MPI child processes.
 
     FreeFEM looks for its includes and plugins where the package does not put them; Open MPI refuses
-    to start as root unless told twice, and looks for fast networks for a quarter of a second.
+    to start as root unless told twice, looks for fast networks for a quarter of a second, and lets ranks that wait
+    keep a core busy that others could use.
     """
     env = dict(os.environ)
     env.update(OMPI_ALLOW_RUN_AS_ROOT="1", OMPI_ALLOW_RUN_AS_ROOT_CONFIRM="1")
     env.setdefault("OMPI_MCA_pml", "ob1")
+    env.setdefault("OMPI_MCA_mpi_yield_when_idle", "1")
     own = [LIBRARY, LIBRARY / ("mpi" if parallel else "serial"), LIBRARY / element]
     includes = [*map(str, own), *filter(None, [env.get("FF_INCLUDEPATH")]), "/usr/include/freefem++/idp"]
     plugins = ["/usr/lib/freefem++/mpi"] * parallel + [*filter(None, [env.get("FF_LOADPATH")]), "/usr/lib/freefem++"]

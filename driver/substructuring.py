@@ -254,8 +254,9 @@ class _Numbering:
         pair = self._pair(key[dof] // 2, sub.index)
         sign = np.where(self.place[pair] == 0, 1.0, -1.0)
         other = 1.0 - self.stiffness[pair] / self.shared_stiffness[pair]  # the other side's share of the stiffness
-        coefficient = np.tile([1.0, 0.0], (len(dof), 1))
-        pieces = [(self.gluing_row[at[dof]], sign, np.column_stack([dof, dof]), coefficient,
+        coefficient = np.zeros((len(dof), 2))
+        coefficient[:, 0] = 1.0
+        pieces = [(self.gluing_row[at[dof]], sign, np.repeat(dof[:, None], 2, axis=1), coefficient,
                    np.zeros_like(coefficient), other * sign)]
         if _lookup(self.contact_gids, sub.node_gid)[1].any():
             for direction, rows in ((self.contact.normal, self.contact.normal_row),
