@@ -167,12 +167,15 @@ class _PairSides:
         gids, first, inverse = np.unique(self.gid[here], return_index=True, return_inverse=True)
         xy, u, bow = self.xy[here], self.u[here].copy(), None
         length = np.linalg.norm(xy[:, 1] - xy[:, 0], axis=1)
+        rise = mortar.sagitta(xy[:, :2].reshape(-1, 2)[first], inverse.reshape(-1, 2)) if self.nodes == 2 else None
         if self.nodes == 3:  # middles stay on the straight edge between the ends
             straight = u[:, :2].mean(axis=1)
             bow, u[:, 2] = self.bow[here] + u[:, 2] - straight, straight
         xy = xy + u
         x, y = (xy[:, 1] - xy[:, 0]).T
         normal = np.column_stack([y, -x]) / np.hypot(x, y)[:, None]
+        if rise is not None:
+            bow = rise[:, None] * normal
         return mortar.Side(xy.reshape(-1, 2)[first], inverse.reshape(-1, self.nodes), normal, bow, length), gids
 
 

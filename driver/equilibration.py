@@ -429,7 +429,8 @@ class Fan:
         at = np.column_stack([np.where(void, at[:, 0], before), np.where(tail & ~rest, 1.0, at[:, 1])])
         piece = np.concatenate([order, np.full(void.sum() + rest.sum(), -1)])
         owner = np.concatenate([owner, owner[void], owner[rest]])
-        at = np.concatenate([at, np.column_stack([before, at[:, 0]])[void], np.column_stack([at[:, 1], np.ones(len(at))])[rest]])
+        left, right = np.column_stack([before, at[:, 0]]), np.column_stack([at[:, 1], np.ones(len(at))])
+        at = np.concatenate([at, left[void], right[rest]])
         order = np.lexsort((at[:, 0], owner))
         return cls(triangle, owner[order], at[order], piece[order])
 
@@ -483,7 +484,7 @@ class Fan:
         return np.bincount(self.owner, square, minlength=len(self.triangle))
 
     def bump_energy(self, values: np.ndarray, elasticity: np.ndarray) -> np.ndarray:
-        """(n,) int C e : e of displacements that are `values` (m, 2, 2) on the side and linear on the parts, 0 at the apex."""
+        """(n,) int C e : e of displacements linear on the parts, `values` (m, 2, 2) on the side, zero at the apex."""
         d = np.einsum("mki,mkj->mij", hat_gradients(self.corner)[:, :2], values)
         strain = np.column_stack([d[:, 0, 0], d[:, 1, 1], d[:, 0, 1] + d[:, 1, 0]])
         area = 0.5 * _cross(self.corner[:, 1] - self.corner[:, 0], self.corner[:, 2] - self.corner[:, 0])
@@ -541,8 +542,9 @@ def _remainder_constant(triangle: np.ndarray, compliance: np.ndarray) -> np.ndar
         far = (-_cross(start - middle, base[0, :, 0])[:, None] * np.column_stack([-line[:, 1], line[:, 0]])
                - 0.5 * (force * line).sum(axis=1)[:, None] * line) / (line**2).sum(axis=1)[:, None]
         right, none = np.stack([-force - far, far], axis=1), np.zeros((n, 2, 2))
-        stress.append([johnson_mercier(np.stack([start, middle, apex], axis=1), np.stack([base[0], right, none], axis=1)),
-                       johnson_mercier(np.stack([middle, end, apex], axis=1), np.stack([base[1], none, -right[:, ::-1]], axis=1))])
+        moments = np.stack([base[0], right, none], axis=1), np.stack([base[1], none, -right[:, ::-1]], axis=1)
+        stress.append([johnson_mercier(np.stack([a, b, apex], axis=1), given)
+                       for a, b, given in zip((start, middle), (middle, end), moments)])
     mass = (np.eye(3) + 1) / 12 * (0.5 * _cross(end - start, apex - start) / 6)[:, None, None]
     gram = np.einsum("ahtpms,tmn,tsr,bhtpnr->tab", np.array(stress), mass, compliance, np.array(stress), optimize=True)
     return 2 * np.linalg.eigvalsh(gram)[:, -1]

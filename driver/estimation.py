@@ -22,14 +22,14 @@ in equilibrium under any multipliers, so that one recovery of displacements give
 multipliers of the glue).
 
 Between two bodies the jump takes the displacement's place; what its two sides and meshes that do not match add to
-sigma*, v and B stands in pairbound.py. Bodies that nothing holds need nothing more: their stress is in equilibrium all the
-same, and t* with the mortar's resultants on both sides.
+sigma*, v and B stands in pairbound.py.
 
 Parts (after Rey, Rey, Gosselet 2014: strict error bound with separated contributions of the discretization and of the
 iterative solver): with sigma_h of the torn, not yet averaged displacements, A <= ||sigma* - sigma_h|| + ||sigma_h -
 sigma(v)||. The first is the mesh's, the second the gluing jump's and the penetration's; the nodal sum
 lambda_n (gap - v_n) + ..., which the QP would make zero, is the solver's share of B. It also gets what vertices are
-out of balance by: rounding, and on a body that contact alone holds the torque between the two kinds of nodal forces.
+out of balance by: rounding, and on a body that contact alone holds the torque between the two kinds of nodal forces,
+which is spread over it: there its size is an estimate, no bound.
 The friction part belongs to the last change of the friction forces, to the bound of their own pressures after the
 last QP: its displacements, with those of all changes to come at the rate of the fixed point, and what it adds to
 gluing jump, penetration and gap.
@@ -528,7 +528,8 @@ class _ContactTractions:
         free = b.normal * ~self.held
         normal = np.where(alone, -(force * free).sum(axis=1) / np.maximum((free**2).sum(axis=1), 1e-300), normal)
         found = computed.copy()
-        for row, node, force in ((rows.normal, rows.normal_node, normal), (rows.tangential, rows.tangential_node, tangential)):
+        for row, node, force in ((rows.normal, rows.normal_node, normal),
+                                 (rows.tangential, rows.tangential_node, tangential)):
             found[row] = np.where(b.paired[node], found[row], force[node])
         return found
 

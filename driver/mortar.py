@@ -9,7 +9,9 @@ bound of its own,
 with w_i = int phi_i ds over the part of the boundary that faces the other side, pi the projection onto that side
 along the field n of averaged nodal normals, u* its displacement and g the distance on that way. Both sides are cut
 at each other's vertices, so that the integrals are exact on straight boundaries; as the psi_i add up to one,
-constant stress passes (patch test). On edges that are covered in part the psi_i are dual on that part. See
+constant stress passes (patch test). On edges that are covered in part the psi_i are dual on that part.
+On curved boundaries the gap is that of the smooth curves that bow from the edges, by their sagitta: the polygons' own
+gap, as large as an element's deformation in conforming contact, would make pressures alternate. See
 Wohlmuth, A mortar finite element method using dual spaces for the Lagrange multiplier (2000); Popp, Gitterle,
 Gee, Wall (2010); for normals and projection Yang, Laursen, Meng (2005).
 
@@ -71,6 +73,26 @@ class Side:
             total[ends] = unit(total[ends].reshape(-1, 2)).reshape(-1, 2, 2)
             total[self.edges[:, 2]] = total[ends].sum(axis=1)
         return unit(total)
+
+
+def sagitta(xy: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """(e,) how far the middles of edges (e, 2), body on their left, lie inside the smooth curve through the vertices.
+
+    The curvature of an edge is that of the circles through its ends and their neighbours, the smaller one; none where
+    they bend to different sides, so that corners stay corners.
+    """
+    along = xy[edges[:, 1]] - xy[edges[:, 0]]
+    length = np.linalg.norm(along, axis=1)
+    before, after = np.full(len(xy), -1), np.full(len(xy), -1)
+    before[edges[:, 1]], after[edges[:, 0]] = np.arange(len(edges)), np.arange(len(edges))
+    inner = (before >= 0) & (after >= 0)
+    one, two = along[before], along[after]
+    turning = np.arctan2(_cross(one, two), (one * two).sum(axis=1))
+    curvature = np.where(inner, 2 * turning / (length[before] + length[after]), np.nan)
+    ends = curvature[edges]
+    ends = np.where(np.isnan(ends), ends[:, ::-1], ends)  # at the end of the side the circle of the other end
+    least = np.where(ends.prod(axis=1) > 0, np.sign(ends[:, 0]) * np.abs(ends).min(axis=1), 0.0)
+    return least * length**2 / 8
 
 
 @dataclass
