@@ -12,6 +12,7 @@ NODES = {"P1": 3, "P2": 6, "P2-mixed": 7}  # of a triangle
 DEGREE = {"P1": 1, "P2": 2, "P2-mixed": 2}  # a smooth solution's error in the energy norm falls like h to this power
 CENTER = np.full((1, 3), 1 / 3)
 AT_CENTER = np.array([-1.0, -1, -1, 4, 4, 4]) / 9  # quadratic shape functions at the centroid
+INVERSE_MASS = 12 * (np.eye(3) - 0.25)  # of the hat functions on triangles of area 1
 TO_VTK = [0, 1, 2, 5, 3, 4]  # VTK goes round the sides from vertex 0
 # of degree 4 on triangles of area 1 (Strang, Fix: An Analysis of the Finite Element Method, 1973, table 4.1)
 _A, _B = 0.445948490915965, 0.091576213509771
@@ -56,8 +57,7 @@ def linear_strains(corner: np.ndarray, value: np.ndarray) -> np.ndarray:
     Of quadratic displacements these are the strains; with a bubble they are what the stress of P2-mixed has for its
     pressure.
     """
-    inverse_mass = 12 * (np.eye(3) - 0.25)
-    return (inverse_mass @ (POINTS.T * WEIGHTS)) @ strains(corner, value, POINTS)
+    return (INVERSE_MASS @ (POINTS.T * WEIGHTS)) @ strains(corner, value, POINTS)
 
 
 def hat_gradients(corner: np.ndarray) -> np.ndarray:

@@ -200,24 +200,25 @@ class EnergyEstimator:
         if np.any(step.weights[points]):
             return Estimate(step.index, reason="under point loads the exact solution has no finite energy")
         fields = self.operator.displacements(step.multipliers, step.weights)
+        if self.quadratic:
+            return self._recover_quadratic(step, fields)
         thermal = self._gather((3,), float, lambda s, sub: sum(
             (step.weights[k] * t for k, t in sub.thermal.items()), np.zeros((len(sub.triangles), 3))))
-        if self.quadratic:
-            return self._recover_quadratic(step, fields, thermal)
         fields = self._gather_fields(fields)
         if self.kind == "recovery":
             return self._recover(step, fields, thermal)
         return self._bound(step, state, fields, thermal)
 
-    def _recover_quadratic(self, step: Step, fields, thermal) -> Estimate | None:
+    def _recover_quadratic(self, step: Step, fields) -> Estimate | None:
         """As `_recover`, for stresses that are linear on the triangles."""
-        strain = self._gather((3, 3), float, lambda s, sub: elements.linear_strains(
-            sub.xy[sub.triangles], fields[s].reshape(-1, 2)[sub.elements]))
+        strain = lambda s, sub: elements.linear_strains(sub.xy[sub.triangles], fields[s].reshape(-1, 2)[sub.elements])
+        elastic = self._gather((3, 3), float, lambda s, sub: np.einsum("tmij,tmj->tmi", sub.corner_elasticity, strain(s, sub)))
+        thermal = self._gather((3, 3), float, lambda s, sub: sum(
+            (step.weights[k] * t for k, t in sub.thermal.items()), np.zeros((len(sub.triangles), 3, 3))))
         if not self.root:
             return None
         body, compliance = self.body, self.body.compliance
-        elastic = np.einsum("tij,tmj->tmi", body.elasticity, strain)
-        sigma = elastic - thermal[:, None]
+        sigma = elastic - thermal
         smooth = recovery.recovered_stress(body.mesh.corner, body.mesh.triangles, body.region, sigma)
         share = recovery.energy(body.mesh.area, compliance, smooth - recovery.AT_NODES @ sigma)
         size, norm = np.sqrt(share.sum()), np.sqrt(recovery.energy(body.mesh.area, compliance, elastic).sum())

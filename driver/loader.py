@@ -54,8 +54,9 @@ class Subdomain:
     region: np.ndarray  # (n_t,)
     edges: np.ndarray  # (n_e, 2) vertices of the boundary edges
     edge_label: np.ndarray  # (n_e,)
-    elasticity: np.ndarray  # (n_t, 3, 3) plane Hooke's law in Voigt form
-    thermal: dict[int, np.ndarray]  # by thermal pattern: (n_t, 3) stress of its strain if that is suppressed
+    elasticity: np.ndarray  # (n_t, 3, 3) plane Hooke's law in Voigt form, the means over the triangles
+    # by thermal pattern: (n_t, 3) stress of its strain if that is suppressed; at the corners (n_t, 3 corners, 3) where quadratic
+    thermal: dict[int, np.ndarray]
     sigma_zz: np.ndarray | None  # (n_t,) factor of (e11 + e22) in the out-of-plane stress; None where that is zero
     dof_node: np.ndarray
     dof_component: np.ndarray
@@ -68,6 +69,7 @@ class Subdomain:
     fixed: np.ndarray  # (n_fixed,) Dirichlet dofs
     fixed_values: np.ndarray  # (patterns, n_fixed); zero for patterns that move no support
     contact: ContactData | None = None
+    corner_elasticity: np.ndarray | None = None  # (n_t, 3 corners, 3, 3) Hooke's law at the corners of quadratic elements
     bow: np.ndarray | None = None  # (n_v, 2) ways from the middles of edges that meet another body to the boundary's curve
 
     @property
@@ -274,7 +276,8 @@ def _record_words(head: np.ndarray, manifest: Manifest) -> int:
     moving = sum(pattern["kind"] == "displacement" for pattern in manifest.patterns)
     moduli = 2 if manifest.material == "isotropic" else 6
     heated = sum(pattern["kind"] == "thermal" for pattern in manifest.patterns)
-    counted = [nv] * 3 + [elements.NODES[manifest.element] * nt, nt, 3 * ne] + [nt] * (moduli + 3 * heated) + [nd] * 2 + [nnz] * 3 + [nd] * patterns + [fixed]
+    moments = 1 if manifest.element == "P1" else 3
+    counted = [nv] * 3 + [elements.NODES[manifest.element] * nt, nt, 3 * ne] + [moments * nt] * (moduli + 3 * heated) + [nd] * 2 + [nnz] * 3 + [nd] * patterns + [fixed]
     kinds = [pattern["kind"] for pattern in manifest.patterns] if manifest.element == "P1" else []
     counted += [4 * ne] * kinds.count("traction") + [2 * nt] * (3 * kinds.count("body_force"))
     counted += [nv] * (2 * _bowed(manifest)) + [max(1, fixed)] * moving + ([contact] * (7 + manifest.initial_state) if contact else [])
@@ -344,7 +347,7 @@ def _read_record(reader: _Block, manifest: Manifest, index: int, model: Subdomai
     if edge[:, :2].min() < 0 or edge[:, :2].max() >= nv or not at_vertex[edge[:, :2]].all():
         raise InputError(f"{where}: a boundary edge ends at no vertex")
     elasticity, sigma_zz = _read_elasticity(reader, manifest, nt)
-    thermal = {k: np.column_stack([reader.array(nt, np.float64) for _ in range(3)])
+    thermal = {k: np.stack([_read_linear(reader, manifest, nt) for _ in range(3)], axis=-1)
                for k, pattern in enumerate(manifest.patterns) if pattern["kind"] == "thermal"}
     dof_node, component = _dof_layout(reader, nd, xy, where)
     rows = reader.indices(nnz, nd, "stiffness row", like["rows"])
@@ -370,23 +373,34 @@ def _read_record(reader: _Block, manifest: Manifest, index: int, model: Subdomai
             fixed_values[k] = reader.array(max(1, fixed), np.float64)[:fixed]
     bow = np.column_stack([reader.array(nv, np.float64) for _ in "xy"]) if _bowed(manifest) else None
     data = _read_contact(reader, manifest, contact, nv, where) if contact else None
+    corner_elasticity = elasticity if elasticity.ndim == 4 else None
+    if corner_elasticity is not None:
+        elasticity = corner_elasticity.mean(axis=1)
     return Subdomain(index, gid, xy, nodes, region, edge[:, :2], edge[:, 2], elasticity, thermal, sigma_zz,
                      dof_node, component,
-                     rows, columns, values, loads, edge_loads, body_loads, fixed_dofs, fixed_values, data, bow)
+                     rows, columns, values, loads, edge_loads, body_loads, fixed_dofs, fixed_values, data, corner_elasticity, bow)
 
 
 def _read_elasticity(reader: _Block, manifest: Manifest, nt: int):
-    """Plane elasticity matrices (n_t, 3, 3) and the factor of the out-of-plane stress."""
+    """Plane elasticity matrices (n_t, 3, 3), of quadratic elements at the corners (n_t, 3, 3, 3), and the factor of the
+    out-of-plane stress."""
     if manifest.material == "isotropic":
-        lam, mu = reader.array(nt, np.float64), reader.array(nt, np.float64)
-        zero = np.zeros(nt)
+        lam, mu = _read_linear(reader, manifest, nt), _read_linear(reader, manifest, nt)
+        zero = np.zeros_like(lam)
         entries = (lam + 2 * mu, lam, zero, lam + 2 * mu, zero, mu)
-        sigma_zz = lam if manifest.plane == "strain" else None
+        sigma_zz = lam.reshape(nt, -1).mean(axis=1) if manifest.plane == "strain" else None
     else:
-        entries = [reader.array(nt, np.float64) for _ in range(6)]
+        entries = [_read_linear(reader, manifest, nt) for _ in range(6)]
         sigma_zz = None  # general plane laws say nothing of the third direction
     c11, c12, c13, c22, c23, c33 = entries
-    return np.stack([c11, c12, c13, c12, c22, c23, c13, c23, c33], axis=1).reshape(nt, 3, 3), sigma_zz
+    return np.stack([c11, c12, c13, c12, c22, c23, c13, c23, c33], axis=-1).reshape(*c11.shape, 3, 3), sigma_zz
+
+
+def _read_linear(reader: _Block, manifest: Manifest, nt: int) -> np.ndarray:
+    """(n_t,) means over the triangles or, with quadratic elements, (n_t, 3) corner values of the nearest linear function."""
+    if manifest.element == "P1":
+        return reader.array(nt, np.float64)
+    return reader.array(3 * nt, np.float64).reshape(nt, 3) @ elements.INVERSE_MASS
 
 
 def _dof_layout(reader: _Block, nd: int, xy: np.ndarray, where: str):

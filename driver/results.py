@@ -38,6 +38,7 @@ def stresses(sub: Subdomain, u: np.ndarray, weights: np.ndarray) -> tuple[np.nda
     s = np.einsum("tij,tj->ti", sub.elasticity, strain)
     zz = 0.0 if sub.sigma_zz is None else sub.sigma_zz * (strain[:, 0] + strain[:, 1])
     for pattern, suppressed in sub.thermal.items():
+        suppressed = suppressed if suppressed.ndim == 2 else suppressed.mean(axis=1)
         s -= weights[pattern] * suppressed
         if sub.sigma_zz is not None:  # isotropic: the same in all directions
             zz = zz - weights[pattern] * suppressed[:, 0]

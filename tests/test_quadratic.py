@@ -371,3 +371,36 @@ def test_study_on_quadratic_elements(solved, tmp_path):
     for name in ("sigma_n", "sigma_t"):
         ours = np.array([float(row[name]) for row in rows])
         assert np.abs(ours - single[name][-1]).max() <= 1e-6 * np.abs(single[name][-1]).max()
+
+
+HEATED = """
+include "scene.idp"
+subdomains("5");
+rectangle(0., 2., 0., 1.);
+macro young() (1000.*(1. + x)) //
+macro poisson() 0.3 //
+macro planeStress() 1 //
+macro displacement1() on(4, u1 = 0.01*x*y, u2 = 0.005*(y^2 - x^2)) //
+macro thermal1() (0.01*y) //
+include "export.idp"
+"""
+
+
+def test_moduli_and_thermal_stress_are_linear_on_the_triangles(built, solved, tmp_path_factory):
+    """At the corners the values of the scene's functions. Free expansion by a linear rise bends without any stress."""
+    scene = tmp_path_factory.mktemp("heated") / "heated.edp"
+    scene.write_text(HEATED)
+    for sub in built(scene, reduce=False, cells=2, element="P2").subdomains:
+        x, y = np.moveaxis(sub.xy[sub.triangles], -1, 0)
+        np.testing.assert_allclose(sub.corner_elasticity[..., 2, 2], 1000 * (1 + x) / 2.6, rtol=1e-11)
+        # the product of both is quadratic: its nearest linear function differs from it by h^2 times the bend
+        wanted = 1000 * (1 + x) / 0.7 * 0.01 * y
+        np.testing.assert_allclose(sub.thermal[0][..., 0], wanted, atol=0.25**2 * 1000 / 0.7 * 0.01)
+        np.testing.assert_allclose(sub.elasticity[:, 2, 2], 1000 * (1 + x.mean(axis=1)) / 2.6, rtol=1e-12)
+    even = scene.with_name("even.edp")
+    even.write_text(HEATED.replace("(1000.*(1. + x))", "1000."))
+    run = solved(even, cells=2, element="P2", errors="energy", fields="yes", rtol=TIGHT)
+    energy = run.summary["errors"]["energy"]
+    assert energy["total"] < 1e-8 * energy["norm"]
+    data = meshio.read(run.directory / "fields" / "step_0001.vtu")
+    assert np.abs(data.cell_data["stress"][0]).max() < 1e-8 * 1000 * 0.01
