@@ -17,10 +17,10 @@ Gee, Wall (2010); for normals and projection Yang, Laursen, Meng (2005).
 
 Quadratic elements. The psi_i are dual to the quadratic shape functions (ends, then middle), whose integrals over an edge,
 1/6, 1/6 and 4/6 of it, are positive: a nodal force and the traction that it stands for have one sign, and the bounds
-act node by node as before. Their span has the linear functions, so that the multiplier does not limit the order, and
-duality makes the mortar projection local and bounded in the norms of the error analysis, which is the inf-sup
-condition, for any ratio of the meshes (Hueeber, Mair, Wohlmuth, Appl. Numer. Math. 54 (2005) 555-576: quadratic
-elements in contact; Lamichhane, Wohlmuth, Calcolo 39 (2002) 223-237: dual spaces of higher order in 2D). Over a part of
+act node by node as before. Their span has the linear functions (Lamichhane, Wohlmuth, Math. Comp. 76 (2007) 233-249: so it
+is for every degree with the nodes of Gauss and Lobatto), so that the multiplier does not limit the order, and duality
+makes the mortar projection local and bounded, which is the inf-sup condition, for any ratio of the meshes; for contact
+see Hueeber, Mair, Wohlmuth, Appl. Numer. Math. 54 (2005) 555-576. Over a part of
 an edge the integral of an end's function may be negative: edges covered in part have multipliers dual to the hats, for
 their ends alone. The field of normals and the projection are those of the straight edges; the gap counts how far the
 boundary bows from them.
