@@ -48,12 +48,14 @@ def _why_no_answer(done) -> str:
 
 def load() -> dict:
     """Start PETSc and import what may run on the ranks. Raises InputError if a package is missing."""
+    known = f"{__package__}.solve" in sys.modules
     try:
         environment.start_petsc()
         from . import goal, parametric, solve
     except ImportError as problem:
         raise environment.package_error(problem) from None
-    gc.freeze()  # modules stay to the end: the collector need not look through them again and again
+    if not known:
+        gc.freeze()  # modules stay to the end: the collector need not look through them again and again
     return {"accuracy": goal, "study": parametric, "run": solve}
 
 
