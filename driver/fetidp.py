@@ -78,6 +78,7 @@ class DualOperator:
         # local subdomains with loads or supports
         self.acting = [s for s, sub in enumerate(structure.subdomains) if sub.loads.any() or len(structure.fixed[s])]
         rigid = [self._rigid_response(k) for k in range(self.modes)]
+        self._rigid = np.array([d for d, _ in rigid]).reshape(self.modes, self.owned).T
         self.rho = self._softness([d for d, _ in rigid])
         self.loaded = [self._respond(k) for k in range(structure.patterns)] + rigid
         self.rigid_work = self._rigid_work()
@@ -395,11 +396,10 @@ class DualOperator:
 
     def imbalance(self, multipliers: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(modes,) work of loads and contact forces on every rigid motion, zero in equilibrium, and their sizes."""
-        factors = weights[: self.structure.patterns]
-        contact = [(self.dot(d, multipliers), self.dot(np.abs(d), np.abs(multipliers)))
-                   for d, _ in self.loaded[self.structure.patterns :]]
-        contact = np.array(contact).reshape(-1, 2)
-        return factors @ self.rigid_work[0] - contact[:, 0], np.abs(factors) @ self.rigid_work[1] + contact[:, 1]
+        factors, D = weights[: self.structure.patterns], self._rigid
+        x = np.repeat(multipliers[:, None], self.modes, axis=1)
+        net, size = np.split(self.dots(np.hstack([D, np.abs(D)]), np.hstack([x, np.abs(x)])), 2)
+        return factors @ self.rigid_work[0] - net, np.abs(factors) @ self.rigid_work[1] + size
 
     def load_response(self, weights: np.ndarray) -> np.ndarray:
         """d for the load sum_k weights_k f_k; `weights` may go on with the factors of the rigid motions."""

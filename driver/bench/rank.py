@@ -1,4 +1,4 @@
-"""One rank of a timed run:  mpirun python3 -m driver.bench.rank EXPORT OUT.json REPEATS"""
+"""One rank of a timed run:  mpirun python3 -m driver.bench.rank EXPORT OUT.json REPEATS [SETTINGS as JSON]"""
 
 import json
 import sys
@@ -23,7 +23,7 @@ from .workbench import march
 CALLS = 20  # products timed at a time
 
 
-def once(directory: Path, comm) -> dict:
+def once(directory: Path, settings: dict, comm) -> dict:
     """Seconds of every stage (of the slowest rank), counts and message volume of one run."""
     comm.Barrier()
     lap = Laps(barrier=comm.Barrier)
@@ -44,20 +44,20 @@ def once(directory: Path, comm) -> dict:
     lap("product")
     seconds["product"] /= CALLS
     operator.products = 0
-    history = march(Problem(manifest, structure, operator), **method_settings("default"))
+    history = march(Problem(manifest, structure, operator), **settings)
     lap("steps")
     bytes_ = operator.message_bytes()
     return {"seconds": seconds, "counts": history.counts, "subdomains": structure.total, "coarse": structure.coarse_dofs,
             "bytes": {name: comm.allreduce(value) for name, value in bytes_.items()}}
 
 
-def main(directory: str, out: str, repeats: int) -> None:
-    """Repeat the run; rank 0 writes all of them."""
-    comm = MPI.COMM_WORLD
-    found = [once(Path(directory), comm) for _ in range(repeats)]
+def main(directory: str, out: str, repeats: str, settings: str = "") -> None:
+    """Repeat the run, with the slides' stopping rules if no settings are given; rank 0 writes all of them."""
+    comm, chosen = MPI.COMM_WORLD, json.loads(settings) if settings else method_settings("default")
+    found = [once(Path(directory), chosen, comm) for _ in range(int(repeats))]
     if comm.rank == 0:
         Path(out).write_text(json.dumps(found))
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], sys.argv[2], int(sys.argv[3]))
+    main(*sys.argv[1:])

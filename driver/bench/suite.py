@@ -8,7 +8,7 @@ from ..arguments import only, yes
 from ..errors import InputError
 from ..run import RESULTS
 
-PARTS = ("products", "factorization", "getfem", "tao", "roofline", "stages", "ranks", "studies")
+PARTS = ("products", "factorization", "getfem", "tao", "roofline", "stages", "ranks", "studies", "bodies")
 OPTIONS = ("parts", "large", "out")
 
 
@@ -31,10 +31,10 @@ def run_bench(pairs: dict[str, str]) -> list[Path]:
 
 
 def _measure(chosen: list[str], large: bool, folder: Path) -> list[Path]:
-    from . import factorization, peers, products, ranks, roofline, stages, studies, tao
+    from . import bodies, factorization, peers, products, ranks, roofline, stages, studies, tao
     from .workbench import Workbench
 
-    parts = {module.PART: module for module in (products, factorization, peers, tao, roofline, stages, ranks, studies)}
+    parts = {module.PART: module for module in (products, factorization, peers, tao, roofline, stages, ranks, studies, bodies)}
     bench, paths, start = Workbench(folder), [folder / "report.csv"], time.perf_counter()
     try:
         for k, name in enumerate(chosen, 1):
