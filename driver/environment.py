@@ -21,6 +21,7 @@ PATIENCE = 10  # seconds that an interrupted child has to end by itself
 # without the daemon such processes would share one directory
 ALONE = {"OMPI_MCA_pml": "ob1", "OMPI_MCA_btl": "self", "OMPI_MCA_ess_singleton_isolated": "1",
          "OMPI_MCA_orte_create_session_dirs": "0"}
+LEFT_BEHIND = ("OMPI_MCA_ess", "OMPI_MCA_pmix")  # what it sets itself then, for all that inherits its environment
 LAUNCHED = ("OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK", "SLURM_PROCID")  # what launchers tell a rank
 SET_UP = "run 'make setup' (apt packages: see apt-packages.txt)"
 
@@ -38,6 +39,9 @@ def start_petsc() -> None:
     finally:
         for name in settings:  # this process's own, not its children's
             del os.environ[name]
+        for name in LEFT_BEHIND:
+            if name not in os.environ:
+                os.unsetenv(name)
 
 
 def _find_petsc() -> None:

@@ -481,3 +481,5 @@ def test_settings_of_a_process_by_itself_are_not_its_childrens(monkeypatch):
     before = dict(os.environ)
     environment.start_petsc()
     assert dict(os.environ) == before
+    inherited = subprocess.run(["env"], capture_output=True, text=True).stdout  # what the MPI library has set itself too
+    assert not re.search("^(OMPI_MCA_ess|OMPI_MCA_pmix)=", inherited, re.MULTILINE)
