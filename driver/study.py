@@ -26,6 +26,7 @@ from .launch import solve
 from .run import RESULTS, Run
 from .workspace import Workspace
 
+SINGLE = ("adapt", "accuracy", "errors", "fields", "resume")  # options of single runs
 TOLD = 3  # warnings on the screen
 
 
@@ -36,9 +37,10 @@ def make_study(pairs: dict[str, str]) -> tuple[dict, Path]:
     DriverError; values that did not converge are told at the end and kept in the files, marked so.
     """
     name, values = _studied(pairs)
+    for option in SINGLE:
+        if option in pairs:
+            raise InputError(f"a study has one mesh and no estimates or fields; {option.upper()} belongs to single runs")
     run = Run.from_pairs({**pairs, name: values[0]})
-    if run.adapt:
-        raise InputError("a study has one mesh; ADAPT belongs to single runs")
     out = (run.out if "out" in pairs else RESULTS / "study" / f"{run.scene.stem}-{name}").absolute()
     with Workspace(out) as place:
         clock, work = time.perf_counter(), place.path

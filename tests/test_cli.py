@@ -115,6 +115,16 @@ def test_missing_mpirun(command, tmp_path):
     assert listing(tmp_path) == {}
 
 
+def test_missing_gmsh(command, tmp_path):
+    programs = tmp_path / "programs"
+    programs.mkdir()
+    for name in ("FreeFem++", "setpriv", "sh"):
+        (programs / name).symlink_to(shutil.which(name))
+    done = command("run", "SCENE=bracket", f"OUT={tmp_path / 'out'}", PATH=str(programs))
+    one_line(done, "gmsh is not installed", "make setup")
+    assert not (tmp_path / "out").exists()
+
+
 HEADER = 'include "scene.idp"\nsubdomains("2x1");\n'
 
 

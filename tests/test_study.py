@@ -160,6 +160,7 @@ def test_what_a_parameter_changes(variant, text, changed):
     ("SCENE=model FRICTION=0.3,-1", "friction is negative"),
     ("FRICTION=0.3,0.4", "needs SCENE="),
     ("SCENE=model FRICTION=0.3,0.4 ADAPT=1", "one mesh"),
+    ("SCENE=model FRICTION=0.3,0.4 ACCURACY=1%", "ACCURACY belongs to single runs"),
 ])
 def test_refusals(words, reason, tmp_path):
     with pytest.raises(InputError, match=reason):

@@ -18,11 +18,13 @@ PALE = {"good": "#CFE8DD", "near": "#F8E3B4", "bad": "#F2B8A0", "told": "#CFE0EE
 
 
 def draw(rows: list[Row], folder: Path) -> list[Path]:
-    """report.png and, if there are sweeps, sweeps.png (and .pdf), in `folder`."""
+    """report.png and, if a sweep has several places, sweeps.png (and .pdf), in `folder`."""
     with matplotlib.rc_context(STYLE):
         made = _draw_table(_worst(rows), folder)
-        if any(row.sweep for row in rows):
-            made += _draw_sweeps(rows, folder)
+        names = [name for name in dict.fromkeys(row.sweep for row in rows if row.sweep)
+                 if len({row.place for row in rows if row.sweep == name}) > 1]
+        if names:
+            made += _draw_sweeps(rows, names, folder)
     return made
 
 
@@ -97,9 +99,8 @@ def _draw_table(table, folder: Path) -> list[Path]:
     return write(figure, folder, "report")
 
 
-def _draw_sweeps(rows: list[Row], folder: Path) -> list[Path]:
-    """Products relative to the sweep's first place, one panel a sweep, one line a size."""
-    names = list(dict.fromkeys(row.sweep for row in rows if row.sweep))
+def _draw_sweeps(rows: list[Row], names: list[str], folder: Path) -> list[Path]:
+    """Products over the places of every sweep, one panel a sweep, one line a size."""
     across = min(3, len(names))
     down = -(-len(names) // across)
     figure = Figure(figsize=(WIDTH, 5 * down * INCH), dpi=150, layout="constrained")
