@@ -1,10 +1,10 @@
 """The contact boundary: its nodes, gaps and weights, on rigid obstacles and between two bodies.
 
-On a rigid obstacle a node's displacement is constrained alone: the multipliers are dual to the traces of the shape functions,
-and force / weight is the mean of the traction with the node's function, whose integral is the weight. With linear
-and quadratic functions in 2D all weights are positive, so that bounds of tractions are bounds of forces, and the mean is
-exact for linear tractions round a node (inside of a linear element's boundary, at every node of a quadratic one). Any force
-at the nodes is seen by a displacement of the same nodes, of bounded norm: the inf-sup condition (see mortar.py).
+On a rigid obstacle a node's displacement is constrained alone: the multipliers are dual to the traces of the shape
+functions, and force / weight is the mean of the traction with the node's function, whose integral is the weight. With
+linear and quadratic functions in 2D all weights are positive, so that bounds of tractions are bounds of forces, and the
+mean of a linear traction is its value at the node (not at the ends of a boundary of linear elements). Any force at the
+nodes is seen by a displacement of the same nodes, of bounded norm: the inf-sup condition (see mortar.py).
 """
 
 from dataclasses import dataclass

@@ -212,7 +212,8 @@ class EnergyEstimator:
     def _recover_quadratic(self, step: Step, fields) -> Estimate | None:
         """As `_recover`, for stresses that are linear on the triangles."""
         strain = lambda s, sub: elements.linear_strains(sub.xy[sub.triangles], fields[s].reshape(-1, 2)[sub.elements])
-        elastic = self._gather((3, 3), float, lambda s, sub: np.einsum("tmij,tmj->tmi", sub.corner_elasticity, strain(s, sub)))
+        elastic = self._gather((3, 3), float, lambda s, sub: np.einsum(
+            "tmij,tmj->tmi", sub.corner_elasticity, strain(s, sub)))
         thermal = self._gather((3, 3), float, lambda s, sub: sum(
             (step.weights[k] * t for k, t in sub.thermal.items()), np.zeros((len(sub.triangles), 3, 3))))
         if not self.root:

@@ -57,7 +57,7 @@ def export(scene: Path, directory: Path, parameters: dict[str, str], ranks: int 
 
 def _run(script: Path, scene: Path, directory: Path, parameters: dict[str, str], ranks: int,
          meanwhile=lambda: None) -> None:
-    """Run `script` in the scene's folder; raises InputError with what FreeFEM said if it fails, or for an unknown element."""
+    """Run `script` in the scene's folder; raises InputError with what FreeFEM said if it fails, and for unknown elements."""
     arguments = [str(script), "-export", str(directory)]
     for name, value in parameters.items():
         arguments += [f"-{name}", value]

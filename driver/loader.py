@@ -55,7 +55,7 @@ class Subdomain:
     edges: np.ndarray  # (n_e, 2) vertices of the boundary edges
     edge_label: np.ndarray  # (n_e,)
     elasticity: np.ndarray  # (n_t, 3, 3) plane Hooke's law in Voigt form, the means over the triangles
-    # by thermal pattern: (n_t, 3) stress of its strain if that is suppressed; at the corners (n_t, 3 corners, 3) where quadratic
+    # by thermal pattern: (n_t, 3) stress of its strain if that is suppressed; of quadratic elements (n_t, 3 corners, 3)
     thermal: dict[int, np.ndarray]
     sigma_zz: np.ndarray | None  # (n_t,) factor of (e11 + e22) in the out-of-plane stress; None where that is zero
     dof_node: np.ndarray
@@ -378,7 +378,8 @@ def _read_record(reader: _Block, manifest: Manifest, index: int, model: Subdomai
         elasticity = corner_elasticity.mean(axis=1)
     return Subdomain(index, gid, xy, nodes, region, edge[:, :2], edge[:, 2], elasticity, thermal, sigma_zz,
                      dof_node, component,
-                     rows, columns, values, loads, edge_loads, body_loads, fixed_dofs, fixed_values, data, corner_elasticity, bow)
+                     rows, columns, values, loads, edge_loads, body_loads, fixed_dofs, fixed_values, data,
+                     corner_elasticity, bow)
 
 
 def _read_elasticity(reader: _Block, manifest: Manifest, nt: int):

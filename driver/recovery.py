@@ -41,7 +41,7 @@ def recovered_stress(corner: np.ndarray, triangles: np.ndarray, region: np.ndarr
 
 
 def _patches(vertex: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Vertex and triangle of every member of the patches: the triangles of a vertex, and rings round them if these are few."""
+    """Vertex and triangle of every member of the patches: a vertex's triangles, and rings round them if these are few."""
     n = len(vertex)
     touches = csr_matrix((np.ones(3 * n), (vertex.ravel(), np.repeat(np.arange(n), 3))), (count, n))
     patch = touches

@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter
 
+from .. import elements
 from .layout import header
 from .reading import Run, select
 from .scales import length_scale
@@ -73,7 +74,9 @@ def adaptivity(figure: Figure, run: Run) -> None:
     body.set(xlabel=f"$x$ [{scale.label}]", ylabel=f"$y$ [{scale.label}]")
     size, relative = run.adaptivity["primal_dofs"], 100 * run.adaptivity["relative"]
     error.loglog(size, relative, "o-", color=BLUE, label="cycles")
-    error.loglog(size, relative[0] * (size / size[0]) ** -0.5, "--", color="0.6", lw=0.8, label=r"$N^{-1/2}$")
+    degree = elements.DEGREE[run.summary["parameters"].get("element", "P1")]
+    error.loglog(size, relative[0] * (size / size[0]) ** (-degree / 2), "--", color="0.6", lw=0.8,
+                 label=r"$N^{-1/2}$" if degree == 1 else "$N^{-1}$")
     error.set(xlabel="primal unknowns $N$", ylabel="error in the energy norm [%]")
     error.grid(color="0.9", lw=0.5, which="both")
     for axis in (error.xaxis, error.yaxis):
