@@ -130,7 +130,8 @@ class CoulombProblem:
         x = z[: self.rows].copy()
         x[: self.n][states == OPEN] = 0.0
         at, bound = states[self.pair], self.coefficient * np.abs(x[self.pair])
-        x[self.n :] = np.where(at == FORWARD, bound, np.where(at == BACKWARD, -bound, np.where(at == OPEN, 0.0, x[self.n :])))
+        x[self.n :] = np.where(at == FORWARD, bound,
+                               np.where(at == BACKWARD, -bound, np.where(at == OPEN, 0.0, x[self.n :])))
         return np.append(x, z[self.rows :])
 
     def violation(self, z: np.ndarray) -> float:
@@ -155,7 +156,8 @@ class CoulombProblem:
     def on_springs(self, softness: float, rest: np.ndarray) -> "CoulombProblem":
         """The bodies held by springs of compliance `softness` per unit reach whose rest are the motions `rest` (k,)."""
         turned = softness * self.motions / self.reach**2
-        return CoulombProblem(self.compliance + turned @ self.motions.T, self.load + self.motions @ rest + turned @ self.balance,
+        return CoulombProblem(self.compliance + turned @ self.motions.T,
+                              self.load + self.motions @ rest + turned @ self.balance,
                               self.coefficient, self.pair, self.bilateral)
 
 

@@ -59,8 +59,8 @@ class FreeBodies:
             self.effects["contact"]]
         if self.effects["friction"] != "none":
             how = "contact and friction cannot"
-        return (f"no equilibrium: {how} balance the loads on {self._names()}, which no support holds: it slides off, tips over "
-                "or is pulled away; add supports or friction")
+        return (f"no equilibrium: {how} balance the loads on {self._names()}, which no support holds: it slides off, "
+                "tips over or is pulled away; add supports or friction")
 
     def follow(self, load: Load, x: np.ndarray) -> np.ndarray:
         """Rigid motions follow what their springs still carry; d with them. Returns the change of d."""

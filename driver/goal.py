@@ -233,7 +233,8 @@ class Search:
         while True:
             entry = self._assess()
             self.say(f"{name_of(self.knob, self.sizes[-1])} STEPS={self.steps}: {self._words()} {entry['value']:.4g}, "
-                     f"estimated error {share(entry['total'], entry['value'])} (mesh {share(entry['mesh'], entry['value'])})")
+                     f"estimated error {share(entry['total'], entry['value'])} "
+                     f"(mesh {share(entry['mesh'], entry['value'])})")
             allowed = self.asked * abs(entry["value"])
             if len(self.sizes) > 2 and entry["total"] is not None and entry["total"] <= allowed:
                 if not self._tighten(self.sizes[-2]) and self._enough_steps(self.sizes[-2]):
@@ -265,7 +266,8 @@ class Search:
             self.levels.problem(**{self.knob: size})
         except InputError as problem:
             raise NotConverged(f"{100 * self.asked:g} % of the {self._words()} would take {name_of(self.knob, size)}, "
-                               f"which cannot be made ({problem}); reached: {share(entry['total'], entry['value'])}") from None
+                               f"which cannot be made ({problem}); "
+                               f"reached: {share(entry['total'], entry['value'])}") from None
 
     def chosen(self) -> dict[str, str]:
         """The settings as options of the command line."""

@@ -228,7 +228,8 @@ class Writer:
     def _contact_rows(self):
         """Rows of contact.csv."""
         b, states = self.contact.boundary, self.record.states
-        nodes = [[repr(float(v)) for v in (*b.xy[i], b.arc[i], b.weight[i], *b.normal[i], b.gap[i])] for i in range(len(b.gid))]
+        nodes = [[repr(float(v)) for v in (*b.xy[i], b.arc[i], b.weight[i], *b.normal[i], b.gap[i])]
+                 for i in range(len(b.gid))]
         for k, row in enumerate(self.history_rows):
             *values, status = (states[name][k].tolist() for name in CONTACT_STATE)
             for i, found in enumerate(zip(*values)):

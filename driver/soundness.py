@@ -1,10 +1,11 @@
 """What a run must say about its mesh and its numbers: elements that lock, digits lost far from the origin.
 
 Locking. In a nearly incompressible material (Lame's lambda far above mu) P1 elements have more volumes to keep than
-displacements to keep them with, and P2 elements hardly less. They answer with displacements that are too small and with pressures that change
-from element to element without any sense (Babuska, Suri, Numer. Math. 62 (1992) 439-463; Hughes, The Finite Element
-Method, 4.3), while shear stresses stay smooth. So p = lambda div u and the deviatoric stress s = 2 mu dev(eps) are
-compared with their averages over the elements round each vertex, linear in between; with the norms over the nearly incompressible part,
+displacements to keep them with, and P2 elements hardly less. They answer with displacements that are too small and
+with pressures that change from element to element without any sense (Babuska, Suri, Numer. Math. 62 (1992) 439-463;
+Hughes, The Finite Element Method, 4.3), while shear stresses stay smooth. So p = lambda div u and the deviatoric stress
+s = 2 mu dev(eps) are compared with their averages over the elements round each vertex, linear in between; with the
+norms over the nearly incompressible part,
 
     osc p = ||p - avg p||,  osc s = ||s - avg s||,  in energy  osc p^2 / lambda  and  osc s^2 / (2 mu).
 
@@ -50,13 +51,13 @@ def locking(problem, step) -> list[str]:
     larger = energy_p > DOMINANCE * energy_s or osc_p > s if manifest.element == "P1" else osc_p > TIMES**2 * osc_s
     if not (noticeable and larger):
         return []
-    return [f"step {step.index}: {manifest.element} elements lock in the nearly incompressible material: its pressure changes "
-            f"from element to element by {100 * np.sqrt(osc_p / (p + s)):.0f} % of the stress; displacements come out too small "
-            f"and contact pressures wiggle until the mesh is much finer; ELEMENT={MIXED} does not lock"]
+    return [f"step {step.index}: {manifest.element} elements lock in the nearly incompressible material: its pressure "
+            f"changes from element to element by {100 * np.sqrt(osc_p / (p + s)):.0f} % of the stress; displacements come "
+            f"out too small and contact pressures wiggle until the mesh is much finer; ELEMENT={MIXED} does not lock"]
 
 
 def _stresses(sub, soft, u):
-    """Vertices (n, 3), areas (n,), lambda, mu and (n, 3 corners, 5) pressure and deviatoric stress of the triangles `soft`."""
+    """Vertices (n, 3), areas (n,), lambda, mu, (n, 3 corners, 5) pressure and deviatoric stress of the triangles `soft`."""
     corner = sub.xy[sub.triangles[soft]]
     a, b = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
     strain = elements.linear_strains(corner, u.reshape(-1, 2)[sub.elements[soft]])

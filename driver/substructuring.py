@@ -150,7 +150,8 @@ def _number(manifest, subdomains, first, skeleton, corners, fixed, contact, comm
     return Substructure(subdomains, first, manifest.subdomains, *parts[:5], coarse_dofs=len(corner_keys),
                         dual_dofs=len(order), row_kind=kind[order], row_scale=row_scale, row_range=row_range,
                         row_starts=row_starts, patterns=len(manifest.patterns), contact=contact, multiplicity=parts[5],
-                        rigid_modes=modes, rigid_corners=at_corners, outer_edges=skeleton.edges[outer][:, 1:], outer_middles=middles, primal_dofs=primal)
+                        rigid_modes=modes, rigid_corners=at_corners, outer_edges=skeleton.edges[outer][:, 1:],
+                        outer_middles=middles, primal_dofs=primal)
 
 
 def _pair_share(skeleton, contact: ContactBoundary) -> np.ndarray:
@@ -162,7 +163,8 @@ def _pair_share(skeleton, contact: ContactBoundary) -> np.ndarray:
     np.maximum.at(stiffness, skeleton.node_id, skeleton.stiffness)
     at = stiffness[np.searchsorted(skeleton.gids, contact.term_gid)]
     mean = lambda terms: (np.bincount(contact.term_node[terms], (np.abs(contact.term_value) * at)[terms], len(contact.gid))
-                          / np.maximum(np.bincount(contact.term_node[terms], np.abs(contact.term_value)[terms], len(contact.gid)), 1e-300))
+                          / np.maximum(np.bincount(contact.term_node[terms], np.abs(contact.term_value)[terms],
+                                                   len(contact.gid)), 1e-300))
     own, other = mean(~contact.term_other), mean(contact.term_other)
     return np.where(contact.paired & (own > 0), 2 * other / np.maximum(own + other, 1e-300), 1.0)
 

@@ -37,7 +37,7 @@ class Uniqueness:
     failure: str = ""
 
     def examine(self, step: int, problem: CoulombProblem, x: np.ndarray, weight: np.ndarray) -> None:
-        """Look for solutions of `problem` with other forces than x (n + m,); `weight` (n,) lengths of the nodes' boundary."""
+        """Look for solutions of `problem` with other forces than x (n + m,); `weight` (n,) of the nodes."""
         self.examined += 1
         forces = lambda z: z[: problem.rows]
         mine = complementarity.newton(problem, problem.whole(x))  # to rounding, to be told from the others

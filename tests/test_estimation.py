@@ -386,7 +386,8 @@ def test_remainders_of_tractions_have_a_stress(rng=np.random.default_rng(5)):
         return f
 
     for _ in range(4):  # jumps anywhere, and smooth ones
-        for r in ((s[:, None] < rng.uniform(0.1, 0.9)) * rng.standard_normal(2), np.sin(6 * s[:, None] + rng.uniform(0, 6, 2))):
+        for r in ((s[:, None] < rng.uniform(0.1, 0.9)) * rng.standard_normal(2),
+                  np.sin(6 * s[:, None] + rng.uniform(0, 6, 2))):
             f = normalized(r)
             assert f @ compliance @ f <= constant
     halves = [normalized(shape[:, None] * axis) for axis in np.eye(2)

@@ -1,4 +1,4 @@
-"""Bodies that contact and friction alone hold: found, refused, their solutions counted, against enumeration on the whole body."""
+"""Bodies that contact and friction alone hold: found, refused, solutions counted, against enumeration on the whole body."""
 
 import itertools
 
@@ -111,7 +111,8 @@ def solutions_of(problem) -> tuple[np.ndarray, list[np.ndarray]]:
     """Node numbers and all multipliers of the assembled body after its only step, by enumeration."""
     body = Assembled(problem.manifest, problem.subdomains)
     weights = np.array([problem.manifest.amplitude(k, 1) for k in range(len(body.loads))])
-    return body.gid, enumerated(body.K.toarray(), weights @ body.loads, body.B, body.gap, np.zeros(len(body.gid)), body.friction)
+    return body.gid, enumerated(body.K.toarray(), weights @ body.loads, body.B, body.gap, np.zeros(len(body.gid)),
+                                body.friction)
 
 
 @pytest.mark.parametrize("options, count", [

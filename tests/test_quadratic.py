@@ -8,7 +8,7 @@ import pytest
 from driver.oracle import Assembled, coulomb_history
 from test_model import assert_close
 from test_scenes_exact import E, TIGHT, exact, exact_strain
-from test_scenes_hertz import R, hertz, hertz_errors
+from test_scenes_hertz import R, hertz_errors
 from test_scenes_zones import l2, pressure, shear, slide, strain
 
 from driver import elements, locking, recovery, study
@@ -303,7 +303,7 @@ def test_multipliers_are_stable(built):
         for cells in (2, 4, 8):
             problem = built("model", reduce=False, cells=cells, subdomains="1x1" if cells == 2 else "2x1", element=element)
             body = Assembled(problem.manifest, problem.subdomains)
-            h, n = np.abs(np.diff(problem.structure.contact.arc)).max() * elements.DEGREE[element], len(body.gid)
+            h = np.abs(np.diff(problem.structure.contact.arc)).max() * elements.DEGREE[element]
             root = np.sqrt(np.tile(body.weight, 2))
             found[element, cells] = np.linalg.eigvalsh(root[:, None] * body.compliance() * root / h).min()
     for element in ("P1", "P2"):

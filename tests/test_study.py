@@ -124,7 +124,8 @@ def test_bodies_without_support_agree_with_single_runs(made, solved):
 def test_a_value_without_equilibrium_is_told_and_the_others_kept(tmp_path):
     out = tmp_path / "study"
     with pytest.raises(DriverError, match="1 of 2 values did not converge, the first FRICTION=0.3: step 1: no equilibrium"):
-        study.make_study({"scene": "slope", "friction": "0.3,0.5", "cells": "3", "out": str(out), "quiet": "yes", "figures": "no"})
+        study.make_study({"scene": "slope", "friction": "0.3,0.5", "cells": "3", "out": str(out), "quiet": "yes",
+                          "figures": "no"})
     rows = list(csv.DictReader((out / "study.csv").open()))
     assert [row["converged"] for row in rows] == ["no", "yes"] and float(rows[1]["resultant_n"]) < 0
 

@@ -3,8 +3,9 @@
     python3 -m driver accuracy SCENE=hertz [EFFORT=quick|full] [REPEATS=3] [QUANTITY=slip] [NP=] [OUT=] [...]
 
 One sweep a knob, from coarse to fine with all others at the base: the mesh (uniform), the same with quadratic elements,
-cycles of adaptive refinement, time steps, friction's fixed point, MPRGP's tolerance; and `together`, meshes and steps with loose tolerances, where the good
-bargains are. Errors are those of the quantities of interest against a closed form where there is one, else against
+cycles of adaptive refinement, time steps, friction's fixed point, MPRGP's tolerance; and `together`, meshes and steps
+with loose tolerances, where the good bargains are. Errors are those of the quantities of interest against a closed form
+where there is one, else against
 
     q(finest adaptive mesh) + q(base mesh, most steps) - q(base mesh, base steps),
 
@@ -177,7 +178,8 @@ class Study:
             print(f"[{number}/{total}, {time.perf_counter() - clock:.0f} s] {KNOBS.get(trial.knob, 'reference')}: "
                   f"{trial.words}: {said}", flush=True)
         for trial in trials:
-            trial.tight = overkill.get({"mesh": "finest", "quadratic": "finest", "adapt": "finest", "steps": "most", "friction_rtol": "base",
+            trial.tight = overkill.get({"mesh": "finest", "quadratic": "finest", "adapt": "finest", "steps": "most",
+                                        "friction_rtol": "base",
                                         "rtol": "base"}.get(trial.knob))
         return trials, known
 

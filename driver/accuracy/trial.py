@@ -3,7 +3,8 @@
 import statistics
 from dataclasses import dataclass, field
 
-KNOBS = {"mesh": "uniform meshes", "quadratic": "the same, P2", "adapt": "adaptive meshes", "steps": "time steps", "friction_rtol": "fixed point",
+KNOBS = {"mesh": "uniform meshes", "quadratic": "the same, P2", "adapt": "adaptive meshes", "steps": "time steps",
+         "friction_rtol": "fixed point",
          "rtol": "MPRGP", "together": "together"}
 
 

@@ -15,7 +15,8 @@ from matplotlib.ticker import FuncFormatter
 from ..figures import BLUE, GREEN, INCH, INK, ORANGE, RED, STYLE, WIDTH, place_header, write
 from .trial import KNOBS, percent, words
 
-LOOK = {"mesh": (BLUE, "o"), "quadratic": ("#56B4E9", "h"), "adapt": (GREEN, "^"), "steps": (ORANGE, "s"), "friction_rtol": ("#CC79A7", "D"),
+LOOK = {"mesh": (BLUE, "o"), "quadratic": ("#56B4E9", "h"), "adapt": (GREEN, "^"), "steps": (ORANGE, "s"),
+        "friction_rtol": ("#CC79A7", "D"),
         "rtol": (RED, "v"), "together": ("#888888", ".")}
 SIZES = {"mesh": "$h$", "quadratic": "$h$", "steps": "$\\Delta t$", "rtol": "tol", "friction_rtol": "tol"}
 LEAST = 1e-9  # errors below are drawn there

@@ -10,7 +10,8 @@ from .workbench import Workbench, child, march, seconds
 
 PART = "bodies"
 CASES = {  # scene: parameters of every size, four times the subdomains and half the mesh size from one to the next
-    "hertz-bodies": [{"subdomains": "12", "h": "0.001"}, {"subdomains": "48", "h": "0.0005"}, {"subdomains": "192", "h": "0.00025"}],
+    "hertz-bodies": [{"subdomains": "12", "h": "0.001"}, {"subdomains": "48", "h": "0.0005"},
+                     {"subdomains": "192", "h": "0.00025"}],
     "slope": [{"subdomains": cut} for cut in ("4x2", "8x4", "16x8", "32x16")],
     "stack": [{"subdomains": "9", "h": "0.1"}, {"subdomains": "36", "h": "0.05"}, {"subdomains": "144", "h": "0.025"}],
     "joint": [{"subdomains": "8", "h": "0.8"}, {"subdomains": "32", "h": "0.4"}, {"subdomains": "128", "h": "0.2"}]}
@@ -52,7 +53,8 @@ def _ranks(bench: Workbench, scene: str, export, products: int) -> None:
         child([*environment.mpirun(ranks), *command] if ranks > 1 else command)
         run = json.loads(out.read_text())[0]
         bench.report.add(PART, f"{scene}, {ranks} ranks: steps", run["seconds"]["steps"], "s")
-        bench.report.add(PART, f"{scene}, {ranks} ranks: products other than on one", abs(run["counts"]["dual_multiplications"] - products), "", "<= 0")
+        bench.report.add(PART, f"{scene}, {ranks} ranks: products other than on one",
+                         abs(run["counts"]["dual_multiplications"] - products), "", "<= 0")
 
 
 def draw(figure, found: dict) -> None:

@@ -46,7 +46,8 @@ def _export(bench: Workbench) -> None:
         dofs = DOFS if subdomains == SUBDOMAINS else DOFS / 4
         bench.report.add(PART, f"FreeFEM stage, {subdomains}, {text}, per dof, one core", [1e6 * s / dofs for s in found[1]],
                          "µs", "<= 12")
-        bench.report.add(PART, f"FreeFEM stage, {subdomains}, {text}, one rank over two", ratios(found[1], found[2]), "", target)
+        bench.report.add(PART, f"FreeFEM stage, {subdomains}, {text}, one rank over two", ratios(found[1], found[2]),
+                         "", target)
     bench.export(SUBDOMAINS)
     bench.report.add(PART, f"FreeFEM stage, {SUBDOMAINS}, per dof, one core",
                      1e6 * bench.export_seconds[SUBDOMAINS, 10, 1] / DOFS,

@@ -34,7 +34,8 @@ def _measure(chosen: list[str], large: bool, folder: Path) -> list[Path]:
     from . import bodies, factorization, peers, products, ranks, roofline, stages, studies, tao
     from .workbench import Workbench
 
-    parts = {module.PART: module for module in (products, factorization, peers, tao, roofline, stages, ranks, studies, bodies)}
+    parts = {module.PART: module for module in (products, factorization, peers, tao, roofline, stages, ranks, studies,
+                                                bodies)}
     bench, paths, start = Workbench(folder), [folder / "report.csv"], time.perf_counter()
     try:
         for k, name in enumerate(chosen, 1):

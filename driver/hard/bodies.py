@@ -29,7 +29,8 @@ def ratio(value: float, nodes: str) -> Case:
     """Elements of the upper block so many times as long, contact nodes on the side `nodes`."""
     of = "finer" if (value < 1) == (nodes == "upper") else "coarser"
     return Case(f"elements on top {value:g} times as long, nodes on the {of} side", "bodies", PAIR,
-                {**MOVED, "RATIO": value, "NODES": nodes}, ({"SUBDOMAINS": "2x1", "H": 0.1}, {"SUBDOMAINS": "2x1", "H": 0.05}),
+                {**MOVED, "RATIO": value, "NODES": nodes},
+                ({"SUBDOMAINS": "2x1", "H": 0.1}, {"SUBDOMAINS": "2x1", "H": 0.05}),
                 BOTH, easy={"RATIO": 1}, ratio=3.0, sweep=(f"ratio of the meshes, nodes on the {of} side", value))
 
 
@@ -47,7 +48,8 @@ CASES = [
     Case("a clearance closes", "bodies", PAIR, {**MOVED, "GAP": 4e-4}, SIZES, BOTH),
     Case("bodies that overlap", "bodies", PAIR, {**MOVED, "GAP": -4e-4}, SIZES, BOTH, fast=True),
     Case("two bodies, F = 3", "bodies", PAIR, {**MOVED, "FRICTION": 3}, SIZES, (laws(1e-6),)),
-    Case("a body pushed to 0.2 % below what friction holds", "bodies", PAIR, {**STEPS, "PUSH": 5.988e-4}, SIZES, FREE, fast=True),
+    Case("a body pushed to 0.2 % below what friction holds", "bodies", PAIR, {**STEPS, "PUSH": 5.988e-4}, SIZES, FREE,
+         fast=True),
     Case("a body pushed to 0.2 % above what friction holds", "bodies", PAIR, {"STEPS": 1, "PUSH": 6.012e-4}, SIZES, status=3,
          reason="no equilibrium: .* body 2"),
     Case("the partition ends at the interface", "bodies", PAIR, STEPS, ANY, FREE),
@@ -55,7 +57,8 @@ CASES = [
     *(Case(f"a block on a block{what}", "bodies", PAIR, {**STEPS, **options}, SIZES, FREE)
       for what, options in (("", {}), (", F = 50", {"FRICTION": 50, "UNIQUENESS": "no"}))),
     Case("a floating stack of three", "bodies", STACK, STEPS, ({"SUBDOMAINS": 3, "H": 0.2}, {"SUBDOMAINS": 12}), FREE),
-    Case("a floating stack of six", "bodies", TOWER, STEPS, ({"SUBDOMAINS": 6}, {"SUBDOMAINS": 24, "H": 0.1}), FREE, fast=True),
+    Case("a floating stack of six", "bodies", TOWER, STEPS, ({"SUBDOMAINS": 6}, {"SUBDOMAINS": 24, "H": 0.1}), FREE,
+         fast=True),
     *(Case(f"a floating stack of six, E times {value:g} in every other", "bodies", TOWER, {**STEPS, "JUMP": value},
            ({"SUBDOMAINS": 6}, {"SUBDOMAINS": 24, "H": 0.1}), FREE, easy={"JUMP": 1}, ratio=3.0) for value in (1e3, 1e6)),
     Case("a floating stack of six, nearly sliding", "bodies", TOWER, {**STEPS, "PUSH": 0.499},

@@ -153,7 +153,8 @@ def same_as(tolerance: float, length: float = 1.0, stress: float = 1.0, *, optio
         same = not counts or outcome.summary["counts"] == other.summary["counts"]
         far = other.history["max_displacement"].max() if other.summary["effects"]["bodies"] > 1 else 0.0
         error = max(ratio(np.abs(outcome.contact[name] - scale * other.contact[name]).max(),
-                          scale * max(far * (name[0] == "u"), *(np.abs(other.contact[n]).max() for n in scales if n[0] == name[0])))
+                          scale * max(far * (name[0] == "u"), *(np.abs(other.contact[n]).max() for n in scales
+                                                                if n[0] == name[0])))
                     for name, scale in scales.items() if name != "slip")
         return Check("the run in other units or places" + ("" if same else " (other counts)"),
                      error if same else np.inf, tolerance)

@@ -39,7 +39,8 @@ def fibre(stiffness: float) -> Case:
 def poisson(value: float) -> Case:
     """P1 near incompressibility: the discrete problem is solved, and the run says that it locks (see element.py)."""
     return Case(f"Poisson's ratio {value:g}", "material", BLOCK, {"POISSON": value}, checks=BOTH, easy={"POISSON": 0.277},
-                sweep=("1/(1 - 2 nu)", 1 / (1 - 2 * value)), warning="P1 elements lock.*ELEMENT=P2-mixed" if value > 0.48 else "")
+                sweep=("1/(1 - 2 nu)", 1 / (1 - 2 * value)),
+                warning="P1 elements lock.*ELEMENT=P2-mixed" if value > 0.48 else "")
 
 
 CASES = [
