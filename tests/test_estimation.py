@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from driver import environment, equilibration
+from driver import environment, equilibration, mortar
 from driver.estimation import EnergyEstimator
 from driver.results import ContactState
 from test_scenes_zones import strain as exact_zones
@@ -43,7 +43,7 @@ class Recorded(EnergyEstimator):
 
 
 def with_gap(problem, coarse):
-    """The problem with the gaps between bodies of a contact boundary on the same polygons, by arc length."""
+    """The problem with the gaps between bodies of a contact boundary on the same polygons, linear between its nodes."""
     fine = problem.structure.contact
     value = fine.gap.copy()
     for label in np.unique(fine.label[fine.paired]):
@@ -394,6 +394,39 @@ def test_remainders_of_tractions_have_a_stress(rng=np.random.default_rng(5)):
               for shape in (np.abs(s - 0.5), np.where(s < 0.5, 0.5 - 3 * s, 2.5 - 3 * s))]  # orthogonal to each other
     largest = np.linalg.eigvalsh(np.array(halves) @ compliance @ np.array(halves).T)[-1]
     assert 2 * largest <= constant <= 2 * 4 * largest, constant / largest
+
+
+def test_effectivity_where_normals_turn(estimated, split, exported, read, steps_of, monkeypatch):
+    """The pin's contact spans 50 degrees: the reference must have the bound's problem, normals and gaps linear along the
+    coarse edges; those of its own facets would move the constraint by down h/2R = 0.03, a third of the indentation."""
+    _, estimator, found = estimated(split("pin", 1), h=1)
+    (pair,) = estimator.pairs
+    start, end = pair.first.side.xy[pair.first.side.edges].swapaxes(0, 1)
+
+    def along(values, xy):
+        """Nodal values of the coarse side at places xy on its edges."""
+        t = end - start
+        s = np.clip(((xy[:, None] - start) * t).sum(axis=2) / (t**2).sum(axis=1), 0, 1)
+        away = np.linalg.norm(xy[:, None] - start - s[..., None] * t, axis=2)
+        edge = away.argmin(axis=1)
+        assert away.min(axis=1).max() < 1e-9 * np.abs(start).max()
+        s = s[np.arange(len(xy)), edge]
+        return pair.first.at(values, edge, s[:, None])[:, 0]
+
+    own, unit = mortar.Side.nodal_normals, lambda v: v / np.linalg.norm(v, axis=1)[:, None]
+    monkeypatch.setattr(mortar.Side, "nodal_normals", lambda side: unit(along(pair.normal, side.xy)))
+    problem = read(exported(split("pin", 4), h=1))
+    monkeypatch.setattr(mortar.Side, "nodal_normals", own)
+    fine = problem.structure.contact
+    problem.operator = problem.operator.with_contact(dataclasses.replace(fine, gap=along(pair.gap, fine.xy)))
+    problem.structure = problem.operator.structure
+    solver, steps = steps_of(problem)
+    (step,) = steps
+    reference = Recorded(problem.operator, problem.manifest, ContactState(problem.operator, solver), "equilibrated")
+    reference.body = reference._gather_body()
+    reference.kinematic = reference._gather_fields(problem.operator.displacements(step.multipliers, step.weights))
+    error = true_error(estimator, reference)
+    assert error <= found.total <= 1.5 * error
 
 
 def exact_cantilever(x, y):
