@@ -157,6 +157,13 @@ def test_fallbacks_move_free_bodies(built, steps_of, monkeypatch):
     assert np.abs(x - y).max() < 1e-5 * np.abs(x).max()
 
 
+def test_tower_does_not_swing(built, steps_of):
+    """Moved for given gluing multipliers again and again, bodies on bodies swing: the corrector gives up, QPs lead on."""
+    solver, steps = steps_of(built("edp/hard/tower.edp", subdomains="2x2", h=0.1, steps=2))
+    assert solver.history.exit_status == 0 and not solver.history.fallbacks.steps
+    assert solver.history.residuals["equilibrium"] < 1e-6
+
+
 def test_fallbacks_of_free_bodies_do_not_depend_on_ranks(solved):
     one, two = (solved(HELD, place="walls", squeeze=0, friction=4, n=2, subdomains=3, steps=1, NP=ranks) for ranks in (1, 2))
     assert one.status == 0 and one.summary["fallbacks"], "look for another coefficient at which one is needed"
