@@ -355,10 +355,10 @@ def test_recovery_of_a_smooth_stress_is_exact(built):
 
 
 def test_adaptive_meshes_follow_the_recovered_error(solved):
-    """Four times the triangles each: the error falls by 2^2 where they are well placed, by 2^0.5 if at the corner alone."""
-    run = solved("hertz", h=0.02, adapt=2, element="P2", errors="energy")
+    """Four times the triangles: the error falls by 2^2 where they are well placed, by 2^0.5 if at the corner alone."""
+    run = solved("hertz", h=0.02, adapt=1, element="P2", errors="energy")
     rows = np.genfromtxt(run.directory / "adaptivity.csv", delimiter=",", names=True)
-    assert np.all(rows["relative"][:-1] / rows["relative"][1:] > 2.2), rows["relative"]
+    assert rows["relative"][0] / rows["relative"][1] > 2.8, rows["relative"]
 
 
 def test_study_on_quadratic_elements(solved, tmp_path):
