@@ -251,6 +251,16 @@ def test_middles_see_the_curve(solved):
     np.testing.assert_allclose(gap[near], R - np.sqrt(R**2 - x[near] ** 2), atol=0.01 * chord)
 
 
+def test_pressfit(solved):
+    """Lame's pressure on a ring of straight-sided elements: the resultant errs by h^3 at least."""
+    b, c, interference = 20.0, 35.0, 0.05
+    lam, mu = 210e3 * 0.3 / (1.3 * 0.4), 210e3 / 2.6
+    A, B = np.linalg.solve([[b, 1 / b], [2 * (lam + mu), -2 * mu / c**2]], [interference, 0])
+    force = -(2 * (lam + mu) * A - 2 * mu * B / b**2) * np.pi / 2 * b
+    one, two = (solved("pressfit", h=h, element="P2").summary["quantities"]["normal_resultant"] for h in (4, 2))
+    assert abs(two / force - 1) < 5e-5 and abs(two - force) < abs(one - force) / 6
+
+
 def test_hertz(solved):
     """Half-width, peak and profile at twice the size of the shipped mesh; without the curve the profile errs by 10%."""
     found = np.array([hertz_errors(solved("hertz", h=0.002, approach=d, element="P2")) for d in (0.0017, 0.0021)])
