@@ -164,22 +164,23 @@ class CoulombProblem:
 def newton(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
     """Semismooth Newton steps (P. Alart, A. Curnier, CMAME 92 (1991) 353-375) from `start` z.
 
-    Each solves the linear system of the states that the last iterate falls into. None where states come again
-    without having settled, or a system is singular: convergence is local.
+    Each solves the linear system of the states that the last iterate falls into, the start's own too where it is a
+    solution but for rounding: whoever calls may have asked for more. None where states come again without having
+    settled, or a system is singular: convergence is local.
     """
-    x, seen = start, set()
+    x, seen, found = start, set(), None
     for _ in range(NEWTON_STEPS):
         if problem.solves(x):
-            return x
+            found = x
         states, sign = problem.states(x), problem.signs(x)
         key = states.tobytes() + sign.tobytes()
         if key in seen:
-            return None
+            break
         seen.add(key)
         x = problem.solution_in(states, sign)
         if x is None:
-            return None
-    return None
+            break
+    return found
 
 
 def lemke(problem: CoulombProblem) -> np.ndarray | None:

@@ -201,6 +201,15 @@ def test_fallback_is_reported(solved):
     assert any("did not settle" in line and "step 1" in line for line in found.summary["warnings"])
 
 
+def test_newton_improves_what_is_a_solution_but_for_rounding():
+    """The caller may have asked for more than ROUNDING: a start within it is not the answer."""
+    d, F = np.array([1.0, 0.4]), 0.5
+    problem = one_node(F, d)
+    near = newton(problem, np.zeros(2)) * (1 + 5e-10)
+    assert 1e-10 < problem.violation(near) < complementarity.ROUNDING
+    assert problem.violation(newton(problem, near)) < 1e-15
+
+
 @pytest.mark.parametrize("friction", [6, 8, 10])
 def test_qps_solved_in_full_settle_without_a_fallback(solved, friction):
     """As above with more iterations: QPs left early made it stall, none of the other methods is needed."""
