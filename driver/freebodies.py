@@ -44,22 +44,26 @@ class FreeBodies:
                 raise NoSolution(self.history.reason)
         return found
 
-    def _names(self) -> str:
-        bodies = sorted({mode.body + 1 for mode in self.operator.structure.rigid_modes})
+    def _names(self, modes) -> str:
+        """The bodies of some rigid modes."""
+        bodies = sorted({mode.body + 1 for mode in modes})
         return f"{'body' if len(bodies) == 1 else 'bodies'} {', '.join(map(str, bodies))}"
 
     def why_unbalanced(self, load: Load, x: np.ndarray) -> str:
         """Why no state of contact and friction was found in which the bodies rest, although rigid ones could."""
+        shares, modes = self._shares(load, x), self.operator.structure.rigid_modes
+        worst = [mode for mode, share in zip(modes, shares) if share > 0.1 * shares.max()]
         return (f"no equilibrium was found: contact and friction could hold rigid bodies, but where these ones press and "
-                f"rub, {100 * self.imbalance(load, x):.2g} % of the forces on {self._names()}, which no support holds, stay "
+                f"rub, {100 * shares.max():.2g} % of the forces on {self._names(worst)}, which no support holds, stay "
                 "unbalanced")
 
     def _why_no_rest(self) -> str:
+        modes = self.operator.structure.rigid_modes
         how = {"none": "without contact nothing can", "unilateral": "contact cannot", "bilateral": "contact cannot"}[
             self.effects["contact"]]
         if self.effects["friction"] != "none":
             how = "contact and friction cannot"
-        return (f"no equilibrium: {how} balance the loads on {self._names()}, which no support holds: it slides off, "
+        return (f"no equilibrium: {how} balance the loads on {self._names(modes)}, which no support holds: it slides off, "
                 "tips over or is pulled away; add supports or friction")
 
     def follow(self, load: Load, x: np.ndarray) -> np.ndarray:
@@ -91,10 +95,14 @@ class FreeBodies:
         """
         if not self.operator.modes:
             return 0.0
+        return float(self._shares(load, x, note).max())
+
+    def _shares(self, load: Load, x: np.ndarray, note: bool = False) -> np.ndarray:
+        """(modes,) the same of every motion."""
         net, size = self.operator.imbalance(x, load.weights)
         work = np.maximum(self.scales.work, size)
         self.scales.work = work if note else self.scales.work
-        return float(np.max(np.abs(net) / np.where(work > 0, work, 1.0)))
+        return np.abs(net) / np.where(work > 0, work, 1.0)
 
     def note_loose_motion(self, index: int, x: np.ndarray) -> None:
         """Say it once if nothing that touches or sticks holds a rigid motion of a body without support.
