@@ -153,6 +153,7 @@ def _budget(directory: Path, request: dict, problem, writer, comm) -> dict:
 
 
 def summarize(request, manifest: Manifest, structure, history, uniqueness, settings, comm) -> dict:
+    """summary.json but for quantities, errors and ledger; collective."""
     kinds = np.bincount(structure.row_kind, minlength=3)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     variant = next((str(v) for k, v in manifest.parameters.items() if k == "loading"), "")
@@ -177,6 +178,7 @@ def summarize(request, manifest: Manifest, structure, history, uniqueness, setti
 
 
 def ledger_of(summary, manifest: Manifest, structure, history, amplitudes, writer, comm) -> dict:
+    """Entry `effects_ledger` of summary.json: which declared effects mattered and what they cost; collective."""
     largest = [max([np.abs(sub.loads[k]).max(initial=0) for sub in structure.subdomains]
                    + [np.abs(values[k]).max(initial=0) for values in structure.fixed_values], default=0.0)
                for k in range(len(manifest.patterns))]
