@@ -3,7 +3,7 @@
 import statistics
 from dataclasses import dataclass, field
 
-KNOBS = {"mesh": "uniform meshes", "quadratic": "the same, P2", "adapt": "adaptive meshes", "steps": "time steps",
+KNOBS = {"mesh": "uniform meshes", "quadratic": "uniform, P2", "adapt": "adaptive meshes", "steps": "time steps",
          "friction_rtol": "fixed point",
          "rtol": "MPRGP", "together": "together"}
 

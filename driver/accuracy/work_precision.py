@@ -96,7 +96,7 @@ def compose(found: list[Point], reference: dict) -> Figure:
     for axes in (total, own):
         axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
         axes.xaxis.set_minor_formatter(FuncFormatter(lambda x, _: f"{x:g}" if f"{x:e}"[0] in "25" else ""))
-        axes.tick_params(axis="x", which="both", labelsize=7)
+        axes.tick_params(axis="x", which="both", labelsize=7, length=3)
     _settings(figure.add_subplot(grid[1]), best)
     source = "closed form" if reference["source"] != "overkill" else "overkill run"
     figure.text(0.5, 1, f"What accuracy costs: {words(reference['quantity'])}", ha="center", va="top", fontsize=10)

@@ -82,6 +82,6 @@ def adaptivity(figure: Figure, run: Run) -> None:
     for axis in (error.xaxis, error.yaxis):
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         axis.set_minor_formatter(FuncFormatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "25" else ""))
-    error.tick_params(which="both", labelsize=7)
+    error.tick_params(which="both", labelsize=7, length=3)
     header(figure, run, "Adaptive refinement", error.get_legend_handles_labels()[0],
            f"{len(run.first.corners)} triangles after {len(size) - 1} cycles")
