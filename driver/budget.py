@@ -72,7 +72,8 @@ def observed_order(d1: float, d2: float, r: float, s: float) -> float:
 def extrapolate(changes: list[float], ratios: list[float], formal: float, value: float, limit: bool = False) -> Part:
     """Error of a `value` from its changes q0 - q1, q1 - q2 (none to two) between sizes in `ratios` (r, s).
 
-    `limit`: there is a limit in any case, so that changes that grow only tell that it is not near.
+    `limit`: there is a limit in any case, so that changes that grow only tell that it is not near. Where the values turn
+    back, a small last change may be chance: they are as uncertain as the larger one says.
     """
     if not changes:
         return Part(None, note=ALONE)
@@ -87,7 +88,7 @@ def extrapolate(changes: list[float], ratios: list[float], formal: float, value:
     if order >= SLOWEST:
         p = order if order <= formal else max(1.0, 2 * formal - order)
         rest = d2 / ((s**p - 1) * r**p)  # = d1/(r^p - 1), but where p was changed
-        return Part(1.25 * max(rest, d1 if turned else 0.0), order)
+        return Part(1.25 * (d2 if turned else rest), order)
     spread = max(d1, d2) if turned else d1 + d2
     if turned or limit or spread <= WANDER * abs(value):
         return Part(2 * spread)
