@@ -126,7 +126,8 @@ class EnergyEstimator:
     def snapshot(self) -> dict | None:
         """The steps kept so far, for `restore`, on rank 0; collective."""
         kept = {name: getattr(self, name) for name in ("last", "largest")}
-        found = {name: gathered(step, self.rows, len(self.boundary.gid), self.operator.comm) for name, (_, step, _) in kept.items()}
+        found = {name: gathered(step, self.rows, len(self.boundary.gid), self.operator.comm)
+                 for name, (_, step, _) in kept.items()}
         return {name: {"energy": energy, "step": found[name], "state": state}
                 for name, (energy, _, state) in kept.items()} if self.root else None
 

@@ -120,7 +120,8 @@ def changed_by(scene: Path, name: str) -> set[str]:
     macro = re.compile(r"\bmacro\s+(\w+)(.*?)//[^\n]*", re.DOTALL)
     macros = [(found.group(1), found.group(2)) for found in macro.finditer(text)]
     rest = re.sub(r"//[^\n]*", "", macro.sub("", text))
-    statements = [" ".join(part.split()) for text in re.split(r"[;{}]", rest) for part in _declarations(text) if part.strip()]
+    statements = [" ".join(part.split()) for text in re.split(r"[;{}]", rest) for part in _declarations(text)
+                  if part.strip()]
     read = re.compile(rf'\b(?:physical|whole|choice)\(\s*"{re.escape(name)}"')
     reached, changed, size = set(), set(), -1
     while size < len(reached) + len(changed):

@@ -163,7 +163,8 @@ def read_manifest(directory: Path, scene: str | None = None) -> Manifest:
 
 
 KINDS = {"subdomains": int, "blocks": int, "nodes": int, "interface_label": int, "element": str, "plane": str,
-         "material": str, "units": dict, "effects": dict, "steps": int, "t_end": (int, float), "contact_labels": list, "labels": list, "bodies": int, "contact_pairs": list,
+         "material": str, "units": dict, "effects": dict, "steps": int, "t_end": (int, float), "contact_labels": list,
+         "labels": list, "bodies": int, "contact_pairs": list,
          "patterns": list, "amplitudes": dict, "parameters": dict, "initial_state": bool, "slip_law": (dict, type(None))}
 # words that mean something to the stages that follow; any other would silently count as "not declared"
 WORDS = {"element": tuple(elements.NODES), "plane": ("strain", "stress"), "material": ("isotropic", "general")}
@@ -195,7 +196,8 @@ def _check_manifest(manifest: Manifest) -> None:
     if not all(_is(label, int) for label in [*manifest.labels, *manifest.contact_labels]):
         raise InputError("a label is no whole number")
     for pair in manifest.contact_pairs:
-        if not (isinstance(pair, list) and len(pair) == 2 and pair[0] in manifest.contact_labels and pair[1] in manifest.labels):
+        if not (isinstance(pair, list) and len(pair) == 2 and pair[0] in manifest.contact_labels
+                and pair[1] in manifest.labels):
             raise InputError(f"contact_pairs has {pair!r} where two labels of the mesh belong")
     found = {name: getattr(manifest, name) for name in WORDS} | manifest.effects
     for name, words in (WORDS | EFFECTS).items():
@@ -247,7 +249,8 @@ class _Block:
             raise InputError(f"{self.path} is truncated: {count} more numbers expected at word {self.at}")
         if self.words[self.at] != count:
             raise InputError(
-                f"{self.path}: an array of {count} numbers expected at word {self.at}, found a count of {self.words[self.at]}"
+                f"{self.path}: an array of {count} numbers expected at word {self.at}, found a count of "
+                f"{self.words[self.at]}"
             )
         self.at = start + count
         if like is not None and np.array_equal(self.words[start : self.at], like.ravel().view(np.int64)):
@@ -277,10 +280,12 @@ def _record_words(head: np.ndarray, manifest: Manifest) -> int:
     moduli = 2 if manifest.material == "isotropic" else 6
     heated = sum(pattern["kind"] == "thermal" for pattern in manifest.patterns)
     moments = 1 if manifest.element == "P1" else 3
-    counted = [nv] * 3 + [elements.NODES[manifest.element] * nt, nt, 3 * ne] + [moments * nt] * (moduli + 3 * heated) + [nd] * 2 + [nnz] * 3 + [nd] * patterns + [fixed]
+    counted = [nv] * 3 + [elements.NODES[manifest.element] * nt, nt, 3 * ne] + [moments * nt] * (moduli + 3 * heated)
+    counted += [nd] * 2 + [nnz] * 3 + [nd] * patterns + [fixed]
     kinds = [pattern["kind"] for pattern in manifest.patterns] if manifest.element == "P1" else []
     counted += [4 * ne] * kinds.count("traction") + [2 * nt] * (3 * kinds.count("body_force"))
-    counted += [nv] * (2 * _bowed(manifest)) + [max(1, fixed)] * moving + ([contact] * (7 + manifest.initial_state) if contact else [])
+    counted += [nv] * (2 * _bowed(manifest)) + [max(1, fixed)] * moving
+    counted += [contact] * (7 + manifest.initial_state) if contact else []
     return sum(counted) + len(counted)
 
 

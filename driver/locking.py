@@ -101,7 +101,8 @@ def draw(folder: Path, rows: list[tuple]) -> list[Path]:
                 here = [r for r in rows if r[0] == element and r[1] == poisson]
                 for line, quantity in enumerate(("strain", "pressure")):
                     found = [r[COLUMNS.index(quantity)] for r in here]
-                    panels[line, column].loglog([r[2] for r in here], found, color=colour, marker=marker, ms=4, label=element)
+                    panels[line, column].loglog([r[2] for r in here], found, color=colour, marker=marker, ms=4,
+                                                label=element)
             h = np.array([0.5 / cells for cells in CELLS])
             for panel in panels[:, column]:
                 panel.loglog(h, 0.003 * (h / h[0]) ** 2, color="#222222", lw=0.8, ls=":", label="$h^2$")
