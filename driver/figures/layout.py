@@ -32,10 +32,11 @@ def header(figure: Figure, run: Run, caption: str, handles: list, note: str = ""
 
 
 def shrink_to_body(figure: Figure, axes) -> None:
-    """Take from the figure the height that equal scales of x and y leave unused."""
+    """Take from the figure the height that equal scales of x and y leave unused; unused width goes to both sides."""
     figure.draw_without_rendering()
     slack = axes.get_position(original=True).height - axes.get_position().height
     figure.set_figheight(figure.get_figheight() * (1 - slack))
+    figure.set_layout_engine("compressed")
     place_header(figure)
 
 
