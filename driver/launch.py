@@ -27,7 +27,8 @@ def solve(work: Path, request: dict, ranks: int) -> tuple[int, str]:
         answer = json.loads((work / "answer.json").read_text())
     except FileNotFoundError:
         raise InputError(_why_no_answer(done)) from None
-    sys.stderr.write(done.stderr)
+    if done.returncode == 0:  # else a rank was killed after the work was done, and mpirun tells of it at length
+        sys.stderr.write(done.stderr)
     for name in ("request.json", "answer.json"):
         (work / name).unlink()
     return answer["status"], answer["reason"]
