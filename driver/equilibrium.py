@@ -30,8 +30,9 @@ def rigid_equilibrium(rows: ContactRows, motions: np.ndarray, work: np.ndarray, 
     answer = None
     if comm.rank == 0:
         normal, gap, node, tangential, rubbing, bound = (np.concatenate(column) for column in zip(*parts))
-        answer = _solve(normal, gap, tangential, np.searchsorted(node, rubbing), bound, rows.tresca, rows.bilateral,
-                        work, size)
+        one, two = np.argsort(node), np.argsort(rubbing)  # ranks may own nodes in turn
+        pair = np.searchsorted(node[one], rubbing[two])
+        answer = _solve(normal[one], gap[one], tangential[two], pair, bound[two], rows.tresca, rows.bilateral, work, size)
     return comm.bcast(answer)
 
 

@@ -1,12 +1,14 @@
 """Bodies that contact and friction alone hold: found, refused, solutions counted, against enumeration on the whole body."""
 
 import itertools
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from driver import complementarity, fixedpoint, globalization
 from driver.complementarity import CoulombProblem
+from driver.equilibrium import rigid_equilibrium
 from driver.oracle import Assembled
 
 
@@ -191,3 +193,40 @@ def test_motions_that_nothing_holds_are_named(solved, options):
     assert run.status == 0 and sum("displacements are one answer of many" in line for line in run.summary["warnings"]) == 1
     assert run.summary["uniqueness"]["verdict"] in ("unique", "not examined")
     assert run.summary["residuals"]["equilibrium"] < 1e-6
+
+
+class RanksInTurn:
+    """Two ranks that own every other contact node, seen from the first."""
+
+    rank = 0
+
+    def __init__(self, parts):
+        self.parts = parts
+
+    def gather(self, part):
+        return self.parts
+
+    def bcast(self, answer):
+        return answer
+
+
+@pytest.mark.parametrize("friction, carried", [(0.29, False), (0.31, True)])
+def test_equilibrium_does_not_depend_on_which_rank_owns_a_node(friction, carried):
+    """A block on six nodes, of which the second alone is rough, pushed with 0.3 of its weight above that node.
+
+    All pressure can stand there, so that friction carries the push from F = 0.3 on; with that of any other node it could not.
+    """
+    x, count = np.linspace(-1, 1, 6), 6
+    normal = np.column_stack([np.zeros(count), -np.ones(count), -x])  # of motions along x and y and of a turn
+    tangential = np.column_stack([np.ones(count), np.zeros(count), np.zeros(count)])
+    bound = np.where(np.arange(count) == 1, friction, 0.0)
+    work, size = np.array([0.3, -1.0, -x[1]]), np.ones(3)
+
+    def part(own):
+        return normal[own], np.zeros(len(own)), own, tangential[own], own, bound[own]
+
+    rows = SimpleNamespace(normal=np.arange(count), tangential=np.arange(count), gap=None, normal_node=None,
+                           tangential_node=None, bound=None, tresca=False, bilateral=False)
+    for owned in ([np.arange(count)], [np.arange(0, count, 2), np.arange(1, count, 2)]):
+        found = rigid_equilibrium(rows, normal, work, size, RanksInTurn([part(own) for own in owned]))
+        assert (found is not None) == carried
