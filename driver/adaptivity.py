@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from .elements import areas
 from .errors import InputError
 from .files import write_table
 from .options import Settings
@@ -30,9 +31,7 @@ COARSE = {"rtol": 1e-4, "friction_rtol": 1e-3, "primal_rtol": 1e-2}
 
 def element_sizes(xy: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """(n_t,) side of the equilateral triangle of the same area."""
-    a, b, c = (xy[triangles[:, k]] for k in range(3))
-    double = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
-    return np.sqrt(2 / np.sqrt(3) * double)
+    return np.sqrt(4 / np.sqrt(3) * areas(xy[triangles]))
 
 
 def new_sizes(size: np.ndarray, indicator: np.ndarray, wanted: float, degree: int = 1) -> np.ndarray:

@@ -58,8 +58,7 @@ def _farthest_points(skeleton: Skeleton, neighbour: np.ndarray, corners: np.ndar
     pieces, piece = connected_components(graph, directed=False)
     at_corner = np.unique(np.column_stack([piece, nodes[:, 1]])[nodes[:, 2] > 0], axis=0)
     held = np.bincount(at_corner[:, 0], minlength=pieces)
-    place = np.empty((len(skeleton.gids), 2))
-    place[skeleton.node_id] = skeleton.xy
+    place = skeleton.place
     added = []
     for weak in np.flatnonzero(held < 2):
         gids = nodes[piece == weak, 1]

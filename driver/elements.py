@@ -20,6 +20,16 @@ POINTS = np.array([np.roll([1 - 2 * a, a, a], k) for a in (_A, _B) for k in rang
 WEIGHTS = np.repeat([0.223381589678011, 0.109951743655322], 3)
 
 
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """(...) cross products of vectors (..., 2)."""
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+
+
+def areas(corner: np.ndarray) -> np.ndarray:
+    """(n_t,) areas of triangles with corners (n_t, 3, 2), negative if these go round clockwise."""
+    return 0.5 * cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+
+
 def shapes(nodes: int, places: np.ndarray) -> np.ndarray:
     """(m, nodes) shape functions at places (m, 3)."""
     if nodes == 3:

@@ -30,7 +30,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from .elements import hat_gradients
+from .elements import areas, cross, hat_gradients
 
 CORNER = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])  # of the reference triangle
 
@@ -96,8 +96,7 @@ class Mesh:
     @cached_property
     def area(self) -> np.ndarray:
         """(n_t,)"""
-        a, b = self.corner[:, 1] - self.corner[:, 0], self.corner[:, 2] - self.corner[:, 0]
-        return 0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+        return areas(self.corner)
 
 
 def full_tensor(voigt: np.ndarray) -> np.ndarray:
@@ -487,13 +486,9 @@ class Fan:
         """(n,) int C e : e of displacements linear on the parts, `values` (m, 2, 2) on the side, zero at the apex."""
         d = np.einsum("mki,mkj->mij", hat_gradients(self.corner)[:, :2], values)
         strain = np.column_stack([d[:, 0, 0], d[:, 1, 1], d[:, 0, 1] + d[:, 1, 0]])
-        area = 0.5 * _cross(self.corner[:, 1] - self.corner[:, 0], self.corner[:, 2] - self.corner[:, 0])
+        area = areas(self.corner)
         return np.bincount(self.owner, np.einsum("mi,mij,mj->m", strain, elasticity[self.owner], strain) * area,
                            minlength=len(self.triangle))
-
-
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
 def johnson_mercier(corner: np.ndarray, moments: np.ndarray) -> np.ndarray:
@@ -539,13 +534,13 @@ def _remainder_constant(triangle: np.ndarray, compliance: np.ndarray) -> np.ndar
         density = (shape[:, None, :, None] * axis) / np.sqrt(2 * half)[:, None]  # [half, n, end, component]
         base = half[:, None] / 6 * (2 * density + density[:, :, ::-1])
         force = base[0].sum(axis=1)
-        far = (-_cross(start - middle, base[0, :, 0])[:, None] * np.column_stack([-line[:, 1], line[:, 0]])
+        far = (-cross(start - middle, base[0, :, 0])[:, None] * np.column_stack([-line[:, 1], line[:, 0]])
                - 0.5 * (force * line).sum(axis=1)[:, None] * line) / (line**2).sum(axis=1)[:, None]
         right, none = np.stack([-force - far, far], axis=1), np.zeros((n, 2, 2))
         moments = np.stack([base[0], right, none], axis=1), np.stack([base[1], none, -right[:, ::-1]], axis=1)
         stress.append([johnson_mercier(np.stack([a, b, apex], axis=1), given)
                        for a, b, given in zip((start, middle), (middle, end), moments)])
-    mass = (np.eye(3) + 1) / 12 * (0.5 * _cross(end - start, apex - start) / 6)[:, None, None]
+    mass = (np.eye(3) + 1) / 12 * (0.5 * cross(end - start, apex - start) / 6)[:, None, None]
     gram = np.einsum("ahtpms,tmn,tsr,bhtpnr->tab", np.array(stress), mass, compliance, np.array(stress), optimize=True)
     return 2 * np.linalg.eigvalsh(gram)[:, -1]
 

@@ -42,7 +42,7 @@ import numpy as np
 
 from . import elements, equilibration, recovery
 from .loader import Manifest, Subdomain
-from .pairbound import PairBound, slid
+from .pairbound import PairBound, continued, slid
 from .step import Step, gathered, scattered
 
 NOTHING = 1e-6  # displacements below this part of the largest ones of the run are what tolerances leave
@@ -78,10 +78,18 @@ class _Body:
     elasticity: np.ndarray
     compliance: np.ndarray
     mesh: equilibration.Mesh
-    chains: equilibration.Chains
-    stiffness: np.ndarray  # (vertices, 2) diagonal entries of the assembled stiffness
     held: np.ndarray  # (vertices, 2) components that supports hold
     given: np.ndarray  # (half-edges, 2) where the traction is given: boundary edges without support, by component
+
+    @cached_property
+    def chains(self) -> equilibration.Chains:
+        """Of the bound alone, like `stiffness`."""
+        return equilibration.chains(self.mesh)
+
+    @cached_property
+    def stiffness(self) -> np.ndarray:
+        """(vertices, 2) diagonal entries of the assembled stiffness."""
+        return _vertex_stiffness(self.mesh, self.elasticity)
 
     def strain(self, u: np.ndarray) -> np.ndarray:
         """(n_t, 3) e11, e22, 2 e12 of torn displacements (n_torn, 2)."""
@@ -176,8 +184,7 @@ class EnergyEstimator:
         held = np.zeros((len(number), 2), bool)
         fixed = fixed[np.isin(fixed[:, 0], number)]  # at the vertices
         held[np.searchsorted(number, fixed[:, 0]), fixed[:, 1]] = True
-        return _Body(number, vertex, torn, region, elasticity, np.linalg.inv(elasticity), mesh,
-                     equilibration.chains(mesh), _vertex_stiffness(mesh, elasticity), held,
+        return _Body(number, vertex, torn, region, elasticity, np.linalg.inv(elasticity), mesh, held,
                      self._given(mesh, number, held))
 
     def _given(self, mesh, number, held) -> np.ndarray:
@@ -203,20 +210,23 @@ class EnergyEstimator:
         fields = self.operator.displacements(step.multipliers, step.weights)
         if self.quadratic:
             return self._recover_quadratic(step, fields)
-        thermal = self._gather((3,), float, lambda s, sub: sum(
-            (step.weights[k] * t for k, t in sub.thermal.items()), np.zeros((len(sub.triangles), 3))))
+        thermal = self._thermal(step, (3,))
         fields = self._gather_fields(fields)
         if self.kind == "recovery":
             return self._recover(step, fields, thermal)
         return self._bound(step, state, fields, thermal)
+
+    def _thermal(self, step: Step, shape: tuple) -> np.ndarray | None:
+        """(n_t, *shape) suppressed thermal stresses on rank 0."""
+        return self._gather(shape, float, lambda s, sub: sum(
+            (step.weights[k] * t for k, t in sub.thermal.items()), np.zeros((len(sub.triangles), *shape))))
 
     def _recover_quadratic(self, step: Step, fields) -> Estimate | None:
         """As `_recover`, for stresses that are linear on the triangles."""
         strain = lambda s, sub: elements.linear_strains(sub.xy[sub.triangles], fields[s].reshape(-1, 2)[sub.elements])
         elastic = self._gather((3, 3), float, lambda s, sub: np.einsum(
             "tmij,tmj->tmi", sub.corner_elasticity, strain(s, sub)))
-        thermal = self._gather((3, 3), float, lambda s, sub: sum(
-            (step.weights[k] * t for k, t in sub.thermal.items()), np.zeros((len(sub.triangles), 3, 3))))
+        thermal = self._thermal(step, (3, 3))
         if not self.root:
             return None
         body, compliance = self.body, self.body.compliance
@@ -470,11 +480,11 @@ class _ContactTractions:
         join = lambda values, more=None: np.concatenate([values, np.zeros(len(c.gid)) if more is None else more])
         self.own_normal, self.own_tangential = (join((rows >= 0) & ~b.paired, np.zeros(len(c.gid), bool))
                                                 for rows in (b.normal_row, b.tangential_row))
-        self.pressure = -self._continued(join(state["sigma_n"]), ~self.own_normal)
-        self.bound = self._continued(join(state["bound"]), ~self.own_normal)
+        self.pressure = -continued(self.node, join(state["sigma_n"]), self.own_normal)
+        self.bound = continued(self.node, join(state["bound"]), self.own_normal)
         self.shear = np.zeros(len(self.gid))
         if contact.frictional:
-            self.shear = self._continued(join(state["sigma_t"]), ~self.own_tangential)
+            self.shear = continued(self.node, join(state["sigma_t"]), self.own_tangential)
             self.shear = np.clip(self.shear, -self.bound, self.bound)
         self.bilateral = contact.rows.bilateral
         self.before = state["u_t"] - state["slip"]
@@ -491,14 +501,6 @@ class _ContactTractions:
         edges = outer_edges[np.isin(outer_edges[:, 2], rigid)]
         node = order[np.searchsorted(keys[order], edges[:, 2:] * span + edges[:, :2])]
         return node, np.linalg.norm(self.xy[node[:, 0]] - self.xy[node[:, 1]], axis=1)
-
-    def _continued(self, value: np.ndarray, lacking: np.ndarray) -> np.ndarray:
-        """Nodal values, the `lacking` ones replaced by the mean of their neighbours' on the boundary."""
-        total, count = np.zeros(len(value)), np.zeros(len(value))
-        for here, there in (self.node.T, self.node[:, ::-1].T):
-            np.add.at(total, here, np.where(lacking[there], 0.0, value[there]))
-            np.add.at(count, here, ~lacking[there])
-        return np.where(lacking, total / np.maximum(count, 1), value)
 
     def _moments(self) -> np.ndarray:
         """(n, 2, 2) moments [edge, end, component] of t* against the hats.

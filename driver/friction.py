@@ -160,7 +160,7 @@ def kkt_residuals(rows: ContactRows, multipliers, gradient, left: float, scales:
             "complementarity": ratio(max(gap_work, slip_work), scales.pressure * scales.displacement)}
 
 
-def status(rows: ContactRows, multipliers: np.ndarray, gradient: np.ndarray) -> np.ndarray:
+def status(rows: ContactRows, multipliers: np.ndarray) -> np.ndarray:
     """(k,) open, stick or slip of the nodes with a normal row, by exact comparison with the bounds."""
     found = np.full(len(rows.normal), STICK)
     if not rows.bilateral:

@@ -47,26 +47,33 @@ def _why_no_answer(done) -> str:
     return f"a rank of the solver died (mpirun exit {done.returncode})"
 
 
-def load() -> dict:
-    """Start PETSc and import what may run on the ranks. Raises InputError if a package is missing."""
+def load(kind: str = "run"):
+    """Start PETSc and import the module that runs on the ranks. Raises InputError if a package is missing.
+
+    `kind` is run, study or accuracy.
+    """
     known = f"{__package__}.solve" in sys.modules
     try:
         environment.start_petsc()
-        from . import goal, parametric, solve
+        if kind == "accuracy":
+            from . import goal as stage
+        elif kind == "study":
+            from . import parametric as stage
+        else:
+            from . import solve as stage
     except ImportError as problem:
         raise environment.package_error(problem) from None
     if not known:
         gc.freeze()  # modules stay to the end: the collector need not look through them again and again
-    return {"accuracy": goal, "study": parametric, "run": solve}
+    return stage
 
 
 def solve_here(work: Path, request: dict) -> tuple[int, str]:
     """The SPMD part on the ranks this process was started with."""
-    stages = load()
+    stage = load(next((kind for kind in ("accuracy", "study") if kind in request), "run"))
     import petsc4py.PETSc
     from mpi4py import MPI
 
-    stage = stages["accuracy" if "accuracy" in request else "study" if "study" in request else "run"]
     try:
         return stage.run(work, request, MPI.COMM_WORLD)
     except DriverError as problem:  # all ranks have agreed on it

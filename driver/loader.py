@@ -341,8 +341,8 @@ def _read_record(reader: _Block, manifest: Manifest, index: int, model: Subdomai
     nodes = reader.indices(elements.NODES[manifest.element] * nt, nv, "triangle node", like["elements"])
     nodes = nodes if nodes is like["elements"] else nodes.reshape(nt, -1)
     triangles = nodes[:, :3]
-    a, b, c = (xy[triangles[:, k]] for k in range(3))
-    if np.min((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]) <= 0:
+    a, b = xy[triangles[:, 0]], xy[triangles[:, 1]]
+    if np.min(elements.areas(xy[triangles])) <= 0:
         raise InputError(f"{where}: a triangle is flat or turned inside out; the body penetrates itself")
     _check_middles(nodes, xy, where)
     region = reader.array(nt)

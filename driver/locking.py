@@ -51,14 +51,12 @@ def errors(subdomains: list, fields: list) -> np.ndarray:
     total = np.zeros(6)
     for sub, u in zip(subdomains, fields):
         corner, value = sub.xy[sub.triangles], u.reshape(-1, 2)[sub.elements]
-        a, b = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
-        area = 0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
         lam = sub.elasticity[0, 0, 1]
         volume = elements.linear_strains(corner, value)[..., :2].sum(axis=-1, keepdims=True)
         found = (elements.shapes(value.shape[1], elements.POINTS) @ value, elements.strains(corner, value, elements.POINTS),
                  lam * elements.POINTS @ volume)
         x, y = np.moveaxis(elements.POINTS @ corner, -1, 0)
-        square = lambda v: np.einsum("tqd,q,t->", v**2, elements.WEIGHTS, area)
+        square = lambda v: np.einsum("tqd,q,t->", v**2, elements.WEIGHTS, elements.areas(corner))
         total += [square(v) for one, wanted in zip(found, exact(x, y, lam)) for v in (one - wanted, wanted)]
     return np.sqrt(total[0::2] / total[1::2])
 
@@ -89,9 +87,9 @@ def draw(folder: Path, rows: list[tuple]) -> list[Path]:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    from .figures import INCH, STYLE, WIDTH, write
+    from .figures import BLUE, INCH, INK, RED, STYLE, WIDTH, write
 
-    style = {"P1": ("#777777", "s"), "P2": ("#0072B2", "o"), "P2-mixed": ("#D55E00", "D")}
+    style = {"P1": ("#777777", "s"), "P2": (BLUE, "o"), "P2-mixed": (RED, "D")}
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(WIDTH, 11 * INCH), dpi=150, layout="constrained")
         FigureCanvasAgg(figure)
@@ -105,7 +103,7 @@ def draw(folder: Path, rows: list[tuple]) -> list[Path]:
                                                 label=element)
             h = np.array([0.5 / cells for cells in CELLS])
             for panel in panels[:, column]:
-                panel.loglog(h, 0.003 * (h / h[0]) ** 2, color="#222222", lw=0.8, ls=":", label="$h^2$")
+                panel.loglog(h, 0.003 * (h / h[0]) ** 2, color=INK, lw=0.8, ls=":", label="$h^2$")
             panels[0, column].set_title(rf"$\nu = {poisson:g}$")
             panels[1, column].set(xlabel="element size $h$", xticks=h, xticklabels=[f"1/{1 / size:.0f}" for size in h])
             panels[1, column].minorticks_off()

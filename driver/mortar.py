@@ -30,6 +30,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .elements import cross
 from .errors import InputError
 
 POINT = np.array([-np.sqrt(0.6), 0.0, np.sqrt(0.6)])  # Gauss, exact to degree 5 on [-1, 1]
@@ -87,7 +88,7 @@ def sagitta(xy: np.ndarray, edges: np.ndarray) -> np.ndarray:
     before[edges[:, 1]], after[edges[:, 0]] = np.arange(len(edges)), np.arange(len(edges))
     inner = (before >= 0) & (after >= 0)
     one, two = along[before], along[after]
-    turning = np.arctan2(_cross(one, two), (one * two).sum(axis=1))
+    turning = np.arctan2(cross(one, two), (one * two).sum(axis=1))
     curvature = np.where(inner, 2 * turning / (length[before] + length[after]), np.nan)
     ends = curvature[edges]
     ends = np.where(np.isnan(ends), ends[:, ::-1], ends)  # at the end of the side the circle of the other end
@@ -201,10 +202,6 @@ def _merge(node, side, of, value, weight, used):
     return node[keep], side[keep], of[keep], total[keep] / weight[node[keep]]
 
 
-def _cross(a, b):
-    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-
-
 @dataclass
 class Segments:
     """Parts of the first side that each face one edge of the second; arrays of length m.
@@ -260,7 +257,7 @@ def _meets(first: Side, normal: np.ndarray, second: Side, e: np.ndarray, o: np.n
     x = first.xy[a] + xi[:, None] * (first.xy[b] - first.xy[a])
     n = normal[a] + xi[:, None] * (normal[b] - normal[a])
     c, d = second.xy[second.edges[o, 0]], second.xy[second.edges[o, 1]]
-    return np.abs(_cross(x - c, n) / _cross(d - c, n) - 0.5) < 0.5 + 1e-6
+    return np.abs(cross(x - c, n) / cross(d - c, n) - 0.5) < 0.5 + 1e-6
 
 
 def _foot(first: Side, normal: np.ndarray, e: np.ndarray, point: np.ndarray) -> np.ndarray:
@@ -268,10 +265,10 @@ def _foot(first: Side, normal: np.ndarray, e: np.ndarray, point: np.ndarray) -> 
     a, b = first.edges[e, :2].T
     r, t = point - first.xy[a], first.xy[b] - first.xy[a]
     n, change = normal[a], normal[b] - normal[a]
-    xi = _cross(r, n) / _cross(t, n)
+    xi = cross(r, n) / cross(t, n)
     for _ in range(8):  # Newton on the quadratic equation; straight boundaries need no step
-        value = _cross(r - xi[:, None] * t, n + xi[:, None] * change)
-        slope = -_cross(t, n + xi[:, None] * change) + _cross(r - xi[:, None] * t, change)
+        value = cross(r - xi[:, None] * t, n + xi[:, None] * change)
+        slope = -cross(t, n + xi[:, None] * change) + cross(r - xi[:, None] * t, change)
         step = np.divide(value, slope, out=np.zeros_like(value), where=slope != 0)
         xi = xi - step
     return np.where(np.isfinite(xi), xi, -1.0)
@@ -285,7 +282,7 @@ def _project(first: Side, normal: np.ndarray, second: Side, e, o, xi):
     n = normal[a] + xi[:, None] * (normal[b] - normal[a])
     n = n / np.linalg.norm(n, axis=1)[:, None]
     c, d = second.xy[second.edges[o, 0]], second.xy[second.edges[o, 1]]
-    eta = np.clip(_cross(x - c, n) / _cross(d - c, n), 0.0, 1.0)
+    eta = np.clip(cross(x - c, n) / cross(d - c, n), 0.0, 1.0)
     distance = ((c + eta[:, None] * (d - c) - x) * n).sum(axis=1)
     for side, edge, at, sign in ((first, e, xi, -1.0), (second, o, eta, 1.0)):
         if side.bow is not None:

@@ -99,22 +99,14 @@ class PairBound:
         spread = lambda values: _spread(n, here, values)
         self.weight, self.own_normal = spread(nodes["weight"]), spread(nodes["own_normal"])
         self.own_tangential = spread(nodes["own_tangential"])
-        continued = lambda name, own: self._continued(spread(nodes[name]), own)
-        self.pressure, self.bound = (continued(name, self.own_normal) for name in ("pressure", "bound"))
+        filled = lambda name, own: continued(self.first.side.edges, spread(nodes[name]), own)
+        self.pressure, self.bound = (filled(name, self.own_normal) for name in ("pressure", "bound"))
         known = spread(np.ones(len(here), bool))
-        self.gap, self.before = (continued(name, known) for name in ("gap", "before"))
+        self.gap, self.before = (filled(name, known) for name in ("gap", "before"))
         self.shear = np.zeros(n)
         if frictional:
-            self.shear = np.clip(continued("shear", self.own_tangential), -self.bound, self.bound)
+            self.shear = np.clip(filled("shear", self.own_tangential), -self.bound, self.bound)
         self.traction = -self.pressure[:, None] * self.normal + self.shear[:, None] * self.tangent
-
-    def _continued(self, value: np.ndarray, own: np.ndarray) -> np.ndarray:
-        """Nodal values, where there are none of its `own` the mean of its neighbours'."""
-        total, count = np.zeros(len(value)), np.zeros(len(value))
-        for here, there in (self.first.side.edges.T, self.first.side.edges.T[::-1]):
-            np.add.at(total, here, np.where(own[there], value[there], 0.0))
-            np.add.at(count, here, own[there])
-        return np.where(own, value, total / np.maximum(count, 1))
 
     # ---- tractions ------------------------------------------------------------------------------------------
     @cached_property
@@ -265,6 +257,15 @@ class PairBound:
             middle = (jump.mean(axis=1) * _turned(middle)).sum(axis=1) - along(self.before).mean(axis=1)
             total += slid(self._length, along(self.bound), slip, middle - slip.mean(axis=1))
         return float(total)
+
+
+def continued(edges: np.ndarray, value: np.ndarray, own: np.ndarray) -> np.ndarray:
+    """Nodal values, where a node has none of its `own` the mean of its neighbours' along the edges (n, 2)."""
+    total, count = np.zeros(len(value)), np.zeros(len(value))
+    for here, there in (edges.T, edges.T[::-1]):
+        np.add.at(total, here, np.where(own[there], value[there], 0.0))
+        np.add.at(count, here, own[there])
+    return np.where(own, value, total / np.maximum(count, 1))
 
 
 def slid(length: np.ndarray, bound: np.ndarray, slip: np.ndarray, bend: np.ndarray | float = 0.0) -> float:

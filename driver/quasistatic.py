@@ -164,7 +164,7 @@ class QuasistaticSolver:
                                          f"{settings.primal_rtol:.0e} although MPRGP was tightened")
         self._examine(index, load, x, gradient, trace)
         self.bodies.note_loose_motion(index, x)
-        return Step(index, float(self.times[index]), load.weights, x, gradient, friction.status(rows, x, gradient),
+        return Step(index, float(self.times[index]), load.weights, x, gradient, friction.status(rows, x),
                     trace.iterations, op.products - products, trace.contraction, residuals, moved)
 
     def _examine(self, index: int, load: Load, x, gradient, trace: Trace) -> None:

@@ -30,8 +30,7 @@ def rigid_modes(skeleton, fixed_keys, corner_keys) -> tuple[list[RigidMode], np.
     links = coo_matrix((np.ones(len(skeleton.nodes)), (skeleton.nodes[:, 0], total + skeleton.node_id)),
                        shape=(total + len(skeleton.gids),) * 2)
     _, body = connected_components(links, directed=False)
-    place = np.empty((len(skeleton.gids), 2))
-    place[skeleton.node_id] = skeleton.xy
+    place = skeleton.place
     modes, columns = [], []
     for number, one in enumerate(dict.fromkeys(body[:total].tolist())):  # in the order of the first subdomains
         vertices = np.flatnonzero(body[total:] == one)

@@ -4,8 +4,11 @@ What couples subdomains lives on their boundaries, which are small compared with
 them and derives the same numbering, so that nothing depends on how subdomains are distributed over ranks.
 """
 
+from functools import cached_property
+
 import numpy as np
 
+from .elements import cross
 from .errors import InputError, agree
 from .loader import Manifest, Subdomain
 
@@ -46,6 +49,13 @@ class Skeleton:
             ends = np.concatenate([np.column_stack([ends[:, k], self.middles[here]]) for k in (0, 1)])
         return np.unique(ends, axis=0)
 
+    @cached_property
+    def place(self) -> np.ndarray:
+        """(nodes, 2) places of `gids`."""
+        found = np.empty((len(self.gids), 2))
+        found[self.node_id] = self.xy
+        return found
+
     def check_conformity(self, comm) -> None:
         """Every interface edge must have exactly two sides, with vertices at the same places."""
         lonely = (~self.shared) & (self.edges[:, 3] == self.interface_label)
@@ -69,8 +79,7 @@ class Skeleton:
 
         Labels `paired` are spared: two bodies that fit may cross by the error of their meshes.
         """
-        place = np.empty((len(self.gids), 2))
-        place[self.node_id] = self.xy
+        place = self.place
         ends = np.searchsorted(self.gids, self.edges[~self.shared & ~np.isin(self.edges[:, 3], paired), 1:3])
         p, q = place[ends[:, 0]], place[ends[:, 1]]
         low, high = np.minimum(p, q), np.maximum(p, q)
@@ -143,7 +152,7 @@ def edge_labels(sub: Subdomain, edges: np.ndarray) -> np.ndarray:
 
 def _crosses(p: np.ndarray, q: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Whether the segment p-q has an inner point in common with the inside of each segment a-b."""
-    side = lambda u, v, w: (v - u)[..., 0] * (w - u)[..., 1] - (v - u)[..., 1] * (w - u)[..., 0]
+    side = lambda u, v, w: cross(v - u, w - u)
     # touching ends do not count; rounding of a side is about eps times the squared length of an edge
     slack = 1e-12 * np.maximum(((q - p) ** 2).sum(), ((b - a) ** 2).sum(axis=1))
     apart = lambda one, two: (one > slack) & (two < -slack) | (one < -slack) & (two > slack)

@@ -59,15 +59,14 @@ def locking(problem, step) -> list[str]:
 def _stresses(sub, soft, u):
     """Vertices (n, 3), areas (n,), lambda, mu, (n, 3 corners, 5) pressure and deviatoric stress of the triangles `soft`."""
     corner = sub.xy[sub.triangles[soft]]
-    a, b = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
     strain = elements.linear_strains(corner, u.reshape(-1, 2)[sub.elements[soft]])
     lam, mu = sub.elasticity[soft, 0, 1], sub.elasticity[soft, 2, 2]
     volume = strain[..., 0] + strain[..., 1]
     # the shear stress times the root of two, so that squares add up to s : s
     s = 2 * mu[:, None, None] * np.stack([strain[..., 0] - volume / 3, strain[..., 1] - volume / 3, -volume / 3,
                                           strain[..., 2] / np.sqrt(2)], axis=-1)
-    area = 0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
-    return sub.node_gid[sub.triangles[soft]], area, lam, mu, np.concatenate([(lam[:, None] * volume)[..., None], s], axis=-1)
+    stress = np.concatenate([(lam[:, None] * volume)[..., None], s], axis=-1)
+    return sub.node_gid[sub.triangles[soft]], elements.areas(corner), lam, mu, stress
 
 
 def _oscillation(parts, nodes: int, constant: bool, comm) -> np.ndarray:
