@@ -19,6 +19,7 @@ import numpy as np
 
 from .environment import ROOT
 from .errors import agreed_writes
+from .files import renamed
 
 NAME = "checkpoint.bin"
 END = b"</VTKFile>\n"
@@ -61,16 +62,15 @@ class Checkpoints:
 
 
 def _write(directory: Path, state: dict) -> None:
-    arrays, hidden = {}, directory / f".{NAME}"
+    arrays = {}
     text = json.dumps(_without_arrays(state, arrays))
     whole = io.BytesIO()
     np.savez(whole, text=np.frombuffer(text.encode(), np.uint8), **arrays)
-    with open(hidden, "wb") as file:
+    with renamed(directory / NAME) as hidden, open(hidden, "wb") as file:
         file.write(zlib.crc32(whole.getbuffer()).to_bytes(4, "little"))
         file.write(whole.getbuffer())
         file.flush()
         os.fsync(file.fileno())
-    hidden.replace(directory / NAME)
 
 
 def _without_arrays(value, arrays: dict):

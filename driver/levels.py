@@ -13,7 +13,7 @@ import numpy as np
 
 from . import freefem
 from .budget import FORMAL, UNBOUNDED, Part, advice, coarser, extrapolate, mesh_knob, name_of, ratio, summed
-from .errors import DriverError, InputError, agree, error_of
+from .errors import DriverError, InputError, agree
 from .options import Settings
 from .problem import Problem, assemble
 from .quasistatic import QuasistaticSolver
@@ -103,8 +103,7 @@ class Levels:
         products = problem.operator.products - before
         self.products += products
         self.seconds["solve"] += time.perf_counter() - clock
-        if solver.history.exit_status:
-            raise error_of(solver.history.exit_status, solver.history.reason)
+        solver.history.check()
         return Level(*record.quantities(), products, solver, trace)
 
     def close(self) -> None:

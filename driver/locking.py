@@ -13,7 +13,6 @@ import numpy as np
 
 from . import elements, environment, freefem
 from .arguments import only
-from .errors import error_of
 from .files import write_rows
 
 POISSON = (0.3, 0.49, 0.4999, 0.499999)
@@ -74,8 +73,7 @@ def row(element: str, poisson: float, cells: int) -> tuple:
         problem = assemble(Path(folder), MPI.COMM_SELF)
         solver = problem.solver(Settings(**TIGHT))
         step = list(solver.steps())[-1]
-    if solver.history.exit_status:
-        raise error_of(solver.history.exit_status, solver.history.reason)
+    solver.history.check()
     subs = problem.structure.subdomains
     found = errors(subs, problem.operator.displacements(step.multipliers, step.weights))
     return element, poisson, 0.5 / cells, 2 * problem.manifest.nodes, *found.tolist()

@@ -15,7 +15,7 @@ stay those of small strains and refer to the initial geometry, lengths included.
 import dataclasses
 
 from . import substructuring
-from .errors import InputError, error_of
+from .errors import InputError
 from .fetidp import DualOperator
 from .options import Settings
 from .problem import Problem
@@ -39,8 +39,7 @@ def linearized(problem: Problem, settings: Settings, comm) -> Problem:
     for step in solver.steps():
         record.add(step)
         steps.append(step)
-    if solver.history.exit_status:
-        raise error_of(solver.history.exit_status, f"with contact as in the initial geometry: {solver.history.reason}")
+    solver.history.check("with contact as in the initial geometry: ")
     at = steps[record.quantities()[1]]
     moved = problem.operator.displacements(at.multipliers, at.weights)
     structure = substructuring.build(manifest, structure.subdomains, structure.first, comm, moved)

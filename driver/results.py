@@ -11,7 +11,7 @@ import numpy as np
 from . import elements
 from .errors import agreed_writes
 from .fetidp import DualOperator
-from .files import write_json, write_rows
+from .files import renamed, write_json, write_rows
 from .friction import OPEN, STATUS_NAMES
 from .loader import Manifest, Subdomain
 from .quantities import quantities
@@ -271,8 +271,8 @@ class Writer:
         mesh = self._deformed(step, fields, more)
         with agreed_writes(self.operator.comm):
             if self.root:
-                mesh.write(self.directory / "fields" / f".{name}")
-                (self.directory / "fields" / f".{name}").replace(self.directory / "fields" / name)
+                with renamed(self.directory / "fields" / name) as hidden:
+                    mesh.write(hidden)
         return f"fields/{name}"
 
     def _deformed(self, step: Step, fields, more: dict | None):

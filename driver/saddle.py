@@ -10,7 +10,6 @@ without the dofs that the supports fix. Nothing in a run uses it: it shows the s
 complement -F onto the multipliers checks the operator of fetidp.py.
 """
 
-import os
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +20,7 @@ from scipy.sparse import coo_matrix, csr_matrix
 
 from . import freefem
 from .errors import InputError
+from .files import renamed
 from .reduction import constraint_matrix
 from .loader import read_subdomains
 from .substructuring import Substructure, build
@@ -93,12 +93,12 @@ def write_saddle(scene: Path, parameters: dict[str, str], folder: Path, comm) ->
                          "picture can show; take fewer SUBDOMAINS or CELLS")
     whole = saddle(structure)
     folder.mkdir(parents=True, exist_ok=True)
-    hidden, path = folder / ".saddle.mtx", folder / "saddle.mtx"
+    path = folder / "saddle.mtx"
     comment = (f" FETI-DP saddle-point matrix of {scene.name}: {whole.torn[-1]} torn dofs of {len(whole.torn)} subdomains, "
                f"{structure.coarse_dofs} corner dofs,\n gluing, normal, tangential multipliers end at "
                f"{whole.kinds.tolist()}")
-    mmwrite(str(hidden), whole.matrix, comment=comment, precision=17, symmetry="symmetric")
-    os.replace(hidden, path)
+    with renamed(path) as hidden:
+        mmwrite(str(hidden), whole.matrix, comment=comment, precision=17, symmetry="symmetric")
     return [path, *_draw(whole, folder)]
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 
 from . import friction, globalization
+from .errors import error_of
 
 WINDOW = 8  # iterations of the fixed point over which its changes must have fallen
 
@@ -72,6 +73,11 @@ class History:
     fallbacks: globalization.Fallbacks = field(default_factory=globalization.Fallbacks)
     contraction: float = 0.0  # worst of the steps
     seconds: float = 0.0
+
+    def check(self, where: str = "") -> None:
+        """Raise the DriverError of a run that failed, its reason after `where`."""
+        if self.exit_status:
+            raise error_of(self.exit_status, where + self.reason)
 
     def end(self, status: int, reason: str) -> None:
         """The run ends after this step, with an exit status and the reason."""

@@ -76,15 +76,13 @@ class Mesh:
 
     def run(self, **settings) -> Tractions:
         """Contact tractions with some settings. Raises DriverError if a step fails."""
-        from .errors import error_of
         from .results import Record
 
         solver = self.problem.solver(Settings(uniqueness="no", **settings))
         record = Record(self.problem.operator, solver)
         for step in solver.steps():
             record.add(step)
-        if solver.history.exit_status:
-            raise error_of(solver.history.exit_status, solver.history.reason)
+        solver.history.check()
         contact, states = self.problem.structure.contact, record.states
         return Tractions(contact.xy[:, 0], contact.weight, np.array(states["sigma_n"]), np.array(states["sigma_t"]),
                          solver.history.counts["dual_multiplications"])

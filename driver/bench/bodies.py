@@ -1,12 +1,10 @@
 """Several bodies, most of them held by contact alone: products and times over sizes with H/h kept, and on two ranks."""
 
-import json
 import shutil
-import sys
 
-from .. import environment, freefem
+from .. import freefem
 from ..problem import assemble
-from .workbench import Workbench, child, march, seconds
+from .workbench import Workbench, march, on_ranks, seconds
 
 PART = "bodies"
 CASES = {  # scene: parameters of every size, four times the subdomains and half the mesh size from one to the next
@@ -48,10 +46,7 @@ def measure(bench: Workbench) -> dict:
 def _ranks(bench: Workbench, scene: str, export, products: int) -> None:
     """Counts, which do not depend on ranks, and the time of the steps."""
     for ranks in RANKS:
-        out = bench.folder / "ranks.json"
-        command = [sys.executable, "-m", "driver.bench.rank", str(export), str(out), "1", "{}"]
-        child([*environment.mpirun(ranks), *command] if ranks > 1 else command)
-        run = json.loads(out.read_text())[0]
+        run = on_ranks(bench, export, ranks, 1, "{}")[0]
         bench.report.add(PART, f"{scene}, {ranks} ranks: steps", run["seconds"]["steps"], "s")
         bench.report.add(PART, f"{scene}, {ranks} ranks: products other than on one",
                          abs(run["counts"]["dual_multiplications"] - products), "", "<= 0")

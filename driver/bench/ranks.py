@@ -1,14 +1,11 @@
 """Strong and weak scaling over MPI ranks, and a model of the time of every stage with what it predicts."""
 
-import json
 import os
-import sys
 
 import numpy as np
 from scipy.optimize import nnls
 
-from .. import environment
-from .workbench import REPEATS, Workbench, child, median, ratios
+from .workbench import REPEATS, Workbench, median, on_ranks, ratios
 
 PART = "ranks"
 # subdomains, H/h, target: at 512 equal subdomains and where every rank has more to do, with more of them, larger ones or
@@ -33,11 +30,8 @@ TERMS = {
 
 
 def run(bench: Workbench, subdomains: str, cells: int, ranks: int, repeats: int) -> list[dict]:
-    """What rank.py measures, `repeats` times in one start of the ranks."""
-    out = bench.folder / "ranks.json"
-    command = [sys.executable, "-m", "driver.bench.rank", str(bench.export(subdomains, cells)), str(out), str(repeats)]
-    child([*environment.mpirun(ranks), *command] if ranks > 1 else command)
-    return json.loads(out.read_text())
+    """What rank.py measures on the model example, with the slides' stopping rules."""
+    return on_ranks(bench, bench.export(subdomains, cells), ranks, repeats)
 
 
 def measure(bench: Workbench) -> dict:

@@ -1,6 +1,7 @@
 """What the parts share: the model example at several sizes, clocks, and the report."""
 
 import dataclasses
+import json
 import os
 import resource
 import shutil
@@ -169,6 +170,14 @@ def child(command: list[str]) -> tuple[float, float]:
     if process.returncode:
         raise RuntimeError(f"{' '.join(command[:4])} failed: {' '.join(words.split())[-300:]}")
     return wall, usage.ru_maxrss / 1024
+
+
+def on_ranks(bench: Workbench, export: Path, ranks: int, repeats: int, *settings: str) -> list[dict]:
+    """What rank.py measures on an export, `repeats` times in one start of the ranks."""
+    out = bench.folder / "ranks.json"
+    command = [sys.executable, "-m", "driver.bench.rank", str(export), str(out), str(repeats), *settings]
+    child([*environment.mpirun(ranks), *command] if ranks > 1 else command)
+    return json.loads(out.read_text())
 
 
 def driver(*words: str) -> list[str]:

@@ -32,10 +32,14 @@ def _read(scene: str, parameters: tuple):
         return manifest, read_subdomains(manifest, 0, manifest.subdomains, MPI.COMM_SELF)
 
 
+def _exports(case: Case, size: dict) -> tuple[str, tuple]:
+    """Scene and its parameters, without the driver's options."""
+    return case.scene, tuple((name.lower(), value) for name, value in case.arguments(size).items() if name not in DRIVER)
+
+
 def exported(case: Case, size: dict):
     """Manifest and subdomains of the case, exported anew."""
-    given = case.arguments(size)
-    return _read(case.scene, tuple((name.lower(), given[name]) for name in given if name not in DRIVER))
+    return _read(*_exports(case, size))
 
 
 @functools.lru_cache(maxsize=2)
@@ -53,8 +57,7 @@ def _assembled(scene: str, parameters: tuple) -> Assembled:
 
 def assembled(case: Case, size: dict) -> Assembled:
     """The untorn body of the case."""
-    given = case.arguments(size)
-    return _assembled(case.scene, tuple((name.lower(), given[name]) for name in given if name not in DRIVER))
+    return _assembled(*_exports(case, size))
 
 
 def amplitudes(manifest) -> np.ndarray:
