@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from .environment import ROOT
-from .errors import agreed_writes
+from .errors import agreed_writes, shortage
 from .files import renamed
 
 NAME = "checkpoint.bin"
@@ -84,7 +84,10 @@ def _without_arrays(value, arrays: dict):
 
 
 def read(directory: Path) -> dict | None:
-    """The state kept in `directory`; None if there is none, or one that is damaged or lacks files of fields."""
+    """The state kept in `directory`; None if there is none, or one that is damaged or lacks files of fields.
+
+    Raises OSError if memory is too short to see.
+    """
     try:
         content = (directory / NAME).read_bytes()
         if int.from_bytes(content[:4], "little") != zlib.crc32(content[4:]) or len(content) <= 4:
@@ -94,7 +97,9 @@ def read(directory: Path) -> dict | None:
         put_back = lambda entry: arrays[entry["array"]] if set(entry) == {"array"} else entry
         state = json.loads(arrays["text"].tobytes(), object_hook=put_back)
         return state if all(_ends(directory / name) for _, name in state["writer"]["vtu"]) else None
-    except OSError:
+    except OSError as problem:
+        if shortage(problem):
+            raise
         return None
 
 

@@ -10,7 +10,7 @@ import sys
 import warnings
 from pathlib import Path
 
-from .errors import InputError, shortage
+from .errors import InputError, file_error
 
 ROOT = Path(__file__).resolve().parent.parent
 LIBRARY = ROOT / "edp" / "lib"
@@ -90,7 +90,7 @@ def package_error(problem: ImportError) -> InputError:
     """A Python package that is not installed, or is and cannot be loaded, as where memory is short."""
     if isinstance(problem, ModuleNotFoundError):
         return InputError(f"the Python package {problem.name} is not installed; {SET_UP}")
-    return InputError(shortage(problem) or f"a Python package cannot be loaded: {' '.join(str(problem).split())}")
+    return file_error(problem, f"a Python package cannot be loaded: {' '.join(str(problem).split())}")
 
 
 def mpirun(ranks: int) -> list[str]:
@@ -115,7 +115,7 @@ def run_child(command: list[str], meanwhile=lambda: None, **options) -> subproce
     try:
         child = subprocess.Popen(command, stdin=subprocess.DEVNULL, preexec_fn=end_with_parent, **options)
     except OSError as problem:
-        raise InputError(f"{command[0]} cannot be started: {problem.strerror}") from None
+        raise file_error(problem, f"{command[0]} cannot be started: {problem.strerror}") from None
     with child:
         try:
             meanwhile()

@@ -5,6 +5,7 @@ import sys
 from contextlib import contextmanager
 
 NO_MEMORY = "not enough memory"
+PETSC_ERR_MEM = 55
 
 
 class DriverError(Exception):
@@ -36,11 +37,17 @@ def shortage(problem: BaseException) -> str:
     found = problem
     while found is not None:
         if (isinstance(found, MemoryError) or isinstance(found, OSError) and found.errno == errno.ENOMEM
+                or getattr(found, "ierr", 0) == PETSC_ERR_MEM
                 or isinstance(found, ImportError) and "failed to map segment" in str(found)):
             return NO_MEMORY
         found = found.__cause__ or found.__context__
     # Python's own code and imports lose their errors where they find no memory for them
     return f"Python failed ({problem}); was there enough memory?" if isinstance(problem, SystemError) else ""
+
+
+def file_error(problem: Exception, said: str) -> InputError:
+    """What is `said` of a file or program that the system does not give, unless memory was too short for it."""
+    return InputError(shortage(problem) or said)
 
 
 def tell(problem) -> None:
@@ -73,10 +80,8 @@ def agreed_writes(comm):
 
 def write_error(problem: OSError) -> InputError:
     """A full disk, a directory that is not writable, ... in one line."""
-    if problem.errno == errno.ENOMEM:
-        return InputError(NO_MEMORY)
     where = f" ({problem.filename})" if problem.filename else ""
-    return InputError(f"writing the results failed: {problem.strerror or problem}{where}")
+    return file_error(problem, f"writing the results failed: {problem.strerror or problem}{where}")
 
 
 def error_of(status: int, reason: str) -> DriverError:

@@ -11,8 +11,6 @@ from pathlib import Path
 from . import environment
 from .errors import DriverError, InputError
 
-PETSC_ERR_MEM = 55
-
 
 def solve(work: Path, request: dict, ranks: int) -> tuple[int, str]:
     """Run the SPMD part on `ranks` ranks; exit status and reason."""
@@ -71,14 +69,9 @@ def load(kind: str = "run"):
 def solve_here(work: Path, request: dict) -> tuple[int, str]:
     """The SPMD part on the ranks this process was started with."""
     stage = load(next((kind for kind in ("accuracy", "study") if kind in request), "run"))
-    import petsc4py.PETSc
     from mpi4py import MPI
 
     try:
         return stage.run(work, request, MPI.COMM_WORLD)
     except DriverError as problem:  # all ranks have agreed on it
         return problem.exit_status, str(problem)
-    except petsc4py.PETSc.Error as problem:
-        if problem.ierr == PETSC_ERR_MEM:
-            raise MemoryError from None
-        raise

@@ -13,7 +13,7 @@ import numpy as np
 
 from . import freefem
 from .budget import FORMAL, UNBOUNDED, Part, advice, coarser, extrapolate, mesh_knob, name_of, ratio, summed
-from .errors import DriverError, InputError, agree
+from .errors import DriverError, agree, file_error
 from .options import Settings
 from .problem import Problem, assemble
 from .quasistatic import QuasistaticSolver
@@ -78,7 +78,7 @@ class Levels:
             except DriverError as problem:
                 error = problem
             except OSError as problem:
-                error = InputError(f"writing the export failed: {problem.strerror}")
+                error = file_error(problem, f"writing the export failed: {problem.strerror}")
         agree(self.comm, error)
         self.seconds["export"] += time.perf_counter() - clock
         clock = time.perf_counter()

@@ -14,7 +14,7 @@ import numpy as np
 
 from . import elements
 from . import seal as seals
-from .errors import InputError, agree
+from .errors import InputError, agree, file_error
 
 OPTIONAL = ("slip_law", "initial_state", "contact_pairs")  # parts of the manifest that only some scenes have
 HEAD = 9  # subdomain, nodes, triangles, boundary edges, dofs, nnz, patterns, fixed dofs, contact nodes
@@ -148,7 +148,7 @@ def read_manifest(directory: Path, scene: str | None = None) -> Manifest:
     try:
         raw = json.loads(path.read_text())
     except (ValueError, OSError, RecursionError) as problem:
-        raise InputError(f"{path} is not readable ({problem}); run the scene again") from None
+        raise file_error(problem, f"{path} is not readable ({problem}); run the scene again") from None
     names = [name for name in Manifest.__dataclass_fields__ if name not in ("directory", "raw", "seal")]
     missing = [name for name in names if not isinstance(raw, dict) or name not in raw and name not in OPTIONAL]
     if missing:

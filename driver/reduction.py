@@ -12,7 +12,7 @@ from petsc4py import PETSc
 from scipy.sparse import coo_matrix
 
 from .blocks import BLOCK
-from .errors import NoSolution
+from .errors import NoSolution, shortage
 from .loader import Subdomain
 from .substructuring import LocalRows, Substructure
 
@@ -34,6 +34,8 @@ class Factor:
         try:
             pc.setUp()
         except PETSc.Error as error:
+            if shortage(error):
+                raise
             raise NoSolution("a subdomain is not held by its corners and supports (zero pivot)") from error
         self.matrix = pc.getFactorMatrix()
         self._keep = pc

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .errors import InputError
+from .errors import InputError, file_error
 from .files import write_json
 
 CHUNK = 1 << 22  # bytes read at once
@@ -77,8 +77,8 @@ def read(directory: Path, scene: str | None = None) -> Seal:
                     {name: (int(size), int(check)) for name, (size, check) in raw["files"].items()})
     except FileNotFoundError:
         raise InputError(f"{path} is missing: the FreeFEM stage did not finish; run the scene again") from None
-    except (OSError, ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError):
-        raise InputError(f"{path} is not readable; run the scene again") from None
+    except (OSError, ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError) as problem:
+        raise file_error(problem, f"{path} is not readable; run the scene again") from None
     if scene is not None and scene != seal.scene:
         raise InputError(f"{directory} is stale: the scene, or a file that it includes, was edited after this export; "
                          "run the scene again")
@@ -94,7 +94,7 @@ def check(seal: Seal, path: Path) -> np.ndarray:
     except FileNotFoundError:
         raise InputError(f"{path} is missing: the export is incomplete; run the scene again") from None
     except OSError as problem:
-        raise InputError(f"{path} is not readable ({problem.strerror}); run the scene again") from None
+        raise file_error(problem, f"{path} is not readable ({problem.strerror}); run the scene again") from None
     found = (len(content), zlib.crc32(content))
     size, _ = seal.files[path.name]
     if found == seal.files[path.name]:

@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from . import checkpoint
-from .errors import InputError, NoSolution, NotConverged, write_error
+from .errors import InputError, NoSolution, NotConverged, file_error, write_error
 
 AT_FDCWD, RENAME_EXCHANGE = -100, 2  # of Linux
 PATIENCE = 10  # seconds for the ranks of a killed run to end
@@ -42,7 +42,7 @@ class Workspace:
             self.path = self._create()
         except OSError as problem:
             self._release()
-            raise InputError(f"cannot write results to {out.parent}: {problem.strerror}") from None
+            raise file_error(problem, f"cannot write results to {out.parent}: {problem.strerror}") from None
 
     def __enter__(self) -> "Workspace":
         return self
@@ -167,7 +167,7 @@ def _check(out: Path) -> None:
         if out.is_dir() and any(out.iterdir()) and not (out / "summary.json").is_file():
             raise InputError(f"OUT={out} holds files but no earlier run; choose another directory or empty it")
     except (OSError, ValueError) as problem:
-        raise InputError(f"OUT={out} is no directory that results can be written to ({problem})") from None
+        raise file_error(problem, f"OUT={out} is no directory that results can be written to ({problem})") from None
 
 
 def lock_log(file) -> None:

@@ -4,12 +4,17 @@ import errno
 import resource
 import subprocess
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
+from mpi4py import MPI
+from petsc4py import PETSc
+from scipy.sparse import identity
 
-from driver import environment
-from driver.errors import NO_MEMORY, shortage
+from driver import checkpoint, environment, loader, reduction, workspace
+from driver.errors import NO_MEMORY, InputError, shortage
 
 MIB = 2**20
 PATIENCE = 120  # seconds; a run takes one or two
@@ -79,7 +84,40 @@ def test_shortages_are_told_from_other_errors():
     assert shortage(OSError(errno.ENOMEM, "Cannot allocate memory")) == NO_MEMORY
     assert shortage(ImportError("libx.so: failed to map segment from shared object")) == NO_MEMORY
     assert "enough memory?" in shortage(SystemError("error return without exception set"))
+    assert shortage(PETSc.Error(55)) == NO_MEMORY and not shortage(PETSc.Error(71))
     assert not shortage(raised(ValueError("wrong"), KeyError("name"))) and not shortage(OSError(errno.ENOSPC, "full"))
+
+
+@pytest.mark.parametrize("owner, name, act", [
+    (np, "memmap", lambda export, folder: loader.read_subdomains(loader.read_manifest(export), 0, 1, MPI.COMM_SELF)),
+    (Path, "read_text", lambda export, folder: loader.read_manifest(export)),
+    (Path, "read_bytes", lambda export, folder: checkpoint.read(export)),
+    (subprocess, "Popen", lambda export, folder: environment.run_child(["true"])),
+    (Path, "mkdir", lambda export, folder: workspace.Workspace(folder / "out"))])
+def test_a_system_call_that_finds_no_memory_is_told_as_that(exported, tmp_path, monkeypatch, owner, name, act):
+    """Not as a file that is spoiled or missing or a program that is not there."""
+    export = exported(cells=2, subdomains=2)
+
+    def starved(*_, **__):
+        raise OSError(errno.ENOMEM, "Cannot allocate memory")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(owner, name, starved)
+        with pytest.raises((InputError, OSError)) as problem:
+            act(export, tmp_path)
+    told = str(problem.value) if isinstance(problem.value, InputError) else shortage(problem.value)  # as cli.main does
+    assert told == NO_MEMORY
+
+
+def test_a_factorization_that_finds_no_memory_does_not_blame_the_supports(monkeypatch):
+    class Starved(PETSc.PC):
+        def setUp(self):
+            raise PETSc.Error(55)
+
+    monkeypatch.setattr(reduction.PETSc, "PC", Starved)
+    with pytest.raises(PETSc.Error) as problem:
+        reduction.Factor(identity(3, format="csr"))
+    assert shortage(problem.value) == NO_MEMORY
 
 
 ALONE = """
