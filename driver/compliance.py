@@ -2,11 +2,16 @@
 
 Gluing multipliers have no bounds. Minimising over them leaves, on the contact rows c with the gluing rows g,
 
-    C = F_cc - F_cg F_gg^-1 F_gc,      d_C = d_c - F_cg F_gg^-1 d_g.
+    C = F_cc - F_cg F_gg^-1 F_gc,      d_C = d_c - F_cg F_gg^-1 d_g,
 
-C is the compliance of the assembled body at its contact nodes. Every column costs one solution with F_gg, whose
-condition number the Dirichlet preconditioner makes small and independent of the number of subdomains; after
-that a time step costs a few products with a small dense matrix.
+the compliance of the glued body at its contact nodes. F = F_i + A S_cc^-1 A' with the block diagonal F_i is full, but with
+the corner displacements as further unknowns it comes from a sparse matrix of the local ones alone (`fetidp`),
+
+    [ F_i   -A   ] [ lambda ]   [ d_i - B u ]
+    [ -A'  -S_cc ] [  u_c   ] = [   -f_c    ],
+
+so that C is left on the contact rows when gluing rows and corners are eliminated by one sparse factorization. After that
+a time step costs a few products with a small dense matrix.
 """
 
 import copy
@@ -14,91 +19,39 @@ import dataclasses
 
 import numpy as np
 from mpi4py import MPI
+from petsc4py import PETSc
 from scipy.linalg import cho_factor, cho_solve
+from scipy.sparse import bmat, coo_matrix, csc_matrix, diags, hstack, vstack
 
 from .contactboundary import ContactBoundary
-from .errors import NotConverged
+from .errors import NotConverged, agree
 from .fetidp import DualOperator
+from .reduction import petsc_matrix
 from .substructuring import GLUING
 
-WIDTH = 32  # columns solved at a time
-GLUING_RTOL = 1e-10  # residual of F_gg per column, relative to its right-hand side: far below the tolerances of a QP
-MAX_ITERATIONS = 200  # Dirichlet-preconditioned F_gg has a condition number of about 5
+WIDTH = 64  # columns solved at a time
+ROUNDING = 1e-9  # residual of the elimination, relative to its terms: far below the tolerances of a QP
 
 
 class ContactCompliance:
     """C and d_C with the interface of DualOperator, whole on every rank: each solves by itself.
 
-    Vectors have one entry per contact row, in the order of the dual rows. `condensation_products` counts the
-    products with F that it took, a block of k columns as k. Collective over the operator's communicator.
-    Raises NotConverged if the gluing problem cannot be solved.
+    Vectors have one entry per contact row, in the order of the dual rows. Takes no products with F. Collective over the
+    operator's communicator. Raises NotConverged if the elimination fails.
     """
 
     def __init__(self, operator: DualOperator):
         self.comm, self.products, self.modes = MPI.COMM_SELF, 0, 0  # bodies that supports hold
-        before, structure = operator.products, operator.structure
-        kind = structure.row_kind[slice(*structure.row_range)]
-        self._operator, self._gluing = operator, (kind == GLUING)[:, None]
-        self._preconditioner = operator.preconditioner()
+        structure = operator.structure
         rows = np.flatnonzero(structure.row_kind != GLUING)
-        self.owned = len(rows)
-        self.structure = _on_contact_rows(structure, rows)
-        mine = np.searchsorted(rows, structure.row_range[0] + np.flatnonzero(kind != GLUING))
-        weights = np.eye(structure.patterns)
-        C, moved = self._columns(len(rows), mine, kind != GLUING)
-        d, loaded = self._responses(weights, kind != GLUING)
-        self.C = 0.5 * (C + C.T)  # symmetric but for the tolerance of the gluing
-        self.d, self._moved, self._loaded = d, moved, loaded
-        self.condensation_products = operator.products - before
-
-    def _columns(self, count: int, mine: np.ndarray, on_contact: np.ndarray):
-        """C and the corner displacements of its unit forces, (rows, rows) and (corner dofs, rows)."""
-        C, moved = np.empty((count, count)), []
-        for first in range(0, count, WIDTH):
-            unit = np.zeros((len(on_contact), min(WIDTH, count - first)))
-            here = (mine >= first) & (mine < first + unit.shape[1])
-            unit[np.flatnonzero(on_contact)[here], mine[here] - first] = 1.0
-            unit -= self._glue(self._operator.apply_columns(unit))
-            C[:, first : first + unit.shape[1]] = self._everywhere(self._operator.apply_columns(unit)[on_contact])
-            moved += [self._corners(column, np.zeros(self.structure.patterns)) for column in unit.T]
-        return C, np.array(moved).reshape(count, -1).T
-
-    def _responses(self, weights: np.ndarray, on_contact: np.ndarray):
-        """d_C (patterns, rows) and corner displacements (patterns, corner dofs) of every load pattern alone."""
-        d, loaded = np.empty((len(weights), self.owned)), []
-        for k, weight in enumerate(weights):
-            response = self._operator.load_response(weight)
-            glued = self._glue(response[:, None])
-            left = response[:, None] - self._operator.apply_columns(glued)
-            d[k] = self._everywhere(left[on_contact])[:, 0]
-            loaded.append(self._corners(glued[:, 0], weight))
-        return d, np.array(loaded).reshape(len(weights), -1)
-
-    def _glue(self, right: np.ndarray) -> np.ndarray:
-        """F_gg^-1 of the gluing rows of `right` (owned, k), zero on the others: preconditioned CG, column by column."""
-        op, gluing = self._operator, self._gluing
-        r = np.where(gluing, right, 0.0)
-        x, p, old = np.zeros_like(r), np.zeros_like(r), np.ones(r.shape[1])
-        target = GLUING_RTOL**2 * op.dots(r, r)
-        for _ in range(MAX_ITERATIONS):
-            open_ = op.dots(r, r) > target
-            if not open_.any():
-                return x
-            z = self._preconditioner.columns(r, gluing)
-            new = op.dots(r, z)
-            p = z + np.divide(new, old, out=np.zeros_like(new), where=open_) * p
-            Fp = np.where(gluing, op.apply_columns(p), 0.0)
-            step = np.divide(new, op.dots(p, Fp), out=np.zeros_like(new), where=open_)
-            x, r, old = x + step * p, r - step * Fp, new
-        raise NotConverged(f"the contact compliance: no solution of the gluing problem in {MAX_ITERATIONS} iterations")
-
-    def _everywhere(self, mine: np.ndarray) -> np.ndarray:
-        """Rows of all ranks, which own them in their order."""
-        return np.concatenate(self._operator.comm.allgather(mine))
-
-    def _corners(self, multipliers: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """Displacements of the coarse dofs of the body, on every rank."""
-        return self._operator.coarse_displacements(multipliers, weights)
+        self.owned, self.structure = len(rows), _on_contact_rows(structure, rows)
+        patterns = np.eye(structure.patterns)
+        loads = np.column_stack([np.empty((structure.dual_dofs, 0)), *(
+            np.concatenate(operator.comm.allgather(operator.load_response(weights))) for weights in patterns)])
+        self.C, self.d, self._moved, self._loaded = _eliminated(operator, rows, loads)
+        nothing = np.zeros(operator.owned)
+        for k, weights in enumerate(patterns):
+            self._loaded[k] += operator.coarse_displacements(nothing, weights)
 
     # ---- the interface of DualOperator --------------------------------------------------------
     def with_contact(self, contact: ContactBoundary) -> "ContactCompliance":
@@ -156,3 +109,91 @@ def _on_contact_rows(structure, rows: np.ndarray):
                                   tangential_row=number(contact.tangential_row))
     return dataclasses.replace(structure, contact=contact, dual_dofs=len(rows), row_range=(0, len(rows)),
                                row_kind=structure.row_kind[rows])
+
+
+def _eliminated(operator: DualOperator, rows: np.ndarray, loads: np.ndarray):
+    """C (c, c) on the contact rows, d_C (patterns, c), and the corner displacements that come with unit contact forces
+    (coarse dofs, c) and with the gluing forces under loads (patterns, coarse dofs).
+
+    `loads` (dual rows, patterns) are the d of the load patterns. Every rank factorizes; the columns are shared out in
+    blocks of fixed size, so that the result does not depend on the number of ranks.
+    """
+    n, corners, comm = operator.structure.dual_dofs, operator.structure.coarse_dofs, operator.comm
+    matrix = _saddle_matrix(operator)
+    left = np.setdiff1d(np.arange(matrix.shape[0]), rows)
+    gluing = left[left < n]
+    below = csc_matrix((len(left) - len(gluing), loads.shape[1]))
+    coupling = matrix[left][:, rows].tocsc()
+    right = hstack([coupling, vstack([csc_matrix(loads[gluing]), below])]).tocsc()
+    factor, found, error = _Factor(matrix[left][:, left]), {}, None
+    for first in range(WIDTH * comm.rank, right.shape[1], WIDTH * comm.size):
+        try:
+            solved = factor.solve(right[:, first : first + WIDTH].toarray())
+            found[first] = coupling.T @ solved, solved[len(gluing) : len(gluing) + corners]
+        except NotConverged as problem:
+            error = problem
+    agree(comm, error)
+    found = {first: parts for rank in comm.allgather(found) for first, parts in rank.items()}
+    onto, moved = (np.hstack(parts) for parts in zip(*(found[first] for first in sorted(found))))
+    k = len(rows)
+    C, d = matrix[rows][:, rows].toarray() - onto[:, :k], loads[rows] - onto[:, k:]
+    return (C + C.T) / 2, d.T, -moved[:, :k], moved[:, k:].T.copy()
+
+
+def _saddle_matrix(operator: DualOperator):
+    """Sparse symmetric matrix of dual rows, coarse dofs and motions of bodies without support, the same on every rank.
+
+    With the motions Q of bodies on springs S_rho = S_cc + Q rho^-1 Q', which a border keeps sparse.
+    """
+    structure, comm = operator.structure, operator.comm
+    n, corners = structure.dual_dofs, structure.coarse_dofs
+    local = [None] * len(structure.subdomains)
+    for c in operator.classes:
+        matrix = np.block([[c.F, -c.A], [-c.A.T, -c.S]])
+        for s in c.members:
+            sign = np.append(structure.rows[s].sign, np.ones(len(c.corner)))
+            local[s] = np.append(structure.rows[s].row, n + structure.corner_global[s]), sign, matrix
+    parts = [part for rank in comm.allgather(local) for part in rank]
+    i = np.concatenate([np.repeat(number, len(number)) for number, _, _ in parts])
+    j = np.concatenate([np.tile(number, len(number)) for number, _, _ in parts])
+    values = np.concatenate([(matrix * np.outer(sign, sign)).ravel() for _, sign, matrix in parts])
+    whole = coo_matrix((values, (i, j)), shape=(n + corners,) * 2).tocsr()
+    if operator.modes:
+        border = np.vstack([np.zeros((n, operator.modes)), structure.rigid_corners])
+        whole = bmat([[whole, border], [border.T, diags(operator.rho)]]).tocsr()
+    return whole
+
+
+class _Factor:
+    """Factorization of a sparse symmetric indefinite matrix (CSR) by MUMPS; rows that depend on others are left out."""
+
+    def __init__(self, matrix):
+        self.matrix = matrix
+        if not matrix.shape[0]:
+            return
+        pc = PETSc.PC().create(PETSc.COMM_SELF)
+        pc.setType("cholesky")
+        pc.setFactorSolverType("mumps")
+        pc.setOperators(petsc_matrix(matrix))
+        pc.setFactorSetUpSolverType()
+        self.factor, self._keep = pc.getFactorMatrix(), pc
+        self.factor.setMumpsIcntl(24, 1)
+        pc.setUp()
+        self._random = np.random.default_rng(1)
+
+    def solve(self, right: np.ndarray) -> np.ndarray:
+        """Solution for the columns of `right` (n, k). Raises NotConverged if a combination of them leaves a residual."""
+        if not right.size:
+            return np.zeros_like(right)
+        b = PETSc.Mat().createDense(right.shape, array=np.asfortranarray(right), comm=PETSc.COMM_SELF)
+        x = PETSc.Mat().createDense(right.shape, comm=PETSc.COMM_SELF)
+        x.setUp()
+        self.factor.matSolve(b, x)
+        found = x.getDenseArray().copy()
+        b.destroy(), x.destroy()
+        v = self._random.standard_normal(right.shape[1])
+        solution, wanted = found @ v, right @ v
+        left = np.abs(self.matrix @ solution - wanted)
+        if not np.all(left <= ROUNDING * (abs(self.matrix) @ np.abs(solution) + np.abs(wanted))):
+            raise NotConverged("the contact compliance: the gluing conditions could not be eliminated")
+        return found

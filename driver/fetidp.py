@@ -102,7 +102,6 @@ class DualOperator:
         self._dual = PETSc.Vec().createMPI((self.owned, structure.dual_dofs), comm=self.comm)
         self._local_rows, self._to_rows = _scatter(self._dual, self._row_numbers)
         self._out_rows = self._local_rows.duplicate()
-        self._by_width = {}  # vectors and scatters of several columns
         self._slots = _Slots(structure, self._row_numbers, order, self.comm) if structure.contact.paired.any() else None
         # partial sums of a scalar product: the rows of each subdomain, in the order of subdomains
         self._starts = structure.row_starts
@@ -206,18 +205,18 @@ class DualOperator:
             self.comm.Allgatherv(forces, (everyone, self._corner_counts))
             forces = everyone
         total = np.bincount(self._corner_all, forces, minlength=self.structure.coarse_dofs)
-        return self._spring_held(total, self._pinned_solve)[self._corner_local]
+        return self._spring_held(total)[self._corner_local]
 
-    def _spring_held(self, forces: np.ndarray, pinned_solve) -> np.ndarray:
-        """S_rho^-1 times assembled corner forces, (n,) or (n, k); `pinned_solve` solves with the pinned S_cc."""
+    def _spring_held(self, forces: np.ndarray) -> np.ndarray:
+        """S_rho^-1 times assembled corner forces (n,)."""
         if not self.modes:
-            return pinned_solve(forces)
+            return self._pinned_solve(forces)
         Q = self.structure.rigid_corners
         motion = Q.T @ forces
         right = forces - Q @ motion
         right[self._pins] = 0.0
-        u = pinned_solve(right)
-        return u + Q @ ((self.rho * motion.T).T - Q.T @ u)
+        u = self._pinned_solve(right)
+        return u + Q @ (self.rho * motion - Q.T @ u)
 
     def _pinned_solve(self, forces: np.ndarray) -> np.ndarray:
         """Solution with the factorized coarse matrix for one right-hand side (n,); overwritten by the next."""
@@ -226,22 +225,12 @@ class DualOperator:
         self.coarse_solver.apply(right, solution)
         return solution.array
 
-    def _pinned_solve_columns(self, forces: np.ndarray) -> np.ndarray:
-        """The same for k right-hand sides (n, k)."""
-        b = PETSc.Mat().createDense(forces.shape, array=np.asfortranarray(forces), comm=PETSc.COMM_SELF)
-        x = PETSc.Mat().createDense(forces.shape, comm=PETSc.COMM_SELF)
-        x.setUp()
-        self.coarse_solver.getFactorMatrix().matSolve(b, x)
-        found = x.getDenseArray().copy()
-        b.destroy(), x.destroy()
-        return found
-
     def coarse_inverse(self, dofs: np.ndarray) -> np.ndarray:
         """Rows and columns `dofs` of the coarse solution operator, (k, k); one coarse solve a column, on every rank."""
         inverse, force = np.empty((len(dofs), len(dofs))), np.zeros(self.structure.coarse_dofs)
         for k, dof in enumerate(dofs):
             force[dof] = 1.0
-            inverse[:, k] = self._spring_held(force, self._pinned_solve)[dofs]
+            inverse[:, k] = self._spring_held(force)[dofs]
             force[dof] = 0.0
         return (inverse + inverse.T) / 2
 
@@ -273,58 +262,6 @@ class DualOperator:
         foreign = int(np.count_nonzero((self._row_numbers < start) | (self._row_numbers >= stop)))
         corners = len(self._corner_all) - len(self._corner_local)
         return {"rows": 2 * 8 * foreign, "coarse": 8 * corners, "dot": 8 * (self.structure.total - len(self._starts))}
-
-    # ---- several columns at a time -----------------------------------------------------------
-    def _columns(self, k: int):
-        """Vectors and scatter for k multipliers a row."""
-        if k not in self._by_width:
-            vector = PETSc.Vec().createMPI((k * self.owned, k * self.structure.dual_dofs), comm=self.comm)
-            self._by_width[k] = (vector, *_scatter(vector, self._row_numbers, k))
-        return self._by_width[k]
-
-    def gather_columns(self, x: np.ndarray) -> np.ndarray:
-        """The rank's stacked local rows of k dual vectors (owned, k), unsigned."""
-        vector, local, to_rows = self._columns(x.shape[1])
-        vector.array[:] = x.ravel()
-        to_rows.scatter(vector, local, addv=False, mode="forward")
-        return local.array.reshape(-1, x.shape[1])
-
-    def assemble_columns(self, rows: np.ndarray) -> np.ndarray:
-        """Add up stacked local rows (., k) into k dual vectors (owned, k)."""
-        if self._slots is not None:
-            return np.column_stack([self._slots.add_up(column) for column in rows.T])
-        vector, local, to_rows = self._columns(rows.shape[1])
-        local.array[:] = rows.ravel()
-        vector.set(0)
-        to_rows.scatter(local, vector, addv=True, mode="reverse")
-        return vector.array.reshape(-1, rows.shape[1]).copy()
-
-    def apply_columns(self, multipliers: np.ndarray) -> np.ndarray:
-        """F times k dual vectors, (owned, k); counts k products."""
-        k = multipliers.shape[1]
-        self.products += k
-        x = self.gather_columns(multipliers) * self.sign[:, None]
-        y, force = np.empty_like(x), np.empty((len(self._corner_local), k))
-        for c in self.classes:
-            own = x[c.rows].reshape(len(c.members), -1, k)
-            y[c.rows] = np.matmul(c.F, own).reshape(-1, k)
-            force[c.corners] = np.matmul(c.A_transposed, own).reshape(-1, k)
-        corner = self._coarse_columns(force)
-        for c in self.classes:
-            y[c.rows] += np.matmul(c.A, corner[c.corners].reshape(len(c.members), -1, k)).reshape(-1, k)
-        return self.assemble_columns(y * self.sign[:, None])
-
-    def _coarse_columns(self, local: np.ndarray) -> np.ndarray:
-        """`coarse_solve` for k columns, (., k)."""
-        if self.coarse_solver is None:
-            return np.zeros_like(local)
-        forces = np.empty_like(local)
-        forces[self._corner_order] = local
-        forces = np.concatenate(self.comm.allgather(forces)) if self.comm.size > 1 else forces
-        n, k = self.structure.coarse_dofs, local.shape[1]
-        cell = self._corner_all[:, None] * k + np.arange(k)
-        right = np.bincount(cell.ravel(), forces.ravel(), minlength=n * k).reshape(n, k)
-        return self._spring_held(right, self._pinned_solve_columns)[self._corner_local]
 
     def dots(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Global scalar products of the columns of two blocks (owned, k), added as in `dot`."""
@@ -563,14 +500,6 @@ class DirichletPreconditioner:
         self.schur = [_released(c) if general else _schur(c) for c in operator.classes]
         self.blocks = BlockDiagonal(operator.classes, self.schur, "rows", "rows")
 
-    def columns(self, residual: np.ndarray, free: np.ndarray) -> np.ndarray:
-        """M times k residuals (owned, k) on the face `free` (owned, 1)."""
-        op, k = self.operator, residual.shape[1]
-        x = op.gather_columns(np.where(free, residual, 0.0)) * op.scaling[:, None]
-        for c, schur in zip(op.classes, self.schur):
-            x[c.rows] = np.matmul(schur, x[c.rows].reshape(len(c.members), -1, k)).reshape(-1, k)
-        return np.where(free, op.assemble_columns(x * op.scaling[:, None]), 0.0)
-
     def __call__(self, residual: np.ndarray, free: np.ndarray) -> np.ndarray:
         """M residual on the face `free`, zero elsewhere."""
         op = self.operator
@@ -610,11 +539,11 @@ def _released(c: LocalClass) -> np.ndarray:
     return (vectors / np.where(independent, compliance, average)) @ vectors.T
 
 
-def _scatter(vector: PETSc.Vec, index: np.ndarray, width: int = 1):
-    """A local vector and the scatter that fills it with the entries (of `width` numbers) `index` of `vector`."""
-    local = PETSc.Vec().createSeq(width * len(index))
-    source = PETSc.IS().createBlock(width, index, comm=PETSc.COMM_SELF)
-    target = PETSc.IS().createStride(width * len(index), first=0, step=1, comm=PETSc.COMM_SELF)
+def _scatter(vector: PETSc.Vec, index: np.ndarray):
+    """A local vector and the scatter that fills it with the entries `index` of `vector`."""
+    local = PETSc.Vec().createSeq(len(index))
+    source = PETSc.IS().createGeneral(index, comm=PETSc.COMM_SELF)
+    target = PETSc.IS().createStride(len(index), first=0, step=1, comm=PETSc.COMM_SELF)
     return local, PETSc.Scatter().create(vector, source, local, target)
 
 

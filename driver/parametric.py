@@ -50,8 +50,7 @@ def run(directory: Path, request: dict, comm) -> tuple[int, str]:
                    "reason": reason, "contact_rows": rows, "condensed": condensed,
                    "warnings": [f"{request['study'].upper()}={value}: {line}"
                                 for value, one in zip(request["values"], outcomes) for line in one.warnings],
-                   "counts": {"dual_multiplications": sum(one.row["dual_multiplications"] for one in outcomes),
-                              "dual_multiplications_setup": operator.condensation_products if condensed else 0},
+                   "counts": {"dual_multiplications": sum(one.row["dual_multiplications"] for one in outcomes)},
                    "seconds": seconds, "ranks": comm.size, "units": manifest.units,
                    "parameters": {**{n: v for n, v in manifest.parameters.items() if n != request["study"]},
                                   **dataclasses.asdict(settings)}}

@@ -87,8 +87,8 @@ def describe(summary: dict, out: Path) -> str:
     """Few lines about a finished study."""
     s, counts = summary["seconds"], summary["counts"]
     how = f"{summary['contact_rows']} contact rows condensed" if summary["condensed"] else "not condensed"
-    return (f"{summary['scene']}: {summary['values']} values of {summary['study']}, {how} with "
-            f"{counts['dual_multiplications_setup']} products with F, then {counts['dual_multiplications']} products\n"
+    return (f"{summary['scene']}: {summary['values']} values of {summary['study']}, {how}, "
+            f"{counts['dual_multiplications']} products\n"
             f"  {s['total']:.2f} s (FreeFEM {s['export']:.2f}, values {s['values']:.2f}, setup "
             f"{s['read'] + s['setup']:.2f}, condensation {s['condense']:.2f}, solve {s['solve']:.2f}), results in "
             f"{os.path.relpath(out)}" + "".join(f"\n  {line}" for line in _told(summary["warnings"])))
