@@ -16,6 +16,7 @@ ROOT = Path(__file__).resolve().parent.parent
 LIBRARY = ROOT / "edp" / "lib"
 PR_SET_PDEATHSIG = 1  # of Linux's prctl: the signal that a process gets when its parent ends
 BLAS_BUFFER = 2**27  # bytes that OpenBLAS asks for at its first product
+PETSC_ROOM = 150 * 2**20  # bytes of address space that PETSc, MPI and their libraries take at least
 PATIENCE = 10  # seconds that an interrupted child has to end by itself
 # Open MPI looks for fast networks and starts a daemon even for a process by itself, which takes longer than a small run;
 # without the daemon such processes would share one directory
@@ -27,7 +28,12 @@ SET_UP = "run 'make setup' (apt packages: see apt-packages.txt)"
 
 
 def start_petsc() -> None:
-    """Initialize MPI and PETSc. Raises ImportError if they are not installed."""
+    """Initialize MPI and PETSc. Raises ImportError if they are not installed, MemoryError if memory is short.
+
+    Where they find too little themselves, they end the process with a page of their own words.
+    """
+    if not {"mpi4py.MPI", "petsc4py.PETSc"} & set(sys.modules):  # else most of it is there
+        _ask_for(PETSC_ROOM)
     _find_petsc()
     import petsc4py
 
@@ -69,13 +75,18 @@ def prepare_numpy() -> None:
     comparison, it warns and goes on with False.
     """
     warnings.filterwarnings("error", "elementwise comparison failed", DeprecationWarning)
-    try:
-        mmap.mmap(-1, BLAS_BUFFER).close()
-    except OSError:
-        raise MemoryError from None
+    _ask_for(BLAS_BUFFER)
     import numpy as np
 
     np.ones((300, 300)) @ np.ones(300)  # smaller products do without
+
+
+def _ask_for(size: int) -> None:
+    """Raises MemoryError if the system would not give `size` bytes in one piece."""
+    try:
+        mmap.mmap(-1, size).close()
+    except OSError:
+        raise MemoryError from None
 
 
 def program(name: str) -> str:

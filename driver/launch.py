@@ -42,7 +42,7 @@ def _why_no_answer(done) -> str:
         return "a rank of the solver failed"
     if done.returncode in (-signal.SIGKILL, 128 + signal.SIGKILL):
         return "a rank of the solver was killed; was there enough memory?"
-    return f"a rank of the solver died (mpirun exit {done.returncode})"
+    return f"a rank of the solver died (mpirun exit {done.returncode}); was there enough memory?"
 
 
 def load(kind: str = "run"):

@@ -30,7 +30,7 @@ def limited(mib: int, *words: str) -> SimpleNamespace:
     return SimpleNamespace(status=done.returncode, errors=done.stderr)
 
 
-@pytest.mark.parametrize("mib, ranks", [(40, 1), (100, 1), (160, 1), (270, 1), (340, 1), (345, 2), (500, 2)])
+@pytest.mark.parametrize("mib, ranks", [(40, 1), (100, 1), (160, 1), (270, 1), (306, 1), (348, 1), (345, 2), (500, 2)])
 def test_runs_end_in_one_line(mib, ranks, tmp_path):
     """From what Python takes to what the run needs: packages, OpenBLAS's work space, PETSc and MPI, the run itself."""
     words = "SCENE=model", "STEPS=1", "ERRORS=no", "FIGURES=no", "QUIET=yes", f"NP={ranks}", f"OUT={tmp_path / 'run'}"
