@@ -138,7 +138,7 @@ def run_child(command: list[str], meanwhile=lambda: None, **options) -> subproce
 
 
 def _stop(child: subprocess.Popen) -> None:
-    for number, patience in ((signal.SIGINT, PATIENCE), (signal.SIGKILL, None)):
+    for number, patience in ((signal.SIGTERM, PATIENCE), (signal.SIGKILL, None)):
         child.send_signal(number)
         try:
             child.wait(patience)

@@ -464,6 +464,24 @@ def test_interrupted_run_leaves_no_results(tmp_path, ranks, number):
     assert not [words for words in command_lines() if str(tmp_path).encode() in words]
 
 
+def test_children_of_a_job_in_the_background_end_with_it(tmp_path):
+    """Shells let such jobs ignore SIGINT, and children inherit that: an interrupt must reach them another way."""
+    script = 'trap "touch told; exit" TERM; touch ready; while :; do sleep 0.01; done'
+
+    def interrupt():
+        while not (tmp_path / "ready").exists():
+            time.sleep(0.01)
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            environment.run_child(["sh", "-c", script], interrupt, cwd=tmp_path)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert (tmp_path / "told").exists()
+
+
 def command_lines():
     """Command lines of the processes that are there; one that ends meanwhile has none."""
     for path in Path("/proc").glob("[0-9]*/cmdline"):

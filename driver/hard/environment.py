@@ -140,7 +140,8 @@ def stopped(number: signal.Signals, rank: bool = False):
         env = {**os.environ, "PYTHONPATH": str(ROOT)}
         directory.parent.mkdir(parents=True, exist_ok=True)
         with subprocess.Popen([sys.executable, "-m", "driver", *words], cwd=ROOT, env=env, stdin=subprocess.DEVNULL,
-                              stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as child:
+                              stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+                              preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler)) as child:
             limit = time.monotonic() + case.seconds
             while child.poll() is None and not list(directory.parent.glob(f".{directory.name}.*/{NAME}")):
                 if time.monotonic() > limit:
