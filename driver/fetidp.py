@@ -175,6 +175,10 @@ class DualOperator:
             partial = everyone
         return float(partial.sum())
 
+    def minimum(self, value: float) -> float:
+        """The smallest of the ranks' numbers."""
+        return self.comm.allreduce(value, op=MPI.MIN) if self.comm.size > 1 else value
+
     def _gather(self, x: np.ndarray) -> np.ndarray:
         """The rank's stacked local rows of a dual vector, unsigned."""
         self._dual.array[:] = x

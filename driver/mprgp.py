@@ -17,9 +17,9 @@ Notation, with g = Ax - b and componentwise definitions:
     projected gradient g^P  = phi + beta       (zero exactly at the solutions)
     reduced free grad. phi~ = (x - P(x - abar phi)) / abar,   abar = alpha_factor / norm_bound
 
-SPMD.  Every 1-D array is the local part of a distributed vector, and the only communication is
-the callable ``dot``; every decision is taken on what ``dot`` returned.  If ``dot`` gives the same
-float to all ranks, all ranks take the same branches.  Local parts may be empty.
+SPMD.  Every 1-D array is the local part of a distributed vector, and the only communication are
+the callables ``dot`` and ``minimum``; every decision is taken on what they returned.  If they give the
+same float to all ranks, all ranks take the same branches.  Local parts may be empty.
 """
 
 from dataclasses import dataclass, replace
@@ -38,6 +38,8 @@ GRADIENT_ROUNDINGS = 10
 MAX_DOUBLINGS = 40
 # So many times the recomputed gradient may refute convergence without having been halved.
 MAX_REFUTATIONS = 3
+# Parts of a CG step that are tried on its projected arc (expansion "cg").
+ARC = (1.0, 1 / 4, 1 / 16)
 # Probability with which the Lanczos bound may fall short of the norm (see norm_bound).
 LANCZOS_RISK = 1e-3
 
@@ -106,36 +108,17 @@ def _bound_ratios(x, p, lower, upper):
     return ratio
 
 
-def _cut_step(ratio, wish, dot):
-    """min(wish, smallest ratio over all ranks), and whether a bound is met on the way.
-
-    A global minimum by sums only: each rank proposes its smallest ratio, the mean of the
-    proposals below the present step is the next step.  Every round drops the largest proposal at
-    least, so it ends; one rank needs one round, R ranks typically log2(R).  The exchanged arrays
-    hold the proposal at its own place, so that a weighted `dot` does no harm.
-    """
-    proposal, present = np.zeros(ratio.shape), np.zeros(ratio.shape)
-    if ratio.size:
-        k = int(np.argmin(ratio))
-        if ratio[k] <= wish and ratio[k] < np.inf:
-            proposal[k], present[k] = ratio[k], 1.0
-    step, count = wish, dot(present, present)
-    blocked = count > 0
-    while count > 0:
-        step = dot(present, proposal) / count
-        present = present * (proposal < step)
-        left = dot(present, present)
-        if left >= count:  # all equal, and their mean was rounded up
-            break
-        count = left
-    return step, blocked
+def _cut_step(ratio, wish, minimum):
+    """min(wish, smallest ratio over all ranks), and whether a bound is met on the way."""
+    smallest = minimum(float(ratio.min(initial=np.inf)))
+    return min(smallest, wish), smallest <= wish and smallest < np.inf
 
 
 class _Mprgp:
     """State of one solve: x, g always belong together and x is always feasible."""
 
     def __init__(self, A, b, lower, upper, tol, bound, gamma, alpha_factor, preconditioner,
-                 max_products, dot, monitor, projected_cg, relax):
+                 max_products, dot, minimum, monitor, projected_cg, relax):
         self.A, self.b, self.lower, self.upper = A, b, lower, upper
         # most components have no bounds where few of many multipliers belong to contact
         bounded = (lower > -np.inf) | (upper < np.inf)
@@ -143,7 +126,8 @@ class _Mprgp:
         self.box = lower[self.bounded], upper[self.bounded]
         self.tol, self.bound, self.gamma, self.alpha_factor = tol, bound, gamma, alpha_factor
         self.preconditioner, self.max_products = preconditioner, max_products
-        self.dot, self.monitor, self.projected_cg, self.relax = dot, monitor, projected_cg, relax
+        self.dot, self.minimum, self.monitor = dot, minimum, monitor
+        self.projected_cg, self.relax = projected_cg, relax
         self.products = 0
         self.counts = {"cg": 0, "expansion": 0, "proportioning": 0}
         self.b_norm = np.sqrt(dot(b, b))
@@ -178,15 +162,13 @@ class _Mprgp:
     def go(self, p, Ap, step, ratio):
         """x - step p with the components that met a bound put exactly on it, and clipped."""
         b, (lower, upper) = self.bounded, self.box
-        x, met = self.x - step * p, ratio[b] <= step * (1 + 4 * EPS)
+        x, met = self.x - step * p, ratio <= step * (1 + 4 * EPS)
         x[b] = np.clip(np.where(met, np.where(p[b] > 0, lower, upper), x[b]), lower, upper)
         self.place(x, self.g - step * Ap, self.updates + 1)
 
     def ratios(self, p):
-        """For each component (n,) the step at which x - a p meets a bound."""
-        b, ratio = self.bounded, np.full(p.shape, np.inf)
-        ratio[b] = _bound_ratios(self.x[b], p[b], *self.box)
-        return ratio
+        """For each component that has bounds the step at which x - a p meets one."""
+        return _bound_ratios(self.x[self.bounded], p[self.bounded], *self.box)
 
     def gradient_rounding(self, x):
         """Size of the rounding error in a computed A x - b."""
@@ -220,13 +202,13 @@ class _Mprgp:
         Ap = self.product(p)
         wish = self.exact_step(p, Ap, slope)
         ratio = self.ratios(p)
-        length, blocked = _cut_step(ratio, wish, self.dot)
+        length, blocked = _cut_step(ratio, wish, self.minimum)
         self.refuse_endless(length, p, slope)
         if blocked and np.isfinite(wish):
             needed = max(length * (slope - 0.5 * length * self.curvature), self.sufficient_decrease())
             if self.relax is not None and self.relaxed_step(self.x - wish * p, self.g - wish * Ap, needed):
                 return "expansion"
-            if self.projected_cg and self.projected_step(p, wish, needed):
+            if self.projected_cg and self.projected_step(p, length, wish, needed):
                 return "expansion"
         self.go(p, Ap, length, ratio)
         self.decrease += length * (slope - 0.5 * length * self.curvature)
@@ -243,10 +225,10 @@ class _Mprgp:
         b, free = self.bounded, np.ones(phi.shape, bool)
         free[b] = (self.x[b] != self.box[0]) & (self.x[b] != self.box[1])
         if self.preconditioner is not None:
-            z = np.where(free, self.preconditioner(phi, free), 0.0)
+            z = self.preconditioner(phi, free)
         if self.p is not None:
             p = z - (self.dot(z, self.Ap) / self.curvature) * self.p
-            p = np.where(free, p, 0.0)  # a CG step may have been rounded onto a bound
+            p[b] *= free[b]  # a CG step may have been rounded onto a bound
             ahead = self.dot(phi, p)
             if ahead > 0:
                 return p, ahead
@@ -284,7 +266,7 @@ class _Mprgp:
         Ad = self.product(d)
         wish = self.exact_step(d, Ad, self.beta2)
         ratio = self.ratios(d)
-        length, _ = _cut_step(ratio, wish, self.dot)
+        length, _ = _cut_step(ratio, wish, self.minimum)
         self.refuse_endless(length, d, self.beta2)
         self.go(d, Ad, length, ratio)
         self.decrease += length * (self.beta2 - 0.5 * length * self.curvature)
@@ -295,14 +277,16 @@ class _Mprgp:
         """abar (1 - alpha_factor/2) phi~'phi, by which a gradient projection step provably lowers f."""
         return (1 - 0.5 * self.alpha_factor) * self.alpha_factor / self.bound * self.reduced_slope
 
-    def projected_step(self, p, wish, needed):
-        """x <- P(x - wish p), the whole CG step projected; returns whether it was taken.
+    def projected_step(self, p, length, wish, needed):
+        """x <- P(x - a p), on the projected arc of the CG step; returns whether it was taken.
 
-        Many components meet their bounds at once, where the half step stops at the first. The step is
-        taken only if f falls by `needed`: as far as on the half step and as far as the gradient projection
-        provably takes it; so the convergence proof of MPRGP, which rests on that decrease, holds with it.
+        Many components meet their bounds at once, where the half step stops at the first, after `length`. The
+        longest step of `ARC` (a / wish) is taken that lowers f by `needed`: as far as on the half step and as far as
+        the gradient projection provably takes it; so the convergence proof of MPRGP, which rests on that decrease,
+        holds with it. (J. J. More, G. Toraldo, SIAM J. Optim. 1 (1991) 93-113, search such an arc.)
         """
-        return self.try_step(np.clip(self.x - wish * p, self.lower, self.upper), needed)
+        steps = [part * wish for part in ARC if part * wish > length]
+        return any(self.try_step(np.clip(self.x - a * p, self.lower, self.upper), needed) for a in steps)
 
     def relaxed_step(self, y, g, needed):
         """x <- relax(y, g); returns whether it was taken, which needs the same decrease of f as other steps.
@@ -438,11 +422,10 @@ class _Mprgp:
                       residual)
 
 
-def _refuse(bad, reason, dot):
-    """ValueError on all ranks if the mask `bad` is set anywhere."""
-    flag = bad.astype(float)
-    if dot(flag, flag) > 0:
-        raise ValueError(reason)
+def _anywhere(mask, dot):
+    """Whether the mask is set on any rank."""
+    flag = mask.astype(float)
+    return dot(flag, flag) > 0
 
 
 def _checked(b, lower, upper, x0, dot):
@@ -453,17 +436,21 @@ def _checked(b, lower, upper, x0, dot):
     x0 = np.zeros_like(b) if x0 is None else np.asarray(x0, dtype=float)
     if b.ndim != 1 or x0.shape != b.shape:
         raise ValueError("b and x0 must be 1-D arrays of the same length")
-    _refuse(~np.isfinite(b), "b has a value that is not finite", dot)
-    _refuse(np.isnan(lower) | np.isnan(upper), "a bound is NaN", dot)
-    _refuse((lower > upper) | (lower == np.inf) | (upper == -np.inf), "the box is empty", dot)
-    _refuse(np.isnan(x0), "x0 has a NaN", dot)
-    x0 = np.clip(x0, lower, upper)
-    _refuse(np.isinf(x0), "x0 has an infinite value inside the box", dot)
-    return b, lower, upper, x0
+    start = np.clip(x0, lower, upper)
+    good = np.isfinite(b) & (lower <= upper) & (lower < np.inf) & (upper > -np.inf) & np.isfinite(start)
+    if not _anywhere(~good, dot):
+        return b, lower, upper, start
+    for bad, reason in ((~np.isfinite(b), "b has a value that is not finite"),
+                        (np.isnan(lower) | np.isnan(upper), "a bound is NaN"),
+                        ((lower > upper) | (lower == np.inf) | (upper == -np.inf), "the box is empty"),
+                        (np.isnan(x0), "x0 has a NaN"),
+                        (np.isinf(start), "x0 has an infinite value inside the box")):
+        if _anywhere(bad, dot):
+            raise ValueError(reason)
 
 
 def mprgp(A, b, lower, upper, x0=None, *, tol, norm_bound, gamma=1.0, alpha_factor=1.95,
-          preconditioner=None, max_products=10_000, gradient0=None, dot=np.dot, monitor=None,
+          preconditioner=None, max_products=10_000, gradient0=None, dot=np.dot, minimum=float, monitor=None,
           expansion="gradient", scale=None, relax=None):
     """Minimise 1/2 x'Ax - b'x over lower <= x <= upper; returns a Result.
 
@@ -480,10 +467,11 @@ def mprgp(A, b, lower, upper, x0=None, *, tol, norm_bound, gamma=1.0, alpha_fact
     max_products    limit of calls of A
     gradient0       A x0 - b if known, for a feasible x0; saves the first product
     dot             global scalar product of two local parts
+    minimum         callable: the smallest of the ranks' numbers
     monitor         callable (kind, products, residual) after every step, kind in {"start", "cg",
                     "expansion", "proportioning"}
     expansion       "gradient": half a CG step, then the fixed gradient projection step; "cg": the
-                    whole CG step projected where that lowers f enough, else as "gradient"
+                    CG step, or a part of it, projected where that lowers f enough, else as "gradient"
     scale           (n,) D > 0: the iteration runs in y = x / D, that is with D A D and D b, which makes up for
                     rows of very different size. `tol` then bounds ||D g^P|| and `norm_bound` ||D A D||, and
                     Result.residual is ||D g^P||; all else is in x. Powers of two round nothing.
@@ -491,10 +479,10 @@ def mprgp(A, b, lower, upper, x0=None, *, tol, norm_bound, gamma=1.0, alpha_fact
                     f over some components, the others being those of y.  Tried in expansion and
                     proportioning steps, and taken where it lowers f enough
 
-    Products: one for a CG or a proportioning step, two for an expansion step (three where the
-    projected CG step or `relax` was tried in vain).  All iterates are
-    feasible.  Data that make no problem raise ValueError (on all ranks); an operator that is
-    indefinite, or returns NaN or inf, or leaves f unbounded ends with "indefinite operator".
+    Products: one for a CG or a proportioning step, two for an expansion step, and one more for each
+    point of the arc and of `relax` that was tried in vain.  All iterates are feasible.  Data that make no
+    problem raise ValueError (on all ranks); an operator that is indefinite, or returns NaN or inf, or leaves
+    f unbounded ends with "indefinite operator".
     """
     if not (np.isfinite(norm_bound) and norm_bound > 0):
         raise ValueError("norm_bound must be positive and finite")
@@ -502,17 +490,19 @@ def mprgp(A, b, lower, upper, x0=None, *, tol, norm_bound, gamma=1.0, alpha_fact
         raise ValueError("expansion must be gradient or cg")
     if not (0 < alpha_factor <= 2 and gamma > 0 and tol >= 0 and max_products >= 1):
         raise ValueError("need 0 < alpha_factor <= 2, gamma > 0, tol >= 0, max_products >= 1")
-    if scale is not None:
+    if scale is not None and (scale != 1).any():
         return _unscaled(A, b, lower, upper, x0, scale, dict(
             tol=tol, norm_bound=norm_bound, gamma=gamma, alpha_factor=alpha_factor, preconditioner=preconditioner,
-            max_products=max_products, gradient0=gradient0, dot=dot, monitor=monitor, expansion=expansion, relax=relax))
+            max_products=max_products, gradient0=gradient0, dot=dot, minimum=minimum, monitor=monitor,
+            expansion=expansion, relax=relax))
     b, lower, upper, x = _checked(b, lower, upper, x0, dot)
     run = _Mprgp(A, b, lower, upper, tol, float(norm_bound), gamma, alpha_factor, preconditioner,
-                 max_products, dot, monitor, expansion == "cg", relax)
+                 max_products, dot, minimum, monitor, expansion == "cg", relax)
     run.x = x
     if gradient0 is not None:
         moved = np.zeros_like(x) if x0 is None else x - x0
-        _refuse(moved != 0, "gradient0 was given for an x0 outside the box", dot)
+        if _anywhere(moved != 0, dot):
+            raise ValueError("gradient0 was given for an x0 outside the box")
         run.g = np.array(gradient0, dtype=float)
     return run.result()
 

@@ -337,11 +337,14 @@ def test_ranks_take_the_same_branches():
             def dot(a, c):
                 return sum(exchange(sums, float(a @ c)))
 
+            def minimum(value):
+                return min(exchange(sums, value))
+
             def product(v):
                 return A[part] @ np.concatenate(exchange(pieces, v))
 
             L, _ = norm_bound(product, 0, dot=dot, start=np.arange(1.0, n + 1)[part])
-            found[rank] = mprgp(product, b[part], lower[part], upper[part], dot=dot,
+            found[rank] = mprgp(product, b[part], lower[part], upper[part], dot=dot, minimum=minimum,
                                 tol=1e-8 * np.linalg.norm(b), norm_bound=2 * L,
                                 max_products=3000)
 
@@ -365,18 +368,18 @@ def test_cut_step_finds_the_smallest_ratio_of_all_ranks():
     cases = [[10.0 ** rng.uniform(-8, 8, k) for k in rng.integers(0, 4, 3)] for _ in range(30)]
     cases += [[np.full(2, 0.1)] * 3, [np.full(2, np.inf)] * 3]
     cases += [[np.zeros(1), np.ones(1), np.ones(0)]]
-    barrier, sums, found = threading.Barrier(3), [0.0] * 3, [[], [], []]
+    barrier, smallest, found = threading.Barrier(3), [0.0] * 3, [[], [], []]
 
     def run(rank):
-        def dot(a, c):
-            sums[rank] = float(a @ c)
+        def minimum(value):
+            smallest[rank] = value
             barrier.wait(5)
-            total = sum(sums)
+            total = min(smallest)
             barrier.wait(5)
             return total
 
         for case in cases:
-            found[rank] += [module._cut_step(case[rank], w, dot) for w in (1e-3, 1.0, np.inf)]
+            found[rank] += [module._cut_step(case[rank], w, minimum) for w in (1e-3, 1.0, np.inf)]
 
     threads = [threading.Thread(target=run, args=(k,)) for k in range(3)]
     for t in threads:
@@ -386,9 +389,9 @@ def test_cut_step_finds_the_smallest_ratio_of_all_ranks():
     assert found[0] == found[1] == found[2] and len(found[0]) == 3 * len(cases)
     wishes = [(np.concatenate(case).min(initial=np.inf), w)
               for case in cases for w in (1e-3, 1.0, np.inf)]
-    for (step, blocked), (smallest, wish) in zip(found[0], wishes):
-        assert step == pytest.approx(min(smallest, wish), rel=4 * EPS)
-        assert blocked == (smallest <= wish and smallest < np.inf)
+    for (step, blocked), (least, wish) in zip(found[0], wishes):
+        assert step == min(least, wish)
+        assert blocked == (least <= wish and least < np.inf)
 
 
 def kinds_of(A, b, x0, **options):
@@ -415,11 +418,11 @@ def test_expansion_step_by_hand():
 
 
 def test_projected_cg_step_is_taken_only_if_it_lowers_the_objective_enough():
-    """A = I: the projected CG step is the solution. Strongly coupled: it would raise f, so it is not taken."""
+    """A = I: the projected CG step is the solution. Strongly coupled: it would raise f, but a quarter does not."""
     b = np.array([-1.0, 1.0])
     r = mprgp(lambda v: v, b, 0.0, np.inf, np.array([1.0, 3.0]), tol=1e-12, norm_bound=1.0, expansion="cg")
     assert np.array_equal(r.x, [0, 1]) and (r.expansion_steps, r.products) == (1, 3)
-    # from (0.1, 1) the CG step goes to the minimiser (-9, 10) of f; projected to (0, 10) f is larger
+    # from (0.1, 1) the CG step goes to (-4, 3.6); projected to (0, 3.6) f is larger
     A = np.array([[1.0, 0.95], [0.95, 1.0]])
     b, x0 = A @ np.array([-9.0, 10.0]), np.array([0.1, 1.0])
     f = lambda x: x @ (A @ x) / 2 - b @ x
@@ -428,6 +431,11 @@ def test_projected_cg_step_is_taken_only_if_it_lowers_the_objective_enough():
               monitor=lambda *step: seen.append(step))
     assert r.status == "converged" and f(r.x) <= f(x0)
     assert r.x == pytest.approx([0.0, b[1]], abs=1e-9)  # b_2 > 0 and the first component is held at zero
+    # a quarter of the CG step along -g, which is 7.4 long, ends at (0, 1.66), lower than where the half step meets the bound
+    r = mprgp(lambda v: A @ v, b, 0.0, np.inf, x0, tol=1e-10, norm_bound=1.95, expansion="cg", max_products=4)
+    g = A @ x0 - b
+    assert (r.products, r.expansion_steps) == (4, 1)  # start, CG step, two points of the arc
+    assert r.x == pytest.approx([0.0, 1 - g[1] * (g @ g) / (g @ A @ g) / 4], rel=1e-12)
 
 
 def test_conjugate_directions_need_one_step_per_distinct_eigenvalue():
