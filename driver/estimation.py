@@ -263,11 +263,14 @@ class EnergyEstimator:
         deviation, unbalanced, reason = self._equilibrated(base, force, applied)
         if reason:
             return Estimate(step.index, reason=reason)
-        pull = lambda u: _stress(body.elasticity, body.strain(self._admissible(u, contact) - u))
-        before = None if moved is None else (pull(fields - moved), contact.nodal_gap())  # of the QP's own solution
-        apart, gap, nodal_gap = pull(fields), contact.duality_gap(), contact.nodal_gap()
+        pull = lambda u, admissible: _stress(body.elasticity, body.strain(admissible - u))
+        before = None
+        if moved is not None:  # the QP's own solution
+            before = pull(fields - moved, self._admissible(fields - moved, contact)), contact.nodal_gap()
+        admissible = self._admissible(fields, contact)
+        apart, gap, nodal_gap = pull(fields, admissible), contact.duality_gap(), contact.nodal_gap()
         apart_qp, gap_qp = before or (apart, nodal_gap)
-        lift, between, more = self._lifted(fields, contact, pairs)
+        lift, between, more = self._lifted(admissible, pairs)
         gap += more
         shift = base - elastic + thermal - _stress(body.elasticity, body.strain(lift))  # by the consistent contact forces
         mean = self.deviations.mean(deviation)
@@ -366,21 +369,21 @@ class EnergyEstimator:
             start += len(sub.xy)
         return made
 
-    def _lifted(self, torn: np.ndarray, contact: "_ContactTractions", pairs: list[PairBound]):
-        """Torn displacements that make admissible ones admissible at the pairs, too.
+    def _lifted(self, admissible: np.ndarray, pairs: list[PairBound]):
+        """Torn displacements to be added to those that are admissible at rigid obstacles: the sum is at the pairs, too.
 
         Also the energy norms (n_t,) of what happens inside edges, of displacements and tractions; and the pairs' share
         of the duality gap.
         """
         body = self.body
         u, gap, between = np.zeros((len(body.gid), 2)), 0.0, np.zeros(len(body.torn))
-        u[body.vertex] = start = self._admissible(torn, contact)
+        u[body.vertex] = admissible
         for pair in pairs:
             lift = pair.lift(u, body.stiffness, body.held, body.elasticity)
             u += lift.vertex
             between += lift.bumps + pair.remainder(body.compliance)
             gap += lift.gap
-        return u[body.vertex] - start, between, gap
+        return u[body.vertex] - admissible, between, gap
 
     def _applied(self, weights: np.ndarray, contact: "_ContactTractions", pairs) -> np.ndarray | None:
         """(half-edges, 2) moments of loads and contact tractions on the boundary edges, on rank 0."""

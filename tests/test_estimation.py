@@ -25,13 +25,13 @@ class Recorded(EnergyEstimator):
         return self.deviation, *rest
 
     def _admissible(self, torn, contact):
-        self.kinematic, self.contact = super()._admissible(torn, contact), contact
-        return self.kinematic
+        self.contact = contact
+        return super()._admissible(torn, contact)
 
-    def _lifted(self, torn, contact, pairs):
+    def _lifted(self, admissible, pairs):
         self.pairs = pairs
-        lift, *rest = super()._lifted(torn, contact, pairs)
-        self.kinematic, self.lifted = self.kinematic + lift, lift
+        lift, *rest = super()._lifted(admissible, pairs)
+        self.kinematic, self.lifted = admissible + lift, lift
         return lift, *rest
 
     @property
