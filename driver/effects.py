@@ -148,7 +148,7 @@ def run_variant(name: str, text: str, scene: Path, pairs: dict[str, str], folder
     if name == "time":
         options.pop("steps", None)
     command = [sys.executable, "-m", "driver", "run", *(f"{key.upper()}={value}" for key, value in options.items())]
-    env = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, [str(environment.ROOT), os.environ.get("PYTHONPATH")]))}
+    env = {**os.environ, "PYTHONPATH": environment.python_path()}
     done = subprocess.run(command, env=env, stdin=subprocess.DEVNULL, capture_output=True, text=True)
     said = [line for line in done.stderr.splitlines() if line.strip()] or [f"exit status {done.returncode}"]
     if done.returncode:

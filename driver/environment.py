@@ -147,6 +147,11 @@ def _stop(child: subprocess.Popen) -> None:
             continue
 
 
+def python_path() -> str:
+    """PYTHONPATH of children that are to find this package, whatever directory they work in."""
+    return os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
+
+
 def child_environment(parallel: bool = False, element: str = "P1") -> dict[str, str]:
     """Environment for FreeFEM, which is to use an `element` of the library, and MPI child processes.
 

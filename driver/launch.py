@@ -2,7 +2,6 @@
 
 import gc
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -18,8 +17,7 @@ def solve(work: Path, request: dict, ranks: int) -> tuple[int, str]:
         return solve_here(work, request)
     (work / "request.json").write_text(json.dumps(request))
     command = [*environment.mpirun(ranks), sys.executable, "-m", "driver", "solve", str(work)]
-    env = environment.child_environment()
-    env["PYTHONPATH"] = os.pathsep.join(filter(None, [str(environment.ROOT), env.get("PYTHONPATH")]))
+    env = {**environment.child_environment(), "PYTHONPATH": environment.python_path()}
     done = environment.run_child(command, env=env, stderr=subprocess.PIPE, text=True, errors="replace")
     try:
         answer = json.loads((work / "answer.json").read_text())

@@ -184,7 +184,7 @@ def command():
     """command(*words, **environment): the command line as a user's shell runs it, output captured."""
 
     def run(*words, cwd=environment.ROOT, **changes) -> subprocess.CompletedProcess:
-        env = {**os.environ, "PYTHONPATH": str(environment.ROOT), **changes}
+        env = {**os.environ, "PYTHONPATH": environment.python_path(), **changes}
         return subprocess.run([sys.executable, "-m", "driver", *map(str, words)], cwd=cwd, env=env, text=True,
                               stdin=subprocess.DEVNULL, capture_output=True, timeout=120)
 

@@ -459,7 +459,7 @@ def test_any_split_gives_the_same_bits(exported, tmp_path):
     cases = [exported(), exported(subdomains="7", cells=4), exported(subdomains="2x1", cells=4)]
     answers = {}
     for ranks in (1, 2, 3):  # 3 ranks on 2 subdomains: one has none
-        env = {**environment.child_environment(), "PYTHONPATH": str(environment.ROOT)}
+        env = {**environment.child_environment(), "PYTHONPATH": environment.python_path()}
         done = subprocess.run([*environment.mpirun(ranks), sys.executable, script, *cases], env=env, text=True,
                               capture_output=True, timeout=120)
         assert done.returncode == 0, done.stderr[-2000:]

@@ -156,7 +156,7 @@ def ratios(over: list[float], under: list[float]) -> list[float]:
 
 def child(command: list[str]) -> tuple[float, float]:
     """Run a process: its wall seconds and peak memory in MiB. Raises RuntimeError with its last words if it fails."""
-    env = {**environment.child_environment(), "PYTHONPATH": str(environment.ROOT)}
+    env = {**environment.child_environment(), "PYTHONPATH": environment.python_path()}
     # options of `make bench` are not the child's; compiled modules are kept, as those of installed packages are
     for name in ("MAKEFLAGS", "MAKEOVERRIDES", "MFLAGS", "MAKELEVEL", "PYTHONDONTWRITEBYTECODE"):
         env.pop(name, None)

@@ -115,7 +115,7 @@ def run_command(words: list[str], directory: Path, limit: float, prefix: list[st
     """
     for left in (directory, directory.with_name(f"{directory.name}-unconverged")):
         shutil.rmtree(left, ignore_errors=True)
-    env = {**os.environ, "PYTHONPATH": str(environment.ROOT), **changes}
+    env = {**os.environ, "PYTHONPATH": environment.python_path(), **changes}
     clock = time.perf_counter()
     with subprocess.Popen([*prefix, sys.executable, "-m", "driver", *words], cwd=environment.ROOT, env=env, text=True,
                           stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as child:

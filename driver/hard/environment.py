@@ -13,7 +13,7 @@ import time
 from pathlib import Path
 
 from ..checkpoint import NAME
-from ..environment import ROOT, program
+from ..environment import ROOT, program, python_path
 from .case import Case, Check, Outcome, run_command, run_scene
 
 SCENE = "hard/block"
@@ -80,7 +80,7 @@ def no_package(name: str):
         with tempfile.TemporaryDirectory() as place:
             (Path(place) / f"{name}.py").write_text(f"raise ModuleNotFoundError('no such package', name={name!r})\n")
             return run_command(_command(case, size, directory), directory, case.seconds,
-                               PYTHONPATH=os.pathsep.join([place, str(ROOT)]))
+                               PYTHONPATH=os.pathsep.join([place, python_path()]))
 
     return perform
 
@@ -137,7 +137,7 @@ def stopped(number: signal.Signals, rank: bool = False):
     """A run hit by a signal as soon as it has a checkpoint, itself or one of its ranks, and then made again."""
     def perform(case, size, directory):
         words = [word for word in _command(case, size, directory) if word != "RESUME=no"]
-        env = {**os.environ, "PYTHONPATH": str(ROOT)}
+        env = {**os.environ, "PYTHONPATH": python_path()}
         directory.parent.mkdir(parents=True, exist_ok=True)
         with subprocess.Popen([sys.executable, "-m", "driver", *words], cwd=ROOT, env=env, stdin=subprocess.DEVNULL,
                               stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
