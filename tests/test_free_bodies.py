@@ -105,7 +105,7 @@ def test_motion_that_nothing_holds_by_hand():
 
 # ------------------------------------------------------------------------------------------------ scenes
 
-HELD = "edp/hard/held.edp"
+HELD = "hard/held"
 JAM = {"n": 1, "place": "walls", "squeeze": 0}  # nothing presses the block to the walls but its own deformation
 
 
@@ -161,7 +161,7 @@ def test_fallbacks_move_free_bodies(built, steps_of, monkeypatch):
 
 def test_tower_does_not_swing(built, steps_of):
     """Moved for given gluing multipliers again and again, bodies on bodies swing: the corrector gives up, QPs lead on."""
-    solver, steps = steps_of(built("edp/hard/tower.edp", subdomains="2x2", h=0.1, steps=2))
+    solver, steps = steps_of(built("hard/tower", subdomains="2x2", h=0.1, steps=2))
     assert solver.history.exit_status == 0 and not solver.history.fallbacks.steps
     assert solver.history.residuals["equilibrium"] < 1e-6
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from driver import mortar
+from driver import environment, mortar
 
 EXACT = {"rtol": 1e-12, "friction_rtol": 1e-10}
 
@@ -161,9 +161,9 @@ def test_mortar_gap_of_bowed_arcs():
 
 
 def test_side_that_faces_nothing(solved, tmp_path):
-    text = open("edp/patch-bodies.edp").read().replace("contactPair() 6, 5", "contactPair() 6, 1")
+    text = (environment.ROOT / "edp" / "patch-bodies.edp").read_text()
     scene = tmp_path / "astray.edp"
-    scene.write_text(text)
+    scene.write_text(text.replace("contactPair() 6, 5", "contactPair() 6, 1"))
     run = solved(scene)
     assert run.status == 2 and "face each other" in run.reason
 
