@@ -130,7 +130,7 @@ class _PairSides:
         found = [np.empty((0, 3 + 5 * n))]
         for s, sub in enumerate(subdomains if len(labels) else ()):
             edges = _outward_edges(sub.triangles)
-            label = edge_labels(sub, np.sort(edges, axis=1))
+            label = edge_labels(sub.edges, sub.edge_label, np.sort(edges, axis=1))
             edges, label = edges[np.isin(label, labels)], label[np.isin(label, labels)]
             bow, u = np.zeros((len(edges), 2)), np.zeros_like(sub.xy) if moved is None else moved[s].reshape(-1, 2)
             if n == 3:

@@ -47,22 +47,25 @@ def _farthest_points(skeleton: Skeleton, neighbour: np.ndarray, corners: np.ndar
     edges = skeleton.edges[one_side]
     if not len(edges):
         return np.empty(0, np.int64)
-    pair = edges[:, 0] * (skeleton.edges[:, 0].max() + 1) + neighbour[one_side]
+    pair = np.unique(edges[:, 0] * (skeleton.edges[:, 0].max() + 1) + neighbour[one_side], return_inverse=True)[1]
     # a node of the interface graph is a (pair, vertex), so that pieces of different pairs stay apart; corners cut
-    # the graph: a piece that leaves a corner and returns to it hangs on that one corner
-    ends = edges[:, 1:3].T.ravel()
-    copy = np.where(np.isin(ends, corners), 1 + np.arange(len(ends)), 0)
-    nodes, inverse = np.unique(np.column_stack([np.tile(pair, 2), ends, copy]), axis=0, return_inverse=True)
-    a, b = np.split(inverse, 2)
-    graph = coo_matrix((np.ones(len(a)), (a, b)), shape=(len(nodes),) * 2)
+    # the graph, with a node for every edge that ends there: a piece that leaves a corner and returns to it hangs on
+    # that one corner
+    ends, vertices = edges[:, 1:3].T.ravel(), len(skeleton.gids)
+    vertex, cut = np.searchsorted(skeleton.gids, ends), np.isin(ends, corners)
+    inner, number = np.unique((np.tile(pair, 2) * vertices + vertex)[~cut], return_inverse=True)
+    node = np.empty(len(ends), np.int64)
+    node[~cut], node[cut] = number, len(inner) + np.arange(cut.sum())
+    vertex_of = np.concatenate([inner % vertices, vertex[cut]])
+    graph = coo_matrix((np.ones(len(pair)), np.split(node, 2)), shape=(len(vertex_of),) * 2)
     pieces, piece = connected_components(graph, directed=False)
-    at_corner = np.unique(np.column_stack([piece, nodes[:, 1]])[nodes[:, 2] > 0], axis=0)
-    held = np.bincount(at_corner[:, 0], minlength=pieces)
+    at_corner = np.unique((piece.astype(np.int64) * vertices + vertex_of)[len(inner):])
+    held = np.bincount(at_corner // vertices, minlength=pieces)
     place = skeleton.place
     added = []
     for weak in np.flatnonzero(held < 2):
-        gids = nodes[piece == weak, 1]
-        xy = place[np.searchsorted(skeleton.gids, gids)]
+        found = np.sort(vertex_of[piece == weak])
+        gids, xy = skeleton.gids[found], place[found]
         known = np.flatnonzero(np.isin(gids, corners))
         first = known[0] if len(known) else np.linalg.norm(xy - xy[0], axis=1).argmax()
         second = np.linalg.norm(xy - xy[first], axis=1).argmax()

@@ -39,7 +39,8 @@ def rigid_modes(skeleton, fixed_keys, corner_keys) -> tuple[list[RigidMode], np.
         away = (place[vertices] - center) / size
         motions = np.stack([np.tile([1.0, 0.0], (len(away), 1)), np.tile([0.0, 1.0], (len(away), 1)),
                             np.column_stack([-away[:, 1], away[:, 0]])], axis=2).reshape(-1, 3)
-        _, sizes, basis = np.linalg.svd(motions[np.isin(keys, fixed_keys)], full_matrices=True)
+        held = np.linalg.qr(motions[np.isin(keys, fixed_keys)], mode="r")  # (at most 3, 3)
+        _, sizes, basis = np.linalg.svd(held, full_matrices=True)
         rank = int((sizes > 1e-10 * max(1.0, sizes.max(initial=0.0))).sum())
         free = basis[rank:].T  # (3, modes)
         at = np.isin(keys, corner_keys)

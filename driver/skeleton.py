@@ -14,32 +14,36 @@ from .loader import Manifest, Subdomain
 
 
 class Skeleton:
-    """Boundary edges and nodes of all subdomains, replicated on every rank."""
+    """Boundary edges and nodes of all subdomains, replicated on every rank.
+
+    `own` is the slice of `nodes` that belongs to the rank's subdomains, `starts` where each of them starts in it (and
+    the end), `local` the numbers of these nodes in their subdomains.
+    """
 
     def __init__(self, manifest: Manifest, subdomains: list[Subdomain], comm):
-        edges, nodes = [np.empty((0, 4), np.int64)], [np.empty((0, 2), np.int64)]
-        coordinates, stiffness, middles = [np.empty((0, 2))], [np.empty(0)], [np.empty(0, np.int64)]
-        outlines = {}  # by mesh, which subdomains of the same shape share
-        for sub in subdomains:
-            outline = outlines.get(id(sub.elements)) or outlines.setdefault(id(sub.elements), Outline(sub))
-            gid = np.sort(sub.node_gid[outline.edges], axis=1)
-            edges.append(np.column_stack([np.full(len(gid), sub.index), gid, edge_labels(sub, outline.edges)]))
-            seen = outline.nodes
-            nodes.append(np.column_stack([np.full(len(seen), sub.index), sub.node_gid[seen]]))
-            coordinates.append(sub.xy[seen])
-            stiffness.append(outline.stiffness(sub))
-            middles.append(sub.node_gid[outline.middles])
-        self.edges = gather(comm, np.concatenate(edges))  # subdomain, gid, gid, label
-        self.nodes = gather(comm, np.concatenate(nodes))  # subdomain, gid
-        self.xy = gather(comm, np.concatenate(coordinates))
-        self.stiffness = gather(comm, np.concatenate(stiffness))
-        self.middles = gather(comm, np.concatenate(middles))  # gid of every edge's middle, empty with linear elements
+        pieces = _Pieces(subdomains)
+        self.edges = gather(comm, pieces.edges)  # subdomain, gid, gid, label
+        self.nodes = gather(comm, pieces.nodes)  # subdomain, gid
+        self.xy, self.stiffness = gather(comm, pieces.xy), gather(comm, pieces.stiffness)
+        self.middles = gather(comm, pieces.middles)  # gid of every edge's middle, empty with linear elements
+        self.local, self.starts = pieces.local, pieces.starts
+        first = np.searchsorted(self.nodes[:, 0], subdomains[0].index) if subdomains else 0
+        self.own = slice(first, first + len(self.local))
         self.interface_label = manifest.interface_label
         key = self.edges[:, 1] * manifest.nodes + self.edges[:, 2]
         _, self.edge_id, self.edge_count = np.unique(key, return_inverse=True, return_counts=True)
         self.shared = self.edge_count[self.edge_id] == 2
-        self.gids, inverse, counts = np.unique(self.nodes[:, 1], return_inverse=True, return_counts=True)
-        self.node_id, self.count = inverse, counts
+        # the nodes vertex by vertex, those of a vertex in the order of subdomains
+        self.by_vertex = np.argsort(self.nodes[:, 1], kind="stable")
+        gid = self.nodes[self.by_vertex, 1]
+        self._vertex_starts = np.flatnonzero(np.diff(gid, prepend=-1))
+        self.gids, self.count = gid[self._vertex_starts], np.diff(np.append(self._vertex_starts, len(gid)))
+        self.node_id = np.empty(len(gid), np.int64)
+        self.node_id[self.by_vertex] = np.repeat(np.arange(len(self.gids)), self.count)
+
+    def over_subdomains(self, operation: np.ufunc, values: np.ndarray) -> np.ndarray:
+        """Minimum, maximum or sum of `values` at `nodes` over the subdomains of every vertex of `gids`."""
+        return operation.reduceat(values[self.by_vertex], self._vertex_starts)
 
     def links(self, label: int) -> np.ndarray:
         """(n, 2) gids of nodes that follow one another along the edges with a label; each pair once."""
@@ -64,9 +68,7 @@ class Skeleton:
             bad = self.edges[np.flatnonzero(lonely | (self.edge_count[self.edge_id] > 2))[0]]
             error = InputError(f"the meshes do not conform along an interface of subdomain {bad[0]}: an edge "
                                "has no match on the other side; export all subdomains from one mesh")
-        low, high = (np.full((len(self.gids), 2), s * np.inf) for s in (1, -1))
-        np.minimum.at(low, self.node_id, self.xy)
-        np.maximum.at(high, self.node_id, self.xy)
+        low, high = (self.over_subdomains(extreme, self.xy) for extreme in (np.minimum, np.maximum))
         apart = np.abs(high - low).max(axis=1)
         if error is None and apart.max() > 1e-10 * np.ptp(self.xy, axis=0).max():
             at = self.xy[self.node_id == apart.argmax()][0]
@@ -106,6 +108,34 @@ def gather(comm, local: np.ndarray) -> np.ndarray:
     return np.concatenate(comm.allgather(local)) if comm.size > 1 else local
 
 
+class _Pieces:
+    """What the rank's subdomains have of the skeleton, one after the other; see Skeleton.
+
+    Nodes count from the first one of all these subdomains here.
+    """
+
+    def __init__(self, subdomains: list[Subdomain]):
+        outlines = {}  # by mesh, which subdomains of the same shape share
+        found = [outlines.get(id(sub.elements)) or outlines.setdefault(id(sub.elements), Outline(sub)) for sub in subdomains]
+        first = np.cumsum([0, *(len(sub.node_gid) for sub in subdomains)])
+        moved = lambda arrays, shape: np.concatenate([np.empty(shape, np.int64), *(a + at for a, at in zip(arrays, first))])
+        numbers = lambda arrays: np.repeat([sub.index for sub in subdomains], [len(a) for a in arrays]).astype(np.int64)
+        gid = np.concatenate([np.empty(0, np.int64), *(sub.node_gid for sub in subdomains)])
+        ends, seen = moved((one.edges for one in found), (0, 2)), moved((one.nodes for one in found), 0)
+        labelled = moved((sub.edges for sub in subdomains), (0, 2))
+        label = edge_labels(labelled, np.concatenate([np.empty(0, np.int64), *(sub.edge_label for sub in subdomains)]), ends)
+        self.edges = np.column_stack([numbers([one.edges for one in found]), np.sort(gid[ends], axis=1), label])
+        self.nodes = np.column_stack([numbers([one.nodes for one in found]), gid[seen]])
+        self.xy = np.concatenate([np.empty((0, 2)), *(sub.xy for sub in subdomains)])[seen]
+        self.middles = gid[moved((one.middles for one in found), 0)]
+        self.local = np.concatenate([np.empty(0, np.int64), *(one.nodes for one in found)])
+        self.starts = np.cumsum([0, *(len(one.nodes) for one in found)])
+        stiffness = np.concatenate([np.empty(0), *(one.stiffness(sub) for one, sub in zip(found, subdomains))])
+        # means over triangles differ by rounding: nine digits make equals equal
+        mantissa, exponent = np.frexp(stiffness)
+        self.stiffness = np.ldexp(np.round(mantissa * 2.0**30) / 2.0**30, exponent)
+
+
 class Outline:
     """The boundary of a subdomain in its own numbering: edges (n, 2), nodes (m,), middles of the edges.
 
@@ -125,9 +155,7 @@ class Outline:
     def stiffness(self, sub: Subdomain) -> np.ndarray:
         """(m,) stiffness of a subdomain at the nodes: the trace of Hooke's law in the stiffest triangle there."""
         trace = np.einsum("tii->t", sub.elasticity)
-        mantissa, exponent = np.frexp(np.maximum.reduceat(trace[self._triangle], self._first))
-        # means over triangles differ by rounding: nine digits make equals equal
-        return np.ldexp(np.round(mantissa * 2.0**30) / 2.0**30, exponent)
+        return np.maximum.reduceat(trace[self._triangle], self._first)
 
 
 def boundary_edges(triangles: np.ndarray) -> np.ndarray:
@@ -138,16 +166,14 @@ def boundary_edges(triangles: np.ndarray) -> np.ndarray:
     return np.column_stack(np.divmod(keys[counts == 1], span))
 
 
-def edge_labels(sub: Subdomain, edges: np.ndarray) -> np.ndarray:
-    """Labels of the given boundary edges (pairs of local vertices, smaller first)."""
-    span = len(sub.xy)
-    given = np.sort(sub.edges, axis=1)
-    keys = given[:, 0] * span + given[:, 1]
+def edge_labels(labelled: np.ndarray, labels: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """Labels of edges (n, 2), smaller vertex first, from those of the edges `labelled` (m, 2); 0 where they are not."""
+    span = 1 + max(labelled.max(initial=0), edges.max(initial=0))
+    given = np.sort(labelled, axis=1)
+    keys, wanted = given[:, 0] * span + given[:, 1], edges[:, 0] * span + edges[:, 1]
     order = np.argsort(keys)
-    at = np.searchsorted(keys[order], edges[:, 0] * span + edges[:, 1])
-    at = np.minimum(at, len(order) - 1)
-    label = sub.edge_label[order[at]]
-    return np.where(keys[order[at]] == edges[:, 0] * span + edges[:, 1], label, 0)
+    at = np.minimum(np.searchsorted(keys[order], wanted), len(order) - 1)
+    return np.where(keys[order[at]] == wanted, labels[order[at]], 0) if len(order) else np.zeros(len(edges), np.int64)
 
 
 def _crosses(p: np.ndarray, q: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ Rows of the constraint matrix B (Haslinger, Vlach, Dostal, SNA'07):
 Rows are numbered by the subdomain that owns them (the lowest one that has the node).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -108,8 +108,7 @@ def _fixed_dofs(manifest: Manifest, subdomains: list[Subdomain], comm) -> tuple[
 def _number(manifest, subdomains, first, skeleton, corners, fixed, contact, comm) -> Substructure:
     """Number coarse dofs and dual rows and express both in every local subdomain's dofs."""
     fixed_keys = fixed[0]
-    owner = np.full(len(skeleton.gids), np.iinfo(np.int64).max)
-    np.minimum.at(owner, skeleton.node_id, skeleton.nodes[:, 0])
+    owner = skeleton.over_subdomains(np.minimum, skeleton.nodes[:, 0])
     corner_keys = (2 * corners[:, None] + [0, 1]).ravel()
     corner_keys = corner_keys[~np.isin(corner_keys, fixed_keys)]
     plain = (skeleton.count == 2) & ~np.isin(skeleton.gids, corners)
@@ -141,8 +140,7 @@ def _number(manifest, subdomains, first, skeleton, corners, fixed, contact, comm
     row_range = (int(np.searchsorted(sorted_owner, first)), int(np.searchsorted(sorted_owner, last)))
     row_starts = np.searchsorted(sorted_owner, np.arange(first, last)) - row_range[0]
     numbering = _Numbering(skeleton, corner_keys, fixed, gluing, number[:n_g], contact, share)
-    local = [numbering.localize(sub) for sub in subdomains]
-    parts = [list(column) for column in zip(*local)] if local else [[] for _ in range(6)]
+    parts = numbering.localize(subdomains)
     primal = comm.allreduce(sum(sub.dofs for sub in subdomains))
     outer = ~skeleton.shared
     middles = skeleton.middles[outer] if len(skeleton.middles) else skeleton.middles
@@ -159,8 +157,7 @@ def _pair_share(skeleton, contact: ContactBoundary) -> np.ndarray:
 
     Sides as stiff as one another share alike, which is no jump: relative to that.
     """
-    stiffness = np.zeros(len(skeleton.gids))
-    np.maximum.at(stiffness, skeleton.node_id, skeleton.stiffness)
+    stiffness = skeleton.over_subdomains(np.maximum, skeleton.stiffness)
     at = stiffness[np.searchsorted(skeleton.gids, contact.term_gid)]
     mean = lambda terms: (np.bincount(contact.term_node[terms], (np.abs(contact.term_value) * at)[terms], len(contact.gid))
                           / np.maximum(np.bincount(contact.term_node[terms], np.abs(contact.term_value)[terms],
@@ -176,9 +173,7 @@ def _row_scale(skeleton, row_gid, kind, share) -> np.ndarray:
     `share` (rows,) of that. Powers of two, so that scaling rounds nothing; relative to the stiffest row, so that units
     do not matter.
     """
-    low, high = np.full(len(skeleton.gids), np.inf), np.zeros(len(skeleton.gids))
-    np.minimum.at(low, skeleton.node_id, skeleton.stiffness)
-    np.maximum.at(high, skeleton.node_id, skeleton.stiffness)
+    low, high = (skeleton.over_subdomains(extreme, skeleton.stiffness) for extreme in (np.minimum, np.maximum))
     at = np.searchsorted(skeleton.gids, row_gid)
     seen = np.where(kind == GLUING, low[at], high[at] * share)
     return 2.0 ** np.round(0.5 * np.log2(seen / seen.max(initial=0)))
@@ -219,55 +214,93 @@ def _widen(array: np.ndarray, width: int) -> np.ndarray:
 
 
 class _Numbering:
-    """Global numbers by key, and their localisation to one subdomain."""
+    """Global numbers at the nodes of the skeleton, and their localisation to the rank's subdomains."""
 
     def __init__(self, skeleton, corner_keys, fixed, gluing, gluing_row, contact, share):
-        self.skeleton, self.corner_keys, self.fixed, self.contact = skeleton, corner_keys, fixed, contact
+        self.skeleton, self.fixed, self.contact = skeleton, fixed, contact
         self.share = share  # of the stiffness of both sides in the contact node's own
-        self.gluing, self.gluing_row = gluing, gluing_row  # sorted keys, row of each
+        # number, or -1, of every component at every node of the skeleton
+        self.corner = self._at_nodes(corner_keys, np.arange(len(corner_keys)))
+        self.gluing = self._at_nodes(gluing, gluing_row)
+        self.held = self._at_nodes(fixed[0], np.arange(len(fixed[0])))
+        # (vertex, subdomain) pairs: how many lower subdomains share the vertex of each, and how many stiffer ones
         self._span = int(skeleton.nodes[:, 0].max()) + 1
-        # how many lower subdomains share the vertex of each (vertex, subdomain) pair, and how many stiffer ones
-        pairs = skeleton.nodes[:, 1] * self._span + skeleton.nodes[:, 0]
-        order = np.argsort(pairs)
-        self.pairs, self.stiffness = pairs[order], skeleton.stiffness[order]
-        gid = self.pairs // self._span
-        start = np.searchsorted(gid, gid)
-        self.place = np.arange(len(gid)) - start
-        self.rank = np.empty(len(gid), np.int64)
-        self.rank[np.lexsort((-self.stiffness, gid))] = self.place  # stable: equal ones in their order
-        self.shared_stiffness = np.add.reduceat(self.stiffness, np.unique(start))[np.unique(gid, return_inverse=True)[1]]
-        self.contact_gids = np.unique(contact.term_gid)
+        order, start = skeleton.by_vertex, np.cumsum(skeleton.count) - skeleton.count
+        self.pairs = skeleton.nodes[order, 1] * self._span + skeleton.nodes[order, 0]
+        self.place = np.arange(len(order)) - np.repeat(start, skeleton.count)
+        self.shared_stiffness = skeleton.over_subdomains(np.add, skeleton.stiffness)
+        self.place_of = np.empty_like(order)
+        self.place_of[order] = self.place
+        self.at_contact = np.isin(skeleton.gids, contact.term_gid)
+        here = np.flatnonzero(self.at_contact[skeleton.node_id[order]])
+        stiffer = np.lexsort((-skeleton.stiffness[order[here]], self.pairs[here] // self._span))  # stable
+        self.rank = np.zeros(len(order), np.int64)
+        self.rank[here[stiffer]] = self.place[here]
 
-    def localize(self, sub: Subdomain):
-        """Fixed dofs and values, corner dofs and numbers, rows, multiplicities of one subdomain."""
-        key = 2 * sub.node_gid[sub.dof_node] + sub.dof_component
-        at, held = _lookup(self.fixed[0], key)
-        held_values = self.fixed[1][at[held]].T
-        number, corner = _lookup(self.corner_keys, key)
-        multiplicity = np.ones(len(sub.node_gid), np.int64)
-        at, on_boundary = _lookup(self.skeleton.gids, sub.node_gid)
-        multiplicity[on_boundary] = self.skeleton.count[at[on_boundary]]
-        rows = self._rows(sub, key, multiplicity, held)
-        return np.flatnonzero(held), held_values, np.flatnonzero(corner), number[corner], rows, multiplicity
+    def _at_nodes(self, keys: np.ndarray, numbers: np.ndarray) -> np.ndarray:
+        """(nodes, 2) `numbers` of the keys 2 gid + component; -1 where there is none."""
+        table, (at, known) = np.full((len(self.skeleton.gids), 2), -1), _lookup(self.skeleton.gids, keys // 2)
+        table[at[known], keys[known] % 2] = numbers[known]
+        return table
 
-    def _rows(self, sub, key, multiplicity, held) -> LocalRows:
-        at, glued = _lookup(self.gluing, key)
-        dof = np.flatnonzero(glued)
-        pair = self._pair(key[dof] // 2, sub.index)
-        sign = np.where(self.place[pair] == 0, 1.0, -1.0)
-        other = 1.0 - self.stiffness[pair] / self.shared_stiffness[pair]  # the other side's share of the stiffness
-        coefficient = np.zeros((len(dof), 2))
+    def localize(self, subdomains: list[Subdomain]):
+        """Lists of fixed dofs and values, corner dofs and numbers, rows and multiplicities of all subdomains."""
+        skeleton = self.skeleton
+        node_id = skeleton.node_id[skeleton.own]
+        dof = 2 * skeleton.local[:, None] + [0, 1]  # numbered node by node, as the loader has checked
+        corner, corner_at = self._present(self.corner[node_id])
+        held, held_at = self._present(self.held[node_id])
+        corner_dof, corner_number, held_dof = dof[corner], self.corner[node_id][corner], dof[held]
+        count = skeleton.count[node_id]
+        fixed = [self._fixed(sub, held_dof[part]) for sub, part in zip(subdomains, held_at)]
+        multiplicity = [np.ones(len(sub.node_gid), np.int64) for sub in subdomains]
+        for each, a, b in zip(multiplicity, skeleton.starts, skeleton.starts[1:]):
+            each[skeleton.local[a:b]] = count[a:b]
+        rows = self._gluing_rows(node_id, dof)
+        touching = np.add.reduceat(np.append(self.at_contact[node_id], 0), skeleton.starts[:-1])
+        for s in np.flatnonzero(touching):
+            rows[s] = self._with_contact(rows[s], subdomains[s], multiplicity[s], fixed[s][0])
+        return ([dofs for dofs, _ in fixed], [values for _, values in fixed], [corner_dof[part] for part in corner_at],
+                [corner_number[part] for part in corner_at], rows, multiplicity)
+
+    def _present(self, numbers: np.ndarray):
+        """Where (nodes, 2) of the rank's own `numbers` are any, and the slice of them of every subdomain."""
+        present = numbers >= 0
+        ends = np.append(0, np.cumsum(present.sum(axis=1)))[self.skeleton.starts].tolist()
+        return present, [slice(a, b) for a, b in zip(ends, ends[1:])]
+
+    def _fixed(self, sub: Subdomain, at_boundary: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Dirichlet dofs of a subdomain and their values (patterns, n_fixed)."""
+        if not len(sub.fixed) and not len(at_boundary):
+            return at_boundary, self.fixed[1][:0].T
+        dofs = np.union1d(sub.fixed, at_boundary)
+        at, _ = _lookup(self.fixed[0], 2 * sub.node_gid[dofs // 2] + dofs % 2)
+        return dofs, self.fixed[1][at].T
+
+    def _gluing_rows(self, node_id: np.ndarray, dof: np.ndarray) -> list[LocalRows]:
+        """Gluing rows of the rank's subdomains, in the order of their dofs."""
+        skeleton = self.skeleton
+        glued, parts = self._present(self.gluing[node_id])
+        sign = np.where(self.place_of[skeleton.own] == 0, 1.0, -1.0)
+        other = 1.0 - skeleton.stiffness[skeleton.own] / self.shared_stiffness[node_id]  # share of the other side
+        each, _ = np.nonzero(glued)
+        row, sign, scaling = self.gluing[node_id][glued], sign[each], (other * sign)[each]
+        dof = np.repeat(dof[glued][:, None], 2, axis=1)
+        coefficient = np.zeros(dof.shape)
         coefficient[:, 0] = 1.0
-        pieces = [(self.gluing_row[at[dof]], sign, np.repeat(dof[:, None], 2, axis=1), coefficient,
-                   np.zeros_like(coefficient), other * sign)]
-        if _lookup(self.contact_gids, sub.node_gid)[1].any():
-            for direction, rows in ((self.contact.normal, self.contact.normal_row),
-                                    (self.contact.tangent, self.contact.tangential_row)):
-                pieces.append(self._contact_rows(sub, multiplicity, held, direction, rows))
-                if self.contact.paired.any():
-                    pieces.append(self._pair_rows(sub, held, direction, rows))
-        if len(pieces) == 1:
-            return LocalRows(*pieces[0])
+        nothing = np.zeros_like(coefficient)
+        return [LocalRows(row[p], sign[p], dof[p], coefficient[p], nothing[p], scaling[p]) for p in parts]
+
+    def _with_contact(self, glued: LocalRows, sub, multiplicity, fixed) -> LocalRows:
+        """The gluing rows of a subdomain followed by its contact rows."""
+        held = np.zeros(sub.dofs, bool)
+        held[fixed] = True
+        pieces = [tuple(getattr(glued, field.name) for field in fields(glued))]
+        for direction, rows in ((self.contact.normal, self.contact.normal_row),
+                                (self.contact.tangent, self.contact.tangential_row)):
+            pieces.append(self._contact_rows(sub, multiplicity, held, direction, rows))
+            if self.contact.paired.any():
+                pieces.append(self._pair_rows(sub, held, direction, rows))
         width = max(piece[2].shape[1] for piece in pieces)
         pieces = [(row, sign, *(_widen(array, width) for array in (dof, *parts)), scaling)
                   for row, sign, dof, *parts, scaling in pieces]
