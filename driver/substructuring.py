@@ -64,7 +64,6 @@ class Substructure:
     row_starts: np.ndarray  # per local subdomain: its first row, counted from row_range[0]
     patterns: int
     contact: ContactBoundary
-    multiplicity: list[np.ndarray]  # per subdomain: (n_v,) number of subdomains that share a vertex
     rigid_modes: list[RigidMode]  # of bodies whose supports, if any, leave them free
     rigid_corners: np.ndarray  # (coarse_dofs, modes) orthonormal: the modes at the coarse dofs
     outer_edges: np.ndarray  # (n, 3): gid, gid, label of the edges of the untorn body's boundary
@@ -140,14 +139,14 @@ def _number(manifest, subdomains, first, skeleton, corners, fixed, contact, comm
     row_range = (int(np.searchsorted(sorted_owner, first)), int(np.searchsorted(sorted_owner, last)))
     row_starts = np.searchsorted(sorted_owner, np.arange(first, last)) - row_range[0]
     numbering = _Numbering(skeleton, corner_keys, fixed, gluing, number[:n_g], contact, share)
-    parts = numbering.localize(subdomains)
+    local = numbering.localize(subdomains)
     primal = comm.allreduce(sum(sub.dofs for sub in subdomains))
     outer = ~skeleton.shared
     middles = skeleton.middles[outer] if len(skeleton.middles) else skeleton.middles
     modes, at_corners = rigid_modes(skeleton, fixed_keys, corner_keys)
-    return Substructure(subdomains, first, manifest.subdomains, *parts[:5], coarse_dofs=len(corner_keys),
+    return Substructure(subdomains, first, manifest.subdomains, *local, coarse_dofs=len(corner_keys),
                         dual_dofs=len(order), row_kind=kind[order], row_scale=row_scale, row_range=row_range,
-                        row_starts=row_starts, patterns=len(manifest.patterns), contact=contact, multiplicity=parts[5],
+                        row_starts=row_starts, patterns=len(manifest.patterns), contact=contact,
                         rigid_modes=modes, rigid_corners=at_corners, outer_edges=skeleton.edges[outer][:, 1:],
                         outer_middles=middles, primal_dofs=primal)
 
@@ -244,24 +243,20 @@ class _Numbering:
         return table
 
     def localize(self, subdomains: list[Subdomain]):
-        """Lists of fixed dofs and values, corner dofs and numbers, rows and multiplicities of all subdomains."""
+        """Lists of fixed dofs and values, corner dofs and numbers, and rows of all subdomains."""
         skeleton = self.skeleton
         node_id = skeleton.node_id[skeleton.own]
         dof = 2 * skeleton.local[:, None] + [0, 1]  # numbered node by node, as the loader has checked
         corner, corner_at = self._present(self.corner[node_id])
         held, held_at = self._present(self.held[node_id])
         corner_dof, corner_number, held_dof = dof[corner], self.corner[node_id][corner], dof[held]
-        count = skeleton.count[node_id]
         fixed = [self._fixed(sub, held_dof[part]) for sub, part in zip(subdomains, held_at)]
-        multiplicity = [np.ones(len(sub.node_gid), np.int64) for sub in subdomains]
-        for each, a, b in zip(multiplicity, skeleton.starts, skeleton.starts[1:]):
-            each[skeleton.local[a:b]] = count[a:b]
         rows = self._gluing_rows(node_id, dof)
         touching = np.add.reduceat(np.append(self.at_contact[node_id], 0), skeleton.starts[:-1])
         for s in np.flatnonzero(touching):
-            rows[s] = self._with_contact(rows[s], subdomains[s], multiplicity[s], fixed[s][0])
+            rows[s] = self._with_contact(rows[s], subdomains[s], fixed[s][0])
         return ([dofs for dofs, _ in fixed], [values for _, values in fixed], [corner_dof[part] for part in corner_at],
-                [corner_number[part] for part in corner_at], rows, multiplicity)
+                [corner_number[part] for part in corner_at], rows)
 
     def _present(self, numbers: np.ndarray):
         """Where (nodes, 2) of the rank's own `numbers` are any, and the slice of them of every subdomain."""
@@ -291,14 +286,14 @@ class _Numbering:
         nothing = np.zeros_like(coefficient)
         return [LocalRows(row[p], sign[p], dof[p], coefficient[p], nothing[p], scaling[p]) for p in parts]
 
-    def _with_contact(self, glued: LocalRows, sub, multiplicity, fixed) -> LocalRows:
+    def _with_contact(self, glued: LocalRows, sub, fixed) -> LocalRows:
         """The gluing rows of a subdomain followed by its contact rows."""
         held = np.zeros(sub.dofs, bool)
         held[fixed] = True
         pieces = [tuple(getattr(glued, field.name) for field in fields(glued))]
         for direction, rows in ((self.contact.normal, self.contact.normal_row),
                                 (self.contact.tangent, self.contact.tangential_row)):
-            pieces.append(self._contact_rows(sub, multiplicity, held, direction, rows))
+            pieces.append(self._contact_rows(sub, held, direction, rows))
             if self.contact.paired.any():
                 pieces.append(self._pair_rows(sub, held, direction, rows))
         width = max(piece[2].shape[1] for piece in pieces)
@@ -306,7 +301,7 @@ class _Numbering:
                   for row, sign, dof, *parts, scaling in pieces]
         return LocalRows(*(np.concatenate(column) for column in zip(*pieces)))
 
-    def _contact_rows(self, sub, multiplicity, held, direction, rows):
+    def _contact_rows(self, sub, held, direction, rows):
         """Rows of the nodes that meet a rigid obstacle."""
         order = np.argsort(sub.node_gid)
         at, inside = _lookup(sub.node_gid[order], self.contact.gid)
@@ -319,7 +314,8 @@ class _Numbering:
         # stiffest subdomains: sums of at most two terms do not depend on their order
         pair = self._pair(self.contact.gid[here], sub.index)
         sign = np.where(self.place[pair] == 0, 1.0, 0.0)
-        scaling = np.where(multiplicity[vertex] == 1, 1.0, np.where(self.rank[pair] < 2, 0.5, 0.0))
+        alone = self.skeleton.count[np.searchsorted(self.skeleton.gids, self.contact.gid[here])] == 1
+        scaling = np.where(alone, 1.0, np.where(self.rank[pair] < 2, 0.5, 0.0))
         return rows[here], sign, dof, direction[here] * free, direction[here] * ~free, scaling
 
     def _pair(self, gid: np.ndarray, subdomain: int) -> np.ndarray:

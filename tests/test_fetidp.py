@@ -178,6 +178,29 @@ def test_scaled_jump_is_a_right_inverse(problem):
     assert np.array_equal(B @ B_D.T, np.eye(gluing.sum()))  # halves and ones: exact
 
 
+def test_contact_rows_are_shared_out_between_their_subdomains(problem):
+    """The preconditioner takes the whole of every contact row, half of it from each of two subdomains."""
+    contact = problem.structure.row_kind != GLUING
+    scaling = np.bincount(np.concatenate([rows.row for rows in problem.structure.rows]),
+                          np.concatenate([rows.scaling for rows in problem.structure.rows]))
+    assert np.all(scaling[contact] == 1.0)
+
+
+def test_the_softer_side_of_an_interface_counts_more(built, variant):
+    """Weights of a gluing row are the other side's share of the stiffness, here 1 : 7."""
+    scene = variant("jump", ("macro young() E //", "macro young() (E*(x < 1 ? 1 : 7)) //"))
+    structure = built(scene, reduce=False, subdomains="4x2").structure
+    found = {}
+    for s, rows in enumerate(structure.rows):
+        for row, scaling in zip(rows.row, np.abs(rows.scaling)):
+            found.setdefault(row, []).append((s % 4 > 1, scaling))  # numbered from left to right, two rows
+    glued = [sorted(pair) for row, pair in found.items() if structure.row_kind[row] == GLUING]  # the soft side first
+    assert sum(one != other for (one, _), (other, _) in glued) == 2 * 2 * 9  # two interfaces of nine nodes
+    for (one, soft), (other, stiff) in glued:
+        expected = (7 / 8, 1 / 8) if one != other else (0.5, 0.5)
+        assert (soft, stiff) == pytest.approx(expected, rel=1e-8)  # means over triangles are kept to nine digits
+
+
 # ------------------------------------------------------------------------ the dual operator
 
 def condensed(problem, rows):
