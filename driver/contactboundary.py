@@ -13,7 +13,8 @@ import numpy as np
 
 from . import mortar
 from .errors import InputError
-from .loader import ContactData, Manifest, Subdomain
+from .loader import ContactData, Subdomain
+from .manifest import Manifest
 from .skeleton import edge_labels, gather
 
 

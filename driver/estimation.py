@@ -41,7 +41,8 @@ from functools import cached_property
 import numpy as np
 
 from . import elements, equilibration, recovery
-from .loader import Manifest, Subdomain
+from .loader import Subdomain
+from .manifest import Manifest
 from .pairbound import PairBound, continued, slid
 from .step import Step, gathered, scattered
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from . import elements, environment, seal
 from .errors import InputError
-from .loader import Manifest, read_manifest
+from .manifest import Manifest, read_manifest
 
 SCENES = environment.ROOT / "edp"
 # flags that mean something to FreeFEM itself, or that `export` sets

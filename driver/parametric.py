@@ -11,7 +11,8 @@ from .contactboundary import add_parts, contact_table
 from .errors import DriverError, InputError, NoSolution, agree
 from .files import write_json, write_table
 from .friction import OPEN, STATUS_NAMES
-from .loader import read_contact, read_manifest
+from .loader import read_contact
+from .manifest import read_manifest
 from .options import Settings
 from .problem import assemble
 from .timing import Laps

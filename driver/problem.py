@@ -8,7 +8,8 @@ import numpy as np
 from . import quasistatic, substructuring
 from .fetidp import DualOperator
 from .friction import SlipLaw
-from .loader import Manifest, read_manifest, read_subdomains
+from .loader import read_subdomains
+from .manifest import Manifest, read_manifest
 from .options import Settings
 
 

@@ -13,7 +13,8 @@ from .errors import agreed_writes
 from .fetidp import DualOperator
 from .files import renamed, write_json, write_rows
 from .friction import OPEN, STATUS_NAMES
-from .loader import Manifest, Subdomain
+from .loader import Subdomain
+from .manifest import Manifest
 from .quantities import quantities
 from .quasistatic import QuasistaticSolver
 from .step import Step

@@ -6,16 +6,17 @@ was truncated, changed, exchanged or belongs to another text of the scene is ref
 
 import hashlib
 import json
+import mmap
+import os
 import re
 import zlib
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-import numpy as np
-
 from .errors import InputError, file_error
 from .files import write_json
 
+SHARED = "shared.bin"  # what subdomains have in common, where they do
 CHUNK = 1 << 22  # bytes read at once
 PROBE = 1 << 16  # bytes; FreeFEM's buffers are smaller, so this much is not left after one of its writes has failed
 
@@ -36,6 +37,8 @@ class Seal:
 def write(directory: Path, scene: str, names: list[str]) -> Seal:
     """Seal the manifest and the records `names` that FreeFEM wrote for a scene whose text has the digest `scene`.
 
+    What the records share is sealed as well, if they do.
+
     FreeFEM does not tell when its writes fail: room for a little more proves that they did not. Raises OSError if
     there is none, InputError if a file is missing.
     """
@@ -45,6 +48,8 @@ def write(directory: Path, scene: str, names: list[str]) -> Seal:
     for path in (directory / name for name in ("manifest.json", *names)):
         if not path.is_file():
             raise InputError(f"{path} is missing: the FreeFEM stage did not finish; run the scene again")
+    if (directory / SHARED).is_file():
+        names = [*names, SHARED]
     records, manifest = hashlib.sha256(), (directory / "manifest.json").read_bytes()
     files = {name: _measure(directory / name, records) for name in names}
     files["manifest.json"] = (len(manifest), zlib.crc32(manifest))
@@ -85,16 +90,17 @@ def read(directory: Path, scene: str | None = None) -> Seal:
     return seal
 
 
-def check(seal: Seal, path: Path) -> np.ndarray:
+def check(seal: Seal, path: Path) -> bytes | mmap.mmap:
     """Compare a file with the seal of its export; its bytes. Raises InputError with what is wrong with it."""
-    if path.name not in seal.files:
-        raise InputError(f"{path} is not of this export; run the scene again")
     try:
-        content = np.memmap(path, np.uint8, "r") if path.stat().st_size else np.empty(0, np.uint8)
+        with open(path, "rb") as file:
+            content = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) if os.fstat(file.fileno()).st_size else b""
     except FileNotFoundError:
         raise InputError(f"{path} is missing: the export is incomplete; run the scene again") from None
     except OSError as problem:
         raise file_error(problem, f"{path} is not readable ({problem.strerror}); run the scene again") from None
+    if path.name not in seal.files:
+        raise InputError(f"{path} is not of this export; run the scene again")
     found = (len(content), zlib.crc32(content))
     size, _ = seal.files[path.name]
     if found == seal.files[path.name]:

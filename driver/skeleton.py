@@ -10,7 +10,8 @@ import numpy as np
 
 from .elements import cross
 from .errors import InputError, agree
-from .loader import Manifest, Subdomain
+from .loader import Subdomain
+from .manifest import Manifest
 
 
 class Skeleton:

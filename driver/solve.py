@@ -15,7 +15,7 @@ from .checkpoint import Checkpoints
 from .errors import agreed_writes
 from .estimation import EnergyEstimator, report
 from .ledger import effects_ledger
-from .loader import Manifest
+from .manifest import Manifest
 from .options import Settings
 from .problem import assemble
 from .relinearization import linearized

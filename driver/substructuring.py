@@ -16,7 +16,8 @@ import numpy as np
 
 from .contactboundary import ContactBoundary, contact_boundary
 from .corners import corner_vertices
-from .loader import Manifest, Subdomain
+from .loader import Subdomain
+from .manifest import Manifest
 from .rigidmodes import RigidMode, rigid_modes
 from .skeleton import Skeleton, gather
 

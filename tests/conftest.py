@@ -80,7 +80,8 @@ class Problem:
 def read_problem(directory: Path, reduce=True) -> Problem:
     """Loader, substructuring and, if asked, the reduction of the export in `directory`."""
     from driver.fetidp import DualOperator
-    from driver.loader import read_manifest, read_subdomains
+    from driver.loader import read_subdomains
+    from driver.manifest import read_manifest
     from driver.substructuring import build
 
     manifest = read_manifest(directory)

@@ -8,7 +8,8 @@ from mpi4py import MPI
 
 from driver.fetidp import DualOperator
 from driver.friction import SlipLaw
-from driver.loader import ContactData, Manifest, Subdomain
+from driver.loader import ContactData, Subdomain
+from driver.manifest import Manifest
 from driver.options import Settings
 from driver.quasistatic import QuasistaticSolver
 from driver.substructuring import build

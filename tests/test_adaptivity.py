@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from driver import adaptivity, freefem
-from driver.loader import read_manifest, read_subdomains
+from driver.loader import read_subdomains
+from driver.manifest import read_manifest
 
 # ---- sizes from an indicator ---------------------------------------------------------------------------
 

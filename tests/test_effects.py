@@ -71,7 +71,8 @@ def test_static_takes_one_step(solved):
 
 
 def test_without_body_force_there_is_no_such_vector(exported, tmp_path):
-    from driver.loader import read_manifest, read_subdomains
+    from driver.loader import read_subdomains
+    from driver.manifest import read_manifest
     from mpi4py import MPI
 
     manifest = read_manifest(exported("model"))

@@ -455,7 +455,8 @@ environment.single_threaded(); environment.start_petsc()
 import numpy as np
 from mpi4py import MPI
 from pathlib import Path
-from driver.loader import read_manifest, read_subdomains
+from driver.loader import read_subdomains
+from driver.manifest import read_manifest
 from driver import fetidp, substructuring
 comm = MPI.COMM_WORLD
 for directory in sys.argv[1:]:

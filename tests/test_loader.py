@@ -8,14 +8,15 @@ import pytest
 from conftest import read_problem
 from mpi4py import MPI
 
-from driver import freefem, seal
+from driver import freefem, records, seal
 from driver.errors import InputError
-from driver.loader import Manifest, read_manifest, read_subdomains
+from driver.loader import read_subdomains
+from driver.manifest import Manifest, read_manifest
 
 YOUNG, POISSON = 21.19e10, 0.277
 # arrays of a record of the model example, in the order of export.idp
-(HEAD, GID, X, Y, TRIANGLES, REGION, EDGES, LAMBDA, MU, DOF_COORDINATE, IS_X, ROWS, COLUMNS, VALUES, LOAD, EDGE_LOAD, FIXED,
- CONTACT) = range(18)
+(HEAD, GID, X, Y, LABELS, TRIANGLES, REGION, EDGES, LAMBDA, MU, DOF_COORDINATE, IS_X, ROWS, COLUMNS, VALUES, LOAD, EDGE_LOAD,
+ FIXED, CONTACT) = range(19)
 
 
 # ------------------------------------------------------------------------------ a sound export
@@ -210,7 +211,7 @@ def test_seal_does_not_depend_on_ranks(exported):
     """Content and scene digests are those of the same problem; another problem has others."""
     one, three = (seal.read(exported(ranks=ranks, cells=2)) for ranks in (1, 3))
     other = seal.read(exported(cells=2, friction="0.4"))
-    assert (one.scene, one.content) == (three.scene, three.content) and len(three.files) == 4
+    assert (one.scene, one.content) == (three.scene, three.content) and set(three.files) - set(one.files) == {"block-1.bin", "block-2.bin"}
     assert other.scene == one.scene and other.content != one.content
 
 
@@ -256,25 +257,38 @@ def read(read):
 
 
 @pytest.fixture
-def small(exported, copied):
-    """A private copy of a tiny export: 2x1 subdomains of 2x2 cells."""
+def small(exported, copied, variant):
+    """A private copy of a tiny export: two subdomains of 2x2 cells, cut so that each has a stiffness of its own."""
+    scene = variant("halves", ('include "export.idp"', 'macro piece() (x > 1.) //\n\ninclude "export.idp"'))
+    return copied(exported(scene, cells=3, subdomains="piece", steps=2))
+
+
+@pytest.fixture
+def sharing(exported, copied):
+    """A private copy of a tiny export of the same subdomains, which share mesh and stiffness."""
     return copied(exported(cells=2, subdomains="2x1", steps=2))
 
 
-def arrays(directory):
-    """Records of block-0.bin, each a list of int64 arrays in file order."""
-    words = np.fromfile(directory / "block-0.bin", np.int64)
+def counted(path):
+    """The int64 arrays of a file."""
+    words = np.fromfile(path, np.int64)
     found, at = [], 0
     while at < len(words):
         found.append(words[at + 1 : at + 1 + words[at]].copy())
         at += 1 + words[at]
+    return found
+
+
+def arrays(directory):
+    """Records of block-0.bin, each a list of int64 arrays in file order."""
+    found = counted(directory / "block-0.bin")
     starts = [k for k, a in enumerate(found) if k == 0 or k == starts_of_second(found)]
     return [found[a:b] for a, b in zip(starts, [*starts[1:], len(found)])]
 
 
 def starts_of_second(found):
     """Position of the second record: its head is the first later array of 9 words that starts with 1."""
-    return next(k for k, a in enumerate(found) if k >= CONTACT and len(a) == 9 and a[0] == 1 and a[1] == found[0][1])
+    return next(k for k, a in enumerate(found) if k > 2 and len(a) == 9 and a[0] == 1 and a[1] == found[0][1])
 
 
 def write(directory, records):
@@ -398,6 +412,127 @@ def test_a_wild_word_anywhere_ends_in_no_traceback(small, read, value):
         except Exception as problem:
             raise AssertionError(f"word {at} set to {value}: {problem!r}") from problem
     assert accepted < len(words) / 2
+
+
+# ---------------------------------------------------------------- subdomains that share a stiffness
+
+PLACES = {X: 1, Y: 2}  # where shared.bin has what records have elsewhere: no numbers of nodes and labels of edges
+OF_SHARED = {**PLACES, **{array: array - 2 for array in range(TRIANGLES, LOAD)}}
+
+
+def spoil_shared(directory, array, change):
+    """Apply `change` to one array of shared.bin."""
+    found = counted(directory / "shared.bin")
+    change(found[OF_SHARED[array]].view(np.float64 if array in (X, Y, LAMBDA, MU, DOF_COORDINATE, IS_X, VALUES) else np.int64))
+    np.concatenate([word for a in found for word in (np.array([len(a)]), a)]).tofile(directory / "shared.bin")
+
+
+def test_shared_stiffness_is_that_of_every_piece(sharing, small, read):
+    """The same two halves of the block, once with one stiffness and once with two."""
+    one, two = (read(directory, reduce=False).subdomains for directory in (sharing, small))
+    for sub, other in zip(one, two):
+        assert sub.values is one[0].values and sub.elements is one[0].elements and sub.elasticity is one[0].elasticity
+        order = [np.flatnonzero(other.node_gid == gid)[0] for gid in sub.node_gid]
+        dof = (2 * np.array(order)[:, None] + [0, 1]).ravel()
+        expected = dense(other)[np.ix_(dof, dof)]
+        assert np.array_equal(sub.xy, other.xy[order])
+        assert np.abs(dense(sub) - expected).max() <= 1e-14 * np.abs(expected).max()  # sums of up to 6, in another order
+
+
+def test_shared_file_missing(sharing, read):
+    (sharing / "shared.bin").unlink()
+    refused(read, sharing, "shared.bin is missing")
+
+
+def test_shared_file_spoiled_after_sealing(sharing):
+    content = bytearray((sharing / "shared.bin").read_bytes())
+    content[1000] ^= 1
+    (sharing / "shared.bin").write_bytes(content)
+    with pytest.raises(InputError, match="shared.bin was changed"):
+        read_problem(sharing, reduce=False)
+
+
+def test_shared_file_truncated_or_longer(sharing, read):
+    whole = (sharing / "shared.bin").read_bytes()
+    for size in range(0, len(whole), 8):
+        (sharing / "shared.bin").write_bytes(whole[:size])
+        refused(read, sharing, "shared.bin", "truncated")
+    (sharing / "shared.bin").write_bytes(whole + bytes(8))
+    refused(read, sharing, "shared.bin goes on after its last record")
+
+
+@pytest.mark.parametrize("array, place, value, said", [
+    (VALUES, 1, 1.0, "not symmetric"), (VALUES, 0, np.nan, "not finite"), (COLUMNS, 3, 10**6, "out of range"),
+    (TRIANGLES, 0, 9, "out of range"), (EDGES, 0, 9, "ends at no vertex"), (IS_X, 0, 0.0, "node by node"),
+    (LAMBDA, 0, np.inf, "not finite"), (X, 0, 0.1, "do not match"), (DOF_COORDINATE, 0, 0.1, "do not match")])
+def test_shared_array_spoiled(sharing, read, array, place, value, said):
+    spoil_shared(sharing, array, lambda a: a.__setitem__(place, value))
+    refused(read, sharing, "shared.bin", said)
+
+
+@pytest.mark.parametrize("distance", [1e-3, 1e-11])
+@pytest.mark.parametrize("record", [0, 1])
+def test_vertex_moved_of_a_piece_that_refers_to_the_shared_stiffness(sharing, read, record, distance):
+    """The shared stiffness was checked on its own mesh: 1e-11 is some ten roundings in a rotation."""
+    words = arrays(sharing)
+    vertex = int(np.flatnonzero((words[record][X].view(float) == 0.5 + record) & (words[record][Y].view(float) == 0.5))[0])
+    words[record][X].view(float)[vertex] += distance
+    write(sharing, words)
+    refused(read, sharing, f"subdomain {record}", "resists a rigid motion")
+
+
+def test_piece_of_another_size_than_the_shared_one(exported, sharing, read):
+    other = exported(cells=3, subdomains="2x1", steps=2)
+    (sharing / "shared.bin").write_bytes((other / "shared.bin").read_bytes())
+    refused(read, sharing, "subdomain 0", "another size")
+
+
+def test_stiffness_lost_where_none_is_shared(small, read):
+    """A record without entries of the stiffness in an export whose subdomains have their own."""
+    records = arrays(small)
+    records[1] = records[1][: LABELS + 1] + records[1][LOAD:]
+    records[1][HEAD][5] = 0
+    write(small, records)
+    refused(read, small, "shared.bin is missing")
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")  # absurd lengths overflow
+def test_a_wild_word_in_what_is_shared_ends_in_no_traceback(sharing, read):
+    words = np.fromfile(sharing / "shared.bin", np.int64)
+    for k, value in enumerate([-1, 2**40, np.float64(1e300).view(np.int64)]):
+        for at in range(k, len(words), 3):
+            changed = words.copy()
+            changed[at] = value
+            changed.tofile(sharing / "shared.bin")
+            try:
+                read(sharing, reduce=False)
+            except InputError:
+                pass
+
+
+def test_records_are_the_same_read_together_or_one_by_one(exported, monkeypatch):
+    manifest = read_manifest(exported(cells=2, subdomains="8x4"))
+    together = read_subdomains(manifest, 0, 32, MPI.COMM_SELF)
+    monkeypatch.setattr(records, "STACK", 1)
+    for sub, other in zip(read_subdomains(manifest, 0, 32, MPI.COMM_SELF), together):
+        assert sub.index == other.index and (sub.contact is None) == (other.contact is None)
+        for name in ("node_gid", "xy", "edge_label", "values", "loads", "fixed", "fixed_values"):
+            assert np.array_equal(getattr(sub, name), getattr(other, name))
+        assert np.array_equal(sub.edge_loads[0], other.edge_loads[0])
+
+
+@pytest.mark.parametrize("array, change, said", [
+    (GID, lambda a: a.__setitem__(3, a[0]), "stands twice"), (GID, lambda a: a.__setitem__(0, -1), "node number out of range"),
+    (LOAD - 10, lambda a: a.__setitem__(0, 1.0), "do not add up"), (HEAD, lambda a: a.__setitem__(0, 7), "subdomain 7")])
+def test_the_record_that_is_refused_is_named(exported, copied, read, array, change, said):
+    """One of many that are read together; those that share a stiffness lack ten arrays."""
+    directory = copied(exported(cells=2, subdomains="8x4", steps=2))
+    found = counted(directory / "block-0.bin")
+    heads = [k for k, a in enumerate(found) if len(a) == 9 and (k == 0 or a[1:5].tolist() == found[0][1:5].tolist())]
+    assert len(heads) == 32
+    change(found[heads[13] + array].view(float if array > GID else np.int64))
+    write(directory, [found])
+    refused(read, directory, "subdomain 13", said)
 
 
 # -------------------------------------------------------------------------------- interfaces

@@ -14,7 +14,8 @@ import numpy as np
 from mpi4py import MPI
 
 from ..fetidp import DualOperator
-from ..loader import read_manifest, read_subdomains
+from ..loader import read_subdomains
+from ..manifest import read_manifest
 from ..problem import Problem
 from ..substructuring import build, partition
 from ..table import method_settings

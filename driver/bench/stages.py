@@ -8,7 +8,8 @@ from pathlib import Path
 from mpi4py import MPI
 
 from .. import freefem
-from ..loader import read_manifest, read_subdomains
+from ..loader import read_subdomains
+from ..manifest import read_manifest
 from .workbench import REPEATS, Workbench, child, driver, in_turn, ratios, seconds
 
 PART = "stages"
@@ -66,11 +67,11 @@ def _fresh_export(bench: Workbench, scene: Path, subdomains: str, ranks: int) ->
 def _read_back(bench: Workbench) -> None:
     """The loader against the disk itself, past the page cache."""
     directory = bench.export(SUBDOMAINS)
-    size = sum(path.stat().st_size for path in directory.glob("block-*.bin"))
+    size = sum(path.stat().st_size for path in directory.glob("*.bin"))
     manifest = read_manifest(directory)
 
     def disk():
-        for path in directory.glob("block-*.bin"):
+        for path in directory.glob("*.bin"):
             subprocess.run(["dd", f"if={path}", "of=/dev/null", "bs=4M", "iflag=direct"], check=True, capture_output=True)
 
     try:

@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from .. import environment, freefem, run
-from ..loader import read_manifest, read_subdomains
+from ..loader import read_subdomains
+from ..manifest import read_manifest
 from ..options import Settings
 from ..oracle import Assembled, coulomb_history
 from .case import Case, Check, Outcome, reference
