@@ -1,6 +1,7 @@
 """Too little memory ends a run with one line and exit status 2, wherever it is met; no hang, no wrong numbers."""
 
 import errno
+import mmap
 import resource
 import subprocess
 import sys
@@ -13,7 +14,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import identity
 
-from driver import checkpoint, environment, loader, reduction, workspace
+from driver import checkpoint, environment, loader, manifest, reduction, workspace
 from driver.errors import NO_MEMORY, InputError, shortage
 
 MIB = 2**20
@@ -89,8 +90,8 @@ def test_shortages_are_told_from_other_errors():
 
 
 @pytest.mark.parametrize("owner, name, act", [
-    (np, "memmap", lambda export, folder: loader.read_subdomains(loader.read_manifest(export), 0, 1, MPI.COMM_SELF)),
-    (Path, "read_text", lambda export, folder: loader.read_manifest(export)),
+    (mmap, "mmap", lambda export, folder: loader.read_subdomains(manifest.read_manifest(export), 0, 1, MPI.COMM_SELF)),
+    (Path, "read_text", lambda export, folder: manifest.read_manifest(export)),
     (Path, "read_bytes", lambda export, folder: checkpoint.read(export)),
     (subprocess, "Popen", lambda export, folder: environment.run_child(["true"])),
     (Path, "mkdir", lambda export, folder: workspace.Workspace(folder / "out"))])
