@@ -18,15 +18,19 @@ need be no solution, and the signs of several add up to nothing one knows. A mot
 feels is left as it is: the bodies may rest at many places.
 """
 
-from dataclasses import dataclass
+import copy
+from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.linalg import lapack
 
 OPEN, STICK, FORWARD, BACKWARD = 0, 1, 2, 3  # states of a node; sliding by the sign of lambda_t
 ROUNDING = 1e-9  # relative violation of the law that rounding of small dense systems may leave
 DISTINCT = 1e-6  # solutions nearer than this part of the largest multiplier are the same
 MANY = 9  # solutions after which no more are looked for
 NEWTON_STEPS = 50
+NEAR = 10  # nodes whose states differ from a solution's at most for a start to be near it
+A_FEW = 4  # nodes that may change their states again and again before Newton's method settles
 COVERS = 4  # covering vectors Lemke's method tries
 FEW = 4  # contact nodes up to which all 4^n states are tried
 SPRINGS = 6  # softnesses of the springs that hold bodies without support for it
@@ -39,7 +43,8 @@ class CoulombProblem:
 
     n nodes have a normal row and the m nodes `pair` of them a tangential one. `bilateral`: lambda_n of any sign
     and over = 0 everywhere, the friction bound is F |lambda_n|. `motions` R (n + m, k) and `balance` L (k,) are of bodies
-    without support. Solutions are vectors z = (lambda_n, lambda_t, beta) of n + m + k numbers.
+    without support. Solutions are vectors z = (lambda_n, lambda_t, beta) of n + m + k numbers. `latest` is the factorized
+    system of the latest states, by these, shared by all problems that `under` makes.
     """
 
     compliance: np.ndarray
@@ -49,6 +54,7 @@ class CoulombProblem:
     bilateral: bool = False
     motions: np.ndarray | None = None
     balance: np.ndarray | None = None
+    latest: dict = field(default_factory=dict, repr=False)
 
     def __post_init__(self):
         self.rows, self.m = len(self.load), len(self.pair)
@@ -59,6 +65,13 @@ class CoulombProblem:
         self.k = self.motions.shape[1]
         reach = np.abs(self.motions).max(axis=0, initial=0.0)
         self.reach = np.where(reach > 0, reach, 1.0)  # displacement of the contact rows by a unit motion
+
+    def under(self, load: np.ndarray, coefficient: np.ndarray, balance: np.ndarray | None = None) -> "CoulombProblem":
+        """The same bodies under another load, with other friction coefficients."""
+        other = copy.copy(self)
+        other.load, other.coefficient = load, coefficient
+        other.balance = self.balance if balance is None else balance
+        return other
 
     def whole(self, x: np.ndarray) -> np.ndarray:
         """z with the multipliers x (n + m,) and motions zero."""
@@ -90,40 +103,19 @@ class CoulombProblem:
         _, sizes, basis = np.linalg.svd(self.motions[acts] / self.reach, full_matrices=False)
         return basis[sizes > SLIGHT].T
 
-    def system(self, states: np.ndarray, sign: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Matrix and right-hand side of (x, gamma) in the given states, with lambda_n of the given signs.
-
-        The motions are `turn` gamma, the last of what is returned: those that the states hold.
-        """
-        turn = self.held(states) / self.reach[:, None]
-        rows, soft = self.rows, np.median(1.0 / self.rigidity)
-        matrix = np.zeros((rows + turn.shape[1],) * 2)
-        matrix[:rows, :rows], matrix[:rows, rows:] = self.compliance, -self.motions @ turn
-        matrix[rows:, :rows] = soft * (self.motions @ turn).T
-        right = np.append(self.load, soft * turn.T @ self.balance)
-        off = np.flatnonzero(states == OPEN)
-        matrix[off], right[off] = 0.0, 0.0
-        matrix[off, off] = 1.0 / self.rigidity[off]
-        at = states[self.pair]
-        for k in np.flatnonzero(at != STICK):
-            row, node = self.n + k, self.pair[k]
-            matrix[row], right[row] = 0.0, 0.0
-            matrix[row, row] = 1.0 / self.rigidity[row]
-            if at[k] != OPEN:
-                way = (1.0 if at[k] == FORWARD else -1.0) * sign[node]
-                matrix[row, node] = -way * self.coefficient[k] / self.rigidity[row]
-        return matrix, right, turn
+    def system(self, states: np.ndarray, sign: np.ndarray) -> "StateSystem":
+        """The linear system of the given states, with lambda_n of the given signs."""
+        key = b"".join(part.tobytes() for part in (states, sign, self.coefficient))
+        if key not in self.latest:
+            self.latest.clear()
+            self.latest[key] = StateSystem(self, states, sign)
+        return self.latest[key]
 
     def solution_in(self, states: np.ndarray, sign: np.ndarray | None = None) -> np.ndarray | None:
         """z of the linear system of `states`, exactly in its states; None if the system is singular."""
-        matrix, right, turn = self.system(states, np.ones(self.n) if sign is None else sign)
-        try:
-            found = np.linalg.solve(matrix, right)
-        except np.linalg.LinAlgError:
-            return None
-        if not np.all(np.isfinite(found)):
-            return None
-        return self.within(states, np.append(found[: self.rows], turn @ found[self.rows :]))
+        system = self.system(states, np.ones(self.n) if sign is None else sign)
+        found = None if system.singular else system.solve(self.load, self.balance)
+        return None if found is None or not np.all(np.isfinite(found)) else self.within(states, found)
 
     def within(self, states: np.ndarray, z: np.ndarray) -> np.ndarray:
         """z with multipliers of open and sliding rows put exactly into their states."""
@@ -161,6 +153,49 @@ class CoulombProblem:
                               self.coefficient, self.pair, self.bilateral)
 
 
+class StateSystem:
+    """LU factors of the law in given states, for the multipliers that these leave free.
+
+    Free are lambda_n in contact and lambda_t where a node sticks: their rows do not move. lambda_t = slope lambda_n of a
+    sliding node is put in, open nodes are left out. Motions count as far as the states hold them: beta = turn gamma.
+    """
+
+    def __init__(self, problem: CoulombProblem, states: np.ndarray, sign: np.ndarray):
+        n, C, at = problem.n, problem.compliance, states[problem.pair]
+        touching, sliding = states != OPEN, np.flatnonzero(at > STICK)
+        self.rows, self.motions = problem.rows, problem.motions
+        self.free = np.concatenate([np.flatnonzero(touching), n + np.flatnonzero(at == STICK)])
+        self.sliding, self.node = n + sliding, problem.pair[sliding]
+        way = np.where(at[sliding] == FORWARD, 1.0, -1.0) * sign[self.node]
+        self.slope = way * problem.coefficient[sliding]
+        self.turn = problem.held(states) / problem.reach[:, None]
+        self.soft = np.median(1.0 / problem.rigidity) if problem.k else 1.0
+        transposed, place = C[np.ix_(self.free, self.free)], np.cumsum(touching) - 1  # C is symmetric
+        transposed[place[self.node]] += self.slope[:, None] * C[np.ix_(self.sliding, self.free)]
+        if problem.k:
+            force = problem.motions @ self.turn
+            work = self.soft * force
+            work[self.node] += self.slope[:, None] * work[self.sliding]
+            border = np.zeros((force.shape[1],) * 2)
+            transposed = np.block([[transposed, work[self.free]], [-force[self.free].T, border]])
+        self.factor, self.pivots, failed = (
+            lapack.dgetrf(transposed.T, overwrite_a=True) if len(transposed) else (transposed, np.empty(0, int), 0))
+        self.singular, swaps = failed != 0, np.count_nonzero(self.pivots != np.arange(len(self.pivots)))
+        # sign of the determinant, that of the whole system of normal and tangential rows as well
+        self.index = int(np.prod(np.sign(np.diag(self.factor))) * (-1) ** swaps)
+
+    def solve(self, load: np.ndarray, balance: np.ndarray) -> np.ndarray:
+        """z under `load` (n + m,) and `balance` (k,)."""
+        right = np.append(load[self.free], self.soft * (self.turn.T @ balance))
+        if len(right):
+            right, _ = lapack.dgetrs(self.factor, self.pivots, right)
+        z = np.zeros(self.rows + len(balance))
+        z[self.free] = right[: len(self.free)]
+        z[self.sliding] = self.slope * z[self.node]
+        z[self.rows :] = self.turn @ right[len(self.free) :]
+        return z
+
+
 def newton(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
     """Semismooth Newton steps (P. Alart, A. Curnier, CMAME 92 (1991) 353-375) from `start` z.
 
@@ -168,10 +203,9 @@ def newton(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
     solution but for rounding: whoever calls may have asked for more. None where states come again without having
     settled, or a system is singular: convergence is local.
     """
-    x, seen, found = start, set(), None
+    visited, seen, x = [], set(), start
     for _ in range(NEWTON_STEPS):
-        if problem.solves(x):
-            found = x
+        visited.append(x)
         states, sign = problem.states(x), problem.signs(x)
         key = states.tobytes() + sign.tobytes()
         if key in seen:
@@ -180,7 +214,31 @@ def newton(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
         x = problem.solution_in(states, sign)
         if x is None:
             break
-    return found
+    return next((x for x in reversed(visited) if problem.solves(x)), None)
+
+
+def settled(problem: CoulombProblem, start: np.ndarray, thought: np.ndarray | None = None) -> np.ndarray | None:
+    """Newton steps from a `start` z that is near a solution; whoever calls judges what they find.
+
+    None where few nodes only changing their states, and fewer every time, do not show that it is: compared with the states
+    `thought` (n,), if given, before anything is factorized. Solutions of negative index are left: successive
+    approximations would not stay at them either, and there are others.
+    """
+    x, fewest, states, sign = start, 2 * NEAR, problem.states(start), problem.signs(start)
+    if thought is not None and np.count_nonzero(states != thought) > NEAR:
+        return None
+    for _ in range(NEWTON_STEPS):
+        old, before, x = states, sign, problem.solution_in(states, sign)
+        if x is None:
+            return None
+        states, sign = problem.states(x), problem.signs(x)
+        changes = np.count_nonzero((states != old) | (sign != before))
+        if changes == 0:
+            return x if problem.system(states, sign).index > 0 else None
+        if changes > max(A_FEW, fewest / 2):
+            return None
+        fewest = min(fewest, changes)
+    return None
 
 
 def lemke(problem: CoulombProblem) -> np.ndarray | None:
@@ -353,4 +411,4 @@ def index(problem: CoulombProblem, z: np.ndarray) -> int:
     The signs of all solutions add up to one (degree of the map; without friction the sign is one), so -1 proves
     that there are two more at least - where supports hold all bodies.
     """
-    return int(np.linalg.slogdet(problem.system(problem.states(z), problem.signs(z))[0])[0])
+    return problem.system(problem.states(z), problem.signs(z)).index

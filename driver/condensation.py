@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .complementarity import CoulombProblem
+from . import complementarity
+from .complementarity import BACKWARD, FORWARD, OPEN, STICK, CoulombProblem
 from .compliance import ContactCompliance
 from .fetidp import DualOperator
 from .friction import ContactRows
@@ -16,11 +17,12 @@ from .substructuring import GLUING
 class Condensation:
     """Contact rows in the order of the contact nodes, normal ones first, and their compliance once it is asked for.
 
-    Collective over the operator's communicator.
+    `guess` is a dual vector near the solution of the first step. Collective over the operator's communicator.
     """
 
     operator: DualOperator | ContactCompliance
     rows: ContactRows
+    guess: np.ndarray | None = None
 
     def __post_init__(self):
         contact = self.operator.structure.contact
@@ -28,10 +30,18 @@ class Condensation:
         self._normal, self._tangential = (np.flatnonzero(r >= 0) for r in (contact.normal_row, contact.tangential_row))
         self.pair = np.searchsorted(self._normal, self._tangential)
         self.n, self.m = len(self._normal), len(self._tangential)
-        self._compliance = None
+        self._at = np.concatenate([contact.normal_row[self._normal], contact.tangential_row[self._tangential]])
+        self._compliance = self._law = None
+
+    @property
+    def whole(self) -> bool:
+        """Whether the contact rows are all there are."""
+        return isinstance(self.operator, ContactCompliance)
 
     def gather(self, local: np.ndarray) -> np.ndarray:
         """(n + m,) contact part of a dual vector, on every rank."""
+        if self.operator.comm.size == 1:
+            return local[self._at]
         found = np.zeros((2, self._nodes))
         found[0, self.rows.normal_node] = local[self.rows.normal]
         found[1, self.rows.tangential_node] = local[self.rows.tangential]
@@ -41,6 +51,9 @@ class Condensation:
     def place(self, x: np.ndarray, into: np.ndarray) -> np.ndarray:
         """The dual vector `into` with its contact part replaced by x (n + m,)."""
         full, moved = np.zeros((2, self._nodes)), into.copy()
+        if self.operator.comm.size == 1:
+            moved[self._at] = x
+            return moved
         full[0, self._normal], full[1, self._tangential] = x[: self.n], x[self.n :]
         moved[self.rows.normal] = full[0, self.rows.normal_node]
         moved[self.rows.tangential] = full[1, self.rows.tangential_node]
@@ -53,33 +66,48 @@ class Condensation:
             lower[rows] = upper[rows] = x[rows]
         return lower, upper
 
-    @property
-    def known(self) -> bool:
-        """Whether the compliance was asked for."""
-        return self._compliance is not None
-
     def compliance(self) -> np.ndarray:
         """C (n + m, n + m), found at the first call. Raises NotConverged."""
         if self._compliance is None:
             op, structure = self.operator, self.operator.structure
             whole = op.C if isinstance(op, ContactCompliance) else ContactCompliance(op).C
-            rows = np.concatenate([structure.contact.normal_row[self._normal],
-                                   structure.contact.tangential_row[self._tangential]])
-            order = np.searchsorted(np.flatnonzero(structure.row_kind != GLUING), rows)
+            order = np.searchsorted(np.flatnonzero(structure.row_kind != GLUING), self._at)
             self._compliance = whole[np.ix_(order, order)]
         return self._compliance
+
+    def solution(self, load: Load, x: np.ndarray, sliding: np.ndarray) -> np.ndarray | None:
+        """Multipliers that solve a step, where contact rows are all there are, by Newton's method; None if it fails.
+
+        It starts from `guess`, if there is one, and from x, where the tangential rows slide as `sliding` says. It ends exactly
+        in the states that it finds: what it started from leaves no trace.
+        """
+        problem, start, found = self.problem(load, x, np.zeros_like(x)), self.gather(x), None
+        if self.guess is not None:
+            found, self.guess = complementarity.settled(problem, self.gather(self.guess)), None
+        if found is None:
+            found = complementarity.settled(problem, start, self._states(start, sliding))
+        return None if found is None else self.place(found, x)
+
+    def _states(self, x: np.ndarray, sliding: np.ndarray) -> np.ndarray:
+        """(n,) states that the contact multipliers x (n + m,) alone tell, with the signs (m,) of those that slide."""
+        states = np.where((x[: self.n] > 0) | self.rows.bilateral, STICK, OPEN)
+        way = np.where(sliding > 0, FORWARD, np.where(sliding < 0, BACKWARD, STICK))
+        states[self.pair] = np.where(states[self.pair] == OPEN, OPEN, way)
+        return states
 
     def problem(self, load: Load, x: np.ndarray, gradient: np.ndarray) -> CoulombProblem:
         """The condensed problem whose load is exact at the dual vector x with zero gradient on the gluing rows.
 
         Rigid motions of bodies without support are relative to those in `load`.
         """
-        C, op = self.compliance(), self.operator
+        op, balance = self.operator, None
+        if self._law is None:
+            motions = np.column_stack([self.gather(d) for d, _ in op.loaded[op.structure.patterns :]]) if op.modes else None
+            self._law = CoulombProblem(self.compliance(), np.zeros(self.n + self.m), np.zeros(self.m), self.pair,
+                                       self.rows.bilateral, motions)
         coefficient = np.zeros(len(x))
         coefficient[self.rows.tangential] = self.rows.bound
-        coefficient, motions, balance = self.gather(coefficient)[self.n :], None, None
+        d = self.gather(load.d) if self.whole else self.compliance() @ self.gather(x) - self.gather(gradient)
         if op.modes:
-            motions = np.column_stack([self.gather(d) for d, _ in op.loaded[op.structure.patterns :]])
             balance = load.weights[: op.structure.patterns] @ op.rigid_work[0]
-        return CoulombProblem(C, C @ self.gather(x) - self.gather(gradient), coefficient, self.pair, self.rows.bilateral,
-                              motions, balance)
+        return self._law.under(d, self.gather(coefficient)[self.n :], balance)

@@ -43,8 +43,7 @@ class FixedPoint:
         secants, last, self.corrects_motion = self.bodies.secants(), np.inf, free
         while not trace.fallback:
             trace.iterations += 1
-            start, gradient = self._start(load, x, gradient, sliding)
-            x, gradient = self.qp.placed(start, load.d, x, gradient)
+            x, gradient = self._start(load, x, gradient, sliding)
             bound, reduction = rows.friction_bound(x), self._reduction(trace) if coulomb or free else 0.0
             result, change = self._approximate(index, trace, load.d, x, bound, reduction, coulomb, gradient)
             x, gradient = result.x, result.gradient
@@ -69,16 +68,16 @@ class FixedPoint:
         return self._globalise(index, load, rows.follow(x, sliding), trace)
 
     def _start(self, load: Load, x, gradient, sliding):
-        """Start of the next QP: x moved to the friction bound of its own pressures, and corrected if so set.
-
-        Returned with the gradient at x, which changes with the load where bodies without support move.
-        """
-        start, relaxation = self.rows.follow(x, sliding), self.qp.relaxation
-        if relaxation is None or self.settings.corrector == "none":
-            return start, gradient
-        before = load.d.copy()
-        start = self._correct(load, start, relaxation.moved(start, x, gradient))
-        return start, gradient - (load.d - before) if self.operator.modes else gradient
+        """Start of the next QP and its gradient: x moved to the friction bound of its own pressures, corrected if so set."""
+        start, relaxation, before = self.rows.follow(x, sliding), self.qp.relaxation, load.d.copy()
+        if self.settings.corrector == "contact":
+            if relaxation is not None:
+                start = self._correct(load, start, relaxation.moved(start, x, gradient))
+            elif self.condensation.whole and not self.rows.tresca:
+                found = self.condensation.solution(load, start, sliding)
+                start = start if found is None else found
+        # d changes where bodies without support move
+        return self.qp.placed(start, load.d, x, gradient - (load.d - before) if self.operator.modes else gradient)
 
     def _correct(self, load: Load, x, gradient):
         """x with the contact multipliers that solve contact and friction while the gluing ones stay.

@@ -6,7 +6,7 @@ from .contactblock import ContactBlock
 from .deflation import DeflatedPreconditioner, Deflation
 from .fetidp import DualOperator
 from .friction import ContactRows, Scales
-from .mprgp import mprgp, norm_bound, projected_gradient
+from .mprgp import Result, mprgp, norm_bound, projected_gradient
 from .options import Settings
 from .relaxation import ContactRelaxation
 from .step import History
@@ -85,14 +85,18 @@ class FrictionQP:
         op, settings, history = self.operator, self.settings, self.history
         if gradient is None:
             gradient = op.apply(x) - d
-        left = projected_gradient(x, gradient, *limits)
-        tol = max(self.tol, reduction * self.size(left))
+        residual = self.size(projected_gradient(x, gradient, *limits))
+        tol = max(self.tol, reduction * residual)
         offset, relax = op.products, None
         if self.relaxation is not None and settings.expansion == "contact":
             relax = lambda y, gradient: self.relaxation(y, gradient, limits, 0.5 * tol)[0]
 
         def monitor(kind, products, residual):
             history.log.append((offset + products, index, iteration, kind, residual / (self.scales.d or 1.0)))
+
+        if residual <= self.tol:
+            monitor("start", 0, residual)
+            return Result(x, gradient, "converged", "projected gradient within tolerance", 0, 0, 0, 0, self.bound, residual)
 
         def attempt(x, gradient, relax):
             found = mprgp(op.apply, d, *limits, x, tol=tol, norm_bound=self.bound,

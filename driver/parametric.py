@@ -16,8 +16,10 @@ from .manifest import read_manifest
 from .options import Settings
 from .problem import assemble
 from .timing import Laps
+from .uniqueness import DOUBTFUL_FRICTION
 
 LARGEST = 2000  # contact rows beyond which the condensation takes longer than a hundred runs save
+CHAIN = 10  # values that follow one another
 FIELDS = ("u_n", "u_t", "slip", "sigma_n", "sigma_t", "bound")
 
 
@@ -60,20 +62,21 @@ def run(directory: Path, request: dict, comm) -> tuple[int, str]:
 
 
 def _outcomes(problem, settings, directory: Path, request: dict, apart: bool, comm) -> list["Outcome"]:
-    """All values in their order; every rank solves values of its own if they are solved `apart`, else all ranks each.
+    """All values in their order; if they are solved `apart` the ranks take chains of values in turn, else all ranks each.
 
+    In a chain a value starts near the one before. Chains do not depend on the number of ranks.
     Collective over `comm`. Raises DriverError.
     """
-    structure, found, error = problem.structure, {}, None
-    mine = range(comm.rank, len(request["values"]), comm.size) if apart else range(len(request["values"]))
+    structure, found, error, near = problem.structure, {}, None, None
+    mine = [k for k in range(len(request["values"])) if not apart or k // CHAIN % comm.size == comm.rank]
     try:
         for k in mine:
             folder = directory / "values" / str(k)
             value = read_manifest(folder)
             _check_same(request["study"], problem.manifest, value)
             contact = _contact_of(request["study"], structure.contact, read_contact(folder, value))
-            operator = problem.operator.with_contact(contact)
-            found[k] = _solve(dataclasses.replace(problem, manifest=value, operator=operator), settings)
+            operator, near = problem.operator.with_contact(contact), near if k % CHAIN else None
+            found[k], near = _solve(dataclasses.replace(problem, manifest=value, operator=operator), settings, near)
             _progress(request, comm, k)
     except DriverError as problem:
         error = problem
@@ -124,13 +127,19 @@ class Outcome:
     warnings: list[str]
 
 
-def _solve(problem, settings) -> Outcome:
-    """March through the steps of one value."""
-    operator, solver = problem.operator, problem.solver(settings)
+def _solve(problem, settings, near: np.ndarray | None) -> tuple[Outcome, np.ndarray | None]:
+    """March through the steps of one value; also returns its multipliers of the first step, as `near` are another value's.
+
+    Where there may be several solutions each value finds its own.
+    """
+    operator, solver, first = problem.operator, problem.solver(settings), None
+    if solver.largest_friction <= DOUBTFUL_FRICTION:
+        solver.condensation.guess = near
     history, fields, u_t = [], {}, operator.structure.contact.initial
     dissipated = 0.0
     with contextlib.suppress(NoSolution):  # in the first step; the solver's history says why
         for step in solver.steps():
+            first = step.multipliers if step.index == 1 else first
             fields = _fields(operator, solver.rows, step, u_t)
             u_t = fields["u_t"]
             row = _quantities(operator.structure.contact, fields)
@@ -145,7 +154,7 @@ def _solve(problem, settings) -> Outcome:
            "kkt": max(ended.residuals.values(), default=0.0), "uniqueness": solver.uniqueness.verdict}
     row.pop("step", None), row.pop("time", None)
     warnings = [*ended.warnings, *ended.fallbacks.warnings(), *solver.uniqueness.warnings()]
-    return Outcome(ended.exit_status, ended.reason, row, history, fields, warnings)
+    return Outcome(ended.exit_status, ended.reason, row, history, fields, warnings), first
 
 
 def _fields(operator, rows, step, u_t: np.ndarray) -> dict[str, np.ndarray]:

@@ -227,7 +227,6 @@ class QuasistaticSolver:
                 "log_numbers": np.array([product, step, iteration], np.int64), "log_kind": np.array(kind, str),
                 "log_residual": np.array(residual, float), "fallbacks": history.fallbacks.steps,
                 "history": {name: getattr(history, name) for name in KEPT}, "doubtful": self.doubtful,
-                "condensed": self.condensation.known,
                 "uniqueness": {**asdict(self.uniqueness), "several": list(self.uniqueness.several.items())}}
 
     def restore(self, state: dict) -> None:
@@ -241,8 +240,6 @@ class QuasistaticSolver:
         for name, value in state["scales"].items():
             setattr(self.scales, name, value)
         self.uniqueness = Uniqueness(**{**state["uniqueness"], "several": dict(state["uniqueness"]["several"])})
-        if state["condensed"]:
-            self.condensation.compliance()  # its products have been counted
         self.operator.products = state["products"]
         history.log.extend(zip(*state["log_numbers"].tolist(), state["log_kind"].tolist(), state["log_residual"].tolist()))
         history.fallbacks.steps = state["fallbacks"]

@@ -5,7 +5,7 @@ import pytest
 from small_scenes import BOTTOM, LEFT, TOP, Body, Scene, solve
 
 from driver import complementarity, globalization
-from driver.complementarity import CoulombProblem, all_solutions, index, lemke, newton, search
+from driver.complementarity import CoulombProblem, all_solutions, index, lemke, newton, search, settled
 from driver.oracle import Assembled
 
 
@@ -208,6 +208,23 @@ def test_newton_improves_what_is_a_solution_but_for_rounding():
     near = newton(problem, np.zeros(2)) * (1 + 5e-10)
     assert 1e-10 < problem.violation(near) < complementarity.ROUNDING
     assert problem.violation(newton(problem, near)) < 1e-15
+
+
+def test_newton_near_a_solution_leaves_those_of_negative_index():
+    """Of the three solutions by hand above; stick and open are found from near them, slip, the one between, is not."""
+    problem = one_node(4.0, (-1.0, 3.0))
+    found = {index(problem, x): settled(problem, x * (1 + 1e-6)) for x in all_solutions(problem)}
+    assert found[-1] is None and problem.solves(found[1])
+
+
+def test_newton_far_from_a_solution_factorizes_nothing():
+    """States that a start is thought to be in, and those that it falls into, differ at more nodes than are near."""
+    nodes = complementarity.NEAR + 1
+    problem = CoulombProblem(np.eye(2 * nodes), np.ones(2 * nodes), np.full(nodes, 2.0), np.arange(nodes))
+    start, thought = np.zeros(2 * nodes), np.full(nodes, complementarity.OPEN)
+    assert settled(problem, start, thought) is None and not problem.latest
+    thought[0] = complementarity.STICK
+    assert problem.solves(settled(problem, start, thought))
 
 
 @pytest.mark.parametrize("friction", [6, 8, 10])
