@@ -6,13 +6,16 @@ from scipy.sparse.csgraph import connected_components
 
 from .skeleton import Skeleton
 
+JUMP = 10.0  # of the stiffness from one vertex to the next, from which on it asks for a corner
+
 
 def corner_vertices(skeleton: Skeleton) -> np.ndarray:
     """Sorted gids of the primal vertices.
 
     A vertex of a subdomain's boundary is a corner of the subdomain when its two boundary edges differ in
-    neighbour or label, and when it is shared by three or more subdomains. Interfaces that then hold less
-    than two corners could act as a hinge: the farthest-point rule gives them the missing ones.
+    neighbour or label, when it is shared by three or more subdomains, and where its stiffness jumps along an
+    interface. Interfaces that then hold less than two corners could act as a hinge: the farthest-point rule gives
+    them the missing ones.
     """
     neighbour = skeleton.neighbour()
     kind = np.where(neighbour >= 0, neighbour, -1 - skeleton.edges[:, 3])
@@ -24,8 +27,26 @@ def corner_vertices(skeleton: Skeleton) -> np.ndarray:
     degree = np.diff(np.r_[start, len(gid)])
     mixed = np.minimum.reduceat(kind, start) != np.maximum.reduceat(kind, start)
     corners = np.union1d(gid[start][mixed | (degree != 2)], skeleton.gids[skeleton.count > 2])
+    corners = np.union1d(corners, _jumps(skeleton, neighbour))
     corners = np.union1d(corners, _farthest_points(skeleton, neighbour, corners))
     return np.union1d(corners, _missing_corners(skeleton, corners))
+
+
+def _jumps(skeleton: Skeleton, neighbour: np.ndarray) -> np.ndarray:
+    """Where the stiffness of a side jumps along an interface the stiffer vertex.
+
+    Stiff parts between compliant ones move nearly rigidly, and what gluing has to do for them grows with the contrast
+    unless corners hold their ends.
+    """
+    span = int(skeleton.gids.max()) + 1
+    key = skeleton.nodes @ [span, 1]
+    order = np.argsort(key)
+    edges = skeleton.edges[neighbour >= 0]
+    ends = edges[:, 1:3]
+    at = order[np.searchsorted(key[order], edges[:, :1] * span + ends)]
+    stiffness = skeleton.stiffness[at]
+    jump = stiffness.max(axis=1) > JUMP * stiffness.min(axis=1)
+    return ends[jump, stiffness[jump].argmax(axis=1)]
 
 
 def _missing_corners(skeleton: Skeleton, corners: np.ndarray) -> np.ndarray:

@@ -3,7 +3,7 @@
 Preconditioning by subdomains knows nothing of how the body as a whole holds contact tractions that vary slowly
 from corner to corner: M F has about two large eigenvalues per contact corner. Traction hats (piecewise linear
 between neighbouring contact corners, for normal and tangential multipliers) take them out. With the hats H on the
-rows of the current face and their nodal forces W = D H, D the weights of the nodes,
+rows of the current face and their nodal forces W = D H, D the weights of the nodes times the stiffness there,
 
     z = (I - P) M (I - P') r + W (W' F W)^-1 W' r,      P = W (H'W)^-1 H'.
 
@@ -12,6 +12,10 @@ one: P' reproduces slowly varying displacements r, P slowly varying forces z. Ne
 (contactblock.py) needs a product with F, so the deflation follows the face for free. It is symmetric positive
 definite on the face, as M is. Measured for 10x10 cells on faces of several kinds: condition numbers of 16 to 21 with
 8 subdomains and of 20 to 25 with 32; without deflation 260 to 850, and 630 to 2,800.
+
+Hats begin and end where Young's modulus jumps, too, and the stiffness in D lets the stiffer side of a hat decide:
+large displacements of the compliant side, averaged into the hat, would leave the stiff side a part that M answers with
+its stiffness. For a jump by 1e6 the condition number was 1e11 without it and is below 20.
 """
 
 from dataclasses import dataclass
@@ -31,7 +35,7 @@ class Hats:
     """Piecewise linear tractions between the contact corners of a label: a row lies between two of them.
 
     `number` (n, 2) are the hats at the n contact rows and `value` (n, 2) their tractions there; `weight` (n,) turns
-    tractions into nodal forces.
+    tractions into nodal forces, more of them where the body is stiffer.
     """
 
     number: np.ndarray
@@ -51,7 +55,7 @@ class Hats:
 
 
 def traction_hats(structure: Substructure, rows: np.ndarray, comm) -> Hats:
-    """Hats with their tops at the contact corners and ends of every label, for the contact `rows`."""
+    """Hats with their tops at contact corners, ends and jumps of the stiffness of every label, for the contact `rows`."""
     contact = structure.contact
     row, node = _row_nodes(structure)
     position = np.searchsorted(rows, row)
@@ -62,7 +66,8 @@ def traction_hats(structure: Substructure, rows: np.ndarray, comm) -> Hats:
             here = np.flatnonzero((structure.row_kind[row] == kind) & (contact.label[node] == label))
             arc, on_label = contact.arc[node[here]], contact.label == label
             ends = [contact.arc[on_label].min(), contact.arc[on_label].max()]
-            knots = np.unique(np.concatenate([contact.arc[corner & on_label], ends]))
+            jumps = _jumps(arc, structure.row_scale[row[here]])
+            knots = np.unique(np.concatenate([contact.arc[corner & on_label], ends, jumps]))
             left = np.searchsorted(knots[1:-1], arc, side="right")
             right = np.minimum(left + 1, len(knots) - 1)
             share = (arc - knots[left]) / np.where(right > left, knots[right] - knots[left], 1.0)
@@ -70,8 +75,16 @@ def traction_hats(structure: Substructure, rows: np.ndarray, comm) -> Hats:
             value[position[here]] = np.column_stack([1 - share, share])
             count += len(knots)
     weight = np.empty(len(rows))
-    weight[position] = contact.weight[node]
+    weight[position] = contact.weight[node] * structure.row_scale[row] ** 2
     return Hats(number, value, weight, count)
+
+
+def _jumps(arc: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """Where along a boundary the stiffness jumps: the arc lengths of the stiffer neighbours, given the rows' scales."""
+    order = np.argsort(arc)
+    arc, scale = arc[order], scale[order]
+    at = np.flatnonzero(scale[1:] != scale[:-1])
+    return arc[at + (scale[at + 1] > scale[at])]
 
 
 def _row_nodes(structure: Substructure) -> tuple[np.ndarray, np.ndarray]:

@@ -149,6 +149,23 @@ def test_deflation_makes_the_condition_flat(built):
     assert plain[1] > 2 * plain[0] > 100
 
 
+@pytest.mark.parametrize("board", ["pieces", "halves", "inside"])
+@pytest.mark.parametrize("jump", [1e-6, 1e6])
+def test_jumps_of_the_stiffness_leave_the_condition_alone(built, board, jump):
+    """Between subdomains, under one hat, and along interfaces: at most twice that of the same mesh without a jump."""
+    def largest(**parameters):
+        problem = built("hard/block", subdomains="4x2", cells=4, steps=1, **parameters)
+        F, local = problem.F, problem.operator.preconditioner()
+        deflated = DeflatedPreconditioner(local, Deflation(ContactBlock(problem.operator, local), problem.structure))
+        found = []
+        for free in faces(problem.structure)[:3]:
+            D = problem.structure.row_scale[free]  # eigenvalues stay, their rounding does not
+            found.append(condition(dense(deflated, free) / np.outer(D, D), F[np.ix_(free, free)] * np.outer(D, D)))
+        return max(found)
+
+    assert largest(board=board, jump=jump) < 2 * largest()
+
+
 # ------------------------------------------------------------------------------ relaxation
 
 def test_relaxation_minimises_over_the_contact_multipliers(problem, parts):
