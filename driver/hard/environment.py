@@ -186,7 +186,7 @@ def _refused(name: str, perform, reason: str, fast: bool = False, **options) -> 
 
 
 CASES = [
-    _refused("disk full while FreeFEM writes", mounted("size=200k", "ulimit -f 100"),
+    _refused("disk full while FreeFEM writes", mounted("size=24k", "ulimit -f 20"),
              "No space left|File too large|signal 25",
              fast=True),
     _refused("disk full while results are written", mounted("size=1m", "ulimit -f 100"), "No space left.*goes on after step|"
