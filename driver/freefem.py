@@ -93,7 +93,7 @@ def export_study(scene: Path, directory: Path, parameters: dict[str, str], name:
         raise InputError(f"a study can vary what changes friction, gap, load histories or steps; {name.upper()} also "
                          f"changes {', '.join(sorted(more))}")
     lines = ["// every value of a parameter study in turn", f'macro studied() "{name}" //',
-             f"string[int] studiedValues({len(values)});"]
+             'include "studied.idp"', f"string[int] studiedValues({len(values)});"]
     lines += [f'studiedValues[{k}] = "{value}";' for k, value in enumerate(values)]
     lines += [f"for (int study = 0; study < {len(values)}; ++study) {{", f'include "{scene}"', "}"]
     for k in range(len(values)):

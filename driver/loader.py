@@ -323,20 +323,15 @@ def _contact(stack: dict, s: int) -> ContactData:
                        initial)
 
 
-def read_contact(directory: Path, manifest: Manifest) -> list[tuple[ContactData, np.ndarray, np.ndarray]]:
-    """Contact nodes of one value of a parameter study, piece by piece: data, node numbers and places.
+def read_contact(directory: Path, manifest: Manifest) -> tuple[ContactData, np.ndarray]:
+    """Contact nodes of all pieces for one value of a parameter study: data and node numbers.
 
     Raises InputError as `read_subdomains`.
     """
-    file, found = RecordFile(directory / "contact.bin", manifest.seal), []
-    while not file.ended:
-        count = int(file.stack([("count", 1, np.int64)])["count"][0, 0])
-        if count == 0:  # a body without contact nodes
-            continue
-        numbers = records.contact_layout(count, manifest)
-        places = [(axis, count, np.float64) for axis in "xy"]
-        stack = file.stack([("label", count, np.int64), ("gid", count, np.int64), *numbers[:5], *places, *numbers[5:]])
-        checks.check_indices(stack["gid"], manifest.nodes, "node number", checks.Place(file.path))
-        stack["node"] = np.arange(count)[None]
-        found.append((_contact(stack, 0), stack["gid"][0], _places(stack)[0]))
-    return found
+    file = RecordFile(directory / "contact.bin", manifest.seal)
+    count = int(file.stack([("count", 1, np.int64)])["count"][0, 0])
+    numbers = records.contact_layout(count, manifest)
+    stack = file.stack([("label", count, np.int64), ("gid", count, np.int64), *numbers])
+    checks.check_indices(stack["gid"], manifest.nodes, "node number", checks.Place(file.path))
+    stack["node"] = np.arange(count)[None]
+    return _contact(stack, 0), stack["gid"][0]

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 
 from .compliance import ContactCompliance
-from .contactboundary import add_parts, contact_table
 from .errors import DriverError, InputError, NoSolution, agree
 from .files import write_json, write_table
 from .friction import OPEN, STATUS_NAMES
@@ -74,7 +73,7 @@ def _outcomes(problem, settings, directory: Path, request: dict, apart: bool, co
             folder = directory / "values" / str(k)
             value = read_manifest(folder)
             _check_same(request["study"], problem.manifest, value)
-            contact = _contact_of(request["study"], structure.contact, read_contact(folder, value))
+            contact = _contact_of(request["study"], structure.contact, *read_contact(folder, value))
             operator, near = problem.operator.with_contact(contact), near if k % CHAIN else None
             found[k], near = _solve(dataclasses.replace(problem, manifest=value, operator=operator), settings, near)
             _progress(request, comm, k)
@@ -98,18 +97,21 @@ def _check_same(name: str, base, value) -> None:
             raise InputError(f"a study cannot vary {name.upper()}: it changes the scene's {part.replace('_', ' ')}")
 
 
-def _contact_of(name: str, boundary, pieces: list):
-    """The contact boundary with gap, friction and initial displacement of one value."""
-    keys, _, total = add_parts(np.concatenate([contact_table(data, gid, xy) for data, gid, xy in pieces]))
-    place = {(label, gid): i for i, (label, gid) in enumerate(keys.astype(np.int64).tolist())}
-    at = [place.get(node, -1) for node in zip(boundary.label.tolist(), boundary.gid.tolist())]
-    weight = total[at, 0]
-    normal = total[at, 1:3] / np.linalg.norm(total[at, 1:3], axis=1)[:, None]
+def _contact_of(name: str, boundary, data, gid: np.ndarray):
+    """The contact boundary with gap, friction and initial displacement of one value, read as `data` at the nodes `gid`."""
+    span = boundary.gid.max(initial=0) + 1
+    known, read = boundary.label * span + boundary.gid, data.label * span + gid
+    order = np.argsort(known)
+    at = np.minimum(np.searchsorted(known, read, sorter=order), len(known) - 1)
+    here = (known[order[at]] == read) & (gid < span)  # others are held by supports
+    parts = np.column_stack([np.ones(len(gid)), data.normal, data.gap, data.friction, data.initial]) * data.weight[:, None]
+    total = np.column_stack([np.bincount(order[at[here]], part, minlength=len(known)) for part in parts[here].T])
+    weight, normal = total[:, 0], total[:, 1:3]
     rigid = ~boundary.paired  # between two bodies weight, normal and gap follow from both sides
-    if -1 in at or not (np.allclose(weight[rigid], boundary.weight[rigid], rtol=1e-9)
-                        and np.allclose(normal[rigid], boundary.normal[rigid], atol=1e-9)):
+    if not (np.all(weight > 0) and np.allclose(weight[rigid], boundary.weight[rigid], rtol=1e-9)
+            and np.allclose((normal / np.linalg.norm(normal, axis=1)[:, None])[rigid], boundary.normal[rigid], atol=1e-9)):
         raise InputError(f"a study cannot vary {name.upper()}: it moves or turns the contact boundary")
-    gap, friction, initial = (total[at, 3:6] / weight[:, None]).T
+    gap, friction, initial = (total[:, 3:6] / weight[:, None]).T
     if gap[~rigid].any():
         raise InputError(f"a study cannot vary {name.upper()} in a scene that declares pairGap")
     return dataclasses.replace(boundary, gap=np.where(rigid, gap, boundary.gap), friction=friction, initial=initial)

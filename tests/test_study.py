@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_matrix
 
-from driver import compliance, parametric, study
+from driver import compliance, freefem, parametric, study
 from driver.cli import parse_pairs
 from driver.compliance import ContactCompliance
 from driver.errors import DriverError, InputError, NotConverged
 from driver.freefem import changed_by
+from driver.loader import read_contact
 from driver.substructuring import GLUING
 
 # The projected gradient to 1e-11 |d| leaves multipliers good to cond(F) = 3e3 times that, the fixed point to 1e-10 / (1 - q)
@@ -165,6 +166,33 @@ def test_any_number_of_ranks_gives_the_same_bits(made):
     values = dict(scene="model", friction=f"0.2:0.3:{parametric.CHAIN + 2}", steps="2")  # more than one chain
     one = made(**values)[1]
     assert one == made(**values, np="2")[1]
+
+
+VARIED = (("macro friction() F //", """real shift = physical("shift", 0.01);
+macro friction() F //
+macro gap() (shift*x) //
+macro initialX() (shift*(x + y^2)) //
+macro initialY() (shift*y) //"""),)
+
+
+@pytest.mark.parametrize("scene, name, values, options", [
+    ("model", "friction", ["0.3", "0.4"], {}),
+    (VARIED, "shift", ["0.01", "0.02"], {"cells": "2"}),
+    (VARIED, "shift", ["0.01", "0.02"], {"cells": "2", "element": "P2", "subdomains": "5"}),
+    ("bracket", "play", ["0.01", "0.03"], {"element": "P2"}),
+    ("stack", "friction", ["0.3", "0.6"], {}),
+])
+def test_contact_data_of_a_later_value_are_those_of_a_first_one(tmp_path, variant, scene, name, values, options):
+    """Contact nodes are found for the first value only, what a value changes for each: the same to the last bit."""
+    path = variant("varied", *scene) if scene is VARIED else freefem.find_scene(scene)
+    both = freefem.export_study(path, tmp_path / "both", options, name, values)
+    alone, = freefem.export_study(path, tmp_path / "alone", options, name, values[1:])
+    read = lambda manifest: read_contact(manifest.directory, manifest)
+    first, (later, gid), (expected, numbers) = read(both[0])[0], read(both[1]), read(alone)
+    assert np.array_equal(gid, numbers) and len(gid)
+    for part in vars(expected):
+        assert np.array_equal(getattr(later, part), getattr(expected, part)), part
+    assert not all(np.array_equal(getattr(first, part), getattr(later, part)) for part in ("gap", "friction", "initial"))
 
 
 @pytest.mark.parametrize("text, changed", [
