@@ -301,7 +301,7 @@ class EnergyEstimator:
 
     def _contact(self, step: Step, state: dict) -> "_ContactTractions":
         now = step.weights[: len(self.manifest.patterns)]
-        before = np.array([self.manifest.amplitude(k, step.index - 1) for k in range(len(now))])
+        before = self.manifest.factors[step.index - 1]
         values = self.boundary.clamped.values
         return _ContactTractions(self.state, self.operator.structure.outer_edges, state, values @ now,
                                  values @ (now - before))

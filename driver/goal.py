@@ -133,7 +133,7 @@ class Search:
         if self.effects["time"] == "static" or self._level(size).at < self.steps - 1:
             return False  # nothing to choose, or the quantity belongs to a moment before the end
         return friction == "none" or (
-            friction == "coulomb" and at_rest and proportional(problem.amplitudes) and self.name != "dissipated_energy")
+            friction == "coulomb" and at_rest and proportional(problem.manifest.factors) and self.name != "dissipated_energy")
 
     def _more_steps(self, size) -> None:
         """More steps, as the mesh of a size tells; raises NotConverged if there are no more."""
@@ -338,7 +338,7 @@ def _write(directory: Path, request: dict, search: Search, status: int, reason: 
     now = time.perf_counter()
     summary["seconds"] = {"read": 0.0, **levels.seconds, "output": now - begun, "total": now - clock}
     summary["effects_ledger"] = ledger_of(summary, manifest, problem.structure, history,
-                                          problem.amplitudes[:: search.stride],
+                                          problem.manifest.factors[:: search.stride],
                                           writer, comm)
     writer.close(summary)
     if comm.rank == 0:

@@ -8,6 +8,8 @@ import math
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+
 from . import seal as seals
 from .errors import InputError
 
@@ -42,9 +44,11 @@ class Manifest:
     seal: seals.Seal | None = field(repr=False, default=None)
     raw: dict = field(repr=False, default_factory=dict)
 
-    def amplitude(self, pattern: int, step: int) -> float:
-        """Factor of load pattern `pattern` at time step `step` (0 is the start)."""
-        return self.amplitudes[str(self.patterns[pattern]["amplitude"])][step]
+    @property
+    def factors(self) -> np.ndarray:
+        """(steps + 1, patterns) factor of every load pattern at the start and after every time step."""
+        found = [self.amplitudes[str(pattern["amplitude"])] for pattern in self.patterns]
+        return np.array(found).reshape(len(found), self.steps + 1).T
 
 
 def read_manifest(directory: Path, scene: str | None = None) -> Manifest:

@@ -21,19 +21,13 @@ class Problem:
     structure: substructuring.Substructure
     operator: DualOperator
 
-    @property
-    def amplitudes(self) -> np.ndarray:
-        """(steps + 1, patterns) factor of every load pattern at the exported times."""
-        m = self.manifest
-        return np.array([[m.amplitude(k, i) for k in range(len(m.patterns))] for i in range(m.steps + 1)])
-
     def solver(self, settings: Settings, samples=None) -> quasistatic.QuasistaticSolver:
         """Solver that steps through the exported times with the indices `samples`, by default all of them."""
         m = self.manifest
         samples = np.arange(m.steps + 1) if samples is None else samples
         law = SlipLaw(**m.slip_law) if m.slip_law else None
         times = np.linspace(0, m.t_end, m.steps + 1)
-        return quasistatic.QuasistaticSolver(self.operator, m.effects, self.amplitudes[samples], times[samples],
+        return quasistatic.QuasistaticSolver(self.operator, m.effects, m.factors[samples], times[samples],
                                              settings, law)
 
 

@@ -118,7 +118,7 @@ def run(directory: Path, request: dict, comm) -> tuple[int, str]:
         lap("estimates")
     seconds["total"] = sum(seconds.values())
     summary["seconds"], summary["resumed_after_step"] = seconds, done
-    summary["effects_ledger"] = ledger_of(summary, manifest, structure, history, problem.amplitudes, writer, comm)
+    summary["effects_ledger"] = ledger_of(summary, manifest, structure, history, manifest.factors, writer, comm)
     writer.close(summary)
     return history.exit_status, history.reason
 

@@ -172,8 +172,7 @@ def steps_of():
 
     def run(problem: Problem, **settings):
         m = problem.manifest
-        amplitudes = np.array([[m.amplitude(k, i) for k in range(len(m.patterns))] for i in range(m.steps + 1)])
-        solver = QuasistaticSolver(problem.operator, m.effects, amplitudes, np.linspace(0, m.t_end, m.steps + 1),
+        solver = QuasistaticSolver(problem.operator, m.effects, m.factors, np.linspace(0, m.t_end, m.steps + 1),
                                    Settings(**settings))
         return solver, list(solver.steps())
 

@@ -32,8 +32,7 @@ def expected(built):
         problem = built(reduce=False, loading=loading, **parameters)
         m = problem.manifest
         body = Assembled(m, problem.subdomains)
-        amplitudes = np.array([[m.amplitude(k, i) for k in range(len(m.patterns))] for i in range(m.steps + 1)])
-        return coulomb_history(body, amplitudes), body
+        return coulomb_history(body, m.factors), body
 
     return solve
 

@@ -18,11 +18,10 @@ def box_history(problem, tresca):
     """sigma_n, sigma_t, u_n, u_t (steps, n_c) with a given friction bound, or without friction."""
     body, m = Assembled(problem.manifest, problem.subdomains), problem.manifest
     C, n = body.compliance(), len(body.gid)
-    amplitudes = np.array([[m.amplitude(k, i) for k in range(len(m.patterns))] for i in range(m.steps + 1)])
     g = body.friction * body.weight if tresca else np.zeros(n)
     lower, upper = np.concatenate([np.zeros(n), -g]), np.concatenate([np.full(n, np.inf), g])
     x, u_t, found = np.zeros(2 * n), np.zeros(n), []
-    for weights in amplitudes[1:]:
+    for weights in m.factors[1:]:
         free = body.B @ body.solve(weights)
         d = free - np.concatenate([body.gap, u_t])
         x = warm_box_qp(C, d, lower, upper, np.clip(x, lower, upper))

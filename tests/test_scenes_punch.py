@@ -87,11 +87,10 @@ def test_friction_against_dense_fixed_point(solved, built, constant, indentation
     """F falls along the punch. Multipliers: stopping tolerance 1e-10 times a condition number below 1e5."""
     problem = built(constant, reduce=False, indentation=indentation, steps=4)
     m = problem.manifest
-    amplitudes = np.array([[m.amplitude(k, i) for k in range(len(m.patterns))] for i in range(m.steps + 1)])
     body = OnSymmetryLine(m, problem.subdomains)
     # friction is F times the nodal pressure: the scene's coefficient, not the exported one
     assert np.allclose(body.friction, 0.3 * (1 - 0.5 * body.xy[:, 0]), rtol=1e-12)
-    expected = coulomb_history(body, amplitudes)
+    expected = coulomb_history(body, m.factors)
     run = solved(constant, INDENTATION=indentation, STEPS=4, **TIGHT)
     assert run.status == 0, run.reason
     for name in ("sigma_n", "sigma_t", "u_n", "u_t"):
@@ -162,9 +161,8 @@ def test_slip_dependent_friction(solved, exported, read, tmp_path_factory, law):
     path.write_text(text)
     problem = read(exported(path, steps=5, h=1 / 16), reduce=False)
     m = problem.manifest
-    amplitudes = np.array([[m.amplitude(k, i) for k in range(len(m.patterns))] for i in range(m.steps + 1)])
     body = OnSymmetryLine(m, problem.subdomains)
-    expected = dense_history(body, amplitudes, LAWS[law])
+    expected = dense_history(body, m.factors, LAWS[law])
     run = solved(path, STEPS=5, H=1 / 16, **TIGHT)
     assert run.status == 0, run.reason
     assert run.summary["effects"]["friction"] == "coulomb-slip-dependent"
@@ -173,5 +171,5 @@ def test_slip_dependent_friction(solved, exported, read, tmp_path_factory, law):
         size = np.abs(expected["u_t" if name == "u_t" else "sigma_n"]).max()
         assert np.abs(run.contact[name][:, order] - expected[name][:, oracle_order]).max() <= 1e-5 * size, name
     # the law is felt: the outer half slips far enough to lose friction
-    constant = dense_history(body, amplitudes, lambda now, before, way: np.zeros(len(now)))
+    constant = dense_history(body, m.factors, lambda now, before, way: np.zeros(len(now)))
     assert np.abs(expected["sigma_t"] - constant["sigma_t"]).max() > 0.01 * np.abs(constant["sigma_n"]).max()

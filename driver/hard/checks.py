@@ -61,12 +61,6 @@ def assembled(case: Case, size: dict) -> Assembled:
     return _assembled(*_exports(case, size))
 
 
-def amplitudes(manifest) -> np.ndarray:
-    """(steps + 1, patterns): factor of every load pattern at every time."""
-    return np.array([[manifest.amplitude(k, i) for k in range(len(manifest.patterns))]
-                     for i in range(manifest.steps + 1)])
-
-
 def _same_nodes(body: Assembled, contact: dict) -> np.ndarray:
     """Column of contact.csv for every contact node of the assembled body."""
     label = contact.get("boundary", np.full(contact["x"].shape, body.label[0]))[-1]
@@ -87,7 +81,7 @@ def dense(tolerance: float):
     def check(case: Case, size: dict, outcome: Outcome) -> Check:
         manifest, _ = exported(case, size)
         body = assembled(case, size)
-        expected, order = coulomb_history(body, amplitudes(manifest)), _same_nodes(body, outcome.contact)
+        expected, order = coulomb_history(body, manifest.factors), _same_nodes(body, outcome.contact)
         error = 0.0
         for names in (("u_n", "u_t"), ("sigma_n", "sigma_t")):
             largest = max(np.abs(expected[name]).max() for name in names)
@@ -109,7 +103,7 @@ def laws(tolerance: float):
     def check(case: Case, size: dict, outcome: Outcome) -> Check:
         manifest, _ = exported(case, size)
         body, contact = assembled(case, size), outcome.contact
-        history = amplitudes(manifest)
+        history = manifest.factors
         if not contact:
             return Check("laws on the assembled body", _displacement_error(body, history, outcome), tolerance)
         order = _same_nodes(body, contact)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from .case import Case, Check, Outcome
-from .checks import amplitudes, assembled, closed_form, dense, exported, holds, laws, ratio
+from .checks import assembled, closed_form, dense, exported, holds, laws, ratio
 
 BLOCK, CYCLES = "hard/block", "hard/cycles"
 BOTH = (dense(1e-6), laws(1e-6))
@@ -33,7 +33,7 @@ def energy(tolerance: float):
     """
     def check(case: Case, size: dict, outcome: Outcome) -> Check:
         manifest, _ = exported(case, size)
-        body, c, history = assembled(case, size), outcome.contact, amplitudes(manifest)
+        body, c, history = assembled(case, size), outcome.contact, manifest.factors
         lam = np.concatenate([-c["sigma_n"] * c["weight"], -c["sigma_t"] * c["weight"]], axis=1)
         u = np.array([body.solve(w, -body.B.T @ x) for w, x in zip(history[1:], lam)])
         rest = lambda values: np.vstack([0 * values[:1], values])
@@ -58,7 +58,7 @@ def three_solutions(case: Case, size: dict, outcome: Outcome) -> Check:
     manifest, _ = exported(case, size)
     body = assembled(case, size)
     C, F = body.compliance(), float(body.friction[0])
-    d = body.B @ body.solve(amplitudes(manifest)[-1])
+    d = body.B @ body.solve(manifest.factors[-1])
     stick, slip = np.linalg.solve(C, d), d[0] / (C[0, 0] + F * C[0, 1])
     if not (d[0] < 0 and 0 <= stick[1] < F * stick[0] and slip > 0):
         return Check("by hand", np.inf, 1.0)
