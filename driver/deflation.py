@@ -19,6 +19,7 @@ its stiffness. For a jump by 1e6 the condition number was 1e11 without it and is
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import cho_factor, lapack
@@ -49,9 +50,13 @@ class Hats:
 
     def gram(self, force: np.ndarray, value: np.ndarray) -> np.ndarray:
         """(count, count) products of nodal forces and tractions of the hats, (n, 2) each."""
-        cell = self.number[:, :, None] * self.count + self.number[:, None, :]
         products = force[:, :, None] * value[:, None, :]
-        return np.bincount(cell.ravel(), products.ravel(), minlength=self.count**2).reshape(self.count, self.count)
+        return np.bincount(self._cell, products.ravel(), minlength=self.count**2).reshape(self.count, self.count)
+
+    @cached_property
+    def _cell(self) -> np.ndarray:
+        """Where `gram` adds the products at every row."""
+        return (self.number[:, :, None] * self.count + self.number[:, None, :]).ravel()
 
 
 def traction_hats(structure: Substructure, rows: np.ndarray, comm) -> Hats:
@@ -100,14 +105,6 @@ def _corner_vertices(structure: Substructure, comm) -> np.ndarray:
     return np.unique(np.concatenate([np.empty(0, int), *(part for rank in comm.allgather(mine) for part in rank)]))
 
 
-def _independent(matrix: np.ndarray) -> np.ndarray:
-    """Columns of a positive semidefinite matrix with unit diagonal that are not nearly combinations of the others."""
-    if not len(matrix):
-        return np.empty(0, int)
-    _, pivots, rank, _ = lapack.dpstrf(matrix, tol=DEPENDENT)
-    return np.sort(pivots[:rank] - 1)
-
-
 class Face:
     """The traction hats restricted to a face, with the factors of H'W and W'FW.
 
@@ -120,34 +117,39 @@ class Face:
         self.H = np.where(free[:, None], hats.value, 0.0)  # as Hats.value
         self.W = hats.weight[:, None] * self.H
         mass = hats.gram(self.W, self.H)
-        some = np.flatnonzero(np.diag(mass) > 0)
-        scale = 1 / np.sqrt(np.diag(mass)[some])
-        scaled = lambda matrix: matrix[np.ix_(some, some)] * np.outer(scale, scale)
-        mass = scaled(mass)
-        kept = _independent(mass)
-        self.kept, self.scale, self.size = some[kept], scale[kept], len(kept)
-        if self.size:
-            both = np.ix_(kept, kept)
-            self.mass, self.coarse = (cho_factor(matrix[both], check_finite=False)
-                                      for matrix in (mass, scaled(galerkin(self.W))))
+        size = np.diag(mass)
+        scale = np.divide(1.0, np.sqrt(size), out=np.zeros(len(size)), where=size > 0)
+        # pivoted Cholesky factorization: what is left of the first hat left out is nothing, or a combination of the others
+        factor, pivots, rank, _ = lapack.dpstrf(mass * np.outer(scale, scale), tol=DEPENDENT)
+        self.kept = pivots[:rank] - 1
+        self.scale, self.mass = scale[self.kept], np.asfortranarray(factor[:rank, :rank])
+        if rank:
+            coarse = galerkin(self.W)[self.kept[:, None], self.kept] * np.outer(self.scale, self.scale)
+            self.coarse = cho_factor(coarse, overwrite_a=True, check_finite=False)[0]
 
-    def _through(self, factor, left: np.ndarray, r: np.ndarray, right: np.ndarray) -> np.ndarray:
-        """right (factor)^-1 left' r (n,), for `left` and `right` H or W."""
-        coefficients, all_hats = self.scale * self.hats.sums(left * r[:, None])[self.kept], np.zeros(self.hats.count)
-        all_hats[self.kept] = self.scale * lapack.dpotrs(factor[0], coefficients, lower=factor[1])[0]
-        return (right * all_hats[self.hats.number]).sum(axis=1)
+    def deflate(self, residual: np.ndarray, precondition) -> np.ndarray:
+        """(I - P) M (I - P') r + W (W'FW)^-1 W' r for residuals (n,); `precondition` is M."""
+        if not len(self.kept):
+            return precondition(residual)
+        slow = self._sums(self.W, residual)
+        z = precondition(residual - self._values(self.H, self._solve(self.mass, slow)))
+        change = self._solve(self.coarse, slow) - self._solve(self.mass, self._sums(self.H, z))
+        return z + self._values(self.W, change)
 
-    def displacement(self, r: np.ndarray) -> np.ndarray:
-        """P' r: the part of displacements r (n,) that varies as slowly as the hats."""
-        return self._through(self.mass, self.W, r, self.H) if self.size else np.zeros_like(r)
+    def _sums(self, at_rows: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """(kept,) products of the columns of H or W with values (n,)."""
+        return self.scale * self.hats.sums(at_rows * values[:, None])[self.kept]
 
-    def force(self, z: np.ndarray) -> np.ndarray:
-        """P z: the part of nodal forces z (n,) whose traction varies as slowly as the hats."""
-        return self._through(self.mass, self.H, z, self.W) if self.size else np.zeros_like(z)
+    def _values(self, at_rows: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
+        """(n,) combination of the columns of H or W."""
+        every = np.zeros(self.hats.count)
+        every[self.kept] = self.scale * coefficients
+        return (at_rows * every[self.hats.number]).sum(axis=1)
 
-    def correction(self, r: np.ndarray) -> np.ndarray:
-        """W (W'FW)^-1 W' r."""
-        return self._through(self.coarse, self.W, r, self.W) if self.size else np.zeros_like(r)
+    @staticmethod
+    def _solve(factor: np.ndarray, right: np.ndarray) -> np.ndarray:
+        """Solution with an upper Cholesky factor."""
+        return lapack.dpotrs(factor, right)[0]
 
 
 class Deflation:
@@ -166,11 +168,8 @@ class Deflation:
         return self._face
 
     def contact(self, residual: np.ndarray, free: np.ndarray) -> np.ndarray:
-        """z for F_cc alone, with M_cc for M; shapes (n,)."""
-        face = self.face(free)
-        residual = np.where(free, residual, 0.0)
-        z = np.where(free, self.block.M @ (residual - face.displacement(residual)), 0.0)
-        return z - face.force(z) + face.correction(residual)
+        """z for F_cc alone, with M_cc for M; shapes (n,), the residual is zero off the face."""
+        return self.face(free).deflate(residual, lambda r: np.where(free, self.block.M @ r, 0.0))
 
 
 class DeflatedPreconditioner:
@@ -180,10 +179,13 @@ class DeflatedPreconditioner:
         self.dirichlet, self.deflation = dirichlet, deflation
 
     def __call__(self, residual: np.ndarray, free: np.ndarray) -> np.ndarray:
-        """The preconditioned residual on the face `free`, zero elsewhere; dual vectors."""
-        block = self.deflation.block
-        face = self.deflation.face(block.gather(free) > 0)
-        contact = block.gather(np.where(free, residual, 0.0))
-        z = self.dirichlet(block.scatter(contact - face.displacement(contact), residual), free)
-        found = block.gather(z)
-        return block.scatter(found - face.force(found) + face.correction(contact), z)
+        """The preconditioned residual on the face `free`, zero elsewhere, as the residual is; dual vectors."""
+        block, z = self.deflation.block, None
+
+        def dirichlet(contact: np.ndarray) -> np.ndarray:
+            nonlocal z
+            z = self.dirichlet(block.scatter(contact, residual), free)
+            return block.gather(z)
+
+        found = self.deflation.face(block.gather(free) > 0).deflate(block.gather(residual), dirichlet)
+        return block.scatter(found, z)

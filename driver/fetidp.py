@@ -505,13 +505,15 @@ class DirichletPreconditioner:
         self.blocks = BlockDiagonal(operator.classes, self.schur, "rows", "rows")
 
     def __call__(self, residual: np.ndarray, free: np.ndarray) -> np.ndarray:
-        """M residual on the face `free`, zero elsewhere."""
+        """M residual on the face `free`, zero elsewhere, as the residual is."""
         op = self.operator
-        x, y = op._gather(np.where(free, residual, 0.0)), op._out_rows.array
+        x, y = op._gather(residual), op._out_rows.array
         x *= op.scaling
         self.blocks.multiply(x, y)
         y *= op.scaling
-        return np.where(free, op._add_up(op._out_rows), 0.0)
+        found = op._add_up(op._out_rows)
+        found[~free] = 0.0
+        return found
 
 
 def _schur(c: LocalClass) -> np.ndarray:
