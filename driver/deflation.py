@@ -168,8 +168,8 @@ class Deflation:
         return self._face
 
     def contact(self, residual: np.ndarray, free: np.ndarray) -> np.ndarray:
-        """z for F_cc alone, with M_cc for M; shapes (n,), the residual is zero off the face."""
-        return self.face(free).deflate(residual, lambda r: np.where(free, self.block.M @ r, 0.0))
+        """z for F_cc alone, with M_cc for M; shapes (n,)."""
+        return self.face(free).deflate(np.where(free, residual, 0.0), lambda r: np.where(free, self.block.M @ r, 0.0))
 
 
 class DeflatedPreconditioner:
@@ -179,13 +179,14 @@ class DeflatedPreconditioner:
         self.dirichlet, self.deflation = dirichlet, deflation
 
     def __call__(self, residual: np.ndarray, free: np.ndarray) -> np.ndarray:
-        """The preconditioned residual on the face `free`, zero elsewhere, as the residual is; dual vectors."""
+        """The preconditioned residual on the face `free`, zero elsewhere; dual vectors."""
         block, z = self.deflation.block, None
+        on_face = block.gather(free) > 0
 
         def dirichlet(contact: np.ndarray) -> np.ndarray:
             nonlocal z
             z = self.dirichlet(block.scatter(contact, residual), free)
             return block.gather(z)
 
-        found = self.deflation.face(block.gather(free) > 0).deflate(block.gather(residual), dirichlet)
-        return block.scatter(found, z)
+        contact = np.where(on_face, block.gather(residual), 0.0)
+        return block.scatter(self.deflation.face(on_face).deflate(contact, dirichlet), z)

@@ -45,7 +45,7 @@ from .blocks import BlockDiagonal
 from .contactboundary import ContactBoundary
 from .errors import NoSolution, agree
 from .reduction import LocalClass, group, petsc_matrix, reduce_class
-from .substructuring import GLUING, Substructure
+from .substructuring import GLUING, Substructure, partition
 
 SOFTNESS = 10.0  # of the springs under free bodies: rho in units of (number of corner dofs) / (stiffness of one)
 DEPENDENT = 1e-9  # eigenvalues of a local F below this part of the largest: rows that depend on one another
@@ -121,14 +121,15 @@ class DualOperator:
         self.coarse_solver, self.coarse_factor_entries = None, 0
         if n == 0:
             return
-        local = [None] * len(self.structure.subdomains)
+        # entries of the subdomains in their order, so that every rank adds them up alike
+        count = np.array([len(number) for number in self.structure.corner_global], int)
+        first, numbers = np.cumsum([0, *count**2]), self.structure.corner_global
+        (rows, columns), values = np.empty((2, first[-1]), int), np.empty(first[-1])
         for c in self.classes:
-            for s in c.members:
-                local[s] = (self.structure.corner_global[s], c.S)
-        parts = [part for rank in self.comm.allgather(local) for part in rank]
-        rows = np.concatenate([np.repeat(number, len(number)) for number, _ in parts])
-        columns = np.concatenate([np.tile(number, len(number)) for number, _ in parts])
-        values = np.concatenate([S.ravel() for _, S in parts])
+            k = len(c.corner)
+            at, number = first[c.members][:, None] + np.arange(k * k), np.array([numbers[s] for s in c.members])
+            rows[at], columns[at], values[at] = np.repeat(number, k, axis=1), np.tile(number, k), c.S.ravel()
+        rows, columns, values = (np.concatenate(self.comm.allgather(part)) for part in (rows, columns, values))
         self.coarse_matrix = coo_matrix((values, (rows, columns)), shape=(n, n)).tocsr()
         pc = PETSc.PC().create(PETSc.COMM_SELF)
         pc.setType("cholesky")
@@ -230,12 +231,14 @@ class DualOperator:
         return solution.array
 
     def coarse_inverse(self, dofs: np.ndarray) -> np.ndarray:
-        """Rows and columns `dofs` of the coarse solution operator, (k, k); one coarse solve a column, on every rank."""
-        inverse, force = np.empty((len(dofs), len(dofs))), np.zeros(self.structure.coarse_dofs)
-        for k, dof in enumerate(dofs):
+        """Rows and columns `dofs` of the coarse solution operator, (k, k); one coarse solve a column, shared by the ranks."""
+        mine = dofs[slice(*partition(len(dofs), self.comm))]
+        columns, force = np.empty((len(mine), len(dofs))), np.zeros(self.structure.coarse_dofs)
+        for k, dof in enumerate(mine):
             force[dof] = 1.0
-            inverse[:, k] = self._spring_held(force)[dofs]
+            columns[k] = self._spring_held(force)[dofs]
             force[dof] = 0.0
+        inverse = np.concatenate(self.comm.allgather(columns))
         return (inverse + inverse.T) / 2
 
     # ---- the dual problem --------------------------------------------------------------------
@@ -287,10 +290,13 @@ class DualOperator:
     def _respond(self, pattern: int) -> tuple[np.ndarray, np.ndarray]:
         """d = B u and the stacked corner displacements of the body under one load pattern alone."""
         weights = np.eye(self.structure.patterns)[pattern]
-        x, corner = self._prescribed(weights), np.empty(len(self._corner_local))
-        for c, u in zip(self.classes, self._solve(weights, np.zeros(len(self.sign)))):
-            x[c.rows] += (c.B_r @ u[c.torn] + c.B_c @ u[c.corner]).T.ravel()
-            corner[c.corners] = u[c.corner].T.ravel()
+        x, none = self._prescribed(weights), np.zeros(len(self.sign))
+        right = [self._forces(c, weights, none, None) for c in self.classes]
+        torn = self._torn_response(right)
+        for c, u_r in zip(self.classes, torn):
+            x[c.rows] += (c.B_r @ u_r).T.ravel()
+        corner = self._corner_response(right, torn)
+        self._A_transposed.multiply(corner, x, add=True)
         return self._assemble(x * self.sign), corner
 
     def _rigid_response(self, k: int) -> tuple[np.ndarray, np.ndarray]:
@@ -404,7 +410,7 @@ class DualOperator:
         """
         right = [self._forces(c, weights, rows, forces) for c in self.classes]
         if corner is None:
-            corner = self._corner_response(right)
+            corner = self._corner_response(right, self._torn_response(right))
             if len(weights) > self.structure.patterns:
                 corner += (self.structure.rigid_corners @ weights[self.structure.patterns :])[self._corner_local]
         result = []
@@ -429,11 +435,15 @@ class DualOperator:
         f[c.corner] -= c.B_c.T @ multipliers
         return f
 
-    def _corner_response(self, right: list[np.ndarray]) -> np.ndarray:
-        """Displacements of the stacked corner dofs under forces (dofs, members) on the classes."""
+    def _torn_response(self, right: list[np.ndarray]) -> list[np.ndarray]:
+        """K_rr^-1 f_r (n_r, members) of the classes under forces (dofs, members): displacements with fixed corners."""
+        return [c.factor.solve(f[c.torn]) if f[c.torn].any() else np.zeros((len(c.torn), f.shape[1]))
+                for c, f in zip(self.classes, right)]
+
+    def _corner_response(self, right: list[np.ndarray], torn: list[np.ndarray]) -> np.ndarray:
+        """Displacements of the stacked corner dofs under forces on the classes; `torn` is `_torn_response`."""
         force = np.empty(len(self._corner_local))
-        for c, f in zip(self.classes, right):
-            u_r = c.factor.solve(f[c.torn]) if f[c.torn].any() else np.zeros((len(c.torn), f.shape[1]))
+        for c, f, u_r in zip(self.classes, right, torn):
             force[c.corners] = (f[c.corner] - c.K_rc.T @ u_r).T.ravel()
         return self.coarse_solve(force)
 
@@ -505,9 +515,9 @@ class DirichletPreconditioner:
         self.blocks = BlockDiagonal(operator.classes, self.schur, "rows", "rows")
 
     def __call__(self, residual: np.ndarray, free: np.ndarray) -> np.ndarray:
-        """M residual on the face `free`, zero elsewhere, as the residual is."""
+        """M residual on the face `free`, zero elsewhere."""
         op = self.operator
-        x, y = op._gather(residual), op._out_rows.array
+        x, y = op._gather(np.where(free, residual, 0.0)), op._out_rows.array
         x *= op.scaling
         self.blocks.multiply(x, y)
         y *= op.scaling

@@ -151,8 +151,8 @@ def _fingerprint(structure: Substructure, s: int, pattern: bytes) -> bytes:
     """Digest that equal subdomains share: dof sets and rows beside the `pattern` of their stiffness."""
     rows = structure.rows[s]
     digest = hashlib.sha1(pattern)
-    for part in (structure.fixed[s], structure.corner_dofs[s], rows.dof, np.round(rows.coefficient, 13)):
-        digest.update(np.ascontiguousarray(part).tobytes())
+    for part in (structure.fixed[s], structure.corner_dofs[s], rows.dof, rows.coefficient.round(13)):
+        digest.update(part.tobytes())
         digest.update(b"|")
     return digest.digest()
 
