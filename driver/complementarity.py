@@ -58,7 +58,7 @@ class CoulombProblem:
 
     def __post_init__(self):
         self.rows, self.m = len(self.load), len(self.pair)
-        self.n = self.rows - self.m
+        self.n, self.products = self.rows - self.m, 0
         self.rigidity = 1.0 / np.diag(self.compliance)  # force per length, as the scale of every row
         if self.motions is None:
             self.motions, self.balance = np.zeros((self.rows, 0)), np.zeros(0)
@@ -69,7 +69,7 @@ class CoulombProblem:
     def under(self, load: np.ndarray, coefficient: np.ndarray, balance: np.ndarray | None = None) -> "CoulombProblem":
         """The same bodies under another load, with other friction coefficients."""
         other = copy.copy(self)
-        other.load, other.coefficient = load, coefficient
+        other.load, other.coefficient, other.products = load, coefficient, 0
         other.balance = self.balance if balance is None else balance
         return other
 
@@ -79,11 +79,13 @@ class CoulombProblem:
 
     def movement(self, z: np.ndarray) -> np.ndarray:
         """(n + m,) over and slip."""
-        return self.load + self.motions @ z[self.rows :] - self.compliance @ z[: self.rows]
+        self.products += 1
+        moved = self.load - self.compliance @ z[: self.rows]
+        return moved + self.motions @ z[self.rows :] if self.k else moved
 
-    def states(self, z: np.ndarray) -> np.ndarray:
+    def states(self, z: np.ndarray, movement: np.ndarray | None = None) -> np.ndarray:
         """(n,) states that the augmented multipliers x + rigidity * movement fall into."""
-        trial = z[: self.rows] + self.rigidity * self.movement(z)
+        trial = z[: self.rows] + self.rigidity * (self.movement(z) if movement is None else movement)
         normal, tangential = trial[: self.n], trial[self.n :]
         found = np.full(self.n, STICK) if self.bilateral else np.where(normal > 0, STICK, OPEN)
         bound = self.coefficient * np.abs(normal)[self.pair]
@@ -164,14 +166,16 @@ class StateSystem:
         n, C, at = problem.n, problem.compliance, states[problem.pair]
         touching, sliding = states != OPEN, np.flatnonzero(at > STICK)
         self.rows, self.motions = problem.rows, problem.motions
-        self.free = np.concatenate([np.flatnonzero(touching), n + np.flatnonzero(at == STICK)])
+        free = np.concatenate([touching, at == STICK])
+        self.free = np.flatnonzero(free)
         self.sliding, self.node = n + sliding, problem.pair[sliding]
         way = np.where(at[sliding] == FORWARD, 1.0, -1.0) * sign[self.node]
         self.slope = way * problem.coefficient[sliding]
         self.turn = problem.held(states) / problem.reach[:, None]
         self.soft = np.median(1.0 / problem.rigidity) if problem.k else 1.0
-        transposed, place = C[np.ix_(self.free, self.free)], np.cumsum(touching) - 1  # C is symmetric
-        transposed[place[self.node]] += self.slope[:, None] * C[np.ix_(self.sliding, self.free)]
+        columns, place = C.compress(free, 1), np.cumsum(touching) - 1
+        transposed = columns.compress(free, 0)  # C is symmetric
+        transposed[place[self.node]] += self.slope[:, None] * columns[self.sliding]
         if problem.k:
             force = problem.motions @ self.turn
             work = self.soft * force
@@ -186,7 +190,9 @@ class StateSystem:
 
     def solve(self, load: np.ndarray, balance: np.ndarray) -> np.ndarray:
         """z under `load` (n + m,) and `balance` (k,)."""
-        right = np.append(load[self.free], self.soft * (self.turn.T @ balance))
+        right = load[self.free]
+        if len(balance):
+            right = np.append(right, self.soft * (self.turn.T @ balance))
         if len(right):
             right, _ = lapack.dgetrs(self.factor, self.pivots, right)
         z = np.zeros(self.rows + len(balance))
@@ -217,24 +223,27 @@ def newton(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
     return next((x for x in reversed(visited) if problem.solves(x)), None)
 
 
-def settled(problem: CoulombProblem, start: np.ndarray, thought: np.ndarray | None = None) -> np.ndarray | None:
-    """Newton steps from a `start` z that is near a solution; whoever calls judges what they find.
+def settled(problem: CoulombProblem, start: np.ndarray, move: np.ndarray, thought: np.ndarray | None = None):
+    """Newton steps from a `start` z that is near a solution: z and its movement, which whoever calls may judge.
+
+    `move` is the movement at the start.
 
     None where few nodes only changing their states, and fewer every time, do not show that it is: compared with the states
     `thought` (n,), if given, before anything is factorized. Solutions of negative index are left: successive
     approximations would not stay at them either, and there are others.
     """
-    x, fewest, states, sign = start, 2 * NEAR, problem.states(start), problem.signs(start)
+    x, fewest, states, sign = start, 2 * NEAR, problem.states(start, move), problem.signs(start)
     if thought is not None and np.count_nonzero(states != thought) > NEAR:
         return None
     for _ in range(NEWTON_STEPS):
         old, before, x = states, sign, problem.solution_in(states, sign)
         if x is None:
             return None
-        states, sign = problem.states(x), problem.signs(x)
+        move = problem.movement(x)
+        states, sign = problem.states(x, move), problem.signs(x)
         changes = np.count_nonzero((states != old) | (sign != before))
         if changes == 0:
-            return x if problem.system(states, sign).index > 0 else None
+            return (x, move) if problem.system(states, sign).index > 0 else None
         if changes > max(A_FEW, fewest / 2):
             return None
         fewest = min(fewest, changes)

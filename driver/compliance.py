@@ -101,7 +101,8 @@ class FaceInverse:
         if len(f) == 0:
             return result
         if self.face is None or not np.array_equal(f, self.face):
-            self.face, self.factor = f, cho_factor(self.C[np.ix_(f, f)], lower=True, check_finite=False)
+            self.face = f
+            self.factor = cho_factor(self.C.compress(free, 0).compress(free, 1), lower=True, check_finite=False)
         result[f] = cho_solve(self.factor, residual[f], check_finite=False)
         return result
 

@@ -75,18 +75,20 @@ class Condensation:
             self._compliance = whole[np.ix_(order, order)]
         return self._compliance
 
-    def solution(self, load: Load, x: np.ndarray, sliding: np.ndarray) -> np.ndarray | None:
-        """Multipliers that solve a step, where contact rows are all there are, by Newton's method; None if it fails.
+    def solution(self, load: Load, x: np.ndarray, gradient: np.ndarray, sliding: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        """Multipliers that solve a step, where contact rows are all there are, by Newton's method, and their gradient.
 
         It starts from `guess`, if there is one, and from x, where the tangential rows slide as `sliding` says. It ends exactly
-        in the states that it finds: what it started from leaves no trace.
+        in the states that it finds: what it started from leaves no trace. None if it fails.
         """
-        problem, start, found = self.problem(load, x, np.zeros_like(x)), self.gather(x), None
+        problem, start, found = self.problem(load, x, gradient), self.gather(x), None
         if self.guess is not None:
-            found, self.guess = complementarity.settled(problem, self.gather(self.guess)), None
+            near, self.guess = self.gather(self.guess), None
+            found = complementarity.settled(problem, near, problem.movement(near))
         if found is None:
-            found = complementarity.settled(problem, start, self._states(start, sliding))
-        return None if found is None else self.place(found, x)
+            found = complementarity.settled(problem, start, -self.gather(gradient), self._states(start, sliding))
+        self.operator.products += problem.products
+        return None if found is None else (self.place(found[0], x), self.place(-found[1], x))
 
     def _states(self, x: np.ndarray, sliding: np.ndarray) -> np.ndarray:
         """(n,) states that the contact multipliers x (n + m,) alone tell, with the signs (m,) of those that slide."""

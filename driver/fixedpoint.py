@@ -29,7 +29,8 @@ class FixedPoint:
     def __init__(self, qp: FrictionQP, bodies: FreeBodies, slid: SlidState, condensation: Condensation):
         self.qp, self.bodies, self.slid, self.condensation = qp, bodies, slid, condensation
         self.operator, self.rows, self.settings, self.history = qp.operator, qp.rows, qp.settings, qp.history
-        self.corrects_motion = False
+        frictional = len(self.rows.tangential) > 0 and not self.rows.tresca
+        self.corrects_motion, self.coulomb = False, bool(self.operator.comm.allreduce(int(frictional)))
 
     def find(self, index: int, load: Load, x, gradient, sliding, trace: Trace):
         """Successive approximations lambda_n -> Phi(lambda_n), each QP solved only as far as it pays.
@@ -39,8 +40,7 @@ class FixedPoint:
         iterations. Starts from and returns multipliers, gradient and the rows that slide.
         """
         settings, rows, free = self.settings, self.rows, self.operator.modes > 0
-        coulomb = bool(self.operator.comm.allreduce(int(len(rows.tangential) > 0 and not rows.tresca)))
-        secants, last, self.corrects_motion = self.bodies.secants(), np.inf, free
+        coulomb, secants, last, self.corrects_motion = self.coulomb, self.bodies.secants(), np.inf, free
         while not trace.fallback:
             trace.iterations += 1
             x, gradient = self._start(load, x, gradient, sliding)
@@ -74,8 +74,8 @@ class FixedPoint:
             if relaxation is not None:
                 start = self._correct(load, start, relaxation.moved(start, x, gradient))
             elif self.condensation.whole and not self.rows.tresca:
-                found = self.condensation.solution(load, start, sliding)
-                start = start if found is None else found
+                x, gradient = self.qp.placed(start, load.d, x, gradient)
+                return self.condensation.solution(load, x, gradient, sliding) or (x, gradient)
         # d changes where bodies without support move
         return self.qp.placed(start, load.d, x, gradient - (load.d - before) if self.operator.modes else gradient)
 
@@ -106,7 +106,7 @@ class FixedPoint:
     def _approximate(self, index, trace, d, x, bound, reduction, coulomb=True, gradient=None):
         """The QP with friction bounds `bound` started from x: its result, and the change of pressures and bounds."""
         limits = self.rows.limits_at(len(x), bound)
-        x, gradient = self.qp.placed(np.clip(x, *limits), d, x, gradient)
+        x, gradient = self.qp.placed(np.minimum(np.maximum(x, limits[0]), limits[1]), d, x, gradient)
         result = self.qp.solve(index, trace.iterations, d, limits, x, reduction, gradient)
         if self.history.exit_status or not coulomb:
             return result, 0.0

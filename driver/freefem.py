@@ -82,11 +82,13 @@ STUDIED = {"friction", "tresca", "gap", "initialX", "initialY", "slipFactor", "d
            *(f"amplitude{k}" for k in range(1, 5))}
 
 
-def export_study(scene: Path, directory: Path, parameters: dict[str, str], name: str, values: list[str]) -> list[Manifest]:
+def export_study(scene: Path, directory: Path, parameters: dict[str, str], name: str, values: list[str],
+                 meanwhile=lambda: None) -> list[Manifest]:
     """Contact data and manifest of `scene` for every value of parameter `name`, in directory/0, 1, ...
 
-    One FreeFEM process goes through the script once a value and assembles nothing. Raises InputError if the
-    parameter changes more than friction, gap, initial state and load histories, and as `export`.
+    One FreeFEM process goes through the script once a value and assembles nothing. `meanwhile` as in `export`, whose
+    errors, if that is what it does, come first. Raises InputError if the parameter changes more than friction, gap,
+    initial state and load histories, and as `export`.
     """
     more = changed_by(scene, name) - STUDIED
     if more:
@@ -100,7 +102,7 @@ def export_study(scene: Path, directory: Path, parameters: dict[str, str], name:
         (directory / str(k)).mkdir(parents=True)
     text, script = text_digest(scene), directory / "study.edp"
     script.write_text("\n".join(lines) + "\n")
-    _run(script, scene, directory, {**parameters, name: values[0]}, 1)
+    _run(script, scene, directory, {**parameters, name: values[0]}, 1, meanwhile)
     for k in range(len(values)):
         seal.write(directory / str(k), text, ["contact.bin"])
     manifests = [read_manifest(directory / str(k)) for k in range(len(values))]

@@ -8,6 +8,7 @@ B u - c = -r, where c is the gap (normal) or the previous tangential displacemen
 from dataclasses import dataclass
 
 import numpy as np
+from mpi4py import MPI
 
 from .substructuring import GLUING, Substructure
 
@@ -77,7 +78,7 @@ class ContactRows:
         """
         moved, t = x.copy(), self.tangential
         bound = self.friction_bound(x)
-        moved[t] = np.where(sliding != 0, sliding * bound, np.clip(x[t], -bound, bound))
+        moved[t] = np.where(sliding != 0, sliding * bound, np.minimum(np.maximum(x[t], -bound), bound))
         return moved
 
     def friction_bound(self, multipliers: np.ndarray) -> np.ndarray:
@@ -151,7 +152,8 @@ def kkt_residuals(rows: ContactRows, multipliers, gradient, left: float, scales:
         (bound * np.abs(slip) - lambda_t * slip).max(initial=0),
         np.abs(lambda_n).max(initial=0),
     ])
-    gluing, penetration, sign, cone, gap_work, slip_work, force = np.max(comm.allgather(local), axis=0)
+    comm.Allreduce(MPI.IN_PLACE, local, op=MPI.MAX)
+    gluing, penetration, sign, cone, gap_work, slip_work, force = local
     scales.pressure = max(scales.pressure, float(force))
     ratio = lambda a, b: float(a / b) if b > 0 else float(a > 0)
     return {"stationarity": ratio(left, scales.d), "gluing": ratio(gluing, scales.displacement),

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from .compliance import ContactCompliance
 from .contactblock import ContactBlock
 from .deflation import DeflatedPreconditioner, Deflation
 from .fetidp import DualOperator
@@ -30,6 +31,8 @@ class FrictionQP:
     def _bound_norm(self) -> float:
         """Upper bound of the scaled ||F||; the same random start vector for any number of ranks."""
         structure, op = self.operator.structure, self.operator
+        if isinstance(op, ContactCompliance):
+            return float(np.linalg.norm(self.scale[:, None] * op.C * self.scale)) or 1.0
         if structure.dual_dofs == 0:  # one subdomain without contact: nothing to iterate on
             return 1.0
         start = np.random.default_rng(1).standard_normal(structure.dual_dofs)
@@ -68,12 +71,12 @@ class FrictionQP:
             return self.size(d)
         seen, normal, gap = d.copy(), self.rows.normal, self.rows.gap
         reach = np.abs(d[normal] + gap)
-        seen[normal] = np.where(gap > 0, np.clip(d[normal], -reach, reach), d[normal])
+        seen[normal] = np.where(gap > 0, np.minimum(np.maximum(d[normal], -reach), reach), d[normal])
         return self.size(seen)
 
     def placed(self, moved, d, x, gradient):
         """`moved` and its gradient, which takes a product unless it is x and the gradient there is known."""
-        if gradient is None or self.operator.comm.allreduce(int(np.count_nonzero(moved != x))):
+        if gradient is None or not self.operator.minimum(float(np.array_equal(moved, x))):
             return moved, self.operator.apply(moved) - d
         return x, gradient
 

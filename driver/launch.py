@@ -1,6 +1,7 @@
 """Starts the SPMD part of a run: in this process or on several ranks, and tells how it ended."""
 
 import gc
+import importlib
 import json
 import signal
 import subprocess
@@ -9,6 +10,8 @@ from pathlib import Path
 
 from . import environment
 from .errors import DriverError, InputError
+
+STAGES = {"run": "solve", "study": "parametric", "accuracy": "goal"}  # modules that run on the ranks
 
 
 def solve(work: Path, request: dict, ranks: int) -> tuple[int, str]:
@@ -46,17 +49,13 @@ def _why_no_answer(done) -> str:
 def load(kind: str = "run"):
     """Start PETSc and import the module that runs on the ranks. Raises InputError if a package is missing.
 
-    `kind` is run, study or accuracy.
+    `kind` is one of STAGES.
     """
-    known = f"{__package__}.solve" in sys.modules
+    name = f"{__package__}.{STAGES[kind]}"
+    known = name in sys.modules
     try:
         environment.start_petsc()
-        if kind == "accuracy":
-            from . import goal as stage
-        elif kind == "study":
-            from . import parametric as stage
-        else:
-            from . import solve as stage
+        stage = importlib.import_module(name)
     except ImportError as problem:
         raise environment.package_error(problem) from None
     if not known:

@@ -2,13 +2,15 @@
 
 import contextlib
 import dataclasses
+import itertools
 from pathlib import Path
 
 import numpy as np
+from mpi4py import MPI
 
 from .compliance import ContactCompliance
 from .errors import DriverError, InputError, NoSolution, agree
-from .files import write_json, write_table
+from .files import write_json, write_rows, write_table
 from .friction import OPEN, STATUS_NAMES
 from .loader import read_contact
 from .manifest import read_manifest
@@ -168,7 +170,8 @@ def _fields(operator, rows, step, u_t: np.ndarray) -> dict[str, np.ndarray]:
     values[3, rows.tangential_node] = -step.multipliers[rows.tangential]
     values[4, rows.tangential_node] = rows.friction_bound(step.multipliers)
     values[5, rows.normal_node] = step.status
-    u_n, slip, force_n, force_t, bound, status = np.sum(operator.comm.allgather(values), axis=0)
+    operator.comm.Allreduce(MPI.IN_PLACE, values)  # a node has one rank: no sum depends on their order
+    u_n, slip, force_n, force_t, bound, status = values
     w = contact.weight
     return {"u_n": u_n, "u_t": u_t + slip, "slip": slip, "sigma_n": force_n / w + 0.0, "sigma_t": force_t / w + 0.0,
             "bound": bound / w, "status": status.astype(int)}
@@ -194,13 +197,11 @@ def _write(directory: Path, request: dict, contact, outcomes: list[Outcome], sum
     steps = [{name: value, **row} for value, one in zip(values, outcomes) for row in one.history]
     if steps:
         write_table(directory / "history.csv", steps)
-    rows = []
-    for value, one in zip(values, outcomes):
-        for i in range(len(contact.gid) if one.fields else 0):
-            place = {"node": i, "boundary": int(contact.label[i]), "x": contact.xy[i, 0], "y": contact.xy[i, 1],
-                     "arc": contact.arc[i], "weight": contact.weight[i]}
-            rows.append({name: value, **place, **{f: one.fields[f][i] for f in FIELDS},
-                         "status": STATUS_NAMES[one.fields["status"][i]]})
+    place = [contact.label, *contact.xy.T, contact.arc, contact.weight]
+    rows = [row for value, one in zip(values, outcomes) if one.fields
+            for row in zip(itertools.repeat(value), itertools.count(), *(part.tolist() for part in place),
+                           *(one.fields[name].tolist() for name in FIELDS),
+                           map(STATUS_NAMES.__getitem__, one.fields["status"]))]
     if rows:
-        write_table(directory / "contact.csv", rows)
+        write_rows(directory / "contact.csv", [name, "node", "boundary", "x", "y", "arc", "weight", *FIELDS, "status"], rows)
     write_json(directory / "summary.json", summary)

@@ -69,9 +69,9 @@ class QuasistaticSolver:
             if index == 1 and not self.motion.any():
                 self.motion = rest
             lam = self.multipliers
-            load = self._load(index, self._predict(index, self.motion, self.older_motion), self.slid.u_t)
-            start = self._predict(index, lam, self.older)
-            step = self._step(index, load, start, self.rows.sliding(lam, self.rows.friction_bound(lam)))
+            growth = self._growth(index)
+            load = self._load(index, self.motion + growth * (self.motion - self.older_motion), self.slid.u_t)
+            step = self._step(index, load, lam + growth * (lam - self.older), self.rows.sliding(lam, self.rows.friction_bound(lam)))
             self.multipliers, self.older = step.multipliers, lam
             self.motion, self.older_motion = step.weights[self.operator.structure.patterns :], self.motion
             self.slid.advance(step.gradient)
@@ -112,18 +112,17 @@ class QuasistaticSolver:
         contact.initial[:] = np.sum(op.comm.allgather(found), axis=0)
         return result.x
 
-    def _predict(self, index: int, lam: np.ndarray, older: np.ndarray) -> np.ndarray:
-        """Multipliers to start the step from: the last change, scaled like the change of the load.
+    def _growth(self, index: int) -> float:
+        """Part of the last change of the multipliers by which a step starts from them, that of the change of the load.
 
         Exact as long as the response is proportional to the load (a contact zone that is not changing under
         loading); on reversal the step starts from the previous one.
         """
         if self.settings.predictor == "previous" or index < 2:
-            return lam
-        change, last = np.diff(self.amplitudes[index - 2 : index + 1], axis=0)[::-1]
-        size = last @ last
-        ratio = change @ last / size if size > 0 else 0.0
-        return lam + min(max(ratio, 0.0), 2.0) * (lam - older)
+            return 0.0
+        before, now = np.diff(self.amplitudes[index - 2 : index + 1], axis=0)
+        size = before @ before
+        return min(max(now @ before / size, 0.0), 2.0) if size > 0 else 0.0
 
     def _record(self, step: Step) -> None:
         counts, worst = self.history.counts, self.history.residuals
@@ -135,7 +134,7 @@ class QuasistaticSolver:
         for name, value in step.residuals.items():
             worst[name] = max(worst.get(name, 0.0), value)
         self.history.steps = step.index
-        self.history.contraction = max(self.history.contraction, np.nan_to_num(step.contraction))
+        self.history.contraction = max(self.history.contraction, step.contraction)  # which NaN leaves as it is
 
     # ---- one time step -----------------------------------------------------------------------
     def _step(self, index: int, load: Load, start, sliding) -> Step:

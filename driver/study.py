@@ -12,6 +12,7 @@ one per value and contact node at the last step.
 """
 
 import csv
+import functools
 import json
 import os
 import shutil
@@ -20,9 +21,8 @@ from pathlib import Path
 
 import numpy as np
 
-from . import freefem
+from . import freefem, launch
 from .errors import InputError, error_of
-from .launch import solve
 from .run import RESULTS, Run
 from .workspace import Workspace
 
@@ -44,12 +44,12 @@ def make_study(pairs: dict[str, str]) -> tuple[dict, Path]:
     out = (run.out if "out" in pairs else RESULTS / "study" / f"{run.scene.stem}-{name}").absolute()
     with Workspace(out) as place:
         clock, work = time.perf_counter(), place.path
-        freefem.export(run.scene, work / "export", run.parameters, run.ranks)
-        base = time.perf_counter()
-        freefem.export_study(run.scene, work / "values", run.parameters, name, values)
+        load = functools.partial(launch.load, "study") if run.ranks == 1 else lambda: None
+        export = functools.partial(freefem.export, run.scene, work / "export", run.parameters, run.ranks, meanwhile=load)
+        freefem.export_study(run.scene, work / "values", run.parameters, name, values, meanwhile=export)
         request = {"scene": run.scene.stem, "settings": run.settings, "study": name, "values": values, "quiet": run.quiet,
-                   "seconds": {"export": base - clock, "values": time.perf_counter() - base}}
-        status, reason = solve(work, request, run.ranks)
+                   "seconds": {"export": time.perf_counter() - clock}}
+        status, reason = launch.solve(work, request, run.ranks)
         if not (work / "summary.json").exists():
             raise error_of(status, reason)
         if run.figures:
@@ -89,7 +89,7 @@ def describe(summary: dict, out: Path) -> str:
     how = f"{summary['contact_rows']} contact rows condensed" if summary["condensed"] else "not condensed"
     return (f"{summary['scene']}: {summary['values']} values of {summary['study']}, {how}, "
             f"{counts['dual_multiplications']} products\n"
-            f"  {s['total']:.2f} s (FreeFEM {s['export']:.2f}, values {s['values']:.2f}, setup "
+            f"  {s['total']:.2f} s (FreeFEM {s['export']:.2f}, setup "
             f"{s['read'] + s['setup']:.2f}, condensation {s['condense']:.2f}, solve {s['solve']:.2f}), results in "
             f"{os.path.relpath(out)}" + "".join(f"\n  {line}" for line in _told(summary["warnings"])))
 

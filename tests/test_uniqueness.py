@@ -213,8 +213,8 @@ def test_newton_improves_what_is_a_solution_but_for_rounding():
 def test_newton_near_a_solution_leaves_those_of_negative_index():
     """Of the three solutions by hand above; stick and open are found from near them, slip, the one between, is not."""
     problem = one_node(4.0, (-1.0, 3.0))
-    found = {index(problem, x): settled(problem, x * (1 + 1e-6)) for x in all_solutions(problem)}
-    assert found[-1] is None and problem.solves(found[1])
+    found = {index(problem, x): settled(problem, x * (1 + 1e-6), problem.movement(x * (1 + 1e-6))) for x in all_solutions(problem)}
+    assert found[-1] is None and problem.solves(found[1][0])
 
 
 def test_newton_far_from_a_solution_factorizes_nothing():
@@ -222,9 +222,9 @@ def test_newton_far_from_a_solution_factorizes_nothing():
     nodes = complementarity.NEAR + 1
     problem = CoulombProblem(np.eye(2 * nodes), np.ones(2 * nodes), np.full(nodes, 2.0), np.arange(nodes))
     start, thought = np.zeros(2 * nodes), np.full(nodes, complementarity.OPEN)
-    assert settled(problem, start, thought) is None and not problem.latest
+    assert settled(problem, start, problem.load, thought) is None and not problem.latest
     thought[0] = complementarity.STICK
-    assert problem.solves(settled(problem, start, thought))
+    assert problem.solves(settled(problem, start, problem.load, thought)[0])
 
 
 @pytest.mark.parametrize("friction", [6, 8, 10])
