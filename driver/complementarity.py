@@ -18,7 +18,6 @@ need be no solution, and the signs of several add up to nothing one knows. A mot
 feels is left as it is: the bodies may rest at many places.
 """
 
-import copy
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -68,7 +67,8 @@ class CoulombProblem:
 
     def under(self, load: np.ndarray, coefficient: np.ndarray, balance: np.ndarray | None = None) -> "CoulombProblem":
         """The same bodies under another load, with other friction coefficients."""
-        other = copy.copy(self)
+        other = object.__new__(CoulombProblem)  # as copy.copy would, but at once
+        vars(other).update(vars(self))
         other.load, other.coefficient, other.products = load, coefficient, 0
         other.balance = self.balance if balance is None else balance
         return other
@@ -117,7 +117,7 @@ class CoulombProblem:
         """z of the linear system of `states`, exactly in its states; None if the system is singular."""
         system = self.system(states, np.ones(self.n) if sign is None else sign)
         found = None if system.singular else system.solve(self.load, self.balance)
-        return None if found is None or not np.all(np.isfinite(found)) else self.within(states, found)
+        return None if found is None or not np.isfinite(found).all() else self.within(states, found)
 
     def within(self, states: np.ndarray, z: np.ndarray) -> np.ndarray:
         """z with multipliers of open and sliding rows put exactly into their states."""

@@ -27,8 +27,6 @@ from .contactboundary import ContactBoundary
 from .errors import NotConverged, agree
 from .fetidp import DualOperator
 from .reduction import petsc_matrix
-from .substructuring import GLUING
-
 WIDTH = 64  # columns solved at a time
 ROUNDING = 1e-9  # residual of the elimination, relative to its terms: far below the tolerances of a QP
 
@@ -36,14 +34,14 @@ ROUNDING = 1e-9  # residual of the elimination, relative to its terms: far below
 class ContactCompliance:
     """C and d_C with the interface of DualOperator, whole on every rank: each solves by itself.
 
-    Vectors have one entry per contact row, in the order of the dual rows. Takes no products with F. Collective over the
+    Vectors have one entry per contact row, as `contact_row_numbers` has them. Takes no products with F. Collective over the
     operator's communicator. Raises NotConverged if the elimination fails.
     """
 
     def __init__(self, operator: DualOperator):
         self.comm, self.products, self.modes = MPI.COMM_SELF, 0, 0  # bodies that supports hold
         structure = operator.structure
-        rows = np.flatnonzero(structure.row_kind != GLUING)
+        rows = contact_row_numbers(structure.contact)
         self.owned, self.structure = len(rows), _on_contact_rows(structure, rows)
         patterns = np.eye(structure.patterns)
         loads = np.column_stack([np.empty((structure.dual_dofs, 0)), *(
@@ -107,14 +105,20 @@ class FaceInverse:
         return result
 
 
+def contact_row_numbers(contact: ContactBoundary) -> np.ndarray:
+    """(n + m,) dual rows of contact: the normal ones, then the tangential ones, both in the order of the contact nodes."""
+    numbers = np.concatenate([contact.normal_row, contact.tangential_row])
+    return numbers[numbers >= 0]
+
+
 def _on_contact_rows(structure, rows: np.ndarray):
-    """The skeleton as a solver on `rows` alone sees it."""
-    contact = structure.contact
-    number = lambda row: np.where(row >= 0, np.searchsorted(rows, row), -1)
-    contact = dataclasses.replace(contact, normal_row=number(contact.normal_row),
-                                  tangential_row=number(contact.tangential_row))
+    """The skeleton as a solver on `rows` alone, in their order, sees it."""
+    contact, place = structure.contact, np.full(structure.dual_dofs + 1, -1)  # that of no row, -1, is the last
+    place[rows] = np.arange(len(rows))
+    contact = dataclasses.replace(contact, normal_row=place[contact.normal_row],
+                                  tangential_row=place[contact.tangential_row])
     return dataclasses.replace(structure, contact=contact, dual_dofs=len(rows), row_range=(0, len(rows)),
-                               row_kind=structure.row_kind[rows])
+                               row_kind=structure.row_kind[rows], row_scale=structure.row_scale[rows])
 
 
 def _eliminated(operator: DualOperator, rows: np.ndarray, loads: np.ndarray):

@@ -6,11 +6,10 @@ import numpy as np
 
 from . import complementarity
 from .complementarity import BACKWARD, FORWARD, OPEN, STICK, CoulombProblem
-from .compliance import ContactCompliance
+from .compliance import ContactCompliance, contact_row_numbers
 from .fetidp import DualOperator
 from .friction import ContactRows
 from .step import Load
-from .substructuring import GLUING
 
 
 @dataclass
@@ -30,7 +29,7 @@ class Condensation:
         self._normal, self._tangential = (np.flatnonzero(r >= 0) for r in (contact.normal_row, contact.tangential_row))
         self.pair = np.searchsorted(self._normal, self._tangential)
         self.n, self.m = len(self._normal), len(self._tangential)
-        self._at = np.concatenate([contact.normal_row[self._normal], contact.tangential_row[self._tangential]])
+        self._at = contact_row_numbers(contact)
         self._compliance = self._law = None
 
     @property
@@ -69,10 +68,7 @@ class Condensation:
     def compliance(self) -> np.ndarray:
         """C (n + m, n + m), found at the first call. Raises NotConverged."""
         if self._compliance is None:
-            op, structure = self.operator, self.operator.structure
-            whole = op.C if isinstance(op, ContactCompliance) else ContactCompliance(op).C
-            order = np.searchsorted(np.flatnonzero(structure.row_kind != GLUING), self._at)
-            self._compliance = whole[np.ix_(order, order)]
+            self._compliance = self.operator.C if self.whole else ContactCompliance(self.operator).C
         return self._compliance
 
     def solution(self, load: Load, x: np.ndarray, gradient: np.ndarray, sliding: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:

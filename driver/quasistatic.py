@@ -120,7 +120,8 @@ class QuasistaticSolver:
         """
         if self.settings.predictor == "previous" or index < 2:
             return 0.0
-        before, now = np.diff(self.amplitudes[index - 2 : index + 1], axis=0)
+        older, last, new = self.amplitudes[index - 2 : index + 1]
+        before, now = last - older, new - last
         size = before @ before
         return min(max(now @ before / size, 0.0), 2.0) if size > 0 else 0.0
 

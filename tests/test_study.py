@@ -9,7 +9,7 @@ from scipy.sparse import csr_matrix
 
 from driver import compliance, freefem, parametric, study
 from driver.cli import parse_pairs
-from driver.compliance import ContactCompliance
+from driver.compliance import ContactCompliance, contact_row_numbers
 from driver.errors import DriverError, InputError, NotConverged
 from driver.freefem import changed_by
 from driver.loader import read_contact
@@ -54,15 +54,19 @@ def compare(rows: list[dict], single, **where) -> None:
 ])
 def test_compliance_is_schur_complement_of_dual_matrix(built, scene, options):
     problem = built(scene, **options)
-    F, gluing = problem.F, problem.structure.row_kind == GLUING
+    F, gluing, contact = problem.F, problem.structure.row_kind == GLUING, contact_row_numbers(problem.structure.contact)
     condensed = ContactCompliance(problem.operator)
-    schur = F[~gluing][:, ~gluing] - F[~gluing][:, gluing] @ np.linalg.solve(F[gluing][:, gluing], F[gluing][:, ~gluing])
+    schur = F[contact][:, contact] - F[contact][:, gluing] @ np.linalg.solve(F[gluing][:, gluing], F[gluing][:, contact])
     # rounding, times a condition number of F_gg of less than 1e3 in these bodies; their springs add a factor of 1e3
     assert np.abs(condensed.C - schur).max() <= 1e-10 * np.abs(schur).max()
     weights = np.linspace(1.0, 2.0, problem.structure.patterns)
     d = problem.operator.load_response(weights)
-    reduced = d[~gluing] - F[~gluing][:, gluing] @ np.linalg.solve(F[gluing][:, gluing], d[gluing])
+    reduced = d[contact] - F[contact][:, gluing] @ np.linalg.solve(F[gluing][:, gluing], d[gluing])
     assert np.abs(condensed.load_response(weights) - reduced).max() <= 1e-10 * np.abs(reduced).max()
+    numbers = contact_row_numbers(condensed.structure.contact)
+    assert np.array_equal(numbers, np.arange(len(contact))) and len(contact) == (~gluing).sum()
+    for name in ("row_kind", "row_scale"):
+        assert np.array_equal(getattr(condensed.structure, name), getattr(problem.structure, name)[contact])
 
 
 def test_an_elimination_that_leaves_a_residual_is_refused():
@@ -81,7 +85,8 @@ def test_condensed_corner_displacement(built):
     d = problem.operator.load_response(weights)
     whole[gluing] = np.linalg.solve(F[gluing][:, gluing], d[gluing] - F[gluing][:, ~gluing] @ whole[~gluing])
     expected = problem.operator.corner_displacement(whole, weights)
-    assert condensed.corner_displacement(whole[~gluing], weights) == pytest.approx(expected, rel=1e-8)
+    contact = contact_row_numbers(problem.structure.contact)
+    assert condensed.corner_displacement(whole[contact], weights) == pytest.approx(expected, rel=1e-8)
 
 
 def test_friction_values_agree_with_single_runs(made, solved):
