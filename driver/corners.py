@@ -38,6 +38,8 @@ def _jumps(skeleton: Skeleton, neighbour: np.ndarray) -> np.ndarray:
     Stiff parts between compliant ones move nearly rigidly, and what gluing has to do for them grows with the contrast
     unless corners hold their ends.
     """
+    if skeleton.stiffness.max() <= JUMP * skeleton.stiffness.min():
+        return np.empty(0, np.int64)
     span = int(skeleton.gids.max()) + 1
     key = skeleton.nodes @ [span, 1]
     order = np.argsort(key)

@@ -106,6 +106,7 @@ class DualOperator:
         # partial sums of a scalar product: the rows of each subdomain, in the order of subdomains
         self._starts = structure.row_starts
         self._filled = self._starts < np.append(self._starts[1:], self.owned)  # reduceat has no empty segments
+        self._filled_starts = self._starts[self._filled]
         self._partial_counts = _counts(self.comm, len(self._starts))
         # corner forces travel in the order of subdomains, so that every rank adds them up alike
         number = [structure.corner_global[s] for s in order]
@@ -169,7 +170,7 @@ class DualOperator:
         """Global scalar product of two dual vectors: partial sums by subdomain, added in their order."""
         partial = np.zeros(len(self._starts))
         if self.owned:
-            partial[self._filled] = np.add.reduceat(a * b, self._starts[self._filled])
+            partial[self._filled] = np.add.reduceat(a * b, self._filled_starts)
         if self.comm.size > 1:
             everyone = np.empty(self.structure.total)
             self.comm.Allgatherv(partial, (everyone, self._partial_counts))
@@ -274,7 +275,7 @@ class DualOperator:
         """Global scalar products of the columns of two blocks (owned, k), added as in `dot`."""
         partial = np.zeros((len(self._starts), a.shape[1]))
         if self.owned:
-            partial[self._filled] = np.add.reduceat(a * b, self._starts[self._filled], axis=0)
+            partial[self._filled] = np.add.reduceat(a * b, self._filled_starts, axis=0)
         return np.concatenate(self.comm.allgather(partial)).sum(axis=0)
 
     def _pattern_load(self, s: int) -> np.ndarray:

@@ -20,7 +20,8 @@ PREDICTED = (100_000, 10, (1, 64, 512))
 TERMS = {
     "export": {"n m²/p": lambda n, m, p: n * m**2 / p, "n/p": lambda n, m, p: n / p, "1": lambda n, m, p: 1.0},
     "read": {"n m²/p": lambda n, m, p: n * m**2 / p, "n/p": lambda n, m, p: n / p, "1": lambda n, m, p: 1.0},
-    "skeleton": {"n m": lambda n, m, p: n * m, "n m²/p": lambda n, m, p: n * m**2 / p, "n/p": lambda n, m, p: n / p},
+    "skeleton": {"n m": lambda n, m, p: n * m, "n m/p": lambda n, m, p: n * m / p, "n m²/p": lambda n, m, p: n * m**2 / p,
+                 "n/p": lambda n, m, p: n / p, "1": lambda n, m, p: 1.0},
     "reduction": {"m³": lambda n, m, p: m**3, "n m²/p": lambda n, m, p: n * m**2 / p, "n": lambda n, m, p: n,
                   "n^1.5": lambda n, m, p: n**1.5,
                   "1": lambda n, m, p: 1.0},
