@@ -9,8 +9,8 @@ import hashlib
 import io
 import json
 import os
-import platform
 import shutil
+import sys
 import time
 import zlib
 from pathlib import Path
@@ -28,7 +28,7 @@ SHARE = 0.02  # of the wall time that checkpoints may take: one follows after ev
 
 def fingerprint(content: str, options: dict) -> dict:
     """What a run's numbers depend on, by the name that it has for a user; `content` as in seal.Seal."""
-    program = hashlib.sha256(f"{platform.python_version()} {np.__version__} {os.environ.get('PETSC_DIR')}".encode())
+    program = hashlib.sha256(f"{sys.version} {np.__version__} {os.environ.get('PETSC_DIR')}".encode())
     for path in sorted((ROOT / "driver").glob("*.py")):
         program.update(path.read_bytes())
     return {"scene or parameters": content, "options": options, "program": program.hexdigest()}

@@ -13,7 +13,6 @@ import json
 import os
 import signal
 import sys
-import traceback
 from pathlib import Path
 
 from . import environment, freefem
@@ -169,7 +168,7 @@ def command_solve(words: list[str]) -> None:
         if reason:
             tell(reason)
         else:
-            traceback.print_exc()
+            sys.excepthook(*sys.exc_info())
         sys.stderr.flush()
         MPI.COMM_WORLD.Abort(1)
     if MPI.COMM_WORLD.rank == 0:

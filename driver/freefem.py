@@ -1,15 +1,14 @@
 """Stage 1: run a scene through FreeFEM, which meshes, assembles and exports its subdomains."""
 
 import contextlib
-import difflib
 import hashlib
 import re
 import subprocess
 from pathlib import Path
 
-from . import elements, environment, seal
+from . import environment, seal
 from .errors import InputError
-from .manifest import Manifest, read_manifest
+from .manifest import ELEMENTS, Manifest, read_manifest
 
 SCENES = environment.ROOT / "edp"
 # flags that mean something to FreeFEM itself, or that `export` sets
@@ -67,8 +66,8 @@ def _run(script: Path, scene: Path, directory: Path, parameters: dict[str, str],
     else:
         command = [environment.program("FreeFem++"), *flags, *arguments]
     element = parameters.get("element", "P1")
-    if element not in elements.NODES:
-        raise InputError(f"ELEMENT must be one of {', '.join(elements.NODES)}, not '{element}'")
+    if element not in ELEMENTS:
+        raise InputError(f"ELEMENT must be one of {', '.join(ELEMENTS)}, not '{element}'")
     env = environment.child_environment(ranks > 1, element)
     done = environment.run_child(command, meanwhile, env=env, stdout=subprocess.PIPE,
                                  stderr=subprocess.STDOUT, text=True, errors="replace", cwd=scene.parent)
@@ -230,11 +229,13 @@ def _check_macros(scene: Path) -> None:
     if 'include "export.idp"' not in code:
         return
     library = "\n".join(path.read_text() for path in environment.LIBRARY.rglob("*.idp"))
-    read, optional = set(re.findall(r"\w+", library)), re.findall(r"IFMACRO\(!?(\w+)\)", library)
     for number, line in enumerate(text.splitlines(), 1):
         found = re.match(r"\s*macro\s+(\w+)", line)
-        if found and found.group(1) not in read and len(re.findall(rf"\b{found.group(1)}\b", code)) == 1:
-            near = difflib.get_close_matches(found.group(1), sorted(set(optional)), 1)
+        word = found and re.compile(rf"\b{found.group(1)}\b")
+        if found and not word.search(library) and len(word.findall(code)) == 1:
+            import difflib
+
+            near = difflib.get_close_matches(found.group(1), sorted(set(re.findall(r"IFMACRO\(!?(\w+)\)", library))), 1)
             hint = f"; did you mean {near[0]}?" if near else ""
             raise InputError(f"{scene.name} line {number}: nothing reads the macro {found.group(1)}{hint}")
 

@@ -60,23 +60,18 @@ class ContactState:
 
     def _held(self) -> np.ndarray:
         """(n_c, 2): displacement components of the contact nodes that a support holds."""
-        structure = self.operator.structure
-        keys = [2 * sub.node_gid[sub.dof_node[fixed]] + sub.dof_component[fixed]
-                for sub, fixed in zip(structure.subdomains, structure.fixed)]
-        mine = np.isin(2 * self.boundary.gid[:, None] + [0, 1], np.concatenate([np.empty(0, np.int64), *keys]))
+        mine = np.isin(2 * self.boundary.gid[:, None] + [0, 1], _fixed_keys(self.operator.structure))
         return np.any(self.operator.comm.allgather(mine), axis=0)
 
     def _find_terms(self) -> None:
         """Where the displacements are that meet at the contact nodes: in every subdomain that has such a node."""
         gids, self._term = np.unique(self.boundary.term_gid, return_inverse=True)
-        self._copies, numbers = [], [np.empty(0, int)]  # of the rank: (subdomain, its nodes)
-        for s, sub in enumerate(self.operator.structure.subdomains if len(gids) else ()):
-            number = np.searchsorted(gids[:-1], sub.node_gid)
-            node = np.flatnonzero(gids[number] == sub.node_gid)
-            if len(node):
-                self._copies.append((s, node))
-                numbers.append(number[node])
-        self._copied = np.concatenate(self.operator.comm.allgather(np.concatenate(numbers)))
+        subs = self.operator.structure.subdomains
+        gid = np.concatenate([np.empty(0, np.int64), *(sub.node_gid for sub in subs)])
+        here, start = np.flatnonzero(np.isin(gid, gids)), np.cumsum([0, *(len(sub.node_gid) for sub in subs)])
+        owner = np.searchsorted(start, here, side="right") - 1
+        self._copies = [(s, here[owner == s] - start[s]) for s in np.unique(owner)]  # of the rank: (subdomain, its nodes)
+        self._copied = np.concatenate(self.operator.comm.allgather(np.searchsorted(gids, gid[here])))
 
     def evaluate(self, step: Step, fields: list[np.ndarray]) -> dict[str, np.ndarray]:
         """u_n, u_t, slip, sigma_n, sigma_t, bound and status code of every contact node."""
@@ -297,39 +292,35 @@ class Writer:
     def _boundary(self) -> None:
         """boundary.csv: edges of the body's outline with their part in the scene and the unit traction."""
         structure, comm = self.operator.structure, self.operator.comm
-        place, push, held = {}, {}, set()
-        traction = [k for k, p in enumerate(self.manifest.patterns) if p["kind"] == "traction"]
+        subs, traction = structure.subdomains, [k for k, p in enumerate(self.manifest.patterns) if p["kind"] == "traction"]
         outline = np.zeros(self.manifest.nodes, bool)
         outline[structure.outer_edges[:, :2]] = outline[structure.outer_middles] = True
-        for s, sub in enumerate(structure.subdomains):
-            near = np.flatnonzero(outline[sub.node_gid])
-            force = sub.loads[traction].sum(axis=0).reshape(-1, 2)[near]
-            for gid, xy, f in zip(sub.node_gid[near].tolist(), sub.xy[near], force):
-                place[gid] = xy
-                push[gid] = push.get(gid, 0) + f
-            held.update(sub.node_gid[sub.dof_node[structure.fixed[s]]].tolist())
-        found = comm.gather((place, push, held))
+        gid = np.concatenate([np.empty(0, np.int64), *(sub.node_gid for sub in subs)])
+        near = outline[gid]
+        xy = np.concatenate([np.empty((0, 2)), *(sub.xy for sub in subs)])[near]
+        loads = np.concatenate([np.empty((structure.patterns, 0)), *(sub.loads for sub in subs)], axis=1)
+        force = loads[traction].sum(axis=0).reshape(-1, 2)[near]
+        found = comm.gather((gid[near], xy, force, _fixed_keys(structure) // 2))
         with agreed_writes(comm):
             if self.root:
                 self._write_boundary(found)
 
     def _write_boundary(self, found) -> None:
-        place, push, held = {}, {}, set()
-        for part, force, fixed in found:
-            place.update(part)
-            held |= fixed
-            for g, f in force.items():
-                push[g] = push.get(g, 0) + f
-        structure = self.operator.structure
-        edges = structure.outer_edges.tolist()
-        traction = _edge_tractions(edges, structure.outer_middles.tolist(), place, push)
+        """`found`: of every rank the nodes on the outline, their places and forces, and the nodes that are held."""
+        structure, held = self.operator.structure, np.zeros(self.manifest.nodes, bool)
+        place, push = np.zeros((2, self.manifest.nodes, 2))
+        for gid, xy, force, fixed in found:
+            place[gid], held[fixed] = xy, True
+            np.add.at(push, gid, force)
+        traction = _edge_tractions(structure.outer_edges, structure.outer_middles, place, push)
         paired = {label for pair in self.manifest.contact_pairs for label in pair}
+        start, end, label = structure.outer_edges.T
         rows = []
-        for a, b, label in edges:
-            pull = traction.get(label, np.zeros(2))
-            role = ("pair" if label in paired else "contact" if label in self.manifest.contact_labels else
-                    "support" if a in held and b in held else "load" if pull.any() else "free")
-            rows.append([*place[a], *place[b], label, role, *pull])
+        for p, q, edge, is_held in zip(place[start].tolist(), place[end].tolist(), label.tolist(), held[start] & held[end]):
+            pull = traction.get(edge, [0.0, 0.0])
+            role = ("pair" if edge in paired else "contact" if edge in self.manifest.contact_labels else
+                    "support" if is_held else "load" if any(pull) else "free")
+            rows.append([*p, *q, edge, role, *pull])
         write_rows(self.directory / "boundary.csv", "x0,y0,x1,y1,label,role,traction_x,traction_y".split(","), rows)
 
     # ---- end of the run --------------------------------------------------------------------------------
@@ -369,24 +360,29 @@ def _drawn(sub: Subdomain) -> np.ndarray:
     return found
 
 
-def _edge_tractions(edges, middles, place, push) -> dict[int, np.ndarray]:
-    """Mean traction of every outer label, from the nodal forces of nodes inside the label.
+def _fixed_keys(structure) -> np.ndarray:
+    """(n,) keys 2 gid + component of the displacements of the rank's subdomains that a support holds."""
+    keys = [2 * sub.node_gid[sub.dof_node[fixed]] + sub.dof_component[fixed]
+            for sub, fixed in zip(structure.subdomains, structure.fixed) if len(fixed)]
+    return np.concatenate([np.empty(0, np.int64), *keys])
 
-    A node's part of an edge is the integral of its shape function: halves, with `middles` a sixth, a sixth and the rest.
+
+def _edge_tractions(edges: np.ndarray, middles: np.ndarray, place: np.ndarray, push: np.ndarray) -> dict[int, list[float]]:
+    """Mean traction of every outer label, from the nodal forces `push` (nodes, 2) of nodes inside the label.
+
+    `edges` (n, 3) have two ends and a label. A node's part of an edge is the integral of its shape function: halves, with
+    `middles` (n,) a sixth, a sixth and the rest.
     """
-    length, labels = {}, {}
-    for k, (a, b, label) in enumerate(edges):
-        size = np.linalg.norm(np.subtract(place[a], place[b]))
-        parts = {a: 1 / 6, b: 1 / 6, middles[k]: 4 / 6} if middles else {a: 0.5, b: 0.5}
-        for g, part in parts.items():
-            length[g] = length.get(g, 0.0) + part * size
-            labels.setdefault(g, set()).add(label)
-    force, total = {}, {}
-    for g, own in labels.items():
-        if len(own) == 1:
-            label = next(iter(own))
-            force[label] = force.get(label, 0) + push[g]
-            total[label] = total.get(label, 0.0) + length[g]
-    mean = {label: force[label] / total[label] for label in force}
+    size = np.linalg.norm(place[edges[:, 0]] - place[edges[:, 1]], axis=1)
+    nodes, parts = (edges[:, :2], [0.5, 0.5]) if not len(middles) else (np.column_stack([edges[:, :2], middles]),
+                                                                       [1 / 6, 1 / 6, 4 / 6])
+    length = np.bincount(nodes.ravel(), np.outer(size, parts).ravel(), len(place))
+    first, last = np.full(len(place), np.iinfo(np.int64).max), np.full(len(place), np.iinfo(np.int64).min)
+    np.minimum.at(first, nodes, edges[:, 2:])
+    np.maximum.at(last, nodes, edges[:, 2:])
+    inside, mean = np.flatnonzero(first == last), {}
+    for label in np.unique(first[inside]).tolist():
+        own = inside[first[inside] == label]
+        mean[label] = push[own].sum(axis=0) / length[own].sum()
     largest = max((np.abs(f).max() for f in mean.values()), default=0.0)
-    return {label: np.where(np.abs(f) > 1e-9 * largest, f, 0.0) for label, f in mean.items()}
+    return {label: np.where(np.abs(f) > 1e-9 * largest, f, 0.0).tolist() for label, f in mean.items()}

@@ -1,6 +1,5 @@
 """The SPMD part of a run: loader, operator, time stepping and results on one communicator."""
 
-import platform
 import resource
 import sys
 import time
@@ -190,5 +189,5 @@ def ledger_of(summary, manifest: Manifest, structure, history, amplitudes, write
 
 
 def _versions() -> dict:
-    return {"python": platform.python_version(), "numpy": np.__version__,
+    return {"python": sys.version.split()[0], "numpy": np.__version__,
             "petsc": ".".join(map(str, PETSc.Sys.getVersion()))}

@@ -92,9 +92,9 @@ def _oscillation(parts, nodes: int, constant: bool, comm) -> np.ndarray:
 
 def lost_digits(structure, comm) -> list[str]:
     """One line if the body is so far from the origin that its coordinates have few digits left for its shape."""
-    ends = [end for sub in structure.subdomains for end in (sub.xy.min(axis=0), sub.xy.max(axis=0))]
-    ends = np.array([end for rank in comm.allgather(ends) for end in rank])
-    low, high = ends.min(axis=0), ends.max(axis=0)
+    xy = np.concatenate([np.empty((0, 2)), *(sub.xy for sub in structure.subdomains)])
+    ends = np.array(comm.allgather([xy.min(axis=0, initial=np.inf), xy.max(axis=0, initial=-np.inf)]))
+    low, high = ends[:, 0].min(axis=0), ends[:, 1].max(axis=0)
     distance = np.abs([low, high]).max() / (high - low).max()
     if distance < FAR:
         return []
