@@ -21,12 +21,11 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.linalg import cho_factor, cho_solve
-from scipy.sparse import bmat, coo_matrix, csc_matrix, diags, hstack, vstack
+from scipy.sparse import coo_matrix, csc_matrix, hstack, vstack
 
 from .contactboundary import ContactBoundary
 from .errors import NotConverged, agree
 from .fetidp import DualOperator
-from .reduction import petsc_matrix
 WIDTH = 64  # columns solved at a time
 ROUNDING = 1e-9  # residual of the elimination, relative to its terms: far below the tolerances of a QP
 
@@ -129,67 +128,79 @@ def _eliminated(operator: DualOperator, rows: np.ndarray, loads: np.ndarray):
     blocks of fixed size, so that the result does not depend on the number of ranks.
     """
     n, corners, comm = operator.structure.dual_dofs, operator.structure.coarse_dofs, operator.comm
-    matrix = _saddle_matrix(operator)
-    left = np.setdiff1d(np.arange(matrix.shape[0]), rows)
-    gluing = left[left < n]
-    below = csc_matrix((len(left) - len(gluing), loads.shape[1]))
-    coupling = matrix[left][:, rows].tocsc()
+    k, left = len(rows), n + corners + operator.modes - len(rows)
+    place, gluing = np.empty(n, int), np.setdiff1d(np.arange(n), rows)
+    place[gluing], place[rows] = np.arange(n - k), left + np.arange(k)  # contact rows last
+    matrix = _saddle_matrix(operator, place, n - k)
+    coupling, contact = matrix[:left, left:].tocsc(), matrix[left:, left:].toarray()
+    below = csc_matrix((left - (n - k), loads.shape[1]))
     right = hstack([coupling, vstack([csc_matrix(loads[gluing]), below])]).tocsc()
-    factor, found, error = _Factor(matrix[left][:, left]), {}, None
+    factor, found, error = _Factor(matrix[:left, :left]), {}, None
+    del matrix
     for first in range(WIDTH * comm.rank, right.shape[1], WIDTH * comm.size):
         try:
             solved = factor.solve(right[:, first : first + WIDTH].toarray())
-            found[first] = coupling.T @ solved, solved[len(gluing) : len(gluing) + corners]
+            found[first] = coupling.T @ solved, solved[n - k : n - k + corners].copy()
         except NotConverged as problem:
             error = problem
     agree(comm, error)
     found = {first: parts for rank in comm.allgather(found) for first, parts in rank.items()}
     onto, moved = (np.hstack(parts) for parts in zip(*(found[first] for first in sorted(found))))
-    k = len(rows)
-    C, d = matrix[rows][:, rows].toarray() - onto[:, :k], loads[rows] - onto[:, k:]
+    C, d = np.triu(contact) + np.triu(contact, 1).T - onto[:, :k], loads[rows] - onto[:, k:]
     return (C + C.T) / 2, d.T, -moved[:, :k], moved[:, k:].T.copy()
 
 
-def _saddle_matrix(operator: DualOperator):
-    """Sparse symmetric matrix of dual rows, coarse dofs and motions of bodies without support, the same on every rank.
+def _saddle_matrix(operator: DualOperator, place: np.ndarray, first: int):
+    """Upper triangle (CSR) of the symmetric matrix of gluing rows, coarse dofs, motions and contact rows.
 
-    With the motions Q of bodies on springs S_rho = S_cc + Q rho^-1 Q', which a border keeps sparse.
+    `place` (dual rows,) is where it has each of them, `first` that of the coarse dofs. It is the same on every rank. With
+    the motions Q of bodies without support on springs S_rho = S_cc + Q rho^-1 Q', which a border keeps sparse.
     """
-    structure, comm = operator.structure, operator.comm
-    n, corners = structure.dual_dofs, structure.coarse_dofs
+    structure, comm, modes = operator.structure, operator.comm, operator.modes
     local = [None] * len(structure.subdomains)
     for c in operator.classes:
         matrix = np.block([[c.F, -c.A], [-c.A.T, -c.S]])
         for s in c.members:
             sign = np.append(structure.rows[s].sign, np.ones(len(c.corner)))
-            local[s] = np.append(structure.rows[s].row, n + structure.corner_global[s]), sign, matrix
-    parts = [part for rank in comm.allgather(local) for part in rank]
-    i = np.concatenate([np.repeat(number, len(number)) for number, _, _ in parts])
-    j = np.concatenate([np.tile(number, len(number)) for number, _, _ in parts])
-    values = np.concatenate([(matrix * np.outer(sign, sign)).ravel() for _, sign, matrix in parts])
-    whole = coo_matrix((values, (i, j)), shape=(n + corners,) * 2).tocsr()
-    if operator.modes:
-        border = np.vstack([np.zeros((n, operator.modes)), structure.rigid_corners])
-        whole = bmat([[whole, border], [border.T, diags(operator.rho)]]).tocsr()
-    return whole
+            number = np.append(place[structure.rows[s].row], first + structure.corner_global[s])
+            local[s] = number.astype(np.int32), sign, matrix
+    entries = []
+    for number, sign, matrix in (part for rank in comm.allgather(local) for part in rank):
+        i, j = np.nonzero(number[:, None] <= number)
+        entries.append((number[i], number[j], matrix[i, j] * sign[i] * sign[j]))
+    motions = first + structure.coarse_dofs + np.arange(modes)
+    corner = np.arange(first, first + structure.coarse_dofs)
+    entries.append((np.repeat(corner, modes), np.tile(motions, len(corner)), structure.rigid_corners.ravel()))
+    entries.append((motions, motions, operator.rho))
+    i, j, values = map(np.concatenate, zip(*entries))
+    del entries
+    return coo_matrix((values, (i, j)), shape=(len(place) + structure.coarse_dofs + modes,) * 2).tocsr()
 
 
 class _Factor:
-    """Factorization of a sparse symmetric indefinite matrix (CSR) by MUMPS; rows that depend on others are left out."""
+    """Factorization of a sparse symmetric indefinite matrix by MUMPS; rows that depend on others are left out."""
 
-    def __init__(self, matrix):
-        self.matrix = matrix
-        if not matrix.shape[0]:
+    def __init__(self, upper):
+        """`upper`: its upper triangle, CSR."""
+        self.upper = upper
+        if not upper.shape[0]:
             return
+        upper.sort_indices()
+        csr = upper.indptr.astype(PETSc.IntType), upper.indices.astype(PETSc.IntType), upper.data
         pc = PETSc.PC().create(PETSc.COMM_SELF)
         pc.setType("cholesky")
         pc.setFactorSolverType("mumps")
-        pc.setOperators(petsc_matrix(matrix))
+        pc.setOperators(PETSc.Mat().createSBAIJ(upper.shape, 1, csr=csr, comm=PETSc.COMM_SELF))
         pc.setFactorSetUpSolverType()
         self.factor, self._keep = pc.getFactorMatrix(), pc
         self.factor.setMumpsIcntl(24, 1)
         pc.setUp()
         self._random = np.random.default_rng(1)
+
+    @staticmethod
+    def _multiply(upper, x: np.ndarray) -> np.ndarray:
+        """The whole matrix times x (n,)."""
+        return upper @ x + upper.T @ x - upper.diagonal() * x
 
     def solve(self, right: np.ndarray) -> np.ndarray:
         """Solution for the columns of `right` (n, k). Raises NotConverged if a combination of them leaves a residual."""
@@ -203,7 +214,7 @@ class _Factor:
         b.destroy(), x.destroy()
         v = self._random.standard_normal(right.shape[1])
         solution, wanted = found @ v, right @ v
-        left = np.abs(self.matrix @ solution - wanted)
-        if not np.all(left <= ROUNDING * (abs(self.matrix) @ np.abs(solution) + np.abs(wanted))):
+        left = np.abs(self._multiply(self.upper, solution) - wanted)
+        if not np.all(left <= ROUNDING * (self._multiply(abs(self.upper), np.abs(solution)) + np.abs(wanted))):
             raise NotConverged("the contact compliance: the gluing conditions could not be eliminated")
         return found
