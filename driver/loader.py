@@ -247,7 +247,7 @@ def _kept_once(values: np.ndarray, last: np.ndarray | None) -> list[np.ndarray]:
         same += (values[1:].view(np.int64) == values[:-1].view(np.int64)).all(axis=tuple(range(1, values.ndim))).tolist()
     found = []
     for array, is_last in zip(values, same):
-        last = last if is_last else array.copy()
+        last = last if is_last else array.copy() if len(values) > 1 else array
         found.append(last)
     return found
 

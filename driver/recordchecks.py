@@ -22,8 +22,8 @@ class Place:
 
     def refuse(self, bad: np.ndarray, what: str) -> None:
         """Raises InputError for the first record with anything true in `bad`, (records, ...)."""
-        bad = np.asarray(bad)
-        if bad.any():
+        if np.any(bad):
+            bad = np.asarray(bad)
             record = int(np.argmax(bad.reshape(len(bad), -1).any(axis=1)))
             which = "" if self.first is None else f", subdomain {self.first + record}"
             raise InputError(f"{self.path}{which}: {what}")
@@ -52,7 +52,7 @@ def check_numbers(numbers: np.ndarray, place: Place) -> None:
 
 def check_indices(values: np.ndarray, bound: int, what: str, place: Place) -> None:
     """Integers (n, count) are in [0, bound)."""
-    if values.size:
+    if values.size and (values.min() < 0 or values.max() >= bound):
         place.refuse((values.min(axis=1) < 0) | (values.max(axis=1) >= bound), f"{what} out of range")
 
 
@@ -81,11 +81,11 @@ def check_mesh(xy: np.ndarray, nodes: np.ndarray, place: Place) -> None:
 
 def check_edges(edges: np.ndarray, nodes: np.ndarray, count: int, place: Place) -> None:
     """Boundary edges (n, n_e, 2) join vertices of the triangles; there are `count` nodes."""
-    at_vertex = np.zeros((len(nodes), count), bool)
-    at_vertex[np.arange(len(nodes))[:, None], nodes[..., :3].reshape(len(nodes), -1)] = True
-    inside = (edges >= 0) & (edges < count)
-    lost = ~np.take_along_axis(at_vertex, np.where(inside, edges, 0).reshape(len(edges), -1), axis=1)
-    place.refuse(lost.reshape(inside.shape) | ~inside, "a boundary edge ends at no vertex")
+    what, start = "a boundary edge ends at no vertex", count * np.arange(len(nodes))[:, None, None]
+    place.refuse((edges < 0) | (edges >= count), what)
+    at_vertex = np.zeros(len(nodes) * count, bool)
+    at_vertex[start + nodes[..., :3]] = True
+    place.refuse(~at_vertex[start + edges], what)
 
 
 def check_dofs(coordinate: np.ndarray, is_x: np.ndarray, xy: np.ndarray, place: Place) -> None:
@@ -117,10 +117,12 @@ def check_symmetric(pieces: list[dict], which: list[int], place: Place) -> None:
         rows, columns = pieces[records[0]]["rows"], pieces[records[0]]["columns"]
         values = np.stack([pieces[record]["values"] for record in records])
         span = int(max(rows.max(), columns.max())) + 1
-        if (rows[1:] * span + columns[1:] < rows[:-1] * span + columns[:-1]).any():  # FreeFEM writes them in order
+        entry = rows * span + columns
+        if (entry[1:] < entry[:-1]).any():  # FreeFEM writes them in order
             order = np.lexsort((columns, rows))
             rows, columns, values = rows[order], columns[order], values[:, order]
-        mirror = np.argsort(columns * span + rows, kind="stable")
+        # short integers are sorted without comparisons
+        mirror = np.argsort(columns.astype(np.uint16) if span <= 1 << 16 else columns, kind="stable")
         # assembled from symmetric element matrices: only the order of additions can differ
         off = np.abs(values - values[:, mirror]).max(axis=1) > 1e-12 * np.abs(values).max(axis=1)
         bad[records] = off | (rows != columns[mirror]).any() | (columns != rows[mirror]).any()
@@ -154,12 +156,13 @@ def _stiff_motions(pieces: list[dict], xy: np.ndarray) -> tuple[np.ndarray, np.n
     on = np.flatnonzero(rows == columns)
     diagonal[rows[on]] = values[on]
     root, along_y = np.sqrt(np.abs(diagonal)), columns % 2
-    place = np.repeat(xy.reshape(-1, 2), 2, axis=0)  # of the dofs
+    size = root[columns]
     # translations along x and y meet the columns of one component each
-    entry, resists = 2 * rows + along_y, np.zeros(len(diagonal), bool)
-    both = [np.bincount(entry, what, minlength=2 * len(diagonal)).reshape(-1, 2) for what in (values, root[columns])]
-    turned = np.where(along_y, place[columns, 0] - place[rows, 0], place[rows, 1] - place[columns, 1])
-    about = [np.bincount(rows, what, minlength=len(diagonal)) for what in (values * turned, root[columns] * np.abs(turned))]
+    entry = 2 * rows + along_y
+    both = [np.bincount(entry, what, minlength=2 * len(diagonal)).reshape(-1, 2) for what in (values, size)]
+    turn = np.stack([-xy[..., 1], xy[..., 0]], axis=-1).ravel()  # about the origin; taken off is that of the row's own node
+    turned = turn[columns] - turn[rows - rows % 2 + along_y]
+    about = [np.bincount(rows, what, minlength=len(diagonal)) for what in (values * turned, size * np.abs(turned))]
     resists = (np.abs(both[0]) > 1e-13 * root[:, None] * both[1]).any(axis=1) | (np.abs(about[0]) > 1e-13 * root * about[1])
     per_piece = lambda flags: flags.reshape(len(pieces), dofs).any(axis=1)
     return per_piece(diagonal <= 0), per_piece(resists)

@@ -110,10 +110,10 @@ class RecordFile:
 
     def head(self) -> Head:
         """The head of the record that comes next."""
-        at = self.at
-        found = self.stack([HEAD])["head"][0]
-        self.at = at
-        return Head(*found.tolist())
+        found = self.words[self.at : self.at + 1 + len(Head._fields)].tolist()
+        if len(found) <= len(Head._fields) or found[0] != len(Head._fields):
+            self._refuse_counts(self.words[None, self.at :], [0], [len(Head._fields)])
+        return Head(*found[1:])
 
     def alike(self, head: Head, layout: Layout) -> int:
         """How many records that follow have the sizes of the next one, one at least and no more than STACK has room for."""
