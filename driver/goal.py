@@ -242,7 +242,7 @@ class Search:
                     if entry["total"] <= allowed:
                         return
             if (len(self.sizes) > 2 and entry.get("time", 0.0) > self._time_share * allowed
-                    and entry["mesh"] is not None and entry["mesh"] <= allowed):
+                    and entry["mesh"] is not None and entry["mesh"] <= max(allowed, entry["time"])):
                 self._more_steps(self.sizes[-2])
                 continue
             if len(self.sizes) > 2 and entry["total"] is not None and entry["total"] <= allowed:  # tolerances were tightened

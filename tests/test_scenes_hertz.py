@@ -223,3 +223,10 @@ def test_mindlin_loop_closes(solved):
     # memory of partial slip: back at the peak the shear is what it was, but for the fixed point's 1e-6 over 16 steps
     # and the change of contact by the coupling
     assert distance(c["weight"][first], c["sigma_t"][last], c["sigma_t"][first]) < 0.01
+
+
+def test_the_resultant_converges_with_the_elements_at_the_contact(solved):
+    """Elsewhere they follow with the root of H, and linear ones err by the square of that: order 1, so a fourth is left."""
+    exact = solved("hertz", h=0.002, element="P2").history["resultant_n"][-1]  # 0.01 % from one of half the size
+    coarse, fine = (abs(solved("hertz", h=h).history["resultant_n"][-1] - exact) for h in (0.002, 0.0005))
+    assert fine <= coarse / 3
