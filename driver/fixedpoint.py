@@ -21,6 +21,7 @@ CORRECTION = 0.1  # its residual, relative to the whole one before
 BALANCED = 0.1  # its imbalance of bodies without support, relative to the one before
 HEADWAY = 1.0  # relative imbalance after a QP above which the corrector leaves these bodies where they are
 CONDENSED_PASSES = 30  # corrections of a solution of the condensed contact problem
+FINEST = 1e-13  # tolerance of the gluing multipliers there, relative to ||d||: a hundred roundings
 
 
 class FixedPoint:
@@ -167,15 +168,19 @@ class FixedPoint:
         """A solution of the condensed contact problem, corrected until it is one of the whole; None if none is found.
 
         Every pass solves for the gluing multipliers with the contact multipliers held. What then is left on the
-        contact rows makes the load of the condensed problem exact for the next pass.
+        contact rows makes the load of the condensed problem exact for the next pass. What the gluing rows are left with
+        comes back on the contact rows, many times as large: they are solved the more accurately the longer that takes.
         """
         if self.condensation.n > globalization.CONDENSED_NODES or self.rows.tresca:
             return None
         rows, qp, method, part, last = self.rows, self.qp, globalization.NEWTON, 1.0, np.inf
+        tol = aim = qp.tol
         for _ in range(CONDENSED_PASSES):
             trace.iterations += 1
             bound, coefficient = rows.friction_bound(x), rows.bound
+            qp.tol = aim
             result = qp.solve(index, trace.iterations, load.d, self.condensation.held(x), x, 0.0)
+            qp.tol = tol
             if self.history.exit_status:
                 return None
             x = result.x
@@ -187,6 +192,7 @@ class FixedPoint:
                     and self.bodies.imbalance(load, x) <= self.settings.friction_rtol):
                 self.history.fallbacks.note(method, index)
                 return x, result.gradient, rows.sliding(x, bound)
+            aim = max(0.3 * aim, min(tol, FINEST * qp.scales.d))
             part, last = part if change <= 0.5 * last else 0.5 * part, change
             rows.bound = coefficient + part * (rows.bound - coefficient)
             try:
