@@ -5,6 +5,7 @@ import sys
 from . import environment
 from .errors import shortage, tell
 
+environment.heed_interrupts()
 environment.single_threaded()  # before anything loads the library that reads it
 try:
     from .cli import main

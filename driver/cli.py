@@ -11,7 +11,6 @@ for; 4 not converged in the allowed iterations. A user's mistake is told in one 
 import argparse
 import json
 import os
-import signal
 import sys
 from pathlib import Path
 
@@ -181,7 +180,6 @@ COMMANDS = {name.removeprefix("command_"): function for name, function in list(g
 
 def main() -> None:
     """Entry point of ``python3 -m driver``."""
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # clean up as on ctrl-C
     parser = argparse.ArgumentParser(prog="python3 -m driver", description=__doc__.split("\n\n")[0])
     parser.add_argument("command", choices=COMMANDS)
     parser.add_argument("words", nargs="*", help="NAME=VALUE options, or directories for figures")

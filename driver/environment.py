@@ -17,6 +17,7 @@ LIBRARY = ROOT / "edp" / "lib"
 PR_SET_PDEATHSIG = 1  # of Linux's prctl: the signal that a process gets when its parent ends
 BLAS_BUFFER = 2**27  # bytes that OpenBLAS asks for at its first product
 PETSC_ROOM = 150 * 2**20  # bytes of address space that PETSc, MPI and their libraries take at least
+AGAIN = 0.01  # seconds after which an interrupt that was forgotten comes once more
 PATIENCE = 10  # seconds that an interrupted child has to end by itself
 # Open MPI looks for fast networks and starts a daemon even for a process by itself, which takes longer than a small run;
 # without the daemon such processes would share one directory
@@ -60,6 +61,22 @@ def _find_petsc() -> None:
             os.environ["PETSC_DIR"] = str(candidate)
             sys.path.append(str(candidate / "lib/python3/dist-packages"))
             break
+
+
+def heed_interrupts() -> None:
+    """Clean up on SIGTERM as on ctrl-C, wherever it comes.
+
+    In a callback of Python's own, as there are in imports, an interrupt is told of and forgotten: it comes once more.
+    """
+    def again(unraisable):
+        if isinstance(unraisable.exc_value, KeyboardInterrupt):
+            signal.setitimer(signal.ITIMER_REAL, AGAIN)
+        else:
+            sys.__unraisablehook__(unraisable)
+
+    for number in (signal.SIGTERM, signal.SIGALRM):
+        signal.signal(number, signal.default_int_handler)
+    sys.unraisablehook = again
 
 
 def single_threaded() -> None:

@@ -511,3 +511,31 @@ def test_settings_of_a_process_by_itself_are_not_its_childrens(monkeypatch):
     assert dict(os.environ) == before
     inherited = subprocess.run(["env"], capture_output=True, text=True).stdout  # what the MPI library has set itself too
     assert not re.search("^(OMPI_MCA_ess|OMPI_MCA_pmix)=", inherited, re.MULTILINE)
+
+
+SWALLOWED = """
+import os, signal, sys, time, weakref
+sys.path.insert(0, {root!r})
+from driver import environment
+environment.heed_interrupts()
+
+class Thing:
+    pass
+
+thing = Thing()
+callback = weakref.ref(thing, lambda _: (os.kill(os.getpid(), signal.{name}), time.sleep(0.01)))
+try:
+    del thing
+    time.sleep(10)
+except KeyboardInterrupt:
+    print("heeded")
+"""
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
+def test_interrupts_in_callbacks_are_not_forgotten(name):
+    """Python itself has such callbacks, in its imports."""
+    code = SWALLOWED.format(root=str(environment.ROOT), name=name)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60,
+                          preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler))
+    assert (done.stdout, done.stderr) == ("heeded\n", "")
