@@ -1,5 +1,7 @@
 """Quantities of interest: their definitions on exact fields, what a scene has of them, regular limits in h."""
 
+import csv
+
 import numpy as np
 import pytest
 from test_scenes_hertz import NU, R, hertz
@@ -141,3 +143,17 @@ def test_slip_reaches_to_the_edge_of_contact():
     nodes, steps = line(x, x < 0.66, np.maximum(0.66 - x, 0) ** 0.5, opening, slip=2 * x,
                         status=np.where(x < 0.66, SLIP, OPEN))
     assert values(nodes, steps, "coulomb")["slip"] == pytest.approx(2 * 0.66, rel=1e-9)
+
+
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_outline_with_roles_and_tractions(solved, element):
+    """Clamped left, in contact at the bottom, pressed at the top, pulled at the right side."""
+    with open(solved("model", STEPS=2, CELLS=3, ELEMENT=element).directory / "boundary.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 2 * (12 + 6)
+    expected = {"1": ("contact", 0, 0), "2": ("load", 3e7, 5e7), "3": ("load", 0, -1e8), "4": ("support", 0, 0)}
+    for row in rows:
+        role, x, y = expected[row["label"]]
+        assert row["role"] == role
+        # sums of some ten nodal forces over sums of as many lengths
+        assert float(row["traction_x"]) == pytest.approx(x, rel=1e-13) and float(row["traction_y"]) == pytest.approx(y, rel=1e-13)
