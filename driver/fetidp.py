@@ -38,7 +38,7 @@ import dataclasses
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.linalg import qr
+from scipy.linalg import lapack, qr
 from scipy.sparse import coo_matrix, diags
 
 from .blocks import BlockDiagonal
@@ -532,13 +532,22 @@ def _schur(c: LocalClass) -> np.ndarray:
     B_c = c.B_c.toarray()
     on_corner = np.abs(B_c).max(axis=1, initial=0) > 0
     torn = ~on_corner
-    inverse = np.linalg.pinv(c.F[np.ix_(torn, torn)], hermitian=True)
+    inverse = _inverse(c.F[np.ix_(torn, torn)])
     relative = np.zeros((torn.sum(), len(torn)))  # v_b - A v_c
     relative[:, torn] = np.eye(torn.sum())
     relative[:, on_corner] = -c.A[torn] @ B_c[on_corner].T
     schur = relative.T @ inverse @ relative
     schur[np.ix_(on_corner, on_corner)] += B_c[on_corner] @ c.S @ B_c[on_corner].T
     return schur
+
+
+def _inverse(matrix: np.ndarray) -> np.ndarray:
+    """Inverse of a symmetric positive definite matrix; the pseudo-inverse, which costs far more, if it is nearly singular."""
+    factor, info = lapack.dpotrf(matrix) if matrix.size else (matrix, 1)
+    if info or lapack.dpocon(factor, np.abs(matrix).sum(axis=0).max())[0] < DEPENDENT:
+        return np.linalg.pinv(matrix, hermitian=True)
+    upper = np.triu(lapack.dpotri(factor)[0])
+    return upper + np.triu(upper, 1).T
 
 
 def _released(c: LocalClass) -> np.ndarray:

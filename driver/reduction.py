@@ -167,8 +167,8 @@ def reduce_class(structure: Substructure, members: list[int], values: np.ndarray
     K = coo_matrix((values, (sub.rows, sub.columns)), shape=(sub.dofs, sub.dofs)).tocsr()
     B = constraint_matrix(rows, sub.dofs)
     B_r, B_c = B[:, torn], B[:, corner]
-    K_rc = K[torn][:, corner]
-    factor = Factor(K[torn][:, torn].tocsr())
+    K_r = K[torn]
+    K_rc, factor = K_r[:, corner], Factor(K_r[:, torn])
     solved = factor.solve(np.hstack([B_r.T.toarray(), K_rc.toarray()]))
     m = len(rows.row)
     F = B_r @ solved[:, :m]

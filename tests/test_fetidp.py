@@ -9,7 +9,7 @@ from mpi4py import MPI
 from driver.oracle import Assembled
 
 from driver import environment, reduction
-from driver.fetidp import DirichletPreconditioner, DualOperator
+from driver.fetidp import DirichletPreconditioner, DualOperator, _inverse
 from driver.substructuring import GLUING, NORMAL, TANGENTIAL
 
 EPS = np.finfo(float).eps
@@ -374,6 +374,18 @@ def test_dirichlet_preconditioner_is_good_and_scalable(built):
     small, large = (gluing_condition(built(subdomains=n)) for n in ("4x2", "8x4"))
     assert small < 6 and large < 6
     assert abs(large / small - 1) < 0.15
+
+
+def test_stiffness_of_rows_that_depend_on_one_another():
+    """The inverse of a compliance; if two rows are the same the pseudo-inverse, not a large number."""
+    rng = np.random.default_rng(8)
+    A = rng.standard_normal((12, 12))
+    A = A @ A.T + np.eye(12)
+    np.testing.assert_allclose(_inverse(A) @ A, np.eye(12), atol=100 * EPS * np.linalg.cond(A))
+    twice = A[np.ix_([*range(12), 3], [*range(12), 3])]
+    found = _inverse(twice)
+    assert np.linalg.norm(found, 2) <= np.linalg.norm(np.linalg.inv(A), 2) * (1 + 100 * EPS * np.linalg.cond(A))
+    np.testing.assert_allclose(twice @ found @ twice, twice, atol=1000 * EPS * np.linalg.cond(A) * np.abs(A).max())
 
 
 def test_preconditioner_respects_the_face(problem):
