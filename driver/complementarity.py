@@ -115,18 +115,7 @@ class CoulombProblem:
 
     def solution_in(self, states: np.ndarray, sign: np.ndarray | None = None) -> np.ndarray | None:
         """z of the linear system of `states`, exactly in its states; None if the system is singular."""
-        system = self.system(states, np.ones(self.n) if sign is None else sign)
-        found = None if system.singular else system.solve(self.load, self.balance)
-        return None if found is None or not np.isfinite(found).all() else self.within(states, found)
-
-    def within(self, states: np.ndarray, z: np.ndarray) -> np.ndarray:
-        """z with multipliers of open and sliding rows put exactly into their states."""
-        x = z[: self.rows].copy()
-        x[: self.n][states == OPEN] = 0.0
-        at, bound = states[self.pair], self.coefficient * np.abs(x[self.pair])
-        x[self.n :] = np.where(at == FORWARD, bound,
-                               np.where(at == BACKWARD, -bound, np.where(at == OPEN, 0.0, x[self.n :])))
-        return np.append(x, z[self.rows :])
+        return self.system(states, np.ones(self.n) if sign is None else sign).solve(self.load, self.balance)
 
     def violation(self, z: np.ndarray) -> float:
         """Largest violation of the law at z, relative to the largest terms of its sums; inf if z is no number."""
@@ -169,17 +158,17 @@ class StateSystem:
         free = np.concatenate([touching, at == STICK])
         self.free = np.flatnonzero(free)
         self.sliding, self.node = n + sliding, problem.pair[sliding]
-        way = np.where(at[sliding] == FORWARD, 1.0, -1.0) * sign[self.node]
-        self.slope = way * problem.coefficient[sliding]
+        self.bound = np.where(at[sliding] == FORWARD, 1.0, -1.0) * problem.coefficient[sliding]
+        slope = self.bound * sign[self.node]
         self.turn = problem.held(states) / problem.reach[:, None]
         self.soft = np.median(1.0 / problem.rigidity) if problem.k else 1.0
         columns, place = C.compress(free, 1), np.cumsum(touching) - 1
         transposed = columns.compress(free, 0)  # C is symmetric
-        transposed[place[self.node]] += self.slope[:, None] * columns[self.sliding]
+        transposed[place[self.node]] += slope[:, None] * columns[self.sliding]
         if problem.k:
             force = problem.motions @ self.turn
             work = self.soft * force
-            work[self.node] += self.slope[:, None] * work[self.sliding]
+            work[self.node] += slope[:, None] * work[self.sliding]
             border = np.zeros((force.shape[1],) * 2)
             transposed = np.block([[transposed, work[self.free]], [-force[self.free].T, border]])
         self.factor, self.pivots, failed = (
@@ -188,8 +177,10 @@ class StateSystem:
         # sign of the determinant, that of the whole system of normal and tangential rows as well
         self.index = int(np.prod(np.sign(np.diag(self.factor))) * (-1) ** swaps)
 
-    def solve(self, load: np.ndarray, balance: np.ndarray) -> np.ndarray:
-        """z under `load` (n + m,) and `balance` (k,)."""
+    def solve(self, load: np.ndarray, balance: np.ndarray) -> np.ndarray | None:
+        """z under `load` (n + m,) and `balance` (k,), sliding nodes exactly on their bounds; None if there is no one z."""
+        if self.singular:
+            return None
         right = load[self.free]
         if len(balance):
             right = np.append(right, self.soft * (self.turn.T @ balance))
@@ -197,9 +188,9 @@ class StateSystem:
             right, _ = lapack.dgetrs(self.factor, self.pivots, right)
         z = np.zeros(self.rows + len(balance))
         z[self.free] = right[: len(self.free)]
-        z[self.sliding] = self.slope * z[self.node]
+        z[self.sliding] = self.bound * np.abs(z[self.node])
         z[self.rows :] = self.turn @ right[len(self.free) :]
-        return z
+        return z if np.isfinite(z).all() else None
 
 
 def newton(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
@@ -236,14 +227,15 @@ def settled(problem: CoulombProblem, start: np.ndarray, move: np.ndarray, though
     if thought is not None and np.count_nonzero(states != thought) > NEAR:
         return None
     for _ in range(NEWTON_STEPS):
-        old, before, x = states, sign, problem.solution_in(states, sign)
+        old, before, system = states, sign, problem.system(states, sign)
+        x = system.solve(problem.load, problem.balance)
         if x is None:
             return None
         move = problem.movement(x)
         states, sign = problem.states(x, move), problem.signs(x)
         changes = np.count_nonzero((states != old) | (sign != before))
         if changes == 0:
-            return (x, move) if problem.system(states, sign).index > 0 else None
+            return (x, move) if system.index > 0 else None
         if changes > max(A_FEW, fewest / 2):
             return None
         fewest = min(fewest, changes)

@@ -65,6 +65,13 @@ class ContactRows:
         lower[self.tangential], upper[self.tangential] = -bound, bound
         return lower, upper
 
+    def pressing(self, x: np.ndarray) -> np.ndarray:
+        """x without the pulling normal multipliers that contact has not, unless it is bilateral."""
+        pressed = x.copy()
+        if not self.bilateral:
+            pressed[self.normal] = np.maximum(x[self.normal], 0.0)
+        return pressed
+
     def sliding(self, x: np.ndarray, bound: np.ndarray) -> np.ndarray:
         """(j,) sign of the multiplier at tangential rows that are on their bound, 0 at the others."""
         multiplier = x[self.tangential]

@@ -67,7 +67,7 @@ class FrictionQP:
 
         Bilateral contact closes them all.
         """
-        if self.rows.bilateral:
+        if self.rows.bilateral or not (self.rows.gap > 0).any():
             return self.size(d)
         seen, normal, gap = d.copy(), self.rows.normal, self.rows.gap
         reach = np.abs(d[normal] + gap)

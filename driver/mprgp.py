@@ -89,7 +89,7 @@ def split_gradient(x, g, lower, upper):
 def projected_gradient(x, g, lower, upper):
     """g^P = phi + beta, shape (n,), at the feasible x with gradient g; see split_gradient."""
     projected, met = np.array(g, float), np.flatnonzero((x == lower) | (x == upper))  # few of many components
-    at = lambda bound: np.broadcast_to(bound, projected.shape)[met]
+    at = lambda bound: bound[met] if np.ndim(bound) else bound
     projected[met] = split_gradient(x[met], projected[met], at(lower), at(upper))[1]
     return projected
 

@@ -20,7 +20,7 @@ from .timing import Laps
 from .uniqueness import DOUBTFUL_FRICTION
 
 LARGEST = 2000  # contact rows beyond which the condensation takes longer than a hundred runs save
-CHAIN = 10  # values that follow one another
+CHAIN = 20  # values that follow one another
 FIELDS = ("u_n", "u_t", "slip", "sigma_n", "sigma_t", "bound")
 
 

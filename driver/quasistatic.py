@@ -148,8 +148,7 @@ class QuasistaticSolver:
         self.scales.d = max(self.scales.d, self.qp.extent(load.d))
         self.qp.tol = settings.rtol * self.scales.d
         products, trace = op.products, Trace()
-        lower, _ = rows.limits(op.owned, start)
-        x = rows.follow(np.maximum(start, lower), sliding)
+        x = rows.follow(rows.pressing(start), sliding)
         gradient = op.apply(x) - load.d
         for _ in range(TIGHTENINGS + 1):
             x, gradient, sliding = self.fixed_point.find(index, load, x, gradient, sliding, trace)
