@@ -5,9 +5,9 @@ import sys
 from . import environment
 from .errors import shortage, tell
 
-environment.heed_interrupts()
 environment.single_threaded()  # before anything loads the library that reads it
 try:
+    environment.heed_interrupts()
     from .cli import main
 
     environment.prepare_numpy()
