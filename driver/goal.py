@@ -138,9 +138,9 @@ class Search:
     def _more_steps(self, size) -> None:
         """More steps, as the mesh of a size tells; raises NotConverged if there are no more."""
         if self.stride == 1:
-            raise NotConverged(f"even {self.total} steps leave the {self._words()} an error of "
-                               f"{share(self.parts['time'][self.name].error, self._values(size)[self.name])}: too much of "
-                               f"{100 * self.asked:g} %, of which the mesh needs a part")
+            left, value = self.parts["time"][self.name].error, abs(self._values(size)[self.name])
+            raise NotConverged(f"even {self.total} steps leave the {self._words()} an error of {share(left, value)}: too much "
+                               f"of {100 * self.asked:g} %, of which the mesh needs a part; {share(left, LAST * value)} may do")
         before = self.stride
         self._choose_steps(size, 1)
         self.stride = min(self.stride, before // 2)
@@ -241,8 +241,9 @@ class Search:
                     entry = self.budget()[self.name]
                     if entry["total"] <= allowed:
                         return
-            if (len(self.sizes) > 2 and entry.get("time", 0.0) > self._time_share * allowed
-                    and entry["mesh"] is not None and entry["mesh"] <= max(allowed, entry["time"])):
+            spent = entry.get("time", 0.0)
+            if (len(self.sizes) > 2 and spent > self._time_share * allowed
+                    and entry["mesh"] is not None and (entry["mesh"] <= allowed or spent > allowed)):
                 self._more_steps(self.sizes[-2])
                 continue
             if len(self.sizes) > 2 and entry["total"] is not None and entry["total"] <= allowed:  # tolerances were tightened

@@ -92,6 +92,15 @@ def test_a_request_beyond_the_limits_is_refused_with_what_was_reached(solved, mo
     assert run.summary["accuracy"]["reached"] > 1e-6
 
 
+def test_steps_that_do_not_suffice_are_found_out_on_coarse_meshes(solved, monkeypatch):
+    """No mesh makes up for them."""
+    monkeypatch.setattr(goal, "SAMPLING", 2)
+    run = solved("model", loading="nonmonotone", accuracy="2%,dissipated_energy")
+    assert run.status == 4 and "even 40 steps" in run.reason and "may do" in run.reason
+    mesh = run.summary["errors"]["quantities"]["dissipated_energy"]
+    assert mesh["mesh"] > 0.02 * mesh["value"]
+
+
 def test_mistakes(solved, tmp_path):
     for options, said in ((dict(cells=3), "ACCURACY chooses CELLS itself"), (dict(accuracy="2"), "expects a relative error"),
                           (dict(accuracy="1%,slip"), "has no quantity 'slip'; it has displacement")):
