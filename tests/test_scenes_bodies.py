@@ -401,3 +401,11 @@ def test_joint_loses_the_work_of_an_overkill_run(solved):
     assert changes[1] < changes[0] / 4 and changes[1] < 0.005
     errors = np.abs(np.array([solved("joint", h=h).summary["dissipated"] for h in (1.6, 0.8, 0.4, 0.2)]) / adaptive[-1] - 1)
     assert np.all(np.diff(errors) < 0) and errors[-1] < 0.03
+
+
+def test_the_joint_converges_with_the_elements_at_the_lap(solved):
+    """Elsewhere they follow with the root of H, and linear ones err by the square of that: order 1, so a fourth is left."""
+    sag = lambda **parameters: solved("joint", steps=1, **parameters).history["max_displacement"][-1]
+    exact = sag(h=0.8, element="P2")  # 0.2 % by its budget
+    coarse, fine = (abs(sag(h=h) - exact) for h in (0.8, 0.2))
+    assert fine <= coarse / 3
