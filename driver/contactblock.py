@@ -15,6 +15,7 @@ import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix
 
 from .fetidp import DirichletPreconditioner, DualOperator
+from .gathering import Gathering
 from .substructuring import GLUING
 
 
@@ -30,8 +31,7 @@ class ContactBlock:
         self.rows = np.flatnonzero(structure.row_kind != GLUING)  # global dual rows
         first, last = np.searchsorted(self.rows, (start, stop))
         self._mine, self._owned = slice(first, last), self.rows[first:last] - start
-        counts = self.comm.allgather(int(last - first))
-        self._counts = counts, np.cumsum([0, *counts[:-1]]).tolist()
+        self._all = Gathering(self.comm, int(last - first))
         self.size = len(self.rows)
         parts = self._local_parts(operator, preconditioner)
         corners = np.unique(np.concatenate([np.empty(0, int), *(part["corner"] for part in parts)]))
@@ -71,12 +71,7 @@ class ContactBlock:
 
     def gather(self, x: np.ndarray) -> np.ndarray:
         """(n,) all contact rows of a dual vector (or mask), on every rank."""
-        mine = np.asarray(x[self._owned], float)
-        if self.comm.size == 1:
-            return mine
-        everyone = np.empty(self.size)
-        self.comm.Allgatherv(mine, (everyone, self._counts))
-        return everyone
+        return self._all(np.asarray(x[self._owned], float))
 
     def scatter(self, values: np.ndarray, x: np.ndarray) -> np.ndarray:
         """A copy of the dual vector `x` with the contact rows `values` (n,)."""

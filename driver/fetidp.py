@@ -44,6 +44,7 @@ from scipy.sparse import coo_matrix, diags
 from .blocks import BlockDiagonal
 from .contactboundary import ContactBoundary
 from .errors import NoSolution, agree
+from .gathering import Gathering
 from .reduction import LocalClass, group, petsc_matrix, reduce_class
 from .substructuring import GLUING, Substructure, partition
 
@@ -107,14 +108,14 @@ class DualOperator:
         self._starts = structure.row_starts
         self._filled = self._starts < np.append(self._starts[1:], self.owned)  # reduceat has no empty segments
         self._filled_starts = self._starts[self._filled]
-        self._partial_counts = _counts(self.comm, len(self._starts))
+        self._all_partial = Gathering(self.comm, len(self._starts))
         # corner forces travel in the order of subdomains, so that every rank adds them up alike
         number = [structure.corner_global[s] for s in order]
         first = np.cumsum([0, *(len(n) for n in structure.corner_global)])
         self._corner_order = _join([np.arange(first[s], first[s + 1]) for s in order], int)
         self._corner_local = _join(number, int)
         self._corner_all = np.concatenate(self.comm.allgather(_join(structure.corner_global, int)))
-        self._corner_counts = _counts(self.comm, len(self._corner_local))
+        self._all_corners = Gathering(self.comm, len(self._corner_local))
 
     def _build_coarse(self) -> None:
         """Assemble and factorize S_cc on every rank; refuse a structure that is a mechanism."""
@@ -171,11 +172,7 @@ class DualOperator:
         partial = np.zeros(len(self._starts))
         if self.owned:
             partial[self._filled] = np.add.reduceat(a * b, self._filled_starts)
-        if self.comm.size > 1:
-            everyone = np.empty(self.structure.total)
-            self.comm.Allgatherv(partial, (everyone, self._partial_counts))
-            partial = everyone
-        return float(partial.sum())
+        return float(self._all_partial(partial).sum())
 
     def minimum(self, value: float) -> float:
         """The smallest of the ranks' numbers."""
@@ -206,11 +203,7 @@ class DualOperator:
             return np.zeros_like(local)
         forces = np.empty_like(local)
         forces[self._corner_order] = local
-        if self.comm.size > 1:
-            everyone = np.empty(len(self._corner_all))
-            self.comm.Allgatherv(forces, (everyone, self._corner_counts))
-            forces = everyone
-        total = np.bincount(self._corner_all, forces, minlength=self.structure.coarse_dofs)
+        total = np.bincount(self._corner_all, self._all_corners(forces), minlength=self.structure.coarse_dofs)
         return self._spring_held(total)[self._corner_local]
 
     def _spring_held(self, forces: np.ndarray) -> np.ndarray:
@@ -355,20 +348,21 @@ class DualOperator:
 
     def corner_displacement(self, multipliers: np.ndarray, weights: np.ndarray) -> float:
         """Largest displacement of a corner: a cheap measure of how far the body moves."""
-        corner = self._corner_displacements(multipliers, weights)
+        corner = self._corner_displacements(self._gather(multipliers) * self.sign, weights)
         return self.comm.allreduce(float(np.abs(corner).max(initial=0)), op=MPI.MAX)
 
     def coarse_displacements(self, multipliers: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """(coarse dofs,) displacements of the corners, on every rank."""
-        found, corner = np.empty(self.structure.coarse_dofs), self._corner_displacements(multipliers, weights)
+        corner = self._corner_displacements(self._gather(multipliers) * self.sign, weights)
+        found = np.empty(self.structure.coarse_dofs)
         for numbers, values in self.comm.allgather((self._corner_local, corner)):
             found[numbers] = values
         return found
 
-    def _corner_displacements(self, multipliers: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """Displacements of the stacked corner dofs."""
-        x, force = self._gather(multipliers) * self.sign, np.zeros(len(self._corner_local))
-        self._A.multiply(x, force)
+    def _corner_displacements(self, rows: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """Displacements of the stacked corner dofs under the stacked, signed multipliers `rows`."""
+        force = np.zeros(len(self._corner_local))
+        self._A.multiply(rows, force)
         corner = -self.coarse_solve(force)
         for w, (_, loaded) in zip(weights, self.loaded):
             corner += w * loaded
@@ -453,8 +447,8 @@ class DualOperator:
 
         `forces`: a (dofs,) array for every local subdomain that acts besides the patterns.
         """
-        corner = self._corner_displacements(multipliers, weights) if forces is None else None
         rows, factors = self._gather(multipliers) * self.sign, weights[: self.structure.patterns]
+        corner = self._corner_displacements(rows, weights) if forces is None else None
         found = [np.empty(0)] * len(self.structure.subdomains)
         for c, u in zip(self.classes, self._solve(weights, rows, forces, corner)):
             for s, own in zip(c.members, np.ascontiguousarray(u.T)):
@@ -571,12 +565,6 @@ def _scatter(vector: PETSc.Vec, index: np.ndarray):
     source = PETSc.IS().createGeneral(index, comm=PETSc.COMM_SELF)
     target = PETSc.IS().createStride(len(index), first=0, step=1, comm=PETSc.COMM_SELF)
     return local, PETSc.Scatter().create(vector, source, local, target)
-
-
-def _counts(comm, length: int) -> tuple[list[int], list[int]]:
-    """Lengths and offsets of the ranks' parts of a gathered array."""
-    counts = comm.allgather(length)
-    return counts, np.cumsum([0, *counts[:-1]]).tolist()
 
 
 def _join(arrays: list, kind) -> np.ndarray:

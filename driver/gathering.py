@@ -1,0 +1,21 @@
+"""Arrays whose parts the ranks hold, as a whole on every rank."""
+
+import numpy as np
+
+
+class Gathering:
+    """Gathers arrays of the same lengths again and again, in the order of the ranks. Collective over `comm`."""
+
+    def __init__(self, comm, length: int):
+        """`length` of the rank's own part."""
+        self.comm = comm
+        counts = comm.allgather(length)
+        self.size, self._layout = sum(counts), (counts, np.cumsum([0, *counts[:-1]]).tolist())
+
+    def __call__(self, part: np.ndarray) -> np.ndarray:
+        """(size,) all parts; of one rank its own part itself."""
+        if self.comm.size == 1:
+            return part
+        everyone = np.empty(self.size)
+        self.comm.Allgatherv(part, (everyone, self._layout))
+        return everyone
