@@ -116,7 +116,7 @@ def _draw_sweeps(rows: list[Row], names: list[str], folder: Path) -> list[Path]:
         places = [row.place for row in own]
         if places and min(places) > 0 and max(places) > 20 * min(places):
             axes.set_xscale("log")
-        axes.set(xlabel=textwrap.fill(name, 26), ylim=(0, None))
+        axes.set(xlabel=textwrap.fill(name, 26), ylim=(0, 1.1 * max((row.products for row in own), default=1)))
         axes.grid(color="0.9", lw=0.6)
         axes.legend(frameon=False, fontsize=6)
     for axes in panels[len(names):]:
