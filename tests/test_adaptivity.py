@@ -119,7 +119,7 @@ def edges_of(subdomains, label):
 def test_bodies_from_gmsh_that_are_moved_keep_their_curves(adapted):
     """The lower disc is turned round after gmsh has made it: where gmsh meshes, the sizes are not what belongs there."""
     wanted = lambda x, y: np.maximum(0.002, 0.1 * np.hypot(x, y))
-    first, second = adapted(freefem.find_scene("hertz-bodies"), wanted, h=0.004)
+    first, second = adapted(freefem.find_scene("hertz-bodies"), wanted, h=0.001)
     for label, centre, radius in ((1, 1.0, 1.0), (2, 1.0, 1.0), (11, -1.5, 1.5), (12, -1.5, 1.5)):
         chord = np.linalg.norm(np.diff(edges_of(first, label), axis=1), axis=2).max()
         off = np.abs(np.linalg.norm(edges_of(second, label) - [0, centre], axis=2) - radius)
