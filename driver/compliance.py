@@ -26,6 +26,8 @@ from scipy.sparse import coo_matrix, csc_matrix, hstack, vstack
 from .contactboundary import ContactBoundary
 from .errors import NotConverged, agree
 from .fetidp import DualOperator
+
+MUMPS_NO_MEMORY = -13  # INFOG(1)
 WIDTH = 64  # columns solved at a time
 ROUNDING = 1e-9  # residual of the elimination, relative to its terms: far below the tolerances of a QP
 
@@ -135,14 +137,15 @@ def _eliminated(operator: DualOperator, rows: np.ndarray, loads: np.ndarray):
     coupling, contact = matrix[:left, left:].tocsc(), matrix[left:, left:].toarray()
     below = csc_matrix((left - (n - k), loads.shape[1]))
     right = hstack([coupling, vstack([csc_matrix(loads[gluing]), below])]).tocsc()
-    factor, found, error = _Factor(matrix[:left, :left]), {}, None
-    del matrix
-    for first in range(WIDTH * comm.rank, right.shape[1], WIDTH * comm.size):
-        try:
+    found, error = {}, None
+    try:
+        factor = _Factor(matrix[:left, :left])
+        del matrix
+        for first in range(WIDTH * comm.rank, right.shape[1], WIDTH * comm.size):
             solved = factor.solve(right[:, first : first + WIDTH].toarray())
             found[first] = coupling.T @ solved, solved[n - k : n - k + corners].copy()
-        except NotConverged as problem:
-            error = problem
+    except NotConverged as problem:
+        error = problem
     agree(comm, error)
     found = {first: parts for rank in comm.allgather(found) for first, parts in rank.items()}
     onto, moved = (np.hstack(parts) for parts in zip(*(found[first] for first in sorted(found))))
@@ -195,6 +198,11 @@ class _Factor:
         self.factor, self._keep = pc.getFactorMatrix(), pc
         self.factor.setMumpsIcntl(24, 1)
         pc.setUp()
+        failed = self.factor.getMumpsInfog(1)
+        if failed == MUMPS_NO_MEMORY:
+            raise MemoryError
+        if failed < 0:
+            raise NotConverged(f"the contact compliance: MUMPS failed ({failed})")
         self._random = np.random.default_rng(1)
 
     @staticmethod

@@ -71,11 +71,12 @@ class Condensation:
             self._compliance = self.operator.C if self.whole else ContactCompliance(self.operator).C
         return self._compliance
 
-    def solution(self, load: Load, x: np.ndarray, gradient: np.ndarray, sliding: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    def solution(self, load: Load, x: np.ndarray, gradient: np.ndarray,
+                 sliding: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """Multipliers that solve a step, where contact rows are all there are, by Newton's method, and their gradient.
 
-        It starts from `guess`, if there is one, and from x, where the tangential rows slide as `sliding` says. It ends exactly
-        in the states that it finds: what it started from leaves no trace. None if it fails.
+        It starts from `guess`, if there is one, and from x, where the tangential rows slide as `sliding` says. It ends
+        exactly in the states that it finds: what it started from leaves no trace. None if it fails.
         """
         problem, start, found = self.problem(load, x, gradient), self.gather(x), None
         if self.guess is not None:

@@ -85,10 +85,13 @@ def traction_hats(structure: Substructure, rows: np.ndarray, comm) -> Hats:
 
 
 def _jumps(arc: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Where along a boundary the stiffness jumps: the arc lengths of the stiffer neighbours, given the rows' scales."""
+    """Where along a boundary the stiffness jumps: the arc lengths of the stiffer neighbours, given the rows' scales.
+
+    Neighbouring powers of two are no jump: they may be next to one another where the stiffness hardly varies.
+    """
     order = np.argsort(arc)
     arc, scale = arc[order], scale[order]
-    at = np.flatnonzero(scale[1:] != scale[:-1])
+    at = np.flatnonzero(np.maximum(scale[1:], scale[:-1]) > 2 * np.minimum(scale[1:], scale[:-1]))
     return arc[at + (scale[at + 1] > scale[at])]
 
 

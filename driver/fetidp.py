@@ -225,7 +225,7 @@ class DualOperator:
         return solution.array
 
     def coarse_inverse(self, dofs: np.ndarray) -> np.ndarray:
-        """Rows and columns `dofs` of the coarse solution operator, (k, k); one coarse solve a column, shared by the ranks."""
+        """Rows and columns `dofs` of the coarse solution operator, (k, k); a coarse solve a column, shared by the ranks."""
         mine = dofs[slice(*partition(len(dofs), self.comm))]
         columns, force = np.empty((len(mine), len(dofs))), np.zeros(self.structure.coarse_dofs)
         for k, dof in enumerate(mine):
@@ -536,7 +536,7 @@ def _schur(c: LocalClass) -> np.ndarray:
 
 
 def _inverse(matrix: np.ndarray) -> np.ndarray:
-    """Inverse of a symmetric positive definite matrix; the pseudo-inverse, which costs far more, if it is nearly singular."""
+    """Inverse of a symmetric positive definite matrix; the pseudo-inverse, which costs more, if it is nearly singular."""
     factor, info = lapack.dpotrf(matrix) if matrix.size else (matrix, 1)
     if info or lapack.dpocon(factor, np.abs(matrix).sum(axis=0).max())[0] < DEPENDENT:
         return np.linalg.pinv(matrix, hermitian=True)

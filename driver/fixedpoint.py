@@ -21,7 +21,7 @@ CORRECTION = 0.1  # its residual, relative to the whole one before
 BALANCED = 0.1  # its imbalance of bodies without support, relative to the one before
 HEADWAY = 1.0  # relative imbalance after a QP above which the corrector leaves these bodies where they are
 CONDENSED_PASSES = 30  # corrections of a solution of the condensed contact problem
-FINEST = 1e-13  # tolerance of the gluing multipliers there, relative to ||d||: a hundred roundings
+FINEST = 1e-13  # tolerance of the gluing multipliers there, relative to ||d|| and ||F|| ||x||: a hundred roundings
 
 
 class FixedPoint:
@@ -192,7 +192,7 @@ class FixedPoint:
                     and self.bodies.imbalance(load, x) <= self.settings.friction_rtol):
                 self.history.fallbacks.note(method, index)
                 return x, result.gradient, rows.sliding(x, bound)
-            aim = max(0.3 * aim, min(tol, FINEST * qp.scales.d))
+            aim = max(0.3 * aim, min(tol, FINEST * max(qp.scales.d, qp.largest(x))))
             part, last = part if change <= 0.5 * last else 0.5 * part, change
             rows.bound = coefficient + part * (rows.bound - coefficient)
             try:

@@ -159,6 +159,7 @@ def kkt_residuals(rows: ContactRows, multipliers, gradient, left: float, scales:
         (bound * np.abs(slip) - lambda_t * slip).max(initial=0),
         np.abs(lambda_n).max(initial=0),
     ])
+    local[np.isnan(local)] = np.inf  # which MPI's maximum may lose
     comm.Allreduce(MPI.IN_PLACE, local, op=MPI.MAX)
     gluing, penetration, sign, cone, gap_work, slip_work, force = local
     scales.pressure = max(scales.pressure, float(force))

@@ -62,6 +62,11 @@ class FrictionQP:
         scaled = self.scale * displacements
         return np.sqrt(self.operator.dot(scaled, scaled))
 
+    def largest(self, x: np.ndarray) -> float:
+        """||F|| ||x||, which rounding of F x goes by, in the same scale."""
+        unscaled = x / self.scale
+        return self.bound * np.sqrt(self.operator.dot(unscaled, unscaled))
+
     def extent(self, d: np.ndarray) -> float:
         """||d|| without what is left of gaps that the load alone would not close: they could be any distance.
 

@@ -225,7 +225,7 @@ class _Pieces:
         return found
 
     def _check_stiffness(self, found: list[dict], xy: np.ndarray, place: checks.Place) -> None:
-        """Symmetry and rigid motions, of those that are not checked already: with the stiffness and shape of the one before."""
+        """Symmetry and rigid motions, of those not checked already with the stiffness and shape of the one before."""
         like, like_xy, unlike, moved = self.last, self.last_xy, [], []
         for s, piece in enumerate(found):
             known = like is not None and all(piece[name] is like[name] for name in ("rows", "columns", "values"))
@@ -253,7 +253,7 @@ def _kept_once(values: np.ndarray, last: np.ndarray | None) -> list[np.ndarray]:
 
 
 def _elasticity(stack: dict, manifest: Manifest):
-    """Plane elasticity matrices (n, n_t, 3, 3), at the corners (n, n_t, 3, 3, 3) or None, factor of the out-of-plane stress."""
+    """Plane elasticity matrices (n, n_t, 3, 3), at the corners (n, n_t, 3, 3, 3) or None, factor of the stress out of plane."""
     moduli = [_linear(stack[name], manifest) for name in records.moduli(manifest)]
     sigma_zz = None  # general plane laws say nothing of the third direction
     if manifest.material == "isotropic":
@@ -268,7 +268,7 @@ def _elasticity(stack: dict, manifest: Manifest):
 
 
 def _linear(values: np.ndarray, manifest: Manifest) -> np.ndarray:
-    """(n, n_t) means over the triangles or, with quadratic elements, (n, n_t, 3) corner values of the nearest linear function."""
+    """(n, n_t) means over the triangles or, of quadratic elements, (n, n_t, 3) corner values of the nearest linear function."""
     return values if manifest.element == "P1" else values.reshape(len(values), -1, 3) @ elements.INVERSE_MASS
 
 

@@ -17,6 +17,6 @@ class Settings:
     inner_rtol: float = 0.1  # residual reduction of a QP before its friction bound is renewed
     estimator: str = "equilibrated"  # error in the energy norm: a bound; "recovery": averaged stresses; "none"
     expansion: str = "contact"  # MPRGP's expansion step: contact problem solved, "cg" step projected, or "gradient" step
-    corrector: str = "contact"  # contact and friction solved for given gluing before each QP, or "none"
+    corrector: str = "contact"  # before each QP contact and friction for given gluing (condensed: by Newton), or "none"
     linearization: str = "initial"  # of contact between bodies: about the initial geometry, or "updated" once
     uniqueness: str = "auto"  # look for other solutions of every step: "yes", "no", or where few nodes or doubt suggest it

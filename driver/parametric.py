@@ -9,7 +9,7 @@ import numpy as np
 from mpi4py import MPI
 
 from .compliance import ContactCompliance
-from .errors import DriverError, InputError, NoSolution, agree
+from .errors import DriverError, InputError, NoSolution, NotConverged, agree
 from .files import write_json, write_rows, write_table
 from .friction import OPEN, STATUS_NAMES
 from .loader import read_contact
@@ -20,7 +20,8 @@ from .timing import Laps
 from .uniqueness import DOUBTFUL_FRICTION
 
 LARGEST = 2000  # contact rows beyond which the condensation takes longer than a hundred runs save
-CHAIN = 20  # values that follow one another
+CHAIN = 20  # values that follow one another at most
+CHAINS = 8  # chains at least, for the ranks to share
 FIELDS = ("u_n", "u_t", "slip", "sigma_n", "sigma_t", "bound")
 
 
@@ -39,7 +40,10 @@ def run(directory: Path, request: dict, comm) -> tuple[int, str]:
     rows = int(np.count_nonzero(structure.row_kind))
     condensed = rows <= LARGEST and not structure.rigid_modes
     if condensed:
-        operator = ContactCompliance(operator)
+        try:
+            operator = ContactCompliance(operator)
+        except NotConverged:  # on all ranks
+            condensed = False
     lap("condense")
     outcomes = _outcomes(dataclasses.replace(problem, operator=operator), settings, directory, request, condensed, comm)
     lap("solve")
@@ -62,6 +66,11 @@ def run(directory: Path, request: dict, comm) -> tuple[int, str]:
     return status, reason
 
 
+def chain_length(count: int) -> int:
+    """Values in a chain, of `count` in all."""
+    return min(CHAIN, -(-count // CHAINS))
+
+
 def _outcomes(problem, settings, directory: Path, request: dict, apart: bool, comm) -> list["Outcome"]:
     """All values in their order; if they are solved `apart` the ranks take chains of values in turn, else all ranks each.
 
@@ -69,27 +78,30 @@ def _outcomes(problem, settings, directory: Path, request: dict, apart: bool, co
     Collective over `comm`. Raises DriverError.
     """
     structure, found, error, near = problem.structure, {}, None, None
-    mine = [k for k in range(len(request["values"])) if not apart or k // CHAIN % comm.size == comm.rank]
+    count = len(request["values"])
+    chain = chain_length(count)
+    mine = [k for k in range(count) if not apart or k // chain % comm.size == comm.rank]
     try:
-        for k in mine:
+        for done, k in enumerate(mine, 1):
             folder = directory / "values" / str(k)
             value = read_manifest(folder)
             _check_same(request["study"], problem.manifest, value)
             contact = _contact_of(request["study"], structure.contact, *read_contact(folder, value))
-            operator, near = problem.operator.with_contact(contact), near if k % CHAIN else None
+            operator, near = problem.operator.with_contact(contact), near if k % chain else None
             found[k], near = _solve(dataclasses.replace(problem, manifest=value, operator=operator), settings, near)
-            _progress(request, comm, k)
+            _progress(request, comm, k, done, len(mine))
     except DriverError as problem:
         error = problem
     agree(comm, error)
     found = {k: one for part in comm.allgather(found) for k, one in part.items()}
-    return [found[k] for k in range(len(request["values"]))]
+    return [found[k] for k in range(count)]
 
 
-def _progress(request: dict, comm, k: int) -> None:
-    total = len(request["values"])
-    if comm.rank == 0 and not request["quiet"] and (k + 1) % max(1, total // 5) < comm.size:
-        print(f"{request['scene']}: {request['study']} = {request['values'][k]}, {k + 1} of {total}", flush=True)
+def _progress(request: dict, comm, k: int, done: int, total: int) -> None:
+    """A line about value k, which is number `done` of the rank's `total`, a few times in all."""
+    if comm.rank == 0 and not request["quiet"] and done % max(1, total // 5) == 0:
+        share = "" if total == len(request["values"]) else ", as other ranks do"
+        print(f"{request['scene']}: {request['study']} = {request['values'][k]}, {done} of {total}{share}", flush=True)
 
 
 def _check_same(name: str, base, value) -> None:
@@ -100,7 +112,11 @@ def _check_same(name: str, base, value) -> None:
 
 
 def _contact_of(name: str, boundary, data, gid: np.ndarray):
-    """The contact boundary with gap, friction and initial displacement of one value, read as `data` at the nodes `gid`."""
+    """The contact boundary with gap, friction and initial displacement of one value, read as `data` at the nodes `gid`.
+
+    Nodes, weights and normals of all values are those of the first (study.idp): that later ones keep them is what
+    freefem.export_study sees to.
+    """
     span = boundary.gid.max(initial=0) + 1
     known, read = boundary.label * span + boundary.gid, data.label * span + gid
     order = np.argsort(known)

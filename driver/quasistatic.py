@@ -71,7 +71,8 @@ class QuasistaticSolver:
             lam = self.multipliers
             growth = self._growth(index)
             load = self._load(index, self.motion + growth * (self.motion - self.older_motion), self.slid.u_t)
-            step = self._step(index, load, lam + growth * (lam - self.older), self.rows.sliding(lam, self.rows.friction_bound(lam)))
+            sliding = self.rows.sliding(lam, self.rows.friction_bound(lam))
+            step = self._step(index, load, lam + growth * (lam - self.older), sliding)
             self.multipliers, self.older = step.multipliers, lam
             self.motion, self.older_motion = step.weights[self.operator.structure.patterns :], self.motion
             self.slid.advance(step.gradient)

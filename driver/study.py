@@ -1,7 +1,7 @@
 """Parameter studies: one scene for many values of a friction coefficient, a gap, a load history or a step count.
 
 The body is exported, factorized and, where its contact boundary is small enough, condensed once (compliance.py);
-every value then costs a few products with a small matrix. FreeFEM evaluates the contact data and histories of
+every value then costs few operations with small matrices. FreeFEM evaluates the contact data and histories of
 all values in one process that assembles nothing. In the interpreter:
 
     from driver.study import make_study

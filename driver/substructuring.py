@@ -176,7 +176,8 @@ def _row_scale(skeleton, row_gid, kind, share) -> np.ndarray:
     low, high = (skeleton.over_subdomains(extreme, skeleton.stiffness) for extreme in (np.minimum, np.maximum))
     at = np.searchsorted(skeleton.gids, row_gid)
     seen = np.where(kind == GLUING, low[at], high[at] * share)
-    return 2.0 ** np.round(0.5 * np.log2(seen / seen.max(initial=0)))
+    ratio = np.round(np.log2(seen / seen.max(initial=0)), 6)  # rounding of stiffnesses must not decide between powers
+    return 2.0 ** np.round(0.5 * ratio)
 
 
 def _slides(contact: ContactBoundary, fixed_keys) -> np.ndarray:

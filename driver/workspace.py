@@ -49,10 +49,12 @@ class Workspace:
 
     def __exit__(self, kind, problem, _) -> None:
         stopped = kind is not None and not issubclass(kind, (NoSolution, NotConverged))
-        outlook = self._outlook() if stopped else ""
-        if not outlook:
-            self._remove(self.path)
-        self._release()
+        try:
+            outlook = self._outlook() if stopped else ""
+            if not outlook:
+                self._remove(self.path)
+        finally:
+            self._release()
         if stopped and issubclass(kind, OSError):
             raise InputError(f"{write_error(problem)}{outlook}") from None
         if outlook and issubclass(kind, (InputError, KeyboardInterrupt)):
@@ -193,8 +195,8 @@ def _ended(path: Path) -> bool:
 
 @contextmanager
 def _undisturbed():
-    """Hold back interrupts until the block is done."""
-    caught, numbers = [], (signal.SIGINT, signal.SIGTERM)
+    """Hold back interrupts, and the alarm by which one comes once more, until the block is done."""
+    caught, numbers = [], (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)
     before = [signal.signal(number, lambda got, _: caught.append(got)) for number in numbers]
     try:
         yield

@@ -1,13 +1,15 @@
 """Contact block F_cc, deflation by traction hats and relaxation of the contact multipliers: algebra and counts."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from mpi4py import MPI
 
 from driver.contactblock import ContactBlock, Galerkin
-from driver.deflation import DeflatedPreconditioner, Deflation, traction_hats
+from driver.deflation import DeflatedPreconditioner, Deflation, _jumps, traction_hats
 from driver.relaxation import ContactRelaxation
-from driver.substructuring import GLUING, NORMAL
+from driver.substructuring import GLUING, NORMAL, _row_scale
 
 EPS = np.finfo(float).eps
 
@@ -169,6 +171,22 @@ def test_jumps_of_the_stiffness_leave_the_condition_alone(built, board, jump):
 
 
 # ------------------------------------------------------------------------------ relaxation
+
+def test_a_stiffness_that_wavers_between_powers_of_two_does_not_jump():
+    """Row scales are powers of two: hats end where they change by more than one."""
+    arc = np.array([2.0, 0.0, 3.0, 1.0, 4.0])
+    assert list(_jumps(arc, np.array([0.5, 1.0, 1.0, 0.5, 1.0]))) == []
+    assert list(_jumps(arc, np.array([0.25, 1.0, 0.25, 1.0, 0.5]))) == [1.0]
+
+
+def test_scales_do_not_follow_the_rounding_of_stiffnesses():
+    """At half of the largest stiffness the power of two is decided by a tie."""
+    half = 0.5 + np.array([-2, -1, 0, 1, 2]) * EPS
+    stiffness = np.append(1.0, half)
+    skeleton = SimpleNamespace(gids=np.arange(6), stiffness=stiffness, over_subdomains=lambda _, values: values)
+    scale = _row_scale(skeleton, np.arange(6), np.full(6, NORMAL), np.ones(6))
+    assert len(set(scale[1:])) == 1
+
 
 def test_relaxation_minimises_over_the_contact_multipliers(problem, parts):
     """Gluing rows stay, bounds hold, and the gradient it returns is that of the point on the contact rows."""

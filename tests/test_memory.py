@@ -110,6 +110,13 @@ def test_a_system_call_that_finds_no_memory_is_told_as_that(exported, tmp_path, 
     assert told == NO_MEMORY
 
 
+def test_a_run_without_memory_leaves_nothing_behind(tmp_path):
+    """Nothing was there to read, which is no shortage although a shortage is being handled."""
+    with pytest.raises(MemoryError), workspace.Workspace(tmp_path / "out"):
+        raise MemoryError
+    assert not list(tmp_path.glob(".out.*"))
+
+
 def test_a_factorization_that_finds_no_memory_does_not_blame_the_supports(monkeypatch):
     class Starved(PETSc.PC):
         def setUp(self):

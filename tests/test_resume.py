@@ -246,8 +246,9 @@ def test_directories_of_other_results_are_left_alone(tmp_path):
     assert hidden(tmp_path) == [".a.1x", ".a.b.1", ".a.old", ".ab.1"]
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGALRM], ids=["interrupt", "one that comes once more"])
 @pytest.mark.parametrize("atomic", [True, False], ids=["exchange", "two renames"])
-def test_an_interrupt_while_publishing_waits(tmp_path, monkeypatch, atomic):
+def test_an_interrupt_while_publishing_waits(tmp_path, monkeypatch, atomic, number):
     """At the moment when an older result might have its private name only."""
     out = tmp_path / "out"
     out.mkdir()
@@ -257,16 +258,16 @@ def test_an_interrupt_while_publishing_waits(tmp_path, monkeypatch, atomic):
     exchange = workspace._exchange
 
     def interrupted(*paths):
-        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(number)
         return exchange(*paths) if atomic else False
 
     monkeypatch.setattr(workspace, "_exchange", interrupted)
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
+    before = signal.signal(number, signal.default_int_handler)  # a shell's background jobs ignore SIGINT
     try:
         with pytest.raises(KeyboardInterrupt), place:
             place.publish(out)
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.signal(number, before)
     assert (out / "summary.json").read_text() == "new" and hidden(tmp_path) == []
 
 

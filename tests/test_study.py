@@ -105,6 +105,7 @@ def test_friction_values_agree_with_single_runs(made, solved):
 def test_values_depend_neither_on_their_order_nor_on_newton(made, monkeypatch, loading):
     """Forth and back, in chains of three that start elsewhere, and by successive approximations alone."""
     monkeypatch.setattr(parametric, "CHAIN", 3)
+    monkeypatch.setattr(parametric, "CHAINS", 1)
     values = ["0.1", "0.12", "0.14", "0.16", "0.18", "0.9", "0.92", "1.2"]
     of = dict(scene="model", loading=loading, steps="6", uniqueness="no")
     forth, back, plain = (made(friction=",".join(order), **of, **more)[1] for order, more in (
@@ -148,6 +149,20 @@ def test_gaps_on_a_graph_partition_without_condensation(made, solved, monkeypatc
     summary, files = made(scene="bracket", play="0.01,0.03", steps="3")
     assert not summary["condensed"]
     compare(files["contact"], solved("bracket", play=0.03, steps=3, **TIGHT), play="0.03")
+
+
+def test_values_are_solved_on_the_whole_where_the_elimination_fails(made, solved, monkeypatch):
+    monkeypatch.setattr(compliance, "ROUNDING", 0.0)  # what no solution meets
+    summary, files = made(scene="model", friction="0.2,0.3", steps="2")
+    assert not summary["condensed"]
+    compare(files["contact"], solved(friction=0.3, steps=2, **TIGHT), friction="0.3")
+
+
+@pytest.mark.parametrize("count, ranks", [(5, 2), (10, 4), (100, 8)])
+def test_every_rank_gets_values(count, ranks):
+    """Chains are the same for any number of ranks, and as many as a few ranks need."""
+    chain = parametric.chain_length(count)
+    assert {k // chain % ranks for k in range(count)} == set(range(ranks))
 
 
 def test_bodies_without_support_agree_with_single_runs(made, solved):
