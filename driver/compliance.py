@@ -26,6 +26,7 @@ from scipy.sparse import coo_matrix, csc_matrix, hstack, vstack
 from .contactboundary import ContactBoundary
 from .errors import NotConverged, agree
 from .fetidp import DualOperator
+from .reduction import solve_columns
 
 MUMPS_NO_MEMORY = -13  # INFOG(1)
 WIDTH = 64  # columns solved at a time
@@ -214,12 +215,7 @@ class _Factor:
         """Solution for the columns of `right` (n, k). Raises NotConverged if a combination of them leaves a residual."""
         if not right.size:
             return np.zeros_like(right)
-        b = PETSc.Mat().createDense(right.shape, array=np.asfortranarray(right), comm=PETSc.COMM_SELF)
-        x = PETSc.Mat().createDense(right.shape, comm=PETSc.COMM_SELF)
-        x.setUp()
-        self.factor.matSolve(b, x)
-        found = x.getDenseArray().copy()
-        b.destroy(), x.destroy()
+        found = solve_columns(self.factor, right)
         v = self._random.standard_normal(right.shape[1])
         solution, wanted = found @ v, right @ v
         left = np.abs(self._multiply(self.upper, solution) - wanted)

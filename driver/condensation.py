@@ -24,12 +24,14 @@ class Condensation:
     guess: np.ndarray | None = None
 
     def __post_init__(self):
-        contact = self.operator.structure.contact
-        self._nodes = len(contact.gid)
-        self._normal, self._tangential = (np.flatnonzero(r >= 0) for r in (contact.normal_row, contact.tangential_row))
-        self.pair = np.searchsorted(self._normal, self._tangential)
-        self.n, self.m = len(self._normal), len(self._tangential)
-        self._at = contact_row_numbers(contact)
+        structure = self.operator.structure
+        contact, (first, last) = structure.contact, structure.row_range
+        normal, tangential = (np.flatnonzero(r >= 0) for r in (contact.normal_row, contact.tangential_row))
+        self.pair = np.searchsorted(normal, tangential)
+        self.n, self.m = len(normal), len(tangential)
+        number = contact_row_numbers(contact)
+        self._owned = np.flatnonzero((number >= first) & (number < last))  # places of this rank's rows,
+        self._at = number[self._owned] - first  # and where its part of a dual vector has them
         self._compliance = self._law = None
 
     @property
@@ -39,23 +41,14 @@ class Condensation:
 
     def gather(self, local: np.ndarray) -> np.ndarray:
         """(n + m,) contact part of a dual vector, on every rank."""
-        if self.operator.comm.size == 1:
-            return local[self._at]
-        found = np.zeros((2, self._nodes))
-        found[0, self.rows.normal_node] = local[self.rows.normal]
-        found[1, self.rows.tangential_node] = local[self.rows.tangential]
-        found = np.sum(self.operator.comm.allgather(found), axis=0)
-        return np.concatenate([found[0, self._normal], found[1, self._tangential]])
+        found, comm = np.zeros(self.n + self.m), self.operator.comm
+        found[self._owned] = local[self._at]
+        return np.sum(comm.allgather(found), axis=0) if comm.size > 1 else found
 
     def place(self, x: np.ndarray, into: np.ndarray) -> np.ndarray:
         """The dual vector `into` with its contact part replaced by x (n + m,)."""
-        full, moved = np.zeros((2, self._nodes)), into.copy()
-        if self.operator.comm.size == 1:
-            moved[self._at] = x
-            return moved
-        full[0, self._normal], full[1, self._tangential] = x[: self.n], x[self.n :]
-        moved[self.rows.normal] = full[0, self.rows.normal_node]
-        moved[self.rows.tangential] = full[1, self.rows.tangential_node]
+        moved = into.copy()
+        moved[self._at] = x[self._owned]
         return moved
 
     def held(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -6,9 +6,9 @@ import re
 import subprocess
 from pathlib import Path
 
-from . import environment, seal
+from . import elements, environment, seal
 from .errors import InputError
-from .manifest import ELEMENTS, Manifest, read_manifest
+from .manifest import Manifest, read_manifest
 
 SCENES = environment.ROOT / "edp"
 # flags that mean something to FreeFEM itself, or that `export` sets
@@ -66,8 +66,8 @@ def _run(script: Path, scene: Path, directory: Path, parameters: dict[str, str],
     else:
         command = [environment.program("FreeFem++"), *flags, *arguments]
     element = parameters.get("element", "P1")
-    if element not in ELEMENTS:
-        raise InputError(f"ELEMENT must be one of {', '.join(ELEMENTS)}, not '{element}'")
+    if element not in elements.NODES:
+        raise InputError(f"ELEMENT must be one of {', '.join(elements.NODES)}, not '{element}'")
     env = environment.child_environment(ranks > 1, element)
     done = environment.run_child(command, meanwhile, env=env, stdout=subprocess.PIPE,
                                  stderr=subprocess.STDOUT, text=True, errors="replace", cwd=scene.parent)

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from . import elements
 from . import seal as seals
 from .errors import InputError
 
@@ -78,13 +79,12 @@ def read_manifest(directory: Path, scene: str | None = None) -> Manifest:
     return manifest
 
 
-ELEMENTS = ("P1", "P2", "P2-mixed")
 KINDS = {"subdomains": int, "blocks": int, "nodes": int, "interface_label": int, "element": str, "plane": str,
          "material": str, "units": dict, "effects": dict, "steps": int, "t_end": (int, float), "contact_labels": list,
          "labels": list, "bodies": int, "contact_pairs": list,
          "patterns": list, "amplitudes": dict, "parameters": dict, "initial_state": bool, "slip_law": (dict, type(None))}
 # words that mean something to the stages that follow; any other would silently count as "not declared"
-WORDS = {"element": ELEMENTS, "plane": ("strain", "stress"), "material": ("isotropic", "general")}
+WORDS = {"element": tuple(elements.NODES), "plane": ("strain", "stress"), "material": ("isotropic", "general")}
 EFFECTS = {"contact": ("none", "unilateral", "bilateral"), "time": ("static", "quasistatic"),
            "friction": ("none", "tresca", "coulomb", "coulomb-slip-dependent"), "initial": ("preload",)}
 PATTERNS = ("traction", "body_force", "point", "thermal", "displacement")

@@ -47,13 +47,18 @@ class Factor:
         """Solution for the columns of `right`, shape (n, k)."""
         if self.size == 0 or right.shape[1] == 0:
             return np.zeros_like(right)
-        b = PETSc.Mat().createDense(right.shape, array=np.asfortranarray(right), comm=PETSc.COMM_SELF)
-        x = PETSc.Mat().createDense(right.shape, comm=PETSc.COMM_SELF)
-        x.setUp()
-        self.matrix.matSolve(b, x)
-        result = x.getDenseArray().copy()
-        b.destroy(), x.destroy()
-        return result
+        return solve_columns(self.matrix, right)
+
+
+def solve_columns(factor, right: np.ndarray) -> np.ndarray:
+    """Solution (n, k) for the columns of `right` (n, k), n and k positive, with a factored PETSc matrix of one rank."""
+    b = PETSc.Mat().createDense(right.shape, array=np.asfortranarray(right), comm=PETSc.COMM_SELF)
+    x = PETSc.Mat().createDense(right.shape, comm=PETSc.COMM_SELF)
+    x.setUp()
+    factor.matSolve(b, x)
+    found = x.getDenseArray().copy()
+    b.destroy(), x.destroy()
+    return found
 
 
 def petsc_matrix(matrix):
