@@ -14,10 +14,11 @@ import os
 import sys
 from pathlib import Path
 
-from . import environment, freefem
+from . import environment
+from .scene import freefem
 from .errors import DriverError, InputError, shortage, tell, write_error
-from .launch import solve_here
-from .run import RESULTS, Run, describe, execute
+from .runs.launch import solve_here
+from .runs.run import RESULTS, Run, describe, execute
 
 
 def parse_pairs(words: list[str]) -> dict[str, str]:
@@ -60,8 +61,8 @@ def command_model(words: list[str]) -> None:
 def command_figures(words: list[str]) -> None:
     """Redraw the figures of finished runs and studies from their files."""
     from .figures import draw_run
-    from .accuracy.work_precision import draw
-    from .study import draw_study
+    from .studies.accuracy.work_precision import draw
+    from .studies.study import draw_study
 
     if not words:
         raise InputError("no finished run to draw; 'make run SCENE=model' leaves one in results/model")
@@ -78,7 +79,7 @@ def command_figures(words: list[str]) -> None:
 
 def command_table(words: list[str]) -> None:
     """The slides' table beside ours."""
-    from .table import make_table
+    from .studies.table import make_table
 
     make_table(parse_pairs(words))
 
@@ -88,7 +89,7 @@ def command_saddle(words: list[str]) -> None:
     environment.start_petsc()
     from mpi4py import MPI
 
-    from .saddle import write_saddle
+    from .studies.saddle import write_saddle
 
     pairs = {"scene": "model", **parse_pairs(words)}
     scene, folder = freefem.find_scene(pairs.pop("scene")), Path(pairs.pop("out", RESULTS / "saddle"))
@@ -98,7 +99,7 @@ def command_saddle(words: list[str]) -> None:
 
 def command_effects(words: list[str]) -> None:
     """What each declared effect of a scene changes and costs."""
-    from .effects import run_effects
+    from .studies.effects import run_effects
 
     for path in run_effects(parse_pairs(words)):
         print(os.path.relpath(path))
@@ -122,8 +123,8 @@ def command_bench(words: list[str]) -> None:
 
 def command_study(words: list[str]) -> None:
     """Many values of one parameter on one export."""
-    from .study import describe as describe_study
-    from .study import make_study
+    from .studies.study import describe as describe_study
+    from .studies.study import make_study
 
     summary, out = make_study(parse_pairs(words))
     print(describe_study(summary, out))
@@ -131,7 +132,7 @@ def command_study(words: list[str]) -> None:
 
 def command_accuracy(words: list[str]) -> None:
     """What accuracy costs: sweeps of every knob of a scene."""
-    from .accuracy.sweeps import run_accuracy
+    from .studies.accuracy.sweeps import run_accuracy
 
     for path in run_accuracy(parse_pairs(words)):
         print(os.path.relpath(path))
@@ -140,7 +141,7 @@ def command_accuracy(words: list[str]) -> None:
 def command_stopping(words: list[str]) -> None:
     """What stopping by the error budget saves on the model example."""
     environment.start_petsc()
-    from .stopping import run_stopping
+    from .studies.stopping import run_stopping
 
     for path in run_stopping(parse_pairs(words)):
         print(os.path.relpath(path))
@@ -149,7 +150,7 @@ def command_stopping(words: list[str]) -> None:
 def command_locking(words: list[str]) -> None:
     """How elements converge in a material that hardly changes its volume."""
     environment.start_petsc()
-    from .locking import run_locking
+    from .studies.locking import run_locking
 
     for path in run_locking(parse_pairs(words)):
         print(os.path.relpath(path))

@@ -59,8 +59,10 @@ def _find_petsc() -> None:
     if "PETSC_DIR" not in os.environ and not Path("/usr/lib/petsc").exists():
         for candidate in sorted(Path("/usr/lib/petscdir").glob("petsc*/*-real"), reverse=True):
             os.environ["PETSC_DIR"] = str(candidate)
-            sys.path.append(str(candidate / "lib/python3/dist-packages"))
             break
+    packages = Path(os.environ.get("PETSC_DIR", "/usr/lib/petsc")) / "lib/python3/dist-packages"
+    if packages.is_dir() and str(packages) not in sys.path:
+        sys.path.append(str(packages))
 
 
 def heed_interrupts() -> None:

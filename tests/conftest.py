@@ -19,7 +19,8 @@ import pytest
 
 from mpi4py import MPI
 
-from driver import freefem, run
+from driver.scene import freefem
+from driver.runs import run
 from driver.errors import DriverError
 
 MODEL = environment.ROOT / "edp" / "model.edp"
@@ -79,10 +80,10 @@ class Problem:
 
 def read_problem(directory: Path, reduce=True) -> Problem:
     """Loader, substructuring and, if asked, the reduction of the export in `directory`."""
-    from driver.fetidp import DualOperator
-    from driver.loader import read_subdomains
-    from driver.manifest import read_manifest
-    from driver.substructuring import build
+    from driver.feti.fetidp import DualOperator
+    from driver.scene.loader import read_subdomains
+    from driver.scene.manifest import read_manifest
+    from driver.contact.tearing import build
 
     manifest = read_manifest(directory)
     subdomains = read_subdomains(manifest, 0, manifest.subdomains, MPI.COMM_SELF)
@@ -168,7 +169,7 @@ def solved(tmp_path_factory):
 def steps_of():
     """steps_of(problem, **settings): the solver after its steps, and those steps (white box)."""
     from driver.options import Settings
-    from driver.quasistatic import QuasistaticSolver
+    from driver.march.quasistatic import QuasistaticSolver
 
     def run(problem: Problem, **settings):
         m = problem.manifest

@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from driver.fetidp import DualOperator
-from driver.friction import SlipLaw
-from driver.loader import ContactData, Subdomain
-from driver.manifest import Manifest
+from driver.feti.fetidp import DualOperator
+from driver.contact.friction import SlipLaw
+from driver.scene.loader import ContactData, Subdomain
+from driver.scene.manifest import Manifest
 from driver.options import Settings
-from driver.quasistatic import QuasistaticSolver
-from driver.substructuring import build
+from driver.march.quasistatic import QuasistaticSolver
+from driver.contact.tearing import build
 
 BOTTOM, RIGHT, TOP, LEFT, INTERFACE = 1, 2, 3, 4, 99
 

@@ -2,8 +2,8 @@
 
 import shutil
 
-from .. import freefem
-from ..problem import assemble
+from ..scene import freefem
+from ..march.problem import assemble
 from .workbench import Workbench, march, on_ranks, seconds
 
 PART = "bodies"

@@ -6,11 +6,11 @@ import numpy as np
 from petsc4py import PETSc
 from scipy.sparse import coo_matrix
 
-from ..fetidp import DualOperator
+from ..feti.fetidp import DualOperator
 from ..options import Settings
-from ..reduction import petsc_matrix
-from ..substructuring import build
-from ..table import LOADINGS, method_settings
+from ..feti.reduction import petsc_matrix
+from ..contact.tearing import build
+from ..studies.table import LOADINGS, method_settings
 from .workbench import REPEATS, Workbench, in_turn, march, ratios, seconds
 
 PART = "factorization"

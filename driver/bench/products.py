@@ -1,6 +1,6 @@
 """Products with F in 20 steps beside the slides' table, and the share of every ingredient by leaving it out."""
 
-from ..table import LOADINGS, ROWS, SLIDES, method_settings
+from ..studies.table import LOADINGS, ROWS, SLIDES, method_settings
 from .workbench import Workbench, march
 
 PART = "products"

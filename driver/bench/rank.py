@@ -13,12 +13,13 @@ environment.start_petsc()
 import numpy as np
 from mpi4py import MPI
 
-from ..fetidp import DualOperator
-from ..loader import read_subdomains
-from ..manifest import read_manifest
-from ..problem import Problem
-from ..substructuring import build, partition
-from ..table import method_settings
+from ..feti.fetidp import DualOperator
+from ..scene.loader import read_subdomains
+from ..scene.manifest import read_manifest
+from ..march.problem import Problem
+from ..contact.tearing import build
+from ..feti.substructuring import partition
+from ..studies.table import method_settings
 from ..timing import Laps
 from .workbench import march
 

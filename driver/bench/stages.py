@@ -7,9 +7,9 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from .. import freefem
-from ..loader import read_subdomains
-from ..manifest import read_manifest
+from ..scene import freefem
+from ..scene.loader import read_subdomains
+from ..scene.manifest import read_manifest
 from .workbench import REPEATS, Workbench, child, driver, in_turn, ratios, seconds
 
 PART = "stages"
@@ -102,7 +102,7 @@ def _start_up(bench: Workbench) -> None:
     demo = in_turn({"demo": lambda: child(["make", "-s", "demo", f"OUT={bench.folder / 'demo'}", "QUIET=yes"])[0]}, 1)
     bench.report.add(PART, "make demo on a set-up machine", demo["demo"], "s", "<= 15")
     code = ("from driver import environment; environment.start_petsc(); "
-            "import driver.cli, driver.solve, driver.problem, driver.results")
+            "import driver.cli, driver.runs.solve, driver.march.problem, driver.results.writer")
     found = in_turn({"driver": lambda: child([sys.executable, "-c", code])[0],
                      "python": lambda: child([sys.executable, "-c", "pass"])[0]}, REPEATS)
     imports = [a - b for a, b in zip(found["driver"], found["python"])]

@@ -6,7 +6,7 @@ from pathlib import Path
 from .. import environment
 from ..arguments import only, yes
 from ..errors import InputError
-from ..run import RESULTS
+from ..runs.run import RESULTS
 
 PARTS = ("products", "factorization", "getfem", "tao", "roofline", "stages", "ranks", "studies", "bodies")
 OPTIONS = ("parts", "large", "out")

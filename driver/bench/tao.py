@@ -3,9 +3,9 @@
 import numpy as np
 from petsc4py import PETSc
 
-from ..mprgp import mprgp, norm_bound, projected_gradient
+from ..qp.mprgp import mprgp, norm_bound, projected_gradient
 from ..options import Settings
-from ..table import LOADINGS
+from ..studies.table import LOADINGS
 from .workbench import Workbench
 
 PART = "tao"

@@ -14,10 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import environment, freefem
+from .. import environment
+from ..scene import freefem
 from ..files import write_rows
 from ..options import Settings
-from ..table import LOADINGS
+from ..studies.table import LOADINGS
 
 REPEATS = 3
 
@@ -100,7 +101,7 @@ class Workbench:
         """Read and reduce the export of a size anew, on this process alone."""
         from mpi4py import MPI
 
-        from ..problem import assemble
+        from ..march.problem import assemble
 
         return assemble(self.export(subdomains, cells), MPI.COMM_SELF, lap)
 

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter
 
-from .. import elements
+from ..scene import elements
 from .layout import header
 from .reading import Run, select
 from .scales import length_scale

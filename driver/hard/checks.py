@@ -11,11 +11,13 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import environment, freefem, run
-from ..loader import read_subdomains
-from ..manifest import read_manifest
+from .. import environment
+from ..scene import freefem
+from ..runs import run
+from ..scene.loader import read_subdomains
+from ..scene.manifest import read_manifest
 from ..options import Settings
-from ..oracle import Assembled, coulomb_history
+from .oracle import Assembled, coulomb_history
 from .case import Case, Check, Outcome, reference
 
 DRIVER = {name.upper() for name in (*run.OPTIONS, *(field.name for field in fields(Settings)))}  # no parameters of the scene
@@ -47,7 +49,7 @@ def exported(case: Case, size: dict):
 def _assembled(scene: str, parameters: tuple) -> Assembled:
     from mpi4py import MPI
 
-    from ..substructuring import build
+    from ..contact.tearing import build
 
     manifest, subdomains = _read(scene, parameters)
     body = Assembled(manifest, subdomains)
@@ -186,8 +188,9 @@ def condition(case: Case, size: dict, outcome: Outcome) -> float:
     """
     from mpi4py import MPI
 
-    from ..fetidp import DirichletPreconditioner, DualOperator
-    from ..substructuring import GLUING, build
+    from ..feti.fetidp import DirichletPreconditioner, DualOperator
+    from ..contact.tearing import build
+    from ..feti.substructuring import GLUING
 
     manifest, subdomains = exported(case, size)
     operator = DualOperator(build(manifest, subdomains, 0, MPI.COMM_SELF), MPI.COMM_SELF)

@@ -12,7 +12,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from ..checkpoint import NAME
+from ..march.checkpoint import NAME
 from ..environment import ROOT, program, python_path
 from .case import Case, Check, Outcome, run_command, run_scene
 
@@ -97,8 +97,8 @@ def edited(case, size, directory):
 def spoiled(spoil):
     """The solver alone, on an export that `spoil`(directory of the export) has changed since it was sealed."""
     def perform(case, size, directory):
-        from ..freefem import export, find_scene
-        from ..seal import read
+        from ..scene.freefem import export, find_scene
+        from ..scene.seal import read
 
         with tempfile.TemporaryDirectory() as place:
             work = Path(place)

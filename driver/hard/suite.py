@@ -14,8 +14,8 @@ import numpy as np
 
 from ..arguments import count, only, yes
 from ..errors import DriverError, InputError
-from ..oracle import OracleFailure
-from ..run import RESULTS
+from .oracle import OracleFailure
+from ..runs.run import RESULTS
 from .case import Case, Outcome, reference, run_case
 from .report import Row, line, write
 

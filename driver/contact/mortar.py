@@ -1,0 +1,290 @@
+"""Stage 3, between bodies: mortar coupling of two boundaries with dual multipliers.
+
+One side of a contact pair carries the contact nodes. The multiplier's basis functions psi_i are biorthogonal to
+the side's hat functions, int psi_i phi_j ds = delta_ij int phi_i ds, so that every node has a condition and a
+bound of its own,
+
+    n_i . jump_i <= gap_i,    jump_i = u_i - 1/w_i int psi_i (u* o pi) ds,    gap_i = 1/w_i int psi_i g ds,
+
+with w_i = int phi_i ds over the part of the boundary that faces the other side, pi the projection onto that side
+along the field n of averaged nodal normals, u* its displacement and g the distance on that way. Both sides are cut
+at each other's vertices, so that the integrals are exact on straight boundaries; as the psi_i add up to one,
+constant stress passes (patch test). On edges that are covered in part the psi_i are dual on that part.
+On curved boundaries the gap is that of the smooth curves that bow from the edges, by their sagitta: the polygons' own
+gap, as large as an element's deformation in conforming contact, would make pressures alternate. See
+Wohlmuth, A mortar finite element method using dual spaces for the Lagrange multiplier (2000); Popp, Gitterle,
+Gee, Wall (2010); for normals and projection Yang, Laursen, Meng (2005).
+
+Quadratic elements. The psi_i are dual to the quadratic shape functions (ends, then middle), whose integrals over an edge,
+1/6, 1/6 and 4/6 of it, are positive: a nodal force and the traction that it stands for have one sign, and the bounds
+act node by node as before. Their span has the linear functions (Lamichhane, Wohlmuth, Math. Comp. 76 (2007) 233-249: so it
+is for every degree with the nodes of Gauss and Lobatto), so that the multiplier does not limit the order, and duality
+makes the mortar projection local and bounded, which is the inf-sup condition, for any ratio of the meshes; for contact
+see Hueeber, Mair, Wohlmuth, Appl. Numer. Math. 54 (2005) 555-576. Over a part of
+an edge the integral of an end's function may be negative: edges covered in part have multipliers dual to the hats, for
+their ends alone. The field of normals and the projection are those of the straight edges; the gap counts how far the
+boundary bows from them.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..scene.elements import cross
+from ..errors import InputError
+
+POINT = np.array([-np.sqrt(0.6), 0.0, np.sqrt(0.6)])  # Gauss, exact to degree 5 on [-1, 1]
+WEIGHT = np.array([5.0, 8.0, 5.0]) / 18.0  # of an interval of length 1
+FACING = -0.2  # cosine between the normals of facing edges, at most
+SLIVER = 1e-6  # parts of an edge shorter than this, relative to the edge, do not count
+
+
+@dataclass
+class Side:
+    """One side of a pair: nodes with place (n, 2), and edges (e, 2), or (e, 3) with their middles.
+
+    `edge_normal` (e, 2) are the unit outward normals, `bow` (e, 2) the ways from the middles to the boundary's curve,
+    `length` (e,) that of the edges in the configuration that stresses refer to; by default as they lie.
+    """
+
+    xy: np.ndarray
+    edges: np.ndarray
+    edge_normal: np.ndarray
+    bow: np.ndarray | None = None
+    length: np.ndarray | None = None
+
+    def __post_init__(self):
+        if self.length is None:
+            self.length = self._length()
+
+    def _length(self) -> np.ndarray:
+        return np.linalg.norm(self.xy[self.edges[:, 1]] - self.xy[self.edges[:, 0]], axis=1)
+
+    def nodal_normals(self) -> np.ndarray:
+        """(n, 2) unit averages of the normals of a vertex's edges, each weighted with the length of the other edge.
+
+        That is the normal of the circle through a vertex and its neighbours: right to second order on curves,
+        however lengths change from edge to edge. Weights that grow with the edge's own length would be right to first
+        order. In middles the average of both ends'.
+        """
+        ends, total = self.edges[:, :2], np.zeros_like(self.xy)
+        np.add.at(total, ends.ravel(), np.repeat(self.edge_normal / self._length()[:, None], 2, axis=0))
+        unit = lambda vectors: vectors / np.linalg.norm(vectors, axis=1)[:, None]
+        if self.edges.shape[1] == 3:
+            total[ends] = unit(total[ends].reshape(-1, 2)).reshape(-1, 2, 2)
+            total[self.edges[:, 2]] = total[ends].sum(axis=1)
+        return unit(total)
+
+
+def sagitta(xy: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """(e,) how far the middles of edges (e, 2), body on their left, lie inside the smooth curve through the vertices.
+
+    The curvature of an edge is that of the circles through its ends and their neighbours, the smaller one; none where
+    they bend to different sides, so that corners stay corners.
+    """
+    along = xy[edges[:, 1]] - xy[edges[:, 0]]
+    length = np.linalg.norm(along, axis=1)
+    before, after = np.full(len(xy), -1), np.full(len(xy), -1)
+    before[edges[:, 1]], after[edges[:, 0]] = np.arange(len(edges)), np.arange(len(edges))
+    inner = (before >= 0) & (after >= 0)
+    one, two = along[before], along[after]
+    turning = np.arctan2(cross(one, two), (one * two).sum(axis=1))
+    curvature = np.where(inner, 2 * turning / (length[before] + length[after]), np.nan)
+    ends = curvature[edges]
+    ends = np.where(np.isnan(ends), ends[:, ::-1], ends)  # at the end of the side the circle of the other end
+    least = np.where(ends.prod(axis=1) > 0, np.sign(ends[:, 0]) * np.abs(ends).min(axis=1), 0.0)
+    return least * length**2 / 8
+
+
+@dataclass
+class Coupling:
+    """What the contact nodes of one pair keep; n is the number of nodes of the first side.
+
+    `weight` (n,) = w_i, zero where nothing is faced; `gap` (n,); `normal` (n, 2). The jump is a sum of terms:
+    value_k times the displacement of node of_k of side side_k goes to row node_k.
+    """
+
+    weight: np.ndarray
+    gap: np.ndarray
+    normal: np.ndarray
+    node: np.ndarray
+    side: np.ndarray
+    of: np.ndarray
+    value: np.ndarray
+
+
+def couple(first: Side, second: Side, held: np.ndarray) -> Coupling:
+    """Mortar coupling of two sides. Raises InputError if a place of the first faces several of the second.
+
+    A node of the first side that a support holds (`held`, (n,) bool) has no displacement to constrain: the next
+    node's multiplier on the edge takes its part over, which keeps constant stress exact and the rows independent.
+    """
+    normal = first.nodal_normals()
+    e, o, start, stop = _facing_parts(first, normal, second)
+    n, (dual, whole) = len(first.xy), _dual_basis(first.edges.shape, e, start, stop)
+    heir = _heirs(first.edges, whole)
+    rows = np.where(held[first.edges], heir, first.edges)
+    weight, gap = np.zeros(n), np.zeros(n)
+    terms = []
+    for point, share in zip(POINT, WEIGHT):
+        xi = (start + stop) / 2 + (stop - start) / 2 * point
+        eta, distance, ds = _project(first, normal, second, e, o, xi)
+        own, others = _shapes(first.edges.shape[1], xi), _shapes(second.edges.shape[1], eta)
+        for k in range(first.edges.shape[1]):  # the multipliers of an edge
+            row = rows[e, k]
+            part = share * (stop - start) * ds * sum(dual[e, k, b] * phi for b, phi in enumerate(own))
+            np.add.at(weight, row, part)
+            np.add.at(gap, row, part * distance)
+            for side, edges, shapes in ((0, first.edges[e], own), (1, second.edges[o], others)):
+                sign = 1.0 if side == 0 else -1.0
+                for corner, value in enumerate(shapes):
+                    terms.append((row, np.full(len(row), side), edges[:, corner], sign * part * value))
+    used = (weight > SLIVER * weight.max(initial=0.0)) & ~held
+    node, side, of, value = (np.concatenate([t[k] for t in terms]) for k in range(4))
+    return Coupling(np.where(used, weight, 0.0), np.divide(gap, weight, out=np.zeros(n), where=used), normal,
+                    *_merge(node, side, of, value, weight, used))
+
+
+def _shapes(nodes: int, xi: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Shape functions of an edge with 2 or 3 nodes at the places xi (m,), each (m,)."""
+    if nodes == 2:
+        return 1.0 - xi, xi
+    return (1.0 - xi) * (1.0 - 2.0 * xi), xi * (2.0 * xi - 1.0), 4.0 * xi * (1.0 - xi)
+
+
+def _heirs(edges: np.ndarray, whole: np.ndarray) -> np.ndarray:
+    """(e, nodes) who takes the part of a held node: the middle, the other end where it has no multiplier."""
+    if edges.shape[1] == 2:
+        return edges[:, ::-1]
+    return np.where(whole[:, None], edges[:, [2, 2, 2]], edges[:, [1, 0, 2]])
+
+
+def _dual_basis(shape: tuple[int, int], e: np.ndarray, start: np.ndarray, stop: np.ndarray):
+    """(edges, nodes, nodes) dual basis of every edge in terms of its shape functions, psi_a = sum_b A_ab phi_b, and
+    whether (edges,) the edge is covered as a whole.
+
+    A = D M^-1 with D_aa = int phi_a, M_ab = int phi_a phi_b over the covered part of the edge; of a quadratic edge that
+    is covered in part with the hats for phi, which are those of the ends and half that of the middle.
+    """
+    edges, nodes = shape
+    covered = np.bincount(e, stop - start, minlength=edges)
+    whole = covered > 1.0 - SLIVER
+    A = np.zeros((edges, nodes, nodes))
+    if nodes == 3:
+        A[whole] = _duals(3, edges, e, start, stop)[whole]
+    some = (covered > 0) & ~(whole & (nodes == 3))
+    hats = np.eye(2) if nodes == 2 else np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5]])
+    A[some, :2] = _duals(2, edges, e, start, stop)[some] @ hats
+    return A, whole
+
+
+def _duals(nodes: int, edges: int, e, start, stop) -> np.ndarray:
+    """(edges, nodes, nodes) D M^-1 where an edge is covered."""
+    D, M = np.zeros((edges, nodes)), np.zeros((edges, nodes, nodes))
+    for point, share in zip(POINT, WEIGHT):
+        xi = (start + stop) / 2 + (stop - start) / 2 * point
+        phi = np.column_stack(_shapes(nodes, xi))
+        part = share * (stop - start)
+        np.add.at(D, e, part[:, None] * phi)
+        np.add.at(M, e, part[:, None, None] * phi[:, :, None] * phi[:, None, :])
+    covered = np.bincount(e, minlength=edges) > 0
+    A = np.zeros_like(M)
+    A[covered] = D[covered][:, :, None] * np.linalg.inv(M[covered])
+    return A
+
+
+def _merge(node, side, of, value, weight, used):
+    """Terms with equal row and node added up and divided by the row's weight."""
+    keys, inverse = np.unique(np.column_stack([node, side, of]), axis=0, return_inverse=True)
+    total = np.bincount(inverse, value, minlength=len(keys))
+    node, side, of = keys.T
+    keep = used[node] & (np.abs(total) > 1e-12 * weight[node])  # the dual basis leaves rounding at the neighbours
+    return node[keep], side[keep], of[keep], total[keep] / weight[node[keep]]
+
+
+@dataclass
+class Segments:
+    """Parts of the first side that each face one edge of the second; arrays of length m.
+
+    Part k goes from `at[k, 0]` to `at[k, 1]` (coordinates in [0, 1]) on edge `edge[k]` of the first side, and so
+    do the places `facing[k]` on edge `other[k]` of the second side that its ends are projected to. Parts of an edge
+    follow one another.
+    """
+
+    edge: np.ndarray
+    other: np.ndarray
+    at: np.ndarray
+    facing: np.ndarray
+
+
+def segments(first: Side, second: Side) -> Segments:
+    """The parts that `couple` integrates over; ends that only rounding and slivers keep apart are made one."""
+    normal = first.nodal_normals()
+    e, o, start, stop = _facing_parts(first, normal, second)
+    near = 2 * SLIVER
+    follows = np.r_[False, (e[1:] == e[:-1]) & (np.abs(start[1:] - stop[:-1]) < near)]
+    start = np.where(start < near, 0.0, start)
+    stop = np.where(stop > 1.0 - near, 1.0, stop)
+    start[1:] = np.where(follows[1:], stop[:-1], start[1:])
+    facing = [_project(first, normal, second, e, o, xi)[0] for xi in (start, stop)]
+    return Segments(e, o, np.column_stack([start, stop]), np.column_stack(facing))
+
+
+def _facing_parts(first: Side, normal: np.ndarray, second: Side):
+    """Pairs of facing edges and the interval [start, stop] of the first edge that each pair shares."""
+    e, o = np.nonzero(first.edge_normal @ second.edge_normal.T < FACING)
+    ends = [_foot(first, normal, e, second.xy[second.edges[o, k]]) for k in (0, 1)]
+    start, stop = np.clip(np.minimum(*ends), 0.0, 1.0), np.clip(np.maximum(*ends), 0.0, 1.0)
+    keep = stop - start > SLIVER
+    e, o, start, stop = e[keep], o[keep], start[keep], stop[keep]
+    keep = _meets(first, normal, second, e, o, (start + stop) / 2)
+    e, o, start, stop = e[keep], o[keep], start[keep], stop[keep]
+    covered = np.bincount(e, stop - start, minlength=len(first.edges))
+    if covered.max(initial=0.0) > 1.0 + 1e-6:
+        at = first.xy[first.edges[covered.argmax()]].mean(axis=0)
+        raise InputError(f"contact pair: the boundary near ({at[0]:g}, {at[1]:g}) faces several places of the other "
+                         "side; label only the parts that can meet")
+    order = np.lexsort((start, e))
+    return e[order], o[order], start[order], stop[order]
+
+
+def _meets(first: Side, normal: np.ndarray, second: Side, e: np.ndarray, o: np.ndarray, xi: np.ndarray) -> np.ndarray:
+    """Whether the normal from xi on edge e meets edge o.
+
+    Near the focus of the normals feet of the ends of o may lie on both sides of xi although o is elsewhere.
+    """
+    a, b = first.edges[e, :2].T
+    x = first.xy[a] + xi[:, None] * (first.xy[b] - first.xy[a])
+    n = normal[a] + xi[:, None] * (normal[b] - normal[a])
+    c, d = second.xy[second.edges[o, 0]], second.xy[second.edges[o, 1]]
+    return np.abs(cross(x - c, n) / cross(d - c, n) - 0.5) < 0.5 + 1e-6
+
+
+def _foot(first: Side, normal: np.ndarray, e: np.ndarray, point: np.ndarray) -> np.ndarray:
+    """Coordinate xi on edge e from which the field of normals meets `point`: (point - x(xi)) x n(xi) = 0."""
+    a, b = first.edges[e, :2].T
+    r, t = point - first.xy[a], first.xy[b] - first.xy[a]
+    n, change = normal[a], normal[b] - normal[a]
+    xi = cross(r, n) / cross(t, n)
+    for _ in range(8):  # Newton on the quadratic equation; straight boundaries need no step
+        value = cross(r - xi[:, None] * t, n + xi[:, None] * change)
+        slope = -cross(t, n + xi[:, None] * change) + cross(r - xi[:, None] * t, change)
+        step = np.divide(value, slope, out=np.zeros_like(value), where=slope != 0)
+        xi = xi - step
+    return np.where(np.isfinite(xi), xi, -1.0)
+
+
+def _project(first: Side, normal: np.ndarray, second: Side, e, o, xi):
+    """Coordinate eta on edge o, distance along the normal, and ds/dxi, seen from xi on edge e."""
+    a, b = first.edges[e, :2].T
+    t = first.xy[b] - first.xy[a]
+    x = first.xy[a] + xi[:, None] * t
+    n = normal[a] + xi[:, None] * (normal[b] - normal[a])
+    n = n / np.linalg.norm(n, axis=1)[:, None]
+    c, d = second.xy[second.edges[o, 0]], second.xy[second.edges[o, 1]]
+    eta = np.clip(cross(x - c, n) / cross(d - c, n), 0.0, 1.0)
+    distance = ((c + eta[:, None] * (d - c) - x) * n).sum(axis=1)
+    for side, edge, at, sign in ((first, e, xi, -1.0), (second, o, eta, 1.0)):
+        if side.bow is not None:
+            distance += sign * 4.0 * at * (1.0 - at) * (side.bow[edge] * n).sum(axis=1)
+    return eta, distance, first.length[e]

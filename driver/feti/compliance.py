@@ -1,0 +1,223 @@
+"""Stage 4, condensed: the dual problem on the contact rows alone, for studies that solve it many times.
+
+Gluing multipliers have no bounds. Minimising over them leaves, on the contact rows c with the gluing rows g,
+
+    C = F_cc - F_cg F_gg^-1 F_gc,      d_C = d_c - F_cg F_gg^-1 d_g,
+
+the compliance of the glued body at its contact nodes. F = F_i + A S_cc^-1 A' with the block diagonal F_i is full, but with
+the corner displacements as further unknowns it comes from a sparse matrix of the local ones alone (`fetidp`),
+
+    [ F_i   -A   ] [ lambda ]   [ d_i - B u ]
+    [ -A'  -S_cc ] [  u_c   ] = [   -f_c    ],
+
+so that C is left on the contact rows when gluing rows and corners are eliminated by one sparse factorization. After that
+a time step costs a few products with a small dense matrix.
+"""
+
+import copy
+import dataclasses
+
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+from scipy.linalg import cho_factor, cho_solve
+from scipy.sparse import coo_matrix, csc_matrix, hstack, vstack
+
+from ..errors import NotConverged, agree
+from .fetidp import DualOperator
+from .reduction import solve_columns
+
+MUMPS_NO_MEMORY = -13  # INFOG(1)
+WIDTH = 64  # columns solved at a time
+ROUNDING = 1e-9  # residual of the elimination, relative to its terms: far below the tolerances of a QP
+
+
+class ContactCompliance:
+    """C and d_C with the interface of DualOperator, whole on every rank: each solves by itself.
+
+    Vectors have one entry per contact row, as `contact_row_numbers` has them. Takes no products with F. Collective over the
+    operator's communicator. Raises NotConverged if the elimination fails.
+    """
+
+    def __init__(self, operator: DualOperator):
+        self.comm, self.products, self.modes = MPI.COMM_SELF, 0, 0  # bodies that supports hold
+        structure = operator.structure
+        rows = contact_row_numbers(structure.contact)
+        self.owned, self.structure = len(rows), _on_contact_rows(structure, rows)
+        patterns = np.eye(structure.patterns)
+        loads = np.column_stack([np.empty((structure.dual_dofs, 0)), *(
+            np.concatenate(operator.comm.allgather(operator.load_response(weights))) for weights in patterns)])
+        self.C, self.d, self._moved, self._loaded = _eliminated(operator, rows, loads)
+        nothing = np.zeros(operator.owned)
+        for k, weights in enumerate(patterns):
+            self._loaded[k] += operator.coarse_displacements(nothing, weights)
+
+    # ---- the interface of DualOperator --------------------------------------------------------
+    def with_contact(self, contact) -> "ContactCompliance":
+        """The same body with other gaps, friction or initial state at its contact nodes; counts its own products."""
+        other = copy.copy(self)
+        boundary = dataclasses.replace(contact, normal_row=self.structure.contact.normal_row,
+                                       tangential_row=self.structure.contact.tangential_row)
+        other.structure, other.products = dataclasses.replace(self.structure, contact=boundary), 0
+        return other
+
+    def apply(self, multipliers: np.ndarray) -> np.ndarray:
+        """C times a vector of contact multipliers."""
+        self.products += 1
+        return self.C @ multipliers
+
+    def dot(self, a: np.ndarray, b: np.ndarray) -> float:
+        """Scalar product."""
+        return float(a @ b)
+
+    @staticmethod
+    def minimum(value: float) -> float:
+        """The smallest of the ranks' numbers: there is one rank."""
+        return value
+
+    def load_response(self, weights: np.ndarray) -> np.ndarray:
+        """d_C for the load sum_k weights_k f_k."""
+        return weights @ self.d
+
+    def corner_displacement(self, multipliers: np.ndarray, weights: np.ndarray) -> float:
+        """Largest displacement of a corner."""
+        return float(np.abs(weights @ self._loaded + self._moved @ multipliers).max(initial=0.0))
+
+    def preconditioner(self) -> "FaceInverse":
+        """The inverse of C on a face."""
+        return FaceInverse(self.C)
+
+
+class FaceInverse:
+    """(C_ff)^-1 by a Cholesky factorization that is kept as long as the face f stays."""
+
+    def __init__(self, C: np.ndarray):
+        self.C, self.face, self.factor = C, None, None
+
+    def __call__(self, residual: np.ndarray, free: np.ndarray) -> np.ndarray:
+        """C_ff^-1 residual_f on the face `free`, zero elsewhere."""
+        result, f = np.zeros_like(residual), np.flatnonzero(free)
+        if len(f) == 0:
+            return result
+        if self.face is None or not np.array_equal(f, self.face):
+            self.face = f
+            self.factor = cho_factor(self.C.compress(free, 0).compress(free, 1), lower=True, check_finite=False)
+        result[f] = cho_solve(self.factor, residual[f], check_finite=False)
+        return result
+
+
+def contact_row_numbers(contact) -> np.ndarray:
+    """(n + m,) dual rows of contact: the normal ones, then the tangential ones, both in the order of the contact nodes."""
+    numbers = np.concatenate([contact.normal_row, contact.tangential_row])
+    return numbers[numbers >= 0]
+
+
+def _on_contact_rows(structure, rows: np.ndarray):
+    """The skeleton as a solver on `rows` alone, in their order, sees it."""
+    contact, place = structure.contact, np.full(structure.dual_dofs + 1, -1)  # that of no row, -1, is the last
+    place[rows] = np.arange(len(rows))
+    contact = dataclasses.replace(contact, normal_row=place[contact.normal_row],
+                                  tangential_row=place[contact.tangential_row])
+    return dataclasses.replace(structure, contact=contact, dual_dofs=len(rows), row_range=(0, len(rows)),
+                               row_kind=structure.row_kind[rows], row_scale=structure.row_scale[rows])
+
+
+def _eliminated(operator: DualOperator, rows: np.ndarray, loads: np.ndarray):
+    """C (c, c) on the contact rows, d_C (patterns, c), and the corner displacements that come with unit contact forces
+    (coarse dofs, c) and with the gluing forces under loads (patterns, coarse dofs).
+
+    `loads` (dual rows, patterns) are the d of the load patterns. Every rank factorizes; the columns are shared out in
+    blocks of fixed size, so that the result does not depend on the number of ranks.
+    """
+    n, corners, comm = operator.structure.dual_dofs, operator.structure.coarse_dofs, operator.comm
+    k, left = len(rows), n + corners + operator.modes - len(rows)
+    place, gluing = np.empty(n, int), np.setdiff1d(np.arange(n), rows)
+    place[gluing], place[rows] = np.arange(n - k), left + np.arange(k)  # contact rows last
+    matrix = _saddle_matrix(operator, place, n - k)
+    coupling, contact = matrix[:left, left:].tocsc(), matrix[left:, left:].toarray()
+    below = csc_matrix((left - (n - k), loads.shape[1]))
+    right = hstack([coupling, vstack([csc_matrix(loads[gluing]), below])]).tocsc()
+    found, error = {}, None
+    try:
+        factor = _Factor(matrix[:left, :left])
+        del matrix
+        for first in range(WIDTH * comm.rank, right.shape[1], WIDTH * comm.size):
+            solved = factor.solve(right[:, first : first + WIDTH].toarray())
+            found[first] = coupling.T @ solved, solved[n - k : n - k + corners].copy()
+    except NotConverged as problem:
+        error = problem
+    agree(comm, error)
+    found = {first: parts for rank in comm.allgather(found) for first, parts in rank.items()}
+    onto, moved = (np.hstack(parts) for parts in zip(*(found[first] for first in sorted(found))))
+    C, d = np.triu(contact) + np.triu(contact, 1).T - onto[:, :k], loads[rows] - onto[:, k:]
+    return (C + C.T) / 2, d.T, -moved[:, :k], moved[:, k:].T.copy()
+
+
+def _saddle_matrix(operator: DualOperator, place: np.ndarray, first: int):
+    """Upper triangle (CSR) of the symmetric matrix of gluing rows, coarse dofs, motions and contact rows.
+
+    `place` (dual rows,) is where it has each of them, `first` that of the coarse dofs. It is the same on every rank. With
+    the motions Q of bodies without support on springs S_rho = S_cc + Q rho^-1 Q', which a border keeps sparse.
+    """
+    structure, comm, modes = operator.structure, operator.comm, operator.modes
+    local = [None] * len(structure.subdomains)
+    for c in operator.classes:
+        matrix = np.block([[c.F, -c.A], [-c.A.T, -c.S]])
+        for s in c.members:
+            sign = np.append(structure.rows[s].sign, np.ones(len(c.corner)))
+            number = np.append(place[structure.rows[s].row], first + structure.corner_global[s])
+            local[s] = number.astype(np.int32), sign, matrix
+    entries = []
+    for number, sign, matrix in (part for rank in comm.allgather(local) for part in rank):
+        i, j = np.nonzero(number[:, None] <= number)
+        entries.append((number[i], number[j], matrix[i, j] * sign[i] * sign[j]))
+    motions = first + structure.coarse_dofs + np.arange(modes)
+    corner = np.arange(first, first + structure.coarse_dofs)
+    entries.append((np.repeat(corner, modes), np.tile(motions, len(corner)), structure.rigid_corners.ravel()))
+    entries.append((motions, motions, operator.rho))
+    i, j, values = map(np.concatenate, zip(*entries))
+    del entries
+    return coo_matrix((values, (i, j)), shape=(len(place) + structure.coarse_dofs + modes,) * 2).tocsr()
+
+
+class _Factor:
+    """Factorization of a sparse symmetric indefinite matrix by MUMPS; rows that depend on others are left out."""
+
+    def __init__(self, upper):
+        """`upper`: its upper triangle, CSR."""
+        self.upper = upper
+        if not upper.shape[0]:
+            return
+        upper.sort_indices()
+        csr = upper.indptr.astype(PETSc.IntType), upper.indices.astype(PETSc.IntType), upper.data
+        pc = PETSc.PC().create(PETSc.COMM_SELF)
+        pc.setType("cholesky")
+        pc.setFactorSolverType("mumps")
+        pc.setOperators(PETSc.Mat().createSBAIJ(upper.shape, 1, csr=csr, comm=PETSc.COMM_SELF))
+        pc.setFactorSetUpSolverType()
+        self.factor, self._keep = pc.getFactorMatrix(), pc
+        self.factor.setMumpsIcntl(24, 1)
+        pc.setUp()
+        failed = self.factor.getMumpsInfog(1)
+        if failed == MUMPS_NO_MEMORY:
+            raise MemoryError
+        if failed < 0:
+            raise NotConverged(f"the contact compliance: MUMPS failed ({failed})")
+        self._random = np.random.default_rng(1)
+
+    @staticmethod
+    def _multiply(upper, x: np.ndarray) -> np.ndarray:
+        """The whole matrix times x (n,)."""
+        return upper @ x + upper.T @ x - upper.diagonal() * x
+
+    def solve(self, right: np.ndarray) -> np.ndarray:
+        """Solution for the columns of `right` (n, k). Raises NotConverged if a combination of them leaves a residual."""
+        if not right.size:
+            return np.zeros_like(right)
+        found = solve_columns(self.factor, right)
+        v = self._random.standard_normal(right.shape[1])
+        solution, wanted = found @ v, right @ v
+        left = np.abs(self._multiply(self.upper, solution) - wanted)
+        if not np.all(left <= ROUNDING * (self._multiply(abs(self.upper), np.abs(solution)) + np.abs(wanted))):
+            raise NotConverged("the contact compliance: the gluing conditions could not be eliminated")
+        return found

@@ -1,0 +1,189 @@
+"""Stage 4, local part: classes of equal subdomains and the reduction of each to its rows and corners.
+
+K_rr of a class is factorized once; its dual operator B_r K_rr^-1 B_r' and its coupling A to the corners are
+formed explicitly: in 2D these dense matrices are small and their products beat pairs of triangular solves.
+"""
+
+import hashlib
+from dataclasses import dataclass
+
+import numpy as np
+from petsc4py import PETSc
+from scipy.sparse import coo_matrix
+
+from .blocks import BLOCK
+from ..errors import NoSolution, shortage
+from ..scene.loader import Subdomain
+from .substructuring import LocalRows, Substructure
+
+SAME = 1e-12  # stiffness entries equal to this, relative to the largest, differ by rounding only
+
+
+class Factor:
+    """Cholesky factorization of a sparse symmetric positive definite matrix by PETSc."""
+
+    def __init__(self, matrix):
+        """Factorize `matrix` (scipy CSR, n x n). Raises NoSolution if it is not positive definite."""
+        self.size = matrix.shape[0]
+        if self.size == 0:
+            return
+        pc = PETSc.PC().create(PETSc.COMM_SELF)
+        pc.setType("cholesky")
+        pc.setOperators(petsc_matrix(matrix))
+        pc.setFactorOrdering("nd")
+        try:
+            pc.setUp()
+        except PETSc.Error as error:
+            if shortage(error):
+                raise
+            raise NoSolution("a subdomain is not held by its corners and supports (zero pivot)") from error
+        self.matrix = pc.getFactorMatrix()
+        self._keep = pc
+        negative, zero, _ = self.matrix.getInertia()
+        if negative or zero:
+            raise NoSolution("a subdomain's stiffness is not positive definite; check material and supports")
+
+    def solve(self, right: np.ndarray) -> np.ndarray:
+        """Solution for the columns of `right`, shape (n, k)."""
+        if self.size == 0 or right.shape[1] == 0:
+            return np.zeros_like(right)
+        return solve_columns(self.matrix, right)
+
+
+def solve_columns(factor, right: np.ndarray) -> np.ndarray:
+    """Solution (n, k) for the columns of `right` (n, k), n and k positive, with a factored PETSc matrix of one rank."""
+    b = PETSc.Mat().createDense(right.shape, array=np.asfortranarray(right), comm=PETSc.COMM_SELF)
+    x = PETSc.Mat().createDense(right.shape, comm=PETSc.COMM_SELF)
+    x.setUp()
+    factor.matSolve(b, x)
+    found = x.getDenseArray().copy()
+    b.destroy(), x.destroy()
+    return found
+
+
+def petsc_matrix(matrix):
+    """Sequential PETSc matrix of a symmetric scipy CSR matrix."""
+    csr = (matrix.indptr.astype(PETSc.IntType), matrix.indices.astype(PETSc.IntType), matrix.data)
+    mat = PETSc.Mat().createAIJ(matrix.shape, csr=csr, comm=PETSc.COMM_SELF)
+    mat.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+    return mat
+
+
+@dataclass
+class LocalClass:
+    """Subdomains with equal matrices. m rows, n_r torn, n_c corner dofs; `members` are local indices.
+
+    `rows` and `corners` are the slices of the rank's stacked local rows and corner dofs that belong to
+    the members, member after member.
+    """
+
+    members: list[int]
+    torn: np.ndarray  # (n_r,) dofs of X^r
+    corner: np.ndarray  # (n_c,) dofs of X^c
+    K: np.ndarray  # (dofs, dofs) sparse
+    factor: Factor  # K_rr
+    B_r: np.ndarray  # (m, n_r) sparse
+    B_c: np.ndarray  # (m, n_c) sparse
+    K_rc: np.ndarray  # (n_r, n_c) sparse
+    F: np.ndarray  # (m, m) B_r K_rr^-1 B_r'
+    A: np.ndarray  # (m, n_c)
+    S: np.ndarray  # (n_c, n_c) local part of S_cc
+    shared: bool  # BLOCK members or more on all ranks together
+    rows: slice | None = None
+    corners: slice | None = None
+
+    def __post_init__(self):
+        self.A_transposed = np.ascontiguousarray(self.A.T)
+
+
+def group(structure: Substructure, comm) -> list[tuple[list[int], np.ndarray, bool]]:
+    """Classes of subdomains with the same dof sets, rows and (to rounding) stiffness; collective.
+
+    Returns for every class with members on this rank their local indices, the stiffness values of the class's
+    first subdomain, which may live on another rank, and whether it has so many members on all ranks together
+    that dense products with many columns pay.
+    """
+    keys, patterns = [], {}
+    for s, sub in enumerate(structure.subdomains):
+        same = id(sub.rows), id(sub.columns), id(sub.values)  # subdomains share what the loader has found to be equal
+        pattern = patterns.get(same) or patterns.setdefault(same, _pattern(sub))
+        keys.append(_fingerprint(structure, s, pattern))
+    open_ = list(range(len(keys)))
+    classes = []
+    while comm.allreduce(len(open_)):
+        mine = {}
+        for s in open_:
+            mine.setdefault(keys[s], s)
+        first = {}  # of every key the rank that has its first subdomain
+        for rank, found in enumerate(comm.allgather(list(mine))):
+            for key in found:
+                first.setdefault(key, []).append(rank)
+        shared = {key: structure.subdomains[mine[key]].values for key in mine
+                  if first[key][0] == comm.rank and len(first[key]) > 1}
+        sent = {key: values for part in comm.allgather(shared) for key, values in part.items()}
+        left = {key: [] for key in mine}
+        for s in open_:
+            left[keys[s]].append(s)
+        open_, round_ = [], {}
+        for key, candidates in left.items():
+            model = sent.get(key, structure.subdomains[mine[key]].values)
+            same = [_same(model, structure.subdomains[s].values) for s in candidates]
+            round_[key] = [s for s, ok in zip(candidates, same) if ok], model
+            open_ += [s for s, ok in zip(candidates, same) if not ok]
+        sizes = {}
+        for part in comm.allgather({key: len(members) for key, (members, _) in round_.items()}):
+            for key, size in part.items():
+                sizes[key] = sizes.get(key, 0) + size
+        classes += [(members, model, sizes[key] >= BLOCK) for key, (members, model) in round_.items() if members]
+        open_.sort()
+    return sorted(classes, key=lambda pair: pair[0])
+
+
+def _same(values: np.ndarray, others: np.ndarray) -> bool:
+    """Whether the entries of two stiffness matrices differ by rounding only."""
+    return values is others or bool(np.abs(values - others).max() <= SAME * np.abs(values).max())
+
+
+def _pattern(sub: Subdomain) -> bytes:
+    """Digest that subdomains with equal stiffness share: its sparsity and first digits."""
+    digest = hashlib.sha1(f"{np.linalg.norm(sub.values):.5e}".encode())
+    digest.update(sub.rows.tobytes())
+    digest.update(sub.columns.tobytes())
+    return digest.digest()
+
+
+def _fingerprint(structure: Substructure, s: int, pattern: bytes) -> bytes:
+    """Digest that equal subdomains share: dof sets and rows beside the `pattern` of their stiffness."""
+    rows = structure.rows[s]
+    digest = hashlib.sha1(pattern)
+    for part in (structure.fixed[s], structure.corner_dofs[s], rows.dof, rows.coefficient.round(13)):
+        digest.update(part.tobytes())
+        digest.update(b"|")
+    return digest.digest()
+
+
+def reduce_class(structure: Substructure, members: list[int], values: np.ndarray, shared: bool) -> LocalClass:
+    """Factorize K_rr of a class with stiffness `values` and form its explicit F, A and S."""
+    s = members[0]
+    sub, corner, rows = structure.subdomains[s], structure.corner_dofs[s], structure.rows[s]
+    kept = np.ones(sub.dofs, bool)
+    kept[structure.fixed[s]] = kept[corner] = False
+    torn = np.flatnonzero(kept)
+    K = coo_matrix((values, (sub.rows, sub.columns)), shape=(sub.dofs, sub.dofs)).tocsr()
+    B = constraint_matrix(rows, sub.dofs)
+    B_r, B_c = B[:, torn], B[:, corner]
+    K_r = K[torn]
+    K_rc, factor = K_r[:, corner], Factor(K_r[:, torn])
+    solved = factor.solve(np.hstack([B_r.T.toarray(), K_rc.toarray()]))
+    m = len(rows.row)
+    F = B_r @ solved[:, :m]
+    A = B_c.toarray() - B_r @ solved[:, m:]
+    S = K[corner][:, corner].toarray() - K_rc.T @ solved[:, m:]
+    return LocalClass(members, torn, corner, K, factor, B_r, B_c, K_rc, (F + F.T) / 2, A, (S + S.T) / 2, shared)
+
+
+def constraint_matrix(rows: LocalRows, dofs: int):
+    """Unsigned rows of B on one subdomain as scipy CSR, shape (m, dofs)."""
+    m = len(rows.row)
+    entries = (rows.coefficient.ravel(), (np.repeat(np.arange(m), rows.dof.shape[1]), rows.dof.ravel()))
+    return coo_matrix(entries, shape=(m, dofs)).tocsr()

@@ -1,0 +1,138 @@
+"""Checkpoints: the state after a finished step, from which an interrupted run goes on with the same numbers.
+
+A checkpoint is one file, renamed into place when it is whole: arrays and JSON in numpy's npz format, before them its
+CRC-32. It holds no more than the parts of a run need for the steps to come and for their report, numbered so that
+any number of ranks can go on from it.
+"""
+
+import errno
+import hashlib
+import io
+import json
+import os
+import shutil
+import sys
+import time
+import zlib
+from pathlib import Path
+
+import numpy as np
+
+from ..environment import ROOT
+from ..errors import agreed_writes
+from ..files import renamed
+
+NAME = "checkpoint.bin"
+END = b"</VTKFile>\n"
+SHARE = 0.02  # of the wall time that checkpoints may take: one follows after every step that pays for it
+
+
+def fingerprint(content: str, options: dict) -> dict:
+    """What a run's numbers depend on, by the name that it has for a user; `content` as in seal.Seal."""
+    program = hashlib.sha256(f"{sys.version} {np.__version__} {os.environ.get('PETSC_DIR')}".encode())
+    for path in sorted((ROOT / "driver").rglob("*.py")):
+        program.update(str(path.relative_to(ROOT)).encode() + path.read_bytes())
+    return {"scene or parameters": content, "options": options, "program": program.hexdigest()}
+
+
+class Checkpoints:
+    """Saves and restores the `parts` of a run, which have snapshot() and restore(), in `directory`; collective."""
+
+    def __init__(self, directory: Path, identity: dict, parts: dict, comm):
+        self.directory, self.identity, self.parts, self.comm = directory, identity, parts, comm
+        self.next = 0.0  # time.perf_counter() from which another one may be written
+
+    def restore(self) -> None:
+        """Put all parts where a checkpoint has left them, if there is one."""
+        state = self.comm.bcast(read(self.directory) if self.comm.rank == 0 else None)
+        if state is not None:
+            for name, part in self.parts.items():
+                part.restore(state[name])
+
+    def save(self) -> None:
+        """Keep the state after the last step, unless the share of time for checkpoints is used up."""
+        start = time.perf_counter()
+        if not self.comm.bcast(start >= self.next):
+            return
+        state = {"fingerprint": self.identity, **{name: part.snapshot() for name, part in self.parts.items()}}
+        with agreed_writes(self.comm):
+            if self.comm.rank == 0:
+                _write(self.directory, state)
+        now = time.perf_counter()
+        self.next = now + (now - start) / SHARE
+
+
+def _write(directory: Path, state: dict) -> None:
+    arrays = {}
+    text = json.dumps(_without_arrays(state, arrays))
+    whole = io.BytesIO()
+    np.savez(whole, text=np.frombuffer(text.encode(), np.uint8), **arrays)
+    with renamed(directory / NAME) as hidden, open(hidden, "wb") as file:
+        file.write(zlib.crc32(whole.getbuffer()).to_bytes(4, "little"))
+        file.write(whole.getbuffer())
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def _without_arrays(value, arrays: dict):
+    """`value` with every array in it moved to `arrays` and its name there in its place."""
+    if isinstance(value, np.ndarray):
+        arrays[f"array{len(arrays)}"] = value
+        return {"array": f"array{len(arrays) - 1}"}
+    if isinstance(value, dict):
+        return {name: _without_arrays(entry, arrays) for name, entry in value.items()}
+    return value
+
+
+def read(directory: Path) -> dict | None:
+    """The state kept in `directory`; None if there is none, or one that is damaged or lacks files of fields.
+
+    Raises OSError if memory is too short to see.
+    """
+    try:
+        content = (directory / NAME).read_bytes()
+        if int.from_bytes(content[:4], "little") != zlib.crc32(content[4:]) or len(content) <= 4:
+            return None
+        with np.load(io.BytesIO(content[4:]), allow_pickle=False) as kept:
+            arrays = {name: kept[name] for name in kept.files}
+        put_back = lambda entry: arrays[entry["array"]] if set(entry) == {"array"} else entry
+        state = json.loads(arrays["text"].tobytes(), object_hook=put_back)
+        return state if all(_ends(directory / name) for _, name in state["writer"]["vtu"]) else None
+    except OSError as problem:
+        if problem.errno == errno.ENOMEM:  # not what an error that is being handled was about
+            raise
+        return None
+
+
+def _ends(path: Path) -> bool:
+    """Whether a file of fields has its last line; a power failure may have taken it. Raises OSError if it is empty."""
+    with open(path, "rb") as file:
+        file.seek(-len(END), os.SEEK_END)
+        return file.read() == END
+
+
+def copy(source: Path, target: Path) -> None:
+    """Give `target` what a run needs to go on from `source`, the checkpoint last; `source` keeps it as well."""
+    state = read(source)
+    for _, name in state["writer"]["vtu"]:
+        (target / name).parent.mkdir(exist_ok=True)
+        _link(source / name, target / name)
+    shutil.copy(source / "run.log", target / "run.log")
+    _link(source / NAME, target / NAME)
+
+
+def _link(source: Path, target: Path) -> None:
+    try:
+        os.link(source, target)
+    except OSError:  # a file system without links
+        shutil.copy(source, target)
+
+
+def steps(state: dict) -> int:
+    """Number of finished steps of a kept state."""
+    return state["solver"]["history"]["steps"]
+
+
+def differences(kept: dict, wanted: dict) -> list[str]:
+    """In what the fingerprint of a kept state differs from that of the run at hand."""
+    return [name for name in wanted if kept["fingerprint"].get(name) != wanted[name]]

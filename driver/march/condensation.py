@@ -1,0 +1,105 @@
+"""The contact part of the dual vectors: dense, in the order of the contact nodes, the same on every rank."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..qp import complementarity
+from ..qp.complementarity import BACKWARD, FORWARD, OPEN, STICK, CoulombProblem
+from ..feti.compliance import ContactCompliance, contact_row_numbers
+from ..feti.fetidp import DualOperator
+from ..contact.friction import ContactRows
+from .step import Load
+
+
+@dataclass
+class Condensation:
+    """Contact rows in the order of the contact nodes, normal ones first, and their compliance once it is asked for.
+
+    `guess` is a dual vector near the solution of the first step. Collective over the operator's communicator.
+    """
+
+    operator: DualOperator | ContactCompliance
+    rows: ContactRows
+    guess: np.ndarray | None = None
+
+    def __post_init__(self):
+        structure = self.operator.structure
+        contact, (first, last) = structure.contact, structure.row_range
+        normal, tangential = (np.flatnonzero(r >= 0) for r in (contact.normal_row, contact.tangential_row))
+        self.pair = np.searchsorted(normal, tangential)
+        self.n, self.m = len(normal), len(tangential)
+        number = contact_row_numbers(contact)
+        self._owned = np.flatnonzero((number >= first) & (number < last))  # places of this rank's rows,
+        self._at = number[self._owned] - first  # and where its part of a dual vector has them
+        self._compliance = self._law = None
+
+    @property
+    def whole(self) -> bool:
+        """Whether the contact rows are all there are."""
+        return isinstance(self.operator, ContactCompliance)
+
+    def gather(self, local: np.ndarray) -> np.ndarray:
+        """(n + m,) contact part of a dual vector, on every rank."""
+        found, comm = np.zeros(self.n + self.m), self.operator.comm
+        found[self._owned] = local[self._at]
+        return np.sum(comm.allgather(found), axis=0) if comm.size > 1 else found
+
+    def place(self, x: np.ndarray, into: np.ndarray) -> np.ndarray:
+        """The dual vector `into` with its contact part replaced by x (n + m,)."""
+        moved = into.copy()
+        moved[self._at] = x[self._owned]
+        return moved
+
+    def held(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Limits that hold the contact part of the dual vector x and leave its gluing part free."""
+        lower, upper = np.full(len(x), -np.inf), np.full(len(x), np.inf)
+        for rows in (self.rows.normal, self.rows.tangential):
+            lower[rows] = upper[rows] = x[rows]
+        return lower, upper
+
+    def compliance(self) -> np.ndarray:
+        """C (n + m, n + m), found at the first call. Raises NotConverged."""
+        if self._compliance is None:
+            self._compliance = self.operator.C if self.whole else ContactCompliance(self.operator).C
+        return self._compliance
+
+    def solution(self, load: Load, x: np.ndarray, gradient: np.ndarray,
+                 sliding: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        """Multipliers that solve a step, where contact rows are all there are, by Newton's method, and their gradient.
+
+        It starts from `guess`, if there is one, and from x, where the tangential rows slide as `sliding` says. It ends
+        exactly in the states that it finds: what it started from leaves no trace. None if it fails.
+        """
+        problem, start, found = self.problem(load, x, gradient), self.gather(x), None
+        if self.guess is not None:
+            near, self.guess = self.gather(self.guess), None
+            found = complementarity.settled(problem, near, problem.movement(near))
+        if found is None:
+            found = complementarity.settled(problem, start, -self.gather(gradient), self._states(start, sliding))
+        self.operator.products += problem.products
+        return None if found is None else (self.place(found[0], x), self.place(-found[1], x))
+
+    def _states(self, x: np.ndarray, sliding: np.ndarray) -> np.ndarray:
+        """(n,) states that the contact multipliers x (n + m,) alone tell, with the signs (m,) of those that slide."""
+        states = np.where((x[: self.n] > 0) | self.rows.bilateral, STICK, OPEN)
+        way = np.where(sliding > 0, FORWARD, np.where(sliding < 0, BACKWARD, STICK))
+        states[self.pair] = np.where(states[self.pair] == OPEN, OPEN, way)
+        return states
+
+    def problem(self, load: Load, x: np.ndarray, gradient: np.ndarray) -> CoulombProblem:
+        """The condensed problem whose load is exact at the dual vector x with zero gradient on the gluing rows.
+
+        Rigid motions of bodies without support are relative to those in `load`.
+        """
+        op, balance = self.operator, None
+        if self._law is None:
+            motions = np.column_stack([self.gather(d) for d, _ in op.loaded[op.structure.patterns :]]) if op.modes else None
+            self._law = CoulombProblem(self.compliance(), np.zeros(self.n + self.m), np.zeros(self.m), self.pair,
+                                       self.rows.bilateral, motions)
+        coefficient = np.zeros(len(x))
+        coefficient[self.rows.tangential] = self.rows.bound
+        d = self.gather(load.d) if self.whole else self.compliance() @ self.gather(x) - self.gather(gradient)
+        if op.modes:
+            balance = load.weights[: op.structure.patterns] @ op.rigid_work[0]
+        return self._law.under(d, self.gather(coefficient)[self.n :], balance)

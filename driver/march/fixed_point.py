@@ -1,0 +1,224 @@
+"""Stage 6: the fixed point lambda_n = Phi(lambda_n) for local Coulomb friction in one time step.
+
+Successive approximations with QPs that are solved only as far as it pays; where they do not contract the methods of
+`globalization` take over. Bodies without support follow their springs in the same iterations.
+"""
+
+import numpy as np
+
+from . import globalization
+from .condensation import Condensation
+from ..errors import NotConverged
+from .free_bodies import FreeBodies
+from ..contact.friction import SlidState
+from .friction_qp import FrictionQP
+from ..qp.mprgp import projected_gradient
+from .step import WINDOW, Load, Trace
+
+SETTLING = 0.3  # relative change of pressures and friction bounds below which free bodies follow their springs
+CORRECTIONS = 30  # friction bounds in the contact problem with F_cc, at most
+CORRECTION = 0.1  # its residual, relative to the whole one before
+BALANCED = 0.1  # its imbalance of bodies without support, relative to the one before
+HEADWAY = 1.0  # relative imbalance after a QP above which the corrector leaves these bodies where they are
+CONDENSED_PASSES = 30  # corrections of a solution of the condensed contact problem
+FINEST = 1e-13  # tolerance of the gluing multipliers there, relative to ||d|| and ||F|| ||x||: a hundred roundings
+
+
+class FixedPoint:
+    """Finds multipliers that solve the QP with the friction bound of their own pressures. Collective."""
+
+    def __init__(self, qp: FrictionQP, bodies: FreeBodies, slid: SlidState, condensation: Condensation):
+        self.qp, self.bodies, self.slid, self.condensation = qp, bodies, slid, condensation
+        self.operator, self.rows, self.settings, self.history = qp.operator, qp.rows, qp.settings, qp.history
+        frictional = len(self.rows.tangential) > 0 and not self.rows.tresca
+        self.corrects_motion, self.coulomb = False, bool(self.operator.comm.allreduce(int(frictional)))
+
+    def find(self, index: int, load: Load, x, gradient, sliding, trace: Trace):
+        """Successive approximations lambda_n -> Phi(lambda_n), each QP solved only as far as it pays.
+
+        The first QPs would be solved far beyond the error of their friction bound; each reduces its initial
+        residual by `inner_rtol`, and the last one meets the tolerance. Bodies without support move in the same
+        iterations. Starts from and returns multipliers, gradient and the rows that slide.
+        """
+        settings, rows, free = self.settings, self.rows, self.operator.modes > 0
+        coulomb, secants, last, self.corrects_motion = self.coulomb, self.bodies.secants(), np.inf, free
+        while not trace.fallback:
+            trace.iterations += 1
+            x, gradient = self._start(load, x, gradient, sliding)
+            bound, reduction = rows.friction_bound(x), self._reduction(trace) if coulomb or free else 0.0
+            result, change = self._approximate(index, trace, load.d, x, bound, reduction, coulomb, gradient)
+            x, gradient = result.x, result.gradient
+            sliding = rows.sliding(x, bound)
+            if self.history.exit_status or not (coulomb or free):
+                return x, gradient, sliding
+            loose = self.bodies.imbalance(load, x)
+            trace.changes.append(max(change, loose * self._norm(x[rows.normal])))
+            if loose <= settings.friction_rtol and self._settled(change, result):
+                return x, gradient, sliding
+            tired = trace.iterations >= settings.max_fixed_point
+            if tired and trace.iterations <= 2 * WINDOW:
+                self.history.end(4, f"step {index}: no fixed point of the friction bound in {trace.iterations} iterations")
+                return x, gradient, sliding
+            if loose > settings.friction_rtol and change <= SETTLING * self._norm(x[rows.normal]):
+                gradient = gradient - self.bodies.lead(load, x, secants)  # before, friction is too far off to say where to
+            # for given gluing multipliers bodies may move too far, and back again after the next QP
+            last, self.corrects_motion = loose, self.corrects_motion and loose <= HEADWAY * last
+            if trace.stalls and not trace.exact:  # by the errors of QPs left early? Solved in full they must stall again
+                trace.exact, trace.changes = True, []
+            trace.fallback = trace.stalls or tired
+        return self._globalise(index, load, rows.follow(x, sliding), trace)
+
+    def _start(self, load: Load, x, gradient, sliding):
+        """Start of the next QP and its gradient: x moved to the friction bound of its own pressures, corrected if so set."""
+        start, relaxation, before = self.rows.follow(x, sliding), self.qp.relaxation, load.d.copy()
+        if self.settings.corrector == "contact":
+            if relaxation is not None:
+                start = self._correct(load, start, relaxation.moved(start, x, gradient))
+            elif self.condensation.whole and not self.rows.tresca:
+                x, gradient = self.qp.placed(start, load.d, x, gradient)
+                return self.condensation.solution(load, x, gradient, sliding) or (x, gradient)
+        # d changes where bodies without support move
+        return self.qp.placed(start, load.d, x, gradient - (load.d - before) if self.operator.modes else gradient)
+
+    def _correct(self, load: Load, x, gradient):
+        """x with the contact multipliers that solve contact and friction while the gluing ones stay.
+
+        Successive approximations as in `find`, with F_cc for F, and bodies without support follow as soon as these have
+        settled. `gradient` need be right only on the contact rows.
+        """
+        rows, qp, aim = self.rows, self.qp, None
+        for _ in range(CORRECTIONS):
+            limits, bound = rows.limits(self.operator.owned, x), rows.friction_bound(x)
+            left = projected_gradient(x, gradient, *limits)
+            if aim is None:
+                whole, loose = qp.size(left), self.bodies.imbalance(load, x)
+                aim = max(0.5 * qp.tol, CORRECTION * whole)
+                balanced = max(0.5 * self.settings.friction_rtol, BALANCED * loose)
+            left[rows.gluing] = 0.0
+            if whole <= qp.tol or qp.size(left) <= aim:
+                if not self.corrects_motion or self.bodies.imbalance(load, x) <= balanced:
+                    break
+                gradient = gradient - self.bodies.follow(load, x)
+            solved, gradient = qp.relaxation(x, gradient, limits, 0.5 * aim)
+            x = rows.follow(solved, rows.sliding(solved, bound))
+            gradient = qp.relaxation.moved(x, solved, gradient)
+        return x
+
+    def _approximate(self, index, trace, d, x, bound, reduction, coulomb=True, gradient=None):
+        """The QP with friction bounds `bound` started from x: its result, and the change of pressures and bounds."""
+        limits = self.rows.limits_at(len(x), bound)
+        x, gradient = self.qp.placed(np.minimum(np.maximum(x, limits[0]), limits[1]), d, x, gradient)
+        result = self.qp.solve(index, trace.iterations, d, limits, x, reduction, gradient)
+        if self.history.exit_status or not coulomb:
+            return result, 0.0
+        self.slid.renew_coefficient(result.gradient)
+        return result, max(self._norm(result.x[self.rows.normal] - x[self.rows.normal]),
+                           self._norm(self.rows.friction_bound(result.x) - bound, tangential=True))
+
+    def _reduction(self, trace: Trace) -> float:
+        """Residual reduction of a QP of the fixed point."""
+        return 0.0 if trace.exact else self.settings.inner_rtol
+
+    def _settled(self, change: float, result) -> bool:
+        return (change <= self.settings.friction_rtol * self._norm(result.x[self.rows.normal])
+                and result.residual <= self.qp.tol)
+
+    # ---- where they do not contract ------------------------------------------------------------
+    def _globalise(self, index: int, load: Load, x, trace: Trace):
+        """The fixed point by the methods of `globalization`, in their order; see `find`."""
+        found = self._accelerate(index, load, x, trace)
+        if found is None and not self.history.exit_status:
+            found = self._condense(index, load, x, trace)
+        if found is not None:
+            return found
+        if not self.history.exit_status:
+            unbalanced = self.bodies.imbalance(load, x) > self.settings.friction_rtol
+            why = self.bodies.why_unbalanced(load, x) if unbalanced else (
+                "the fixed point for the friction bound does not contract, and no other method found a solution; the "
+                "friction coefficient is beyond the range of a unique one")
+            self.history.end(3, f"step {index}: {why}")
+        return x, self.operator.apply(x) - load.d, self.rows.sliding(x, self.rows.friction_bound(x))
+
+    def _accelerate(self, index: int, load: Load, x, trace: Trace):
+        """Anderson acceleration of the friction bounds and of the motions, as forces of their springs.
+
+        None if it makes no headway.
+        """
+        rows, op, changes, j = self.rows, self.operator, [], len(self.rows.tangential)
+        softness = op.rho if op.modes else 1.0
+        point = np.append(rows.friction_bound(x), load.weights[op.structure.patterns :] / softness)
+        method = globalization.Anderson(lambda a, b: self._tangential_dot(a[:j], b[:j]) + a[j:] @ b[j:])
+        while not (changes and globalization.gives_up(changes)):
+            trace.iterations += 1
+            bound = np.maximum(point[:j], 0.0)
+            self.bodies.shift(load, softness * point[j:] - load.weights[op.structure.patterns :])
+            result, change = self._approximate(index, trace, load.d, x, bound, self._reduction(trace))
+            if self.history.exit_status:
+                return None
+            x, sliding, loose = result.x, rows.sliding(result.x, bound), self.bodies.imbalance(load, result.x)
+            changes.append(max(change, loose * self._norm(x[rows.normal])))
+            if loose <= self.settings.friction_rtol and self._settled(change, result):
+                self.history.fallbacks.note(globalization.ANDERSON, index)
+                return x, result.gradient, sliding
+            net, _ = op.imbalance(x, load.weights)
+            point = method.next(np.append(bound, point[j:]), np.append(rows.friction_bound(x), point[j:] + net))
+        return None
+
+    def _condense(self, index: int, load: Load, x, trace: Trace):
+        """A solution of the condensed contact problem, corrected until it is one of the whole; None if none is found.
+
+        Every pass solves for the gluing multipliers with the contact multipliers held. What then is left on the
+        contact rows makes the load of the condensed problem exact for the next pass. What the gluing rows are left with
+        comes back on the contact rows, many times as large: they are solved the more accurately the longer that takes.
+        """
+        if self.condensation.n > globalization.CONDENSED_NODES or self.rows.tresca:
+            return None
+        rows, qp, method, part, last = self.rows, self.qp, globalization.NEWTON, 1.0, np.inf
+        tol = aim = qp.tol
+        for _ in range(CONDENSED_PASSES):
+            trace.iterations += 1
+            bound, coefficient = rows.friction_bound(x), rows.bound
+            qp.tol = aim
+            result = qp.solve(index, trace.iterations, load.d, self.condensation.held(x), x, 0.0)
+            qp.tol = tol
+            if self.history.exit_status:
+                return None
+            x = result.x
+            self.slid.renew_coefficient(result.gradient)
+            change = self._norm(rows.friction_bound(x) - bound, tangential=True)
+            left = projected_gradient(x, result.gradient, *rows.limits_at(len(x), bound))
+            # the gluing rows alone may be left with a residual of tol
+            if (change <= self.settings.friction_rtol * self._norm(x[rows.normal]) and qp.size(left) <= 2 * qp.tol
+                    and self.bodies.imbalance(load, x) <= self.settings.friction_rtol):
+                self.history.fallbacks.note(method, index)
+                return x, result.gradient, rows.sliding(x, bound)
+            aim = max(0.3 * aim, min(tol, FINEST * max(qp.scales.d, qp.largest(x))))
+            part, last = part if change <= 0.5 * last else 0.5 * part, change
+            rows.bound = coefficient + part * (rows.bound - coefficient)
+            try:
+                problem = self.condensation.problem(load, x, result.gradient)
+            except NotConverged:
+                return None
+            found, how = globalization.solve_condensed(problem, problem.whole(self.condensation.gather(x)))
+            if found is None:
+                return None
+            method = how if how == globalization.LEMKE else method
+            x = self.condensation.place(found[: problem.rows], x)
+            self.bodies.shift(load, found[problem.rows :])
+        return None
+
+    # ---- norms of values on contact rows -------------------------------------------------------
+    def _on(self, rows: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """The dual vector with `values` on `rows` and zero elsewhere."""
+        full = np.zeros(self.operator.owned)
+        full[rows] = values
+        return full
+
+    def _norm(self, values: np.ndarray, tangential: bool = False) -> float:
+        """Euclidean norm of values on the normal (or tangential) rows."""
+        full = self._on(self.rows.tangential if tangential else self.rows.normal, values)
+        return np.sqrt(self.operator.dot(full, full))
+
+    def _tangential_dot(self, a: np.ndarray, b: np.ndarray) -> float:
+        """Scalar product of values on the tangential rows."""
+        return self.operator.dot(*(self._on(self.rows.tangential, values) for values in (a, b)))

@@ -1,0 +1,127 @@
+"""Stage 6: the QP with given friction bounds, as MPRGP solves it: scaled, preconditioned, relaxed, to a tolerance."""
+
+import numpy as np
+
+from ..feti.compliance import ContactCompliance
+from ..feti.contact_block import ContactBlock
+from ..feti.deflation import DeflatedPreconditioner, Deflation
+from ..feti.fetidp import DualOperator
+from ..contact.friction import ContactRows, Scales
+from ..qp.mprgp import Result, mprgp, norm_bound, projected_gradient
+from ..options import Settings
+from .relaxation import ContactRelaxation
+from .step import History
+from ..feti.substructuring import GLUING
+
+
+class FrictionQP:
+    """Solves one QP after another to the tolerance `tol`, which the time step sets. Collective.
+
+    `bound` is an upper bound of the scaled ||F||; counts and the log of its iterations go to `history`.
+    """
+
+    def __init__(self, operator: DualOperator, rows: ContactRows, settings: Settings, scales: Scales, history: History):
+        self.operator, self.rows, self.settings, self.scales, self.history = operator, rows, settings, scales, history
+        structure = operator.structure
+        self.scale = structure.row_scale[slice(*structure.row_range)]
+        self.bound = self._bound_norm()
+        self.preconditioner, self.relaxation = self._accelerators()
+        self.tol = 0.0
+
+    def _bound_norm(self) -> float:
+        """Upper bound of the scaled ||F||; the same random start vector for any number of ranks."""
+        structure, op = self.operator.structure, self.operator
+        if isinstance(op, ContactCompliance):
+            return float(np.linalg.norm(self.scale[:, None] * op.C * self.scale)) or 1.0
+        if structure.dual_dofs == 0:  # one subdomain without contact: nothing to iterate on
+            return 1.0
+        start = np.random.default_rng(1).standard_normal(structure.dual_dofs)
+        return norm_bound(lambda y: self.scale * op.apply(self.scale * y), op.owned, dot=op.dot,
+                          start=start[slice(*structure.row_range)])[0]
+
+    def _accelerators(self):
+        """The preconditioner and the relaxation of the contact multipliers that the settings ask for, or None.
+
+        Without gluing the contact block is the whole operator, and neither deflation nor relaxation has a sense.
+        """
+        settings, op = self.settings, self.operator
+        relaxed = "contact" in (settings.expansion, settings.corrector)
+        kinds = np.unique(op.structure.row_kind)
+        coupled = (relaxed or settings.preconditioner == "deflated") and GLUING in kinds and len(kinds) > 1
+        local = op.preconditioner() if settings.preconditioner != "none" or coupled else None
+        chosen = local if settings.preconditioner != "none" else None
+        if not coupled:
+            return chosen, None
+        deflation = Deflation(ContactBlock(op, local), op.structure)
+        if settings.preconditioner == "deflated":
+            chosen = DeflatedPreconditioner(local, deflation)
+        return chosen, ContactRelaxation(op, deflation, self.bound, self.scale) if relaxed else None
+
+    def size(self, displacements: np.ndarray) -> float:
+        """Norm of displacements of the dual rows in the scale that MPRGP works in."""
+        scaled = self.scale * displacements
+        return np.sqrt(self.operator.dot(scaled, scaled))
+
+    def largest(self, x: np.ndarray) -> float:
+        """||F|| ||x||, which rounding of F x goes by, in the same scale."""
+        unscaled = x / self.scale
+        return self.bound * np.sqrt(self.operator.dot(unscaled, unscaled))
+
+    def extent(self, d: np.ndarray) -> float:
+        """||d|| without what is left of gaps that the load alone would not close: they could be any distance.
+
+        Bilateral contact closes them all.
+        """
+        if self.rows.bilateral or not (self.rows.gap > 0).any():
+            return self.size(d)
+        seen, normal, gap = d.copy(), self.rows.normal, self.rows.gap
+        reach = np.abs(d[normal] + gap)
+        seen[normal] = np.where(gap > 0, np.minimum(np.maximum(d[normal], -reach), reach), d[normal])
+        return self.size(seen)
+
+    def placed(self, moved, d, x, gradient):
+        """`moved` and its gradient, which takes a product unless it is x and the gradient there is known."""
+        if gradient is None or not self.operator.minimum(float(np.array_equal(moved, x))):
+            return moved, self.operator.apply(moved) - d
+        return x, gradient
+
+    def solve(self, index, iteration, d, limits, x, reduction, gradient=None):
+        """MPRGP from x until the residual has fallen by the factor `reduction` or is `tol`.
+
+        A failure ends the run: it is noted in the history. `index` and `iteration` go to the log.
+        """
+        op, settings, history = self.operator, self.settings, self.history
+        if gradient is None:
+            gradient = op.apply(x) - d
+        residual = self.size(projected_gradient(x, gradient, *limits))
+        tol = max(self.tol, reduction * residual)
+        offset, relax = op.products, None
+        if self.relaxation is not None and settings.expansion == "contact":
+            relax = lambda y, gradient: self.relaxation(y, gradient, limits, 0.5 * tol)[0]
+
+        def monitor(kind, products, residual):
+            history.log.append((offset + products, index, iteration, kind, residual / (self.scales.d or 1.0)))
+
+        if residual <= self.tol:
+            monitor("start", 0, residual)
+            return Result(x, gradient, "converged", "projected gradient within tolerance", 0, 0, 0, 0, self.bound, residual)
+
+        def attempt(x, gradient, relax):
+            found = mprgp(op.apply, d, *limits, x, tol=tol, norm_bound=self.bound,
+                          preconditioner=self.preconditioner, max_products=settings.max_products, gradient0=gradient,
+                          dot=op.dot, minimum=op.minimum, monitor=monitor, scale=self.scale, relax=relax,
+                          expansion="gradient" if settings.expansion == "gradient" else "cg")
+            self.bound = found.norm_bound
+            for name in ("cg_steps", "expansion_steps", "proportioning_steps"):
+                history.counts[name] += getattr(found, name)
+            return found
+
+        result = attempt(x, gradient, relax)
+        if result.status == "stagnated" and relax is not None:
+            # steps on the contact rows alone may be all rounding where the stiffness jumps within subdomains
+            offset = op.products
+            result = attempt(result.x, op.apply(result.x) - d, None)
+        if result.status != "converged":
+            history.end(3 if result.status == "indefinite operator" else 4,
+                        f"step {index}: MPRGP ended with '{result.status}': {result.reason}")
+        return result

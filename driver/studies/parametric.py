@@ -1,0 +1,223 @@
+"""The SPMD part of a study: the values of one parameter, solved on one export, and their tables."""
+
+import contextlib
+import dataclasses
+import itertools
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+
+from ..feti.compliance import ContactCompliance
+from ..errors import DriverError, InputError, NoSolution, NotConverged, agree
+from ..files import write_json, write_rows, write_table
+from ..contact.friction import OPEN, STATUS_NAMES
+from ..scene.loader import read_contact
+from ..scene.manifest import read_manifest
+from ..options import Settings
+from ..march.problem import assemble
+from ..timing import Laps
+from ..march.uniqueness import DOUBTFUL_FRICTION
+
+LARGEST = 2000  # contact rows beyond which the condensation takes longer than a hundred runs save
+CHAIN = 20  # values that follow one another at most
+CHAINS = 8  # chains at least, for the ranks to share
+FIELDS = ("u_n", "u_t", "slip", "sigma_n", "sigma_t", "bound")
+
+
+def run(directory: Path, request: dict, comm) -> tuple[int, str]:
+    """Solve all values on the ranks of `comm` and write the files; exit status and reason. Raises DriverError."""
+    lap = Laps(request["seconds"])
+    seconds = lap.seconds
+    problem = assemble(directory / "export", comm, lap)
+    manifest, structure, operator = problem.manifest, problem.structure, problem.operator
+    if not manifest.contact_labels:
+        raise InputError("a study needs a scene with contact: without it the response is linear in its loads")
+    settings = Settings(**request["settings"])
+    if settings.linearization != "initial":
+        raise InputError("a study keeps one geometry of contact: leave LINEARIZATION out")
+    lap("setup")
+    rows = int(np.count_nonzero(structure.row_kind))
+    condensed = rows <= LARGEST and not structure.rigid_modes
+    if condensed:
+        try:
+            operator = ContactCompliance(operator)
+        except NotConverged:  # on all ranks
+            condensed = False
+    lap("condense")
+    outcomes = _outcomes(dataclasses.replace(problem, operator=operator), settings, directory, request, condensed, comm)
+    lap("solve")
+    seconds["total"] = sum(seconds.values())
+    failed = [k for k, one in enumerate(outcomes) if one.status]
+    status = max((one.status for one in outcomes), default=0)
+    reason = "" if not failed else (f"{len(failed)} of {len(outcomes)} values did not converge, the first "
+                                    f"{request['study'].upper()}={request['values'][failed[0]]}: "
+                                    f"{outcomes[failed[0]].reason}")
+    if comm.rank == 0:
+        summary = {"scene": request["scene"], "study": request["study"], "values": len(outcomes), "converged": not failed,
+                   "reason": reason, "contact_rows": rows, "condensed": condensed,
+                   "warnings": [f"{request['study'].upper()}={value}: {line}"
+                                for value, one in zip(request["values"], outcomes) for line in one.warnings],
+                   "counts": {"dual_multiplications": sum(one.row["dual_multiplications"] for one in outcomes)},
+                   "seconds": seconds, "ranks": comm.size, "units": manifest.units,
+                   "parameters": {**{n: v for n, v in manifest.parameters.items() if n != request["study"]},
+                                  **dataclasses.asdict(settings)}}
+        _write(directory, request, structure.contact, outcomes, summary)
+    return status, reason
+
+
+def chain_length(count: int) -> int:
+    """Values in a chain, of `count` in all."""
+    return min(CHAIN, -(-count // CHAINS))
+
+
+def _outcomes(problem, settings, directory: Path, request: dict, apart: bool, comm) -> list["Outcome"]:
+    """All values in their order; if they are solved `apart` the ranks take chains of values in turn, else all ranks each.
+
+    In a chain a value starts near the one before. Chains do not depend on the number of ranks.
+    Collective over `comm`. Raises DriverError.
+    """
+    structure, found, error, near = problem.structure, {}, None, None
+    count = len(request["values"])
+    chain = chain_length(count)
+    mine = [k for k in range(count) if not apart or k // chain % comm.size == comm.rank]
+    try:
+        for done, k in enumerate(mine, 1):
+            folder = directory / "values" / str(k)
+            value = read_manifest(folder)
+            _check_same(request["study"], problem.manifest, value)
+            contact = _contact_of(request["study"], structure.contact, *read_contact(folder, value))
+            operator, near = problem.operator.with_contact(contact), near if k % chain else None
+            found[k], near = _solve(dataclasses.replace(problem, manifest=value, operator=operator), settings, near)
+            _progress(request, comm, k, done, len(mine))
+    except DriverError as problem:
+        error = problem
+    agree(comm, error)
+    found = {k: one for part in comm.allgather(found) for k, one in part.items()}
+    return [found[k] for k in range(count)]
+
+
+def _progress(request: dict, comm, k: int, done: int, total: int) -> None:
+    """A line about value k, which is number `done` of the rank's `total`, a few times in all."""
+    if comm.rank == 0 and not request["quiet"] and done % max(1, total // 5) == 0:
+        share = "" if total == len(request["values"]) else ", as other ranks do"
+        print(f"{request['scene']}: {request['study']} = {request['values'][k]}, {done} of {total}{share}", flush=True)
+
+
+def _check_same(name: str, base, value) -> None:
+    """Refuse a value whose manifest differs where the stiffness, loads and rows of the export come from."""
+    for part in ("subdomains", "nodes", "effects", "patterns", "contact_labels", "material", "plane"):
+        if getattr(base, part) != getattr(value, part):
+            raise InputError(f"a study cannot vary {name.upper()}: it changes the scene's {part.replace('_', ' ')}")
+
+
+def _contact_of(name: str, boundary, data, gid: np.ndarray):
+    """The contact boundary with gap, friction and initial displacement of one value, read as `data` at the nodes `gid`.
+
+    Nodes, weights and normals of all values are those of the first (study.idp): that later ones keep them is what
+    freefem.export_study sees to.
+    """
+    span = boundary.gid.max(initial=0) + 1
+    known, read = boundary.label * span + boundary.gid, data.label * span + gid
+    order = np.argsort(known)
+    at = np.minimum(np.searchsorted(known, read, sorter=order), len(known) - 1)
+    here = (known[order[at]] == read) & (gid < span)  # others are held by supports
+    parts = np.column_stack([np.ones(len(gid)), data.normal, data.gap, data.friction, data.initial]) * data.weight[:, None]
+    total = np.column_stack([np.bincount(order[at[here]], part, minlength=len(known)) for part in parts[here].T])
+    weight, normal = total[:, 0], total[:, 1:3]
+    rigid = ~boundary.paired  # between two bodies weight, normal and gap follow from both sides
+    if not (np.all(weight > 0) and np.allclose(weight[rigid], boundary.weight[rigid], rtol=1e-9)
+            and np.allclose((normal / np.linalg.norm(normal, axis=1)[:, None])[rigid], boundary.normal[rigid], atol=1e-9)):
+        raise InputError(f"a study cannot vary {name.upper()}: it moves or turns the contact boundary")
+    gap, friction, initial = (total[:, 3:6] / weight[:, None]).T
+    if gap[~rigid].any():
+        raise InputError(f"a study cannot vary {name.upper()} in a scene that declares pairGap")
+    return dataclasses.replace(boundary, gap=np.where(rigid, gap, boundary.gap), friction=friction, initial=initial)
+
+
+@dataclasses.dataclass
+class Outcome:
+    """One value: its row of study.csv, those of history.csv, contact fields (n_c,) and status at the last step."""
+
+    status: int
+    reason: str
+    row: dict
+    history: list[dict]
+    fields: dict
+    warnings: list[str]
+
+
+def _solve(problem, settings, near: np.ndarray | None) -> tuple[Outcome, np.ndarray | None]:
+    """March through the steps of one value; also returns its multipliers of the first step, as `near` are another value's.
+
+    Where there may be several solutions each value finds its own.
+    """
+    operator, solver, first = problem.operator, problem.solver(settings), None
+    if solver.largest_friction <= DOUBTFUL_FRICTION:
+        solver.condensation.guess = near
+    history, fields, u_t = [], {}, operator.structure.contact.initial
+    dissipated = 0.0
+    with contextlib.suppress(NoSolution):  # in the first step; the solver's history says why
+        for step in solver.steps():
+            first = step.multipliers if step.index == 1 else first
+            fields = _fields(operator, solver.rows, step, u_t)
+            u_t = fields["u_t"]
+            row = _quantities(operator.structure.contact, fields)
+            dissipated += row.pop("work")
+            history.append({"step": step.index, "time": step.time, **row, "dissipated": dissipated,
+                            "fixed_point_iterations": step.fixed_point_iterations, "dual_multiplications": step.products,
+                            "kkt": max(step.residuals.values())})
+    counts, ended = solver.history.counts, solver.history
+    row = {"converged": "no" if ended.exit_status else "yes", "steps": ended.steps, **(history[-1] if history else {}),
+           "fixed_point_iterations": counts["fixed_point_iterations"],
+           "dual_multiplications": counts["dual_multiplications"],
+           "kkt": max(ended.residuals.values(), default=0.0), "uniqueness": solver.uniqueness.verdict}
+    row.pop("step", None), row.pop("time", None)
+    warnings = [*ended.warnings, *ended.fallbacks.warnings(), *solver.uniqueness.warnings()]
+    return Outcome(ended.exit_status, ended.reason, row, history, fields, warnings), first
+
+
+def _fields(operator, rows, step, u_t: np.ndarray) -> dict[str, np.ndarray]:
+    """Nodal contact quantities from multipliers and gradient alone: at its rows B u = c - gradient."""
+    contact, values = operator.structure.contact, np.zeros((6, len(u_t)))
+    values[0, rows.normal_node] = rows.gap - step.gradient[rows.normal]
+    values[1, rows.tangential_node] = -step.gradient[rows.tangential]
+    values[2, rows.normal_node] = -step.multipliers[rows.normal]
+    values[3, rows.tangential_node] = -step.multipliers[rows.tangential]
+    values[4, rows.tangential_node] = rows.friction_bound(step.multipliers)
+    values[5, rows.normal_node] = step.status
+    operator.comm.Allreduce(MPI.IN_PLACE, values)  # a node has one rank: no sum depends on their order
+    u_n, slip, force_n, force_t, bound, status = values
+    w = contact.weight
+    return {"u_n": u_n, "u_t": u_t + slip, "slip": slip, "sigma_n": force_n / w + 0.0, "sigma_t": force_t / w + 0.0,
+            "bound": bound / w, "status": status.astype(int)}
+
+
+def _quantities(contact, fields: dict) -> dict:
+    """Resultants and zones of one step; `work` is what friction dissipates in it."""
+    w, touching = contact.weight, fields["status"] != OPEN
+    nodes = np.bincount(fields["status"], minlength=3)
+    return {"resultant_n": float(fields["sigma_n"] @ w), "resultant_t": float(fields["sigma_t"] @ w),
+            "peak_pressure": float(-fields["sigma_n"].min(initial=0)), "contact_length": float(w[touching].sum()),
+            "largest_slip": float(np.abs(fields["slip"]).max(initial=0)),
+            **{f"nodes_{name}": int(nodes[k]) for k, name in enumerate(STATUS_NAMES)},
+            "work": float(-(fields["sigma_t"] * fields["slip"]) @ w)}
+
+
+def _write(directory: Path, request: dict, contact, outcomes: list[Outcome], summary: dict) -> None:
+    """study.csv, history.csv, contact.csv and summary.json."""
+    name, values = request["study"], request["values"]
+    full = next((one.row for one in outcomes if one.history), outcomes[0].row)
+    write_table(directory / "study.csv", [{name: value} | dict.fromkeys(full, "") | one.row
+                                          for value, one in zip(values, outcomes)])
+    steps = [{name: value, **row} for value, one in zip(values, outcomes) for row in one.history]
+    if steps:
+        write_table(directory / "history.csv", steps)
+    place = [contact.label, *contact.xy.T, contact.arc, contact.weight]
+    rows = [row for value, one in zip(values, outcomes) if one.fields
+            for row in zip(itertools.repeat(value), itertools.count(), *(part.tolist() for part in place),
+                           *(one.fields[name].tolist() for name in FIELDS),
+                           map(STATUS_NAMES.__getitem__, one.fields["status"]))]
+    if rows:
+        write_rows(directory / "contact.csv", [name, "node", "boundary", "x", "y", "arc", "weight", *FIELDS, "status"], rows)
+    write_json(directory / "summary.json", summary)

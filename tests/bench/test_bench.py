@@ -1,0 +1,92 @@
+"""The benchmark's own arithmetic: targets, the assembled problem, roofline counts, peers on the same QP."""
+
+import csv
+
+import numpy as np
+import pytest
+
+from driver.bench import factorization, ranks, roofline, suite, tao
+from driver.bench.workbench import Report, Workbench, in_turn, march, ratios
+from driver.errors import InputError
+from driver.feti.substructuring import GLUING
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory):
+    made = Workbench(tmp_path_factory.mktemp("bench"))
+    yield made
+    made.close()
+
+
+def test_targets_and_spread(tmp_path, capsys):
+    report = Report()
+    assert report.add("part", "time", [3.0, 1.0, 2.0], "s", "<= 2") == 2.0
+    report.add("part", "gain", 1.5, "", ">= 1.7")
+    report.add("part", "count", 7, "")
+    report.skip("part", "no peer")
+    report.write(tmp_path / "report.csv")
+    rows = list(csv.DictReader(open(tmp_path / "report.csv")))
+    assert [row["met"] for row in rows] == ["yes", "no", "", "skipped"]
+    assert [row["spread"] for row in rows] == ["1.00", "", "", ""]
+    assert rows[1]["target"] == ">= 1.7"
+
+
+def test_taken_in_turn_and_ratios_by_round():
+    order = []
+    found = in_turn({"a": lambda: order.append("a"), "b": lambda: order.append("b") or 2.0}, 2)
+    assert order == ["a", "b", "a", "b"]
+    assert found["b"] == [2.0, 2.0] and ratios([2.0, 9.0], [1.0, 3.0]) == [2.0, 3.0]
+
+
+def test_assembled_problem_moves_like_the_torn_one(bench):
+    """Without contact forces FETI-DP with glued interfaces and the assembled problem are the same body."""
+    problem = bench.problem("4x2", cells=4)
+    K, loads = factorization.assembled(problem.structure)
+    u = np.linalg.solve(K.toarray(), loads[0])
+    operator, gluing = problem.operator, problem.structure.row_kind == GLUING
+    F = np.column_stack([operator.apply(e) for e in np.eye(operator.owned)])
+    d, glued = operator.load_response(np.ones(1)), np.zeros(operator.owned)
+    glued[gluing] = np.linalg.solve(F[gluing][:, gluing], d[gluing])
+    # the largest corner displacement is one entry of u, to rounding times the condition number
+    assert np.abs(np.abs(u) - operator.corner_displacement(glued, np.ones(1))).min() <= 1e-9 * np.abs(u).max()
+
+
+def test_flops_of_a_product(bench):
+    operator = bench.problem("4x2", cells=4).operator
+    rows = [len(local.row) for local in operator.structure.rows]
+    corners = [len(number) for number in operator.structure.corner_global]
+    assert roofline.work(operator)["flops"] == sum(2 * m * m + 4 * m * n for m, n in zip(rows, corners))
+
+
+@pytest.mark.parametrize("name", ["blmvm", "tron"])
+def test_peers_reach_the_tolerance_on_the_same_problem(bench, name):
+    operator, d, bounds, solver = tao.problem_of(bench, "4x2")
+    products, converged = tao.theirs(name, operator, d, bounds, solver.qp.bound)
+    assert converged and products > 10
+    assert tao.ours(operator, d, bounds, solver) < products
+
+
+def test_a_solver_that_uses_too_many_products_has_failed(bench, monkeypatch):
+    monkeypatch.setattr(tao, "LIMIT", 20)
+    operator, d, bounds, solver = tao.problem_of(bench, "4x2")
+    assert tao.theirs("blmvm", operator, d, bounds, solver.qp.bound) == (20, False)
+
+
+def test_a_run_that_fails_is_no_measurement(bench):
+    with pytest.raises(RuntimeError, match="no fixed point"):
+        march(bench.problem("4x2", cells=4), max_fixed_point=1)
+
+
+def test_message_volume_and_counts_do_not_depend_on_who_measures(bench):
+    one, two = (ranks.run(bench, "4x2", 4, p, 1)[0] for p in (1, 2))
+    assert one["counts"] == two["counts"]
+    assert one["bytes"] == {"rows": 0, "coarse": 0, "dot": 0}
+    # two halves of 4x2, cut between the two layers: four interfaces of three inner nodes, two components, there and back
+    assert two["bytes"]["rows"] == 4 * 3 * 2 * 8 * 2
+    assert two["bytes"]["dot"] == 8 * 8
+
+
+@pytest.mark.parametrize("options", [{"parts": "product"}, {"large": "perhaps"}, {"loading": "monotone"}])
+def test_refusals(options, tmp_path):
+    with pytest.raises(InputError):
+        suite.run_bench({**options, "out": str(tmp_path / "bench")})

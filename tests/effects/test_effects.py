@@ -1,0 +1,357 @@
+"""What a scene does not declare costs nothing; the ledger; the study that takes effects out."""
+
+import csv
+import json
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from driver.studies import effects
+from driver import environment
+from driver.scene import freefem
+from driver.results import ledger
+from driver.errors import InputError
+
+MODEL = freefem.find_scene("model")
+SCENES = sorted(freefem.SCENES.glob("*.edp"))
+
+
+def stripped(tmp_path, text, name="scene"):
+    path = tmp_path / f"{name}.edp"
+    path.write_text(text)
+    return path
+
+
+# ---- sizes and counts: an effect that is off costs nothing --------------------------------------------
+
+@pytest.fixture(scope="module")
+def model_without(tmp_path_factory):
+    """Path of the model example without some macros, or static."""
+    folder = tmp_path_factory.mktemp("without")
+
+    def make(name, change):
+        path = folder / f"{name}.edp"
+        path.write_text(change(MODEL.read_text()))
+        return path
+
+    return make
+
+
+def test_without_friction(solved, model_without):
+    run = solved(model_without("frictionless", lambda text: effects.without(text, effects.FRICTION)), STEPS=5)
+    sizes, counts = run.summary["sizes"], run.summary["counts"]
+    assert run.summary["effects"]["friction"] == "none"
+    assert sizes["dual_tangential"] == 0 and sizes["dual_normal"] == sizes["contact_nodes"] == 40
+    assert sizes["dual_dofs"] == sizes["dual_gluing"] + sizes["dual_normal"]
+    assert counts["fixed_point_iterations"] == run.summary["steps"] == 5  # one QP a step
+    with open(run.directory / "convergence.csv", newline="") as file:
+        assert {row["iteration"] for row in csv.DictReader(file)} == {"1"}
+    assert not run.contact["sigma_t"].any() and not run.contact["bound"].any()
+
+
+def test_without_contact(solved, model_without):
+    contact = effects.EFFECTS["contact"]
+    run = solved(model_without("elastic", lambda text: effects.without(text, contact)), STEPS=5)
+    sizes, counts = run.summary["sizes"], run.summary["counts"]
+    assert run.summary["effects"]["contact"] == run.summary["effects"]["friction"] == "none"
+    assert sizes["dual_normal"] == sizes["dual_tangential"] == sizes["contact_nodes"] == 0
+    assert not (run.directory / "contact.csv").exists()
+    assert counts["expansion_steps"] == counts["proportioning_steps"] == 0
+    with open(run.directory / "convergence.csv", newline="") as file:
+        assert {row["kind"] for row in csv.DictReader(file)} <= {"start", "cg"}
+    # preconditioned CG on the gluing alone: kappa <= 5 needs 1/2 sqrt(5) ln(2e6) = 16 products, plus the residual's
+    assert counts["dual_multiplications"] <= 5 * 18
+
+
+def test_static_takes_one_step(solved):
+    run = solved("model-static")
+    assert run.summary["effects"]["time"] == "static" and run.summary["steps"] == 1
+    assert len(run.history["step"]) == 1 and set(run.contact["step"].ravel()) == {1}
+    assert solved("model-static", STEPS=2).status == 2
+
+
+def test_without_body_force_there_is_no_such_vector(exported, tmp_path):
+    from driver.scene.loader import read_subdomains
+    from driver.scene.manifest import read_manifest
+    from mpi4py import MPI
+
+    manifest = read_manifest(exported("model"))
+    assert [p["kind"] for p in manifest.patterns] == ["traction"]
+    subdomain = read_subdomains(manifest, 0, 1, MPI.COMM_SELF)[0]
+    assert subdomain.loads.shape == (1, subdomain.dofs)
+    size = sum(path.stat().st_size for path in exported("model").glob("block-*.bin"))
+    heavy = MODEL.read_text().replace('include "export.idp"', 'macro bodyForce1() [0., -7.8e4] //\ninclude "export.idp"')
+    other = exported(stripped(tmp_path, heavy, "heavy"))
+    assert [p["kind"] for p in read_manifest(other).patterns] == ["traction", "body_force"]
+    # float64 arrays with a count: nodal forces of 242 dofs and three integrals on 200 triangles in each of 8
+    assert sum(path.stat().st_size for path in other.glob("block-*.bin")) - size == 8 * 8 * (243 + 3 * 401)
+
+
+IMPORTS = """
+import sys
+sys.path.insert(0, {root!r})
+from driver import cli
+from driver.runs import run
+cli.environment.single_threaded()
+run.execute(run.Run.from_pairs(cli.parse_pairs({words!r})))
+print(" ".join(name for name in ("matplotlib", "meshio", "driver.figures", "driver.studies.effects", "tqdm", "scipy.spatial")
+               if name in sys.modules))
+"""
+
+
+def imported(tmp_path, *words):
+    words = ["SCENE=model-static", "QUIET=yes", f"OUT={tmp_path / 'run'}", *words]
+    code = IMPORTS.format(root=str(environment.ROOT), words=words)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return set(done.stdout.split()), {path.name for path in (tmp_path / "run").iterdir()}
+
+
+@pytest.mark.parametrize("words, absent, files", [
+    (("FIGURES=no", "FIELDS=no"), {"meshio", "matplotlib", "driver.figures"}, {"fields", "fields.pvd", "figures"}),
+    (("FIGURES=no",), {"matplotlib", "driver.figures"}, {"figures"}),
+])
+def test_what_is_off_is_neither_imported_nor_written(tmp_path, words, absent, files):
+    modules, written = imported(tmp_path, *words)
+    assert not modules & (absent | {"driver.studies.effects", "tqdm"})
+    assert not written & files and "summary.json" in written
+
+
+# ---- the ledger --------------------------------------------------------------------------------------
+
+PLAIN = {"contact": "unilateral", "friction": "coulomb", "time": "quasistatic"}
+SIZES = {"dual_normal": 40, "dual_tangential": 39}
+LOAD = [{"kind": "traction", "largest": 3.0}]
+
+
+def rows(open_, stick, slip):
+    return [{"nodes_open": o, "nodes_stick": s, "nodes_slip": p} for o, s, p in zip(open_, stick, slip)]
+
+
+def entries(effects_=PLAIN, history=rows([9, 0], [0, 4], [0, 5]), amplitudes=((0,), (1,), (0.5,)), patterns=LOAD, log=(),
+            seconds=0.0, gaps=False, initial=False):
+    return ledger.effects_ledger(effects_, SIZES, patterns, np.array(amplitudes, float), history, list(log), seconds,
+                                 gaps, initial)
+
+
+def test_active_effects():
+    found = entries()
+    for name, unknowns in (("contact", 40), ("friction", 39), ("time", 0), ("load", 0)):
+        assert found[name]["declared"] and found[name]["active"] and found[name]["unknowns"] == unknowns
+    assert not ledger.never_mattered(found)
+    for entry in found.values():
+        assert set(entry) == {"declared", "active", "reason", "unknowns", "seconds"}
+
+
+@pytest.mark.parametrize("history, sentences", [
+    (rows([9, 9], [0, 0], [0, 0]), {"contact is declared but nothing touched", "friction is declared but nothing touched"}),
+    (rows([0, 0], [9, 9], [0, 0]), {"friction is declared but nothing slipped (9 nodes stuck at most)"}),
+])
+def test_effects_that_never_mattered(history, sentences):
+    said = set(ledger.never_mattered(entries(history=history)))
+    assert sentences <= said and all(line.startswith("time") for line in said - sentences)
+
+
+def test_undeclared_effects_cost_nothing():
+    found = entries({"contact": "none", "friction": "none", "time": "static"}, rows([0], [0], [0]), ((0,), (1,)))
+    for name in ("contact", "friction", "time", "gap", "body_force", "displacement"):
+        assert found[name] == {"declared": False, "active": False, "reason": "not declared", "unknowns": 0, "seconds": 0.0}
+    assert not ledger.never_mattered(found)
+
+
+@pytest.mark.parametrize("amplitudes, expected", [
+    ([[0, 0], [1, 2], [2, 4]], True),
+    ([[0, 0], [1, 2], [1, 2]], True),  # loads that rest
+    ([[0, 0], [1, 2], [2, 3]], False),  # not in proportion
+    ([[0], [2], [1]], False),  # unloading
+    ([[1], [2], [3]], False),  # not from zero
+    ([[0], [1], [0]], False),  # back to nothing
+    ([[0], [0], [0]], True),
+])
+def test_proportional(amplitudes, expected):
+    assert ledger.proportional(np.array(amplitudes, float)) is expected
+
+
+def test_time_matters_only_with_friction_and_a_way():
+    growing = ((0,), (1,), (2,))
+    assert entries(amplitudes=growing)["time"]["active"] is False
+    assert entries(amplitudes=growing, gaps=True)["time"]["active"] is True
+    assert entries(amplitudes=growing, initial=True)["time"]["active"] is True
+    assert entries({**PLAIN, "friction": "tresca"}, amplitudes=growing)["time"]["active"] is True
+    assert entries({**PLAIN, "friction": "none"})["time"]["active"] is False
+
+
+def test_time_claim_holds(solved):
+    """Where the ledger says that one step gives the same end, it does; where it does not, it does not."""
+    for loading, same in (("monotone", True), ("nonmonotone", False)):
+        run = solved("model", LOADING=loading)
+        assert run.summary["effects_ledger"]["time"]["active"] is not same
+        static = solved("model-static").contact["sigma_t"][-1]
+        apart = np.abs(run.contact["sigma_t"][-1] - static).max() / np.abs(static).max()
+        assert apart < 1e-3 if same else apart > 0.1  # both solved to 1e-6 of the load
+
+
+def test_zero_body_force_is_idle():
+    patterns = [*LOAD, {"kind": "body_force", "largest": 0.0}]
+    found = entries(patterns=patterns, amplitudes=((0, 0), (1, 1), (2, 1)))
+    assert ledger.never_mattered(found) == ["body force is declared but is zero at every step"]
+
+
+def test_seconds_are_shares_of_products():
+    log = [(0, 1, 1, "start", 1), (1, 1, 1, "cg", 1), (3, 1, 1, "expansion", 1), (4, 1, 2, "start", 1), (6, 1, 2, "cg", 1),
+           (10, 2, 1, "proportioning", 1)]
+    found = entries(log=log, seconds=10.0)
+    assert [found[name]["seconds"] for name in ("contact", "friction", "time")] == [6.0, 3.0, 6.0]
+
+
+def test_ledger_of_a_run(solved):
+    run = solved("model", LOADING="nonmonotone")
+    found = run.summary["effects_ledger"]
+    assert found["contact"]["unknowns"] == found["friction"]["unknowns"] == 40
+    assert 0 < found["contact"]["seconds"] < run.summary["seconds"]["solve"]
+    assert not found["body_force"]["declared"] and not found["gap"]["declared"]
+
+
+def test_screen_says_what_never_mattered(command, tmp_path):
+    text = MODEL.read_text().replace('include "export.idp"', 'macro gap() 1. //\ninclude "export.idp"')
+    done = command("run", f"SCENE={stripped(tmp_path, text, 'far')}", f"OUT={tmp_path / 'out'}", "FIGURES=no", "FIELDS=no")
+    assert done.returncode == 0 and "contact is declared but nothing touched" in done.stdout
+    assert "friction is declared but nothing touched" in done.stdout
+
+
+# ---- taking effects out of a scene's text -------------------------------------------------------------
+
+TEXT = '''// a scene; // macro friction() 0.3 // stays a comment
+string file = "macro friction() 1 //";
+macro young() 1. // steel
+macro friction() F
+   * 2 //  two lines
+macro frictionless() 1 //
+  macro gap() (x < 1 ? 0. : 1e-3) // the gap
+/* macro gap() 1 // */
+NewMacro tresca() 3 EndMacro
+quasistatic(2.*(1. + period(3)));  // not quasistatic(9)
+macro amplitude1(t) (t < 1. ? t : 2. - t) //
+include "export.idp"
+'''
+
+
+def test_declared():
+    assert effects.declared(TEXT) == ["young", "friction", "frictionless", "gap", "tresca", "quasistatic", "amplitude1"]
+
+
+def test_without_removes_definitions_only():
+    left = effects.without(TEXT, "friction")
+    assert effects.declared(left) == ["young", "frictionless", "gap", "tresca", "quasistatic", "amplitude1"]
+    assert "two lines" not in left and "* 2" not in left
+    for kept in ('"macro friction() 1 //"', "// macro friction() 0.3 // stays", "macro frictionless() 1 //",
+                 'include "export.idp"'):
+        assert kept in left
+    both = effects.without(TEXT, "gap|tresca")
+    assert "/* macro gap() 1 // */" in both and "EndMacro" not in both and "1e-3" not in both
+    assert effects.without(TEXT, "nothing") == TEXT
+
+
+def test_static_keeps_the_end_time():
+    left = effects.static(TEXT)
+    assert "timeEnd = 2.*(1. + period(3));" in left and "// not quasistatic(9)" in left
+
+
+def test_held_history():
+    left = effects.held(TEXT, "1")
+    assert "macro amplitudeUntil1(t) (t < 1. ? t : 2. - t) //" in left
+    assert "macro amplitude1(t) amplitudeUntil1((timeEnd)) //" in left
+
+
+@pytest.mark.parametrize("scene", SCENES, ids=lambda path: path.stem)
+def test_every_shipped_scene(scene):
+    """Every effect of every scene can be found, and is gone from the variant."""
+    text = effects.self_contained(scene)
+    found = effects.variants(text)
+    assert len(set(found.values()) | {text}) == len(found) + 1  # all differ
+    for name, changed in found.items():
+        if name == "contact":
+            assert not {"contact", "friction", "gap", "tresca", "obstacle"} & set(effects.declared(changed))
+        if name == "time":
+            assert "quasistatic" not in effects.declared(changed) and "timeEnd = " in changed
+
+
+def test_variant_files_are_found(tmp_path):
+    text = effects.self_contained(freefem.find_scene("bracket"))
+    path = re.search(r'gmshBody\("([^"]*)"', text).group(1)
+    assert path == str(environment.ROOT / "meshes" / "bracket.geo")
+    assert "macro young() E //" in effects.self_contained(freefem.find_scene("model-tresca"))
+
+
+def test_static_variant_has_the_final_amplitude(exported, tmp_path):
+    text = MODEL.read_text().replace("quasistatic(1.)", "quasistatic(0.8)")
+    directory = exported(stripped(tmp_path, effects.static(text), "static"), loading="nonmonotone")
+    manifest = json.loads((directory / "manifest.json").read_text())
+    assert manifest["effects"]["time"] == "static" and manifest["steps"] == 1
+    assert manifest["amplitudes"]["1"] == pytest.approx([0.0, -4 * 0.8**2 + 5 * 0.8], abs=1e-14)
+
+
+# ---- the study ---------------------------------------------------------------------------------------
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    """The study of a small model example: rows of its table by name, and its folder."""
+    out = tmp_path_factory.mktemp("effects")
+    paths = effects.run_effects({"scene": "model", "loading": "nonmonotone", "steps": "4", "cells": "4", "out": str(out)})
+    with open(paths[0], newline="") as file:
+        table = {row["without"]: row for row in csv.DictReader(file)}
+    return table, out, paths
+
+
+def test_study_rows_and_files(study):
+    table, out, paths = study
+    assert list(table) == ["", "friction", "contact", "time"]
+    assert {path.name for path in out.iterdir()} == {"model.csv", "model.png", "model.pdf"} == {path.name for path in paths}
+    assert all(path.stat().st_size > 0 for path in paths)
+
+
+def test_study_costs(study):
+    table = study[0]
+    get = lambda name, column: float(table[name][column])
+    nodes = 16  # 4 subdomains of 4 cells along the bottom, the clamped corner left out
+    assert get("", "dual_normal") == get("", "dual_tangential") == nodes
+    assert get("friction", "dual_tangential") == 0 and get("friction", "dual_normal") == nodes
+    assert get("contact", "dual_normal") == get("contact", "dual_tangential") == 0
+    assert get("time", "steps") == 1 and get("", "steps") == 4
+    assert get("contact", "dual_multiplications") < get("", "dual_multiplications")
+    assert all(get(name, "primal_dofs") == 400 for name in table)  # 8 squares of 25 nodes
+
+
+def test_study_changes(study):
+    table = study[0]
+    get = lambda name, column: float(table[name][column])
+    for name in ("peak_tangential", "resultant_t", "dissipated"):
+        assert get("friction", f"{name}_change") == -1  # all of it
+    for name in ("peak_normal", "contact_length", "resultant_n"):
+        assert get("contact", f"{name}_change") == -1
+    assert abs(get("time", "peak_tangential_change")) > 0.01 and get("", "max_displacement_change") == 0
+    expected = get("friction", "max_displacement") / get("", "max_displacement") - 1
+    assert get("friction", "max_displacement_change") == pytest.approx(expected, rel=1e-12)
+
+
+def test_variant_without_solution_is_a_row(tmp_path, capsys):
+    """Friction alone keeps the block on its slope."""
+    paths = effects.run_effects({"scene": "slope", "cells": "4", "out": str(tmp_path)})
+    with open(paths[0], newline="") as file:
+        table = {row["without"]: row for row in csv.DictReader(file)}
+    row = table["friction"]
+    assert row["status"] == "3" and row["reason"] and not row["peak_normal"]
+    assert table[""]["status"] == "0"
+    assert row["reason"] in capsys.readouterr().out
+
+
+def test_study_refuses(tmp_path, command):
+    with pytest.raises(InputError, match="SCENE"):
+        effects.run_effects({})
+    with pytest.raises(InputError, match="FIGURES"):
+        effects.run_effects({"scene": "model", "figures": "yes"})
+    done = command("effects", "SCENE=model", "STEPZ=3", f"OUT={tmp_path}")
+    assert done.returncode == 2 and "Traceback" not in done.stderr and "stepz" in done.stderr.lower()
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,162 @@
+"""Error budgets: the extrapolation on manufactured sequences, and parts of runs that answer to their own knob."""
+
+import json
+
+import numpy as np
+import pytest
+
+from driver.estimates import budget
+
+SOURCES = ("mesh", "time", "friction", "solver")
+
+
+def part(values, ratios=(2.0, 2.0), formal=2.0, **more):
+    changes = [a - b for a, b in zip(values, values[1:])]
+    return budget.extrapolate(changes, list(ratios), formal, values[0], **more)
+
+
+@pytest.mark.parametrize("order", [0.5, 1.0, 1.5, 2.0])
+@pytest.mark.parametrize("ratios", [(2.0, 2.0), (2.5, 2.0), (2.0, 3.0)])
+def test_a_power_of_h_is_found_and_its_error_covered(order, ratios):
+    sizes = np.cumprod([0.1, *ratios])
+    found = part(3.0 + 0.7 * sizes**order, ratios)
+    assert found.order == pytest.approx(order, rel=1e-6)
+    assert found.error == pytest.approx(1.25 * 0.7 * 0.1**order, rel=1e-6)
+
+
+def test_values_that_turn_back_are_as_uncertain_as_the_larger_change():
+    """A small last change after a large one of the other sign may be chance: work lost in the bolted joint."""
+    assert part([0.3736, 0.3713, 0.39]).error >= 0.39 - 0.3713
+
+
+def test_two_levels_are_trusted_less_than_three():
+    values = 3.0 + 0.7 * np.array([0.1, 0.2, 0.4]) ** 2
+    assert part(values[:2]).error == pytest.approx(3 * 0.7 * 0.1**2, rel=1e-9)
+    assert part(values[:1]).error is None
+
+
+def test_what_grows_without_limit_gets_no_error():
+    h = np.array([0.1, 0.2, 0.4])
+    for values in (h**-0.5, h**-0.1, -np.log(h)):
+        found = part(values)
+        assert found.error is None and "singular" in found.note
+    assert part(h**-0.5, limit=True).error is not None  # time steps: not near the limit yet
+
+
+def test_an_accidentally_small_change_is_not_believed():
+    assert part([1.0, 1.0, 1.08]).error >= 0.04
+    assert part([1.0001, 1.0, 1.08]).error >= 0.04
+    assert part([1.0, 1.003, 0.999]).error >= 0.004  # wanders: at least the spread
+
+
+def test_no_change_is_no_error():
+    assert part([2.0, 2.0, 2.0]).error == 0.0
+    assert budget.summed({"mesh": part([0.0, 0.0, 0.0])}, 0.0)["relative"] == 0.0
+
+
+def test_an_unknown_part_leaves_the_total_unknown():
+    found = budget.summed({"mesh": part([4.0, 2.0, 1.0]), "time": part([1.0, 1.1])}, 1.0)
+    assert found["mesh"] is None and found["total"] is None and found["relative"] is None and "mesh" in found["note"]
+
+
+# ------------------------------------------------------------------------------ runs
+
+def errors(solved, scene="model", **options):
+    """Budget of a run with estimates."""
+    nonmonotone = {"loading": "nonmonotone", "cells": 8, "steps": 8}
+    run = solved(scene, errors="yes", **(nonmonotone | options if scene == "model" else options))
+    assert run.status == 0, run.reason
+    return run.summary["errors"]["quantities"]
+
+
+def relative(found, source):
+    """Part of the error of every quantity, relative to its value; those that are known."""
+    return {name: entry[source] / abs(entry["value"]) for name, entry in found.items() if entry[source] is not None}
+
+
+def test_what_a_scene_does_not_have_is_not_estimated(solved):
+    for scene, missing in (("model", ()), ("model-static", ("time",)), ("model-tresca", ("friction",)),
+                           ("model-frictionless", ("friction", "time")), ("cantilever", ("friction", "time"))):
+        static = scene in ("model-static", "cantilever")
+        options = {} if scene == "model" else {"cells": 2} if static else {"cells": 2, "steps": 2}
+        for entry in errors(solved, scene, **options).values():
+            assert [s for s in SOURCES if s not in entry] == sorted(missing, key=SOURCES.index)
+
+
+def test_parts_add_up_and_values_are_the_runs(solved):
+    run = solved("model", errors="yes", loading="nonmonotone", cells=8, steps=8)
+    for name, entry in run.summary["errors"]["quantities"].items():
+        assert entry["value"] == run.summary["quantities"][name]
+        if entry["total"] is not None:
+            assert entry["total"] == pytest.approx(sum(entry[s] for s in SOURCES), rel=1e-12)
+            assert entry["relative"] == pytest.approx(entry["total"] / abs(entry["value"]), rel=1e-12)
+    assert not (run.directory / "companions").exists()
+
+
+@pytest.mark.parametrize("source, change", [("mesh", {"cells": 24}), ("time", {"steps": 32}),
+                                            ("friction", {"friction_rtol": 0.3}), ("solver", {"rtol": 1e-3})])
+def test_parts_answer_to_their_own_knob(solved, source, change):
+    """The knob's own part changes by a factor of 2 at least; the sum of the large other ones by less than half.
+
+    Mesh and time parts of one run are those of a discrete problem with kinks: moving the other knob moves them by
+    a part of themselves. Two orders separate them from the algebraic parts. The corrector settles friction with the
+    contact block, and QPs left early are gone on with, whatever the fixed point's tolerance: without both it shows.
+    """
+    alone = {"corrector": "none", "expansion": "cg", "inner_rtol": 1e-9} if source == "friction" else {}
+    plain, other = errors(solved, **alone), errors(solved, **alone, **change)
+    size = lambda found, s: sum(relative(found, s)[name] for name in ("normal_resultant", "dissipated_energy"))
+    own = size(other, source) / size(plain, source) if size(plain, source) > 0 else np.inf
+    assert own < 0.5 if source in ("mesh", "time") else own > 2.0
+    for kept in {"mesh", "time"} - {source}:
+        assert size(other, kept) == pytest.approx(size(plain, kept), rel=0.5), kept
+    for kept in {"friction", "solver"} - {source}:
+        assert size(other, kept) < 0.01 * (size(plain, "mesh") + size(plain, "time")), kept
+
+
+def test_true_errors_are_within_the_budget(solved):
+    """Largest displacement of the manufactured solution, pressure of Lame's ring: errors are known."""
+    corner = np.hypot(0.01 * np.sin(2.6), 0.08)  # cantilever.edp at (2, 0)
+    ring = 210e3 / 1.3 * 0.05 / (0.4 * 20 / 35**2 + 1 / 20) * (1 / 20**2 - 1 / 35**2)
+    for scene, name, exact, levels in (("cantilever", "displacement", corner, [{"cells": n} for n in (4, 8, 16)]),
+                                       ("pressfit", "peak_pressure", ring, [{"h": h} for h in (4, 2, 1)])):
+        for options in levels:
+            entry = errors(solved, scene, **options)[name]
+            error = abs(entry["value"] - exact)
+            assert error <= entry["total"] <= 5 * error, (scene, options)
+
+
+def test_adaptive_meshes_are_compared_with_those_of_the_cycles_before(solved):
+    run = solved("pressfit", h=4, adapt=2, errors="yes")
+    entry = run.summary["errors"]["quantities"]["normal_resultant"]
+    assert entry["relative"] is not None and "ADAPT=3" in run.summary["errors"]["advice"]
+    pressure = 210e3 / 1.3 * 0.05 / (0.4 * 20 / 35**2 + 1 / 20) * (1 / 20**2 - 1 / 35**2)
+    assert abs(entry["value"] - pressure * 10 * np.pi) <= entry["total"]
+
+
+def test_a_singular_pressure_is_said_to_be_one(solved):
+    """Under the edge of a punch the pressure has no limit; its resultant has."""
+    found = errors(solved, "punch", h=0.05, steps=4)
+    assert found["peak_pressure"]["relative"] is None and "singular" in found["peak_pressure"]["note"]
+    assert found["normal_resultant"]["relative"] < 0.05
+
+
+def test_scenes_without_a_coarser_mesh_say_so(solved):
+    run = solved("model-static", cells=1, errors="yes")
+    entry = run.summary["errors"]["quantities"]["normal_resultant"]
+    assert entry["mesh"] is None and entry["relative"] is None and entry["solver"] is not None
+    assert "no coarser mesh than CELLS=1" in " ".join(run.summary["errors"]["notes"])
+
+
+@pytest.mark.slow
+def test_any_number_of_ranks_gives_the_same_budget(solved):
+    one, two = (solved("model", errors="yes", loading="nonmonotone", cells=2, steps=2, np=n) for n in (1, 2))
+    assert json.dumps(one.summary["errors"]) == json.dumps(two.summary["errors"])
+
+
+def test_estimates_are_optional_and_named_on_the_screen(command, tmp_path):
+    words = ("run", "SCENE=model", "CELLS=2", "STEPS=2", "FIGURES=no", "FIELDS=no", "QUIET=yes", f"OUT={tmp_path / 'out'}")
+    shown = command(*words).stdout
+    assert "estimated errors" in shown and "normal resultant [Pa m]" in shown and "CELLS=4 would lower it" in shown
+    assert "estimated errors" not in command(*words, "ERRORS=no").stdout
+    assert "errors" not in json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert command(*words, "ERRORS=maybe").returncode == 2

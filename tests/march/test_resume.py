@@ -1,0 +1,398 @@
+"""Interrupted runs: earlier results stay whole, and the same command goes on with the same bits."""
+
+import contextlib
+import csv
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from driver.march import checkpoint
+from driver import cli, environment
+from driver.runs import run, solve, workspace
+from driver.errors import InputError
+
+WORDS = ("SCENE=model", "LOADING=nonmonotone", "CELLS=4", "STEPS=8", "FIGURES=no", "ERRORS=no")
+OWN = ("seconds", "memory_mib", "ranks", "resumed_after_step")  # of summary.json: how a run went, not what it found
+
+
+def listing(out: Path) -> dict:
+    """Content of every file that holds results."""
+    found = {str(path.relative_to(out)): path.read_bytes() for path in sorted(out.rglob("*"))
+             if path.is_file() and path.suffix != ".log"}
+    summary = json.loads(found.pop("summary.json"))
+    ledger = {name: {k: v for k, v in entry.items() if k != "seconds"}
+              for name, entry in summary.pop("effects_ledger").items()}
+    return found | {"summary": {k: v for k, v in summary.items() if k not in OWN}, "ledger": ledger}
+
+
+def execute(*words: str) -> dict:
+    return run.execute(run.Run.from_pairs(cli.parse_pairs([*words, "QUIET=yes"])))
+
+
+@pytest.fixture
+def every_step(monkeypatch):
+    """A checkpoint after every step, whatever it costs."""
+    monkeypatch.setattr(checkpoint, "SHARE", np.inf)
+
+
+@pytest.fixture
+def stop_after(monkeypatch):
+    """stop_after(k): the next run is interrupted as soon as k steps of its own are behind it."""
+    update = solve.Progress.update
+
+    def make(steps: int):
+        left = iter(range(steps))
+
+        def stopped(self, found):
+            if next(left, None) is None:
+                monkeypatch.setattr(solve.Progress, "update", update)
+                raise KeyboardInterrupt
+            update(self, found)
+
+        monkeypatch.setattr(solve.Progress, "update", stopped)
+
+    return make
+
+
+def hidden(folder: Path) -> list:
+    return sorted(path.name for path in folder.iterdir() if path.name.startswith("."))
+
+
+# ------------------------------------------------------------------------- the same numbers
+
+MODEL = ("SCENE=model", "LOADING=nonmonotone", "CELLS=4", "STEPS=6", "FIGURES=no", "FIELDS=no", "ERRORS=no")
+CASES = {
+    "energy error": ("ERRORS=energy",),
+    "plain": ("PRECONDITIONER=none", "PREDICTOR=previous", "INNER_RTOL=1e-9", "EXPANSION=gradient", "RTOL=1e-6"),
+    "deflated": ("PRECONDITIONER=deflated", "EXPANSION=contact"),
+    "fields": ("FIELDS=yes", "ERRORS=energy"), "quadratic": ("ELEMENT=P2", "CELLS=2", "FIELDS=yes", "ERRORS=energy"),
+    "slip law": ("SCENE=punch", "LOADING=", "CELLS="),
+    "several boundaries": ("SCENE=bracket", "LOADING=", "CELLS=", "H=8", "SUBDOMAINS=4"),
+    "floating stack": ("SCENE=stack", "LOADING=", "CELLS=", "H=0.25", "SUBDOMAINS=3")}
+
+
+def words_of(case: str) -> list[str]:
+    """MODEL with what the case changes; an empty value takes a word away."""
+    words = {word.split("=")[0]: word for word in (*MODEL, *CASES[case])}.values()
+    return [word for word in words if not word.endswith("=")]
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_stopped_run_goes_on_with_the_same_bits(tmp_path, every_step, stop_after, case):
+    """Stopped twice, after the first step and in the middle."""
+    words = words_of(case)
+    execute(*words, f"OUT={tmp_path / 'whole'}")
+    for more, step in ((1, 1), (3, 4)):
+        stop_after(more)
+        with pytest.raises(KeyboardInterrupt, match=f"goes on after step {step}$"):
+            execute(*words, f"OUT={tmp_path / 'out'}")
+        assert not (tmp_path / "out").exists() and len(hidden(tmp_path)) == 1
+    summary = execute(*words, f"OUT={tmp_path / 'out'}")
+    assert summary["resumed_after_step"] == 4
+    assert listing(tmp_path / "out") == listing(tmp_path / "whole")
+    assert hidden(tmp_path) == []
+
+
+def test_stopped_refinement_goes_on(tmp_path, every_step, stop_after):
+    """Stopped in the cycle before and in the run itself: neither starts over."""
+    words = [*words_of("several boundaries"), "STEPS=3", "H=16", "ADAPT=1"]
+    words = [word for word in words if word not in ("STEPS=6", "H=8")]
+    execute(*words, f"OUT={tmp_path / 'whole'}")
+    for more, said in ((2, "goes on from there"), (2, "goes on after step 1")):
+        stop_after(more)
+        with pytest.raises(KeyboardInterrupt, match=said):
+            execute(*words, f"OUT={tmp_path / 'out'}")
+    assert execute(*words, f"OUT={tmp_path / 'out'}")["resumed_after_step"] == 1
+    found, whole = (listing(tmp_path / name) for name in ("out", "whole"))
+    for one in (found, whole):  # its last column is seconds
+        one["adaptivity.csv"] = [[v for k, v in row.items() if k != "seconds"]
+                                 for row in csv.DictReader(one["adaptivity.csv"].decode().splitlines())]
+    assert found == whole and hidden(tmp_path) == []
+
+
+def test_body_without_support_goes_on(tmp_path, every_step, stop_after):
+    """Its rigid motion is part of what is kept."""
+    scene = tmp_path / "sledge.edp"
+    scene.write_text((environment.ROOT / "edp" / "slope.edp").read_text().replace(
+        "macro young()", "quasistatic(1.);\nmacro amplitude1(t) (0.5 + t) //\nmacro load2() traction(2, 300*t1, 300*t2) //\n"
+        "macro amplitude2(t) sin(6*t) //\nreal t1 = cos(angle*pi/180), t2 = sin(angle*pi/180);\nmacro young()", 1))
+    words = (f"SCENE={scene}", "STEPS=6", *MODEL[4:])
+    execute(*words, f"OUT={tmp_path / 'whole'}")
+    stop_after(3)
+    with pytest.raises(KeyboardInterrupt, match="goes on after step 3"):
+        execute(*words, f"OUT={tmp_path / 'out'}")
+    execute(*words, f"OUT={tmp_path / 'out'}")
+    assert listing(tmp_path / "out") == listing(tmp_path / "whole")
+
+
+def test_uninterrupted_run_has_no_trace_of_checkpoints(tmp_path, every_step):
+    """Numbers do not depend on checkpoints being written, nor on how many."""
+    execute(*WORDS, f"OUT={tmp_path / 'often'}")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(checkpoint, "SHARE", 1e-9)  # the first one only
+        summary = execute(*WORDS, f"OUT={tmp_path / 'once'}")
+    assert listing(tmp_path / "often") == listing(tmp_path / "once") and summary["resumed_after_step"] == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["often", "once"]
+    assert not [path.name for path in (tmp_path / "often").iterdir() if "checkpoint" in path.name]
+
+
+# ------------------------------------------------------------------------ when not to go on
+
+@pytest.fixture
+def stopped(tmp_path, every_step, stop_after):
+    """OUT of a run that was stopped after step 3 of WORDS."""
+    stop_after(3)
+    with pytest.raises(KeyboardInterrupt):
+        execute(*WORDS, f"OUT={tmp_path / 'out'}")
+    return tmp_path / "out"
+
+
+def run_loudly(capsys, *words):
+    capsys.readouterr()
+    summary = run.execute(run.Run.from_pairs(cli.parse_pairs([*words])))
+    return summary, capsys.readouterr().out
+
+
+@pytest.mark.parametrize("word, said", [
+    ("FRICTION=0.2", "of other scene or parameters"), ("STEPS=9", "of other scene or parameters"),
+    ("RTOL=1e-7", "of other options"), ("FIELDS=no", "of other options")])
+def test_another_run_starts_over(stopped, capsys, word, said):
+    """And what was kept for the interrupted run goes when this one is done: its results would be replaced."""
+    words = {w.split("=")[0]: w for w in (*WORDS, word, f"OUT={stopped}")}.values()
+    summary, told = run_loudly(capsys, *words)
+    assert summary["resumed_after_step"] == 0 and said in told
+    assert hidden(stopped.parent) == []
+
+
+def test_another_run_that_fails_spares_the_interrupted_one(stopped):
+    with pytest.raises(InputError):
+        execute(*WORDS, "FRICTION=-1", f"OUT={stopped}")
+    assert execute(*WORDS, f"OUT={stopped}")["resumed_after_step"] == 3
+
+
+def test_edited_scene_starts_over(tmp_path, variant, every_step, stop_after):
+    """The export is made anew and compared: no edit of script, library or mesh can go unnoticed."""
+    scene, out = variant("resume_edited"), tmp_path / "out"
+    words = (f"SCENE={scene}", *WORDS[1:], "FIELDS=no", f"OUT={out}")
+    stop_after(3)
+    with pytest.raises(KeyboardInterrupt):
+        execute(*words)
+    scene.write_text(scene.read_text().replace("macro contact() 1 //", "macro contact() 1 //\nmacro gap() 1e-5 //"))
+    assert execute(*words)["resumed_after_step"] == 0
+    contact = list(csv.DictReader((out / "contact.csv").read_text().splitlines()))
+    assert {float(row["gap"]) for row in contact} == {1e-5}
+
+
+def test_resume_no_starts_over(stopped):
+    assert execute(*WORDS, f"OUT={stopped}", "RESUME=no")["resumed_after_step"] == 0
+    assert hidden(stopped.parent) == []
+
+
+def spoil_checkpoint(work):
+    content = bytearray((work / checkpoint.NAME).read_bytes())
+    content[len(content) // 2] ^= 4
+    (work / checkpoint.NAME).write_bytes(content)
+
+
+@pytest.mark.parametrize("spoil", [
+    spoil_checkpoint, lambda work: (work / checkpoint.NAME).write_bytes(b""),
+    lambda work: (work / checkpoint.NAME).write_bytes((work / checkpoint.NAME).read_bytes()[:-9]),
+    lambda work: (work / "fields" / "step_0002.vtu").unlink(),
+    lambda work: (work / "fields" / "step_0002.vtu").write_bytes(b"")],
+    ids=["bit", "empty", "cut", "field lost", "field empty"])
+def test_damaged_remains_are_not_taken_up(stopped, capsys, spoil):
+    """After a power failure, say."""
+    work, = stopped.parent.glob(".out.*")
+    spoil(work)
+    summary, told = run_loudly(capsys, *WORDS, f"OUT={stopped}")
+    assert summary["resumed_after_step"] == 0 and "damaged" in told
+    assert hidden(stopped.parent) == []
+
+
+def test_every_byte_of_a_checkpoint_counts(stopped):
+    work, = stopped.parent.glob(".out.*")
+    content = (work / checkpoint.NAME).read_bytes()
+    assert checkpoint.steps(checkpoint.read(work)) == 3
+    for at in np.random.default_rng(3).integers(0, len(content), 150):
+        spoiled = bytearray(content)
+        spoiled[at] ^= 16
+        (work / checkpoint.NAME).write_bytes(spoiled)
+        assert checkpoint.read(work) is None
+
+
+def test_a_living_run_keeps_its_directory(tmp_path):
+    """Two runs to the same place do not get into each other's way."""
+    first = workspace.Workspace(tmp_path / "out")
+    second = workspace.Workspace(tmp_path / "out")
+    assert first.path != second.path and second.left == []
+    for place in (first, second):
+        with place:
+            pass
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_directories_of_other_results_are_left_alone(tmp_path):
+    """OUT=a next to OUT=a.b, and hidden directories that no run has made."""
+    for name in (".a.b.1", ".a.1x", ".a.old", ".ab.1"):
+        (tmp_path / name).mkdir()
+    with workspace.Workspace(tmp_path / "a"):
+        pass
+    assert hidden(tmp_path) == [".a.1x", ".a.b.1", ".a.old", ".ab.1"]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGALRM], ids=["interrupt", "one that comes once more"])
+@pytest.mark.parametrize("atomic", [True, False], ids=["exchange", "two renames"])
+def test_an_interrupt_while_publishing_waits(tmp_path, monkeypatch, atomic, number):
+    """At the moment when an older result might have its private name only."""
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "summary.json").write_text("old")
+    place = workspace.Workspace(out)
+    (place.path / "summary.json").write_text("new")
+    exchange = workspace._exchange
+
+    def interrupted(*paths):
+        signal.raise_signal(number)
+        return exchange(*paths) if atomic else False
+
+    monkeypatch.setattr(workspace, "_exchange", interrupted)
+    before = signal.signal(number, signal.default_int_handler)  # a shell's background jobs ignore SIGINT
+    try:
+        with pytest.raises(KeyboardInterrupt), place:
+            place.publish(out)
+    finally:
+        signal.signal(number, before)
+    assert (out / "summary.json").read_text() == "new" and hidden(tmp_path) == []
+
+
+# --------------------------------------------------------------------------- killed processes
+
+class Victim:
+    """A run in a session of its own, to be stopped from outside; `words` as on the command line."""
+
+    def __init__(self, folder: Path, *words: str):
+        self.folder = folder
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "driver", "run", *words], cwd=environment.ROOT, env=dict(os.environ), text=True,
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True,
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler))
+
+    def relatives(self, word: str = "") -> list[int]:
+        """Processes whose command line names the folder and `word`."""
+        found = []
+        for path in Path("/proc").glob("[0-9]*/cmdline"):
+            try:
+                line = path.read_bytes().decode(errors="replace")
+            except OSError:
+                continue
+            if str(self.folder) in line and word in line:
+                found.append(int(path.parent.name))
+        return found
+
+    def end(self) -> tuple[int, str]:
+        """Exit status and what was said on stderr; nothing of it may run on."""
+        _, said = self.process.communicate(timeout=120)
+        limit = time.monotonic() + 20
+        while self.relatives() and time.monotonic() < limit:
+            time.sleep(0.02)
+        assert not self.relatives(), "processes outlive their driver"
+        return self.process.returncode, said
+
+
+LONG = ("SCENE=model", "LOADING=nonmonotone", "CELLS=4", "STEPS=20", "RTOL=1e-10", "FIGURES=no", "ERRORS=no")
+
+
+@pytest.fixture(scope="module")
+def reference(tmp_path_factory):
+    """An older result, and the listing that LONG leaves undisturbed."""
+    folder = tmp_path_factory.mktemp("reference")
+    execute(*LONG, f"OUT={folder / 'new'}")
+    execute("SCENE=model", "CELLS=2", "STEPS=2", "FIGURES=no", "ERRORS=no", f"OUT={folder / 'old'}")
+    return folder / "old", listing(folder / "new")
+
+
+def kill_and_run_again(folder, reference, ranks, target, number, moment=None, again=None):
+    """One try: a run is hit after `moment` seconds, or as soon as it has a checkpoint, and made once more.
+
+    Until then the older result is what it was; afterwards the new one is there to the last bit and nothing else,
+    and no process is left. Returns the step that the second run started after.
+    """
+    old, new = reference
+    out = folder / "out"
+    shutil.copytree(old, out)
+    before = listing(out)
+    victim = Victim(folder, *LONG, f"NP={ranks}", f"OUT={out}")
+    if moment is None:
+        wait_for(lambda: list(folder.glob(f".out.*/{checkpoint.NAME}")) or victim.process.poll() is not None)
+    else:
+        time.sleep(moment)
+    if target == "rank":
+        wait_for(lambda: victim.relatives("driver\0solve\0") or victim.process.poll() is not None)
+    for pid in [victim.process.pid] if target == "driver" else victim.relatives("driver\0solve\0")[-1:]:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(pid, number)
+    status, said = victim.end()
+    assert "Traceback" not in said and len(said.strip().splitlines()) <= 1, said
+    assert status in {0, -number, *([130] if number != signal.SIGKILL else []), *([2] if target == "rank" else [])}, said
+    found = listing(out)
+    assert found == new if status == 0 else found in (before, new)
+    status, said = Victim(folder, *LONG, f"NP={again or ranks}", f"OUT={out}").end()
+    assert status == 0, said
+    assert listing(out) == new
+    assert [path.name for path in folder.iterdir()] == ["out"]
+    return json.loads((out / "summary.json").read_text())["resumed_after_step"]
+
+
+def wait_for(event, seconds=60):
+    limit = time.monotonic() + seconds
+    while not event() and time.monotonic() < limit:
+        time.sleep(0.005)
+
+
+@pytest.mark.parametrize("ranks, target, number, again", [
+    (1, "driver", signal.SIGINT, 1), (1, "driver", signal.SIGKILL, 1), (2, "driver", signal.SIGKILL, 1),
+    (2, "rank", signal.SIGKILL, 1)])
+def test_killed_run_goes_on(tmp_path, reference, ranks, target, number, again):
+    """In the middle of its steps; some on another number of ranks."""
+    assert kill_and_run_again(tmp_path, reference, ranks, target, number, again=again) > 0
+
+
+def test_ranks_end_with_their_driver(tmp_path):
+    """A driver that is killed cannot tell them to; the run would take minutes."""
+    victim = Victim(tmp_path, *LONG[:3], "STEPS=20000", "FIGURES=no", "FIELDS=no", "NP=2", f"OUT={tmp_path / 'out'}")
+    wait_for(lambda: list(tmp_path.glob(f".out.*/{checkpoint.NAME}")))
+    victim.process.kill()
+    wait_for(lambda: not victim.relatives(), 15)
+    left = victim.relatives()
+    for pid in left:
+        os.kill(pid, signal.SIGKILL)
+    victim.process.communicate()
+    assert not left
+
+
+@pytest.mark.slow
+def test_fifty_random_kills(tmp_path, reference):
+    """At any moment, from the start of the process to its end; some must hit the steps."""
+    random, resumed, seconds = np.random.default_rng(50), [], {}
+    for ranks in (1, 2):
+        clock = time.monotonic()
+        assert Victim(tmp_path, *LONG, f"NP={ranks}", f"OUT={tmp_path / 'timed'}").end()[0] == 0
+        seconds[ranks] = time.monotonic() - clock
+    ways = [(ranks, "driver", number) for ranks in (1, 2) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)]
+    for k in range(50):
+        ranks, target, number = [*ways, (2, "rank", signal.SIGKILL)][k % 7]
+        folder = tmp_path / str(k)
+        folder.mkdir()
+        moment = 0.1 + seconds[ranks] * random.uniform()
+        resumed.append(kill_and_run_again(folder, reference, ranks, target, number, moment, random.integers(1, 3)))
+        print(f"{k}: NP={ranks} {target} {number.name} after {moment:.2f} s, went on after step {resumed[-1]}", flush=True)
+        shutil.rmtree(folder)
+    assert sum(step > 0 for step in resumed) >= 5
