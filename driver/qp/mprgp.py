@@ -385,9 +385,12 @@ class _Mprgp:
         """Stops after a long stretch in which neither the residual nor f made headway.
 
         One CG or gradient step lowers f by ||phi||^2 / (2 ||A||) or more, so a stretch of
-        hundreds of steps that sums up to rounding of f only is spent on rounding errors.
+        hundreds of steps that sums up to rounding of f only is spent on rounding errors.  A
+        residual below the rounding of the product that its gradient was updated from hardly
+        knows of x any more: what it gains there, per cent by per cent down to underflow, counts
+        for nothing.
         """
-        if self.residual < 0.99 * self.best:
+        if self.trust < self.best and self.residual < 0.99 * self.best:
             self.best, self.best_at, self.decrease = self.residual, self.products, 0.0
         elif self.products - self.best_at >= self.window:
             size = np.sqrt(self.dot(self.x, self.x)) * self.gradient_rounding(self.x)
