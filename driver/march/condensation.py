@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..qp import complementarity
-from ..qp.complementarity import BACKWARD, FORWARD, OPEN, STICK, CoulombProblem
+from ..qp.coulomb import CoulombProblem
 from ..feti.compliance import ContactCompliance, contact_row_numbers
 from ..feti.fetidp import DualOperator
 from ..contact.friction import ContactRows
@@ -76,16 +76,10 @@ class Condensation:
             near, self.guess = self.gather(self.guess), None
             found = complementarity.settled(problem, near, problem.movement(near))
         if found is None:
-            found = complementarity.settled(problem, start, -self.gather(gradient), self._states(start, sliding))
+            found = complementarity.settled(problem, start, -self.gather(gradient),
+                                            problem.states_of(start, sliding))
         self.operator.products += problem.products
         return None if found is None else (self.place(found[0], x), self.place(-found[1], x))
-
-    def _states(self, x: np.ndarray, sliding: np.ndarray) -> np.ndarray:
-        """(n,) states that the contact multipliers x (n + m,) alone tell, with the signs (m,) of those that slide."""
-        states = np.where((x[: self.n] > 0) | self.rows.bilateral, STICK, OPEN)
-        way = np.where(sliding > 0, FORWARD, np.where(sliding < 0, BACKWARD, STICK))
-        states[self.pair] = np.where(states[self.pair] == OPEN, OPEN, way)
-        return states
 
     def problem(self, load: Load, x: np.ndarray, gradient: np.ndarray) -> CoulombProblem:
         """The condensed problem whose load is exact at the dual vector x with zero gradient on the gluing rows.

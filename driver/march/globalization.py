@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..qp import complementarity
-from ..qp.complementarity import CoulombProblem
+from ..qp.coulomb import CoulombProblem
 
 ANDERSON, NEWTON, LEMKE = "Anderson acceleration", "Newton on the condensed contact rows", "Lemke's method"
 DEPTH = 4  # differences that Anderson acceleration combines
