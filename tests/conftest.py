@@ -80,7 +80,7 @@ class Problem:
 
 def read_problem(directory: Path, reduce=True) -> Problem:
     """Loader, substructuring and, if asked, the reduction of the export in `directory`."""
-    from driver.feti.fetidp import DualOperator
+    from driver.feti.operator import DualOperator
     from driver.scene.loader import read_subdomains
     from driver.scene.manifest import read_manifest
     from driver.contact.tearing import build

@@ -15,7 +15,8 @@ from . import mortar
 from ..errors import InputError
 from ..scene.loader import ContactData, Subdomain
 from ..scene.manifest import Manifest
-from ..feti.skeleton import edge_labels, gather
+from ..feti.gathering import gather
+from ..feti.skeleton import edge_labels
 
 
 @dataclass

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from ..feti.substructuring import GLUING, Substructure
+from ..feti.rows import RowKind
+from ..feti.structure import Substructure
 
 OPEN, STICK, SLIP = 0, 1, 2
 STATUS_NAMES = ("open", "stick", "slip")
@@ -103,7 +104,7 @@ def contact_rows(structure: Substructure, effects: dict) -> ContactRows:
     return ContactRows(
         contact.normal_row[normal] - start, normal, contact.gap[normal],
         contact.tangential_row[tangential] - start, tangential, contact.normal_row[tangential] - start, bound,
-        np.flatnonzero(structure.row_kind[start:stop] == GLUING), tresca, effects["contact"] == "bilateral")
+        np.flatnonzero(structure.row_kind[start:stop] == RowKind.GLUING), tresca, effects["contact"] == "bilateral")
 
 
 class SlidState:

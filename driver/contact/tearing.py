@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from ..feti.numbering import fixed_dofs, number
 from ..feti.skeleton import Skeleton
-from ..feti.substructuring import Substructure, fixed_dofs, number
+from ..feti.structure import Substructure
 from ..scene.loader import Subdomain
 from ..scene.manifest import Manifest
 from .boundary import contact_boundary

@@ -14,36 +14,43 @@ so that C is left on the contact rows when gluing rows and corners are eliminate
 a time step costs a few products with a small dense matrix.
 """
 
-import copy
 import dataclasses
 
 import numpy as np
 from mpi4py import MPI
-from petsc4py import PETSc
 from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import coo_matrix, csc_matrix, hstack, vstack
 
 from ..errors import NotConverged, agree
-from .fetidp import DualOperator
-from .reduction import solve_columns
+from .dual_problem import DualProblem
+from .factorization import factorized, petsc_upper, solve_columns
+from .operator import DualOperator
+from .rows import contact_row_numbers
 
 MUMPS_NO_MEMORY = -13  # INFOG(1)
 WIDTH = 64  # columns solved at a time
 ROUNDING = 1e-9  # residual of the elimination, relative to its terms: far below the tolerances of a QP
 
 
-class ContactCompliance:
-    """C and d_C with the interface of DualOperator, whole on every rank: each solves by itself.
+def contact_compliance(problem: DualProblem) -> np.ndarray:
+    """C (n + m, n + m) in the order of `contact_row_numbers`, on every rank; collective. Raises NotConverged."""
+    return problem.C if problem.contact_rows_only else ContactCompliance(problem).C
 
-    Vectors have one entry per contact row, as `contact_row_numbers` has them. Takes no products with F. Collective over the
-    operator's communicator. Raises NotConverged if the elimination fails.
+
+class ContactCompliance(DualProblem):
+    """C and d_C as a dual problem on the contact rows, whole on every rank: each solves by itself.
+
+    Vectors have one entry per contact row, as `contact_row_numbers` has them. Takes no products with F. It knows no rigid
+    motions: bodies are those that supports hold. Collective over the operator's communicator. Raises NotConverged if the
+    elimination fails.
     """
 
+    contact_rows_only = True
+
     def __init__(self, operator: DualOperator):
-        self.comm, self.products, self.modes = MPI.COMM_SELF, 0, 0  # bodies that supports hold
         structure = operator.structure
         rows = contact_row_numbers(structure.contact)
-        self.owned, self.structure = len(rows), _on_contact_rows(structure, rows)
+        super().__init__(_on_contact_rows(structure, rows), len(rows), MPI.COMM_SELF)
         patterns = np.eye(structure.patterns)
         loads = np.column_stack([np.empty((structure.dual_dofs, 0)), *(
             np.concatenate(operator.comm.allgather(operator.load_response(weights))) for weights in patterns)])
@@ -52,14 +59,14 @@ class ContactCompliance:
         for k, weights in enumerate(patterns):
             self._loaded[k] += operator.coarse_displacements(nothing, weights)
 
-    # ---- the interface of DualOperator --------------------------------------------------------
     def with_contact(self, contact) -> "ContactCompliance":
         """The same body with other gaps, friction or initial state at its contact nodes; counts its own products."""
-        other = copy.copy(self)
-        boundary = dataclasses.replace(contact, normal_row=self.structure.contact.normal_row,
-                                       tangential_row=self.structure.contact.tangential_row)
-        other.structure, other.products = dataclasses.replace(self.structure, contact=boundary), 0
-        return other
+        return super().with_contact(dataclasses.replace(contact, normal_row=self.structure.contact.normal_row,
+                                                        tangential_row=self.structure.contact.tangential_row))
+
+    def norm_bound(self, scale: np.ndarray) -> float:
+        """The Frobenius norm of D C D, D = diag(scale); 1 where there are no rows."""
+        return float(np.linalg.norm(scale[:, None] * self.C * scale)) or 1.0
 
     def apply(self, multipliers: np.ndarray) -> np.ndarray:
         """C times a vector of contact multipliers."""
@@ -70,8 +77,7 @@ class ContactCompliance:
         """Scalar product."""
         return float(a @ b)
 
-    @staticmethod
-    def minimum(value: float) -> float:
+    def minimum(self, value: float) -> float:
         """The smallest of the ranks' numbers: there is one rank."""
         return value
 
@@ -104,12 +110,6 @@ class FaceInverse:
             self.factor = cho_factor(self.C.compress(free, 0).compress(free, 1), lower=True, check_finite=False)
         result[f] = cho_solve(self.factor, residual[f], check_finite=False)
         return result
-
-
-def contact_row_numbers(contact) -> np.ndarray:
-    """(n + m,) dual rows of contact: the normal ones, then the tangential ones, both in the order of the contact nodes."""
-    numbers = np.concatenate([contact.normal_row, contact.tangential_row])
-    return numbers[numbers >= 0]
 
 
 def _on_contact_rows(structure, rows: np.ndarray):
@@ -184,40 +184,33 @@ class _Factor:
     """Factorization of a sparse symmetric indefinite matrix by MUMPS; rows that depend on others are left out."""
 
     def __init__(self, upper):
-        """`upper`: its upper triangle, CSR."""
+        """`upper`: its upper triangle, CSR. Raises NotConverged if MUMPS fails, MemoryError where memory is short."""
         self.upper = upper
         if not upper.shape[0]:
             return
         upper.sort_indices()
-        csr = upper.indptr.astype(PETSc.IntType), upper.indices.astype(PETSc.IntType), upper.data
-        pc = PETSc.PC().create(PETSc.COMM_SELF)
-        pc.setType("cholesky")
-        pc.setFactorSolverType("mumps")
-        pc.setOperators(PETSc.Mat().createSBAIJ(upper.shape, 1, csr=csr, comm=PETSc.COMM_SELF))
-        pc.setFactorSetUpSolverType()
-        self.factor, self._keep = pc.getFactorMatrix(), pc
-        self.factor.setMumpsIcntl(24, 1)
-        pc.setUp()
-        failed = self.factor.getMumpsInfog(1)
+        self._factor = factorized(petsc_upper(upper), "mumps")
+        failed = self._factor.getFactorMatrix().getMumpsInfog(1)
         if failed == MUMPS_NO_MEMORY:
             raise MemoryError
         if failed < 0:
             raise NotConverged(f"the contact compliance: MUMPS failed ({failed})")
         self._random = np.random.default_rng(1)
 
-    @staticmethod
-    def _multiply(upper, x: np.ndarray) -> np.ndarray:
-        """The whole matrix times x (n,)."""
-        return upper @ x + upper.T @ x - upper.diagonal() * x
-
     def solve(self, right: np.ndarray) -> np.ndarray:
         """Solution for the columns of `right` (n, k). Raises NotConverged if a combination of them leaves a residual."""
         if not right.size:
             return np.zeros_like(right)
-        found = solve_columns(self.factor, right)
+        solution = solve_columns(self._factor, right)
         v = self._random.standard_normal(right.shape[1])
-        solution, wanted = found @ v, right @ v
-        left = np.abs(self._multiply(self.upper, solution) - wanted)
-        if not np.all(left <= ROUNDING * (self._multiply(abs(self.upper), np.abs(solution)) + np.abs(wanted))):
+        combined, wanted = solution @ v, right @ v
+        residual = np.abs(_multiply(self.upper, combined) - wanted)
+        size = _multiply(abs(self.upper), np.abs(combined)) + np.abs(wanted)
+        if not np.all(residual <= ROUNDING * size):
             raise NotConverged("the contact compliance: the gluing conditions could not be eliminated")
-        return found
+        return solution
+
+
+def _multiply(upper, x: np.ndarray) -> np.ndarray:
+    """The whole symmetric matrix with an `upper` triangle times x (n,)."""
+    return upper @ x + upper.T @ x - upper.diagonal() * x

@@ -14,9 +14,10 @@ were 1 to 4.3, half of them 1.00001 or less, at 32 and at 128 subdomains.
 import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix
 
-from .fetidp import DirichletPreconditioner, DualOperator
+from .dirichlet import DirichletPreconditioner
 from .gathering import Gathering
-from .substructuring import GLUING
+from .operator import DualOperator
+from .rows import RowKind
 
 
 class ContactBlock:
@@ -28,7 +29,7 @@ class ContactBlock:
     def __init__(self, operator: DualOperator, preconditioner: DirichletPreconditioner):
         structure, self.comm = operator.structure, operator.comm
         start, stop = structure.row_range
-        self.rows = np.flatnonzero(structure.row_kind != GLUING)  # global dual rows
+        self.rows = np.flatnonzero(structure.row_kind != RowKind.GLUING)  # global dual rows
         first, last = np.searchsorted(self.rows, (start, stop))
         self._mine, self._owned = slice(first, last), self.rows[first:last] - start
         self._all = Gathering(self.comm, int(last - first))
@@ -38,7 +39,7 @@ class ContactBlock:
         self.local, self.M = (self._spread(parts, name, self.rows, self.rows) for name in ("F", "M"))
         self.A = self._spread(parts, "A", self.rows, corners)
         self._A_transposed = self.A.T.tocsr()
-        self.G = operator.coarse_inverse(corners)
+        self.G = operator.coarse.inverse(corners)
 
     def _local_parts(self, operator, preconditioner) -> list[dict]:
         """Contact rows, corners and matrices of every subdomain with contact, in the order of subdomains."""
@@ -47,7 +48,7 @@ class ContactBlock:
         for c, schur in zip(operator.classes, preconditioner.schur):
             for s in c.members:
                 rows = structure.rows[s]
-                at = np.flatnonzero(structure.row_kind[rows.row] != GLUING)
+                at = np.flatnonzero(structure.row_kind[rows.row] != RowKind.GLUING)
                 if not len(at):
                     continue
                 sign, scaling = rows.sign[at], rows.scaling[at]

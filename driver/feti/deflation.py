@@ -25,8 +25,8 @@ import numpy as np
 from scipy.linalg import cho_factor, lapack
 
 from .contact_block import ContactBlock, Galerkin
-from .fetidp import DirichletPreconditioner
-from .substructuring import Substructure
+from .dirichlet import DirichletPreconditioner
+from .structure import Substructure
 
 DEPENDENT = 1e-4  # squared sine of the angle below which a restricted hat counts as a combination of the others
 

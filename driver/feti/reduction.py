@@ -11,10 +11,12 @@ import numpy as np
 from petsc4py import PETSc
 from scipy.sparse import coo_matrix
 
-from .blocks import BLOCK
 from ..errors import NoSolution, shortage
 from ..scene.loader import Subdomain
-from .substructuring import LocalRows, Substructure
+from .blocks import BLOCK
+from .factorization import factorized, petsc_matrix, solve_columns
+from .rows import LocalRows
+from .structure import Substructure
 
 SAME = 1e-12  # stiffness entries equal to this, relative to the largest, differ by rounding only
 
@@ -27,19 +29,13 @@ class Factor:
         self.size = matrix.shape[0]
         if self.size == 0:
             return
-        pc = PETSc.PC().create(PETSc.COMM_SELF)
-        pc.setType("cholesky")
-        pc.setOperators(petsc_matrix(matrix))
-        pc.setFactorOrdering("nd")
         try:
-            pc.setUp()
+            self._factor = factorized(petsc_matrix(matrix))
         except PETSc.Error as error:
             if shortage(error):
                 raise
             raise NoSolution("a subdomain is not held by its corners and supports (zero pivot)") from error
-        self.matrix = pc.getFactorMatrix()
-        self._keep = pc
-        negative, zero, _ = self.matrix.getInertia()
+        negative, zero, _ = self._factor.getFactorMatrix().getInertia()
         if negative or zero:
             raise NoSolution("a subdomain's stiffness is not positive definite; check material and supports")
 
@@ -47,26 +43,7 @@ class Factor:
         """Solution for the columns of `right`, shape (n, k)."""
         if self.size == 0 or right.shape[1] == 0:
             return np.zeros_like(right)
-        return solve_columns(self.matrix, right)
-
-
-def solve_columns(factor, right: np.ndarray) -> np.ndarray:
-    """Solution (n, k) for the columns of `right` (n, k), n and k positive, with a factored PETSc matrix of one rank."""
-    b = PETSc.Mat().createDense(right.shape, array=np.asfortranarray(right), comm=PETSc.COMM_SELF)
-    x = PETSc.Mat().createDense(right.shape, comm=PETSc.COMM_SELF)
-    x.setUp()
-    factor.matSolve(b, x)
-    found = x.getDenseArray().copy()
-    b.destroy(), x.destroy()
-    return found
-
-
-def petsc_matrix(matrix):
-    """Sequential PETSc matrix of a symmetric scipy CSR matrix."""
-    csr = (matrix.indptr.astype(PETSc.IntType), matrix.indices.astype(PETSc.IntType), matrix.data)
-    mat = PETSc.Mat().createAIJ(matrix.shape, csr=csr, comm=PETSc.COMM_SELF)
-    mat.setOption(PETSc.Mat.Option.SYMMETRIC, True)
-    return mat
+        return solve_columns(self._factor, right)
 
 
 @dataclass
@@ -94,6 +71,16 @@ class LocalClass:
 
     def __post_init__(self):
         self.A_transposed = np.ascontiguousarray(self.A.T)
+
+
+def stack(classes: list[LocalClass]) -> None:
+    """Stack the local rows and corner dofs class by class: sets the slices `rows` and `corners` of every class."""
+    row = corner = 0
+    for c in classes:
+        count = len(c.members)
+        c.rows = slice(row, row + count * c.F.shape[0])
+        c.corners = slice(corner, corner + count * len(c.corner))
+        row, corner = c.rows.stop, c.corners.stop
 
 
 def group(structure: Substructure, comm) -> list[tuple[list[int], np.ndarray, bool]]:

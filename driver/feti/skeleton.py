@@ -12,6 +12,7 @@ from ..scene.elements import cross
 from ..errors import InputError, agree
 from ..scene.loader import Subdomain
 from ..scene.manifest import Manifest
+from .gathering import gather
 
 
 class Skeleton:
@@ -102,11 +103,6 @@ class Skeleton:
         order = order[self.shared[order]]
         other[order[0::2]], other[order[1::2]] = self.edges[order[1::2], 0], self.edges[order[0::2], 0]
         return other
-
-
-def gather(comm, local: np.ndarray) -> np.ndarray:
-    """Concatenate the ranks' skeleton in rank order, which is subdomain order."""
-    return np.concatenate(comm.allgather(local)) if comm.size > 1 else local
 
 
 class _Pieces:

@@ -188,13 +188,14 @@ def condition(case: Case, size: dict, outcome: Outcome) -> float:
     """
     from mpi4py import MPI
 
-    from ..feti.fetidp import DirichletPreconditioner, DualOperator
     from ..contact.tearing import build
-    from ..feti.substructuring import GLUING
+    from ..feti.dirichlet import DirichletPreconditioner
+    from ..feti.operator import DualOperator
+    from ..feti.rows import RowKind
 
     manifest, subdomains = exported(case, size)
     operator = DualOperator(build(manifest, subdomains, 0, MPI.COMM_SELF), MPI.COMM_SELF)
-    free = operator.structure.row_kind == GLUING
+    free = operator.structure.row_kind == RowKind.GLUING
     if outcome.contact:
         boundary, status = operator.structure.contact, outcome.contact["status"][-1]
         for rows, wanted in ((boundary.normal_row, status != "open"), (boundary.tangential_row, status == "stick")):

@@ -6,8 +6,9 @@ import numpy as np
 
 from ..qp import complementarity
 from ..qp.coulomb import CoulombProblem
-from ..feti.compliance import ContactCompliance, contact_row_numbers
-from ..feti.fetidp import DualOperator
+from ..feti.compliance import contact_compliance
+from ..feti.dual_problem import DualProblem
+from ..feti.rows import contact_row_numbers
 from ..contact.friction import ContactRows
 from .step import Load
 
@@ -19,7 +20,7 @@ class Condensation:
     `guess` is a dual vector near the solution of the first step. Collective over the operator's communicator.
     """
 
-    operator: DualOperator | ContactCompliance
+    operator: DualProblem
     rows: ContactRows
     guess: np.ndarray | None = None
 
@@ -37,7 +38,7 @@ class Condensation:
     @property
     def whole(self) -> bool:
         """Whether the contact rows are all there are."""
-        return isinstance(self.operator, ContactCompliance)
+        return self.operator.contact_rows_only
 
     def gather(self, local: np.ndarray) -> np.ndarray:
         """(n + m,) contact part of a dual vector, on every rank."""
@@ -61,7 +62,7 @@ class Condensation:
     def compliance(self) -> np.ndarray:
         """C (n + m, n + m), found at the first call. Raises NotConverged."""
         if self._compliance is None:
-            self._compliance = self.operator.C if self.whole else ContactCompliance(self.operator).C
+            self._compliance = contact_compliance(self.operator)
         return self._compliance
 
     def solution(self, load: Load, x: np.ndarray, gradient: np.ndarray,
@@ -88,7 +89,7 @@ class Condensation:
         """
         op, balance = self.operator, None
         if self._law is None:
-            motions = np.column_stack([self.gather(d) for d, _ in op.loaded[op.structure.patterns :]]) if op.modes else None
+            motions = np.column_stack([self.gather(d) for d in op.motions]) if op.modes else None
             self._law = CoulombProblem(self.compliance(), np.zeros(self.n + self.m), np.zeros(self.m), self.pair,
                                        self.rows.bilateral, motions)
         coefficient = np.zeros(len(x))

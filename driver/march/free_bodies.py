@@ -1,6 +1,6 @@
 """Stage 6, bodies without support: can contact hold them, and the rigid motion that follows what it cannot yet.
 
-The motion is found by the proximal point method: springs hold the bodies (see fetidp.py), and their rest moves by what
+The motion is found by the proximal point method: springs hold the bodies (see feti/free_motions.py), and their rest moves by what
 they carry in every iteration of the friction bound until they carry nothing.
 """
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from ..contact.equilibrium import rigid_equilibrium
 from ..errors import NoSolution
-from ..feti.fetidp import DualOperator
+from ..feti.dual_problem import DualProblem
 from ..contact.friction import ContactRows, Scales
 from .globalization import Anderson
 from .step import History, Load
@@ -20,13 +20,13 @@ LOOSE = "nothing that touches or sticks holds a rigid motion of a body without s
 class FreeBodies:
     """Rigid motions of the bodies that no support holds; none of it does anything without such bodies. Collective."""
 
-    def __init__(self, operator: DualOperator, rows: ContactRows, effects: dict, scales: Scales, history: History):
+    def __init__(self, operator: DualProblem, rows: ContactRows, effects: dict, scales: Scales, history: History):
         self.operator, self.rows, self.effects, self.scales, self.history = operator, rows, effects, scales, history
 
     @property
     def _motions(self) -> list[np.ndarray]:
         """Displacements of the rank's dual rows under every rigid motion."""
-        return [d for d, _ in self.operator.loaded[self.operator.structure.patterns :]]
+        return self.operator.motions
 
     def can_rest(self, index: int, weights: np.ndarray) -> np.ndarray | None:
         """Rigid motion that closes gaps until contact balances the loads `weights`; None, noted, if nothing does.

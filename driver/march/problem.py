@@ -7,8 +7,8 @@ import numpy as np
 
 from . import quasistatic
 from ..contact.tearing import build
-from ..feti.substructuring import Substructure, partition
-from ..feti.fetidp import DualOperator
+from ..feti.operator import DualOperator
+from ..feti.structure import Substructure, partition
 from ..contact.friction import SlipLaw
 from ..scene.loader import read_subdomains
 from ..scene.manifest import Manifest, read_manifest

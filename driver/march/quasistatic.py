@@ -21,7 +21,7 @@ from ..contact import friction
 from . import globalization
 from .condensation import Condensation
 from ..errors import NotConverged
-from ..feti.fetidp import DualOperator
+from ..feti.dual_problem import DualProblem
 from .fixed_point import FixedPoint
 from .free_bodies import FreeBodies
 from .friction_qp import FrictionQP
@@ -38,7 +38,7 @@ KEPT = ("counts", "residuals", "steps", "warnings", "contraction", "seconds")  #
 class QuasistaticSolver:
     """Marches through the time steps of one problem. Collective over the operator's communicator."""
 
-    def __init__(self, operator: DualOperator, effects: dict, amplitudes: np.ndarray, times: np.ndarray,
+    def __init__(self, operator: DualProblem, effects: dict, amplitudes: np.ndarray, times: np.ndarray,
                  settings: Settings, slip_law: friction.SlipLaw | None = None):
         """`amplitudes` (steps + 1, patterns): factor of every load pattern at every time of `times`."""
         self.operator, self.settings, self.effects = operator, settings, effects

@@ -16,7 +16,7 @@ import dataclasses
 
 from ..contact.tearing import build
 from ..errors import InputError
-from ..feti.fetidp import DualOperator
+from ..feti.operator import DualOperator
 from ..options import Settings
 from ..march.problem import Problem
 from .writer import Record

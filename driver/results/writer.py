@@ -10,7 +10,7 @@ import numpy as np
 
 from ..scene import elements
 from ..errors import agreed_writes
-from ..feti.fetidp import DualOperator
+from ..feti.operator import DualOperator
 from ..files import renamed, write_json, write_rows
 from ..contact.friction import OPEN, STATUS_NAMES
 from ..scene.loader import Subdomain

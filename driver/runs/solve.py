@@ -10,6 +10,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from ..estimates import adaptivity, soundness
+from ..feti.rows import RowKind
 from ..scene import elements
 from ..march.checkpoint import Checkpoints
 from ..errors import agreed_writes
@@ -22,8 +23,6 @@ from ..results.relinearization import linearized
 from ..results.writer import Writer
 from ..timing import Laps
 from .workspace import lock_log
-
-PRIMAL = {"gluing": 0, "normal": 1, "tangential": 2}
 
 
 class Progress:
@@ -154,7 +153,7 @@ def _budget(directory: Path, request: dict, problem, writer, comm) -> dict:
 
 def summarize(request, manifest: Manifest, structure, history, uniqueness, settings, comm) -> dict:
     """summary.json but for quantities, errors and ledger; collective."""
-    kinds = np.bincount(structure.row_kind, minlength=3)
+    kinds = np.bincount(structure.row_kind, minlength=len(RowKind))
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     variant = next((str(v) for k, v in manifest.parameters.items() if k == "loading"), "")
     return {
@@ -165,7 +164,7 @@ def summarize(request, manifest: Manifest, structure, history, uniqueness, setti
         "effects": {**manifest.effects, "body_force": any(p["kind"] == "body_force" for p in manifest.patterns),
                     "bodies": manifest.bodies},
         "sizes": {"subdomains": structure.total, "primal_dofs": structure.primal_dofs,
-                  "dual_dofs": structure.dual_dofs, **{f"dual_{name}": int(kinds[k]) for name, k in PRIMAL.items()},
+                  "dual_dofs": structure.dual_dofs, **{f"dual_{kind.name.lower()}": int(kinds[kind]) for kind in RowKind},
                   "coarse_dofs": structure.coarse_dofs, "contact_nodes": len(structure.contact.gid)},
         "steps": history.steps, "t_end": manifest.t_end, "counts": history.counts, "residuals": history.residuals,
         "contraction": history.contraction,

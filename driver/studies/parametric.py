@@ -9,6 +9,7 @@ import numpy as np
 from mpi4py import MPI
 
 from ..feti.compliance import ContactCompliance
+from ..feti.rows import RowKind
 from ..errors import DriverError, InputError, NoSolution, NotConverged, agree
 from ..files import write_json, write_rows, write_table
 from ..contact.friction import OPEN, STATUS_NAMES
@@ -37,7 +38,7 @@ def run(directory: Path, request: dict, comm) -> tuple[int, str]:
     if settings.linearization != "initial":
         raise InputError("a study keeps one geometry of contact: leave LINEARIZATION out")
     lap("setup")
-    rows = int(np.count_nonzero(structure.row_kind))
+    rows = int(np.count_nonzero(structure.row_kind != RowKind.GLUING))
     condensed = rows <= LARGEST and not structure.rigid_modes
     if condensed:
         try:

@@ -9,7 +9,8 @@ from mpi4py import MPI
 from driver.feti.contact_block import ContactBlock, Galerkin
 from driver.feti.deflation import DeflatedPreconditioner, Deflation, _jumps, traction_hats
 from driver.march.relaxation import ContactRelaxation
-from driver.feti.substructuring import GLUING, NORMAL, _row_scale
+from driver.feti.numbering import _row_scale
+from driver.feti.rows import RowKind
 
 EPS = np.finfo(float).eps
 
@@ -30,14 +31,14 @@ def parts(problem):
 def faces(structure):
     """Free sets: everything; no friction; part of the contact boundary open and a shorter part sticking."""
     kind, contact = structure.row_kind, structure.contact
-    everything, normal = np.ones(len(kind), bool), kind <= NORMAL
-    part = kind == GLUING
+    everything, normal = np.ones(len(kind), bool), kind <= RowKind.NORMAL
+    part = kind == RowKind.GLUING
     reach = contact.arc / contact.arc.max()
     part[contact.normal_row[reach < 0.63]] = True
     part[contact.tangential_row[(reach > 0.12) & (reach < 0.37)]] = True
-    one = kind == GLUING
+    one = kind == RowKind.GLUING
     one[contact.normal_row[0]] = True  # a single node in touch: hats that coincide there
-    return [everything, normal, part, one, kind == GLUING]
+    return [everything, normal, part, one, kind == RowKind.GLUING]
 
 
 def dense(preconditioner, free):
@@ -78,7 +79,7 @@ def test_block_is_the_contact_part_of_the_operator(problem, parts):
 def test_block_bounds_the_compliance_of_the_glued_body(parts, problem):
     """C = F_cc - F_cg F_gg^-1 F_gc: F_cc - C is semidefinite, and F_cc no more than about 4 C with 10 cells, less with 4."""
     F, block, _, _ = parts
-    g = problem.structure.row_kind == GLUING
+    g = problem.structure.row_kind == RowKind.GLUING
     C = F[np.ix_(~g, ~g)] - F[np.ix_(~g, g)] @ np.linalg.solve(F[np.ix_(g, g)], F[np.ix_(g, ~g)])
     L = np.linalg.cholesky((C + C.T) / 2)
     ratio = np.linalg.eigvalsh(np.linalg.solve(L, np.linalg.solve(L, F[np.ix_(~g, ~g)]).T))
@@ -89,7 +90,7 @@ def test_gather_and_scatter_are_inverse(problem, parts):
     block, x = parts[1], np.arange(1.0, problem.structure.dual_dofs + 1)
     assert np.array_equal(block.scatter(block.gather(x), x), x)
     assert np.array_equal(block.gather(block.scatter(np.zeros(block.size), x)), np.zeros(block.size))
-    assert np.array_equal(np.flatnonzero(problem.structure.row_kind != GLUING), block.rows)
+    assert np.array_equal(np.flatnonzero(problem.structure.row_kind != RowKind.GLUING), block.rows)
 
 
 # ------------------------------------------------------------------------------ deflation
@@ -100,7 +101,7 @@ def test_hats_make_uniform_and_linear_tractions(problem):
     They are of one direction each and overlap with their neighbours only, of which there are two.
     """
     s = problem.structure
-    rows = np.flatnonzero(s.row_kind != GLUING)
+    rows = np.flatnonzero(s.row_kind != RowKind.GLUING)
     hats = traction_hats(s, rows, MPI.COMM_SELF)
     H = spread(hats.number, hats.value, hats.count)
     for numbers in (s.contact.normal_row, s.contact.tangential_row):
@@ -184,7 +185,7 @@ def test_scales_do_not_follow_the_rounding_of_stiffnesses():
     half = 0.5 + np.array([-2, -1, 0, 1, 2]) * EPS
     stiffness = np.append(1.0, half)
     skeleton = SimpleNamespace(gids=np.arange(6), stiffness=stiffness, over_subdomains=lambda _, values: values)
-    scale = _row_scale(skeleton, np.arange(6), np.full(6, NORMAL), np.ones(6))
+    scale = _row_scale(skeleton, np.arange(6), np.full(6, RowKind.NORMAL), np.ones(6))
     assert len(set(scale[1:])) == 1
 
 
@@ -196,7 +197,7 @@ def test_relaxation_minimises_over_the_contact_multipliers(problem, parts):
     relax = ContactRelaxation(problem.operator, deflation, 1.1 * np.linalg.norm(scale[:, None] * F * scale, 2), scale)
     y = rng.standard_normal(structure.dual_dofs)
     d = F @ np.abs(rng.standard_normal(structure.dual_dofs))
-    contact = structure.row_kind != GLUING
+    contact = structure.row_kind != RowKind.GLUING
     lower, upper = np.where(contact, 0.0, -np.inf), np.where(contact, 2.0, np.inf)
     x, g = relax(y, F @ y - d, (lower, upper), 1e-10 * np.linalg.norm(d))
     assert np.array_equal(x[~contact], y[~contact])

@@ -1,79 +1,19 @@
-"""Stage 3: corners, gluing rows, contact rows and their numbering.
-
-Rows of the constraint matrix B (Haslinger, Vlach, Dostal, SNA'07):
-
-* gluing: u_c(a, i) - u_c(a, j) = 0 at every interface node a that is no corner (non-redundant, as such a
-  node belongs to exactly two subdomains i < j), for every displacement component c that is not fixed;
-* normal and tangential contact: n.u and t.u at every contact node, corners included, t being n turned
-  by +90 degrees; between two bodies u is the mortar jump of mortar.py.
+"""Stage 3: numbers of the corner dofs and of the rows of B, and both in the dofs of every local subdomain.
 
 Rows are numbered by the subdomain that owns them (the lowest one that has the node).
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import fields
 
 import numpy as np
 
-from .corners import corner_vertices
 from ..scene.loader import Subdomain
 from ..scene.manifest import Manifest
-from .rigid_modes import RigidMode, rigid_modes
-from .skeleton import Skeleton, gather
-
-GLUING, NORMAL, TANGENTIAL = 0, 1, 2
-
-
-@dataclass
-class LocalRows:
-    """Constraint rows that act on one subdomain: row r reads sign_r * sum_k coefficient_rk u[dof_rk].
-
-    The width w is 2, or what the widest row between bodies needs; shorter rows end with zero coefficients.
-    """
-
-    row: np.ndarray  # (m,) global dual row
-    sign: np.ndarray  # (m,) +1/-1 on gluing rows, 1 on contact rows, 0 where another subdomain owns one
-    dof: np.ndarray  # (m, w)
-    coefficient: np.ndarray  # (m, w), zero on fixed dofs
-    fixed_part: np.ndarray  # (m, w): what was removed from `coefficient` there
-    scaling: np.ndarray  # (m,) entry of B_D: sign times the stiffness weight
-
-    def fixed_share(self, fixed: np.ndarray, values: np.ndarray, dofs: int) -> np.ndarray:
-        """(m,) contribution of prescribed displacements to the rows."""
-        u = np.zeros(dofs)
-        u[fixed] = values
-        return (self.fixed_part * u[self.dof]).sum(axis=1)
-
-
-@dataclass
-class Substructure:
-    """What one rank knows: its subdomains' dof sets and rows, and the global numbering."""
-
-    subdomains: list[Subdomain]
-    first: int  # index of the rank's first subdomain
-    total: int
-    fixed: list[np.ndarray]  # per subdomain: Dirichlet dofs, those marked by a neighbour included
-    fixed_values: list[np.ndarray]  # per subdomain: (patterns, n_fixed)
-    corner_dofs: list[np.ndarray]  # per subdomain: local dofs that are primal
-    corner_global: list[np.ndarray]  # per subdomain: their numbers in the coarse problem
-    rows: list[LocalRows]
-    coarse_dofs: int
-    dual_dofs: int
-    row_kind: np.ndarray  # (dual_dofs,) GLUING, NORMAL or TANGENTIAL
-    row_scale: np.ndarray  # (dual_dofs,) power of two near the root of the stiffness that a row sees, relative
-    row_range: tuple[int, int]  # rows owned by this rank
-    row_starts: np.ndarray  # per local subdomain: its first row, counted from row_range[0]
-    patterns: int
-    contact: object  # ContactBoundary of contact/boundary.py
-    rigid_modes: list[RigidMode]  # of bodies whose supports, if any, leave them free
-    rigid_corners: np.ndarray  # (coarse_dofs, modes) orthonormal: the modes at the coarse dofs
-    outer_edges: np.ndarray  # (n, 3): gid, gid, label of the edges of the untorn body's boundary
-    outer_middles: np.ndarray  # (n,) gids of their middles; empty with linear elements
-    primal_dofs: int
-
-
-def partition(total: int, comm) -> tuple[int, int]:
-    """Contiguous range of subdomains of this rank; ranks beyond the subdomains get none."""
-    return total * comm.rank // comm.size, total * (comm.rank + 1) // comm.size
+from .corners import corner_vertices
+from .gathering import gather
+from .rigid_modes import rigid_modes
+from .rows import LocalRows, RowKind
+from .structure import Substructure
 
 
 def fixed_dofs(manifest: Manifest, subdomains: list[Subdomain], comm) -> tuple[np.ndarray, np.ndarray]:
@@ -108,7 +48,7 @@ def number(manifest, subdomains, first, skeleton, fixed, contact, comm) -> Subst
         tangential_rows = normal_rows[_slides(contact, fixed_keys)[normal_rows]]
 
     # (owner, kind, position) of every row; sorting them gives the numbering
-    kind = np.repeat([GLUING, NORMAL, TANGENTIAL], [len(gluing), len(normal_rows), len(tangential_rows)])
+    kind = np.repeat(list(RowKind), [len(gluing), len(normal_rows), len(tangential_rows)])
     row_gid = np.concatenate([gluing // 2, contact.gid[normal_rows], contact.gid[tangential_rows]])
     row_owner = owner[np.searchsorted(skeleton.gids, row_gid)]
     position = np.concatenate([gluing, normal_rows, tangential_rows])
@@ -162,7 +102,7 @@ def _row_scale(skeleton, row_gid, kind, share) -> np.ndarray:
     """
     low, high = (skeleton.over_subdomains(extreme, skeleton.stiffness) for extreme in (np.minimum, np.maximum))
     at = np.searchsorted(skeleton.gids, row_gid)
-    seen = np.where(kind == GLUING, low[at], high[at] * share)
+    seen = np.where(kind == RowKind.GLUING, low[at], high[at] * share)
     ratio = np.round(np.log2(seen / seen.max(initial=0)), 6)  # rounding of stiffnesses must not decide between powers
     return 2.0 ** np.round(0.5 * ratio)
 

@@ -10,8 +10,9 @@ from driver.hard.oracle import Assembled
 
 from driver import environment
 from driver.feti import reduction
-from driver.feti.fetidp import DirichletPreconditioner, DualOperator, _inverse
-from driver.feti.substructuring import GLUING, NORMAL, TANGENTIAL
+from driver.feti.dirichlet import DirichletPreconditioner, _inverse
+from driver.feti.operator import DualOperator
+from driver.feti.rows import RowKind
 
 EPS = np.finfo(float).eps
 PARTITIONS = ["4x2", "3x3", "7"]  # two structured ones and a graph partition
@@ -66,7 +67,7 @@ def test_every_row_is_numbered_once(problem):
         for k, row in enumerate(rows.row):
             seen[row].append((index, rows.sign[k], key[rows.dof[k, 0]]))
     for row, uses in enumerate(seen):
-        if s.row_kind[row] == GLUING:
+        if s.row_kind[row] == RowKind.GLUING:
             (i, a, key_i), (j, b, key_j) = uses
             assert i < j and (a, b) == (1, -1) and key_i == key_j
         else:
@@ -102,7 +103,7 @@ def test_dofs_are_torn_corner_or_fixed(problem):
 
 def test_contact_rows_point_back_to_their_nodes(problem):
     s, c = problem.structure, problem.structure.contact
-    for kind, numbers, direction in ((NORMAL, c.normal_row, c.normal), (TANGENTIAL, c.tangential_row, c.tangent)):
+    for kind, numbers, direction in ((RowKind.NORMAL, c.normal_row, c.normal), (RowKind.TANGENTIAL, c.tangential_row, c.tangent)):
         assert sorted(numbers) == np.flatnonzero(s.row_kind == kind).tolist()
         for sub, rows in zip(problem.subdomains, s.rows):
             for k in np.flatnonzero(np.isin(rows.row, numbers)):
@@ -116,7 +117,7 @@ def test_gather_and_assemble_are_transposed(problem):
     op, s = problem.operator, problem.structure
     uses = np.bincount(np.concatenate([rows.row for rows in s.rows]), minlength=s.dual_dofs)
     x = np.arange(1.0, s.dual_dofs + 1)
-    assert np.array_equal(op._assemble(op._gather(x).copy()), uses * x)  # small whole numbers: exact
+    assert np.array_equal(op.vectors.assemble(op.vectors.gather(x).copy()), uses * x)  # small whole numbers: exact
 
 
 @pytest.mark.parametrize("subdomains, primal, dual", [("4x2", 1936, 260), ("8x4", 7744, 1096), ("16x8", 30976, 4496)])
@@ -129,7 +130,7 @@ def test_sizes_of_the_slides(built, subdomains, primal, dual):
 
 def test_continuous_fields_have_no_jump(problem):
     w = free_field(problem, np.random.default_rng(0))
-    B = spread(problem, "sign")[problem.structure.row_kind == GLUING]
+    B = spread(problem, "sign")[problem.structure.row_kind == RowKind.GLUING]
     assert np.all(B @ w == 0)  # a difference of two equal numbers
 
 
@@ -163,7 +164,7 @@ def torn_field(problem, rng):
 
 def test_average_and_jump_add_up_to_the_identity(problem):
     """E_D + P_D = I on fields with common corners, P_D = B_D' B: weights and gluing rows fit together."""
-    gluing = problem.structure.row_kind == GLUING
+    gluing = problem.structure.row_kind == RowKind.GLUING
     B, B_D = (spread(problem, name)[gluing] for name in ("sign", "scaling"))
     w = torn_field(problem, np.random.default_rng(1))
     jump = B_D.T @ (B @ w)
@@ -174,14 +175,14 @@ def test_average_and_jump_add_up_to_the_identity(problem):
 
 
 def test_scaled_jump_is_a_right_inverse(problem):
-    gluing = problem.structure.row_kind == GLUING
+    gluing = problem.structure.row_kind == RowKind.GLUING
     B, B_D = (spread(problem, name)[gluing] for name in ("sign", "scaling"))
     assert np.array_equal(B @ B_D.T, np.eye(gluing.sum()))  # halves and ones: exact
 
 
 def test_contact_rows_are_shared_out_between_their_subdomains(problem):
     """The preconditioner takes the whole of every contact row, half of it from each of two subdomains."""
-    contact = problem.structure.row_kind != GLUING
+    contact = problem.structure.row_kind != RowKind.GLUING
     scaling = np.bincount(np.concatenate([rows.row for rows in problem.structure.rows]),
                           np.concatenate([rows.scaling for rows in problem.structure.rows]))
     assert np.all(scaling[contact] == 1.0)
@@ -195,7 +196,7 @@ def test_the_softer_side_of_an_interface_counts_more(built, variant):
     for s, rows in enumerate(structure.rows):
         for row, scaling in zip(rows.row, np.abs(rows.scaling)):
             found.setdefault(row, []).append((s % 4 > 1, scaling))  # numbered from left to right, two rows
-    glued = [sorted(pair) for row, pair in found.items() if structure.row_kind[row] == GLUING]  # the soft side first
+    glued = [sorted(pair) for row, pair in found.items() if structure.row_kind[row] == RowKind.GLUING]  # the soft side first
     assert sum(one != other for (one, _), (other, _) in glued) == 2 * 2 * 9  # two interfaces of nine nodes
     for (one, soft), (other, stiff) in glued:
         expected = (7 / 8, 1 / 8) if one != other else (0.5, 0.5)
@@ -208,7 +209,7 @@ def condensed(problem, rows):
     """F at the contact rows `rows` after elimination of the gluing multipliers, and the load's part likewise."""
     s, F = problem.structure, problem.F
     d = problem.operator.load_response(np.ones(s.patterns))
-    gluing = s.row_kind == GLUING
+    gluing = s.row_kind == RowKind.GLUING
     if not gluing.any():
         return F[np.ix_(rows, rows)], d[rows]
     inner = np.linalg.solve(F[np.ix_(gluing, gluing)], np.column_stack([F[np.ix_(gluing, rows)], d[gluing]]))
@@ -359,7 +360,7 @@ def test_structured_corners_are_the_subdomain_vertices(built):
 
 def gluing_condition(problem):
     """Condition number of the preconditioned gluing block M F."""
-    operator, gluing = problem.operator, problem.structure.row_kind == GLUING
+    operator, gluing = problem.operator, problem.structure.row_kind == RowKind.GLUING
     columns = np.eye(problem.structure.dual_dofs)[gluing]
     F = np.array([operator.apply(e)[gluing] for e in columns])
     M = DirichletPreconditioner(operator)
@@ -392,7 +393,7 @@ def test_stiffness_of_rows_that_depend_on_one_another():
 def test_preconditioner_respects_the_face(problem):
     """Zero outside the free set, and symmetric on it: MPRGP needs both in every face."""
     rng = np.random.default_rng(5)
-    free = (problem.structure.row_kind == GLUING) | (rng.random(problem.structure.dual_dofs) < 0.5)
+    free = (problem.structure.row_kind == RowKind.GLUING) | (rng.random(problem.structure.dual_dofs) < 0.5)
     M = DirichletPreconditioner(problem.operator)
     x, y = rng.standard_normal((2, len(free)))
     Mx, My = M(x, free).copy(), M(y, free).copy()
@@ -413,7 +414,7 @@ def check_linear(problem):
 
     Both solves round with eps times a condition of the stiffness below 1e5: 1e-10 relative is safe.
     """
-    assert not np.any(problem.structure.row_kind != GLUING)
+    assert not np.any(problem.structure.row_kind != RowKind.GLUING)
     weights = np.ones(problem.structure.patterns)
     d = problem.operator.load_response(weights)
     lam = np.linalg.solve(problem.F, d) if len(d) else d
@@ -471,18 +472,20 @@ from pathlib import Path
 from driver.scene.loader import read_subdomains
 from driver.scene.manifest import read_manifest
 from driver.contact.tearing import build
-from driver.feti import fetidp, substructuring
+from driver.feti.dirichlet import DirichletPreconditioner
+from driver.feti.operator import DualOperator
+from driver.feti.structure import partition
 comm = MPI.COMM_WORLD
 for directory in sys.argv[1:]:
     manifest = read_manifest(Path(directory))
-    first, last = substructuring.partition(manifest.subdomains, comm)
+    first, last = partition(manifest.subdomains, comm)
     structure = build(manifest, read_subdomains(manifest, first, last, comm), first, comm)
-    op = fetidp.DualOperator(structure, comm)
+    op = DualOperator(structure, comm)
     mine = slice(*structure.row_range)
     x = np.random.default_rng(7).standard_normal(structure.dual_dofs)[mine]
     free = np.random.default_rng(8).random(structure.dual_dofs)[mine] < 0.7
     y = op.apply(x).copy()
-    found = [y, op.load_response(np.ones(structure.patterns)), fetidp.DirichletPreconditioner(op)(x, free),
+    found = [y, op.load_response(np.ones(structure.patterns)), DirichletPreconditioner(op)(x, free),
              np.array([op.dot(x, y), op.dot(x, x)]) if comm.rank == 0 else (op.dot(x, y), op.dot(x, x))[:0]]
     found = [np.concatenate(comm.gather(np.asarray(part, float)) or [[]]) for part in found]
     if comm.rank == 0:
@@ -554,5 +557,5 @@ def test_rows_are_scaled_by_the_stiffness_they_see(built):
     assert (built("hard/block", **small).structure.row_scale == 1).all()
     structure = built("hard/block", jump=2**20, board="halves", **small).structure  # the left half is stiff
     scale, contact = structure.row_scale, structure.contact
-    assert (scale[structure.row_kind == GLUING] == 2.0**-10).all()
+    assert (scale[structure.row_kind == RowKind.GLUING] == 2.0**-10).all()
     assert np.array_equal(scale[contact.normal_row], np.where(contact.xy[:, 0] <= 1, 1.0, 2.0**-10))
