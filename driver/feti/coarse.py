@@ -1,7 +1,7 @@
 """The coarse problem S_cc of FETI-DP: assembled, factorized and solved on every rank.
 
-Bodies that no support holds make S_cc singular, with the orthonormal rigid motions Q (at the corners) as its
-kernel; springs of small stiffness 1/rho hold them (see free_motions.py),
+Bodies that no support holds make S_cc singular, with the orthonormal rigid motions Q (at the
+corners) as its kernel; springs of small stiffness 1/rho hold them (see free_motions.py),
 
     S_rho^-1 = P S_cc^+ P + rho Q Q',   P = I - Q Q'.
 
@@ -23,9 +23,10 @@ from .structure import Substructure, partition
 class CoarseProblem:
     """S_rho^-1 between the stacked corner dofs of the ranks' subdomains; collective over `comm`.
 
-    Corner dofs are stacked class by class as `LocalClass.corners` says; `numbers` are their numbers in the coarse problem.
-    `factor_entries` is the number of entries of the factor, `foreign` that of corner dofs on other ranks. `rho` (modes,)
-    are the springs' compliances, zero until they are set. Raises NoSolution if the structure is a mechanism.
+    Corner dofs are stacked class by class as `LocalClass.corners` says; `numbers` are their numbers
+    in the coarse problem. `factor_entries` is the number of entries of the factor, `foreign` that
+    of corner dofs on other ranks. `rho` (modes,) are the springs' compliances, zero until they are
+    set. Raises NoSolution if the structure is a mechanism.
     """
 
     def __init__(self, structure: Substructure, classes: list[LocalClass], comm):
@@ -44,18 +45,20 @@ class CoarseProblem:
             self._factorize(_assembled(structure, classes, comm))
 
     def _factorize(self, S) -> None:
-        """Factorize S_cc (CSR), pinned where bodies are free; refuse a structure that is a mechanism."""
+        """Factorize S_cc (CSR), pinned where bodies are free; refuse a structure that is a
+        mechanism.
+        """
         matrix = petsc_matrix(self._pinned(S))
         mumps = factorized(matrix, "mumps")
         checked = mumps.getFactorMatrix()
         negative, _, _ = checked.getInertia()
         if negative or checked.getMumpsInfog(28):
-            raise NoSolution("the structure is a mechanism: parts of a body can move without deforming, hinged on "
-                             "single points")
+            raise NoSolution("the structure is a mechanism: parts of a body can move without "
+                             "deforming, hinged on single points")
         self.factor_entries = checked.getMumpsInfog(29)
         # MUMPS vouches for the matrix; CHOLMOD's triangular solves are several times faster
         self._factor = factorized(matrix, "cholmod")
-        self._right, self._solution = PETSc.Vec().createSeq(self.dofs), PETSc.Vec().createSeq(self.dofs)
+        self._right, self._solution = (PETSc.Vec().createSeq(self.dofs) for _ in range(2))
 
     def _pinned(self, S):
         """S_cc with as many dofs pinned as there are free rigid motions."""
@@ -89,13 +92,17 @@ class CoarseProblem:
         return u + Q @ (self.rho * motion - Q.T @ u)
 
     def _with_pins(self, forces: np.ndarray) -> np.ndarray:
-        """Solution (dofs,) with the factorized matrix for `forces` (dofs,); overwritten by the next."""
+        """Solution (dofs,) with the factorized matrix for `forces` (dofs,); overwritten by the
+        next.
+        """
         self._right.array[:] = forces
         self._factor.apply(self._right, self._solution)
         return self._solution.array
 
     def inverse(self, dofs: np.ndarray) -> np.ndarray:
-        """Rows and columns `dofs` (k,) of S_rho^-1, (k, k); a coarse solve a column, shared by the ranks."""
+        """Rows and columns `dofs` (k,) of S_rho^-1, (k, k); a coarse solve a column, shared by the
+        ranks.
+        """
         mine = dofs[slice(*partition(len(dofs), self.comm))]
         columns, force = np.empty((len(mine), len(dofs))), np.zeros(self.dofs)
         for k, dof in enumerate(mine):
@@ -106,7 +113,8 @@ class CoarseProblem:
         return (inverse + inverse.T) / 2
 
     def whole(self, local: np.ndarray) -> np.ndarray:
-        """(dofs,) values at all coarse dofs, on every rank, of values at the stacked corner dofs."""
+        """(dofs,) values at all coarse dofs, on every rank, of values at the stacked corner dofs.
+        """
         everywhere = np.empty(self.dofs)
         for numbers, values in self.comm.allgather((self.numbers, local)):
             everywhere[numbers] = values
@@ -114,7 +122,9 @@ class CoarseProblem:
 
 
 def _assembled(structure: Substructure, classes: list[LocalClass], comm):
-    """S_cc (n, n) as CSR on every rank: entries of the subdomains in their order, so that all add them up alike."""
+    """S_cc (n, n) as CSR on every rank: entries of the subdomains in their order, so that all add
+    them up alike.
+    """
     numbers, n = structure.corner_global, structure.coarse_dofs
     first = np.cumsum([0, *np.array([len(number) for number in numbers], int) ** 2])
     (rows, columns), values = np.empty((2, first[-1]), int), np.empty(first[-1])
@@ -124,5 +134,6 @@ def _assembled(structure: Substructure, classes: list[LocalClass], comm):
         number = np.array([numbers[s] for s in c.members])
         rows[place], columns[place] = np.repeat(number, k, axis=1), np.tile(number, k)
         values[place] = c.S.ravel()
-    rows, columns, values = (np.concatenate(comm.allgather(part)) for part in (rows, columns, values))
+    rows, columns, values = (np.concatenate(comm.allgather(part))
+                             for part in (rows, columns, values))
     return coo_matrix((values, (rows, columns)), shape=(n, n)).tocsr()

@@ -1,17 +1,20 @@
-"""Stage 4, condensed: the dual problem on the contact rows alone, for studies that solve it many times.
+"""Stage 4, condensed: the dual problem on the contact rows alone, for studies that solve it many
+times.
 
-Gluing multipliers have no bounds. Minimising over them leaves, on the contact rows c with the gluing rows g,
+Gluing multipliers have no bounds. Minimising over them leaves, on the contact rows c with the
+gluing rows g,
 
     C = F_cc - F_cg F_gg^-1 F_gc,      d_C = d_c - F_cg F_gg^-1 d_g,
 
-the compliance of the glued body at its contact nodes. F = F_i + A S_cc^-1 A' with the block diagonal F_i is full, but with
-the corner displacements as further unknowns it comes from a sparse matrix of the local ones alone (`fetidp`),
+the compliance of the glued body at its contact nodes. F = F_i + A S_cc^-1 A' with the block
+diagonal F_i is full, but with the corner displacements as further unknowns it comes from a sparse
+matrix of the local ones alone (see operator.py),
 
     [ F_i   -A   ] [ lambda ]   [ d_i - B u ]
     [ -A'  -S_cc ] [  u_c   ] = [   -f_c    ],
 
-so that C is left on the contact rows when gluing rows and corners are eliminated by one sparse factorization. After that
-a time step costs a few products with a small dense matrix.
+so that C is left on the contact rows when gluing rows and corners are eliminated by one sparse
+factorization. After that a time step costs a few products with a small dense matrix.
 """
 
 import dataclasses
@@ -29,20 +32,23 @@ from .rows import contact_row_numbers
 
 MUMPS_NO_MEMORY = -13  # INFOG(1)
 WIDTH = 64  # columns solved at a time
-ROUNDING = 1e-9  # residual of the elimination, relative to its terms: far below the tolerances of a QP
+# residual of the elimination, relative to its terms: far below the tolerances of a QP
+ROUNDING = 1e-9
 
 
 def contact_compliance(problem: DualProblem) -> np.ndarray:
-    """C (n + m, n + m) in the order of `contact_row_numbers`, on every rank; collective. Raises NotConverged."""
+    """C (n + m, n + m) in the order of `contact_row_numbers`, on every rank; collective. Raises
+    NotConverged.
+    """
     return problem.C if problem.contact_rows_only else ContactCompliance(problem).C
 
 
 class ContactCompliance(DualProblem):
     """C and d_C as a dual problem on the contact rows, whole on every rank: each solves by itself.
 
-    Vectors have one entry per contact row, as `contact_row_numbers` has them. Takes no products with F. It knows no rigid
-    motions: bodies are those that supports hold. Collective over the operator's communicator. Raises NotConverged if the
-    elimination fails.
+    Vectors have one entry per contact row, as `contact_row_numbers` has them. Takes no products
+    with F. It knows no rigid motions: bodies are those that supports hold. Collective over the
+    operator's communicator. Raises NotConverged if the elimination fails.
     """
 
     contact_rows_only = True
@@ -53,16 +59,20 @@ class ContactCompliance(DualProblem):
         super().__init__(_on_contact_rows(structure, rows), len(rows), MPI.COMM_SELF)
         patterns = np.eye(structure.patterns)
         loads = np.column_stack([np.empty((structure.dual_dofs, 0)), *(
-            np.concatenate(operator.comm.allgather(operator.load_response(weights))) for weights in patterns)])
+            np.concatenate(operator.comm.allgather(operator.load_response(weights)))
+            for weights in patterns)])
         self.C, self.d, self._moved, self._loaded = _eliminated(operator, rows, loads)
         nothing = np.zeros(operator.owned)
         for k, weights in enumerate(patterns):
             self._loaded[k] += operator.coarse_displacements(nothing, weights)
 
     def with_contact(self, contact) -> "ContactCompliance":
-        """The same body with other gaps, friction or initial state at its contact nodes; counts its own products."""
-        return super().with_contact(dataclasses.replace(contact, normal_row=self.structure.contact.normal_row,
-                                                        tangential_row=self.structure.contact.tangential_row))
+        """The same body with other gaps, friction or initial state at its contact nodes; counts its
+        own products.
+        """
+        own = self.structure.contact
+        return super().with_contact(dataclasses.replace(
+            contact, normal_row=own.normal_row, tangential_row=own.tangential_row))
 
     def norm_bound(self, scale: np.ndarray) -> float:
         """The Frobenius norm of D C D, D = diag(scale); 1 where there are no rows."""
@@ -107,27 +117,33 @@ class FaceInverse:
             return result
         if self.face is None or not np.array_equal(f, self.face):
             self.face = f
-            self.factor = cho_factor(self.C.compress(free, 0).compress(free, 1), lower=True, check_finite=False)
+            self.factor = cho_factor(self.C.compress(free, 0).compress(free, 1), lower=True,
+                                     check_finite=False)
         result[f] = cho_solve(self.factor, residual[f], check_finite=False)
         return result
 
 
 def _on_contact_rows(structure, rows: np.ndarray):
     """The skeleton as a solver on `rows` alone, in their order, sees it."""
-    contact, place = structure.contact, np.full(structure.dual_dofs + 1, -1)  # that of no row, -1, is the last
+    # that of no row, -1, is the last
+    contact, place = structure.contact, np.full(structure.dual_dofs + 1, -1)
     place[rows] = np.arange(len(rows))
     contact = dataclasses.replace(contact, normal_row=place[contact.normal_row],
                                   tangential_row=place[contact.tangential_row])
-    return dataclasses.replace(structure, contact=contact, dual_dofs=len(rows), row_range=(0, len(rows)),
-                               row_kind=structure.row_kind[rows], row_scale=structure.row_scale[rows])
+    return dataclasses.replace(structure, contact=contact, dual_dofs=len(rows),
+                               row_range=(0, len(rows)),
+                               row_kind=structure.row_kind[rows],
+                               row_scale=structure.row_scale[rows])
 
 
 def _eliminated(operator: DualOperator, rows: np.ndarray, loads: np.ndarray):
-    """C (c, c) on the contact rows, d_C (patterns, c), and the corner displacements that come with unit contact forces
-    (coarse dofs, c) and with the gluing forces under loads (patterns, coarse dofs).
+    """C (c, c) on the contact rows, d_C (patterns, c), and the corner displacements that come with
+    unit contact forces (coarse dofs, c) and with the gluing forces under loads (patterns, coarse
+    dofs).
 
-    `loads` (dual rows, patterns) are the d of the load patterns. Every rank factorizes; the columns are shared out in
-    blocks of fixed size, so that the result does not depend on the number of ranks.
+    `loads` (dual rows, patterns) are the d of the load patterns. Every rank factorizes; the columns
+    are shared out in blocks of fixed size, so that the result does not depend on the number of
+    ranks.
     """
     n, corners, comm = operator.structure.dual_dofs, operator.structure.coarse_dofs, operator.comm
     k, left = len(rows), n + corners + operator.modes - len(rows)
@@ -154,10 +170,12 @@ def _eliminated(operator: DualOperator, rows: np.ndarray, loads: np.ndarray):
 
 
 def _saddle_matrix(operator: DualOperator, place: np.ndarray, first: int):
-    """Upper triangle (CSR) of the symmetric matrix of gluing rows, coarse dofs, motions and contact rows.
+    """Upper triangle (CSR) of the symmetric matrix of gluing rows, coarse dofs, motions and contact
+    rows.
 
-    `place` (dual rows,) is where it has each of them, `first` that of the coarse dofs. It is the same on every rank. With
-    the motions Q of bodies without support on springs S_rho = S_cc + Q rho^-1 Q', which a border keeps sparse.
+    `place` (dual rows,) is where it has each of them, `first` that of the coarse dofs. It is the
+    same on every rank. With the motions Q of bodies without support on springs S_rho = S_cc + Q
+    rho^-1 Q', which a border keeps sparse.
     """
     structure, comm, modes = operator.structure, operator.comm, operator.modes
     local = [None] * len(structure.subdomains)
@@ -173,18 +191,24 @@ def _saddle_matrix(operator: DualOperator, place: np.ndarray, first: int):
         entries.append((number[i], number[j], matrix[i, j] * sign[i] * sign[j]))
     motions = first + structure.coarse_dofs + np.arange(modes)
     corner = np.arange(first, first + structure.coarse_dofs)
-    entries.append((np.repeat(corner, modes), np.tile(motions, len(corner)), structure.rigid_corners.ravel()))
+    entries.append((np.repeat(corner, modes), np.tile(motions, len(corner)),
+                    structure.rigid_corners.ravel()))
     entries.append((motions, motions, operator.rho))
     i, j, values = map(np.concatenate, zip(*entries))
     del entries
-    return coo_matrix((values, (i, j)), shape=(len(place) + structure.coarse_dofs + modes,) * 2).tocsr()
+    return coo_matrix((values, (i, j)),
+                      shape=(len(place) + structure.coarse_dofs + modes,) * 2).tocsr()
 
 
 class _Factor:
-    """Factorization of a sparse symmetric indefinite matrix by MUMPS; rows that depend on others are left out."""
+    """Factorization of a sparse symmetric indefinite matrix by MUMPS; rows that depend on others
+    are left out.
+    """
 
     def __init__(self, upper):
-        """`upper`: its upper triangle, CSR. Raises NotConverged if MUMPS fails, MemoryError where memory is short."""
+        """`upper`: its upper triangle, CSR. Raises NotConverged if MUMPS fails, MemoryError where
+        memory is short.
+        """
         self.upper = upper
         if not upper.shape[0]:
             return
@@ -198,7 +222,9 @@ class _Factor:
         self._random = np.random.default_rng(1)
 
     def solve(self, right: np.ndarray) -> np.ndarray:
-        """Solution for the columns of `right` (n, k). Raises NotConverged if a combination of them leaves a residual."""
+        """Solution for the columns of `right` (n, k). Raises NotConverged if a combination of them
+        leaves a residual.
+        """
         if not right.size:
             return np.zeros_like(right)
         solution = solve_columns(self._factor, right)
@@ -207,7 +233,8 @@ class _Factor:
         residual = np.abs(_multiply(self.upper, combined) - wanted)
         size = _multiply(abs(self.upper), np.abs(combined)) + np.abs(wanted)
         if not np.all(residual <= ROUNDING * size):
-            raise NotConverged("the contact compliance: the gluing conditions could not be eliminated")
+            raise NotConverged("the contact compliance: the gluing conditions could not be "
+                               "eliminated")
         return solution
 
 

@@ -1,8 +1,9 @@
 """The Dirichlet preconditioner of FETI-DP, M = sum_i B_D,i S_i B_D,i' restricted to a face.
 
-S_i is the stiffness of the subdomain in the displacements of its rows, the (pseudo) inverse of the explicit
-local F_i; corners that carry contact rows of their own are released: with v_b = B_r u, v_c = B_c' x the
-energy is that of v_b - A v_c plus that of v_c in S. The weights in B_D are shares of the stiffness (Klawonn, Rheinbach).
+S_i is the stiffness of the subdomain in the displacements of its rows, the (pseudo) inverse of the
+explicit local F_i; corners that carry contact rows of their own are released: with v_b = B_r u, v_c
+= B_c' x the energy is that of v_b - A v_c plus that of v_c in S. The weights in B_D are shares of
+the stiffness (Klawonn, Rheinbach).
 """
 
 import numpy as np
@@ -11,8 +12,10 @@ from scipy.linalg import lapack
 from .blocks import BlockDiagonal
 from .reduction import LocalClass
 
-DEPENDENT = 1e-9  # eigenvalues of a local F below this part of the largest: rows that depend on one another
-FLOOR = 0.01  # of a released corner's stiffness: what holds a subdomain all of whose corners are released
+# eigenvalues of a local F below this part of the largest: rows that depend on one another
+DEPENDENT = 1e-9
+# of a released corner's stiffness: what holds a subdomain all of whose corners are released
+FLOOR = 0.01
 
 
 class DirichletPreconditioner:
@@ -51,7 +54,9 @@ def _schur(c: LocalClass) -> np.ndarray:
 
 
 def _inverse(matrix: np.ndarray) -> np.ndarray:
-    """Inverse of a symmetric positive definite matrix; the pseudo-inverse, which costs more, if it is nearly singular."""
+    """Inverse of a symmetric positive definite matrix; the pseudo-inverse, which costs more, if it
+    is nearly singular.
+    """
     factor, info = lapack.dpotrf(matrix) if matrix.size else (matrix, 1)
     if info or lapack.dpocon(factor, np.abs(matrix).sum(axis=0).max())[0] < DEPENDENT:
         return np.linalg.pinv(matrix, hermitian=True)
@@ -62,8 +67,9 @@ def _inverse(matrix: np.ndarray) -> np.ndarray:
 def _released(c: LocalClass) -> np.ndarray:
     """(m, m) the same for rows of any kind: all corner dofs that contact rows move are released.
 
-    Its inverse is F_i + A S^-1 A' over these corners; a subdomain with no other corners is held a little. Rows that
-    depend on one another here, though not with the other body's part, get the stiffness of an average row.
+    Its inverse is F_i + A S^-1 A' over these corners; a subdomain with no other corners is held a
+    little. Rows that depend on one another here, though not with the other body's part, get the
+    stiffness of an average row.
     """
     moved = np.abs(c.B_c.toarray()).max(axis=0, initial=0) > 0
     S, A = c.S[np.ix_(moved, moved)], c.A[:, moved]

@@ -12,13 +12,15 @@ from .structure import Substructure
 class DualProblem(ABC):
     """F and d on the rank's share of the dual rows.
 
-    Vectors of multipliers are numpy arrays (owned,), the rank's part of `structure.dual_dofs` entries; loads are factors
-    of the load patterns, which may go on with those of the free rigid motions. `products` counts those with F, whoever
-    takes them. `contact_rows_only`: there are no other rows, and F is the dense matrix `C` on every rank.
+    Vectors of multipliers are numpy arrays (owned,), the rank's part of `structure.dual_dofs`
+    entries; loads are factors of the load patterns, which may go on with those of the free rigid
+    motions. `products` counts those with F, whoever takes them. `contact_rows_only`: there are no
+    other rows, and F is the dense matrix `C` on every rank.
 
-    Of bodies that no support holds, nothing by default: `modes` is the number of their rigid motions, `motions` (owned,)
-    each the displacements of the dual rows under them, `rho` (modes,) the compliances of the springs that hold them and
-    `rigid_work` (2, patterns, modes) the work of the load patterns on them, and that of its absolute values.
+    Of bodies that no support holds, nothing by default: `modes` is the number of their rigid
+    motions, `motions` (owned,) each the displacements of the dual rows under them, `rho` (modes,)
+    the compliances of the springs that hold them and `rigid_work` (2, patterns, modes) the work of
+    the load patterns on them, and that of its absolute values.
     """
 
     contact_rows_only = False
@@ -32,7 +34,8 @@ class DualProblem(ABC):
 
     def __init__(self, structure: Substructure, owned: int, comm):
         self.structure, self.owned, self.comm = structure, owned, comm
-        self.motions, self.rho, self.rigid_work = [], np.zeros(0), np.zeros((2, structure.patterns, 0))
+        self.motions, self.rho = [], np.zeros(0)
+        self.rigid_work = np.zeros((2, structure.patterns, 0))
 
     @abstractmethod
     def apply(self, multipliers: np.ndarray) -> np.ndarray:
@@ -52,22 +55,32 @@ class DualProblem(ABC):
 
     @abstractmethod
     def corner_displacement(self, multipliers: np.ndarray, weights: np.ndarray) -> float:
-        """Largest displacement of a corner: a cheap measure of how far the body moves; collective."""
+        """Largest displacement of a corner: a cheap measure of how far the body moves; collective.
+        """
 
     @abstractmethod
     def preconditioner(self):
-        """Callable (residual, free) -> preconditioned residual on the face `free`, zero elsewhere; dual vectors."""
+        """Callable (residual, free) -> preconditioned residual on the face `free`, zero elsewhere;
+        dual vectors.
+        """
 
     def norm_bound(self, scale: np.ndarray) -> float | None:
-        """Upper bound of ||D F D|| with D = diag(scale), (owned,); None where only products with F could tell."""
+        """Upper bound of ||D F D|| with D = diag(scale), (owned,); None where only products with F
+        could tell.
+        """
         return None
 
-    def imbalance(self, multipliers: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(modes,) work of loads and contact forces on every rigid motion, zero in equilibrium, and their sizes."""
+    def imbalance(self, multipliers: np.ndarray,
+                  weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(modes,) work of loads and contact forces on every rigid motion, zero in equilibrium, and
+        their sizes.
+        """
         return np.zeros(0), np.zeros(0)
 
     def with_contact(self, contact) -> "DualProblem":
-        """The same body with other gaps, friction or initial state at its contact nodes; counts its own products."""
+        """The same body with other gaps, friction or initial state at its contact nodes; counts its
+        own products.
+        """
         other = copy.copy(self)
         other.structure, other.products = dataclasses.replace(self.structure, contact=contact), 0
         return other

@@ -1,8 +1,9 @@
-"""Rigid motions of bodies that no support holds, as the dual problem sees them, and the springs that hold them.
+"""Rigid motions of bodies that no support holds, as the dual problem sees them, and the springs
+that hold them.
 
-Springs of small stiffness 1/rho hold such bodies; their rest positions alpha follow the motion until they carry no
-force, the proximal point method or, in the dual, the augmented Lagrangian of G lambda = e with G = Q' A', which
-keeps the QP's bounds scalar (SMALBE: Dostal, Horak (2010)):
+Springs of small stiffness 1/rho hold such bodies; their rest positions alpha follow the motion
+until they carry no force, the proximal point method or, in the dual, the augmented Lagrangian of G
+lambda = e with G = Q' A', which keeps the QP's bounds scalar (SMALBE: Dostal, Horak (2010)):
 
     d(alpha) = d + A Q alpha.
 
@@ -19,7 +20,8 @@ from .vectors import DualVectors
 SOFTNESS = 10.0  # of the springs: rho in units of (number of corner dofs) / (stiffness of one)
 
 
-def displacement(structure: Substructure, classes: list[LocalClass], vectors: DualVectors, k: int) -> np.ndarray:
+def displacement(structure: Substructure, classes: list[LocalClass], vectors: DualVectors,
+                 k: int) -> np.ndarray:
     """(owned,) d = B u of the k-th rigid motion; gluing rows do not move. Collective."""
     mode, local = structure.rigid_modes[k], np.zeros(len(vectors.sign))
     for c in classes:
@@ -30,15 +32,19 @@ def displacement(structure: Substructure, classes: list[LocalClass], vectors: Du
                 rows = structure.rows[s]
                 moved[i] = (rows.coefficient * u[rows.dof]).sum(axis=1)
     glued = vectors.assemble(local * vectors.sign)
-    glued[structure.row_kind[slice(*structure.row_range)] == RowKind.GLUING] = 0.0  # what rounding leaves
+    # what rounding leaves
+    glued[structure.row_kind[slice(*structure.row_range)] == RowKind.GLUING] = 0.0
     return glued
 
 
-def spring_compliances(classes: list[LocalClass], vectors: DualVectors, motions: list[np.ndarray]) -> np.ndarray:
-    """(modes,) rho: SOFTNESS over the stiffness with which a contact row holds a motion, by the softer body's part.
+def spring_compliances(classes: list[LocalClass], vectors: DualVectors,
+                       motions: list[np.ndarray]) -> np.ndarray:
+    """(modes,) rho: SOFTNESS over the stiffness with which a contact row holds a motion, by the
+    softer body's part.
 
-    `motions` are the displacements (owned,) of the dual rows under each. The compliance of a row is that of all subdomains
-    it joins, their corners held by springs like their own stiffness. Collective.
+    `motions` are the displacements (owned,) of the dual rows under each. The compliance of a row is
+    that of all subdomains it joins, their corners held by springs like their own stiffness.
+    Collective.
     """
     local = np.zeros(len(vectors.sign))
     for c in classes if motions else ():
@@ -53,7 +59,9 @@ def spring_compliances(classes: list[LocalClass], vectors: DualVectors, motions:
 
 
 def work_of_loads(structure: Substructure, comm) -> np.ndarray:
-    """(2, patterns, modes): work of every load pattern on every rigid motion, and of its absolute values. Collective."""
+    """(2, patterns, modes): work of every load pattern on every rigid motion, and of its absolute
+    values. Collective.
+    """
     work = np.zeros((2, structure.total, structure.patterns, len(structure.rigid_modes)))
     for s, sub in enumerate(structure.subdomains):
         for k, mode in enumerate(structure.rigid_modes):

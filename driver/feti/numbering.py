@@ -1,4 +1,5 @@
-"""Stage 3: numbers of the corner dofs and of the rows of B, and both in the dofs of every local subdomain.
+"""Stage 3: numbers of the corner dofs and of the rows of B, and both in the dofs of every local
+subdomain.
 
 Rows are numbered by the subdomain that owns them (the lowest one that has the node).
 """
@@ -16,10 +17,12 @@ from .rows import LocalRows, RowKind
 from .structure import Substructure
 
 
-def fixed_dofs(manifest: Manifest, subdomains: list[Subdomain], comm) -> tuple[np.ndarray, np.ndarray]:
+def fixed_dofs(manifest: Manifest, subdomains: list[Subdomain],
+               comm) -> tuple[np.ndarray, np.ndarray]:
     """Sorted keys 2 gid + component of all fixed dofs of the body, and their values (n, patterns).
 
-    Gathered, because a subdomain may touch a support in a single vertex and not know that it is held.
+    Gathered, because a subdomain may touch a support in a single vertex and not know that it is
+    held.
     """
     keys, values = [np.empty(0, np.int64)], [np.empty((0, len(manifest.patterns)))]
     for sub in subdomains:
@@ -30,7 +33,8 @@ def fixed_dofs(manifest: Manifest, subdomains: list[Subdomain], comm) -> tuple[n
 
 
 def number(manifest, subdomains, first, skeleton, fixed, contact, comm) -> Substructure:
-    """Number coarse dofs and dual rows and express both in every local subdomain's dofs; collective over `comm`.
+    """Number coarse dofs and dual rows and express both in every local subdomain's dofs; collective
+    over `comm`.
 
     `fixed` as `fixed_dofs` returns it, `contact` the ContactBoundary, which gets its row numbers.
     """
@@ -44,7 +48,8 @@ def number(manifest, subdomains, first, skeleton, fixed, contact, comm) -> Subst
     frictional = manifest.effects["friction"] != "none"
     normal_rows = np.flatnonzero(_acts(contact, contact.normal, fixed_keys))
     tangential_rows = np.empty(0, np.int64)
-    if frictional:  # where the support fixes the normal direction there is no contact pressure to rub under
+    # where the support fixes the normal direction there is no contact pressure to rub under
+    if frictional:
         tangential_rows = normal_rows[_slides(contact, fixed_keys)[normal_rows]]
 
     # (owner, kind, position) of every row; sorting them gives the numbering
@@ -64,7 +69,8 @@ def number(manifest, subdomains, first, skeleton, fixed, contact, comm) -> Subst
     row_scale = _row_scale(skeleton, row_gid[order], kind[order], shares[order])
     last = first + len(subdomains)
     sorted_owner = row_owner[order]
-    row_range = (int(np.searchsorted(sorted_owner, first)), int(np.searchsorted(sorted_owner, last)))
+    row_range = (int(np.searchsorted(sorted_owner, first)),
+                 int(np.searchsorted(sorted_owner, last)))
     row_starts = np.searchsorted(sorted_owner, np.arange(first, last)) - row_range[0]
     numbering = _Numbering(skeleton, corner_keys, fixed, gluing, number[:n_g], contact, share)
     local = numbering.localize(subdomains)
@@ -72,47 +78,59 @@ def number(manifest, subdomains, first, skeleton, fixed, contact, comm) -> Subst
     outer = ~skeleton.shared
     middles = skeleton.middles[outer] if len(skeleton.middles) else skeleton.middles
     modes, at_corners = rigid_modes(skeleton, fixed_keys, corner_keys)
-    return Substructure(subdomains, first, manifest.subdomains, *local, coarse_dofs=len(corner_keys),
-                        dual_dofs=len(order), row_kind=kind[order], row_scale=row_scale, row_range=row_range,
+    return Substructure(subdomains, first, manifest.subdomains, *local,
+                        coarse_dofs=len(corner_keys),
+                        dual_dofs=len(order), row_kind=kind[order], row_scale=row_scale,
+                        row_range=row_range,
                         row_starts=row_starts, patterns=len(manifest.patterns), contact=contact,
-                        rigid_modes=modes, rigid_corners=at_corners, outer_edges=skeleton.edges[outer][:, 1:],
+                        rigid_modes=modes, rigid_corners=at_corners,
+                        outer_edges=skeleton.edges[outer][:, 1:],
                         outer_middles=middles, primal_dofs=primal)
 
 
 def _pair_share(skeleton, contact) -> np.ndarray:
-    """(n_c,) part that the stiffness of both sides in series is of the contact node's own; 1 on rigid obstacles.
+    """(n_c,) part that the stiffness of both sides in series is of the contact node's own; 1 on
+    rigid obstacles.
 
     Sides as stiff as one another share alike, which is no jump: relative to that.
     """
     stiffness = skeleton.over_subdomains(np.maximum, skeleton.stiffness)
     at = stiffness[np.searchsorted(skeleton.gids, contact.term_gid)]
-    mean = lambda terms: (np.bincount(contact.term_node[terms], (np.abs(contact.term_value) * at)[terms], len(contact.gid))
-                          / np.maximum(np.bincount(contact.term_node[terms], np.abs(contact.term_value)[terms],
-                                                   len(contact.gid)), 1e-300))
+    size = np.abs(contact.term_value)
+
+    def mean(terms):
+        """(n_c,) stiffness at the nodes of some terms, weighted with their sizes."""
+        node, count = contact.term_node[terms], len(contact.gid)
+        total = np.bincount(node, (size * at)[terms], count)
+        return total / np.maximum(np.bincount(node, size[terms], count), 1e-300)
+
     own, other = mean(~contact.term_other), mean(contact.term_other)
     return np.where(contact.paired & (own > 0), 2 * other / np.maximum(own + other, 1e-300), 1.0)
 
 
 def _row_scale(skeleton, row_gid, kind, share) -> np.ndarray:
-    """(rows,) D with which D F D has a diagonal of like size where the stiffness jumps; ones where it does not.
+    """(rows,) D with which D F D has a diagonal of like size where the stiffness jumps; ones where
+    it does not.
 
-    A gluing row meets the more compliant of its two sides, a contact row the stiffest of its node's subdomains, or
-    `share` (rows,) of that. Powers of two, so that scaling rounds nothing; relative to the stiffest row, so that units
-    do not matter.
+    A gluing row meets the more compliant of its two sides, a contact row the stiffest of its node's
+    subdomains, or `share` (rows,) of that. Powers of two, so that scaling rounds nothing; relative
+    to the stiffest row, so that units do not matter.
     """
-    low, high = (skeleton.over_subdomains(extreme, skeleton.stiffness) for extreme in (np.minimum, np.maximum))
+    low, high = (skeleton.over_subdomains(extreme, skeleton.stiffness)
+                 for extreme in (np.minimum, np.maximum))
     at = np.searchsorted(skeleton.gids, row_gid)
     seen = np.where(kind == RowKind.GLUING, low[at], high[at] * share)
-    ratio = np.round(np.log2(seen / seen.max(initial=0)), 6)  # rounding of stiffnesses must not decide between powers
+    # rounding of stiffnesses must not decide between powers
+    ratio = np.round(np.log2(seen / seen.max(initial=0)), 6)
     return 2.0 ** np.round(0.5 * ratio)
 
 
 def _slides(contact, fixed_keys) -> np.ndarray:
     """True for the contact nodes that can slide along the boundary while they touch.
 
-    A node on a rigid obstacle with one component held has one displacement: where the obstacle stops it, it stands.
-    Its friction would be a second force along that displacement, and only the sum of the two is determined: all of
-    it is taken for contact's.
+    A node on a rigid obstacle with one component held has one displacement: where the obstacle
+    stops it, it stands. Its friction would be a second force along that displacement, and only the
+    sum of the two is determined: all of it is taken for contact's.
     """
     held = np.isin(2 * contact.gid, fixed_keys) | np.isin(2 * contact.gid + 1, fixed_keys)
     stands = held & ~contact.paired & _acts(contact, contact.normal, fixed_keys)
@@ -122,7 +140,8 @@ def _slides(contact, fixed_keys) -> np.ndarray:
 def _acts(contact, direction: np.ndarray, fixed_keys) -> np.ndarray:
     """True for the contact nodes whose own displacement in `direction` a support leaves free.
 
-    Between two bodies a multiplier that moves only its neighbours and the other side would nearly repeat theirs.
+    Between two bodies a multiplier that moves only its neighbours and the other side would nearly
+    repeat theirs.
     """
     free = np.column_stack([~np.isin(2 * contact.gid + c, fixed_keys) for c in (0, 1)])
     return np.abs(direction * free).max(axis=1, initial=0) > 1e-12
@@ -142,7 +161,8 @@ def _widen(array: np.ndarray, width: int) -> np.ndarray:
 
 
 class _Numbering:
-    """Global numbers at the nodes of the skeleton, and their localisation to the rank's subdomains."""
+    """Global numbers at the nodes of the skeleton, and their localisation to the rank's subdomains.
+    """
 
     def __init__(self, skeleton, corner_keys, fixed, gluing, gluing_row, contact, share):
         self.skeleton, self.fixed, self.contact = skeleton, fixed, contact
@@ -151,7 +171,8 @@ class _Numbering:
         self.corner = self._at_nodes(corner_keys, np.arange(len(corner_keys)))
         self.gluing = self._at_nodes(gluing, gluing_row)
         self.held = self._at_nodes(fixed[0], np.arange(len(fixed[0])))
-        # (vertex, subdomain) pairs: how many lower subdomains share the vertex of each, and how many stiffer ones
+        # (vertex, subdomain) pairs: how many lower subdomains share the vertex of each, and how
+        # many stiffer ones
         self._span = int(skeleton.nodes[:, 0].max()) + 1
         order, start = skeleton.by_vertex, np.cumsum(skeleton.count) - skeleton.count
         self.pairs = skeleton.nodes[order, 1] * self._span + skeleton.nodes[order, 0]
@@ -161,13 +182,15 @@ class _Numbering:
         self.place_of[order] = self.place
         self.at_contact = np.isin(skeleton.gids, contact.term_gid)
         here = np.flatnonzero(self.at_contact[skeleton.node_id[order]])
-        stiffer = np.lexsort((-skeleton.stiffness[order[here]], self.pairs[here] // self._span))  # stable
+        # stable
+        stiffer = np.lexsort((-skeleton.stiffness[order[here]], self.pairs[here] // self._span))
         self.rank = np.zeros(len(order), np.int64)
         self.rank[here[stiffer]] = self.place[here]
 
     def _at_nodes(self, keys: np.ndarray, numbers: np.ndarray) -> np.ndarray:
         """(nodes, 2) `numbers` of the keys 2 gid + component; -1 where there is none."""
-        table, (at, known) = np.full((len(self.skeleton.gids), 2), -1), _lookup(self.skeleton.gids, keys // 2)
+        table = np.full((len(self.skeleton.gids), 2), -1)
+        at, known = _lookup(self.skeleton.gids, keys // 2)
         table[at[known], keys[known] % 2] = numbers[known]
         return table
 
@@ -175,7 +198,8 @@ class _Numbering:
         """Lists of fixed dofs and values, corner dofs and numbers, and rows of all subdomains."""
         skeleton = self.skeleton
         node_id = skeleton.node_id[skeleton.own]
-        dof = 2 * skeleton.local[:, None] + [0, 1]  # numbered node by node, as the loader has checked
+        # numbered node by node, as the loader has checked
+        dof = 2 * skeleton.local[:, None] + [0, 1]
         corner, corner_at = self._present(self.corner[node_id])
         held, held_at = self._present(self.held[node_id])
         corner_dof, corner_number, held_dof = dof[corner], self.corner[node_id][corner], dof[held]
@@ -184,11 +208,14 @@ class _Numbering:
         touching = np.add.reduceat(np.append(self.at_contact[node_id], 0), skeleton.starts[:-1])
         for s in np.flatnonzero(touching):
             rows[s] = self._with_contact(rows[s], subdomains[s], fixed[s][0])
-        return ([dofs for dofs, _ in fixed], [values for _, values in fixed], [corner_dof[part] for part in corner_at],
+        return ([dofs for dofs, _ in fixed], [values for _, values in fixed],
+                [corner_dof[part] for part in corner_at],
                 [corner_number[part] for part in corner_at], rows)
 
     def _present(self, numbers: np.ndarray):
-        """Where (nodes, 2) of the rank's own `numbers` are any, and the slice of them of every subdomain."""
+        """Where (nodes, 2) of the rank's own `numbers` are any, and the slice of them of every
+        subdomain.
+        """
         present = numbers >= 0
         ends = np.append(0, np.cumsum(present.sum(axis=1)))[self.skeleton.starts].tolist()
         return present, [slice(a, b) for a, b in zip(ends, ends[1:])]
@@ -206,14 +233,16 @@ class _Numbering:
         skeleton = self.skeleton
         glued, parts = self._present(self.gluing[node_id])
         sign = np.where(self.place_of[skeleton.own] == 0, 1.0, -1.0)
-        other = 1.0 - skeleton.stiffness[skeleton.own] / self.shared_stiffness[node_id]  # share of the other side
+        # share of the other side
+        other = 1.0 - skeleton.stiffness[skeleton.own] / self.shared_stiffness[node_id]
         each, _ = np.nonzero(glued)
         row, sign, scaling = self.gluing[node_id][glued], sign[each], (other * sign)[each]
         dof = np.repeat(dof[glued][:, None], 2, axis=1)
         coefficient = np.zeros(dof.shape)
         coefficient[:, 0] = 1.0
         nothing = np.zeros_like(coefficient)
-        return [LocalRows(row[p], sign[p], dof[p], coefficient[p], nothing[p], scaling[p]) for p in parts]
+        return [LocalRows(row[p], sign[p], dof[p], coefficient[p], nothing[p], scaling[p])
+                for p in parts]
 
     def _with_contact(self, glued: LocalRows, sub, fixed) -> LocalRows:
         """The gluing rows of a subdomain followed by its contact rows."""
@@ -239,11 +268,12 @@ class _Numbering:
         # dofs are numbered vertex by vertex, as the loader has checked
         dof = 2 * vertex[:, None] + [0, 1]
         free = ~held[dof]
-        # the product takes a shared node's row from its owner, the preconditioner halves it between the two
-        # stiffest subdomains: sums of at most two terms do not depend on their order
+        # the product takes a shared node's row from its owner, the preconditioner halves it between
+        # the two stiffest subdomains: sums of at most two terms do not depend on their order
         pair = self._pair(self.contact.gid[here], sub.index)
         sign = np.where(self.place[pair] == 0, 1.0, 0.0)
-        alone = self.skeleton.count[np.searchsorted(self.skeleton.gids, self.contact.gid[here])] == 1
+        alone = self.skeleton.count[np.searchsorted(self.skeleton.gids,
+                                                    self.contact.gid[here])] == 1
         scaling = np.where(alone, 1.0, np.where(self.rank[pair] < 2, 0.5, 0.0))
         return rows[here], sign, dof, direction[here] * free, direction[here] * ~free, scaling
 
@@ -254,8 +284,9 @@ class _Numbering:
     def _pair_rows(self, sub, held, direction, rows):
         """Rows between two bodies: the terms at the vertices that this subdomain owns.
 
-        The preconditioner knows a row by the stiffness of the side with the contact nodes alone, as the other side's
-        rows depend on one another where its mesh is coarser, and weighs it with what both have in series.
+        The preconditioner knows a row by the stiffness of the side with the contact nodes alone, as
+        the other side's rows depend on one another where its mesh is coarser, and weighs it with
+        what both have in series.
         """
         c, order = self.contact, np.argsort(sub.node_gid)
         at, inside = _lookup(sub.node_gid[order], c.term_gid)
@@ -266,10 +297,12 @@ class _Numbering:
         slot = np.arange(len(mine)) - np.repeat(start, count)  # a term's place in its row
         place = (np.repeat(np.arange(len(here)), count), slot)
         vertex, value, own = np.zeros((3, len(here), count.max(initial=1)))
-        vertex[place], value[place], own[place] = order[at[mine]], c.term_value[mine], ~c.term_other[mine]
+        vertex[place], value[place] = order[at[mine]], c.term_value[mine]
+        own[place] = ~c.term_other[mine]
         shape = (len(here), 2 * vertex.shape[1])
         dof = (2 * vertex.astype(np.int64)[:, :, None] + [0, 1]).reshape(shape)
         coefficient = (value[:, :, None] * direction[here][:, None, :]).reshape(shape)
         free = ~held[dof]
-        scaling = (own * value).sum(axis=1) * np.sqrt(self.share[here])  # adds up to the root over the subdomains
+        # adds up to the root over the subdomains
+        scaling = (own * value).sum(axis=1) * np.sqrt(self.share[here])
         return rows[here], np.ones(len(here)), dof, coefficient * free, coefficient * ~free, scaling

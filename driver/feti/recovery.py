@@ -12,10 +12,12 @@ from .structure import Substructure
 
 
 class Recovery:
-    """Solutions on the rank's subdomains. Fields are lists of (dofs,) arrays of the local subdomains.
+    """Solutions on the rank's subdomains. Fields are lists of (dofs,) arrays of the local
+    subdomains.
 
-    `rows` are stacked, signed local multipliers, `corner` displacements of the stacked corner dofs; `weights` are the
-    factors of the load patterns, which may go on with those of the rigid motions. Collective where corners are solved for.
+    `rows` are stacked, signed local multipliers, `corner` displacements of the stacked corner dofs;
+    `weights` are the factors of the load patterns, which may go on with those of the rigid motions.
+    Collective where corners are solved for.
     """
 
     def __init__(self, structure: Substructure, classes: list[LocalClass], coarse: CoarseProblem):
@@ -34,7 +36,9 @@ class Recovery:
         return sub.loads - np.array([sub.multiply(u) for u in held])
 
     def response(self, pattern: int) -> tuple[np.ndarray, np.ndarray]:
-        """Under one load pattern alone: stacked local B_r u_r with fixed corners, and the corner displacements."""
+        """Under one load pattern alone: stacked local B_r u_r with fixed corners, and the corner
+        displacements.
+        """
         weights = np.eye(self.structure.patterns)[pattern]
         moved = self._prescribed(weights)
         right = [self._forces(c, weights, np.zeros(len(moved)), None) for c in self.classes]
@@ -60,8 +64,8 @@ class Recovery:
                       corner: np.ndarray | None) -> list[np.ndarray]:
         """Displacements under sum_k weights_k f_k - B' lambda + forces.
 
-        `forces` is a field, if there are any. Finding the displacements `corner` takes one more solution for every
-        subdomain, unless they are given.
+        `forces` is a field, if there are any. Finding the displacements `corner` takes one more
+        solution for every subdomain, unless they are given.
         """
         structure, patterns = self.structure, self.structure.patterns
         right = [self._forces(c, weights, rows, forces) for c in self.classes]
@@ -77,7 +81,8 @@ class Recovery:
                 fields[s] = u
         return fields
 
-    def _forces(self, c: LocalClass, weights: np.ndarray, rows: np.ndarray, forces: list | None) -> np.ndarray:
+    def _forces(self, c: LocalClass, weights: np.ndarray, rows: np.ndarray,
+                forces: list | None) -> np.ndarray:
         """Forces (dofs, members) on the subdomains of a class; see `displacements`."""
         f = np.zeros((c.K.shape[0], len(c.members)))
         for k, s in enumerate(c.members):
@@ -91,19 +96,26 @@ class Recovery:
         return f
 
     def _torn_response(self, right: list[np.ndarray]) -> list[np.ndarray]:
-        """K_rr^-1 f_r (n_r, members) of the classes under forces (dofs, members): displacements with fixed corners."""
-        return [c.factor.solve(f[c.torn]) if f[c.torn].any() else np.zeros((len(c.torn), f.shape[1]))
+        """K_rr^-1 f_r (n_r, members) of the classes under forces (dofs, members): displacements
+        with fixed corners.
+        """
+        return [c.factor.solve(f[c.torn]) if f[c.torn].any()
+                else np.zeros((len(c.torn), f.shape[1]))
                 for c, f in zip(self.classes, right)]
 
     def _corner_response(self, right: list[np.ndarray], torn: list[np.ndarray]) -> np.ndarray:
-        """Displacements of the stacked corner dofs under forces on the classes; `torn` is `_torn_response`."""
+        """Displacements of the stacked corner dofs under forces on the classes; `torn` is
+        `_torn_response`.
+        """
         force = np.empty(len(self.coarse.numbers))
         for c, f, u_r in zip(self.classes, right, torn):
             force[c.corners] = (f[c.corner] - c.K_rc.T @ u_r).T.ravel()
         return self.coarse.solve(force)
 
     def forces_on_supports(self, rows: np.ndarray) -> list[np.ndarray]:
-        """B' lambda on the fixed dofs of every local subdomain: contact forces that a support takes directly."""
+        """B' lambda on the fixed dofs of every local subdomain: contact forces that a support takes
+        directly.
+        """
         structure = self.structure
         taken = [np.empty(0)] * len(structure.subdomains)
         for c in self.classes:
@@ -111,7 +123,8 @@ class Recovery:
                 if not len(structure.fixed[s]):
                     continue
                 local = structure.rows[s]
-                all_dofs = np.bincount(local.dof.ravel(), (local.fixed_part * forces[:, None]).ravel(),
+                all_dofs = np.bincount(local.dof.ravel(),
+                                       (local.fixed_part * forces[:, None]).ravel(),
                                        minlength=structure.subdomains[s].dofs)
                 taken[s] = all_dofs[structure.fixed[s]]
         return taken
@@ -127,7 +140,9 @@ class Recovery:
 
 
 def _class_displacements(c: LocalClass, f: np.ndarray, corner: np.ndarray) -> np.ndarray:
-    """(dofs, members) displacements of a class under forces f (dofs, members), given those of the stacked corner dofs."""
+    """(dofs, members) displacements of a class under forces f (dofs, members), given those of the
+    stacked corner dofs.
+    """
     u = np.zeros(f.shape)
     u[c.corner] = corner[c.corners].reshape(len(c.members), -1).T
     f = f[c.torn] - c.K_rc @ u[c.corner]

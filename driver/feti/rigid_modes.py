@@ -10,7 +10,9 @@ from scipy.sparse.csgraph import connected_components
 
 @dataclass
 class RigidMode:
-    """A rigid motion of one body that no support holds: u(x) = a + b (x - center) turned by +90 degrees."""
+    """A rigid motion of one body that no support holds: u(x) = a + b (x - center) turned by +90
+    degrees.
+    """
 
     body: int  # number of the body: connected subdomains, in the order of their first one
     members: np.ndarray  # subdomains of the body
@@ -27,17 +29,20 @@ class RigidMode:
 def rigid_modes(skeleton, fixed_keys, corner_keys) -> tuple[list[RigidMode], np.ndarray]:
     """Rigid motions that the supports leave to each body, orthonormal at its coarse dofs."""
     total = int(skeleton.nodes[:, 0].max()) + 1
-    links = coo_matrix((np.ones(len(skeleton.nodes)), (skeleton.nodes[:, 0], total + skeleton.node_id)),
+    links = coo_matrix((np.ones(len(skeleton.nodes)),
+                        (skeleton.nodes[:, 0], total + skeleton.node_id)),
                        shape=(total + len(skeleton.gids),) * 2)
     _, body = connected_components(links, directed=False)
     place = skeleton.place
     modes, columns = [], []
-    for number, one in enumerate(dict.fromkeys(body[:total].tolist())):  # in the order of the first subdomains
+    # in the order of the first subdomains
+    for number, one in enumerate(dict.fromkeys(body[:total].tolist())):
         vertices = np.flatnonzero(body[total:] == one)
         center, size = place[vertices].mean(axis=0), np.ptp(place[vertices], axis=0).max()
         keys = (2 * skeleton.gids[vertices][:, None] + [0, 1]).ravel()
         away = (place[vertices] - center) / size
-        motions = np.stack([np.tile([1.0, 0.0], (len(away), 1)), np.tile([0.0, 1.0], (len(away), 1)),
+        motions = np.stack([np.tile([1.0, 0.0], (len(away), 1)), np.tile([0.0, 1.0],
+                                                                         (len(away), 1)),
                             np.column_stack([-away[:, 1], away[:, 0]])], axis=2).reshape(-1, 3)
         held = np.linalg.qr(motions[np.isin(keys, fixed_keys)], mode="r")  # (at most 3, 3)
         _, sizes, basis = np.linalg.svd(held, full_matrices=True)

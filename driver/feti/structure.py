@@ -1,4 +1,5 @@
-"""The torn body as a rank knows it: dof sets and rows of its subdomains, and the global numbering."""
+"""The torn body as a rank knows it: dof sets and rows of its subdomains, and the global numbering.
+"""
 
 from dataclasses import dataclass
 
@@ -24,7 +25,8 @@ class Substructure:
     coarse_dofs: int
     dual_dofs: int
     row_kind: np.ndarray  # (dual_dofs,) RowKind
-    row_scale: np.ndarray  # (dual_dofs,) power of two near the root of the stiffness that a row sees, relative
+    # (dual_dofs,) power of two near the root of the stiffness that a row sees, relative
+    row_scale: np.ndarray
     row_range: tuple[int, int]  # rows owned by this rank
     row_starts: np.ndarray  # per local subdomain: its first row, counted from row_range[0]
     patterns: int

@@ -1,4 +1,6 @@
-"""Solutions of the dense contact problem with friction (`coulomb`): Newton, Lemke, all states, search for others."""
+"""Solutions of the dense contact problem with friction (`coulomb`): Newton, Lemke, all states,
+search for others.
+"""
 
 import itertools
 
@@ -19,9 +21,9 @@ SPRINGS = 6  # softnesses of the springs that hold bodies without support for it
 def newton(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
     """Semismooth Newton steps (P. Alart, A. Curnier, CMAME 92 (1991) 353-375) from `start` z.
 
-    Each solves the linear system of the states that the last iterate falls into, the start's own too where it is a
-    solution but for rounding: whoever calls may have asked for more. None where states come again without having
-    settled, or a system is singular: convergence is local.
+    Each solves the linear system of the states that the last iterate falls into, the start's own
+    too where it is a solution but for rounding: whoever calls may have asked for more. None where
+    states come again without having settled, or a system is singular: convergence is local.
     """
     visited, seen, x = [], set(), start
     for _ in range(NEWTON_STEPS):
@@ -37,14 +39,17 @@ def newton(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
     return next((x for x in reversed(visited) if problem.solves(x)), None)
 
 
-def settled(problem: CoulombProblem, start: np.ndarray, move: np.ndarray, thought: np.ndarray | None = None):
-    """Newton steps from a `start` z that is near a solution: z and its movement, which whoever calls may judge.
+def settled(problem: CoulombProblem, start: np.ndarray, move: np.ndarray,
+            thought: np.ndarray | None = None):
+    """Newton steps from a `start` z that is near a solution: z and its movement, which whoever
+    calls may judge.
 
     `move` is the movement at the start.
 
-    None where few nodes only changing their states, and fewer every time, do not show that it is: compared with the states
-    `thought` (n,), if given, before anything is factorized. Solutions of negative index are left: successive
-    approximations would not stay at them either, and there are others.
+    None where few nodes only changing their states, and fewer every time, do not show that it is:
+    compared with the states `thought` (n,), if given, before anything is factorized. Solutions of
+    negative index are left: successive approximations would not stay at them either, and there are
+    others.
     """
     x, fewest, states, sign = start, 2 * NEAR, problem.states(start, move), problem.signs(start)
     if thought is not None and np.count_nonzero(states != thought) > NEAR:
@@ -73,12 +78,14 @@ def lemke(problem: CoulombProblem) -> np.ndarray | None:
         0 <= lambda_n | -over >= 0,             0 <= a | s - slip >= 0,
         0 <= s | c + F lambda_n - a - b >= 0,   0 <= b | s + slip >= 0.
 
-    Its matrix is copositive, and z'Mz = 0 <= Mz has solutions (0, 0, 0, s) only, at which q'z = c's >= 0: so Lemke's
-    method ends in a solution (R. Cottle, J.-S. Pang, R. Stone, The Linear Complementarity Problem, section 4.4; as
-    D. Stewart and J. Trinkle, Int. J. Numer. Meth. Engng 39 (1996) 2673-2691, use it in dynamics), unless rounding
-    leads it astray: then another covering vector is tried. None if all fail.
+    Its matrix is copositive, and z'Mz = 0 <= Mz has solutions (0, 0, 0, s) only, at which q'z = c's
+    >= 0: so Lemke's method ends in a solution (R. Cottle, J.-S. Pang, R. Stone, The Linear
+    Complementarity Problem, section 4.4; as D. Stewart and J. Trinkle, Int. J. Numer. Meth. Engng
+    39 (1996) 2673-2691, use it in dynamics), unless rounding leads it astray: then another covering
+    vector is tried. None if all fail.
 
-    Bodies without support are held by springs, softer every time, whose rest follows: Newton's method from there.
+    Bodies without support are held by springs, softer every time, whose rest follows: Newton's
+    method from there.
     """
     if problem.bilateral:
         return None
@@ -94,7 +101,8 @@ def lemke(problem: CoulombProblem) -> np.ndarray | None:
     cone = np.zeros((m, n))
     cone[np.arange(m), problem.pair] = problem.coefficient * scale[problem.pair] / scale[n:]
     unit, none = np.eye(m), np.zeros((m, m))
-    M = np.block([[Cnn, Cnt, -Cnt, np.zeros((n, m))], [Cnt.T, Ctt, -Ctt, unit], [-Cnt.T, -Ctt, Ctt, unit],
+    M = np.block([[Cnn, Cnt, -Cnt, np.zeros((n, m))], [Cnt.T, Ctt, -Ctt, unit],
+                  [-Cnt.T, -Ctt, Ctt, unit],
                   [cone, -unit, -unit, none]])
     offset = np.zeros(m) if problem.offset is None else problem.offset / scale[n:]
     q = np.concatenate([-d[:n], -d[n:], d[n:], offset]) / size
@@ -106,7 +114,8 @@ def lemke(problem: CoulombProblem) -> np.ndarray | None:
             normal, forth, back, slip = np.split(z, [n, n + m, n + 2 * m])
             sliding = np.where(slip > 0, np.where(forth > back, FORWARD, BACKWARD), STICK)
             states = problem.joined(np.where(normal > 0, STICK, OPEN), sliding)
-            for x in (problem.solution_in(states), newton(problem, scale * size * np.append(normal, forth - back))):
+            for x in (problem.solution_in(states),
+                      newton(problem, scale * size * np.append(normal, forth - back))):
                 if problem.solves(x):
                     return x
     return None
@@ -125,22 +134,26 @@ def _lemke_on_springs(problem: CoulombProblem) -> np.ndarray | None:
                 continue
             moved = rest + softness * (problem.balance - problem.motions.T @ x) / problem.reach**2
             follows, z = moved if rest is follows else follows, np.append(x, moved)
-            for found in (problem.solution_in(problem.states(z), problem.signs(z)), newton(problem, z)):
+            for found in (problem.solution_in(problem.states(z), problem.signs(z)),
+                          newton(problem, z)):
                 if problem.solves(found):
                     return found
     return next(iter(all_solutions(problem)), None) if problem.n <= FEW else None
 
 
 def _lemke_pivots(M: np.ndarray, q: np.ndarray, cover: np.ndarray) -> np.ndarray | None:
-    """z >= 0 with w = M z + q >= 0, w'z = 0, by Lemke's method with covering vector `cover` > 0; None on a ray.
+    """z >= 0 with w = M z + q >= 0, w'z = 0, by Lemke's method with covering vector `cover` > 0;
+    None on a ray.
 
-    The tableau holds w or z of every row in terms of the nonbasic ones: columns 0..k-1 and the artificial one k.
+    The tableau holds w or z of every row in terms of the nonbasic ones: columns 0..k-1 and the
+    artificial one k.
     """
     k = len(q)
     if q.min(initial=0.0) >= 0:
         return np.zeros(k)
     table = np.column_stack([-M, -cover, q])
-    basic, nonbasic = np.arange(k), np.arange(k, 2 * k + 1)  # w_i is i, z_i is k + i, the artificial one 2 k
+    # w_i is i, z_i is k + i, the artificial one 2 k
+    basic, nonbasic = np.arange(k), np.arange(k, 2 * k + 1)
     row, column = int(np.argmin(q / cover)), k
     for _ in range(50 * k):
         _pivot(table, row, column)
@@ -177,10 +190,12 @@ def _pivot(table: np.ndarray, row: int, column: int) -> None:
 
 
 def all_solutions(problem: CoulombProblem) -> list[np.ndarray]:
-    """Every isolated solution, by trying all 4^n states (unilateral contact; 6^n with offsets): for a handful of nodes.
+    """Every isolated solution, by trying all 4^n states (unilateral contact; 6^n with offsets): for
+    a handful of nodes.
 
-    Bodies that may rest at many places under the same forces: one of them. A motion that nothing holds in some states,
-    but that keeps nodes from overlapping or sliding the wrong way, ends where it does so in states that hold it.
+    Bodies that may rest at many places under the same forces: one of them. A motion that nothing
+    holds in some states, but that keeps nodes from overlapping or sliding the wrong way, ends where
+    it does so in states that hold it.
     """
     found = []
     for states in itertools.product(*(problem.choices(node) for node in range(problem.n))):
@@ -190,10 +205,12 @@ def all_solutions(problem: CoulombProblem) -> list[np.ndarray]:
 
 
 def search(problem: CoulombProblem, start: np.ndarray) -> list[np.ndarray]:
-    """Solutions that Newton reaches from `start`, from all sticking, all sliding and all open, Lemke's, and those
-    that Newton reaches from any of these with the state of one node changed. Not necessarily all there are.
+    """Solutions that Newton reaches from `start`, from all sticking, all sliding and all open,
+    Lemke's, and those that Newton reaches from any of these with the state of one node changed. Not
+    necessarily all there are.
     """
-    whole = [np.full(problem.n, s) for s in (STICK, FORWARD, BACKWARD, OPEN)[: 3 if problem.bilateral else 4]]
+    whole = [np.full(problem.n, s) for s in (STICK, FORWARD, BACKWARD,
+                                             OPEN)[: 3 if problem.bilateral else 4]]
     found = []
     for guess in (start, *map(problem.solution_in, whole)):
         _add_solution(problem, found, None if guess is None else newton(problem, guess))
@@ -207,7 +224,8 @@ def search(problem: CoulombProblem, start: np.ndarray) -> list[np.ndarray]:
 
 
 def _neighbours(problem: CoulombProblem, x: np.ndarray):
-    """The vectors that solve the linear systems of states that differ from those of x at one node."""
+    """The vectors that solve the linear systems of states that differ from those of x at one node.
+    """
     states, sign = problem.states(x), problem.signs(x)
     for i in range(problem.n):
         for state in problem.choices(i):
@@ -232,7 +250,7 @@ def _add_solution(problem: CoulombProblem, found: list[np.ndarray], z: np.ndarra
 def index(problem: CoulombProblem, z: np.ndarray) -> int:
     """Sign of the determinant of the law's linear system at the solution z.
 
-    The signs of all solutions add up to one (degree of the map; without friction the sign is one), so -1 proves
-    that there are two more at least - where supports hold all bodies.
+    The signs of all solutions add up to one (degree of the map; without friction the sign is one),
+    so -1 proves that there are two more at least - where supports hold all bodies.
     """
     return problem.system(problem.states(z), problem.signs(z)).index

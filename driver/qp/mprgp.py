@@ -18,8 +18,8 @@ Notation, with g = Ax - b and componentwise definitions:
     reduced free grad. phi~ = (x - P(x - abar phi)) / abar,   abar = alpha_factor / norm_bound
 
 SPMD.  Every 1-D array is the local part of a distributed vector, and the only communication are
-the callables ``dot`` and ``minimum``; every decision is taken on what they returned.  If they give the
-same float to all ranks, all ranks take the same branches.  Local parts may be empty.
+the callables ``dot`` and ``minimum``; every decision is taken on what they returned.  If they give
+the same float to all ranks, all ranks take the same branches.  Local parts may be empty.
 """
 
 from dataclasses import dataclass, replace
@@ -88,7 +88,8 @@ def split_gradient(x, g, lower, upper):
 
 def projected_gradient(x, g, lower, upper):
     """g^P = phi + beta, shape (n,), at the feasible x with gradient g; see split_gradient."""
-    projected, met = np.array(g, float), np.flatnonzero((x == lower) | (x == upper))  # few of many components
+    # few of many components
+    projected, met = np.array(g, float), np.flatnonzero((x == lower) | (x == upper))
     at = lambda bound: bound[met] if np.ndim(bound) else bound
     projected[met] = split_gradient(x[met], projected[met], at(lower), at(upper))[1]
     return projected
@@ -198,7 +199,8 @@ class _Mprgp:
     def step(self):
         """One step of the algorithm; returns its kind."""
         if not self.is_proportional():
-            released = self.relax is not None and self.relaxed_step(self.x, self.g, 0.5 * self.beta2 / self.bound)
+            released = self.relax is not None and self.relaxed_step(self.x, self.g,
+                                                                    0.5 * self.beta2 / self.bound)
             return "proportioning" if released else self.proportioning_step()
         p, slope = self.direction()
         Ap = self.product(p)
@@ -207,8 +209,10 @@ class _Mprgp:
         length, blocked = _cut_step(ratio, wish, self.minimum)
         self.refuse_endless(length, p, slope)
         if blocked and np.isfinite(wish):
-            needed = max(length * (slope - 0.5 * length * self.curvature), self.sufficient_decrease())
-            if self.relax is not None and self.relaxed_step(self.x - wish * p, self.g - wish * Ap, needed):
+            needed = max(length * (slope - 0.5 * length * self.curvature),
+                         self.sufficient_decrease())
+            if self.relax is not None and self.relaxed_step(self.x - wish * p, self.g - wish * Ap,
+                                                            needed):
                 return "expansion"
             if self.projected_cg and self.projected_step(p, length, wish, needed):
                 return "expansion"
@@ -276,25 +280,30 @@ class _Mprgp:
         return "proportioning"
 
     def sufficient_decrease(self):
-        """abar (1 - alpha_factor/2) phi~'phi, by which a gradient projection step provably lowers f."""
+        """abar (1 - alpha_factor/2) phi~'phi, by which a gradient projection step provably lowers
+        f.
+        """
         return (1 - 0.5 * self.alpha_factor) * self.alpha_factor / self.bound * self.reduced_slope
 
     def projected_step(self, p, length, wish, needed):
         """x <- P(x - a p), on the projected arc of the CG step; returns whether it was taken.
 
-        Many components meet their bounds at once, where the half step stops at the first, after `length`. The
-        longest step of `ARC` (a / wish) is taken that lowers f by `needed`: as far as on the half step and as far as
-        the gradient projection provably takes it; so the convergence proof of MPRGP, which rests on that decrease,
-        holds with it. (J. J. More, G. Toraldo, SIAM J. Optim. 1 (1991) 93-113, search such an arc.)
+        Many components meet their bounds at once, where the half step stops at the first, after
+        `length`. The longest step of `ARC` (a / wish) is taken that lowers f by `needed`: as far as
+        on the half step and as far as the gradient projection provably takes it; so the convergence
+        proof of MPRGP, which rests on that decrease, holds with it. (J. J. More, G. Toraldo, SIAM
+        J. Optim. 1 (1991) 93-113, search such an arc.)
         """
         steps = [part * wish for part in ARC if part * wish > length]
-        return any(self.try_step(np.clip(self.x - a * p, self.lower, self.upper), needed) for a in steps)
+        return any(self.try_step(np.clip(self.x - a * p, self.lower, self.upper), needed)
+                   for a in steps)
 
     def relaxed_step(self, y, g, needed):
-        """x <- relax(y, g); returns whether it was taken, which needs the same decrease of f as other steps.
+        """x <- relax(y, g); returns whether it was taken, which needs the same decrease of f as
+        other steps.
 
-        y is the end of the whole CG step, feasible or not (then its active set follows from the block
-        problem instead of a projection), or x itself where components are to be released.
+        y is the end of the whole CG step, feasible or not (then its active set follows from the
+        block problem instead of a projection), or x itself where components are to be released.
         """
         return self.try_step(self.relax(y, g), needed)
 
@@ -344,10 +353,11 @@ class _Mprgp:
     # -- control ------------------------------------------------------------------------------
 
     def refresh(self):
-        """Recomputes a gradient that updates have brought below the rounding of the one they started from.
+        """Recomputes a gradient that updates have brought below the rounding of the one they
+        started from.
 
-        Only where x has become so much smaller since then that this brings digits back. Without them the gradient
-        says nothing of x any more, and CG would follow it into underflow.
+        Only where x has become so much smaller since then that this brings digits back. Without
+        them the gradient says nothing of x any more, and CG would follow it into underflow.
         """
         if self.updates == 0:
             self.trust = self.gradient_rounding(self.x)
@@ -442,12 +452,14 @@ def _checked(b, lower, upper, x0, dot):
     if b.ndim != 1 or x0.shape != b.shape:
         raise ValueError("b and x0 must be 1-D arrays of the same length")
     start = np.clip(x0, lower, upper)
-    good = np.isfinite(b) & (lower <= upper) & (lower < np.inf) & (upper > -np.inf) & np.isfinite(start)
+    good = np.isfinite(b) & (lower <= upper) & (lower < np.inf) & (upper
+                                                                   > -np.inf) & np.isfinite(start)
     if not _anywhere(~good, dot):
         return b, lower, upper, start
     for bad, reason in ((~np.isfinite(b), "b has a value that is not finite"),
                         (np.isnan(lower) | np.isnan(upper), "a bound is NaN"),
-                        ((lower > upper) | (lower == np.inf) | (upper == -np.inf), "the box is empty"),
+                        ((lower > upper) | (lower == np.inf) | (upper == -np.inf),
+                         "the box is empty"),
                         (np.isnan(x0), "x0 has a NaN"),
                         (np.isinf(start), "x0 has an infinite value inside the box")):
         if _anywhere(bad, dot):
@@ -455,7 +467,8 @@ def _checked(b, lower, upper, x0, dot):
 
 
 def mprgp(A, b, lower, upper, x0=None, *, tol, norm_bound, gamma=1.0, alpha_factor=1.95,
-          preconditioner=None, max_products=10_000, gradient0=None, dot=np.dot, minimum=float, monitor=None,
+          preconditioner=None, max_products=10_000, gradient0=None, dot=np.dot, minimum=float,
+          monitor=None,
           expansion="gradient", scale=None, relax=None):
     """Minimise 1/2 x'Ax - b'x over lower <= x <= upper; returns a Result.
 
@@ -476,18 +489,22 @@ def mprgp(A, b, lower, upper, x0=None, *, tol, norm_bound, gamma=1.0, alpha_fact
     monitor         callable (kind, products, residual) after every step, kind in {"start", "cg",
                     "expansion", "proportioning"}
     expansion       "gradient": half a CG step, then the fixed gradient projection step; "cg": the
-                    CG step, or a part of it, projected where that lowers f enough, else as "gradient"
-    scale           (n,) D > 0: the iteration runs in y = x / D, that is with D A D and D b, which makes up for
-                    rows of very different size. `tol` then bounds ||D g^P|| and `norm_bound` ||D A D||, and
-                    Result.residual is ||D g^P||; all else is in x. Powers of two round nothing.
-    relax           callable (y, g) -> x: from any y (n,) and g = A y - b a feasible x that (nearly) minimises
+                    CG step, or a part of it, projected where that lowers f enough, else as
+                    "gradient"
+    scale           (n,) D > 0: the iteration runs in y = x / D, that is with D A D and D b, which
+    makes up for
+                    rows of very different size. `tol` then bounds ||D g^P|| and `norm_bound` ||D A
+                    D||, and Result.residual is ||D g^P||; all else is in x. Powers of two round
+                    nothing.
+    relax           callable (y, g) -> x: from any y (n,) and g = A y - b a feasible x that (nearly)
+    minimises
                     f over some components, the others being those of y.  Tried in expansion and
                     proportioning steps, and taken where it lowers f enough
 
     Products: one for a CG or a proportioning step, two for an expansion step, and one more for each
-    point of the arc and of `relax` that was tried in vain.  All iterates are feasible.  Data that make no
-    problem raise ValueError (on all ranks); an operator that is indefinite, or returns NaN or inf, or leaves
-    f unbounded ends with "indefinite operator".
+    point of the arc and of `relax` that was tried in vain.  All iterates are feasible.  Data that
+    make no problem raise ValueError (on all ranks); an operator that is indefinite, or returns NaN
+    or inf, or leaves f unbounded ends with "indefinite operator".
     """
     if not (np.isfinite(norm_bound) and norm_bound > 0):
         raise ValueError("norm_bound must be positive and finite")
@@ -497,8 +514,10 @@ def mprgp(A, b, lower, upper, x0=None, *, tol, norm_bound, gamma=1.0, alpha_fact
         raise ValueError("need 0 < alpha_factor <= 2, gamma > 0, tol >= 0, max_products >= 1")
     if scale is not None and (scale != 1).any():
         return _unscaled(A, b, lower, upper, x0, scale, dict(
-            tol=tol, norm_bound=norm_bound, gamma=gamma, alpha_factor=alpha_factor, preconditioner=preconditioner,
-            max_products=max_products, gradient0=gradient0, dot=dot, minimum=minimum, monitor=monitor,
+            tol=tol, norm_bound=norm_bound, gamma=gamma, alpha_factor=alpha_factor,
+            preconditioner=preconditioner,
+            max_products=max_products, gradient0=gradient0, dot=dot, minimum=minimum,
+            monitor=monitor,
             expansion=expansion, relax=relax))
     b, lower, upper, x = _checked(b, lower, upper, x0, dot)
     run = _Mprgp(A, b, lower, upper, tol, float(norm_bound), gamma, alpha_factor, preconditioner,
