@@ -77,8 +77,8 @@ class Skeleton:
         if lonely.any() or self.edge_count.max() > 2:
             bad = self.edges[np.flatnonzero(lonely | (self.edge_count[self.edge_id] > 2))[0]]
             error = InputError(f"the meshes do not conform along an interface of subdomain "
-                               f"{bad[0]}: an edge has no match on the other side; export all subdomains from "
-                               "one mesh")
+                               f"{bad[0]}: an edge has no match on the other side; export all "
+                               "subdomains from one mesh")
         low, high = (self.over_subdomains(extreme, self.xy) for extreme in (np.minimum, np.maximum))
         apart = np.abs(high - low).max(axis=1)
         if error is None and apart.max() > 1e-10 * np.ptp(self.xy, axis=0).max():

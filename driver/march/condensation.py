@@ -9,7 +9,7 @@ from ..qp.coulomb import CoulombProblem
 from ..feti.compliance import contact_compliance
 from ..feti.dual_problem import DualProblem
 from ..feti.rows import contact_row_numbers
-from ..contact.friction import ContactRows
+from ..contact.rows import ContactRows
 from .step import Load
 
 
@@ -87,14 +87,21 @@ class Condensation:
 
         Rigid motions of bodies without support are relative to those in `load`.
         """
-        op, balance = self.operator, None
+        op, balance, rows = self.operator, None, self.rows
         if self._law is None:
             motions = np.column_stack([self.gather(d) for d in op.motions]) if op.modes else None
             self._law = CoulombProblem(self.compliance(), np.zeros(self.n + self.m), np.zeros(self.m), self.pair,
-                                       self.rows.bilateral, motions)
-        coefficient = np.zeros(len(x))
-        coefficient[self.rows.tangential] = self.rows.bound
+                                       rows.bilateral, motions)
+        coefficient, offset = self._tangential(rows.coefficient), None
+        if rows.offset is not None:
+            offset = self._tangential(rows.offset)
         d = self.gather(load.d) if self.whole else self.compliance() @ self.gather(x) - self.gather(gradient)
         if op.modes:
             balance = load.weights[: op.structure.patterns] @ op.rigid_work[0]
-        return self._law.under(d, self.gather(coefficient)[self.n :], balance)
+        return self._law.under(d, coefficient, balance, offset)
+
+    def _tangential(self, values: np.ndarray) -> np.ndarray:
+        """(m,) values (j,) of the rank's tangential rows, on every rank."""
+        full = np.zeros(self.operator.owned)
+        full[self.rows.tangential] = values
+        return self.gather(full)[self.n :]
