@@ -75,11 +75,15 @@ class Side:
         ends, total = self.edges[:, :2], np.zeros_like(self.xy)
         np.add.at(total, ends.ravel(),
                   np.repeat(self.edge_normal / self._length()[:, None], 2, axis=0))
-        unit = lambda vectors: vectors / np.linalg.norm(vectors, axis=1)[:, None]
         if self.edges.shape[1] == 3:
-            total[ends] = unit(total[ends].reshape(-1, 2)).reshape(-1, 2, 2)
+            total[ends] = _unit(total[ends].reshape(-1, 2)).reshape(-1, 2, 2)
             total[self.edges[:, 2]] = total[ends].sum(axis=1)
-        return unit(total)
+        return _unit(total)
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    """(n, 2) vectors divided by their lengths."""
+    return vectors / np.linalg.norm(vectors, axis=1)[:, None]
 
 
 def sagitta(xy: np.ndarray, edges: np.ndarray) -> np.ndarray:
@@ -94,8 +98,8 @@ def sagitta(xy: np.ndarray, edges: np.ndarray) -> np.ndarray:
     before, after = np.full(len(xy), -1), np.full(len(xy), -1)
     before[edges[:, 1]], after[edges[:, 0]] = np.arange(len(edges)), np.arange(len(edges))
     inner = (before >= 0) & (after >= 0)
-    one, two = along[before], along[after]
-    turning = np.arctan2(cross(one, two), (one * two).sum(axis=1))
+    arriving, leaving = along[before], along[after]
+    turning = np.arctan2(cross(arriving, leaving), (arriving * leaving).sum(axis=1))
     curvature = np.where(inner, 2 * turning / (length[before] + length[after]), np.nan)
     ends = curvature[edges]
     # at the end of the side the circle of the other end
@@ -261,9 +265,9 @@ def _facing_parts(first: Side, normal: np.ndarray, second: Side):
     e, o, start, stop = e[keep], o[keep], start[keep], stop[keep]
     covered = np.bincount(e, stop - start, minlength=len(first.edges))
     if covered.max(initial=0.0) > 1.0 + 1e-6:
-        at = first.xy[first.edges[covered.argmax()]].mean(axis=0)
-        raise InputError(f"contact pair: the boundary near ({at[0]:g}, {at[1]:g}) faces several "
-                         "places of the other side; label only the parts that can meet")
+        place = first.xy[first.edges[covered.argmax()]].mean(axis=0)
+        raise InputError(f"contact pair: the boundary near ({place[0]:g}, {place[1]:g}) faces "
+                         "several places of the other side; label only the parts that can meet")
     order = np.lexsort((start, e))
     return e[order], o[order], start[order], stop[order]
 

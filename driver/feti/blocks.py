@@ -58,19 +58,19 @@ class _Padded:
         self.matrices = np.zeros((len(members), *shape))
         # padding takes any entry and multiplies it by zero
         self.take = np.zeros((len(members), 1, shape[0]), np.int64)
-        found, places = [], []
+        picked, places = [], []
         for k, (x_at, y_at, M) in enumerate(members):
             m, n = M.shape
             self.matrices[k, :m, :n] = M
             self.take[k, 0, :m] = x_at + np.arange(m)
             self.take[k, 0, m:] = x_at
-            found.append(k * shape[1] + np.arange(n))
+            picked.append(k * shape[1] + np.arange(n))
             places.append(y_at + np.arange(n))
-        self.found, self.places = np.concatenate(found), np.concatenate(places)
+        self.picked, self.places = np.concatenate(picked), np.concatenate(places)
 
     def multiply(self, x: np.ndarray, y: np.ndarray, add: bool) -> None:
         """As BlockDiagonal.multiply, for these blocks."""
-        values = np.matmul(x[self.take], self.matrices).ravel()[self.found]
+        values = np.matmul(x[self.take], self.matrices).ravel()[self.picked]
         y[self.places] = y[self.places] + values if add else values
 
 

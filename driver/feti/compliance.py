@@ -146,25 +146,25 @@ def _eliminated(operator: DualOperator, rows: np.ndarray, loads: np.ndarray):
     ranks.
     """
     n, corners, comm = operator.structure.dual_dofs, operator.structure.coarse_dofs, operator.comm
-    k, left = len(rows), n + corners + operator.modes - len(rows)
+    k, inner = len(rows), n + corners + operator.modes - len(rows)
     place, gluing = np.empty(n, int), np.setdiff1d(np.arange(n), rows)
-    place[gluing], place[rows] = np.arange(n - k), left + np.arange(k)  # contact rows last
+    place[gluing], place[rows] = np.arange(n - k), inner + np.arange(k)  # contact rows last
     matrix = _saddle_matrix(operator, place, n - k)
-    coupling, contact = matrix[:left, left:].tocsc(), matrix[left:, left:].toarray()
-    below = csc_matrix((left - (n - k), loads.shape[1]))
+    coupling, contact = matrix[:inner, inner:].tocsc(), matrix[inner:, inner:].toarray()
+    below = csc_matrix((inner - (n - k), loads.shape[1]))
     right = hstack([coupling, vstack([csc_matrix(loads[gluing]), below])]).tocsc()
-    found, error = {}, None
+    blocks, error = {}, None
     try:
-        factor = _Factor(matrix[:left, :left])
+        factor = _Factor(matrix[:inner, :inner])
         del matrix
         for first in range(WIDTH * comm.rank, right.shape[1], WIDTH * comm.size):
             solved = factor.solve(right[:, first : first + WIDTH].toarray())
-            found[first] = coupling.T @ solved, solved[n - k : n - k + corners].copy()
+            blocks[first] = coupling.T @ solved, solved[n - k : n - k + corners].copy()
     except NotConverged as problem:
         error = problem
     agree(comm, error)
-    found = {first: parts for rank in comm.allgather(found) for first, parts in rank.items()}
-    onto, moved = (np.hstack(parts) for parts in zip(*(found[first] for first in sorted(found))))
+    blocks = {first: parts for rank in comm.allgather(blocks) for first, parts in rank.items()}
+    onto, moved = (np.hstack(parts) for parts in zip(*(blocks[first] for first in sorted(blocks))))
     C, d = np.triu(contact) + np.triu(contact, 1).T - onto[:, :k], loads[rows] - onto[:, k:]
     return (C + C.T) / 2, d.T, -moved[:, :k], moved[:, k:].T.copy()
 

@@ -51,19 +51,19 @@ class ContactBlock:
         subdomains.
         """
         structure = operator.structure
-        found = [None] * len(structure.subdomains)
+        parts = [None] * len(structure.subdomains)
         for c, schur in zip(operator.classes, preconditioner.schur):
             for s in c.members:
                 rows = structure.rows[s]
-                at = np.flatnonzero(structure.row_kind[rows.row] != RowKind.GLUING)
-                if not len(at):
+                here = np.flatnonzero(structure.row_kind[rows.row] != RowKind.GLUING)
+                if not len(here):
                     continue
-                sign, scaling = rows.sign[at], rows.scaling[at]
-                found[s] = {"row": rows.row[at], "corner": structure.corner_global[s],
-                            "F": c.F[np.ix_(at, at)] * np.outer(sign, sign),
-                            "A": sign[:, None] * c.A[at],
-                            "M": schur[np.ix_(at, at)] * np.outer(scaling, scaling)}
-        return [part for rank in self.comm.allgather([part for part in found if part])
+                sign, scaling = rows.sign[here], rows.scaling[here]
+                parts[s] = {"row": rows.row[here], "corner": structure.corner_global[s],
+                            "F": c.F[np.ix_(here, here)] * np.outer(sign, sign),
+                            "A": sign[:, None] * c.A[here],
+                            "M": schur[np.ix_(here, here)] * np.outer(scaling, scaling)}
+        return [part for rank in self.comm.allgather([part for part in parts if part])
                 for part in rank]
 
     @staticmethod
@@ -72,10 +72,10 @@ class ContactBlock:
         dofs.
         """
         which = "row" if columns is rows else "corner"
-        at = [np.searchsorted(rows, part["row"]) for part in parts]
-        to = [np.searchsorted(columns, part[which]) for part in parts]
-        i = joined([np.repeat(a, len(b)) for a, b in zip(at, to)], int)
-        j = joined([np.tile(b, len(a)) for a, b in zip(at, to)], int)
+        row_places = [np.searchsorted(rows, part["row"]) for part in parts]
+        column_places = [np.searchsorted(columns, part[which]) for part in parts]
+        i = joined([np.repeat(a, len(b)) for a, b in zip(row_places, column_places)], int)
+        j = joined([np.tile(b, len(a)) for a, b in zip(row_places, column_places)], int)
         values = joined([part[name].ravel() for part in parts], float)
         matrix = coo_matrix((values, (i, j)), shape=(len(rows), len(columns))).tocsr()
         matrix.eliminate_zeros()
@@ -108,11 +108,11 @@ class Galerkin:
         self.size, self.G = k, block.G
         pair, L, A = columns[:, 0] * k + columns[:, 1], block.local.tocoo(), block.A.tocoo()
         self._L = _Sums(L.row, pair[L.col], L.col, L.data)
-        self._row, to = L.row[self._L.one], columns[L.col[self._L.one]]
+        self._row, to = L.row[self._L.entry], columns[L.col[self._L.entry]]
         self._cell = (columns[self._row][:, :, None] * k + to[:, None, :]).T.ravel()
         self._A = _Sums(A.col, pair[A.row], A.row, A.data)
-        corners, to = max(len(self.G), 1), columns[A.row[self._A.one]]
-        cell, self._slot = np.unique((to * corners + A.col[self._A.one][:, None]).T.ravel(),
+        corners, to = max(len(self.G), 1), columns[A.row[self._A.entry]]
+        cell, self._slot = np.unique((to * corners + A.col[self._A.entry][:, None]).T.ravel(),
                                      return_inverse=True)
         first = np.searchsorted(cell, np.arange(k + 1) * corners)
         # W'A
@@ -131,19 +131,19 @@ class Galerkin:
 
 
 class _Sums:
-    """Sums of the products of W and the entries `value` of a matrix over those that share `one` and
+    """Sums of the products of W and the entries `value` of a matrix over those that share `key` and
     `other`.
 
-    `row` are the rows of W that the entries belong to; `one` becomes the index of an entry of every
-    sum.
+    `row` are the rows of W that the entries belong to; `entry` (sums,) are indices of an entry of
+    every sum.
     """
 
-    def __init__(self, one: np.ndarray, other: np.ndarray, row: np.ndarray, value: np.ndarray):
-        order = np.lexsort((other, one))
+    def __init__(self, key: np.ndarray, other: np.ndarray, row: np.ndarray, value: np.ndarray):
+        order = np.lexsort((other, key))
         self._row, self._value = row[order], value[order]
-        change = (np.diff(one[order]) != 0) | (np.diff(other[order]) != 0)
+        change = (np.diff(key[order]) != 0) | (np.diff(other[order]) != 0)
         self._first = np.flatnonzero(np.append(True, change)[: len(order)])
-        self.one = order[self._first]
+        self.entry = order[self._first]
 
     def __call__(self, W: np.ndarray) -> np.ndarray:
         """(2, sums) for W (2, n)."""

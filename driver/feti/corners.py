@@ -45,8 +45,8 @@ def _jumps(skeleton: Skeleton, neighbour: np.ndarray) -> np.ndarray:
     order = np.argsort(key)
     edges = skeleton.edges[neighbour >= 0]
     ends = edges[:, 1:3]
-    at = order[np.searchsorted(key[order], edges[:, :1] * span + ends)]
-    stiffness = skeleton.stiffness[at]
+    node = order[np.searchsorted(key[order], edges[:, :1] * span + ends)]
+    stiffness = skeleton.stiffness[node]
     jump = stiffness.max(axis=1) > JUMP * stiffness.min(axis=1)
     return ends[jump, stiffness[jump].argmax(axis=1)]
 
@@ -90,8 +90,8 @@ def _farthest_points(skeleton: Skeleton, neighbour: np.ndarray, corners: np.ndar
     place = skeleton.place
     added = []
     for weak in np.flatnonzero(held < 2):
-        found = np.sort(vertex_of[piece == weak])
-        gids, xy = skeleton.gids[found], place[found]
+        vertices_of_piece = np.sort(vertex_of[piece == weak])
+        gids, xy = skeleton.gids[vertices_of_piece], place[vertices_of_piece]
         known = np.flatnonzero(np.isin(gids, corners))
         first = known[0] if len(known) else np.linalg.norm(xy - xy[0], axis=1).argmax()
         second = np.linalg.norm(xy - xy[first], axis=1).argmax()

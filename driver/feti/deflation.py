@@ -105,8 +105,8 @@ def _jumps(arc: np.ndarray, scale: np.ndarray) -> np.ndarray:
     """
     order = np.argsort(arc)
     arc, scale = arc[order], scale[order]
-    at = np.flatnonzero(np.maximum(scale[1:], scale[:-1]) > 2 * np.minimum(scale[1:], scale[:-1]))
-    return arc[at + (scale[at + 1] > scale[at])]
+    edge = np.flatnonzero(np.maximum(scale[1:], scale[:-1]) > 2 * np.minimum(scale[1:], scale[:-1]))
+    return arc[edge + (scale[edge + 1] > scale[edge])]
 
 
 def _row_nodes(structure: Substructure) -> tuple[np.ndarray, np.ndarray]:
@@ -141,16 +141,16 @@ class Face:
         # pivoted Cholesky factorization: what is left of the first hat left out is nothing, or a
         # combination of the others
         factor, pivots, rank, _ = lapack.dpstrf(mass * np.outer(scale, scale), tol=DEPENDENT)
-        self.kept = pivots[:rank] - 1
-        self.scale, self.mass = scale[self.kept], np.asfortranarray(factor[:rank, :rank])
+        self.independent = pivots[:rank] - 1
+        self.scale, self.mass = scale[self.independent], np.asfortranarray(factor[:rank, :rank])
         if rank:
             scales = np.outer(self.scale, self.scale)
-            coarse = galerkin(self.W)[self.kept[:, None], self.kept] * scales
+            coarse = galerkin(self.W)[self.independent[:, None], self.independent] * scales
             self.coarse = cho_factor(coarse, overwrite_a=True, check_finite=False)[0]
 
     def deflate(self, residual: np.ndarray, precondition) -> np.ndarray:
         """(I - P) M (I - P') r + W (W'FW)^-1 W' r for residuals (n,); `precondition` is M."""
-        if not len(self.kept):
+        if not len(self.independent):
             return precondition(residual)
         slow = self._sums(self.W, residual)
         z = precondition(residual - self._values(self.H, self._solve(self.mass, slow)))
@@ -158,13 +158,13 @@ class Face:
         return z + self._values(self.W, change)
 
     def _sums(self, at_rows: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """(kept,) products of the columns of H or W with values (n,)."""
-        return self.scale * self.hats.sums(at_rows * values[:, None])[self.kept]
+        """(independent,) products of the columns of H or W with values (n,)."""
+        return self.scale * self.hats.sums(at_rows * values[:, None])[self.independent]
 
     def _values(self, at_rows: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
         """(n,) combination of the columns of H or W."""
         every = np.zeros(self.hats.count)
-        every[self.kept] = self.scale * coefficients
+        every[self.independent] = self.scale * coefficients
         return (at_rows * every[self.hats.number]).sum(axis=1)
 
     @staticmethod

@@ -46,8 +46,10 @@ def spring_compliances(classes: list[LocalClass], vectors: DualVectors,
     that of all subdomains it joins, their corners held by springs like their own stiffness.
     Collective.
     """
+    if not motions:
+        return np.zeros(0)
     local = np.zeros(len(vectors.sign))
-    for c in classes if motions else ():
+    for c in classes:
         held = np.linalg.solve(c.S + np.diag(np.diag(c.S)), c.A.T)
         local[c.rows] = np.tile(np.diag(c.F) + np.einsum("ij,ji->i", c.A, held), len(c.members))
     compliance, rho = vectors.assemble(local), np.zeros(len(motions))
@@ -55,7 +57,7 @@ def spring_compliances(classes: list[LocalClass], vectors: DualVectors,
         stiffness = np.divide(moved**2, compliance, out=np.zeros(vectors.owned), where=moved != 0)
         rows = vectors.dot(np.sign(stiffness), np.sign(stiffness))
         rho[k] = SOFTNESS * rows / vectors.dot(stiffness, np.ones(vectors.owned)) if rows else 0.0
-    return np.where(rho > 0, rho, rho.max(initial=0.0) or 1.0)
+    return np.where(rho > 0, rho, rho.max() or 1.0)
 
 
 def work_of_loads(structure: Substructure, comm) -> np.ndarray:

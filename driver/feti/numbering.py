@@ -28,8 +28,8 @@ def fixed_dofs(manifest: Manifest, subdomains: list[Subdomain],
     for sub in subdomains:
         keys.append(2 * sub.node_gid[sub.dof_node[sub.fixed]] + sub.dof_component[sub.fixed])
         values.append(sub.fixed_values.T)
-    keys, at = np.unique(gather(comm, np.concatenate(keys)), return_index=True)
-    return keys, gather(comm, np.concatenate(values))[at]
+    keys, first = np.unique(gather(comm, np.concatenate(keys)), return_index=True)
+    return keys, gather(comm, np.concatenate(values))[first]
 
 
 def number(manifest, subdomains, first, skeleton, fixed, contact, comm) -> Substructure:
@@ -95,13 +95,13 @@ def _pair_share(skeleton, contact) -> np.ndarray:
     Sides as stiff as one another share alike, which is no jump: relative to that.
     """
     stiffness = skeleton.over_subdomains(np.maximum, skeleton.stiffness)
-    at = stiffness[np.searchsorted(skeleton.gids, contact.term_gid)]
+    of_terms = stiffness[np.searchsorted(skeleton.gids, contact.term_gid)]
     size = np.abs(contact.term_value)
 
     def mean(terms):
         """(n_c,) stiffness at the nodes of some terms, weighted with their sizes."""
         node, count = contact.term_node[terms], len(contact.gid)
-        total = np.bincount(node, (size * at)[terms], count)
+        total = np.bincount(node, (size * of_terms)[terms], count)
         return total / np.maximum(np.bincount(node, size[terms], count), 1e-300)
 
     own, other = mean(~contact.term_other), mean(contact.term_other)
@@ -118,8 +118,8 @@ def _row_scale(skeleton, row_gid, kind, share) -> np.ndarray:
     """
     low, high = (skeleton.over_subdomains(extreme, skeleton.stiffness)
                  for extreme in (np.minimum, np.maximum))
-    at = np.searchsorted(skeleton.gids, row_gid)
-    seen = np.where(kind == RowKind.GLUING, low[at], high[at] * share)
+    node = np.searchsorted(skeleton.gids, row_gid)
+    seen = np.where(kind == RowKind.GLUING, low[node], high[node] * share)
     # rounding of stiffnesses must not decide between powers
     ratio = np.round(np.log2(seen / seen.max(initial=0)), 6)
     return 2.0 ** np.round(0.5 * ratio)
@@ -151,8 +151,8 @@ def _lookup(keys: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarra
     """Positions of `wanted` in the sorted `keys`, and whether each is there."""
     if not len(keys):
         return np.zeros(len(wanted), np.int64), np.zeros(len(wanted), bool)
-    at = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
-    return at, keys[at] == wanted
+    place = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
+    return place, keys[place] == wanted
 
 
 def _widen(array: np.ndarray, width: int) -> np.ndarray:
@@ -190,8 +190,8 @@ class _Numbering:
     def _at_nodes(self, keys: np.ndarray, numbers: np.ndarray) -> np.ndarray:
         """(nodes, 2) `numbers` of the keys 2 gid + component; -1 where there is none."""
         table = np.full((len(self.skeleton.gids), 2), -1)
-        at, known = _lookup(self.skeleton.gids, keys // 2)
-        table[at[known], keys[known] % 2] = numbers[known]
+        place, known = _lookup(self.skeleton.gids, keys // 2)
+        table[place[known], keys[known] % 2] = numbers[known]
         return table
 
     def localize(self, subdomains: list[Subdomain]):
@@ -225,8 +225,8 @@ class _Numbering:
         if not len(sub.fixed) and not len(at_boundary):
             return at_boundary, self.fixed[1][:0].T
         dofs = np.union1d(sub.fixed, at_boundary)
-        at, _ = _lookup(self.fixed[0], 2 * sub.node_gid[dofs // 2] + dofs % 2)
-        return dofs, self.fixed[1][at].T
+        place, _ = _lookup(self.fixed[0], 2 * sub.node_gid[dofs // 2] + dofs % 2)
+        return dofs, self.fixed[1][place].T
 
     def _gluing_rows(self, node_id: np.ndarray, dof: np.ndarray) -> list[LocalRows]:
         """Gluing rows of the rank's subdomains, in the order of their dofs."""
@@ -262,9 +262,9 @@ class _Numbering:
     def _contact_rows(self, sub, held, direction, rows):
         """Rows of the nodes that meet a rigid obstacle."""
         order = np.argsort(sub.node_gid)
-        at, inside = _lookup(sub.node_gid[order], self.contact.gid)
+        place, inside = _lookup(sub.node_gid[order], self.contact.gid)
         here = np.flatnonzero(inside & (rows >= 0) & ~self.contact.paired)
-        vertex = order[at[here]]
+        vertex = order[place[here]]
         # dofs are numbered vertex by vertex, as the loader has checked
         dof = 2 * vertex[:, None] + [0, 1]
         free = ~held[dof]

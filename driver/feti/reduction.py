@@ -117,11 +117,11 @@ def group(structure: Substructure, comm) -> list[tuple[list[int], np.ndarray, bo
         shared = {key: structure.subdomains[mine[key]].values for key in mine
                   if first[key][0] == comm.rank and len(first[key]) > 1}
         sent = {key: values for part in comm.allgather(shared) for key, values in part.items()}
-        left = {key: [] for key in mine}
+        waiting = {key: [] for key in mine}
         for s in open_:
-            left[keys[s]].append(s)
+            waiting[keys[s]].append(s)
         open_, round_ = [], {}
-        for key, candidates in left.items():
+        for key, candidates in waiting.items():
             model = sent.get(key, structure.subdomains[mine[key]].values)
             same = [_same(model, structure.subdomains[s].values) for s in candidates]
             round_[key] = [s for s, ok in zip(candidates, same) if ok], model
@@ -167,9 +167,9 @@ def reduce_class(structure: Substructure, members: list[int], values: np.ndarray
     """Factorize K_rr of a class with stiffness `values` and form its explicit F, A and S."""
     s = members[0]
     sub, corner, rows = structure.subdomains[s], structure.corner_dofs[s], structure.rows[s]
-    kept = np.ones(sub.dofs, bool)
-    kept[structure.fixed[s]] = kept[corner] = False
-    torn = np.flatnonzero(kept)
+    is_torn = np.ones(sub.dofs, bool)
+    is_torn[structure.fixed[s]] = is_torn[corner] = False
+    torn = np.flatnonzero(is_torn)
     K = coo_matrix((values, (sub.rows, sub.columns)), shape=(sub.dofs, sub.dofs)).tocsr()
     B = constraint_matrix(rows, sub.dofs)
     B_r, B_c = B[:, torn], B[:, corner]

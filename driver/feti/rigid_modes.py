@@ -48,13 +48,13 @@ def rigid_modes(skeleton, fixed_keys, corner_keys) -> tuple[list[RigidMode], np.
         _, sizes, basis = np.linalg.svd(held, full_matrices=True)
         rank = int((sizes > 1e-10 * max(1.0, sizes.max(initial=0.0))).sum())
         free = basis[rank:].T  # (3, modes)
-        at = np.isin(keys, corner_keys)
-        if not free.shape[1] or not at.any():
+        at_corner = np.isin(keys, corner_keys)
+        if not free.shape[1] or not at_corner.any():
             continue
-        _, triangle = np.linalg.qr(motions[at] @ free)
+        _, triangle = np.linalg.qr(motions[at_corner] @ free)
         free = free @ np.linalg.inv(triangle)
         column = np.zeros((len(corner_keys), free.shape[1]))
-        column[np.searchsorted(corner_keys, keys[at])] = motions[at] @ free
+        column[np.searchsorted(corner_keys, keys[at_corner])] = motions[at_corner] @ free
         columns.append(column)
         members = np.flatnonzero(body[:total] == one)
         modes += [RigidMode(number, members, center, c[:2].copy(), c[2] / size) for c in free.T]

@@ -9,11 +9,11 @@ from functools import cached_property
 
 import numpy as np
 
-from ..scene.elements import cross
 from ..errors import InputError, agree
+from ..scene.elements import cross
 from ..scene.loader import Subdomain
 from ..scene.manifest import Manifest
-from .gathering import gather
+from .gathering import gather, joined
 
 
 class Skeleton:
@@ -66,9 +66,9 @@ class Skeleton:
     @cached_property
     def place(self) -> np.ndarray:
         """(nodes, 2) places of `gids`."""
-        found = np.empty((len(self.gids), 2))
-        found[self.node_id] = self.xy
-        return found
+        place = np.empty((len(self.gids), 2))
+        place[self.node_id] = self.xy
+        return place
 
     def check_conformity(self, comm) -> None:
         """Every interface edge must have exactly two sides, with vertices at the same places."""
@@ -82,9 +82,9 @@ class Skeleton:
         low, high = (self.over_subdomains(extreme, self.xy) for extreme in (np.minimum, np.maximum))
         apart = np.abs(high - low).max(axis=1)
         if error is None and apart.max() > 1e-10 * np.ptp(self.xy, axis=0).max():
-            at = self.xy[self.node_id == apart.argmax()][0]
+            place = self.xy[self.node_id == apart.argmax()][0]
             error = InputError("the meshes do not conform along an interface: a shared node near "
-                               f"({at[0]:g}, {at[1]:g}) has different coordinates in its "
+                               f"({place[0]:g}, {place[1]:g}) has different coordinates in its "
                                "subdomains")
         agree(comm, error)
 
@@ -105,9 +105,9 @@ class Skeleton:
             other = order[i + 1 : stop]
             other = other[(low[other, 1] < high[here, 1]) & (high[other, 1] > low[here, 1])]
             if len(other) and _crosses(p[here], q[here], p[other], q[other]).any():
-                at = (p[here] + q[here]) / 2
+                middle = (p[here] + q[here]) / 2
                 raise InputError("the body penetrates itself: its outline crosses itself near "
-                                 f"({at[0]:g}, {at[1]:g})")
+                                 f"({middle[0]:g}, {middle[1]:g})")
 
     def neighbour(self) -> np.ndarray:
         """For every boundary edge the subdomain on its other side, or -1."""
@@ -126,30 +126,36 @@ class _Pieces:
     """
 
     def __init__(self, subdomains: list[Subdomain]):
-        outlines = {}  # by mesh, which subdomains of the same shape share
-        found = [outlines.get(id(sub.elements))
-                 or outlines.setdefault(id(sub.elements), Outline(sub)) for sub in subdomains]
+        known = {}  # outlines by mesh, which subdomains of the same shape share
+        outlines = [known.get(id(sub.elements)) or known.setdefault(id(sub.elements), Outline(sub))
+                    for sub in subdomains]
         first = np.cumsum([0, *(len(sub.node_gid) for sub in subdomains)])
-        moved = lambda arrays, shape: np.concatenate([np.empty(shape, np.int64),
-                                                      *(a + at for a, at in zip(arrays, first))])
-        numbers = lambda arrays: np.repeat([sub.index for sub in subdomains],
-                                           [len(a) for a in arrays]).astype(np.int64)
-        gid = np.concatenate([np.empty(0, np.int64), *(sub.node_gid for sub in subdomains)])
-        ends, seen = moved((one.edges for one in found),
-                           (0, 2)), moved((one.nodes for one in found), 0)
-        labelled = moved((sub.edges for sub in subdomains), (0, 2))
-        label = edge_labels(labelled,
-                            np.concatenate([np.empty(0, np.int64), *(sub.edge_label
-                                                                     for sub in subdomains)]), ends)
-        self.edges = np.column_stack([numbers([one.edges for one in found]),
-                                      np.sort(gid[ends], axis=1), label])
-        self.nodes = np.column_stack([numbers([one.nodes for one in found]), gid[seen]])
-        self.xy = np.concatenate([np.empty((0, 2)), *(sub.xy for sub in subdomains)])[seen]
-        self.middles = gid[moved((one.middles for one in found), 0)]
-        self.local = np.concatenate([np.empty(0, np.int64), *(one.nodes for one in found)])
-        self.starts = np.cumsum([0, *(len(one.nodes) for one in found)])
-        stiffness = np.concatenate([np.empty(0), *(one.stiffness(sub)
-                                                   for one, sub in zip(found, subdomains))])
+
+        def shifted(arrays, shape) -> np.ndarray:
+            """The subdomains' node numbers, counted on from one subdomain to the next."""
+            return np.concatenate([np.empty(shape, np.int64),
+                                   *(numbers + start for numbers, start in zip(arrays, first))])
+
+        def subdomain(arrays) -> np.ndarray:
+            """The subdomain that each entry of `arrays` belongs to."""
+            index = [sub.index for sub in subdomains]
+            return np.repeat(index, [len(array) for array in arrays]).astype(np.int64)
+
+        gid = joined([sub.node_gid for sub in subdomains], np.int64)
+        edges, nodes = [outline.edges for outline in outlines], [outline.nodes
+                                                                 for outline in outlines]
+        ends, boundary = shifted(edges, (0, 2)), shifted(nodes, 0)
+        labelled = shifted((sub.edges for sub in subdomains), (0, 2))
+        labels = joined([sub.edge_label for sub in subdomains], np.int64)
+        label = edge_labels(labelled, labels, ends)
+        self.edges = np.column_stack([subdomain(edges), np.sort(gid[ends], axis=1), label])
+        self.nodes = np.column_stack([subdomain(nodes), gid[boundary]])
+        self.xy = np.concatenate([np.empty((0, 2)), *(sub.xy for sub in subdomains)])[boundary]
+        self.middles = gid[shifted((outline.middles for outline in outlines), 0)]
+        self.local = joined(nodes, np.int64)
+        self.starts = np.cumsum([0, *(len(own) for own in nodes)])
+        stiffness = joined([outline.stiffness(sub) for outline, sub in zip(outlines, subdomains)],
+                           float)
         # means over triangles differ by rounding: nine digits make equals equal
         mantissa, exponent = np.frexp(stiffness)
         self.stiffness = np.ldexp(np.round(mantissa * 2.0**30) / 2.0**30, exponent)
@@ -196,16 +202,20 @@ def edge_labels(labelled: np.ndarray, labels: np.ndarray, edges: np.ndarray) -> 
     given = np.sort(labelled, axis=1)
     keys, wanted = given[:, 0] * span + given[:, 1], edges[:, 0] * span + edges[:, 1]
     order = np.argsort(keys)
-    at = np.minimum(np.searchsorted(keys[order], wanted), len(order) - 1)
-    return np.where(keys[order[at]] == wanted, labels[order[at]],
+    place = np.minimum(np.searchsorted(keys[order], wanted), len(order) - 1)
+    return np.where(keys[order[place]] == wanted, labels[order[place]],
                     0) if len(order) else np.zeros(len(edges), np.int64)
 
 
 def _crosses(p: np.ndarray, q: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Whether the segment p-q has an inner point in common with the inside of each segment a-b."""
-    side = lambda u, v, w: cross(v - u, w - u)
     # touching ends do not count; rounding of a side is about eps times the squared length of an
     # edge
     slack = 1e-12 * np.maximum(((q - p) ** 2).sum(), ((b - a) ** 2).sum(axis=1))
-    apart = lambda one, two: (one > slack) & (two < -slack) | (one < -slack) & (two > slack)
-    return apart(side(p, q, a), side(p, q, b)) & apart(side(a, b, p), side(a, b, q))
+
+    def apart(start, stop, first, second):
+        """Whether two points lie on different sides of the line through start and stop."""
+        one, two = cross(stop - start, first - start), cross(stop - start, second - start)
+        return (one > slack) & (two < -slack) | (one < -slack) & (two > slack)
+
+    return apart(p, q, a, b) & apart(a, b, p, q)

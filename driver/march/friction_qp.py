@@ -8,7 +8,8 @@ from ..feti.dual_problem import DualProblem
 from ..contact.kkt import Scales
 from ..contact.rows import ContactRows
 from ..errors import NoSolution, NotConverged
-from ..qp.mprgp import Result, mprgp, norm_bound, projected_gradient
+from ..qp.lanczos import norm_bound
+from ..qp.mprgp import Result, mprgp, projected_gradient
 from ..options import Settings
 from .relaxation import ContactRelaxation
 from .step import History, Unfinished

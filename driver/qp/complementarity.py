@@ -22,7 +22,7 @@ def newton(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
     """Semismooth Newton steps (P. Alart, A. Curnier, CMAME 92 (1991) 353-375) from `start` z.
 
     Each solves the linear system of the states that the last iterate falls into, the start's own
-    too where it is a solution but for rounding: whoever calls may have asked for more. None where
+    too where it is a solution but for rounding: the caller may have asked for more. None where
     states come again without having settled, or a system is singular: convergence is local.
     """
     visited, seen, x = [], set(), start
@@ -41,8 +41,8 @@ def newton(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
 
 def settled(problem: CoulombProblem, start: np.ndarray, move: np.ndarray,
             thought: np.ndarray | None = None):
-    """Newton steps from a `start` z that is near a solution: z and its movement, which whoever
-    calls may judge.
+    """Newton steps from a `start` z that is near a solution: z and its movement; the
+    caller decides what they are worth.
 
     `move` is the movement at the start.
 
@@ -197,11 +197,11 @@ def all_solutions(problem: CoulombProblem) -> list[np.ndarray]:
     holds in some states, but that keeps nodes from overlapping or sliding the wrong way, ends where
     it does so in states that hold it.
     """
-    found = []
+    solutions = []
     for states in itertools.product(*(problem.choices(node) for node in range(problem.n))):
         z = problem.solution_in(np.array(states))
-        _add_solution(problem, found, z if problem.solves(z) else None)
-    return found
+        _add_solution(problem, solutions, z if problem.solves(z) else None)
+    return solutions
 
 
 def search(problem: CoulombProblem, start: np.ndarray) -> list[np.ndarray]:
@@ -211,16 +211,16 @@ def search(problem: CoulombProblem, start: np.ndarray) -> list[np.ndarray]:
     """
     whole = [np.full(problem.n, s) for s in (STICK, FORWARD, BACKWARD,
                                              OPEN)[: 3 if problem.bilateral else 4]]
-    found = []
+    solutions = []
     for guess in (start, *map(problem.solution_in, whole)):
-        _add_solution(problem, found, None if guess is None else newton(problem, guess))
-    _add_solution(problem, found, lemke(problem))
+        _add_solution(problem, solutions, None if guess is None else newton(problem, guess))
+    _add_solution(problem, solutions, lemke(problem))
     done = 0
-    while done < len(found) < MANY:
-        for guess in _neighbours(problem, found[done]):
-            _add_solution(problem, found, newton(problem, guess))
+    while done < len(solutions) < MANY:
+        for guess in _neighbours(problem, solutions[done]):
+            _add_solution(problem, solutions, newton(problem, guess))
         done += 1
-    return found
+    return solutions
 
 
 def _neighbours(problem: CoulombProblem, x: np.ndarray):
@@ -238,13 +238,14 @@ def _neighbours(problem: CoulombProblem, x: np.ndarray):
                 yield y
 
 
-def _add_solution(problem: CoulombProblem, found: list[np.ndarray], z: np.ndarray | None) -> None:
-    """Append z unless it is none or its forces are, to rounding, those of one of `found`."""
+def _add_solution(problem: CoulombProblem, solutions: list[np.ndarray],
+                  z: np.ndarray | None) -> None:
+    """Append z unless it is none or its forces are, to rounding, those of one of `solutions`."""
     if z is not None:
         x = z[: problem.rows]
-        size = max(np.abs(y[: problem.rows]).max(initial=0) for y in (*found, z))
-        if all(np.abs(x - y[: problem.rows]).max(initial=0) > DISTINCT * size for y in found):
-            found.append(z)
+        size = max(np.abs(y[: problem.rows]).max(initial=0) for y in (*solutions, z))
+        if all(np.abs(x - y[: problem.rows]).max(initial=0) > DISTINCT * size for y in solutions):
+            solutions.append(z)
 
 
 def index(problem: CoulombProblem, z: np.ndarray) -> int:

@@ -234,13 +234,13 @@ class StateSystem:
     """
 
     def __init__(self, problem: CoulombProblem, states: np.ndarray, sign: np.ndarray):
-        n, C, at = problem.n, problem.compliance, states[problem.pair]
-        touching, sliding = states > OPEN, np.flatnonzero(at > STICK)
+        n, C, state = problem.n, problem.compliance, states[problem.pair]
+        touching, sliding = states > OPEN, np.flatnonzero(state > STICK)
         self.rows, self.motions = problem.rows, problem.motions
-        free = np.concatenate([touching, np.abs(at) == STICK])
+        free = np.concatenate([touching, np.abs(state) == STICK])
         self.free = np.flatnonzero(free)
         self.sliding, self.node = n + sliding, problem.pair[sliding]
-        self.bound = np.where(at[sliding] == FORWARD, 1.0, -1.0) * problem.coefficient[sliding]
+        self.bound = np.where(state[sliding] == FORWARD, 1.0, -1.0) * problem.coefficient[sliding]
         slope = self.bound * sign[self.node]
         self.turn = problem.held(states) / problem.reach[:, None]
         self.soft = np.median(1.0 / problem.rigidity) if problem.k else 1.0
@@ -248,9 +248,9 @@ class StateSystem:
         # forces (n + m,) that offsets add, and the movement of the free rows that they make
         self.given = None
         if problem.offset is not None:
-            way = np.where(np.abs(at) == FORWARD, 1.0, -1.0)
+            way = np.where(np.abs(state) == FORWARD, 1.0, -1.0)
             self.given = np.append(np.zeros(n),
-                                   np.where(np.abs(at) > STICK, way * problem.offset, 0.0))
+                                   np.where(np.abs(state) > STICK, way * problem.offset, 0.0))
             self.given_movement = columns.T @ self.given
         transposed = columns.compress(free, 0)  # C is symmetric
         transposed[place[self.node]] += slope[:, None] * columns[self.sliding]

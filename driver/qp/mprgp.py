@@ -20,6 +20,9 @@ Notation, with g = Ax - b and componentwise definitions:
 SPMD.  Every 1-D array is the local part of a distributed vector, and the only communication are
 the callables ``dot`` and ``minimum``; every decision is taken on what they returned.  If they give
 the same float to all ranks, all ranks take the same branches.  Local parts may be empty.
+
+One module, of more than 400 lines: the steps share one state, of which x and g always belong
+together, and each decision is argued beside it.
 """
 
 from dataclasses import dataclass, replace
@@ -40,8 +43,6 @@ MAX_DOUBLINGS = 40
 MAX_REFUTATIONS = 3
 # Parts of a CG step that are tried on its projected arc (expansion "cg").
 ARC = (1.0, 1 / 4, 1 / 16)
-# Probability with which the Lanczos bound may fall short of the norm (see norm_bound).
-LANCZOS_RISK = 1e-3
 
 
 @dataclass(frozen=True)
@@ -90,8 +91,8 @@ def projected_gradient(x, g, lower, upper):
     """g^P = phi + beta, shape (n,), at the feasible x with gradient g; see split_gradient."""
     # few of many components
     projected, met = np.array(g, float), np.flatnonzero((x == lower) | (x == upper))
-    at = lambda bound: bound[met] if np.ndim(bound) else bound
-    projected[met] = split_gradient(x[met], projected[met], at(lower), at(upper))[1]
+    lower, upper = (bound[met] if np.ndim(bound) else bound for bound in (lower, upper))
+    projected[met] = split_gradient(x[met], projected[met], lower, upper)[1]
     return projected
 
 
@@ -156,6 +157,7 @@ class _Mprgp:
         return self.A(v)
 
     def gradient_at(self, x):
+        """A x - b (n,) at x (n,); one product."""
         return self.product(x) - self.b
 
     def place(self, x, g, updates):
@@ -429,6 +431,7 @@ class _Mprgp:
             return stop.args
 
     def result(self):
+        """Runs to the end; the Result."""
         status, reason = self.iterate()
         g_projected = projected_gradient(self.x, self.g, self.lower, self.upper)
         residual = float(np.sqrt(self.dot(g_projected, g_projected)))
@@ -477,7 +480,7 @@ def mprgp(A, b, lower, upper, x0=None, *, tol, norm_bound, gamma=1.0, alpha_fact
     x0              (n,) start, projected on the box; default 0 projected
     tol             stops at ||g^P(x)|| <= tol.  Absolute: the caller scales it, e.g. 1e-6 ||b||.
                     For positive definite A this gives ||x - x*|| <= tol / lambda_min(A).
-    norm_bound      upper bound of ||A||, see norm_bound(); too small a value is found out by an
+    norm_bound      upper bound of ||A||, see lanczos.norm_bound(); too small a value is found out by an
                     expansion step that increases f, and doubled
     gamma           Gamma > 0 of the release criterion ||beta||^2 <= Gamma^2 phi~'phi
     alpha_factor    expansion steps have the length abar = alpha_factor / norm_bound, in (0, 2]
@@ -540,60 +543,6 @@ def _unscaled(A, b, lower, upper, x0, scale, options):
         options["gradient0"] = scale * gradient0
     if options["relax"] is not None:
         options["relax"] = lambda y, g: relax(scale * y, g / scale) / scale
-    found = mprgp(lambda y: scale * A(scale * y), scale * b, lower / scale, upper / scale,
+    scaled = mprgp(lambda y: scale * A(scale * y), scale * b, lower / scale, upper / scale,
                   None if x0 is None else x0 / scale, **options)
-    return replace(found, x=scale * found.x, gradient=found.gradient / scale)
-
-
-def _lanczos(A, v, dot, steps):
-    """Lanczos tridiagonal matrix from v (n,): diagonal (k), off-diagonal (k), invariant or not.
-
-    The last off-diagonal entry belongs to the residual.  Without reorthogonalisation: lost
-    orthogonality only repeats Ritz values, which does not disturb the largest one.
-    """
-    v_old, beta, diagonal, off = np.zeros_like(v), 0.0, [], []
-    for _ in range(steps):
-        w = A(v) - beta * v_old
-        diagonal.append(dot(v, w))
-        w = w - diagonal[-1] * v
-        beta = np.sqrt(dot(w, w))
-        if not np.isfinite(beta):
-            raise ValueError("A returned values that are not finite")
-        off.append(beta)
-        if beta <= 10 * EPS * max(np.abs(diagonal).max(), max(off)):
-            return diagonal, off, True
-        v_old, v = v, w / beta
-    return diagonal, off, False
-
-
-def norm_bound(A, n, *, dot=np.dot, steps=15, seed=0, start=None):
-    """Upper bound of ||A|| by Lanczos: (bound, calls of A).
-
-    n is the local length.  The start vector is random from `seed`, or `start` (n,), the rank's
-    part of one.  After k steps theta + |beta_k s_k|, the Ritz value largest in modulus plus its
-    residual (s_k: last component of its eigenvector), proves an eigenvalue nearby but not that it
-    is the last one; on evenly spread spectra it falls short by a few per cent.  The bound is
-    therefore also at least theta / (1 - eps) with the relative error eps that a start vector
-    uniform on the sphere of R^N exceeds with probability LANCZOS_RISK at most, for any SPSD matrix:
-
-        LANCZOS_RISK = 1.648 sqrt(N) exp(-sqrt(eps) (2k - 1))
-
-    (J. Kuczynski, H. Wozniakowski, SIAM J. Matrix Anal. Appl. 13 (1992) 1094-1122); eps is
-    not taken above 1/2.  Breakdown (beta_k within rounding of zero) leaves an invariant subspace:
-    theta is exact and returned with its residual only.
-    """
-    v = np.random.default_rng(seed).standard_normal(n) if start is None else np.array(start, float)
-    length = np.sqrt(dot(v, v))
-    if steps < 1 or not (np.isfinite(length) and length > 0):
-        raise ValueError("Lanczos needs a step and a finite start vector that is not zero")
-    diagonal, off, invariant = _lanczos(A, v / length, dot, steps)
-    T = np.diag(diagonal) + np.diag(off[:-1], 1) + np.diag(off[:-1], -1)
-    ritz, vectors = np.linalg.eigh(T)
-    k = int(np.argmax(np.abs(ritz)))
-    theta, residual = abs(ritz[k]), abs(off[-1] * vectors[-1, k])
-    if invariant:
-        return float(theta + residual), len(diagonal)
-    ones = np.ones_like(v)
-    size = dot(ones, ones)
-    root = np.log(1.648 * np.sqrt(size) / LANCZOS_RISK) / (2 * len(diagonal) - 1)
-    return float(max(theta + residual, theta / (1 - min(root**2, 0.5)))), len(diagonal)
+    return replace(scaled, x=scale * scaled.x, gradient=scaled.gradient / scale)

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from driver.hard.oracle import box_qp
 
 import driver.qp.mprgp as module
-from driver.qp.mprgp import mprgp, norm_bound, projected_gradient
+from driver.qp.lanczos import norm_bound
+from driver.qp.mprgp import mprgp, projected_gradient
 
 EPS = np.finfo(float).eps
 
