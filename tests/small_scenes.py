@@ -89,6 +89,18 @@ def _stiffness(xy, triangles, lam, mu):
     return np.concatenate(rows), np.concatenate(columns), np.concatenate(values)
 
 
+def rooms_of(effects: dict) -> dict:
+    """The rooms of a manifest with these effects."""
+    by_friction = {"none": [], "tresca": ["tresca"], "coulomb": ["friction"], "coulomb-slip-dependent": ["friction", "slip_law"]}
+    names = [*{"none": [], "unilateral": ["contact"], "bilateral": ["contact", "bilateral"]}[effects["contact"]],
+             *by_friction[effects["friction"]]]
+    if effects["time"] == "quasistatic":
+        names.append("quasistatic")
+    if "initial" in effects:
+        names.append("preload")
+    return {name: {} for name in names}
+
+
 @dataclass
 class Scene:
     """A body with everything that acts on it; `tractions` one dict label -> (2,) force density per pattern."""
@@ -108,9 +120,10 @@ class Scene:
         effects = {"contact": "unilateral", "friction": "coulomb", "time": "quasistatic", **(self.effects or {})}
         return Manifest(
             directory=Path("."), subdomains=int(self.body.part.max()) + 1, blocks=1, nodes=len(self.body.xy),
-            interface_label=INTERFACE, element="P1", plane="strain", material="isotropic", units={}, effects=effects,
+            interface_label=INTERFACE, element="P1", plane="strain", material="isotropic", units={},
+            rooms=rooms_of(effects), columns=["gap", "friction"], fields=[],
             steps=steps, t_end=1.0, bodies=1, contact_labels=[self.contact], labels=[BOTTOM, RIGHT, TOP, LEFT],
-            patterns=[{"kind": "traction", "amplitude": k} for k in range(patterns)],
+            patterns=[{"kind": "traction", "given_on": "edges", "amplitude": k} for k in range(patterns)],
             amplitudes={str(k): self.amplitudes[:, k].tolist() for k in range(patterns)}, parameters={})
 
     def subdomains(self) -> list[Subdomain]:
@@ -165,7 +178,7 @@ class Scene:
         spread = lambda value: np.broadcast_to(value, len(self.body.xy)).astype(float)[gid[vertex]]
         n = np.array([normal[v] / np.linalg.norm(normal[v]) for v in vertex])
         return ContactData(vertex, np.full(len(vertex), self.contact), np.array([weight[v] for v in vertex]), n,
-                           spread(self.gap), spread(self.friction), np.zeros(len(vertex)))
+                           {"gap": spread(self.gap), "friction": spread(self.friction)})
 
 
 @dataclass

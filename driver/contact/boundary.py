@@ -11,11 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from . import mortar
 from ..errors import InputError
+from ..feti.skeleton import edge_labels, gather
 from ..scene.loader import ContactData, Subdomain
 from ..scene.manifest import Manifest
-from ..feti.skeleton import edge_labels, gather
+from . import mortar
+
+
+GAPS, BOUNDS, INITIAL = ("gap", "obstacle"), ("friction", "tresca"), ("initial",)  # columns that mean the same
 
 
 @dataclass
@@ -45,6 +48,10 @@ class Configuration:
 class ContactBoundary:
     """All contact nodes of the body, replicated on every rank; arrays of length n_c.
 
+    `columns` are what declared effects give the nodes (see ContactData), means over dual segments; of them `gap` is the
+    distance to what the node meets, `friction` the coefficient or given bound, `initial` the tangential displacement at
+    time 0, zero where nothing is declared.
+
     Ordered by label, then along the arc. `normal_row` and `tangential_row` are global dual rows, -1 where
     a node has none (frictionless contact, or a direction that the support fixes). What meets at node i is
     the sum of value_k u(gid_k) over the terms k with node_k = i: its own displacement on a rigid obstacle,
@@ -57,9 +64,10 @@ class ContactBoundary:
     arc: np.ndarray
     weight: np.ndarray
     normal: np.ndarray
+    columns: dict[str, np.ndarray]
     gap: np.ndarray
     friction: np.ndarray
-    initial: np.ndarray  # tangential displacement at time 0
+    initial: np.ndarray
     paired: np.ndarray  # the node meets another body
     middle: np.ndarray  # the node is the middle of an edge
     term_node: np.ndarray
@@ -83,16 +91,18 @@ def contact_boundary(manifest, subdomains, skeleton, fixed, comm, moved=None) ->
     `moved`, if given, holds displacements (dofs,) of the rank's subdomains: between bodies normals, facing parts and
     gaps are those of the displaced boundaries.
     """
-    found = [np.empty((0, 10))]
+    found = [np.empty((0, 7 + len(manifest.columns)))]
     for sub in subdomains:
         if sub.contact is not None:
-            found.append(contact_table(sub.contact, sub.node_gid[sub.contact.node], sub.xy[sub.contact.node]))
+            node = sub.contact.node
+            found.append(contact_table(sub.contact, manifest.columns, sub.node_gid[node], sub.xy[node]))
     found = gather(comm, np.concatenate(found))
     keys, at, total = add_parts(found)
     label, gid = keys.T.astype(np.int64)
-    xy, weight, n = found[at, 8:10], total[:, 0].copy(), len(gid)
+    xy, weight, n = found[at, -2:], total[:, 0].copy(), len(gid)
     normal = total[:, 1:3] / np.linalg.norm(total[:, 1:3], axis=1)[:, None]
-    gap, friction, initial = (total[:, k] / weight for k in (3, 4, 5))
+    columns = {name: total[:, 3 + k] / weight for k, name in enumerate(manifest.columns)}
+    gap = sum_of(columns, GAPS, n)
     missing = [wanted for wanted in manifest.contact_labels if wanted not in label]
     if missing:
         raise InputError(f"no contact node has the label {missing[0]}: the scene declares contact on a label "
@@ -117,7 +127,9 @@ def contact_boundary(manifest, subdomains, skeleton, fixed, comm, moved=None) ->
     node, gids, value, other = (np.concatenate(column) for column in zip(*terms))
     node = position[node]
     none, used = np.full(len(order), -1), node >= 0
-    fields = (of[order] for of in (gid, label, xy, arc, weight, normal, gap, friction, initial, paired, middle))
+    columns = {name: of[order] for name, of in columns.items()}
+    fields = (*(of[order] for of in (gid, label, xy, arc, weight, normal)), columns, gap[order],
+              sum_of(columns, BOUNDS, len(order)), sum_of(columns, INITIAL, len(order)), paired[order], middle[order])
     terms = (of[used] for of in (node, gids, value, other))
     return ContactBoundary(*fields, *terms, none, none.copy(), clamped, sides.about)
 
@@ -136,7 +148,7 @@ class _PairSides:
             bow, u = np.zeros((len(edges), 2)), np.zeros_like(sub.xy) if moved is None else moved[s].reshape(-1, 2)
             if n == 3:
                 edges = np.column_stack([edges, sub.middles(edges)])
-                bow = sub.bow[edges[:, 2]]
+                bow = np.column_stack([sub.fields["bow_x"], sub.fields["bow_y"]])[edges[:, 2]]
             found.append(np.column_stack([label, bow, sub.node_gid[edges], sub.xy[edges].reshape(-1, 2 * n),
                                           u[edges].reshape(-1, 2 * n)]))
         found = gather(comm, np.concatenate(found))
@@ -195,17 +207,26 @@ def _outward_edges(triangles: np.ndarray) -> np.ndarray:
     return edges[counts[inverse] == 1]
 
 
-def contact_table(c: ContactData, gid: np.ndarray, xy: np.ndarray) -> np.ndarray:
-    """(n, 10) contact nodes of one piece: label, gid, weight, and normal, gap, friction, initial times weight; place."""
-    part = np.column_stack([c.normal, c.gap, c.friction, c.initial]) * c.weight[:, None]
+def sum_of(columns: dict[str, np.ndarray], names: tuple[str, ...], count: int) -> np.ndarray:
+    """(count,) sum of those of the named columns that are there."""
+    total = np.zeros(count)
+    for name in names:
+        if name in columns:
+            total = total + columns[name]
+    return total
+
+
+def contact_table(c: ContactData, columns: list[str], gid: np.ndarray, xy: np.ndarray) -> np.ndarray:
+    """(n, 7 + columns) contact nodes of one subdomain: label, gid, weight; normal and columns times weight; place."""
+    part = np.column_stack([c.normal, *(c.columns[name] for name in columns)]) * c.weight[:, None]
     return np.column_stack([c.label, gid, c.weight, part, xy])
 
 
 def add_parts(found: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(label, gid) of the nodes of a `contact_table`, where each stands first, and the sums of columns 2 to 7."""
+    """(label, gid) of the nodes of a `contact_table`, where each stands first, and sums of what it has in between."""
     keys, at, inverse = np.unique(found[:, :2], axis=0, return_index=True, return_inverse=True)
-    total = np.zeros((len(keys), 6))
-    np.add.at(total, inverse, found[:, 2:8])
+    total = np.zeros((len(keys), found.shape[1] - 4))
+    np.add.at(total, inverse, found[:, 2:-2])
     return keys, at, total
 
 

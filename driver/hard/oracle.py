@@ -138,7 +138,8 @@ class Assembled:
             if sub.contact is None:
                 continue
             c = sub.contact
-            for vertex, label, w, n, gap, F in zip(c.node, c.label, c.weight, c.normal, c.gap, c.friction):
+            away, rough = c.column("gap") + c.column("obstacle"), c.column("friction") + c.column("tresca")
+            for vertex, label, w, n, gap, F in zip(c.node, c.label, c.weight, c.normal, away, rough):
                 key = (int(label), int(sub.node_gid[vertex]))
                 parts.setdefault(key, []).append((w, *(w * n), w * gap, w * F, *sub.xy[vertex]))
         free = set(self.free.tolist())

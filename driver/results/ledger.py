@@ -6,7 +6,7 @@ time steps' wall time, in proportion to the products with the dual matrix that t
 
 import numpy as np
 
-PATTERNS = {"traction": "load", "point": "load"}  # ledger entries of pattern kinds; others go by their own name
+PATTERNS = {"traction": "load", "point_load": "load", "thermal_strain": "thermal"}  # ledger entries of pattern kinds; others go by their own name
 
 
 def effects_ledger(effects: dict, sizes: dict, patterns: list[dict], amplitudes: np.ndarray, history: list[dict],
@@ -27,7 +27,7 @@ def effects_ledger(effects: dict, sizes: dict, patterns: list[dict], amplitudes:
     ledger["time"] = _time(effects, amplitudes, history, ledger["friction"], gaps or initial, spent["history"])
     if initial:
         ledger["initial_state"] = _entry(True, ledger["friction"]["active"], "friction starts from it")
-    for kind in ("load", *sorted({"displacement", "body_force"} | {p["kind"] for p in patterns} - set(PATTERNS))):
+    for kind in ("load", *sorted({"displacement", "body_force"} | {PATTERNS.get(p["kind"], p["kind"]) for p in patterns} - {"load"})):
         mine = [k for k, p in enumerate(patterns) if PATTERNS.get(p["kind"], p["kind"]) == kind]
         ledger[kind] = _pattern(patterns, amplitudes, mine)
     return ledger

@@ -11,6 +11,7 @@ from mpi4py import MPI
 from ..feti.compliance import ContactCompliance
 from ..errors import DriverError, InputError, NoSolution, NotConverged, agree
 from ..files import write_json, write_rows, write_table
+from ..contact.boundary import BOUNDS, GAPS, INITIAL, sum_of
 from ..contact.friction import OPEN, STATUS_NAMES
 from ..scene.loader import read_contact
 from ..scene.manifest import read_manifest
@@ -122,17 +123,19 @@ def _contact_of(name: str, boundary, data, gid: np.ndarray):
     order = np.argsort(known)
     at = np.minimum(np.searchsorted(known, read, sorter=order), len(known) - 1)
     here = (known[order[at]] == read) & (gid < span)  # others are held by supports
-    parts = np.column_stack([np.ones(len(gid)), data.normal, data.gap, data.friction, data.initial]) * data.weight[:, None]
+    parts = np.column_stack([np.ones(len(gid)), data.normal, *data.columns.values()]) * data.weight[:, None]
     total = np.column_stack([np.bincount(order[at[here]], part, minlength=len(known)) for part in parts[here].T])
     weight, normal = total[:, 0], total[:, 1:3]
     rigid = ~boundary.paired  # between two bodies weight, normal and gap follow from both sides
     if not (np.all(weight > 0) and np.allclose(weight[rigid], boundary.weight[rigid], rtol=1e-9)
             and np.allclose((normal / np.linalg.norm(normal, axis=1)[:, None])[rigid], boundary.normal[rigid], atol=1e-9)):
         raise InputError(f"a study cannot vary {name.upper()}: it moves or turns the contact boundary")
-    gap, friction, initial = (total[:, 3:6] / weight[:, None]).T
+    columns = dict(zip(data.columns, (total[:, 3:] / weight[:, None]).T))
+    gap, friction, initial = (sum_of(columns, names, len(weight)) for names in (GAPS, BOUNDS, INITIAL))
     if gap[~rigid].any():
         raise InputError(f"a study cannot vary {name.upper()} in a scene that declares pairGap")
-    return dataclasses.replace(boundary, gap=np.where(rigid, gap, boundary.gap), friction=friction, initial=initial)
+    return dataclasses.replace(boundary, columns=columns, gap=np.where(rigid, gap, boundary.gap),
+                               friction=friction, initial=initial)
 
 
 @dataclasses.dataclass
