@@ -96,6 +96,12 @@ def _declaring(room: Room) -> list[str]:
     return [name for macro in room.macros if macro.name in room.declared_by for name in macro.names]
 
 
+def _asking(room: Room, left: frozenset[str] | set[str] = frozenset()) -> list[str]:
+    """The macros that declare a room or one that brings it, without what is left out."""
+    bringing = [other for other in rooms() if room.name in other.brings and other.name not in left]
+    return [name for asked in (room, *bringing) for name in _declaring(asked) if name not in left]
+
+
 def _switches(without: tuple[str, ...]) -> list[str]:
     lines = []
     for name in without:
@@ -104,34 +110,35 @@ def _switches(without: tuple[str, ...]) -> list[str]:
             lines += [f"if (!isQuasistatic) {reason}", "isQuasistatic = false;"]
         else:
             room = next((room for room in rooms() if room.name == name), None)
-            lines += _unless_any(_declaring(room) if room else [name], reason)
+            lines += _unless_any(_asking(room) if room else [name], reason)
     return lines
 
 
 def _include(room: Room, left: set[str]) -> list[str]:
-    """The room, where one of its macros, or of those of rooms that bring it, is defined; else these are refused."""
-    bringing = [other for other in rooms() if room.name in other.brings and other.name not in left]
-    declaring = [name for one in (room, *bringing) for name in _declaring(one) if name not in left]
+    """The room, where one of its macros, or of those of rooms that bring it, is defined and it lacks nothing.
+
+    <room>Asked, <room>Lacks and <room>Room are defined as the scene asks for it, something is missing, it is included.
+    """
     lines = []
-    for macro in declaring:
-        lines += _if(f"!{_room(room)}", *_if(macro, f"macro {_room(room)}() 1 //"))
-    body = []
+    asked, lacks = f"{room.prefix}Asked", f"{room.prefix}Lacks"
+    for macro in _asking(room, left):
+        lines += _if(f"!{asked}", *_if(macro, f"macro {asked}() 1 //"))
+    body = [f"macro {_room(room)}() 1 //"]
     if room.given_on:
         given = f"{camel(room.given_on)}Given"
         body += _if(f"!{given}", f"macro {given}() 1 //", f'include "given/{room.given_on}.idp"')
-    for needed in room.needs:
-        body += _lacks(room, needed, left)
-    lines += _if(_room(room), *body, f'include "effects/{room.name}.idp"')
+    missing = [line for needed in room.needs for line in _lacks(room, needed, lacks)]
+    lines += _if(asked, *missing, *_if(f"!{lacks}", *body, f'include "effects/{room.name}.idp"'))
     for macro in room.macros:
         if macro.name not in room.declared_by and macro.arguments is not None:
             lines += _if(macro.name, *_if(f"!{_room(room)}", _refusal(macro.name, room)))
     return lines
 
 
-def _lacks(room: Room, needed: tuple[str, ...], left: set[str]) -> list[str]:
-    """Refusal of a room where none of the rooms `needed` is declared, by the macro that declares it."""
+def _lacks(room: Room, needed: tuple[str, ...], lacks: str) -> list[str]:
+    """Refusal of a room where none of the rooms `needed` is included, by the macro that declares it."""
     others = [other for other in rooms() if other.name in needed]
-    lines = []
+    lines = _if(f"!{lacks}", f"macro {lacks}() 1 //")
     for macro in _declaring(room):
         lines += _if(macro, _refusal(macro, others[0]))
     return _unless_any([_room(other) for other in others], *lines)
