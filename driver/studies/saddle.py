@@ -22,9 +22,9 @@ from ..scene import freefem
 from ..errors import InputError
 from ..files import renamed
 from ..feti.reduction import constraint_matrix
-from ..scene.loader import read_subdomains
-from ..contact.tearing import build
 from ..feti.rows import RowKind
+from ..scene.loader import read_subdomains
+from ..march.tearing import build
 from ..feti.structure import Substructure
 
 LARGEST = 20_000  # unknowns; a picture of more shows nothing

@@ -529,7 +529,7 @@ from mpi4py import MPI
 from pathlib import Path
 from driver.scene.loader import read_subdomains
 from driver.scene.manifest import read_manifest
-from driver.contact.tearing import build
+from driver.march.tearing import build
 from driver.feti.dirichlet import DirichletPreconditioner
 from driver.feti.operator import DualOperator
 from driver.feti.structure import partition
