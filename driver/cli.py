@@ -196,7 +196,8 @@ def _stage(request: Request):
 # ---- entry ---------------------------------------------------------------------------------------
 
 ENTRIES = {entry.__name__: entry for entry in (
-    run, model, table, effects, study, accuracy, stopping, locking, bench, hard, saddle, figures, solve)}
+    run, model, table, effects, study, accuracy, stopping, locking, bench, hard, saddle, figures,
+    solve)}
 
 
 def main() -> None:

@@ -119,7 +119,7 @@ def program(name: str) -> str:
 
 
 def package_error(problem: ImportError) -> InputError:
-    """The error for a Python package that is missing or, where memory is short, cannot be loaded."""
+    """The error for a Python package that is missing or cannot be loaded, as with little memory."""
     if isinstance(problem, ModuleNotFoundError):
         return InputError(f"the Python package {problem.name} is not installed; {SET_UP}")
     reason = " ".join(str(problem).split())
@@ -147,7 +147,8 @@ def run_child(command: list[str], meanwhile=lambda: None,
             os._exit(128 + signal.SIGTERM)
 
     try:
-        child = subprocess.Popen(command, stdin=subprocess.DEVNULL, preexec_fn=end_with_parent, **options)
+        child = subprocess.Popen(command, stdin=subprocess.DEVNULL, preexec_fn=end_with_parent,
+                                 **options)
     except OSError as problem:
         message = f"{command[0]} cannot be started: {problem.strerror}"
         raise file_error(problem, message) from None
