@@ -191,8 +191,8 @@ STUDIES = (
     Option("method", several("default", "plain"), ("default", "plain"), STUDY, ("table",),
            "the driver as it comes, and the slides' own method", "both"),
     Option("fresh", YES_NO, False, STUDY, ("table",), "make rows anew that are there already"),
-    Option("rows", several(*"1234"), tuple("1234"), STUDY, ("stopping",), "meshes, coarse to fine",
-           "all"),
+    Option("rows", several(*"12345"), tuple("1234"), STUDY, ("stopping",),
+           "meshes, coarse to fine, with as many subdomains as those of the table", "1,2,3,4"),
     Option("effort", choice("quick", "full"), "full", STUDY, ("accuracy",), "length of the sweeps"),
     Option("repeats", whole("a whole number", 1), None, STUDY, ("accuracy",),
            "repetitions of every short run", "1 with EFFORT=quick, else 3"),
@@ -327,7 +327,8 @@ def reference() -> str:
 
 def _escaped(cell: str) -> str:
     """Text for a cell of a Markdown table."""
-    return cell.replace("|", r"\|") if cell.startswith("`") else cell.replace("<", "&lt;")
+    cell = cell.replace("|", r"\|")
+    return cell if cell.startswith("`") else cell.replace("<", "&lt;")
 
 
 if __name__ == "__main__":
