@@ -97,8 +97,16 @@ def _share(name: str, text: str) -> tuple[float, str]:
     return value, quantity.strip()
 
 
+def _names(name: str, text: str) -> tuple[str, ...]:
+    names = tuple(text.split(","))
+    if not all(names) or len(set(names)) < len(names):
+        raise InputError(f"{name}={text} lacks a name or gives one twice")
+    return names
+
+
 YES_NO = Kind("yes|no", _yes, ("yes", "no"))
 POSITIVE = Kind("number", _positive)
+NAMES = Kind("name,...", _names)  # checked where they are used
 SHARE = Kind("1%[,quantity]", _share)  # relative error and quantity, "" where none is named
 
 

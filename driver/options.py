@@ -12,7 +12,7 @@ from dataclasses import dataclass, make_dataclass
 from enum import Enum
 
 from . import environment
-from .arguments import POSITIVE, SHARE, YES_NO, Kind, choice, path, several, text, whole
+from .arguments import NAMES, POSITIVE, SHARE, YES_NO, Kind, choice, path, several, text, whole
 from .errors import InputError
 
 RESULTS = environment.ROOT / "results"
@@ -130,6 +130,8 @@ RUNS = (
            "choose mesh, steps and tolerances for this relative error of a quantity of interest",
            "not chosen",
            excludes=("cells", "h", "steps", "rtol", "friction_rtol", "primal_rtol", "adapt")),
+    Option("without", NAMES, (), EXPORT, (*SINGLE, "study"), "effects of the scene that are "
+           "treated as undeclared: friction, gap, load2, quasistatic, ...", "none"),
     Option("errors", choice("yes", "energy", "no"), "yes", Reader.ESTIMATES, SINGLE,
            "estimate the errors of all quantities, that in the energy norm alone, or none"),
     Option("fields", YES_NO, True, Reader.OUTPUT, SINGLE, "write the fields for ParaView"),
@@ -216,7 +218,7 @@ STUDIES = (
 SECTIONS = {"Runs": RUNS, "Mesh and time steps": MESHES, "Solver": SETTINGS, "Studies": STUDIES}
 TABLE = tuple(option for options in SECTIONS.values() for option in options)
 OF_RUNS = frozenset(option.name for option in TABLE  # options of runs that no scene reads
-                    if "run" in option.commands and option.reader is not EXPORT)
+                    if "run" in option.commands and option not in MESHES)
 
 Settings = make_dataclass(
     "Settings", [(option.name, type(option.default), option.default) for option in SETTINGS],
@@ -259,9 +261,9 @@ def read(command: str, pairs: dict[str, str]) -> Given:
                                  "them out")
     settings = {option.name for option in SETTINGS}
     parameters = {name: value for name, value in pairs.items()
-                  if name not in known or known[name].reader is EXPORT}
+                  if name not in known or known[name] in MESHES}
     values = {name: given.get(name, option.default) for name, option in known.items()
-              if name not in settings and option.reader is not EXPORT}
+              if name not in settings and option not in MESHES}
     return Given(values, {name: given[name] for name in given if name in settings}, parameters)
 
 

@@ -291,7 +291,7 @@ def run(directory: Path, request: Request, comm) -> tuple[int, str]:
     root = comm.rank == 0
     settings = Settings(**{"uniqueness": "no", **request.settings})
     levels = Levels(Path(request.script), {**request.parameters, "sampling": str(SAMPLING)}, directory / "levels", comm,
-                    settings)
+                    settings, without=request.without)
     say = lambda line: print(f"{request.scene}: {line}", flush=True) if root and not request.quiet else None
     status, reason, search = 0, "", None
     try:

@@ -15,6 +15,7 @@ class Request:
     script: str  # path of the scene
     parameters: dict[str, str]  # of the scene
     settings: dict[str, float | int | str]  # of options.Settings, only those that were given
+    without: tuple[str, ...] = ()  # effects of the scene that are treated as undeclared
     quiet: bool = False  # no progress on the screen
     fields: bool = True  # write the fields for ParaView
     errors: str = "yes"  # estimates of all errors, "energy": that of the energy norm alone, or "no"
@@ -30,8 +31,8 @@ class Request:
     def of(cls, run, **parts) -> "Request":
         """The request of `run` (a runs.run.Run); `parts` are further entries, or other ones."""
         entries = {"scene": run.scene.stem, "script": str(run.scene), "parameters": run.parameters,
-                   "settings": run.settings, "quiet": run.quiet, "fields": run.fields,
-                   "errors": run.errors, "accuracy": run.accuracy}
+                   "settings": run.settings, "without": run.without, "quiet": run.quiet,
+                   "fields": run.fields, "errors": run.errors, "accuracy": run.accuracy}
         return cls(**entries | parts)
 
     def write(self, directory: Path) -> None:
@@ -42,7 +43,7 @@ class Request:
     def read(cls, directory: Path) -> "Request":
         """The request in `directory`."""
         entries = json.loads((directory / NAME).read_text())
-        for name in ("accuracy", "cycles", "values"):  # JSON knows lists only
+        for name in ("without", "accuracy", "cycles", "values"):  # JSON knows lists only
             if entries[name] is not None:
                 entries[name] = tuple(entries[name])
         return cls(**entries)

@@ -32,6 +32,7 @@ class Run:
     ranks: int
     settings: dict  # of the solver, only those that were given
     parameters: dict[str, str]  # of the scene, as text
+    without: tuple[str, ...] = ()
     fields: bool = True
     figures: bool = True
     quiet: bool = False
@@ -48,7 +49,8 @@ class Run:
         for name in sorted(set(given.parameters) & set(freefem.RESERVED)):
             raise InputError(f"{name.upper()} is no parameter of a scene: FreeFEM and the driver "
                              "use the word themselves")
-        names = ("fields", "figures", "quiet", "resume", "adapt", "errors", "accuracy")
+        names = ("without", "fields", "figures", "quiet", "resume", "adapt", "errors",
+                 "accuracy")
         return cls(scene, given["out"] or RESULTS / scene.stem, given["np"], given.settings,
                    given.parameters, **{name: given[name] for name in names})
 
@@ -115,9 +117,10 @@ def _cycle(run: Run, place: Workspace, work: Path, before: list[Path],
     clock = time.perf_counter()
     sizes = before[-1] / adaptivity.STEM if before else None
     freefem.export(run.scene, work / "export", run.parameters, run.ranks, sizes,
-                   lambda: launch.preload(solver, run.ranks))
+                   lambda: launch.preload(solver, run.ranks), run.without)
     identity = fingerprint(seal.read(work / "export").content,
-                           {**request.settings, "fields": request.fields})
+                           {**request.settings, "fields": request.fields,
+                            "without": list(request.without)})
     _resume(run, place, work, identity)
     seconds = {**adaptivity.seconds(before), "export": time.perf_counter() - clock}
     request = dataclasses.replace(request, fingerprint=identity, seconds=seconds)

@@ -155,7 +155,7 @@ def _budget(directory: Path, request: Request, problem, writer, comm) -> dict:
 
     settings = Settings(**{**request.settings, "uniqueness": "no"})
     levels = Levels(Path(request.script), request.parameters, directory / "companions", comm, settings,
-                    [Path(place) for place in request.cycles])
+                    [Path(place) for place in request.cycles], request.without)
     try:
         return assess(levels, problem, settings, *writer.record.quantities())
     finally:

@@ -54,8 +54,9 @@ def make_study(pairs: dict[str, str]) -> tuple[dict, Path]:
         clock, work = time.perf_counter(), place.path
         freefem.export_study(
             run.scene, work / "values", run.parameters, name, values,
-            meanwhile=lambda: freefem.export(run.scene, work / "export", run.parameters, run.ranks,
-                                             meanwhile=lambda: launch.preload(solver, run.ranks)))
+            lambda: freefem.export(run.scene, work / "export", run.parameters, run.ranks, None,
+                                   lambda: launch.preload(solver, run.ranks), run.without),
+            run.without)
         request = Request.of(run, study=name, values=tuple(values),
                              seconds={"export": time.perf_counter() - clock})
         status, reason = launch.solve(work, request, run.ranks, solver)
@@ -73,7 +74,7 @@ def make_study(pairs: dict[str, str]) -> tuple[dict, Path]:
 
 def _studied(pairs: dict[str, str]) -> tuple[str, list[str]]:
     """The one parameter with several values, and those."""
-    several = [name for name, text in pairs.items() if name not in ("scene", "out") and ("," in text or ":" in text)]
+    several = [name for name, text in pairs.items() if name not in options.OF_RUNS and ("," in text or ":" in text)]
     if len(several) != 1:
         raise InputError("a study needs SCENE= and exactly one parameter with several values: first:last:count or a,b,c"
                          + f" (here {', '.join(map(str.upper, several)) or 'none'})")

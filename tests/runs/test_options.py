@@ -28,6 +28,17 @@ def test_every_option_stands_once_and_is_complete():
         assert option.required or option.default_text, option.name
 
 
+def test_an_effect_left_out_is_undeclared(solved):
+    """In the run and in those beside it that estimate its errors, not only in the export."""
+    run = solved("model", cells=2, subdomains="2x1", steps=2, without="friction", errors="yes")
+    twin = solved("model-frictionless", cells=2, subdomains="2x1", steps=2, errors="yes")
+    assert run.summary["effects"]["friction"] == "none" and run.summary["errors"]["quantities"]
+    assert run.summary["sizes"] == twin.summary["sizes"]
+    assert not run.contact["sigma_t"].any() and run.contact["sigma_n"].any()
+    wrong = solved("model", without="frictoin")
+    assert wrong.status == 2 and "frictoin" in wrong.reason and "\n" not in wrong.reason
+
+
 @pytest.mark.parametrize("option", [option for option in options.TABLE if not option.otherwise],
                          ids=lambda option: f"{option.commands[0]} {option.name}")
 def test_defaults_read_as_on_the_command_line(option):
@@ -87,6 +98,8 @@ def test_reference_has_a_row_for_every_option():
     ("effects", "SCENE=model FIGURES=no", "the study decides on FIGURES itself"),
     ("accuracy", "SCENE=model ADAPT=1", "the study decides on ADAPT itself"),
     ("study", "SCENE=model RESUME=no", "RESUME belongs to single runs"),
+    ("effects", "SCENE=model WITHOUT=gap", "the study decides on WITHOUT itself"),
+    ("run", "SCENE=model WITHOUT=gap,", "WITHOUT=gap, lacks a name"),
     ("study", "FRICTION=0.3", "make study needs SCENE="),
     ("model", "SCENE=punch", "make model decides on SCENE itself"),
     ("saddle", "RTOL=1e-3", "the matrix does not depend on RTOL"),
@@ -123,7 +136,7 @@ def test_lists_keep_their_order_and_lose_repetitions():
 
 def test_requests_survive_their_file(tmp_path):
     """Ranks of their own get what this process would have used."""
-    run = Run.from_pairs({"scene": "model", "max_products": "70", "accuracy": "1%,slip"})
+    run = Run.from_pairs({"scene": "model", "max_products": "70", "without": "friction"})
     request = Request.of(run, cycles=("a", "b"), study="friction", values=("0.1", "0.2"),
                          fingerprint={"program": "x"}, seconds={"export": 0.1})
     request.write(tmp_path)
