@@ -54,14 +54,16 @@ class Level:
 class Levels:
     """Meshes and finished runs of one scene."""
 
-    def __init__(self, scene: Path, parameters: dict[str, str], folder: Path, comm, settings: Settings, cycles=()):
+    def __init__(self, scene: Path, parameters: dict[str, str], folder: Path, comm, settings: Settings, cycles=(),
+                 without=()):
         """`parameters` of the command line; exports go to `folder`, which `close` removes. `settings` of the runs in which
         contact is linearized, if they ask for that.
 
         `cycles`: directories of finished cycles of adaptive refinement, whose exports are the meshes cycle=0, 1, ...
+        `without`: effects of the scene that are treated as undeclared.
         """
         self.scene, self.parameters, self.folder, self.comm, self.cycles = scene, parameters, folder, comm, cycles
-        self.settings = settings
+        self.settings, self.without = settings, without
         self.problems: dict = {}
         self.runs: dict = {}
         self.seconds = dict.fromkeys(("export", "setup", "solve"), 0.0)
@@ -85,7 +87,7 @@ class Levels:
         if self.comm.rank == 0:
             try:
                 words = {name: f"{value:.17g}" for name, value in changes.items()}
-                freefem.export(self.scene, place, {**self.parameters, **words})
+                freefem.export(self.scene, place, {**self.parameters, **words}, without=self.without)
             except DriverError as problem:
                 error = problem
             except OSError as problem:

@@ -38,6 +38,7 @@ from ..estimates.budget import (
 from ..errors import DriverError, InputError, NoSolution, NotConverged, error_of
 from ..effects import Effects
 from ..effects.quasistatic import proportional
+from .request import Request
 
 COARSENING = (8, 4, 2, 1)  # of the scene's own mesh, for the first one that can be had
 SAMPLING = 32  # times of the load history per step of the scene
@@ -46,19 +47,6 @@ TIME, ALGEBRAIC, ROOM = 0.35, 0.05, 0.85
 LAST = 0.7  # of what is allowed may be the time step's part where there are no more steps to take
 LARGEST = 300_000  # vertices; twice as many unknowns
 TOLERANCES = ("rtol", "friction_rtol", "primal_rtol")
-CHOSEN = ("cells", "h", "steps", "rtol", "friction_rtol", "primal_rtol", "adapt")
-
-
-def parse(text: str) -> tuple[float, str]:
-    """Relative error and quantity ("" if none is named) of 1%, 0.01 or 1%,quantity. Raises InputError."""
-    number, _, quantity = text.partition(",")
-    try:
-        value = float(number.removesuffix("%")) / (100 if number.endswith("%") else 1)
-    except ValueError:
-        value = math.nan
-    if not 0 < value < 1:
-        raise InputError(f"ACCURACY expects a relative error such as 1% or 0.01, and a quantity if you like, not '{text}'")
-    return value, quantity.strip()
 
 
 class Search:
@@ -294,20 +282,20 @@ class Search:
 
 # ---- the stage ---------------------------------------------------------------------------------------------
 
-def run(directory: Path, request: dict, comm) -> tuple[int, str]:
+def run(directory: Path, request: Request, comm) -> tuple[int, str]:
     """Search and write the results of the run found into `directory`; exit status and reason, on every rank alike."""
     from ..estimates.levels import Levels
     from ..options import Settings
 
     clock = time.perf_counter()
     root = comm.rank == 0
-    settings = Settings(**{"uniqueness": "no", **request["settings"]})
-    levels = Levels(Path(request["path"]), {**request["parameters"], "sampling": str(SAMPLING)}, directory / "levels", comm,
-                    settings)
-    say = lambda line: print(f"{request['scene']}: {line}", flush=True) if root and not request["quiet"] else None
+    settings = Settings(**{"uniqueness": "no", **request.settings})
+    levels = Levels(Path(request.script), {**request.parameters, "sampling": str(SAMPLING)}, directory / "levels", comm,
+                    settings, without=request.without)
+    say = lambda line: print(f"{request.scene}: {line}", flush=True) if root and not request.quiet else None
     status, reason, search = 0, "", None
     try:
-        search = Search(levels, settings, *request["accuracy"], say)
+        search = Search(levels, settings, *request.accuracy, say)
         search.run()
     except DriverError as problem:
         status, reason = problem.exit_status, str(problem)
@@ -320,7 +308,7 @@ def run(directory: Path, request: dict, comm) -> tuple[int, str]:
     return status, reason
 
 
-def _write(directory: Path, request: dict, search: Search, status: int, reason: str, clock: float) -> None:
+def _write(directory: Path, request: Request, search: Search, status: int, reason: str, clock: float) -> None:
     """Results of the finest run, as an ordinary run leaves them."""
     from ..results.writer import Writer
     from .solve import ledger_of, summarize
@@ -333,7 +321,7 @@ def _write(directory: Path, request: dict, search: Search, status: int, reason: 
         parameters={k: v for k, v in problem.manifest.parameters.items() if k not in ("sampling", "coarsening")}
         | {"steps": search.steps})
     begun = time.perf_counter()
-    writer = Writer(directory, manifest, problem.operator, level.solver, request["fields"])
+    writer = Writer(directory, manifest, problem.operator, level.solver, request.fields)
     for step, coefficient in level.trace:
         level.solver.rows.coefficient = coefficient
         writer.add(step)

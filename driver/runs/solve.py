@@ -23,6 +23,7 @@ from ..march.step import StepFailed
 from ..results.relinearization import linearized
 from ..results.writer import Writer
 from ..timing import Laps
+from .request import Request
 from .workspace import lock_log
 
 
@@ -67,31 +68,29 @@ class Progress:
             self.bar.close()
 
 
-def run(directory: Path, request: dict, comm) -> tuple[int, str]:
+def run(directory: Path, request: Request, comm) -> tuple[int, str]:
     """Solve the export in ``directory/export`` and write the results into `directory`.
 
-    `request` holds scene, settings (of options.Settings), fields (bool), quiet (bool), seconds (of the
-    stages before), errors, refine (bool) and fingerprint (see checkpoint). Goes on from a checkpoint in `directory`, if
-    one is there. Collective over `comm`; returns exit status and reason, the same on every rank. Raises DriverError, on
+    Goes on from a checkpoint in `directory`, if one is there. Collective over `comm`; returns exit status and reason, the same on every rank. Raises DriverError, on
     all ranks alike, where there is nothing to keep.
     """
-    lap = Laps(request["seconds"])
+    lap = Laps(request.seconds)
     seconds = lap.seconds
-    settings = Settings(**request["settings"])
+    settings = Settings(**request.settings)
     problem = linearized(assemble(directory / "export", comm, lap), settings, comm)
     manifest, structure, operator = problem.manifest, problem.structure, problem.operator
     solver = problem.solver(settings)
     lap("setup")
-    writer = Writer(directory, manifest, operator, solver, request["fields"])
+    writer = Writer(directory, manifest, operator, solver, request.fields)
     estimator = EnergyEstimator(operator, manifest, writer.contact, settings.estimator)
     parts = {"solver": solver, "writer": writer, "estimator": estimator}
-    checkpoints = Checkpoints(directory, request["fingerprint"], parts, comm)
+    checkpoints = Checkpoints(directory, request.fingerprint, parts, comm)
     checkpoints.restore()
     root, done, spent = comm.rank == 0, solver.history.steps, solver.history.seconds
     with agreed_writes(comm):
-        progress = Progress(manifest.steps, done, request["scene"], request["quiet"] or not root,
+        progress = Progress(manifest.steps, done, request.scene, request.quiet or not root,
                             directory / "run.log" if root else None)
-        progress.note(f"{request['scene']} {manifest.parameters} {request['settings']} on {comm.size} ranks"
+        progress.note(f"{request.scene} {manifest.parameters} {request.settings} on {comm.size} ranks"
                       + f", resumed after step {done}" * bool(done))
     history, failure = solver.history, None
 
@@ -117,13 +116,13 @@ def run(directory: Path, request: dict, comm) -> tuple[int, str]:
     summary = summarize(request, problem, solver, failure, settings, comm)
     lap("output")
     seconds["output"] -= history.seconds - spent  # of this process; seconds["solve"] is that of all steps
-    if request["errors"] != "no" and not (failure and failure.exit_status == 3):
+    if request.errors != "no" and not (failure and failure.exit_status == 3):
         estimates = estimator.estimates()
         summary["errors"] = {"energy": _energy_error(estimates, writer, estimator.kind)}
-        if request.get("refine"):
+        if request.refine:
             _next_mesh(directory, estimator, estimates, comm)
         lap("energy_error")
-    if request["errors"] == "yes" and not failure:
+    if request.errors == "yes" and not failure:
         summary["errors"] |= _budget(directory, request, problem, writer, comm)
         lap("estimates")
     seconds["total"] = sum(seconds.values())
@@ -149,13 +148,13 @@ def _next_mesh(directory: Path, estimator, estimates, comm) -> None:
                                  elements.DEGREE[estimator.manifest.element])
 
 
-def _budget(directory: Path, request: dict, problem, writer, comm) -> dict:
+def _budget(directory: Path, request: Request, problem, writer, comm) -> dict:
     """Error budget in the quantities of interest, from companions of the finished run."""
     from ..estimates.levels import Levels, assess
 
-    settings = Settings(**{**request["settings"], "uniqueness": "no"})
-    levels = Levels(Path(request["path"]), request["parameters"], directory / "companions", comm, settings,
-                    [Path(place) for place in request["cycles"]])
+    settings = Settings(**{**request.settings, "uniqueness": "no"})
+    levels = Levels(Path(request.script), request.parameters, directory / "companions", comm, settings,
+                    [Path(place) for place in request.cycles], request.without)
     try:
         return assess(levels, problem, settings, *writer.record.quantities())
     finally:
@@ -170,7 +169,7 @@ def summarize(request, problem, solver, failure: DriverError | None, settings, c
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     variant = next((str(v) for k, v in manifest.parameters.items() if k == "loading"), "")
     return {
-        "scene": request["scene"], "variant": variant, "converged": failure is None,
+        "scene": request.scene, "variant": variant, "converged": failure is None,
         "reason": reason,
         "warnings": [*history.warnings, *history.fallbacks.warnings(), *uniqueness.warnings(),
                      *([reason] if reason else [])],

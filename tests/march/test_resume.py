@@ -232,7 +232,7 @@ def test_a_living_run_keeps_its_directory(tmp_path):
     """Two runs to the same place do not get into each other's way."""
     first = workspace.Workspace(tmp_path / "out")
     second = workspace.Workspace(tmp_path / "out")
-    assert first.path != second.path and second.left == []
+    assert first.path != second.path and second.abandoned == []
     for place in (first, second):
         with place:
             pass

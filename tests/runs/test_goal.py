@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from test_scenes_hertz import NU, hertz
 
-from driver.runs import goal
+from driver.arguments import SHARE
 from driver.errors import InputError
+from driver.runs import goal
 
 RING = 210e3 / 1.3 * 0.05 / (0.4 * 20 / 35**2 + 1 / 20) * (1 / 20**2 - 1 / 35**2)  # Lame's pressure, pressfit.edp
 WALL = 200 - 210e3 * 0.7 / (1.3 * 0.4) * 0.005 / 10  # pull less what closes the gap, bar.edp
@@ -26,10 +27,11 @@ def met(run, quantity, truth, asked, margin=1.0):
 
 
 def test_requests_are_read():
-    assert goal.parse("1%") == (0.01, "") and goal.parse("0.05,slip") == (0.05, "slip")
+    assert SHARE.read("ACCURACY", "1%") == (0.01, "")
+    assert SHARE.read("ACCURACY", "0.05,slip") == (0.05, "slip")
     for text in ("1", "0%", "-1%", "nan", "one", "%", ",slip"):
         with pytest.raises(InputError):
-            goal.parse(text)
+            SHARE.read("ACCURACY", text)
 
 
 @pytest.mark.parametrize("asked", [0.1, 0.03, 0.01])
