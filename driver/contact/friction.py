@@ -11,9 +11,7 @@ import numpy as np
 from mpi4py import MPI
 
 from ..feti.substructuring import GLUING, Substructure
-
-OPEN, STICK, SLIP = 0, 1, 2
-STATUS_NAMES = ("open", "stick", "slip")
+from .states import OPEN, SLIP, STICK
 
 
 @dataclass(frozen=True)

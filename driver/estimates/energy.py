@@ -45,7 +45,7 @@ from . import equilibration, recovery
 from ..scene.loader import Subdomain
 from ..scene.manifest import Manifest
 from .pair_bound import PairBound, continued, slid
-from ..march.step import Step, gathered, scattered
+from ..march.step import Step
 
 NOTHING = 1e-6  # displacements below this part of the largest ones of the run are what tolerances leave
 SLOWEST = 0.99  # largest rate of contraction of the fixed point that its remaining changes are extrapolated with
@@ -132,20 +132,6 @@ class EnergyEstimator:
         self.last = (energy, step, state)
         if self.largest is None or energy > (1 + 1e-9) * self.largest[0]:
             self.largest = self.last
-
-    def snapshot(self) -> dict | None:
-        """The steps kept so far, for `restore`, on rank 0; collective."""
-        kept = {name: getattr(self, name) for name in ("last", "largest")}
-        found = {name: gathered(step, self.rows, len(self.boundary.gid), self.operator.comm)
-                 for name, (_, step, _) in kept.items()}
-        return {name: {"energy": energy, "step": found[name], "state": state}
-                for name, (energy, _, state) in kept.items()} if self.root else None
-
-    def restore(self, state: dict) -> None:
-        """Continue from a `snapshot` of the same problem; the same on every rank."""
-        for name, kept in state.items():
-            step = scattered(kept["step"], self.rows, self.operator.structure.row_range)
-            setattr(self, name, (kept["energy"], step, kept["state"]))
 
     def estimates(self) -> list[tuple[Step, Estimate]]:
         """Of the last step and, if it is another one, of the step with the largest energy; the same on all ranks.
@@ -290,7 +276,7 @@ class EnergyEstimator:
 
     def _moved(self, step: Step) -> np.ndarray | None:
         """Torn displacements by the last change of the friction forces, on rank 0; None where there was none."""
-        if step.moved is None:
+        if not self.operator.comm.allreduce(int(np.count_nonzero(step.moved))):
             return None
         return self._gather_fields(self.operator.displacements(step.moved, np.zeros(len(step.weights))))
 
@@ -477,7 +463,7 @@ class _ContactTractions:
         """`contact` is results.ContactState, `outer_edges` (n, 3) vertex, vertex, label, `state` of the step;
         `move`, `step_move` (n_k, 2): displacement of the clamped nodes and its change in the step."""
         b, c = contact.boundary, contact.boundary.clamped
-        self.boundary, self.held, self.computed = b, contact.held, state
+        self.boundary, self.held, self.computed = b, contact.constrained, state
         self.gid, self.label = np.concatenate([b.gid, c.gid]), np.concatenate([b.label, c.label])
         self.xy, self.normal = np.concatenate([b.xy, c.xy]), np.concatenate([b.normal, c.normal])
         self.tangent = np.column_stack([-self.normal[:, 1], self.normal[:, 0]])

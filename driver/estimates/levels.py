@@ -29,7 +29,7 @@ from ..options import Settings
 from ..march.problem import Problem, assemble
 from ..march.quasistatic import QuasistaticSolver
 from ..results.relinearization import linearized
-from ..results.writer import Record
+from ..results.record import Record
 
 SETTLED = 1e-7  # a loose fixed point may stop where one a hundred times tighter does: the companion's is this at most
 TIGHTER = 100.0  # tolerances of the companions that tell what those of the run leave
@@ -48,7 +48,7 @@ class Level:
     at: int  # index of the step that they belong to
     products: int
     solver: QuasistaticSolver
-    trace: list  # its steps, each with the friction coefficients or bounds that its rows had then
+    steps: list  # its `Step`s
 
 
 class Levels:
@@ -107,15 +107,15 @@ class Levels:
     def _run(self, problem: Problem, settings: Settings, stride: int) -> Level:
         clock, before = time.perf_counter(), problem.operator.products
         solver = problem.solver(settings, samples(problem.manifest.steps, stride))
-        record, trace = Record(problem.operator, solver), []
+        record, steps = Record(problem.operator, solver), []
         for step in solver.steps():
             record.add(step)
-            trace.append((step, solver.rows.bound))
+            steps.append(step)
         products = problem.operator.products - before
         self.products += products
         self.seconds["solve"] += time.perf_counter() - clock
         solver.history.check()
-        return Level(*record.quantities(), products, solver, trace)
+        return Level(*record.quantities(), products, solver, steps)
 
     def close(self) -> None:
         """Remove what is left of the exports."""

@@ -12,14 +12,12 @@ import json
 import os
 import shutil
 import sys
-import time
 import zlib
 from pathlib import Path
 
 import numpy as np
 
 from ..environment import ROOT
-from ..errors import agreed_writes
 from ..files import renamed
 
 NAME = "checkpoint.bin"
@@ -35,34 +33,8 @@ def fingerprint(content: str, options: dict) -> dict:
     return {"scene or parameters": content, "options": options, "program": program.hexdigest()}
 
 
-class Checkpoints:
-    """Saves and restores the `parts` of a run, which have snapshot() and restore(), in `directory`; collective."""
-
-    def __init__(self, directory: Path, identity: dict, parts: dict, comm):
-        self.directory, self.identity, self.parts, self.comm = directory, identity, parts, comm
-        self.next = 0.0  # time.perf_counter() from which another one may be written
-
-    def restore(self) -> None:
-        """Put all parts where a checkpoint has left them, if there is one."""
-        state = self.comm.bcast(read(self.directory) if self.comm.rank == 0 else None)
-        if state is not None:
-            for name, part in self.parts.items():
-                part.restore(state[name])
-
-    def save(self) -> None:
-        """Keep the state after the last step, unless the share of time for checkpoints is used up."""
-        start = time.perf_counter()
-        if not self.comm.bcast(start >= self.next):
-            return
-        state = {"fingerprint": self.identity, **{name: part.snapshot() for name, part in self.parts.items()}}
-        with agreed_writes(self.comm):
-            if self.comm.rank == 0:
-                _write(self.directory, state)
-        now = time.perf_counter()
-        self.next = now + (now - start) / SHARE
-
-
-def _write(directory: Path, state: dict) -> None:
+def write(directory: Path, state: dict) -> None:
+    """Keep `state`, dictionaries of numbers, words, lists and arrays, in `directory`. Raises OSError."""
     arrays = {}
     text = json.dumps(_without_arrays(state, arrays))
     whole = io.BytesIO()
@@ -84,6 +56,11 @@ def _without_arrays(value, arrays: dict):
     return value
 
 
+def _with_array(entry: dict, arrays: dict):
+    """The array whose name `entry` holds, or `entry` itself."""
+    return arrays[entry["array"]] if set(entry) == {"array"} else entry
+
+
 def read(directory: Path) -> dict | None:
     """The state kept in `directory`; None if there is none, or one that is damaged or lacks files of fields.
 
@@ -95,9 +72,8 @@ def read(directory: Path) -> dict | None:
             return None
         with np.load(io.BytesIO(content[4:]), allow_pickle=False) as kept:
             arrays = {name: kept[name] for name in kept.files}
-        put_back = lambda entry: arrays[entry["array"]] if set(entry) == {"array"} else entry
-        state = json.loads(arrays["text"].tobytes(), object_hook=put_back)
-        return state if all(_ends(directory / name) for _, name in state["writer"]["vtu"]) else None
+        state = json.loads(arrays["text"].tobytes(), object_hook=lambda entry: _with_array(entry, arrays))
+        return state if all(_ends(directory / name) for name in state["files"]) else None
     except OSError as problem:
         if problem.errno == errno.ENOMEM:  # not what an error that is being handled was about
             raise
@@ -114,7 +90,7 @@ def _ends(path: Path) -> bool:
 def copy(source: Path, target: Path) -> None:
     """Give `target` what a run needs to go on from `source`, the checkpoint last; `source` keeps it as well."""
     state = read(source)
-    for _, name in state["writer"]["vtu"]:
+    for name in state["files"]:
         (target / name).parent.mkdir(exist_ok=True)
         _link(source / name, target / name)
     shutil.copy(source / "run.log", target / "run.log")

@@ -166,7 +166,7 @@ class QuasistaticSolver:
         self._examine(index, load, x, gradient, trace)
         self.bodies.note_loose_motion(index, x)
         return Step(index, float(self.times[index]), load.weights, x, gradient, friction.status(rows, x),
-                    trace.iterations, op.products - products, trace.contraction, residuals, moved)
+                    rows.friction_bound(x), trace.iterations, op.products - products, trace.contraction, residuals, moved)
 
     def _examine(self, index: int, load: Load, x, gradient, trace: Trace) -> None:
         """Look for other solutions of the step where there is reason to; see `uniqueness`."""
@@ -188,13 +188,13 @@ class QuasistaticSolver:
         found.examine(index, problem, self.condensation.gather(x), contact.weight[contact.normal_row >= 0])
 
     def _into_cone(self, d, x, gradient, sliding):
-        """Multipliers put exactly into the cone of their own pressures, their gradient, the change (None: no change).
+        """Multipliers put exactly into the cone of their own pressures, their gradient, the change.
 
         The last QP was solved with the bound of the iterate before. Nodes that slid stay on the bound and
         the others inside it, so that the active set the QP has found is kept.
         """
         final, renewed = self.qp.placed(self.rows.follow(x, sliding), d, x, gradient)
-        return final, renewed, None if final is x else final - x
+        return final, renewed, final - x
 
     def _residuals(self, load: Load, x, gradient) -> dict:
         """KKT residuals of the step's state."""

@@ -19,7 +19,7 @@ from ..errors import InputError
 from ..feti.fetidp import DualOperator
 from ..options import Settings
 from ..march.problem import Problem
-from .writer import Record
+from .record import Record
 
 
 def linearized(problem: Problem, settings: Settings, comm) -> Problem:

@@ -322,7 +322,8 @@ def run(directory: Path, request: dict, comm) -> tuple[int, str]:
 def _write(directory: Path, request: dict, search: Search, status: int, reason: str, clock: float) -> None:
     """Results of the finest run, as an ordinary run leaves them."""
     from ..results.writer import Writer
-    from .solve import ledger_of, summarize
+    from .solve import _finish, ledger_of, summarize
+    from ..files import write_json
 
     levels, size = search.levels, {search.knob: search.sizes[-1]}
     comm, problem, level = levels.comm, levels.problem(**size), search._level(search.sizes[-1])
@@ -333,8 +334,7 @@ def _write(directory: Path, request: dict, search: Search, status: int, reason: 
         | {"steps": search.steps})
     begun = time.perf_counter()
     writer = Writer(directory, manifest, problem.operator, level.solver, request["fields"])
-    for step, bound in level.trace:
-        level.solver.rows.bound = bound
+    for step in level.steps:
         writer.add(step)
     history = level.solver.history
     history.exit_status, history.reason = status, reason
@@ -352,7 +352,9 @@ def _write(directory: Path, request: dict, search: Search, status: int, reason: 
     summary["effects_ledger"] = ledger_of(summary, manifest, problem.structure, history,
                                           problem.manifest.factors[:: search.stride],
                                           writer, comm)
-    writer.close(summary)
+    writer.close()
+    _finish(summary, writer)
     if comm.rank == 0:
+        write_json(directory / 'summary.json', summary)
         (directory / "run.log").write_text(json.dumps(summary["accuracy"]) + "\n")
         levels.place(**size).rename(directory / "export")

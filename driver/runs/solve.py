@@ -11,7 +11,7 @@ from petsc4py import PETSc
 
 from ..estimates import adaptivity, soundness
 from ..scene import elements
-from ..march.checkpoint import Checkpoints
+from ..march.saving import Checkpoints
 from ..errors import agreed_writes
 from ..estimates.energy import EnergyEstimator, report
 from ..results.ledger import effects_ledger
@@ -21,6 +21,7 @@ from ..march.problem import assemble
 from ..results.relinearization import linearized
 from ..results.writer import Writer
 from ..timing import Laps
+from ..files import write_json
 from .workspace import lock_log
 
 PRIMAL = {"gluing": 0, "normal": 1, "tangential": 2}
@@ -84,9 +85,9 @@ def run(directory: Path, request: dict, comm) -> tuple[int, str]:
     lap("setup")
     writer = Writer(directory, manifest, operator, solver, request["fields"])
     estimator = EnergyEstimator(operator, manifest, writer.contact, settings.estimator)
-    parts = {"solver": solver, "writer": writer, "estimator": estimator}
-    checkpoints = Checkpoints(directory, request["fingerprint"], parts, comm)
-    checkpoints.restore()
+    checkpoints = Checkpoints(directory, request["fingerprint"], solver)
+    for step in checkpoints.restore():
+        estimator.consider(step, *writer.add(step, replayed=True))
     root, done, spent = comm.rank == 0, solver.history.steps, solver.history.seconds
     with agreed_writes(comm):
         progress = Progress(manifest.steps, done, request["scene"], request["quiet"] or not root,
@@ -98,7 +99,7 @@ def run(directory: Path, request: dict, comm) -> tuple[int, str]:
             progress.update(step)
         estimator.consider(step, *writer.add(step))
         if solver.history.exit_status == 0:
-            checkpoints.save()
+            checkpoints.save(step, writer.files)
     history = solver.history
     history.warnings += soundness.warnings(problem, estimator.largest and estimator.largest[1])
     with agreed_writes(comm):
@@ -119,7 +120,11 @@ def run(directory: Path, request: dict, comm) -> tuple[int, str]:
     seconds["total"] = sum(seconds.values())
     summary["seconds"], summary["resumed_after_step"] = seconds, done
     summary["effects_ledger"] = ledger_of(summary, manifest, structure, history, manifest.factors, writer, comm)
-    writer.close(summary)
+    writer.close()
+    _finish(summary, writer)
+    with agreed_writes(comm):
+        if root:
+            write_json(directory / 'summary.json', summary)
     return history.exit_status, history.reason
 
 
@@ -187,6 +192,14 @@ def ledger_of(summary, manifest: Manifest, structure, history, amplitudes, write
     return effects_ledger(summary["effects"], summary["sizes"], patterns, amplitudes,
                           writer.history_rows, history.log, history.seconds,
                           bool(structure.contact.gap.any()), bool(structure.contact.initial.any()))
+
+
+def _finish(summary, writer):
+    summary["balance"] = writer.balance
+    if writer.history_rows:
+        summary["quantities"], at = writer.record.quantities()
+        summary["quantities_time"] = writer.history_rows[at]["time"]
+    summary["dissipated"] = writer.dissipated
 
 
 def _versions() -> dict:

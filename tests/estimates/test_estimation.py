@@ -12,7 +12,7 @@ from driver import environment
 from driver.estimates import equilibration
 from driver.contact import mortar
 from driver.estimates.energy import EnergyEstimator
-from driver.results.writer import ContactState
+from driver.results.contact_state import ContactState
 from test_scenes_zones import strain as exact_zones
 
 SCENES = environment.ROOT / "edp"

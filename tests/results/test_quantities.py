@@ -7,7 +7,7 @@ import pytest
 from test_scenes_hertz import NU, R, hertz
 
 from driver.results import quantities as q
-from driver.contact.friction import OPEN, SLIP, STICK
+from driver.contact.states import OPEN, SLIP, STICK
 
 A, P0 = 0.3, 2.0
 
