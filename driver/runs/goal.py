@@ -321,40 +321,39 @@ def run(directory: Path, request: dict, comm) -> tuple[int, str]:
 
 def _write(directory: Path, request: dict, search: Search, status: int, reason: str, clock: float) -> None:
     """Results of the finest run, as an ordinary run leaves them."""
+    from ..results import summary
     from ..results.writer import Writer
-    from .solve import _finish, ledger_of, summarize
-    from ..files import write_json
 
-    levels, size = search.levels, {search.knob: search.sizes[-1]}
-    comm, problem, level = levels.comm, levels.problem(**size), search._level(search.sizes[-1])
-    manifest = dataclasses.replace(
-        problem.manifest, steps=search.steps,
-        amplitudes={k: values[:: search.stride] for k, values in problem.manifest.amplitudes.items()},
-        parameters={k: v for k, v in problem.manifest.parameters.items() if k not in ("sampling", "coarsening")}
-        | {"steps": search.steps})
-    begun = time.perf_counter()
-    writer = Writer(directory, manifest, problem.operator, level.solver, request["fields"])
+    begun, size, levels = time.perf_counter(), {search.knob: search.sizes[-1]}, search.levels
+    comm, level = levels.comm, search._level(search.sizes[-1])
+    problem = _as_asked(search, levels.problem(**size))
+    writer = Writer(directory, problem.manifest, problem.operator, level.solver, request["fields"])
     for step in level.steps:
         writer.add(step)
     history = level.solver.history
     history.exit_status, history.reason = status, reason
-    summary = summarize(request, manifest, problem.structure, history, level.solver.uniqueness,
-                        search.scaled(search.settings, search.stride), comm)
-    found = search.budget()
-    entry, settings = found[search.name], " ".join(f"{name}={value}" for name, value in search.chosen().items())
-    summary["errors"] = {"quantities": found, "notes": [], "advice":
-                         f"{search.name.replace('_', ' ')} to {share(entry['total'], entry['value'])}, asked for "
-                         f"{100 * search.asked:g} %; the same settings by hand: {settings}"}
-    summary["accuracy"] = {"quantity": search.name, "asked": search.asked, "reached": entry["relative"],
-                           "settings": search.chosen(), "levels": len(search.sizes), "products": levels.products}
-    now = time.perf_counter()
-    summary["seconds"] = {"read": 0.0, **levels.seconds, "output": now - begun, "total": now - clock}
-    summary["effects_ledger"] = ledger_of(summary, manifest, problem.structure, history,
-                                          problem.manifest.factors[:: search.stride],
-                                          writer, comm)
     writer.close()
-    _finish(summary, writer)
+    budget, chosen = search.budget(), search.chosen()
+    entry, settings = budget[search.name], " ".join(f"{name}={value}" for name, value in chosen.items())
+    errors = {"quantities": budget, "notes": [], "advice":
+              f"{search.name.replace('_', ' ')} to {share(entry['total'], entry['value'])}, asked for "
+              f"{100 * search.asked:g} %; the same settings by hand: {settings}"}
+    accuracy = {"quantity": search.name, "asked": search.asked, "reached": entry["relative"],
+                "settings": chosen, "levels": len(search.sizes), "products": levels.products}
+    now = time.perf_counter()
+    seconds = {"read": 0.0, **levels.seconds, "output": now - begun, "total": now - clock}
+    summary.write(directory, summary.summarize(
+        request, problem, level.solver, search.scaled(search.settings, search.stride), writer,
+        summary.largest_memory(comm), seconds, errors=errors, accuracy=accuracy), comm)
     if comm.rank == 0:
-        write_json(directory / 'summary.json', summary)
-        (directory / "run.log").write_text(json.dumps(summary["accuracy"]) + "\n")
+        (directory / "run.log").write_text(json.dumps(accuracy) + "\n")
         levels.place(**size).rename(directory / "export")
+
+
+def _as_asked(search: Search, problem):
+    """The problem with the manifest of a run that has the chosen number of steps."""
+    manifest = problem.manifest
+    parameters = {name: value for name, value in manifest.parameters.items() if name not in ("sampling", "coarsening")}
+    return dataclasses.replace(problem, manifest=dataclasses.replace(
+        manifest, steps=search.steps, parameters={**parameters, "steps": search.steps},
+        amplitudes={name: values[:: search.stride] for name, values in manifest.amplitudes.items()}))

@@ -1,34 +1,26 @@
 """The SPMD part of a run: loader, operator, time stepping and results on one communicator."""
 
-import resource
 import sys
 import time
-from dataclasses import asdict
 from pathlib import Path
 
-import numpy as np
-from petsc4py import PETSc
-
-from ..estimates import adaptivity, soundness
-from ..scene import elements
-from ..march.saving import Checkpoints
 from ..errors import agreed_writes
+from ..estimates import adaptivity, soundness
 from ..estimates.energy import EnergyEstimator, report
-from ..results.ledger import effects_ledger
-from ..scene.manifest import Manifest
+from ..march.problem import Problem, assemble
+from ..march.quasistatic import QuasistaticSolver
+from ..march.saving import Checkpoints
 from ..options import Settings
-from ..march.problem import assemble
+from ..results import summary
 from ..results.relinearization import linearized
 from ..results.writer import Writer
+from ..scene import elements
 from ..timing import Laps
-from ..files import write_json
 from .workspace import lock_log
-
-PRIMAL = {"gluing": 0, "normal": 1, "tangential": 2}
 
 
 class Progress:
-    """Steps done, residual and time left: a bar on a terminal, plain lines elsewhere, all lines in a log."""
+    """Finished steps, residual and remaining time: a bar on a terminal, plain lines elsewhere, all lines in a log."""
 
     def __init__(self, total: int, done: int, label: str, quiet: bool, log: Path | None):
         """`done` steps of `total` are those of an interrupted run."""
@@ -72,136 +64,99 @@ def run(directory: Path, request: dict, comm) -> tuple[int, str]:
     """Solve the export in ``directory/export`` and write the results into `directory`.
 
     `request` holds scene, settings (of options.Settings), fields (bool), quiet (bool), seconds (of the
-    stages before), errors, refine (bool) and fingerprint (see checkpoint). Goes on from a checkpoint in `directory`, if
-    one is there. Collective over `comm`; returns exit status and reason, the same on every rank. Raises DriverError, on
-    all ranks alike, where there is nothing to keep.
+    stages before), errors, refine (bool) and fingerprint (see checkpoint). Goes on from a checkpoint in
+    `directory`, if there is one. Collective over `comm`; returns exit status and reason, the same on
+    every rank. Raises DriverError, on all ranks alike, where there is nothing to keep.
     """
     lap = Laps(request["seconds"])
-    seconds = lap.seconds
-    settings = Settings(**request["settings"])
+    seconds, settings = lap.seconds, Settings(**request["settings"])
     problem = linearized(assemble(directory / "export", comm, lap), settings, comm)
-    manifest, structure, operator = problem.manifest, problem.structure, problem.operator
     solver = problem.solver(settings)
     lap("setup")
-    writer = Writer(directory, manifest, operator, solver, request["fields"])
-    estimator = EnergyEstimator(operator, manifest, writer.contact, settings.estimator)
+    writer = Writer(directory, problem.manifest, problem.operator, solver, request["fields"])
+    estimator = EnergyEstimator(problem.operator, problem.manifest, writer.contact, settings.estimator)
+    resumed, before = _march(directory, request, problem, solver, writer, estimator)
+    history, memory = solver.history, summary.largest_memory(comm)
+    lap("output")
+    seconds["output"] -= history.seconds - before  # of this process
+    seconds["solve"] = history.seconds  # of all steps
+    errors = _errors(directory, request, problem, solver, writer, estimator, lap)
+    seconds["total"] = sum(seconds.values())
+    writer.close()
+    summary.write(directory, summary.summarize(request, problem, solver, settings, writer, memory, seconds,
+                                               resumed_after_step=resumed, errors=errors), comm)
+    return history.exit_status, history.reason
+
+
+def _march(directory: Path, request: dict, problem: Problem, solver: QuasistaticSolver, writer: Writer,
+           estimator: EnergyEstimator) -> tuple[int, float]:
+    """All time steps; number and seconds of those that an interrupted run has left."""
+    comm, history = writer.operator.comm, solver.history
     checkpoints = Checkpoints(directory, request["fingerprint"], solver)
     for step in checkpoints.restore():
         estimator.consider(step, *writer.add(step, replayed=True))
-    root, done, spent = comm.rank == 0, solver.history.steps, solver.history.seconds
+    resumed, before = history.steps, history.seconds
     with agreed_writes(comm):
-        progress = Progress(manifest.steps, done, request["scene"], request["quiet"] or not root,
-                            directory / "run.log" if root else None)
-        progress.note(f"{request['scene']} {manifest.parameters} {request['settings']} on {comm.size} ranks"
-                      + f", resumed after step {done}" * bool(done))
+        progress = _progress(directory, request, problem, resumed, comm)
     for step in solver.steps():
         with agreed_writes(comm):
             progress.update(step)
         estimator.consider(step, *writer.add(step))
-        if solver.history.exit_status == 0:
+        if history.exit_status == 0:
             checkpoints.save(step, writer.files)
-    history = solver.history
     history.warnings += soundness.warnings(problem, estimator.largest and estimator.largest[1])
     with agreed_writes(comm):
         progress.close(history.reason or "converged")
-    seconds["solve"] = history.seconds
-    summary = summarize(request, manifest, structure, history, solver.uniqueness, settings, comm)
-    lap("output")
-    seconds["output"] -= history.seconds - spent  # of this process; seconds["solve"] is that of all steps
-    if request["errors"] != "no" and history.exit_status != 3:
-        estimates = estimator.estimates()
-        summary["errors"] = {"energy": _energy_error(estimates, writer, estimator.kind)}
-        if request.get("refine"):
-            _next_mesh(directory, estimator, estimates, comm)
-        lap("energy_error")
-    if request["errors"] == "yes" and history.exit_status == 0:
-        summary["errors"] |= _budget(directory, request, problem, writer, comm)
-        lap("estimates")
-    seconds["total"] = sum(seconds.values())
-    summary["seconds"], summary["resumed_after_step"] = seconds, done
-    summary["effects_ledger"] = ledger_of(summary, manifest, structure, history, manifest.factors, writer, comm)
-    writer.close()
-    _finish(summary, writer)
-    with agreed_writes(comm):
-        if root:
-            write_json(directory / 'summary.json', summary)
-    return history.exit_status, history.reason
+    return resumed, before
 
 
-def _energy_error(estimates, writer, kind: str) -> dict:
-    """Error in the energy norm of the estimated steps, whose fields get the indicator."""
+def _progress(directory: Path, request: dict, problem: Problem, resumed: int, comm) -> Progress:
+    """The report of progress, with its first line."""
+    root = comm.rank == 0
+    progress = Progress(problem.manifest.steps, resumed, request["scene"], request["quiet"] or not root,
+                        directory / "run.log" if root else None)
+    line = f"{request['scene']} {problem.manifest.parameters} {request['settings']} on {comm.size} ranks"
+    progress.note(f"{line}, resumed after step {resumed}" if resumed else line)
+    return progress
+
+
+def _errors(directory: Path, request: dict, problem: Problem, solver: QuasistaticSolver, writer: Writer,
+            estimator: EnergyEstimator, lap: Laps) -> dict | None:
+    """Entry `errors` of the summary as far as `request` asks for it; collective."""
+    status = solver.history.exit_status
+    if request["errors"] == "no" or status == 3:
+        return None
+    estimates = estimator.estimates()
     for step, estimate in estimates:
         if estimate.indicator is not None:
             writer.indicate(step, estimate.indicator)
-    return report(estimates, kind)
+    errors = {"energy": report(estimates, estimator.kind)}
+    if request.get("refine"):
+        _next_mesh(directory, estimator, estimates)
+    lap("energy_error")
+    if request["errors"] == "yes" and status == 0:
+        errors |= _budget(directory, request, problem, writer)
+        lap("estimates")
+    return errors
 
 
-def _next_mesh(directory: Path, estimator, estimates, comm) -> None:
+def _next_mesh(directory: Path, estimator: EnergyEstimator, estimates: list) -> None:
     """Leave the element sizes of the next cycle's mesh."""
-    with agreed_writes(comm):
-        if comm.rank == 0:
-            adaptivity.next_mesh(directory / adaptivity.STEM, estimator.body.mesh, [found for _, found in estimates],
+    with agreed_writes(estimator.operator.comm):
+        if estimator.root:
+            adaptivity.next_mesh(directory / adaptivity.STEM, estimator.body.mesh,
+                                 [estimate for _, estimate in estimates],
                                  elements.DEGREE[estimator.manifest.element])
 
 
-def _budget(directory: Path, request: dict, problem, writer, comm) -> dict:
+def _budget(directory: Path, request: dict, problem: Problem, writer: Writer) -> dict:
     """Error budget in the quantities of interest, from companions of the finished run."""
     from ..estimates.levels import Levels, assess
 
     settings = Settings(**{**request["settings"], "uniqueness": "no"})
-    levels = Levels(Path(request["path"]), request["parameters"], directory / "companions", comm, settings,
-                    [Path(place) for place in request["cycles"]])
+    levels = Levels(Path(request["path"]), request["parameters"], directory / "companions", writer.operator.comm,
+                    settings, [Path(place) for place in request["cycles"]])
     try:
         return assess(levels, problem, settings, *writer.record.quantities())
     finally:
         levels.close()
-
-
-def summarize(request, manifest: Manifest, structure, history, uniqueness, settings, comm) -> dict:
-    """summary.json but for quantities, errors and ledger; collective."""
-    kinds = np.bincount(structure.row_kind, minlength=3)
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    variant = next((str(v) for k, v in manifest.parameters.items() if k == "loading"), "")
-    return {
-        "scene": request["scene"], "variant": variant, "converged": history.exit_status == 0,
-        "reason": history.reason,
-        "warnings": [*history.warnings, *history.fallbacks.warnings(), *uniqueness.warnings(),
-                     *[history.reason] * bool(history.reason)],
-        "effects": {**manifest.effects, "body_force": any(p["kind"] == "body_force" for p in manifest.patterns),
-                    "bodies": manifest.bodies},
-        "sizes": {"subdomains": structure.total, "primal_dofs": structure.primal_dofs,
-                  "dual_dofs": structure.dual_dofs, **{f"dual_{name}": int(kinds[k]) for name, k in PRIMAL.items()},
-                  "coarse_dofs": structure.coarse_dofs, "contact_nodes": len(structure.contact.gid)},
-        "steps": history.steps, "t_end": manifest.t_end, "counts": history.counts, "residuals": history.residuals,
-        "contraction": history.contraction,
-        "fallbacks": {name: len(steps) for name, steps in history.fallbacks.steps.items()},
-        "uniqueness": uniqueness.summary(),
-        "memory_mib": comm.allreduce(peak), "ranks": comm.size, "units": manifest.units,
-        "amplitudes": manifest.amplitudes, "parameters": {**manifest.parameters, **asdict(settings)},
-        "versions": _versions(),
-    }
-
-
-def ledger_of(summary, manifest: Manifest, structure, history, amplitudes, writer, comm) -> dict:
-    """Entry `effects_ledger` of summary.json: which declared effects mattered and what they cost; collective."""
-    largest = [max([np.abs(sub.loads[k]).max(initial=0) for sub in structure.subdomains]
-                   + [np.abs(values[k]).max(initial=0) for values in structure.fixed_values], default=0.0)
-               for k in range(len(manifest.patterns))]
-    largest = np.max(comm.allgather(largest), axis=0)
-    patterns = [{"kind": p["kind"], "largest": float(size)} for p, size in zip(manifest.patterns, largest)]
-    return effects_ledger(summary["effects"], summary["sizes"], patterns, amplitudes,
-                          writer.history_rows, history.log, history.seconds,
-                          bool(structure.contact.gap.any()), bool(structure.contact.initial.any()))
-
-
-def _finish(summary, writer):
-    summary["balance"] = writer.balance
-    if writer.history_rows:
-        summary["quantities"], at = writer.record.quantities()
-        summary["quantities_time"] = writer.history_rows[at]["time"]
-    summary["dissipated"] = writer.dissipated
-
-
-def _versions() -> dict:
-    return {"python": sys.version.split()[0], "numpy": np.__version__,
-            "petsc": ".".join(map(str, PETSc.Sys.getVersion()))}
