@@ -9,7 +9,7 @@ mortar's gaps are those of this g, and that polygons stand for curves is no part
     [v] . n <= g,   t . n <= 0,   (t . n) ([v] . n - g) = 0,   friction by t and [v],
 
 where the tractions t on the first and -t dx/dx* on the second side are equal and opposite forces. Slip is counted
-from the computed mortar jumps of the step before, linear between the contact nodes. The argument of estimation.py
+from the computed mortar jumps of the step before, linear between the contact nodes. The argument of energy.py
 holds with [v] for the displacement at the contact boundary: sigma* must be in equilibrium with t* on one and with
 -t* dx/dx* on the other side, v must not penetrate anywhere, not only in the mean over the multipliers' supports. See
 Weiss, Wohlmuth: A posteriori error estimator and error control for contact problems (2009), who leave both as
@@ -19,7 +19,7 @@ Tractions. t* is linear on the first side's edges between the computed nodal val
 where nothing is faced. On the second side it has kinks where the first has its vertices, and on both it stops where the
 other side ends: only its part T that is linear on an edge, with the same moments, goes into the equilibrated stress.
 The remainder r has no moments against linear fields, and a stress in the triangle behind the edge takes it with at most
-the energy c int |r|^2 (equilibration.remainder_constant).
+the energy c int |r|^2 (edge_remainder.py).
 
 Displacements. On the first side v is corrected at its vertices and at the ends of the parts, linearly in
 between: onto the other side where it penetrates, and where pressure or sticking makes that worth its energy. What this
@@ -36,8 +36,9 @@ from functools import cached_property
 
 import numpy as np
 
-from . import equilibration
 from ..contact import mortar
+from .edge_mesh import Mesh
+from .edge_remainder import Fan, remainder_constant
 
 
 @dataclass
@@ -50,7 +51,7 @@ class _Boundary:
     corner: np.ndarray  # (e, 3, 2) of that triangle: start and end of the edge, apex
 
     @classmethod
-    def of(cls, mesh: equilibration.Mesh, ends: np.ndarray, about: np.ndarray | None) -> "_Boundary":
+    def of(cls, mesh: Mesh, ends: np.ndarray, about: np.ndarray | None) -> "_Boundary":
         """Of boundary edges given by their vertices (e, 2); `about` (vertices, 2) displacements of the linearization."""
         owner = np.empty(len(mesh.edges), int)
         owner[mesh.first // 2] = np.arange(mesh.first.size).reshape(-1, 3)
@@ -85,7 +86,7 @@ class Lift:
 class PairBound:
     """Tractions t* and admissible displacements of one contact pair in one step; on rank 0."""
 
-    def __init__(self, mesh: equilibration.Mesh, first: np.ndarray, second: np.ndarray, nodes: dict, frictional: bool,
+    def __init__(self, mesh: Mesh, first: np.ndarray, second: np.ndarray, nodes: dict, frictional: bool,
                  bilateral: bool, about: np.ndarray | None = None):
         """`first`, `second` (e, 2): vertices of the boundary edges of both sides. `nodes`: arrays over the pair's contact
         nodes: vertex, weight, own_normal, own_tangential (whether it has such a row), gap, pressure, shear,
@@ -115,14 +116,14 @@ class PairBound:
         """(boundary, fan, density of the tractions on its parts) of both sides."""
         p, one, two = self.parts, self.first, self.second
         density = one.at(self.traction, p.edge, p.at)
-        sides = [(one, equilibration.Fan.of(one.corner, p.edge, p.at), density)]
+        sides = [(one, Fan.of(one.corner, p.edge, p.at), density)]
         back = p.facing[:, 0] > p.facing[:, 1]
         facing = np.where(back[:, None], p.facing[:, ::-1], p.facing)
         across = facing[:, 1] - facing[:, 0]
         shrink = self._length / (two.side.length[p.other] * np.maximum(across, 1e-300))
         density = -np.where(back[:, None, None], density[:, ::-1], density) * shrink[:, None, None]
         seen = np.flatnonzero(across > 0)
-        sides.append((two, equilibration.Fan.of(two.corner, p.other[seen], facing[seen]), density[seen]))
+        sides.append((two, Fan.of(two.corner, p.other[seen], facing[seen]), density[seen]))
         return [(boundary, fan, fan.given(values)) for boundary, fan, values in sides]
 
     @cached_property
@@ -139,7 +140,7 @@ class PairBound:
         """(n_t,) bound of the energy norm of a stress that takes the tractions t* - T; `compliance` (n_t, 3, 3)."""
         found = np.zeros(len(compliance))
         for boundary, fan, density in self._loaded:
-            constant = equilibration.remainder_constant(boundary.corner, compliance[boundary.triangle])
+            constant = remainder_constant(boundary.corner, compliance[boundary.triangle])
             np.add.at(found, boundary.triangle, np.sqrt(constant * fan.remainder(density)))
         return found
 
@@ -293,4 +294,3 @@ def _spread(n: int, here: np.ndarray, values: np.ndarray) -> np.ndarray:
     found = np.zeros(n, np.asarray(values).dtype)
     found[here] = values
     return found
-

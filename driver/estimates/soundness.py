@@ -20,6 +20,7 @@ to 10 times beyond, where contact pressures err by as much as osc p says, 25 to 
 import numpy as np
 
 from ..scene import elements
+from .recovery import vertex_sums
 
 NEARLY_INCOMPRESSIBLE = 10.0  # lambda / mu: Poisson's ratio 0.4545; the loss grows like its root
 DOMINANCE = 4.0
@@ -75,11 +76,8 @@ def _oscillation(parts, nodes: int, constant: bool, comm) -> np.ndarray:
     Where stresses are `constant` on the elements, averages are compared with them at the centroids.
     """
     places, weights = (elements.CENTER, np.ones(1)) if constant else (elements.POINTS, elements.WEIGHTS)
-    total = np.zeros((nodes, 6))
-    for vertex, area, _, _, stress in parts:
-        for k in range(3):
-            np.add.at(total, vertex[:, k], area[:, None] * np.column_stack([np.ones(len(area)), stress[:, k]]))
-    total = comm.allreduce(total)
+    sums = [vertex_sums(vertex, area, stress, nodes) for vertex, area, _, _, stress in parts]
+    total = comm.allreduce(sum(sums, np.zeros((nodes, 6))))
     average = total[:, 1:] / np.where(total[:, :1] > 0, total[:, :1], 1)
     found = np.zeros(6)
     for vertex, area, lam, mu, stress in parts:

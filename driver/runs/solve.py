@@ -143,7 +143,7 @@ def _errors(directory: Path, request: dict, problem: Problem, solver: Quasistati
 def _next_mesh(directory: Path, estimator: EnergyEstimator, estimates: list) -> None:
     """Leave the element sizes of the next cycle's mesh."""
     with agreed_writes(estimator.operator.comm):
-        if estimator.root:
+        if estimator.gather.root:
             adaptivity.next_mesh(directory / adaptivity.STEM, estimator.body.mesh,
                                  [estimate for _, estimate in estimates],
                                  elements.DEGREE[estimator.manifest.element])

@@ -9,16 +9,21 @@ import pytest
 from scipy.spatial import cKDTree
 
 from driver import environment
-from driver.estimates import equilibration
+from driver.estimates import element_stress, equilibration, recovery
+from driver.estimates.bound import EquilibratedBound
+from driver.estimates.edge_mesh import full_tensor
+from driver.estimates.edge_remainder import Fan, remainder_constant
 from driver.contact import mortar
 from driver.estimates.energy import EnergyEstimator
+from driver.estimates.torn_body import Gather, gather_body
 from driver.results.contact_state import ContactState
+from driver.scene.elements import hat_gradients
 from test_scenes_zones import strain as exact_zones
 
 SCENES = environment.ROOT / "edp"
 
 
-class Recorded(EnergyEstimator):
+class Recorded(EquilibratedBound):
     """Keeps what went into the bound."""
 
     def _equilibrated(self, base, force, applied):
@@ -33,15 +38,22 @@ class Recorded(EnergyEstimator):
     def _lifted(self, admissible, pairs):
         self.pairs = pairs
         lift, *rest = super()._lifted(admissible, pairs)
-        self.kinematic, self.lifted = admissible + lift, lift
+        torn = self.body.vertex
+        self.kinematic, self.lifted = (admissible + lift)[torn], lift[torn]
         return lift, *rest
 
     @property
     def stress(self):
         """(n_t, 3 parts, 3 nodes, 3) the statically admissible stress."""
-        inner = equilibration.reference_modes(self.heavy)[:, : len(self.deviation)] @ self.deviation
+        inner = element_stress.reference_modes(self.heavy)[:, : len(self.deviation)] @ self.deviation
         turned = np.einsum("ijt,njt->tni", self.deviations.map, inner.reshape(9, 3, -1))
         return turned.reshape(-1, 3, 3, 3) + self.base[:, None, None]
+
+
+class Recording(EnergyEstimator):
+    """Whose bound keeps what went into it."""
+
+    bound_of = Recorded
 
 
 def with_gap(problem, coarse):
@@ -57,7 +69,7 @@ def with_gap(problem, coarse):
 
 @pytest.fixture(scope="module")
 def estimated(built, steps_of):
-    """estimated(scene, settings, change, kind, gap, **parameters): the estimator and its estimate of the last step.
+    """estimated(scene, settings, change, kind, gap, **parameters): problem, bound and estimate of the last step.
 
     `change`, if given, gets the last step and may spoil it before it is estimated; `gap`, if given, is the contact
     boundary of a coarser mesh, whose gaps between bodies shall be those of this one too, linear between its nodes.
@@ -72,13 +84,16 @@ def estimated(built, steps_of):
                 problem = with_gap(problem, gap)
             solver, steps = steps_of(problem, **dict(settings))
             contact = ContactState(problem.operator, solver)
-            estimator = Recorded(problem.operator, problem.manifest, contact, kind)
+            estimator = Recording(problem.operator, problem.manifest, contact, kind)
             for step in steps:
                 if change and step is steps[-1]:
                     change(step, solver)
                 fields = problem.operator.displacements(step.multipliers, step.weights)
                 estimator.consider(step, contact.evaluate(step, fields), step.index)
-            made[key] = problem, estimator, dict((s.index, found) for s, found in estimator.estimates())[len(steps)]
+            estimate = dict((s.index, found) for s, found in estimator.estimates())[len(steps)]
+            bound = estimator.bound or estimator
+            bound.last = estimator.last
+            made[key] = problem, bound, estimate
         return made[key]
 
     return make
@@ -89,7 +104,7 @@ def estimated(built, steps_of):
 def tractions(estimator, side):
     """(n_t, 2 ends, 2) forces per parameter of the stress on side k to k + 1, from inside."""
     across = estimator.body.mesh.outward[:, side]
-    full = equilibration.full_tensor(estimator.stress[:, (side + 2) % 3, :2])
+    full = full_tensor(estimator.stress[:, (side + 2) % 3, :2])
     return np.einsum("tnij,tj->tni", full, across)
 
 
@@ -104,12 +119,12 @@ def check_equilibrium(estimator):
         across = np.column_stack([line[:, 1], -line[:, 0]])
         for left, right in ((1, 0), (2, 2)):
             jump = stress[:, (j + 1) % 3, left] - stress[:, (j + 2) % 3, right]
-            assert np.abs(np.einsum("tij,tj->ti", equilibration.full_tensor(jump), across)).max() <= slack
+            assert np.abs(np.einsum("tij,tj->ti", full_tensor(jump), across)).max() <= slack
     force = np.zeros((len(stress), 3, 2))
     for part in range(3):
         corner = np.stack([mesh.corner[:, (part + 1) % 3], mesh.corner[:, (part + 2) % 3], middle], axis=1)
-        gradient = equilibration.hat_gradients(corner) * (mesh.area / 3)[:, None, None]
-        total = -np.einsum("tnij,tnj->ti", equilibration.full_tensor(stress[:, part]), gradient)
+        gradient = hat_gradients(corner) * (mesh.area / 3)[:, None, None]
+        total = -np.einsum("tnij,tnj->ti", full_tensor(stress[:, part]), gradient)
         for k in range(3):
             force[:, k] += (1 / 9 if k == part else 4 / 9) * total
     assert np.abs(force - (0 if estimator.force is None else estimator.force)).max() <= slack
@@ -249,7 +264,7 @@ def test_corrected_displacements_do_not_penetrate(estimated, scene, parameters):
     _, estimator, _ = estimated(scene, **parameters)
     body, torn = estimator.body, estimator.body.untorn(estimator.kinematic - estimator.lifted)
     for pair in estimator.pairs:
-        lift = pair.lift(torn, body.stiffness, body.held, body.elasticity)
+        lift = pair.lift(torn, body.stiffness, body.constrained, body.elasticity)
         p, worst, before = pair.parts, [], []
         for s in np.linspace(0, 1, 21):
             inside = lambda ends: (1 - s) * ends[:, 0] + s * ends[:, 1]
@@ -286,7 +301,7 @@ def test_fields_on_a_fan_against_many_points():
     triangle = rng.standard_normal((2, 3, 2))
     triangle[np.linalg.det(triangle[:, 1:] - triangle[:, :1]) < 0] *= [-1, 1]
     owner, at = np.array([1, 0, 1, 0]), np.array([[0.5, 0.7], [0.0, 0.3], [0.7, 1.0], [0.3, 1.0]])
-    fan = equilibration.Fan.of(triangle, owner, at)
+    fan = Fan.of(triangle, owner, at)
     assert fan.owner.tolist() == [0, 0, 1, 1, 1] and fan.piece.tolist() == [1, 3, -1, 0, 2]
     values = rng.standard_normal((4, 2, 2))
     density, n = fan.given(values), 20000
@@ -322,7 +337,7 @@ def test_the_total_between_bodies_is_that_of_its_terms(estimated, scene, paramet
     _, estimator, found = estimated(scene, **parameters)
     body, (pair,) = estimator.body, estimator.pairs
     u = body.untorn(estimator.kinematic - estimator.lifted)
-    lift = pair.lift(u, body.stiffness, body.held, body.elasticity)
+    lift = pair.lift(u, body.stiffness, body.constrained, body.elasticity)
     np.testing.assert_allclose(lift.vertex[body.vertex], estimator.lifted, atol=1e-12 * np.abs(u).max())
     p, n, normal_work, tangential_work = pair.parts, 400, 0.0, 0.0
     for s in (np.arange(n) + 0.5) / n:
@@ -347,7 +362,7 @@ def test_the_total_between_bodies_is_that_of_its_terms(estimated, scene, paramet
     assert (remainder[pair.second.triangle] > 0).sum() > 2
     kinematic = np.einsum("tij,tj->ti", body.elasticity, body.strain(estimator.kinematic))
     apart = estimator.stress - kinematic[:, None, None]
-    square = sum(equilibration.linear_energy(body.mesh.area / 3, body.compliance, apart[:, k]) for k in range(3))
+    square = sum(recovery.linear_energy(body.mesh.area / 3, body.compliance, apart[:, k]) for k in range(3))
     square = ((np.sqrt(square) + lift.bumps + remainder) ** 2).sum()
     assert found.total == pytest.approx(np.sqrt(square) / 2 + np.sqrt(square / 4 + lift.gap), rel=1e-4)
 
@@ -356,7 +371,7 @@ def test_remainders_of_tractions_have_a_stress(rng=np.random.default_rng(5)):
     """Its energy is at least that of the displacements, which a mesh of the triangle approaches from below."""
     C = np.array([[1.35, 0.58, 0], [0.58, 1.35, 0], [0, 0, 0.38]])  # nu = 0.3, E = 1, plane strain
     triangle = np.array([[0.0, 0.0], [1.0, 0.2], [0.3, 0.9]])
-    constant = equilibration.remainder_constant(triangle[None], np.linalg.inv(C)[None])[0]
+    constant = remainder_constant(triangle[None], np.linalg.inv(C)[None])[0]
     n = 24
     grid = [(i, j) for j in range(n + 1) for i in range(n + 1 - j)]
     number = {ij: k for k, ij in enumerate(grid)}
@@ -364,7 +379,7 @@ def test_remainders_of_tractions_have_a_stress(rng=np.random.default_rng(5)):
     down = [[(i + 1, j), (i + 1, j + 1), (i, j + 1)] for i, j in grid if i + j < n - 1]
     cells = np.array([[number[c] for c in t] for t in up + down])
     xy = triangle[0] + np.array(grid) / n @ (triangle[1:] - triangle[0])
-    gradient = equilibration.hat_gradients(xy[cells])
+    gradient = hat_gradients(xy[cells])
     area = 0.5 / n**2 * np.linalg.det(triangle[1:] - triangle[0])
     K = np.zeros((2 * len(grid),) * 2)
     for t, g in zip(cells, gradient):
@@ -424,9 +439,10 @@ def test_effectivity_where_normals_turn(estimated, split, exported, read, steps_
     problem.structure = problem.operator.structure
     solver, steps = steps_of(problem)
     (step,) = steps
-    reference = Recorded(problem.operator, problem.manifest, ContactState(problem.operator, solver), "equilibrated")
-    reference.body = reference._gather_body()
-    reference.kinematic = reference._gather_fields(problem.operator.displacements(step.multipliers, step.weights))
+    gather = Gather(problem.operator)
+    reference = Recorded(gather, problem.operator, problem.manifest, ContactState(problem.operator, solver),
+                         gather_body(gather))
+    reference.kinematic = gather.displacements(problem.operator.displacements(step.multipliers, step.weights))
     error = true_error(estimator, reference)
     assert error <= found.total <= 1.5 * error
 
@@ -548,7 +564,7 @@ def expected_total(estimator):
     body, contact = estimator.body, estimator.contact
     kinematic = np.einsum("tij,tj->ti", body.elasticity, body.strain(estimator.kinematic))
     apart = estimator.stress - kinematic[:, None, None]
-    square = sum(equilibration.linear_energy(body.mesh.area / 3, body.compliance, apart[:, k]).sum() for k in range(3))
+    square = sum(recovery.linear_energy(body.mesh.area / 3, body.compliance, apart[:, k]).sum() for k in range(3))
     return np.sqrt(square) / 2 + np.sqrt(square / 4 + contact.duality_gap())
 
 
@@ -584,13 +600,13 @@ def test_lost_friction_shows_in_the_duality_gap(estimated):
 def test_a_wrong_sign_is_noticed(estimated, monkeypatch):
     """Contact tractions of the wrong sign leave vertices out of balance, which the solver's part shows."""
     sound = estimated(cells=4, steps=1)[2]
-    plain = EnergyEstimator._applied
+    plain = EquilibratedBound._applied
 
     def turned(self, weights, contact, pairs):
         contact.moments = -contact.moments
         return plain(self, weights, contact, pairs)
 
-    monkeypatch.setattr(EnergyEstimator, "_applied", turned)
+    monkeypatch.setattr(EquilibratedBound, "_applied", turned)
     broken = estimated(cells=4, steps=1, settings=(("max_fixed_point", 99),))[2]
     assert broken.solver > sound.mesh > 1e3 * sound.solver
 
@@ -603,7 +619,7 @@ def test_unbalanced_vertices_are_reported_and_spread(estimated):
     load[0] += [[3.0, 0.0], [0.0, 5.0], [0.0, 0.0]]
     target = equilibration.averaged_moments(body.mesh, estimator.base)
     moments, imbalance = equilibration.edge_moments(body.mesh, body.chains, load, target, estimator.applied, body.given)
-    inner = ~body.held[body.mesh.triangles[0]].any(axis=1)
+    inner = ~body.constrained[body.mesh.triangles[0]].any(axis=1)
     vertex = body.mesh.triangles.ravel()[body.chains.order[0]]
     for k in range(2):
         if inner[k]:
@@ -619,11 +635,11 @@ def test_a_reaction_in_a_single_point_has_no_estimate(estimated):
     _, estimator, _ = estimated(cells=4, steps=1)
     vertex = estimator.body.mesh.triangles.ravel()[estimator.body.chains.order[0]]
     imbalance = np.zeros((len(vertex), 2))
-    free = np.flatnonzero(~estimator.body.held[vertex].any(axis=1))[0]
+    free = np.flatnonzero(~estimator.body.constrained[vertex].any(axis=1))[0]
     imbalance[free] = 1.0
     size, reason = estimator._unbalanced(imbalance, 10.0)
     assert not reason and size > 0
-    imbalance[free], imbalance[np.flatnonzero(estimator.body.held[vertex].all(axis=1))[0]] = 0.0, 1.0
+    imbalance[free], imbalance[np.flatnonzero(estimator.body.constrained[vertex].all(axis=1))[0]] = 0.0, 1.0
     assert "single point" in estimator._unbalanced(imbalance, 10.0)[1]
 
 
