@@ -1,10 +1,12 @@
-"""Deviations of statically admissible stresses from the stress of the finite elements, and how their energy is lessened.
+"""Deviations of statically admissible stresses from the stress of the finite elements, and how
+their energy is lessened.
 
-The deviation sigma* - sigma_h is a sum of few such stresses: at each corner of the triangle moments +b and -b on its two
-sides (the sums at the corner are those of sigma_h), the share of f, and on each side a tangential traction that is linear
-and odd about its middle, which loads no triangle and is at first zero. The energy of the deviation is then lessened
-over these odd tractions and the free constants of the vertices. A few conjugate gradients suffice, as both act locally;
-without the odd tractions the estimate is half as sharp.
+The deviation sigma* - sigma_h is a sum of few such stresses: at each corner of the triangle moments
++b and -b on its two sides (the sums at the corner are those of sigma_h), the share of f, and on
+each side a tangential traction that is linear and odd about its middle, which loads no triangle and
+is at first zero. The energy of the deviation is then lessened over these odd tractions and the free
+constants of the vertices. A few conjugate gradients suffice, as both act locally; without the odd
+tractions the estimate is half as sharp.
 """
 
 from functools import cached_property
@@ -17,16 +19,21 @@ from .equilibration import Chains
 
 
 class Deviations:
-    """Deviations sigma* - sigma_h of statically admissible stresses, by coefficients (m, n_t) of `reference_modes`.
+    """Deviations sigma* - sigma_h of statically admissible stresses, by coefficients (m, n_t) of
+    `reference_modes`.
 
-    Changes that keep the equilibrium have unknowns with small support: two a vertex, where given tractions do not close
-    its chain, the same moment added on all its half-edges, (n_c, 2); one an edge without given tractions, its odd
-    tangential traction, (n_e,). They are stacked flat. Triangles come last in all arrays, so that sums over the few
-    coefficients run along contiguous rows.
+    Changes that keep the equilibrium have unknowns with small support: two a vertex, where given
+    tractions do not close its chain, the same moment added on all its half-edges, (n_c, 2); one an
+    edge without given tractions, its odd tangential traction, (n_e,). They are stacked flat.
+    Triangles come last in all arrays, so that sums over the few coefficients run along contiguous
+    rows.
     """
 
-    def __init__(self, mesh: Mesh, around: Chains, known: np.ndarray, compliance: np.ndarray, body: bool):
-        """`known` (half-edges, 2): where tractions are given; `compliance` (n_t, 3, 3); `body`: with body force."""
+    def __init__(self, mesh: Mesh, around: Chains, known: np.ndarray, compliance: np.ndarray,
+                 body: bool):
+        """`known` (half-edges, 2): where tractions are given; `compliance` (n_t, 3, 3); `body`:
+        with body force.
+        """
         self.mesh, self.body, self.map = mesh, body, piola(mesh)
         (a, b), (c, d) = mesh.columns.transpose(1, 2, 0)
         self.inverse = np.array([[d, -b], [-c, a]]) / (2 * mesh.area)
@@ -43,8 +50,10 @@ class Deviations:
         modes = reference_modes(body).reshape(3, 3, 3, -1)  # [part, node, stress, mode]
         mass = np.einsum("mn,pnsi->pmsi", (np.eye(3) + 1) / 36, modes)
         gram = np.einsum("pmsi,pmrj->ijsr", mass, modes)
-        local = np.einsum("rat,trs,sbt,t->abt", self.map, compliance, self.map, mesh.area, optimize=True)
-        self.matrix = (gram.reshape(-1, 9) @ local.reshape(9, -1)).reshape(*gram.shape[:2], -1)  # energies of the modes
+        local = np.einsum("rat,trs,sbt,t->abt", self.map, compliance, self.map, mesh.area,
+                          optimize=True)
+        # energies of the modes
+        self.matrix = (gram.reshape(-1, 9) @ local.reshape(9, -1)).reshape(*gram.shape[:2], -1)
 
     @staticmethod
     def _free(mesh: Mesh, around: Chains, known: np.ndarray) -> np.ndarray:
@@ -53,8 +62,11 @@ class Deviations:
         vertex = around.closed[:, None] | ~(known[head] | known[end])
         return np.concatenate([vertex.ravel(), ~known[::2].any(axis=1)])
 
-    def start(self, moments: np.ndarray, stress: np.ndarray, force: np.ndarray | None) -> np.ndarray:
-        """Coefficients for edge moments (half-edges, 2), stress (n_t, 3) and body force moments (n_t, 3, 2)."""
+    def start(self, moments: np.ndarray, stress: np.ndarray,
+              force: np.ndarray | None) -> np.ndarray:
+        """Coefficients for edge moments (half-edges, 2), stress (n_t, 3) and body force moments
+        (n_t, 3, 2).
+        """
         found = np.zeros(self.matrix.shape[1:])
         corner = moments[self.mesh.first] - side_moments(self.mesh, stress)
         if force is not None:
@@ -80,7 +92,9 @@ class Deviations:
         return self._add(value)
 
     def _add(self, value: np.ndarray) -> np.ndarray:
-        return np.where(self.free, np.bincount(self.unknown.ravel(), value.ravel(), minlength=len(self.free)), 0.0)
+        return np.where(self.free,
+                        np.bincount(self.unknown.ravel(), value.ravel(), minlength=len(self.free)),
+                        0.0)
 
     @cached_property
     def diagonal(self) -> np.ndarray:
@@ -106,9 +120,11 @@ class Deviations:
         return np.einsum("ijt,jt->ti", self.map, average @ y)
 
     def lessen(self, y: np.ndarray, gain: float = 0.02, iterations: int = 50) -> np.ndarray:
-        """y with changes added that lessen its energy; whatever the number of iterations, equilibrium is kept.
+        """y with changes added that lessen its energy; whatever the number of iterations,
+        equilibrium is kept.
 
-        Conjugate gradients with the diagonal as preconditioner, until an iteration gains less than the part `gain`.
+        Conjugate gradients with the diagonal as preconditioner, until an iteration gains less than
+        the part `gain`.
         """
         force = self._strain(y)
         square, residual = float(np.sum(y * force)), -self.assemble(force)

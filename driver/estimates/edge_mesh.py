@@ -12,8 +12,9 @@ from ..scene.elements import areas, hat_gradients
 class Mesh:
     """Untorn triangles and their half-edges.
 
-    A half-edge is an edge at one of its ends; it is the `first` of the triangle that lies left of it, seen from
-    that end, and the `last` of the other one. Number 2 e + k belongs to end k of edge e, smaller vertex first.
+    A half-edge is an edge at one of its ends; it is the `first` of the triangle that lies left of
+    it, seen from that end, and the `last` of the other one. Number 2 e + k belongs to end k of edge
+    e, smaller vertex first.
     """
 
     corner: np.ndarray  # (n_t, 3, 2) coordinates
@@ -33,7 +34,8 @@ class Mesh:
         edge = edge.reshape(-1, 3)
         first = 2 * edge + (start > end)
         last = np.roll(2 * edge + (end > start), 1, axis=1)
-        return cls(corner, triangles, np.column_stack(np.divmod(keys, span)), first, last, count == 1)
+        return cls(corner, triangles, np.column_stack(np.divmod(keys, span)), first, last,
+                   count == 1)
 
     @cached_property
     def gradient(self) -> np.ndarray:
@@ -63,7 +65,8 @@ class Mesh:
     @cached_property
     def columns(self) -> np.ndarray:
         """(n_t, 2, 2) Jacobian matrices of the maps from the reference triangle."""
-        return np.stack([self.corner[:, 1] - self.corner[:, 0], self.corner[:, 2] - self.corner[:, 0]], axis=2)
+        return np.stack([self.corner[:, 1] - self.corner[:, 0],
+                         self.corner[:, 2] - self.corner[:, 0]], axis=2)
 
     @cached_property
     def area(self) -> np.ndarray:
@@ -77,5 +80,7 @@ def full_tensor(voigt: np.ndarray) -> np.ndarray:
 
 
 def side_moments(mesh: Mesh, stress: np.ndarray) -> np.ndarray:
-    """(n_t, 3, 2) moments of the tractions of constant stresses (n_t, 3) on the sides k to k + 1, alike at both ends."""
+    """(n_t, 3, 2) moments of the tractions of constant stresses (n_t, 3) on the sides k to k + 1,
+    alike at both ends.
+    """
     return 0.5 * mesh.outward @ full_tensor(stress)

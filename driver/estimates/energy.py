@@ -1,7 +1,8 @@
-"""Stage 7: a posteriori estimates of the error in the energy norm, for the last step and the one with most energy.
+"""Stage 7: a posteriori estimates of the error in the energy norm, for the last step and the one
+with most energy.
 
-Of P1 elements it is the bound of `bound`; of quadratic elements, or where ESTIMATOR says so, the difference between
-the computed and a recovered stress, which is no bound.
+Of P1 elements it is the bound of `bound`; of quadratic elements, or where ESTIMATOR says so, the
+difference between the computed and a recovered stress, which is no bound.
 """
 
 import numpy as np
@@ -13,17 +14,23 @@ from . import recovery
 from .bound import EquilibratedBound, Estimate
 from .torn_body import Gather, gather_body
 
-NOTHING = 1e-6  # displacements below this part of the largest ones of the run are what tolerances leave
+# displacements below this part of the largest ones of the run are what tolerances leave
+NOTHING = 1e-6
 
 
 class EnergyEstimator:
-    """Estimates the last step of a run and the one with the largest energy. Collective; rank 0 computes."""
+    """Estimates the last step of a run and the one with the largest energy. Collective; rank 0
+    computes.
+    """
 
     bound_of = EquilibratedBound
 
     def __init__(self, operator, manifest: Manifest, contact, kind: str):
-        """`contact` is a results.ContactState; `kind` "equilibrated" (the bound), "recovery" or "none"."""
-        self.quadratic = manifest.element != "P1"  # the bound's equilibrated stresses belong to linear elements
+        """`contact` is a results.ContactState; `kind` "equilibrated" (the bound), "recovery" or
+        "none".
+        """
+        # the bound's equilibrated stresses belong to linear elements
+        self.quadratic = manifest.element != "P1"
         self.operator, self.manifest, self.contact = operator, manifest, contact
         self.kind = "recovery" if kind == "equilibrated" and self.quadratic else kind
         self.gather = Gather(operator)
@@ -37,25 +44,31 @@ class EnergyEstimator:
             self.largest = self.last
 
     def estimates(self) -> list[tuple[Step, Estimate]]:
-        """Of the last step and, if it is another one, of the step with the largest energy; the same on all ranks.
+        """Of the last step and, if it is another one, of the step with the largest energy; the same
+        on all ranks.
 
         A last step without load, whose displacements tolerances have left, is left out.
         """
         if self.kind == "none" or self.last is None:
             return []
         wanted = [self.largest]
-        if self.last[1].index != self.largest[1].index and self.last[0] > NOTHING**2 * self.largest[0]:
+        loaded = self.last[0] > NOTHING**2 * self.largest[0]
+        if loaded and self.last[1].index != self.largest[1].index:
             wanted.insert(0, self.last)
         self.body = gather_body(self.gather)
         if self.kind == "equilibrated":
-            self.bound = self.bound_of(self.gather, self.operator, self.manifest, self.contact, self.body)
-        return [(step, self.operator.comm.bcast(self._estimate(step, state))) for _, step, state in wanted]
+            self.bound = self.bound_of(self.gather, self.operator, self.manifest, self.contact,
+                                       self.body)
+        return [(step, self.operator.comm.bcast(self._estimate(step, state)))
+                for _, step, state in wanted]
 
     def _estimate(self, step: Step, state: dict) -> Estimate | None:
         """The estimate of one step on rank 0, None elsewhere."""
-        points = [k for k, pattern in enumerate(self.manifest.patterns) if pattern["kind"] == "point"]
+        points = [k for k, pattern in enumerate(self.manifest.patterns)
+                  if pattern["kind"] == "point"]
         if np.any(step.weights[points]):
-            return Estimate(step.index, reason="under point loads the exact solution has no finite energy")
+            return Estimate(step.index,
+                            reason="under point loads the exact solution has no finite energy")
         displacements = self.operator.displacements(step.multipliers, step.weights)
         if self.bound is not None:
             return self.bound.estimate(step, state, displacements)
@@ -76,7 +89,8 @@ class EnergyEstimator:
             return None
         body, sigma = self.body, elastic - thermal
         area, compliance = body.mesh.area, body.compliance
-        smooth = recovery.recovered_stress(body.mesh.corner, body.mesh.triangles, body.region, sigma)
+        smooth = recovery.recovered_stress(body.mesh.corner, body.mesh.triangles, body.region,
+                                           sigma)
         share = recovery.energy(area, compliance, smooth - recovery.AT_NODES @ sigma)
         norm = np.sqrt(recovery.energy(area, compliance, elastic).sum())
         return _recovered(step, share, norm)
@@ -101,12 +115,15 @@ def _recovered(step: Step, share: np.ndarray, norm: float) -> Estimate:
 
 
 def report(estimates: list[tuple[Step, Estimate]], kind: str) -> dict:
-    """Entry for summary.json: the last step's estimate and, under `largest`, that of the step with most energy."""
+    """Entry for summary.json: the last step's estimate and, under `largest`, that of the step with
+    most energy.
+    """
     if not estimates:
         return {"kind": kind}
     entries = []
     for _, found in estimates:
-        parts = {name: float(getattr(found, name)) for name in ("mesh", "solver", "friction", "total", "norm")}
+        parts = {name: float(getattr(found, name))
+                 for name in ("mesh", "solver", "friction", "total", "norm")}
         relative = found.total / found.norm if found.norm > 0 else 0.0
         entries.append({"step": found.step, "reason": found.reason} if found.reason else
                        {"step": found.step, **parts, "relative": float(relative)})

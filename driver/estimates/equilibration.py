@@ -1,15 +1,17 @@
 """Equilibrated edge tractions of a P1 solution in nodal equilibrium.
 
-Ladeveze's construction (Ladeveze, Leguillon 1983; Ladeveze, Pelle: Mastering calculations in linear and nonlinear
-mechanics, 2.4; Ainsworth, Oden 2000, chapter 6): find tractions, linear on every edge, that load each triangle K
-like the finite element stress sigma_h does,
+Ladeveze's construction (Ladeveze, Leguillon 1983; Ladeveze, Pelle: Mastering calculations in linear
+and nonlinear mechanics, 2.4; Ainsworth, Oden 2000, chapter 6): find tractions, linear on every
+edge, that load each triangle K like the finite element stress sigma_h does,
 
-    int_dK T phi_i = int_K sigma_h grad phi_i - int_K f phi_i      for its three hat functions phi_i,
+    int_dK T phi_i = int_K sigma_h grad phi_i - int_K f phi_i      for its three hat functions
+        phi_i,
 
-so that T is in equilibrium with f on every triangle, rotations included as hat functions span them. For a vertex this
-is a chain around it: the moments b of T against its hat on successive edges differ by the right side, which adds up to
-nothing around an interior vertex as the solution is in nodal equilibrium. What stays free there is first chosen nearest
-to the tractions of sigma_h averaged over the two sides of each edge.
+so that T is in equilibrium with f on every triangle, rotations included as hat functions span them.
+For a vertex this is a chain around it: the moments b of T against its hat on successive edges
+differ by the right side, which adds up to nothing around an interior vertex as the solution is in
+nodal equilibrium. What stays free there is first chosen nearest to the tractions of sigma_h
+averaged over the two sides of each edge.
 
 All functions are pure and work on arrays over the whole mesh; forces are per thickness.
 """
@@ -23,7 +25,8 @@ from .edge_mesh import Mesh, full_tensor, side_moments
 
 @dataclass
 class Chains:
-    """Triangles around every vertex in counterclockwise order, one chain a vertex; closed ones start anywhere.
+    """Triangles around every vertex in counterclockwise order, one chain a vertex; closed ones
+    start anywhere.
 
     `order` (levels, n_c) holds 3 triangle + local vertex, -1 beyond the end of a chain.
     """
@@ -59,7 +62,8 @@ def chains(mesh: Mesh) -> Chains:
 def prolongation(mesh: Mesh, stress: np.ndarray, body: np.ndarray | None) -> np.ndarray:
     """(n_t, 3, 2) what tractions must do on each triangle: int sigma_h grad phi - int f phi.
 
-    `stress` (n_t, 3) constant on triangles; `body` (n_t, 3, 2) moments of the body force, if there is one.
+    `stress` (n_t, 3) constant on triangles; `body` (n_t, 3, 2) moments of the body force, if there
+    is one.
     """
     inner = mesh.gradient @ full_tensor(stress * mesh.area[:, None])
     return inner if body is None else inner - body
@@ -81,15 +85,17 @@ def averaged_moments(mesh: Mesh, stress: np.ndarray) -> np.ndarray:
 
 def edge_moments(mesh: Mesh, around: Chains, load: np.ndarray, target: np.ndarray,
                  given: np.ndarray, known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Moments of the equilibrated tractions (half-edges, 2), signed for the triangle left of each half-edge.
+    """Moments of the equilibrated tractions (half-edges, 2), signed for the triangle left of each
+    half-edge.
 
-    `load` (n_t, 3, 2) from `prolongation`; `target` from `averaged_moments`; `given` (half-edges, 2) moments on the
-    body of boundary edges where `known` (half-edges, 2) says so. Second result: the imbalance (chains, 2) of
-    the vertices, which was spread evenly over their triangles.
+    `load` (n_t, 3, 2) from `prolongation`; `target` from `averaged_moments`; `given` (half-edges,
+    2) moments on the body of boundary edges where `known` (half-edges, 2) says so. Second result:
+    the imbalance (chains, 2) of the vertices, which was spread evenly over their triangles.
     """
     load, first, last = load.reshape(-1, 2), mesh.first.ravel(), mesh.last.ravel()
     order, n = around.order, around.order.shape[1]
-    weight = np.repeat(mesh.length, 2) ** -2.0  # of a deviation of the moments: that of the tractions, squared
+    # of a deviation of the moments: that of the tractions, squared
+    weight = np.repeat(mesh.length, 2) ** -2.0
     inside = order >= 0
     end = order[around.length - 1, np.arange(n)]
     head_half, end_half = first[order[0]], last[end]
@@ -97,7 +103,8 @@ def edge_moments(mesh: Mesh, around: Chains, load: np.ndarray, target: np.ndarra
     opened = ~around.closed[:, None]
     fixed_head, fixed_end = known[head_half] & opened, known[end_half] & opened
     balanced = around.closed[:, None] | (fixed_head & fixed_end)
-    applied = np.where(fixed_head, given[head_half], 0.0) + np.where(fixed_end, given[end_half], 0.0)
+    applied = np.where(fixed_head, given[head_half],
+                       0.0) + np.where(fixed_end, given[end_half], 0.0)
     imbalance = np.where(balanced, applied - total, 0.0)
     spread = imbalance / around.length[:, None]
 
@@ -113,7 +120,8 @@ def edge_moments(mesh: Mesh, around: Chains, load: np.ndarray, target: np.ndarra
     w = np.where(around.closed, 0.0, weight[end_half])
     best += w[:, None] * (target[end_half] + offset)
     start = best / (weights + w)[:, None]
-    start = np.where(fixed_end, offset - given[end_half], start)  # the end's moment is -given on the triangle left of it
+    # the end's moment is -given on the triangle left of it
+    start = np.where(fixed_end, offset - given[end_half], start)
     start = np.where(fixed_head, given[head_half], start)
     moments = np.zeros_like(target)
     for level, real, offset_k in zip(order, inside, offsets):

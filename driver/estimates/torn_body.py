@@ -1,4 +1,5 @@
-"""The torn body and its fields, gathered on rank 0, where errors in the energy norm are estimated."""
+"""The torn body and its fields, gathered on rank 0, where errors in the energy norm are estimated.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,7 +20,8 @@ class Gather:
         self.root = operator.comm.rank == 0
 
     def __call__(self, width: tuple, kind: type, part: Callable) -> np.ndarray | None:
-        """Arrays part(s, subdomain), (n, *width), one after the other in the order of subdomains."""
+        """Arrays part(s, subdomain), (n, *width), one after the other in the order of subdomains.
+        """
         own = [part(s, sub) for s, sub in enumerate(self.structure.subdomains)]
         parts = self.comm.gather(np.concatenate([np.empty((0, *width), kind), *own]))
         return np.concatenate(parts) if self.root else None
@@ -29,9 +31,12 @@ class Gather:
         return self((2,), float, lambda s, sub: fields[s].reshape(-1, 2))
 
     def thermal(self, weights: np.ndarray, shape: tuple) -> np.ndarray | None:
-        """(n_t, *shape) suppressed thermal stresses at factors `weights` (patterns,) of the load patterns."""
+        """(n_t, *shape) suppressed thermal stresses at factors `weights` (patterns,) of the load
+        patterns.
+        """
         return self(shape, float, lambda s, sub: sum(
-            (weights[k] * t for k, t in sub.thermal.items()), np.zeros((len(sub.triangles), *shape))))
+            (weights[k] * t for k, t in sub.thermal.items()),
+            np.zeros((len(sub.triangles), *shape))))
 
 
 @dataclass
@@ -46,7 +51,8 @@ class TornBody:
     compliance: np.ndarray  # (n_t, 3, 3)
     mesh: Mesh
     constrained: np.ndarray  # (vertices, 2) components that supports constrain
-    given: np.ndarray  # (half-edges, 2) where the traction is given: boundary edges without support, by component
+    # (half-edges, 2) where the traction is given: boundary edges without support, by component
+    given: np.ndarray
 
     @cached_property
     def chains(self) -> Chains:
@@ -59,7 +65,8 @@ class TornBody:
         gx, gy = self.mesh.gradient.transpose(2, 0, 1)
         columns = self.elasticity.transpose(1, 2, 0)[..., None]
         (xx, _, xz), (_, yy, yz), (_, _, zz) = columns * self.mesh.area[:, None]
-        local = (xx * gx**2 + 2 * xz * gx * gy + zz * gy**2, yy * gy**2 + 2 * yz * gx * gy + zz * gx**2)
+        local = (xx * gx**2 + 2 * xz * gx * gy + zz * gy**2,
+                 yy * gy**2 + 2 * yz * gx * gy + zz * gx**2)
         corner = self.mesh.triangles.ravel()
         return np.column_stack([np.bincount(corner, value.ravel()) for value in local])
 
@@ -109,16 +116,21 @@ def gather_body(gather: Gather) -> TornBody | None:
     constrained = np.zeros((len(number), 2), bool)
     fixed = fixed[np.isin(fixed[:, 0], number)]  # at the vertices
     constrained[np.searchsorted(number, fixed[:, 0]), fixed[:, 1]] = True
-    return TornBody(number, vertex, torn, region, elasticity, np.linalg.inv(elasticity), mesh, constrained,
+    return TornBody(number, vertex, torn, region, elasticity, np.linalg.inv(elasticity), mesh,
+                    constrained,
                     _given(structure.outer_edges, mesh, number, constrained))
 
 
-def _given(outer_edges: np.ndarray, mesh: Mesh, number: np.ndarray, constrained: np.ndarray) -> np.ndarray:
-    """Half-edges and components with given traction: on the outline, but for labels constrained as a whole."""
+def _given(outer_edges: np.ndarray, mesh: Mesh, number: np.ndarray,
+           constrained: np.ndarray) -> np.ndarray:
+    """Half-edges and components with given traction: on the outline, but for labels constrained as
+    a whole.
+    """
     ends = np.searchsorted(number, outer_edges[:, :2])
     label, of_label = np.unique(outer_edges[:, 2], return_inverse=True)
     both = constrained[ends].all(axis=1)
-    supported = np.column_stack([np.bincount(of_label, ~both[:, c], minlength=len(label)) == 0 for c in (0, 1)])
+    supported = np.column_stack([np.bincount(of_label, ~both[:, c], minlength=len(label)) == 0
+                                 for c in (0, 1)])
     given = np.zeros((len(mesh.edges), 2), bool)
     given[mesh.find(ends)] = ~supported[of_label]
     return np.repeat(given, 2, axis=0)

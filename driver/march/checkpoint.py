@@ -1,8 +1,9 @@
-"""Checkpoints: the state after a finished step, from which an interrupted run goes on with the same numbers.
+"""Checkpoints: the state after a finished step, from which an interrupted run goes on with the same
+numbers.
 
-A checkpoint is one file, renamed into place when it is whole: arrays and JSON in numpy's npz format, before them its
-CRC-32. It holds no more than the parts of a run need for the steps to come and for their report, numbered so that
-any number of ranks can go on from it.
+A checkpoint is one file, renamed into place when it is whole: arrays and JSON in numpy's npz
+format, before them its CRC-32. It holds no more than the parts of a run need for the steps to come
+and for their report, numbered so that any number of ranks can go on from it.
 """
 
 import errno
@@ -22,19 +23,25 @@ from ..files import renamed
 
 NAME = "checkpoint.bin"
 END = b"</VTKFile>\n"
-SHARE = 0.02  # of the wall time that checkpoints may take: one follows after every step that pays for it
+# of the wall time that checkpoints may take: one follows after every step that pays for it
+SHARE = 0.02
 
 
 def fingerprint(content: str, options: dict) -> dict:
-    """What a run's numbers depend on, by the name that it has for a user; `content` as in seal.Seal."""
-    program = hashlib.sha256(f"{sys.version} {np.__version__} {os.environ.get('PETSC_DIR')}".encode())
+    """What a run's numbers depend on, by the name that it has for a user; `content` as in
+    seal.Seal.
+    """
+    program = hashlib.sha256(f"{sys.version} {np.__version__} {os.environ.get('PETSC_DIR')}".encode(
+        ))
     for path in sorted((ROOT / "driver").rglob("*.py")):
         program.update(str(path.relative_to(ROOT)).encode() + path.read_bytes())
     return {"scene or parameters": content, "options": options, "program": program.hexdigest()}
 
 
 def write(directory: Path, state: dict) -> None:
-    """Keep `state`, dictionaries of numbers, words, lists and arrays, in `directory`. Raises OSError."""
+    """Keep `state`, dictionaries of numbers, words, lists and arrays, in `directory`. Raises
+    OSError.
+    """
     arrays = {}
     text = json.dumps(_without_arrays(state, arrays))
     whole = io.BytesIO()
@@ -62,7 +69,8 @@ def _with_array(entry: dict, arrays: dict):
 
 
 def read(directory: Path) -> dict | None:
-    """The state kept in `directory`; None if there is none, or one that is damaged or lacks files of fields.
+    """The state kept in `directory`; None if there is none, or one that is damaged or lacks files
+    of fields.
 
     Raises OSError if memory is too short to see.
     """
@@ -72,7 +80,8 @@ def read(directory: Path) -> dict | None:
             return None
         with np.load(io.BytesIO(content[4:]), allow_pickle=False) as kept:
             arrays = {name: kept[name] for name in kept.files}
-        state = json.loads(arrays["text"].tobytes(), object_hook=lambda entry: _with_array(entry, arrays))
+        state = json.loads(arrays["text"].tobytes(),
+                           object_hook=lambda entry: _with_array(entry, arrays))
         return state if all(_ends(directory / name) for name in state["files"]) else None
     except OSError as problem:
         if problem.errno == errno.ENOMEM:  # not what an error that is being handled was about
@@ -81,14 +90,18 @@ def read(directory: Path) -> dict | None:
 
 
 def _ends(path: Path) -> bool:
-    """Whether a file of fields has its last line; a power failure may have taken it. Raises OSError if it is empty."""
+    """Whether a file of fields has its last line; a power failure may have taken it. Raises OSError
+    if it is empty.
+    """
     with open(path, "rb") as file:
         file.seek(-len(END), os.SEEK_END)
         return file.read() == END
 
 
 def copy(source: Path, target: Path) -> None:
-    """Give `target` what a run needs to go on from `source`, the checkpoint last; `source` keeps it as well."""
+    """Give `target` what a run needs to go on from `source`, the checkpoint last; `source` keeps it
+    as well.
+    """
     state = read(source)
     for name in state["files"]:
         (target / name).parent.mkdir(exist_ok=True)

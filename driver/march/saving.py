@@ -1,8 +1,9 @@
 """What a run saves of its finished steps in checkpoints, and how it takes them up again.
 
-The solver's own state is that after the last step; of each finished step the multipliers and what else a `Step` holds
-are kept, so that tables, records and estimates can see it again. Arrays follow the global numbering of dual rows and
-contact nodes and numbers are exact: any number of ranks goes on with the same bits.
+The solver's own state is that after the last step; of each finished step the multipliers and what
+else a `Step` holds are kept, so that tables, records and estimates can see it again. Arrays follow
+the global numbering of dual rows and contact nodes and numbers are exact: any number of ranks goes
+on with the same bits.
 """
 
 import time
@@ -19,7 +20,8 @@ from .step import Step
 class Checkpoints:
     """Saves and restores a solver and its finished steps in `directory`; collective.
 
-    Tables, records and estimates are not part of a checkpoint: finished steps are replayed through them.
+    Tables, records and estimates are not part of a checkpoint: finished steps are replayed through
+    them.
     """
 
     def __init__(self, directory: Path, identity: dict, solver: QuasistaticSolver):
@@ -31,7 +33,9 @@ class Checkpoints:
         self.unsaved = []  # the steps since then
 
     def restore(self) -> list[Step]:
-        """The finished steps of a checkpoint, if there is one, whose solver's state the solver takes over."""
+        """The finished steps of a checkpoint, if there is one, whose solver's state the solver
+        takes over.
+        """
         state = self.comm.bcast(checkpoint.read(self.directory) if self.comm.rank == 0 else None)
         if state is None:
             return []
@@ -53,13 +57,16 @@ class Checkpoints:
         state = {"fingerprint": self.identity, "solver": self.solver.snapshot()}
         with agreed_writes(self.comm):
             if self.comm.rank == 0:
-                checkpoint.write(self.directory, state | {"steps": _stacked(self.saved), "files": files})
+                checkpoint.write(self.directory,
+                                 state | {"steps": _stacked(self.saved), "files": files})
         now = time.perf_counter()
         self.next = now + (now - start) / checkpoint.SHARE
 
 
 def _gathered(step: Step, solver: QuasistaticSolver) -> dict | None:
-    """A step as numbers and arrays of the whole problem on rank 0, in the numbering of rows and contact nodes."""
+    """A step as numbers and arrays of the whole problem on rank 0, in the numbering of rows and
+    contact nodes.
+    """
     rows, comm = solver.rows, solver.operator.comm
     parts = comm.gather((step.multipliers, step.moved, rows.normal_node, step.status,
                          rows.tangential_node, step.friction_bound))
@@ -81,7 +88,9 @@ def _scattered(step: dict, solver: QuasistaticSolver) -> Step:
 
 
 def _stacked(steps: list[dict]) -> dict:
-    """Steps by name of their parts: one array (steps, ...) of each that is an array, lists of the others."""
+    """Steps by name of their parts: one array (steps, ...) of each that is an array, lists of the
+    others.
+    """
     return {name: np.array([step[name] for step in steps]) if isinstance(part, np.ndarray) else
             [step[name] for step in steps] for name, part in steps[0].items()}
 

@@ -1,4 +1,6 @@
-"""Stage 7: boundary.csv, the edges of the body's outline with their part in the scene and their unit traction."""
+"""Stage 7: boundary.csv, the edges of the body's outline with their part in the scene and their
+unit traction.
+"""
 
 from pathlib import Path
 
@@ -13,7 +15,9 @@ from .tables import BOUNDARY, header
 
 
 def write_outline(path: Path, manifest: Manifest, structure: Substructure, comm) -> None:
-    """Write the table to `path`; collective, rank 0 writes. Raises InputError if it cannot be written."""
+    """Write the table to `path`; collective, rank 0 writes. Raises InputError if it cannot be
+    written.
+    """
     subs = structure.subdomains
     traction = [k for k, pattern in enumerate(manifest.patterns) if pattern["kind"] == "traction"]
     outline = np.zeros(manifest.nodes, bool)
@@ -21,7 +25,8 @@ def write_outline(path: Path, manifest: Manifest, structure: Substructure, comm)
     gid = np.concatenate([np.empty(0, np.int64), *(sub.node_gid for sub in subs)])
     near = outline[gid]
     xy = np.concatenate([np.empty((0, 2)), *(sub.xy for sub in subs)])[near]
-    loads = np.concatenate([np.empty((structure.patterns, 0)), *(sub.loads for sub in subs)], axis=1)
+    loads = np.concatenate([np.empty((structure.patterns, 0)), *(sub.loads for sub in subs)],
+                           axis=1)
     force = loads[traction].sum(axis=0).reshape(-1, 2)[near]
     parts = comm.gather((gid[near], xy, force, constrained_keys(structure) // 2))
     with agreed_writes(comm):
@@ -30,7 +35,9 @@ def write_outline(path: Path, manifest: Manifest, structure: Substructure, comm)
 
 
 def _rows(manifest: Manifest, structure: Substructure, parts: list[tuple]) -> list[list]:
-    """Rows of the table. `parts`, of every rank: nodes on the outline, their places and forces, constrained nodes."""
+    """Rows of the table. `parts`, of every rank: nodes on the outline, their places and forces,
+    constrained nodes.
+    """
     constrained = np.zeros(manifest.nodes, bool)
     place, push = np.zeros((2, manifest.nodes, 2))
     for gid, xy, force, fixed in parts:
@@ -41,7 +48,8 @@ def _rows(manifest: Manifest, structure: Substructure, parts: list[tuple]) -> li
     start, end, label = structure.outer_edges.T
     supported = constrained[start] & constrained[end]
     rows = []
-    for p, q, edge, support in zip(place[start].tolist(), place[end].tolist(), label.tolist(), supported):
+    for p, q, edge, support in zip(place[start].tolist(), place[end].tolist(), label.tolist(),
+                                   supported):
         pull = traction.get(edge, [0.0, 0.0])
         if edge in paired:
             role = "pair"
@@ -57,7 +65,8 @@ def _rows(manifest: Manifest, structure: Substructure, parts: list[tuple]) -> li
 
 def _edge_tractions(edges: np.ndarray, middles: np.ndarray, place: np.ndarray,
                     push: np.ndarray) -> dict[int, list[float]]:
-    """Mean traction of every outer label, from the nodal forces `push` (nodes, 2) of nodes inside the label.
+    """Mean traction of every outer label, from the nodal forces `push` (nodes, 2) of nodes inside
+    the label.
 
     `edges` (n, 3) have two ends and a label. A node's part of an edge is the integral of its shape
     function: halves, with `middles` (n,) a sixth, a sixth and the rest.
@@ -76,4 +85,5 @@ def _edge_tractions(edges: np.ndarray, middles: np.ndarray, place: np.ndarray,
         own = inside[first[inside] == label]
         mean[label] = push[own].sum(axis=0) / length[own].sum()
     largest = max((np.abs(f).max() for f in mean.values()), default=0.0)
-    return {label: np.where(np.abs(f) > 1e-9 * largest, f, 0.0).tolist() for label, f in mean.items()}
+    return {label: np.where(np.abs(f) > 1e-9 * largest, f, 0.0).tolist()
+            for label, f in mean.items()}

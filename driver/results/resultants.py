@@ -9,12 +9,13 @@ from ..march.step import Step
 
 def resultants(operator: DualOperator, step: Step, inner: list[np.ndarray],
                contact: dict) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Resultants (2,) of loads, support reactions and the obstacles' forces, which add up to zero; and `size`.
+    """Resultants (2,) of loads, support reactions and the obstacles' forces, which add up to zero;
+    and `size`.
 
-    `inner` are the forces K u (dofs,) of the rank's subdomains, `contact` the quantities of the contact nodes.
-    `size` (2,) is the sum of the absolute values of all these nodal forces: the measure of their
-    balance, because resultants themselves may vanish. A support takes what K u leaves after load and
-    contact forces. Collective.
+    `inner` are the forces K u (dofs,) of the rank's subdomains, `contact` the quantities of the
+    contact nodes. `size` (2,) is the sum of the absolute values of all these nodal forces: the
+    measure of their balance, because resultants themselves may vanish. A support takes what K u
+    leaves after load and contact forces. Collective.
     """
     structure, totals = operator.structure, np.zeros((len(inner), 3, 2))
     forces = operator.forces_on_supports(step.multipliers)

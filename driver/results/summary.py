@@ -1,7 +1,7 @@
 """Stage 7: summary.json, what a run was asked for, what came of it and what it cost.
 
-The entries are the fields of `Summary`, in their order; each carries its unit and meaning, from which the reference
-follows. Entries that a run has not (None) are left out.
+The entries are the fields of `Summary`, in their order; each carries its unit and meaning, from
+which the reference follows. Entries that a run has not (None) are left out.
 """
 
 import resource
@@ -34,7 +34,8 @@ class Sizes:
     """Numbers of unknowns and conditions."""
 
     subdomains: int = entry("subdomains of all bodies")
-    primal_dofs: int = entry("displacements of all torn subdomains, constrained ones and repeated corners included")
+    primal_dofs: int = entry(
+        "displacements of all torn subdomains, constrained ones and repeated corners included")
     dual_dofs: int = entry("multipliers, the sum of the next three")
     dual_gluing: int = entry("multipliers that glue subdomains")
     dual_normal: int = entry("normal contact multipliers")
@@ -46,13 +47,15 @@ class Sizes:
     def of(cls, structure: Substructure) -> "Sizes":
         """Sizes of a torn problem."""
         gluing, normal, tangential = np.bincount(structure.row_kind, minlength=3).tolist()
-        return cls(structure.total, structure.primal_dofs, structure.dual_dofs, gluing, normal, tangential,
+        return cls(structure.total, structure.primal_dofs, structure.dual_dofs, gluing, normal,
+                   tangential,
                    structure.coarse_dofs, len(structure.contact.gid))
 
 
 @dataclass
 class Summary:
-    """The entries of summary.json; `parts` of dictionaries are named where their names are fixed."""
+    """The entries of summary.json; `parts` of dictionaries are named where their names are fixed.
+    """
 
     scene: str = entry("name of the scene")
     variant: str = entry("its LOADING, if it has any")
@@ -62,50 +65,62 @@ class Summary:
     effects: dict = entry("what the scene declares", parts={
         "contact": "none, unilateral or bilateral",
         "friction": "none, tresca, coulomb or coulomb-slip-dependent",
-        "time": "static or quasistatic", "initial": "preload, where the history starts from a preloaded state",
+        "time": "static or quasistatic",
+        "initial": "preload, where the history starts from a preloaded state",
         "body_force": "whether there is a body force", "bodies": "number of bodies"})
     sizes: Sizes = entry("numbers of unknowns")
     steps: int = entry("finished time steps")
     t_end: float = entry("end of the load history", "time")
     counts: dict = entry("work of all steps", parts={
         "fixed_point_iterations": "QPs solved for the fixed point of friction",
-        "dual_multiplications": "products with the dual matrix from the first time step to the last",
+        "dual_multiplications": "products with the dual matrix in all time steps",
         "dual_multiplications_setup": "products before it",
         "cg_steps": "CG steps of MPRGP", "expansion_steps": "expansion steps of MPRGP",
         "proportioning_steps": "proportioning steps of MPRGP",
         "contact_block_products": "products with the contact rows' block alone"})
-    residuals: dict = entry("relative residuals of the KKT conditions, the worst of all steps", parts={
+    residuals: dict = entry("relative residuals of the KKT conditions, the worst of all steps",
+                            parts={
         "stationarity": "projected gradient", "gluing": "jump between subdomains",
         "penetration": "into obstacle or other body", "sign": "pulling normal forces",
-        "cone": "friction forces above their bound", "complementarity": "work of gap and lost dissipation",
+        "cone": "friction forces above their bound",
+                                "complementarity": "work of gap and lost dissipation",
         "equilibrium": "forces on bodies that no support holds"})
-    contraction: float = entry("worst mean ratio of successive changes of the fixed point in a step")
+    contraction: float = entry(
+        "worst mean ratio of successive changes of the fixed point in a step")
     fallbacks: dict = entry("steps that needed another method, by the method's name")
     uniqueness: dict = entry("whether the steps have other solutions", parts={
         "verdict": "unique, not unique, no second solution found or not examined",
-        "steps_examined": "number of steps that were examined", "steps_not_unique": "numbers of the steps",
+        "steps_examined": "number of steps that were examined",
+        "steps_not_unique": "numbers of the steps",
         "solutions": "those of the first such step, the one that is followed first"})
     memory_mib: float = entry("largest memory of all ranks together", "MiB")
     ranks: int = entry("MPI ranks")
-    units: dict = entry("names of the scene's units", parts={"length": "m, mm, ...", "stress": "Pa, MPa, ..."})
-    amplitudes: dict = entry("factors of the loads at the start and after every step, by number of the load")
+    units: dict = entry("names of the scene's units",
+                        parts={"length": "m, mm, ...", "stress": "Pa, MPa, ..."})
+    amplitudes: dict = entry(
+        "factors of the loads at the start and after every step, by number of the load")
     parameters: dict = entry("parameters of the scene and options of the solver")
     versions: dict = entry("of Python, numpy and PETSc")
     seconds: dict = entry("wall time of the stages", "s", parts={
         "export": "FreeFEM", "read": "reading its export", "setup": "reduction to the interfaces",
-        "solve": "all time steps, those before an interruption included", "output": "contact quantities and fields",
+        "solve": "all time steps, those before an interruption included",
+        "output": "contact quantities and fields",
         "energy_error": "error in the energy norm", "estimates": "error budget", "total": "the sum",
-        "export_cycles": "FreeFEM in refinement cycles", "solve_cycles": "all else in refinement cycles"})
-    effects_ledger: dict = entry("for every effect: was it declared, was it active, why, its unknowns and seconds")
-    balance: float = entry("resultant of all forces, the largest of the steps, over the sum of their absolute values")
+        "export_cycles": "FreeFEM in refinement cycles",
+        "solve_cycles": "all else in refinement cycles"})
+    effects_ledger: dict = entry(
+        "for every effect: was it declared, was it active, why, its unknowns and seconds")
+    balance: float = entry(
+        "resultant of all forces, the largest of the steps, over the sum of their absolute values")
     dissipated: float = entry("work that friction has taken", "stress length^2")
     errors: dict | None = entry("estimated errors", optional=True, parts={
-        "energy": "in the energy norm: kind, step, mesh, solver, friction, total, norm, relative, largest",
-        "quantities": "budget of every quantity: value, mesh, time, friction, solver, total, relative",
+        "energy": "in the energy norm: kind, step, its parts, total, norm, relative, largest",
+        "quantities": "budget of every quantity: value, its parts, total, relative",
         "advice": "what would lower the largest part", "notes": "companions that could not be run"})
     quantities: dict | None = entry("quantities of interest", "see quantities.py", optional=True)
     quantities_time: float | None = entry("the time they belong to", "time", optional=True)
-    resumed_after_step: int | None = entry("finished steps of an interrupted run that were taken up", optional=True)
+    resumed_after_step: int | None = entry(
+        "finished steps of an interrupted run that were taken up", optional=True)
     accuracy: dict | None = entry("of ACCURACY=", optional=True, parts={
         "quantity": "whose error was asked for", "asked": "relative error asked for",
         "reached": "estimated relative error", "settings": "options that give the same run by hand",
@@ -132,22 +147,28 @@ def summarize(request: dict, problem: Problem, solver: QuasistaticSolver, settin
         warnings.append(history.reason)
     if writer.history_rows:
         quantities, index = writer.record.quantities()
-        optional |= {"quantities": quantities, "quantities_time": writer.history_rows[index]["time"]}
+        optional |= {"quantities": quantities,
+                     "quantities_time": writer.history_rows[index]["time"]}
     return Summary(
         scene=request["scene"], variant=str(manifest.parameters.get("loading", "")),
-        converged=history.exit_status == 0, reason=history.reason, warnings=warnings, effects=effects,
+        converged=history.exit_status == 0, reason=history.reason, warnings=warnings,
+        effects=effects,
         sizes=sizes, steps=history.steps, t_end=manifest.t_end, counts=history.counts,
         residuals=history.residuals, contraction=history.contraction,
         fallbacks={name: len(steps) for name, steps in history.fallbacks.steps.items()},
-        uniqueness=solver.uniqueness.summary(), memory_mib=memory_mib, ranks=writer.operator.comm.size,
+        uniqueness=solver.uniqueness.summary(), memory_mib=memory_mib,
+        ranks=writer.operator.comm.size,
         units=manifest.units, amplitudes=manifest.amplitudes,
-        parameters={**manifest.parameters, **asdict(settings)}, versions=_versions(), seconds=seconds,
+        parameters={**manifest.parameters, **asdict(settings)}, versions=_versions(),
+        seconds=seconds,
         effects_ledger=_ledger(problem, effects, sizes, solver, writer),
         balance=writer.balance, dissipated=writer.dissipated, **optional)
 
 
 def write(directory: Path, summary: Summary, comm) -> None:
-    """Write the file into `directory` on rank 0; collective. Raises InputError if it cannot be written."""
+    """Write the file into `directory` on rank 0; collective. Raises InputError if it cannot be
+    written.
+    """
     with agreed_writes(comm):
         if comm.rank == 0:
             write_json(directory / FILE, summary.entries())
@@ -159,10 +180,13 @@ def largest_memory(comm) -> float:
 
 
 def reference() -> list[dict[str, str]]:
-    """A row {entry, unit, meaning} for every entry: the reference of the documentation; nested names have a dot."""
+    """A row {entry, unit, meaning} for every entry: the reference of the documentation; nested
+    names have a dot.
+    """
     rows = []
     for item in fields(Summary):
-        rows.append({"entry": item.name, "unit": item.metadata["unit"], "meaning": item.metadata["meaning"]})
+        rows.append({"entry": item.name, "unit": item.metadata["unit"],
+                     "meaning": item.metadata["meaning"]})
         parts = item.metadata["parts"]
         if item.type is Sizes:
             parts = {part.name: part.metadata["meaning"] for part in fields(Sizes)}
@@ -171,7 +195,8 @@ def reference() -> list[dict[str, str]]:
     return rows
 
 
-def _ledger(problem: Problem, effects: dict, sizes: Sizes, solver: QuasistaticSolver, writer: Writer) -> dict:
+def _ledger(problem: Problem, effects: dict, sizes: Sizes, solver: QuasistaticSolver,
+            writer: Writer) -> dict:
     """Which declared effects mattered and what they cost; collective."""
     manifest, structure, history = problem.manifest, problem.structure, solver.history
     largest = np.zeros(len(manifest.patterns))

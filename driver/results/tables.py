@@ -1,7 +1,8 @@
-"""The columns of the tables that a run leaves: name, unit and meaning, from which headers and their reference follow.
+"""The columns of the tables that a run leaves: name, unit and meaning, from which headers and their
+reference follow.
 
-Units are "1", "length", "stress", "time", or products of these; forces and energies are per thickness. A name with {}
-stands for as many columns as the run has of what the meaning says.
+Units are "1", "length", "stress", "time", or products of these; forces and energies are per
+thickness. A name with {} stands for as many columns as the run has of what the meaning says.
 """
 
 from dataclasses import dataclass
@@ -32,10 +33,12 @@ CONTACT = (
     Column("normal_x", "1", "outward unit normal n of the body; t is n turned by +90 degrees"),
     Column("normal_y", "1", "outward unit normal n of the body; t is n turned by +90 degrees"),
     Column("gap", "length", "distance to the obstacle or the other body along n before any load"),
-    Column(ContactField.U_N, "length", "displacement along n, between bodies the jump; at most the gap"),
+    Column(ContactField.U_N, "length",
+           "displacement along n, between bodies the jump; at most the gap"),
     Column(ContactField.U_T, "length", "displacement along t, between bodies the jump"),
     Column(ContactField.SLIP, "length", "change of u_t in the step"),
-    Column(ContactField.SIGMA_N, "stress", "normal traction, nodal force over weight; negative in compression"),
+    Column(ContactField.SIGMA_N, "stress",
+           "normal traction, nodal force over weight; negative in compression"),
     Column(ContactField.SIGMA_T, "stress", "shear traction, nodal force over weight"),
     Column(ContactField.BOUND, "stress", "largest shear traction that friction can hold"),
     Column(ContactField.STATUS, "1", f"{', '.join(STATUS_NAMES)}"),
@@ -47,7 +50,8 @@ HISTORY = (
     Column("amplitude_{}", "1", "factor of the load with this number"),
     Column("fixed_point_iterations", "1", "QPs that were solved in the step"),
     Column("dual_multiplications", "1", "products with the dual matrix in the step"),
-    Column("contraction", "1", "mean ratio of successive changes of the fixed point; nan if there was one change"),
+    Column("contraction", "1",
+           "mean ratio of successive changes of the fixed point; nan if there was one change"),
     Column("resultant_n", FORCE, "normal tractions summed over the contact boundary"),
     Column("resultant_t", FORCE, "shear tractions summed over the contact boundary"),
     Column("load_x", FORCE, "resultant of the loads"),
@@ -90,7 +94,9 @@ TABLES = {
 
 
 def header(columns: tuple[Column, ...], **families) -> list[str]:
-    """Names of the columns; `families` has the members of a column with {} by what stands before it, without _."""
+    """Names of the columns; `families` has the members of a column with {} by what stands before
+    it, without _.
+    """
     names = []
     for column in columns:
         if column.name.endswith("_{}"):
@@ -102,6 +108,9 @@ def header(columns: tuple[Column, ...], **families) -> list[str]:
 
 
 def reference() -> list[dict[str, str]]:
-    """A row {file, column, unit, meaning} for every column of every table: the reference of the documentation."""
-    return [{"file": file, "column": str(column.name), "unit": column.unit, "meaning": column.meaning}
+    """A row {file, column, unit, meaning} for every column of every table: the reference of the
+    documentation.
+    """
+    return [{"file": file, "column": str(column.name), "unit": column.unit,
+             "meaning": column.meaning}
             for file, (_, columns) in TABLES.items() for column in columns]

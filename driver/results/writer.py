@@ -1,7 +1,8 @@
-"""Stage 7: what a run leaves step by step: contact.csv, history.csv, convergence.csv, boundary.csv, VTU fields.
+"""Stage 7: what a run leaves step by step: contact.csv, history.csv, convergence.csv, boundary.csv,
+VTU fields.
 
-Fields are gathered on rank 0, which alone writes. Files go to the run's private directory, which the command line
-renames as a whole, so a result directory that is there is complete.
+Fields are gathered on rank 0, which alone writes. Files go to the run's private directory, which
+the command line renames as a whole, so a result directory that is there is complete.
 """
 
 from pathlib import Path
@@ -27,8 +28,11 @@ class Writer:
 
     def __init__(self, directory: Path, manifest: Manifest, operator: DualOperator,
                  solver: QuasistaticSolver, fields: bool):
-        """`fields`: whether VTU files are wanted. Raises InputError if `directory` cannot be written to."""
-        self.directory, self.manifest, self.operator, self.solver = directory, manifest, operator, solver
+        """`fields`: whether VTU files are wanted. Raises InputError if `directory` cannot be
+        written to.
+        """
+        self.directory, self.manifest = directory, manifest
+        self.operator, self.solver = operator, solver
         self.record = Record(operator, solver)
         self.contact = self.record.contact
         self.history_rows = []  # {column: value}
@@ -37,17 +41,20 @@ class Writer:
         write_outline(directory / "boundary.csv", manifest, operator.structure, operator.comm)
 
     def add(self, step: Step, replayed: bool = False) -> tuple[dict[str, np.ndarray], float]:
-        """Evaluate and record one step; the state of the contact nodes and the body's energy u' K u.
+        """Evaluate and record one step; the state of the contact nodes and the body's energy u' K
+        u.
 
-        `replayed`: the step was finished before the run was interrupted, and its fields are written.
+        `replayed`: the step was finished before the run was interrupted, and its fields are
+        written.
         """
         displacements, state = self.record.add(step)
         inner = self.operator.inner_forces(displacements)
         forces, size = resultants(self.operator, step, inner, state)
-        self.largest_imbalance = max(self.largest_imbalance, float(np.abs(sum(forces.values())).max()))
+        self.largest_imbalance = max(self.largest_imbalance,
+                                     float(np.abs(sum(forces.values())).max()))
         self.largest_forces = max(self.largest_forces, float(size.max()))
-        power = state[ContactField.SIGMA_T] * state[ContactField.SLIP] * self.contact.boundary.weight
-        self.dissipated += float(-power.sum())
+        work = state[ContactField.SIGMA_T] * state[ContactField.SLIP]
+        self.dissipated += float(-(work * self.contact.boundary.weight).sum())
         self.history_rows.append(self._history_row(step, state, forces))
         if self.fields is not None:
             self.fields.add(step, displacements, replayed)
@@ -67,7 +74,9 @@ class Writer:
 
     @property
     def balance(self) -> float:
-        """Largest sum of the resultants of a step, over the largest sum of the nodal forces' absolute values."""
+        """Largest sum of the resultants of a step, over the largest sum of the nodal forces'
+        absolute values.
+        """
         return self.largest_imbalance / self.largest_forces if self.largest_forces > 0 else 0.0
 
     def close(self) -> None:
@@ -115,7 +124,8 @@ class Writer:
             columns = header((*CONTACT, LABEL) if labelled else CONTACT)
             write_rows(self.directory / "contact.csv", columns, self._contact_rows(labelled))
         if self.history_rows:
-            residuals = [name.removeprefix("kkt_") for name in self.history_rows[0] if name.startswith("kkt_")]
+            residuals = [name.removeprefix("kkt_") for name in self.history_rows[0]
+                         if name.startswith("kkt_")]
             columns = header(HISTORY, amplitude=self.manifest.amplitudes, kkt=residuals)
             rows = ([row[name] for name in columns] for row in self.history_rows)
             write_rows(self.directory / "history.csv", columns, rows)

@@ -20,7 +20,9 @@ from .workspace import lock_log
 
 
 class Progress:
-    """Finished steps, residual and remaining time: a bar on a terminal, plain lines elsewhere, all lines in a log."""
+    """Finished steps, residual and remaining time: a bar on a terminal, plain lines elsewhere, all
+    lines in a log.
+    """
 
     def __init__(self, total: int, done: int, label: str, quiet: bool, log: Path | None):
         """`done` steps of `total` are those of an interrupted run."""
@@ -37,14 +39,18 @@ class Progress:
     def update(self, step) -> None:
         """Report one finished step."""
         worst, spent = max(step.residuals.values()), time.perf_counter() - self.start
-        line = (f"{self.label}: step {step.index}/{self.total}, {step.fixed_point_iterations} fixed-point iterations, "
-                f"{step.products} products, KKT residual {worst:.1e}")
+        line = (f"{self.label}: step {step.index}/{self.total}, "
+                f"{step.fixed_point_iterations} fixed-point iterations, {step.products} products, "
+                f"KKT residual {worst:.1e}")
         self.note(f"{line}, {spent:.2f} s")
         if self.bar is not None:
-            self.bar.set_postfix(fixed_point=step.fixed_point_iterations, products=step.products, kkt=f"{worst:.1e}")
+            self.bar.set_postfix(fixed_point=step.fixed_point_iterations, products=step.products,
+                                 kkt=f"{worst:.1e}")
             self.bar.update()
-        elif not self.quiet and (step.index % max(1, self.total // 5) == 0 or step.index == self.total):
-            print(f"{line}, {spent * (self.total - step.index) / (step.index - self.done):.0f} s left", flush=True)
+        elif not self.quiet and (step.index % max(1, self.total // 5) == 0
+                                 or step.index == self.total):
+            remaining = spent * (self.total - step.index) / (step.index - self.done)
+            print(f"{line}, {remaining:.0f} s left", flush=True)
 
     def note(self, line: str) -> None:
         """One line for the log alone."""
@@ -63,10 +69,11 @@ class Progress:
 def run(directory: Path, request: dict, comm) -> tuple[int, str]:
     """Solve the export in ``directory/export`` and write the results into `directory`.
 
-    `request` holds scene, settings (of options.Settings), fields (bool), quiet (bool), seconds (of the
-    stages before), errors, refine (bool) and fingerprint (see checkpoint). Goes on from a checkpoint in
-    `directory`, if there is one. Collective over `comm`; returns exit status and reason, the same on
-    every rank. Raises DriverError, on all ranks alike, where there is nothing to keep.
+    `request` holds scene, settings (of options.Settings), fields (bool), quiet (bool), seconds (of
+    the stages before), errors, refine (bool) and fingerprint (see checkpoint). Goes on from a
+    checkpoint in `directory`, if there is one. Collective over `comm`; returns exit status and
+    reason, the same on every rank. Raises DriverError, on all ranks alike, where there is nothing
+    to keep.
     """
     lap = Laps(request["seconds"])
     seconds, settings = lap.seconds, Settings(**request["settings"])
@@ -74,7 +81,8 @@ def run(directory: Path, request: dict, comm) -> tuple[int, str]:
     solver = problem.solver(settings)
     lap("setup")
     writer = Writer(directory, problem.manifest, problem.operator, solver, request["fields"])
-    estimator = EnergyEstimator(problem.operator, problem.manifest, writer.contact, settings.estimator)
+    estimator = EnergyEstimator(problem.operator, problem.manifest, writer.contact,
+                                settings.estimator)
     resumed, before = _march(directory, request, problem, solver, writer, estimator)
     history, memory = solver.history, summary.largest_memory(comm)
     lap("output")
@@ -83,12 +91,14 @@ def run(directory: Path, request: dict, comm) -> tuple[int, str]:
     errors = _errors(directory, request, problem, solver, writer, estimator, lap)
     seconds["total"] = sum(seconds.values())
     writer.close()
-    summary.write(directory, summary.summarize(request, problem, solver, settings, writer, memory, seconds,
+    summary.write(directory,
+                  summary.summarize(request, problem, solver, settings, writer, memory, seconds,
                                                resumed_after_step=resumed, errors=errors), comm)
     return history.exit_status, history.reason
 
 
-def _march(directory: Path, request: dict, problem: Problem, solver: QuasistaticSolver, writer: Writer,
+def _march(directory: Path, request: dict, problem: Problem, solver: QuasistaticSolver,
+           writer: Writer,
            estimator: EnergyEstimator) -> tuple[int, float]:
     """All time steps; number and seconds of those that an interrupted run has left."""
     comm, history = writer.operator.comm, solver.history
@@ -113,14 +123,17 @@ def _march(directory: Path, request: dict, problem: Problem, solver: Quasistatic
 def _progress(directory: Path, request: dict, problem: Problem, resumed: int, comm) -> Progress:
     """The report of progress, with its first line."""
     root = comm.rank == 0
-    progress = Progress(problem.manifest.steps, resumed, request["scene"], request["quiet"] or not root,
+    progress = Progress(problem.manifest.steps, resumed, request["scene"],
+                        request["quiet"] or not root,
                         directory / "run.log" if root else None)
-    line = f"{request['scene']} {problem.manifest.parameters} {request['settings']} on {comm.size} ranks"
+    line = (f"{request['scene']} {problem.manifest.parameters} {request['settings']} "
+            f"on {comm.size} ranks")
     progress.note(f"{line}, resumed after step {resumed}" if resumed else line)
     return progress
 
 
-def _errors(directory: Path, request: dict, problem: Problem, solver: QuasistaticSolver, writer: Writer,
+def _errors(directory: Path, request: dict, problem: Problem, solver: QuasistaticSolver,
+            writer: Writer,
             estimator: EnergyEstimator, lap: Laps) -> dict | None:
     """Entry `errors` of the summary as far as `request` asks for it; collective."""
     status = solver.history.exit_status
@@ -154,7 +167,8 @@ def _budget(directory: Path, request: dict, problem: Problem, writer: Writer) ->
     from ..estimates.levels import Levels, assess
 
     settings = Settings(**{**request["settings"], "uniqueness": "no"})
-    levels = Levels(Path(request["path"]), request["parameters"], directory / "companions", writer.operator.comm,
+    levels = Levels(Path(request["path"]), request["parameters"], directory / "companions",
+                    writer.operator.comm,
                     settings, [Path(place) for place in request["cycles"]])
     try:
         return assess(levels, problem, settings, *writer.record.quantities())

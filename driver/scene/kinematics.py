@@ -14,8 +14,8 @@ def strains(sub: Subdomain, u: np.ndarray) -> np.ndarray:
 def stresses(sub: Subdomain, u: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Mean stresses (n_t, 3) s11, s22, s12 and von Mises stress (n_t,) of displacements u (dofs,).
 
-    `weights` (patterns,) are the factors of the load patterns: the stress that thermal strains would
-    cause if they were suppressed is subtracted.
+    `weights` (patterns,) are the factors of the load patterns: the stress that thermal strains
+    would cause if they were suppressed is subtracted.
     """
     strain = strains(sub, u)
     s = np.einsum("tij,tj->ti", sub.elasticity, strain)
