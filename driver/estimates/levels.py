@@ -120,13 +120,14 @@ class Levels:
         clock, before = time.perf_counter(), problem.operator.products
         solver = problem.solver(settings, samples(problem.manifest.steps, stride))
         record, steps = Record(problem.operator, solver), []
-        for step in solver.steps():
-            record.add(step)
-            steps.append(step)
-        products = problem.operator.products - before
-        self.products += products
-        self.seconds["solve"] += time.perf_counter() - clock
-        solver.history.check()
+        try:
+            for step in solver.steps():
+                record.add(step)
+                steps.append(step)
+        finally:
+            products = problem.operator.products - before
+            self.products += products
+            self.seconds["solve"] += time.perf_counter() - clock
         return Level(*record.quantities(), products, solver, steps)
 
     def close(self) -> None:
@@ -143,7 +144,7 @@ class Companions:
         `at`.
         """
         self.levels, self.manifest, self.settings = levels, problem.manifest, settings
-        self.values, self.at = values, at
+        self.values, self.at, self.effects = values, at, problem.effects
         levels.problems[()] = problem
         self.knob = mesh_knob(self.manifest.parameters)
         self.notes = []
@@ -212,12 +213,11 @@ class Companions:
 
     def parts(self) -> dict[str, dict[str, Part]]:
         """Part by source and quantity."""
-        effects = self.manifest.effects
+        effects = self.effects
         found = {"mesh": self._mesh()}
-        if effects["time"] != "static" and (effects["friction"] != "none"
-                                            or self.at < self.manifest.steps - 1):
+        if effects.quasistatic and (effects.frictional or self.at < self.manifest.steps - 1):
             found["time"] = self._time()
-        if effects["friction"] in ("coulomb", "coulomb-slip-dependent"):
+        if effects.pressure_bounds_friction:
             found["friction"] = self._algebraic({"rtol": self.settings.rtol / TIGHTER},
                                                 {"friction_rtol": min(
                                                     self.settings.friction_rtol / TIGHTER,
@@ -240,9 +240,8 @@ class Companions:
         """Every second and fourth time; without friction the history is forgotten, and only the
         instant counts.
         """
-        forgetful = self.manifest.effects["friction"] == "none"
-        strides = [stride for stride in (1, 2, 4)[: 2 if forgetful else 3]
-                   if stride <= self.manifest.steps]
+        strides = [1, 2, 4] if self.effects.frictional else [1, 2]
+        strides = [stride for stride in strides if stride <= self.manifest.steps]
         values = [self._values(self.base, stride) for stride in strides]
         counts = [len(samples(self.manifest.steps, stride)) - 1 for stride in strides]
         return self._parts(list(zip(values, values[1:])),

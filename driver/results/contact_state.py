@@ -14,10 +14,10 @@ class ContactState:
     """Nodal contact quantities of the whole body in every step, on every rank; arrays (n_c,)."""
 
     def __init__(self, operator: DualOperator, solver: QuasistaticSolver):
-        self.operator, self.rows = operator, solver.rows
+        self.operator, self.rows, self.law = operator, solver.rows, solver.law
         self.boundary = operator.structure.contact
-        self.frictional = solver.effects["friction"] != "none"
-        self.u_t = self.boundary.initial  # tangential displacement at the end of the step before
+        self.frictional = solver.effects.frictional
+        self.u_t = solver.initial  # tangential displacement at the end of the step before
         self.constrained = self._constrained()
         self._find_terms()
 
@@ -58,8 +58,7 @@ class ContactState:
         values = np.sum(self.operator.comm.allgather(values), axis=0)
         if self.frictional:  # a node constrained tangentially has no row of its own, but a bound
             alone = b.tangential_row < 0
-            pressure = b.weight if self.rows.tresca else np.abs(values[0])
-            values[2, alone] = (b.friction * pressure)[alone]
+            values[2, alone] = self.law.friction_bound(values[0])[alone]
         u = self._jump(displacements)
         u_n, u_t = (u * b.normal).sum(axis=1), (u * b.tangent).sum(axis=1)
         slip, self.u_t = u_t - self.u_t, u_t

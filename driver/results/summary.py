@@ -11,13 +11,13 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import agreed_writes
+from ..errors import DriverError, agreed_writes
 from ..feti.substructuring import Substructure
 from ..files import write_json
 from ..march.problem import Problem
 from ..march.quasistatic import QuasistaticSolver
 from ..options import Settings
-from .ledger import effects_ledger
+from .ledger import ledger
 from .writer import Writer
 
 FILE = "summary.json"
@@ -131,28 +131,27 @@ class Summary:
         return {name: value for name, value in asdict(self).items() if value is not None}
 
 
-def summarize(request: dict, problem: Problem, solver: QuasistaticSolver, settings: Settings,
-              writer: Writer, memory_mib: float, seconds: dict, **optional) -> Summary:
+def summarize(request: dict, problem: Problem, solver: QuasistaticSolver,
+              failure: DriverError | None, settings: Settings, writer: Writer, memory_mib: float,
+              seconds: dict, **optional) -> Summary:
     """The summary of a finished run; collective.
 
-    `request` names the scene, `memory_mib` is as from `largest_memory`, `seconds` of all stages;
+    `request` names the scene, `failure` says why the run did not converge, `memory_mib` is as from `largest_memory`, `seconds` of all stages;
     `optional` entries as in `Summary`.
     """
     manifest, structure, history = problem.manifest, problem.structure, solver.history
-    kinds = [pattern["kind"] for pattern in manifest.patterns]
-    effects = {**manifest.effects, "body_force": "body_force" in kinds, "bodies": manifest.bodies}
     sizes = Sizes.of(structure)
     warnings = [*history.warnings, *history.fallbacks.warnings(), *solver.uniqueness.warnings()]
-    if history.reason:
-        warnings.append(history.reason)
+    if failure:
+        warnings.append(str(failure))
     if writer.history_rows:
         quantities, index = writer.record.quantities()
         optional |= {"quantities": quantities,
                      "quantities_time": writer.history_rows[index]["time"]}
     return Summary(
         scene=request["scene"], variant=str(manifest.parameters.get("loading", "")),
-        converged=history.exit_status == 0, reason=history.reason, warnings=warnings,
-        effects=effects,
+        converged=failure is None, reason=str(failure or ""), warnings=warnings,
+        effects=problem.effects.summary,
         sizes=sizes, steps=history.steps, t_end=manifest.t_end, counts=history.counts,
         residuals=history.residuals, contraction=history.contraction,
         fallbacks={name: len(steps) for name, steps in history.fallbacks.steps.items()},
@@ -161,7 +160,7 @@ def summarize(request: dict, problem: Problem, solver: QuasistaticSolver, settin
         units=manifest.units, amplitudes=manifest.amplitudes,
         parameters={**manifest.parameters, **asdict(settings)}, versions=_versions(),
         seconds=seconds,
-        effects_ledger=_ledger(problem, effects, sizes, solver, writer),
+        effects_ledger=_ledger(problem, sizes, solver, writer),
         balance=writer.balance, dissipated=writer.dissipated, **optional)
 
 
@@ -195,20 +194,15 @@ def reference() -> list[dict[str, str]]:
     return rows
 
 
-def _ledger(problem: Problem, effects: dict, sizes: Sizes, solver: QuasistaticSolver,
-            writer: Writer) -> dict:
+def _ledger(problem: Problem, sizes: Sizes, solver: QuasistaticSolver, writer: Writer) -> dict:
     """Which declared effects mattered and what they cost; collective."""
-    manifest, structure, history = problem.manifest, problem.structure, solver.history
-    largest = np.zeros(len(manifest.patterns))
+    structure = problem.structure
+    largest = np.zeros(structure.patterns)
     for k in range(len(largest)):
         for values in (*(sub.loads for sub in structure.subdomains), *structure.fixed_values):
             largest[k] = max(largest[k], np.abs(values[k]).max(initial=0))
     largest = np.max(writer.operator.comm.allgather(largest), axis=0)
-    patterns = [{"kind": pattern["kind"], "largest": float(size)}
-                for pattern, size in zip(manifest.patterns, largest)]
-    return effects_ledger(effects, asdict(sizes), patterns, manifest.factors, writer.history_rows,
-                          history.log, history.seconds, bool(structure.contact.gap.any()),
-                          bool(structure.contact.initial.any()))
+    return ledger(solver, asdict(sizes), problem.manifest.factors, largest, writer.history_rows)
 
 
 def _versions() -> dict:

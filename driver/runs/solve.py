@@ -4,12 +4,13 @@ import sys
 import time
 from pathlib import Path
 
-from ..errors import agreed_writes
+from ..errors import DriverError, agreed_writes
 from ..estimates import adaptivity, soundness
 from ..estimates.energy import EnergyEstimator, report
 from ..march.problem import Problem, assemble
 from ..march.quasistatic import QuasistaticSolver
 from ..march.saving import Checkpoints
+from ..march.step import Step, StepFailed
 from ..options import Settings
 from ..results import summary
 from ..results.relinearization import linearized
@@ -83,41 +84,53 @@ def run(directory: Path, request: dict, comm) -> tuple[int, str]:
     writer = Writer(directory, problem.manifest, problem.operator, solver, request["fields"])
     estimator = EnergyEstimator(problem.operator, problem.manifest, writer.contact,
                                 settings.estimator)
-    resumed, before = _march(directory, request, problem, solver, writer, estimator)
-    history, memory = solver.history, summary.largest_memory(comm)
+    resumed, before, failure = _march(directory, request, problem, solver, writer, estimator)
+    memory = summary.largest_memory(comm)
     lap("output")
-    seconds["output"] -= history.seconds - before  # of this process
-    seconds["solve"] = history.seconds  # of all steps
-    errors = _errors(directory, request, problem, solver, writer, estimator, lap)
+    seconds["output"] -= solver.history.seconds - before  # of this process
+    seconds["solve"] = solver.history.seconds  # of all steps
+    errors = _errors(directory, request, problem, failure, writer, estimator, lap)
     seconds["total"] = sum(seconds.values())
     writer.close()
-    summary.write(directory,
-                  summary.summarize(request, problem, solver, settings, writer, memory, seconds,
-                                               resumed_after_step=resumed, errors=errors), comm)
-    return history.exit_status, history.reason
+    content = summary.summarize(request, problem, solver, failure, settings, writer, memory,
+                                seconds, resumed_after_step=resumed, errors=errors)
+    summary.write(directory, content, comm)
+    return (failure.exit_status, str(failure)) if failure else (0, "")
 
 
 def _march(directory: Path, request: dict, problem: Problem, solver: QuasistaticSolver,
-           writer: Writer,
-           estimator: EnergyEstimator) -> tuple[int, float]:
-    """All time steps; number and seconds of those that an interrupted run has left."""
-    comm, history = writer.operator.comm, solver.history
+           writer: Writer, estimator: EnergyEstimator) -> tuple[int, float, StepFailed | None]:
+    """All time steps; number and seconds of those from an interrupted run, and what ended them.
+
+    Raises StepFailed where there is no step to keep.
+    """
+    comm, history, failure = writer.operator.comm, solver.history, None
     checkpoints = Checkpoints(directory, request["fingerprint"], solver)
     for step in checkpoints.restore():
         estimator.consider(step, *writer.add(step, replayed=True))
     resumed, before = history.steps, history.seconds
     with agreed_writes(comm):
         progress = _progress(directory, request, problem, resumed, comm)
-    for step in solver.steps():
+
+    def add(step: Step) -> None:
         with agreed_writes(comm):
             progress.update(step)
         estimator.consider(step, *writer.add(step))
-        if history.exit_status == 0:
+
+    try:
+        for step in solver.steps():
+            add(step)
             checkpoints.save(step, writer.files)
+    except StepFailed as stop:
+        if not history.steps:
+            raise
+        failure = stop
+        if failure.step is not None:
+            add(failure.step)
     history.warnings += soundness.warnings(problem, estimator.largest and estimator.largest[1])
     with agreed_writes(comm):
-        progress.close(history.reason or "converged")
-    return resumed, before
+        progress.close(str(failure or "converged"))
+    return resumed, before, failure
 
 
 def _progress(directory: Path, request: dict, problem: Problem, resumed: int, comm) -> Progress:
@@ -132,12 +145,10 @@ def _progress(directory: Path, request: dict, problem: Problem, resumed: int, co
     return progress
 
 
-def _errors(directory: Path, request: dict, problem: Problem, solver: QuasistaticSolver,
-            writer: Writer,
-            estimator: EnergyEstimator, lap: Laps) -> dict | None:
+def _errors(directory: Path, request: dict, problem: Problem, failure: DriverError | None,
+            writer: Writer, estimator: EnergyEstimator, lap: Laps) -> dict | None:
     """Entry `errors` of the summary as far as `request` asks for it; collective."""
-    status = solver.history.exit_status
-    if request["errors"] == "no" or status == 3:
+    if request["errors"] == "no" or failure and failure.exit_status == 3:
         return None
     estimates = estimator.estimates()
     for step, estimate in estimates:
@@ -147,7 +158,7 @@ def _errors(directory: Path, request: dict, problem: Problem, solver: Quasistati
     if request.get("refine"):
         _next_mesh(directory, estimator, estimates)
     lap("energy_error")
-    if request["errors"] == "yes" and status == 0:
+    if request["errors"] == "yes" and not failure:
         errors |= _budget(directory, request, problem, writer)
         lap("estimates")
     return errors
