@@ -18,10 +18,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ..scene.elements import areas
 from ..errors import InputError
 from ..files import write_table
 from ..options import Settings
+from ..scene.elements import areas
 
 STEM = "size"  # of the files of a size field, see write_sizes
 # triangles of one cycle's mesh over those of the one before: as if the size were halved
@@ -117,7 +117,8 @@ def write_sizes(stem: Path, xy: np.ndarray, triangles: np.ndarray, edges: np.nda
                        for part in (triangles, edges))
         with open(f"{stem}-{k}.msh", "w") as file:
             file.write(f"{len(own)} {len(inside)} {len(rim)}\n")
-            np.savetxt(file, np.column_stack([xy[own], np.zeros(len(own), int)]), fmt="%.17g %.17g %d")
+            vertices = np.column_stack([xy[own], np.zeros(len(own), int)])
+            np.savetxt(file, vertices, fmt="%.17g %.17g %d")
             np.savetxt(file, np.column_stack([inside + 1, np.zeros(len(inside), int)]), fmt="%d")
             np.savetxt(file, np.column_stack([rim + 1, np.ones(len(rim), int)]), fmt="%d")
         with open(f"{stem}-{k}.bin", "wb") as file:

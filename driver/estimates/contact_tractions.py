@@ -18,8 +18,8 @@ class ContactTractions:
 
     def __init__(self, contact, outer_edges: np.ndarray, state: dict, move: np.ndarray,
                  step_move: np.ndarray):
-        """`contact` is a results.ContactState, `outer_edges` (n, 3) vertex, vertex, label, `state` of
-        the step; `move`, `step_move` (n_k, 2): displacement of the clamped nodes and its change in
+        """`contact` is a results.ContactState, `outer_edges` (n, 3) vertex, vertex, label,
+        `state` of the step; `move`, `step_move` (n_k, 2): displacement of the clamped nodes and its change in
         the step."""
         b, c = contact.boundary, contact.boundary.clamped
         self.boundary, self.constrained, self.computed = b, contact.constrained, state
@@ -43,7 +43,7 @@ class ContactTractions:
         self.before = state["u_t"] - state["slip"]
         distance = np.maximum(c.gap - (move * c.normal).sum(axis=1), 0.0)
         slip = (step_move * self.tangent[len(b.gid) :]).sum(axis=1)
-        self.distance = np.concatenate([np.zeros(len(b.gid)), distance])  # of contact nodes: `place`
+        self.distance = np.concatenate([np.zeros(len(b.gid)), distance])
         self.slip = np.concatenate([np.zeros(len(b.gid)), slip])
         self.moments = self._moments()
 

@@ -12,6 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
+from ..errors import DriverError, agree, file_error
+from ..march.problem import Problem, assemble
+from ..march.quasistatic import QuasistaticSolver
+from ..options import Settings
+from ..results.record import Record
+from ..results.relinearization import linearized
 from ..scene import freefem
 from .budget import (
     FORMAL,
@@ -25,12 +31,6 @@ from .budget import (
     ratio,
     summed,
 )
-from ..errors import DriverError, agree, file_error
-from ..options import Settings
-from ..march.problem import Problem, assemble
-from ..march.quasistatic import QuasistaticSolver
-from ..results.relinearization import linearized
-from ..results.record import Record
 
 # a loose fixed point may stop where one a hundred times tighter does: the companion's is this at
 # most

@@ -19,10 +19,10 @@ import dataclasses
 
 from ..contact.tearing import build
 from ..errors import InputError, error_of
-from ..march.step import StepFailed
 from ..feti.fetidp import DualOperator
-from ..options import Settings
 from ..march.problem import Problem
+from ..march.step import StepFailed
+from ..options import Settings
 from .record import Record
 
 
@@ -49,7 +49,8 @@ def linearized(problem: Problem, settings: Settings, comm) -> Problem:
             record.add(step)
             steps.append(step)
     except StepFailed as failure:
-        raise error_of(failure.exit_status, f"with contact as in the initial geometry: {failure}") from None
+        reason = f"with contact as in the initial geometry: {failure}"
+        raise error_of(failure.exit_status, reason) from None
     at = steps[record.quantities()[1]]
     moved = problem.operator.displacements(at.multipliers, at.weights)
     structure = build(manifest, structure.subdomains, structure.first, comm, moved)

@@ -29,6 +29,9 @@ import math
 import time
 from pathlib import Path
 
+from ..effects import Effects
+from ..effects.history import proportional
+from ..errors import DriverError, InputError, NoSolution, NotConverged, error_of
 from ..estimates.budget import (
     FORMAL,
     UNBOUNDED,
@@ -41,9 +44,6 @@ from ..estimates.budget import (
     share,
     summed,
 )
-from ..errors import DriverError, InputError, NoSolution, NotConverged, error_of
-from ..effects import Effects
-from ..effects.history import proportional
 
 COARSENING = (8, 4, 2, 1)  # of the scene's own mesh, for the first one that can be had
 SAMPLING = 32  # times of the load history per step of the scene
