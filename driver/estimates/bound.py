@@ -92,7 +92,7 @@ class EquilibratedBound:
         """`contact` is a results.ContactState, `body` of rank 0."""
         self.gather, self.operator, self.manifest, self.body = gather, operator, manifest, body
         self.state, self.boundary, self.rows = contact, contact.boundary, contact.rows
-        self.heavy = any(pattern["kind"] == "body_force" for pattern in manifest.patterns)
+        self.heavy = any(pattern["given_on"] == "triangles" for pattern in manifest.patterns)
 
     def estimate(self, step: Step, state: dict, displacements: list[np.ndarray]) -> Estimate | None:
         """The estimate of one step on rank 0, None elsewhere.

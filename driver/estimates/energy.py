@@ -65,7 +65,7 @@ class EnergyEstimator:
     def _estimate(self, step: Step, state: dict) -> Estimate | None:
         """The estimate of one step on rank 0, None elsewhere."""
         points = [k for k, pattern in enumerate(self.manifest.patterns)
-                  if pattern["kind"] == "point"]
+                  if pattern["given_on"] == "nodes"]
         if np.any(step.weights[points]):
             return Estimate(step.index,
                             reason="under point loads the exact solution has no finite energy")

@@ -19,7 +19,7 @@ def write_outline(path: Path, manifest: Manifest, structure: Substructure, comm)
     written.
     """
     subs = structure.subdomains
-    traction = [k for k, pattern in enumerate(manifest.patterns) if pattern["kind"] == "traction"]
+    traction = [k for k, pattern in enumerate(manifest.patterns) if pattern["given_on"] == "edges"]
     outline = np.zeros(manifest.nodes, bool)
     outline[structure.outer_edges[:, :2]] = outline[structure.outer_middles] = True
     gid = np.concatenate([np.empty(0, np.int64), *(sub.node_gid for sub in subs)])

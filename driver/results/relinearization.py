@@ -17,11 +17,11 @@ geometry, lengths included.
 
 import dataclasses
 
-from ..contact.tearing import build
 from ..errors import InputError, error_of
 from ..feti.fetidp import DualOperator
 from ..march.problem import Problem
 from ..march.step import StepFailed
+from ..march.tearing import build
 from ..options import Settings
 from .record import Record
 

@@ -30,7 +30,7 @@ import time
 from pathlib import Path
 
 from ..effects import Effects
-from ..effects.history import proportional
+from ..effects.quasistatic import proportional
 from ..errors import DriverError, InputError, NoSolution, NotConverged, error_of
 from ..estimates.budget import (
     FORMAL,
