@@ -18,9 +18,11 @@ class ContactTractions:
 
     def __init__(self, contact, outer_edges: np.ndarray, state: dict, move: np.ndarray,
                  step_move: np.ndarray):
-        """`contact` is a results.ContactState, `outer_edges` (n, 3) vertex, vertex, label,
-        `state` of the step; `move`, `step_move` (n_k, 2): displacement of the clamped nodes and its change in
-        the step."""
+        """`contact` is a results.ContactState, `state` its quantities at the end of the step.
+
+        `outer_edges` (n, 3): vertex, vertex, label; `move`, `step_move` (n_k, 2): displacement of
+        the clamped nodes and its change in the step.
+        """
         b, c = contact.boundary, contact.boundary.clamped
         self.boundary, self.constrained, self.computed = b, contact.constrained, state
         self.gid, self.label = np.concatenate([b.gid, c.gid]), np.concatenate([b.label, c.label])
