@@ -17,9 +17,7 @@ import numpy as np
 
 from ..feti.rows import RowKind
 from ..feti.structure import Substructure
-
-OPEN, STICK, SLIP = 0, 1, 2
-STATUS_NAMES = ("open", "stick", "slip")
+from .states import OPEN, SLIP, STICK
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from ..feti.rows import RowKind
 from ..effects import Effects
 from ..errors import DriverError, InputError, NotConverged, agree
 from ..files import write_json, write_rows, write_table
-from ..contact.rows import OPEN, STATUS_NAMES
+from ..contact.states import OPEN, STATUS_NAMES, ContactField
 from ..scene.loader import read_contact
 from ..scene.manifest import read_manifest
 from ..options import Settings
@@ -25,7 +25,7 @@ from ..march.uniqueness import DOUBTFUL_FRICTION
 LARGEST = 2000  # contact rows beyond which the condensation takes longer than a hundred runs save
 CHAIN = 20  # values that follow one another at most
 CHAINS = 8  # chains at least, for the ranks to share
-FIELDS = ("u_n", "u_t", "slip", "sigma_n", "sigma_t", "bound")
+FIELDS = tuple(name for name in ContactField if name != ContactField.STATUS)
 
 
 def run(directory: Path, request: Request, comm) -> tuple[int, str]:

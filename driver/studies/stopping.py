@@ -74,7 +74,7 @@ class Mesh:
 
     def run(self, **settings) -> Tractions:
         """Contact tractions with some settings. Raises DriverError if a step fails."""
-        from ..results.writer import Record
+        from ..results.record import Record
 
         solver = self.problem.solver(Settings(uniqueness="no", **settings))
         record = Record(self.problem.operator, solver)

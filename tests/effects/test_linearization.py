@@ -9,7 +9,7 @@ from driver.estimates.energy import EnergyEstimator
 from driver.options import Settings
 from driver.march.problem import Problem
 from driver.results.relinearization import linearized
-from driver.results.writer import ContactState
+from driver.results.contact_state import ContactState
 
 def test_a_translation_of_one_body_leaves_the_result(solved):
     """The same end from two starts: the pin in the middle of the hole, or where it touches.
@@ -113,7 +113,7 @@ def test_the_error_bound_is_about_the_second_problem(built, steps_of):
     estimator.consider(steps[-1], contact.evaluate(steps[-1], fields), 1.0)
     ((_, found),) = estimator.estimates()
     assert 0 < found.total < 0.5 * found.norm and found.solver < 0.01 * found.total
-    (pair,), c, body = estimator._pairs(estimator.last[2]), problem.structure.contact, estimator.body
+    (pair,), c, body = estimator.bound._pairs(estimator.last[2]), problem.structure.contact, estimator.body
     at = np.searchsorted(pair.first.vertex, np.searchsorted(body.gid, c.gid))
     np.testing.assert_allclose(pair.normal[at], c.normal, atol=1e-9)
     np.testing.assert_allclose(pair.gap[at], c.gap, rtol=1e-12)
