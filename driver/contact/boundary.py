@@ -13,7 +13,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..feti.gathering import gather
-from ..scene.loader import ContactData, Subdomain
+from ..scene.loader import ContactData
 
 
 @dataclass
