@@ -7,12 +7,15 @@ SCENES := $(basename $(notdir $(wildcard edp/*.edp)))
 DRIVER := $(PYTHON) -m driver
 
 # every variable given on the command line as a quoted word, but for those that are the Makefile's own
-OWN := PYTHON OMP_NUM_THREADS ARGS
+OWN := PYTHON OMP_NUM_THREADS ARGS SPREAD
 quote = '$(subst ','\'',$1)'
 GIVEN = $(foreach v,$(filter-out $(OWN),$(.VARIABLES)),$(if $(filter command,$(origin $v)),$(call quote,$v=$(value $v))))
 
+# tests are spread over a process a core; those of one file stay together
+SPREAD := -n auto --maxprocesses 8 --dist loadfile
+
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-long run table effects accuracy stopping locking bench study hard saddle figures $(SCENES)
+.PHONY: help setup demo test test-long check run table effects accuracy stopping locking bench study hard saddle figures $(SCENES)
 
 help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' Makefile | expand -t 12
@@ -25,10 +28,14 @@ demo: setup  ## set up if needed, run the model example under both loadings, dra
 	@$(DRIVER) model $(GIVEN)
 
 test: setup  ## set up if needed, run the tests [ARGS="-k name"]
-	@$(PYTHON) -m pytest $(ARGS)
+	@$(PYTHON) -m pytest $(SPREAD) $(ARGS)
 
 test-long: setup  ## the tests marked slow
-	@$(PYTHON) -m pytest -m slow $(ARGS)
+	@$(PYTHON) -m pytest $(SPREAD) -m slow $(ARGS)
+
+check: setup  ## the linter, and the rules of the house: imports, lengths, docstrings
+	@$(PYTHON) -m pylint driver tests/*.py tests/*/*.py
+	@$(PYTHON) -m pytest -q tests/test_house.py
 
 run:  ## one scene: SCENE=name or path [SUBDOMAINS=4x2|8] [STEPS=] [ADAPT=] [NP=] [OUT=] [...]; alone: list the scenes
 	@$(DRIVER) run $(GIVEN)
