@@ -281,6 +281,40 @@ def command_here(capsys, monkeypatch):
     return call
 
 
+LOADED = """
+import sys
+from driver import cli
+sys.argv[0] = "driver"
+cli.main()
+print("loaded:", *sys.modules)
+"""
+
+
+@pytest.fixture(scope="session")
+def loaded(once):
+    """loaded(scene, *words): names of all modules that a run of its own imports, and its directory.
+
+    The run leaves out figures, fields and error estimates unless the words say otherwise.
+    """
+    def get(scene: str, *words: str) -> tuple[set[str], Path]:
+        path = freefem.find_scene(str(scene))
+        options = {"figures": "no", "fields": "no", "errors": "no",
+                   **cli.parse_pairs([*words])}
+
+        def make(directory: Path) -> None:
+            pairs = {"scene": str(path), "out": str(directory / "out"), **options}
+            done = subprocess.run(
+                [sys.executable, "-c", LOADED, "run", *(f"{k}={v}" for k, v in pairs.items())],
+                cwd=environment.ROOT, stdin=subprocess.DEVNULL, capture_output=True, text=True,
+                check=True)
+            (directory / "modules").write_text(done.stdout.rpartition("loaded: ")[2])
+
+        directory = once(make, "modules", *_key(path, options))
+        return set((directory / "modules").read_text().split()), directory / "out"
+
+    return get
+
+
 @pytest.fixture
 def copied(tmp_path):
     """copied(directory): a private copy of an export, to be spoiled."""
