@@ -67,7 +67,8 @@ def modules(root: Path) -> dict[str, Path]:
 
 
 def imports(name: str, path: Path) -> set[str]:
-    """Dotted names that a module imports, wherever it does; what may be an attribute has its dot."""
+    """Dotted names that a module imports, wherever it does; what may be an attribute has its dot.
+    """
     package = name.split(".") if path.name == "__init__.py" else name.split(".")[:-1]
     asked = set()
     for node in ast.walk(ast.parse(path.read_text())):
@@ -121,7 +122,8 @@ def imports_of_figures(root: Path) -> list[str]:
 
 
 def missing_strings(root: Path) -> list[str]:
-    """Strings that name a module which does not exist, as stages and programs of ranks are named."""
+    """Strings that name a module which does not exist, as stages and programs of ranks are named.
+    """
     known = modules(root)
     return [f"{name}: {node.value}" for name, path in known.items()
             for node in ast.walk(ast.parse(path.read_text()))
@@ -257,7 +259,7 @@ def tree(folder: Path, **texts: str) -> Path:
     (long_modules, {"feti__a": '"""A module."""\n' + "a = 1\n" * 400}),
     (wide_lines, {"feti__a": "a = " + 97 * "1"}),
     (undocumented, {"feti__a": '"""A module."""\n\ndef f():\n    pass\n'}),
-    (undocumented, {"feti__a": '"""A."""\nclass A:\n    """A."""\n    def f(self):\n        pass\n'}),
+    (undocumented, {"feti__a": '"""A."""\nclass A:\n    """A."""\n    def f(self):\n        pass'}),
     (undocumented, {"feti__a": "a = 1\n"}),
 ], ids=lambda value: getattr(value, "__name__", ""))
 def test_broken_rules_are_noticed(tmp_path, rule, texts):
