@@ -39,9 +39,11 @@ from mpi4py import MPI
 
 from driver import cli
 from driver.contact.tearing import build
+from driver.effects import Effects
 from driver.errors import DriverError
 from driver.feti.fetidp import DualOperator
 from driver.march.quasistatic import QuasistaticSolver
+from driver.march.step import StepFailed
 from driver.options import Settings
 from driver.runs import run
 from driver.scene import freefem
@@ -203,7 +205,7 @@ def read_outcome(directory: Path, status=0, reason="") -> Outcome:
 
 
 @pytest.fixture(scope="session")
-def solved(once, tmp_path_factory):
+def solved(once):
     """solved(scene, NAME=value, ...): Outcome of a run in a process like this one.
 
     Options are those of the command line.
@@ -236,16 +238,31 @@ def solved(once, tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def steps_of():
-    """steps_of(problem, **settings): the solver after its steps, and those steps (white box)."""
+    """steps_of(problem, **settings): the solver after its steps, and those steps; see `marched`."""
 
     def solve(problem: Problem, **settings):
         m = problem.manifest
         times = np.linspace(0, m.t_end, m.steps + 1)
-        solver = QuasistaticSolver(problem.operator, m.effects, m.factors, times,
+        solver = QuasistaticSolver(problem.operator, Effects(m), m.factors, times,
                                    Settings(**settings))
-        return solver, list(solver.steps())
+        return solver, marched(solver)
 
     return solve
+
+
+def marched(solver) -> list:
+    """All steps of a solver, an unfinished one last.
+
+    The error that ended it, or None, becomes `solver.failure`.
+    """
+    steps, solver.failure = [], None
+    try:
+        for step in solver.steps():
+            steps.append(step)
+    except StepFailed as failure:
+        solver.failure = failure
+        steps += [failure.step] if failure.step else []
+    return steps
 
 
 @pytest.fixture(scope="session")

@@ -1,6 +1,5 @@
 """The SPMD part of a study: the values of one parameter, solved on one export, and their tables."""
 
-import contextlib
 import dataclasses
 import itertools
 from pathlib import Path
@@ -9,13 +8,14 @@ import numpy as np
 from mpi4py import MPI
 
 from ..feti.compliance import ContactCompliance
-from ..errors import DriverError, InputError, NoSolution, NotConverged, agree
+from ..errors import DriverError, InputError, NotConverged, agree
 from ..files import write_json, write_rows, write_table
-from ..contact.friction import OPEN, STATUS_NAMES
+from ..contact.rows import OPEN, STATUS_NAMES
 from ..scene.loader import read_contact
 from ..scene.manifest import read_manifest
 from ..options import Settings
 from ..march.problem import assemble
+from ..march.step import StepFailed
 from ..timing import Laps
 from ..march.uniqueness import DOUBTFUL_FRICTION
 
@@ -155,26 +155,35 @@ def _solve(problem, settings, near: np.ndarray | None) -> tuple[Outcome, np.ndar
     operator, solver, first = problem.operator, problem.solver(settings), None
     if solver.largest_friction <= DOUBTFUL_FRICTION:
         solver.condensation.guess = near
-    history, fields, u_t = [], {}, operator.structure.contact.initial
-    dissipated = 0.0
-    with contextlib.suppress(NoSolution):  # in the first step; the solver's history says why
+    history, fields, u_t, failure = [], {}, solver.initial, None
+
+    def add(step) -> None:
+        nonlocal fields, u_t
+        fields = _fields(operator, solver.rows, step, u_t)
+        u_t = fields["u_t"]
+        row = _quantities(operator.structure.contact, fields)
+        dissipated = row.pop("work") + (history[-1]["dissipated"] if history else 0.0)
+        history.append({"step": step.index, "time": step.time, **row, "dissipated": dissipated,
+                        "fixed_point_iterations": step.fixed_point_iterations, "dual_multiplications": step.products,
+                        "kkt": max(step.residuals.values())})
+
+    try:
         for step in solver.steps():
             first = step.multipliers if step.index == 1 else first
-            fields = _fields(operator, solver.rows, step, u_t)
-            u_t = fields["u_t"]
-            row = _quantities(operator.structure.contact, fields)
-            dissipated += row.pop("work")
-            history.append({"step": step.index, "time": step.time, **row, "dissipated": dissipated,
-                            "fixed_point_iterations": step.fixed_point_iterations, "dual_multiplications": step.products,
-                            "kkt": max(step.residuals.values())})
+            add(step)
+    except StepFailed as stop:
+        failure = stop
+        if failure.step is not None:
+            add(failure.step)
     counts, ended = solver.history.counts, solver.history
-    row = {"converged": "no" if ended.exit_status else "yes", "steps": ended.steps, **(history[-1] if history else {}),
+    row = {"converged": "no" if failure else "yes", "steps": ended.steps, **(history[-1] if history else {}),
            "fixed_point_iterations": counts["fixed_point_iterations"],
            "dual_multiplications": counts["dual_multiplications"],
            "kkt": max(ended.residuals.values(), default=0.0), "uniqueness": solver.uniqueness.verdict}
     row.pop("step", None), row.pop("time", None)
     warnings = [*ended.warnings, *ended.fallbacks.warnings(), *solver.uniqueness.warnings()]
-    return Outcome(ended.exit_status, ended.reason, row, history, fields, warnings), first
+    status, reason = (failure.exit_status, str(failure)) if failure else (0, "")
+    return Outcome(status, reason, row, history, fields, warnings), first
 
 
 def _fields(operator, rows, step, u_t: np.ndarray) -> dict[str, np.ndarray]:
