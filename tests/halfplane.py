@@ -28,7 +28,11 @@ class HalfPlane:
         self.x = -reach + width * (np.arange(segments) + 0.5)
         self.width, self.F, self.gap = width, F, self.x**2 / (2 * R)
         d = self.x[:, None] - self.x[None, :]
-        log = lambda t: t * np.log(np.abs(t)) - t  # antiderivative of ln|t|
+
+        # antiderivative of ln|t|
+        def log(t):
+            return t * np.log(np.abs(t)) - t
+
         self.own = -2 * (1 - nu**2) / (np.pi * E) * (log(d + width / 2) - log(d - width / 2))
         self.cross = -(1 - 2 * nu) * (1 + nu) / (2 * E) * width * np.sign(d)
         self.p = self.q = self.u_x = np.zeros(segments)

@@ -38,7 +38,10 @@ def rectangle(nx: int, ny: int, width=2.0, height=1.0):
     """Vertices, triangles and outer edges (a, b, label) of a grid; the diagonals alternate."""
     x, y = np.meshgrid(np.linspace(0, width, nx + 1), np.linspace(0, height, ny + 1))
     xy = np.column_stack([x.ravel(), y.ravel()])
-    at = lambda i, j: j * (nx + 1) + i
+
+    def at(i, j):
+        return j * (nx + 1) + i
+
     triangles = []
     for j in range(ny):
         for i in range(nx):
@@ -182,7 +185,10 @@ class Scene:
         if not weight:
             return None
         vertex = np.array(sorted(weight))
-        spread = lambda value: np.broadcast_to(value, len(self.body.xy)).astype(float)[gid[vertex]]
+
+        def spread(value):
+            return np.broadcast_to(value, len(self.body.xy)).astype(float)[gid[vertex]]
+
         n = np.array([normal[v] / np.linalg.norm(normal[v]) for v in vertex])
         return ContactData(vertex, np.full(len(vertex), self.contact),
                            np.array([weight[v] for v in vertex]), n,

@@ -334,7 +334,10 @@ def test_study_rows_and_files(study):
 
 def test_study_costs(study):
     table = study[0]
-    get = lambda name, column: float(table[name][column])
+
+    def get(name, column):
+        return float(table[name][column])
+
     nodes = 16  # 4 subdomains of 4 cells along the bottom, the clamped corner left out
     assert get("", "dual_normal") == get("", "dual_tangential") == nodes
     assert get("friction", "dual_tangential") == 0 and get("friction", "dual_normal") == nodes
@@ -346,7 +349,10 @@ def test_study_costs(study):
 
 def test_study_changes(study):
     table = study[0]
-    get = lambda name, column: float(table[name][column])
+
+    def get(name, column):
+        return float(table[name][column])
+
     for name in ("peak_tangential", "resultant_t", "dissipated"):
         assert get("friction", f"{name}_change") == -1  # all of it
     for name in ("peak_normal", "contact_length", "resultant_n"):

@@ -89,8 +89,11 @@ def test_all_solutions_are_those_of_the_body(nodes, modes):
         expected, problem = enumerated(*body[:-1]), condensed(*body)
         found = complementarity.all_solutions(problem)
         assert len(found) == len(expected), seed
-        among = lambda z: any(np.abs(z[: problem.rows] - x).max() <= 1e-6 * np.abs(x).max()
-                              for x in expected)
+
+        def among(z):
+            return any(np.abs(z[: problem.rows] - x).max() <= 1e-6 * np.abs(x).max()
+                       for x in expected)
+
         assert all(among(z) for z in found), seed
         start = complementarity.newton(problem, np.zeros(2 * nodes + modes))
         assert start is None or among(start), seed

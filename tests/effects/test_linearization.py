@@ -20,10 +20,13 @@ def test_a_translation_of_one_body_leaves_the_result(solved):
     tenth of that at the ends of contact; it is pressed in by 0.1. The second linearization leaves
     s^4/8R^3 = 1e-5, a thousandth of that.
     """
-    quantities = lambda **options: np.array([solved("pin", h=1,
-                                                    **options).summary["quantities"][name]
-                                             for name in ("peak_pressure", "normal_resultant",
-                                                          "contact_length")])
+
+    def quantities(**options):
+        return np.array([solved("pin", h=1,
+                                **options).summary["quantities"][name]
+                         for name in ("peak_pressure", "normal_resultant",
+                                      "contact_length")])
+
     apart = {}
     for kind in ("initial", "updated"):
         one, two = (quantities(linearization=kind, lowered=start) for start in (0.0, 0.5))
@@ -42,7 +45,10 @@ def test_either_side_may_have_the_contact_nodes(solved):
 
     In the initial geometry the pin's and the hole's normals are apart by the way of the pin over R,
     5 %."""
-    run = lambda kind, side: solved("pin", linearization=kind, side=side, lowered=0.5, down=1.2)
+
+    def run(kind, side):
+        return solved("pin", linearization=kind, side=side, lowered=0.5, down=1.2)
+
     force = {(kind, side): run(kind, side).summary["quantities"]["normal_resultant"]
              for kind in ("initial", "updated") for side in (1, 3)}
     assert abs(force["initial", 1] / force["initial", 3] - 1) > 5e-3
@@ -222,7 +228,10 @@ def test_gaps_seen_from_either_side_agree_to_second_order():
         apart = []
         for _ in range(10):
             inner, outer = uneven_arc(1.0, n, 1.0, rng), uneven_arc(1.1, 3 * n // 2, -1.0, rng)
-            free = lambda side: np.zeros(len(side.xy), bool)
+
+            def free(side):
+                return np.zeros(len(side.xy), bool)
+
             one, two = mortar.couple(inner, outer, free(inner)), mortar.couple(outer, inner,
                                                                                free(outer))
             at = [np.arctan2(*side.xy.T[::-1]) for side in (inner, outer)]

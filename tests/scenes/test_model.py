@@ -238,7 +238,10 @@ def test_ranks_make_no_difference(solved, loading, counts):
 
 def with_units(variant, length, stress):
     """The scene in units `length` metres and `stress` pascals."""
-    number = lambda value: repr(float(value))
+
+    def number(value):
+        return repr(float(value))
+
     return variant(f"units_{length}_{stress}",
                    ("real E = 21.19e10", f"real E = {number(21.19e10 / stress)}"),
                    ("rectangle(0., 2., 0., 1.);",

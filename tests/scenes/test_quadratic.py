@@ -191,9 +191,14 @@ def errors(problem, steps_of, exact, strain, **settings):
         x, y = np.moveaxis(elements.POINTS @ corner, -1, 0)
         here = elements.shapes(value.shape[1], elements.POINTS) @ value
         bent = elements.strains(corner, value, elements.POINTS)
-        energy = lambda e: np.einsum("tqi,tij,tqj,q,t->", e, sub.elasticity, e, elements.WEIGHTS,
-                                     areas(sub))
-        square = lambda v: np.einsum("tqd,q,t->", v**2, elements.WEIGHTS, areas(sub))
+
+        def energy(e):
+            return np.einsum("tqi,tij,tqj,q,t->", e, sub.elasticity, e, elements.WEIGHTS,
+                             areas(sub))
+
+        def square(v):
+            return np.einsum("tqd,q,t->", v**2, elements.WEIGHTS, areas(sub))
+
         total += (square(here - exact(x, y)), square(exact(x, y)), energy(bent - strain(x, y)),
                   energy(strain(x, y)))
     return np.sqrt(total[0::2] / total[1::2])
@@ -237,7 +242,10 @@ def test_zones_energy_is_of_second_order(built, steps_of):
     """Hild, Renard (2012) carried to degree two: the solution is smooth enough, friction and
     contact included.
     """
-    none = lambda x, y: np.ones((*x.shape, 2))
+
+    def none(x, y):
+        return np.ones((*x.shape, 2))
+
     one, two = (errors(built("zones", cells=n, steps=1, element="P2"), steps_of, none, strain,
                        rtol=1e-10,
                        friction_rtol=1e-9)[1] for n in CELLS)

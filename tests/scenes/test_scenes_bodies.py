@@ -83,7 +83,10 @@ def test_mortar_jump_of_a_common_motion_is_zero(n, m, degree):
     """
     first, second = sides(n, m, 0.25, degree)
     found = mortar.couple(first, second, free(first))
-    field = lambda x: 3.0 + 2.0 * x + (degree - 1) * 5.0 * x**2
+
+    def field(x):
+        return 3.0 + 2.0 * x + (degree - 1) * 5.0 * x**2
+
     assert np.abs(jump_of(found,
                           [field(side.xy[:, 0]) for side in (first, second)])).max() < 1e-14 * 10
     np.testing.assert_allclose(found.gap, 0.25, rtol=1e-13)
@@ -475,8 +478,11 @@ def test_the_joint_converges_with_the_elements_at_the_lap(solved):
     """Elsewhere they follow with the root of H, and linear ones err by the square of that: order 1,
     so a fourth is left.
     """
-    sag = lambda **parameters: solved("joint", steps=1,
-                                      **parameters).history["max_displacement"][-1]
+
+    def sag(**parameters):
+        return solved("joint", steps=1,
+                      **parameters).history["max_displacement"][-1]
+
     exact = sag(h=0.8, element="P2")  # 0.2 % by its budget
     coarse, fine = (abs(sag(h=h) - exact) for h in (0.8, 0.2))
     assert fine <= coarse / 3

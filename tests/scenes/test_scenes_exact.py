@@ -91,8 +91,13 @@ def errors(problem, fields):
         at = np.einsum("qk,tkd->tqd", MIDPOINTS, corner)
         here = np.einsum("qk,tkd->tqd", MIDPOINTS, u.reshape(-1, 2)[sub.triangles])
         u_exact, e_exact = exact(at[..., 0], at[..., 1]), exact_strain(at[..., 0], at[..., 1])
-        energy = lambda e: np.einsum("tqi,tij,tqj,t->", e, sub.elasticity, e, area / 3)
-        square = lambda v: np.einsum("tqd,t->", v**2, area / 3)
+
+        def energy(e):
+            return np.einsum("tqi,tij,tqj,t->", e, sub.elasticity, e, area / 3)
+
+        def square(v):
+            return np.einsum("tqd,t->", v**2, area / 3)
+
         total += (square(here - u_exact), square(u_exact),
                   energy(strains(sub, u)[:, None] - e_exact), energy(e_exact))
     return np.sqrt(total[0::2] / total[1::2])

@@ -31,9 +31,16 @@ def shear(x):
 def strain(x, y):
     """e11, e22, 2 e12; the derivatives of lift and shear by differences, exact to 1e-9."""
     step = 1e-5
-    slope = lambda f: (f(x + step) - f(x - step)) / (2 * step)
-    stretch = lambda at: 4 * A * pos(at - 0.7) ** 3
-    lift = lambda at: -(pressure(at) + LAMBDA * stretch(at)) / M
+
+    def slope(f):
+        return (f(x + step) - f(x - step)) / (2 * step)
+
+    def stretch(at):
+        return 4 * A * pos(at - 0.7) ** 3
+
+    def lift(at):
+        return -(pressure(at) + LAMBDA * stretch(at)) / M
+
     return np.stack([stretch(x) + y * slope(shear) / MU, lift(x), shear(x) / MU + y * slope(lift)],
                     axis=-1)
 
@@ -67,7 +74,10 @@ def energy_error(problem, steps_of):
         area = 0.5 * (side[:, 0, 0] * side[:, 1, 1] - side[:, 0, 1] * side[:, 1, 0])
         middle = 0.5 * (corner + np.roll(corner, 1, axis=1))
         exact = strain(middle[..., 0], middle[..., 1])
-        energy = lambda e: np.einsum("tqi,tij,tqj,t->", e, sub.elasticity, e, area / 3)
+
+        def energy(e):
+            return np.einsum("tqi,tij,tqj,t->", e, sub.elasticity, e, area / 3)
+
         total += energy(strains(sub, u)[:, None] - exact), energy(exact)
     return np.sqrt(total[0] / total[1])
 
@@ -125,7 +135,10 @@ def test_zones_lie_where_they_should(meshes):
     h = 0.5 / CELLS[-1]
     # pressure, shear and gap are flat where zones meet (second to fourth order): the edge is found
     # to some elements
-    near = lambda at: np.abs(c["x"] - at) < 8 * h
+
+    def near(at):
+        return np.abs(c["x"] - at) < 8 * h
+
     wanted = np.where(c["x"] > 1.5, "open", np.where(c["x"] > 0.7, "slip", "stick"))
     clear = ~near(1.5) & ~near(0.7)
     assert clear.sum() > 0.6 * len(clear) and np.array_equal(c["status"][clear], wanted[clear])
