@@ -38,7 +38,7 @@ import pytest
 from mpi4py import MPI
 
 from driver import cli
-from driver.contact.tearing import build
+from driver.march.tearing import build
 from driver.effects import Effects
 from driver.errors import DriverError
 from driver.feti.fetidp import DualOperator

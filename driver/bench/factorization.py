@@ -9,7 +9,7 @@ from scipy.sparse import coo_matrix
 from ..feti.fetidp import DualOperator
 from ..options import Settings
 from ..feti.reduction import petsc_matrix
-from ..contact.tearing import build
+from ..march.tearing import build
 from ..studies.table import LOADINGS, method_settings
 from .workbench import REPEATS, Workbench, in_turn, march, ratios, seconds
 

@@ -17,7 +17,7 @@ from ..feti.fetidp import DualOperator
 from ..scene.loader import read_subdomains
 from ..scene.manifest import read_manifest
 from ..march.problem import Problem
-from ..contact.tearing import build
+from ..march.tearing import build
 from ..feti.substructuring import partition
 from ..studies.table import method_settings
 from ..timing import Laps

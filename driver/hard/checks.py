@@ -49,7 +49,7 @@ def exported(case: Case, size: dict):
 def _assembled(scene: str, parameters: tuple) -> Assembled:
     from mpi4py import MPI
 
-    from ..contact.tearing import build
+    from ..march.tearing import build
 
     manifest, subdomains = _read(scene, parameters)
     body = Assembled(manifest, subdomains)
@@ -189,7 +189,7 @@ def condition(case: Case, size: dict, outcome: Outcome) -> float:
     from mpi4py import MPI
 
     from ..feti.fetidp import DirichletPreconditioner, DualOperator
-    from ..contact.tearing import build
+    from ..march.tearing import build
     from ..feti.substructuring import GLUING
 
     manifest, subdomains = exported(case, size)

@@ -8,6 +8,7 @@ import numpy as np
 from mpi4py import MPI
 
 from ..feti.compliance import ContactCompliance
+from ..effects import Effects
 from ..errors import DriverError, InputError, NotConverged, agree
 from ..files import write_json, write_rows, write_table
 from ..contact.rows import OPEN, STATUS_NAMES
@@ -86,7 +87,7 @@ def _outcomes(problem, settings, directory: Path, request: dict, apart: bool, co
             folder = directory / "values" / str(k)
             value = read_manifest(folder)
             _check_same(request["study"], problem.manifest, value)
-            contact = _contact_of(request["study"], structure.contact, *read_contact(folder, value))
+            contact = _contact_of(request["study"], Effects(value), structure.contact, *read_contact(folder, value))
             operator, near = problem.operator.with_contact(contact), near if k % chain else None
             found[k], near = _solve(dataclasses.replace(problem, manifest=value, operator=operator), settings, near)
             _progress(request, comm, k, done, len(mine))
@@ -106,12 +107,14 @@ def _progress(request: dict, comm, k: int, done: int, total: int) -> None:
 
 def _check_same(name: str, base, value) -> None:
     """Refuse a value whose manifest differs where the stiffness, loads and rows of the export come from."""
-    for part in ("subdomains", "nodes", "effects", "patterns", "contact_labels", "material", "plane"):
+    if list(base.rooms) != list(value.rooms):
+        raise InputError(f"a study cannot vary {name.upper()}: it changes the scene's effects")
+    for part in ("subdomains", "nodes", "patterns", "contact_labels", "material", "plane"):
         if getattr(base, part) != getattr(value, part):
             raise InputError(f"a study cannot vary {name.upper()}: it changes the scene's {part.replace('_', ' ')}")
 
 
-def _contact_of(name: str, boundary, data, gid: np.ndarray):
+def _contact_of(name: str, effects, boundary, data, gid: np.ndarray):
     """The contact boundary with gap, friction and initial displacement of one value, read as `data` at the nodes `gid`.
 
     Nodes, weights and normals of all values are those of the first (study.idp): that later ones keep them is what
@@ -122,17 +125,18 @@ def _contact_of(name: str, boundary, data, gid: np.ndarray):
     order = np.argsort(known)
     at = np.minimum(np.searchsorted(known, read, sorter=order), len(known) - 1)
     here = (known[order[at]] == read) & (gid < span)  # others are held by supports
-    parts = np.column_stack([np.ones(len(gid)), data.normal, data.gap, data.friction, data.initial]) * data.weight[:, None]
+    parts = np.column_stack([np.ones(len(gid)), data.normal, *data.columns.values()]) * data.weight[:, None]
     total = np.column_stack([np.bincount(order[at[here]], part, minlength=len(known)) for part in parts[here].T])
     weight, normal = total[:, 0], total[:, 1:3]
     rigid = ~boundary.paired  # between two bodies weight, normal and gap follow from both sides
     if not (np.all(weight > 0) and np.allclose(weight[rigid], boundary.weight[rigid], rtol=1e-9)
             and np.allclose((normal / np.linalg.norm(normal, axis=1)[:, None])[rigid], boundary.normal[rigid], atol=1e-9)):
         raise InputError(f"a study cannot vary {name.upper()}: it moves or turns the contact boundary")
-    gap, friction, initial = (total[:, 3:6] / weight[:, None]).T
+    columns = dict(zip(data.columns, (total[:, 3:] / weight[:, None]).T))
+    gap = effects.distance(columns, len(weight))
     if gap[~rigid].any():
         raise InputError(f"a study cannot vary {name.upper()} in a scene that declares pairGap")
-    return dataclasses.replace(boundary, gap=np.where(rigid, gap, boundary.gap), friction=friction, initial=initial)
+    return dataclasses.replace(boundary, columns=columns, gap=np.where(rigid, gap, boundary.gap))
 
 
 @dataclasses.dataclass

@@ -23,7 +23,7 @@ from ..errors import InputError
 from ..files import renamed
 from ..feti.reduction import constraint_matrix
 from ..scene.loader import read_subdomains
-from ..contact.tearing import build
+from ..march.tearing import build
 from ..feti.substructuring import Substructure
 
 LARGEST = 20_000  # unknowns; a picture of more shows nothing

@@ -191,7 +191,7 @@ def test_tower_does_not_swing(built, steps_of):
     """Moved for given gluing multipliers again and again, bodies on bodies swing: the corrector
     gives up, QPs lead on.
     """
-    solver, steps = steps_of(built("hard/tower", subdomains="2x2", h=0.1, steps=2))
+    solver, _ = steps_of(built("hard/tower", subdomains="2x2", h=0.1, steps=2))
     assert solver.failure is None and not solver.history.fallbacks.steps
     assert solver.history.residuals["equilibrium"] < 1e-6
 
@@ -243,7 +243,7 @@ class RanksInTurn:
     def __init__(self, parts):
         self.parts = parts
 
-    def gather(self, part):
+    def gather(self, _part):
         return self.parts
 
     def bcast(self, answer):

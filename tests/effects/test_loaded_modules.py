@@ -22,7 +22,7 @@ KNOWN = {
     "friction": SERVES["friction"],
     "error estimates": {"driver.estimates.energy", "driver.estimates.equilibration"},
     "accuracy asked for": SERVES["accuracy asked for"],
-    "rooms": {"history"},
+    "rooms": {"quasistatic"},
 }
 SCENES = {"cantilever": {"cells": 2}, "model": {"cells": 2, "steps": 2}, "thermal": {"cells": 2},
           "punch": {"h": 0.1, "steps": 2}}

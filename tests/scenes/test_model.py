@@ -207,7 +207,7 @@ MESHES = [{"subdomains": "8x4", "cells": 5}, {"subdomains": "2x1", "cells": 20},
 
 @pytest.mark.parametrize("other", MESHES, ids=lambda p: p["subdomains"])
 @pytest.mark.parametrize("loading", LOADINGS)
-def test_partition_makes_no_difference(solved, built, loading, other):
+def test_partition_makes_no_difference(solved, loading, other):
     """40 x 20 cells however cut; the answers differ by cond F times rtol at most (see the oracle
     test).
     """

@@ -171,7 +171,7 @@ def test_pure_bending_is_exact(built, steps_of, tmp_path_factory, cut, element):
     scene = tmp_path_factory.mktemp("bent") / "bent.edp"
     scene.write_text(BENT.format(cut=cut))
     problem = built(scene, cells=3, element=element)
-    solver, steps = steps_of(problem, rtol=TIGHT)
+    _, steps = steps_of(problem, rtol=TIGHT)
     kappa, c = 0.01, 0.3 / 0.7
     for sub, u in zip(problem.subdomains, problem.operator.displacements(steps[-1].multipliers,
                                                                          steps[-1].weights)):
@@ -243,7 +243,7 @@ def test_zones_energy_is_of_second_order(built, steps_of):
     contact included.
     """
 
-    def none(x, y):
+    def none(x, _y):
         return np.ones((*x.shape, 2))
 
     one, two = (errors(built("zones", cells=n, steps=1, element="P2"), steps_of, none, strain,

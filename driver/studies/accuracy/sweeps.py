@@ -25,6 +25,7 @@ from pathlib import Path
 from ...scene import freefem
 from ...arguments import choice, count
 from ...estimates.budget import mesh_knob, unit
+from ...effects import Effects
 from ...errors import DriverError, InputError
 from ...files import write_table
 from ...options import Settings
@@ -71,9 +72,10 @@ class Study:
                                       {n: v for n, v in self.given.items() if n not in tolerances | {"np"}})
         self.parameters, self.units, self.element = manifest.parameters, manifest.units, manifest.element
         self.knob = mesh_knob(manifest.parameters)
-        self.fixed_point = manifest.effects["friction"].startswith("coulomb")
-        self.rubbing = manifest.effects["friction"] != "none"  # else the end does not depend on the steps
-        self.steps = manifest.steps if manifest.effects["time"] == "quasistatic" else None
+        effects = Effects(manifest)
+        self.fixed_point = effects.pressure_bounds_friction
+        self.rubbing = effects.frictional  # else the end does not depend on the steps
+        self.steps = manifest.steps if manifest.quasistatic else None
         # every vertex but those of interfaces counts once
         self.unknowns = 2 * manifest.nodes
         self.meshes = self._meshes()
