@@ -9,12 +9,15 @@ SCENES := $(basename $(notdir $(wildcard edp/*.edp)))
 DRIVER := $(PYTHON) -m driver
 
 # every variable given on the command line as a quoted word, but for those of the Makefile itself
-OWN := PYTHON OMP_NUM_THREADS ARGS
+OWN := PYTHON OMP_NUM_THREADS ARGS SPREAD
 quote = '$(subst ','\'',$1)'
 GIVEN = $(foreach v,$(filter-out $(OWN),$(.VARIABLES)),$(if $(filter command,$(origin $v)),$(call quote,$v=$(value $v))))
 
+# tests are spread over a process a core; those of one file stay together
+SPREAD := -n auto --maxprocesses 8 --dist loadfile
+
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-long figures $(COMMANDS) $(SCENES)
+.PHONY: help setup demo test test-long check figures $(COMMANDS) $(SCENES)
 
 help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' Makefile | expand -t 12
@@ -28,10 +31,15 @@ demo: setup  ## set up if needed, run the model example under both loadings, dra
 	@$(DRIVER) model $(GIVEN)
 
 test: setup  ## set up if needed, run the tests [ARGS="-k name"]
-	@$(PYTHON) -m pytest $(ARGS)
+	@$(PYTHON) -m pytest $(SPREAD) $(ARGS)
 
 test-long: setup  ## the tests marked slow
-	@$(PYTHON) -m pytest -m slow $(ARGS)
+	@$(PYTHON) -m pytest $(SPREAD) -m slow $(ARGS)
+
+check: setup  ## the linter, and the rules of the house: imports, lengths, docstrings
+	@$(PYTHON) -m pylint driver
+	@$(PYTHON) -m pylint --disable=missing-function-docstring,missing-class-docstring tests/*.py tests/*/*.py
+	@$(PYTHON) -m pytest -q tests/test_house.py
 
 $(COMMANDS):
 	@$(DRIVER) $@ $(GIVEN)

@@ -286,6 +286,36 @@ def test_an_interrupt_while_publishing_waits(tmp_path, monkeypatch, atomic, numb
     assert (out / "summary.json").read_text() == "new" and hidden(tmp_path) == []
 
 
+def test_checkpoints_of_another_state_of_the_code_are_refused(tmp_path, monkeypatch):
+    """In any folder of the package, however deep: an edit, a new file, one that is gone or renamed."""
+    package = shutil.copytree(environment.ROOT / "driver", tmp_path / "driver",
+                              ignore=shutil.ignore_patterns("__pycache__"))
+    monkeypatch.setattr(checkpoint, "ROOT", tmp_path)
+
+    def changed() -> bool:
+        different = checkpoint.differences({"fingerprint": before}, checkpoint.fingerprint("", {}))
+        assert different in ([], ["program"])
+        return bool(different)
+
+    before = checkpoint.fingerprint("", {})
+    folders = {path.parent: path for path in package.rglob("*.py")}
+    assert max(len(folder.relative_to(package).parts) for folder in folders) >= 2
+    for folder, path in folders.items():
+        text = path.read_bytes()
+        path.write_bytes(text + b"\n")
+        assert changed(), path
+        path.write_bytes(text)
+        path.rename(folder / "other.py")
+        assert changed(), path
+        (folder / "other.py").unlink()
+        assert changed(), path
+        path.write_bytes(text)
+        (folder / "new.py").touch()
+        assert changed(), path
+        (folder / "new.py").unlink()
+        assert not changed()
+
+
 # --------------------------------------------------------------------------- killed processes
 
 class Victim:
