@@ -91,12 +91,8 @@ def scene(tmp_path_factory):
 ], ids=lambda v: "_".join(v) if isinstance(v, tuple) else "")
 def test_mistyped_words(command_here, tmp_path, words, expected):
     """Names and values: said in one line, with what was expected; nothing is left on disk."""
-<<<<<<< HEAD
     others = [word for word in FAST[2:] if word.split("=")[0] not in str(words)]
-    done = command("run", *words, f"OUT={tmp_path / 'out'}", *others)
-=======
-    done = command_here("run", *words, f"OUT={tmp_path / 'out'}", *(w for w in FAST[2:] if w.split("=")[0] not in str(words)))
->>>>>>> refs/heads/tests
+    done = command_here("run", *words, f"OUT={tmp_path / 'out'}", *others)
     one_line(done, *expected)
     assert listing(tmp_path) == {}
 
@@ -183,13 +179,8 @@ def test_impossible_out(command_here, out):
     one_line(command_here("run", "SCENE=model", *FAST, f"OUT={out}"))
 
 
-<<<<<<< HEAD
-def test_out_that_is_a_file(command, tmp_path):
-    """Refused or replaced, but its content must not vanish unasked, nor a hidden copy stay."""
-=======
 def test_out_that_is_a_file(command_here, tmp_path):
     """Refused or replaced, but the file's content must not vanish unasked, nor a hidden copy stay."""
->>>>>>> refs/heads/tests
     (tmp_path / "out").write_text("mine")
     before = listing(tmp_path)
     one_line(command_here("run", "SCENE=model", *FAST, f"OUT={tmp_path / 'out'}"), "out")
@@ -479,40 +470,23 @@ def heed_sigint():
 @pytest.mark.parametrize("ranks", [1, 2])
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_interrupted_run_leaves_no_results(tmp_path, ranks, number):
-<<<<<<< HEAD
-    """Amid the solve: one line, no orphan; and only a run to go on from, if a step was done."""
-    words = ["SCENE=model", "LOADING=nonmonotone", "SUBDOMAINS=16x16", "RTOL=1e-12", "STEPS=200",
-             "FIGURES=no", f"NP={ranks}", f"OUT={tmp_path / 'out'}"]
-=======
     """Signals in the middle of the solve: one line, no orphan, and only a run to go on from."""
     words = ["SCENE=model", "LOADING=nonmonotone", "CELLS=4", "RTOL=1e-12", "STEPS=20000", "FIGURES=no",
              f"NP={ranks}", f"OUT={tmp_path / 'out'}"]
->>>>>>> refs/heads/tests
     # as in a terminal: a session of its own, the signal goes to the driver
     run = subprocess.Popen([sys.executable, "-m", "driver", "run", *words], cwd=environment.ROOT,
                            env=dict(os.environ),  # without what MPI has put into this process
-<<<<<<< HEAD
                            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
                            start_new_session=True, preexec_fn=heed_sigint)
-    time.sleep(4)
-=======
-                           stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True,
-                           preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler))
     while run.poll() is None and not list(tmp_path.glob(f".out.*/{checkpoint.NAME}")):
         time.sleep(0.01)
->>>>>>> refs/heads/tests
     run.send_signal(number)
     _, said = run.communicate(timeout=120)
     assert run.returncode == 130, said
     assert "interrupted" in said and "Traceback" not in said and len(said.splitlines()) == 1
-<<<<<<< HEAD
     remaining = [path.name for path in tmp_path.iterdir()]
     assert len(remaining) == ("goes on after step" in said)
     assert all(re.fullmatch(r"\.out\.\d+", name) for name in remaining)
-=======
-    left = [path.name for path in tmp_path.iterdir()]
-    assert "goes on after step" in said and len(left) == 1 and re.fullmatch(r"\.out\.\d+", left[0])
->>>>>>> refs/heads/tests
     assert not [words for words in command_lines() if str(tmp_path).encode() in words]
 
 
