@@ -59,11 +59,11 @@ def write(directory: Path, without: tuple[str, ...] = ()) -> None:
         "columns": [line for room in columns for line in _if(_room(room), f"int {room.prefix}At = contactColumns++;")],
         "evaluate": [line for room in columns for line in _evaluate(room)],
         "column-names": [line for room in columns for line in _if(
-            _room(room), f'json << ({room.prefix}At > 0 ? ", " : "") << "\\"{room.column}\\"";')],
+            _room(room), f'libJson << ({room.prefix}At > 0 ? ", " : "") << "\\"{room.column}\\"";')],
         "fields": [line for room in used for line in _if(f"{room.prefix}Fields", f"{room.prefix}Fields")],
         "manifest": [line for room in used for line in _manifest(room)],
         "amplitudes": [line for k in NUMBERS for line in _if(f"amplitude{k}", (
-            f"if (k == {k}) return amplitude{k}({'timeEnd' if f'amplitude{k}' in left else 't'});"))],
+            f"if (libNumber == {k}) return amplitude{k}({'timeEnd' if f'amplitude{k}' in left else 'libTime'});"))],
     }
     for name, lines in files.items():
         (folder / f"{name}.idp").write_text("".join(f"{line}\n" for line in lines))
@@ -158,11 +158,11 @@ def _evaluate(room: Room) -> list[str]:
 
 
 def _manifest(room: Room) -> list[str]:
-    lines = [f'json << comma << endl << "  \\"{room.name}\\": {{"; comma = ",";']
+    lines = [f'libJson << libComma << endl << "  \\"{room.name}\\": {{"; libComma = ",";']
     if room.numbered:
         lines.append(f'writeNumbers("{room.name}")')
     lines += _if(f"{room.prefix}Manifest", f"{room.prefix}Manifest")
-    return _if(_room(room), *lines, 'json << "}";')
+    return _if(_room(room), *lines, 'libJson << "}";')
 
 
 class _Load:
