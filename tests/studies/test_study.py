@@ -13,7 +13,7 @@ from driver.studies import parametric, study
 from driver.cli import parse_pairs
 from driver.feti.compliance import ContactCompliance
 from driver.errors import DriverError, InputError, NotConverged
-from driver.scene.freefem import changed_by
+from driver.scene.script import changed_by
 from driver.scene.loader import read_contact
 from driver.feti.rows import RowKind, contact_row_numbers
 
