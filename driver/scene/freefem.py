@@ -18,11 +18,11 @@ RESERVED = ("export", "sizes", "f", "v", "nw", "ns", "ne", "cd", "log", "wait", 
 
 
 def scenes() -> dict[str, str]:
-    """Names of the scenes that ship and the first comment line of each."""
+    """Names of the scenes that ship and the title of each, the first sentence of its script."""
     titles = {}
     for path in sorted(SCENES.glob("*.edp")):
-        first = path.read_text().splitlines()[0]
-        titles[path.stem] = first.lstrip("/ ").removeprefix(f"{path.stem}.edp - ")
+        head = rooms.head(path)
+        titles[path.stem] = rooms.take_title(head, path.name)
     return titles
 
 
