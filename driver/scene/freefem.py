@@ -102,7 +102,8 @@ def _loop(scene: Path, name: str, values: list[str]) -> str:
     lines = ["// every value of a parameter study in turn", f'macro libStudied() "{name}" //',
              'include "studied.idp"', f"string[int] libValues({len(values)});"]
     lines += [f'libValues[{k}] = "{value}";' for k, value in enumerate(values)]
-    lines += [f"for (int libStudy = 0; libStudy < {len(values)}; ++libStudy) {{", f'include "{scene}"', "}"]
+    lines += [f"for (int libStudy = 0; libStudy < {len(values)}; ++libStudy) {{",
+              f'include "{scene}"', "}"]
     return "\n".join(lines) + "\n"
 
 

@@ -33,7 +33,8 @@ class Place:
 def check_head(head: Head, manifest: Manifest, place: Place) -> None:
     """Sizes, before anything is read by them."""
     if head.patterns != len(manifest.patterns):
-        place.refuse([True], f"{head.patterns} load patterns, the manifest has {len(manifest.patterns)}")
+        place.refuse([True], f"{head.patterns} load patterns, "
+                             f"the manifest has {len(manifest.patterns)}")
     check_sizes(head, place)
 
 
@@ -96,7 +97,8 @@ def check_edges(edges: np.ndarray, nodes: np.ndarray, count: int, place: Place) 
 def check_dofs(coordinate: np.ndarray, is_x: np.ndarray, xy: np.ndarray, place: Place) -> None:
     """FreeFEM numbers the dofs of a vector space node by node, x before y.
 
-    The exported coordinates and components of the dofs are compared with that instead of being trusted.
+    The exported coordinates and components of the dofs are compared with that instead of being
+    trusted.
     """
     place.refuse((is_x > 0.5) != (np.arange(is_x.shape[1]) % 2 == 0),
                  "dofs are not numbered node by node")
@@ -115,9 +117,10 @@ def same_shape(xy: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 
 def check_symmetric(pieces: list[dict], which: list[int], place: Place) -> None:
-    """The stiffness of the pieces `which`, in `rows`, `columns` and `values` (entries,), is symmetric.
+    """The stiffness of the pieces `which` is symmetric.
 
-    Those with the same pattern are looked at together.
+    It is given by `rows`, `columns` and `values` (entries,). Those with the same pattern are looked
+    at together.
     """
     patterns = {}
     for record in which:
@@ -133,7 +136,8 @@ def check_symmetric(pieces: list[dict], which: list[int], place: Place) -> None:
             order = np.lexsort((columns, rows))
             rows, columns, values = rows[order], columns[order], values[:, order]
         # short integers are sorted without comparisons
-        mirror = np.argsort(columns.astype(np.uint16) if span <= 1 << 16 else columns, kind="stable")
+        keys = columns.astype(np.uint16) if span <= 1 << 16 else columns
+        mirror = np.argsort(keys, kind="stable")
         # assembled from symmetric element matrices: only the order of additions can differ
         off = np.abs(values - values[:, mirror]).max(axis=1) > 1e-12 * np.abs(values).max(axis=1)
         bad[records] = off | (rows != columns[mirror]).any() | (columns != rows[mirror]).any()

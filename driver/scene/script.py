@@ -77,7 +77,7 @@ def own_name(scene: Path, line: int, name: str) -> str:
 
 
 def declared_by_library(name: str) -> bool:
-    """Whether the library has a variable or function `name` in FreeFEM's one space of global names."""
+    """Whether the library has a global variable, or a function, with this name."""
     for path in environment.LIBRARY.rglob("*.idp"):
         code = _without_texts(path.read_text())
         for declarators in re.findall(DECLARATION, code, re.MULTILINE):
