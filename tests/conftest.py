@@ -41,7 +41,7 @@ from driver import cli
 from driver.march.tearing import build
 from driver.effects import Effects
 from driver.errors import DriverError
-from driver.feti.fetidp import DualOperator
+from driver.feti.operator import DualOperator
 from driver.march.quasistatic import QuasistaticSolver
 from driver.march.step import StepFailed
 from driver.options import Settings

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from driver.feti.fetidp import DualOperator
+from driver.feti.operator import DualOperator
 from driver.scene.loader import ContactData, Subdomain
 from driver.scene.manifest import Manifest
 from driver.options import Settings

@@ -6,9 +6,9 @@ import numpy as np
 from petsc4py import PETSc
 from scipy.sparse import coo_matrix
 
-from ..feti.fetidp import DualOperator
+from ..feti.operator import DualOperator
 from ..options import Settings
-from ..feti.reduction import petsc_matrix
+from ..feti.factorization import petsc_matrix
 from ..march.tearing import build
 from ..studies.table import LOADINGS, method_settings
 from .workbench import REPEATS, Workbench, in_turn, march, ratios, seconds

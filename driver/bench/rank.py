@@ -13,12 +13,12 @@ environment.start_petsc()
 import numpy as np
 from mpi4py import MPI
 
-from ..feti.fetidp import DualOperator
+from ..feti.operator import DualOperator
 from ..scene.loader import read_subdomains
 from ..scene.manifest import read_manifest
 from ..march.problem import Problem
 from ..march.tearing import build
-from ..feti.substructuring import partition
+from ..feti.structure import partition
 from ..studies.table import method_settings
 from ..timing import Laps
 from .workbench import march

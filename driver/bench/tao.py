@@ -3,7 +3,8 @@
 import numpy as np
 from petsc4py import PETSc
 
-from ..qp.mprgp import mprgp, norm_bound, projected_gradient
+from ..qp.lanczos import norm_bound
+from ..qp.mprgp import mprgp, projected_gradient
 from ..options import Settings
 from ..studies.table import LOADINGS
 from .workbench import Workbench

@@ -6,21 +6,17 @@ corners, gluing or dual rows; its sparse factorization is SuperLU's, where the d
 
 import functools
 import tempfile
-from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 
-from .. import environment
+from .. import environment, options
 from ..scene import freefem
-from ..runs import run
 from ..scene.loader import read_subdomains
 from ..scene.manifest import read_manifest
-from ..options import Settings
 from .oracle import Assembled, coulomb_history
 from .case import Case, Check, Outcome, reference
 
-DRIVER = {name.upper() for name in (*run.OPTIONS, *(field.name for field in fields(Settings)))}  # no parameters of the scene
 
 
 @functools.lru_cache(maxsize=4)
@@ -37,7 +33,7 @@ def _read(scene: str, parameters: tuple):
 
 def _exports(case: Case, size: dict) -> tuple[str, tuple]:
     """Scene and its parameters, without the driver's options."""
-    return case.scene, tuple((name.lower(), value) for name, value in case.arguments(size).items() if name not in DRIVER)
+    return case.scene, tuple((name.lower(), value) for name, value in case.arguments(size).items() if name.lower() not in options.OF_RUNS)
 
 
 def exported(case: Case, size: dict):
@@ -188,13 +184,14 @@ def condition(case: Case, size: dict, outcome: Outcome) -> float:
     """
     from mpi4py import MPI
 
-    from ..feti.fetidp import DirichletPreconditioner, DualOperator
+    from ..feti.dirichlet import DirichletPreconditioner
+    from ..feti.operator import DualOperator
     from ..march.tearing import build
-    from ..feti.substructuring import GLUING
+    from ..feti.rows import RowKind
 
     manifest, subdomains = exported(case, size)
     operator = DualOperator(build(manifest, subdomains, 0, MPI.COMM_SELF), MPI.COMM_SELF)
-    free = operator.structure.row_kind == GLUING
+    free = operator.structure.row_kind == RowKind.GLUING
     if outcome.contact:
         boundary, status = operator.structure.contact, outcome.contact["status"][-1]
         for rows, wanted in ((boundary.normal_row, status != "open"), (boundary.tangential_row, status == "stick")):

@@ -16,9 +16,9 @@ import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from .. import environment, files
+from .. import environment, files, options
+from ..errors import PARTIAL
 from ..scene import freefem
-from ..errors import InputError
 
 FRICTION = r"friction|tresca|slipFactor|displacementFactor|slipRange"
 # taken out one after the other: name and the macros that declare it; no macro of a scene may be in the way
@@ -144,16 +144,16 @@ def run_variant(name: str, text: str, scene: Path, pairs: dict[str, str], folder
     place = folder / re.sub(r"\W+", "-", name or "declared")
     place.mkdir()
     (place / scene.name).write_text(text)
-    options = {**pairs, "scene": place / scene.name, "out": place / "out", "figures": "no", "fields": "no", "quiet": "yes",
+    given = {**pairs, "scene": place / scene.name, "out": place / "out", "figures": "no", "fields": "no", "quiet": "yes",
                "errors": "no"}
     if name == "time":
-        options.pop("steps", None)
-    command = [sys.executable, "-m", "driver", "run", *(f"{key.upper()}={value}" for key, value in options.items())]
+        given.pop("steps", None)
+    command = [sys.executable, "-m", "driver", "run", *(f"{key.upper()}={value}" for key, value in given.items())]
     env = {**os.environ, "PYTHONPATH": environment.python_path()}
     done = subprocess.run(command, env=env, stdin=subprocess.DEVNULL, capture_output=True, text=True)
     said = [line for line in done.stderr.splitlines() if line.strip()] or [f"exit status {done.returncode}"]
     if done.returncode:
-        reason = said[-1].removeprefix("error: ").split("; what was found is kept in")[0]
+        reason = said[-1].removeprefix("error: ").split(PARTIAL)[0]
         return Variant(name, done.returncode, reason)
     return read_variant(name, place / "out")
 
@@ -196,16 +196,10 @@ def run_effects(pairs: dict[str, str]) -> list[Path]:
     Raises InputError for options that the study sets itself and for a scene that does not run as declared
     (DriverError of the run's exit status).
     """
-    from ..runs.run import RESULTS
     from ..errors import error_of
 
-    if "scene" not in pairs:
-        raise InputError("make effects SCENE=<name or path to an .edp>; 'make run' lists the scenes")
-    for name in ("figures", "fields", "quiet", "errors"):
-        if name in pairs:
-            raise InputError(f"the study decides on {name.upper()} itself")
-    scene = freefem.find_scene(pairs["scene"])
-    out = Path(pairs.get("out", RESULTS / "effects"))
+    given = options.read("effects", pairs)
+    scene, out = freefem.find_scene(given["scene"]), given["out"]
     out.mkdir(parents=True, exist_ok=True)
     text = self_contained(scene)
     found = []

@@ -12,8 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from ..scene import elements, freefem
-from .. import environment
-from ..arguments import only
+from .. import options
 from ..files import write_rows
 
 POISSON = (0.3, 0.49, 0.4999, 0.499999)
@@ -25,8 +24,7 @@ TIGHT = {"rtol": 1e-12, "primal_rtol": 1e-4, "estimator": "none"}
 
 def run_locking(pairs: dict[str, str]) -> list[Path]:
     """Make and draw the table; returns the files. Raises InputError for unknown options."""
-    only(pairs, ("out",), "make locking")
-    out = Path(pairs.get("out", environment.ROOT / "results" / "locking"))
+    out = options.read("locking", pairs)["out"]
     out.mkdir(parents=True, exist_ok=True)
     rows = []
     for poisson in POISSON:

@@ -8,13 +8,15 @@ import numpy as np
 from mpi4py import MPI
 
 from ..feti.compliance import ContactCompliance
+from ..feti.rows import RowKind
 from ..effects import Effects
 from ..errors import DriverError, InputError, NotConverged, agree
 from ..files import write_json, write_rows, write_table
-from ..contact.rows import OPEN, STATUS_NAMES
+from ..contact.states import OPEN, STATUS_NAMES, ContactField
 from ..scene.loader import read_contact
 from ..scene.manifest import read_manifest
 from ..options import Settings
+from ..runs.request import Request
 from ..march.problem import assemble
 from ..march.step import StepFailed
 from ..timing import Laps
@@ -23,22 +25,22 @@ from ..march.uniqueness import DOUBTFUL_FRICTION
 LARGEST = 2000  # contact rows beyond which the condensation takes longer than a hundred runs save
 CHAIN = 20  # values that follow one another at most
 CHAINS = 8  # chains at least, for the ranks to share
-FIELDS = ("u_n", "u_t", "slip", "sigma_n", "sigma_t", "bound")
+FIELDS = tuple(name for name in ContactField if name != ContactField.STATUS)
 
 
-def run(directory: Path, request: dict, comm) -> tuple[int, str]:
+def run(directory: Path, request: Request, comm) -> tuple[int, str]:
     """Solve all values on the ranks of `comm` and write the files; exit status and reason. Raises DriverError."""
-    lap = Laps(request["seconds"])
+    lap = Laps(request.seconds)
     seconds = lap.seconds
     problem = assemble(directory / "export", comm, lap)
     manifest, structure, operator = problem.manifest, problem.structure, problem.operator
     if not manifest.contact_labels:
         raise InputError("a study needs a scene with contact: without it the response is linear in its loads")
-    settings = Settings(**request["settings"])
+    settings = Settings(**request.settings)
     if settings.linearization != "initial":
         raise InputError("a study keeps one geometry of contact: leave LINEARIZATION out")
     lap("setup")
-    rows = int(np.count_nonzero(structure.row_kind))
+    rows = int(np.count_nonzero(structure.row_kind != RowKind.GLUING))
     condensed = rows <= LARGEST and not structure.rigid_modes
     if condensed:
         try:
@@ -52,16 +54,16 @@ def run(directory: Path, request: dict, comm) -> tuple[int, str]:
     failed = [k for k, one in enumerate(outcomes) if one.status]
     status = max((one.status for one in outcomes), default=0)
     reason = "" if not failed else (f"{len(failed)} of {len(outcomes)} values did not converge, the first "
-                                    f"{request['study'].upper()}={request['values'][failed[0]]}: "
+                                    f"{request.study.upper()}={request.values[failed[0]]}: "
                                     f"{outcomes[failed[0]].reason}")
     if comm.rank == 0:
-        summary = {"scene": request["scene"], "study": request["study"], "values": len(outcomes), "converged": not failed,
+        summary = {"scene": request.scene, "study": request.study, "values": len(outcomes), "converged": not failed,
                    "reason": reason, "contact_rows": rows, "condensed": condensed,
-                   "warnings": [f"{request['study'].upper()}={value}: {line}"
-                                for value, one in zip(request["values"], outcomes) for line in one.warnings],
+                   "warnings": [f"{request.study.upper()}={value}: {line}"
+                                for value, one in zip(request.values, outcomes) for line in one.warnings],
                    "counts": {"dual_multiplications": sum(one.row["dual_multiplications"] for one in outcomes)},
                    "seconds": seconds, "ranks": comm.size, "units": manifest.units,
-                   "parameters": {**{n: v for n, v in manifest.parameters.items() if n != request["study"]},
+                   "parameters": {**{n: v for n, v in manifest.parameters.items() if n != request.study},
                                   **dataclasses.asdict(settings)}}
         _write(directory, request, structure.contact, outcomes, summary)
     return status, reason
@@ -72,22 +74,22 @@ def chain_length(count: int) -> int:
     return min(CHAIN, -(-count // CHAINS))
 
 
-def _outcomes(problem, settings, directory: Path, request: dict, apart: bool, comm) -> list["Outcome"]:
+def _outcomes(problem, settings, directory: Path, request: Request, apart: bool, comm) -> list["Outcome"]:
     """All values in their order; if they are solved `apart` the ranks take chains of values in turn, else all ranks each.
 
     In a chain a value starts near the one before. Chains do not depend on the number of ranks.
     Collective over `comm`. Raises DriverError.
     """
     structure, found, error, near = problem.structure, {}, None, None
-    count = len(request["values"])
+    count = len(request.values)
     chain = chain_length(count)
     mine = [k for k in range(count) if not apart or k // chain % comm.size == comm.rank]
     try:
         for done, k in enumerate(mine, 1):
             folder = directory / "values" / str(k)
             value = read_manifest(folder)
-            _check_same(request["study"], problem.manifest, value)
-            contact = _contact_of(request["study"], Effects(value), structure.contact, *read_contact(folder, value))
+            _check_same(request.study, problem.manifest, value)
+            contact = _contact_of(request.study, Effects(value), structure.contact, *read_contact(folder, value))
             operator, near = problem.operator.with_contact(contact), near if k % chain else None
             found[k], near = _solve(dataclasses.replace(problem, manifest=value, operator=operator), settings, near)
             _progress(request, comm, k, done, len(mine))
@@ -98,11 +100,11 @@ def _outcomes(problem, settings, directory: Path, request: dict, apart: bool, co
     return [found[k] for k in range(count)]
 
 
-def _progress(request: dict, comm, k: int, done: int, total: int) -> None:
+def _progress(request: Request, comm, k: int, done: int, total: int) -> None:
     """A line about value k, which is number `done` of the rank's `total`, a few times in all."""
-    if comm.rank == 0 and not request["quiet"] and done % max(1, total // 5) == 0:
-        share = "" if total == len(request["values"]) else ", as other ranks do"
-        print(f"{request['scene']}: {request['study']} = {request['values'][k]}, {done} of {total}{share}", flush=True)
+    if comm.rank == 0 and not request.quiet and done % max(1, total // 5) == 0:
+        share = "" if total == len(request.values) else ", as other ranks do"
+        print(f"{request.scene}: {request.study} = {request.values[k]}, {done} of {total}{share}", flush=True)
 
 
 def _check_same(name: str, base, value) -> None:
@@ -217,9 +219,9 @@ def _quantities(contact, fields: dict) -> dict:
             "work": float(-(fields["sigma_t"] * fields["slip"]) @ w)}
 
 
-def _write(directory: Path, request: dict, contact, outcomes: list[Outcome], summary: dict) -> None:
+def _write(directory: Path, request: Request, contact, outcomes: list[Outcome], summary: dict) -> None:
     """study.csv, history.csv, contact.csv and summary.json."""
-    name, values = request["study"], request["values"]
+    name, values = request.study, request.values
     full = next((one.row for one in outcomes if one.history), outcomes[0].row)
     write_table(directory / "study.csv", [{name: value} | dict.fromkeys(full, "") | one.row
                                           for value, one in zip(values, outcomes)])

@@ -7,7 +7,7 @@ With torn dofs r, corner dofs c and multipliers lambda = (lambda_gluing, lambda_
     [ B_r   B_c   0    ]
 
 without the dofs that the supports fix. Nothing in a run uses it: it shows the structure, and its Schur
-complement -F onto the multipliers checks the operator of fetidp.py.
+complement -F onto the multipliers checks the operator of feti/operator.py.
 """
 
 import tempfile
@@ -22,9 +22,10 @@ from ..scene import freefem
 from ..errors import InputError
 from ..files import renamed
 from ..feti.reduction import constraint_matrix
+from ..feti.rows import RowKind
 from ..scene.loader import read_subdomains
 from ..march.tearing import build
-from ..feti.substructuring import Substructure
+from ..feti.structure import Substructure
 
 LARGEST = 20_000  # unknowns; a picture of more shows nothing
 NAMES = (r"$\lambda_\Gamma$", r"$\lambda_\nu$", r"$\lambda_T$")
@@ -74,7 +75,7 @@ def saddle(structure: Substructure) -> Saddle:
         parts += [(i, j, value[kept]), (j, i, value[kept])]
     i, j, value = (np.concatenate(column) for column in zip(*parts))
     size = corners + structure.dual_dofs
-    kinds = corners + np.cumsum(np.bincount(structure.row_kind, minlength=3))
+    kinds = corners + np.cumsum(np.bincount(structure.row_kind, minlength=len(RowKind)))
     return Saddle(coo_matrix((value, (i, j)), shape=(size, size)).tocsr(), np.array(torn), corners, kinds, rows)
 
 

@@ -24,11 +24,9 @@ from pathlib import Path
 import numpy as np
 
 from ..scene import freefem
-from ..arguments import only
-from ..errors import InputError
+from .. import options
 from ..files import write_table
 from ..options import Settings
-from ..runs.run import RESULTS
 from .table import LOADINGS, ROWS
 
 CELLS = 10
@@ -76,7 +74,7 @@ class Mesh:
 
     def run(self, **settings) -> Tractions:
         """Contact tractions with some settings. Raises DriverError if a step fails."""
-        from ..results.writer import Record
+        from ..results.record import Record
 
         solver = self.problem.solver(Settings(uniqueness="no", **settings))
         record = Record(self.problem.operator, solver)
@@ -120,15 +118,12 @@ def compare(folder: Path, row: int, loading: str) -> dict:
 
 def run_stopping(pairs: dict[str, str]) -> list[Path]:
     """Make and draw the table; returns the files. Raises InputError for unknown options."""
-    only(pairs, ("rows", "out"), "make stopping")
-    words = pairs.get("rows", "1,2,3,4").split(",")
-    if not set(words) <= set(map(str, ROWS)):
-        raise InputError(f"ROWS expects numbers out of {', '.join(map(str, ROWS))}, not '{pairs['rows']}'")
-    out = Path(pairs.get("out", RESULTS / "accuracy"))
+    given = options.read("stopping", pairs)
+    out = given["out"]
     out.mkdir(parents=True, exist_ok=True)
     table = []
     with tempfile.TemporaryDirectory(prefix=".stopping.", dir=out) as folder:
-        for row in map(int, words):
+        for row in map(int, given["rows"]):
             for loading in LOADINGS:
                 table.append(compare(Path(folder), row, loading))
                 print(describe(table[-1]), flush=True)

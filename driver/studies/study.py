@@ -12,7 +12,6 @@ one per value and contact node at the last step.
 """
 
 import csv
-import functools
 import json
 import os
 import shutil
@@ -22,13 +21,22 @@ from pathlib import Path
 import numpy as np
 
 from ..scene import freefem
+from .. import options
 from ..runs import launch
 from ..errors import InputError, error_of
-from ..runs.run import RESULTS, Run
+from ..options import RESULTS
+from ..runs.request import Request
+from ..runs.run import Run
 from ..runs.workspace import Workspace
 
-SINGLE = ("adapt", "accuracy", "errors", "fields", "resume")  # options of single runs
 TOLD = 3  # warnings on the screen
+
+
+def solver():
+    """Stage: all values of a study."""
+    from .parametric import run
+
+    return run
 
 
 def make_study(pairs: dict[str, str]) -> tuple[dict, Path]:
@@ -38,19 +46,20 @@ def make_study(pairs: dict[str, str]) -> tuple[dict, Path]:
     DriverError; values that did not converge are told at the end and kept in the files, marked so.
     """
     name, values = _studied(pairs)
-    for option in SINGLE:
-        if option in pairs:
-            raise InputError(f"a study has one mesh and no estimates or fields; {option.upper()} belongs to single runs")
-    run = Run.from_pairs({**pairs, name: values[0]})
+    pairs = {**pairs, name: values[0]}
+    options.read("study", pairs)
+    run = Run.from_pairs(pairs)
     out = (run.out if "out" in pairs else RESULTS / "study" / f"{run.scene.stem}-{name}").absolute()
     with Workspace(out) as place:
         clock, work = time.perf_counter(), place.path
-        load = functools.partial(launch.load, "study") if run.ranks == 1 else lambda: None
-        export = functools.partial(freefem.export, run.scene, work / "export", run.parameters, run.ranks, meanwhile=load)
-        freefem.export_study(run.scene, work / "values", run.parameters, name, values, meanwhile=export)
-        request = {"scene": run.scene.stem, "settings": run.settings, "study": name, "values": values, "quiet": run.quiet,
-                   "seconds": {"export": time.perf_counter() - clock}}
-        status, reason = launch.solve(work, request, run.ranks)
+        freefem.export_study(
+            run.scene, work / "values", run.parameters, name, values,
+            lambda: freefem.export(run.scene, work / "export", run.parameters, run.ranks, None,
+                                   lambda: launch.preload(solver, run.ranks), run.without),
+            run.without)
+        request = Request.of(run, study=name, values=tuple(values),
+                             seconds={"export": time.perf_counter() - clock})
+        status, reason = launch.solve(work, request, run.ranks, solver)
         if not (work / "summary.json").exists():
             raise error_of(status, reason)
         if run.figures:
@@ -65,11 +74,9 @@ def make_study(pairs: dict[str, str]) -> tuple[dict, Path]:
 
 def _studied(pairs: dict[str, str]) -> tuple[str, list[str]]:
     """The one parameter with several values, and those."""
-    if "scene" not in pairs:
-        raise InputError("make study needs SCENE= and one parameter with several values, such as FRICTION=0.05:1.0:100")
-    several = [name for name, text in pairs.items() if name not in ("scene", "out") and ("," in text or ":" in text)]
+    several = [name for name, text in pairs.items() if name not in options.OF_RUNS and ("," in text or ":" in text)]
     if len(several) != 1:
-        raise InputError("a study needs exactly one parameter with several values: first:last:count or a,b,c"
+        raise InputError("a study needs SCENE= and exactly one parameter with several values: first:last:count or a,b,c"
                          + f" (here {', '.join(map(str.upper, several)) or 'none'})")
     name = several[0]
     values = pairs[name].split(",")

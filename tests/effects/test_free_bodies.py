@@ -10,7 +10,7 @@ import pytest
 
 from driver.qp import complementarity
 from driver.march import fixed_point as fixedpoint, globalization
-from driver.qp.complementarity import CoulombProblem
+from driver.qp.coulomb import CoulombProblem
 from driver.contact.equilibrium import rigid_equilibrium
 from driver.hard.oracle import Assembled
 

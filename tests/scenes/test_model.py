@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from driver.hard.oracle import Assembled, coulomb_history, box_qp
 
-from driver.results.writer import stresses
+from driver.scene.kinematics import stresses
 
 LOADINGS = ["monotone", "nonmonotone"]
 # Measured against the oracle, the error of sigma_t (the most sensitive field) is 4e3 (4x2) to 5e4

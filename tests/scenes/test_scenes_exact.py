@@ -81,7 +81,7 @@ MIDPOINTS = np.array([[0.5, 0.5, 0], [0, 0.5, 0.5], [0.5, 0, 0.5]])  # exact for
 
 def errors(problem, fields):
     """Relative errors in L2 and energy by the edge-midpoint rule."""
-    from driver.results.writer import strains
+    from driver.scene.kinematics import strains
 
     total = np.zeros(4)
     for sub, u in zip(problem.subdomains, fields):

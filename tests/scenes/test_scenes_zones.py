@@ -62,7 +62,7 @@ CELLS = (8, 16, 32)
 
 def energy_error(problem, steps_of):
     """Relative error in the energy norm at the end, by the edge-midpoint rule."""
-    from driver.results.writer import strains
+    from driver.scene.kinematics import strains
 
     solver, steps = steps_of(problem, rtol=1e-10, friction_rtol=1e-9)
     assert solver.failure is None

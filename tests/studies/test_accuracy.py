@@ -134,7 +134,7 @@ def test_study_of_a_known_solution(swept):
 
 
 @pytest.mark.parametrize("pairs, said", [
-    ({}, "make accuracy SCENE="), ({"scene": "nowhere"}, "no scene"), ({"scene": "zones", "adapt": "2"}, "ADAPT itself"),
+    ({}, "make accuracy needs SCENE="), ({"scene": "nowhere"}, "no scene"), ({"scene": "zones", "adapt": "2"}, "ADAPT itself"),
     ({"scene": "zones", "effort": "some"}, "EFFORT must be one of"), ({"scene": "zones", "repeats": "0"}, "REPEATS expects"),
     ({"scene": "zones", "frictoin": "1"}, "frictoin"),
 ])

@@ -11,11 +11,11 @@ from driver.feti import compliance
 from driver.scene import freefem
 from driver.studies import parametric, study
 from driver.cli import parse_pairs
-from driver.feti.compliance import ContactCompliance, contact_row_numbers
+from driver.feti.compliance import ContactCompliance
 from driver.errors import DriverError, InputError, NotConverged
 from driver.scene.freefem import changed_by
 from driver.scene.loader import read_contact
-from driver.feti.substructuring import GLUING
+from driver.feti.rows import RowKind, contact_row_numbers
 
 # The projected gradient to 1e-11 |d| leaves multipliers good to cond(F) = 3e3 times that, the fixed point to 1e-10 / (1 - q)
 # with a contraction q < 0.9 (contraction.csv of the model): together below 1e-6 of the largest traction.
@@ -56,7 +56,7 @@ def compare(rows: list[dict], single, **where) -> None:
 ])
 def test_compliance_is_schur_complement_of_dual_matrix(built, scene, options):
     problem = built(scene, **options)
-    F, gluing, contact = problem.F, problem.structure.row_kind == GLUING, contact_row_numbers(problem.structure.contact)
+    F, gluing, contact = problem.F, problem.structure.row_kind == RowKind.GLUING, contact_row_numbers(problem.structure.contact)
     condensed = ContactCompliance(problem.operator)
     schur = F[contact][:, contact] - F[contact][:, gluing] @ np.linalg.solve(F[gluing][:, gluing], F[gluing][:, contact])
     # rounding, times a condition number of F_gg of less than 1e3 in these bodies; their springs add a factor of 1e3
@@ -81,7 +81,7 @@ def test_an_elimination_that_leaves_a_residual_is_refused():
 
 def test_condensed_corner_displacement(built):
     problem = built(subdomains="4x2", cells=4)
-    F, gluing = problem.F, problem.structure.row_kind == GLUING
+    F, gluing = problem.F, problem.structure.row_kind == RowKind.GLUING
     condensed, weights = ContactCompliance(problem.operator), np.ones(1)
     whole = np.random.default_rng(8).standard_normal(len(gluing))
     d = problem.operator.load_response(weights)

@@ -22,21 +22,20 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+from ... import options
 from ...scene import freefem
-from ...arguments import choice, count
 from ...estimates.budget import mesh_knob, unit
 from ...effects import Effects
-from ...errors import DriverError, InputError
+from ...errors import PARTIAL, DriverError, InputError
 from ...files import write_table
-from ...options import Settings
-from ...runs.run import RESULTS, Run, execute
+from ...options import RESULTS
+from ...runs.run import Run, execute
 from .bargains import BARGAIN_COLUMNS, RUN_COLUMNS, bargains, describe, rows
 from .reference import CLOSED_FORMS, Reference, references, telling
 from .trial import KNOBS, Setting, Trial, percent, words
 
 LOOSE = {"rtol": 1e-4, "friction_rtol": 1e-3, "primal_rtol": 1e-2}
 LONG = 10.0  # seconds; runs that take longer are not repeated
-OWN = ("scene", "out", "effort", "repeats", "quantity", "np")  # options of the study
 
 
 @dataclass(frozen=True)
@@ -61,15 +60,14 @@ class Study:
     """The sweeps of one scene: probes it, plans, runs."""
 
     def __init__(self, pairs: dict[str, str], out: Path):
-        self.effort = EFFORTS[choice(pairs, "effort", tuple(EFFORTS), "full")]
-        self.repeats = count("repeats", pairs.get("repeats", str(self.effort.repeats)), "a whole number", 1)
+        given = options.read("accuracy", pairs)
+        self.effort = EFFORTS[given["effort"]]
+        self.repeats = given["repeats"] or self.effort.repeats
         self.out = out
-        self.scene = freefem.find_scene(pairs["scene"])
-        self.given = {name: value for name, value in pairs.items() if name not in OWN} | {"np": pairs.get("np", "1")}
-        tolerances = {field.name for field in dataclasses.fields(Settings)}
+        self.scene = freefem.find_scene(given["scene"])
+        self.given = {name: pairs[name] for name in (*given.parameters, *given.settings)} | {"np": str(given["np"])}
         with tempfile.TemporaryDirectory() as folder:
-            manifest = freefem.export(self.scene, Path(folder) / "export",
-                                      {n: v for n, v in self.given.items() if n not in tolerances | {"np"}})
+            manifest = freefem.export(self.scene, Path(folder) / "export", given.parameters)
         self.parameters, self.units, self.element = manifest.parameters, manifest.units, manifest.element
         self.knob = mesh_knob(manifest.parameters)
         effects = Effects(manifest)
@@ -136,8 +134,8 @@ class Study:
         return found
 
     def trial(self, knob: str, value: float, setting: Setting) -> Trial:
-        options = setting.options(self.knob)
-        return Trial(knob, value, setting, " ".join(f"{name.upper()}={word}" for name, word in options.items()))
+        pairs = setting.options(self.knob)
+        return Trial(knob, value, setting, " ".join(f"{name.upper()}={word}" for name, word in pairs.items()))
 
     # ---- runs -----------------------------------------------------------------------------------------
     def run(self, trial: Trial, repeats: int = 1) -> None:
@@ -149,7 +147,7 @@ class Study:
                 try:
                     trial.take(execute(Run.from_pairs({**pairs, "out": f"{folder}/run"})))
                 except DriverError as problem:
-                    trial.reason = str(problem).split("; what was found is kept in")[0]
+                    trial.reason = str(problem).split(PARTIAL)[0]
                     return
 
     def run_all(self, quantity: str | None) -> tuple[list[Trial], dict[str, Reference]]:
@@ -198,12 +196,8 @@ def run_accuracy(pairs: dict[str, str]) -> list[Path]:
     """
     from .work_precision import draw
 
-    if "scene" not in pairs:
-        raise InputError("make accuracy SCENE=<name or path to an .edp>; 'make run' lists the scenes")
-    for name in ("figures", "fields", "quiet", "errors", "adapt", "accuracy"):
-        if name in pairs:
-            raise InputError(f"the study decides on {name.upper()} itself")
-    scene = freefem.find_scene(pairs["scene"])
+    given = options.read("accuracy", pairs)
+    scene = freefem.find_scene(given["scene"])
     if scene == freefem.SCENES / "model.edp" and "loading" not in pairs:
         out = pairs.get("out", RESULTS / "accuracy" / "model")
         return [path for loading in ("monotone", "nonmonotone")
@@ -212,8 +206,8 @@ def run_accuracy(pairs: dict[str, str]) -> list[Path]:
     out = Path(pairs.get("out", RESULTS / "accuracy" / f"{scene.stem}{variant}"))
     out.mkdir(parents=True, exist_ok=True)
     study = Study(pairs, out)
-    trials, known = study.run_all(pairs.get("quantity"))
-    main = pairs.get("quantity") or telling(known)
+    trials, known = study.run_all(given["quantity"])
+    main = given["quantity"] or telling(known)
     table = bargains(trials, known)
     columns = [*RUN_COLUMNS, *(f"{name}{suffix}" for name in known for suffix in ("", "_error", "_sure", "_own", "_front"))]
     values = [{"scene": f"{scene.stem}{variant}", "quantity": name, "value": r.value, "unit": unit(name, study.units),
