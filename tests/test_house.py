@@ -38,8 +38,8 @@ KNOWN = {
         "driver/figures", "driver/hard", "driver/march", "driver/results", "driver/scene",
         "driver/studies", "driver/studies/accuracy", "edp", "edp/hard", "edp/lib",
         "edp/lib/P1", "edp/lib/P2", "edp/lib/P2-mixed", "edp/lib/effects", "edp/lib/given",
-        "tests/bench", "tests/effects", "tests/figures", "tests/hard", "tests/march",
-        "tests/runs", "tests/scene", "tests/studies",
+        "tests/bench", "tests/figures", "tests/hard", "tests/runs", "tests/scene",
+        "tests/studies",
     },
     "docstrings": {
         "driver.figures.reading.Run.at", "driver.figures.reading.Run.friction",
