@@ -481,8 +481,7 @@ def mprgp(A, b, lower, upper, x0=None, *, tol, norm_bound, gamma=1.0, alpha_fact
     tol             stops at ||g^P(x)|| <= tol.  Absolute: the caller scales it, e.g. 1e-6 ||b||.
                     For positive definite A this gives ||x - x*|| <= tol / lambda_min(A).
     norm_bound      upper bound of ||A||, see lanczos.norm_bound(); too small a value is found out
-    by an
-                    expansion step that increases f, and doubled
+                    by an expansion step that increases f, and doubled
     gamma           Gamma > 0 of the release criterion ||beta||^2 <= Gamma^2 phi~'phi
     alpha_factor    expansion steps have the length abar = alpha_factor / norm_bound, in (0, 2]
     preconditioner  callable (phi, free mask) -> z, z = 0 off the mask, SPD on the face
