@@ -85,14 +85,14 @@ def test_forces_balance_where_the_bodies_lie(built, steps_of):
     problem = second(first)
     found = {}
     for kind, one in (("initial", first), ("updated", problem)):
-        _, steps = steps_of(one)
+        solver, steps = steps_of(one)
         moved = one.operator.displacements(steps[-1].multipliers, steps[-1].weights)
         found[kind], resultant = moments(one, steps[-1], moved)
         assert np.abs(resultant).max() < 1e-12
     assert abs(found["initial"]) > 5e-3 and abs(found["updated"]) < 0.02**2
 
 
-def test_the_second_problem_holds_at_its_own_configuration(built):
+def test_the_second_problem_holds_at_its_own_configuration(built, steps_of):
     """At the displacements it is linearized about a node has the room that there is between the
     displaced boundaries.
     """
@@ -140,7 +140,8 @@ def test_the_error_bound_is_about_the_second_problem(built, steps_of):
     estimator.consider(steps[-1], contact.evaluate(steps[-1], fields), 1.0)
     ((_, found),) = estimator.estimates()
     assert 0 < found.total < 0.5 * found.norm and found.solver < 0.01 * found.total
-    (pair,), c, body = estimator.bound._pairs(estimator.last[2]), problem.structure.contact, estimator.body
+    (pair,), c = estimator.bound._pairs(estimator.last[2]), problem.structure.contact
+    body = estimator.body
     at = np.searchsorted(pair.first.vertex, np.searchsorted(body.gid, c.gid))
     np.testing.assert_allclose(pair.normal[at], c.normal, atol=1e-9)
     np.testing.assert_allclose(pair.gap[at], c.gap, rtol=1e-12)
