@@ -12,7 +12,7 @@ quote = '$(subst ','\'',$1)'
 GIVEN = $(foreach v,$(filter-out $(OWN),$(.VARIABLES)),$(if $(filter command,$(origin $v)),$(call quote,$v=$(value $v))))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-long run table effects accuracy stopping locking bench study hard saddle figures $(SCENES)
+.PHONY: help setup demo test test-long run table effects accuracy bench study hard saddle figures $(SCENES)
 
 help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' Makefile | expand -t 12
@@ -54,13 +54,7 @@ study:  ## many values of one parameter on one export: SCENE=model FRICTION=0.05
 hard:  ## the hard cases, each solved and checked or refused [FAMILY=scale,contact] [CASE=name] [FAST=yes] [JOBS=]
 	@$(DRIVER) hard $(GIVEN)
 
-stopping:  ## what stopping by the error budget saves on the model example [ROWS=1,2,3,4] [OUT=]
-	@$(DRIVER) stopping $(GIVEN)
-
-locking:  ## how P1, P2 and P2-mixed converge where the material hardly changes its volume [OUT=]
-	@$(DRIVER) locking $(GIVEN)
-
-accuracy:  ## what accuracy costs in seconds: SCENE=hertz [EFFORT=quick|full] [REPEATS=] [QUANTITY=] [...]
+accuracy:  ## what accuracy costs in seconds: SCENE=hertz [EFFORT=quick|full] [REPEATS=] [QUANTITY=] [...]; PART=locking|stopping
 	@$(DRIVER) accuracy $(GIVEN)
 
 saddle:  ## write and draw the FETI-DP saddle-point matrix of a small case [SCENE=] [SUBDOMAINS=] [CELLS=] [OUT=]

@@ -60,21 +60,12 @@ def command_model(words: list[str]) -> None:
 
 def command_figures(words: list[str]) -> None:
     """Redraw the figures of finished runs and studies from their files."""
-    from .figures import draw_run
-    from .studies.accuracy.work_precision import draw
-    from .studies.study import draw_study
+    from .figures.redraw import redraw
 
     if not words:
         raise InputError("no finished run to draw; 'make run SCENE=model' leaves one in results/model")
     for word in words:
-        if (Path(word) / "accuracy.csv").is_file():
-            print(*draw(Path(word), every=True), sep="\n")
-            continue
-        if not (Path(word) / "summary.json").is_file():
-            raise InputError(f"{word} holds no finished run (no summary.json)")
-        is_study = "study" in json.loads((Path(word) / "summary.json").read_text())
-        for path in (draw_study if is_study else draw_run)(Path(word)):
-            print(path)
+        print(*redraw(Path(word)), sep="\n")
 
 
 def command_table(words: list[str]) -> None:
@@ -131,28 +122,10 @@ def command_study(words: list[str]) -> None:
 
 
 def command_accuracy(words: list[str]) -> None:
-    """What accuracy costs: sweeps of every knob of a scene."""
-    from .studies.accuracy.sweeps import run_accuracy
+    """What accuracy costs: sweeps over the numerics of a scene, or PART=locking, PART=stopping."""
+    from .studies.accuracy import run_accuracy
 
     for path in run_accuracy(parse_pairs(words)):
-        print(os.path.relpath(path))
-
-
-def command_stopping(words: list[str]) -> None:
-    """What stopping by the error budget saves on the model example."""
-    environment.start_petsc()
-    from .studies.stopping import run_stopping
-
-    for path in run_stopping(parse_pairs(words)):
-        print(os.path.relpath(path))
-
-
-def command_locking(words: list[str]) -> None:
-    """How elements converge in a material that hardly changes its volume."""
-    environment.start_petsc()
-    from .studies.locking import run_locking
-
-    for path in run_locking(parse_pairs(words)):
         print(os.path.relpath(path))
 
 

@@ -1,6 +1,5 @@
 """Fixtures: FreeFEM exports, FETI-DP operators and finished runs, each made once per session."""
 
-import csv
 import json
 import os
 import shutil
@@ -22,6 +21,7 @@ from mpi4py import MPI
 from driver.scene import freefem
 from driver.runs import run
 from driver.errors import DriverError
+from driver.files import read_table
 
 MODEL = environment.ROOT / "edp" / "model.edp"
 
@@ -131,16 +131,9 @@ def read_outcome(directory: Path, status=0, reason="") -> Outcome:
     found.summary = json.loads((directory / "summary.json").read_text())
     if (directory / "contact.csv").exists():
         steps = found.summary["steps"]
-        found.contact = {name: column.reshape(steps, -1) for name, column in _columns(directory / "contact.csv").items()}
-    found.history = _columns(directory / "history.csv")
+        found.contact = {name: column.reshape(steps, -1) for name, column in read_table(directory / "contact.csv").items()}
+    found.history = read_table(directory / "history.csv")
     return found
-
-
-def _columns(path: Path) -> dict:
-    with open(path, newline="") as file:
-        names, *rows = csv.reader(file)
-    return {name: np.array(column if name == "status" else [float(v) if v else np.nan for v in column])
-            for name, column in zip(names, zip(*rows))}
 
 
 @pytest.fixture(scope="session")

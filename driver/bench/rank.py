@@ -13,12 +13,12 @@ environment.start_petsc()
 import numpy as np
 from mpi4py import MPI
 
+from ..contact.tearing import build
 from ..feti.fetidp import DualOperator
+from ..feti.substructuring import partition
+from ..march.problem import Problem
 from ..scene.loader import read_subdomains
 from ..scene.manifest import read_manifest
-from ..march.problem import Problem
-from ..contact.tearing import build
-from ..feti.substructuring import partition
 from ..studies.table import method_settings
 from ..timing import Laps
 from .workbench import march
@@ -57,9 +57,9 @@ def once(directory: Path, settings: dict, comm) -> dict:
 def main(directory: str, out: str, repeats: str, settings: str = "") -> None:
     """Repeat the run, with the slides' stopping rules if no settings are given; rank 0 writes all of them."""
     comm, chosen = MPI.COMM_WORLD, json.loads(settings) if settings else method_settings("default")
-    found = [once(Path(directory), chosen, comm) for _ in range(int(repeats))]
+    runs = [once(Path(directory), chosen, comm) for _ in range(int(repeats))]
     if comm.rank == 0:
-        Path(out).write_text(json.dumps(found))
+        Path(out).write_text(json.dumps(runs))
 
 
 if __name__ == "__main__":

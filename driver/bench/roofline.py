@@ -41,7 +41,7 @@ def work(operator) -> dict[str, float]:
 
 def measure(bench: Workbench) -> dict:
     """Product, triad and dense product in turn, for equal and for distinct local matrices."""
-    found = {}
+    measured = {}
     for subdomains in CASES:
         operator = bench.problem(subdomains).operator
         x = np.random.default_rng(1).standard_normal(operator.owned)
@@ -56,26 +56,8 @@ def measure(bench: Workbench) -> dict:
         report.add(PART, f"flops of a product, {subdomains}", needed["flops"] / 1e6, "Mflop")
         report.add(PART, f"bytes of a product, {subdomains}", needed["bytes"] / 1e6, "MB")
         report.add(PART, f"share of the roofline reached, {label}", ratios(bound, times["product"]), "", ">= 0.5")
-        found[subdomains] = {"bound": float(np.median(bound)), "product": float(np.median(times["product"])), **needed,
+        measured[subdomains] = {"bound": float(np.median(bound)), "product": float(np.median(times["product"])), **needed,
                              "byte": float(np.median(times["byte"])), "flop": float(np.median(times["flop"]))}
-    for name, unit, scale in (("flop", "Gflop/s", 1e-9), ("byte", "GB/s", 1e-9)):
-        bench.report.add(PART, {"flop": "dense product rate", "byte": "memory bandwidth (triad)"}[name],
-                         scale / found["64x32"][name], unit)
-    return found
-
-
-def draw(figure, found: dict) -> None:
-    """Attainable and reached flop rates over flops per byte."""
-    from ..figures import BLUE, INK, ORANGE
-
-    axes, machine = figure.subplots(), found["64x32"]
-    intensity = np.logspace(-1.5, 2, 200)
-    # both follow one another, so the line is the harmonic sum of the two limits
-    rate = 1 / (machine["flop"] + machine["byte"] / intensity)
-    axes.loglog(intensity, rate / 1e9, color=INK, label="dense products and memory, one after the other")
-    axes.loglog(intensity, rate / 2e9, "--", color="0.6", label="half of it")
-    for (subdomains, case), colour in zip(found.items(), (BLUE, ORANGE)):
-        axes.loglog(case["flops"] / case["bytes"], case["flops"] / case["product"] / 1e9, "o", color=colour,
-                    label=f"product with $F$, {subdomains} subdomains")
-    axes.set(xlabel="flops per byte", ylabel="Gflop/s on one core")
-    axes.legend(frameon=False, fontsize="small")
+    for key, name, unit in (("flop", "dense product rate", "Gflop/s"), ("byte", "memory bandwidth (triad)", "GB/s")):
+        bench.report.add(PART, name, 1e-9 / measured["64x32"][key], unit)
+    return measured

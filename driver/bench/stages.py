@@ -18,7 +18,7 @@ DOFS = 495_616
 SMALLER = "32x16"
 
 
-def measure(bench: Workbench) -> dict:
+def measure(bench: Workbench) -> None:
     """Seconds per dof of the export on one and two ranks, reading, memory and start-up."""
     report, (model, graded) = bench.report, _scenes(bench)
     _export(bench, model, graded)
@@ -29,7 +29,6 @@ def measure(bench: Workbench) -> dict:
                            "FIGURES=no", "QUIET=yes"))
     report.add(PART, f"peak memory of the driver, {DOFS} dofs, one rank", peak, "MiB", "<= 1536")
     _start_up(bench)
-    return {}
 
 
 def _scenes(bench: Workbench) -> tuple[Path, Path]:
@@ -43,7 +42,7 @@ def _scenes(bench: Workbench) -> tuple[Path, Path]:
 
 
 def _export(bench: Workbench, model: Path, graded: Path) -> None:
-    """FreeFEM on one and on two ranks, with equal subdomains, of which it assembles one, and with a stiffness each.
+    """FreeFEM on one and two ranks, with equal subdomains, of which it assembles one, and with a stiffness each.
 
     Ranks share the assembly out; starting them under MPI costs the same whatever there is to assemble.
     """

@@ -6,7 +6,7 @@ PART = "studies"
 CASE = ("SCENE=model", "SUBDOMAINS=16x8", "FIGURES=no", "QUIET=yes")
 
 
-def measure(bench: Workbench) -> dict:
+def measure(bench: Workbench) -> None:
     """Whole processes in turn, neither draws or writes fields."""
     out = bench.folder
     found = in_turn({
@@ -15,4 +15,3 @@ def measure(bench: Workbench) -> dict:
     bench.report.add(PART, "100 friction values, 16x8", found["study"], "s")
     bench.report.add(PART, "one run, 16x8", found["run"], "s")
     bench.report.add(PART, "100 friction values over one run", ratios(found["study"], found["run"]), "", "<= 5")
-    return {}

@@ -3,8 +3,8 @@
 import numpy as np
 from petsc4py import PETSc
 
-from ..qp.mprgp import mprgp, norm_bound, projected_gradient
 from ..options import Settings
+from ..qp.mprgp import mprgp, norm_bound, projected_gradient
 from ..studies.table import LOADINGS
 from .workbench import Workbench
 
@@ -71,7 +71,9 @@ def theirs(name: str, operator, d, bounds, bound: float) -> tuple[int, bool]:
         def mult(self, matrix, x, y):
             y.array[:] = product(x.array_r)
 
-    vec = lambda values: PETSc.Vec().createWithArray(np.array(values), comm=PETSc.COMM_SELF)
+    def vec(values):
+        return PETSc.Vec().createWithArray(np.array(values), comm=PETSc.COMM_SELF)
+
     hessian = PETSc.Mat().createPython((size, size), Shell(), comm=PETSc.COMM_SELF)
     hessian.setUp()
     hessian.setOption(PETSc.Mat.Option.SYMMETRIC, True)
@@ -97,27 +99,17 @@ def theirs(name: str, operator, d, bounds, bound: float) -> tuple[int, bool]:
 
 
 def measure(bench: Workbench) -> dict:
-    """Products of every solver, ours beside them."""
-    found = {}
+    """Products of every solver, MPRGP's first, by size."""
+    products = {}
     for subdomains in SIZES:
         operator, d, bounds, solver = problem_of(bench, subdomains)
-        own, counts = ours(operator, d, bounds, solver), {}
+        counts = []
         for name in SOLVERS:
-            counts[name], converged = theirs(name, operator, d, bounds, solver.qp.bound)
-            bench.report.add(PART, f"{name}, {subdomains}" + ", not converged" * (not converged), counts[name], "")
-        bench.report.add(PART, f"MPRGP, {subdomains}, {len(d)} multipliers", own, "", f"<= {min(counts.values()) - 1}")
-        found[subdomains] = {"mprgp": own, **counts}
-    return found
-
-
-def draw(figure, found: dict) -> None:
-    """Products of every solver, a group of bars a size."""
-    from ..figures import BLUE, GREEN, ORANGE
-
-    axes, names = figure.subplots(), ["mprgp", *SOLVERS]
-    for k, (colour, (subdomains, counts)) in enumerate(zip((BLUE, ORANGE, GREEN), found.items())):
-        axes.bar([i + 0.27 * (k - 1) for i in range(len(names))], [counts[name] for name in names], 0.25, color=colour,
-                 label=f"{subdomains} subdomains")
-    axes.set_xticks(range(len(names)), [name.upper() for name in names])
-    axes.set(yscale="log", ylabel=f"products with $F$ until {RTOL:.0e}")
-    axes.legend(frameon=False)
+            count, converged = theirs(name, operator, d, bounds, solver.qp.bound)
+            counts.append(count)
+            note = "" if converged else ", not converged"
+            bench.report.add(PART, f"{name}, {subdomains}{note}", count, "")
+        own = ours(operator, d, bounds, solver)
+        bench.report.add(PART, f"MPRGP, {subdomains}, {len(d)} multipliers", own, "", f"<= {min(counts) - 1}")
+        products[subdomains] = [own, *counts]
+    return {"solvers": ["mprgp", *SOLVERS], "rtol": RTOL, "products": products}

@@ -3,7 +3,6 @@
 import dataclasses
 import json
 import os
-import resource
 import shutil
 import statistics
 import subprocess
@@ -52,7 +51,8 @@ class Report:
         if len(values) > 1 and value:
             spread = f"{np.ptp(values) / abs(value):.2f}"
         self.rows.append(Row(part, name, value, unit, target, met, spread))
-        print(f"  {name}: {value:.4g} {unit}" + f"   (target {target}: {met})" * bool(target), flush=True)
+        note = f"   (target {target}: {met})" if target else ""
+        print(f"  {name}: {value:.4g} {unit}{note}", flush=True)
         return value
 
     def skip(self, part: str, reason: str) -> None:
@@ -81,9 +81,8 @@ class Workbench:
         key = (subdomains, cells, ranks)
         directory = self.exports / f"{subdomains}-{cells}-{ranks}"
         if key not in self.export_seconds:
-            clock = time.perf_counter()
-            freefem.export(freefem.find_scene("model"), directory, {"subdomains": subdomains, "cells": str(cells)}, ranks)
-            self.export_seconds[key] = time.perf_counter() - clock
+            scene, parameters = freefem.find_scene("model"), {"subdomains": subdomains, "cells": str(cells)}
+            self.export_seconds[key] = seconds(lambda: freefem.export(scene, directory, parameters, ranks))
         return directory
 
     def problem(self, subdomains: str, loading: str = "monotone", cells: int = 10):
@@ -108,8 +107,9 @@ class Workbench:
     def _loadings(self, subdomains: str, cells: int) -> dict:
         directory = self.exports / f"{subdomains}-{cells}-loadings"
         parameters = {"subdomains": subdomains, "cells": str(cells)}
-        found = freefem.export_study(freefem.find_scene("model"), directory, parameters, "loading", list(LOADINGS))
-        return dict(zip(LOADINGS, found))
+        manifests = freefem.export_study(freefem.find_scene("model"), directory, parameters, "loading",
+                                         list(LOADINGS))
+        return dict(zip(LOADINGS, manifests))
 
     def forget(self, subdomains: str, cells: int = 10) -> None:
         """Free the operator of a size."""
@@ -129,11 +129,16 @@ def march(problem, **settings):
     return solver.history
 
 
+def timed(action) -> tuple:
+    """Value and wall time of a call."""
+    clock = time.perf_counter()
+    value = action()
+    return value, time.perf_counter() - clock
+
+
 def seconds(action) -> float:
     """Wall time of a call."""
-    clock = time.perf_counter()
-    action()
-    return time.perf_counter() - clock
+    return timed(action)[1]
 
 
 def in_turn(actions: dict, repeats: int = REPEATS) -> dict[str, list[float]]:
@@ -141,13 +146,12 @@ def in_turn(actions: dict, repeats: int = REPEATS) -> dict[str, list[float]]:
 
     An action returns the seconds that count, or None for its wall time.
     """
-    found = {name: [] for name in actions}
+    times = {name: [] for name in actions}
     for _ in range(repeats):
         for name, action in actions.items():
-            clock = time.perf_counter()
-            own = action()
-            found[name].append(time.perf_counter() - clock if own is None else own)
-    return found
+            own, wall = timed(action)
+            times[name].append(wall if own is None else own)
+    return times
 
 
 def ratios(over: list[float], under: list[float]) -> list[float]:
@@ -184,11 +188,6 @@ def on_ranks(bench: Workbench, export: Path, ranks: int, repeats: int, *settings
 def driver(*words: str) -> list[str]:
     """Command line of the driver with this Python."""
     return [sys.executable, "-m", "driver", *words]
-
-
-def memory_mib() -> float:
-    """Peak resident memory of this process."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
 def median(values) -> float:

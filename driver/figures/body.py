@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from scipy.spatial import cKDTree
 
-from .layout import header, map_axes, shrink_to_body
+from .layout import run_header, map_axes, shrink_to_body
 from .outline import bodies, outer, outward_edges, right_of, sample
 from .reading import Run, select
 from .scales import round_magnification, stress_scale
@@ -91,7 +91,7 @@ def geometry(figure: Figure, run: Run) -> None:
     longest = np.linalg.norm(traction, axis=1).max(initial=0)
     stress = stress_scale(run, longest)
     arrow = rf"longest arrow {longest * stress.factor:.3g} {stress.label} at $\varphi = 1$" if longest else ""
-    header(figure, run, "Geometry, boundary conditions and subdomains", geometry_legend(run, role), arrow)
+    run_header(figure, run, "Geometry, boundary conditions and subdomains", geometry_legend(run, role), arrow)
     shrink_to_body(figure, axes)
 
 
@@ -145,5 +145,5 @@ def deformed(figure: Figure, run: Run) -> None:
     largest = f", largest value {values.max():.3g}" if beyond else ""
     bar.set_label(f"von Mises stress [{stress.label}]{largest}")
     size = f"{times:,.0f}".replace(",", "\u2009") if times >= 1 else f"{times:g}"
-    header(figure, run, f"Deformed body{run.at(mesh.time)}, displacements magnified {size}×", handles, note)
+    run_header(figure, run, f"Deformed body{run.at(mesh.time)}, displacements magnified {size}×", handles, note)
     shrink_to_body(figure, axes)

@@ -5,7 +5,7 @@ from matplotlib.colors import ListedColormap, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from .layout import PANELS, header, left_out, panel_grid
+from .layout import PANELS, run_header, panels_note, panel_grid
 from .reading import Run, contact_boundaries, segment_ends, select
 from .scales import Scale, length_scale, stress_scale
 from .style import BLUE, INK, ORANGE, RED
@@ -97,8 +97,8 @@ def contact_panels(figure: Figure, run: Run, caption: str, panels: tuple) -> Non
         below.set_xlabel(rf"arc length along $\Gamma_c$ [{arc.label}]")
     figure.align_ylabels()
     status = np.concatenate([rows["status"] for _, rows in shown])
-    header(figure, run, caption + run.at(final_time(run)), [*handles.values(), *zone_handles(run, status, pale)],
-           left_out(boundaries))
+    run_header(figure, run, caption + run.at(final_time(run)), [*handles.values(), *zone_handles(run, status, pale)],
+           panels_note(boundaries))
 
 
 def normal_stress(axes, rows: dict, arc: np.ndarray, scale: Scale) -> list:
@@ -166,5 +166,5 @@ def contact_status(figure: Figure, run: Run) -> None:
                         edgecolors="white" if nodes <= 60 and len(times) <= 60 else "none", linewidth=0.3)
         axes.set(xlabel=rf"arc length along $\Gamma_c$ [{arc.label}]", ylabel="time $t$")
         seen.append(status)
-    header(figure, run, r"Contact status on $\Gamma_c$ over time",
-           zone_handles(run, np.concatenate(seen), str), left_out(boundaries))
+    run_header(figure, run, r"Contact status on $\Gamma_c$ over time",
+           zone_handles(run, np.concatenate(seen), str), panels_note(boundaries))

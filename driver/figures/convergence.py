@@ -8,7 +8,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter
 
 from ..scene import elements
-from .layout import header
+from .layout import run_header
 from .reading import Run, select
 from .scales import length_scale
 from .style import BLUE, GREEN, INCH, INK, ORANGE
@@ -61,7 +61,7 @@ def convergence(figure: Figure, run: Run) -> None:
     axes.margins(x=0.01)
     mark_steps(axes, table)
     note = f"every {every}th iteration and all starts drawn" if every > 1 else ""
-    header(figure, run, "Convergence of MPRGP", handles, note)
+    run_header(figure, run, "Convergence of MPRGP", handles, note)
 
 
 def adaptivity(figure: Figure, run: Run) -> None:
@@ -83,5 +83,5 @@ def adaptivity(figure: Figure, run: Run) -> None:
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         axis.set_minor_formatter(FuncFormatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "25" else ""))
     error.tick_params(which="both", labelsize=7, length=3)
-    header(figure, run, "Adaptive refinement", error.get_legend_handles_labels()[0],
+    run_header(figure, run, "Adaptive refinement", error.get_legend_handles_labels()[0],
            f"{len(run.first.corners)} triangles after {len(size) - 1} cycles")

@@ -2,9 +2,7 @@
 
 from pathlib import Path
 
-import matplotlib
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from .body import deformed, geometry
@@ -12,7 +10,7 @@ from .contact import contact_normal, contact_status, contact_tangential
 from .convergence import adaptivity, convergence
 from .history import history, loading
 from .reading import Run, read_run
-from .style import INCH, STYLE, WIDTH, write
+from .style import canvas, write
 
 FILES = ("geometry", "loading", "deformed", "contact_normal", "contact_tangential", "contact_status",
          "convergence", "history", "adaptivity")
@@ -39,13 +37,7 @@ def wanted(run: Run) -> dict:
 
 def compose(name: str, run: Run) -> Figure:
     """The finished figure `name` of a run, laid out and not yet written."""
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH, 12 * INCH), dpi=150, layout="constrained")
-        FigureCanvasAgg(figure)
-        wanted(run)[name](figure, run)
-        figure.draw_without_rendering()
-        figure.set_layout_engine("none")  # frozen, so that the bitmap and the PDF are the same picture
-    return figure
+    return canvas(lambda figure: wanted(run)[name](figure, run), 12)
 
 
 def draw_run(directory: Path) -> list[Path]:

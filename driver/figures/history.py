@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from .layout import header
+from .layout import run_header
 from .reading import Run, select
 from .scales import force_scale
 from .style import BLUE, GREEN, INCH, INK, ORANGE, RED
@@ -26,7 +26,7 @@ def loading(figure: Figure, run: Run) -> None:
     axes.autoscale_view()
     axes.grid(color="0.9", lw=0.5)
     steps = int(run.history["step"].max())
-    header(figure, run, f"History of loading, {steps} time steps (markers)", handles)
+    run_header(figure, run, f"History of loading, {steps} time steps (markers)", handles)
 
 
 def history(figure: Figure, run: Run) -> None:
@@ -59,4 +59,4 @@ def history(figure: Figure, run: Run) -> None:
     caption, note = r"Resultant forces on $\Gamma_c$", ""
     if run.fixed_point:
         caption, note = f"{caption} and fixed-point iterations", f"{total} fixed-point iterations"
-    header(figure, run, caption, handles, note)
+    run_header(figure, run, caption, handles, note)

@@ -1,6 +1,5 @@
 """What the figures are drawn from: the tables and fields that a run left, read again."""
 
-import csv
 import json
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass
@@ -10,8 +9,7 @@ import meshio
 import numpy as np
 
 from ..errors import InputError
-
-WORDS = {"status", "kind", "role"}  # the columns that are not numbers
+from ..files import read_table
 
 QUARTERS = [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]  # of a triangle with six nodes in VTK's order
 
@@ -72,18 +70,6 @@ class Run:
 
     def at(self, time: float) -> str:
         return f" at $t = {time:g}$" if self.quasistatic else ""
-
-
-def read_table(path: Path) -> dict | None:
-    """Columns of a CSV file as arrays, empty numbers as nan; None if the file is absent or has no rows."""
-    if not path.exists():
-        return None
-    with open(path, newline="") as file:
-        names, *rows = csv.reader(file)
-    if not rows:
-        return None
-    return {n: np.array(c) if n in WORDS else np.array([v or "nan" for v in c], dtype=float)
-            for n, c in zip(names, zip(*rows))}
 
 
 def read_mesh(path: Path, time: float) -> Mesh:

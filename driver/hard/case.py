@@ -1,6 +1,5 @@
 """What a hard case is, and how one is run: as a user would run it, in a process of its own with a time limit."""
 
-import csv
 import functools
 import json
 import os
@@ -13,9 +12,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-import numpy as np
-
 from .. import environment
+from ..files import read_table
 
 # every run of the suite unless a case says otherwise: tight enough that what is left is the method's, not the user's
 TIGHT = {"RTOL": "1e-10", "FRICTION_RTOL": "1e-8", "PRIMAL_RTOL": "1e-6"}
@@ -137,21 +135,9 @@ def read_results(outcome: Outcome) -> Outcome:
     folder = outcome.directory
     if (folder / "summary.json").is_file():
         outcome.summary = json.loads((folder / "summary.json").read_text())
-        outcome.history = columns(folder / "history.csv")
+        outcome.history = read_table(folder / "history.csv")
         if (folder / "contact.csv").is_file():
             steps = outcome.summary["steps"]
-            outcome.contact = {name: values.reshape(steps, -1) for name, values in columns(folder / "contact.csv").items()}
+            table = read_table(folder / "contact.csv")
+            outcome.contact = {name: values.reshape(steps, -1) for name, values in table.items()}
     return outcome
-
-
-def columns(path: Path) -> dict[str, np.ndarray]:
-    """Columns of a CSV file; numbers where all entries are, empty ones being NaN."""
-    with open(path, newline="") as file:
-        names, *rows = csv.reader(file)
-    found = {}
-    for name, column in zip(names, zip(*rows)):
-        try:
-            found[name] = np.array([float(v) if v else np.nan for v in column])
-        except ValueError:
-            found[name] = np.array(column)
-    return found

@@ -51,9 +51,9 @@ def run_suite(pairs: dict[str, str]) -> list[Path]:
             raise
     shutil.rmtree(folder / "runs", ignore_errors=True)
     write(folder / "report.csv", rows)
-    from .picture import draw
+    from ..figures.hard import draw
 
-    made = [folder / "report.csv", *draw(rows, folder)]
+    made = [folder / "report.csv", *draw(folder / "report.csv")]
     failed = [row for row in rows if row.status == "FAILED"]
     ended = {name: sum(row.status == name for row in rows) for name in ("solved", "refused")}
     print(f"{len({row.case for row in rows})} cases at {len(rows)} sizes: {ended['solved']} solved and checked, "

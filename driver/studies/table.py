@@ -2,8 +2,8 @@
 
 The slides (Haslinger, Vlach, Dostal, SNA'07) state neither steps nor tolerances; 20 steps and 1e-6 are what
 reproduces the size of their counts. `default` is the driver as it comes, `plain` the slides' own method:
-no preconditioner, each step started from the previous one, every QP solved to the full tolerance and without help from
-the contact block.
+no preconditioner, each step started from the previous one, every QP solved to the full tolerance and without
+help from the contact block.
 """
 
 import dataclasses
@@ -11,13 +11,15 @@ import json
 import os
 from pathlib import Path
 
-from ..runs.run import RESULTS, Run, execute
 from ..arguments import choice, only, yes
 from ..errors import InputError
 from ..files import write_json, write_table
 from ..options import Settings
+from ..runs.run import RESULTS, Run, execute
+from ..text import aligned
 
 LOADINGS = ("monotone", "nonmonotone")
+STAGES = ("export", "setup", "solve")
 METHODS = {"default": {}, "plain": {"preconditioner": "none", "predictor": "previous", "inner_rtol": 1e-9,
                                     "expansion": "gradient", "corrector": "none"}}
 ROWS = {1: "4x2", 2: "8x4", 3: "16x8", 4: "32x16", 5: "64x32"}
@@ -36,6 +38,8 @@ def make_table(pairs: dict[str, str]) -> None:
     Options: rows (1,2,3), method (default or plain), np (ranks), fresh (yes: make rows anew). Raises
     InputError for others, and what a run raises.
     """
+    from ..figures.table import draw
+
     only(pairs, ("rows", "method", "np", "fresh"), "the table")
     rows, fresh = _rows(pairs.get("rows")), yes(pairs, "fresh", "no")
     methods = [choice(pairs, "method", METHODS, "")] if "method" in pairs else list(METHODS)
@@ -46,10 +50,11 @@ def make_table(pairs: dict[str, str]) -> None:
                 print(f"{method}, {ROWS[row]} subdomains: kept from earlier (FRESH=yes makes it anew)")
             else:
                 _make_row(folder, method, row, pairs.get("np", "1"))
-    table = [found for method in METHODS for row in ROWS if (found := _finished(folder, method, row))]
-    write_table(folder / "table.csv", table)
+    rows = (_finished(folder, method, row) for method in METHODS for row in ROWS)
+    table = [row for row in rows if row]
+    path = write_table(folder / "table.csv", table)
     print(_text(table))
-    for path in (folder / "table.csv", *_draw(folder, table)):
+    for path in (path, *draw(path)):
         print(os.path.relpath(path))
 
 
@@ -73,10 +78,11 @@ def _row_file(folder: Path, method: str, row: int) -> Path:
 def _finished(folder: Path, method: str, row: int) -> dict | None:
     """The row's result from an earlier call, if it was made with the same solver settings."""
     try:
-        found = json.loads(_row_file(folder, method, row).read_text())
+        earlier = json.loads(_row_file(folder, method, row).read_text())
     except FileNotFoundError:
         return None
-    return found["row"] if found["settings"] == dataclasses.asdict(Settings(**method_settings(method))) else None
+    same = earlier["settings"] == dataclasses.asdict(Settings(**method_settings(method)))
+    return earlier["row"] if same else None
 
 
 def _make_row(folder: Path, method: str, row: int, ranks: str) -> None:
@@ -91,8 +97,8 @@ def _make_row(folder: Path, method: str, row: int, ranks: str) -> None:
         summary[loading] = execute(Run.from_pairs(pairs))
     path = _row_file(folder, method, row)
     path.parent.mkdir(parents=True, exist_ok=True)
-    found = {"settings": dataclasses.asdict(Settings(**method_settings(method))), "row": _columns(row, method, summary)}
-    write_json(path, found)
+    settings = dataclasses.asdict(Settings(**method_settings(method)))
+    write_json(path, {"settings": settings, "row": _columns(row, method, summary)})
 
 
 def _columns(row: int, method: str, summary: dict[str, dict]) -> dict:
@@ -104,9 +110,11 @@ def _columns(row: int, method: str, summary: dict[str, dict]) -> dict:
             *(s["counts"]["dual_multiplications"] for s in both))
     columns = dict(zip(KEYS, ours)) | {f"slides_{key}": value for key, value in zip(KEYS, SLIDES[row])}
     for s, loading in zip(both, LOADINGS):
-        columns |= {f"seconds_{stage}_{loading}": round(s["seconds"][stage], 3) for stage in ("export", "setup", "solve")}
-    columns |= {f"n_m_setup_{loading}": s["counts"]["dual_multiplications_setup"] for s, loading in zip(both, LOADINGS)}
-    return columns | {"memory_mib": round(max(s["memory_mib"] for s in both)), "ranks": both[0]["ranks"], "method": method}
+        columns |= {f"seconds_{stage}_{loading}": round(s["seconds"][stage], 3) for stage in STAGES}
+    columns |= {f"n_m_setup_{loading}": s["counts"]["dual_multiplications_setup"]
+                for s, loading in zip(both, LOADINGS)}
+    return columns | {"memory_mib": round(max(s["memory_mib"] for s in both)), "ranks": both[0]["ranks"],
+                      "method": method}
 
 
 def _text(table: list[dict]) -> str:
@@ -117,38 +125,8 @@ def _text(table: list[dict]) -> str:
     for row in table:
         counts = [f"{row[key]:,} / {row['slides_' + key]:,}" for key in KEYS[3:]]
         times = [f"{sum(row[f'seconds_{stage}_{loading}'] for loading in LOADINGS):.1f}"
-                 for stage in ("export", "setup", "solve")]
-        lines.append([row["method"], *(f"{row[key]:,}" for key in KEYS[:3]), *counts, *times, f"{row['memory_mib']:,}"])
-    widths = [max(map(len, column)) for column in zip(*lines)]
-    body = "\n".join("  ".join(cell.rjust(width) for cell, width in zip(line, widths)) for line in lines)
-    return (f"\n{body}\n\nit: fixed-point iterations, n_m: products with F, ours / the slides'; "
+                 for stage in STAGES]
+        lines.append([row["method"], *(f"{row[key]:,}" for key in KEYS[:3]), *counts, *times,
+                      f"{row['memory_mib']:,}"])
+    return (f"\n{aligned(lines)}\n\nit: fixed-point iterations, n_m: products with F, ours / the slides'; "
             f"seconds of both loadings together.\n{MISPRINTS}\n")
-
-
-def _draw(folder: Path, table: list[dict]) -> list[Path]:
-    """Products with F over the number of subdomains, one panel a loading."""
-    import matplotlib
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-    from matplotlib.ticker import NullLocator
-
-    from ..figures import BLUE, GREEN, INCH, INK, STYLE, WIDTH, write
-
-    sizes = [SLIDES[1][0] * 4 ** (row - 1) for row in ROWS]
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH, 8 * INCH), dpi=150, layout="constrained")
-        FigureCanvasAgg(figure)
-        for axes, loading, index in zip(figure.subplots(1, 2, sharey=True), LOADINGS, (5, 6)):
-            axes.loglog(sizes, [SLIDES[row][index] for row in ROWS], "o--", color=INK, label="slides")
-            for method, colour, marker in (("plain", GREEN, "s"), ("default", BLUE, "D")):
-                own = [row for row in table if row["method"] == method]
-                if own:
-                    axes.loglog([row["n_s"] for row in own], [row[f"n_m_{loading}"] for row in own], color=colour,
-                                marker=marker, label=f"ours, {method}")
-            axes.set(title=f"{loading} loading", xlabel="subdomains $n_s$")
-            axes.set_xticks(sizes, [str(size) for size in sizes])
-            axes.xaxis.set_minor_locator(NullLocator())
-            axes.grid(color="0.9", lw=0.6)
-        figure.axes[0].set_ylabel("products with $F$ in 20 steps")
-        figure.axes[0].legend(frameon=False)
-        return write(figure, folder, "table")

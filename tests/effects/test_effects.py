@@ -308,7 +308,8 @@ def study(tmp_path_factory):
 def test_study_rows_and_files(study):
     table, out, paths = study
     assert list(table) == ["", "friction", "contact", "time"]
-    assert {path.name for path in out.iterdir()} == {"model.csv", "model.png", "model.pdf"} == {path.name for path in paths}
+    names = {"model.csv", "model-tractions.csv", "model.png", "model.pdf"}
+    assert {path.name for path in out.iterdir()} == names == {path.name for path in paths}
     assert all(path.stat().st_size > 0 for path in paths)
 
 
