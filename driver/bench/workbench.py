@@ -179,10 +179,12 @@ def child(command: list[str]) -> tuple[float, float]:
 
 def on_ranks(bench: Workbench, export: Path, ranks: int, repeats: int, *settings: str) -> list[dict]:
     """What rank.py measures on an export, `repeats` times in one start of the ranks."""
-    out = bench.folder / "ranks.json"
+    out = bench.folder / ".runs.json"
     command = [sys.executable, "-m", "driver.bench.rank", str(export), str(out), str(repeats), *settings]
     child([*environment.mpirun(ranks), *command] if ranks > 1 else command)
-    return json.loads(out.read_text())
+    runs = json.loads(out.read_text())
+    out.unlink()
+    return runs
 
 
 def driver(*words: str) -> list[str]:
