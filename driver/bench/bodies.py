@@ -30,7 +30,8 @@ def measure(bench: Workbench) -> dict:
         growth = runs[-1]["products"] / runs[0]["products"]
         bench.report.add(PART, f"{scene}: growth of products to {runs[-1]['subdomains']} subdomains", growth, "",
                          "<= 2")
-        _ranks(bench, scene, bench.exports / f"{scene}-{sizes[1]['subdomains']}", runs[1]["products"])
+        _ranks(bench, scene, bench.exports / \
+               f"{scene}-{sizes[1]['subdomains']}", runs[1]["products"])
         shutil.rmtree(bench.exports)
         measured[scene] = runs
     return measured
@@ -46,7 +47,8 @@ def _run(bench: Workbench, scene: str, parameters: dict) -> dict:
            "iterations": history.counts["fixed_point_iterations"], "steps": history.steps, "seconds": spent}
     name = f"{scene}, {run['subdomains']} subdomains"
     bench.report.add(PART, f"{name}: products", run["products"], "")
-    bench.report.add(PART, f"{name}: fixed-point iterations a step", run["iterations"] / run["steps"], "")
+    bench.report.add(PART, f"{name}: fixed-point iterations a step",
+                     run["iterations"] / run["steps"], "")
     bench.report.add(PART, f"{name}: steps", spent, "s")
     return run
 

@@ -21,7 +21,8 @@ ORDERINGS = {"AMD": 0, "SCOTCH": 3, "PORD": 4, "METIS": 5}  # MUMPS ICNTL(7)
 def assembled(structure):
     """Stiffness (n, n) of the whole body without supported dofs, as CSR, and its loads (patterns, n); no contact."""
     size = 2 * (1 + max(int(sub.node_gid.max()) for sub in structure.subdomains))
-    free, i, j, values, loads = np.ones(size, bool), [], [], [], np.zeros((structure.patterns, size))
+    free, i, j, values, loads = np.ones(
+        size, bool), [], [], [], np.zeros((structure.patterns, size))
     for sub, fixed in zip(structure.subdomains, structure.fixed):
         number = 2 * sub.node_gid[sub.dof_node] + sub.dof_component
         free[number[fixed]] = False
@@ -69,7 +70,8 @@ def measure(bench: Workbench) -> dict:
     K, loads = assembled(problem.structure)
     matrix = petsc_matrix(K)
     matrix.setOption(PETSc.Mat.Option.SPD, True)
-    trials = {name: factorize_and_solve(matrix, loads[0], number) for name, number in ORDERINGS.items()}
+    trials = {name: factorize_and_solve(matrix, loads[0], number)
+                                        for name, number in ORDERINGS.items()}
     best = min(trials, key=trials.get)
     settings = method_settings("default")
 
@@ -85,7 +87,8 @@ def measure(bench: Workbench) -> dict:
         bench.report.add(PART, f"{name}, {SUBDOMAINS}{note}", values, "s")
     both = np.add(*(times[loading] for loading in LOADINGS))
     for name, values, target in (
-            ("two runs (set-up and steps of both loadings)", 2 * np.array(times["set-up"]) + both, "<= 3"),
+            ("two runs (set-up and steps of both loadings)",
+             2 * np.array(times["set-up"]) + both, "<= 3"),
             ("a study of both loadings (one set-up)", np.array(times["set-up"]) + both, ""),
             ("steps of both loadings", both, "")):
         bench.report.add(PART, f"{name} over MUMPS", ratios(values, times["MUMPS"]), "", target)
@@ -98,4 +101,5 @@ def _set_up(problem, settings: Settings) -> None:
     """Substructuring, reduction, norm, preconditioner and contact block anew from the subdomains as read."""
     comm = problem.operator.comm
     structure = build(problem.manifest, problem.structure.subdomains, 0, comm)
-    dataclasses.replace(problem, structure=structure, operator=DualOperator(structure, comm)).solver(settings)
+    dataclasses.replace(problem, structure=structure,
+                        operator=DualOperator(structure, comm)).solver(settings)

@@ -83,7 +83,8 @@ def main(mesh_file: str, out_file: str, steps: int, loading: str) -> None:
         md.set_variable("right", np.multiply(phi, RIGHT))
         md.solve("max_res", 1e-8, "max_iter", 200, "lsolver", "mumps", "lsearch", "simplest")
         md.set_variable("before", md.variable("u"))
-    np.savez(out_file, x=x, normal=-UNIT * md.variable("force_n"), tangential=UNIT * md.variable("force_t"))
+    np.savez(out_file, x=x, normal=-UNIT * md.variable("force_n"),
+             tangential=UNIT * md.variable("force_t"))
 
 
 if __name__ == "__main__":

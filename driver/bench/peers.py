@@ -11,7 +11,8 @@ from .workbench import REPEATS, Workbench, child, driver, in_turn, median, ratio
 
 PART = "getfem"
 STEPS = 10
-CASES = {20: ("4x2", "1"), 40: ("8x4", ""), 80: ("16x8", "20")}  # 1/h: subdomains of 10 cells, target of the ratio
+# 1/h: subdomains of 10 cells, target of the ratio
+CASES = {20: ("4x2", "1"), 40: ("8x4", ""), 80: ("16x8", "20")}
 LARGE = {160: ("32x16", "50"), 320: ("64x32", "100")}  # minutes and tens of minutes
 LOADING = "nonmonotone"
 AGREE = 0.01  # of the largest nodal force
@@ -45,7 +46,8 @@ def measure(bench: Workbench, large: bool = False) -> dict:
                         REPEATS if cells < 80 else 1)
         difference = _compare(ours, theirs)
         if not difference <= AGREE:
-            raise RuntimeError(f"h = 1/{cells}: contact forces differ by {difference:.1e} from GetFEM's")
+            raise RuntimeError(
+                f"h = 1/{cells}: contact forces differ by {difference:.1e} from GetFEM's")
         measured["cells"].append(cells)
         for name, values in times.items():
             report.add(PART, f"{name}, h = 1/{cells}, {STEPS} steps", values, "s")
@@ -63,7 +65,8 @@ def _write_mesh(structure, path: Path) -> None:
     xy = np.empty((1 + max(int(sub.node_gid.max()) for sub in subdomains), 2))
     for sub in subdomains:
         xy[sub.node_gid] = sub.xy
-    np.savez(path, xy=xy, triangles=np.concatenate([sub.node_gid[sub.triangles] for sub in subdomains]))
+    np.savez(path, xy=xy, triangles=np.concatenate(
+        [sub.node_gid[sub.triangles] for sub in subdomains]))
 
 
 def _compare(ours: Path, theirs: Path) -> float:

@@ -57,7 +57,8 @@ def _weak(bench: Workbench) -> dict:
         bench.report.add(PART, f"{name}: products", measured["counts"]["dual_multiplications"], "")
         for key, text in VOLUME.items():
             volume[text].append(measured["bytes"][key] / ranks / 1e3)
-            bench.report.add(PART, f"{name}: {text}, received per rank and product", volume[text][-1], "kB")
+            bench.report.add(
+                PART, f"{name}: {text}, received per rank and product", volume[text][-1], "kB")
     return {"ranks": list(WEAK), "volume": volume}
 
 
@@ -70,7 +71,8 @@ def _stages(bench: Workbench) -> dict:
         values = {stage: [r["seconds"][stage] for r in runs] for stage in STAGES[1:]}
         values["export"] = [bench.export_seconds[subdomains, cells, ranks]]
         for stage in STAGES:
-            bench.report.add(PART, f"{stage}, {subdomains}, H/h = {cells}, {ranks} ranks", values[stage], "s")
+            bench.report.add(
+                PART, f"{stage}, {subdomains}, H/h = {cells}, {ranks} ranks", values[stage], "s")
             if (cells, ranks) == (10, 1):
                 drawn["stages"][stage].append(median(values[stage]))
         if (cells, ranks) == (10, 1):

@@ -50,12 +50,14 @@ def measure(bench: Workbench) -> dict:
                          "byte": triad, "flop": gemm}, 2 * REPEATS)
         needed = work(operator)
         # dense products and the passes over memory follow one another
-        bound = [flop * needed["flops"] + byte * needed["bytes"] for flop, byte in zip(times["flop"], times["byte"])]
+        bound = [flop * needed["flops"] + byte * needed["bytes"]
+            for flop, byte in zip(times["flop"], times["byte"])]
         report, label = bench.report, f"{subdomains}, {len(operator.classes)} distinct matrices"
         report.add(PART, f"product with F, {label}", np.multiply(times["product"], 1e3), "ms")
         report.add(PART, f"flops of a product, {subdomains}", needed["flops"] / 1e6, "Mflop")
         report.add(PART, f"bytes of a product, {subdomains}", needed["bytes"] / 1e6, "MB")
-        report.add(PART, f"share of the roofline reached, {label}", ratios(bound, times["product"]), "", ">= 0.5")
+        report.add(PART, f"share of the roofline reached, {label}", ratios(
+            bound, times["product"]), "", ">= 0.5")
         measured[subdomains] = {"bound": float(np.median(bound)), "product": float(np.median(times["product"])), **needed,
                              "byte": float(np.median(times["byte"])), "flop": float(np.median(times["flop"]))}
     for key, name, unit in (("flop", "dense product rate", "Gflop/s"), ("byte", "memory bandwidth (triad)", "GB/s")):

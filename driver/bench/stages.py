@@ -37,7 +37,8 @@ def _scenes(bench: Workbench) -> tuple[Path, Path]:
     before, macro, after = model.read_text().partition("macro young() E //")
     graded.write_text(f"{before}macro young() (E*(1 + x*y)) //{after}")
     if not macro:
-        raise RuntimeError(f"{model} declares Young's modulus in another way than the benchmark knows")
+        raise RuntimeError(
+            f"{model} declares Young's modulus in another way than the benchmark knows")
     return model, graded
 
 
@@ -48,7 +49,8 @@ def _export(bench: Workbench, model: Path, graded: Path) -> None:
     """
     for scene, subdomains, text, target in ((model, SMALLER, "equal subdomains", ""),
                                             (graded, SUBDOMAINS, "a stiffness each", ">= 1.7")):
-        found = in_turn({ranks: lambda ranks=ranks: _fresh_export(bench, scene, subdomains, ranks) for ranks in (1, 2)})
+        found = in_turn({ranks: lambda ranks=ranks: _fresh_export(
+            bench, scene, subdomains, ranks) for ranks in (1, 2)})
         dofs = DOFS if subdomains == SUBDOMAINS else DOFS / 4
         bench.report.add(PART, f"FreeFEM stage, {subdomains}, {text}, per dof, one core", [1e6 * s / dofs for s in found[1]],
                          "µs", "<= 12")
@@ -79,7 +81,8 @@ def _read_back(bench: Workbench, scene: Path, text: str) -> None:
 
     def disk():
         for path in directory.glob("*.bin"):
-            subprocess.run(["dd", f"if={path}", "of=/dev/null", "bs=4M", "iflag=direct"], check=True, capture_output=True)
+            subprocess.run(["dd", f"if={path}", "of=/dev/null", "bs=4M",
+                           "iflag=direct"], check=True, capture_output=True)
 
     try:
         found = in_turn({"loader": lambda: seconds(lambda: read_subdomains(manifest, 0, manifest.subdomains, MPI.COMM_SELF)),
@@ -91,18 +94,22 @@ def _read_back(bench: Workbench, scene: Path, text: str) -> None:
         shutil.rmtree(directory)
     bench.report.add(PART, f"export of {DOFS} dofs, {text}", size / 1e6, "MB")
     bench.report.add(PART, f"reading it back with all checks, {text}", found["loader"], "s")
-    bench.report.add(PART, f"reading it back with all checks, {text}", [size / 1e6 / s for s in found["loader"]], "MB/s")
+    bench.report.add(PART, f"reading it back with all checks, {text}", [
+                     size / 1e6 / s for s in found["loader"]], "MB/s")
     bench.report.add(PART, f"disk alone, {text}", [size / 1e6 / s for s in found["disk"]], "MB/s")
-    bench.report.add(PART, f"reading over disk speed, {text}", ratios(found["disk"], found["loader"]), "", ">= 1")
+    bench.report.add(PART, f"reading over disk speed, {text}", ratios(
+        found["disk"], found["loader"]), "", ">= 1")
 
 
 def _start_up(bench: Workbench) -> None:
     """make demo and the imports of a run."""
-    demo = in_turn({"demo": lambda: child(["make", "-s", "demo", f"OUT={bench.folder / 'demo'}", "QUIET=yes"])[0]}, 1)
+    demo = in_turn({"demo": lambda: child(
+        ["make", "-s", "demo", f"OUT={bench.folder / 'demo'}", "QUIET=yes"])[0]}, 1)
     bench.report.add(PART, "make demo on a set-up machine", demo["demo"], "s", "<= 15")
     code = ("from driver import environment; environment.start_petsc(); "
             "import driver.cli, driver.runs.solve, driver.march.problem, driver.results.writer")
     found = in_turn({"driver": lambda: child([sys.executable, "-c", code])[0],
                      "python": lambda: child([sys.executable, "-c", "pass"])[0]}, REPEATS)
     imports = [a - b for a, b in zip(found["driver"], found["python"])]
-    bench.report.add(PART, "importing the driver, numpy, PETSc and MPI included", imports, "s", "<= 1")
+    bench.report.add(PART, "importing the driver, numpy, PETSc and MPI included",
+                     imports, "s", "<= 1")

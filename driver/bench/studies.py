@@ -14,4 +14,5 @@ def measure(bench: Workbench) -> None:
         "run": lambda: child(driver("run", *CASE, "FIELDS=no", "ERRORS=no", f"OUT={out / 'run'}"))[0]})
     bench.report.add(PART, "100 friction values, 16x8", found["study"], "s")
     bench.report.add(PART, "one run, 16x8", found["run"], "s")
-    bench.report.add(PART, "100 friction values over one run", ratios(found["study"], found["run"]), "", "<= 5")
+    bench.report.add(PART, "100 friction values over one run",
+                     ratios(found["study"], found["run"]), "", "<= 5")

@@ -9,7 +9,8 @@ from ..errors import InputError
 from ..files import write_json
 from ..runs.run import RESULTS
 
-PARTS = ("products", "factorization", "getfem", "tao", "roofline", "stages", "ranks", "studies", "bodies")
+PARTS = ("products", "factorization", "getfem", "tao",
+         "roofline", "stages", "ranks", "studies", "bodies")
 OPTIONS = ("parts", "large", "out")
 
 

@@ -63,7 +63,8 @@ def theirs(name: str, operator, d, bounds, bound: float) -> tuple[int, bool]:
 
     def monitor(tao):
         x, g = tao.getSolution().array_r, tao.getGradient()[0].array_r
-        best[0] = float(np.linalg.norm(projected_gradient(np.clip(x, lower, upper), g, lower, upper)))
+        best[0] = float(np.linalg.norm(projected_gradient(
+            np.clip(x, lower, upper), g, lower, upper)))
         if best[0] <= RTOL:
             tao.setConvergedReason(PETSc.TAO.Reason.CONVERGED_USER)
 
@@ -81,7 +82,8 @@ def theirs(name: str, operator, d, bounds, bound: float) -> tuple[int, bool]:
     tao.setType(name)
     tao.setObjectiveGradient(objective_gradient, vec(np.zeros(size)))
     tao.setHessian(lambda tao, x, H, P: None, hessian)
-    tao.setVariableBounds(*(vec(np.clip(bound, PETSc.NINFINITY, PETSc.INFINITY)) for bound in (lower, upper)))
+    tao.setVariableBounds(*(vec(np.clip(bound, PETSc.NINFINITY, PETSc.INFINITY))
+                          for bound in (lower, upper)))
     tao.setSolution(vec(np.clip(np.zeros(size), lower, upper)))
     tao.setTolerances(gatol=0.0, grtol=0.0, gttol=0.0)  # the monitor decides
     tao.setMaximumIterations(LIMIT)
@@ -110,6 +112,7 @@ def measure(bench: Workbench) -> dict:
             note = "" if converged else ", not converged"
             bench.report.add(PART, f"{name}, {subdomains}{note}", count, "")
         own = ours(operator, d, bounds, solver)
-        bench.report.add(PART, f"MPRGP, {subdomains}, {len(d)} multipliers", own, "", f"<= {min(counts) - 1}")
+        bench.report.add(
+            PART, f"MPRGP, {subdomains}, {len(d)} multipliers", own, "", f"<= {min(counts) - 1}")
         products[subdomains] = [own, *counts]
     return {"solvers": ["mprgp", *SOLVERS], "rtol": RTOL, "products": products}

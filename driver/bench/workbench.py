@@ -47,7 +47,8 @@ class Report:
         value, met, spread = float(np.median(values)), "", ""
         if target:
             relation, limit = target.split()
-            met = "yes" if (value <= float(limit) if relation == "<=" else value >= float(limit)) else "no"
+            met = "yes" if (value <= float(limit) if relation ==
+                            "<=" else value >= float(limit)) else "no"
         if len(values) > 1 and value:
             spread = f"{np.ptp(values) / abs(value):.2f}"
         self.rows.append(Row(part, name, value, unit, target, met, spread))
@@ -81,8 +82,10 @@ class Workbench:
         key = (subdomains, cells, ranks)
         directory = self.exports / f"{subdomains}-{cells}-{ranks}"
         if key not in self.export_seconds:
-            scene, parameters = freefem.find_scene("model"), {"subdomains": subdomains, "cells": str(cells)}
-            self.export_seconds[key] = seconds(lambda: freefem.export(scene, directory, parameters, ranks))
+            scene, parameters = freefem.find_scene(
+                "model"), {"subdomains": subdomains, "cells": str(cells)}
+            self.export_seconds[key] = seconds(
+                lambda: freefem.export(scene, directory, parameters, ranks))
         return directory
 
     def problem(self, subdomains: str, loading: str = "monotone", cells: int = 10):
@@ -180,7 +183,8 @@ def child(command: list[str]) -> tuple[float, float]:
 def on_ranks(bench: Workbench, export: Path, ranks: int, repeats: int, *settings: str) -> list[dict]:
     """What rank.py measures on an export, `repeats` times in one start of the ranks."""
     out = bench.folder / ".runs.json"
-    command = [sys.executable, "-m", "driver.bench.rank", str(export), str(out), str(repeats), *settings]
+    command = [sys.executable, "-m", "driver.bench.rank",
+        str(export), str(out), str(repeats), *settings]
     child([*environment.mpirun(ranks), *command] if ranks > 1 else command)
     runs = json.loads(out.read_text())
     out.unlink()

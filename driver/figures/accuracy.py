@@ -68,7 +68,8 @@ def draw(table: Path, every: bool = False) -> list[Path]:
         if main or every:
             name = reference["quantity"]
             figure = compose(points(runs, name), reference)
-            paths += write(figure, table.parent, "work_precision" if main else f"work_precision_{name}")
+            paths += write(figure, table.parent,
+                           "work_precision" if main else f"work_precision_{name}")
     return paths
 
 
@@ -97,7 +98,8 @@ def _fill(figure: Figure, runs: list[Point], front: list[Point], reference: dict
         axes.set(xlabel="seconds of the solver", xscale="log", yscale="log")
         axes.grid(color="0.92", lw=0.5)
         axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
-        axes.xaxis.set_minor_formatter(FuncFormatter(lambda x, _: f"{x:g}" if f"{x:e}"[0] in "25" else ""))
+        axes.xaxis.set_minor_formatter(FuncFormatter(
+            lambda x, _: f"{x:g}" if f"{x:e}"[0] in "25" else ""))
         axes.tick_params(axis="x", which="both", labelsize=7, length=3)
     _settings(figure.add_subplot(grid[1]), front)
     source = "reference run" if reference["source"] == "reference run" else "closed form"
@@ -120,7 +122,8 @@ def _errors(axes, runs: list[Point], front: list[Point], limit: float) -> list:
     for number, p in enumerate(front, 1):
         axes.annotate(str(number), (p.seconds, p.trusted), xytext=(-8, -8), textcoords="offset points",
                       fontsize=7, ha="center", va="center", zorder=6)
-    handles.append(Line2D([], [], color=INK, marker="o", mfc="none", ms=7, lw=0.8, ls=":", label="Pareto front"))
+    handles.append(Line2D([], [], color=INK, marker="o", mfc="none",
+                   ms=7, lw=0.8, ls=":", label="Pareto front"))
     axes.axhspan(LEAST / 10, limit, color="0.9", zorder=0)
     handles.append(Patch(color="0.9", label="below the reference's own error"))
     axes.margins(x=0.09)

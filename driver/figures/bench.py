@@ -54,7 +54,8 @@ def factorization(figure: Figure, measured: dict) -> None:
         axes.barh(0, times[name], left=start, color=colour, label=name)
         start += times[name]
     axes.barh(range(1, 1 + len(trials)), list(trials.values()), color=INK, label="MUMPS")
-    axes.set_yticks(range(1 + len(trials)), ["FETI-DP,\nboth loadings", *(f"MUMPS, {name}" for name in trials)])
+    axes.set_yticks(range(1 + len(trials)),
+                    ["FETI-DP,\nboth loadings", *(f"MUMPS, {name}" for name in trials)])
     axes.set_xlabel(f"seconds on one core, {measured['subdomains']} subdomains")
     axes.legend(**SMALL)
 
@@ -65,11 +66,13 @@ def getfem(figure: Figure, measured: dict) -> None:
     for name, colour in (("driver", BLUE), ("GetFEM", ORANGE)):
         axes.loglog(cells, measured[name], "o-", color=colour, label=name)
     for n, ours, theirs in zip(cells, measured["driver"], measured["GetFEM"]):
-        axes.annotate(f"{theirs / ours:.1f}×", (n, ours), (0, -14), textcoords="offset points", ha="center")
+        axes.annotate(f"{theirs / ours:.1f}×", (n, ours), (0, -14),
+                      textcoords="offset points", ha="center")
     axes.set_xticks(cells, [f"1/{n}" for n in cells])
     axes.minorticks_off()
     axes.margins(y=0.2)
-    axes.set(xlabel="mesh size $h$ [m]", ylabel=f"seconds of the whole process, {measured['steps']} steps")
+    axes.set(xlabel="mesh size $h$ [m]",
+             ylabel=f"seconds of the whole process, {measured['steps']} steps")
     axes.legend(frameon=False)
 
 
@@ -90,7 +93,8 @@ def roofline(figure: Figure, measured: dict) -> None:
     intensity = np.logspace(-1.5, 2, 200)
     # both follow one another, so the line is the harmonic sum of the two limits
     rate = 1 / (machine["flop"] + machine["byte"] / intensity)
-    axes.loglog(intensity, rate / 1e9, color=INK, label="dense products and memory, one after the other")
+    axes.loglog(intensity, rate / 1e9, color=INK,
+                label="dense products and memory, one after the other")
     axes.loglog(intensity, rate / 2e9, "--", color="0.6", label="half of it")
     for (subdomains, case), colour in zip(measured.items(), (BLUE, ORANGE)):
         axes.loglog(case["flops"] / case["bytes"], case["flops"] / case["product"] / 1e9, "o", color=colour,
@@ -118,7 +122,8 @@ def bodies(figure: Figure, measured: dict) -> None:
     counts, times = figure.subplots(1, 2)
     for (scene, sizes), colour in zip(measured.items(), (BLUE, GREEN, INK, ORANGE)):
         over = [size["subdomains"] for size in sizes]
-        counts.semilogx(over, [size["products"] / size["steps"] for size in sizes], "o-", color=colour, label=scene)
+        counts.semilogx(over, [size["products"] / size["steps"]
+                        for size in sizes], "o-", color=colour, label=scene)
         times.loglog(over, [size["seconds"] for size in sizes], "o-", color=colour, label=scene)
     counts.set(xlabel="subdomains, $H/h$ kept", ylabel="products with $F$ a step", ylim=(0, None))
     times.set(xlabel="subdomains, $H/h$ kept", ylabel="seconds of all steps")

@@ -24,7 +24,8 @@ def hatch(axes, start, end, normal, size: float, colour) -> None:
     points, edge = sample(start, end, 0.028 * size)
     out = normal[edge]
     tips = points + 0.034 * size * (out + np.column_stack([-out[:, 1], out[:, 0]])) / math.sqrt(2)
-    axes.add_collection(LineCollection(np.stack([points, tips], axis=1), colors=colour, linewidths=0.6))
+    axes.add_collection(LineCollection(
+        np.stack([points, tips], axis=1), colors=colour, linewidths=0.6))
     axes.update_datalim(tips)
 
 
@@ -69,7 +70,8 @@ def geometry(figure: Figure, run: Run) -> None:
     start, end, normal = outward_edges(boundary, mesh)
     start, end = start * scale.factor, end * scale.factor
     body = bodies(mesh, boundary)
-    paint_body(axes, xy, mesh.triangles, body % len(TINTS), cmap=ListedColormap(TINTS), vmin=0, vmax=len(TINTS) - 1)
+    paint_body(axes, xy, mesh.triangles, body % len(TINTS),
+               cmap=ListedColormap(TINTS), vmin=0, vmax=len(TINTS) - 1)
     inner = LineCollection(xy[mesh.rim()[0]], colors="0.62", linewidths=0.35, rasterized=True)
     axes.add_collection(inner)
     for name, colour in ROLES.items():
@@ -91,7 +93,8 @@ def geometry(figure: Figure, run: Run) -> None:
     longest = np.linalg.norm(traction, axis=1).max(initial=0)
     stress = stress_scale(run, longest)
     arrow = rf"longest arrow {longest * stress.factor:.3g} {stress.label} at $\varphi = 1$" if longest else ""
-    run_header(figure, run, "Geometry, boundary conditions and subdomains", geometry_legend(run, role), arrow)
+    run_header(figure, run, "Geometry, boundary conditions and subdomains",
+               geometry_legend(run, role), arrow)
     shrink_to_body(figure, axes)
 
 
@@ -130,7 +133,8 @@ def deformed(figure: Figure, run: Run) -> None:
     handles, note = [], ""
     if run.boundary:
         b = {n: run.boundary[n] * scale.factor for n in ("x0", "y0", "x1", "y1")}
-        outline = np.stack([np.column_stack([b["x0"], b["y0"]]), np.column_stack([b["x1"], b["y1"]])], axis=1)
+        outline = np.stack([np.column_stack([b["x0"], b["y0"]]),
+                           np.column_stack([b["x1"], b["y1"]])], axis=1)
         axes.add_collection(LineCollection(outline, colors=INK, linewidths=0.7))
         handles.append(Line2D([], [], color=INK, lw=0.7, label="undeformed outline"))
         if bodies(mesh, run.boundary).max() > 0:  # where they touch, the colours alone may not tell them apart
@@ -145,5 +149,6 @@ def deformed(figure: Figure, run: Run) -> None:
     largest = f", largest value {values.max():.3g}" if beyond else ""
     bar.set_label(f"von Mises stress [{stress.label}]{largest}")
     size = f"{times:,.0f}".replace(",", "\u2009") if times >= 1 else f"{times:g}"
-    run_header(figure, run, f"Deformed body{run.at(mesh.time)}, displacements magnified {size}×", handles, note)
+    run_header(
+        figure, run, f"Deformed body{run.at(mesh.time)}, displacements magnified {size}×", handles, note)
     shrink_to_body(figure, axes)

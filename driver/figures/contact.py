@@ -83,7 +83,8 @@ def contact_panels(figure: Figure, run: Run, caption: str, panels: tuple) -> Non
     """Stress above displacement for every contact boundary; `panels` are the two functions that draw them."""
     boundaries = final_boundaries(run)
     shown = boundaries[:PANELS]
-    names = (("sigma_n",), ("u_n",)) if panels[0] is normal_stress else (("sigma_t", "bound"), ("u_t",))
+    names = (("sigma_n",), ("u_n",)) if panels[0] is normal_stress else (
+        ("sigma_t", "bound"), ("u_t",))
     arc, stress, length = contact_scales(run, shown, *names)
     handles = {}
     for (_, rows), (above, below) in zip(shown, panel_grid(figure, shown, 2, 11)):

@@ -70,7 +70,8 @@ def adaptivity(figure: Figure, run: Run) -> None:
     body, error = figure.subplots(1, 2, width_ratios=[1.7, 1])
     scale = length_scale(run, run.first.xy)
     body.set_aspect("equal")
-    body.triplot(*(run.first.xy * scale.factor).T, run.first.corners, lw=0.25, color=INK, rasterized=True)
+    body.triplot(*(run.first.xy * scale.factor).T, run.first.corners,
+                 lw=0.25, color=INK, rasterized=True)
     body.set(xlabel=f"$x$ [{scale.label}]", ylabel=f"$y$ [{scale.label}]")
     size, relative = run.adaptivity["primal_dofs"], 100 * run.adaptivity["relative"]
     error.loglog(size, relative, "o-", color=BLUE, label="cycles")
@@ -81,7 +82,8 @@ def adaptivity(figure: Figure, run: Run) -> None:
     error.grid(color="0.9", lw=0.5, which="both")
     for axis in (error.xaxis, error.yaxis):
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        axis.set_minor_formatter(FuncFormatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "25" else ""))
+        axis.set_minor_formatter(FuncFormatter(
+            lambda value, _: f"{value:g}" if f"{value:e}"[0] in "25" else ""))
     error.tick_params(which="both", labelsize=7, length=3)
     run_header(figure, run, "Adaptive refinement", error.get_legend_handles_labels()[0],
            f"{len(run.first.corners)} triangles after {len(size) - 1} cycles")

@@ -51,7 +51,8 @@ def _curves(path: Path) -> dict[str, dict]:
 def _fill(figure: Figure, scene: str, variants: list[dict], curves: dict[str, dict]) -> None:
     """Contact tractions at the end of the run; below them the changes and costs of every variant."""
     matrix = 0.5 * len(variants) + 2
-    rows = figure.add_gridspec(2 if curves else 1, 1, height_ratios=[5.2, matrix] if curves else None)
+    rows = figure.add_gridspec(2 if curves else 1, 1, height_ratios=[
+                               5.2, matrix] if curves else None)
     handles = []
     if curves:
         rubs = any(rows_["sigma_t"].any() for rows_ in curves.values())
@@ -70,12 +71,14 @@ def _fill(figure: Figure, scene: str, variants: list[dict], curves: dict[str, di
 def _tractions(panels: list, curves: dict[str, dict], names: list[str]) -> None:
     """Normal and tangential tractions along the boundary that carries most, at the end of the run."""
     full = next(iter(curves.values()))
-    load = {b: np.abs(rows["sigma_n"] * rows["weight"]).sum() for b, rows in contact_boundaries(full)}
+    load = {b: np.abs(rows["sigma_n"] * rows["weight"]).sum()
+                      for b, rows in contact_boundaries(full)}
     most = max(load, key=load.get)
     shown = {name: dict(contact_boundaries(curve))[most] for name, curve in curves.items()}
     along = scale_for(full["length_unit"][0], full["arc"])
     for panel, column, title in zip(panels, ("sigma_n", "sigma_t"), ("normal", "tangential")):
-        values, weight = (np.concatenate([rows[n] for rows in shown.values()]) for n in (column, "weight"))
+        values, weight = (np.concatenate([rows[n] for rows in shown.values()])
+                          for n in (column, "weight"))
         stress = scale_for(full["stress_unit"][0], _spread(np.abs(values), weight, 0.95)[1])
         low, high = np.multiply(_spread(values, weight, 0.97), stress.factor)
         for name, rows in shown.items():
@@ -101,7 +104,8 @@ def _spread(values: np.ndarray, weight: np.ndarray, share: float) -> tuple[float
     whole = min(values.min(), 0.0), max(values.max(), 0.0)
     order = np.argsort(values)
     along = np.cumsum(weight[order]) / weight.sum()
-    low, high = values[order][np.minimum(np.searchsorted(along, [1 - share, share]), len(values) - 1)]
+    low, high = values[order][np.minimum(np.searchsorted(
+        along, [1 - share, share]), len(values) - 1)]
     low, high = min(low, 0.0), max(high, 0.0)
     return (low, high) if whole[1] - whole[0] > 3 * (high - low) else whole
 
@@ -123,7 +127,8 @@ def _changes(axes, variants: list[dict]) -> None:
                       fontsize=6, color="0.3")
             continue
         for k, value in enumerate(values[i]):
-            axes.text(k, i, change(value).replace("-", "\N{MINUS SIGN}"), ha="center", va="center", fontsize=7)
+            axes.text(k, i, change(value).replace(
+                "-", "\N{MINUS SIGN}"), ha="center", va="center", fontsize=7)
     axes.set_xticks(range(len(HEADINGS)), list(HEADINGS.values()), fontsize=6.5)
     axes.set_yticks(range(len(variants)), [label(variant["without"]) for variant in variants])
     axes.set_xticks(np.arange(-0.5, len(HEADINGS)), minor=True)

@@ -10,12 +10,14 @@ from matplotlib.patches import Patch, Rectangle
 from ..files import read_rows
 from .style import BLUE, GREEN, INK, ORANGE, RED, WIDTH, canvas, write
 
-RESIDUALS = ("stationarity", "gluing", "penetration", "sign", "cone", "equilibrium", "complementarity")
+RESIDUALS = ("stationarity", "gluing", "penetration", "sign",
+             "cone", "equilibrium", "complementarity")
 NUMBERS = (*RESIDUALS, "kkt_tolerance", "error", "products", "iterations_ratio", "ratio_allowed",
            "condition", "seconds", "place")
 COLUMNS = ("status", *RESIDUALS[:-1], "comple-\nmentarity", "error\n/ allowed", "products\n/ easy",
            "condition\nof $MF$", "seconds")
-PALE = {"good": "#CFE8DD", "near": "#F8E3B4", "bad": "#F2B8A0", "refused": "#CFE0EE", "none": "#FFFFFF"}
+PALE = {"good": "#CFE8DD", "near": "#F8E3B4",
+    "bad": "#F2B8A0", "refused": "#CFE0EE", "none": "#FFFFFF"}
 KEY = {"good": "as it must be", "near": "over half of what is allowed", "refused": "refused as it must be",
        "bad": "failed"}
 CELL, LINE, NAME = 1.35, 0.4, 8.2  # centimetres: width of a cell, height of a line, width of the names
@@ -23,7 +25,8 @@ CELL, LINE, NAME = 1.35, 0.4, 8.2  # centimetres: width of a cell, height of a l
 
 def draw(table: Path) -> list[Path]:
     """Draw report.csv: report and, if a sweep has several places, sweeps; returns the files written."""
-    rows = [{**row, **{name: float(row[name] or "nan") for name in NUMBERS}} for row in read_rows(table)]
+    rows = [{**row, **{name: float(row[name] or "nan") for name in NUMBERS}}
+                                   for row in read_rows(table)]
     lines = _lines(rows)
     width, height = NAME + CELL * len(COLUMNS), LINE * len(lines) + 2.0
     paths = write(canvas(lambda figure: _table(figure, lines, width, height), height, width, "none"),
@@ -94,7 +97,8 @@ def _table(figure: Figure, lines: list[tuple], width: float, height: float) -> N
     axes.set(xlim=(0, width), ylim=(0, height))
     axes.axis("off")
     for k, text in enumerate(COLUMNS):
-        axes.text(NAME + CELL * (k + 0.5), height - 0.95, text, ha="center", va="bottom", fontsize=6)
+        axes.text(NAME + CELL * (k + 0.5), height - 0.95,
+                  text, ha="center", va="bottom", fontsize=6)
     for number, (name, sizes) in enumerate(lines, 1):
         y = height - 1.05 - LINE * number
         if not sizes:
@@ -103,7 +107,8 @@ def _table(figure: Figure, lines: list[tuple], width: float, height: float) -> N
         axes.text(0.4, y + LINE / 2, name, va="center", fontsize=6.5)
         for k, (text, colour) in enumerate(_cells(sizes)):
             x = NAME + CELL * k
-            axes.add_patch(Rectangle((x, y), CELL, LINE, facecolor=PALE[colour], edgecolor="white", lw=0.8))
+            axes.add_patch(Rectangle((x, y), CELL, LINE,
+                           facecolor=PALE[colour], edgecolor="white", lw=0.8))
             axes.text(x + CELL / 2, y + LINE / 2, text, ha="center", va="center", fontsize=6)
     axes.legend(handles=[Patch(color=PALE[colour], label=text) for colour, text in KEY.items()],
                 loc="lower left", ncols=4, frameon=False, fontsize=6.5, bbox_to_anchor=(0, 0))

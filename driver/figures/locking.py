@@ -30,9 +30,11 @@ def _fill(figure: Figure, table: dict) -> None:
             h = np.unique(table["h"])[::-1]
             panel.loglog(h, 0.003 * (h / h[0]) ** 2, color=INK, lw=0.8, ls=":", label="$h^2$")
         column[0].set_title(rf"$\nu = {poisson:g}$")
-        column[1].set(xlabel="element size $h$", xticks=h, xticklabels=[f"1/{1 / size:.0f}" for size in h])
+        column[1].set(xlabel="element size $h$", xticks=h,
+                      xticklabels=[f"1/{1 / size:.0f}" for size in h])
         column[1].minorticks_off()
     panels[0, 0].set_ylabel("error of the strain\n(relative, $L_2$)")
     panels[1, 0].set_ylabel("error of the pressure\n(relative, $L_2$)")
-    panels[0, 0].set_ylim(top=100 * panels[0, 0].get_ylim()[1])  # sharey: room for the legend in all columns
+    # sharey: room for the legend in all columns
+    panels[0, 0].set_ylim(top=100 * panels[0, 0].get_ylim()[1])
     panels[0, 0].legend(loc="upper left", handlelength=1.5)

@@ -28,7 +28,8 @@ def outward_edges(boundary: dict, mesh: Mesh):
 
 def outer(mesh: Mesh, boundary: dict) -> np.ndarray:
     """Which edges of mesh.rim() lie on the boundary of a body and not between two subdomains of it."""
-    start, end = (np.column_stack([boundary[x], boundary[y]]) for x, y in (("x0", "y0"), ("x1", "y1")))
+    start, end = (np.column_stack([boundary[x], boundary[y]])
+                  for x, y in (("x0", "y0"), ("x1", "y1")))
     # middles of whole sides, and of the halves that a quadratic element's side is drawn as
     middles = np.concatenate([start + part * (end - start) for part in (0.25, 0.5, 0.75)])
     off, nearest = cKDTree(middles).query(mesh.xy[mesh.rim()[0]].mean(axis=1))

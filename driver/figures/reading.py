@@ -11,7 +11,8 @@ import numpy as np
 from ..errors import InputError
 from ..files import read_table
 
-QUARTERS = [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]  # of a triangle with six nodes in VTK's order
+# of a triangle with six nodes in VTK's order
+QUARTERS = [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]
 
 
 @dataclass
@@ -76,7 +77,8 @@ def read_mesh(path: Path, time: float) -> Mesh:
     """One .vtu of a run."""
     data = meshio.read(path)
     kind, = data.cells_dict
-    nodes, mises = data.cells_dict[kind].astype(np.int64), data.cell_data_dict["von_mises"][kind].ravel()
+    nodes, mises = data.cells_dict[kind].astype(
+        np.int64), data.cell_data_dict["von_mises"][kind].ravel()
     parts = QUARTERS if kind == "triangle6" else [[0, 1, 2]]
     return Mesh(time, data.points[:, :2], nodes[:, parts].reshape(-1, 3), data.point_data["displacement"][:, :2],
                 np.repeat(mises, len(parts)), nodes[:, :3])
@@ -96,7 +98,8 @@ def read_run(directory: Path) -> Run:
             told = summary.get("quantities_time", max(sets)[0])
             nearest = min(sets, key=lambda one: abs(one[0] - told))
             first, last = (read_mesh(path, time) for time, path in (min(sets), nearest))
-    tables = {n: read_table(directory / f"{n}.csv") for n in ("history", "contact", "convergence", "boundary", "adaptivity")}
+    tables = {n: read_table(directory / f"{n}.csv")
+                            for n in ("history", "contact", "convergence", "boundary", "adaptivity")}
     return Run(summary, first=first, last=last, **tables)
 
 

@@ -17,7 +17,8 @@ BLOCKS = (("r", "r", "K_{rr}"), ("r", "c", "K_{rc}"), ("c", "r", "K_{cr}"), ("c"
 
 def draw(folder: Path) -> list[Path]:
     """Draw saddle.mtx with the ends of blocks in saddle.json, both in `folder`; returns the files written."""
-    matrix, ends = mmread(str(folder / "saddle.mtx")), json.loads((folder / "saddle.json").read_text())
+    matrix, ends = mmread(str(folder / "saddle.mtx")
+                          ), json.loads((folder / "saddle.json").read_text())
     return write(canvas(lambda figure: _fill(figure, matrix, ends), SIDE, SIDE), folder, "saddle")
 
 
@@ -25,7 +26,8 @@ def _fill(figure: Figure, matrix, ends: dict) -> None:
     n, torn, c, kinds = matrix.shape[0], ends["torn"], ends["corners"], ends["kinds"]
     r = torn[-1]
     i, j = matrix.nonzero()
-    block = np.maximum(np.searchsorted([r, c], i, side="right"), np.searchsorted([r, c], j, side="right"))
+    block = np.maximum(np.searchsorted([r, c], i, side="right"),
+                       np.searchsorted([r, c], j, side="right"))
     axes = figure.add_subplot()
     for k, colour in enumerate((BLUE, ORANGE, GREEN)):
         axes.plot(j[block == k], i[block == k], ls="none", marker="s", mew=0, color=colour,
@@ -53,7 +55,8 @@ def _names(torn: list[int], corners: int, kinds: list[int]) -> list[tuple[float,
     if corners > torn[-1]:
         names.append(((torn[-1] + corners) / 2, "$u_c$"))
     if len(torn) <= 16:
-        names += [((a + b) / 2, f"$u_{{r,{s}}}$") for s, (a, b) in enumerate(zip((0, *torn), torn), 1)]
+        names += [((a + b) / 2, f"$u_{{r,{s}}}$")
+                   for s, (a, b) in enumerate(zip((0, *torn), torn), 1)]
     return names
 
 

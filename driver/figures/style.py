@@ -34,7 +34,8 @@ def canvas(draw: Callable[[Figure], None], height: float, width: float = WIDTH,
         FigureCanvasAgg(figure)
         draw(figure)
         figure.draw_without_rendering()
-        figure.set_layout_engine("none")  # frozen, so that the bitmap and the PDF are the same picture
+        # frozen, so that the bitmap and the PDF are the same picture
+        figure.set_layout_engine("none")
     return figure
 
 

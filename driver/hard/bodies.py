@@ -7,7 +7,8 @@ PAIR, TOWER, STACK = "hard/pair", "hard/tower", "stack"
 STEPS = {"STEPS": 4}
 MOVED = {**STEPS, "HOLD": "moved"}  # both bodies are held: a dense oracle knows the answer
 SIZES = ({"SUBDOMAINS": "2x2", "H": 0.25}, {"SUBDOMAINS": "4x4", "H": 0.125})
-ANY = ({"SUBDOMAINS": 2, "H": 0.2}, {"SUBDOMAINS": 9, "H": 0.2})  # pieces of the graph partitioner, ends at the interface
+# pieces of the graph partitioner, ends at the interface
+ANY = ({"SUBDOMAINS": 2, "H": 0.2}, {"SUBDOMAINS": 9, "H": 0.2})
 FREE, BOTH = (laws(1e-6),), (dense(1e-6), laws(1e-6))
 ROUNDING = 1e-9  # as in scale.py
 
@@ -57,7 +58,8 @@ CASES = [
     far(1e9), far(1e-9),
     *(Case(f"a block on a block{what}", "bodies", PAIR, {**STEPS, **options}, SIZES, FREE)
       for what, options in (("", {}), (", F = 50", {"FRICTION": 50, "UNIQUENESS": "no"}))),
-    Case("a floating stack of three", "bodies", STACK, STEPS, ({"SUBDOMAINS": 3, "H": 0.2}, {"SUBDOMAINS": 12}), FREE),
+    Case("a floating stack of three", "bodies", STACK, STEPS,
+         ({"SUBDOMAINS": 3, "H": 0.2}, {"SUBDOMAINS": 12}), FREE),
     Case("a floating stack of six", "bodies", TOWER, STEPS, ({"SUBDOMAINS": 6}, {"SUBDOMAINS": 24, "H": 0.1}), FREE,
          fast=True),
     *(Case(f"a floating stack of six, E times {value:g} in every other", "bodies", TOWER, {**STEPS, "JUMP": value},

@@ -15,7 +15,7 @@ from pathlib import Path
 from .. import environment
 from ..files import read_table
 
-# every run of the suite unless a case says otherwise: tight enough that what is left is the method's, not the user's
+# every run of the suite unless a case says otherwise: tight enough that errors are the method's, not the user's
 TIGHT = {"RTOL": "1e-10", "FRICTION_RTOL": "1e-8", "PRIMAL_RTOL": "1e-6"}
 KKT = 1e-6  # the largest KKT residual allowed at these tolerances: that of PRIMAL_RTOL
 
@@ -36,7 +36,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Check:
-    """What a check found: the largest relative deviation from `oracle`, and how large it may be."""
+    """Result of a check: the largest relative deviation from `oracle`, and how large it may be."""
 
     oracle: str
     error: float
@@ -59,7 +59,8 @@ class Case:
     family: str
     scene: str
     options: dict = field(default_factory=dict)
-    sizes: tuple[dict, ...] = ({"SUBDOMAINS": "4x2", "CELLS": "4"}, {"SUBDOMAINS": "8x4", "CELLS": "4"})
+    sizes: tuple[dict, ...] = ({"SUBDOMAINS": "4x2", "CELLS": "4"},
+                               {"SUBDOMAINS": "8x4", "CELLS": "4"})
     checks: tuple[Callable[["Case", dict, Outcome], Check], ...] = ()
     easy: dict | None = None
     ratio: float | None = None
@@ -86,7 +87,8 @@ def run_case(case: Case, size: dict, directory: Path) -> Outcome:
 
 def run_scene(case: Case, size: dict, directory: Path) -> Outcome:
     """The plain way: python3 -m driver run SCENE=... in a process of its own."""
-    words = [f"{name}={value}" for name, value in {"SCENE": case.scene, **case.arguments(size)}.items()]
+    words = [f"{name}={value}" for name, value in {
+        "SCENE": case.scene, **case.arguments(size)}.items()]
     return run_command(["run", *words, f"OUT={directory}"], directory, case.seconds)
 
 
@@ -100,7 +102,8 @@ def reference(case: Case, size: dict, options: dict) -> Outcome:
 def _reference(run: tuple, limit: float) -> Outcome:
     scene, *pairs = run
     with tempfile.TemporaryDirectory() as folder:
-        outcome = run_scene(Case("", "", scene, dict(pairs), seconds=limit), {}, Path(folder) / "run")
+        outcome = run_scene(Case("", "", scene, dict(pairs), seconds=limit),
+                            {}, Path(folder) / "run")
     if outcome.status != 0:
         raise ValueError(f"the reference run ended with exit {outcome.status}: {outcome.message}")
     return outcome
@@ -111,23 +114,23 @@ def run_command(words: list[str], directory: Path, limit: float, prefix: list[st
 
     `prefix` is a command that runs it, `changes` are environment variables to set.
     """
-    for left in (directory, directory.with_name(f"{directory.name}-unconverged")):
-        shutil.rmtree(left, ignore_errors=True)
+    for earlier in (directory, directory.with_name(f"{directory.name}-unconverged")):
+        shutil.rmtree(earlier, ignore_errors=True)
     env = {**os.environ, "PYTHONPATH": environment.python_path(), **changes}
     clock = time.perf_counter()
     with subprocess.Popen([*prefix, sys.executable, "-m", "driver", *words], cwd=environment.ROOT, env=env, text=True,
                           stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as child:
         try:
-            _, said = child.communicate(timeout=limit)
+            _, errors = child.communicate(timeout=limit)
             status = child.returncode
         except subprocess.TimeoutExpired:
             child.terminate()  # the driver cleans up as on an interrupt
-            _, said = child.communicate()
-            status, said = -1, f"killed after {limit:g} s\n"
+            _, errors = child.communicate()
+            status, errors = -1, f"killed after {limit:g} s\n"
     seconds = time.perf_counter() - clock
-    lines = said.strip().splitlines() or [""]
-    outcome = Outcome(status, lines[-1], seconds, directory, crashed="Traceback" in said or status < -1 or status > 128)
-    return read_results(outcome)
+    lines = errors.strip().splitlines() or [""]
+    crashed = "Traceback" in errors or status < -1 or status > 128
+    return read_results(Outcome(status, lines[-1], seconds, directory, crashed=crashed))
 
 
 def read_results(outcome: Outcome) -> Outcome:

@@ -24,15 +24,17 @@ def trial(module, name: str) -> Case:
 def quadratic(case: Case, element: str = "P2") -> Case:
     """The case with quadratic elements; a vertex has a sixth of an edge where linear ones give it half."""
     easy = None if case.easy is None else {**case.easy, "ELEMENT": element}
-    tight = {"RTOL": case.options["RTOL"] / 3} if "RTOL" in case.options else {}  # for the same error of pressures
+    # for the same error of pressures
+    tight = {"RTOL": case.options["RTOL"] / 3} if "RTOL" in case.options else {}
     return replace(case, name=f"{case.name}, {element}", family="element",
                    options={**case.options, **tight, "ELEMENT": element}, easy=easy, sweep=None, fast=False)
 
 
 def incompressible(value: float, fast=False) -> Case:
     """P2-mixed near incompressibility: solved and not warned of."""
-    unlocked = holds("nothing locks", lambda outcome: not any("lock" in line for line in outcome.summary["warnings"]))
-    # stiffness entries of lambda cancel in what is left of mu: rounding grows by their ratio
+    unlocked = holds("nothing locks", lambda outcome: not any(
+        "lock" in line for line in outcome.summary["warnings"]))
+    # stiffness entries of lambda cancel and leave those of mu: rounding grows by their ratio
     close = max(1e-5, 1e-10 / (1 - 2 * value))
     return Case(f"Poisson's ratio {value:g}, P2-mixed", "element", material.BLOCK, {"POISSON": value, "ELEMENT": "P2-mixed"},
                 checks=(dense(close), laws(close), unlocked), easy={"POISSON": 0.277, "ELEMENT": "P2-mixed"}, fast=fast)

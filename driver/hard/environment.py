@@ -12,8 +12,8 @@ import tempfile
 import time
 from pathlib import Path
 
-from ..march.checkpoint import NAME
 from ..environment import ROOT, program, python_path
+from ..march.checkpoint import NAME
 from .case import Case, Check, Outcome, run_command, run_scene
 
 SCENE = "hard/block"
@@ -78,7 +78,8 @@ def no_package(name: str):
     """A run for which a Python package is not installed."""
     def perform(case, size, directory):
         with tempfile.TemporaryDirectory() as place:
-            (Path(place) / f"{name}.py").write_text(f"raise ModuleNotFoundError('no such package', name={name!r})\n")
+            (Path(place) / \
+             f"{name}.py").write_text(f"raise ModuleNotFoundError('no such package', name={name!r})\n")
             return run_command(_command(case, size, directory), directory, case.seconds,
                                PYTHONPATH=os.pathsep.join([place, python_path()]))
 
@@ -102,8 +103,10 @@ def spoiled(spoil):
 
         with tempfile.TemporaryDirectory() as place:
             work = Path(place)
-            own = ("FIELDS", "FIGURES", "QUIET", "RESUME", "ERRORS", "RTOL", "FRICTION_RTOL", "PRIMAL_RTOL")
-            parameters = {name.lower(): value for name, value in case.arguments(size).items() if name not in own}
+            own = ("FIELDS", "FIGURES", "QUIET", "RESUME",
+                   "ERRORS", "RTOL", "FRICTION_RTOL", "PRIMAL_RTOL")
+            parameters = {name.lower(): value for name, value in case.arguments(
+                size).items() if name not in own}
             export(find_scene(case.scene), work / "export", parameters)
             request = {"scene": "block", "settings": {}, "fields": False, "errors": "no", "quiet": True, "seconds": {},
                        "fingerprint": {"scene or parameters": read(work / "export").content}}
@@ -163,13 +166,13 @@ def stopped(number: signal.Signals, rank: bool = False):
 
 def _ranks(directory: Path) -> list[int]:
     """One of the ranks that work for the results `directory`."""
-    found, hidden = [], os.fsencode(directory.parent / f".{directory.name}.")
+    ranks, hidden = [], os.fsencode(directory.parent / f".{directory.name}.")
     for path in Path("/proc").glob("[0-9]*/cmdline"):
         with contextlib.suppress(OSError):
             line = path.read_bytes().split(b"\0")
             if b"solve" in line and hidden in b"\0".join(line) and b"mpirun" not in line[0]:
-                found.append(int(path.parent.name))
-    return found[-1:]
+                ranks.append(int(path.parent.name))
+    return ranks[-1:]
 
 
 def undisturbed(case: Case, size: dict, outcome: Outcome) -> Check:
@@ -177,7 +180,8 @@ def undisturbed(case: Case, size: dict, outcome: Outcome) -> Check:
     with tempfile.TemporaryDirectory() as place:
         whole = run_scene(case, size, Path(place) / "run").directory
         names = sorted(path.name for path in whole.glob("*.csv"))
-        same = all((whole / name).read_bytes() == (outcome.directory / name).read_bytes() for name in names)
+        same = all((whole / name).read_bytes() == (outcome.directory / name).read_bytes()
+                   for name in names)
         return Check("the run without interruption, bit by bit", float(not (same and names)), 0.5)
 
 
@@ -194,23 +198,32 @@ CASES = [
     _refused("results on a read-only disk", mounted("ro", ": > out && mkdir .out"),
              "cannot write results.*Read-only|is no directory",
              fast=True),
-    _refused("FreeFEM missing", without("FreeFem++"), "FreeFem\\+\\+ is not installed; run 'make setup'"),
-    _refused("mpirun missing", without("mpirun"), "mpirun is not installed; run 'make setup'", NP=2),
-    _refused("petsc4py missing", no_package("petsc4py"), "package petsc4py is not installed; run 'make setup'", fast=True),
-    _refused("petsc4py missing on ranks", no_package("petsc4py"), "package petsc4py is not installed", NP=2),
+    _refused("FreeFEM missing", without("FreeFem++"),
+             "FreeFem\\+\\+ is not installed; run 'make setup'"),
+    _refused("mpirun missing", without("mpirun"),
+             "mpirun is not installed; run 'make setup'", NP=2),
+    _refused("petsc4py missing", no_package("petsc4py"),
+             "package petsc4py is not installed; run 'make setup'", fast=True),
+    _refused("petsc4py missing on ranks", no_package("petsc4py"),
+             "package petsc4py is not installed", NP=2),
     _refused("FreeFEM fails", freefem("echo 'Out of bound'; exit 6\n"), "FreeFEM failed.*exit 6"),
-    _refused("FreeFEM is killed", freefem("kill -9 $$\n"), "FreeFEM was killed by signal 9", fast=True),
+    _refused("FreeFEM is killed", freefem("kill -9 $$\n"),
+             "FreeFEM was killed by signal 9", fast=True),
     _refused("FreeFEM writes nothing", freefem("exit 0\n"), "manifest.json is missing"),
-    _refused("FreeFEM loses a block", freefem('"$freefem" "$@"; rm "$export/block-0.bin"\n'), "block-0.bin is missing"),
+    _refused("FreeFEM loses a block", freefem(
+        '"$freefem" "$@"; rm "$export/block-0.bin"\n'), "block-0.bin is missing"),
     _refused("FreeFEM writes half a block", freefem('"$freefem" "$@"; truncate -s 4000 "$export/block-0.bin"\n'),
              "is truncated"),
     _refused("FreeFEM writes half a manifest", freefem('"$freefem" "$@"; truncate -s 400 "$export/manifest.json"\n'),
              "manifest.json is not readable"),
     _refused("scene edited while FreeFEM runs", edited, "stale", fast=True),
-    _refused("export with a flipped bit", spoiled(_flip), "was changed after FreeFEM wrote it", fast=True),
+    _refused("export with a flipped bit", spoiled(_flip),
+             "was changed after FreeFEM wrote it", fast=True),
     _refused("export cut in half", spoiled(_cut), "is truncated"),
-    _refused("export without its seal", spoiled(lambda export: (export / "seal.json").unlink()), "seal.json is missing"),
-    Case("interrupted", "environment", SCENE, {"STEPS": 40}, checks=(undisturbed,), perform=stopped(signal.SIGINT)),
+    _refused("export without its seal", spoiled(lambda export: (
+        export / "seal.json").unlink()), "seal.json is missing"),
+    Case("interrupted", "environment", SCENE, {"STEPS": 40}, checks=(
+        undisturbed,), perform=stopped(signal.SIGINT)),
     Case("driver killed", "environment", SCENE, {"STEPS": 40}, checks=(undisturbed,), perform=stopped(signal.SIGKILL),
          fast=True),
     Case("a rank killed", "environment", SCENE, {"STEPS": 20, "NP": 2}, checks=(undisturbed,),

@@ -8,9 +8,10 @@ BOTH = (dense(1e-6), laws(1e-6))
 CUTS = ({"NX": 8, "NY": 4}, {"NX": 16, "NY": 8})
 
 
-def layout(name: str, told: str, fast=False) -> Case:
+def layout(name: str, description: str, fast=False) -> Case:
     """The model example in the subdomains that hard/pieces calls `name`."""
-    return Case(told, "geometry", PIECES, {"LAYOUT": name}, sizes=CUTS, checks=BOTH, easy={"SUBDOMAINS": "4x2"}, fast=fast)
+    return Case(description, "geometry", PIECES, {"LAYOUT": name}, sizes=CUTS, checks=BOTH,
+                easy={"SUBDOMAINS": "4x2"}, fast=fast)
 
 
 def ragged(parts: int) -> Case:
@@ -30,10 +31,11 @@ def aspect(value: float) -> Case:
 def slender(value: float) -> Case:
     """A clamped beam `value` times as long as high, lifted at its end and pressed down by a little."""
     return Case(f"slender body {value:g}:1", "geometry", BLOCK,
-                {"WIDTH": value, "PRESS": 4e9 / value**3, "PULL": 0, "LIFT": 1e9 / value**2, "RTOL": 1e-11},
+                {"WIDTH": value, "PRESS": 4e9 / value**3, "PULL": 0,
+                    "LIFT": 1e9 / value**2, "RTOL": 1e-11},
                 sizes=({"SUBDOMAINS": "10x1", "CELLS": 2}, {"SUBDOMAINS": "20x1", "CELLS": 4}),
-                # RTOL is of the bending, by (length / height)^3 larger than what pressures are told from, ten times that
-                # where they wave from element to element
+                # RTOL is of the bending, by (length / height)^3 larger than what pressures come from, ten times
+                # that where they wave from element to element
                 checks=(dense(max(1e-6, 1e-10 * value**3)), laws(1e-6)), sweep=("length over height", value), seconds=300)
 
 
@@ -44,7 +46,8 @@ CASES = [
     layout("stripes", "subdomains in separate pieces"),
     layout("scattered", "subdomains of scattered elements", fast=True),
     layout("island", "an enclosed subdomain", fast=True),
-    Case("one subdomain", "geometry", PIECES, {"SUBDOMAINS": 1}, sizes=CUTS, checks=BOTH, easy={"SUBDOMAINS": "4x2"}),
+    Case("one subdomain", "geometry", PIECES, {"SUBDOMAINS": 1},
+         sizes=CUTS, checks=BOTH, easy={"SUBDOMAINS": "4x2"}),
     *(ragged(parts) for parts in (2, 8, 30, 100, 200)),
     *(aspect(value) for value in (1, 10, 100, 1000)),
     *(slender(value) for value in (10, 30, 100)),

@@ -13,16 +13,19 @@ LOOSE = (dense(1e-3), laws(1e-5))
 
 def jump(value: float, board: str, fast=False) -> Case:
     """Young's modulus jumps by `value` over the chess board `board`."""
-    where = {"pieces": "from subdomain to subdomain", "inside": "inside subdomains", "halves": "halfway"}[board]
+    where = {"pieces": "from subdomain to subdomain",
+        "inside": "inside subdomains", "halves": "halfway"}[board]
     return Case(f"E jumps by {value:.0e} {where}", "material", BLOCK, {"JUMP": value, "BOARD": board},
-                sizes=({"SUBDOMAINS": "4x2", "CELLS": 8 if board == "halves" else 4}, {"SUBDOMAINS": "8x4", "CELLS": 4}),
+                sizes=({"SUBDOMAINS": "4x2", "CELLS": 8 if board == "halves" else 4},
+                       {"SUBDOMAINS": "8x4", "CELLS": 4}),
                 checks=LOOSE if abs(math.log10(value)) > 3 else BOTH, easy={"JUMP": 1},
                 sweep=(f"jump of E {where}", value), fast=fast)
 
 
 def jump_without_contact(value: float, board: str) -> Case:
     """The same, out of reach of the foundation: what the jump does to the preconditioned operator alone."""
-    where = {"pieces": "from subdomain to subdomain", "inside": "inside subdomains", "halves": "halfway"}[board]
+    where = {"pieces": "from subdomain to subdomain",
+        "inside": "inside subdomains", "halves": "halfway"}[board]
     return Case(f"E jumps by {value:.0e} {where}, no contact", "material", BLOCK,
                 {"JUMP": value, "BOARD": board, "GAP": 1e9, "FRICTION": 0, "STEPS": 1}, easy={"JUMP": 1},
                 ratio=2.0, checks=(laws(1e-5),),
@@ -43,7 +46,8 @@ def poisson(value: float) -> Case:
 
 
 CASES = [
-    *(jump_without_contact(value, board) for board in ("pieces", "halves", "inside") for value in (1e3, 1e6, 1e-3, 1e-6)),
+    *(jump_without_contact(value, board) for board in ("pieces", "halves", "inside")
+      for value in (1e3, 1e6, 1e-3, 1e-6)),
     *(jump(value, "pieces", fast=value == 1e6) for value in (1, 1e3, 1e6, 1e-3, 1e-6)),
     *(jump(value, "halves") for value in (1, 1e3, 1e6, 1e-3, 1e-6)),
     *(jump(value, "inside") for value in (1, 1e3, 1e6, 1e-3, 1e-6)),

@@ -13,7 +13,8 @@ def units(power: float, kind: str) -> Case:
     """The block in units of 10^-power metres or pascals."""
     given = {kind: f"1e{power}"}
     return Case(f"units: {kind.lower()} times 1e{power}", "scale", BLOCK, {**HUMP, **given}, fast=power > 0,
-                checks=(same_as(ROUNDING, **{kind.lower(): 10.0**power}, options={kind: 1}), laws(1e-6)),
+                checks=(same_as(ROUNDING, **{kind.lower(): 10.0**power},
+                        options={kind: 1}), laws(1e-6)),
                 easy={kind: 1}, ratio=1.0)
 
 
@@ -30,7 +31,8 @@ FAR = {"X0": 2e6, "Y0": 2e6}  # a million body lengths
 DIGITS = 1e-6
 
 CASES = [
-    *(units(power, kind) for kind, powers in (("LENGTH", (9, -9)), ("STRESS", (12, -12))) for power in powers),
+    *(units(power, kind) for kind, powers in (("LENGTH", (9, -9)), ("STRESS", (12, -12)))
+      for power in powers),
     load(1e-12), load(1e12),
     Case("a million body lengths from the origin", "scale", BLOCK, {**HUMP, **FAR}, warning="digits", fast=True,
          checks=(same_as(DIGITS, options={"X0": 0, "Y0": 0}, counts=False), laws(1e-6))),

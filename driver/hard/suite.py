@@ -14,9 +14,9 @@ import numpy as np
 
 from ..arguments import count, only, yes
 from ..errors import DriverError, InputError
-from .oracle import OracleFailure
 from ..runs.run import RESULTS
 from .case import Case, Outcome, reference, run_case
+from .oracle import OracleFailure
 from .report import Row, line, write
 
 FAMILIES = ("material", "geometry", "contact", "friction", "scale", "support", "bodies", "element", "algorithm",
@@ -41,7 +41,8 @@ def run_suite(pairs: dict[str, str]) -> list[Path]:
     shutil.rmtree(folder / "runs", ignore_errors=True)
     rows, clock = [], time.perf_counter()
     with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
-        tasks = [pool.submit(_judge_named, case.family, case.name, size, folder / "runs") for case, size in chosen]
+        tasks = [pool.submit(_judge_named, case.family, case.name, size,
+                             folder / "runs") for case, size in chosen]
         try:
             for task in tasks:
                 rows.append(task.result())
@@ -59,7 +60,8 @@ def run_suite(pairs: dict[str, str]) -> list[Path]:
     print(f"{len({row.case for row in rows})} cases at {len(rows)} sizes: {ended['solved']} solved and checked, "
           f"{ended['refused']} refused as they must be, {len(failed)} failed; {time.perf_counter() - clock:.0f} s")
     if failed:
-        raise DriverError(f"{len(failed)} hard cases failed, see {os.path.relpath(folder / 'report.csv')}")
+        raise DriverError(
+            f"{len(failed)} hard cases failed, see {os.path.relpath(folder / 'report.csv')}")
     return made
 
 
@@ -72,12 +74,12 @@ def _chosen(pairs: dict[str, str]):
             raise InputError(f"FAMILY must be of {', '.join(FAMILIES)}, not '{name}'")
     fast = yes(pairs, "fast", "no")
     jobs = count("jobs", pairs.get("jobs", str(os.cpu_count() or 1)), "a number of processes", 1)
-    found = [(case, size) for family in families for case in cases(family)
-             if pairs.get("case", "") in case.name and (case.fast or not fast)
-             for size in (case.sizes[:1] if fast else case.sizes)]
-    if not found:
+    chosen = [(case, size) for family in families for case in cases(family)
+              if pairs.get("case", "") in case.name and (case.fast or not fast)
+              for size in (case.sizes[:1] if fast else case.sizes)]
+    if not chosen:
         raise InputError(f"no hard case has '{pairs['case']}' in its name")
-    return found, Path(pairs.get("out", RESULTS / "hard")).absolute(), jobs
+    return chosen, Path(pairs.get("out", RESULTS / "hard")).absolute(), jobs
 
 
 # ---- one case ------------------------------------------------------------------------------------
@@ -91,17 +93,17 @@ def judge(case: Case, size: dict, folder: Path) -> Row:
     """Run a case at one size and judge how it ended; never raises for what a case does."""
     outcome = run_case(case, size, folder / _folder_name(case, size))
     expected = "solved" if case.status == 0 else f"refused (exit {case.status})"
-    row = Row(case.family, case.name, " ".join(f"{n}={v}" for n, v in size.items()), expected, "FAILED", outcome.status,
-              outcome.message, seconds=round(outcome.seconds, 2))
+    row = Row(case.family, case.name, " ".join(f"{n}={v}" for n, v in size.items()), expected, "FAILED",
+              outcome.status, outcome.message, seconds=round(outcome.seconds, 2))
     row.sweep, row.place = case.sweep or ("", np.nan)
     if outcome.crashed or outcome.status != case.status:
         return row
     if case.status:
-        # what was found before an iteration limit, or a step without solution, is kept, marked as not converged; else
-        # nothing is left behind
+        # results before an iteration limit, or a step without solution, are kept, marked as not converged;
+        # else nothing remains
         marked = outcome.summary.get("converged") is False
-        left = marked if case.status == 4 else marked and case.status == 3 or not outcome.directory.exists()
-        if re.search(case.reason, outcome.message) and left:
+        proper = marked if case.status == 4 else marked and case.status == 3 or not outcome.directory.exists()
+        if re.search(case.reason, outcome.message) and proper:
             row.status = "refused"
         return row
     try:
@@ -126,12 +128,13 @@ def _judge_solved(case: Case, size: dict, outcome: Outcome, row: Row) -> str:
         wrong.append(f"KKT residual {row.kkt:.1e}")
     row.products = summary["counts"]["dual_multiplications"]
     row.fixed_point = summary["counts"]["fixed_point_iterations"]
-    found = [check(case, size, outcome) for check in case.checks]
-    row.oracle, row.error = ", ".join(c.oracle for c in found), max((c.error / c.tolerance for c in found), default=np.nan)
-    wrong += [f"{c.error:.1e} off {c.oracle}" for c in found if not c.error <= c.tolerance]
-    if not found:
+    checks = [check(case, size, outcome) for check in case.checks]
+    row.oracle = ", ".join(c.oracle for c in checks)
+    row.error = max((c.error / c.tolerance for c in checks), default=np.nan)
+    wrong += [f"{c.error:.1e} off {c.oracle}" for c in checks if not c.error <= c.tolerance]
+    if not checks:
         wrong.append("the case names no oracle")
-    if case.warning and not any(re.search(case.warning, said) for said in summary["warnings"]):
+    if case.warning and not any(re.search(case.warning, warning) for warning in summary["warnings"]):
         wrong.append(f"no warning of '{case.warning}'")
     if case.easy is not None:
         easy = reference(case, size, case.easy).summary["counts"]["dual_multiplications"]

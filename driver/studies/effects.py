@@ -37,7 +37,8 @@ EFFECTS = {
     "initial state": "initialX|initialY",
 }
 NAMES = {"lift-off": "adhesion (bilateral)"}
-DRIVES = r"(load|displacement)(\d)"  # forces and displacements: taken out one by one where there are several
+# forces and displacements: taken out one by one where there are several
+DRIVES = r"(load|displacement)(\d)"
 
 # at the end of the run
 RESPONSE = ("peak_normal", "peak_tangential", "resultant_n", "resultant_t", "contact_length", "largest_slip",
@@ -47,7 +48,8 @@ COST = ("primal_dofs", "dual_gluing", "dual_normal", "dual_tangential", "coarse_
 STAGES = ("export", "read", "setup", "solve", "output", "total")
 COLUMNS = ("without", "status", "reason", *RESPONSE, *(f"{name}_change" for name in RESPONSE), *COST,
            *(f"seconds_{name}" for name in STAGES), "memory_mib")
-TRACTIONS = ("variant", "boundary", "step", "arc", "weight", "sigma_n", "sigma_t", "length_unit", "stress_unit")
+TRACTIONS = ("variant", "boundary", "step", "arc", "weight",
+             "sigma_n", "sigma_t", "length_unit", "stress_unit")
 
 # strings and comments first, so that nothing inside them is taken for a declaration; a macro ends at its //
 TOKEN = re.compile(
@@ -104,7 +106,8 @@ def self_contained(scene: Path) -> str:
             return f'"{(scene.parent / match["string"][1:-1]).resolve()}"'
         return match[0]
 
-    known = {"young", "poisson", "support", "contact", "gap", "friction", "tresca", "load1", "displacement1", "quasistatic"}
+    known = {"young", "poisson", "support", "contact", "gap",
+        "friction", "tresca", "load1", "displacement1", "quasistatic"}
     return TOKEN.sub(resolve, scene.read_text())
 
 
@@ -166,7 +169,8 @@ def run_variant(name: str, text: str, scene: Path, pairs: dict[str, str], folder
 
 def read_variant(name: str, out: Path) -> Variant:
     """Row and contact tractions of a finished run."""
-    summary, history = json.loads((out / "summary.json").read_text()), files.read_table(out / "history.csv")
+    summary, history = json.loads((out / "summary.json").read_text()
+                                  ), files.read_table(out / "history.csv")
     row, tractions = dict.fromkeys(RESPONSE, 0.0), []
     row |= {key: abs(float(history[key][-1]))
             for key in ("resultant_n", "resultant_t", "contact_length", "dissipated", "max_displacement")}
@@ -178,7 +182,8 @@ def read_variant(name: str, out: Path) -> Variant:
                 "peak_tangential": float(abs(end["sigma_t"]).max())}
         end.setdefault("boundary", 0 * end["node"])
         units = summary["units"]["length"], summary["units"]["stress"]
-        tractions = [(name, *values, *units) for values in zip(*(end[key].tolist() for key in TRACTIONS[1:-2]))]
+        tractions = [(name, *values, *units)
+                      for values in zip(*(end[key].tolist() for key in TRACTIONS[1:-2]))]
     row |= {key: value for part in (summary["sizes"], summary["counts"], summary)
             for key, value in part.items() if key in COST}
     row |= {f"seconds_{stage}": summary["seconds"][stage] for stage in STAGES}
@@ -206,7 +211,8 @@ def run_effects(pairs: dict[str, str]) -> list[Path]:
     from ..figures.effects import draw
 
     if "scene" not in pairs:
-        raise InputError("make effects SCENE=<name or path to an .edp>; 'make run' lists the scenes")
+        raise InputError(
+            "make effects SCENE=<name or path to an .edp>; 'make run' lists the scenes")
     for name in ("figures", "fields", "quiet", "errors"):
         if name in pairs:
             raise InputError(f"the study sets {name.upper()} itself")
@@ -244,8 +250,10 @@ def describe(variants: list[Variant]) -> str:
     for variant in solved:
         row = variant.row
         costs.append([variant.label, row["primal_dofs"],
-                      row["dual_gluing"] + row["dual_normal"] + row["dual_tangential"], row["coarse_dofs"],
-                      row["dual_multiplications"], *(f"{row[f'seconds_{stage}']:.3f}" for stage in STAGES),
+                      row["dual_gluing"] + row["dual_normal"] + \
+                          row["dual_tangential"], row["coarse_dofs"],
+                      row["dual_multiplications"], * \
+                          (f"{row[f'seconds_{stage}']:.3f}" for stage in STAGES),
                       f"{row['memory_mib']:.0f}"])
     lines = ["", "changes at the end of the run", aligned(changes)]
     lines += [f"{variant.label}: {variant.reason}" for variant in variants if not variant.row]

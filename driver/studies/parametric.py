@@ -32,7 +32,8 @@ def run(directory: Path, request: dict, comm) -> tuple[int, str]:
     problem = assemble(directory / "export", comm, lap)
     manifest, structure, operator = problem.manifest, problem.structure, problem.operator
     if not manifest.contact_labels:
-        raise InputError("a study needs a scene with contact: without it the response is linear in its loads")
+        raise InputError(
+            "a study needs a scene with contact: without it the response is linear in its loads")
     settings = Settings(**request["settings"])
     if settings.linearization != "initial":
         raise InputError("a study keeps one geometry of contact: leave LINEARIZATION out")
@@ -45,7 +46,8 @@ def run(directory: Path, request: dict, comm) -> tuple[int, str]:
         except NotConverged:  # on all ranks
             condensed = False
     lap("condense")
-    outcomes = _outcomes(dataclasses.replace(problem, operator=operator), settings, directory, request, condensed, comm)
+    outcomes = _outcomes(dataclasses.replace(problem, operator=operator),
+                         settings, directory, request, condensed, comm)
     lap("solve")
     seconds["total"] = sum(seconds.values())
     failed = [k for k, one in enumerate(outcomes) if one.status]
@@ -88,7 +90,8 @@ def _outcomes(problem, settings, directory: Path, request: dict, apart: bool, co
             _check_same(request["study"], problem.manifest, value)
             contact = _contact_of(request["study"], structure.contact, *read_contact(folder, value))
             operator, near = problem.operator.with_contact(contact), near if k % chain else None
-            found[k], near = _solve(dataclasses.replace(problem, manifest=value, operator=operator), settings, near)
+            found[k], near = _solve(dataclasses.replace(
+                problem, manifest=value, operator=operator), settings, near)
             _progress(request, comm, k, done, len(mine))
     except DriverError as problem:
         error = problem
@@ -101,14 +104,16 @@ def _progress(request: dict, comm, k: int, done: int, total: int) -> None:
     """A line about value k, which is number `done` of the rank's `total`, a few times in all."""
     if comm.rank == 0 and not request["quiet"] and done % max(1, total // 5) == 0:
         share = "" if total == len(request["values"]) else ", as other ranks do"
-        print(f"{request['scene']}: {request['study']} = {request['values'][k]}, {done} of {total}{share}", flush=True)
+        print(
+            f"{request['scene']}: {request['study']} = {request['values'][k]}, {done} of {total}{share}", flush=True)
 
 
 def _check_same(name: str, base, value) -> None:
     """Refuse a value whose manifest differs where the stiffness, loads and rows of the export come from."""
     for part in ("subdomains", "nodes", "effects", "patterns", "contact_labels", "material", "plane"):
         if getattr(base, part) != getattr(value, part):
-            raise InputError(f"a study cannot vary {name.upper()}: it changes the scene's {part.replace('_', ' ')}")
+            raise InputError(
+                f"a study cannot vary {name.upper()}: it changes the scene's {part.replace('_', ' ')}")
 
 
 def _contact_of(name: str, boundary, data, gid: np.ndarray):
@@ -122,13 +127,16 @@ def _contact_of(name: str, boundary, data, gid: np.ndarray):
     order = np.argsort(known)
     at = np.minimum(np.searchsorted(known, read, sorter=order), len(known) - 1)
     here = (known[order[at]] == read) & (gid < span)  # others are held by supports
-    parts = np.column_stack([np.ones(len(gid)), data.normal, data.gap, data.friction, data.initial]) * data.weight[:, None]
-    total = np.column_stack([np.bincount(order[at[here]], part, minlength=len(known)) for part in parts[here].T])
+    parts = np.column_stack([np.ones(len(gid)), data.normal, data.gap,
+                            data.friction, data.initial]) * data.weight[:, None]
+    total = np.column_stack([np.bincount(order[at[here]], part, minlength=len(known))
+                            for part in parts[here].T])
     weight, normal = total[:, 0], total[:, 1:3]
     rigid = ~boundary.paired  # between two bodies weight, normal and gap follow from both sides
     if not (np.all(weight > 0) and np.allclose(weight[rigid], boundary.weight[rigid], rtol=1e-9)
             and np.allclose((normal / np.linalg.norm(normal, axis=1)[:, None])[rigid], boundary.normal[rigid], atol=1e-9)):
-        raise InputError(f"a study cannot vary {name.upper()}: it moves or turns the contact boundary")
+        raise InputError(
+            f"a study cannot vary {name.upper()}: it moves or turns the contact boundary")
     gap, friction, initial = (total[:, 3:6] / weight[:, None]).T
     if gap[~rigid].any():
         raise InputError(f"a study cannot vary {name.upper()} in a scene that declares pairGap")
@@ -186,7 +194,8 @@ def _fields(operator, rows, step, u_t: np.ndarray) -> dict[str, np.ndarray]:
     values[3, rows.tangential_node] = -step.multipliers[rows.tangential]
     values[4, rows.tangential_node] = rows.friction_bound(step.multipliers)
     values[5, rows.normal_node] = step.status
-    operator.comm.Allreduce(MPI.IN_PLACE, values)  # a node has one rank: no sum depends on their order
+    # a node has one rank: no sum depends on their order
+    operator.comm.Allreduce(MPI.IN_PLACE, values)
     u_n, slip, force_n, force_t, bound, status = values
     w = contact.weight
     return {"u_n": u_n, "u_t": u_t + slip, "slip": slip, "sigma_n": force_n / w + 0.0, "sigma_t": force_t / w + 0.0,
@@ -219,5 +228,6 @@ def _write(directory: Path, request: dict, contact, outcomes: list[Outcome], sum
                            *(one.fields[name].tolist() for name in FIELDS),
                            map(STATUS_NAMES.__getitem__, one.fields["status"]))]
     if rows:
-        write_rows(directory / "contact.csv", [name, "node", "boundary", "x", "y", "arc", "weight", *FIELDS, "status"], rows)
+        write_rows(directory / "contact.csv",
+                   [name, "node", "boundary", "x", "y", "arc", "weight", *FIELDS, "status"], rows)
     write_json(directory / "summary.json", summary)

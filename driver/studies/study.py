@@ -48,7 +48,8 @@ def make_study(pairs: dict[str, str]) -> tuple[dict, Path]:
         load = functools.partial(launch.load, "study") if run.ranks == 1 else lambda: None
         export = functools.partial(freefem.export, run.scene, work / "export", run.parameters, run.ranks,
                                    meanwhile=load)
-        freefem.export_study(run.scene, work / "values", run.parameters, name, values, meanwhile=export)
+        freefem.export_study(run.scene, work / "values", run.parameters,
+                             name, values, meanwhile=export)
         request = {"scene": run.scene.stem, "settings": run.settings, "study": name, "values": values,
                    "quiet": run.quiet, "seconds": {"export": time.perf_counter() - clock}}
         status, reason = launch.solve(work, request, run.ranks)
@@ -69,7 +70,8 @@ def make_study(pairs: dict[str, str]) -> tuple[dict, Path]:
 def _studied(pairs: dict[str, str]) -> tuple[str, list[str]]:
     """The one parameter with several values, and those."""
     if "scene" not in pairs:
-        raise InputError("make study needs SCENE= and one parameter with several values, such as FRICTION=0.05:1.0:100")
+        raise InputError(
+            "make study needs SCENE= and one parameter with several values, such as FRICTION=0.05:1.0:100")
     several = [name for name, text in pairs.items()
                if name not in ("scene", "out") and ("," in text or ":" in text)]
     if len(several) != 1:
@@ -80,9 +82,11 @@ def _studied(pairs: dict[str, str]) -> tuple[str, list[str]]:
     if ":" in pairs[name]:
         try:
             first, last, count = pairs[name].split(":")
-            values = [f"{value:.12g}" for value in np.linspace(float(first), float(last), int(count))]
+            values = [f"{value:.12g}" for value in np.linspace(
+                float(first), float(last), int(count))]
         except ValueError:
-            raise InputError(f"{name.upper()}={pairs[name]} is not of the form first:last:count") from None
+            raise InputError(
+                f"{name.upper()}={pairs[name]} is not of the form first:last:count") from None
     if not values or not all(values) or len(set(values)) < len(values):
         raise InputError(f"{name.upper()}={pairs[name]} lacks a value or gives one twice")
     return name, values

@@ -1,7 +1,5 @@
 """The benchmark's own arithmetic: targets, the assembled problem, roofline counts, peers on the same QP."""
 
-import csv
-
 import numpy as np
 import pytest
 
@@ -9,6 +7,7 @@ from driver.bench import factorization, ranks, roofline, suite, tao
 from driver.bench.workbench import Report, Workbench, in_turn, march, ratios
 from driver.errors import InputError
 from driver.feti.substructuring import GLUING
+from driver.files import read_rows
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +24,7 @@ def test_targets_and_spread(tmp_path, capsys):
     report.add("part", "count", 7, "")
     report.skip("part", "no peer")
     report.write(tmp_path / "report.csv")
-    rows = list(csv.DictReader(open(tmp_path / "report.csv")))
+    rows = read_rows(tmp_path / "report.csv")
     assert [row["met"] for row in rows] == ["yes", "no", "", "skipped"]
     assert [row["spread"] for row in rows] == ["1.00", "", "", ""]
     assert rows[1]["target"] == ">= 1.7"
@@ -48,14 +47,16 @@ def test_assembled_problem_moves_like_the_torn_one(bench):
     d, glued = operator.load_response(np.ones(1)), np.zeros(operator.owned)
     glued[gluing] = np.linalg.solve(F[gluing][:, gluing], d[gluing])
     # the largest corner displacement is one entry of u, to rounding times the condition number
-    assert np.abs(np.abs(u) - operator.corner_displacement(glued, np.ones(1))).min() <= 1e-9 * np.abs(u).max()
+    assert np.abs(np.abs(u) - operator.corner_displacement(glued,
+                  np.ones(1))).min() <= 1e-9 * np.abs(u).max()
 
 
 def test_flops_of_a_product(bench):
     operator = bench.problem("4x2", cells=4).operator
     rows = [len(local.row) for local in operator.structure.rows]
     corners = [len(number) for number in operator.structure.corner_global]
-    assert roofline.work(operator)["flops"] == sum(2 * m * m + 4 * m * n for m, n in zip(rows, corners))
+    assert roofline.work(operator)["flops"] == sum(
+        2 * m * m + 4 * m * n for m, n in zip(rows, corners))
 
 
 @pytest.mark.parametrize("name", ["blmvm", "tron"])

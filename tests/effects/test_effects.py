@@ -1,6 +1,5 @@
 """What a scene does not declare costs nothing; the ledger; the study that takes effects out."""
 
-import csv
 import json
 import re
 import subprocess
@@ -9,11 +8,12 @@ import sys
 import numpy as np
 import pytest
 
-from driver.studies import effects
 from driver import environment
-from driver.scene import freefem
-from driver.results import ledger
 from driver.errors import InputError
+from driver.files import read_rows
+from driver.results import ledger
+from driver.scene import freefem
+from driver.studies import effects
 
 MODEL = freefem.find_scene("model")
 SCENES = sorted(freefem.SCENES.glob("*.edp"))
@@ -41,14 +41,14 @@ def model_without(tmp_path_factory):
 
 
 def test_without_friction(solved, model_without):
-    run = solved(model_without("frictionless", lambda text: effects.without(text, effects.FRICTION)), STEPS=5)
+    run = solved(model_without("frictionless",
+                 lambda text: effects.without(text, effects.FRICTION)), STEPS=5)
     sizes, counts = run.summary["sizes"], run.summary["counts"]
     assert run.summary["effects"]["friction"] == "none"
     assert sizes["dual_tangential"] == 0 and sizes["dual_normal"] == sizes["contact_nodes"] == 40
     assert sizes["dual_dofs"] == sizes["dual_gluing"] + sizes["dual_normal"]
     assert counts["fixed_point_iterations"] == run.summary["steps"] == 5  # one QP a step
-    with open(run.directory / "convergence.csv", newline="") as file:
-        assert {row["iteration"] for row in csv.DictReader(file)} == {"1"}
+    assert {row["iteration"] for row in read_rows(run.directory / "convergence.csv")} == {"1"}
     assert not run.contact["sigma_t"].any() and not run.contact["bound"].any()
 
 
@@ -60,8 +60,7 @@ def test_without_contact(solved, model_without):
     assert sizes["dual_normal"] == sizes["dual_tangential"] == sizes["contact_nodes"] == 0
     assert not (run.directory / "contact.csv").exists()
     assert counts["expansion_steps"] == counts["proportioning_steps"] == 0
-    with open(run.directory / "convergence.csv", newline="") as file:
-        assert {row["kind"] for row in csv.DictReader(file)} <= {"start", "cg"}
+    assert {row["kind"] for row in read_rows(run.directory / "convergence.csv")} <= {"start", "cg"}
     # preconditioned CG on the gluing alone: kappa <= 5 needs 1/2 sqrt(5) ln(2e6) = 16 products, plus the residual's
     assert counts["dual_multiplications"] <= 5 * 18
 
@@ -83,11 +82,13 @@ def test_without_body_force_there_is_no_such_vector(exported, tmp_path):
     subdomain = read_subdomains(manifest, 0, 1, MPI.COMM_SELF)[0]
     assert subdomain.loads.shape == (1, subdomain.dofs)
     size = sum(path.stat().st_size for path in exported("model").glob("block-*.bin"))
-    heavy = MODEL.read_text().replace('include "export.idp"', 'macro bodyForce1() [0., -7.8e4] //\ninclude "export.idp"')
+    heavy = MODEL.read_text().replace('include "export.idp"',
+                            'macro bodyForce1() [0., -7.8e4] //\ninclude "export.idp"')
     other = exported(stripped(tmp_path, heavy, "heavy"))
     assert [p["kind"] for p in read_manifest(other).patterns] == ["traction", "body_force"]
     # float64 arrays with a count: nodal forces of 242 dofs and three integrals on 200 triangles in each of 8
-    assert sum(path.stat().st_size for path in other.glob("block-*.bin")) - size == 8 * 8 * (243 + 3 * 401)
+    assert sum(path.stat().st_size for path in other.glob(
+        "block-*.bin")) - size == 8 * 8 * (243 + 3 * 401)
 
 
 IMPORTS = """
@@ -110,7 +111,8 @@ def imported(tmp_path, *words):
 
 
 @pytest.mark.parametrize("words, absent, files", [
-    (("FIGURES=no", "FIELDS=no"), {"meshio", "matplotlib", "driver.figures"}, {"fields", "fields.pvd", "figures"}),
+    (("FIGURES=no", "FIELDS=no"), {"meshio", "matplotlib",
+     "driver.figures"}, {"fields", "fields.pvd", "figures"}),
     (("FIGURES=no",), {"matplotlib", "driver.figures"}, {"figures"}),
 ])
 def test_what_is_off_is_neither_imported_nor_written(tmp_path, words, absent, files):
@@ -146,8 +148,10 @@ def test_active_effects():
 
 
 @pytest.mark.parametrize("history, sentences", [
-    (rows([9, 9], [0, 0], [0, 0]), {"contact is declared but nothing touched", "friction is declared but nothing touched"}),
-    (rows([0, 0], [9, 9], [0, 0]), {"friction is declared but nothing slipped (9 nodes stuck at most)"}),
+    (rows([9, 9], [0, 0], [0, 0]), {
+     "contact is declared but nothing touched", "friction is declared but nothing touched"}),
+    (rows([0, 0], [9, 9], [0, 0]), {
+     "friction is declared but nothing slipped (9 nodes stuck at most)"}),
 ])
 def test_effects_that_never_mattered(history, sentences):
     said = set(ledger.never_mattered(entries(history=history)))
@@ -155,9 +159,11 @@ def test_effects_that_never_mattered(history, sentences):
 
 
 def test_undeclared_effects_cost_nothing():
-    found = entries({"contact": "none", "friction": "none", "time": "static"}, rows([0], [0], [0]), ((0,), (1,)))
+    found = entries({"contact": "none", "friction": "none", "time": "static"},
+                    rows([0], [0], [0]), ((0,), (1,)))
     for name in ("contact", "friction", "time", "gap", "body_force", "displacement"):
-        assert found[name] == {"declared": False, "active": False, "reason": "not declared", "unknowns": 0, "seconds": 0.0}
+        assert found[name] == {"declared": False, "active": False,
+            "reason": "not declared", "unknowns": 0, "seconds": 0.0}
     assert not ledger.never_mattered(found)
 
 
@@ -216,7 +222,8 @@ def test_ledger_of_a_run(solved):
 
 def test_screen_says_what_never_mattered(command, tmp_path):
     text = MODEL.read_text().replace('include "export.idp"', 'macro gap() 1. //\ninclude "export.idp"')
-    done = command("run", f"SCENE={stripped(tmp_path, text, 'far')}", f"OUT={tmp_path / 'out'}", "FIGURES=no", "FIELDS=no")
+    done = command("run", f"SCENE={stripped(tmp_path, text, 'far')}",
+                   f"OUT={tmp_path / 'out'}", "FIGURES=no", "FIELDS=no")
     assert done.returncode == 0 and "contact is declared but nothing touched" in done.stdout
     assert "friction is declared but nothing touched" in done.stdout
 
@@ -239,12 +246,14 @@ include "export.idp"
 
 
 def test_declared():
-    assert effects.declared(TEXT) == ["young", "friction", "frictionless", "gap", "tresca", "quasistatic", "amplitude1"]
+    assert effects.declared(TEXT) == ["young", "friction",
+                            "frictionless", "gap", "tresca", "quasistatic", "amplitude1"]
 
 
 def test_without_removes_definitions_only():
     left = effects.without(TEXT, "friction")
-    assert effects.declared(left) == ["young", "frictionless", "gap", "tresca", "quasistatic", "amplitude1"]
+    assert effects.declared(left) == ["young", "frictionless",
+                            "gap", "tresca", "quasistatic", "amplitude1"]
     assert "two lines" not in left and "* 2" not in left
     for kept in ('"macro friction() 1 //"', "// macro friction() 0.3 // stays", "macro frictionless() 1 //",
                  'include "export.idp"'):
@@ -273,7 +282,8 @@ def test_every_shipped_scene(scene):
     assert len(set(found.values()) | {text}) == len(found) + 1  # all differ
     for name, changed in found.items():
         if name == "contact":
-            assert not {"contact", "friction", "gap", "tresca", "obstacle"} & set(effects.declared(changed))
+            assert not {"contact", "friction", "gap", "tresca",
+                "obstacle"} & set(effects.declared(changed))
         if name == "time":
             assert "quasistatic" not in effects.declared(changed) and "timeEnd = " in changed
 
@@ -299,9 +309,9 @@ def test_static_variant_has_the_final_amplitude(exported, tmp_path):
 def study(tmp_path_factory):
     """The study of a small model example: rows of its table by name, and its folder."""
     out = tmp_path_factory.mktemp("effects")
-    paths = effects.run_effects({"scene": "model", "loading": "nonmonotone", "steps": "4", "cells": "4", "out": str(out)})
-    with open(paths[0], newline="") as file:
-        table = {row["without"]: row for row in csv.DictReader(file)}
+    paths = effects.run_effects({"scene": "model", "loading": "nonmonotone",
+                                "steps": "4", "cells": "4", "out": str(out)})
+    table = {row["without"]: row for row in read_rows(paths[0])}
     return table, out, paths
 
 
@@ -332,7 +342,8 @@ def test_study_changes(study):
         assert get("friction", f"{name}_change") == -1  # all of it
     for name in ("peak_normal", "contact_length", "resultant_n"):
         assert get("contact", f"{name}_change") == -1
-    assert abs(get("time", "peak_tangential_change")) > 0.01 and get("", "max_displacement_change") == 0
+    assert abs(get("time", "peak_tangential_change")) > 0.01 and get(
+        "", "max_displacement_change") == 0
     expected = get("friction", "max_displacement") / get("", "max_displacement") - 1
     assert get("friction", "max_displacement_change") == pytest.approx(expected, rel=1e-12)
 
@@ -340,8 +351,7 @@ def test_study_changes(study):
 def test_variant_without_solution_is_a_row(tmp_path, capsys):
     """Friction alone keeps the block on its slope."""
     paths = effects.run_effects({"scene": "slope", "cells": "4", "out": str(tmp_path)})
-    with open(paths[0], newline="") as file:
-        table = {row["without"]: row for row in csv.DictReader(file)}
+    table = {row["without"]: row for row in read_rows(paths[0])}
     row = table["friction"]
     assert row["status"] == "3" and row["reason"] and not row["peak_normal"]
     assert table[""]["status"] == "0"

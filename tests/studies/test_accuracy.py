@@ -24,7 +24,8 @@ def test_reference_adds_what_space_and_time_change():
     q = lambda h, dt: {"q": 1 + h**2 + dt, "same": 3.0}
     runs = {"base": (0.2, 0.1), "coarser": (0.2, 0.1), "finer": (0.1, 0.1), "finest": (0.05, 0.1),
             "fewer": (0.2, 0.04), "more": (0.2, 0.02), "most": (0.2, 0.01)}
-    made = {name: Trial("reference", 0, Setting(1.0, 1), name, values=q(*at)) for name, at in runs.items()}
+    made = {name: Trial("reference", 0, Setting(1.0, 1), name, values=q(*at))
+                        for name, at in runs.items()}
     found = reference.references(made)
     assert set(found) == {"q"}  # what no run changes has no error to show
     left = 0.05**2 + 0.01  # in space and time at the finest
@@ -35,7 +36,8 @@ def test_reference_adds_what_space_and_time_change():
 
 def test_quantity_that_does_not_converge_has_no_reference():
     value = {"base": 1.0, "coarser": 2.0, "finer": 4.0, "finest": 8.0}
-    runs = {name: Trial("reference", 0, Setting(1.0, None), name, values={"q": v}) for name, v in value.items()}
+    runs = {name: Trial("reference", 0, Setting(1.0, None), name, values={"q": v})
+                        for name, v in value.items()}
     assert not reference.references(runs)
 
 
@@ -70,7 +72,8 @@ def test_front_and_cheapest_settings():
     error = cheapest.trusted([*trials, failed], TWO, "slip")
     # the adaptive 0.1 costs more than the uniform 0.08; the last digit of 0.0799 is not worth a place
     assert cheapest.front([*trials, failed], error) == [trials[0], trials[1], trials[4]]
-    fastest = [cheapest.cheapest([*trials, failed], error, level) for level in (0.5, 0.1, 0.05, 0.001)]
+    fastest = [cheapest.cheapest([*trials, failed], error, level)
+                                 for level in (0.5, 0.1, 0.05, 0.001)]
     assert fastest == [trials[0], trials[1], trials[4], None]
     table = cheapest.run_rows([*trials, failed], {"slip": TWO})
     assert [row.get("slip_front") for row in table] == [1, 1, 0, 0, 1, 0, None]
@@ -82,7 +85,8 @@ def test_front_and_cheapest_settings():
 
 def test_settings_read_as_on_the_command_line():
     setting = Setting(0.002, 40, 2, (("rtol", 1e-4), ("primal_rtol", 1.0)))
-    assert setting.options("h") == {"h": "0.002", "steps": "40", "adapt": "2", "rtol": "1e-4", "primal_rtol": "1"}
+    assert setting.options("h") == {"h": "0.002", "steps": "40",
+                           "adapt": "2", "rtol": "1e-4", "primal_rtol": "1"}
 
 
 def test_exponents():
@@ -114,13 +118,15 @@ def test_study_of_a_known_solution(swept):
 
     energy = known["dissipated_energy"]
     assert energy["main"] == "1"
-    assert abs(float(energy["value"]) - DISSIPATED) < 1.2 * float(energy["uncertainty"]) * float(energy["value"])
+    assert abs(float(energy["value"]) - DISSIPATED) < 1.2 * \
+               float(energy["uncertainty"]) * float(energy["value"])
     steps = [row for row in table if row["sweep"] == "steps"]
     # W (1 + 1/n): the part that n steps have of their own
     own = [float(row["dissipated_energy_own"]) for row in steps]
     assert own[0] > own[1] > own[2] > 0
     for row in table:
-        least, median, most = (float(row[f"seconds_solver{name}"]) for name in ("_least", "", "_most"))
+        least, median, most = (float(row[f"seconds_solver{name}"])
+                               for name in ("_least", "", "_most"))
         assert row["repeats"] == "1" and least <= median <= most
         assert float(row["seconds_export"]) > 0 and float(row["energy_estimate"]) > 0
     assert any(row["dissipated_energy_front"] == "1" for row in table)
@@ -129,8 +135,10 @@ def test_study_of_a_known_solution(swept):
 
 
 @pytest.mark.parametrize("pairs, reason", [
-    ({}, "make accuracy SCENE="), ({"scene": "nowhere"}, "no scene"), ({"scene": "zones", "adapt": "2"}, "sets ADAPT itself"),
-    ({"scene": "zones", "effort": "some"}, "EFFORT must be one of"), ({"scene": "zones", "repeats": "0"}, "REPEATS expects"),
+    ({}, "make accuracy SCENE="), ({"scene": "nowhere"}, "no scene"), ({
+     "scene": "zones", "adapt": "2"}, "sets ADAPT itself"),
+    ({"scene": "zones", "effort": "some"}, "EFFORT must be one of"), ({
+     "scene": "zones", "repeats": "0"}, "REPEATS expects"),
     ({"scene": "zones", "frictoin": "1"}, "frictoin"),
 ])
 def test_mistakes_are_reported_in_one_line(tmp_path, pairs, reason):

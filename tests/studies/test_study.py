@@ -1,21 +1,21 @@
 """Parameter studies: the condensed compliance, agreement with single runs, what a study refuses."""
 
-import csv
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.sparse import csr_matrix
 
-from driver.feti import compliance
-from driver.scene import freefem
-from driver.studies import parametric, study
 from driver.cli import parse_pairs
-from driver.feti.compliance import ContactCompliance, contact_row_numbers
 from driver.errors import DriverError, InputError, NotConverged
+from driver.feti import compliance
+from driver.feti.compliance import ContactCompliance, contact_row_numbers
+from driver.feti.substructuring import GLUING
+from driver.files import read_rows
+from driver.scene import freefem
 from driver.scene.freefem import changed_by
 from driver.scene.loader import read_contact
-from driver.feti.substructuring import GLUING
+from driver.studies import parametric, study
 
 # The projected gradient to 1e-11 |d| leaves multipliers good to cond(F) = 3e3 times that, the fixed point to 1e-10 / (1 - q)
 # with a contraction q < 0.9 (contraction.csv of the model): together below 1e-6 of the largest traction.
@@ -28,9 +28,10 @@ def made(tmp_path):
     """made(NAME=value, ...): summary and rows of the files of a study, by file name."""
 
     def make(**options):
-        pairs = {"out": str(tmp_path / "study"), "figures": "no", "quiet": "yes", **TIGHT, **options}
+        pairs = {"out": str(tmp_path / "study"), "figures": "no",
+                            "quiet": "yes", **TIGHT, **options}
         summary, folder = study.make_study(pairs)
-        return summary, {path.stem: list(csv.DictReader(path.open())) for path in folder.glob("*.csv")}
+        return summary, {path.stem: read_rows(path) for path in folder.glob("*.csv")}
 
     return make
 
@@ -56,9 +57,11 @@ def compare(rows: list[dict], single, **where) -> None:
 ])
 def test_compliance_is_schur_complement_of_dual_matrix(built, scene, options):
     problem = built(scene, **options)
-    F, gluing, contact = problem.F, problem.structure.row_kind == GLUING, contact_row_numbers(problem.structure.contact)
+    F, gluing, contact = problem.F, problem.structure.row_kind == GLUING, contact_row_numbers(
+        problem.structure.contact)
     condensed = ContactCompliance(problem.operator)
-    schur = F[contact][:, contact] - F[contact][:, gluing] @ np.linalg.solve(F[gluing][:, gluing], F[gluing][:, contact])
+    schur = F[contact][:, contact] - F[contact][:,
+        gluing] @ np.linalg.solve(F[gluing][:, gluing], F[gluing][:, contact])
     # rounding, times a condition number of F_gg of less than 1e3 in these bodies; their springs add a factor of 1e3
     assert np.abs(condensed.C - schur).max() <= 1e-10 * np.abs(schur).max()
     weights = np.linspace(1.0, 2.0, problem.structure.patterns)
@@ -68,7 +71,8 @@ def test_compliance_is_schur_complement_of_dual_matrix(built, scene, options):
     numbers = contact_row_numbers(condensed.structure.contact)
     assert np.array_equal(numbers, np.arange(len(contact))) and len(contact) == (~gluing).sum()
     for name in ("row_kind", "row_scale"):
-        assert np.array_equal(getattr(condensed.structure, name), getattr(problem.structure, name)[contact])
+        assert np.array_equal(getattr(condensed.structure, name),
+                              getattr(problem.structure, name)[contact])
 
 
 def test_an_elimination_that_leaves_a_residual_is_refused():
@@ -85,15 +89,18 @@ def test_condensed_corner_displacement(built):
     condensed, weights = ContactCompliance(problem.operator), np.ones(1)
     whole = np.random.default_rng(8).standard_normal(len(gluing))
     d = problem.operator.load_response(weights)
-    whole[gluing] = np.linalg.solve(F[gluing][:, gluing], d[gluing] - F[gluing][:, ~gluing] @ whole[~gluing])
+    whole[gluing] = np.linalg.solve(F[gluing][:, gluing], d[gluing] - \
+                                    F[gluing][:, ~gluing] @ whole[~gluing])
     expected = problem.operator.corner_displacement(whole, weights)
     contact = contact_row_numbers(problem.structure.contact)
-    assert condensed.corner_displacement(whole[contact], weights) == pytest.approx(expected, rel=1e-8)
+    assert condensed.corner_displacement(
+        whole[contact], weights) == pytest.approx(expected, rel=1e-8)
 
 
 def test_friction_values_agree_with_single_runs(made, solved):
     values = ("0.1", "0.3", "0.7")
-    summary, files = made(scene="model", loading="nonmonotone", friction=",".join(values), steps="6")
+    summary, files = made(scene="model", loading="nonmonotone",
+                          friction=",".join(values), steps="6")
     assert summary["condensed"] and summary["converged"] and len(files["history"]) == 3 * 6
     for value, row in zip(values, files["study"]):
         single = solved(loading="nonmonotone", friction=value, steps=6, **TIGHT)
@@ -117,8 +124,10 @@ def test_values_depend_neither_on_their_order_nor_on_newton(made, monkeypatch, l
         for value in values:
             ours, theirs = (tractions(files["contact"], friction=value) for files in (forth, other))
             assert np.abs(ours - theirs).max() <= close * np.abs(theirs).max()
-    assert len({(row["nodes_open"], row["nodes_stick"]) for row in forth["study"]}) > 4  # they are not all alike
-    iterations = [sum(int(row["fixed_point_iterations"]) for row in files["study"]) for files in (forth, plain)]
+    assert len({(row["nodes_open"], row["nodes_stick"])
+               for row in forth["study"]}) > 4  # they are not all alike
+    iterations = [sum(int(row["fixed_point_iterations"]) for row in files["study"])
+                      for files in (forth, plain)]
     assert 2 * iterations[0] < iterations[1] or loading == "nonmonotone"
 
 
@@ -126,14 +135,18 @@ def test_a_step_in_known_states_takes_one_iteration_and_two_products(made):
     """Monotone loads grow in proportion: from the second step on Newton's method is there at once."""
     _, files = made(scene="model", friction="0.3,0.31", steps="5")
     later = [row for row in files["history"] if row["step"] != "1"]
-    assert {(row["fixed_point_iterations"], row["dual_multiplications"]) for row in later} == {("1", "2")}
+    assert {(row["fixed_point_iterations"], row["dual_multiplications"])
+             for row in later} == {("1", "2")}
 
 
-def test_values_beyond_uniqueness_are_told(made):
+def test_values_beyond_uniqueness_are_reported(made):
     """The model example at one step, which has three solutions from F = 5.45 on and one at 0.3."""
-    summary, files = made(scene="model", friction="0.3,5.6", steps="1", subdomains="4x2", uniqueness="yes")
-    assert [row["uniqueness"] for row in files["study"]] == ["no second solution found", "not unique"]
-    assert any(line.startswith("FRICTION=5.6: step 1: the solution is not unique") for line in summary["warnings"])
+    summary, files = made(scene="model", friction="0.3,5.6", steps="1",
+                          subdomains="4x2", uniqueness="yes")
+    assert [row["uniqueness"] for row in files["study"]] == [
+        "no second solution found", "not unique"]
+    assert any(line.startswith("FRICTION=5.6: step 1: the solution is not unique")
+               for line in summary["warnings"])
     assert not any("FRICTION=0.3" in line for line in summary["warnings"])
     assert "warning: FRICTION=5.6" in study.describe(summary, Path("out"))
 
@@ -172,20 +185,22 @@ def test_bodies_without_support_agree_with_single_runs(made, solved):
     summary, files = made(scene="stack", friction="0.3,0.6", h="0.3", steps="3")
     assert not summary["condensed"]
     # friction and balance are settled to 1e-10, and tractions of bodies that stand on one another answer to both
-    compare(files["contact"], solved("stack", friction=0.3, h=0.3, steps=3, **TIGHT), friction="0.3")
+    compare(files["contact"], solved("stack", friction=0.3,
+            h=0.3, steps=3, **TIGHT), friction="0.3")
 
 
-def test_a_value_without_equilibrium_is_told_and_the_others_kept(tmp_path):
+def test_a_value_without_equilibrium_is_reported_and_the_others_kept(tmp_path):
     out = tmp_path / "study"
     with pytest.raises(DriverError, match="1 of 2 values did not converge, the first FRICTION=0.3: step 1: no equilibrium"):
         study.make_study({"scene": "slope", "friction": "0.3,0.5", "cells": "3", "out": str(out), "quiet": "yes",
                           "figures": "no"})
-    rows = list(csv.DictReader((out / "study.csv").open()))
+    rows = read_rows(out / "study.csv")
     assert [row["converged"] for row in rows] == ["no", "yes"] and float(rows[1]["resultant_n"]) < 0
 
 
 def test_any_number_of_ranks_gives_the_same_bits(made):
-    values = dict(scene="model", friction=f"0.2:0.3:{parametric.CHAIN + 2}", steps="2")  # more than one chain
+    # more than one chain
+    values = dict(scene="model", friction=f"0.2:0.3:{parametric.CHAIN + 2}", steps="2")
     one = made(**values)[1]
     assert one == made(**values, np="2")[1]
 
@@ -214,7 +229,8 @@ def test_contact_data_of_a_later_value_are_those_of_a_first_one(tmp_path, varian
     assert np.array_equal(gid, numbers) and len(gid)
     for part in vars(expected):
         assert np.array_equal(getattr(later, part), getattr(expected, part)), part
-    assert not all(np.array_equal(getattr(first, part), getattr(later, part)) for part in ("gap", "friction", "initial"))
+    assert not all(np.array_equal(getattr(first, part), getattr(later, part))
+                   for part in ("gap", "friction", "initial"))
 
 
 @pytest.mark.parametrize("text, changed", [
@@ -247,15 +263,16 @@ def test_what_a_parameter_changes(variant, text, changed):
 ])
 def test_refusals(words, reason, tmp_path):
     with pytest.raises(InputError, match=reason):
-        study.make_study({**parse_pairs(words.split()), "out": str(tmp_path / "study"), "quiet": "yes"})
+        study.make_study({**parse_pairs(words.split()),
+                         "out": str(tmp_path / "study"), "quiet": "yes"})
     assert not list(tmp_path.iterdir())
 
 
-def test_a_value_without_solution_is_told_and_the_others_kept(tmp_path):
+def test_a_value_without_solution_is_reported_and_the_others_kept(tmp_path):
     out = tmp_path / "study"
     pairs = {"scene": "model", "friction": "0.3,0.4", "steps": "2", "out": str(out), "max_products": "40", "quiet": "yes",
              "figures": "no", "max_fixed_point": "1"}
     with pytest.raises(DriverError, match="2 of 2 values did not converge, the first FRICTION=0.3"):
         study.make_study(pairs)
-    rows = list(csv.DictReader((out / "study.csv").open()))
+    rows = read_rows(out / "study.csv")
     assert [row["converged"] for row in rows] == ["no", "no"]

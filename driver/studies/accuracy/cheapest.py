@@ -92,7 +92,8 @@ def describe(table: list[dict], known: dict[str, Reference], units: dict, main: 
         cells = ["-", "-", "-"]
         setting = row.get("setting", "no run reaches it")
         if "setting" in row:
-            cells = [f"{row['seconds_solver']:.2f} s", f"{row['seconds_export']:.2f} s", percent(row["error"])]
+            cells = [f"{row['seconds_solver']:.2f} s",
+                f"{row['seconds_export']:.2f} s", percent(row["error"])]
         elif reference.uncertainty > row["accuracy"] / 2:
             setting = f"no run can be shown to reach it: the reference is good to {percent(reference.uncertainty)}"
         lines.append([percent(row["accuracy"]), *cells, setting])

@@ -60,7 +60,8 @@ def references(runs: dict[str, Trial], closed_form=None, element: str = "P1") ->
                                     (("most", "more", "fewer"), FORMAL["time"], True)):
             if keys[0] in value:
                 last, middle, first = (value[key] for key in keys)
-                part = extrapolate([last - middle, middle - first], [2.0, 2.0], formal, total, limit).error
+                part = extrapolate([last - middle, middle - first],
+                                   [2.0, 2.0], formal, total, limit).error
                 own = None if part is None or own is None else own + part
         spread = max(abs(v - base) for v in value.values())
         if own is not None and total and spread > 1e-9 * abs(total):

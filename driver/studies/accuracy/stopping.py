@@ -105,7 +105,8 @@ def choose(coarse: Mesh, reference: Tractions, error: float) -> tuple[float, int
 
 def compare(folder: Path, row: int, loading: str) -> dict:
     """One row of the table."""
-    coarse, fine = (Mesh(folder / "export", loading, ROWS[row], cells) for cells in (CELLS // 2, CELLS))
+    coarse, fine = (Mesh(folder / "export", loading,
+                    ROWS[row], cells) for cells in (CELLS // 2, CELLS))
     coarse_reference, reference = (mesh.run(**RULES["reference"]) for mesh in (coarse, fine))
     error = reference.distance(coarse_reference)
     rtol, spent = choose(coarse, coarse_reference, error)
@@ -128,7 +129,8 @@ def run_stopping(pairs: dict[str, str], out: Path) -> list[Path]:
     only(pairs, ("rows",), "PART=stopping")
     words = pairs.get("rows", "1,2,3,4").split(",")
     if not set(words) <= set(map(str, ROWS)):
-        raise InputError(f"ROWS expects numbers out of {', '.join(map(str, ROWS))}, not '{pairs['rows']}'")
+        raise InputError(
+            f"ROWS expects numbers out of {', '.join(map(str, ROWS))}, not '{pairs['rows']}'")
     table = []
     with tempfile.TemporaryDirectory(prefix=".stopping.", dir=out) as folder:
         for row in map(int, words):

@@ -64,7 +64,8 @@ class Study:
 
     def __init__(self, pairs: dict[str, str], out: Path):
         self.effort = EFFORTS[choice(pairs, "effort", tuple(EFFORTS), "full")]
-        self.repeats = count("repeats", pairs.get("repeats", str(self.effort.repeats)), "a whole number", 1)
+        self.repeats = count("repeats", pairs.get(
+            "repeats", str(self.effort.repeats)), "a whole number", 1)
         self.out = out
         self.scene = freefem.find_scene(pairs["scene"])
         self.given = {name: value for name, value in pairs.items() if name not in OWN}
@@ -76,7 +77,8 @@ class Study:
         self.parameters, self.units, self.element = manifest.parameters, manifest.units, manifest.element
         self.mesh_name = mesh_knob(manifest.parameters)
         self.fixed_point = manifest.effects["friction"].startswith("coulomb")
-        self.rubbing = manifest.effects["friction"] != "none"  # else the end does not depend on the steps
+        # else the end does not depend on the steps
+        self.rubbing = manifest.effects["friction"] != "none"
         self.steps = manifest.steps if manifest.effects["time"] == "quasistatic" else None
         self.unknowns = 2 * manifest.nodes  # every vertex but those of interfaces counts once
         self.meshes = self._meshes()
@@ -90,7 +92,8 @@ class Study:
         if self.mesh_name is None:
             return []
         finer = math.floor(math.log2(max(self.effort.unknowns / self.unknowns, 1e-9)) / 2)
-        halvings, size = range(finer - self.effort.meshes + 1, finer + 1), self.parameters[self.mesh_name]
+        halvings, size = range(finer - self.effort.meshes + 1, finer + \
+                               1), self.parameters[self.mesh_name]
         if self.mesh_name == "h":
             return [size * 2.0**-k for k in halvings]
         return sorted({max(1, round(size * 2.0**k)) for k in halvings})  # a number of cells
@@ -108,7 +111,8 @@ class Study:
         steps = [max(1, round(f * self.steps)) for f in effort.steps] if self.steps else [None]
         cycles = (1, 2) if self.meshes else ()
         trials += [self._trial("mesh", size[mesh], mesh=mesh) for mesh in self.meshes]
-        trials += [self._trial("quadratic", size[mesh], mesh=mesh, element="P2") for mesh in self.coarser]
+        trials += [self._trial("quadratic", size[mesh], mesh=mesh, element="P2")
+                               for mesh in self.coarser]
         trials += [self._trial("adapt", 0.5**k, mesh=self.start, adapt=k) for k in cycles]
         if self.steps and self.rubbing:
             trials += [self._trial("steps", 1 / n, steps=n) for n in steps]
@@ -163,7 +167,8 @@ class Study:
             if trial.reason:
                 raise InputError(f"the reference run {trial.label} failed: {trial.reason}")
             _report(trial, "", number, total, clock)
-        closed_form = CLOSED_FORMS.get(self.scene.stem) if self.scene.parent == freefem.SCENES else None
+        closed_form = CLOSED_FORMS.get(
+            self.scene.stem) if self.scene.parent == freefem.SCENES else None
         known = references(reference, closed_form, self.element)
         quantity = quantity or most_sensitive(known)
         if quantity not in known:
@@ -195,7 +200,8 @@ def run_sweeps(pairs: dict[str, str]) -> list[Path]:
     from ...figures.accuracy import draw
 
     if "scene" not in pairs:
-        raise InputError("make accuracy SCENE=<name or path to an .edp>; 'make run' lists the scenes")
+        raise InputError(
+            "make accuracy SCENE=<name or path to an .edp>; 'make run' lists the scenes")
     for name in FIXED:
         if name in pairs:
             raise InputError(f"the study sets {name.upper()} itself")

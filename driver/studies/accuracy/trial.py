@@ -67,7 +67,8 @@ class Trial:
         """Whether this is `other`, or another run of its sweep with nothing looser."""
         if self.sweep != "together" or other.sweep != "together":
             return self.sweep == other.sweep and self.value <= other.value
-        mine, theirs = ((bool(trial.setting.adapt), trial.setting.element) for trial in (self, other))
+        mine, theirs = ((bool(trial.setting.adapt), trial.setting.element)
+                        for trial in (self, other))
         return (mine == theirs and self.sizes["primal_dofs"] >= other.sizes["primal_dofs"]
                 and (self.setting.steps or 1) >= (other.setting.steps or 1))
 
