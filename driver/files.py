@@ -1,4 +1,5 @@
-"""Tables and JSON as files that appear whole, written under a hidden name and renamed; and tables read again."""
+"""Tables and JSON as files that appear whole, written under a hidden name and renamed; and tables
+read again."""
 
 import csv
 import json

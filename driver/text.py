@@ -4,8 +4,8 @@
 def aligned(rows: list[list], sides: str = "") -> str:
     """The cells of `rows`, all of one length, as text in columns.
 
-    `sides` has a letter a column, l for cells flush left, r for flush right; by default all but the first
-    are flush right.
+    `sides` has a letter a column, l for cells flush left, r for flush right; by default all but the
+    first are flush right.
     """
     texts = [[str(cell) for cell in row] for row in rows]
     widths = [max(map(len, column)) for column in zip(*texts)]
@@ -26,7 +26,8 @@ def percent(share: float) -> str:
 
 
 def change(value: float | None) -> str:
-    """A relative change: a percentage, or a factor where that is large; a dash where there is none."""
+    """A relative change: a percentage, or a factor where that is large; a dash where there is
+    none."""
     if value is None or value != value:
         return "–"
     if abs(value) < 5e-5:

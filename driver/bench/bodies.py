@@ -1,4 +1,5 @@
-"""Several bodies, most of them held by contact alone: products and times over sizes with H/h kept, and on two ranks."""
+"""Several bodies, most of them held by contact alone: products and times over sizes with H/h kept,
+and on two ranks."""
 
 import shutil
 from pathlib import Path
@@ -10,17 +11,22 @@ from ..scene import freefem
 from .workbench import Workbench, march, on_ranks, timed
 
 PART = "bodies"
-CASES = {  # scene: parameters of every size, four times the subdomains and half the mesh size from one to the next
+# scene: parameters of every size, four times the subdomains and half the mesh size from one to the
+# next
+CASES = {
     "hertz-bodies": [{"subdomains": "12", "h": "0.001"}, {"subdomains": "48", "h": "0.0005"},
                      {"subdomains": "192", "h": "0.00025"}],
     "slope": [{"subdomains": cut} for cut in ("4x2", "8x4", "16x8", "32x16")],
-    "stack": [{"subdomains": "9", "h": "0.1"}, {"subdomains": "36", "h": "0.05"}, {"subdomains": "144", "h": "0.025"}],
-    "joint": [{"subdomains": "8", "h": "0.8"}, {"subdomains": "32", "h": "0.4"}, {"subdomains": "128", "h": "0.2"}]}
+    "stack": [{"subdomains": "9", "h": "0.1"}, {"subdomains": "36", "h": "0.05"},
+              {"subdomains": "144", "h": "0.025"}],
+    "joint": [{"subdomains": "8", "h": "0.8"}, {"subdomains": "32", "h": "0.4"},
+              {"subdomains": "128", "h": "0.2"}]}
 RANKS = (1, 2)
 
 
 def measure(bench: Workbench) -> dict:
-    """Products and seconds of the steps of every scene at every size; the second size on one and two ranks.
+    """Products and seconds of the steps of every scene at every size; the second size on one and
+    two ranks.
 
     Returns lists of dicts by scene: subdomains, products, iterations, steps, seconds.
     """
@@ -28,8 +34,9 @@ def measure(bench: Workbench) -> dict:
     for scene, sizes in CASES.items():
         runs = [_run(bench, scene, parameters) for parameters in sizes]
         growth = runs[-1]["products"] / runs[0]["products"]
-        bench.report.add(PART, f"{scene}: growth of products to {runs[-1]['subdomains']} subdomains", growth, "",
-                         "<= 2")
+        bench.report.add(PART,
+                         f"{scene}: growth of products to {runs[-1]['subdomains']} subdomains",
+                         growth, "", "<= 2")
         _ranks(bench, scene, bench.exports / \
                f"{scene}-{sizes[1]['subdomains']}", runs[1]["products"])
         shutil.rmtree(bench.exports)
@@ -43,8 +50,10 @@ def _run(bench: Workbench, scene: str, parameters: dict) -> dict:
     freefem.export(freefem.find_scene(scene), export, parameters)
     problem = assemble(export, MPI.COMM_SELF)
     history, spent = timed(lambda: march(problem))
-    run = {"subdomains": problem.structure.total, "products": history.counts["dual_multiplications"],
-           "iterations": history.counts["fixed_point_iterations"], "steps": history.steps, "seconds": spent}
+    run = {"subdomains": problem.structure.total,
+           "products": history.counts["dual_multiplications"],
+           "iterations": history.counts["fixed_point_iterations"], "steps": history.steps,
+           "seconds": spent}
     name = f"{scene}, {run['subdomains']} subdomains"
     bench.report.add(PART, f"{name}: products", run["products"], "")
     bench.report.add(PART, f"{name}: fixed-point iterations a step",

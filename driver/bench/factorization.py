@@ -1,4 +1,5 @@
-"""Solver time over one sparse Cholesky factorization and solution of the assembled linear problem by MUMPS."""
+"""Solver time over one sparse Cholesky factorization and solution of the assembled linear problem
+by MUMPS."""
 
 import dataclasses
 
@@ -19,7 +20,8 @@ ORDERINGS = {"AMD": 0, "SCOTCH": 3, "PORD": 4, "METIS": 5}  # MUMPS ICNTL(7)
 
 
 def assembled(structure):
-    """Stiffness (n, n) of the whole body without supported dofs, as CSR, and its loads (patterns, n); no contact."""
+    """Stiffness (n, n) of the whole body without supported dofs, as CSR, and its loads (patterns,
+    n); no contact."""
     size = 2 * (1 + max(int(sub.node_gid.max()) for sub in structure.subdomains))
     free, i, j, values, loads = np.ones(
         size, bool), [], [], [], np.zeros((structure.patterns, size))
@@ -42,7 +44,8 @@ def factorize_and_solve(matrix: PETSc.Mat, right: np.ndarray, ordering: int) -> 
 
     Raises RuntimeError if the solution leaves a residual.
     """
-    b, x = PETSc.Vec().createWithArray(right, comm=PETSc.COMM_SELF), PETSc.Vec().createSeq(len(right))
+    b, x = PETSc.Vec().createWithArray(right,
+                                       comm=PETSc.COMM_SELF), PETSc.Vec().createSeq(len(right))
 
     def once():
         pc = PETSc.PC().create(PETSc.COMM_SELF)
@@ -65,7 +68,8 @@ def factorize_and_solve(matrix: PETSc.Mat, right: np.ndarray, ordering: int) -> 
 
 
 def measure(bench: Workbench) -> dict:
-    """Both loadings against the factorization, taken in turn on one core; median seconds for the picture."""
+    """Both loadings against the factorization, taken in turn on one core; median seconds for the
+    picture."""
     problem = bench.problem(SUBDOMAINS)
     K, loads = assembled(problem.structure)
     matrix = petsc_matrix(K)
@@ -80,7 +84,8 @@ def measure(bench: Workbench) -> dict:
 
     times = in_turn({"set-up": lambda: seconds(lambda: _set_up(problem, Settings(**settings))),
                      **{loading: lambda loading=loading: steps(loading) for loading in LOADINGS},
-                     "MUMPS": lambda: factorize_and_solve(matrix, loads[0], ORDERINGS[best])}, REPEATS)
+                     "MUMPS": lambda: factorize_and_solve(matrix, loads[0], ORDERINGS[best])},
+                    REPEATS)
     matrix.destroy()
     for name, values in times.items():
         note = f" ({best} ordering, {K.shape[0]} unknowns)" if name == "MUMPS" else ""
@@ -98,7 +103,8 @@ def measure(bench: Workbench) -> dict:
 
 
 def _set_up(problem, settings: Settings) -> None:
-    """Substructuring, reduction, norm, preconditioner and contact block anew from the subdomains as read."""
+    """Substructuring, reduction, norm, preconditioner and contact block anew from the subdomains as
+    read."""
     comm = problem.operator.comm
     structure = build(problem.manifest, problem.structure.subdomains, 0, comm)
     dataclasses.replace(problem, structure=structure,

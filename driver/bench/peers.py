@@ -20,7 +20,8 @@ AGREE = 0.01  # of the largest nodal force
 
 def installed() -> bool:
     """Is GetFEM's Python interface there?"""
-    return subprocess.run([sys.executable, "-c", "import getfem"], capture_output=True).returncode == 0
+    return subprocess.run([sys.executable, "-c", "import getfem"],
+                          capture_output=True).returncode == 0
 
 
 def measure(bench: Workbench, large: bool = False) -> dict:
@@ -40,7 +41,8 @@ def measure(bench: Workbench, large: bool = False) -> dict:
         script = str(Path(__file__).with_name("getfem_model.py"))
         commands = {
             "driver": driver("run", "SCENE=model", f"LOADING={LOADING}", f"SUBDOMAINS={subdomains}",
-                             f"STEPS={STEPS}", f"OUT={ours}", "ERRORS=no", "FIELDS=no", "FIGURES=no", "QUIET=yes"),
+                             f"STEPS={STEPS}", f"OUT={ours}", "ERRORS=no", "FIELDS=no",
+                             "FIGURES=no", "QUIET=yes"),
             "GetFEM": [sys.executable, script, str(mesh), str(theirs), str(STEPS), LOADING]}
         times = in_turn({name: lambda command=command: child(command)[0] for name, command in commands.items()},
                         REPEATS if cells < 80 else 1)
@@ -52,10 +54,10 @@ def measure(bench: Workbench, large: bool = False) -> dict:
         for name, values in times.items():
             report.add(PART, f"{name}, h = 1/{cells}, {STEPS} steps", values, "s")
             measured[name].append(median(values))
-        report.add(PART, f"largest difference of nodal contact forces, h = 1/{cells}", difference, "",
-                   f"<= {AGREE}")
-        report.add(PART, f"GetFEM over driver, h = 1/{cells}", ratios(times["GetFEM"], times["driver"]), "",
-                   f">= {target}" if target else "")
+        report.add(PART, f"largest difference of nodal contact forces, h = 1/{cells}", difference,
+                   "", f"<= {AGREE}")
+        report.add(PART, f"GetFEM over driver, h = 1/{cells}",
+                   ratios(times["GetFEM"], times["driver"]), "", f">= {target}" if target else "")
     return measured
 
 

@@ -1,11 +1,12 @@
-"""Products with F in 20 steps beside the slides' table, and the share of every ingredient by leaving it out."""
+"""Products with F in 20 steps beside the slides' table, and the share of every ingredient by
+leaving it out."""
 
 from ..studies.table import LOADINGS, ROWS, SLIDES, method_settings
 from .workbench import Workbench, march
 
 PART = "products"
-LEFT_OUT = {"predictor": "previous", "inner_rtol": 1e-9, "preconditioner": "dirichlet", "expansion": "cg",
-            "corrector": "none"}
+LEFT_OUT = {"predictor": "previous", "inner_rtol": 1e-9, "preconditioner": "dirichlet",
+            "expansion": "cg", "corrector": "none"}
 ABLATED = (1, 3)  # rows of the table
 
 
@@ -27,13 +28,15 @@ def measure(bench: Workbench) -> dict:
             for name, value in LEFT_OUT.items():
                 history = march(bench.problem(subdomains, loading), **{**default, name: value})
                 values.append(history.counts["dual_multiplications"] / counts[loading][-1])
-                report.add(PART, f"{name}={value}, {subdomains}, {loading}: products over the default's",
+                report.add(PART,
+                           f"{name}={value}, {subdomains}, {loading}: products over the default's",
                            values[-1], "")
         if row != max(ROWS):
             bench.forget(subdomains)
     for loading in LOADINGS:
         report.add(PART, f"growth of products from 8 to 2048 subdomains, {loading}",
                    counts[loading][-1] / counts[loading][0], "", "<= 1.5")
-    return {"subdomains": [SLIDES[1][0] * 4 ** (row - 1) for row in ROWS], "counts": counts, "shares": shares,
+    return {"subdomains": [SLIDES[1][0] * 4 ** (row - 1) for row in ROWS], "counts": counts,
+            "shares": shares,
             "slides": {loading: [SLIDES[row][5 + k] for row in ROWS] for k, loading in enumerate(LOADINGS)},
             "left_out": [f"{name}={value}" for name, value in LEFT_OUT.items()]}

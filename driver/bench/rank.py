@@ -1,4 +1,5 @@
-"""One rank of a timed run:  mpirun python3 -m driver.bench.rank EXPORT OUT.json REPEATS [SETTINGS as JSON]"""
+"""One rank of a timed run:  mpirun python3 -m driver.bench.rank EXPORT OUT.json REPEATS [SETTINGS
+as JSON]"""
 
 import json
 import sys
@@ -50,12 +51,14 @@ def once(directory: Path, settings: dict, comm) -> dict:
     history = march(Problem(manifest, structure, operator), **settings)
     lap("steps")
     bytes_ = operator.message_bytes()
-    return {"seconds": seconds, "counts": history.counts, "subdomains": structure.total, "coarse": structure.coarse_dofs,
+    return {"seconds": seconds, "counts": history.counts, "subdomains": structure.total,
+            "coarse": structure.coarse_dofs,
             "bytes": {name: comm.allreduce(value) for name, value in bytes_.items()}}
 
 
 def main(directory: str, out: str, repeats: str, settings: str = "") -> None:
-    """Repeat the run, with the slides' stopping rules if no settings are given; rank 0 writes all of them."""
+    """Repeat the run, with the slides' stopping rules if no settings are given; rank 0 writes all
+    of them."""
     comm, chosen = MPI.COMM_WORLD, json.loads(settings) if settings else method_settings("default")
     runs = [once(Path(directory), chosen, comm) for _ in range(int(repeats))]
     if comm.rank == 0:

@@ -1,6 +1,7 @@
 """Strong and weak scaling over MPI ranks, and the time of every stage by size.
 
-A model fitted to these times, and its prediction for 100,000 subdomains, is results/reference/scaling.md.
+A model fitted to these times, and its prediction for 100,000 subdomains, is
+results/reference/scaling.md.
 """
 
 import os
@@ -8,12 +9,12 @@ import os
 from .workbench import REPEATS, Workbench, median, on_ranks, ratios
 
 PART = "ranks"
-# subdomains, H/h, target: at 512 equal subdomains and where every rank has more to do, with more of them,
-# larger ones or such that have a matrix each
+# subdomains, H/h, target: at 512 equal subdomains and where every rank has more to do, with more of
+# them, larger ones or such that have a matrix each
 STRONG = (("32x16", 10, ">= 1.7"), ("64x32", 10, ""), ("32x16", 20, ""), ("512", 10, ""))
 WEAK = {1: "8x8", 2: "16x8", 4: "16x16", 8: "32x16"}  # ranks: subdomains, 64 a rank
-SIZES = (("4x2", 10, 1), ("8x4", 10, 1), ("16x8", 10, 1), ("32x16", 10, 1), ("64x32", 10, 1), ("16x8", 5, 1),
-         ("16x8", 20, 1), ("32x16", 10, 2))  # subdomains, H/h, ranks
+SIZES = (("4x2", 10, 1), ("8x4", 10, 1), ("16x8", 10, 1), ("32x16", 10, 1), ("64x32", 10, 1),
+         ("16x8", 5, 1), ("16x8", 20, 1), ("32x16", 10, 2))  # subdomains, H/h, ranks
 STAGES = ("export", "read", "skeleton", "reduction", "product")
 VOLUME = {"rows": "gluing rows", "coarse": "coarse problem", "dot": "a scalar product"}
 

@@ -1,4 +1,5 @@
-"""The product with F against what the machine's dense products and memory allow, measured beside it."""
+"""The product with F against what the machine's dense products and memory allow, measured beside
+it."""
 
 import numpy as np
 
@@ -27,16 +28,17 @@ def gemm() -> float:
 def work(operator) -> dict[str, float]:
     """Flops and bytes that a product with F cannot do without.
 
-    Flops: two a matrix entry and member of F, A and A'. Bytes: a local row is gathered (read, index, write), goes
-    through its dense product (read, write) and is added up (read, index, write); matrices and the coarse
-    factor (entry and index, forward and backward) are read once.
+    Flops: two a matrix entry and member of F, A and A'. Bytes: a local row is gathered (read,
+    index, write), goes through its dense product (read, write) and is added up (read, index,
+    write); matrices and the coarse factor (entry and index, forward and backward) are read once.
     """
     flops = sum(len(c.members) * 2 * (c.F.size + 2 * c.A.size) for c in operator.classes)
     rows = sum(len(c.members) * len(c.F) for c in operator.classes)
     corners = sum(len(c.members) * c.A.shape[1] for c in operator.classes)
     matrices = sum(8 * (c.F.size + 2 * c.A.size) for c in operator.classes)
     coarse = operator.coarse_factor_entries * 2 * (8 + 4)
-    return {"flops": float(flops), "bytes": float((rows + corners) * (6 * 8 + 2 * 4) + matrices + coarse)}
+    return {"flops": float(flops),
+            "bytes": float((rows + corners) * (6 * 8 + 2 * 4) + matrices + coarse)}
 
 
 def measure(bench: Workbench) -> dict:
@@ -58,8 +60,11 @@ def measure(bench: Workbench) -> dict:
         report.add(PART, f"bytes of a product, {subdomains}", needed["bytes"] / 1e6, "MB")
         report.add(PART, f"share of the roofline reached, {label}", ratios(
             bound, times["product"]), "", ">= 0.5")
-        measured[subdomains] = {"bound": float(np.median(bound)), "product": float(np.median(times["product"])), **needed,
-                             "byte": float(np.median(times["byte"])), "flop": float(np.median(times["flop"]))}
-    for key, name, unit in (("flop", "dense product rate", "Gflop/s"), ("byte", "memory bandwidth (triad)", "GB/s")):
+        measured[subdomains] = {"bound": float(np.median(bound)),
+                                "product": float(np.median(times["product"])), **needed,
+                             "byte": float(np.median(times["byte"])),
+                                "flop": float(np.median(times["flop"]))}
+    for key, name, unit in (("flop", "dense product rate", "Gflop/s"),
+                            ("byte", "memory bandwidth (triad)", "GB/s")):
         bench.report.add(PART, name, 1e-9 / measured["64x32"][key], unit)
     return measured

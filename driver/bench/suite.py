@@ -1,4 +1,5 @@
-"""All parts of the benchmark, or those asked for: report.csv and a picture for parts that have one."""
+"""All parts of the benchmark, or those asked for: report.csv and a picture for parts that have
+one."""
 
 import time
 from pathlib import Path
@@ -17,8 +18,8 @@ OPTIONS = ("parts", "large", "out")
 def run_bench(pairs: dict[str, str]) -> list[Path]:
     """Measure and write; the paths of report and pictures.
 
-    Options: parts (names, comma between), large (yes: GetFEM at h = 1/160 and 1/320 too, half an hour), out.
-    Raises InputError for others.
+    Options: parts (names, comma between), large (yes: GetFEM at h = 1/160 and 1/320 too, half an
+    hour), out. Raises InputError for others.
     """
     only(pairs, OPTIONS, "the benchmark")
     chosen = pairs.get("parts", ",".join(PARTS)).split(",")
@@ -33,7 +34,8 @@ def run_bench(pairs: dict[str, str]) -> list[Path]:
 
 
 def _measure(chosen: list[str], large: bool, folder: Path) -> list[Path]:
-    """Measure the parts `chosen`, write report.csv after each, and draw what each leaves in <part>.json."""
+    """Measure the parts `chosen`, write report.csv after each, and draw what each leaves in
+    <part>.json."""
     from ..figures.bench import draw_part
     from . import bodies, factorization, peers, products, ranks, roofline, stages, studies, tao
     from .workbench import Workbench
@@ -43,7 +45,8 @@ def _measure(chosen: list[str], large: bool, folder: Path) -> list[Path]:
     bench, paths, start = Workbench(folder), [folder / "report.csv"], time.perf_counter()
     try:
         for k, name in enumerate(chosen, 1):
-            print(f"[{k}/{len(chosen)}] {name}, {time.perf_counter() - start:.0f} s so far", flush=True)
+            print(f"[{k}/{len(chosen)}] {name}, {time.perf_counter() - start:.0f} s so far",
+                  flush=True)
             options = (large,) if name == "getfem" else ()
             measured = parts[name].measure(bench, *options)
             bench.report.write(folder / "report.csv")

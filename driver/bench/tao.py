@@ -1,4 +1,5 @@
-"""PETSc's bound-constrained solvers (TAO) on one QP of the model example: products with F until the same tolerance."""
+"""PETSc's bound-constrained solvers (TAO) on one QP of the model example: products with F until the
+same tolerance."""
 
 import numpy as np
 from petsc4py import PETSc
@@ -21,7 +22,8 @@ class Limit(Exception):
 
 
 def problem_of(bench: Workbench, subdomains: str):
-    """Operator, d, bounds of the QP at t = 0.25 with the friction bounds of its solution: mixed contact states."""
+    """Operator, d, bounds of the QP at t = 0.25 with the friction bounds of its solution: mixed
+    contact states."""
     problem = bench.problem(subdomains, LOADINGS[1])
     solver = problem.solver(Settings())
     step = next(step for step in solver.steps() if step.index == 5 or solver.history.exit_status)
@@ -33,18 +35,22 @@ def ours(operator, d, bounds, solver) -> int:
     """Products of MPRGP from zero, the estimate of the norm included."""
     before, tol = operator.products, RTOL * np.linalg.norm(d)
     bound, _ = norm_bound(operator.apply, operator.owned, dot=operator.dot)
-    result = mprgp(operator.apply, d, *bounds, np.clip(np.zeros_like(d), *bounds), tol=tol, norm_bound=bound,
+    result = mprgp(operator.apply, d, *bounds, np.clip(np.zeros_like(d), *bounds), tol=tol,
+                   norm_bound=bound,
                    preconditioner=solver.qp.preconditioner, dot=operator.dot, expansion="cg",
-                   relax=lambda y, gradient: solver.qp.relaxation(y, gradient, bounds, 0.5 * tol)[0])
+                   relax=lambda y, gradient: solver.qp.relaxation(y, gradient, bounds,
+                                                                  0.5 * tol)[0])
     if result.status != "converged":
         raise RuntimeError(f"MPRGP ended with {result.status}")
     return operator.products - before
 
 
 def theirs(name: str, operator, d, bounds, bound: float) -> tuple[int, bool]:
-    """Products of a TAO solver from zero until the projected gradient is small, and whether it got there.
+    """Products of a TAO solver from zero until the projected gradient is small, and whether it got
+    there.
 
-    TAO's tolerances and first steps are absolute: the problem is scaled to a norm of F and of d of one.
+    TAO's tolerances and first steps are absolute: the problem is scaled to a norm of F and of d of
+    one.
     """
     size, before, length = len(d), operator.products, np.linalg.norm(d)
     unit, right = length / bound, d / length

@@ -24,7 +24,8 @@ REPEATS = 3
 
 @dataclasses.dataclass
 class Row:
-    """A measured value, its target (such as "<= 3"; empty: none) and the spread (largest - smallest) / median."""
+    """A measured value, its target (such as "<= 3"; empty: none) and the spread (largest -
+    smallest) / median."""
 
     part: str
     name: str
@@ -42,7 +43,8 @@ class Report:
         self.rows: list[Row] = []
 
     def add(self, part: str, name: str, values, unit: str, target: str = "") -> float:
-        """Add the median of `values` (or one number) with `target` "<= number" or ">= number"; returns it."""
+        """Add the median of `values` (or one number) with `target` "<= number" or ">= number";
+        returns it."""
         values = np.atleast_1d(values).astype(float)
         value, met, spread = float(np.median(values)), "", ""
         if target:
@@ -64,7 +66,8 @@ class Report:
     def write(self, path: Path) -> None:
         """report.csv under a temporary name, renamed."""
         write_rows(path, [field.name for field in dataclasses.fields(Row)],
-                   [[f"{v:.6g}" if isinstance(v, float) else v for v in dataclasses.astuple(row)] for row in self.rows])
+                   [[f"{v:.6g}" if isinstance(v,
+                                              float) else v for v in dataclasses.astuple(row)] for row in self.rows])
 
 
 class Workbench:
@@ -78,7 +81,8 @@ class Workbench:
         self.export_seconds = {}
 
     def export(self, subdomains: str, cells: int = 10, ranks: int = 1) -> Path:
-        """Directory of the export of the model example under the monotone loading, timed when it is made."""
+        """Directory of the export of the model example under the monotone loading, timed when it is
+        made."""
         key = (subdomains, cells, ranks)
         directory = self.exports / f"{subdomains}-{cells}-{ranks}"
         if key not in self.export_seconds:
@@ -89,7 +93,8 @@ class Workbench:
         return directory
 
     def problem(self, subdomains: str, loading: str = "monotone", cells: int = 10):
-        """The Problem of a size under a loading, with its own count of products; operators are kept by size."""
+        """The Problem of a size under a loading, with its own count of products; operators are kept
+        by size."""
         key = (subdomains, cells)
         if key not in self._problems:
             self._problems[key] = self.assemble(subdomains, cells)
@@ -110,8 +115,8 @@ class Workbench:
     def _loadings(self, subdomains: str, cells: int) -> dict:
         directory = self.exports / f"{subdomains}-{cells}-loadings"
         parameters = {"subdomains": subdomains, "cells": str(cells)}
-        manifests = freefem.export_study(freefem.find_scene("model"), directory, parameters, "loading",
-                                         list(LOADINGS))
+        manifests = freefem.export_study(freefem.find_scene("model"), directory, parameters,
+                                         "loading", list(LOADINGS))
         return dict(zip(LOADINGS, manifests))
 
     def forget(self, subdomains: str, cells: int = 10) -> None:
@@ -124,7 +129,8 @@ class Workbench:
 
 
 def march(problem, **settings):
-    """Go through all steps; the history. Raises RuntimeError if it does not converge: a benchmark must."""
+    """Go through all steps; the history. Raises RuntimeError if it does not converge: a benchmark
+    must."""
     solver = problem.solver(Settings(**settings))
     deque(solver.steps(), maxlen=0)
     if solver.history.exit_status:
@@ -163,13 +169,16 @@ def ratios(over: list[float], under: list[float]) -> list[float]:
 
 
 def child(command: list[str]) -> tuple[float, float]:
-    """Run a process: its wall seconds and peak memory in MiB. Raises RuntimeError with its last words if it fails."""
+    """Run a process: its wall seconds and peak memory in MiB. Raises RuntimeError with its last
+    words if it fails."""
     env = {**environment.child_environment(), "PYTHONPATH": environment.python_path()}
-    # options of `make bench` are not the child's; compiled modules are kept, as those of installed packages are
+    # options of `make bench` are not the child's; compiled modules are kept, as those of installed
+    # packages are
     for name in ("MAKEFLAGS", "MAKEOVERRIDES", "MFLAGS", "MAKELEVEL", "PYTHONDONTWRITEBYTECODE"):
         env.pop(name, None)
     clock = time.perf_counter()
-    with subprocess.Popen(command, env=env, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+    with subprocess.Popen(command, env=env, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+                          stderr=subprocess.STDOUT,
                           text=True, errors="replace", cwd=environment.ROOT) as process:
         words = process.stdout.read()
         _, status, usage = os.wait4(process.pid, 0)
@@ -180,7 +189,8 @@ def child(command: list[str]) -> tuple[float, float]:
     return wall, usage.ru_maxrss / 1024
 
 
-def on_ranks(bench: Workbench, export: Path, ranks: int, repeats: int, *settings: str) -> list[dict]:
+def on_ranks(bench: Workbench, export: Path, ranks: int, repeats: int,
+             *settings: str) -> list[dict]:
     """What rank.py measures on an export, `repeats` times in one start of the ranks."""
     out = bench.folder / ".runs.json"
     command = [sys.executable, "-m", "driver.bench.rank",

@@ -16,7 +16,8 @@ from .style import BLUE, GREEN, INK, ORANGE, PURPLE, RED, SKY, canvas, header, w
 
 SWEEPS = {  # sweep: its name in the legend, colour, marker and the symbol of what is varied
     "mesh": ("uniform meshes", BLUE, "o", "$h$"), "quadratic": ("uniform, P2", SKY, "h", "$h$"),
-    "adapt": ("adaptive meshes", GREEN, "^", ""), "steps": ("time steps", ORANGE, "s", "$\\Delta t$"),
+    "adapt": ("adaptive meshes", GREEN, "^", ""),
+          "steps": ("time steps", ORANGE, "s", "$\\Delta t$"),
     "friction_rtol": ("fixed point", PURPLE, "D", "tol"), "rtol": ("MPRGP", RED, "v", "tol"),
     "together": ("together", "#888888", ".", "")}
 LEAST = 1e-9  # smaller errors are drawn there
@@ -24,7 +25,8 @@ LEAST = 1e-9  # smaller errors are drawn there
 
 @dataclass
 class Point:
-    """A run as the picture needs it; errors are relative, NaN where the sweep has none of its own."""
+    """A run as the picture needs it; errors are relative, NaN where the sweep has none of its
+    own."""
 
     sweep: str
     value: float
@@ -50,7 +52,8 @@ def points(table: list[dict], quantity: str) -> list[Point]:
 
 
 def exponent(x: list[float], errors: list[float], span: float) -> float | None:
-    """Least-squares exponent of error over x; None for less than three runs or if x spans less than `span`."""
+    """Least-squares exponent of error over x; None for less than three runs or if x spans less than
+    `span`."""
     good = [(math.log(a), math.log(e)) for a, e in zip(x, errors) if e > LEAST]
     if len(good) < 3 or np.ptp([a for a, _ in good]) < math.log(span):
         return None
@@ -80,7 +83,8 @@ def compose(runs: list[Point], reference: dict) -> Figure:
 
 
 def _fill(figure: Figure, runs: list[Point], front: list[Point], reference: dict) -> None:
-    """Left the error against the reference, right each sweep's own part; below, the settings of the front."""
+    """Left the error against the reference, right each sweep's own part; below, the settings of the
+    front."""
     grid = figure.add_gridspec(2, 1, height_ratios=[9.2, 0.42 * len(front) + 0.6])
     top = grid[0].subgridspec(2, 2, height_ratios=[9, 1])
     total = figure.add_subplot(top[0, 0])
@@ -89,9 +93,10 @@ def _fill(figure: Figure, runs: list[Point], front: list[Point], reference: dict
     handles = _errors(total, runs, front, limit)
     slopes = figure.add_subplot(top[1, :])
     slopes.axis("off")
-    slopes.legend(*_own(own, runs), title="powers of seconds s, and of size $h$, step $\\Delta t$, tolerance",
-                  loc="center", ncols=5, fontsize=7, title_fontsize=7, frameon=False, columnspacing=1.2,
-                  handlelength=1.5)
+    slopes.legend(*_own(own, runs),
+                  title="powers of seconds s, and of size $h$, step $\\Delta t$, tolerance",
+                  loc="center", ncols=5, fontsize=7, title_fontsize=7, frameon=False,
+                  columnspacing=1.2, handlelength=1.5)
     total.set(ylabel=f"relative error of the {quantity}", title="all errors, against the reference")
     own.set(title="the sweep's own part")
     for axes in (total, own):
@@ -117,11 +122,11 @@ def _errors(axes, runs: list[Point], front: list[Point], limit: float) -> list:
             line = "" if sweep == "together" else "-"
             _curve(axes, own, [p.error for p in own], colour, marker, line)
             handles.append(Line2D([], [], color=colour, marker=marker, ls=line, label=label))
-    axes.plot([p.seconds for p in front], [p.trusted for p in front], "o", ls=":", lw=0.8, color=INK,
-              mfc="none", ms=8, mew=0.8, zorder=5)
+    axes.plot([p.seconds for p in front], [p.trusted for p in front], "o", ls=":", lw=0.8,
+              color=INK, mfc="none", ms=8, mew=0.8, zorder=5)
     for number, p in enumerate(front, 1):
-        axes.annotate(str(number), (p.seconds, p.trusted), xytext=(-8, -8), textcoords="offset points",
-                      fontsize=7, ha="center", va="center", zorder=6)
+        axes.annotate(str(number), (p.seconds, p.trusted), xytext=(-8, -8),
+                      textcoords="offset points", fontsize=7, ha="center", va="center", zorder=6)
     handles.append(Line2D([], [], color=INK, marker="o", mfc="none",
                    ms=7, lw=0.8, ls=":", label="Pareto front"))
     axes.axhspan(LEAST / 10, limit, color="0.9", zorder=0)
@@ -151,16 +156,16 @@ def _own(axes, runs: list[Point]) -> tuple[list, list]:
 def _curve(axes, runs: list[Point], errors: list[float], colour, marker, line, label=None) -> None:
     """Errors over seconds, with bars from the shortest to the longest repetition."""
     spread = [[p.seconds - p.least for p in runs], [p.most - p.seconds for p in runs]]
-    axes.errorbar([p.seconds for p in runs], [max(e, LEAST) for e in errors], xerr=spread, color=colour,
-                  marker=marker, ls=line, lw=1, ms=4, elinewidth=0.6, label=label)
+    axes.errorbar([p.seconds for p in runs], [max(e, LEAST) for e in errors], xerr=spread,
+                  color=colour, marker=marker, ls=line, lw=1, ms=4, elinewidth=0.6, label=label)
 
 
 def _settings(axes, front: list[Point]) -> None:
     """The front's settings by number."""
     axes.axis("off")
     axes.set(xlim=(0, 1), ylim=(len(front) + 0.5, -0.5))
-    for x, text, side in ((0.055, "Pareto front", "left"), (0.3, "seconds", "right"), (0.4, "error", "right"),
-                          (0.43, "setting", "left")):
+    for x, text, side in ((0.055, "Pareto front", "left"), (0.3, "seconds", "right"),
+                          (0.4, "error", "right"), (0.43, "setting", "left")):
         axes.text(x, 0, text, fontsize=7, ha=side, va="center", weight="bold")
     for number, p in enumerate(front, 1):
         axes.text(0.045, number, f"{number}", fontsize=7, ha="right", va="center")

@@ -17,7 +17,8 @@ def draw(report: Path) -> list[Path]:
 
 
 def draw_part(folder: Path, part: str) -> list[Path]:
-    """Draw one part from ``<folder>/<part>.json``; returns the files written, none without that file."""
+    """Draw one part from ``<folder>/<part>.json``; returns the files written, none without that
+    file."""
     data = folder / f"{part}.json"
     if not data.exists():
         return []
@@ -31,8 +32,8 @@ def products(figure: Figure, measured: dict) -> None:
     over, bars = figure.subplots(1, 2)
     for (loading, counts), colour in zip(measured["counts"].items(), (BLUE, ORANGE)):
         over.loglog(measured["subdomains"], counts, "o-", color=colour, label=f"ours, {loading}")
-        over.loglog(measured["subdomains"], np.divide(measured["slides"][loading], 10), "--", color=colour,
-                    label="a tenth of the slides'")
+        over.loglog(measured["subdomains"], np.divide(measured["slides"][loading], 10), "--",
+                    color=colour, label="a tenth of the slides'")
     over.set(xlabel="subdomains", ylabel="products with $F$ in 20 steps")
     over.legend(**SMALL)
     ingredients = measured["left_out"]
@@ -79,7 +80,8 @@ def getfem(figure: Figure, measured: dict) -> None:
 def tao(figure: Figure, measured: dict) -> None:
     """Products of every solver, a group of bars a size."""
     axes, solvers = figure.subplots(), measured["solvers"]
-    for k, (colour, (subdomains, counts)) in enumerate(zip((BLUE, ORANGE, GREEN), measured["products"].items())):
+    for k, (colour, (subdomains, counts)) in enumerate(zip((BLUE, ORANGE, GREEN),
+                                                           measured["products"].items())):
         axes.bar(np.arange(len(solvers)) + 0.27 * (k - 1), counts, 0.25, color=colour,
                  label=f"{subdomains} subdomains")
     axes.set_xticks(range(len(solvers)), [name.upper() for name in solvers])
@@ -97,8 +99,8 @@ def roofline(figure: Figure, measured: dict) -> None:
                 label="dense products and memory, one after the other")
     axes.loglog(intensity, rate / 2e9, "--", color="0.6", label="half of it")
     for (subdomains, case), colour in zip(measured.items(), (BLUE, ORANGE)):
-        axes.loglog(case["flops"] / case["bytes"], case["flops"] / case["product"] / 1e9, "o", color=colour,
-                    label=f"product with $F$, {subdomains} subdomains")
+        axes.loglog(case["flops"] / case["bytes"], case["flops"] / case["product"] / 1e9, "o",
+                    color=colour, label=f"product with $F$, {subdomains} subdomains")
     axes.set(xlabel="flops per byte", ylabel="Gflop/s on one core")
     axes.legend(**SMALL)
 
@@ -111,7 +113,8 @@ def ranks(figure: Figure, measured: dict) -> None:
     volume.set(xlabel="ranks, 64 subdomains each", ylabel="kB received per rank and product")
     volume.set_xticks(measured["ranks"])
     volume.legend(**SMALL)
-    for (stage, seconds), colour in zip(measured["stages"].items(), (BLUE, ORANGE, GREEN, INK, "#D55E00")):
+    for (stage, seconds), colour in zip(measured["stages"].items(),
+                                        (BLUE, ORANGE, GREEN, INK, "#D55E00")):
         stages.loglog(measured["subdomains"], seconds, "o-", color=colour, lw=1, label=stage)
     stages.set(xlabel="subdomains, $H/h = 10$", ylabel="seconds on one rank")
     stages.legend(**SMALL)

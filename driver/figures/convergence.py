@@ -19,7 +19,8 @@ KINDS = {"start": (INK, "D", 3.2), "cg": (BLUE, "o", 1.7), "expansion": (ORANGE,
 
 
 def thin_out(table: dict) -> tuple[dict, int]:
-    """Every k-th row and all start rows, with the smallest k that leaves about POINTS others; and k."""
+    """Every k-th row and all start rows, with the smallest k that leaves about POINTS others; and
+    k."""
     every = max(1, math.ceil(len(table["product"]) / POINTS))
     keep = (np.arange(len(table["product"])) % every == 0) | (table["kind"] == "start")
     return select(table, keep), every
@@ -53,8 +54,8 @@ def convergence(figure: Figure, run: Run) -> None:
     for kind, (colour, marker, size) in KINDS.items():
         own, total = thin["kind"] == kind, np.count_nonzero(table["kind"] == kind)
         if total:
-            axes.plot(thin["product"][own], thin["residual"][own], ls="none", marker=marker, ms=grown * size, mew=0,
-                      color=colour, zorder=3 if kind == "start" else 2)
+            axes.plot(thin["product"][own], thin["residual"][own], ls="none", marker=marker,
+                      ms=grown * size, mew=0, color=colour, zorder=3 if kind == "start" else 2)
             handles.append(Line2D([], [], ls="none", marker=marker, ms=4, mew=0, color=colour,
                                   label=f"{kind} ({total:,})".replace(",", "\u2009")))
     axes.set(xlabel="dual multiplications, cumulative", ylabel="relative projected gradient [–]")

@@ -12,8 +12,8 @@ from .history import history, loading
 from .reading import Run, read_run
 from .style import canvas, write
 
-FILES = ("geometry", "loading", "deformed", "contact_normal", "contact_tangential", "contact_status",
-         "convergence", "history", "adaptivity")
+FILES = ("geometry", "loading", "deformed", "contact_normal", "contact_tangential",
+         "contact_status", "convergence", "history", "adaptivity")
 
 
 def wanted(run: Run) -> dict:
@@ -43,8 +43,8 @@ def compose(name: str, run: Run) -> Figure:
 def draw_run(directory: Path) -> list[Path]:
     """Draw all figures of a run directory into its folder ``figures``; returns the files written.
 
-    Figures of an earlier run that this one has nothing to show for are removed. Raises InputError if the
-    directory holds no run.
+    Figures of an earlier run that this one has nothing to show for are removed. Raises InputError
+    if the directory holds no run.
     """
     directory = Path(directory)
     run = read_run(directory)

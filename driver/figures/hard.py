@@ -1,4 +1,5 @@
-"""Pictures of the hard cases' report.csv: a table in colours, case by case, and products along sweeps."""
+"""Pictures of the hard cases' report.csv: a table in colours, case by case, and products along
+sweeps."""
 
 import textwrap
 from pathlib import Path
@@ -18,31 +19,36 @@ COLUMNS = ("status", *RESIDUALS[:-1], "comple-\nmentarity", "error\n/ allowed", 
            "condition\nof $MF$", "seconds")
 PALE = {"good": "#CFE8DD", "near": "#F8E3B4",
     "bad": "#F2B8A0", "refused": "#CFE0EE", "none": "#FFFFFF"}
-KEY = {"good": "as it must be", "near": "over half of what is allowed", "refused": "refused as it must be",
-       "bad": "failed"}
-CELL, LINE, NAME = 1.35, 0.4, 8.2  # centimetres: width of a cell, height of a line, width of the names
+KEY = {"good": "as it must be", "near": "over half of what is allowed",
+       "refused": "refused as it must be", "bad": "failed"}
+# centimetres: width of a cell, height of a line, width of the names
+CELL, LINE, NAME = 1.35, 0.4, 8.2
 
 
 def draw(table: Path) -> list[Path]:
-    """Draw report.csv: report and, if a sweep has several places, sweeps; returns the files written."""
+    """Draw report.csv: report and, if a sweep has several places, sweeps; returns the files
+    written."""
     rows = [{**row, **{name: float(row[name] or "nan") for name in NUMBERS}}
                                    for row in read_rows(table)]
     lines = _lines(rows)
     width, height = NAME + CELL * len(COLUMNS), LINE * len(lines) + 2.0
-    paths = write(canvas(lambda figure: _table(figure, lines, width, height), height, width, "none"),
+    paths = write(canvas(lambda figure: _table(figure, lines, width, height), height, width,
+                         "none"),
                   table.parent, "report")
     names = [name for name in dict.fromkeys(row["sweep"] for row in rows if row["sweep"])
              if len({row["place"] for row in rows if row["sweep"] == name}) > 1]
     if names:
         across = min(3, len(names))
         down = -(-len(names) // across)
-        paths += write(canvas(lambda figure: _sweeps(figure, rows, names, down, across), 5 * down, WIDTH),
+        paths += write(canvas(lambda figure: _sweeps(figure, rows, names, down, across), 5 * down,
+                              WIDTH),
                        table.parent, "sweeps")
     return paths
 
 
 def _lines(rows: list[dict]) -> list[tuple[str, list[dict]]]:
-    """Lines of the table: the name of a family without rows, then each of its cases with those of its sizes."""
+    """Lines of the table: the name of a family without rows, then each of its cases with those of
+    its sizes."""
     families: dict[str, dict] = {}
     for row in rows:
         families.setdefault(row["family"], {}).setdefault(row["case"], []).append(row)

@@ -31,7 +31,8 @@ def loading(figure: Figure, run: Run) -> None:
 
 
 def history(figure: Figure, run: Run) -> None:
-    """Resultant contact forces over time and, with Coulomb friction, fixed-point iterations per step."""
+    """Resultant contact forces over time and, with Coulomb friction, fixed-point iterations per
+    step."""
     table = run.history
     forces = {"resultant_n": ("normal", RED, "o"), "resultant_t": ("tangential", BLUE, "s")}
     if not run.friction:
@@ -41,8 +42,8 @@ def history(figure: Figure, run: Run) -> None:
     scale = force_scale(run, np.concatenate([table[n] for n in forces]))
     handles = []
     for name, (word, colour, marker) in forces.items():
-        handles += panels[0].plot(table["time"], table[name] * scale.factor, marker=marker, ms=3, color=colour,
-                                  label=f"{word} resultant")
+        handles += panels[0].plot(table["time"], table[name] * scale.factor, marker=marker, ms=3,
+                                  color=colour, label=f"{word} resultant")
     panels[0].axhline(0, color="0.45", lw=0.5, zorder=1)
     panels[0].set_ylabel(f"contact force [{scale.label}]")
     if run.fixed_point:

@@ -1,4 +1,5 @@
-"""Picture of `make accuracy PART=locking`: errors over the mesh size, a column a Poisson's ratio."""
+"""Picture of `make accuracy PART=locking`: errors over the mesh size, a column a Poisson's
+ratio."""
 
 from pathlib import Path
 
@@ -25,8 +26,8 @@ def _fill(figure: Figure, table: dict) -> None:
         for panel, quantity in zip(column, ("strain", "pressure")):
             for element, (colour, marker) in LOOK.items():
                 own = (table["element"] == element) & (table["poisson"] == poisson)
-                panel.loglog(table["h"][own], table[quantity][own], color=colour, marker=marker, ms=4,
-                             label=element)
+                panel.loglog(table["h"][own], table[quantity][own], color=colour, marker=marker,
+                             ms=4, label=element)
             h = np.unique(table["h"])[::-1]
             panel.loglog(h, 0.003 * (h / h[0]) ** 2, color=INK, lw=0.8, ls=":", label="$h^2$")
         column[0].set_title(rf"$\nu = {poisson:g}$")

@@ -17,9 +17,11 @@ QUARTERS = [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]
 
 @dataclass
 class Mesh:
-    """Torn mesh of one step: points (n, 2), triangles (m, 3), displacement (n, 2), von Mises stress (m,).
+    """Torn mesh of one step: points (n, 2), triangles (m, 3), displacement (n, 2), von Mises stress
+    (m,).
 
-    Of quadratic elements, vertices `corners` (e, 3), the triangles are the four that the middles of their sides make.
+    Of quadratic elements, vertices `corners` (e, 3), the triangles are the four that the middles of
+    their sides make.
     """
 
     time: float
@@ -30,7 +32,8 @@ class Mesh:
     corners: np.ndarray
 
     def rim(self):
-        """Edges (e, 2) of the subdomain boundaries and, for each, the corner of its triangle inside."""
+        """Edges (e, 2) of the subdomain boundaries and, for each, the corner of its triangle
+        inside."""
         i, j, k = self.triangles.T
         pairs = np.concatenate([np.column_stack(c) for c in ((i, j), (j, k), (k, i))])
         keys = np.sort(pairs, axis=1) @ [len(self.xy), 1]
@@ -41,7 +44,8 @@ class Mesh:
 
 @dataclass
 class Run:
-    """All that the figures are drawn from. Tables are dicts of columns; what a run lacks is None."""
+    """All that the figures are drawn from. Tables are dicts of columns; what a run lacks is
+    None."""
 
     summary: dict
     history: dict
@@ -49,7 +53,8 @@ class Run:
     convergence: dict | None
     boundary: dict | None
     first: Mesh | None
-    last: Mesh | None  # at the time of the quantities: the end or, where contact is lost by then, its peak
+    # at the time of the quantities: the end or, where contact is lost by then, its peak
+    last: Mesh | None
     adaptivity: dict | None = None
 
     @property
@@ -80,8 +85,8 @@ def read_mesh(path: Path, time: float) -> Mesh:
     nodes, mises = data.cells_dict[kind].astype(
         np.int64), data.cell_data_dict["von_mises"][kind].ravel()
     parts = QUARTERS if kind == "triangle6" else [[0, 1, 2]]
-    return Mesh(time, data.points[:, :2], nodes[:, parts].reshape(-1, 3), data.point_data["displacement"][:, :2],
-                np.repeat(mises, len(parts)), nodes[:, :3])
+    return Mesh(time, data.points[:, :2], nodes[:, parts].reshape(-1, 3),
+                data.point_data["displacement"][:, :2], np.repeat(mises, len(parts)), nodes[:, :3])
 
 
 def read_run(directory: Path) -> Run:
@@ -99,7 +104,8 @@ def read_run(directory: Path) -> Run:
             nearest = min(sets, key=lambda one: abs(one[0] - told))
             first, last = (read_mesh(path, time) for time, path in (min(sets), nearest))
     tables = {n: read_table(directory / f"{n}.csv")
-                            for n in ("history", "contact", "convergence", "boundary", "adaptivity")}
+                            for n in ("history", "contact", "convergence", "boundary",
+                                      "adaptivity")}
     return Run(summary, first=first, last=last, **tables)
 
 
@@ -109,14 +115,16 @@ def select(table: dict, rows) -> dict:
 
 
 def contact_boundaries(contact: dict) -> list[tuple[int, dict]]:
-    """(label, rows sorted by step and arc) of every contact boundary; one unnamed boundary is label 0."""
+    """(label, rows sorted by step and arc) of every contact boundary; one unnamed boundary is label
+    0."""
     label = contact.get("boundary", np.zeros(len(contact["step"])))
     order = np.lexsort((contact["arc"], contact["step"]))
     return [(int(b), select(contact, order[label[order] == b])) for b in np.unique(label)]
 
 
 def segment_ends(arc: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """The n+1 ends of the dual segments of n nodes: midpoints inside, the segments' lengths at both ends."""
+    """The n+1 ends of the dual segments of n nodes: midpoints inside, the segments' lengths at both
+    ends."""
     if len(arc) == 1:
         return arc[0] + weight[0] * np.array([-0.5, 0.5])
     middle = (arc[1:] + arc[:-1]) / 2

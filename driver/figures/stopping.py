@@ -1,4 +1,5 @@
-"""Picture of `make accuracy PART=stopping`: products and changes of the tractions, a column a loading."""
+"""Picture of `make accuracy PART=stopping`: products and changes of the tractions, a column a
+loading."""
 
 from pathlib import Path
 
@@ -33,6 +34,7 @@ def _fill(figure: Figure, table: dict) -> None:
         below.minorticks_off()
     panels[0, 0].set_ylabel("products with $F$")
     panels[1, 0].set_ylabel("relative change\nof contact tractions")
-    for row, names in ((0, 3), (1, 1)):  # sharey: room for the legend above the curves of all columns
+    # sharey: room for the legend above the curves of all columns
+    for row, names in ((0, 3), (1, 1)):
         panels[row, 0].set_ylim(top=6 * panels[row, 0].get_ylim()[1])
         panels[row, 0].legend(loc="upper left", ncols=names, columnspacing=1.0, handlelength=1.5)

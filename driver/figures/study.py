@@ -1,4 +1,5 @@
-"""Picture of a parameter study: resultants, pressure, zones and energy over the values, at the last step."""
+"""Picture of a parameter study: resultants, pressure, zones and energy over the values, at the last
+step."""
 
 import json
 from pathlib import Path
@@ -14,14 +15,16 @@ from .style import BLUE, GREEN, ORANGE, canvas, write
 
 
 def draw(directory: Path) -> list[Path]:
-    """Draw study.csv into ``<directory>/figures``; returns the files written, none if no value converged."""
+    """Draw study.csv into ``<directory>/figures``; returns the files written, none if no value
+    converged."""
     summary, table = json.loads((directory / "summary.json").read_text()
                                 ), read_table(directory / "study.csv")
     table = select(table, table["converged"] == "yes")
     if not len(table["converged"]):
         return []
     (directory / "figures").mkdir(exist_ok=True)
-    return write(canvas(lambda figure: _fill(figure, summary, table), 12), directory / "figures", "study")
+    return write(canvas(lambda figure: _fill(figure, summary, table), 12), directory / "figures",
+                 "study")
 
 
 def _fill(figure: Figure, summary: dict, table: dict) -> None:
@@ -38,8 +41,10 @@ def _fill(figure: Figure, summary: dict, table: dict) -> None:
 
     length, stress = summary["units"]["length"], summary["units"]["stress"]
     forces, peak, zones, energy = figure.subplots(2, 2, sharex=True).ravel()
-    plot(forces, "contact force", f"{stress}·{length}", {"pressing, $-R_n$": (-table["resultant_n"], BLUE),
-                                                         "friction, $R_t$": (table["resultant_t"], ORANGE)})
+    plot(forces, "contact force", f"{stress}·{length}",
+         {"pressing, $-R_n$": (-table["resultant_n"], BLUE),
+                                                         "friction, $R_t$": (table["resultant_t"],
+                                                                             ORANGE)})
     plot(peak, "largest pressure", stress, {"": (table["peak_pressure"], BLUE)})
     plot(zones, "contact nodes", "", {zone: (table[f"nodes_{zone}"], colour) for zone, colour in
                                       (("stick", GREEN), ("slip", ORANGE), ("open", BLUE))})

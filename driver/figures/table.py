@@ -1,4 +1,5 @@
-"""Picture of the slides' table: products with F over the number of subdomains, ours beside theirs."""
+"""Picture of the slides' table: products with F over the number of subdomains, ours beside
+theirs."""
 
 from pathlib import Path
 

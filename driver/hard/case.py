@@ -1,4 +1,5 @@
-"""What a hard case is, and how one is run: as a user would run it, in a process of its own with a time limit."""
+"""What a hard case is, and how one is run: as a user would run it, in a process of its own with a
+time limit."""
 
 import functools
 import json
@@ -15,14 +16,16 @@ from pathlib import Path
 from .. import environment
 from ..files import read_table
 
-# every run of the suite unless a case says otherwise: tight enough that errors are the method's, not the user's
+# every run of the suite unless a case says otherwise: tight enough that errors are the method's,
+# not the user's
 TIGHT = {"RTOL": "1e-10", "FRICTION_RTOL": "1e-8", "PRIMAL_RTOL": "1e-6"}
 KKT = 1e-6  # the largest KKT residual allowed at these tolerances: that of PRIMAL_RTOL
 
 
 @dataclass
 class Outcome:
-    """How a run ended and what it left; `contact` and `history` are columns, those of contact (steps, nodes)."""
+    """How a run ended and what it left; `contact` and `history` are columns, those of contact
+    (steps, nodes)."""
 
     status: int  # exit status; -1: killed at the time limit
     message: str  # last line on the error channel
@@ -47,12 +50,13 @@ class Check:
 class Case:
     """One hard case at two or more sizes.
 
-    `scene` (a name such as hard/block) is run with `options`, those of one of the `sizes`, and TIGHT where they do
-    not say otherwise. With `status` 0 it must be solved: KKT residuals below `kkt`, every one of `checks` within
-    its tolerance, no more than `ratio` times the products of the same run with the options of `easy`, and
-    `warning` (a regular expression) among the warnings. With another status it must be refused with that one and
-    a reason that `reason` (a regular expression) finds. `sweep` names a series and the case's place in it.
-    `perform` runs it where a plain run will not do: (case, size, directory) -> Outcome.
+    `scene` (a name such as hard/block) is run with `options`, those of one of the `sizes`, and
+    TIGHT where they do not say otherwise. With `status` 0 it must be solved: KKT residuals below
+    `kkt`, every one of `checks` within its tolerance, no more than `ratio` times the products of
+    the same run with the options of `easy`, and `warning` (a regular expression) among the
+    warnings. With another status it must be refused with that one and a reason that `reason` (a
+    regular expression) finds. `sweep` names a series and the case's place in it. `perform` runs it
+    where a plain run will not do: (case, size, directory) -> Outcome.
     """
 
     name: str
@@ -75,8 +79,8 @@ class Case:
 
     def arguments(self, size: dict) -> dict[str, str]:
         """All options of the run at one size, as text."""
-        given = {**TIGHT, "FIELDS": "no", "FIGURES": "no", "QUIET": "yes", "RESUME": "no", "ERRORS": "no",
-                 **self.options, **size}
+        given = {**TIGHT, "FIELDS": "no", "FIGURES": "no", "QUIET": "yes", "RESUME": "no",
+                 "ERRORS": "no", **self.options, **size}
         return {name: str(value) for name, value in given.items()}
 
 
@@ -93,7 +97,8 @@ def run_scene(case: Case, size: dict, directory: Path) -> Outcome:
 
 
 def reference(case: Case, size: dict, options: dict) -> Outcome:
-    """The same run with other options, made once a process and size. ValueError if it does not end well."""
+    """The same run with other options, made once a process and size. ValueError if it does not end
+    well."""
     given = replace(case, options={**case.options, **options})
     return _reference((given.scene, *sorted(given.arguments(size).items())), given.seconds)
 
@@ -109,7 +114,8 @@ def _reference(run: tuple, limit: float) -> Outcome:
     return outcome
 
 
-def run_command(words: list[str], directory: Path, limit: float, prefix: list[str] = (), **changes) -> Outcome:
+def run_command(words: list[str], directory: Path, limit: float, prefix: list[str] = (),
+                **changes) -> Outcome:
     """One call of the command line whose results go to `directory`; killed after `limit` seconds.
 
     `prefix` is a command that runs it, `changes` are environment variables to set.
@@ -118,8 +124,9 @@ def run_command(words: list[str], directory: Path, limit: float, prefix: list[st
         shutil.rmtree(earlier, ignore_errors=True)
     env = {**os.environ, "PYTHONPATH": environment.python_path(), **changes}
     clock = time.perf_counter()
-    with subprocess.Popen([*prefix, sys.executable, "-m", "driver", *words], cwd=environment.ROOT, env=env, text=True,
-                          stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as child:
+    with subprocess.Popen([*prefix, sys.executable, "-m", "driver", *words], cwd=environment.ROOT,
+                          env=env, text=True, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
+                          stderr=subprocess.PIPE) as child:
         try:
             _, errors = child.communicate(timeout=limit)
             status = child.returncode

@@ -1,4 +1,5 @@
-"""Environment: disks, programs, exports and processes that fail; one line says so, and nothing is lost."""
+"""Environment: disks, programs, exports and processes that fail; one line says so, and nothing is
+lost."""
 
 import contextlib
 import json
@@ -24,12 +25,13 @@ def _command(case: Case, size: dict, directory: Path) -> list[str]:
     return ["run", *(f"{name}={value}" for name, value in options.items())]
 
 
-# ---- what surrounds the run ------------------------------------------------------------------------
+# ---- what surrounds the run ----------------------------------------------------------------------
 
 def mounted(how: str, instead: str):
     """A run whose results go to a file system of its own, mounted with the options `how`.
 
-    Where a user may not mount, `instead` is a shell command that has the same effect as nearly as can be.
+    Where a user may not mount, `instead` is a shell command that has the same effect as nearly as
+    can be.
     """
     def perform(case, size, directory):
         directory.parent.mkdir(parents=True, exist_ok=True)
@@ -39,7 +41,8 @@ def mounted(how: str, instead: str):
             allowed = subprocess.run([*own, mount], stderr=subprocess.DEVNULL).returncode == 0
             prefix = [*own, f'{mount} && exec "$@"', "sh"] if allowed else [
                 "sh", "-c", f'cd {shlex.quote(place)} && {instead} && cd / && exec "$@"', "sh"]
-            return run_command(_command(case, size, Path(place) / "out"), directory, case.seconds, prefix)
+            return run_command(_command(case, size, Path(place) / "out"), directory, case.seconds,
+                               prefix)
 
     return perform
 
@@ -61,7 +64,8 @@ def without(*programs: str):
 
 
 def freefem(script: str):
-    """A run with a shell script in FreeFEM's place; `$freefem` is the real program, `$export` the directory it fills."""
+    """A run with a shell script in FreeFEM's place; `$freefem` is the real program, `$export` the
+    directory it fills."""
     def perform(case, size, directory):
         with tempfile.TemporaryDirectory() as place:
             path = Path(place) / "FreeFem++"
@@ -69,7 +73,8 @@ def freefem(script: str):
                             'for word; do test "$last" = -export && export=$word; last=$word; done\n' + script)
             path.chmod(0o755)
             search = os.pathsep.join([place, os.environ["PATH"]])
-            return run_command(_command(case, size, directory), directory, case.seconds, PATH=search)
+            return run_command(_command(case, size, directory), directory, case.seconds,
+                               PATH=search)
 
     return perform
 
@@ -92,11 +97,14 @@ def edited(case, size, directory):
         scene = Path(place) / "own.edp"
         shutil.copy(ROOT / "edp" / f"{case.scene}.edp", scene)
         given = Case(case.name, case.family, str(scene), case.options)
-        return freefem(f'"$freefem" "$@"; echo "// more" >> {shlex.quote(str(scene))}\n')(given, size, directory)
+        return freefem(f'"$freefem" "$@"; echo "// more" >> {shlex.quote(str(scene))}\n')(given,
+                                                                                          size,
+                                                                                          directory)
 
 
 def spoiled(spoil):
-    """The solver alone, on an export that `spoil`(directory of the export) has changed since it was sealed."""
+    """The solver alone, on an export that `spoil`(directory of the export) has changed since it was
+    sealed."""
     def perform(case, size, directory):
         from ..scene.freefem import export, find_scene
         from ..scene.seal import read
@@ -108,7 +116,8 @@ def spoiled(spoil):
             parameters = {name.lower(): value for name, value in case.arguments(
                 size).items() if name not in own}
             export(find_scene(case.scene), work / "export", parameters)
-            request = {"scene": "block", "settings": {}, "fields": False, "errors": "no", "quiet": True, "seconds": {},
+            request = {"scene": "block", "settings": {}, "fields": False, "errors": "no",
+                       "quiet": True, "seconds": {},
                        "fingerprint": {"scene or parameters": read(work / "export").content}}
             (work / "request.json").write_text(json.dumps(request))
             spoil(work / "export")
@@ -134,17 +143,20 @@ def _cut(export: Path) -> None:
     (export / "block-0.bin").write_bytes(content[: len(content) // 2])
 
 
-# ---- interruptions ---------------------------------------------------------------------------------
+# ---- interruptions -------------------------------------------------------------------------------
 
 def stopped(number: signal.Signals, rank: bool = False):
-    """A run hit by a signal as soon as it has a checkpoint, itself or one of its ranks, and then made again."""
+    """A run hit by a signal as soon as it has a checkpoint, itself or one of its ranks, and then
+    made again."""
     def perform(case, size, directory):
         words = [word for word in _command(case, size, directory) if word != "RESUME=no"]
         env = {**os.environ, "PYTHONPATH": python_path()}
         directory.parent.mkdir(parents=True, exist_ok=True)
-        with subprocess.Popen([sys.executable, "-m", "driver", *words], cwd=ROOT, env=env, stdin=subprocess.DEVNULL,
+        with subprocess.Popen([sys.executable, "-m", "driver", *words], cwd=ROOT, env=env,
+                              stdin=subprocess.DEVNULL,
                               stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-                              preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler)) as child:
+                              preexec_fn=lambda: signal.signal(signal.SIGINT,
+                                                               signal.default_int_handler)) as child:
             limit = time.monotonic() + case.seconds
             while child.poll() is None and not list(directory.parent.glob(f".{directory.name}.*/{NAME}")):
                 if time.monotonic() > limit:
@@ -186,14 +198,16 @@ def undisturbed(case: Case, size: dict, outcome: Outcome) -> Check:
 
 
 def _refused(name: str, perform, reason: str, fast: bool = False, **options) -> Case:
-    return Case(name, "environment", SCENE, options, status=2, reason=reason, perform=perform, fast=fast)
+    return Case(name, "environment", SCENE, options, status=2, reason=reason, perform=perform,
+                fast=fast)
 
 
 CASES = [
     _refused("disk full while FreeFEM writes", mounted("size=24k", "ulimit -f 20"),
              "No space left|File too large|signal 25",
              fast=True),
-    _refused("disk full while results are written", mounted("size=1m", "ulimit -f 100"), "No space left.*goes on after step|"
+    _refused("disk full while results are written", mounted("size=1m", "ulimit -f 100"),
+             "No space left.*goes on after step|"
              "File too large|signal 25", FIELDS="yes", STEPS=40, CELLS=2),
     _refused("results on a read-only disk", mounted("ro", ": > out && mkdir .out"),
              "cannot write results.*Read-only|is no directory",
@@ -212,9 +226,10 @@ CASES = [
     _refused("FreeFEM writes nothing", freefem("exit 0\n"), "manifest.json is missing"),
     _refused("FreeFEM loses a block", freefem(
         '"$freefem" "$@"; rm "$export/block-0.bin"\n'), "block-0.bin is missing"),
-    _refused("FreeFEM writes half a block", freefem('"$freefem" "$@"; truncate -s 4000 "$export/block-0.bin"\n'),
-             "is truncated"),
-    _refused("FreeFEM writes half a manifest", freefem('"$freefem" "$@"; truncate -s 400 "$export/manifest.json"\n'),
+    _refused("FreeFEM writes half a block",
+             freefem('"$freefem" "$@"; truncate -s 4000 "$export/block-0.bin"\n'), "is truncated"),
+    _refused("FreeFEM writes half a manifest",
+             freefem('"$freefem" "$@"; truncate -s 400 "$export/manifest.json"\n'),
              "manifest.json is not readable"),
     _refused("scene edited while FreeFEM runs", edited, "stale", fast=True),
     _refused("export with a flipped bit", spoiled(_flip),
@@ -224,8 +239,8 @@ CASES = [
         export / "seal.json").unlink()), "seal.json is missing"),
     Case("interrupted", "environment", SCENE, {"STEPS": 40}, checks=(
         undisturbed,), perform=stopped(signal.SIGINT)),
-    Case("driver killed", "environment", SCENE, {"STEPS": 40}, checks=(undisturbed,), perform=stopped(signal.SIGKILL),
-         fast=True),
+    Case("driver killed", "environment", SCENE, {"STEPS": 40}, checks=(undisturbed,),
+         perform=stopped(signal.SIGKILL), fast=True),
     Case("a rank killed", "environment", SCENE, {"STEPS": 20, "NP": 2}, checks=(undisturbed,),
          perform=stopped(signal.SIGKILL, rank=True)),
 ]

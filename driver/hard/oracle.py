@@ -1,10 +1,12 @@
-"""Dense, slow and certain solvers that tests and the hard cases compare with.  Each checks its own answer."""
+"""Dense, slow and certain solvers that tests and the hard cases compare with.  Each checks its own
+answer."""
 
 import numpy as np
 
 
 class OracleFailure(AssertionError):
-    """The oracle's own answer does not pass its check: it says nothing about the answer compared with it."""
+    """The oracle's own answer does not pass its check: it says nothing about the answer compared
+    with it."""
 
 
 def _require(condition, what: str) -> None:
@@ -81,7 +83,8 @@ def assert_kkt(A, b, lower, upper, x, scale):
 # ------------------------------------------------------------------- the assembled (untorn) problem
 
 class Assembled:
-    """The untorn body: stiffness by vertex number, its supports, and the compliance of its contact nodes.
+    """The untorn body: stiffness by vertex number, its supports, and the compliance of its contact
+    nodes.
 
     Knows nothing of corners, gluing or dual rows. Free dofs only; dof 2 gid + component.
     """
@@ -92,7 +95,8 @@ class Assembled:
 
         size = 2 * manifest.nodes
         keys = [2 * sub.node_gid[sub.dof_node] + sub.dof_component for sub in subdomains]
-        self.K = sum(coo_matrix((sub.values, (k[sub.rows], k[sub.columns])), shape=(size, size)).tocsc()
+        self.K = sum(coo_matrix((sub.values, (k[sub.rows], k[sub.columns])),
+                                shape=(size, size)).tocsc()
                      for sub, k in zip(subdomains, keys))
         self.loads = np.zeros((len(manifest.patterns), size))
         self.held = np.zeros_like(self.loads)
@@ -115,7 +119,8 @@ class Assembled:
         self._collect_contact(subdomains)
 
     def _free_motions(self, place) -> np.ndarray:
-        """(2 vertices, modes): rigid motions that the supports leave to the bodies; `place` by dof."""
+        """(2 vertices, modes): rigid motions that the supports leave to the bodies; `place` by
+        dof."""
         from scipy.linalg import null_space
         from scipy.sparse.csgraph import connected_components
 
@@ -142,7 +147,8 @@ class Assembled:
             if sub.contact is None:
                 continue
             c = sub.contact
-            for vertex, label, w, n, gap, F in zip(c.node, c.label, c.weight, c.normal, c.gap, c.friction):
+            for vertex, label, w, n, gap, F in zip(c.node, c.label, c.weight, c.normal, c.gap,
+                                                   c.friction):
                 key = (int(label), int(sub.node_gid[vertex]))
                 parts.setdefault(key, []).append((w, *(w * n), w * gap, w * F, *sub.xy[vertex]))
         free = set(self.free.tolist())
@@ -161,19 +167,23 @@ class Assembled:
             len(self.gid))  # node, vertex, weight in what meets
 
     def meet(self, contact) -> None:
-        """Conditions of a ContactBoundary in place of the body's own: where bodies meet, rows are mortar jumps.
+        """Conditions of a ContactBoundary in place of the body's own: where bodies meet, rows are
+        mortar jumps.
 
-        The weights of the jumps are then the driver's; stiffness and solution stay independent of it.
+        The weights of the jumps are then the driver's; stiffness and solution stay independent of
+        it.
         """
         for name in ("gid", "label", "xy", "weight", "gap", "friction", "normal", "tangent"):
             setattr(self, name, getattr(contact, name))
         self.terms = contact.term_node, contact.term_gid, contact.term_value
 
     def solve(self, weights, forces=None):
-        """Displacements (2 vertices,) under sum_k weights_k pattern_k plus nodal `forces`, up to the free `motions`."""
+        """Displacements (2 vertices,) under sum_k weights_k pattern_k plus nodal `forces`, up to
+        the free `motions`."""
         u = np.asarray(weights) @ self.held
         right = np.asarray(weights) @ self.loads + (0 if forces is None else forces) - self.K @ u
-        u[self.free] = self._factor.solve(np.append(right[self.free], np.zeros(self.motions.shape[1])))[
+        u[self.free] = self._factor.solve(np.append(right[self.free],
+                                                    np.zeros(self.motions.shape[1])))[
                                           : len(self.free)]
         return u
 
@@ -188,7 +198,8 @@ class Assembled:
         return B
 
     def compliance(self):
-        """C (2 n_c, 2 n_c): displacements n.u, t.u of the contact nodes under unit nodal forces there."""
+        """C (2 n_c, 2 n_c): displacements n.u, t.u of the contact nodes under unit nodal forces
+        there."""
         _require(self.motions.shape[1] == 0,
                  "undefined: a body that no support holds has no compliance")
         B = self.B[:, self.free]
@@ -224,8 +235,9 @@ def warm_box_qp(A, b, lower, upper, guess):
 def coulomb_step(C, d, friction, start):
     """Multipliers (normal, then tangential) of one time step with local Coulomb friction.
 
-    Successive approximations of the friction bound to rounding around dense QPs; checks the conditions of
-    contact and friction of the answer. OracleFailure if the iteration does not settle.
+    Successive approximations of the friction bound to rounding around dense QPs; checks the
+    conditions of contact and friction of the answer. OracleFailure if the iteration does not
+    settle.
     """
     n = len(friction)
     x, rounding = start, max(1e-13, np.finfo(float).eps * np.linalg.cond(C)
@@ -245,7 +257,8 @@ def coulomb_step(C, d, friction, start):
 
 
 def _assert_coulomb(C, d, friction, x, slack):
-    """Signorini's and Coulomb's conditions at every node, to the relative rounding `slack` of the dense solves."""
+    """Signorini's and Coulomb's conditions at every node, to the relative rounding `slack` of the
+    dense solves."""
     n, move = len(friction), d - C @ x
     size, force = slack * np.abs(d).max(), np.abs(x).max()
     bound = friction * x[:n]
@@ -258,9 +271,11 @@ def _assert_coulomb(C, d, friction, x, slack):
 
 
 def coulomb_history(body: Assembled, amplitudes):
-    """Tractions and displacements of the contact nodes, dict of (steps, n_c): u_n, u_t, sigma_n, sigma_t.
+    """Tractions and displacements of the contact nodes, dict of (steps, n_c): u_n, u_t, sigma_n,
+    sigma_t.
 
-    `amplitudes` (steps + 1, patterns). Stick refers to the tangential displacement of the step before.
+    `amplitudes` (steps + 1, patterns). Stick refers to the tangential displacement of the step
+    before.
     """
     C, B, n = body.compliance(), body.B, len(body.gid)
     unit = np.array([B @ body.solve(w) for w in np.eye(len(body.loads))])
@@ -271,6 +286,7 @@ def coulomb_history(body: Assembled, amplitudes):
         x = coulomb_step(C, loaded - np.concatenate([body.gap, u_t]), body.friction, x)
         moved = loaded - C @ x
         u_t = moved[n:]
-        for name, value in zip(history, (moved[:n], u_t, -x[:n] / body.weight, -x[n:] / body.weight)):
+        for name, value in zip(history,
+                               (moved[:n], u_t, -x[:n] / body.weight, -x[n:] / body.weight)):
             history[name].append(value)
     return {name: np.array(value) for name, value in history.items()}

@@ -19,8 +19,8 @@ from .case import Case, Outcome, reference, run_case
 from .oracle import OracleFailure
 from .report import Row, line, write
 
-FAMILIES = ("material", "geometry", "contact", "friction", "scale", "support", "bodies", "element", "algorithm",
-            "environment")
+FAMILIES = ("material", "geometry", "contact", "friction", "scale", "support", "bodies", "element",
+            "algorithm", "environment")
 OPTIONS = ("family", "case", "fast", "jobs", "out")
 
 
@@ -33,8 +33,9 @@ def cases(family: str | None = None) -> list[Case]:
 def run_suite(pairs: dict[str, str]) -> list[Path]:
     """Run the cases asked for; the paths of report and pictures.
 
-    Options: family, case (part of a name), fast (yes: the first size of the cases in the default tests), jobs
-    (cases at a time), out. Raises InputError for others, and DriverError if a case ends in neither of the two ways.
+    Options: family, case (part of a name), fast (yes: the first size of the cases in the default
+    tests), jobs (cases at a time), out. Raises InputError for others, and DriverError if a case
+    ends in neither of the two ways.
     """
     chosen, folder, jobs = _chosen(pairs)
     folder.mkdir(parents=True, exist_ok=True)
@@ -47,7 +48,8 @@ def run_suite(pairs: dict[str, str]) -> list[Path]:
             for task in tasks:
                 rows.append(task.result())
                 print(line(rows[-1]), flush=True)
-        except BaseException:  # an interrupt: what runs is ended by it too, what waits must not begin
+        # an interrupt: what runs is ended by it too, what waits must not begin
+        except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
     shutil.rmtree(folder / "runs", ignore_errors=True)
@@ -93,14 +95,14 @@ def judge(case: Case, size: dict, folder: Path) -> Row:
     """Run a case at one size and judge how it ended; never raises for what a case does."""
     outcome = run_case(case, size, folder / _folder_name(case, size))
     expected = "solved" if case.status == 0 else f"refused (exit {case.status})"
-    row = Row(case.family, case.name, " ".join(f"{n}={v}" for n, v in size.items()), expected, "FAILED",
-              outcome.status, outcome.message, seconds=round(outcome.seconds, 2))
+    row = Row(case.family, case.name, " ".join(f"{n}={v}" for n, v in size.items()), expected,
+              "FAILED", outcome.status, outcome.message, seconds=round(outcome.seconds, 2))
     row.sweep, row.place = case.sweep or ("", np.nan)
     if outcome.crashed or outcome.status != case.status:
         return row
     if case.status:
-        # results before an iteration limit, or a step without solution, are kept, marked as not converged;
-        # else nothing remains
+        # results before an iteration limit, or a step without solution, are kept, marked as not
+        # converged; else nothing remains
         marked = outcome.summary.get("converged") is False
         proper = marked if case.status == 4 else marked and case.status == 3 or not outcome.directory.exists()
         if re.search(case.reason, outcome.message) and proper:
@@ -134,7 +136,8 @@ def _judge_solved(case: Case, size: dict, outcome: Outcome, row: Row) -> str:
     wrong += [f"{c.error:.1e} off {c.oracle}" for c in checks if not c.error <= c.tolerance]
     if not checks:
         wrong.append("the case names no oracle")
-    if case.warning and not any(re.search(case.warning, warning) for warning in summary["warnings"]):
+    if case.warning and not any(re.search(case.warning,
+                                          warning) for warning in summary["warnings"]):
         wrong.append(f"no warning of '{case.warning}'")
     if case.easy is not None:
         easy = reference(case, size, case.easy).summary["counts"]["dual_multiplications"]

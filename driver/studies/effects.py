@@ -2,9 +2,9 @@
 
     python3 -m driver effects SCENE=bracket [SUBDOMAINS=] [STEPS=] [NP=] [OUT=results/effects] [...]
 
-The scene runs as declared and with each effect taken out in turn. A variant is the scene's own text without the
-macros that declare the effect; it runs in a process of its own, so that its memory is its own. Leaves
-``<scene>.csv``, ``<scene>-tractions.csv`` and a picture.
+The scene runs as declared and with each effect taken out in turn. A variant is the scene's own text
+without the macros that declare the effect; it runs in a process of its own, so that its memory is
+its own. Leaves ``<scene>.csv``, ``<scene>-tractions.csv`` and a picture.
 """
 
 import json
@@ -23,7 +23,8 @@ from ..scene import freefem
 from ..text import aligned, change, words
 
 FRICTION = r"friction|tresca|slipFactor|displacementFactor|slipRange"
-# taken out one after the other: name and the macros that declare it; no macro of a scene may be in the way
+# taken out one after the other: name and the macros that declare it; no macro of a scene may be in
+# the way
 EFFECTS = {
     "friction": FRICTION,
     "slip dependence": "slipFactor|displacementFactor|slipRange",
@@ -41,27 +42,29 @@ NAMES = {"lift-off": "adhesion (bilateral)"}
 DRIVES = r"(load|displacement)(\d)"
 
 # at the end of the run
-RESPONSE = ("peak_normal", "peak_tangential", "resultant_n", "resultant_t", "contact_length", "largest_slip",
-            "dissipated", "max_displacement")
+RESPONSE = ("peak_normal", "peak_tangential", "resultant_n", "resultant_t", "contact_length",
+            "largest_slip", "dissipated", "max_displacement")
 COST = ("primal_dofs", "dual_gluing", "dual_normal", "dual_tangential", "coarse_dofs", "steps",
         "fixed_point_iterations", "dual_multiplications", "dual_multiplications_setup")
 STAGES = ("export", "read", "setup", "solve", "output", "total")
-COLUMNS = ("without", "status", "reason", *RESPONSE, *(f"{name}_change" for name in RESPONSE), *COST,
-           *(f"seconds_{name}" for name in STAGES), "memory_mib")
+COLUMNS = ("without", "status", "reason", *RESPONSE, *(f"{name}_change" for name in RESPONSE),
+           *COST, *(f"seconds_{name}" for name in STAGES), "memory_mib")
 TRACTIONS = ("variant", "boundary", "step", "arc", "weight",
              "sigma_n", "sigma_t", "length_unit", "stress_unit")
 
-# strings and comments first, so that nothing inside them is taken for a declaration; a macro ends at its //
+# strings and comments first, so that nothing inside them is taken for a declaration; a macro ends
+# at its //
 TOKEN = re.compile(
     r'\binclude\s*"(?P<include>[^"\n]*)"|(?P<string>"[^"\n]*")|/\*.*?\*/'
     r"|\bmacro\s+(?P<macro>\w+).*?(?://[^\n]*|\Z)|\bNewMacro\s+(?P<new>\w+).*?\bEndMacro\b"
     r"|\bquasistatic\s*\((?P<end>(?:[^()]|\((?:[^()]|\([^()]*\))*\))*)\)|//[^\n]*", re.S)
 
 
-# ---- the scene's text --------------------------------------------------------------------------------
+# ---- the scene's text ----------------------------------------------------------------------------
 
 def declared(text: str) -> list[str]:
-    """Names of the macros that a scene's text defines, in order, and ``quasistatic`` if it calls that."""
+    """Names of the macros that a scene's text defines, in order, and ``quasistatic`` if it calls
+    that."""
     return [match["macro"] or match["new"] or "quasistatic" for match in TOKEN.finditer(text)
             if match["macro"] or match["new"] or match["end"] is not None]
 
@@ -76,7 +79,8 @@ def without(text: str, macros: str) -> str:
 
 
 def static(text: str) -> str:
-    """The text with ``quasistatic(T)`` replaced by its end time: one step under the final amplitudes."""
+    """The text with ``quasistatic(T)`` replaced by its end time: one step under the final
+    amplitudes."""
     return TOKEN.sub(lambda match: f"timeEnd = {match['end']}" if match["end"] is not None else match[0], text)
 
 
@@ -92,7 +96,8 @@ def held(text: str, number: str) -> str:
 
 
 def self_contained(scene: Path) -> str:
-    """The scene's text with includes that hold declarations put in place and paths of its files made absolute."""
+    """The scene's text with includes that hold declarations put in place and paths of its files
+    made absolute."""
     def resolve(match):
         if match["include"]:
             for folder in (scene.parent, environment.LIBRARY):
@@ -115,7 +120,8 @@ def variants(text: str) -> dict[str, str]:
     """Name of every declared effect and the scene's text without it."""
     names = declared(text)
     has = lambda pattern: [name for name in names if re.fullmatch(pattern, name)]
-    found = {NAMES.get(effect, effect): without(text, pattern) for effect, pattern in EFFECTS.items()
+    found = {NAMES.get(effect, effect): without(text,
+                                                pattern) for effect, pattern in EFFECTS.items()
              if has(pattern.split("|" + FRICTION)[0])}
     drives = has(DRIVES) + has(r"(bodyForce|pointLoad)\d")
     if len(drives) > 1:
@@ -129,7 +135,7 @@ def variants(text: str) -> dict[str, str]:
     return found
 
 
-# ---- runs --------------------------------------------------------------------------------------------
+# ---- runs ----------------------------------------------------------------------------------------
 
 @dataclass
 class Variant:
@@ -152,14 +158,14 @@ def run_variant(name: str, text: str, scene: Path, pairs: dict[str, str], folder
     place = folder / re.sub(r"\W+", "-", name or "declared")
     place.mkdir()
     (place / scene.name).write_text(text)
-    options = {**pairs, "scene": place / scene.name, "out": place / "out", "figures": "no", "fields": "no",
-               "quiet": "yes", "errors": "no"}
+    options = {**pairs, "scene": place / scene.name, "out": place / "out", "figures": "no",
+               "fields": "no", "quiet": "yes", "errors": "no"}
     if name == "time":
         options.pop("steps", None)
     words = [f"{key.upper()}={value}" for key, value in options.items()]
     env = {**os.environ, "PYTHONPATH": environment.python_path()}
-    done = subprocess.run([sys.executable, "-m", "driver", "run", *words], env=env, stdin=subprocess.DEVNULL,
-                          capture_output=True, text=True)
+    done = subprocess.run([sys.executable, "-m", "driver", "run", *words], env=env,
+                          stdin=subprocess.DEVNULL, capture_output=True, text=True)
     if done.returncode:
         lines = done.stderr.strip().splitlines() or [f"exit status {done.returncode}"]
         reason = lines[-1].removeprefix("error: ").split("; what was found is kept in")[0]
@@ -173,7 +179,8 @@ def read_variant(name: str, out: Path) -> Variant:
                                   ), files.read_table(out / "history.csv")
     row, tractions = dict.fromkeys(RESPONSE, 0.0), []
     row |= {key: abs(float(history[key][-1]))
-            for key in ("resultant_n", "resultant_t", "contact_length", "dissipated", "max_displacement")}
+            for key in ("resultant_n", "resultant_t", "contact_length", "dissipated",
+                        "max_displacement")}
     contact = files.read_table(out / "contact.csv")
     if contact:
         slip = abs(contact["slip"]).reshape(summary["steps"], -1).sum(axis=0)
@@ -195,7 +202,8 @@ def compare(variants: list[Variant]) -> None:
     full = variants[0].row
     for row in (variant.row for variant in variants if variant.row):
         for name in RESPONSE:
-            # what friction leaves at a frictionless contact is rounding: nothing, compared with the pressures
+            # what friction leaves at a frictionless contact is rounding: nothing, compared with the
+            # pressures
             scale = {"resultant_t": "resultant_n", "peak_tangential": "peak_normal"}.get(name, name)
             size = abs(full[name])
             some = size > 1e-9 * abs(full[scale])
@@ -205,8 +213,8 @@ def compare(variants: list[Variant]) -> None:
 def run_effects(pairs: dict[str, str]) -> list[Path]:
     """Run all variants, write the table and draw it; returns the files.
 
-    Raises InputError for options that the study sets itself and for a scene that does not run as declared
-    (DriverError of the run's exit status).
+    Raises InputError for options that the study sets itself and for a scene that does not run as
+    declared (DriverError of the run's exit status).
     """
     from ..figures.effects import draw
 
@@ -236,7 +244,7 @@ def run_effects(pairs: dict[str, str]) -> list[Path]:
     return [table, tractions, *draw(table)]
 
 
-# ---- table -------------------------------------------------------------------------------------------
+# ---- table ---------------------------------------------------------------------------------------
 
 def describe(variants: list[Variant]) -> str:
     """Both tables as text: changes relative to the scene as declared, and costs."""
@@ -245,8 +253,8 @@ def describe(variants: list[Variant]) -> str:
     for variant in solved:
         changes.append([variant.label, *(change(variant.row[f"{name}_change"]) if variant.name
                                          else f"{variant.row[name]:.4g}" for name in RESPONSE)])
-    costs = [["", "primal dofs", "multipliers", "coarse dofs", "products", *(f"{stage} s" for stage in STAGES),
-              "MiB"]]
+    costs = [["", "primal dofs", "multipliers", "coarse dofs", "products",
+              *(f"{stage} s" for stage in STAGES), "MiB"]]
     for variant in solved:
         row = variant.row
         costs.append([variant.label, row["primal_dofs"],

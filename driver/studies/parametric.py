@@ -26,7 +26,8 @@ FIELDS = ("u_n", "u_t", "slip", "sigma_n", "sigma_t", "bound")
 
 
 def run(directory: Path, request: dict, comm) -> tuple[int, str]:
-    """Solve all values on the ranks of `comm` and write the files; exit status and reason. Raises DriverError."""
+    """Solve all values on the ranks of `comm` and write the files; exit status and reason. Raises
+    DriverError."""
     lap = Laps(request["seconds"])
     seconds = lap.seconds
     problem = assemble(directory / "export", comm, lap)
@@ -56,10 +57,12 @@ def run(directory: Path, request: dict, comm) -> tuple[int, str]:
                                     f"{request['study'].upper()}={request['values'][failed[0]]}: "
                                     f"{outcomes[failed[0]].reason}")
     if comm.rank == 0:
-        summary = {"scene": request["scene"], "study": request["study"], "values": len(outcomes), "converged": not failed,
+        summary = {"scene": request["scene"], "study": request["study"], "values": len(outcomes),
+                   "converged": not failed,
                    "reason": reason, "contact_rows": rows, "condensed": condensed,
                    "warnings": [f"{request['study'].upper()}={value}: {line}"
-                                for value, one in zip(request["values"], outcomes) for line in one.warnings],
+                                for value, one in zip(request["values"],
+                                                      outcomes) for line in one.warnings],
                    "counts": {"dual_multiplications": sum(one.row["dual_multiplications"] for one in outcomes)},
                    "seconds": seconds, "ranks": comm.size, "units": manifest.units,
                    "parameters": {**{n: v for n, v in manifest.parameters.items() if n != request["study"]},
@@ -73,8 +76,10 @@ def chain_length(count: int) -> int:
     return min(CHAIN, -(-count // CHAINS))
 
 
-def _outcomes(problem, settings, directory: Path, request: dict, apart: bool, comm) -> list["Outcome"]:
-    """All values in their order; if they are solved `apart` the ranks take chains of values in turn, else all ranks each.
+def _outcomes(problem, settings, directory: Path, request: dict, apart: bool,
+              comm) -> list["Outcome"]:
+    """All values in their order; if they are solved `apart` the ranks take chains of values in
+    turn, else all ranks each.
 
     In a chain a value starts near the one before. Chains do not depend on the number of ranks.
     Collective over `comm`. Raises DriverError.
@@ -109,18 +114,21 @@ def _progress(request: dict, comm, k: int, done: int, total: int) -> None:
 
 
 def _check_same(name: str, base, value) -> None:
-    """Refuse a value whose manifest differs where the stiffness, loads and rows of the export come from."""
-    for part in ("subdomains", "nodes", "effects", "patterns", "contact_labels", "material", "plane"):
+    """Refuse a value whose manifest differs where the stiffness, loads and rows of the export come
+    from."""
+    for part in ("subdomains", "nodes", "effects", "patterns", "contact_labels", "material",
+                 "plane"):
         if getattr(base, part) != getattr(value, part):
             raise InputError(
                 f"a study cannot vary {name.upper()}: it changes the scene's {part.replace('_', ' ')}")
 
 
 def _contact_of(name: str, boundary, data, gid: np.ndarray):
-    """The contact boundary with gap, friction and initial displacement of one value, read as `data` at the nodes `gid`.
+    """The contact boundary with gap, friction and initial displacement of one value, read as `data`
+    at the nodes `gid`.
 
-    Nodes, weights and normals of all values are those of the first (study.idp): that later ones keep them is what
-    freefem.export_study sees to.
+    Nodes, weights and normals of all values are those of the first (study.idp): that later ones
+    keep them is what freefem.export_study sees to.
     """
     span = boundary.gid.max(initial=0) + 1
     known, read = boundary.label * span + boundary.gid, data.label * span + gid
@@ -134,18 +142,21 @@ def _contact_of(name: str, boundary, data, gid: np.ndarray):
     weight, normal = total[:, 0], total[:, 1:3]
     rigid = ~boundary.paired  # between two bodies weight, normal and gap follow from both sides
     if not (np.all(weight > 0) and np.allclose(weight[rigid], boundary.weight[rigid], rtol=1e-9)
-            and np.allclose((normal / np.linalg.norm(normal, axis=1)[:, None])[rigid], boundary.normal[rigid], atol=1e-9)):
+            and np.allclose((normal / np.linalg.norm(normal, axis=1)[:, None])[rigid],
+                            boundary.normal[rigid], atol=1e-9)):
         raise InputError(
             f"a study cannot vary {name.upper()}: it moves or turns the contact boundary")
     gap, friction, initial = (total[:, 3:6] / weight[:, None]).T
     if gap[~rigid].any():
         raise InputError(f"a study cannot vary {name.upper()} in a scene that declares pairGap")
-    return dataclasses.replace(boundary, gap=np.where(rigid, gap, boundary.gap), friction=friction, initial=initial)
+    return dataclasses.replace(boundary, gap=np.where(rigid, gap, boundary.gap), friction=friction,
+                               initial=initial)
 
 
 @dataclasses.dataclass
 class Outcome:
-    """One value: its row of study.csv, those of history.csv, contact fields (n_c,) and status at the last step."""
+    """One value: its row of study.csv, those of history.csv, contact fields (n_c,) and status at
+    the last step."""
 
     status: int
     reason: str
@@ -156,7 +167,8 @@ class Outcome:
 
 
 def _solve(problem, settings, near: np.ndarray | None) -> tuple[Outcome, np.ndarray | None]:
-    """March through the steps of one value; also returns its multipliers of the first step, as `near` are another value's.
+    """March through the steps of one value; also returns its multipliers of the first step, as
+    `near` are another value's.
 
     Where there may be several solutions each value finds its own.
     """
@@ -173,20 +185,24 @@ def _solve(problem, settings, near: np.ndarray | None) -> tuple[Outcome, np.ndar
             row = _quantities(operator.structure.contact, fields)
             dissipated += row.pop("work")
             history.append({"step": step.index, "time": step.time, **row, "dissipated": dissipated,
-                            "fixed_point_iterations": step.fixed_point_iterations, "dual_multiplications": step.products,
+                            "fixed_point_iterations": step.fixed_point_iterations,
+                            "dual_multiplications": step.products,
                             "kkt": max(step.residuals.values())})
     counts, ended = solver.history.counts, solver.history
-    row = {"converged": "no" if ended.exit_status else "yes", "steps": ended.steps, **(history[-1] if history else {}),
+    row = {"converged": "no" if ended.exit_status else "yes", "steps": ended.steps,
+           **(history[-1] if history else {}),
            "fixed_point_iterations": counts["fixed_point_iterations"],
            "dual_multiplications": counts["dual_multiplications"],
-           "kkt": max(ended.residuals.values(), default=0.0), "uniqueness": solver.uniqueness.verdict}
+           "kkt": max(ended.residuals.values(), default=0.0),
+           "uniqueness": solver.uniqueness.verdict}
     row.pop("step", None), row.pop("time", None)
     warnings = [*ended.warnings, *ended.fallbacks.warnings(), *solver.uniqueness.warnings()]
     return Outcome(ended.exit_status, ended.reason, row, history, fields, warnings), first
 
 
 def _fields(operator, rows, step, u_t: np.ndarray) -> dict[str, np.ndarray]:
-    """Nodal contact quantities from multipliers and gradient alone: at its rows B u = c - gradient."""
+    """Nodal contact quantities from multipliers and gradient alone: at its rows B u = c -
+    gradient."""
     contact, values = operator.structure.contact, np.zeros((6, len(u_t)))
     values[0, rows.normal_node] = rows.gap - step.gradient[rows.normal]
     values[1, rows.tangential_node] = -step.gradient[rows.tangential]
@@ -198,16 +214,18 @@ def _fields(operator, rows, step, u_t: np.ndarray) -> dict[str, np.ndarray]:
     operator.comm.Allreduce(MPI.IN_PLACE, values)
     u_n, slip, force_n, force_t, bound, status = values
     w = contact.weight
-    return {"u_n": u_n, "u_t": u_t + slip, "slip": slip, "sigma_n": force_n / w + 0.0, "sigma_t": force_t / w + 0.0,
-            "bound": bound / w, "status": status.astype(int)}
+    return {"u_n": u_n, "u_t": u_t + slip, "slip": slip, "sigma_n": force_n / w + 0.0,
+            "sigma_t": force_t / w + 0.0, "bound": bound / w, "status": status.astype(int)}
 
 
 def _quantities(contact, fields: dict) -> dict:
     """Resultants and zones of one step; `work` is what friction dissipates in it."""
     w, touching = contact.weight, fields["status"] != OPEN
     nodes = np.bincount(fields["status"], minlength=3)
-    return {"resultant_n": float(fields["sigma_n"] @ w), "resultant_t": float(fields["sigma_t"] @ w),
-            "peak_pressure": float(-fields["sigma_n"].min(initial=0)), "contact_length": float(w[touching].sum()),
+    return {"resultant_n": float(fields["sigma_n"] @ w),
+            "resultant_t": float(fields["sigma_t"] @ w),
+            "peak_pressure": float(-fields["sigma_n"].min(initial=0)),
+            "contact_length": float(w[touching].sum()),
             "largest_slip": float(np.abs(fields["slip"]).max(initial=0)),
             **{f"nodes_{name}": int(nodes[k]) for k, name in enumerate(STATUS_NAMES)},
             "work": float(-(fields["sigma_t"] * fields["slip"]) @ w)}
@@ -224,7 +242,8 @@ def _write(directory: Path, request: dict, contact, outcomes: list[Outcome], sum
         write_table(directory / "history.csv", steps)
     place = [contact.label, *contact.xy.T, contact.arc, contact.weight]
     rows = [row for value, one in zip(values, outcomes) if one.fields
-            for row in zip(itertools.repeat(value), itertools.count(), *(part.tolist() for part in place),
+            for row in zip(itertools.repeat(value), itertools.count(),
+                           *(part.tolist() for part in place),
                            *(one.fields[name].tolist() for name in FIELDS),
                            map(STATUS_NAMES.__getitem__, one.fields["status"]))]
     if rows:

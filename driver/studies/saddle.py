@@ -6,8 +6,8 @@ With torn dofs r, corner dofs c and multipliers lambda = (lambda_gluing, lambda_
     [ K_cr  K_cc  B_c' ]        K_cc assembled at the corners,
     [ B_r   B_c   0    ]
 
-without the dofs that the supports fix. Nothing in a run uses it: it shows the structure, and its Schur
-complement -F onto the multipliers checks the operator of fetidp.py.
+without the dofs that the supports fix. Nothing in a run uses it: it shows the structure, and its
+Schur complement -F onto the multipliers checks the operator of fetidp.py.
 """
 
 import tempfile
@@ -34,8 +34,8 @@ class Saddle:
     """Saddle-point matrix (n, n) and the ends of its blocks.
 
     `torn` are the ends of the subdomains' blocks of K_rr, `corners` is the end of the corner dofs,
-    `kinds` the ends of the gluing, normal and tangential multipliers; `rows` (dual_dofs,) is the dual row
-    of every multiplier in the order of the matrix.
+    `kinds` the ends of the gluing, normal and tangential multipliers; `rows` (dual_dofs,) is the
+    dual row of every multiplier in the order of the matrix.
     """
 
     matrix: csr_matrix
@@ -74,7 +74,8 @@ def saddle(structure: Substructure) -> Saddle:
     i, j, value = (np.concatenate(column) for column in zip(*parts))
     size = corners + structure.dual_dofs
     kinds = corners + np.cumsum(np.bincount(structure.row_kind, minlength=3))
-    return Saddle(coo_matrix((value, (i, j)), shape=(size, size)).tocsr(), np.array(torn), corners, kinds, rows)
+    return Saddle(coo_matrix((value, (i, j)), shape=(size, size)).tocsr(), np.array(torn), corners,
+                  kinds, rows)
 
 
 def read_structure(scene: Path, parameters: dict[str, str], comm) -> Substructure:
@@ -85,7 +86,8 @@ def read_structure(scene: Path, parameters: dict[str, str], comm) -> Substructur
 
 
 def write_saddle(scene: Path, parameters: dict[str, str], folder: Path, comm) -> list[Path]:
-    """saddle.mtx with the ends of its blocks, saddle.json, and its picture for a scene; returns the files.
+    """saddle.mtx with the ends of its blocks, saddle.json, and its picture for a scene; returns the
+    files.
 
     Raises InputError if it is too large.
     """

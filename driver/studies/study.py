@@ -1,14 +1,16 @@
-"""Parameter studies: one scene for many values of a friction coefficient, a gap, a load history or a step count.
+"""Parameter studies: one scene for many values of a friction coefficient, a gap, a load history or
+a step count.
 
-The body is exported, factorized and, where its contact boundary is small enough, condensed once (compliance.py);
-every value then costs few operations with small matrices. FreeFEM evaluates the contact data and histories of
-all values in one process that assembles nothing. In the interpreter:
+The body is exported, factorized and, where its contact boundary is small enough, condensed once
+(compliance.py); every value then costs few operations with small matrices. FreeFEM evaluates the
+contact data and histories of all values in one process that assembles nothing. In the interpreter:
 
     from driver.studies.study import make_study
-    summary, folder = make_study({"scene": "model", "friction": "0.05:1.0:100", "subdomains": "16x8"})
+    summary, folder = make_study({"scene": "model", "friction": "0.05:1.0:100", "subdomains":
+    "16x8"})
 
-`study.csv` has one row per value (last step and totals), `history.csv` one per value and step, `contact.csv`
-one per value and contact node at the last step.
+`study.csv` has one row per value (last step and totals), `history.csv` one per value and step,
+`contact.csv` one per value and contact node at the last step.
 """
 
 import functools
@@ -33,8 +35,9 @@ SHOWN = 3  # warnings on the screen
 def make_study(pairs: dict[str, str]) -> tuple[dict, Path]:
     """Run a study as given by NAME=VALUE pairs; returns its summary and directory.
 
-    Exactly one scene parameter holds several values: first:last:count, equally spaced, or a,b,c. Raises
-    DriverError; values that did not converge are reported at the end and kept in the files, marked so.
+    Exactly one scene parameter holds several values: first:last:count, equally spaced, or a,b,c.
+    Raises DriverError; values that did not converge are reported at the end and kept in the files,
+    marked so.
     """
     name, values = _studied(pairs)
     for option in SINGLE:
@@ -46,11 +49,12 @@ def make_study(pairs: dict[str, str]) -> tuple[dict, Path]:
     with Workspace(out) as place:
         clock, work = time.perf_counter(), place.path
         load = functools.partial(launch.load, "study") if run.ranks == 1 else lambda: None
-        export = functools.partial(freefem.export, run.scene, work / "export", run.parameters, run.ranks,
-                                   meanwhile=load)
+        export = functools.partial(freefem.export, run.scene, work / "export", run.parameters,
+                                   run.ranks, meanwhile=load)
         freefem.export_study(run.scene, work / "values", run.parameters,
                              name, values, meanwhile=export)
-        request = {"scene": run.scene.stem, "settings": run.settings, "study": name, "values": values,
+        request = {"scene": run.scene.stem, "settings": run.settings, "study": name,
+                   "values": values,
                    "quiet": run.quiet, "seconds": {"export": time.perf_counter() - clock}}
         status, reason = launch.solve(work, request, run.ranks)
         if not (work / "summary.json").exists():

@@ -1,9 +1,9 @@
 """The slides' table: five sizes of the model example under both loadings, ours beside theirs.
 
-The slides (Haslinger, Vlach, Dostal, SNA'07) state neither steps nor tolerances; 20 steps and 1e-6 are what
-reproduces the size of their counts. `default` is the driver as it comes, `plain` the slides' own method:
-no preconditioner, each step started from the previous one, every QP solved to the full tolerance and without
-help from the contact block.
+The slides (Haslinger, Vlach, Dostal, SNA'07) state neither steps nor tolerances; 20 steps and 1e-6
+are what reproduces the size of their counts. `default` is the driver as it comes, `plain` the
+slides' own method: no preconditioner, each step started from the previous one, every QP solved to
+the full tolerance and without help from the contact block.
 """
 
 import dataclasses
@@ -20,12 +20,14 @@ from ..text import aligned
 
 LOADINGS = ("monotone", "nonmonotone")
 STAGES = ("export", "setup", "solve")
-METHODS = {"default": {}, "plain": {"preconditioner": "none", "predictor": "previous", "inner_rtol": 1e-9,
+METHODS = {"default": {}, "plain": {"preconditioner": "none", "predictor": "previous",
+                                    "inner_rtol": 1e-9,
                                     "expansion": "gradient", "corrector": "none"}}
 ROWS = {1: "4x2", 2: "8x4", 3: "16x8", 4: "32x16", 5: "64x32"}
 # as printed: n_s, n_p, n_d, iterations (monotone, nonmonotone), products (monotone, nonmonotone)
 SLIDES = {1: (8, 1936, 260, 135, 120, 6515, 5565), 2: (32, 7744, 1096, 136, 121, 8326, 7309),
-          3: (128, 30974, 4496, 136, 122, 11423, 9844), 4: (512, 123904, 18208, 135, 122, 15206, 13237),
+          3: (128, 30974, 4496, 136, 122, 11423, 9844),
+          4: (512, 123904, 18208, 135, 122, 15206, 13237),
           5: (1024, 495616, 73280, 146, 129, 22887, 19659)}
 MISPRINTS = ("The slides print n_p = 30974 for 128 subdomains of 242 dofs (30976), and n_s = 1024 in the last row, "
              "whose n_p and n_d belong to 2048.")
@@ -36,8 +38,8 @@ KEYS = ("n_s", "n_p", "n_d", * \
 def make_table(pairs: dict[str, str]) -> None:
     """Make the rows that are not there yet, then write and print the table and draw it.
 
-    Options: rows (1,2,3), method (default or plain), np (ranks), fresh (yes: make rows anew). Raises
-    InputError for others, and what a run raises.
+    Options: rows (1,2,3), method (default or plain), np (ranks), fresh (yes: make rows anew).
+    Raises InputError for others, and what a run raises.
     """
     from ..figures.table import draw
 
@@ -70,7 +72,8 @@ def _rows(text: str | None) -> list[int]:
 
 
 def method_settings(method: str) -> dict:
-    """Solver settings of a method: the slides' stopping rules alone, whatever the driver's defaults."""
+    """Solver settings of a method: the slides' stopping rules alone, whatever the driver's
+    defaults."""
     return {"rtol": 1e-6, "friction_rtol": 1e-6, "primal_rtol": 1.0, **METHODS[method]}
 
 
@@ -93,8 +96,8 @@ def _make_row(folder: Path, method: str, row: int, ranks: str) -> None:
     summary = {}
     for loading in LOADINGS:
         print(f"{method}, {ROWS[row]} subdomains, {loading}")
-        pairs = {"scene": "model", "loading": loading, "subdomains": ROWS[row], "cells": "10", "steps": "20",
-                 "np": ranks, "fields": "no", "figures": "no", "errors": "no",
+        pairs = {"scene": "model", "loading": loading, "subdomains": ROWS[row], "cells": "10",
+                 "steps": "20", "np": ranks, "fields": "no", "figures": "no", "errors": "no",
                  "out": str(folder / "runs" / f"{method}-{ROWS[row]}-{loading}"),
                  **{name: str(value) for name, value in method_settings(method).items()}}
         summary[loading] = execute(Run.from_pairs(pairs))
@@ -117,13 +120,14 @@ def _columns(row: int, method: str, summary: dict[str, dict]) -> dict:
         columns |= {f"seconds_{stage}_{loading}": round(s["seconds"][stage], 3) for stage in STAGES}
     columns |= {f"n_m_setup_{loading}": s["counts"]["dual_multiplications_setup"]
                 for s, loading in zip(both, LOADINGS)}
-    return columns | {"memory_mib": round(max(s["memory_mib"] for s in both)), "ranks": both[0]["ranks"],
-                      "method": method}
+    return columns | {"memory_mib": round(max(s["memory_mib"] for s in both)),
+                      "ranks": both[0]["ranks"], "method": method}
 
 
 def _text(table: list[dict]) -> str:
     """The table to read: counts as ours/slides', times of both loadings added."""
-    names = ["method", "n_s", "n_p", "n_d", *(f"{count} {loading}" for count in ("it", "n_m") for loading in LOADINGS),
+    names = ["method", "n_s", "n_p", "n_d",
+             *(f"{count} {loading}" for count in ("it", "n_m") for loading in LOADINGS),
              "export s", "setup s", "solve s", "MiB"]
     lines = [names]
     for row in table:

@@ -1,4 +1,5 @@
-"""The benchmark's own arithmetic: targets, the assembled problem, roofline counts, peers on the same QP."""
+"""The benchmark's own arithmetic: targets, the assembled problem, roofline counts, peers on the
+same QP."""
 
 import numpy as np
 import pytest
@@ -38,7 +39,8 @@ def test_taken_in_turn_and_ratios_by_round():
 
 
 def test_assembled_problem_moves_like_the_torn_one(bench):
-    """Without contact forces FETI-DP with glued interfaces and the assembled problem are the same body."""
+    """Without contact forces FETI-DP with glued interfaces and the assembled problem are the same
+    body."""
     problem = bench.problem("4x2", cells=4)
     K, loads = factorization.assembled(problem.structure)
     u = np.linalg.solve(K.toarray(), loads[0])
@@ -82,12 +84,14 @@ def test_message_volume_and_counts_do_not_depend_on_who_measures(bench):
     one, two = (ranks.run(bench, "4x2", 4, p, 1)[0] for p in (1, 2))
     assert one["counts"] == two["counts"]
     assert one["bytes"] == {"rows": 0, "coarse": 0, "dot": 0}
-    # two halves of 4x2, cut between the two layers: four interfaces of three inner nodes, two components, there and back
+    # two halves of 4x2, cut between the two layers: four interfaces of three inner nodes, two
+    # components, there and back
     assert two["bytes"]["rows"] == 4 * 3 * 2 * 8 * 2
     assert two["bytes"]["dot"] == 8 * 8
 
 
-@pytest.mark.parametrize("options", [{"parts": "product"}, {"large": "perhaps"}, {"loading": "monotone"}])
+@pytest.mark.parametrize("options",
+                         [{"parts": "product"}, {"large": "perhaps"}, {"loading": "monotone"}])
 def test_refusals(options, tmp_path):
     with pytest.raises(InputError):
         suite.run_bench({**options, "out": str(tmp_path / "bench")})

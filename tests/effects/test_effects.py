@@ -25,7 +25,7 @@ def stripped(tmp_path, text, name="scene"):
     return path
 
 
-# ---- sizes and counts: an effect that is off costs nothing --------------------------------------------
+# ---- sizes and counts: an effect that is off costs nothing ---------------------------------------
 
 @pytest.fixture(scope="module")
 def model_without(tmp_path_factory):
@@ -61,7 +61,8 @@ def test_without_contact(solved, model_without):
     assert not (run.directory / "contact.csv").exists()
     assert counts["expansion_steps"] == counts["proportioning_steps"] == 0
     assert {row["kind"] for row in read_rows(run.directory / "convergence.csv")} <= {"start", "cg"}
-    # preconditioned CG on the gluing alone: kappa <= 5 needs 1/2 sqrt(5) ln(2e6) = 16 products, plus the residual's
+    # preconditioned CG on the gluing alone: kappa <= 5 needs 1/2 sqrt(5) ln(2e6) = 16 products,
+    # plus the residual's
     assert counts["dual_multiplications"] <= 5 * 18
 
 
@@ -86,7 +87,8 @@ def test_without_body_force_there_is_no_such_vector(exported, tmp_path):
                             'macro bodyForce1() [0., -7.8e4] //\ninclude "export.idp"')
     other = exported(stripped(tmp_path, heavy, "heavy"))
     assert [p["kind"] for p in read_manifest(other).patterns] == ["traction", "body_force"]
-    # float64 arrays with a count: nodal forces of 242 dofs and three integrals on 200 triangles in each of 8
+    # float64 arrays with a count: nodal forces of 242 dofs and three integrals on 200 triangles in
+    # each of 8
     assert sum(path.stat().st_size for path in other.glob(
         "block-*.bin")) - size == 8 * 8 * (243 + 3 * 401)
 
@@ -121,7 +123,7 @@ def test_what_is_off_is_neither_imported_nor_written(tmp_path, words, absent, fi
     assert not written & files and "summary.json" in written
 
 
-# ---- the ledger --------------------------------------------------------------------------------------
+# ---- the ledger ----------------------------------------------------------------------------------
 
 PLAIN = {"contact": "unilateral", "friction": "coulomb", "time": "quasistatic"}
 SIZES = {"dual_normal": 40, "dual_tangential": 39}
@@ -129,13 +131,14 @@ LOAD = [{"kind": "traction", "largest": 3.0}]
 
 
 def rows(open_, stick, slip):
-    return [{"nodes_open": o, "nodes_stick": s, "nodes_slip": p} for o, s, p in zip(open_, stick, slip)]
+    return [{"nodes_open": o, "nodes_stick": s, "nodes_slip": p} for o, s, p in zip(open_, stick,
+                                                                                    slip)]
 
 
-def entries(effects_=PLAIN, history=rows([9, 0], [0, 4], [0, 5]), amplitudes=((0,), (1,), (0.5,)), patterns=LOAD, log=(),
-            seconds=0.0, gaps=False, initial=False):
-    return ledger.effects_ledger(effects_, SIZES, patterns, np.array(amplitudes, float), history, list(log), seconds,
-                                 gaps, initial)
+def entries(effects_=PLAIN, history=rows([9, 0], [0, 4], [0, 5]), amplitudes=((0,), (1,), (0.5,)),
+            patterns=LOAD, log=(), seconds=0.0, gaps=False, initial=False):
+    return ledger.effects_ledger(effects_, SIZES, patterns, np.array(amplitudes, float), history,
+                                 list(log), seconds, gaps, initial)
 
 
 def test_active_effects():
@@ -190,7 +193,8 @@ def test_time_matters_only_with_friction_and_a_way():
 
 
 def test_time_claim_holds(solved):
-    """Where the ledger says that one step gives the same end, it does; where it does not, it does not."""
+    """Where the ledger says that one step gives the same end, it does; where it does not, it does
+    not."""
     for loading, same in (("monotone", True), ("nonmonotone", False)):
         run = solved("model", LOADING=loading)
         assert run.summary["effects_ledger"]["time"]["active"] is not same
@@ -206,8 +210,8 @@ def test_zero_body_force_is_idle():
 
 
 def test_seconds_are_shares_of_products():
-    log = [(0, 1, 1, "start", 1), (1, 1, 1, "cg", 1), (3, 1, 1, "expansion", 1), (4, 1, 2, "start", 1), (6, 1, 2, "cg", 1),
-           (10, 2, 1, "proportioning", 1)]
+    log = [(0, 1, 1, "start", 1), (1, 1, 1, "cg", 1), (3, 1, 1, "expansion", 1),
+           (4, 1, 2, "start", 1), (6, 1, 2, "cg", 1), (10, 2, 1, "proportioning", 1)]
     found = entries(log=log, seconds=10.0)
     assert [found[name]["seconds"] for name in ("contact", "friction", "time")] == [6.0, 3.0, 6.0]
 
@@ -221,14 +225,15 @@ def test_ledger_of_a_run(solved):
 
 
 def test_screen_says_what_never_mattered(command, tmp_path):
-    text = MODEL.read_text().replace('include "export.idp"', 'macro gap() 1. //\ninclude "export.idp"')
+    text = MODEL.read_text().replace('include "export.idp"',
+                                     'macro gap() 1. //\ninclude "export.idp"')
     done = command("run", f"SCENE={stripped(tmp_path, text, 'far')}",
                    f"OUT={tmp_path / 'out'}", "FIGURES=no", "FIELDS=no")
     assert done.returncode == 0 and "contact is declared but nothing touched" in done.stdout
     assert "friction is declared but nothing touched" in done.stdout
 
 
-# ---- taking effects out of a scene's text -------------------------------------------------------------
+# ---- taking effects out of a scene's text --------------------------------------------------------
 
 TEXT = '''// a scene; // macro friction() 0.3 // stays a comment
 string file = "macro friction() 1 //";
@@ -255,8 +260,8 @@ def test_without_removes_definitions_only():
     assert effects.declared(left) == ["young", "frictionless",
                             "gap", "tresca", "quasistatic", "amplitude1"]
     assert "two lines" not in left and "* 2" not in left
-    for kept in ('"macro friction() 1 //"', "// macro friction() 0.3 // stays", "macro frictionless() 1 //",
-                 'include "export.idp"'):
+    for kept in ('"macro friction() 1 //"', "// macro friction() 0.3 // stays",
+                 "macro frictionless() 1 //", 'include "export.idp"'):
         assert kept in left
     both = effects.without(TEXT, "gap|tresca")
     assert "/* macro gap() 1 // */" in both and "EndMacro" not in both and "1e-3" not in both
@@ -303,7 +308,7 @@ def test_static_variant_has_the_final_amplitude(exported, tmp_path):
     assert manifest["amplitudes"]["1"] == pytest.approx([0.0, -4 * 0.8**2 + 5 * 0.8], abs=1e-14)
 
 
-# ---- the study ---------------------------------------------------------------------------------------
+# ---- the study -----------------------------------------------------------------------------------
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):

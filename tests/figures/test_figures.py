@@ -1,4 +1,5 @@
-"""Figures drawn from a made-up run directory: what is drawn, what it says, and that nothing overlaps."""
+"""Figures drawn from a made-up run directory: what is drawn, what it says, and that nothing
+overlaps."""
 
 import csv
 import json
@@ -26,7 +27,8 @@ def write_table(path: Path, names: str, rows) -> None:
 
 
 def torn_block(subdomains=(4, 2), cells=5):
-    """Points and triangles of (0,2)x(0,1), repeated along the subdomains' interfaces, and subdomain numbers."""
+    """Points and triangles of (0,2)x(0,1), repeated along the subdomains' interfaces, and subdomain
+    numbers."""
     points, triangles, owner = [], [], []
     i, j = (k.ravel() for k in np.meshgrid(range(cells), range(cells), indexing="ij"))
     corner = i * (cells + 1) + j
@@ -65,7 +67,8 @@ def write_fields(directory: Path, times, subdomains, cells) -> None:
 
 
 def write_boundary(directory: Path, n: int, roles: dict) -> None:
-    """Edges of the block, n per unit of length, those of bottom and top against the body's orientation."""
+    """Edges of the block, n per unit of length, those of bottom and top against the body's
+    orientation."""
     rows = []
     corners = {1: ((2, 0), (0, 0)), 2: ((2, 0), (2, 1)), 3: ((0, 1), (2, 1)), 4: ((0, 1), (0, 0))}
     for label, ends in corners.items():
@@ -78,7 +81,8 @@ def write_boundary(directory: Path, n: int, roles: dict) -> None:
 
 
 def contact_rows(times, nodes: int, friction: bool, labels: int):
-    """A pressure that ends where the body lifts, a stick zone between two slip zones, both moving in time."""
+    """A pressure that ends where the body lifts, a stick zone between two slip zones, both moving
+    in time."""
     arc = np.linspace(0, 2, nodes + 1)[1:]
     weight = np.full(nodes, 2 / nodes)
     weight[-1] /= 2
@@ -96,8 +100,8 @@ def contact_rows(times, nodes: int, friction: bool, labels: int):
         status = np.where(arc >= end, "open", np.where(sticks, "stick", "slip"))
         for label in range(1, labels + 1):
             for k in range(nodes):
-                yield (step, t, k + 1, label, arc[k], 0, arc[k], weight[k], 0, -1, 0, u_n[k], u_t[k],
-                       u_t[k] - before[k], sigma_n[k], sigma_t[k], bound[k], status[k])
+                yield (step, t, k + 1, label, arc[k], 0, arc[k], weight[k], 0, -1, 0, u_n[k],
+                       u_t[k], u_t[k] - before[k], sigma_n[k], sigma_t[k], bound[k], status[k])
         before = u_t
 
 
@@ -116,8 +120,10 @@ def convergence_rows(steps: int, products: int):
                 yield product, step, iteration, kind, start * math.exp(-6 * k / length + rng.normal() / 3)
 
 
-def make_run(directory: Path, *, nodes=21, steps=20, friction="coulomb", contact="unilateral", time="quasistatic",
-             labels=1, converged=True, units=("m", "Pa"), scene="model", subdomains=(4, 2), cells=5, products=24):
+def make_run(directory: Path, *, nodes=21, steps=20, friction="coulomb", contact="unilateral",
+             time="quasistatic",
+             labels=1, converged=True, units=("m", "Pa"), scene="model", subdomains=(4, 2), cells=5,
+             products=24):
     """Write a run directory as the driver does; returns it."""
     directory.mkdir(parents=True, exist_ok=True)
     steps = steps if time == "quasistatic" else 1
@@ -129,12 +135,15 @@ def make_run(directory: Path, *, nodes=21, steps=20, friction="coulomb", contact
         "effects": {"contact": contact, "friction": friction, "time": time, "bodies": 1},
         "t_end": 1, "amplitudes": {"1": (5 * times - 4 * times**2).tolist(), "2": times.tolist()},
         "sizes": {"subdomains": math.prod(subdomains)}}))
-    rows = [(s, t, -4 * t**2 + 5 * t, t, 6 * (s > 0), 250, -1.2e8 * t * touching, 2e7 * t * (1 - t), 0, 0, 0, 1e-3)
+    rows = [(s, t, -4 * t**2 + 5 * t, t, 6 * (s > 0), 250, -1.2e8 * t * touching, 2e7 * t * (1 - t),
+             0, 0, 0, 1e-3)
             for s, t in enumerate(times)]
-    write_table(directory / "history.csv", "step,time,amplitude_1,amplitude_2,fixed_point_iterations,"
+    write_table(directory / "history.csv",
+                "step,time,amplitude_1,amplitude_2,fixed_point_iterations,"
                 "dual_multiplications,resultant_n,resultant_t,nodes_open,nodes_stick,nodes_slip,max_displacement", rows)
     if touching:
-        write_table(directory / "contact.csv", "step,time,node,boundary,x,y,arc,weight,normal_x,normal_y,gap,u_n,"
+        write_table(directory / "contact.csv",
+                    "step,time,node,boundary,x,y,arc,weight,normal_x,normal_y,gap,u_n,"
                     "u_t,slip,sigma_n,sigma_t,bound,status",
                     contact_rows(times, nodes, friction != "none", labels))
     write_table(directory / "convergence.csv", "product,step,iteration,kind,residual",
@@ -178,7 +187,8 @@ def legend_words(figure) -> list[str]:
 
 
 def boxes(figure) -> dict:
-    """Bounding boxes in pixels of everything written outside the axes, and of the axes themselves."""
+    """Bounding boxes in pixels of everything written outside the axes, and of the axes
+    themselves."""
     renderer = figure.canvas.get_renderer()
     found = {"title": figure.texts[0], "identity": figure.texts[1],
         **dict(enumerate(figure.legends))}
@@ -259,7 +269,8 @@ def test_optional_files_may_be_missing(tmp_path):
     directory = make_run(tmp_path, steps=2, products=6)
     for name in ("convergence.csv", "boundary.csv", "fields.pvd"):
         (directory / name).unlink()
-    assert list(figures.wanted(figures.read_run(directory))) == ["loading", "contact_normal", "contact_tangential",
+    assert list(figures.wanted(figures.read_run(directory))) == ["loading", "contact_normal",
+                                                                 "contact_tangential",
                                                                   "contact_status", "history"]
 
 
@@ -323,7 +334,8 @@ def test_marks_are_spread_evenly_over_unequal_edges():
 
 
 def test_bodies_are_parted_by_their_boundaries_and_not_by_subdomains(run):
-    """A line of contact through the middle of the block makes two bodies of it, whose sizes are equal."""
+    """A line of contact through the middle of the block makes two bodies of it, whose sizes are
+    equal."""
     mesh, boundary = run.first, run.boundary
     assert not outline.bodies(mesh, boundary).any()
     y = np.linspace(0, 1, 11)  # the ends of the mesh's edges there
@@ -391,7 +403,8 @@ def test_deformed_body_is_magnified_as_in_the_slides(run, drawn):
     assert np.allclose(max(p.vertices[:, 0].max() for p in paths), largest[:, 0].max())
 
 
-@pytest.mark.parametrize("raw, chosen", [(1.0, 1), (8.9, 10), (4.4, 5), (230.0, 200), (0.031, 0.03)])
+@pytest.mark.parametrize("raw, chosen",
+                         [(1.0, 1), (8.9, 10), (4.4, 5), (230.0, 200), (0.031, 0.03)])
 def test_magnification_is_round(raw, chosen):
     assert scales.round_magnification(raw) == pytest.approx(chosen)
 
@@ -476,7 +489,8 @@ def test_history_shows_forces_per_thickness_and_iterations(drawn):
 
 
 @pytest.mark.parametrize("unit, peak, label, shown", [
-    ("Pa", 1.1e8, "MPa", 110), ("Pa", 1e3, "kPa", 1), ("MPa", 2e3, "GPa", 2), ("m", 3e-4, "µm", 300),
+    ("Pa", 1.1e8, "MPa", 110), ("Pa", 1e3, "kPa", 1), ("MPa", 2e3, "GPa", 2),
+    ("m", 3e-4, "µm", 300),
     ("mm", 120.0, "mm", 120), ("mm", 3e-3, "µm", 3), ("N/m", 2e6, "MN/m", 2), ("1", 0.5, "–", 0.5),
     ("psi", 3e5, r"$10^{3}$ psi", 300), ("Pa", 0.0, "Pa", 0)])
 def test_scales(unit, peak, label, shown):

@@ -1,4 +1,5 @@
-"""The hard cases: the fast ones as the suite judges them, and that the suite notices what goes wrong."""
+"""The hard cases: the fast ones as the suite judges them, and that the suite notices what goes
+wrong."""
 
 from dataclasses import replace
 

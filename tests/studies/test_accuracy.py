@@ -1,4 +1,5 @@
-"""The study of what accuracy costs: references, trusted errors, fronts and cheapest settings on made-up runs; one small sweep."""
+"""The study of what accuracy costs: references, trusted errors, fronts and cheapest settings on
+made-up runs; one small sweep."""
 
 import numpy as np
 import pytest
@@ -11,8 +12,10 @@ from driver.studies.accuracy.reference import Reference
 from driver.studies.accuracy.trial import SWEEPS, Setting, Trial
 
 
-def trial(sweep="mesh", value=1.0, error=0.1, seconds=1.0, steps=None, adapt=0, dofs=100, exact=2.0):
-    return Trial(sweep, value, Setting(1.0, steps, adapt), f"{sweep}={value}", values={"slip": exact * (1 + error)},
+def trial(sweep="mesh", value=1.0, error=0.1, seconds=1.0, steps=None, adapt=0, dofs=100,
+          exact=2.0):
+    return Trial(sweep, value, Setting(1.0, steps, adapt), f"{sweep}={value}",
+                 values={"slip": exact * (1 + error)},
                  sizes={"primal_dofs": dofs}, solver=[seconds], export=[0.5])
 
 
@@ -59,18 +62,22 @@ def test_an_error_that_cancels_by_accident_is_not_trusted():
     exact = [trial(error=0.0)]
     assert cheapest.trusted(exact, TWO, "slip")[id(exact[0])] == TWO.uncertainty
     # together: finer means mesh and steps, adaptive and uniform meshes apart
-    grid = [trial("together", 0, 1e-5, steps=5, dofs=100), trial("together", 0, 0.1, steps=10, dofs=100),
-            trial("together", 0, 0.03, steps=10, dofs=400), trial("together", 0, 0.02, steps=5, adapt=1, dofs=900)]
+    grid = [trial("together", 0, 1e-5, steps=5, dofs=100),
+            trial("together", 0, 0.1, steps=10, dofs=100),
+            trial("together", 0, 0.03, steps=10, dofs=400),
+            trial("together", 0, 0.02, steps=5, adapt=1, dofs=900)]
     error = cheapest.trusted(grid, TWO, "slip")
     assert [round(error[id(t)], 9) for t in grid] == [0.1, 0.1, 0.03, 0.02]
 
 
 def test_front_and_cheapest_settings():
     trials = [trial("mesh", 4, 0.2, 1.0), trial("mesh", 2, 0.08, 3.0), trial("mesh", 1, 0.01, 9.0),
-              trial("adapt", 1, 0.1, 4.0), trial("adapt", 0.5, 0.009, 6.0), trial("rtol", 1, 0.0799, 3.5)]
+              trial("adapt", 1, 0.1, 4.0), trial("adapt", 0.5, 0.009, 6.0),
+              trial("rtol", 1, 0.0799, 3.5)]
     failed = Trial("rtol", 2, Setting(1.0, None), "fails", reason="no fixed point")
     error = cheapest.trusted([*trials, failed], TWO, "slip")
-    # the adaptive 0.1 costs more than the uniform 0.08; the last digit of 0.0799 is not worth a place
+    # the adaptive 0.1 costs more than the uniform 0.08; the last digit of 0.0799 is not worth a
+    # place
     assert cheapest.front([*trials, failed], error) == [trials[0], trials[1], trials[4]]
     fastest = [cheapest.cheapest([*trials, failed], error, level)
                                  for level in (0.5, 0.1, 0.05, 0.001)]
@@ -78,8 +85,8 @@ def test_front_and_cheapest_settings():
     table = cheapest.run_rows([*trials, failed], {"slip": TWO})
     assert [row.get("slip_front") for row in table] == [1, 1, 0, 0, 1, 0, None]
     assert table[-1]["reason"] == "no fixed point" and "seconds_solver" not in table[-1]
-    text = cheapest.describe(cheapest.cheapest_rows(trials, {"slip": TWO}), {"slip": TWO}, {"length": "m", "stress": "Pa"},
-                             "slip")
+    text = cheapest.describe(cheapest.cheapest_rows(trials, {"slip": TWO}), {"slip": TWO},
+                             {"length": "m", "stress": "Pa"}, "slip")
     assert "10%" in text and "mesh=2" in text and "good to 0.1%" in text
 
 
@@ -113,7 +120,8 @@ def test_study_of_a_known_solution(swept):
     known = {row["quantity"]: row for row in read_rows(swept / "reference.csv")}
     table = read_rows(swept / "accuracy.csv")
     assert {row["sweep"] for row in table} == set(SWEEPS) == set(picture.SWEEPS)
-    # the reference covers the exact work that friction takes, 2 W/2 (see the scene), within its own stated error
+    # the reference covers the exact work that friction takes, 2 W/2 (see the scene), within its own
+    # stated error
     from test_scenes_zones import DISSIPATED
 
     energy = known["dissipated_energy"]
@@ -130,7 +138,8 @@ def test_study_of_a_known_solution(swept):
         assert row["repeats"] == "1" and least <= median <= most
         assert float(row["seconds_export"]) > 0 and float(row["energy_estimate"]) > 0
     assert any(row["dissipated_energy_front"] == "1" for row in table)
-    assert {path.name for path in swept.iterdir()} == {"accuracy.csv", "cheapest.csv", "reference.csv", "work_precision.png",
+    assert {path.name for path in swept.iterdir()} == {"accuracy.csv", "cheapest.csv",
+                                                       "reference.csv", "work_precision.png",
                                                        "work_precision.pdf"}
 
 

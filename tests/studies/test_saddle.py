@@ -30,7 +30,8 @@ def test_torn_subdomains_meet_only_at_corners(case):
 
 
 def test_schur_complement_is_the_dual_operator(case):
-    """B K^-1 B' = F; K has a condition number of about 1e3 here, so 1e-10 leaves rounding much room."""
+    """B K^-1 B' = F; K has a condition number of about 1e3 here, so 1e-10 leaves rounding much
+    room."""
     structure, whole = case
     n, c = whole.matrix.shape[0], whole.corners
     dense = whole.matrix.toarray()

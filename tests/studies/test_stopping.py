@@ -1,4 +1,5 @@
-"""Stopping by the error budget: fewer products, contact tractions unchanged beyond the discretization error."""
+"""Stopping by the error budget: fewer products, contact tractions unchanged beyond the
+discretization error."""
 
 import pytest
 
@@ -20,8 +21,8 @@ def test_the_two_smallest_meshes(tmp_path, row):
         assert number["products_budget"] < number["products_fixed"]
         # the classical rule solves every QP of every iteration to the end: more than half is saved
         assert number["saved_classical"] > 0.5
-        # under proportional loading 19 of 20 steps take one product: little is left to save there; else it is some
-        # products of the ten or so of a step
+        # under proportional loading 19 of 20 steps take one product: little is left to save there;
+        # else it is some products of the ten or so of a step
         assert line["loading"] == "monotone" or number["saved_fixed"] > 0.1
 
 

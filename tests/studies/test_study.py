@@ -17,8 +17,9 @@ from driver.scene.freefem import changed_by
 from driver.scene.loader import read_contact
 from driver.studies import parametric, study
 
-# The projected gradient to 1e-11 |d| leaves multipliers good to cond(F) = 3e3 times that, the fixed point to 1e-10 / (1 - q)
-# with a contraction q < 0.9 (contraction.csv of the model): together below 1e-6 of the largest traction.
+# The projected gradient to 1e-11 |d| leaves multipliers good to cond(F) = 3e3 times that, the fixed
+# point to 1e-10 / (1 - q) with a contraction q < 0.9 (contraction.csv of the model): together below
+# 1e-6 of the largest traction.
 TIGHT = {"rtol": "1e-11", "friction_rtol": "1e-10"}
 CLOSE = 1e-6
 
@@ -62,7 +63,8 @@ def test_compliance_is_schur_complement_of_dual_matrix(built, scene, options):
     condensed = ContactCompliance(problem.operator)
     schur = F[contact][:, contact] - F[contact][:,
         gluing] @ np.linalg.solve(F[gluing][:, gluing], F[gluing][:, contact])
-    # rounding, times a condition number of F_gg of less than 1e3 in these bodies; their springs add a factor of 1e3
+    # rounding, times a condition number of F_gg of less than 1e3 in these bodies; their springs add
+    # a factor of 1e3
     assert np.abs(condensed.C - schur).max() <= 1e-10 * np.abs(schur).max()
     weights = np.linspace(1.0, 2.0, problem.structure.patterns)
     d = problem.operator.load_response(weights)
@@ -112,14 +114,16 @@ def test_friction_values_agree_with_single_runs(made, solved):
 
 @pytest.mark.parametrize("loading", ["monotone", "nonmonotone"])
 def test_values_depend_neither_on_their_order_nor_on_newton(made, monkeypatch, loading):
-    """Forth and back, in chains of three that start elsewhere, and by successive approximations alone."""
+    """Forth and back, in chains of three that start elsewhere, and by successive approximations
+    alone."""
     monkeypatch.setattr(parametric, "CHAIN", 3)
     monkeypatch.setattr(parametric, "CHAINS", 1)
     values = ["0.1", "0.12", "0.14", "0.16", "0.18", "0.9", "0.92", "1.2"]
     of = dict(scene="model", loading=loading, steps="6", uniqueness="no")
     forth, back, plain = (made(friction=",".join(order), **of, **more)[1] for order, more in (
         (values, {}), (values[::-1], {}), (values, {"corrector": "none"})))
-    # where every step ends in Newton's method the same systems are solved: rounding, times a condition number of 3e3
+    # where every step ends in Newton's method the same systems are solved: rounding, times a
+    # condition number of 3e3
     for other, close in ((back, 1e-11 if loading == "monotone" else CLOSE), (plain, CLOSE)):
         for value in values:
             ours, theirs = (tractions(files["contact"], friction=value) for files in (forth, other))
@@ -132,7 +136,8 @@ def test_values_depend_neither_on_their_order_nor_on_newton(made, monkeypatch, l
 
 
 def test_a_step_in_known_states_takes_one_iteration_and_two_products(made):
-    """Monotone loads grow in proportion: from the second step on Newton's method is there at once."""
+    """Monotone loads grow in proportion: from the second step on Newton's method is there at
+    once."""
     _, files = made(scene="model", friction="0.3,0.31", steps="5")
     later = [row for row in files["history"] if row["step"] != "1"]
     assert {(row["fixed_point_iterations"], row["dual_multiplications"])
@@ -181,19 +186,22 @@ def test_every_rank_gets_values(count, ranks):
 
 
 def test_bodies_without_support_agree_with_single_runs(made, solved):
-    """Nodes of the second and third body keep their numbers, a second parameter in the friction's statement its value."""
+    """Nodes of the second and third body keep their numbers, a second parameter in the friction's
+    statement its value."""
     summary, files = made(scene="stack", friction="0.3,0.6", h="0.3", steps="3")
     assert not summary["condensed"]
-    # friction and balance are settled to 1e-10, and tractions of bodies that stand on one another answer to both
+    # friction and balance are settled to 1e-10, and tractions of bodies that stand on one another
+    # answer to both
     compare(files["contact"], solved("stack", friction=0.3,
             h=0.3, steps=3, **TIGHT), friction="0.3")
 
 
 def test_a_value_without_equilibrium_is_reported_and_the_others_kept(tmp_path):
     out = tmp_path / "study"
-    with pytest.raises(DriverError, match="1 of 2 values did not converge, the first FRICTION=0.3: step 1: no equilibrium"):
-        study.make_study({"scene": "slope", "friction": "0.3,0.5", "cells": "3", "out": str(out), "quiet": "yes",
-                          "figures": "no"})
+    with pytest.raises(DriverError,
+                       match="1 of 2 values did not converge, the first FRICTION=0.3: step 1: no equilibrium"):
+        study.make_study({"scene": "slope", "friction": "0.3,0.5", "cells": "3", "out": str(out),
+                          "quiet": "yes", "figures": "no"})
     rows = read_rows(out / "study.csv")
     assert [row["converged"] for row in rows] == ["no", "yes"] and float(rows[1]["resultant_n"]) < 0
 
@@ -219,8 +227,10 @@ macro initialY() (shift*y) //"""),)
     ("bracket", "play", ["0.01", "0.03"], {"element": "P2"}),
     ("stack", "friction", ["0.3", "0.6"], {}),
 ])
-def test_contact_data_of_a_later_value_are_those_of_a_first_one(tmp_path, variant, scene, name, values, options):
-    """Contact nodes are found for the first value only, what a value changes for each: the same to the last bit."""
+def test_contact_data_of_a_later_value_are_those_of_a_first_one(tmp_path, variant, scene, name,
+                                                                values, options):
+    """Contact nodes are found for the first value only, what a value changes for each: the same to
+    the last bit."""
     path = variant("varied", *scene) if scene is VARIED else freefem.find_scene(scene)
     both = freefem.export_study(path, tmp_path / "both", options, name, values)
     alone, = freefem.export_study(path, tmp_path / "alone", options, name, values[1:])
@@ -270,8 +280,8 @@ def test_refusals(words, reason, tmp_path):
 
 def test_a_value_without_solution_is_reported_and_the_others_kept(tmp_path):
     out = tmp_path / "study"
-    pairs = {"scene": "model", "friction": "0.3,0.4", "steps": "2", "out": str(out), "max_products": "40", "quiet": "yes",
-             "figures": "no", "max_fixed_point": "1"}
+    pairs = {"scene": "model", "friction": "0.3,0.4", "steps": "2", "out": str(out),
+             "max_products": "40", "quiet": "yes", "figures": "no", "max_fixed_point": "1"}
     with pytest.raises(DriverError, match="2 of 2 values did not converge, the first FRICTION=0.3"):
         study.make_study(pairs)
     rows = read_rows(out / "study.csv")

@@ -1,7 +1,9 @@
-"""make accuracy: which part of the error of a scene comes from which setting, and what each digit takes.
+"""make accuracy: which part of the error of a scene comes from which setting, and what each digit
+takes.
 
-`sweeps` plans and runs, `reference` says what the quantities are, `cheapest` judges the runs. Two more parts have
-scenes of their own: `locking`, elements near incompressibility, and `stopping`, tolerances from the error budget.
+`sweeps` plans and runs, `reference` says what the quantities are, `cheapest` judges the runs. Two
+more parts have scenes of their own: `locking`, elements near incompressibility, and `stopping`,
+tolerances from the error budget.
 """
 
 from pathlib import Path
@@ -14,7 +16,8 @@ PARTS = ("sweeps", "locking", "stopping")
 
 
 def run_accuracy(pairs: dict[str, str]) -> list[Path]:
-    """Run the part of the study that the option PART names, `sweeps` by default; returns the files written.
+    """Run the part of the study that the option PART names, `sweeps` by default; returns the files
+    written.
 
     Raises InputError for mistaken options, and what its runs raise.
     """

@@ -1,4 +1,5 @@
-"""What each accuracy takes: trusted errors, the Pareto front, the cheapest settings, and their tables."""
+"""What each accuracy takes: trusted errors, the Pareto front, the cheapest settings, and their
+tables."""
 
 import math
 import statistics
@@ -10,7 +11,8 @@ from .trial import Trial
 
 LEVELS = (0.1, 0.05, 0.02, 0.01, 0.001)
 WORTH = 0.9  # a trial of the front has at most so much of the error of the one before
-RUN_COLUMNS = ("sweep", "value", "setting", "primal_dofs", "dual_dofs", "dual_multiplications", "reason",
+RUN_COLUMNS = ("sweep", "value", "setting", "primal_dofs", "dual_dofs", "dual_multiplications",
+               "reason",
                "energy_estimate", "seconds_solver", "seconds_solver_least", "seconds_solver_most",
                "seconds_export", "seconds_export_least", "seconds_export_most", "repeats")
 CHEAPEST_COLUMNS = ("quantity", "accuracy", "seconds_solver", "seconds_export", "error", "setting")
@@ -19,17 +21,19 @@ CHEAPEST_COLUMNS = ("quantity", "accuracy", "seconds_solver", "seconds_export", 
 def trusted(trials: list[Trial], reference: Reference, name: str) -> dict[int, float]:
     """By id of every trial with a result the error it can be trusted with.
 
-    That is the largest of its own and all tighter ones': errors of mesh and time may cancel at one setting
-    by accident; they do not at all that are tighter. The error is never below that of the reference, where
-    runs cannot be told apart.
+    That is the largest of its own and all tighter ones': errors of mesh and time may cancel at one
+    setting by accident; they do not at all that are tighter. The error is never below that of the
+    reference, where runs cannot be told apart.
     """
     done = [t for t in trials if t.values]
     error = {id(t): reference.relative(t.values[name] - reference.value) for t in done}
-    return {id(t): max(reference.uncertainty, *(error[id(u)] for u in done if u.tighter(t))) for t in done}
+    return {id(t): max(reference.uncertainty,
+                       *(error[id(u)] for u in done if u.tighter(t))) for t in done}
 
 
 def front(trials: list[Trial], error: dict[int, float]) -> list[Trial]:
-    """Trials that no other beats in both seconds and the errors of `trusted` (Pareto), fast ones first."""
+    """Trials that no other beats in both seconds and the errors of `trusted` (Pareto), fast ones
+    first."""
     best, chosen = math.inf, []
     for trial in sorted((t for t in trials if t.values), key=lambda t: t.seconds):
         if error[id(trial)] < WORTH * best:
@@ -40,27 +44,30 @@ def front(trials: list[Trial], error: dict[int, float]) -> list[Trial]:
 
 def cheapest(trials: list[Trial], error: dict[int, float], level: float) -> Trial | None:
     """The fastest trial whose error, one of `trusted`, is below `level`."""
-    return min((t for t in trials if t.values and error[id(t)] <= level), key=lambda t: t.seconds, default=None)
+    return min((t for t in trials if t.values and error[id(t)] <= level), key=lambda t: t.seconds,
+               default=None)
 
 
 def run_rows(trials: list[Trial], known: dict[str, Reference]) -> list[dict]:
     """Rows of accuracy.csv, one a trial.
 
-    `error` is relative to the reference, for `trusted` see there, `own` is the part of the sweep alone.
+    `error` is relative to the reference, for `trusted` see there, `own` is the part of the sweep
+    alone.
     """
     errors = {name: trusted(trials, reference, name) for name, reference in known.items()}
     fronts = {name: front(trials, errors[name]) for name in known}
     table = []
     for trial in trials:
-        row = {"sweep": trial.sweep, "value": trial.value, "setting": trial.label, "reason": trial.reason,
+        row = {"sweep": trial.sweep, "value": trial.value, "setting": trial.label,
+               "reason": trial.reason,
                "energy_estimate": trial.energy, "repeats": len(trial.solver), **trial.sizes}
         table.append(row)
         if not trial.values:
             continue
         for stage in ("solver", "export"):
             spent = getattr(trial, stage)
-            row |= {f"seconds_{stage}": statistics.median(spent), f"seconds_{stage}_least": min(spent),
-                    f"seconds_{stage}_most": max(spent)}
+            row |= {f"seconds_{stage}": statistics.median(spent),
+                    f"seconds_{stage}_least": min(spent), f"seconds_{stage}_most": max(spent)}
         for name, reference in known.items():
             value = trial.values[name]
             row |= {name: value, f"{name}_error": reference.relative(value - reference.value),
@@ -71,7 +78,8 @@ def run_rows(trials: list[Trial], known: dict[str, Reference]) -> list[dict]:
 
 
 def cheapest_rows(trials: list[Trial], known: dict[str, Reference]) -> list[dict]:
-    """Rows of cheapest.csv: for every quantity and level the fastest setting that reaches it, if one does."""
+    """Rows of cheapest.csv: for every quantity and level the fastest setting that reaches it, if
+    one does."""
     table = []
     for name, reference in known.items():
         error = trusted(trials, reference, name)
@@ -79,7 +87,8 @@ def cheapest_rows(trials: list[Trial], known: dict[str, Reference]) -> list[dict
             trial = cheapest(trials, error, level)
             table.append({"quantity": name, "accuracy": level})
             if trial:
-                table[-1] |= {"seconds_solver": trial.seconds, "seconds_export": statistics.median(trial.export),
+                table[-1] |= {"seconds_solver": trial.seconds,
+                              "seconds_export": statistics.median(trial.export),
                               "error": error[id(trial)], "setting": trial.label}
     return table
 

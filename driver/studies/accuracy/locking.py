@@ -1,9 +1,11 @@
-"""make accuracy PART=locking [OUT=]: how elements converge in a material that hardly changes its volume.
+"""make accuracy PART=locking [OUT=]: how elements converge in a material that hardly changes its
+volume.
 
-Scene incompressible with Poisson's ratios near 1/2, each element on meshes halved in size; errors against
-the exact solution, relative to it, in L2: of the displacement, of the strain and of the pressure
-lambda div u. Linear elements lock: the volumes to keep are more than the displacements to keep them with.
-Quadratic ones lose one order of the strain (Babuska, Suri, Numer. Math. 62 (1992) 439-463), P2-mixed nothing.
+Scene incompressible with Poisson's ratios near 1/2, each element on meshes halved in size; errors
+against the exact solution, relative to it, in L2: of the displacement, of the strain and of the
+pressure lambda div u. Linear elements lock: the volumes to keep are more than the displacements to
+keep them with. Quadratic ones lose one order of the strain (Babuska, Suri, Numer. Math. 62 (1992)
+439-463), P2-mixed nothing.
 """
 
 import tempfile
@@ -26,7 +28,8 @@ TIGHT = {"rtol": 1e-12, "primal_rtol": 1e-4, "estimator": "none"}
 
 
 def run_locking(pairs: dict[str, str], out: Path) -> list[Path]:
-    """Make and draw the table in `out`; returns the files. Raises InputError for unknown options."""
+    """Make and draw the table in `out`; returns the files. Raises InputError for unknown
+    options."""
     from ...figures.locking import draw
 
     only(pairs, (), "PART=locking")
@@ -50,14 +53,16 @@ def exact(x: np.ndarray, y: np.ndarray, lam: float) -> tuple[np.ndarray, np.ndar
 
 
 def errors(subdomains: list, fields: list) -> np.ndarray:
-    """(3,) relative errors in L2 of displacement, strain and pressure of `fields`, one a subdomain."""
+    """(3,) relative errors in L2 of displacement, strain and pressure of `fields`, one a
+    subdomain."""
     total = np.zeros(6)
     for sub, u in zip(subdomains, fields):
         corner, value = sub.xy[sub.triangles], u.reshape(-1, 2)[sub.elements]
         lam = sub.elasticity[0, 0, 1]
         volume = elements.linear_strains(corner, value)[..., :2].sum(axis=-1, keepdims=True)
         computed = (elements.shapes(value.shape[1], elements.POINTS) @ value,
-                    elements.strains(corner, value, elements.POINTS), lam * elements.POINTS @ volume)
+                    elements.strains(corner, value, elements.POINTS),
+                    lam * elements.POINTS @ volume)
         x, y = np.moveaxis(elements.POINTS @ corner, -1, 0)
         weights = elements.WEIGHTS, elements.areas(corner)
         for k, (mine, true) in enumerate(zip(computed, exact(x, y, lam))):

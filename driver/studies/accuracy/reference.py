@@ -1,4 +1,5 @@
-"""What the quantities of a scene are: closed forms, else runs that are fine in space and in time."""
+"""What the quantities of a scene are: closed forms, else runs that are fine in space and in
+time."""
 
 import math
 from dataclasses import dataclass
@@ -28,7 +29,8 @@ class Reference:
 
 
 def hertz(known: dict[str, Reference]) -> dict[str, Reference]:
-    """edp/hertz.edp: Johnson, Contact Mechanics (1985), 4.2(c), at the resultant of the reference runs.
+    """edp/hertz.edp: Johnson, Contact Mechanics (1985), 4.2(c), at the resultant of the reference
+    runs.
 
     Half-planes are a disc but for (a/R)^2, of which peak and width lack twice as much
     (tests/scenes/test_scenes_hertz.py); the resultant's error counts half.
@@ -44,11 +46,13 @@ def hertz(known: dict[str, Reference]) -> dict[str, Reference]:
 CLOSED_FORMS = {"hertz": hertz}
 
 
-def references(runs: dict[str, Trial], closed_form=None, element: str = "P1") -> dict[str, Reference]:
-    """Reference of every quantity that has one: that converges, and on which not all runs agree to rounding.
+def references(runs: dict[str, Trial], closed_form=None, element: str = "P1") -> dict[str,
+                                                                                      Reference]:
+    """Reference of every quantity that has one: that converges, and on which not all runs agree to
+    rounding.
 
-    Its own error follows from the approach of adaptive meshes, whose cycles lessen the error like a halved
-    size, and of doubled steps (budget.extrapolate), plus the product of both corrections.
+    Its own error follows from the approach of adaptive meshes, whose cycles lessen the error like a
+    halved size, and of doubled steps (budget.extrapolate), plus the product of both corrections.
     """
     known = {}
     for name, base in runs["base"].values.items():
@@ -56,7 +60,8 @@ def references(runs: dict[str, Trial], closed_form=None, element: str = "P1") ->
         finest, most = value.get("finest", base), value.get("most", base)
         total = finest + most - base
         own = abs((finest - base) * (most - base) / base) if base else 0.0
-        for keys, formal, limit in ((("finest", "finer", "coarser"), FORMAL["mesh"][element], False),
+        for keys, formal, limit in ((("finest", "finer", "coarser"), FORMAL["mesh"][element],
+                                     False),
                                     (("most", "more", "fewer"), FORMAL["time"], True)):
             if keys[0] in value:
                 last, middle, first = (value[key] for key in keys)

@@ -1,21 +1,24 @@
 """make accuracy PART=stopping [ROWS=1,2,3,4] [OUT=]: what stopping by the error budget saves.
 
-For h = 1/20 to 1/160 of the model example (ROWS as in the slides' table) and both loadings, four stopping
-rules on one dual operator:
+For h = 1/20 to 1/160 of the model example (ROWS as in the slides' table) and both loadings, four
+stopping rules on one dual operator:
 
-classical  every QP to RTOL=1e-6 and the fixed point to FRICTION_RTOL=1e-6, from the multipliers of the
+classical  every QP to RTOL=1e-6 and the fixed point to FRICTION_RTOL=1e-6, from the multipliers of
+the
            previous step
-fixed      RTOL=1e-6 FRICTION_RTOL=1e-6, otherwise as runs do: QPs stop when their friction bound is worth
+fixed      RTOL=1e-6 FRICTION_RTOL=1e-6, otherwise as runs do: QPs stop when their friction bound is
+worth
            renewing
-budget     RTOL is the next below the largest of TRIALS that moves the contact tractions by less than SHARE
-           of the discretization error on the mesh of doubled size (the same tolerance leaves more on a
-           finer mesh), and FRICTION_RTOL a third of that error
+budget     RTOL is the next below the largest of TRIALS that moves the contact tractions by less
+than SHARE
+           of the discretization error on the mesh of doubled size (the same tolerance leaves more
+           on a finer mesh), and FRICTION_RTOL a third of that error
 reference  RTOL=1e-10: what the others are compared with
 
 The discretization error is the difference of the references on meshes of size 2h and h, which for
 tractions that converge with first order is that of h. Differences of tractions are those of
-(sigma_n, sigma_t) in the L2 norm over the contact boundary, relative to the norm of the reference, the
-largest of all time steps. Leaves stopping.csv, .png and .pdf.
+(sigma_n, sigma_t) in the L2 norm over the contact boundary, relative to the norm of the reference,
+the largest of all time steps. Leaves stopping.csv, .png and .pdf.
 """
 
 import shutil
@@ -38,17 +41,19 @@ from ..table import LOADINGS, ROWS
 CELLS = 10
 TRIALS = (1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 3e-7)
 SHARE = 1 / 3
-RULES = {"classical": {"rtol": 1e-6, "friction_rtol": 1e-6, "inner_rtol": 1e-9, "predictor": "previous"},
+RULES = {"classical": {"rtol": 1e-6, "friction_rtol": 1e-6, "inner_rtol": 1e-9,
+                       "predictor": "previous"},
          "fixed": {"rtol": 1e-6, "friction_rtol": 1e-6},
          "reference": {"rtol": 1e-10, "friction_rtol": 1e-9, "primal_rtol": 1e-7}}
 COLUMNS = ("row", "h", "loading", "discretization", "budget_rtol", "budget_friction_rtol",
-           "products_classical", "products_fixed", "products_budget", "products_coarse", "saved_fixed",
-           "saved_classical", "change_classical", "change_fixed", "change_budget")
+           "products_classical", "products_fixed", "products_budget", "products_coarse",
+           "saved_fixed", "saved_classical", "change_classical", "change_fixed", "change_budget")
 
 
 @dataclass
 class Tractions:
-    """sigma_n, sigma_t (steps, nodes) at x on dual segments of length `weight`, and the products they took."""
+    """sigma_n, sigma_t (steps, nodes) at x on dual segments of length `weight`, and the products
+    they took."""
 
     x: np.ndarray
     weight: np.ndarray
@@ -93,7 +98,8 @@ def by_budget(rtol: float, error: float) -> dict:
 
 
 def choose(coarse: Mesh, reference: Tractions, error: float) -> tuple[float, int]:
-    """RTOL for a discretization error by trials on a coarse mesh, and the products of the trials."""
+    """RTOL for a discretization error by trials on a coarse mesh, and the products of the
+    trials."""
     spent = 0
     for rtol, tighter in zip(TRIALS, TRIALS[1:]):
         trial = coarse.run(**by_budget(rtol, error))
@@ -123,7 +129,8 @@ def compare(folder: Path, row: int, loading: str) -> dict:
 
 
 def run_stopping(pairs: dict[str, str], out: Path) -> list[Path]:
-    """Make and draw the table in `out`; returns the files. Raises InputError for unknown options."""
+    """Make and draw the table in `out`; returns the files. Raises InputError for unknown
+    options."""
     from ...figures.stopping import draw
 
     only(pairs, ("rows",), "PART=stopping")

@@ -1,16 +1,19 @@
-"""The sweeps of `make accuracy`: which part of the error comes from which setting, and what each digit takes.
+"""The sweeps of `make accuracy`: which part of the error comes from which setting, and what each
+digit takes.
 
-    python3 -m driver accuracy SCENE=hertz [EFFORT=quick|full] [REPEATS=3] [QUANTITY=slip] [NP=] [OUT=] [...]
+    python3 -m driver accuracy SCENE=hertz [EFFORT=quick|full] [REPEATS=3] [QUANTITY=slip] [NP=]
+    [OUT=] [...]
 
-One sweep a setting, from coarse to fine with all others at the base: the mesh (uniform), the same with quadratic
-elements, cycles of adaptive refinement, time steps, friction's fixed point, MPRGP's tolerance; and `together`,
-meshes and steps with loose tolerances, where the cheapest settings are. Errors are those of the quantities of
-interest against a closed form where there is one, else against
+One sweep a setting, from coarse to fine with all others at the base: the mesh (uniform), the same
+with quadratic elements, cycles of adaptive refinement, time steps, friction's fixed point, MPRGP's
+tolerance; and `together`, meshes and steps with loose tolerances, where the cheapest settings are.
+Errors are those of the quantities of interest against a closed form where there is one, else
+against
 
     q(finest adaptive mesh) + q(base mesh, most steps) - q(base mesh, base steps),
 
-reference runs that are fine in space and in time, and the report says how much they may err themselves. A
-quantity that does not converge (the pressure at a sharp corner) is left out.
+reference runs that are fine in space and in time, and the report says how much they may err
+themselves. A quantity that does not converge (the pressure at a sharp corner) is left out.
 Leaves accuracy.csv (a row a run), reference.csv, cheapest.csv and pictures.
 """
 
@@ -102,7 +105,8 @@ class Study:
         """A trial of a sweep with the base's setting but for `changes`."""
         setting = dataclasses.replace(self.base, **changes)
         options = setting.options(self.mesh_name)
-        return Trial(sweep, value, setting, " ".join(f"{name.upper()}={word}" for name, word in options.items()))
+        return Trial(sweep, value, setting,
+                     " ".join(f"{name.upper()}={word}" for name, word in options.items()))
 
     def plan(self) -> list[Trial]:
         """All trials but the reference's."""
@@ -141,7 +145,7 @@ class Study:
                 trials[name] = self._trial("reference", 0, steps=steps)
         return trials
 
-    # ---- runs ----------------------------------------------------------------------------------------
+    # ---- runs ------------------------------------------------------------------------------------
     def run(self, trial: Trial, repeats: int = 1) -> None:
         """Run a trial, and again until `repeats` are done or it has taken long enough."""
         pairs = {**self.given, **trial.setting.options(self.mesh_name), "scene": str(self.scene),
@@ -157,8 +161,9 @@ class Study:
     def run_all(self, quantity: str | None) -> tuple[list[Trial], dict[str, Reference], str | None]:
         """Run the reference and all trials, with a line each.
 
-        Returns the trials, the reference values and the quantity to show: `quantity`, by default the most
-        sensitive one. Raises InputError if the reference fails or does not have that quantity.
+        Returns the trials, the reference values and the quantity to show: `quantity`, by default
+        the most sensitive one. Raises InputError if the reference fails or does not have that
+        quantity.
         """
         clock, reference, trials = time.perf_counter(), self.reference_runs(), self.plan()
         total = len(reference) + len(trials)
@@ -194,8 +199,8 @@ def _report(trial: Trial, error: str, number: int, total: int, clock: float) -> 
 def run_sweeps(pairs: dict[str, str]) -> list[Path]:
     """Run the sweeps, write their tables and draw them; returns the files.
 
-    The model example is studied under both loadings unless LOADING is given. Raises InputError for options that
-    the study sets itself, and DriverError of a scene that does not run.
+    The model example is studied under both loadings unless LOADING is given. Raises InputError for
+    options that the study sets itself, and DriverError of a scene that does not run.
     """
     from ...figures.accuracy import draw
 
@@ -218,7 +223,8 @@ def run_sweeps(pairs: dict[str, str]) -> list[Path]:
     table = cheapest_rows(trials, known)
     columns = [*RUN_COLUMNS, *(f"{name}{suffix}" for name in known
                                for suffix in ("", "_error", "_trusted", "_own", "_front"))]
-    values = [{"scene": name, "quantity": quantity, "value": r.value, "unit": unit(quantity, study.units),
+    values = [{"scene": name, "quantity": quantity, "value": r.value,
+               "unit": unit(quantity, study.units),
                "uncertainty": r.uncertainty, "source": r.source, "main": int(quantity == main)}
               for quantity, r in known.items()]
     runs = write_table(out / "accuracy.csv", run_rows(trials, known), columns)

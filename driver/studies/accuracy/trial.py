@@ -4,9 +4,10 @@ import statistics
 from dataclasses import dataclass, field
 
 SWEEPS = ("mesh", "quadratic", "adapt", "steps", "friction_rtol", "rtol", "together")
-# sweep: the run of the reference in which all that the sweep does not vary is the same, and what it varies is tight
-TIGHT = {"mesh": "finest", "quadratic": "finest", "adapt": "finest", "steps": "most", "friction_rtol": "base",
-         "rtol": "base"}
+# sweep: the run of the reference in which all that the sweep does not vary is the same, and what it
+# varies is tight
+TIGHT = {"mesh": "finest", "quadratic": "finest", "adapt": "finest", "steps": "most",
+         "friction_rtol": "base", "rtol": "base"}
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,8 @@ class Trial:
     """One setting and the outcome of its runs."""
 
     sweep: str
-    value: float  # of what is varied, the smaller the tighter: relative mesh size, time step, tolerance
+    # of what is varied, the smaller the tighter: relative mesh size, time step, tolerance
+    value: float
     setting: Setting
     label: str
     reason: str = ""  # why there is no result
@@ -52,7 +54,8 @@ class Trial:
     tight: "Trial | None" = None  # the run of the reference that TIGHT names
 
     def add(self, summary: dict) -> None:
-        """Keep the results of a finished run. Of adaptive runs all cycles count, with their estimates."""
+        """Keep the results of a finished run. Of adaptive runs all cycles count, with their
+        estimates."""
         seconds = summary["seconds"]
         self.export.append(seconds["export"] + seconds.get("export_cycles", 0.0))
         self.solver.append(seconds["read"] + seconds["setup"] + seconds["solve"]
