@@ -75,7 +75,7 @@ def measure(bench: Workbench) -> dict:
     matrix = petsc_matrix(K)
     matrix.setOption(PETSc.Mat.Option.SPD, True)
     trials = {name: factorize_and_solve(matrix, loads[0], number)
-                                        for name, number in ORDERINGS.items()}
+              for name, number in ORDERINGS.items()}
     best = min(trials, key=trials.get)
     settings = method_settings("default")
 

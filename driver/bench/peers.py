@@ -35,7 +35,7 @@ def measure(bench: Workbench, large: bool = False) -> dict:
         return {}
     measured = {"cells": [], "driver": [], "GetFEM": [], "steps": STEPS}
     for cells, (subdomains, target) in {**CASES, **(LARGE if large else {})}.items():
-        mesh, ours, theirs = bench.folder / "mesh.npz", bench.folder / "run", bench.folder / "getfem.npz"
+        mesh, ours, theirs = (bench.folder / name for name in ("mesh.npz", "run", "getfem.npz"))
         _write_mesh(bench.problem(subdomains).structure, mesh)
         bench.forget(subdomains)
         script = str(Path(__file__).with_name("getfem_model.py"))
@@ -44,8 +44,8 @@ def measure(bench: Workbench, large: bool = False) -> dict:
                              f"STEPS={STEPS}", f"OUT={ours}", "ERRORS=no", "FIELDS=no",
                              "FIGURES=no", "QUIET=yes"),
             "GetFEM": [sys.executable, script, str(mesh), str(theirs), str(STEPS), LOADING]}
-        times = in_turn({name: lambda command=command: child(command)[0] for name, command in commands.items()},
-                        REPEATS if cells < 80 else 1)
+        times = in_turn({name: lambda command=command: child(command)[0]
+                         for name, command in commands.items()}, REPEATS if cells < 80 else 1)
         difference = _compare(ours, theirs)
         if not difference <= AGREE:
             raise RuntimeError(

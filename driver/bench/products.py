@@ -38,5 +38,6 @@ def measure(bench: Workbench) -> dict:
                    counts[loading][-1] / counts[loading][0], "", "<= 1.5")
     return {"subdomains": [SLIDES[1][0] * 4 ** (row - 1) for row in ROWS], "counts": counts,
             "shares": shares,
-            "slides": {loading: [SLIDES[row][5 + k] for row in ROWS] for k, loading in enumerate(LOADINGS)},
+            "slides": {loading: [SLIDES[row][5 + k] for row in ROWS]
+                       for k, loading in enumerate(LOADINGS)},
             "left_out": [f"{name}={value}" for name, value in LEFT_OUT.items()]}

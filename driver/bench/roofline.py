@@ -3,7 +3,7 @@ it."""
 
 import numpy as np
 
-from .workbench import REPEATS, Workbench, in_turn, ratios, seconds
+from .workbench import REPEATS, Workbench, in_turn, median, ratios, seconds
 
 PART = "roofline"
 CASES = {"64x32": {}, "512": {}}  # equal squares; a graph partition, whose matrices all differ
@@ -48,22 +48,23 @@ def measure(bench: Workbench) -> dict:
         operator = bench.problem(subdomains).operator
         x = np.random.default_rng(1).standard_normal(operator.owned)
         operator.apply(x)
-        times = in_turn({"product": lambda: seconds(lambda: [operator.apply(x) for _ in range(CALLS)]) / CALLS,
-                         "byte": triad, "flop": gemm}, 2 * REPEATS)
+
+        def product() -> float:
+            return seconds(lambda: [operator.apply(x) for _ in range(CALLS)]) / CALLS
+
+        times = in_turn({"product": product, "byte": triad, "flop": gemm}, 2 * REPEATS)
         needed = work(operator)
         # dense products and the passes over memory follow one another
         bound = [flop * needed["flops"] + byte * needed["bytes"]
-            for flop, byte in zip(times["flop"], times["byte"])]
+                 for flop, byte in zip(times["flop"], times["byte"])]
         report, label = bench.report, f"{subdomains}, {len(operator.classes)} distinct matrices"
         report.add(PART, f"product with F, {label}", np.multiply(times["product"], 1e3), "ms")
         report.add(PART, f"flops of a product, {subdomains}", needed["flops"] / 1e6, "Mflop")
         report.add(PART, f"bytes of a product, {subdomains}", needed["bytes"] / 1e6, "MB")
-        report.add(PART, f"share of the roofline reached, {label}", ratios(
-            bound, times["product"]), "", ">= 0.5")
-        measured[subdomains] = {"bound": float(np.median(bound)),
-                                "product": float(np.median(times["product"])), **needed,
-                             "byte": float(np.median(times["byte"])),
-                                "flop": float(np.median(times["flop"]))}
+        report.add(PART, f"share of the roofline reached, {label}", ratios(bound, times["product"]),
+                   "", ">= 0.5")
+        medians = {name: median(values) for name, values in times.items()}
+        measured[subdomains] = {**needed, **medians}
     for key, name, unit in (("flop", "dense product rate", "Gflop/s"),
                             ("byte", "memory bandwidth (triad)", "GB/s")):
         bench.report.add(PART, name, 1e-9 / measured["64x32"][key], unit)

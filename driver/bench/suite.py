@@ -57,7 +57,8 @@ def _measure(chosen: list[str], large: bool, folder: Path) -> list[Path]:
         bench.close()
     missed = [row for row in bench.report.rows if row.met == "no"]
     targets = [row for row in bench.report.rows if row.target]
-    print(f"{time.perf_counter() - start:.0f} s; {len(targets) - len(missed)} of {len(targets)} targets met")
+    met = f"{len(targets) - len(missed)} of {len(targets)} targets met"
+    print(f"{time.perf_counter() - start:.0f} s; {met}")
     for row in missed:
         print(f"  missed: {row.name}: {row.value:.4g} {row.unit} ({row.target})")
     return paths

@@ -66,8 +66,8 @@ class Report:
     def write(self, path: Path) -> None:
         """report.csv under a temporary name, renamed."""
         write_rows(path, [field.name for field in dataclasses.fields(Row)],
-                   [[f"{v:.6g}" if isinstance(v,
-                                              float) else v for v in dataclasses.astuple(row)] for row in self.rows])
+                   [[f"{v:.6g}" if isinstance(v, float) else v for v in dataclasses.astuple(row)]
+                    for row in self.rows])
 
 
 class Workbench:
@@ -101,8 +101,9 @@ class Workbench:
         if key not in self._manifests:
             self._manifests[key] = self._loadings(subdomains, cells)
         problem = self._problems[key]
+        operator = problem.operator.with_contact(problem.structure.contact)
         return dataclasses.replace(problem, manifest=self._manifests[key][loading],
-                                   operator=problem.operator.with_contact(problem.structure.contact))
+                                   operator=operator)
 
     def assemble(self, subdomains: str, cells: int = 10, lap=lambda stage: None):
         """Read and reduce the export of a size anew, on this process alone."""
@@ -194,7 +195,7 @@ def on_ranks(bench: Workbench, export: Path, ranks: int, repeats: int,
     """What rank.py measures on an export, `repeats` times in one start of the ranks."""
     out = bench.folder / ".runs.json"
     command = [sys.executable, "-m", "driver.bench.rank",
-        str(export), str(out), str(repeats), *settings]
+               str(export), str(out), str(repeats), *settings]
     child([*environment.mpirun(ranks), *command] if ranks > 1 else command)
     runs = json.loads(out.read_text())
     out.unlink()

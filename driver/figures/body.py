@@ -96,7 +96,9 @@ def geometry(figure: Figure, run: Run) -> None:
     axes.autoscale_view()
     longest = np.linalg.norm(traction, axis=1).max(initial=0)
     stress = stress_scale(run, longest)
-    arrow = rf"longest arrow {longest * stress.factor:.3g} {stress.label} at $\varphi = 1$" if longest else ""
+    arrow = ""
+    if longest:
+        arrow = rf"longest arrow {longest * stress.factor:.3g} {stress.label} at $\varphi = 1$"
     run_header(figure, run, "Geometry, boundary conditions and subdomains",
                geometry_legend(run, role), arrow)
     shrink_to_body(figure, axes)

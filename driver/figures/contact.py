@@ -5,7 +5,7 @@ from matplotlib.colors import ListedColormap, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from .layout import PANELS, run_header, panels_note, panel_grid
+from .layout import PANELS, panel_grid, panels_note, run_header
 from .reading import Run, contact_boundaries, segment_ends, select
 from .scales import Scale, length_scale, stress_scale
 from .style import BLUE, INK, ORANGE, RED
@@ -103,8 +103,7 @@ def contact_panels(figure: Figure, run: Run, caption: str, panels: tuple) -> Non
     figure.align_ylabels()
     status = np.concatenate([rows["status"] for _, rows in shown])
     run_header(figure, run, caption + run.at(final_time(run)),
-               [*handles.values(), *zone_handles(run, status, pale)],
-           panels_note(boundaries))
+               [*handles.values(), *zone_handles(run, status, pale)], panels_note(boundaries))
 
 
 def normal_stress(axes, rows: dict, arc: np.ndarray, scale: Scale) -> list:
@@ -177,4 +176,4 @@ def contact_status(figure: Figure, run: Run) -> None:
         axes.set(xlabel=rf"arc length along $\Gamma_c$ [{arc.label}]", ylabel="time $t$")
         seen.append(status)
     run_header(figure, run, r"Contact status on $\Gamma_c$ over time",
-           zone_handles(run, np.concatenate(seen), str), panels_note(boundaries))
+               zone_handles(run, np.concatenate(seen), str), panels_note(boundaries))

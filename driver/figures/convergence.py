@@ -7,7 +7,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter
 
-from ..scene import elements
 from .layout import run_header
 from .reading import Run, select
 from .scales import length_scale
@@ -76,7 +75,7 @@ def adaptivity(figure: Figure, run: Run) -> None:
     body.set(xlabel=f"$x$ [{scale.label}]", ylabel=f"$y$ [{scale.label}]")
     size, relative = run.adaptivity["primal_dofs"], 100 * run.adaptivity["relative"]
     error.loglog(size, relative, "o-", color=BLUE, label="cycles")
-    degree = elements.DEGREE[run.summary["parameters"].get("element", "P1")]
+    degree = run.first.degree
     error.loglog(size, relative[0] * (size / size[0]) ** (-degree / 2), "--", color="0.6", lw=0.8,
                  label=r"$N^{-1/2}$" if degree == 1 else "$N^{-1}$")
     error.set(xlabel="primal unknowns $N$", ylabel="error in the energy norm [%]")
@@ -87,4 +86,4 @@ def adaptivity(figure: Figure, run: Run) -> None:
             lambda value, _: f"{value:g}" if f"{value:e}"[0] in "25" else ""))
     error.tick_params(which="both", labelsize=7, length=3)
     run_header(figure, run, "Adaptive refinement", error.get_legend_handles_labels()[0],
-           f"{len(run.first.corners)} triangles after {len(size) - 1} cycles")
+               f"{len(run.first.corners)} triangles after {len(size) - 1} cycles")

@@ -76,7 +76,7 @@ def _tractions(panels: list, curves: dict[str, dict], names: list[str]) -> None:
     run."""
     full = next(iter(curves.values()))
     load = {b: np.abs(rows["sigma_n"] * rows["weight"]).sum()
-                      for b, rows in contact_boundaries(full)}
+            for b, rows in contact_boundaries(full)}
     most = max(load, key=load.get)
     shown = {name: dict(contact_boundaries(curve))[most] for name, curve in curves.items()}
     along = scale_for(full["length_unit"][0], full["arc"])

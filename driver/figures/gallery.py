@@ -30,7 +30,8 @@ def wanted(run: Run) -> dict:
         contact_status: touching and run.quasistatic and len(np.unique(run.contact["step"])) > 1,
         convergence: run.convergence is not None,
         history: touching and moving,
-        adaptivity: run.adaptivity is not None and run.first is not None and np.isfinite(run.adaptivity["relative"]).all(),
+        adaptivity: (run.adaptivity is not None and run.first is not None
+                     and np.isfinite(run.adaptivity["relative"]).all()),
     }
     return {draw.__name__: draw for draw, yes in choice.items() if yes}
 

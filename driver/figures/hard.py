@@ -18,7 +18,7 @@ NUMBERS = (*RESIDUALS, "kkt_tolerance", "error", "products", "iterations_ratio",
 COLUMNS = ("status", *RESIDUALS[:-1], "comple-\nmentarity", "error\n/ allowed", "products\n/ easy",
            "condition\nof $MF$", "seconds")
 PALE = {"good": "#CFE8DD", "near": "#F8E3B4",
-    "bad": "#F2B8A0", "refused": "#CFE0EE", "none": "#FFFFFF"}
+        "bad": "#F2B8A0", "refused": "#CFE0EE", "none": "#FFFFFF"}
 KEY = {"good": "as it must be", "near": "over half of what is allowed",
        "refused": "refused as it must be", "bad": "failed"}
 # centimetres: width of a cell, height of a line, width of the names
@@ -29,7 +29,7 @@ def draw(table: Path) -> list[Path]:
     """Draw report.csv: report and, if a sweep has several places, sweeps; returns the files
     written."""
     rows = [{**row, **{name: float(row[name] or "nan") for name in NUMBERS}}
-                                   for row in read_rows(table)]
+            for row in read_rows(table)]
     lines = _lines(rows)
     width, height = NAME + CELL * len(COLUMNS), LINE * len(lines) + 2.0
     paths = write(canvas(lambda figure: _table(figure, lines, width, height), height, width,

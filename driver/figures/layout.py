@@ -64,4 +64,6 @@ def panel_grid(figure: Figure, boundaries: list, stacked: int, height: float) ->
 
 def panels_note(boundaries: list) -> str:
     """How many contact boundaries are shown, if not all."""
-    return f"{PANELS} of {len(boundaries)} contact boundaries shown" if len(boundaries) > PANELS else ""
+    if len(boundaries) <= PANELS:
+        return ""
+    return f"{PANELS} of {len(boundaries)} contact boundaries shown"

@@ -12,6 +12,7 @@ from ..errors import InputError
 from ..files import read_table
 
 # of a triangle with six nodes in VTK's order
+TABLES = ("history", "contact", "convergence", "boundary", "adaptivity")
 QUARTERS = [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]
 
 
@@ -30,6 +31,7 @@ class Mesh:
     displacement: np.ndarray
     von_mises: np.ndarray
     corners: np.ndarray
+    degree: int  # of the displacements
 
     def rim(self):
         """Edges (e, 2) of the subdomain boundaries and, for each, the corner of its triangle
@@ -86,7 +88,8 @@ def read_mesh(path: Path, time: float) -> Mesh:
         np.int64), data.cell_data_dict["von_mises"][kind].ravel()
     parts = QUARTERS if kind == "triangle6" else [[0, 1, 2]]
     return Mesh(time, data.points[:, :2], nodes[:, parts].reshape(-1, 3),
-                data.point_data["displacement"][:, :2], np.repeat(mises, len(parts)), nodes[:, :3])
+                data.point_data["displacement"][:, :2], np.repeat(mises, len(parts)), nodes[:, :3],
+                2 if kind == "triangle6" else 1)
 
 
 def read_run(directory: Path) -> Run:
@@ -100,12 +103,10 @@ def read_run(directory: Path) -> Run:
         sets = [(float(d.get("timestep")), directory / d.get("file"))
                 for d in ElementTree.parse(directory / "fields.pvd").iter("DataSet")]
         if sets:
-            told = summary.get("quantities_time", max(sets)[0])
-            nearest = min(sets, key=lambda one: abs(one[0] - told))
+            wanted = summary.get("quantities_time", max(sets)[0])
+            nearest = min(sets, key=lambda entry: abs(entry[0] - wanted))
             first, last = (read_mesh(path, time) for time, path in (min(sets), nearest))
-    tables = {n: read_table(directory / f"{n}.csv")
-                            for n in ("history", "contact", "convergence", "boundary",
-                                      "adaptivity")}
+    tables = {name: read_table(directory / f"{name}.csv") for name in TABLES}
     return Run(summary, first=first, last=last, **tables)
 
 

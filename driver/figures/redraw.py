@@ -10,7 +10,7 @@ from .gallery import draw_run
 
 TABLES = {  # first column of a study's table: what draws it
     "sweep": functools.partial(accuracy.draw, every=True), "element": locking.draw,
-          "row": stopping.draw,
+    "row": stopping.draw,
     "without": effects.draw, "n_s": table.draw, "family": hard.draw, "part": bench.draw}
 
 

@@ -59,7 +59,7 @@ def _names(torn: list[int], corners: int, kinds: list[int]) -> list[tuple[float,
         names.append(((torn[-1] + corners) / 2, "$u_c$"))
     if len(torn) <= 16:
         names += [((a + b) / 2, f"$u_{{r,{s}}}$")
-                   for s, (a, b) in enumerate(zip((0, *torn), torn), 1)]
+                  for s, (a, b) in enumerate(zip((0, *torn), torn), 1)]
     return names
 
 

@@ -43,8 +43,7 @@ def _fill(figure: Figure, summary: dict, table: dict) -> None:
     forces, peak, zones, energy = figure.subplots(2, 2, sharex=True).ravel()
     plot(forces, "contact force", f"{stress}·{length}",
          {"pressing, $-R_n$": (-table["resultant_n"], BLUE),
-                                                         "friction, $R_t$": (table["resultant_t"],
-                                                                             ORANGE)})
+          "friction, $R_t$": (table["resultant_t"], ORANGE)})
     plot(peak, "largest pressure", stress, {"": (table["peak_pressure"], BLUE)})
     plot(zones, "contact nodes", "", {zone: (table[f"nodes_{zone}"], colour) for zone, colour in
                                       (("stick", GREEN), ("slip", ORANGE), ("open", BLUE))})

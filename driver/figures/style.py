@@ -27,7 +27,7 @@ STYLE = {
 
 
 def canvas(draw: Callable[[Figure], None], height: float, width: float = WIDTH,
-            layout: str = "constrained") -> Figure:
+           layout: str = "constrained") -> Figure:
     """The figure, `width` by `height` centimetres, that `draw(figure)` fills; laid out, not yet
     written."""
     with matplotlib.rc_context(STYLE):

@@ -70,7 +70,9 @@ def freefem(script: str):
         with tempfile.TemporaryDirectory() as place:
             path = Path(place) / "FreeFem++"
             path.write_text(f"#!/bin/sh\nfreefem={shlex.quote(program('FreeFem++'))}\n"
-                            'for word; do test "$last" = -export && export=$word; last=$word; done\n' + script)
+                            'for word; do test "$last" = -export && export=$word; '
+                            'last=$word; done\n'
+                            + script)
             path.chmod(0o755)
             search = os.pathsep.join([place, os.environ["PATH"]])
             return run_command(_command(case, size, directory), directory, case.seconds,
@@ -83,8 +85,8 @@ def no_package(name: str):
     """A run for which a Python package is not installed."""
     def perform(case, size, directory):
         with tempfile.TemporaryDirectory() as place:
-            (Path(place) / \
-             f"{name}.py").write_text(f"raise ModuleNotFoundError('no such package', name={name!r})\n")
+            text = f"raise ModuleNotFoundError('no such package', name={name!r})\n"
+            (Path(place) / f"{name}.py").write_text(text)
             return run_command(_command(case, size, directory), directory, case.seconds,
                                PYTHONPATH=os.pathsep.join([place, python_path()]))
 
@@ -148,17 +150,18 @@ def _cut(export: Path) -> None:
 def stopped(number: signal.Signals, rank: bool = False):
     """A run hit by a signal as soon as it has a checkpoint, itself or one of its ranks, and then
     made again."""
+    def heed_interrupts():
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
     def perform(case, size, directory):
         words = [word for word in _command(case, size, directory) if word != "RESUME=no"]
         env = {**os.environ, "PYTHONPATH": python_path()}
         directory.parent.mkdir(parents=True, exist_ok=True)
         with subprocess.Popen([sys.executable, "-m", "driver", *words], cwd=ROOT, env=env,
-                              stdin=subprocess.DEVNULL,
-                              stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-                              preexec_fn=lambda: signal.signal(signal.SIGINT,
-                                                               signal.default_int_handler)) as child:
-            limit = time.monotonic() + case.seconds
-            while child.poll() is None and not list(directory.parent.glob(f".{directory.name}.*/{NAME}")):
+                              stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
+                              stderr=subprocess.DEVNULL, preexec_fn=heed_interrupts) as child:
+            limit, checkpoints = time.monotonic() + case.seconds, f".{directory.name}.*/{NAME}"
+            while child.poll() is None and not list(directory.parent.glob(checkpoints)):
                 if time.monotonic() > limit:
                     child.kill()
                 time.sleep(0.01)

@@ -17,10 +17,9 @@ def cycle_to_cycle(tolerance: float):
         error = 0.0
         for names in (("u_n", "u_t"), ("sigma_n", "sigma_t")):
             largest = max(np.abs(outcome.contact[name]).max() for name in names)
-            error = max(error,
-                        *(ratio(np.abs(outcome.contact[n][-8:] - outcome.contact[n][-16:-8]).max(),
-                                largest)
-                                 for n in names))
+            for name in names:
+                drift = outcome.contact[name][-8:] - outcome.contact[name][-16:-8]
+                error = max(error, ratio(np.abs(drift).max(), largest))
         return Check("the cycle before", error, tolerance)
     return check
 

@@ -10,12 +10,13 @@ BOTH = (dense(1e-5), laws(1e-5))
 # stiff pieces between compliant ones move nearly rigidly: multipliers answer to the QP's 1e-10
 # times the contrast
 LOOSE = (dense(1e-3), laws(1e-5))
+WHERE = {"pieces": "from subdomain to subdomain", "inside": "inside subdomains",
+         "halves": "halfway"}
 
 
 def jump(value: float, board: str, fast=False) -> Case:
     """Young's modulus jumps by `value` over the chess board `board`."""
-    where = {"pieces": "from subdomain to subdomain",
-        "inside": "inside subdomains", "halves": "halfway"}[board]
+    where = WHERE[board]
     return Case(f"E jumps by {value:.0e} {where}", "material", BLOCK,
                 {"JUMP": value, "BOARD": board},
                 sizes=({"SUBDOMAINS": "4x2", "CELLS": 8 if board == "halves" else 4},
@@ -27,8 +28,7 @@ def jump(value: float, board: str, fast=False) -> Case:
 def jump_without_contact(value: float, board: str) -> Case:
     """The same, out of reach of the foundation: what the jump does to the preconditioned operator
     alone."""
-    where = {"pieces": "from subdomain to subdomain",
-        "inside": "inside subdomains", "halves": "halfway"}[board]
+    where = WHERE[board]
     return Case(f"E jumps by {value:.0e} {where}, no contact", "material", BLOCK,
                 {"JUMP": value, "BOARD": board, "GAP": 1e9, "FRICTION": 0, "STEPS": 1},
                 easy={"JUMP": 1}, ratio=2.0, checks=(laws(1e-5),),

@@ -152,14 +152,14 @@ class Assembled:
                 key = (int(label), int(sub.node_gid[vertex]))
                 parts.setdefault(key, []).append((w, *(w * n), w * gap, w * F, *sub.xy[vertex]))
         free = set(self.free.tolist())
-        kept = [(key, np.array(p))
-                 for key, p in parts.items() if free & {2 * key[1], 2 * key[1] + 1}]
+        kept = [(key, np.array(p)) for key, p in parts.items()
+                if free & {2 * key[1], 2 * key[1] + 1}]
         # label, then x: the model's order along the arc
         kept.sort(key=lambda pair: (pair[0][0], *pair[1][0, 5:]))
         self.label, self.gid = np.array([key for key, _ in kept], int).reshape(-1, 2).T
         total = np.array([p.sum(axis=0) for _, p in kept]).reshape(-1, 7)
-        self.weight, self.gap, self.friction = total[:,
-            0], total[:, 3] / total[:, 0], total[:, 4] / total[:, 0]
+        self.weight = total[:, 0]
+        self.gap, self.friction = total[:, 3] / self.weight, total[:, 4] / self.weight
         self.xy = np.array([p[0, 5:] for _, p in kept]).reshape(-1, 2)
         self.normal = total[:, 1:3] / np.linalg.norm(total[:, 1:3], axis=1)[:, None]
         self.tangent = np.column_stack([-self.normal[:, 1], self.normal[:, 0]])
@@ -182,9 +182,8 @@ class Assembled:
         the free `motions`."""
         u = np.asarray(weights) @ self.held
         right = np.asarray(weights) @ self.loads + (0 if forces is None else forces) - self.K @ u
-        u[self.free] = self._factor.solve(np.append(right[self.free],
-                                                    np.zeros(self.motions.shape[1])))[
-                                          : len(self.free)]
+        bordered = np.append(right[self.free], np.zeros(self.motions.shape[1]))
+        u[self.free] = self._factor.solve(bordered)[: len(self.free)]
         return u
 
     @property

@@ -14,9 +14,9 @@ def units(power: float, kind: str) -> Case:
     """The block in units of 10^-power metres or pascals."""
     given = {kind: f"1e{power}"}
     return Case(f"units: {kind.lower()} times 1e{power}", "scale", BLOCK, {**HUMP, **given},
-                fast=power > 0, checks=(same_as(ROUNDING, **{kind.lower(): 10.0**power},
-                        options={kind: 1}), laws(1e-6)),
-                easy={kind: 1}, ratio=1.0)
+                checks=(same_as(ROUNDING, **{kind.lower(): 10.0**power}, options={kind: 1}),
+                        laws(1e-6)),
+                easy={kind: 1}, ratio=1.0, fast=power > 0)
 
 
 def load(factor: float) -> Case:

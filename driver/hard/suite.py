@@ -27,7 +27,8 @@ OPTIONS = ("family", "case", "fast", "jobs", "out")
 def cases(family: str | None = None) -> list[Case]:
     """All cases, or those of one family."""
     names = (family,) if family else FAMILIES
-    return [case for name in names for case in importlib.import_module(f"{__package__}.{name}").CASES]
+    modules = (importlib.import_module(f"{__package__}.{name}") for name in names)
+    return [case for module in modules for case in module.CASES]
 
 
 def run_suite(pairs: dict[str, str]) -> list[Path]:
@@ -59,8 +60,10 @@ def run_suite(pairs: dict[str, str]) -> list[Path]:
     made = [folder / "report.csv", *draw(folder / "report.csv")]
     failed = [row for row in rows if row.status == "FAILED"]
     ended = {name: sum(row.status == name for row in rows) for name in ("solved", "refused")}
-    print(f"{len({row.case for row in rows})} cases at {len(rows)} sizes: {ended['solved']} solved and checked, "
-          f"{ended['refused']} refused as they must be, {len(failed)} failed; {time.perf_counter() - clock:.0f} s")
+    spent = time.perf_counter() - clock
+    print(f"{len({row.case for row in rows})} cases at {len(rows)} sizes: {ended['solved']} solved "
+          f"and checked, {ended['refused']} refused as they must be, {len(failed)} failed; "
+          f"{spent:.0f} s")
     if failed:
         raise DriverError(
             f"{len(failed)} hard cases failed, see {os.path.relpath(folder / 'report.csv')}")
@@ -104,7 +107,9 @@ def judge(case: Case, size: dict, folder: Path) -> Row:
         # results before an iteration limit, or a step without solution, are kept, marked as not
         # converged; else nothing remains
         marked = outcome.summary.get("converged") is False
-        proper = marked if case.status == 4 else marked and case.status == 3 or not outcome.directory.exists()
+        proper = marked
+        if case.status != 4:
+            proper = marked and case.status == 3 or not outcome.directory.exists()
         if re.search(case.reason, outcome.message) and proper:
             row.status = "refused"
         return row
@@ -152,4 +157,5 @@ def _judge_solved(case: Case, size: dict, outcome: Outcome, row: Row) -> str:
 def _folder_name(case: Case, size: dict) -> str:
     """A directory of its own for every run of every process."""
     text = repr((case.name, sorted(case.arguments(size).items()), os.getpid()))
-    return f"{re.sub('[^a-z0-9]+', '-', case.name.lower())}-{hashlib.sha1(text.encode()).hexdigest()[:10]}"
+    name = re.sub("[^a-z0-9]+", "-", case.name.lower())
+    return f"{name}-{hashlib.sha1(text.encode()).hexdigest()[:10]}"

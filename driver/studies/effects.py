@@ -190,7 +190,7 @@ def read_variant(name: str, out: Path) -> Variant:
         end.setdefault("boundary", 0 * end["node"])
         units = summary["units"]["length"], summary["units"]["stress"]
         tractions = [(name, *values, *units)
-                      for values in zip(*(end[key].tolist() for key in TRACTIONS[1:-2]))]
+                     for values in zip(*(end[key].tolist() for key in TRACTIONS[1:-2]))]
     row |= {key: value for part in (summary["sizes"], summary["counts"], summary)
             for key, value in part.items() if key in COST}
     row |= {f"seconds_{stage}": summary["seconds"][stage] for stage in STAGES}
@@ -258,10 +258,9 @@ def describe(variants: list[Variant]) -> str:
     for variant in solved:
         row = variant.row
         costs.append([variant.label, row["primal_dofs"],
-                      row["dual_gluing"] + row["dual_normal"] + \
-                          row["dual_tangential"], row["coarse_dofs"],
-                      row["dual_multiplications"], * \
-                          (f"{row[f'seconds_{stage}']:.3f}" for stage in STAGES),
+                      row["dual_gluing"] + row["dual_normal"] + row["dual_tangential"],
+                      row["coarse_dofs"], row["dual_multiplications"],
+                      *(f"{row[f'seconds_{stage}']:.3f}" for stage in STAGES),
                       f"{row['memory_mib']:.0f}"])
     lines = ["", "changes at the end of the run", aligned(changes)]
     lines += [f"{variant.label}: {variant.reason}" for variant in variants if not variant.row]

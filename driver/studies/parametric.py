@@ -53,20 +53,22 @@ def run(directory: Path, request: dict, comm) -> tuple[int, str]:
     seconds["total"] = sum(seconds.values())
     failed = [k for k, one in enumerate(outcomes) if one.status]
     status = max((one.status for one in outcomes), default=0)
-    reason = "" if not failed else (f"{len(failed)} of {len(outcomes)} values did not converge, the first "
+    reason = "" if not failed else (f"{len(failed)} of {len(outcomes)} values did not converge, "
+                                    "the first "
                                     f"{request['study'].upper()}={request['values'][failed[0]]}: "
                                     f"{outcomes[failed[0]].reason}")
     if comm.rank == 0:
+        products = sum(outcome.row["dual_multiplications"] for outcome in outcomes)
+        parameters = {n: v for n, v in manifest.parameters.items() if n != request["study"]}
         summary = {"scene": request["scene"], "study": request["study"], "values": len(outcomes),
                    "converged": not failed,
                    "reason": reason, "contact_rows": rows, "condensed": condensed,
                    "warnings": [f"{request['study'].upper()}={value}: {line}"
                                 for value, one in zip(request["values"],
                                                       outcomes) for line in one.warnings],
-                   "counts": {"dual_multiplications": sum(one.row["dual_multiplications"] for one in outcomes)},
+                   "counts": {"dual_multiplications": products},
                    "seconds": seconds, "ranks": comm.size, "units": manifest.units,
-                   "parameters": {**{n: v for n, v in manifest.parameters.items() if n != request["study"]},
-                                  **dataclasses.asdict(settings)}}
+                   "parameters": {**parameters, **dataclasses.asdict(settings)}}
         _write(directory, request, structure.contact, outcomes, summary)
     return status, reason
 
@@ -110,7 +112,8 @@ def _progress(request: dict, comm, k: int, done: int, total: int) -> None:
     if comm.rank == 0 and not request["quiet"] and done % max(1, total // 5) == 0:
         share = "" if total == len(request["values"]) else ", as other ranks do"
         print(
-            f"{request['scene']}: {request['study']} = {request['values'][k]}, {done} of {total}{share}", flush=True)
+            f"{request['scene']}: {request['study']} = {request['values'][k]}, {done} of "
+            f"{total}{share}", flush=True)
 
 
 def _check_same(name: str, base, value) -> None:
@@ -120,7 +123,8 @@ def _check_same(name: str, base, value) -> None:
                  "plane"):
         if getattr(base, part) != getattr(value, part):
             raise InputError(
-                f"a study cannot vary {name.upper()}: it changes the scene's {part.replace('_', ' ')}")
+                f"a study cannot vary {name.upper()}: it changes the scene's "
+                f"{part.replace('_', ' ')}")
 
 
 def _contact_of(name: str, boundary, data, gid: np.ndarray):

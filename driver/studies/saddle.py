@@ -96,14 +96,14 @@ def write_saddle(scene: Path, parameters: dict[str, str], folder: Path, comm) ->
     structure = read_structure(scene, parameters, comm)
     size = structure.primal_dofs + structure.dual_dofs
     if size > LARGEST:
-        raise InputError(f"the saddle-point matrix would have about {size:,} unknowns, more than the {LARGEST:,} "
-                         "that a picture can show; take fewer SUBDOMAINS or CELLS")
+        raise InputError(f"the saddle-point matrix would have about {size:,} unknowns, more than "
+                         f"the {LARGEST:,} that a picture can show; take fewer SUBDOMAINS or CELLS")
     whole = saddle(structure)
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / "saddle.mtx"
     comment = (f" FETI-DP saddle-point matrix of {scene.name}: {whole.torn[-1]} torn dofs of "
-               f"{len(whole.torn)} subdomains, {structure.coarse_dofs} corner dofs,\n gluing, normal, "
-               f"tangential multipliers end at {whole.kinds.tolist()}")
+               f"{len(whole.torn)} subdomains, {structure.coarse_dofs} corner dofs,\n gluing, "
+               f"normal, tangential multipliers end at {whole.kinds.tolist()}")
     with renamed(path) as hidden:
         mmwrite(str(hidden), whole.matrix, comment=comment, precision=17, symmetry="symmetric")
     write_json(folder / "saddle.json", {"torn": whole.torn.tolist(), "corners": int(whole.corners),

@@ -75,11 +75,13 @@ def _studied(pairs: dict[str, str]) -> tuple[str, list[str]]:
     """The one parameter with several values, and those."""
     if "scene" not in pairs:
         raise InputError(
-            "make study needs SCENE= and one parameter with several values, such as FRICTION=0.05:1.0:100")
+            "make study needs SCENE= and one parameter with several values, such as "
+            "FRICTION=0.05:1.0:100")
     several = [name for name, text in pairs.items()
                if name not in ("scene", "out") and ("," in text or ":" in text)]
     if len(several) != 1:
-        raise InputError("a study needs exactly one parameter with several values: first:last:count or a,b,c"
+        raise InputError("a study needs exactly one parameter with several values: first:last:count"
+                         " or a,b,c"
                          + f" (here {', '.join(map(str.upper, several)) or 'none'})")
     name = several[0]
     values = pairs[name].split(",")
@@ -99,12 +101,15 @@ def _studied(pairs: dict[str, str]) -> tuple[str, list[str]]:
 def describe(summary: dict, out: Path) -> str:
     """Few lines about a finished study."""
     s, counts = summary["seconds"], summary["counts"]
-    how = f"{summary['contact_rows']} contact rows condensed" if summary["condensed"] else "not condensed"
+    how = "not condensed"
+    if summary["condensed"]:
+        how = f"{summary['contact_rows']} contact rows condensed"
+    warnings = "".join(f"\n  {line}" for line in _first(summary["warnings"]))
     return (f"{summary['scene']}: {summary['values']} values of {summary['study']}, {how}, "
             f"{counts['dual_multiplications']} products\n"
             f"  {s['total']:.2f} s (FreeFEM {s['export']:.2f}, setup "
-            f"{s['read'] + s['setup']:.2f}, condensation {s['condense']:.2f}, solve {s['solve']:.2f}), results in "
-            f"{os.path.relpath(out)}" + "".join(f"\n  {line}" for line in _first(summary["warnings"])))
+            f"{s['read'] + s['setup']:.2f}, condensation {s['condense']:.2f}, solve "
+            f"{s['solve']:.2f}), results in {os.path.relpath(out)}{warnings}")
 
 
 def _first(warnings: list[str]) -> list[str]:

@@ -29,8 +29,8 @@ SLIDES = {1: (8, 1936, 260, 135, 120, 6515, 5565), 2: (32, 7744, 1096, 136, 121,
           3: (128, 30974, 4496, 136, 122, 11423, 9844),
           4: (512, 123904, 18208, 135, 122, 15206, 13237),
           5: (1024, 495616, 73280, 146, 129, 22887, 19659)}
-MISPRINTS = ("The slides print n_p = 30974 for 128 subdomains of 242 dofs (30976), and n_s = 1024 in the last row, "
-             "whose n_p and n_d belong to 2048.")
+MISPRINTS = ("The slides print n_p = 30974 for 128 subdomains of 242 dofs (30976), and n_s = 1024 "
+             "in the last row, whose n_p and n_d belong to 2048.")
 KEYS = ("n_s", "n_p", "n_d", * \
         (f"{count}_{loading}" for count in ("it", "n_m") for loading in LOADINGS))
 
@@ -50,8 +50,8 @@ def make_table(pairs: dict[str, str]) -> None:
     for row in rows:
         for method in methods:
             if not fresh and _finished(folder, method, row):
-                print(
-                    f"{method}, {ROWS[row]} subdomains: kept from earlier (FRESH=yes makes it anew)")
+                print(f"{method}, {ROWS[row]} subdomains: from an earlier run "
+                      "(FRESH=yes makes it anew)")
             else:
                 _make_row(folder, method, row, pairs.get("np", "1"))
     rows = (_finished(folder, method, row) for method in METHODS for row in ROWS)
@@ -114,8 +114,8 @@ def _columns(row: int, method: str, summary: dict[str, dict]) -> dict:
     ours = (sizes["subdomains"], sizes["primal_dofs"], sizes["dual_dofs"],
             *(s["counts"]["fixed_point_iterations"] for s in both),
             *(s["counts"]["dual_multiplications"] for s in both))
-    columns = dict(zip(KEYS, ours)) | {
-                   f"slides_{key}": value for key, value in zip(KEYS, SLIDES[row])}
+    columns = dict(zip(KEYS, ours))
+    columns |= {f"slides_{key}": value for key, value in zip(KEYS, SLIDES[row])}
     for s, loading in zip(both, LOADINGS):
         columns |= {f"seconds_{stage}_{loading}": round(s["seconds"][stage], 3) for stage in STAGES}
     columns |= {f"n_m_setup_{loading}": s["counts"]["dual_multiplications_setup"]
@@ -136,5 +136,5 @@ def _text(table: list[dict]) -> str:
                  for stage in STAGES]
         lines.append([row["method"], *(f"{row[key]:,}" for key in KEYS[:3]), *counts, *times,
                       f"{row['memory_mib']:,}"])
-    return (f"\n{aligned(lines)}\n\nit: fixed-point iterations, n_m: products with F, ours / the slides'; "
-            f"seconds of both loadings together.\n{MISPRINTS}\n")
+    return (f"\n{aligned(lines)}\n\nit: fixed-point iterations, n_m: products with F, ours / the "
+            f"slides'; seconds of both loadings together.\n{MISPRINTS}\n")

@@ -84,7 +84,7 @@ def test_without_body_force_there_is_no_such_vector(exported, tmp_path):
     assert subdomain.loads.shape == (1, subdomain.dofs)
     size = sum(path.stat().st_size for path in exported("model").glob("block-*.bin"))
     heavy = MODEL.read_text().replace('include "export.idp"',
-                            'macro bodyForce1() [0., -7.8e4] //\ninclude "export.idp"')
+                                      'macro bodyForce1() [0., -7.8e4] //\ninclude "export.idp"')
     other = exported(stripped(tmp_path, heavy, "heavy"))
     assert [p["kind"] for p in read_manifest(other).patterns] == ["traction", "body_force"]
     # float64 arrays with a count: nodal forces of 242 dofs and three integrals on 200 triangles in
@@ -100,7 +100,9 @@ from driver import cli
 from driver.runs import run
 cli.environment.single_threaded()
 run.execute(run.Run.from_pairs(cli.parse_pairs({words!r})))
-print(" ".join(name for name in ("matplotlib", "meshio", "driver.figures", "driver.studies.effects", "tqdm", "scipy.spatial")
+names = ("matplotlib", "meshio", "driver.figures", "driver.studies.effects", "tqdm",
+         "scipy.spatial")
+print(" ".join(name for name in names
                if name in sys.modules))
 """
 
@@ -144,7 +146,8 @@ def entries(effects_=PLAIN, history=rows([9, 0], [0, 4], [0, 5]), amplitudes=((0
 def test_active_effects():
     found = entries()
     for name, unknowns in (("contact", 40), ("friction", 39), ("time", 0), ("load", 0)):
-        assert found[name]["declared"] and found[name]["active"] and found[name]["unknowns"] == unknowns
+        assert found[name]["declared"] and found[name]["active"]
+        assert found[name]["unknowns"] == unknowns
     assert not ledger.never_mattered(found)
     for entry in found.values():
         assert set(entry) == {"declared", "active", "reason", "unknowns", "seconds"}
@@ -166,7 +169,7 @@ def test_undeclared_effects_cost_nothing():
                     rows([0], [0], [0]), ((0,), (1,)))
     for name in ("contact", "friction", "time", "gap", "body_force", "displacement"):
         assert found[name] == {"declared": False, "active": False,
-            "reason": "not declared", "unknowns": 0, "seconds": 0.0}
+                               "reason": "not declared", "unknowns": 0, "seconds": 0.0}
     assert not ledger.never_mattered(found)
 
 
@@ -369,5 +372,6 @@ def test_study_refuses(tmp_path, command):
     with pytest.raises(InputError, match="FIGURES"):
         effects.run_effects({"scene": "model", "figures": "yes"})
     done = command("effects", "SCENE=model", "STEPZ=3", f"OUT={tmp_path}")
-    assert done.returncode == 2 and "Traceback" not in done.stderr and "stepz" in done.stderr.lower()
+    assert done.returncode == 2 and "Traceback" not in done.stderr
+    assert "stepz" in done.stderr.lower()
     assert not list(tmp_path.iterdir())

@@ -74,8 +74,9 @@ def write_boundary(directory: Path, n: int, roles: dict) -> None:
     for label, ends in corners.items():
         a, b = np.array(ends, dtype=float)
         line = np.linspace(a, b, int(n * np.linalg.norm(b - a)) + 1)
-        pull = {3: (0.0, -1e8), 2: (3e7, 5e7)}.get(label, (0, 0)
-                    ) if roles[label] == "load" else (0, 0)
+        pull = (0, 0)
+        if roles[label] == "load":
+            pull = {3: (0.0, -1e8), 2: (3e7, 5e7)}.get(label, pull)
         rows += [(*p, *q, label, roles[label], *pull) for p, q in zip(line, line[1:])]
     write_table(directory / "boundary.csv", "x0,y0,x1,y1,label,role,traction_x,traction_y", rows)
 
@@ -117,7 +118,8 @@ def convergence_rows(steps: int, products: int):
                 kind = "start" if k == 0 else rng.choice(
                     ["cg", "expansion", "proportioning"], p=[0.75, 0.2, 0.05])
                 product += 2 if kind == "expansion" else 1
-                yield product, step, iteration, kind, start * math.exp(-6 * k / length + rng.normal() / 3)
+                residual = start * math.exp(-6 * k / length + rng.normal() / 3)
+                yield product, step, iteration, kind, residual
 
 
 def make_run(directory: Path, *, nodes=21, steps=20, friction="coulomb", contact="unilateral",
@@ -140,7 +142,8 @@ def make_run(directory: Path, *, nodes=21, steps=20, friction="coulomb", contact
             for s, t in enumerate(times)]
     write_table(directory / "history.csv",
                 "step,time,amplitude_1,amplitude_2,fixed_point_iterations,"
-                "dual_multiplications,resultant_n,resultant_t,nodes_open,nodes_stick,nodes_slip,max_displacement", rows)
+                "dual_multiplications,resultant_n,resultant_t,nodes_open,nodes_stick,nodes_slip,"
+                "max_displacement", rows)
     if touching:
         write_table(directory / "contact.csv",
                     "step,time,node,boundary,x,y,arc,weight,normal_x,normal_y,gap,u_n,"
@@ -191,13 +194,13 @@ def boxes(figure) -> dict:
     themselves."""
     renderer = figure.canvas.get_renderer()
     found = {"title": figure.texts[0], "identity": figure.texts[1],
-        **dict(enumerate(figure.legends))}
+             **dict(enumerate(figure.legends))}
     found = {name: artist.get_window_extent(renderer) for name, artist in found.items()}
     for number, axes in enumerate(figure.axes):
         found[f"axes {number}"] = axes.get_window_extent(renderer)
         for side, axis in (("x", axes.xaxis), ("y", axes.yaxis)):
-            ticks = [t.label1 for t in axis.get_major_ticks() if t.label1.get_visible()
-                                                            and t.label1.get_text()]
+            ticks = [t.label1 for t in axis.get_major_ticks()
+                     if t.label1.get_visible() and t.label1.get_text()]
             low, high = sorted(axis.get_view_interval())
             ticks = [t for t, where in zip(ticks, axis.get_majorticklocs()) if low <= where <= high]
             for k, tick in enumerate(ticks):
@@ -306,8 +309,8 @@ def test_geometry_names_the_parts_and_draws_the_loads_to_scale(drawn):
     right, top = (c for c in figure.axes[0].collections if hasattr(c, "U"))
     assert np.allclose(right.V / right.U, 5 / 3) and np.all(top.U == 0) and np.all(top.V < 0)
     assert np.allclose(np.hypot(right.U, right.V) / np.abs(top.V[0]), math.hypot(0.3, 0.5))
-    assert np.all(top.Y + top.V >= 1) and np.all(right.X >=
-                  2), "pushing arrows end, pulling arrows start on the body"
+    assert np.all(top.Y + top.V >= 1), "pushing arrows end on the body"
+    assert np.all(right.X >= 2), "pulling arrows start on the body"
 
 
 def test_boundary_edges_are_turned_outward(run):
@@ -381,8 +384,8 @@ def test_loading_has_a_curve_for_every_amplitude_from_time_zero(drawn):
     figure = drawn["loading"]
     assert legend_words(figure) == [r"$\varphi_{1}(t)$", r"$\varphi_{2}(t)$"]
     for line in figure.axes[0].lines:
-        assert len(line.get_xdata()) == 21 and line.get_xdata()[
-                   0] == 0 and line.get_marker() != "None"
+        assert len(line.get_xdata()) == 21 and line.get_xdata()[0] == 0
+        assert line.get_marker() != "None"
 
 
 def test_history_may_start_at_step_one_and_have_empty_cells(tmp_path):
@@ -433,8 +436,8 @@ def test_tangential_panels(drawn):
     above, below = figure.axes
     assert above.get_ylabel() == r"$\sigma_t$ [MPa]" and below.get_ylabel() == "$u_t$ [µm]"
     lower, upper, stress = (line.get_ydata() for line in above.lines[:3])
-    assert np.all(lower <= stress + 1e-9) and np.all(stress <=
-                  upper + 1e-9) and np.allclose(lower, -upper)
+    assert np.all(lower <= stress + 1e-9) and np.all(stress <= upper + 1e-9)
+    assert np.allclose(lower, -upper)
 
 
 def test_zones_are_the_runs_of_equal_status(run, drawn):

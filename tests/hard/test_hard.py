@@ -80,7 +80,7 @@ def test_report(command, tmp_path):
     assert done.returncode == 0, done.stderr
     rows = read_rows(tmp_path / "report.csv")
     assert [(row["case"], row["status"], row["exit"])
-             for row in rows] == [("zero load", "solved", "0")]
+            for row in rows] == [("zero load", "solved", "0")]
     assert (tmp_path / "report.png").stat().st_size > 0
     for words in (("FAMILY=moon",), ("CASE=moon",), ("JOBS=0",), ("FAST=maybe",), ("MOON=1",)):
         done = command("hard", *words)

@@ -126,8 +126,8 @@ def test_study_of_a_known_solution(swept):
 
     energy = known["dissipated_energy"]
     assert energy["main"] == "1"
-    assert abs(float(energy["value"]) - DISSIPATED) < 1.2 * \
-               float(energy["uncertainty"]) * float(energy["value"])
+    value, uncertainty = float(energy["value"]), float(energy["uncertainty"])
+    assert abs(value - DISSIPATED) < 1.2 * uncertainty * value
     steps = [row for row in table if row["sweep"] == "steps"]
     # W (1 + 1/n): the part that n steps have of their own
     own = [float(row["dissipated_energy_own"]) for row in steps]
@@ -144,10 +144,11 @@ def test_study_of_a_known_solution(swept):
 
 
 @pytest.mark.parametrize("pairs, reason", [
-    ({}, "make accuracy SCENE="), ({"scene": "nowhere"}, "no scene"), ({
-     "scene": "zones", "adapt": "2"}, "sets ADAPT itself"),
-    ({"scene": "zones", "effort": "some"}, "EFFORT must be one of"), ({
-     "scene": "zones", "repeats": "0"}, "REPEATS expects"),
+    ({}, "make accuracy SCENE="), ({"scene": "nowhere"}, "no scene"),
+    ({"scene": "zones", "adapt": "2"}, "sets ADAPT itself"),
+    ({"scene": "zones", "effort": "some"}, "EFFORT must be one of"),
+    ({"scene": "zones", "repeats": "0"}, "REPEATS expects"),
+    ({"part": "moon"}, "PART must be one of"),
     ({"scene": "zones", "frictoin": "1"}, "frictoin"),
 ])
 def test_mistakes_are_reported_in_one_line(tmp_path, pairs, reason):

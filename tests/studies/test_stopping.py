@@ -13,8 +13,8 @@ def test_the_two_smallest_meshes(tmp_path, row):
     paths = run_accuracy({"part": "stopping", "rows": row, "out": str(tmp_path)})
     assert [path.name for path in paths] == ["stopping.csv", "stopping.png", "stopping.pdf"]
     rows = read_rows(paths[0])
-    assert [(line["row"], line["loading"]) for line in rows] == [(row, loading)
-             for loading in stopping.LOADINGS]
+    expected = [(row, loading) for loading in stopping.LOADINGS]
+    assert [(line["row"], line["loading"]) for line in rows] == expected
     for line in rows:
         number = {name: float(line[name]) for name in stopping.COLUMNS if name != "loading"}
         assert number["change_budget"] <= number["discretization"] < 0.1

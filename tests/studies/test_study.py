@@ -29,8 +29,8 @@ def made(tmp_path):
     """made(NAME=value, ...): summary and rows of the files of a study, by file name."""
 
     def make(**options):
-        pairs = {"out": str(tmp_path / "study"), "figures": "no",
-                            "quiet": "yes", **TIGHT, **options}
+        pairs = {"out": str(tmp_path / "study"), "figures": "no", "quiet": "yes", **TIGHT,
+                 **options}
         summary, folder = study.make_study(pairs)
         return summary, {path.stem: read_rows(path) for path in folder.glob("*.csv")}
 
@@ -58,11 +58,11 @@ def compare(rows: list[dict], single, **where) -> None:
 ])
 def test_compliance_is_schur_complement_of_dual_matrix(built, scene, options):
     problem = built(scene, **options)
-    F, gluing, contact = problem.F, problem.structure.row_kind == GLUING, contact_row_numbers(
-        problem.structure.contact)
+    F, gluing = problem.F, problem.structure.row_kind == GLUING
+    contact = contact_row_numbers(problem.structure.contact)
     condensed = ContactCompliance(problem.operator)
-    schur = F[contact][:, contact] - F[contact][:,
-        gluing] @ np.linalg.solve(F[gluing][:, gluing], F[gluing][:, contact])
+    solved = np.linalg.solve(F[gluing][:, gluing], F[gluing][:, contact])
+    schur = F[contact][:, contact] - F[contact][:, gluing] @ solved
     # rounding, times a condition number of F_gg of less than 1e3 in these bodies; their springs add
     # a factor of 1e3
     assert np.abs(condensed.C - schur).max() <= 1e-10 * np.abs(schur).max()
@@ -131,7 +131,7 @@ def test_values_depend_neither_on_their_order_nor_on_newton(made, monkeypatch, l
     assert len({(row["nodes_open"], row["nodes_stick"])
                for row in forth["study"]}) > 4  # they are not all alike
     iterations = [sum(int(row["fixed_point_iterations"]) for row in files["study"])
-                      for files in (forth, plain)]
+                  for files in (forth, plain)]
     assert 2 * iterations[0] < iterations[1] or loading == "nonmonotone"
 
 
@@ -141,7 +141,7 @@ def test_a_step_in_known_states_takes_one_iteration_and_two_products(made):
     _, files = made(scene="model", friction="0.3,0.31", steps="5")
     later = [row for row in files["history"] if row["step"] != "1"]
     assert {(row["fixed_point_iterations"], row["dual_multiplications"])
-             for row in later} == {("1", "2")}
+            for row in later} == {("1", "2")}
 
 
 def test_values_beyond_uniqueness_are_reported(made):
@@ -199,7 +199,8 @@ def test_bodies_without_support_agree_with_single_runs(made, solved):
 def test_a_value_without_equilibrium_is_reported_and_the_others_kept(tmp_path):
     out = tmp_path / "study"
     with pytest.raises(DriverError,
-                       match="1 of 2 values did not converge, the first FRICTION=0.3: step 1: no equilibrium"):
+                       match="1 of 2 values did not converge, the first FRICTION=0.3: step 1: no "
+                             "equilibrium"):
         study.make_study({"scene": "slope", "friction": "0.3,0.5", "cells": "3", "out": str(out),
                           "quiet": "yes", "figures": "no"})
     rows = read_rows(out / "study.csv")

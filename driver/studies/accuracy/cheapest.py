@@ -69,10 +69,12 @@ def run_rows(trials: list[Trial], known: dict[str, Reference]) -> list[dict]:
             row |= {f"seconds_{stage}": statistics.median(spent),
                     f"seconds_{stage}_least": min(spent), f"seconds_{stage}_most": max(spent)}
         for name, reference in known.items():
-            value = trial.values[name]
+            value, own = trial.values[name], None
+            if trial.tight:
+                own = reference.relative(value - trial.tight.values[name])
             row |= {name: value, f"{name}_error": reference.relative(value - reference.value),
                     f"{name}_trusted": errors[name][id(trial)],
-                    f"{name}_own": trial.tight and reference.relative(value - trial.tight.values[name]),
+                    f"{name}_own": own,
                     f"{name}_front": int(trial in fronts[name])}
     return table
 
@@ -96,20 +98,22 @@ def cheapest_rows(trials: list[Trial], known: dict[str, Reference]) -> list[dict
 def describe(table: list[dict], known: dict[str, Reference], units: dict, main: str) -> str:
     """The rows of cheapest.csv as text: the main quantity in full, of the others the seconds."""
     reference = known[main]
+    good = percent(reference.uncertainty)
     lines = [["accuracy", "solver", "export", "error", "setting"]]
     for row in (row for row in table if row["quantity"] == main):
         cells = ["-", "-", "-"]
         setting = row.get("setting", "no run reaches it")
         if "setting" in row:
-            cells = [f"{row['seconds_solver']:.2f} s",
-                f"{row['seconds_export']:.2f} s", percent(row["error"])]
+            cells = [f"{row['seconds_solver']:.2f} s", f"{row['seconds_export']:.2f} s",
+                     percent(row["error"])]
         elif reference.uncertainty > row["accuracy"] / 2:
-            setting = f"no run can be shown to reach it: the reference is good to {percent(reference.uncertainty)}"
+            setting = f"no run can be shown to reach it: the reference is good to {good}"
         lines.append([percent(row["accuracy"]), *cells, setting])
     others = [["seconds of the solver for", *map(percent, LEVELS), "reference good to", "source"]]
     for name, known_value in known.items():
         cells = [f"{row['seconds_solver']:.2f}" if "setting" in row else "-"
                  for row in table if row["quantity"] == name]
         others.append([words(name), *cells, percent(known_value.uncertainty), known_value.source])
-    return (f"\n{words(main)}: {reference.value:.5g} {unit(main, units)} ({reference.source}, itself good to "
-            f"{percent(reference.uncertainty)})\n{aligned(lines, 'lrrrl')}\n\n{aligned(others, 'lrrrrrrl')}")
+    title = (f"{words(main)}: {reference.value:.5g} {unit(main, units)} ({reference.source}, "
+             f"itself good to {good})")
+    return f"\n{title}\n{aligned(lines, 'lrrrl')}\n\n{aligned(others, 'lrrrrrrl')}"

@@ -150,8 +150,8 @@ def run_stopping(pairs: dict[str, str], out: Path) -> list[Path]:
 
 def describe(row: dict) -> str:
     """One row of the table as a sentence."""
-    return (f"h = 1/{1 / row['h']:.0f}, {row['loading']}: products {row['products_classical']} classical, "
-            f"{row['products_fixed']} fixed, {row['products_budget']} by the budget "
-            f"({100 * row['saved_fixed']:.0f} % and {100 * row['saved_classical']:.0f} % saved); tractions "
-            f"change by {row['change_budget']:.1e} (fixed: {row['change_fixed']:.1e}), discretization error "
-            f"{row['discretization']:.1e}")
+    saved = f"{100 * row['saved_fixed']:.0f} % and {100 * row['saved_classical']:.0f} % saved"
+    return (f"h = 1/{1 / row['h']:.0f}, {row['loading']}: products {row['products_classical']} "
+            f"classical, {row['products_fixed']} fixed, {row['products_budget']} by the budget "
+            f"({saved}); tractions change by {row['change_budget']:.1e} (fixed: "
+            f"{row['change_fixed']:.1e}), discretization error {row['discretization']:.1e}")

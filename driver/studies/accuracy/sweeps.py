@@ -77,7 +77,8 @@ class Study:
             parameters = {n: v for n, v in self.given.items() if n not in tolerances}
             manifest = freefem.export(self.scene, Path(folder) / "export", parameters)
         self.given["np"] = pairs.get("np", "1")
-        self.parameters, self.units, self.element = manifest.parameters, manifest.units, manifest.element
+        self.parameters, self.units = manifest.parameters, manifest.units
+        self.element = manifest.element
         self.mesh_name = mesh_knob(manifest.parameters)
         self.fixed_point = manifest.effects["friction"].startswith("coulomb")
         # else the end does not depend on the steps
@@ -116,7 +117,7 @@ class Study:
         cycles = (1, 2) if self.meshes else ()
         trials += [self._trial("mesh", size[mesh], mesh=mesh) for mesh in self.meshes]
         trials += [self._trial("quadratic", size[mesh], mesh=mesh, element="P2")
-                               for mesh in self.coarser]
+                   for mesh in self.coarser]
         trials += [self._trial("adapt", 0.5**k, mesh=self.start, adapt=k) for k in cycles]
         if self.steps and self.rubbing:
             trials += [self._trial("steps", 1 / n, steps=n) for n in steps]
@@ -130,8 +131,9 @@ class Study:
         together = [{"mesh": mesh} for mesh in self.meshes]
         together += [{"mesh": self.start, "adapt": k} for k in cycles]
         together += [{"mesh": mesh, "element": "P2"} for mesh in self.coarser]
+        few = steps[::2] if self.rubbing else [self.steps]
         return trials + [self._trial("together", 0, **changes, steps=n, tolerances=loose)
-                         for changes in together for n in (steps[::2] if self.rubbing else [self.steps])]
+                         for changes in together for n in few]
 
     def reference_runs(self) -> dict[str, Trial]:
         """Trials of the reference: fine and less fine in space, in time."""
@@ -175,6 +177,8 @@ class Study:
         closed_form = CLOSED_FORMS.get(
             self.scene.stem) if self.scene.parent == freefem.SCENES else None
         known = references(reference, closed_form, self.element)
+        if not known:
+            raise InputError("no quantity of this scene converges: there is nothing to compare with")
         quantity = quantity or most_sensitive(known)
         if quantity not in known:
             raise InputError(f"QUANTITY must be one of {', '.join(known)}, not '{quantity}'")
@@ -191,9 +195,11 @@ class Study:
 
 def _report(trial: Trial, error: str, number: int, total: int, clock: float) -> None:
     """A line on the screen about a trial that has been run, the `number`th of `total`."""
-    text = trial.reason or f"{trial.seconds:.2f} s + {statistics.median(trial.export):.2f} s export{error}"
-    print(f"[{number}/{total}, {time.perf_counter() - clock:.0f} s] {trial.sweep}: {trial.label}: {text}",
-          flush=True)
+    text = trial.reason
+    if not text:
+        text = f"{trial.seconds:.2f} s + {statistics.median(trial.export):.2f} s export{error}"
+    spent = time.perf_counter() - clock
+    print(f"[{number}/{total}, {spent:.0f} s] {trial.sweep}: {trial.label}: {text}", flush=True)
 
 
 def run_sweeps(pairs: dict[str, str]) -> list[Path]:
