@@ -160,17 +160,32 @@ def solved(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def steps_of():
-    """steps_of(problem, **settings): the solver after its steps, and those steps (white box)."""
+    """steps_of(problem, **settings): the solver after its steps, and those steps (white box); see `marched`."""
+    from driver.effects import Effects
     from driver.options import Settings
     from driver.march.quasistatic import QuasistaticSolver
 
     def run(problem: Problem, **settings):
         m = problem.manifest
-        solver = QuasistaticSolver(problem.operator, m.effects, m.factors, np.linspace(0, m.t_end, m.steps + 1),
+        solver = QuasistaticSolver(problem.operator, Effects(m), m.factors, np.linspace(0, m.t_end, m.steps + 1),
                                    Settings(**settings))
-        return solver, list(solver.steps())
+        return solver, marched(solver)
 
     return run
+
+
+def marched(solver) -> list:
+    """All steps of a solver, an unfinished one last; the error that ended it, or None, becomes `solver.failure`."""
+    from driver.march.step import StepFailed
+
+    steps, solver.failure = [], None
+    try:
+        for step in solver.steps():
+            steps.append(step)
+    except StepFailed as failure:
+        solver.failure = failure
+        steps += [failure.step] if failure.step else []
+    return steps
 
 
 @pytest.fixture(scope="session")

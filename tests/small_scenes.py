@@ -7,12 +7,13 @@ import numpy as np
 from mpi4py import MPI
 
 from driver.feti.fetidp import DualOperator
-from driver.contact.friction import SlipLaw
 from driver.scene.loader import ContactData, Subdomain
 from driver.scene.manifest import Manifest
 from driver.options import Settings
 from driver.march.quasistatic import QuasistaticSolver
+from conftest import marched
 from driver.contact.tearing import build
+from driver.effects import Effects
 
 BOTTOM, RIGHT, TOP, LEFT, INTERFACE = 1, 2, 3, 4, 99
 
@@ -101,7 +102,7 @@ class Scene:
     gap: np.ndarray | float = 0.0  # by vertex
     friction: np.ndarray | float = 0.3
     effects: dict | None = None
-    slip_law: SlipLaw | None = None
+    slip_law: dict | None = None  # as in the manifest
 
     def manifest(self) -> Manifest:
         steps, patterns = len(self.amplitudes) - 1, self.amplitudes.shape[1]
@@ -110,7 +111,7 @@ class Scene:
             directory=Path("."), subdomains=int(self.body.part.max()) + 1, blocks=1, nodes=len(self.body.xy),
             interface_label=INTERFACE, element="P1", plane="strain", material="isotropic", units={}, effects=effects,
             steps=steps, t_end=1.0, bodies=1, contact_labels=[self.contact], labels=[BOTTOM, RIGHT, TOP, LEFT],
-            patterns=[{"kind": "traction", "amplitude": k} for k in range(patterns)],
+            slip_law=self.slip_law, patterns=[{"kind": "traction", "amplitude": k} for k in range(patterns)],
             amplitudes={str(k): self.amplitudes[:, k].tolist() for k in range(patterns)}, parameters={})
 
     def subdomains(self) -> list[Subdomain]:
@@ -184,9 +185,9 @@ def solve(scene: Scene, comm=MPI.COMM_SELF, **settings) -> Solved:
     manifest, subdomains = scene.manifest(), scene.subdomains()
     structure = build(manifest, subdomains, 0, comm)
     times = np.linspace(0, 1, manifest.steps + 1)
-    solver = QuasistaticSolver(DualOperator(structure, comm), manifest.effects, scene.amplitudes, times,
-                               Settings(**settings), scene.slip_law)
-    return Solved(solver, list(solver.steps()), structure, subdomains, manifest)
+    solver = QuasistaticSolver(DualOperator(structure, comm), Effects(manifest), scene.amplitudes, times,
+                               Settings(**settings))
+    return Solved(solver, marched(solver), structure, subdomains, manifest)
 
 
 def random_scene(rng, friction: float, nx=None, ny=None, parts=None, steps=None) -> Scene:

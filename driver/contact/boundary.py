@@ -72,6 +72,10 @@ class ContactBoundary:
     about: Configuration | None = None  # of pairs; None: the initial geometry
 
     @property
+    def columns(self):
+        return {"friction": self.friction, "tresca": self.friction, "initial": self.initial}
+
+    @property
     def tangent(self) -> np.ndarray:
         """(n_c, 2): the normal turned by +90 degrees."""
         return np.column_stack([-self.normal[:, 1], self.normal[:, 0]])

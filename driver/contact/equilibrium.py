@@ -3,7 +3,7 @@
 The loads' work on every free rigid motion must be balanced by contact forces inside their cones, a linear program
 in the multipliers:
 
-    min gap' lambda_n   with   G lambda = L,   lambda_n >= 0,   |lambda_t| <= F lambda_n  (or a given bound),
+    min gap' lambda_n   with   G lambda = L,   lambda_n >= 0,   |lambda_t| <= offset + F lambda_n,
 
 column j of G' being the motion of the contact rows under rigid motion j. Without a solution there is no equilibrium
 whatever the bodies deform; with one its dual variables are the rigid motion that closes the gaps first. Compare
@@ -13,7 +13,7 @@ Haslinger, Kucera, Sassi: floating bodies; for the static theorem Kanno (2011), 
 import numpy as np
 from scipy.sparse import bmat, csr_matrix, diags, identity
 
-from .friction import ContactRows
+from .rows import ContactRows
 
 SLACK = 1e-7  # relative imbalance that counts as balanced: the solver's own tolerance
 
@@ -24,19 +24,22 @@ def rigid_equilibrium(rows: ContactRows, motions: np.ndarray, work: np.ndarray, 
     `motions` (owned, modes): dual rows' displacement under every rigid motion; `work` (modes,) of the loads on
     them, `size` (modes,) of its terms. Collective; the same answer on every rank.
     """
+    nothing = np.zeros(len(rows.tangential))
     part = (motions[rows.normal], rows.gap, rows.normal_node, motions[rows.tangential], rows.tangential_node,
-            rows.bound)
+            nothing if rows.coefficient is None else rows.coefficient,
+            nothing if rows.offset is None else rows.offset)
     parts = comm.gather(part)
     answer = None
     if comm.rank == 0:
-        normal, gap, node, tangential, rubbing, bound = (np.concatenate(column) for column in zip(*parts))
+        normal, gap, node, tangential, rubbing, coefficient, offset = (np.concatenate(column) for column in zip(*parts))
         one, two = np.argsort(node), np.argsort(rubbing)  # ranks may own nodes in turn
         pair = np.searchsorted(node[one], rubbing[two])
-        answer = _solve(normal[one], gap[one], tangential[two], pair, bound[two], rows.tresca, rows.bilateral, work, size)
+        answer = _solve(normal[one], gap[one], tangential[two], pair, coefficient[two], offset[two], rows.bilateral,
+                        work, size)
     return comm.bcast(answer)
 
 
-def _solve(normal, gap, tangential, pair, bound, tresca, bilateral, work, size):
+def _solve(normal, gap, tangential, pair, coefficient, offset, bilateral, work, size):
     """The linear program, scaled to forces and motions of order one."""
     k, j = len(normal), len(tangential)
     reach = np.abs(np.vstack([normal, tangential])).max(axis=0, initial=0.0)
@@ -49,15 +52,15 @@ def _solve(normal, gap, tangential, pair, bound, tresca, bilateral, work, size):
     balance = np.vstack([normal, tangential]).T / reach[:, None]
     cone = None
     limit = np.full(j, np.inf)
-    if tresca:
-        limit = bound / force
-    elif j:
+    if not coefficient.any():
+        limit = offset / force
+    else:
         pick = csr_matrix((np.ones(j), (np.arange(j), pair)), shape=(j, k))
-        cone = bmat([[-diags(bound) @ pick, identity(j)], [-diags(bound) @ pick, -identity(j)]]).tocsr()
+        cone = bmat([[-diags(coefficient) @ pick, identity(j)], [-diags(coefficient) @ pick, -identity(j)]]).tocsr()
     from scipy.optimize import linprog  # slow to import, and only free bodies need it
 
     far = np.abs(gap).max(initial=0.0) or 1.0
-    found = linprog(np.concatenate([gap / far, np.zeros(j)]), A_ub=cone, b_ub=None if cone is None else np.zeros(2 * j),
+    found = linprog(np.concatenate([gap / far, np.zeros(j)]), A_ub=cone, b_ub=None if cone is None else np.tile(offset / force, 2),
                     A_eq=balance, b_eq=work / reach / force, method="highs",
                     bounds=[(None if bilateral else 0.0, None)] * k + [(-b, b) for b in limit])
     if found.status == 2:

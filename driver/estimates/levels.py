@@ -48,7 +48,7 @@ class Level:
     at: int  # index of the step that they belong to
     products: int
     solver: QuasistaticSolver
-    trace: list  # its steps, each with the friction coefficients or bounds that its rows had then
+    trace: list  # its steps, each with the friction coefficients that its rows had then
 
 
 class Levels:
@@ -108,13 +108,14 @@ class Levels:
         clock, before = time.perf_counter(), problem.operator.products
         solver = problem.solver(settings, samples(problem.manifest.steps, stride))
         record, trace = Record(problem.operator, solver), []
-        for step in solver.steps():
-            record.add(step)
-            trace.append((step, solver.rows.bound))
-        products = problem.operator.products - before
-        self.products += products
-        self.seconds["solve"] += time.perf_counter() - clock
-        solver.history.check()
+        try:
+            for step in solver.steps():
+                record.add(step)
+                trace.append((step, solver.rows.coefficient))
+        finally:
+            products = problem.operator.products - before
+            self.products += products
+            self.seconds["solve"] += time.perf_counter() - clock
         return Level(*record.quantities(), products, solver, trace)
 
     def close(self) -> None:
@@ -129,7 +130,7 @@ class Companions:
     def __init__(self, levels: Levels, problem: Problem, settings: Settings, values: dict, at: int):
         """`values`: quantities of the run of `problem` with `settings`, at the step with index `at`."""
         self.levels, self.manifest, self.settings, self.values, self.at = levels, problem.manifest, settings, values, at
-        levels.problems[()] = problem
+        levels.problems[()], self.effects = problem, problem.effects
         self.knob = mesh_knob(self.manifest.parameters)
         self.notes = []
         self.meshes, self.ratios = self._adapted() if levels.cycles else self._uniform()
@@ -187,11 +188,11 @@ class Companions:
 
     def parts(self) -> dict[str, dict[str, Part]]:
         """Part by source and quantity."""
-        effects = self.manifest.effects
+        effects = self.effects
         found = {"mesh": self._mesh()}
-        if effects["time"] != "static" and (effects["friction"] != "none" or self.at < self.manifest.steps - 1):
+        if effects.quasistatic and (effects.frictional or self.at < self.manifest.steps - 1):
             found["time"] = self._time()
-        if effects["friction"] in ("coulomb", "coulomb-slip-dependent"):
+        if effects.pressure_bounds_friction:
             found["friction"] = self._algebraic({"rtol": self.settings.rtol / TIGHTER},
                                                 {"friction_rtol": min(self.settings.friction_rtol / TIGHTER, SETTLED)})
         found["solver"] = self._algebraic({}, {"rtol": self.settings.rtol / TIGHTER})
@@ -210,7 +211,7 @@ class Companions:
 
     def _time(self) -> dict[str, Part]:
         """Every second and fourth time; without friction the history is forgotten, and only the instant counts."""
-        forgetful = self.manifest.effects["friction"] == "none"
+        forgetful = not self.effects.frictional
         strides = [stride for stride in (1, 2, 4)[: 2 if forgetful else 3] if stride <= self.manifest.steps]
         values = [self._values(self.base, stride) for stride in strides]
         counts = [len(samples(self.manifest.steps, stride)) - 1 for stride in strides]

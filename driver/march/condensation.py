@@ -8,7 +8,7 @@ from ..qp import complementarity
 from ..qp.complementarity import BACKWARD, FORWARD, OPEN, STICK, CoulombProblem
 from ..feti.compliance import ContactCompliance, contact_row_numbers
 from ..feti.fetidp import DualOperator
-from ..contact.friction import ContactRows
+from ..contact.rows import ContactRows
 from .step import Load
 
 
@@ -98,7 +98,7 @@ class Condensation:
             self._law = CoulombProblem(self.compliance(), np.zeros(self.n + self.m), np.zeros(self.m), self.pair,
                                        self.rows.bilateral, motions)
         coefficient = np.zeros(len(x))
-        coefficient[self.rows.tangential] = self.rows.bound
+        coefficient[self.rows.tangential] = self.rows.coefficient
         d = self.gather(load.d) if self.whole else self.compliance() @ self.gather(x) - self.gather(gradient)
         if op.modes:
             balance = load.weights[: op.structure.patterns] @ op.rigid_work[0]

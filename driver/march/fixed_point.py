@@ -1,4 +1,4 @@
-"""Stage 6: the fixed point lambda_n = Phi(lambda_n) for local Coulomb friction in one time step.
+"""The fixed point lambda_n = Phi(lambda_n) for local Coulomb friction in one time step.
 
 Successive approximations with QPs that are solved only as far as it pays; where they do not contract the methods of
 `globalization` take over. Bodies without support follow their springs in the same iterations.
@@ -6,14 +6,14 @@ Successive approximations with QPs that are solved only as far as it pays; where
 
 import numpy as np
 
+from ..errors import NoSolution, NotConverged
+from ..qp.anderson import Anderson, gives_up
+from ..qp.mprgp import projected_gradient
 from . import globalization
 from .condensation import Condensation
-from ..errors import NotConverged
-from .free_bodies import FreeBodies
-from ..contact.friction import SlidState
 from .friction_qp import FrictionQP
-from ..qp.mprgp import projected_gradient
-from .step import WINDOW, Load, Trace
+from .slip import SlipState
+from .step import WINDOW, Load, Trace, Unfinished
 
 SETTLING = 0.3  # relative change of pressures and friction bounds below which free bodies follow their springs
 CORRECTIONS = 30  # friction bounds in the contact problem with F_cc, at most
@@ -27,29 +27,30 @@ FINEST = 1e-13  # tolerance of the gluing multipliers there, relative to ||d|| a
 class FixedPoint:
     """Finds multipliers that solve the QP with the friction bound of their own pressures. Collective."""
 
-    def __init__(self, qp: FrictionQP, bodies: FreeBodies, slid: SlidState, condensation: Condensation):
-        self.qp, self.bodies, self.slid, self.condensation = qp, bodies, slid, condensation
+    def __init__(self, qp: FrictionQP, bodies, slip: SlipState, condensation: Condensation):
+        """`bodies`: FreeBodies of effects/free_bodies.py, or SupportedBodies."""
+        self.qp, self.bodies, self.slip, self.condensation = qp, bodies, slip, condensation
         self.operator, self.rows, self.settings, self.history = qp.operator, qp.rows, qp.settings, qp.history
-        frictional = len(self.rows.tangential) > 0 and not self.rows.tresca
-        self.corrects_motion, self.coulomb = False, bool(self.operator.comm.allreduce(int(frictional)))
+        coupled = len(self.rows.tangential) > 0 and not self.rows.bound_is_given
+        self.corrects_motion, self.coupled = False, bool(self.operator.comm.allreduce(int(coupled)))
 
     def find(self, index: int, load: Load, x, gradient, sliding, trace: Trace):
         """Successive approximations lambda_n -> Phi(lambda_n), each QP solved only as far as it pays.
 
         The first QPs would be solved far beyond the error of their friction bound; each reduces its initial
         residual by `inner_rtol`, and the last one meets the tolerance. Bodies without support move in the same
-        iterations. Starts from and returns multipliers, gradient and the rows that slide.
+        iterations. Starts from and returns multipliers, gradient and the rows that slide. Raises Unfinished.
         """
         settings, rows, free = self.settings, self.rows, self.operator.modes > 0
-        coulomb, secants, last, self.corrects_motion = self.coulomb, self.bodies.secants(), np.inf, free
+        coupled, secants, last, self.corrects_motion = self.coupled, self.bodies.secants(), np.inf, free
         while not trace.fallback:
             trace.iterations += 1
             x, gradient = self._start(load, x, gradient, sliding)
-            bound, reduction = rows.friction_bound(x), self._reduction(trace) if coulomb or free else 0.0
-            result, change = self._approximate(index, trace, load.d, x, bound, reduction, coulomb, gradient)
+            bound, reduction = rows.friction_bound(x), self._reduction(trace) if coupled or free else 0.0
+            result, change = self._approximate(index, trace, load.d, x, bound, reduction, coupled, gradient)
             x, gradient = result.x, result.gradient
             sliding = rows.sliding(x, bound)
-            if self.history.exit_status or not (coulomb or free):
+            if not (coupled or free):
                 return x, gradient, sliding
             loose = self.bodies.imbalance(load, x)
             trace.changes.append(max(change, loose * self._norm(x[rows.normal])))
@@ -57,8 +58,8 @@ class FixedPoint:
                 return x, gradient, sliding
             tired = trace.iterations >= settings.max_fixed_point
             if tired and trace.iterations <= 2 * WINDOW:
-                self.history.end(4, f"step {index}: no fixed point of the friction bound in {trace.iterations} iterations")
-                return x, gradient, sliding
+                raise Unfinished(NotConverged(f"step {index}: no fixed point of the friction bound in "
+                                              f"{trace.iterations} iterations"), x, gradient)
             if loose > settings.friction_rtol and change <= SETTLING * self._norm(x[rows.normal]):
                 gradient = gradient - self.bodies.lead(load, x, secants)  # before, friction is too far off to say where to
             # for given gluing multipliers bodies may move too far, and back again after the next QP
@@ -74,7 +75,7 @@ class FixedPoint:
         if self.settings.corrector == "contact":
             if relaxation is not None:
                 start = self._correct(load, start, relaxation.moved(start, x, gradient))
-            elif self.condensation.whole and not self.rows.tresca:
+            elif self.condensation.whole and not self.rows.bound_is_given:
                 x, gradient = self.qp.placed(start, load.d, x, gradient)
                 return self.condensation.solution(load, x, gradient, sliding) or (x, gradient)
         # d changes where bodies without support move
@@ -104,14 +105,14 @@ class FixedPoint:
             gradient = qp.relaxation.moved(x, solved, gradient)
         return x
 
-    def _approximate(self, index, trace, d, x, bound, reduction, coulomb=True, gradient=None):
+    def _approximate(self, index, trace, d, x, bound, reduction, coupled=True, gradient=None):
         """The QP with friction bounds `bound` started from x: its result, and the change of pressures and bounds."""
         limits = self.rows.limits_at(len(x), bound)
         x, gradient = self.qp.placed(np.minimum(np.maximum(x, limits[0]), limits[1]), d, x, gradient)
         result = self.qp.solve(index, trace.iterations, d, limits, x, reduction, gradient)
-        if self.history.exit_status or not coulomb:
+        if not coupled:
             return result, 0.0
-        self.slid.renew_coefficient(result.gradient)
+        self.slip.renew_coefficient(result.gradient)
         return result, max(self._norm(result.x[self.rows.normal] - x[self.rows.normal]),
                            self._norm(self.rows.friction_bound(result.x) - bound, tangential=True))
 
@@ -126,18 +127,16 @@ class FixedPoint:
     # ---- where they do not contract ------------------------------------------------------------
     def _globalise(self, index: int, load: Load, x, trace: Trace):
         """The fixed point by the methods of `globalization`, in their order; see `find`."""
-        found = self._accelerate(index, load, x, trace)
-        if found is None and not self.history.exit_status:
-            found = self._condense(index, load, x, trace)
-        if found is not None:
-            return found
-        if not self.history.exit_status:
-            unbalanced = self.bodies.imbalance(load, x) > self.settings.friction_rtol
-            why = self.bodies.why_unbalanced(load, x) if unbalanced else (
-                "the fixed point for the friction bound does not contract, and no other method found a solution; the "
-                "friction coefficient is beyond the range of a unique one")
-            self.history.end(3, f"step {index}: {why}")
-        return x, self.operator.apply(x) - load.d, self.rows.sliding(x, self.rows.friction_bound(x))
+        solution = self._accelerate(index, load, x, trace)
+        if solution is None:
+            solution = self._condense(index, load, x, trace)
+        if solution is not None:
+            return solution
+        unbalanced = self.bodies.imbalance(load, x) > self.settings.friction_rtol
+        why = self.bodies.why_unbalanced(load, x) if unbalanced else (
+            "the fixed point for the friction bound does not contract, and no other method found a solution; the "
+            "friction coefficient is beyond the range of a unique one")
+        raise Unfinished(NoSolution(f"step {index}: {why}"), x, self.operator.apply(x) - load.d)
 
     def _accelerate(self, index: int, load: Load, x, trace: Trace):
         """Anderson acceleration of the friction bounds and of the motions, as forces of their springs.
@@ -147,14 +146,12 @@ class FixedPoint:
         rows, op, changes, j = self.rows, self.operator, [], len(self.rows.tangential)
         softness = op.rho if op.modes else 1.0
         point = np.append(rows.friction_bound(x), load.weights[op.structure.patterns :] / softness)
-        method = globalization.Anderson(lambda a, b: self._tangential_dot(a[:j], b[:j]) + a[j:] @ b[j:])
-        while not (changes and globalization.gives_up(changes)):
+        method = Anderson(lambda a, b: self._tangential_dot(a[:j], b[:j]) + a[j:] @ b[j:])
+        while not (changes and gives_up(changes)):
             trace.iterations += 1
             bound = np.maximum(point[:j], 0.0)
             self.bodies.shift(load, softness * point[j:] - load.weights[op.structure.patterns :])
             result, change = self._approximate(index, trace, load.d, x, bound, self._reduction(trace))
-            if self.history.exit_status:
-                return None
             x, sliding, loose = result.x, rows.sliding(result.x, bound), self.bodies.imbalance(load, result.x)
             changes.append(max(change, loose * self._norm(x[rows.normal])))
             if loose <= self.settings.friction_rtol and self._settled(change, result):
@@ -171,20 +168,18 @@ class FixedPoint:
         contact rows makes the load of the condensed problem exact for the next pass. What the gluing rows are left with
         comes back on the contact rows, many times as large: they are solved the more accurately the longer that takes.
         """
-        if self.condensation.n > globalization.CONDENSED_NODES or self.rows.tresca:
+        if self.condensation.n > globalization.CONDENSED_NODES or self.rows.bound_is_given:
             return None
         rows, qp, method, part, last = self.rows, self.qp, globalization.NEWTON, 1.0, np.inf
         tol = aim = qp.tol
         for _ in range(CONDENSED_PASSES):
             trace.iterations += 1
-            bound, coefficient = rows.friction_bound(x), rows.bound
+            bound, coefficient = rows.friction_bound(x), rows.coefficient
             qp.tol = aim
             result = qp.solve(index, trace.iterations, load.d, self.condensation.held(x), x, 0.0)
             qp.tol = tol
-            if self.history.exit_status:
-                return None
             x = result.x
-            self.slid.renew_coefficient(result.gradient)
+            self.slip.renew_coefficient(result.gradient)
             change = self._norm(rows.friction_bound(x) - bound, tangential=True)
             left = projected_gradient(x, result.gradient, *rows.limits_at(len(x), bound))
             # the gluing rows alone may be left with a residual of tol
@@ -194,7 +189,7 @@ class FixedPoint:
                 return x, result.gradient, rows.sliding(x, bound)
             aim = max(0.3 * aim, min(tol, FINEST * max(qp.scales.d, qp.largest(x))))
             part, last = part if change <= 0.5 * last else 0.5 * part, change
-            rows.bound = coefficient + part * (rows.bound - coefficient)
+            rows.coefficient = coefficient + part * (rows.coefficient - coefficient)
             try:
                 problem = self.condensation.problem(load, x, result.gradient)
             except NotConverged:

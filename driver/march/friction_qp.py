@@ -6,11 +6,13 @@ from ..feti.compliance import ContactCompliance
 from ..feti.contact_block import ContactBlock
 from ..feti.deflation import DeflatedPreconditioner, Deflation
 from ..feti.fetidp import DualOperator
-from ..contact.friction import ContactRows, Scales
+from ..contact.kkt import Scales
+from ..contact.rows import ContactRows
+from ..errors import NoSolution, NotConverged
 from ..qp.mprgp import Result, mprgp, norm_bound, projected_gradient
 from ..options import Settings
 from .relaxation import ContactRelaxation
-from .step import History
+from .step import History, Unfinished
 from ..feti.substructuring import GLUING
 
 
@@ -88,7 +90,7 @@ class FrictionQP:
     def solve(self, index, iteration, d, limits, x, reduction, gradient=None):
         """MPRGP from x until the residual has fallen by the factor `reduction` or is `tol`.
 
-        A failure ends the run: it is noted in the history. `index` and `iteration` go to the log.
+        `index` and `iteration` go to the log. Raises Unfinished where MPRGP does not converge.
         """
         op, settings, history = self.operator, self.settings, self.history
         if gradient is None:
@@ -122,6 +124,7 @@ class FrictionQP:
             offset = op.products
             result = attempt(result.x, op.apply(result.x) - d, None)
         if result.status != "converged":
-            history.end(3 if result.status == "indefinite operator" else 4,
-                        f"step {index}: MPRGP ended with '{result.status}': {result.reason}")
+            kind = NoSolution if result.status == "indefinite operator" else NotConverged
+            error = kind(f"step {index}: MPRGP ended with '{result.status}': {result.reason}")
+            raise Unfinished(error, result.x, result.gradient)
         return result

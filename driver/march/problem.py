@@ -5,14 +5,14 @@ from pathlib import Path
 
 import numpy as np
 
-from . import quasistatic
 from ..contact.tearing import build
-from ..feti.substructuring import Substructure, partition
+from ..effects import Effects
 from ..feti.fetidp import DualOperator
-from ..contact.friction import SlipLaw
+from ..feti.substructuring import Substructure, partition
+from ..options import Settings
 from ..scene.loader import read_subdomains
 from ..scene.manifest import Manifest, read_manifest
-from ..options import Settings
+from .quasistatic import QuasistaticSolver
 
 
 @dataclasses.dataclass
@@ -23,14 +23,17 @@ class Problem:
     structure: Substructure
     operator: DualOperator
 
-    def solver(self, settings: Settings, samples=None) -> quasistatic.QuasistaticSolver:
+    @property
+    def effects(self) -> Effects:
+        """The declared effects, with nothing carried yet."""
+        return Effects(self.manifest)
+
+    def solver(self, settings: Settings, samples=None) -> QuasistaticSolver:
         """Solver that steps through the exported times with the indices `samples`, by default all of them."""
         m = self.manifest
         samples = np.arange(m.steps + 1) if samples is None else samples
-        law = SlipLaw(**m.slip_law) if m.slip_law else None
         times = np.linspace(0, m.t_end, m.steps + 1)
-        return quasistatic.QuasistaticSolver(self.operator, m.effects, m.factors[samples], times[samples],
-                                             settings, law)
+        return QuasistaticSolver(self.operator, self.effects, m.factors[samples], times[samples], settings)
 
 
 def assemble(directory: Path, comm, lap=lambda stage: None) -> Problem:

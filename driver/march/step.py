@@ -1,12 +1,12 @@
-"""Stage 6, data: the state at the end of a time step, what drives one, and what a run of them has counted."""
+"""Data of the time stepping: the state at the end of a step, its load, and what a run of steps has counted."""
 
 from dataclasses import dataclass, field, fields
 
 import numpy as np
 
-from ..contact import friction
-from . import globalization
-from ..errors import error_of
+from ..contact.rows import ContactRows
+from ..errors import DriverError
+from .globalization import Fallbacks
 
 WINDOW = 8  # iterations of the fixed point over which its changes must have fallen
 
@@ -28,7 +28,7 @@ class Step:
     moved: np.ndarray | None = None  # last change of the multipliers, to the friction bound of their own pressures
 
 
-def gathered(step: Step, rows: friction.ContactRows, contact_nodes: int, comm) -> dict | None:
+def gathered(step: Step, rows: ContactRows, contact_nodes: int, comm) -> dict | None:
     """A step as numbers and arrays of the whole problem on rank 0, for `scattered`; collective."""
     moved = np.empty(0) if step.moved is None else step.moved
     parts = comm.gather((step.multipliers, step.gradient, rows.normal_node, step.status, moved))
@@ -42,7 +42,7 @@ def gathered(step: Step, rows: friction.ContactRows, contact_nodes: int, comm) -
         "moved": None if step.moved is None else moved}
 
 
-def scattered(state: dict, rows: friction.ContactRows, row_range: tuple[int, int]) -> Step:
+def scattered(state: dict, rows: ContactRows, row_range: tuple[int, int]) -> Step:
     """This rank's part of a step from what `gathered` returned."""
     mine = slice(*row_range)
     moved = None if state["moved"] is None else state["moved"][mine]
@@ -60,7 +60,7 @@ class Load:
 
 @dataclass
 class History:
-    """Counts over a run, the log of MPRGP steps and how the run ended."""
+    """Counts over a run and the log of MPRGP steps."""
 
     counts: dict = field(default_factory=lambda: dict.fromkeys(
         ("fixed_point_iterations", "dual_multiplications", "dual_multiplications_setup", "cg_steps",
@@ -68,21 +68,29 @@ class History:
     log: list = field(default_factory=list)  # (product, step, iteration, kind, residual)
     residuals: dict = field(default_factory=dict)
     steps: int = 0
-    exit_status: int = 0
-    reason: str = ""
     warnings: list = field(default_factory=list)
-    fallbacks: globalization.Fallbacks = field(default_factory=globalization.Fallbacks)
+    fallbacks: Fallbacks = field(default_factory=Fallbacks)
     contraction: float = 0.0  # worst of the steps
     seconds: float = 0.0
 
-    def check(self, where: str = "") -> None:
-        """Raise the DriverError of a run that failed, its reason after `where`."""
-        if self.exit_status:
-            raise error_of(self.exit_status, where + self.reason)
 
-    def end(self, status: int, reason: str) -> None:
-        """The run ends after this step, with an exit status and the reason."""
-        self.exit_status, self.reason = status, reason
+class StepFailed(DriverError):
+    """A time step ended without a solution; `exit_status` and message are those of the NoSolution or NotConverged.
+
+    `step`, if there is one, is the state in which the step was left, which a run may report as not converged.
+    """
+
+    def __init__(self, error: DriverError, step: Step | None = None):
+        super().__init__(str(error))
+        self.exit_status, self.step = error.exit_status, step
+
+
+class Unfinished(Exception):
+    """Raised inside a step that fails with `error`, with multipliers `x` and `gradient` as far as they came."""
+
+    def __init__(self, error: DriverError, x: np.ndarray, gradient: np.ndarray):
+        super().__init__(str(error))
+        self.error, self.x, self.gradient = error, x, gradient
 
 
 @dataclass

@@ -20,28 +20,20 @@ edge, whose opening errs most, is left out where there are others.
 
 import numpy as np
 
-from ..contact.friction import OPEN, SLIP
+from ..contact.rows import OPEN, SLIP
 
 NOTHING = 1e-9  # resultants below this part of the largest one of the history are what rounding leaves
-CONTACT = ("peak_pressure", "normal_resultant", "contact_length")
-FRICTION = ("tangential_resultant", "slip", "dissipated_energy")
 
 
-def names(effects: dict) -> tuple[str, ...]:
-    """Quantities that the declared `effects` of a scene (as in summary.json) give sense to."""
-    touching, rubbing = effects["contact"] != "none", effects["friction"] != "none"
-    return (*(CONTACT if touching else ()), *(FRICTION if rubbing else ()), "displacement")
-
-
-def quantities(effects: dict, nodes: dict, steps: dict, displacement) -> tuple[dict[str, float], int]:
-    """Values by name, and the index of the step that they belong to.
+def quantities(effects, nodes: dict, steps: dict, displacement) -> tuple[dict[str, float], int]:
+    """Values of `effects.quantities` by name, and the index of the step that they belong to.
 
     `nodes` holds the columns xy (n, 2), arc, weight, gap, label, paired and middle (n,) of the contact nodes, sorted by
     label and arc; `steps` the columns u_n, slip, sigma_n, sigma_t and status (steps, n); `displacement` (steps,) the largest
     displacement in the body. All as in contact.csv and history.csv, status as its code.
     """
     displacement = np.asarray(displacement, float)
-    if effects["contact"] == "none":
+    if not effects.contact:
         at = _moment(displacement)
         return {"displacement": float(displacement[at])}, at
     pressure, weight, pieces = -steps["sigma_n"], nodes["weight"], chains(nodes)
@@ -51,11 +43,11 @@ def quantities(effects: dict, nodes: dict, steps: dict, displacement) -> tuple[d
         "peak_pressure": max(peak(nodes["arc"][piece], traction(nodes, pressure[at], piece)) for piece in pieces),
         "normal_resultant": normal[at], "contact_length": contact_length(nodes, pieces, steps, at),
         "displacement": displacement[at]}
-    if effects["friction"] != "none":
+    if effects.frictional:
         found |= {"tangential_resultant": steps["sigma_t"][at] @ weight,
                   "slip": max(longest_way(nodes, piece, steps, at) for piece in pieces),
                   "dissipated_energy": -((steps["sigma_t"] * steps["slip"]) @ weight).sum()}
-    return {name: float(found[name]) for name in names(effects)}, at
+    return {name: float(found[name]) for name in effects.quantities}, at
 
 
 def _moment(size: np.ndarray) -> int:

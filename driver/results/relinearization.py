@@ -15,7 +15,8 @@ stay those of small strains and refer to the initial geometry, lengths included.
 import dataclasses
 
 from ..contact.tearing import build
-from ..errors import InputError
+from ..errors import InputError, error_of
+from ..march.step import StepFailed
 from ..feti.fetidp import DualOperator
 from ..options import Settings
 from ..march.problem import Problem
@@ -36,10 +37,12 @@ def linearized(problem: Problem, settings: Settings, comm) -> Problem:
         raise InputError("LINEARIZATION=updated is about contact between bodies: the scene declares no contactPair")
     solver = problem.solver(dataclasses.replace(settings, uniqueness="no"))
     record, steps = Record(problem.operator, solver), []
-    for step in solver.steps():
-        record.add(step)
-        steps.append(step)
-    solver.history.check("with contact as in the initial geometry: ")
+    try:
+        for step in solver.steps():
+            record.add(step)
+            steps.append(step)
+    except StepFailed as failure:
+        raise error_of(failure.exit_status, f"with contact as in the initial geometry: {failure}") from None
     at = steps[record.quantities()[1]]
     moved = problem.operator.displacements(at.multipliers, at.weights)
     structure = build(manifest, structure.subdomains, structure.first, comm, moved)

@@ -12,7 +12,7 @@ from ..scene import elements
 from ..errors import agreed_writes
 from ..feti.fetidp import DualOperator
 from ..files import renamed, write_json, write_rows
-from ..contact.friction import OPEN, STATUS_NAMES
+from ..contact.rows import OPEN, STATUS_NAMES
 from ..scene.loader import Subdomain
 from ..scene.manifest import Manifest
 from .quantities import quantities
@@ -51,10 +51,10 @@ class ContactState:
     """Nodal contact quantities of the whole body in every step, on every rank; arrays (n_c,)."""
 
     def __init__(self, operator: DualOperator, solver: QuasistaticSolver):
-        self.operator, self.rows = operator, solver.rows
+        self.operator, self.rows, self.law = operator, solver.rows, solver.law
         self.boundary = operator.structure.contact
-        self.frictional = solver.effects["friction"] != "none"
-        self.u_t = self.boundary.initial
+        self.frictional = solver.effects.frictional
+        self.u_t = solver.initial
         self.held = self._held()
         self._find_terms()
 
@@ -84,7 +84,7 @@ class ContactState:
         values = np.sum(self.operator.comm.allgather(values), axis=0)
         if self.frictional:  # a node that a support holds tangentially has no row of its own, but a bound
             alone = b.tangential_row < 0
-            values[2, alone] = (b.friction * (b.weight if self.rows.tresca else np.abs(values[0])))[alone]
+            values[2, alone] = self.law.friction_bound(values[0])[alone]
         u = self._jump(fields)
         u_n, u_t = (u * b.normal).sum(axis=1), (u * b.tangent).sum(axis=1)
         slip, self.u_t = u_t - self.u_t, u_t

@@ -35,8 +35,9 @@ from ..estimates.budget import (
     share,
     summed,
 )
-from ..errors import DriverError, InputError, NoSolution, NotConverged
-from ..results.ledger import proportional
+from ..errors import DriverError, InputError, NoSolution, NotConverged, error_of
+from ..effects import Effects
+from ..effects.history import proportional
 
 COARSENING = (8, 4, 2, 1)  # of the scene's own mesh, for the first one that can be had
 SAMPLING = 32  # times of the load history per step of the scene
@@ -72,8 +73,8 @@ class Search:
         if self.knob is None:
             raise InputError("no parameter (CELLS, H) sets the mesh size of this scene: ACCURACY has nothing to choose")
         self.sizes = [self.first.parameters[self.knob]]
-        self.effects, self.total = self.first.effects, self.first.steps
-        self.stride = 1 if self.effects["time"] == "static" else SAMPLING * FEWEST
+        self.effects, self.total = Effects(self.first), self.first.steps
+        self.stride = 1 if not self.effects.quasistatic else SAMPLING * FEWEST
         self.name = quantity
         self.parts: dict = {}  # by source: {quantity: Part}
 
@@ -139,12 +140,12 @@ class Search:
     def _memoryless(self, size) -> bool:
         """Whether one step gives the quantity because the end does not depend on the way to it."""
         problem = self.levels.problem(**{self.knob: size})
-        contact, friction = problem.structure.contact, self.effects["friction"]
-        at_rest = not (contact.gap.any() or contact.initial.any() or self.effects.get("initial"))
-        if self.effects["time"] == "static" or self._level(size).at < self.steps - 1:
+        contact, effects = problem.structure.contact, self.effects
+        if not self.effects.quasistatic or self._level(size).at < self.steps - 1:
             return False  # nothing to choose, or the quantity belongs to a moment before the end
-        return friction == "none" or (
-            friction == "coulomb" and at_rest and proportional(problem.manifest.factors) and self.name != "dissipated_energy")
+        return not effects.frictional or (
+            "preload" not in effects and effects.homogeneous(contact, effects.initial_displacement(contact))
+            and proportional(problem.manifest.factors) and self.name != "dissipated_energy")
 
     def _more_steps(self, size) -> None:
         """More steps, as the mesh of a size tells; raises NotConverged if there are no more."""
@@ -174,7 +175,7 @@ class Search:
     def _tighten(self, size) -> bool:
         """Tolerances with a part of the error small enough on the mesh of a size; whether they were changed."""
         stride, before = max(self.stride, min(self.total, SAMPLING * FEWEST)), self.settings
-        coulomb = self.effects["friction"] in ("coulomb", "coulomb-slip-dependent")
+        coulomb = self.effects.pressure_bounds_friction
         while True:
             tight = dataclasses.replace(self.settings, rtol=0.01 * self.settings.rtol,
                                         primal_rtol=0.01 * self.settings.primal_rtol)
@@ -284,10 +285,10 @@ class Search:
     def chosen(self) -> dict[str, str]:
         """The settings as options of the command line."""
         found = {self.knob.upper(): f"{self.sizes[-1]:g}"}
-        if self.effects["time"] != "static":
+        if self.effects.quasistatic:
             found["STEPS"] = str(self.steps)
         settings = self.scaled(self.settings, self.stride)
-        names = [name for name in TOLERANCES if self.effects["friction"] != "none" or name != "friction_rtol"]
+        names = [name for name in TOLERANCES if self.effects.frictional or name != "friction_rtol"]
         return found | {name.upper(): f"{getattr(settings, name):.1g}" for name in names}
 
 
@@ -333,12 +334,11 @@ def _write(directory: Path, request: dict, search: Search, status: int, reason: 
         | {"steps": search.steps})
     begun = time.perf_counter()
     writer = Writer(directory, manifest, problem.operator, level.solver, request["fields"])
-    for step, bound in level.trace:
-        level.solver.rows.bound = bound
+    for step, coefficient in level.trace:
+        level.solver.rows.coefficient = coefficient
         writer.add(step)
-    history = level.solver.history
-    history.exit_status, history.reason = status, reason
-    summary = summarize(request, manifest, problem.structure, history, level.solver.uniqueness,
+    summary = summarize(request, dataclasses.replace(problem, manifest=manifest), level.solver,
+                        error_of(status, reason) if status else None,
                         search.scaled(search.settings, search.stride), comm)
     found = search.budget()
     entry, settings = found[search.name], " ".join(f"{name}={value}" for name, value in search.chosen().items())
@@ -349,9 +349,8 @@ def _write(directory: Path, request: dict, search: Search, status: int, reason: 
                            "settings": search.chosen(), "levels": len(search.sizes), "products": levels.products}
     now = time.perf_counter()
     summary["seconds"] = {"read": 0.0, **levels.seconds, "output": now - begun, "total": now - clock}
-    summary["effects_ledger"] = ledger_of(summary, manifest, problem.structure, history,
-                                          problem.manifest.factors[:: search.stride],
-                                          writer, comm)
+    summary["effects_ledger"] = ledger_of(summary["sizes"], problem.structure, level.solver,
+                                          problem.manifest.factors[:: search.stride], writer, comm)
     writer.close(summary)
     if comm.rank == 0:
         (directory / "run.log").write_text(json.dumps(summary["accuracy"]) + "\n")

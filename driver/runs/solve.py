@@ -12,12 +12,13 @@ from petsc4py import PETSc
 from ..estimates import adaptivity, soundness
 from ..scene import elements
 from ..march.checkpoint import Checkpoints
-from ..errors import agreed_writes
+from ..errors import DriverError, agreed_writes
 from ..estimates.energy import EnergyEstimator, report
-from ..results.ledger import effects_ledger
+from ..results.ledger import ledger
 from ..scene.manifest import Manifest
 from ..options import Settings
 from ..march.problem import assemble
+from ..march.step import StepFailed
 from ..results.relinearization import linearized
 from ..results.writer import Writer
 from ..timing import Laps
@@ -93,34 +94,44 @@ def run(directory: Path, request: dict, comm) -> tuple[int, str]:
                             directory / "run.log" if root else None)
         progress.note(f"{request['scene']} {manifest.parameters} {request['settings']} on {comm.size} ranks"
                       + f", resumed after step {done}" * bool(done))
-    for step in solver.steps():
+    history, failure = solver.history, None
+
+    def report_step(step) -> None:
         with agreed_writes(comm):
             progress.update(step)
         estimator.consider(step, *writer.add(step))
-        if solver.history.exit_status == 0:
+
+    try:
+        for step in solver.steps():
+            report_step(step)
             checkpoints.save()
-    history = solver.history
+    except StepFailed as stop:
+        if not history.steps:
+            raise
+        failure = stop
+        if failure.step is not None:
+            report_step(failure.step)
     history.warnings += soundness.warnings(problem, estimator.largest and estimator.largest[1])
     with agreed_writes(comm):
-        progress.close(history.reason or "converged")
+        progress.close(str(failure or "converged"))
     seconds["solve"] = history.seconds
-    summary = summarize(request, manifest, structure, history, solver.uniqueness, settings, comm)
+    summary = summarize(request, problem, solver, failure, settings, comm)
     lap("output")
     seconds["output"] -= history.seconds - spent  # of this process; seconds["solve"] is that of all steps
-    if request["errors"] != "no" and history.exit_status != 3:
+    if request["errors"] != "no" and not (failure and failure.exit_status == 3):
         estimates = estimator.estimates()
         summary["errors"] = {"energy": _energy_error(estimates, writer, estimator.kind)}
         if request.get("refine"):
             _next_mesh(directory, estimator, estimates, comm)
         lap("energy_error")
-    if request["errors"] == "yes" and history.exit_status == 0:
+    if request["errors"] == "yes" and not failure:
         summary["errors"] |= _budget(directory, request, problem, writer, comm)
         lap("estimates")
     seconds["total"] = sum(seconds.values())
     summary["seconds"], summary["resumed_after_step"] = seconds, done
-    summary["effects_ledger"] = ledger_of(summary, manifest, structure, history, manifest.factors, writer, comm)
+    summary["effects_ledger"] = ledger_of(summary["sizes"], structure, solver, manifest.factors, writer, comm)
     writer.close(summary)
-    return history.exit_status, history.reason
+    return (failure.exit_status, str(failure)) if failure else (0, "")
 
 
 def _energy_error(estimates, writer, kind: str) -> dict:
@@ -152,18 +163,19 @@ def _budget(directory: Path, request: dict, problem, writer, comm) -> dict:
         levels.close()
 
 
-def summarize(request, manifest: Manifest, structure, history, uniqueness, settings, comm) -> dict:
-    """summary.json but for quantities, errors and ledger; collective."""
+def summarize(request, problem, solver, failure: DriverError | None, settings, comm) -> dict:
+    """summary.json but for quantities, errors and ledger; `failure` says why a run did not converge. Collective."""
+    manifest, structure, history, uniqueness = problem.manifest, problem.structure, solver.history, solver.uniqueness
+    reason = str(failure or "")
     kinds = np.bincount(structure.row_kind, minlength=3)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     variant = next((str(v) for k, v in manifest.parameters.items() if k == "loading"), "")
     return {
-        "scene": request["scene"], "variant": variant, "converged": history.exit_status == 0,
-        "reason": history.reason,
+        "scene": request["scene"], "variant": variant, "converged": failure is None,
+        "reason": reason,
         "warnings": [*history.warnings, *history.fallbacks.warnings(), *uniqueness.warnings(),
-                     *[history.reason] * bool(history.reason)],
-        "effects": {**manifest.effects, "body_force": any(p["kind"] == "body_force" for p in manifest.patterns),
-                    "bodies": manifest.bodies},
+                     *([reason] if reason else [])],
+        "effects": problem.effects.summary,
         "sizes": {"subdomains": structure.total, "primal_dofs": structure.primal_dofs,
                   "dual_dofs": structure.dual_dofs, **{f"dual_{name}": int(kinds[k]) for name, k in PRIMAL.items()},
                   "coarse_dofs": structure.coarse_dofs, "contact_nodes": len(structure.contact.gid)},
@@ -177,16 +189,15 @@ def summarize(request, manifest: Manifest, structure, history, uniqueness, setti
     }
 
 
-def ledger_of(summary, manifest: Manifest, structure, history, amplitudes, writer, comm) -> dict:
-    """Entry `effects_ledger` of summary.json: which declared effects mattered and what they cost; collective."""
+def ledger_of(sizes: dict, structure, solver, amplitudes, writer, comm) -> dict:
+    """Entry `effects_ledger` of summary.json: which declared effects mattered and what they cost; collective.
+
+    `sizes` as in summary.json, `amplitudes` (steps + 1, patterns).
+    """
     largest = [max([np.abs(sub.loads[k]).max(initial=0) for sub in structure.subdomains]
                    + [np.abs(values[k]).max(initial=0) for values in structure.fixed_values], default=0.0)
-               for k in range(len(manifest.patterns))]
-    largest = np.max(comm.allgather(largest), axis=0)
-    patterns = [{"kind": p["kind"], "largest": float(size)} for p, size in zip(manifest.patterns, largest)]
-    return effects_ledger(summary["effects"], summary["sizes"], patterns, amplitudes,
-                          writer.history_rows, history.log, history.seconds,
-                          bool(structure.contact.gap.any()), bool(structure.contact.initial.any()))
+               for k in range(structure.patterns)]
+    return ledger(solver, sizes, amplitudes, np.max(comm.allgather(largest), axis=0), writer.history_rows)
 
 
 def _versions() -> dict:

@@ -46,6 +46,24 @@ class Manifest:
     raw: dict = field(repr=False, default_factory=dict)
 
     @property
+    def quasistatic(self) -> bool:
+        return self.effects["time"] == "quasistatic"
+
+    @property
+    def rooms(self) -> dict:
+        e, found = self.effects, {}
+        if e["contact"] != "none": found["pair" if self.contact_pairs else "contact"] = {}
+        if e["contact"] == "bilateral": found["bilateral"] = {}
+        if e["friction"].startswith("coulomb"): found["friction"] = {}
+        if e["friction"] == "tresca": found["tresca"] = {}
+        if self.slip_law: found["slip_law"] = self.slip_law
+        if self.initial_state: found["initial_state"] = {}
+        if e.get("initial"): found["preload"] = {}
+        for p in self.patterns: found[{"point": "point_load", "thermal": "thermal_strain"}.get(p["kind"], p["kind"])] = {}
+        if self.quasistatic: found["history"] = {}
+        return found
+
+    @property
     def factors(self) -> np.ndarray:
         """(steps + 1, patterns) factor of every load pattern at the start and after every time step."""
         found = [self.amplitudes[str(pattern["amplitude"])] for pattern in self.patterns]

@@ -1,6 +1,5 @@
 """The SPMD part of a study: the values of one parameter, solved on one export, and their tables."""
 
-import contextlib
 import dataclasses
 import itertools
 from pathlib import Path
@@ -9,13 +8,14 @@ import numpy as np
 from mpi4py import MPI
 
 from ..feti.compliance import ContactCompliance
-from ..errors import DriverError, InputError, NoSolution, NotConverged, agree
+from ..errors import DriverError, InputError, NotConverged, agree
 from ..files import write_json, write_rows, write_table
-from ..contact.friction import OPEN, STATUS_NAMES
+from ..contact.rows import OPEN, STATUS_NAMES
 from ..scene.loader import read_contact
 from ..scene.manifest import read_manifest
 from ..options import Settings
 from ..march.problem import assemble
+from ..march.step import StepFailed
 from ..timing import Laps
 from ..march.uniqueness import DOUBTFUL_FRICTION
 
@@ -51,21 +51,21 @@ def run(directory: Path, request: dict, comm) -> tuple[int, str]:
                          settings, directory, request, condensed, comm)
     lap("solve")
     seconds["total"] = sum(seconds.values())
-    failed = [k for k, one in enumerate(outcomes) if one.status]
-    status = max((one.status for one in outcomes), default=0)
-    reason = "" if not failed else (f"{len(failed)} of {len(outcomes)} values did not converge, "
-                                    "the first "
-                                    f"{request['study'].upper()}={request['values'][failed[0]]}: "
-                                    f"{outcomes[failed[0]].reason}")
+    failed = [k for k, outcome in enumerate(outcomes) if outcome.status]
+    status = max((outcome.status for outcome in outcomes), default=0)
+    name, values, reason = request["study"].upper(), request["values"], ""
+    if failed:
+        reason = (f"{len(failed)} of {len(outcomes)} values did not converge, the first "
+                  f"{name}={values[failed[0]]}: {outcomes[failed[0]].reason}")
     if comm.rank == 0:
         products = sum(outcome.row["dual_multiplications"] for outcome in outcomes)
         parameters = {n: v for n, v in manifest.parameters.items() if n != request["study"]}
         summary = {"scene": request["scene"], "study": request["study"], "values": len(outcomes),
                    "converged": not failed,
                    "reason": reason, "contact_rows": rows, "condensed": condensed,
-                   "warnings": [f"{request['study'].upper()}={value}: {line}"
-                                for value, one in zip(request["values"],
-                                                      outcomes) for line in one.warnings],
+                   "warnings": [f"{name}={value}: {line}"
+                                for value, outcome in zip(values, outcomes)
+                                for line in outcome.warnings],
                    "counts": {"dual_multiplications": products},
                    "seconds": seconds, "ranks": comm.size, "units": manifest.units,
                    "parameters": {**parameters, **dataclasses.asdict(settings)}}
@@ -86,7 +86,7 @@ def _outcomes(problem, settings, directory: Path, request: dict, apart: bool,
     In a chain a value starts near the one before. Chains do not depend on the number of ranks.
     Collective over `comm`. Raises DriverError.
     """
-    structure, found, error, near = problem.structure, {}, None, None
+    structure, solved, error, near = problem.structure, {}, None, None
     count = len(request["values"])
     chain = chain_length(count)
     mine = [k for k in range(count) if not apart or k // chain % comm.size == comm.rank]
@@ -97,23 +97,22 @@ def _outcomes(problem, settings, directory: Path, request: dict, apart: bool,
             _check_same(request["study"], problem.manifest, value)
             contact = _contact_of(request["study"], structure.contact, *read_contact(folder, value))
             operator, near = problem.operator.with_contact(contact), near if k % chain else None
-            found[k], near = _solve(dataclasses.replace(
+            solved[k], near = _solve(dataclasses.replace(
                 problem, manifest=value, operator=operator), settings, near)
             _progress(request, comm, k, done, len(mine))
     except DriverError as problem:
         error = problem
     agree(comm, error)
-    found = {k: one for part in comm.allgather(found) for k, one in part.items()}
-    return [found[k] for k in range(count)]
+    everyone = {k: outcome for part in comm.allgather(solved) for k, outcome in part.items()}
+    return [everyone[k] for k in range(count)]
 
 
 def _progress(request: dict, comm, k: int, done: int, total: int) -> None:
     """A line about value k, which is number `done` of the rank's `total`, a few times in all."""
     if comm.rank == 0 and not request["quiet"] and done % max(1, total // 5) == 0:
         share = "" if total == len(request["values"]) else ", as other ranks do"
-        print(
-            f"{request['scene']}: {request['study']} = {request['values'][k]}, {done} of "
-            f"{total}{share}", flush=True)
+        print(f"{request['scene']}: {request['study']} = {request['values'][k]}, {done} of "
+              f"{total}{share}", flush=True)
 
 
 def _check_same(name: str, base, value) -> None:
@@ -179,29 +178,38 @@ def _solve(problem, settings, near: np.ndarray | None) -> tuple[Outcome, np.ndar
     operator, solver, first = problem.operator, problem.solver(settings), None
     if solver.largest_friction <= DOUBTFUL_FRICTION:
         solver.condensation.guess = near
-    history, fields, u_t = [], {}, operator.structure.contact.initial
-    dissipated = 0.0
-    with contextlib.suppress(NoSolution):  # in the first step; the solver's history says why
+    history, fields, u_t, failure = [], {}, solver.initial, None
+
+    def add(step) -> None:
+        nonlocal fields, u_t
+        fields = _fields(operator, solver.rows, step, u_t)
+        u_t = fields["u_t"]
+        row = _quantities(operator.structure.contact, fields)
+        dissipated = row.pop("work") + (history[-1]["dissipated"] if history else 0.0)
+        history.append({"step": step.index, "time": step.time, **row, "dissipated": dissipated,
+                        "fixed_point_iterations": step.fixed_point_iterations,
+                        "dual_multiplications": step.products, "kkt": max(step.residuals.values())})
+
+    try:
         for step in solver.steps():
             first = step.multipliers if step.index == 1 else first
-            fields = _fields(operator, solver.rows, step, u_t)
-            u_t = fields["u_t"]
-            row = _quantities(operator.structure.contact, fields)
-            dissipated += row.pop("work")
-            history.append({"step": step.index, "time": step.time, **row, "dissipated": dissipated,
-                            "fixed_point_iterations": step.fixed_point_iterations,
-                            "dual_multiplications": step.products,
-                            "kkt": max(step.residuals.values())})
+            add(step)
+    except StepFailed as stop:
+        failure = stop
+        if failure.step is not None:
+            add(failure.step)
     counts, ended = solver.history.counts, solver.history
-    row = {"converged": "no" if ended.exit_status else "yes", "steps": ended.steps,
+    row = {"converged": "no" if failure else "yes", "steps": ended.steps,
            **(history[-1] if history else {}),
            "fixed_point_iterations": counts["fixed_point_iterations"],
            "dual_multiplications": counts["dual_multiplications"],
            "kkt": max(ended.residuals.values(), default=0.0),
            "uniqueness": solver.uniqueness.verdict}
-    row.pop("step", None), row.pop("time", None)
+    row.pop("step", None)
+    row.pop("time", None)
     warnings = [*ended.warnings, *ended.fallbacks.warnings(), *solver.uniqueness.warnings()]
-    return Outcome(ended.exit_status, ended.reason, row, history, fields, warnings), first
+    status, reason = (failure.exit_status, str(failure)) if failure else (0, "")
+    return Outcome(status, reason, row, history, fields, warnings), first
 
 
 def _fields(operator, rows, step, u_t: np.ndarray) -> dict[str, np.ndarray]:
@@ -238,18 +246,19 @@ def _quantities(contact, fields: dict) -> dict:
 def _write(directory: Path, request: dict, contact, outcomes: list[Outcome], summary: dict) -> None:
     """study.csv, history.csv, contact.csv and summary.json."""
     name, values = request["study"], request["values"]
-    full = next((one.row for one in outcomes if one.history), outcomes[0].row)
-    write_table(directory / "study.csv", [{name: value} | dict.fromkeys(full, "") | one.row
-                                          for value, one in zip(values, outcomes)])
-    steps = [{name: value, **row} for value, one in zip(values, outcomes) for row in one.history]
+    full = next((outcome.row for outcome in outcomes if outcome.history), outcomes[0].row)
+    write_table(directory / "study.csv", [{name: value} | dict.fromkeys(full, "") | outcome.row
+                                          for value, outcome in zip(values, outcomes)])
+    steps = [{name: value, **row} for value, outcome in zip(values,
+                                                            outcomes) for row in outcome.history]
     if steps:
         write_table(directory / "history.csv", steps)
     place = [contact.label, *contact.xy.T, contact.arc, contact.weight]
-    rows = [row for value, one in zip(values, outcomes) if one.fields
+    rows = [row for value, outcome in zip(values, outcomes) if outcome.fields
             for row in zip(itertools.repeat(value), itertools.count(),
                            *(part.tolist() for part in place),
-                           *(one.fields[name].tolist() for name in FIELDS),
-                           map(STATUS_NAMES.__getitem__, one.fields["status"]))]
+                           *(outcome.fields[name].tolist() for name in FIELDS),
+                           map(STATUS_NAMES.__getitem__, outcome.fields["status"]))]
     if rows:
         write_rows(directory / "contact.csv",
                    [name, "node", "boundary", "x", "y", "arc", "weight", *FIELDS, "status"], rows)

@@ -4,11 +4,14 @@ import json
 import re
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from driver import environment
+from driver.effects import Effects, RunFacts
+from driver.effects.history import proportional
 from driver.errors import InputError
 from driver.files import read_rows
 from driver.results import ledger
@@ -127,20 +130,32 @@ def test_what_is_off_is_neither_imported_nor_written(tmp_path, words, absent, fi
 
 # ---- the ledger ----------------------------------------------------------------------------------
 
-PLAIN = {"contact": "unilateral", "friction": "coulomb", "time": "quasistatic"}
+PLAIN = ("contact", "friction", "history", "traction")
 SIZES = {"dual_normal": 40, "dual_tangential": 39}
-LOAD = [{"kind": "traction", "largest": 3.0}]
 
 
-def rows(open_, stick, slip):
-    return [{"nodes_open": o, "nodes_stick": s, "nodes_slip": p} for o, s, p in zip(open_, stick,
-                                                                                    slip)]
+def declared(*rooms, patterns=("traction",)) -> Effects:
+    """The effects of a scene that declares `rooms` and load patterns of these kinds."""
+    data = dict.fromkeys(rooms, {})
+    return Effects(SimpleNamespace(rooms=data, patterns=[{"kind": kind} for kind in patterns],
+                                   bodies=1, contact_labels=[1] if "contact" in rooms else [],
+                                   quasistatic="history" in rooms))
 
 
-def entries(effects_=PLAIN, history=rows([9, 0], [0, 4], [0, 5]), amplitudes=((0,), (1,), (0.5,)),
-            patterns=LOAD, log=(), seconds=0.0, gaps=False, initial=False):
-    return ledger.effects_ledger(effects_, SIZES, patterns, np.array(amplitudes, float), history,
-                                 list(log), seconds, gaps, initial)
+def counted(open_, stick, slip) -> dict:
+    """Numbers of nodes by state at the end of every step."""
+    return {"open": np.array(open_), "stick": np.array(stick), "slip": np.array(slip)}
+
+
+def entries(effects=declared(*PLAIN), nodes=counted([9, 0], [0, 4], [0, 5]),
+            amplitudes=((0,), (1,), (0.5,)),
+            largest=(3.0,), log=(), seconds=0.0, gap=False, initial=False, sizes=SIZES):
+    contact = SimpleNamespace(gap=np.array([float(gap)]),
+                              columns={"friction": np.ones(1), "tresca": np.ones(1)},
+                              weight=np.ones(1))
+    homogeneous = effects.homogeneous(contact, np.array([float(initial)]))
+    return effects.ledger(RunFacts(sizes, np.array(amplitudes, float), np.array(largest), nodes,
+                                   ledger.shares(list(log), seconds), gap, initial, homogeneous))
 
 
 def test_active_effects():
@@ -153,20 +168,19 @@ def test_active_effects():
         assert set(entry) == {"declared", "active", "reason", "unknowns", "seconds"}
 
 
-@pytest.mark.parametrize("history, sentences", [
-    (rows([9, 9], [0, 0], [0, 0]), {
+@pytest.mark.parametrize("nodes, sentences", [
+    (counted([9, 9], [0, 0], [0, 0]), {
      "contact is declared but nothing touched", "friction is declared but nothing touched"}),
-    (rows([0, 0], [9, 9], [0, 0]), {
+    (counted([0, 0], [9, 9], [0, 0]), {
      "friction is declared but nothing slipped (9 nodes stuck at most)"}),
 ])
-def test_effects_that_never_mattered(history, sentences):
-    said = set(ledger.never_mattered(entries(history=history)))
+def test_effects_that_never_mattered(nodes, sentences):
+    said = set(ledger.never_mattered(entries(nodes=nodes)))
     assert sentences <= said and all(line.startswith("time") for line in said - sentences)
 
 
 def test_undeclared_effects_cost_nothing():
-    found = entries({"contact": "none", "friction": "none", "time": "static"},
-                    rows([0], [0], [0]), ((0,), (1,)))
+    found = entries(declared("traction"), counted([0], [0], [0]), ((0,), (1,)))
     for name in ("contact", "friction", "time", "gap", "body_force", "displacement"):
         assert found[name] == {"declared": False, "active": False,
                                "reason": "not declared", "unknowns": 0, "seconds": 0.0}
@@ -183,16 +197,18 @@ def test_undeclared_effects_cost_nothing():
     ([[0], [0], [0]], True),
 ])
 def test_proportional(amplitudes, expected):
-    assert ledger.proportional(np.array(amplitudes, float)) is expected
+    assert proportional(np.array(amplitudes, float)) is expected
 
 
 def test_time_matters_only_with_friction_and_a_way():
     growing = ((0,), (1,), (2,))
     assert entries(amplitudes=growing)["time"]["active"] is False
-    assert entries(amplitudes=growing, gaps=True)["time"]["active"] is True
+    assert entries(amplitudes=growing, gap=True)["time"]["active"] is True
     assert entries(amplitudes=growing, initial=True)["time"]["active"] is True
-    assert entries({**PLAIN, "friction": "tresca"}, amplitudes=growing)["time"]["active"] is True
-    assert entries({**PLAIN, "friction": "none"})["time"]["active"] is False
+    assert entries(declared("contact", "tresca", "history", "traction"),
+                   amplitudes=growing)["time"]["active"] is True
+    assert entries(declared("contact", "history", "traction"), sizes=SIZES |
+                   {"dual_tangential": 0})["time"]["active"] is False
 
 
 def test_time_claim_holds(solved):
@@ -207,8 +223,8 @@ def test_time_claim_holds(solved):
 
 
 def test_zero_body_force_is_idle():
-    patterns = [*LOAD, {"kind": "body_force", "largest": 0.0}]
-    found = entries(patterns=patterns, amplitudes=((0, 0), (1, 1), (2, 1)))
+    effects = declared(*PLAIN, "body_force", patterns=("traction", "body_force"))
+    found = entries(effects, amplitudes=((0, 0), (1, 1), (2, 1)), largest=(3.0, 0.0))
     assert ledger.never_mattered(found) == ["body force is declared but is zero at every step"]
 
 

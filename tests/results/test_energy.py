@@ -24,7 +24,7 @@ def cycled(request):
     """(cycles, run, body, multipliers (steps + 1, 2 n), displacements (steps + 1, dofs)), zero at the start."""
     scene = sheared_block(request.param)
     run = solve(scene, rtol=1e-11, friction_rtol=1e-11)
-    assert run.solver.history.exit_status == 0, run.solver.history.reason
+    assert run.solver.failure is None, str(run.solver.failure)
     body, contact = Assembled(run.manifest, run.subdomains), run.structure.contact
     order = [int(np.flatnonzero(contact.gid == g)[0]) for g in body.gid]
     lam = np.array([np.concatenate([s.multipliers[contact.normal_row], s.multipliers[contact.tangential_row]])

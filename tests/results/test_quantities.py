@@ -1,13 +1,15 @@
 """Quantities of interest: their definitions on exact fields, what a scene has of them, regular limits in h."""
 
 import csv
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from test_scenes_hertz import NU, R, hertz
 
+from driver.effects import Effects, contact, friction
 from driver.results import quantities as q
-from driver.contact.friction import OPEN, SLIP, STICK
+from driver.contact.rows import OPEN, SLIP, STICK
 
 A, P0 = 0.3, 2.0
 
@@ -32,8 +34,14 @@ def hertzian(h, shift):
     return line(x, np.abs(x) < A, P0 * np.sqrt(np.maximum(0, 1 - (x / A) ** 2)), opening)
 
 
-def values(nodes, steps, friction="none"):
-    return q.quantities({"contact": "unilateral", "friction": friction}, nodes, steps, np.ones(len(steps["u_n"])))[0]
+def values(nodes, steps, friction=""):
+    return q.quantities(declared(friction), nodes, steps, np.ones(len(steps["u_n"])))[0]
+
+
+def declared(friction=""):
+    """Effects of a scene with contact and, if it has a name, a friction law."""
+    return Effects(SimpleNamespace(rooms=dict.fromkeys(("contact", friction) if friction else ("contact",), {}),
+                                   patterns=[], contact_labels=[1], quasistatic=True, bodies=1))
 
 
 @pytest.mark.parametrize("shift", np.linspace(0, 0.9, 7))
@@ -100,7 +108,7 @@ def test_slip_counts_in_contact_only_and_moment_is_that_of_load():
     steps["status"][0], steps["status"][1:] = SLIP, STICK
     steps["status"][2] = OPEN
     steps["sigma_n"][:] *= np.array([1.0, 2.0, 0.0])[:, None]
-    found, at = q.quantities({"contact": "unilateral", "friction": "coulomb"}, nodes, steps, np.ones(3))
+    found, at = q.quantities(declared("friction"), nodes, steps, np.ones(3))
     assert at == 1 and found["normal_resultant"] == pytest.approx(2.0)
     assert found["slip"] == pytest.approx(0.5) and found["dissipated_energy"] == pytest.approx(0.3)
     assert found["tangential_resultant"] == pytest.approx(-0.2)
@@ -111,7 +119,7 @@ def test_a_run_has_what_its_scene_gives_sense_to(solved):
         return solved(scene, **options).summary
 
     assert list(of("cantilever", cells=4)["quantities"]) == ["displacement"]
-    assert list(of("hertz", h=0.006)["quantities"]) == [*q.CONTACT, "displacement"]
+    assert list(of("hertz", h=0.006)["quantities"]) == [*contact.Room.quantities, "displacement"]
     bar = of("bar", cells=2)
     assert bar["quantities_time"] == 1.0  # the wall is left again by the end
     # closed form: the wall takes what M g/L leaves of the pull
@@ -120,7 +128,7 @@ def test_a_run_has_what_its_scene_gives_sense_to(solved):
     assert of("pressfit")["quantities"]["contact_length"] == pytest.approx(np.pi * 10, rel=1e-4)
     model = solved("model", loading="nonmonotone")
     found, last = model.summary["quantities"], {name: column[-1] for name, column in model.history.items()}
-    assert set(found) == {*q.CONTACT, *q.FRICTION, "displacement"}
+    assert set(found) == {*contact.Room.quantities, *friction.QUANTITIES, "displacement"}
     assert found["normal_resultant"] == pytest.approx(-last["resultant_n"], rel=1e-12)
     assert found["tangential_resultant"] == pytest.approx(last["resultant_t"], rel=1e-12)
     assert found["dissipated_energy"] == pytest.approx(last["dissipated"], rel=1e-12)
@@ -142,7 +150,7 @@ def test_slip_reaches_to_the_edge_of_contact():
     opening = np.maximum(x - 0.66, 0) ** 1.5
     nodes, steps = line(x, x < 0.66, np.maximum(0.66 - x, 0) ** 0.5, opening, slip=2 * x,
                         status=np.where(x < 0.66, SLIP, OPEN))
-    assert values(nodes, steps, "coulomb")["slip"] == pytest.approx(2 * 0.66, rel=1e-9)
+    assert values(nodes, steps, "friction")["slip"] == pytest.approx(2 * 0.66, rel=1e-9)
 
 
 @pytest.mark.parametrize("element", ["P1", "P2"])

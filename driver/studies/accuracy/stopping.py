@@ -86,7 +86,6 @@ class Mesh:
         record = Record(self.problem.operator, solver)
         for step in solver.steps():
             record.add(step)
-        solver.history.check()
         contact, states = self.problem.structure.contact, record.states
         return Tractions(contact.xy[:, 0], contact.weight, np.array(states["sigma_n"]),
                          np.array(states["sigma_t"]), solver.history.counts["dual_multiplications"])

@@ -1,0 +1,137 @@
+"""Contact conditions at the contact nodes: the rows a rank owns, bounds of the multipliers, states of the nodes.
+
+Multipliers are nodal forces on the body: lambda_n >= 0 presses along -n, lambda_t pushes along -t, so
+that sigma_n = -lambda_n / weight and sigma_t = -lambda_t / weight. With r = F lambda - d the rows read
+B u - c = -r, where c is the gap (normal) or the previous tangential displacement (tangential rows).
+
+Every friction law bounds lambda_t by an affine function of the pressure,
+
+    |lambda_t| <= offset + coefficient |lambda_n|:
+
+Coulomb's law has no offset, a given bound (Tresca) no coefficient, a law with cohesion (Mohr, Coulomb) both.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..feti.substructuring import GLUING, Substructure
+
+OPEN, STICK, SLIP = 0, 1, 2
+STATUS_NAMES = ("open", "stick", "slip")
+
+
+@dataclass(frozen=True)
+class ContactLaw:
+    """What the declared effects make of the conditions at the contact nodes; None where nothing is declared.
+
+    Arrays of length n_c.
+    """
+
+    coefficient: np.ndarray | None = None  # of friction
+    offset: np.ndarray | None = None  # nodal force that the friction bound has without pressure
+    bilateral: bool = False  # contact pulls as well
+
+    def friction_bound(self, pressure: np.ndarray) -> np.ndarray:
+        """(n_c,) largest friction forces under nodal pressures (n_c,), forces of any sign."""
+        return _affine(self.coefficient, self.offset, pressure)
+
+
+def _affine(coefficient, offset, pressure: np.ndarray) -> np.ndarray:
+    """offset + coefficient |pressure|, without the part that is None."""
+    if coefficient is None:
+        return np.zeros(len(pressure)) if offset is None else offset
+    bound = coefficient * np.abs(pressure)
+    return bound if offset is None else bound + offset
+
+
+@dataclass
+class ContactRows:
+    """The contact rows a rank owns, as positions in its dual vectors.
+
+    `normal` (k,) with `gap` and `node`; `tangential` (j,) with `pair`, the position of the same node's
+    normal row, and `node`. `coefficient` (j,) of friction, and `offset` (j,) of its bound, are None where no
+    declared effect has one.
+    """
+
+    normal: np.ndarray
+    normal_node: np.ndarray
+    gap: np.ndarray
+    tangential: np.ndarray
+    tangential_node: np.ndarray
+    pair: np.ndarray
+    coefficient: np.ndarray | None
+    offset: np.ndarray | None
+    gluing: np.ndarray
+    bilateral: bool
+
+    @property
+    def bound_is_given(self) -> bool:
+        """Whether friction bounds do not depend on the pressure: then a step is one QP."""
+        return self.coefficient is None
+
+    def limits(self, size: int, pressure: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper bounds of all owned multipliers under nodal pressures `pressure` (owned,)."""
+        return self.limits_at(size, self.friction_bound(pressure))
+
+    def limits_at(self, size: int, bound: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The same under the friction bounds `bound` (j,)."""
+        lower, upper = np.full(size, -np.inf), np.full(size, np.inf)
+        if not self.bilateral:
+            lower[self.normal] = 0.0
+        lower[self.tangential], upper[self.tangential] = -bound, bound
+        return lower, upper
+
+    def pressing(self, x: np.ndarray) -> np.ndarray:
+        """x without the pulling normal multipliers that contact has not, unless it is bilateral."""
+        pressed = x.copy()
+        if not self.bilateral:
+            pressed[self.normal] = np.maximum(x[self.normal], 0.0)
+        return pressed
+
+    def sliding(self, x: np.ndarray, bound: np.ndarray) -> np.ndarray:
+        """(j,) sign of the multiplier at tangential rows that are on their bound, 0 at the others."""
+        multiplier = x[self.tangential]
+        return np.where(np.abs(multiplier) >= bound, np.sign(multiplier), 0.0)
+
+    def follow(self, x: np.ndarray, sliding: np.ndarray) -> np.ndarray:
+        """x with sliding nodes moved to, and the others cut at, the friction bound of its own pressures.
+
+        If they stayed where they were, sliding nodes would be inside a bound that has grown, and the QP would
+        have to find them again one expansion step after the other.
+        """
+        moved, t = x.copy(), self.tangential
+        bound = self.friction_bound(x)
+        moved[t] = np.where(sliding != 0, sliding * bound, np.minimum(np.maximum(x[t], -bound), bound))
+        return moved
+
+    def friction_bound(self, multipliers: np.ndarray) -> np.ndarray:
+        """(j,) largest friction forces under the pressures in the dual vector `multipliers`."""
+        if self.coefficient is None:
+            return np.zeros(len(self.tangential)) if self.offset is None else self.offset
+        return _affine(self.coefficient, self.offset, multipliers[self.pair])
+
+    def states(self, multipliers: np.ndarray) -> np.ndarray:
+        """(k,) OPEN, STICK or SLIP of the nodes with a normal row, by exact comparison with the bounds."""
+        states = np.full(len(self.normal), STICK)
+        if not self.bilateral:
+            states[multipliers[self.normal] == 0] = OPEN
+        sliding = np.abs(multipliers[self.tangential]) >= self.friction_bound(multipliers)
+        at = np.searchsorted(self.normal_node, self.tangential_node)
+        states[at[sliding & (states[at] == STICK)]] = SLIP
+        if len(self.tangential) == 0:  # without friction nothing holds a node that touches
+            states[states == STICK] = SLIP
+        return states
+
+
+def contact_rows(structure: Substructure, law: ContactLaw) -> ContactRows:
+    """The rank's contact rows from the replicated contact boundary and its law."""
+    contact, (start, stop) = structure.contact, structure.row_range
+    normal = np.flatnonzero((contact.normal_row >= start) & (contact.normal_row < stop))
+    tangential = np.flatnonzero((contact.tangential_row >= start) & (contact.tangential_row < stop))
+    coefficient, offset = (None if values is None else values[tangential]
+                           for values in (law.coefficient, law.offset))
+    return ContactRows(
+        contact.normal_row[normal] - start, normal, contact.gap[normal],
+        contact.tangential_row[tangential] - start, tangential, contact.normal_row[tangential] - start,
+        coefficient, offset, np.flatnonzero(structure.row_kind[start:stop] == GLUING), law.bilateral)

@@ -1,0 +1,245 @@
+"""Effects are rooms: what a scene can declare is one module here and one include in edp/lib/effects.
+
+A module is imported only for a scene that declares it. Its class `Room`, an `Effect`, overrides what the effect adds:
+to the conditions at the contact nodes, to the start, to what is carried from step to step, to the quantities, the
+ledger and the estimates of a run. What it does not override adds nothing and costs nothing. The FreeFEM part, in which
+the scene's macros become load patterns, nodal columns and entries of the manifest, has the same file name.
+"""
+
+import importlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..contact.rows import ContactLaw
+from ..errors import InputError
+
+# how well the error in the energy norm is known: the worst of a scene's effects counts
+BOUND, ESTIMATE, NONE = "bound", "estimate", "none"
+
+
+@dataclass(frozen=True)
+class RunFacts:
+    """What the ledger of a finished run is made from.
+
+    `sizes` the counts of dual rows as in summary.json, `amplitudes` (steps + 1, patterns), `largest` (patterns,) the
+    largest nodal value of every load pattern, `nodes` the columns nodes_open, nodes_stick, nodes_slip of history.csv
+    (steps,), empty if no step was kept, `seconds` the wall time that products for contact, friction and history
+    took, `gap` and `initial` whether any contact node starts away from its obstacle, or displaced;
+    `homogeneous` whether a solution under twice the load is twice the solution.
+    """
+
+    sizes: dict[str, int]
+    amplitudes: np.ndarray
+    largest: np.ndarray
+    nodes: dict[str, np.ndarray]
+    seconds: dict[str, float]
+    gap: bool
+    initial: bool
+    homogeneous: bool
+
+    @property
+    def steps(self) -> int:
+        """Number of steps that were kept."""
+        return len(self.nodes["open"])
+
+    def most(self, *states: str) -> int:
+        """Largest number of nodes in one of `states` (open, stick, slip) at the end of a step."""
+        return int(max(sum(self.nodes[state] for state in states), default=0))
+
+
+def entry(active: bool | None, reason: str, unknowns: int = 0, seconds: float | None = None) -> dict:
+    """Ledger entry of a declared effect; `active` is None where no step was kept."""
+    return {"declared": True, "active": active, "reason": reason, "unknowns": int(unknowns), "seconds": seconds}
+
+
+UNDECLARED = {"declared": False, "active": False, "reason": "not declared", "unknowns": 0, "seconds": 0.0}
+
+
+class Effect:
+    """An effect that a scene declares, with the data that its export has of it.
+
+    Arrays of contact nodes have the length n_c of the ContactBoundary.
+    """
+
+    frictional = False  # adds tangential rows
+    bilateral = False  # contact pulls as well
+    changes_coefficient = False  # the friction coefficient depends on the state
+    quantities: tuple[str, ...] = ()  # quantities of interest that it gives sense to, see results/quantities.py
+    estimates, why = BOUND, ""  # how well the error in the energy norm is known with it, and why no better
+
+    def __init__(self, name: str, manifest):
+        """`name` of the room in `manifest.rooms`. Raises InputError for data that make no sense."""
+        self.name, self.data, self.patterns = name, manifest.rooms[name], []
+        for number, pattern in enumerate(manifest.patterns):
+            if pattern["kind"] == name:
+                self.patterns.append(number)
+
+    # ---- what it says in summary.json -----------------------------------------------------------
+    def summary(self) -> dict:
+        """Entries of `effects` in summary.json that differ from those of a scene without it."""
+        return {}
+
+    # ---- what it adds to the problem ------------------------------------------------------------
+    def friction_coefficient(self, contact) -> np.ndarray | None:
+        """(n_c,) F of the friction bound F |lambda_n|."""
+
+    def friction_offset(self, contact) -> np.ndarray | None:
+        """(n_c,) nodal force of the friction bound that needs no pressure."""
+
+    def initial_displacement(self, contact) -> np.ndarray | None:
+        """(n_c,) tangential displacement at time 0."""
+
+    def before_first_step(self, solver) -> None:
+        """Find the state from which the QuasistaticSolver `solver` starts. Raises DriverError."""
+
+    def coefficient_factor(self, nodes: np.ndarray, u_t: np.ndarray, last: np.ndarray) -> np.ndarray:
+        """(j,) factor of the coefficient at contact `nodes` with displacements u_t, and `last` in the step before."""
+        raise NotImplementedError
+
+    # ---- what it carries from step to step ------------------------------------------------------
+    def prepare(self, contact) -> None:
+        """Allocate what is carried; a solver has effects of its own."""
+
+    def carried(self) -> dict[str, np.ndarray]:
+        """Arrays (n_c,) by name, each rank's own nodes valid; checkpoints keep them."""
+        return {}
+
+    def step_ends(self, nodes: np.ndarray, slip: np.ndarray) -> None:
+        """A step ended in which the contact `nodes` (j,) of the rank have slid by `slip` (j,)."""
+
+    # ---- what it says after the run -------------------------------------------------------------
+    def ledger(self, facts: RunFacts) -> dict[str, dict]:
+        """Entries of the ledger by name: was the effect active, and what did it cost."""
+        return {}
+
+
+class LoadEffect(Effect):
+    """An effect whose load patterns multiply an amplitude; `heading` is its entry in the ledger."""
+
+    heading = "load"
+
+    def ledger(self, facts: RunFacts) -> dict[str, dict]:
+        """Active where any pattern is not zero at every step."""
+        active = any(facts.amplitudes[:, k].any() and facts.largest[k] > 0 for k in self.patterns)
+        return {self.heading: entry(active, f"{len(self.patterns)} patterns" if active else "is zero at every step")}
+
+
+class Effects:
+    """The declared effects of a scene, in the order of their declaration."""
+
+    def __init__(self, manifest):
+        """Imports the declared rooms. Raises InputError for one that the driver does not have."""
+        self.rooms = {name: _room(name, manifest) for name in manifest.rooms}
+        self.contact = bool(manifest.contact_labels)
+        self.frictional = any(room.frictional for room in self)
+        self.coefficient_changes = any(room.changes_coefficient for room in self)
+        self.bilateral = any(room.bilateral for room in self)
+        self.quasistatic = manifest.quasistatic
+        self.bodies = manifest.bodies
+
+    def __iter__(self) -> Iterator[Effect]:
+        return iter(self.rooms.values())
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.rooms
+
+    @property
+    def summary(self) -> dict:
+        """Entry `effects` of summary.json."""
+        entries = {"contact": "none", "friction": "none", "time": "quasistatic" if self.quasistatic else "static",
+                   "body_force": False, "bodies": self.bodies}
+        for room in self:
+            entries |= room.summary()
+        return entries
+
+    @property
+    def pressure_bounds_friction(self) -> bool:
+        """Whether friction bounds depend on the pressure (Coulomb's law): then a step is a fixed point."""
+        return "friction" in self
+
+    @property
+    def estimates(self) -> tuple[str, str]:
+        """How well the error in the energy norm is known with these effects, and why no better."""
+        worst = max(self, key=lambda room: (BOUND, ESTIMATE, NONE).index(room.estimates), default=None)
+        return (worst.estimates, worst.why) if worst else (BOUND, "")
+
+    @property
+    def quantities(self) -> tuple[str, ...]:
+        """Quantities of interest that the effects give sense to, the largest displacement last."""
+        names = dict.fromkeys(name for room in self for name in room.quantities)
+        return (*names, "displacement")
+
+    def contact_law(self, contact) -> ContactLaw:
+        """Friction coefficients and bounds at the contact nodes."""
+        coefficient = _sum(room.friction_coefficient(contact) for room in self)
+        return ContactLaw(coefficient, _sum(room.friction_offset(contact) for room in self), self.bilateral)
+
+    def initial_displacement(self, contact) -> np.ndarray:
+        """(n_c,) tangential displacement of the contact nodes at time 0, zero where nothing is declared."""
+        initial = _sum(room.initial_displacement(contact) for room in self)
+        return np.zeros(len(contact.gid)) if initial is None else initial
+
+    def homogeneous(self, contact, initial: np.ndarray) -> bool:
+        """Whether the solution under twice the load is twice the solution.
+
+        `initial` (n_c,) is the tangential displacement at time 0.
+        """
+        law = self.contact_law(contact)
+        return (law.offset is None and not self.coefficient_changes
+                and not contact.gap.any() and not initial.any())
+
+    def before_first_step(self, solver) -> None:
+        """Let every effect find the state from which `solver` starts. Raises DriverError."""
+        for room in self:
+            room.before_first_step(solver)
+
+    def coefficient_factor(self, nodes: np.ndarray, u_t: np.ndarray, last: np.ndarray) -> np.ndarray:
+        """(j,) factor of the friction coefficients; see Effect."""
+        factors = [room.coefficient_factor(nodes, u_t, last) for room in self if room.changes_coefficient]
+        return np.prod(factors, axis=0)
+
+    def prepare(self, contact) -> None:
+        """Allocate what effects carry from step to step."""
+        for room in self:
+            room.prepare(contact)
+
+    def carried(self) -> dict[str, np.ndarray]:
+        """Arrays (n_c,) that effects carry from step to step, by a name that holds the room's."""
+        return {f"{room.name}.{name}": values for room in self for name, values in room.carried().items()}
+
+    def step_ends(self, nodes: np.ndarray, slip: np.ndarray) -> None:
+        """A step ended; see Effect."""
+        for room in self:
+            room.step_ends(nodes, slip)
+
+    def ledger(self, facts: RunFacts) -> dict[str, dict]:
+        """Entry {declared, active, reason, unknowns, seconds} of every effect; the common ones also if undeclared."""
+        entries = {name: UNDECLARED for name in ("contact", "friction", "gap", "time", "load", "displacement",
+                                                 "body_force")}
+        for room in self:
+            for name, found in room.ledger(facts).items():
+                known = entries.get(name, UNDECLARED)
+                entries[name] = found if not known["declared"] or found["active"] else known
+        return entries
+
+
+def _room(name: str, manifest) -> Effect:
+    """The effect `name`, imported."""
+    try:
+        module = importlib.import_module(f"{__name__}.{name}")
+    except ModuleNotFoundError as problem:
+        if problem.name != f"{__name__}.{name}":
+            raise
+        raise InputError(f"the scene declares {name}, but driver/effects has no module of that name") from None
+    return module.Room(name, manifest)
+
+
+def _sum(parts) -> np.ndarray | None:
+    """Sum of the arrays that are not None; None if there is none."""
+    total = None
+    for part in parts:
+        if part is not None:
+            total = part if total is None else total + part
+    return total

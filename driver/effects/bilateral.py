@@ -1,0 +1,13 @@
+"""Contact that pulls as well: u_n = gap at every node."""
+
+from . import Effect
+
+
+class Room(Effect):
+    """Normal multipliers have no bound; friction is bounded by F |lambda_n|."""
+
+    bilateral = True
+
+    def summary(self) -> dict:
+        """Contact is bilateral."""
+        return {"contact": "bilateral"}

@@ -1,0 +1,9 @@
+"""Prescribed displacements of supports."""
+
+from . import LoadEffect
+
+
+class Room(LoadEffect):
+    """Patterns given on supports."""
+
+    heading = "displacement"

@@ -1,0 +1,18 @@
+"""A displacement u_0 of the body at time 0, from which the first step's slip is measured."""
+
+import numpy as np
+
+from . import Effect, RunFacts, entry
+
+
+class Room(Effect):
+    """A nodal column: u_0 . t at the contact nodes."""
+
+    def initial_displacement(self, contact) -> np.ndarray:
+        """(n_c,) u_0 . t."""
+        return contact.columns["initial"]
+
+    def ledger(self, facts: RunFacts) -> dict[str, dict]:
+        """Matters where friction slides."""
+        return {"initial_state": entry(facts.most("slip") > 0 if facts.steps else None, "friction starts from it")} \
+            if facts.initial else {}

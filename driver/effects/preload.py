@@ -1,0 +1,42 @@
+"""The body starts from its equilibrium without friction under the loads at time 0."""
+
+import numpy as np
+
+from ..errors import NotConverged
+from . import initial_state
+
+
+class Room(initial_state.Room):
+    """Solves one step without friction, whose tangential displacement becomes u_0."""
+
+    def summary(self) -> dict:
+        """The initial state is a preload."""
+        return {"initial": "preload"}
+
+    def initial_displacement(self, contact) -> None:
+        """Known before the first step only."""
+
+    def before_first_step(self, solver) -> None:
+        """Multipliers, motions and tangential displacements of `solver` become those of the equilibrium at time 0.
+
+        Raises NotConverged where bodies without support do not come to rest, Unfinished where the QP fails.
+        """
+        op, rows, settings = solver.operator, solver.rows, solver.settings
+        x, without_friction = np.zeros(op.owned), np.zeros(len(rows.tangential))
+        load = solver.load(0, solver.motion, without_friction)
+        solver.scales.d = solver.qp.extent(load.d)
+        solver.qp.tol = settings.rtol * solver.scales.d
+        limits = rows.limits_at(op.owned, without_friction)
+        for iteration in range(1, settings.max_fixed_point + 1):
+            result = solver.qp.solve(0, iteration, load.d, limits, x, 0.0)
+            x = result.x
+            if solver.bodies.imbalance(load, x) <= settings.friction_rtol:
+                break
+            solver.bodies.follow(load, x)
+        else:
+            raise NotConverged(f"preload: no equilibrium of the free bodies in {iteration} iterations")
+        solver.multipliers, solver.motion = x, load.weights[op.structure.patterns :]
+        solver.slip.u_t = -result.gradient[rows.tangential]
+        u_t = np.zeros(len(solver.initial))
+        u_t[rows.tangential_node] = solver.slip.u_t
+        solver.initial[:] = np.sum(op.comm.allgather(u_t), axis=0)
