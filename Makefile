@@ -42,7 +42,7 @@ $(filter-out model,$(SCENES)):
 table:  ## the slides' table, ours beside theirs [ROWS=1,2,3] [METHOD=default|plain] [NP=] [FRESH=yes]
 	@$(DRIVER) table $(GIVEN)
 
-effects:  ## a scene as declared and with each effect taken out in turn: SCENE=bracket [NP=] [...]
+effects:  ## a scene as declared and with each effect left out in turn: SCENE=bracket [NP=] [...]
 	@$(DRIVER) effects $(GIVEN)
 
 bench:  ## what runs cost, beside the slides, a factorization, GetFEM, TAO and the machine's limits [PARTS=products,tao] [LARGE=yes]

@@ -17,7 +17,7 @@ from .style import BLUE, GREEN, INK, ORANGE, PURPLE, RED, SKY, canvas, header, w
 SWEEPS = {  # sweep: its name in the legend, colour, marker and the symbol of what is varied
     "mesh": ("uniform meshes", BLUE, "o", "$h$"), "quadratic": ("uniform, P2", SKY, "h", "$h$"),
     "adapt": ("adaptive meshes", GREEN, "^", ""),
-          "steps": ("time steps", ORANGE, "s", "$\\Delta t$"),
+    "steps": ("time steps", ORANGE, "s", "$\\Delta t$"),
     "friction_rtol": ("fixed point", PURPLE, "D", "tol"), "rtol": ("MPRGP", RED, "v", "tol"),
     "together": ("together", "#888888", ".", "")}
 LEAST = 1e-9  # smaller errors are drawn there

@@ -147,7 +147,7 @@ def deformed(figure: Figure, run: Run) -> None:
                            np.column_stack([b["x1"], b["y1"]])], axis=1)
         axes.add_collection(LineCollection(outline, colors=INK, linewidths=0.7))
         handles.append(Line2D([], [], color=INK, lw=0.7, label="undeformed outline"))
-        # where they touch, the colours alone may not tell them apart
+        # where they touch, the colours alone may not distinguish them
         if bodies(mesh, run.boundary).max() > 0:
             rim = moved[mesh.rim()[0][outer(mesh, run.boundary)]]
             axes.add_collection(LineCollection(rim, colors=RED, linewidths=0.9))

@@ -57,7 +57,7 @@ def final_boundaries(run: Run) -> list:
 
 
 def curve_style(nodes: int) -> dict:
-    """Markers show the nodes as long as they can be told apart."""
+    """Markers show the nodes as long as they can be distinguished."""
     return {"marker": "o", "ms": 2.6} if nodes <= 60 else {"lw": 1.1}
 
 

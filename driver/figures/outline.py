@@ -47,10 +47,10 @@ def bodies(mesh: Mesh, boundary: dict) -> np.ndarray:
         near = 1e-9 * np.ptp(mesh.xy, axis=0).max()
         twins = cKDTree(mesh.xy[inner].mean(axis=1)).query_pairs(near, output_type="ndarray")
         joined.append(inner[twins, 0])
-    one, other = np.concatenate(joined).T
-    graph = coo_matrix((np.ones(len(one)), (one, other)), (len(mesh.xy),) * 2)
-    found = connected_components(graph, directed=False)[1][mesh.triangles[:, 0]]
-    return np.unique(found, return_inverse=True)[1]
+    first, second = np.concatenate(joined).T
+    graph = coo_matrix((np.ones(len(first)), (first, second)), (len(mesh.xy),) * 2)
+    component = connected_components(graph, directed=False)[1][mesh.triangles[:, 0]]
+    return np.unique(component, return_inverse=True)[1]
 
 
 def chains(start: np.ndarray, end: np.ndarray) -> list[list[int]]:
@@ -65,7 +65,7 @@ def chains(start: np.ndarray, end: np.ndarray) -> list[list[int]]:
         following.setdefault(key(point), []).append(edge)
     reached = {key(point) for point in end}
     heads = [e for e, point in enumerate(start) if key(point) not in reached]
-    found, used = [], set()
+    sequences, used = [], set()
     for edge in heads + list(range(len(start))):  # whatever no head leads to is a closed curve
         chain = []
         while edge is not None and edge not in used:
@@ -73,8 +73,8 @@ def chains(start: np.ndarray, end: np.ndarray) -> list[list[int]]:
             chain.append(edge)
             edge = next((e for e in following.get(key(end[edge]), []) if e not in used), None)
         if chain:
-            found.append(chain)
-    return found
+            sequences.append(chain)
+    return sequences
 
 
 def sample(start: np.ndarray, end: np.ndarray, spacing: float):

@@ -2,7 +2,7 @@
 
     python3 -m driver effects SCENE=bracket [SUBDOMAINS=] [STEPS=] [NP=] [OUT=results/effects] [...]
 
-The scene runs as declared and with each effect taken out in turn. A variant is the scene's own text
+The scene runs as declared and with each effect left out in turn. A variant is the scene's own text
 without the macros that declare the effect; it runs in a process of its own, so that its memory is
 its own. Leaves ``<scene>.csv``, ``<scene>-tractions.csv`` and a picture.
 """
@@ -23,7 +23,7 @@ from ..scene import freefem
 from ..text import aligned, change, words
 
 FRICTION = r"friction|tresca|slipFactor|displacementFactor|slipRange"
-# taken out one after the other: name and the macros that declare it; no macro of a scene may be in
+# left out one after the other: name and the macros that declare it; no macro of a scene may be in
 # the way
 EFFECTS = {
     "friction": FRICTION,
@@ -38,8 +38,11 @@ EFFECTS = {
     "initial state": "initialX|initialY",
 }
 NAMES = {"lift-off": "adhesion (bilateral)"}
-# forces and displacements: taken out one by one where there are several
-DRIVES = r"(load|displacement)(\d)"
+# forces and displacements: left out one by one where there are several
+LOADS = r"(load|displacement)(\d)"
+# an include that holds one of these is part of the scene
+DECLARATIONS = {"young", "poisson", "support", "contact", "gap", "friction", "tresca", "load1",
+                "displacement1", "quasistatic"}
 
 # at the end of the run
 RESPONSE = ("peak_normal", "peak_tangential", "resultant_n", "resultant_t", "contact_length",
@@ -79,60 +82,67 @@ def without(text: str, macros: str) -> str:
 
 
 def static(text: str) -> str:
-    """The text with ``quasistatic(T)`` replaced by its end time: one step under the final
-    amplitudes."""
-    return TOKEN.sub(lambda match: f"timeEnd = {match['end']}" if match["end"] is not None else match[0], text)
+    """The text with ``quasistatic(T)`` replaced by its end time.
+
+    That is one step under the final amplitudes.
+    """
+    def replace(match):
+        return match[0] if match["end"] is None else f"timeEnd = {match['end']}"
+
+    return TOKEN.sub(replace, text)
 
 
-def held(text: str, number: str) -> str:
+def constant(text: str, number: str) -> str:
     """The text with amplitude `number` at its final value in every step."""
-    def keep(match):
+    def replace(match):
         if match["macro"] != f"amplitude{number}":
             return match[0]
-        return re.sub(rf"\bamplitude{number}\b", f"amplitudeUntil{number}", match[0], count=1) + \
-            f"\nmacro amplitude{number}(t) amplitudeUntil{number}((timeEnd)) //"
+        renamed = re.sub(rf"\bamplitude{number}\b", f"amplitudeUntil{number}", match[0], count=1)
+        return f"{renamed}\nmacro amplitude{number}(t) amplitudeUntil{number}((timeEnd)) //"
 
-    return TOKEN.sub(keep, text)
+    return TOKEN.sub(replace, text)
 
 
 def self_contained(scene: Path) -> str:
-    """The scene's text with includes that hold declarations put in place and paths of its files
-    made absolute."""
+    """The scene's text that works in any folder.
+
+    Includes that hold declarations are put in place, paths of the scene's files made absolute.
+    """
     def resolve(match):
         if match["include"]:
             for folder in (scene.parent, environment.LIBRARY):
                 path = folder / match["include"]
                 if path.is_file() and path.name not in ("scene.idp", "export.idp"):
                     inner = self_contained(path)
-                    if set(declared(inner)) & known or folder == scene.parent:
+                    if folder == scene.parent or set(declared(inner)) & DECLARATIONS:
                         return inner
             return match[0]
         if match["string"] and (scene.parent / match["string"][1:-1]).is_file():
             return f'"{(scene.parent / match["string"][1:-1]).resolve()}"'
         return match[0]
 
-    known = {"young", "poisson", "support", "contact", "gap",
-        "friction", "tresca", "load1", "displacement1", "quasistatic"}
     return TOKEN.sub(resolve, scene.read_text())
 
 
 def variants(text: str) -> dict[str, str]:
     """Name of every declared effect and the scene's text without it."""
     names = declared(text)
-    has = lambda pattern: [name for name in names if re.fullmatch(pattern, name)]
-    found = {NAMES.get(effect, effect): without(text,
-                                                pattern) for effect, pattern in EFFECTS.items()
-             if has(pattern.split("|" + FRICTION)[0])}
-    drives = has(DRIVES) + has(r"(bodyForce|pointLoad)\d")
-    if len(drives) > 1:
-        for name in has(DRIVES):
-            found[re.sub(r"(\d)", r" \1", name)] = without(text, name)
+
+    def matching(pattern: str) -> list[str]:
+        return [name for name in names if re.fullmatch(pattern, name)]
+
+    texts = {NAMES.get(effect, effect): without(text, pattern)
+             for effect, pattern in EFFECTS.items() if matching(pattern.split("|" + FRICTION)[0])}
+    loads = matching(LOADS)
+    if len(loads + matching(r"(bodyForce|pointLoad)\d")) > 1:
+        for name in loads:
+            texts[re.sub(r"(\d)", r" \1", name)] = without(text, name)
     if "quasistatic" in names:
-        found["time"] = static(text)
-        amplitudes = has(r"amplitude\d")
-        if len(amplitudes) > 1:
-            found.update({f"history of {name[-1]}": held(text, name[-1]) for name in amplitudes})
-    return found
+        texts["time"] = static(text)
+        amplitudes = matching(r"amplitude\d")
+        for name in amplitudes if len(amplitudes) > 1 else ():
+            texts[f"history of {name[-1]}"] = constant(text, name[-1])
+    return texts
 
 
 # ---- runs ----------------------------------------------------------------------------------------

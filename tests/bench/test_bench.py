@@ -9,6 +9,7 @@ from driver.bench.workbench import Report, Workbench, in_turn, march, ratios
 from driver.errors import InputError
 from driver.feti.substructuring import GLUING
 from driver.files import read_rows
+from driver.march.step import StepFailed
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +77,7 @@ def test_a_solver_that_uses_too_many_products_has_failed(bench, monkeypatch):
 
 
 def test_a_run_that_fails_is_no_measurement(bench):
-    with pytest.raises(RuntimeError, match="no fixed point"):
+    with pytest.raises(StepFailed, match="no fixed point"):
         march(bench.problem("4x2", cells=4), max_fixed_point=1)
 
 

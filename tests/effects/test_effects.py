@@ -1,4 +1,4 @@
-"""What a scene does not declare costs nothing; the ledger; the study that takes effects out."""
+"""What a scene does not declare costs nothing; the ledger; the study that leaves effects out."""
 
 import json
 import re
@@ -292,8 +292,8 @@ def test_static_keeps_the_end_time():
     assert "timeEnd = 2.*(1. + period(3));" in left and "// not quasistatic(9)" in left
 
 
-def test_held_history():
-    left = effects.held(TEXT, "1")
+def test_constant_history():
+    left = effects.constant(TEXT, "1")
     assert "macro amplitudeUntil1(t) (t < 1. ? t : 2. - t) //" in left
     assert "macro amplitude1(t) amplitudeUntil1((timeEnd)) //" in left
 

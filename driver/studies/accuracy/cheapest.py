@@ -23,7 +23,7 @@ def trusted(trials: list[Trial], reference: Reference, name: str) -> dict[int, f
 
     That is the largest of its own and all tighter ones': errors of mesh and time may cancel at one
     setting by accident; they do not at all that are tighter. The error is never below that of the
-    reference, where runs cannot be told apart.
+    reference, where runs cannot be distinguished.
     """
     done = [t for t in trials if t.values]
     error = {id(t): reference.relative(t.values[name] - reference.value) for t in done}
