@@ -271,13 +271,13 @@ include "export.idp"
 
 def test_declared():
     assert effects.declared(TEXT) == ["young", "friction",
-                            "frictionless", "gap", "tresca", "quasistatic", "amplitude1"]
+                                      "frictionless", "gap", "tresca", "quasistatic", "amplitude1"]
 
 
 def test_without_removes_definitions_only():
     left = effects.without(TEXT, "friction")
     assert effects.declared(left) == ["young", "frictionless",
-                            "gap", "tresca", "quasistatic", "amplitude1"]
+                                      "gap", "tresca", "quasistatic", "amplitude1"]
     assert "two lines" not in left and "* 2" not in left
     for kept in ('"macro friction() 1 //"', "// macro friction() 0.3 // stays",
                  "macro frictionless() 1 //", 'include "export.idp"'):
@@ -307,7 +307,7 @@ def test_every_shipped_scene(scene):
     for name, changed in found.items():
         if name == "contact":
             assert not {"contact", "friction", "gap", "tresca",
-                "obstacle"} & set(effects.declared(changed))
+                        "obstacle"} & set(effects.declared(changed))
         if name == "time":
             assert "quasistatic" not in effects.declared(changed) and "timeEnd = " in changed
 
@@ -349,7 +349,10 @@ def test_study_rows_and_files(study):
 
 def test_study_costs(study):
     table = study[0]
-    get = lambda name, column: float(table[name][column])
+
+    def get(name, column):
+        return float(table[name][column])
+
     nodes = 16  # 4 subdomains of 4 cells along the bottom, the clamped corner left out
     assert get("", "dual_normal") == get("", "dual_tangential") == nodes
     assert get("friction", "dual_tangential") == 0 and get("friction", "dual_normal") == nodes
@@ -361,7 +364,10 @@ def test_study_costs(study):
 
 def test_study_changes(study):
     table = study[0]
-    get = lambda name, column: float(table[name][column])
+
+    def get(name, column):
+        return float(table[name][column])
+
     for name in ("peak_tangential", "resultant_t", "dissipated"):
         assert get("friction", f"{name}_change") == -1  # all of it
     for name in ("peak_normal", "contact_length", "resultant_n"):

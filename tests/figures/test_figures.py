@@ -274,7 +274,7 @@ def test_optional_files_may_be_missing(tmp_path):
         (directory / name).unlink()
     assert list(figures.wanted(figures.read_run(directory))) == ["loading", "contact_normal",
                                                                  "contact_tangential",
-                                                                  "contact_status", "history"]
+                                                                 "contact_status", "history"]
 
 
 def test_a_directory_without_a_run_is_refused(tmp_path):

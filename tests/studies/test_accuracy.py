@@ -24,11 +24,13 @@ TWO = Reference(2.0, 0.002, reference.RUN)
 
 def test_reference_adds_what_space_and_time_change():
     # q(h, dt) = 1 + h^2 + dt: cycles halve h, steps halve dt
-    q = lambda h, dt: {"q": 1 + h**2 + dt, "same": 3.0}
+    def values(h, dt):
+        return {"q": 1 + h**2 + dt, "same": 3.0}
+
     runs = {"base": (0.2, 0.1), "coarser": (0.2, 0.1), "finer": (0.1, 0.1), "finest": (0.05, 0.1),
             "fewer": (0.2, 0.04), "more": (0.2, 0.02), "most": (0.2, 0.01)}
-    made = {name: Trial("reference", 0, Setting(1.0, 1), name, values=q(*at))
-                        for name, at in runs.items()}
+    made = {name: Trial("reference", 0, Setting(1.0, 1), name, values=values(*setting))
+            for name, setting in runs.items()}
     found = reference.references(made)
     assert set(found) == {"q"}  # what no run changes has no error to show
     left = 0.05**2 + 0.01  # in space and time at the finest
@@ -40,7 +42,7 @@ def test_reference_adds_what_space_and_time_change():
 def test_quantity_that_does_not_converge_has_no_reference():
     value = {"base": 1.0, "coarser": 2.0, "finer": 4.0, "finest": 8.0}
     runs = {name: Trial("reference", 0, Setting(1.0, None), name, values={"q": v})
-                        for name, v in value.items()}
+            for name, v in value.items()}
     assert not reference.references(runs)
 
 
@@ -80,7 +82,7 @@ def test_front_and_cheapest_settings():
     # place
     assert cheapest.front([*trials, failed], error) == [trials[0], trials[1], trials[4]]
     fastest = [cheapest.cheapest([*trials, failed], error, level)
-                                 for level in (0.5, 0.1, 0.05, 0.001)]
+               for level in (0.5, 0.1, 0.05, 0.001)]
     assert fastest == [trials[0], trials[1], trials[4], None]
     table = cheapest.run_rows([*trials, failed], {"slip": TWO})
     assert [row.get("slip_front") for row in table] == [1, 1, 0, 0, 1, 0, None]
@@ -93,7 +95,7 @@ def test_front_and_cheapest_settings():
 def test_settings_read_as_on_the_command_line():
     setting = Setting(0.002, 40, 2, (("rtol", 1e-4), ("primal_rtol", 1.0)))
     assert setting.options("h") == {"h": "0.002", "steps": "40",
-                           "adapt": "2", "rtol": "1e-4", "primal_rtol": "1"}
+                                    "adapt": "2", "rtol": "1e-4", "primal_rtol": "1"}
 
 
 def test_exponents():

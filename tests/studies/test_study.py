@@ -235,7 +235,10 @@ def test_contact_data_of_a_later_value_are_those_of_a_first_one(tmp_path, varian
     path = variant("varied", *scene) if scene is VARIED else freefem.find_scene(scene)
     both = freefem.export_study(path, tmp_path / "both", options, name, values)
     alone, = freefem.export_study(path, tmp_path / "alone", options, name, values[1:])
-    read = lambda manifest: read_contact(manifest.directory, manifest)
+
+    def read(manifest):
+        return read_contact(manifest.directory, manifest)
+
     first, (later, gid), (expected, numbers) = read(both[0])[0], read(both[1]), read(alone)
     assert np.array_equal(gid, numbers) and len(gid)
     for part in vars(expected):

@@ -178,7 +178,7 @@ class Study:
             self.scene.stem) if self.scene.parent == freefem.SCENES else None
         known = references(reference, closed_form, self.element)
         if not known:
-            raise InputError("no quantity of this scene converges: there is nothing to compare with")
+            raise InputError("no quantity of this scene converges: nothing to compare with")
         quantity = quantity or most_sensitive(known)
         if quantity not in known:
             raise InputError(f"QUANTITY must be one of {', '.join(known)}, not '{quantity}'")
