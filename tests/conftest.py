@@ -83,7 +83,7 @@ def read_problem(directory: Path, reduce=True) -> Problem:
     from driver.feti.fetidp import DualOperator
     from driver.scene.loader import read_subdomains
     from driver.scene.manifest import read_manifest
-    from driver.contact.tearing import build
+    from driver.march.tearing import build
 
     manifest = read_manifest(directory)
     subdomains = read_subdomains(manifest, 0, manifest.subdomains, MPI.COMM_SELF)

@@ -12,7 +12,7 @@ from driver.scene.manifest import Manifest
 from driver.options import Settings
 from driver.march.quasistatic import QuasistaticSolver
 from conftest import marched
-from driver.contact.tearing import build
+from driver.march.tearing import build
 from driver.effects import Effects
 
 BOTTOM, RIGHT, TOP, LEFT, INTERFACE = 1, 2, 3, 4, 99
@@ -90,6 +90,19 @@ def _stiffness(xy, triangles, lam, mu):
     return np.concatenate(rows), np.concatenate(columns), np.concatenate(values)
 
 
+def rooms_of(effects: dict) -> dict:
+    """The rooms of a manifest with these effects."""
+    by_friction = {"none": [], "tresca": ["tresca"], "coulomb": ["friction"], "coulomb-slip-dependent": ["friction", "slip_law"]}
+    names = [*{"none": [], "unilateral": ["contact", "gap"],
+               "bilateral": ["contact", "bilateral", "gap"]}[effects["contact"]],
+             *by_friction[effects["friction"]]]
+    if effects["time"] == "quasistatic":
+        names.append("quasistatic")
+    if "initial" in effects:
+        names.append("preload")
+    return {name: {} for name in names}
+
+
 @dataclass
 class Scene:
     """A body with everything that acts on it; `tractions` one dict label -> (2,) force density per pattern."""
@@ -109,10 +122,15 @@ class Scene:
         effects = {"contact": "unilateral", "friction": "coulomb", "time": "quasistatic", **(self.effects or {})}
         return Manifest(
             directory=Path("."), subdomains=int(self.body.part.max()) + 1, blocks=1, nodes=len(self.body.xy),
-            interface_label=INTERFACE, element="P1", plane="strain", material="isotropic", units={}, effects=effects,
+            interface_label=INTERFACE, element="P1", plane="strain", material="isotropic", units={},
+            rooms=rooms_of(effects) | ({"slip_law": self.slip_law} if self.slip_law else {}) | {"traction": {}},
+            columns=self._columns(), fields=[],
             steps=steps, t_end=1.0, bodies=1, contact_labels=[self.contact], labels=[BOTTOM, RIGHT, TOP, LEFT],
-            slip_law=self.slip_law, patterns=[{"kind": "traction", "amplitude": k} for k in range(patterns)],
+            patterns=[{"kind": "traction", "given_on": "edges", "amplitude": k} for k in range(patterns)],
             amplitudes={str(k): self.amplitudes[:, k].tolist() for k in range(patterns)}, parameters={})
+
+    def _columns(self) -> list[str]:
+        return ["gap", "tresca" if (self.effects or {}).get("friction") == "tresca" else "friction"]
 
     def subdomains(self) -> list[Subdomain]:
         return [self._subdomain(s) for s in range(int(self.body.part.max()) + 1)]
@@ -166,7 +184,7 @@ class Scene:
         spread = lambda value: np.broadcast_to(value, len(self.body.xy)).astype(float)[gid[vertex]]
         n = np.array([normal[v] / np.linalg.norm(normal[v]) for v in vertex])
         return ContactData(vertex, np.full(len(vertex), self.contact), np.array([weight[v] for v in vertex]), n,
-                           spread(self.gap), spread(self.friction), np.zeros(len(vertex)))
+                           dict(zip(self._columns(), (spread(self.gap), spread(self.friction)))))
 
 
 @dataclass

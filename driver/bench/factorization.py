@@ -7,9 +7,9 @@ import numpy as np
 from petsc4py import PETSc
 from scipy.sparse import coo_matrix
 
-from ..contact.tearing import build
 from ..feti.fetidp import DualOperator
 from ..feti.reduction import petsc_matrix
+from ..march.tearing import build
 from ..options import Settings
 from ..studies.table import LOADINGS, method_settings
 from .workbench import REPEATS, Workbench, in_turn, march, median, ratios, seconds

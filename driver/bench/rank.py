@@ -14,10 +14,10 @@ environment.start_petsc()
 import numpy as np
 from mpi4py import MPI
 
-from ..contact.tearing import build
 from ..feti.fetidp import DualOperator
 from ..feti.substructuring import partition
 from ..march.problem import Problem
+from ..march.tearing import build
 from ..scene.loader import read_subdomains
 from ..scene.manifest import read_manifest
 from ..studies.table import method_settings

@@ -71,7 +71,7 @@ class Effect:
 
     def __init__(self, name: str, manifest):
         """`name` of the room in `manifest.rooms`. Raises InputError for data that make no sense."""
-        self.name, self.data, self.patterns = name, manifest.rooms[name], []
+        self.name, self.manifest, self.data, self.patterns = name, manifest, manifest.rooms[name], []
         for number, pattern in enumerate(manifest.patterns):
             if pattern["kind"] == name:
                 self.patterns.append(number)
@@ -82,6 +82,12 @@ class Effect:
         return {}
 
     # ---- what it adds to the problem ------------------------------------------------------------
+    def distance(self, columns: dict[str, np.ndarray]) -> np.ndarray | None:
+        """(n_c,) distance to what the nodes meet, from the nodal columns of the export."""
+
+    def paired_sides(self, subdomains, fixed, comm, moved=None):
+        """Boundaries of two bodies that meet; see effects/pair.py."""
+
     def friction_coefficient(self, contact) -> np.ndarray | None:
         """(n_c,) F of the friction bound F |lambda_n|."""
 
@@ -170,6 +176,16 @@ class Effects:
         """Quantities of interest that the effects give sense to, the largest displacement last."""
         names = dict.fromkeys(name for room in self for name in room.quantities)
         return (*names, "displacement")
+
+    def distance(self, columns: dict[str, np.ndarray], count: int) -> np.ndarray:
+        """(count,) distance of the contact nodes to what they meet, zero where nothing is declared."""
+        distance = _sum(room.distance(columns) for room in self)
+        return np.zeros(count) if distance is None else distance.copy()
+
+    def paired_sides(self, subdomains, fixed, comm, moved=None):
+        """Boundaries of two bodies that meet, None without pairs; collective. See effects/pair.py."""
+        sides = (room.paired_sides(subdomains, fixed, comm, moved) for room in self)
+        return next((found for found in sides if found is not None), None)
 
     def contact_law(self, contact) -> ContactLaw:
         """Friction coefficients and bounds at the contact nodes."""

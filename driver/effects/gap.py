@@ -1,7 +1,13 @@
-"""Distance to the rigid obstacle along the contact normal, positive, zero or negative."""
+"""Distance to the rigid obstacle along the contact normal, or between the sides of a pair beyond their geometry."""
+
+import numpy as np
 
 from . import Effect
 
 
 class Room(Effect):
-    """A nodal column; the contact boundary adds the distance between bodies to it. Its ledger entry is contact's."""
+    """A nodal column; positive, zero or negative. Its ledger entry is contact's."""
+
+    def distance(self, columns: dict[str, np.ndarray]) -> np.ndarray:
+        """(n_c,) the declared distance."""
+        return columns["gap"]

@@ -1,7 +1,13 @@
 """A rigid obstacle given by a function phi(x, y), positive outside: phi(x) + grad phi . u >= 0 at the contact nodes."""
 
+import numpy as np
+
 from . import Effect
 
 
 class Room(Effect):
-    """FreeFEM makes normal and gap of the function; to the driver they are those of any contact node."""
+    """FreeFEM makes normals and distances of the function."""
+
+    def distance(self, columns: dict[str, np.ndarray]) -> np.ndarray:
+        """(n_c,) phi/|grad phi|."""
+        return columns["obstacle"]

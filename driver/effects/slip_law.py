@@ -16,11 +16,15 @@ class Room(Effect):
 
     def __init__(self, name: str, manifest):
         super().__init__(name, manifest)
-        self.argument = self.data["argument"]
-        self.values = np.asarray(self.data["values"], float)
-        self.at = np.linspace(0.0, self.data["range"], len(self.values))
-        if self.argument not in ("slip", "displacement"):
-            raise InputError(f"slip_law: its argument is {self.argument!r} instead of slip or displacement")
+        try:
+            self.argument, values = self.data["argument"], np.array(self.data["values"], float)
+            reach = float(self.data["range"])
+            sound = self.argument in ("slip", "displacement") and 0 < reach < np.inf
+        except (TypeError, ValueError, KeyError):
+            sound = False
+        if not (sound and values.ndim == 1 and len(values) > 1 and np.isfinite(values).all()):
+            raise InputError("slip_law must have argument, a positive range and finite values; run the scene again")
+        self.values, self.at = values, np.linspace(0.0, reach, len(values))
 
     def summary(self) -> dict:
         """Coulomb friction with a coefficient that depends on slip."""

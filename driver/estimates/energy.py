@@ -123,7 +123,7 @@ class EnergyEstimator:
         self.kind = "recovery" if kind == "equilibrated" and self.quadratic else kind
         self.root = operator.comm.rank == 0
         self.state, self.boundary, self.rows = contact, contact.boundary, contact.rows
-        self.heavy = any(pattern["kind"] == "body_force" for pattern in manifest.patterns)
+        self.heavy = any(pattern["given_on"] == "triangles" for pattern in manifest.patterns)
         self.body = None
         self.last = self.largest = None
 
@@ -206,7 +206,7 @@ class EnergyEstimator:
     # ---- one step ------------------------------------------------------------------------------------------
     def _estimate(self, step: Step, state: dict) -> Estimate | None:
         """The estimate of one step on rank 0, None elsewhere."""
-        points = [k for k, p in enumerate(self.manifest.patterns) if p["kind"] == "point"]
+        points = [k for k, p in enumerate(self.manifest.patterns) if p["given_on"] == "nodes"]
         if np.any(step.weights[points]):
             return Estimate(step.index, reason="under point loads the exact solution has no finite energy")
         fields = self.operator.displacements(step.multipliers, step.weights)

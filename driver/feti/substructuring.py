@@ -89,10 +89,11 @@ def fixed_dofs(manifest: Manifest, subdomains: list[Subdomain], comm) -> tuple[n
     return keys, gather(comm, np.concatenate(values))[at]
 
 
-def number(manifest, subdomains, first, skeleton, fixed, contact, comm) -> Substructure:
+def number(manifest, subdomains, first, skeleton, fixed, contact, comm, frictional) -> Substructure:
     """Number coarse dofs and dual rows and express both in every local subdomain's dofs; collective over `comm`.
 
-    `fixed` as `fixed_dofs` returns it, `contact` the ContactBoundary, which gets its row numbers.
+    `fixed` as `fixed_dofs` returns it, `contact` the ContactBoundary, which gets its row numbers,
+    `frictional` whether its nodes have tangential rows.
     """
     corners, fixed_keys = corner_vertices(skeleton), fixed[0]
     owner = skeleton.over_subdomains(np.minimum, skeleton.nodes[:, 0])
@@ -101,7 +102,6 @@ def number(manifest, subdomains, first, skeleton, fixed, contact, comm) -> Subst
     plain = (skeleton.count == 2) & ~np.isin(skeleton.gids, corners)
     gluing = (2 * skeleton.gids[plain][:, None] + [0, 1]).ravel()
     gluing = gluing[~np.isin(gluing, fixed_keys)]
-    frictional = manifest.effects["friction"] != "none"
     normal_rows = np.flatnonzero(_acts(contact, contact.normal, fixed_keys))
     tangential_rows = np.empty(0, np.int64)
     if frictional:  # where the support fixes the normal direction there is no contact pressure to rub under

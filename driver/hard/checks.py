@@ -53,7 +53,7 @@ def exported(case: Case, size: dict):
 def _assembled(scene: str, parameters: tuple) -> Assembled:
     from mpi4py import MPI
 
-    from ..contact.tearing import build
+    from ..march.tearing import build
 
     manifest, subdomains = _read(scene, parameters)
     body = Assembled(manifest, subdomains)
@@ -214,9 +214,9 @@ def condition(case: Case, size: dict, outcome: Outcome) -> float:
     """
     from mpi4py import MPI
 
-    from ..contact.tearing import build
     from ..feti.fetidp import DirichletPreconditioner, DualOperator
     from ..feti.substructuring import GLUING
+    from ..march.tearing import build
 
     manifest, subdomains = exported(case, size)
     operator = DualOperator(build(manifest, subdomains, 0, MPI.COMM_SELF), MPI.COMM_SELF)

@@ -147,8 +147,10 @@ class Assembled:
             if sub.contact is None:
                 continue
             c = sub.contact
-            for vertex, label, w, n, gap, F in zip(c.node, c.label, c.weight, c.normal, c.gap,
-                                                   c.friction):
+            away = c.column("gap") + c.column("obstacle")
+            rough = c.column("friction") + c.column("tresca")
+            for vertex, label, w, n, gap, F in zip(c.node, c.label, c.weight, c.normal, away,
+                                                   rough):
                 key = (int(label), int(sub.node_gid[vertex]))
                 parts.setdefault(key, []).append((w, *(w * n), w * gap, w * F, *sub.xy[vertex]))
         free = set(self.free.tolist())
@@ -173,8 +175,9 @@ class Assembled:
         The weights of the jumps are then the driver's; stiffness and solution stay independent of
         it.
         """
-        for name in ("gid", "label", "xy", "weight", "gap", "friction", "normal", "tangent"):
+        for name in ("gid", "label", "xy", "weight", "gap", "normal", "tangent"):
             setattr(self, name, getattr(contact, name))
+        self.friction = contact.columns.get("friction", np.zeros(len(contact.gid)))
         self.terms = contact.term_node, contact.term_gid, contact.term_value
 
     def solve(self, weights, forces=None):

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ..contact.tearing import build
 from ..effects import Effects
 from ..feti.fetidp import DualOperator
 from ..feti.substructuring import Substructure, partition
@@ -13,6 +12,7 @@ from ..options import Settings
 from ..scene.loader import read_subdomains
 from ..scene.manifest import Manifest, read_manifest
 from .quasistatic import QuasistaticSolver
+from .tearing import build
 
 
 @dataclasses.dataclass

@@ -14,7 +14,7 @@ stay those of small strains and refer to the initial geometry, lengths included.
 
 import dataclasses
 
-from ..contact.tearing import build
+from ..march.tearing import build
 from ..errors import InputError, error_of
 from ..march.step import StepFailed
 from ..feti.fetidp import DualOperator

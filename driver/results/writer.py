@@ -292,7 +292,7 @@ class Writer:
     def _boundary(self) -> None:
         """boundary.csv: edges of the body's outline with their part in the scene and the unit traction."""
         structure, comm = self.operator.structure, self.operator.comm
-        subs, traction = structure.subdomains, [k for k, p in enumerate(self.manifest.patterns) if p["kind"] == "traction"]
+        subs, traction = structure.subdomains, [k for k, p in enumerate(self.manifest.patterns) if p["given_on"] == "edges"]
         outline = np.zeros(self.manifest.nodes, bool)
         outline[structure.outer_edges[:, :2]] = outline[structure.outer_middles] = True
         gid = np.concatenate([np.empty(0, np.int64), *(sub.node_gid for sub in subs)])

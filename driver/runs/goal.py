@@ -37,7 +37,7 @@ from ..estimates.budget import (
 )
 from ..errors import DriverError, InputError, NoSolution, NotConverged, error_of
 from ..effects import Effects
-from ..effects.history import proportional
+from ..effects.quasistatic import proportional
 
 COARSENING = (8, 4, 2, 1)  # of the scene's own mesh, for the first one that can be had
 SAMPLING = 32  # times of the load history per step of the scene

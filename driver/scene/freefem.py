@@ -6,9 +6,9 @@ import re
 import subprocess
 from pathlib import Path
 
-from . import elements, seal
 from .. import environment
 from ..errors import InputError
+from . import declarations, elements, rooms, seal
 from .manifest import Manifest, read_manifest
 
 SCENES = environment.ROOT / "edp"
@@ -35,18 +35,21 @@ def find_scene(name: str) -> Path:
 
 
 def export(scene: Path, directory: Path, parameters: dict[str, str], ranks: int = 1, sizes: Path | None = None,
-           meanwhile=lambda: None) -> Manifest:
+           meanwhile=lambda: None, without: tuple[str, ...] = ()) -> Manifest:
     """Run `scene` with command-line `parameters`, spread over `ranks`, into `directory`.
 
     `sizes` is the stem of a field of element sizes (see adaptivity.write_sizes) that the body is meshed with;
-    `meanwhile` is called while FreeFEM works.
+    `meanwhile` is called while FreeFEM works. Effects named in `without` are treated as undeclared, with all that needs
+    them: rooms ("friction"), one of several loads ("load2"), "quasistatic" (one static step at the end time) and
+    "amplitude2" (its factor at the end time in all steps).
 
-    Raises InputError for macros that nothing reads, with FreeFEM's own message and script line if the script fails, if
+    Raises InputError for macros that nothing reads, for effects to leave out that the scene does not declare, with FreeFEM's own message and script line if the script fails, if
     what it parsed differs from what was asked, and if the scene was edited meanwhile; OSError if the disk is full.
     """
     _check_macros(scene)
     text = text_digest(scene)
     directory.mkdir(parents=True, exist_ok=True)
+    declarations.write(directory, without)
     _run(scene, scene, directory, {**parameters, **({"sizes": str(sizes)} if sizes else {})}, ranks, meanwhile)
     seal.write(directory, text, [f"block-{k}.bin" for k in range(ranks)])
     manifest = read_manifest(directory, text_digest(scene))
@@ -70,6 +73,9 @@ def _run(script: Path, scene: Path, directory: Path, parameters: dict[str, str],
     if element not in elements.NODES:
         raise InputError(f"ELEMENT must be one of {', '.join(elements.NODES)}, not '{element}'")
     env = environment.child_environment(ranks > 1, element)
+    if ";" in str(directory):
+        raise InputError(f"FreeFEM takes no folder with a semicolon in its name: {directory}")
+    env["FF_INCLUDEPATH"] = f"{directory.absolute()};{env['FF_INCLUDEPATH']}"
     done = environment.run_child(command, meanwhile, env=env, stdout=subprocess.PIPE,
                                  stderr=subprocess.STDOUT, text=True, errors="replace", cwd=scene.parent)
     (directory / "freefem.log").write_text(done.stdout)
@@ -77,20 +83,15 @@ def _run(script: Path, scene: Path, directory: Path, parameters: dict[str, str],
         raise InputError(_explain(done.stdout, done.returncode, scene))
 
 
-# what a parameter study may change: read by edp/lib/study.idp and manifest.idp, in no stiffness and no load
-STUDIED = {"friction", "tresca", "gap", "initialX", "initialY", "slipFactor", "displacementFactor", "slipRange",
-           *(f"amplitude{k}" for k in range(1, 5))}
-
-
 def export_study(scene: Path, directory: Path, parameters: dict[str, str], name: str, values: list[str],
-                 meanwhile=lambda: None) -> list[Manifest]:
+                 meanwhile=lambda: None, without: tuple[str, ...] = ()) -> list[Manifest]:
     """Contact data and manifest of `scene` for every value of parameter `name`, in directory/0, 1, ...
 
-    One FreeFEM process goes through the script once a value and assembles nothing. `meanwhile` as in `export`, whose
-    errors, if that is what it does, come first. Raises InputError if the parameter changes more than friction, gap,
+    One FreeFEM process goes through the script once a value and assembles nothing. `meanwhile` and `without` as in `export`;
+    errors of an export meanwhile come first. Raises InputError if the parameter changes more than friction, gap,
     initial state and load histories, and as `export`.
     """
-    more = changed_by(scene, name) - STUDIED
+    more = changed_by(scene, name) - rooms.studied()
     if more:
         raise InputError(f"a study can vary what changes friction, gap, load histories or steps; {name.upper()} also "
                          f"changes {', '.join(sorted(more))}")
@@ -102,6 +103,7 @@ def export_study(scene: Path, directory: Path, parameters: dict[str, str], name:
         (directory / str(k)).mkdir(parents=True)
     text, script = text_digest(scene), directory / "study.edp"
     script.write_text("\n".join(lines) + "\n")
+    declarations.write(directory, without)
     _run(script, scene, directory, {**parameters, name: values[0]}, 1, meanwhile)
     for k in range(len(values)):
         seal.write(directory / str(k), text, ["contact.bin"])
@@ -135,11 +137,9 @@ def changed_by(scene: Path, name: str) -> set[str]:
             else:
                 changed.add(f"'{statement}'")
         reached |= {word for word, body in macros if touched(body)}
-    vocabulary = set(re.findall(r"IFMACRO\(!?(\w+)\)",
-                                "\n".join(path.read_text() for path in environment.LIBRARY.glob("*.idp"))))
     if not reached | changed:
         raise InputError(f"{scene.name} reads no parameter {name.upper()} that a study could vary")
-    return changed | (reached & vocabulary)
+    return changed | (reached & rooms.vocabulary())
 
 
 def _declarations(statement: str) -> list[str]:
@@ -233,10 +233,11 @@ def _check_macros(scene: Path) -> None:
     for number, line in enumerate(text.splitlines(), 1):
         found = re.match(r"\s*macro\s+(\w+)", line)
         word = found and re.compile(rf"\b{found.group(1)}\b")
-        if found and not word.search(library) and len(word.findall(code)) == 1:
+        known = found and (found.group(1) in rooms.vocabulary() or word.search(library))
+        if found and not known and len(word.findall(code)) == 1:
             import difflib
 
-            near = difflib.get_close_matches(found.group(1), sorted(set(re.findall(r"IFMACRO\(!?(\w+)\)", library))), 1)
+            near = difflib.get_close_matches(found.group(1), sorted(rooms.vocabulary()), 1)
             hint = f"; did you mean {near[0]}?" if near else ""
             raise InputError(f"{scene.name} line {number}: nothing reads the macro {found.group(1)}{hint}")
 

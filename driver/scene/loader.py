@@ -3,19 +3,20 @@
 An export is a directory with ``manifest.json``, ``block-<k>.bin`` and the driver's ``seal.json``. A block holds the
 records of a contiguous range of subdomains; those of subdomains that are cut alike out of a homogeneous rectangle have
 no stiffness of their own, which they share and ``shared.bin`` has. The seal shows what was changed since FreeFEM wrote
-it, recordchecks.py what FreeFEM, or a scene, did wrong.
+it, record_checks.py what FreeFEM, or a scene, did wrong.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
+from ..errors import InputError, agree
 from . import elements, records
 from . import record_checks as checks
-from ..errors import InputError, agree
 from .manifest import Manifest
 from .records import Head, RecordFile
+from .rooms import rooms
 from .seal import SHARED
 
 
@@ -23,7 +24,7 @@ from .seal import SHARED
 class ContactData:
     """Contact nodes of one subdomain, one entry per node and contact label.
 
-    All arrays have length n_c. Weights are integrals of the nodes' shape functions over the boundary of this
+    All arrays have length n_c. `columns` are those that declared effects give their nodes, means over the dual segments. Weights are integrals of the nodes' shape functions over the boundary of this
     subdomain: of an edge its ends get 1/2 each or, with quadratic elements, 1/6 each and its middle 4/6.
     """
 
@@ -31,9 +32,11 @@ class ContactData:
     label: np.ndarray
     weight: np.ndarray
     normal: np.ndarray  # (n_c, 2), outward, length 1 on straight parts
-    gap: np.ndarray
-    friction: np.ndarray
-    initial: np.ndarray  # tangential displacement at time 0
+    columns: dict[str, np.ndarray] = field(default_factory=dict)
+
+    def column(self, name: str) -> np.ndarray:
+        """(n_c,) numbers of a column, zero where no effect has declared it."""
+        return self.columns[name] if name in self.columns else np.zeros(len(self.weight))
 
 
 @dataclass
@@ -54,7 +57,7 @@ class Subdomain:
     edges: np.ndarray  # (n_e, 2) vertices of the boundary edges
     edge_label: np.ndarray  # (n_e,)
     elasticity: np.ndarray  # (n_t, 3, 3) plane Hooke's law in Voigt form, the means over the triangles
-    # by thermal pattern: (n_t, 3) stress of its strain if that is suppressed; of quadratic elements (n_t, 3 corners, 3)
+    # by pattern given as initial stress: (n_t, 3) stress of its strain if that is suppressed; of quadratic elements (n_t, 3 corners, 3)
     thermal: dict[int, np.ndarray]
     sigma_zz: np.ndarray | None  # (n_t,) factor of (e11 + e22) in the out-of-plane stress; None where that is zero
     dof_node: np.ndarray
@@ -63,13 +66,13 @@ class Subdomain:
     columns: np.ndarray
     values: np.ndarray
     loads: np.ndarray  # (patterns, dofs)
-    edge_loads: dict[int, np.ndarray]  # by traction pattern: (n_e, 2, 2) moments [end, component] against the hats
-    body_loads: dict[int, np.ndarray]  # by body force pattern: (n_t, 3, 2) moments [vertex, component] likewise
+    edge_loads: dict[int, np.ndarray]  # by pattern given on edges: (n_e, 2, 2) moments [end, component] against the hats
+    body_loads: dict[int, np.ndarray]  # by pattern given on triangles: (n_t, 3, 2) moments [vertex, component] likewise
     fixed: np.ndarray  # (n_fixed,) Dirichlet dofs
     fixed_values: np.ndarray  # (patterns, n_fixed); zero for patterns that move no support
     contact: ContactData | None = None
     corner_elasticity: np.ndarray | None = None  # (n_t, 3 corners, 3, 3) Hooke's law at the corners of quadratic elements
-    bow: np.ndarray | None = None  # (n_v, 2) ways from the middles of edges that meet another body to the boundary's curve
+    fields: dict[str, np.ndarray] = field(default_factory=dict)  # (n_v,) what declared effects give all nodes
 
     @property
     def dofs(self) -> int:
@@ -146,18 +149,18 @@ def _subdomains(stack: dict, head: Head, manifest: Manifest, pieces: "_Pieces", 
     edge_loads = {k: values.reshape(len(gid), -1, 2, 2) for k, values in by_pattern("edge_load").items()}
     body_loads = _body_loads(stack, by_pattern("body_load_1"), common, xy)
     _check_distributed(loads, edge_loads, body_loads, common, xy, place)
-    thermal = {k: np.stack([_linear(stack[f"thermal_{row}", k], manifest) for row in ("11", "22", "12")], axis=-1)
-               for k in by_pattern("thermal_11")}
+    suppressed = {k: np.stack([_linear(stack[f"suppressed_{row}", k], manifest) for row in ("11", "22", "12")], axis=-1)
+                  for k in by_pattern("suppressed_11")}
     checks.check_indices(stack["fixed"], head.dofs, "fixed dof", place)
     fixed_values = np.zeros((len(gid), head.patterns, head.fixed))
     for k, values in by_pattern("fixed_value").items():
         fixed_values[:, k] = values[:, : head.fixed]
     contact = _contacts(stack, head, manifest, place) if head.contact else [None] * len(gid)
-    bow = np.stack([stack["bow_x"], stack["bow_y"]], axis=-1) if records.bowed(manifest) else [None] * len(gid)
+    fields = {name: stack["field", name] for name in manifest.fields}
     of = lambda found, s: {k: values[s] for k, values in found.items()}
     return [Subdomain(index=place.first + s, node_gid=gid[s], xy=xy[s], **piece, edge_label=stack["edge_label"][s],
-                      thermal=of(thermal, s), loads=loads[s], edge_loads=of(edge_loads, s), body_loads=of(body_loads, s),
-                      fixed=stack["fixed"][s], fixed_values=fixed_values[s], contact=contact[s], bow=bow[s])
+                      thermal=of(suppressed, s), loads=loads[s], edge_loads=of(edge_loads, s), body_loads=of(body_loads, s),
+                      fixed=stack["fixed"][s], fixed_values=fixed_values[s], contact=contact[s], fields=of(fields, s))
             for s, piece in enumerate(common)]
 
 
@@ -312,15 +315,18 @@ def _check_distributed(loads, edge_loads: dict, body_loads: dict, common: list[d
 def _contacts(stack: dict, head: Head, manifest: Manifest, place: checks.Place) -> list[ContactData]:
     """Contact nodes of a stack of records."""
     checks.check_indices(stack["node"], head.nodes, "contact node", place)
-    checks.check_contact(stack["label"], stack["weight"], stack["friction"], manifest.contact_labels, place)
-    return [_contact(stack, s) for s in range(len(stack["node"]))]
+    checks.check_contact(stack["label"], stack["weight"], manifest.contact_labels, place)
+    for name in manifest.columns:
+        values = stack["column", name]
+        if (values < 0).any() and any(room.column == name and room.nonnegative for room in rooms()):
+            checks.check_not_negative(values, name, place)
+    return [_contact(stack, manifest, s) for s in range(len(stack["node"]))]
 
 
-def _contact(stack: dict, s: int) -> ContactData:
-    initial = stack["initial"][s] if "initial" in stack else np.zeros(len(stack["weight"][s]))
+def _contact(stack: dict, manifest: Manifest, s: int) -> ContactData:
     return ContactData(stack["node"][s], stack["label"][s], stack["weight"][s],
-                       np.column_stack([stack["normal_x"][s], stack["normal_y"][s]]), stack["gap"][s], stack["friction"][s],
-                       initial)
+                       np.column_stack([stack["normal_x"][s], stack["normal_y"][s]]),
+                       {name: stack["column", name][s] for name in manifest.columns})
 
 
 def read_contact(directory: Path, manifest: Manifest) -> tuple[ContactData, np.ndarray]:
@@ -334,4 +340,4 @@ def read_contact(directory: Path, manifest: Manifest) -> tuple[ContactData, np.n
     stack = file.stack([("label", count, np.int64), ("gid", count, np.int64), *numbers])
     checks.check_indices(stack["gid"], manifest.nodes, "node number", checks.Place(file.path))
     stack["node"] = np.arange(count)[None]
-    return _contact(stack, 0), stack["gid"][0]
+    return _contact(stack, manifest, 0), stack["gid"][0]

@@ -10,16 +10,22 @@ from pathlib import Path
 
 import numpy as np
 
+from ..errors import InputError
 from . import elements
 from . import seal as seals
-from ..errors import InputError
+from .declarations import QUASISTATIC
+from .rooms import EFFECTS, LOADS
 
-OPTIONAL = ("slip_law", "initial_state", "contact_pairs")  # parts of the manifest that only some scenes have
 
 
 @dataclass
 class Manifest:
-    """What the scene declared: sizes, effects, patterns, histories, parameters, units."""
+    """What the scene declared: sizes, rooms (effects), patterns, histories, parameters, units.
+
+    `rooms` holds, by name and in the order of inclusion, what every declared effect says of itself; `columns` are names of
+    the numbers that contact nodes carry, `fields` of those that all nodes do. A pattern has its `kind`, which is the name
+    of its room, what it is `given_on`, and the number of its `amplitude`.
+    """
 
     directory: Path
     subdomains: int
@@ -30,7 +36,9 @@ class Manifest:
     plane: str
     material: str
     units: dict
-    effects: dict
+    rooms: dict
+    columns: list
+    fields: list
     steps: int
     t_end: float
     bodies: int
@@ -39,29 +47,18 @@ class Manifest:
     patterns: list
     amplitudes: dict
     parameters: dict
-    contact_pairs: list = field(default_factory=list)  # [label with contact nodes, label of the other body]
-    initial_state: bool = False  # whether contact nodes carry a displacement at time 0
-    slip_law: dict | None = None  # argument, range, values: factor of the friction coefficient
     seal: seals.Seal | None = field(repr=False, default=None)
     raw: dict = field(repr=False, default_factory=dict)
 
     @property
     def quasistatic(self) -> bool:
-        return self.effects["time"] == "quasistatic"
+        """Whether loads have a history in time steps; else there is one step."""
+        return QUASISTATIC in self.rooms
 
     @property
-    def rooms(self) -> dict:
-        e, found = self.effects, {}
-        if e["contact"] != "none": found["pair" if self.contact_pairs else "contact"] = {}
-        if e["contact"] == "bilateral": found["bilateral"] = {}
-        if e["friction"].startswith("coulomb"): found["friction"] = {}
-        if e["friction"] == "tresca": found["tresca"] = {}
-        if self.slip_law: found["slip_law"] = self.slip_law
-        if self.initial_state: found["initial_state"] = {}
-        if e.get("initial"): found["preload"] = {}
-        for p in self.patterns: found[{"point": "point_load", "thermal": "thermal_strain"}.get(p["kind"], p["kind"])] = {}
-        if self.quasistatic: found["history"] = {}
-        return found
+    def contact_pairs(self) -> list:
+        """Pairs [label with contact nodes, label of the other body]."""
+        return self.rooms.get("pair", {}).get("labels", [])
 
     @property
     def factors(self) -> np.ndarray:
@@ -85,7 +82,7 @@ def read_manifest(directory: Path, scene: str | None = None) -> Manifest:
     except (ValueError, RecursionError) as problem:
         raise InputError(f"{path} is not readable ({problem}); run the scene again") from None
     names = [name for name in Manifest.__dataclass_fields__ if name not in ("directory", "raw", "seal")]
-    missing = [name for name in names if not isinstance(raw, dict) or name not in raw and name not in OPTIONAL]
+    missing = [name for name in names if not isinstance(raw, dict) or name not in raw]
     if missing:
         raise InputError(f"{path} lacks {', '.join(missing)}; run the scene again")
     manifest = Manifest(directory=Path(directory), raw=raw, seal=seal,
@@ -98,14 +95,10 @@ def read_manifest(directory: Path, scene: str | None = None) -> Manifest:
 
 
 KINDS = {"subdomains": int, "blocks": int, "nodes": int, "interface_label": int, "element": str, "plane": str,
-         "material": str, "units": dict, "effects": dict, "steps": int, "t_end": (int, float), "contact_labels": list,
-         "labels": list, "bodies": int, "contact_pairs": list,
-         "patterns": list, "amplitudes": dict, "parameters": dict, "initial_state": bool, "slip_law": (dict, type(None))}
+         "material": str, "units": dict, "rooms": dict, "columns": list, "fields": list, "steps": int, "t_end": (int, float), "contact_labels": list,
+         "labels": list, "bodies": int, "patterns": list, "amplitudes": dict, "parameters": dict}
 # words that mean something to the stages that follow; any other would silently count as "not declared"
 WORDS = {"element": tuple(elements.NODES), "plane": ("strain", "stress"), "material": ("isotropic", "general")}
-EFFECTS = {"contact": ("none", "unilateral", "bilateral"), "time": ("static", "quasistatic"),
-           "friction": ("none", "tresca", "coulomb", "coulomb-slip-dependent"), "initial": ("preload",)}
-PATTERNS = ("traction", "body_force", "point", "thermal", "displacement")
 
 
 def _is(value, kind) -> bool:
@@ -131,17 +124,28 @@ def _check_manifest(manifest: Manifest) -> None:
         raise InputError("t_end must be a positive number")
     if not all(_is(label, int) for label in [*manifest.labels, *manifest.contact_labels]):
         raise InputError("a label is no whole number")
+    for name, words in WORDS.items():
+        if getattr(manifest, name) not in words:
+            raise InputError(f"{name} must be one of {', '.join(words)}, not {getattr(manifest, name)!r}")
+    _check_rooms(manifest)
+    _check_histories(manifest)
+
+
+def _check_rooms(manifest: Manifest) -> None:
+    for name, content in manifest.rooms.items():
+        if not (_is_room(name) or name == QUASISTATIC):
+            raise InputError(f"{name!r} is no effect: there is no {name}.idp")
+        if not isinstance(content, dict):
+            raise InputError(f"the entry of {name} is not of the right type")
+    for names in (manifest.columns, manifest.fields):
+        if not all(isinstance(name, str) for name in names) or len(set(names)) < len(names):
+            raise InputError("columns and fields must be different names")
+    if not isinstance(manifest.contact_pairs, list):
+        raise InputError("the labels of pair are not of the right type")
     for pair in manifest.contact_pairs:
         if not (isinstance(pair, list) and len(pair) == 2 and pair[0] in manifest.contact_labels
                 and pair[1] in manifest.labels):
-            raise InputError(f"contact_pairs has {pair!r} where two labels of the mesh belong")
-    found = {name: getattr(manifest, name) for name in WORDS} | manifest.effects
-    for name, words in (WORDS | EFFECTS).items():
-        if name in found and found[name] not in words or name not in (*found, "initial"):
-            raise InputError(f"{name} must be one of {', '.join(words)}, not {found.get(name)!r}")
-    _check_histories(manifest)
-    if manifest.slip_law is not None:
-        _check_slip_law(manifest.slip_law)
+            raise InputError(f"pair has {pair!r} where two labels of the mesh belong")
 
 
 def _check_histories(manifest: Manifest) -> None:
@@ -151,15 +155,13 @@ def _check_histories(manifest: Manifest) -> None:
         if len(history) != manifest.steps + 1:
             raise InputError(f"amplitude {number} has {len(history)} values for {manifest.steps} steps")
     for pattern in manifest.patterns:
-        if not isinstance(pattern, dict) or not {"kind", "amplitude"} <= set(pattern):
-            raise InputError("a load pattern lacks its kind or amplitude")
-        if pattern["kind"] not in PATTERNS:
-            raise InputError(f"{pattern['kind']!r} is no kind of load pattern")
+        if not isinstance(pattern, dict) or not {"kind", "given_on", "amplitude"} <= set(pattern):
+            raise InputError("a load pattern lacks its kind, what it is given on, or amplitude")
+        if pattern["kind"] not in manifest.rooms or pattern["given_on"] not in LOADS:
+            raise InputError(f"{pattern['kind']!r} given on {pattern['given_on']!r} is no kind of load pattern")
         if str(pattern["amplitude"]) not in manifest.amplitudes:
             raise InputError(f"amplitude {pattern['amplitude']} is used but not given")
 
 
-def _check_slip_law(law: dict) -> None:
-    sound = set(law) == {"argument", "range", "values"} and law["argument"] in ("slip", "displacement")
-    if not (sound and _finite([law["range"]]) and law["range"] > 0 and _finite(law["values"]) and len(law["values"]) > 1):
-        raise InputError("slip_law must have argument, a positive range and finite values")
+def _is_room(name: str) -> bool:
+    return name.isidentifier() and len(name) < 100 and (EFFECTS / f"{name}.idp").is_file()

@@ -5,8 +5,8 @@ Arrays have the records along their first axis. A record that is not sound is re
 
 import numpy as np
 
-from . import elements
 from ..errors import InputError
+from . import elements
 from .manifest import Manifest
 from .records import Head
 
@@ -185,8 +185,12 @@ def check_distributed(loads: np.ndarray, nodes: np.ndarray, moments: np.ndarray,
                  f"the loads of the {what} do not add up to those of the nodes")
 
 
-def check_contact(label: np.ndarray, weight: np.ndarray, friction: np.ndarray, labels: list, place: Place) -> None:
-    """Contact nodes (n, n_c) have a label out of `labels`, a length and no negative friction."""
+def check_contact(label: np.ndarray, weight: np.ndarray, labels: list, place: Place) -> None:
+    """Contact nodes (n, n_c) have a label out of `labels` and a length."""
     place.refuse(~np.isin(label, labels), "a contact node has a label that the scene does not declare for contact")
     place.refuse(weight <= 0, "a contact node has no length of boundary")
-    place.refuse(friction < 0, "a contact node has a negative friction coefficient or bound")
+
+
+def check_not_negative(values: np.ndarray, name: str, place: Place) -> None:
+    """No contact node has a negative number in `values` (n, n_c), the column `name`."""
+    place.refuse(values < 0, f"a contact node has a negative {name}")

@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from . import elements, seal
 from ..errors import InputError
+from . import elements, seal
 from .manifest import Manifest
 
 STACK = 1 << 19  # words that are read together
@@ -37,25 +37,31 @@ HEAD = ("head", len(Head._fields), np.int64)
 
 def record_layout(head: Head, manifest: Manifest) -> Layout:
     """The arrays of a record; names of those that belong to a load pattern end with its number."""
-    linear, moments = manifest.element == "P1", _moments(manifest) * head.triangles
-    of_kind = lambda kind: [k for k, pattern in enumerate(manifest.patterns) if pattern["kind"] == kind]
     found = [HEAD, ("gid", head.nodes, np.int64), *places_layout(head), ("edge_label", head.edges, np.int64)]
     if head.entries:
         found += piece_layout(head, manifest)
-    found += [((f"thermal_{row}", k), moments, np.float64) for k in of_kind("thermal") for row in ("11", "22", "12")]
     found += [(("load", k), head.dofs, np.float64) for k in range(head.patterns)]
-    if linear:
-        found += [(("edge_load", k), 4 * head.edges, np.float64) for k in of_kind("traction")]
-        found += [((f"body_load_{factor}", k), 2 * head.triangles, np.float64)
-                  for k in of_kind("body_force") for factor in "1xy"]
     found += [("fixed", head.fixed, np.int64)]
-    found += [(("fixed_value", k), max(1, head.fixed), np.float64) for k in of_kind("displacement")]
-    if bowed(manifest):
-        found += [("bow_x", head.nodes, np.float64), ("bow_y", head.nodes, np.float64)]
+    for k, pattern in enumerate(manifest.patterns):
+        found += [((name, k), count, np.float64) for name, count in pattern_layout(pattern["given_on"], head, manifest)]
+    found += [(("field", name), head.nodes, np.float64) for name in manifest.fields]
     if head.contact:
         found += [("node", head.contact, np.int64), ("label", head.contact, np.int64)]
         found += contact_layout(head.contact, manifest)
     return found
+
+
+def pattern_layout(given_on: str, head: Head, manifest: Manifest) -> list[tuple[str, int]]:
+    """Names and counts of what a record holds of a load besides nodal forces: ``edp/lib/given/<given_on>.idp``."""
+    if given_on == "edges" and manifest.element == "P1":
+        return [("edge_load", 4 * head.edges)]
+    if given_on == "triangles" and manifest.element == "P1":
+        return [(f"body_load_{factor}", 2 * head.triangles) for factor in "1xy"]
+    if given_on == "initial_stress":
+        return [(f"suppressed_{row}", _moments(manifest) * head.triangles) for row in ("11", "22", "12")]
+    if given_on == "supports":
+        return [("fixed_value", max(1, head.fixed))]
+    return []
 
 
 def places_layout(head: Head) -> Layout:
@@ -74,19 +80,14 @@ def piece_layout(head: Head, manifest: Manifest) -> Layout:
 
 
 def contact_layout(count: int, manifest: Manifest) -> Layout:
-    """Numbers of `count` contact nodes."""
-    names = ["weight", "normal_x", "normal_y", "gap", "friction"] + ["initial"] * manifest.initial_state
-    return [(name, count, np.float64) for name in names]
+    """Numbers of `count` contact nodes: weight, normal and the columns of declared effects."""
+    found = [(name, count, np.float64) for name in ("weight", "normal_x", "normal_y")]
+    return found + [(("column", name), count, np.float64) for name in manifest.columns]
 
 
 def moduli(manifest: Manifest) -> tuple[str, ...]:
     """Names of the arrays that tell the elasticity."""
     return ("lambda", "mu") if manifest.material == "isotropic" else ("c11", "c12", "c13", "c22", "c23", "c33")
-
-
-def bowed(manifest: Manifest) -> bool:
-    """Whether records say how far edges bow: quadratic elements of several bodies."""
-    return bool(manifest.contact_pairs) and manifest.element != "P1"
 
 
 def _moments(manifest: Manifest) -> int:

@@ -8,6 +8,7 @@ import numpy as np
 from mpi4py import MPI
 
 from ..feti.compliance import ContactCompliance
+from ..effects import Effects
 from ..errors import DriverError, InputError, NotConverged, agree
 from ..files import write_json, write_rows, write_table
 from ..contact.rows import OPEN, STATUS_NAMES
@@ -95,7 +96,8 @@ def _outcomes(problem, settings, directory: Path, request: dict, apart: bool,
             folder = directory / "values" / str(k)
             value = read_manifest(folder)
             _check_same(request["study"], problem.manifest, value)
-            contact = _contact_of(request["study"], structure.contact, *read_contact(folder, value))
+            contact = _contact_of(request["study"], Effects(value), structure.contact,
+                                  *read_contact(folder, value))
             operator, near = problem.operator.with_contact(contact), near if k % chain else None
             solved[k], near = _solve(dataclasses.replace(
                 problem, manifest=value, operator=operator), settings, near)
@@ -116,19 +118,18 @@ def _progress(request: dict, comm, k: int, done: int, total: int) -> None:
 
 
 def _check_same(name: str, base, value) -> None:
-    """Refuse a value whose manifest differs where the stiffness, loads and rows of the export come
-    from."""
-    for part in ("subdomains", "nodes", "effects", "patterns", "contact_labels", "material",
-                 "plane"):
+    """Refuse a value whose manifest differs in what stiffness, loads and rows come from."""
+    if list(base.rooms) != list(value.rooms):
+        raise InputError(f"a study cannot vary {name.upper()}: it changes the scene's effects")
+    for part in ("subdomains", "nodes", "patterns", "contact_labels", "material", "plane"):
         if getattr(base, part) != getattr(value, part):
             raise InputError(
                 f"a study cannot vary {name.upper()}: it changes the scene's "
                 f"{part.replace('_', ' ')}")
 
 
-def _contact_of(name: str, boundary, data, gid: np.ndarray):
-    """The contact boundary with gap, friction and initial displacement of one value, read as `data`
-    at the nodes `gid`.
+def _contact_of(name: str, effects, boundary, data, gid: np.ndarray):
+    """The contact boundary with the columns of one value, read as `data` at the nodes `gid`.
 
     Nodes, weights and normals of all values are those of the first (study.idp): that later ones
     keep them is what freefem.export_study sees to.
@@ -138,22 +139,22 @@ def _contact_of(name: str, boundary, data, gid: np.ndarray):
     order = np.argsort(known)
     at = np.minimum(np.searchsorted(known, read, sorter=order), len(known) - 1)
     here = (known[order[at]] == read) & (gid < span)  # others are held by supports
-    parts = np.column_stack([np.ones(len(gid)), data.normal, data.gap,
-                            data.friction, data.initial]) * data.weight[:, None]
+    columns = np.column_stack([np.ones(len(gid)), data.normal, *data.columns.values()])
+    parts = (columns * data.weight[:, None])[here]
     total = np.column_stack([np.bincount(order[at[here]], part, minlength=len(known))
-                            for part in parts[here].T])
+                             for part in parts.T])
     weight, normal = total[:, 0], total[:, 1:3]
     rigid = ~boundary.paired  # between two bodies weight, normal and gap follow from both sides
     if not (np.all(weight > 0) and np.allclose(weight[rigid], boundary.weight[rigid], rtol=1e-9)
             and np.allclose((normal / np.linalg.norm(normal, axis=1)[:, None])[rigid],
                             boundary.normal[rigid], atol=1e-9)):
-        raise InputError(
-            f"a study cannot vary {name.upper()}: it moves or turns the contact boundary")
-    gap, friction, initial = (total[:, 3:6] / weight[:, None]).T
+        raise InputError(f"a study cannot vary {name.upper()}: it moves or turns the contact "
+                         "boundary")
+    columns = dict(zip(data.columns, (total[:, 3:] / weight[:, None]).T))
+    gap = effects.distance(columns, len(weight))
     if gap[~rigid].any():
         raise InputError(f"a study cannot vary {name.upper()} in a scene that declares pairGap")
-    return dataclasses.replace(boundary, gap=np.where(rigid, gap, boundary.gap), friction=friction,
-                               initial=initial)
+    return dataclasses.replace(boundary, columns=columns, gap=np.where(rigid, gap, boundary.gap))
 
 
 @dataclasses.dataclass

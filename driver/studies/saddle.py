@@ -18,11 +18,11 @@ import numpy as np
 from scipy.io import mmwrite
 from scipy.sparse import coo_matrix, csr_matrix
 
-from ..contact.tearing import build
 from ..errors import InputError
 from ..feti.reduction import constraint_matrix
 from ..feti.substructuring import Substructure
 from ..files import renamed, write_json
+from ..march.tearing import build
 from ..scene import freefem
 from ..scene.loader import read_subdomains
 

@@ -11,7 +11,7 @@ import pytest
 
 from driver import environment
 from driver.effects import Effects, RunFacts
-from driver.effects.history import proportional
+from driver.effects.quasistatic import proportional
 from driver.errors import InputError
 from driver.files import read_rows
 from driver.results import ledger
@@ -130,7 +130,7 @@ def test_what_is_off_is_neither_imported_nor_written(tmp_path, words, absent, fi
 
 # ---- the ledger ----------------------------------------------------------------------------------
 
-PLAIN = ("contact", "friction", "history", "traction")
+PLAIN = ("contact", "friction", "quasistatic", "traction")
 SIZES = {"dual_normal": 40, "dual_tangential": 39}
 
 
@@ -139,7 +139,7 @@ def declared(*rooms, patterns=("traction",)) -> Effects:
     data = dict.fromkeys(rooms, {})
     return Effects(SimpleNamespace(rooms=data, patterns=[{"kind": kind} for kind in patterns],
                                    bodies=1, contact_labels=[1] if "contact" in rooms else [],
-                                   quasistatic="history" in rooms))
+                                   quasistatic="quasistatic" in rooms))
 
 
 def counted(open_, stick, slip) -> dict:
@@ -205,10 +205,11 @@ def test_time_matters_only_with_friction_and_a_way():
     assert entries(amplitudes=growing)["time"]["active"] is False
     assert entries(amplitudes=growing, gap=True)["time"]["active"] is True
     assert entries(amplitudes=growing, initial=True)["time"]["active"] is True
-    assert entries(declared("contact", "tresca", "history", "traction"),
-                   amplitudes=growing)["time"]["active"] is True
-    assert entries(declared("contact", "history", "traction"), sizes=SIZES |
-                   {"dual_tangential": 0})["time"]["active"] is False
+    given = entries(declared("contact", "tresca", "quasistatic", "traction"), amplitudes=growing)
+    assert given["time"]["active"] is True
+    smooth = entries(declared("contact", "quasistatic", "traction"),
+                     sizes=SIZES | {"dual_tangential": 0})
+    assert smooth["time"]["active"] is False
 
 
 def test_time_claim_holds(solved):
@@ -323,7 +324,7 @@ def test_static_variant_has_the_final_amplitude(exported, tmp_path):
     text = MODEL.read_text().replace("quasistatic(1.)", "quasistatic(0.8)")
     directory = exported(stripped(tmp_path, effects.static(text), "static"), loading="nonmonotone")
     manifest = json.loads((directory / "manifest.json").read_text())
-    assert manifest["effects"]["time"] == "static" and manifest["steps"] == 1
+    assert "quasistatic" not in manifest["rooms"] and manifest["steps"] == 1
     assert manifest["amplitudes"]["1"] == pytest.approx([0.0, -4 * 0.8**2 + 5 * 0.8], abs=1e-14)
 
 

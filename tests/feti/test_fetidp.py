@@ -470,7 +470,7 @@ from mpi4py import MPI
 from pathlib import Path
 from driver.scene.loader import read_subdomains
 from driver.scene.manifest import read_manifest
-from driver.contact.tearing import build
+from driver.march.tearing import build
 from driver.feti import fetidp, substructuring
 comm = MPI.COMM_WORLD
 for directory in sys.argv[1:]:

@@ -15,8 +15,8 @@ from driver.scene.manifest import Manifest, read_manifest
 
 YOUNG, POISSON = 21.19e10, 0.277
 # arrays of a record of the model example, in the order of export.idp
-(HEAD, GID, X, Y, LABELS, TRIANGLES, REGION, EDGES, LAMBDA, MU, DOF_COORDINATE, IS_X, ROWS, COLUMNS, VALUES, LOAD, EDGE_LOAD,
- FIXED, CONTACT) = range(19)
+(HEAD, GID, X, Y, LABELS, TRIANGLES, REGION, EDGES, LAMBDA, MU, DOF_COORDINATE, IS_X, ROWS, COLUMNS, VALUES, LOAD, FIXED,
+ EDGE_LOAD, CONTACT) = range(19)
 
 
 # ------------------------------------------------------------------------------ a sound export
@@ -123,7 +123,7 @@ def test_supports_and_contact_are_where_the_scene_says(model):
             assert sorted(c.node) == bottom.tolist()
             np.testing.assert_allclose(c.normal, np.tile([0, -1], (len(bottom), 1)), atol=1e-15)
             assert c.weight.sum() == pytest.approx(0.5, rel=1e-14)  # the segments add up to the side's length
-            assert np.all(c.gap == 0) and np.allclose(c.friction, 0.3, rtol=1e-15)
+            assert c.columns.keys() == {"friction"} and np.allclose(c.columns["friction"], 0.3, rtol=1e-15)
 
 
 def test_export_is_exact_to_the_last_bit(model):
@@ -601,7 +601,7 @@ def test_stiffness_that_is_not_the_bodys(small, read, row, column):
 
 
 def test_negative_friction(small, read):
-    spoil(small, CONTACT + 6, lambda a: a.__setitem__(1, -0.3))
+    spoil(small, CONTACT + 5, lambda a: a.__setitem__(1, -0.3))
     refused(read, small, "negative friction")
 
 
@@ -679,7 +679,7 @@ def test_manifest_lacks_an_entry(small, read, name):
     refused(read, small, "lacks", name)
 
 
-@pytest.mark.parametrize("name", ["subdomains", "blocks", "nodes", "steps", "effects", "patterns", "amplitudes",
+@pytest.mark.parametrize("name", ["subdomains", "blocks", "nodes", "steps", "rooms", "columns", "patterns", "amplitudes",
                                   "contact_labels"])
 @pytest.mark.parametrize("value", ["x", [3]])
 def test_manifest_entry_of_the_wrong_type(small, read, name, value):

@@ -319,7 +319,7 @@ def assembled_laws(problem, step, u_t, far):
     jump += turned @ np.linalg.lstsq(turned, wanted - jump, rcond=None)[0]
     u_n, slip = jump[:n] - c.gap, jump[n:] - u_t
     normal, rub, big = force[:n], force[n:], force.max()
-    bound = c.friction * normal
+    bound = c.columns["friction"] * normal
     return max(imbalance, np.abs(jump - wanted).max() / far, u_n.max() / far, -normal.min() / big,
                (np.abs(rub) - bound).max() / big, np.abs(normal * u_n).max() / (far * big),
                (bound * np.abs(slip) - rub * slip).max() / (far * big)), jump[n:]

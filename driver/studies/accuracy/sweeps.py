@@ -26,6 +26,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...arguments import choice, count
+from ...effects import Effects
 from ...errors import DriverError, InputError
 from ...estimates.budget import mesh_knob, unit
 from ...files import write_table
@@ -67,8 +68,8 @@ class Study:
 
     def __init__(self, pairs: dict[str, str], out: Path):
         self.effort = EFFORTS[choice(pairs, "effort", tuple(EFFORTS), "full")]
-        self.repeats = count("repeats", pairs.get(
-            "repeats", str(self.effort.repeats)), "a whole number", 1)
+        repeats = pairs.get("repeats", str(self.effort.repeats))
+        self.repeats = count("repeats", repeats, "a whole number", 1)
         self.out = out
         self.scene = freefem.find_scene(pairs["scene"])
         self.given = {name: value for name, value in pairs.items() if name not in OWN}
@@ -80,10 +81,10 @@ class Study:
         self.parameters, self.units = manifest.parameters, manifest.units
         self.element = manifest.element
         self.mesh_name = mesh_knob(manifest.parameters)
-        self.fixed_point = manifest.effects["friction"].startswith("coulomb")
-        # else the end does not depend on the steps
-        self.rubbing = manifest.effects["friction"] != "none"
-        self.steps = manifest.steps if manifest.effects["time"] == "quasistatic" else None
+        effects = Effects(manifest)
+        self.fixed_point = effects.pressure_bounds_friction
+        self.rubbing = effects.frictional  # else the end does not depend on the steps
+        self.steps = manifest.steps if manifest.quasistatic else None
         self.unknowns = 2 * manifest.nodes  # every vertex but those of interfaces counts once
         self.meshes = self._meshes()
         self.base = Setting(self.meshes[-2:][0] if self.meshes else None, self.steps)

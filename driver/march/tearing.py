@@ -1,0 +1,25 @@
+"""The torn body: interfaces, supports and the contact boundary of all subdomains, and the rows between them."""
+
+import numpy as np
+
+from ..contact.boundary import contact_boundary
+from ..effects import Effects
+from ..feti.skeleton import Skeleton
+from ..feti.substructuring import Substructure, fixed_dofs, number
+from ..scene.loader import Subdomain
+from ..scene.manifest import Manifest
+
+
+def build(manifest: Manifest, subdomains: list[Subdomain], first: int, comm, moved: list | None = None) -> Substructure:
+    """Derive corners, rows and numbering; collective over `comm`.
+
+    `moved`: displacements (dofs,) of the subdomains about which contact between bodies is linearized, if not about
+    none. Raises InputError for interfaces that do not conform and for contact labels without nodes.
+    """
+    effects, skeleton = Effects(manifest), Skeleton(manifest, subdomains, comm)
+    skeleton.check_conformity(comm)
+    skeleton.check_overlap(np.unique(manifest.contact_pairs))
+    fixed = fixed_dofs(manifest, subdomains, comm)
+    sides = effects.paired_sides(subdomains, fixed, comm, moved)
+    contact = contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm, sides)
+    return number(manifest, subdomains, first, skeleton, fixed, contact, comm, effects.frictional)

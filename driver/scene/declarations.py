@@ -1,0 +1,184 @@
+"""What a scene may declare, room by room, written out for FreeFEM: ``rooms/*.idp`` of an export directory.
+
+FreeFEM knows whether a macro is defined (IFMACRO) but cannot list files or count macros: what follows from the list of rooms
+(rooms.py) is written before it starts. Of every room, guarded by the macros that declare it, there are
+
+- ``switches``: what is left out is checked to be there,
+- ``include``: the room itself, what its loads are given on, and what it lacks,
+- ``patterns``: its load patterns, one for each number, in variables ``<room>Pattern<number>``,
+- ``assemble``, ``fix``, ``record``: what these add to a subdomain's loads, supports and record (see loads.idp),
+- ``columns``, ``evaluate``, ``column-names``: its numbers at the contact nodes (see contact.idp),
+- ``fields``: its numbers at all nodes, ``<room>Fields``,
+- ``manifest``: its entry in the manifest, ``<room>Manifest``,
+- ``amplitudes``: the histories.
+"""
+
+from pathlib import Path
+
+from ..errors import InputError
+from .rooms import NUMBERS, Room, camel, rooms
+
+FOLDER = "rooms"
+QUASISTATIC = "quasistatic"  # what a scene declares by calling quasistatic(T)
+
+
+def without_names(without: tuple[str, ...]) -> set[str]:
+    """What is left out, with all that needs it; numbered macros as load2.
+
+    Names are those of rooms (``friction``), of one of several loads (``load2``), ``quasistatic`` (one static step at the
+    end time) and ``amplitude2`` (the loads keep the factor of the end time). Raises InputError for any other.
+    """
+    known = rooms()
+    numbered = {name for room in known if room.numbered for macro in room.macros for name in macro.names}
+    for name in without:
+        if name not in {room.name for room in known} | numbered | {QUASISTATIC} | {f"amplitude{k}" for k in NUMBERS}:
+            raise InputError(f"'{name}' is no effect that can be left out; effects are "
+                             f"{', '.join(room.name for room in known)}, {QUASISTATIC}, and load1, amplitude1, ...")
+    left = set(without)
+    for room in known:  # in which what is needed comes first
+        if left & {name for names in (*room.needs, room.brings) for name in names}:
+            left.add(room.name)
+    return left
+
+
+def write(directory: Path, without: tuple[str, ...] = ()) -> None:
+    """Write the files for a scene of which `without` is left out (see `without_names`, whose errors it raises)."""
+    left = without_names(without)
+    used = [room for room in rooms() if room.name not in left]
+    loads = [_Load(room, k) for room in used if room.given_on for k in NUMBERS if _numbered(room, k) not in left]
+    columns = [room for room in used if room.column]
+    folder = directory / FOLDER
+    folder.mkdir(exist_ok=True)
+    files = {
+        "switches": _switches(without),
+        "include": [line for room in used for line in _include(room, left)],
+        "patterns": [line for load in loads for line in load.declaration()],
+        "assemble": [line for load in loads for line in load.call("Assemble")],
+        "fix": [line for load in loads for line in load.call("Fix")],
+        "record": [line for load in loads for line in load.call("Record")],
+        "columns": [line for room in columns for line in _if(_room(room), f"int {room.prefix}At = columns++;")],
+        "evaluate": [line for room in columns for line in _evaluate(room)],
+        "column-names": [line for room in columns for line in _if(
+            _room(room), f'json << ({room.prefix}At > 0 ? ", " : "") << "\\"{room.column}\\"";')],
+        "fields": [line for room in used for line in _if(f"{room.prefix}Fields", f"{room.prefix}Fields")],
+        "manifest": [line for room in used for line in _manifest(room)],
+        "amplitudes": [line for k in NUMBERS for line in _if(f"amplitude{k}", (
+            f"if (k == {k}) return amplitude{k}({'timeEnd' if f'amplitude{k}' in left else 't'});"))],
+    }
+    for name, lines in files.items():
+        (folder / f"{name}.idp").write_text("".join(f"{line}\n" for line in lines))
+
+
+def _if(macro: str, *lines: str) -> list[str]:
+    """The lines where `macro` is defined or, as in !friction, is not."""
+    return [f"IFMACRO({macro})", *lines, "ENDIFMACRO"]
+
+
+def _unless_any(macros: list[str], *lines: str) -> list[str]:
+    """The lines where none of the macros is defined."""
+    for macro in reversed(macros):
+        lines = _if(f"!{macro}", *lines)
+    return list(lines)
+
+
+def _room(room: Room) -> str:
+    """The macro that is defined where the room is included."""
+    return f"{room.prefix}Room"
+
+
+def _numbered(room: Room, k: int) -> str:
+    """The macro that declares load k of a room."""
+    return next(iter(room.declared_by)).replace("#", str(k))
+
+
+def _declaring(room: Room) -> list[str]:
+    """The macros that declare a room, each number of them."""
+    return [name for macro in room.macros if macro.name in room.declared_by for name in macro.names]
+
+
+def _asking(room: Room, left: frozenset[str] | set[str] = frozenset()) -> list[str]:
+    """The macros that declare a room or one that brings it, without what is left out."""
+    bringing = [other for other in rooms() if room.name in other.brings and other.name not in left]
+    return [name for asked in (room, *bringing) for name in _declaring(asked) if name not in left]
+
+
+def _switches(without: tuple[str, ...]) -> list[str]:
+    lines = []
+    for name in without:
+        reason = f"refuse(\"{name} is to be left out, but the scene does not declare it\");"
+        if name == QUASISTATIC:
+            lines += [f"if (!isQuasistatic) {reason}", "isQuasistatic = false;"]
+        else:
+            room = next((room for room in rooms() if room.name == name), None)
+            lines += _unless_any(_asking(room) if room else [name], reason)
+    return lines
+
+
+def _include(room: Room, left: set[str]) -> list[str]:
+    """The room, where one of its macros, or of those of rooms that bring it, is defined and it lacks nothing.
+
+    <room>Asked, <room>Lacks and <room>Room are defined as the scene asks for it, something is missing, it is included.
+    """
+    lines = []
+    asked, lacks = f"{room.prefix}Asked", f"{room.prefix}Lacks"
+    for macro in _asking(room, left):
+        lines += _if(f"!{asked}", *_if(macro, f"macro {asked}() 1 //"))
+    body = [f"macro {_room(room)}() 1 //"]
+    if room.given_on:
+        given = f"{camel(room.given_on)}Given"
+        body += _if(f"!{given}", f"macro {given}() 1 //", f'include "given/{room.given_on}.idp"')
+    missing = [line for needed in room.needs for line in _lacks(room, needed, lacks)]
+    lines += _if(asked, *missing, *_if(f"!{lacks}", *body, f'include "effects/{room.name}.idp"'))
+    for macro in room.macros:
+        if macro.name not in room.declared_by and macro.arguments is not None:
+            lines += _if(macro.name, *_if(f"!{_room(room)}", _refusal(macro.name, room)))
+    return lines
+
+
+def _lacks(room: Room, needed: tuple[str, ...], lacks: str) -> list[str]:
+    """Refusal of a room where none of the rooms `needed` is included, by the macro that declares it."""
+    others = [other for other in rooms() if other.name in needed]
+    lines = _if(f"!{lacks}", f"macro {lacks}() 1 //")
+    for macro in _declaring(room):
+        lines += _if(macro, _refusal(macro, others[0]))
+    return _unless_any([_room(other) for other in others], *lines)
+
+
+def _refusal(macro: str, room: Room) -> str:
+    example = room.example.replace('"', '\\"')
+    return f'refuse("{macro} is declared without {room.name.replace("_", " ")}: add  {example}");'
+
+
+def _evaluate(room: Room) -> list[str]:
+    lines = [*_if(f"{room.prefix}Evaluate", f"{room.prefix}Evaluate({room.prefix}At)"),
+             *_if(f"!{room.prefix}Evaluate", f"evaluateColumn({room.prefix}Column, {room.prefix}At)")]
+    if room.nonnegative:
+        lines.append(f'refuseNegative("{room.column}", {room.prefix}At)')
+    return _if(_room(room), *lines)
+
+
+def _manifest(room: Room) -> list[str]:
+    lines = [f'json << comma << endl << "  \\"{room.name}\\": {{"; comma = ",";']
+    if room.numbered:
+        lines.append(f'writeNumbers("{room.name}")')
+    lines += _if(f"{room.prefix}Manifest", f"{room.prefix}Manifest")
+    return _if(_room(room), *lines, 'json << "}";')
+
+
+class _Load:
+    """Load k of a room, which is a load pattern where its macro is defined."""
+
+    def __init__(self, room: Room, k: int):
+        self.macro, self.given_on = _numbered(room, k), camel(room.given_on)
+        self.form, self.pattern = f"{room.prefix}Form({k})", f"{room.prefix}Pattern{k}"
+        self.declared = f'int {self.pattern} = declare("{room.name}", "{room.given_on}", {k});'
+
+    def declaration(self) -> list[str]:
+        """Its pattern, and what is to be prepared once."""
+        prepare = f"{self.given_on}Prepare"
+        return _if(self.macro, self.declared, *_if(prepare, f'{prepare}({self.form}, {self.pattern}, "{self.macro}")'))
+
+    def call(self, what: str) -> list[str]:
+        """The macro `what` of what it is given on, if there is one."""
+        name = f"{self.given_on}{what}"
+        return _if(self.macro, *_if(name, f"{name}({self.form}, {self.pattern})"))
