@@ -3,7 +3,7 @@
 import sys
 
 from . import environment
-from .errors import shortage, tell
+from .errors import report_error, shortage
 
 environment.single_threaded()  # before anything loads the library that reads it
 try:
@@ -12,13 +12,13 @@ try:
 
     environment.prepare_numpy()
     main()
-except KeyboardInterrupt:  # before main could deal with it, or once more while it did
+except KeyboardInterrupt:  # before main could handle it, or once more while it did
     sys.exit(130)
 except ImportError as problem:
-    tell(environment.package_error(problem))
+    report_error(environment.package_error(problem))
     sys.exit(2)
 except Exception as problem:
     if not shortage(problem):
         raise
-    tell(shortage(problem))
+    report_error(shortage(problem))
     sys.exit(2)

@@ -1,48 +1,120 @@
-"""Values of NAME=VALUE options: read from their text and checked, with one line for what is wrong."""
+"""Values of NAME=VALUE options: how each kind is read, with one line for what is wrong."""
 
 import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
 
 from .errors import InputError
 
 NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
+DIGITS = 18  # of a whole number at most
 
 
-def only(options: dict, names, who: str) -> None:
-    """Raises InputError for an option that is none of `names`."""
-    unknown = sorted(set(options) - set(names))
-    if unknown:
-        raise InputError(f"{who} has no option {unknown[0].upper()}; it has {', '.join(map(str.upper, names))}")
+@dataclass(frozen=True)
+class Kind:
+    """A kind of value: `read`(NAME, text) gives it or raises InputError; help writes it `shown`."""
+
+    shown: str
+    read: Callable[[str, str], object]
+    choices: tuple[str, ...] = ()
 
 
-def choice(options: dict, name: str, allowed, preset: str) -> str:
-    """One of the words `allowed`. Raises InputError."""
-    value = options.get(name, preset)
-    if value not in allowed:
-        raise InputError(f"{name.upper()} must be one of {', '.join(allowed)}, not '{value}'")
-    return value
+def parse_pairs(words: list[str]) -> dict[str, str]:
+    """NAME=VALUE words as a dictionary with lower-case names. Raises InputError for other words."""
+    pairs = {}
+    for word in words:
+        name, equals, value = word.partition("=")
+        if not equals or not name or not value:
+            raise InputError(f"{word!r} is not of the form NAME=VALUE")
+        if not word.isprintable():
+            raise InputError(f"{word!r} holds characters that cannot be printed")
+        if name.lower() in pairs:
+            raise InputError(f"{name.upper()} is given twice")
+        pairs[name.lower()] = value
+    return pairs
 
 
-def yes(options: dict, name: str, preset: str) -> bool:
-    """Whether the option says yes. Raises InputError for other words than yes and no."""
-    value = options.get(name, preset)
-    if value not in ("yes", "no"):
-        raise InputError(f"{name.upper()} must be yes or no, not '{value}'")
-    return value == "yes"
+# ---- kinds of values -----------------------------------------------------------------------------
+
+def choice(*words: str) -> Kind:
+    """One of `words`."""
+    def read(name: str, text: str) -> str:
+        if text not in words:
+            raise InputError(f"{name} must be one of {', '.join(words)}, not '{text}'")
+        return text
+
+    return Kind("|".join(words), read, words)
 
 
-def count(name: str, text: str, what: str, least: int, most: int = 10**9) -> int:
-    """A whole number in plain digits, from `least` to `most`. Raises InputError."""
-    if not re.fullmatch("[0-9]+", text):
-        raise InputError(f"{name.upper()} expects {what}, not '{text}'")
-    if len(text) > 18 or not least <= int(text) <= most:
-        raise InputError(f"{name.upper()} expects {what} from {least} to {most}, not '{text}'")
-    return int(text)
+def several(*words: str) -> Kind:
+    """A list of some of `words`, each once, in the order given."""
+    def read(name: str, text: str) -> list[str]:
+        chosen = text.split(",")
+        for word in chosen:
+            if word not in words:
+                raise InputError(f"{name} expects some of {','.join(words)}, not '{word}'")
+        return list(dict.fromkeys(chosen))
+
+    return Kind(",".join(words), read, words)
 
 
-def positive(name: str, text: str) -> float:
-    """A positive number. Raises InputError."""
+def whole(what: str, least: int, most: int = 10**9) -> Kind:
+    """A whole number in plain digits from `least` to `most`; `what` it counts."""
+    def read(name: str, text: str) -> int:
+        if not re.fullmatch("[0-9]+", text):
+            raise InputError(f"{name} expects {what}, not '{text}'")
+        if len(text) > DIGITS or not least <= int(text) <= most:
+            raise InputError(f"{name} expects {what} from {least} to {most}, not '{text}'")
+        return int(text)
+
+    return Kind("n", read)
+
+
+def _yes(name: str, text: str) -> bool:
+    if text not in ("yes", "no"):
+        raise InputError(f"{name} must be yes or no, not '{text}'")
+    return text == "yes"
+
+
+def _positive(name: str, text: str) -> float:
     if not NUMBER.fullmatch(text):
-        raise InputError(f"{name.upper()} expects a number, not '{text}'")
+        raise InputError(f"{name} expects a number, not '{text}'")
     if not 0 < float(text) < float("inf"):
-        raise InputError(f"{name.upper()} must be positive, not '{text}'")
+        raise InputError(f"{name} must be positive, not '{text}'")
     return float(text)
+
+
+def _share(name: str, text: str) -> tuple[float, str]:
+    number, _, quantity = text.partition(",")
+    try:
+        value = float(number.removesuffix("%")) / (100 if number.endswith("%") else 1)
+    except ValueError:
+        value = float("nan")
+    if not 0 < value < 1:
+        raise InputError(f"{name} expects a relative error such as 1% or 0.01, and if you like a "
+                         f"quantity, not '{text}'")
+    return value, quantity.strip()
+
+
+def _names(name: str, text: str) -> tuple[str, ...]:
+    names = tuple(text.split(","))
+    if not all(names) or len(set(names)) < len(names):
+        raise InputError(f"{name}={text} lacks a name or gives one twice")
+    return names
+
+
+YES_NO = Kind("yes|no", _yes, ("yes", "no"))
+POSITIVE = Kind("number", _positive)
+NAMES = Kind("name,...", _names)  # checked where they are used
+SHARE = Kind("1%[,quantity]", _share)  # relative error and quantity, "" where none is named
+
+
+def text(shown: str) -> Kind:
+    """Any text, which is checked where it is used."""
+    return Kind(shown, lambda name, value: value)
+
+
+def path(shown: str = "directory") -> Kind:
+    """A file or directory."""
+    return Kind(shown, lambda name, value: Path(value))

@@ -1,11 +1,11 @@
-"""Command line: one run from scene to figures, and the tables made of many runs.
+"""Command line: one run from scene to figures, and the studies made of many runs.
 
     python3 -m driver run SCENE=model LOADING=monotone NP=2 OUT=results/mine
-    python3 -m driver scenes | figures DIRECTORY | table [ROWS=1,2,3] | effects SCENE=punch | hard [FAMILY=scale]
-    python3 -m driver study SCENE=model FRICTION=0:1:11 | bench [PARTS=products] | saddle SCENE=model OUT=...
+    python3 -m driver figures DIRECTORY ...
 
-Exit status: 0 converged; 2 bad input or missing dependency; 3 no (unique) solution the method can vouch
-for; 4 not converged in the allowed iterations. A user's mistake is told in one line.
+Commands and options: options.COMMANDS and options.TABLE. Exit status: 0 converged; 2 bad input or
+missing dependency; 3 no (unique) solution the method can vouch for; 4 not converged in the allowed
+iterations. A user's mistake is reported in one line.
 """
 
 import argparse
@@ -14,159 +14,177 @@ import os
 import sys
 from pathlib import Path
 
-from . import environment
+from . import environment, options
+from .arguments import parse_pairs
+from .errors import DriverError, InputError, report_error, shortage, write_error
+from .runs import launch
+from .runs import run as runs
+from .runs.request import Request
+from .runs.run import Run, describe, execute
 from .scene import freefem
-from .errors import DriverError, InputError, shortage, tell, write_error
-from .runs.launch import solve_here
-from .runs.run import RESULTS, Run, describe, execute
+
+LOADINGS = ("monotone", "nonmonotone")  # of the model example
 
 
-def parse_pairs(words: list[str]) -> dict[str, str]:
-    """NAME=VALUE words as a dictionary with lower-case names."""
-    pairs = {}
-    for word in words:
-        name, equals, value = word.partition("=")
-        if not equals or not name or not value:
-            raise InputError(f"{word!r} is not of the form NAME=VALUE")
-        if not word.isprintable():
-            raise InputError(f"{word!r} holds characters that cannot be printed")
-        if name.lower() in pairs:
-            raise InputError(f"{name.upper()} is given twice")
-        pairs[name.lower()] = value
-    return pairs
+# ---- runs ----------------------------------------------------------------------------------------
 
-
-def command_run(words: list[str]) -> None:
+def run(words: list[str]) -> None:
     """One run; without SCENE the list of scenes."""
     pairs = parse_pairs(words)
-    if "scene" not in pairs:
-        print("make run SCENE=<name or path to an .edp>; the scenes that ship:")
-        for name, text in freefem.scenes().items():
-            print(f"  {name:20s} {text}")
+    if "scene" in pairs:
+        _execute(pairs)
         return
-    run = Run.from_pairs(pairs)
-    print(describe(execute(run), run.out))
+    print("make run SCENE=<name or path to an .edp>; the scenes that ship:")
+    for name, text in freefem.scenes().items():
+        print(f"  {name:20s} {text}")
 
 
-def command_model(words: list[str]) -> None:
-    """The model example under both loading histories, in results/model-<loading> (or OUT-<loading>)."""
+def model(words: list[str]) -> None:
+    """The model example under both loading histories, or under the one that is given."""
     pairs = parse_pairs(words)
-    base = pairs.get("out", str(RESULTS / "model"))
-    for loading in [pairs["loading"]] if "loading" in pairs else ["monotone", "nonmonotone"]:
-        out = base if {"loading", "out"} <= set(pairs) else f"{base}-{loading}"
-        run = Run.from_pairs({**pairs, "scene": "model", "loading": loading, "out": out})
-        print(describe(execute(run), run.out))
+    options.read("model", pairs)
+    pairs["scene"] = "model"
+    if {"loading", "out"} <= set(pairs):
+        _execute(pairs)
+        return
+    base = pairs.get("out", str(options.RESULTS / "model"))
+    for loading in [pairs["loading"]] if "loading" in pairs else LOADINGS:
+        _execute({**pairs, "loading": loading, "out": f"{base}-{loading}"})
 
 
-def command_figures(words: list[str]) -> None:
+def _execute(pairs: dict[str, str]) -> None:
+    asked = Run.from_pairs(pairs)
+    print(describe(execute(asked), asked.out))
+
+
+def figures(words: list[str]) -> None:
     """Redraw the figures of finished runs and studies from their files."""
     from .figures.redraw import redraw
 
     if not words:
-        raise InputError("no finished run to draw; 'make run SCENE=model' leaves one in results/model")
+        raise InputError("no finished run to draw; 'make run SCENE=model' leaves one in "
+                         "results/model")
     for word in words:
         print(*redraw(Path(word)), sep="\n")
 
 
-def command_table(words: list[str]) -> None:
+# ---- studies -------------------------------------------------------------------------------------
+
+def study(words: list[str]) -> None:
+    """Many values of one parameter on one export."""
+    from .studies.study import describe as describe_study
+    from .studies.study import make_study
+
+    print(describe_study(*make_study(parse_pairs(words))))
+
+
+def table(words: list[str]) -> None:
     """The slides' table beside ours."""
     from .studies.table import make_table
 
     make_table(parse_pairs(words))
 
 
-def command_saddle(words: list[str]) -> None:
+def effects(words: list[str]) -> None:
+    """What each declared effect of a scene changes and costs."""
+    from .studies.effects import run_effects
+
+    _list(run_effects(parse_pairs(words)))
+
+
+def accuracy(words: list[str]) -> None:
+    """What accuracy costs: sweeps of every numerical choice, or PART=locking, PART=stopping."""
+    from .studies.accuracy import run_accuracy
+
+    _list(run_accuracy(parse_pairs(words)))
+
+
+def saddle(words: list[str]) -> None:
     """The FETI-DP saddle-point matrix of a small case, written and drawn."""
+    given = options.read("saddle", parse_pairs(words))
     environment.start_petsc()
     from mpi4py import MPI
 
     from .studies.saddle import write_saddle
 
-    pairs = {"scene": "model", **parse_pairs(words)}
-    scene, folder = freefem.find_scene(pairs.pop("scene")), Path(pairs.pop("out", RESULTS / "saddle"))
-    for path in write_saddle(scene, pairs, folder, MPI.COMM_WORLD):
-        print(os.path.relpath(path))
+    scene = freefem.find_scene(given["scene"])
+    _list(write_saddle(scene, given.parameters, given["out"], MPI.COMM_WORLD))
 
 
-def command_effects(words: list[str]) -> None:
-    """What each declared effect of a scene changes and costs."""
-    from .studies.effects import run_effects
-
-    for path in run_effects(parse_pairs(words)):
-        print(os.path.relpath(path))
-
-
-def command_hard(words: list[str]) -> None:
+def hard(words: list[str]) -> None:
     """The hard cases: each solved and checked, or refused for a stated reason."""
     from .hard.suite import run_suite
 
-    for path in run_suite(parse_pairs(words)):
-        print(os.path.relpath(path))
+    _list(run_suite(parse_pairs(words)))
 
 
-def command_bench(words: list[str]) -> None:
-    """What a run costs, beside the slides, a factorization, other programs and the machine's limits."""
+def bench(words: list[str]) -> None:
+    """What a run costs, beside the slides, other programs and the machine's limits."""
     from .bench.suite import run_bench
 
-    for path in run_bench(parse_pairs(words)):
+    _list(run_bench(parse_pairs(words)))
+
+
+def _list(paths: list[Path]) -> None:
+    """The files that were made."""
+    for path in paths:
         print(os.path.relpath(path))
 
 
-def command_study(words: list[str]) -> None:
-    """Many values of one parameter on one export."""
-    from .studies.study import describe as describe_study
-    from .studies.study import make_study
+# ---- ranks ---------------------------------------------------------------------------------------
 
-    summary, out = make_study(parse_pairs(words))
-    print(describe_study(summary, out))
-
-
-def command_accuracy(words: list[str]) -> None:
-    """What accuracy costs: sweeps over the numerics of a scene, or PART=locking, PART=stopping."""
-    from .studies.accuracy import run_accuracy
-
-    for path in run_accuracy(parse_pairs(words)):
-        print(os.path.relpath(path))
-
-
-def command_solve(words: list[str]) -> None:
-    """One rank of the SPMD part (started by mpirun)."""
+def solve(words: list[str]) -> None:
+    """One rank of the part that several share (started by mpirun)."""
     from mpi4py import MPI
 
     work = Path(words[0])
     try:
-        status, reason = solve_here(work, json.loads((work / "request.json").read_text()))
-    except Exception as problem:  # the other ranks know nothing of it and wait for this one: end them
+        request = Request.read(work)
+        status, reason = launch.solve_here(work, request, _stage(request))
+    except Exception as problem:  # the other ranks do not know of it and wait for this one
         reason = str(problem) if isinstance(problem, DriverError) else shortage(problem)
         if reason:
-            tell(reason)
+            report_error(reason)
         else:
             sys.excepthook(*sys.exc_info())
         sys.stderr.flush()
         MPI.COMM_WORLD.Abort(1)
     if MPI.COMM_WORLD.rank == 0:
-        (work / "answer.json").write_text(json.dumps({"status": status, "reason": reason}))
+        launch.write_answer(work, status, reason)
 
 
-COMMANDS = {name.removeprefix("command_"): function for name, function in list(globals().items())
-            if name.startswith("command_")}
+def _stage(request: Request):
+    """The stage that a request is for."""
+    if request.study:
+        from .studies.study import solver
+
+        return solver
+    return runs.search if request.accuracy else runs.solver
+
+
+# ---- entry ---------------------------------------------------------------------------------------
+
+ENTRIES = {entry.__name__: entry for entry in (
+    run, model, table, effects, study, accuracy, bench, hard, saddle, figures, solve)}
 
 
 def main() -> None:
-    """Entry point of ``python3 -m driver``."""
+    """Entry point of ``python3 -m driver``; exits with a status that says how it ended."""
     parser = argparse.ArgumentParser(prog="python3 -m driver", description=__doc__.split("\n\n")[0])
-    parser.add_argument("command", choices=COMMANDS)
+    parser.add_argument("command", choices=ENTRIES)
     parser.add_argument("words", nargs="*", help="NAME=VALUE options, or directories for figures")
     given = parser.parse_args()
     try:
-        COMMANDS[given.command](given.words)
+        ENTRIES[given.command](given.words)
     except DriverError as problem:
-        tell(problem)
+        report_error(problem)
         sys.exit(problem.exit_status)
     except OSError as problem:
-        tell(write_error(problem))
+        report_error(write_error(problem))
         sys.exit(2)
     except KeyboardInterrupt as stop:
         if given.command != "solve":  # ranks leave the message to the process that started them
-            print(f"interrupted: earlier results and finished runs are as they were{''.join(stop.args)}", file=sys.stderr)
+            outlook = "".join(stop.args)
+            print(f"interrupted: earlier results and finished runs are unchanged{outlook}",
+                  file=sys.stderr)
         sys.exit(130)

@@ -17,23 +17,24 @@ LIBRARY = ROOT / "edp" / "lib"
 PR_SET_PDEATHSIG = 1  # of Linux's prctl: the signal that a process gets when its parent ends
 BLAS_BUFFER = 2**27  # bytes that OpenBLAS asks for at its first product
 PETSC_ROOM = 150 * 2**20  # bytes of address space that PETSc, MPI and their libraries take at least
-AGAIN = 0.01  # seconds after which an interrupt that was forgotten comes once more
+AGAIN = 0.01  # seconds after which a lost interrupt comes once more
 PATIENCE = 10  # seconds that an interrupted child has to end by itself
-# Open MPI looks for fast networks and starts a daemon even for a process by itself, which takes longer than a small run;
-# without the daemon such processes would share one directory
+# Open MPI looks for fast networks and starts a daemon even for a single process, which takes longer
+# than a small run; without the daemon such processes would share one directory
 ALONE = {"OMPI_MCA_pml": "ob1", "OMPI_MCA_btl": "self", "OMPI_MCA_ess_singleton_isolated": "1",
          "OMPI_MCA_orte_create_session_dirs": "0"}
-LEFT_BEHIND = ("OMPI_MCA_ess", "OMPI_MCA_pmix")  # what it sets itself then, for all that inherits its environment
-LAUNCHED = ("OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK", "SLURM_PROCID")  # what launchers tell a rank
+LEFT_BEHIND = ("OMPI_MCA_ess", "OMPI_MCA_pmix")  # what it then sets itself in the environment
+LAUNCHED = ("OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK", "SLURM_PROCID")  # set by launchers
 SET_UP = "run 'make setup' (apt packages: see apt-packages.txt)"
 
 
 def start_petsc() -> None:
-    """Initialize MPI and PETSc. Raises ImportError if they are not installed, MemoryError if memory is short.
+    """Initialize MPI and PETSc.
 
-    Where they find too little themselves, they end the process with a page of their own words.
+    Raises ImportError if they are not installed and MemoryError if memory is short, for which they
+    would end the process with a page of their own words.
     """
-    if not {"mpi4py.MPI", "petsc4py.PETSc"} & set(sys.modules):  # else most of it is there
+    if not {"mpi4py.MPI", "petsc4py.PETSc"} & set(sys.modules):  # else they have most of it
         _ask_for(PETSC_ROOM)
     _find_petsc()
     import petsc4py
@@ -42,7 +43,7 @@ def start_petsc() -> None:
     settings = {name: value for name, value in ALONE.items() if alone and name not in os.environ}
     os.environ.update(settings)
     try:
-        petsc4py.init(["driver", "-no_signal_handler"])  # SIGINT and SIGPIPE are ours to report
+        petsc4py.init(["driver", "-no_signal_handler"])  # the driver reports SIGINT and SIGPIPE
     finally:
         for name in settings:  # this process's own, not its children's
             del os.environ[name]
@@ -52,14 +53,15 @@ def start_petsc() -> None:
 
 
 def _find_petsc() -> None:
-    """Let petsc4py find its PETSc, which Debian's package alone does not tell it.
+    """Let petsc4py find its PETSc, whose place Debian's package alone does not say.
 
-    The package's .pth file reads PETSC_DIR when Python starts, so for this process the path is set as well.
+    The package's .pth file reads PETSC_DIR when Python starts, so for this process the path is set
+    as well.
     """
     if "PETSC_DIR" not in os.environ and not Path("/usr/lib/petsc").exists():
-        for candidate in sorted(Path("/usr/lib/petscdir").glob("petsc*/*-real"), reverse=True):
-            os.environ["PETSC_DIR"] = str(candidate)
-            break
+        newest = max(Path("/usr/lib/petscdir").glob("petsc*/*-real"), default=None)
+        if newest:
+            os.environ["PETSC_DIR"] = str(newest)
     packages = Path(os.environ.get("PETSC_DIR", "/usr/lib/petsc")) / "lib/python3/dist-packages"
     if packages.is_dir() and str(packages) not in sys.path:
         sys.path.append(str(packages))
@@ -68,7 +70,7 @@ def _find_petsc() -> None:
 def heed_interrupts() -> None:
     """Clean up on SIGTERM as on ctrl-C, wherever it comes.
 
-    In a callback of Python's own, as there are in imports, an interrupt is told of and forgotten: it comes once more.
+    In a callback of Python itself, as in imports, an interrupt is printed and lost: it is repeated.
     """
     def again(unraisable):
         if isinstance(unraisable.exc_value, KeyboardInterrupt):
@@ -90,8 +92,8 @@ def single_threaded() -> None:
 def prepare_numpy() -> None:
     """Let a shortage of memory end in an error, whenever it comes. Raises MemoryError.
 
-    Where OpenBLAS gets no work space it tries again for ever, so it takes it here; where NumPy gets none for a
-    comparison, it warns and goes on with False.
+    OpenBLAS that gets no work space tries again for ever, so it takes it here; NumPy that gets none
+    for a comparison warns and continues with False.
     """
     warnings.filterwarnings("error", "elementwise comparison failed", DeprecationWarning)
     _ask_for(BLAS_BUFFER)
@@ -110,30 +112,32 @@ def _ask_for(size: int) -> None:
 
 def program(name: str) -> str:
     """Full path of a program. Raises InputError if it is not installed."""
-    found = shutil.which(name)
-    if not found:
+    path = shutil.which(name)
+    if not path:
         raise InputError(f"{name} is not installed; {SET_UP}")
-    return found
+    return path
 
 
 def package_error(problem: ImportError) -> InputError:
-    """A Python package that is not installed, or is and cannot be loaded, as where memory is short."""
+    """The error for a Python package that is missing or cannot be loaded, as with little memory."""
     if isinstance(problem, ModuleNotFoundError):
         return InputError(f"the Python package {problem.name} is not installed; {SET_UP}")
-    return file_error(problem, f"a Python package cannot be loaded: {' '.join(str(problem).split())}")
+    reason = " ".join(str(problem).split())
+    return file_error(problem, f"a Python package cannot be loaded: {reason}")
 
 
 def mpirun(ranks: int) -> list[str]:
-    """Command prefix that starts `ranks` processes, more than there are cores if asked; they end with mpirun."""
+    """Command prefix that starts `ranks` processes, more than cores if asked; they end with it."""
     return [program("mpirun"), "--oversubscribe", "--bind-to", "none", "-n", str(ranks),
             program("setpriv"), "--pdeathsig", "KILL"]
 
 
-def run_child(command: list[str], meanwhile=lambda: None, **options) -> subprocess.CompletedProcess:
-    """subprocess.run whose child ends with this process, however that ends; calls `meanwhile` once it runs.
+def run_child(command: list[str], meanwhile=lambda: None,
+              **options) -> subprocess.CompletedProcess:
+    """subprocess.run whose child ends with this process, however that ends.
 
-    On an interrupt mpirun has the time to stop its ranks and clean up. Raises InputError if the program cannot be
-    started.
+    Calls `meanwhile` while it runs. On an interrupt mpirun has the time to stop its ranks and clean
+    up. Raises InputError if the program cannot be started.
     """
     libc, parent = ctypes.CDLL(None), os.getpid()
 
@@ -143,9 +147,11 @@ def run_child(command: list[str], meanwhile=lambda: None, **options) -> subproce
             os._exit(128 + signal.SIGTERM)
 
     try:
-        child = subprocess.Popen(command, stdin=subprocess.DEVNULL, preexec_fn=end_with_parent, **options)
+        child = subprocess.Popen(command, stdin=subprocess.DEVNULL, preexec_fn=end_with_parent,
+                                 **options)
     except OSError as problem:
-        raise file_error(problem, f"{command[0]} cannot be started: {problem.strerror}") from None
+        message = f"{command[0]} cannot be started: {problem.strerror}"
+        raise file_error(problem, message) from None
     with child:
         try:
             meanwhile()
@@ -167,23 +173,25 @@ def _stop(child: subprocess.Popen) -> None:
 
 
 def python_path() -> str:
-    """PYTHONPATH of children that are to find this package, whatever directory they work in."""
+    """PYTHONPATH of child processes: they find this package, whatever directory they work in."""
     return os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
 
 
 def child_environment(parallel: bool = False, element: str = "P1") -> dict[str, str]:
-    """Environment for FreeFEM, which is to use an `element` of the library, and MPI child processes.
+    """Environment of child processes: FreeFEM, which uses an `element` of the library, and MPI.
 
-    FreeFEM looks for its includes and plugins where the package does not put them; Open MPI refuses
-    to start as root unless told twice, looks for fast networks for a quarter of a second, and lets ranks that wait
-    keep a core busy that others could use.
+    FreeFEM looks for its includes and plugins where the package does not put them. Open MPI refuses
+    to start as root without two settings, looks for fast networks for a quarter of a second, and
+    lets waiting ranks keep a core busy that others could use.
     """
     env = dict(os.environ)
     env.update(OMPI_ALLOW_RUN_AS_ROOT="1", OMPI_ALLOW_RUN_AS_ROOT_CONFIRM="1")
     env.setdefault("OMPI_MCA_pml", "ob1")
     env.setdefault("OMPI_MCA_mpi_yield_when_idle", "1")
     own = [LIBRARY, LIBRARY / ("mpi" if parallel else "serial"), LIBRARY / element]
-    includes = [*map(str, own), *filter(None, [env.get("FF_INCLUDEPATH")]), "/usr/include/freefem++/idp"]
-    plugins = ["/usr/lib/freefem++/mpi"] * parallel + [*filter(None, [env.get("FF_LOADPATH")]), "/usr/lib/freefem++"]
-    env.update(FF_INCLUDEPATH=";".join(includes), FF_LOADPATH=";".join(plugins))
+    includes = [*map(str, own), env.get("FF_INCLUDEPATH"), "/usr/include/freefem++/idp"]
+    plugins = ["/usr/lib/freefem++/mpi" if parallel else None, env.get("FF_LOADPATH"),
+               "/usr/lib/freefem++"]
+    env.update(FF_INCLUDEPATH=";".join(filter(None, includes)),
+               FF_LOADPATH=";".join(filter(None, plugins)))
     return env

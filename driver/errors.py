@@ -5,6 +5,7 @@ import sys
 from contextlib import contextmanager
 
 NO_MEMORY = "not enough memory"
+PARTIAL = "; partial results are in "  # after the reason of a run that did not converge
 PETSC_ERR_MEM = 55
 
 
@@ -32,50 +33,36 @@ class NotConverged(DriverError):
     exit_status = 4
 
 
-def shortage(problem: BaseException) -> str:
-    """One line for an error that comes of too little memory, empty for any other."""
-    found = problem
-    while found is not None:
-        if (isinstance(found, MemoryError) or isinstance(found, OSError) and found.errno == errno.ENOMEM
-                or getattr(found, "ierr", 0) == PETSC_ERR_MEM
-                or isinstance(found, ImportError) and "failed to map segment" in str(found)):
-            return NO_MEMORY
-        found = found.__cause__ or found.__context__
-    # Python's own code and imports lose their errors where they find no memory for them
-    return f"Python failed ({problem}); was there enough memory?" if isinstance(problem, SystemError) else ""
+def error_of(status: int, reason: str) -> DriverError:
+    """The error that stands for an exit status."""
+    kind = {2: InputError, 3: NoSolution, 4: NotConverged}[status]
+    return kind(reason)
 
 
-def file_error(problem: Exception, said: str) -> InputError:
-    """What is `said` of a file or program that the system does not give, unless memory was too short for it."""
-    return InputError(shortage(problem) or said)
-
-
-def tell(problem) -> None:
+def report_error(problem) -> None:
     """An error in one line of its own, also where several ranks write at the same time."""
     sys.stderr.write(f"error: {problem}\n")
 
 
-def agree(comm, error: DriverError | None) -> None:
-    """Raise on every rank of `comm` the first rank's error, if any rank has one.
+# ---- files and memory ----------------------------------------------------------------------------
 
-    Without this a rank that refuses its input leaves the others waiting in the next collective call.
-    """
-    for found in comm.allgather(error):
-        if found is not None:
-            raise found
+def shortage(problem: BaseException) -> str:
+    """One line for an error that comes of too little memory, empty for any other."""
+    cause = problem
+    while cause is not None:
+        if (isinstance(cause, MemoryError) or getattr(cause, "ierr", 0) == PETSC_ERR_MEM
+                or isinstance(cause, OSError) and cause.errno == errno.ENOMEM
+                or isinstance(cause, ImportError) and "failed to map segment" in str(cause)):
+            return NO_MEMORY
+        cause = cause.__cause__ or cause.__context__
+    if isinstance(problem, SystemError):  # Python loses its own errors where memory is short
+        return f"Python failed ({problem}); was there enough memory?"
+    return ""
 
 
-@contextmanager
-def agreed_writes(comm):
-    """A block in which ranks may write files and nothing is collective; its DriverError or OSError is raised on all."""
-    error = None
-    try:
-        yield
-    except DriverError as problem:
-        error = problem
-    except OSError as problem:
-        error = write_error(problem)
-    agree(comm, error)
+def file_error(problem: Exception, message: str) -> InputError:
+    """`message` about a file or program that cannot be used, unless memory was too short for it."""
+    return InputError(shortage(problem) or message)
 
 
 def write_error(problem: OSError) -> InputError:
@@ -84,7 +71,30 @@ def write_error(problem: OSError) -> InputError:
     return file_error(problem, f"writing the results failed: {problem.strerror or problem}{where}")
 
 
-def error_of(status: int, reason: str) -> DriverError:
-    """The error that stands for an exit status."""
-    kind = {2: InputError, 3: NoSolution, 4: NotConverged}[status]
-    return kind(reason)
+# ---- ranks ---------------------------------------------------------------------------------------
+
+def agree(comm, error: DriverError | None) -> None:
+    """Raise on every rank of `comm` the first rank's error, if any rank has one.
+
+    Without this a rank that refuses its input leaves the others waiting in the next collective
+    call.
+    """
+    for each in comm.allgather(error):
+        if each is not None:
+            raise each
+
+
+@contextmanager
+def agreed_writes(comm):
+    """A block that writes files and calls nothing collective.
+
+    Its DriverError or OSError, the latter as InputError, is raised on all ranks of `comm`.
+    """
+    error = None
+    try:
+        yield
+    except DriverError as problem:
+        error = problem
+    except OSError as problem:
+        error = write_error(problem)
+    agree(comm, error)

@@ -1,5 +1,5 @@
-"""Tables and JSON as files that appear whole, written under a hidden name and renamed; and tables
-read again."""
+"""Tables and JSON as files that appear whole, written under a hidden name; and tables read
+again."""
 
 import csv
 import json
@@ -9,7 +9,7 @@ from pathlib import Path
 
 @contextmanager
 def renamed(path: Path):
-    """A hidden path to write to, renamed to `path` when the block has come through."""
+    """A hidden path to write to, renamed to `path` after a block without errors."""
     hidden = path.with_name(f".{path.name}")
     yield hidden
     hidden.replace(path)
@@ -33,7 +33,7 @@ def write_rows(path: Path, header: list, rows) -> Path:
 def write_table(path: Path, rows: list[dict], columns=None) -> Path:
     """A CSV file of `rows` with `columns`, by default those of the first row; returns `path`.
 
-    Values that a row lacks stay empty; raises ValueError for a row with a column of its own.
+    Values that a row lacks stay empty. Raises ValueError for a row with other columns.
     """
     with renamed(path) as hidden, open(hidden, "w", newline="") as file:
         out = csv.DictWriter(file, columns or list(rows[0]))

@@ -5,10 +5,10 @@ from collections.abc import Callable
 
 
 class Laps:
-    """Wall time by stage: calling it with a stage's name takes the seconds since the stage before ended."""
+    """Wall time by stage: a call with a stage's name takes the seconds since the last call."""
 
     def __init__(self, seconds: dict | None = None, barrier: Callable[[], None] = lambda: None):
-        """`seconds` of stages that are over; `barrier` is called at the end of a stage, before the clock is read."""
+        """`seconds`: of finished stages; `barrier` is called before the clock is read."""
         self.seconds, self.barrier = dict(seconds or {}), barrier
         self.last = time.perf_counter()
 

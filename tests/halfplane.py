@@ -1,12 +1,14 @@
-"""Dense boundary-element reference: a rigid plane under an elastic parabola, Coulomb friction, with coupling.
+"""Dense boundary-element reference: a rigid plane under an elastic parabola, Coulomb friction, with
+coupling.
 
-Surface displacements of the half-plane z > 0 under pressure p and shear q on its surface (Johnson, Contact
-Mechanics, 1985, eq. 2.25):
+Surface displacements of the half-plane z > 0 under pressure p and shear q on its surface (Johnson,
+Contact Mechanics, 1985, eq. 2.25):
 
     u_x = -k int sgn(x-s) p ds - m int ln|x-s| q ds + C_x,     k = (1-2 nu)(1+nu)/(2E)
     u_z = -m int ln|x-s| p ds + k int sgn(x-s) q ds + C_z,     m = 2 (1-nu^2)/(pi E)
 
-Constant tractions on equal segments, collocated at their midpoints; C_x and C_z follow from the resultants.
+Constant tractions on equal segments, collocated at their midpoints; C_x and C_z follow from the
+resultants.
 """
 
 import numpy as np
@@ -15,7 +17,10 @@ OPEN, STICK, RIGHT, LEFT = range(4)  # RIGHT: the shear on the body is +F p
 
 
 class HalfPlane:
-    """March through given resultants P, Q; `p`, `q`, `dissipated` are the state. Lengths and E as they come."""
+    """March through given resultants P, Q; `p`, `q`, `dissipated` are the state.
+
+    Lengths and E as they come.
+    """
 
     def __init__(self, E, nu, R, F, reach, segments=160):
         """`reach`: half-width of the part of the surface that may touch."""
@@ -23,7 +28,11 @@ class HalfPlane:
         self.x = -reach + width * (np.arange(segments) + 0.5)
         self.width, self.F, self.gap = width, F, self.x**2 / (2 * R)
         d = self.x[:, None] - self.x[None, :]
-        log = lambda t: t * np.log(np.abs(t)) - t  # antiderivative of ln|t|
+
+        # antiderivative of ln|t|
+        def log(t):
+            return t * np.log(np.abs(t)) - t
+
         self.own = -2 * (1 - nu**2) / (np.pi * E) * (log(d + width / 2) - log(d - width / 2))
         self.cross = -(1 - 2 * nu) * (1 + nu) / (2 * E) * width * np.sign(d)
         self.p = self.q = self.u_x = np.zeros(segments)
@@ -38,7 +47,9 @@ class HalfPlane:
         return self
 
     def step(self, P, Q):
-        """Advance to the resultants P, Q by an active-set iteration; AssertionError if its KKT conditions fail."""
+        """Advance to the resultants P, Q by an active-set iteration; AssertionError if its KKT
+        conditions fail.
+        """
         seen = set()
         for _ in range(200):
             p, q, u_x, g, slip = self._solve(P, Q)
@@ -66,7 +77,8 @@ class HalfPlane:
         A[:n] = np.where(closed[:, None], u_z, eye[:n] * scale)
         b[:n][closed] = -self.gap[closed]
         bound = np.where(s == RIGHT, self.F, np.where(s == LEFT, -self.F, 0.0))
-        A[n : 2 * n] = np.where(stick[:, None], u_x, scale * (eye[n : 2 * n] - bound[:, None] * eye[:n]))
+        A[n : 2 * n] = np.where(stick[:, None], u_x,
+                                scale * (eye[n : 2 * n] - bound[:, None] * eye[:n]))
         b[n : 2 * n][stick] = self.u_x[stick]
         A[2 * n :] = 0
         A[2 * n, :n] = A[2 * n + 1, n : 2 * n] = self.width
@@ -84,7 +96,8 @@ class HalfPlane:
         closed = np.where(s == OPEN, g < -small_u, p > -small_p)
         over = np.abs(q) > self.F * p + small_p
         back = np.where(s == RIGHT, slip > small_u, np.where(s == LEFT, slip < -small_u, False))
-        slides = np.where(s == STICK, np.where(over, np.where(q > 0, RIGHT, LEFT), STICK), np.where(back, STICK, s))
+        slides = np.where(s == STICK, np.where(over, np.where(q > 0, RIGHT, LEFT), STICK),
+                          np.where(back, STICK, s))
         return np.where(~closed, OPEN, np.where(s == OPEN, STICK, slides))
 
     def _check(self, p, q, g, slip):
@@ -92,5 +105,6 @@ class HalfPlane:
         assert p.min() > -tiny_p and g.min() > -tiny_u, (p.min()/tiny_p, g.min()/tiny_u)
         assert np.all(np.abs(q) <= self.F * p + tiny_p)
         assert np.abs(p * g).max() <= tiny_p * self.gap.max() + p.max() * tiny_u
-        lost = self.F * p * np.abs(slip) + q * slip  # zero where it sticks or slides against the shear
+        # zero where it sticks or slides against the shear
+        lost = self.F * p * np.abs(slip) + q * slip
         assert np.all(np.where(self.state == OPEN, 0, lost) <= p.max() * tiny_u)

@@ -1,4 +1,6 @@
-"""Small random bodies in contact, made here instead of by FreeFEM: mesh, partition, material, loads, gaps, friction."""
+"""Small random bodies in contact, made here instead of by FreeFEM: mesh, partition, material,
+loads, gaps, friction.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -6,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from driver.feti.fetidp import DualOperator
+from driver.feti.operator import DualOperator
 from driver.scene.loader import ContactData, Subdomain
 from driver.scene.manifest import Manifest
 from driver.options import Settings
@@ -20,7 +22,9 @@ BOTTOM, RIGHT, TOP, LEFT, INTERFACE = 1, 2, 3, 4, 99
 
 @dataclass
 class Body:
-    """Vertices (n_v, 2), triangles (n_t, 3), labelled outer edges (n_e, 3), subdomain of every triangle."""
+    """Vertices (n_v, 2), triangles (n_t, 3), labelled outer edges (n_e, 3), subdomain of every
+    triangle.
+    """
 
     xy: np.ndarray
     triangles: np.ndarray
@@ -34,7 +38,10 @@ def rectangle(nx: int, ny: int, width=2.0, height=1.0):
     """Vertices, triangles and outer edges (a, b, label) of a grid; the diagonals alternate."""
     x, y = np.meshgrid(np.linspace(0, width, nx + 1), np.linspace(0, height, ny + 1))
     xy = np.column_stack([x.ravel(), y.ravel()])
-    at = lambda i, j: j * (nx + 1) + i
+
+    def at(i, j):
+        return j * (nx + 1) + i
+
     triangles = []
     for j in range(ny):
         for i in range(nx):
@@ -92,7 +99,8 @@ def _stiffness(xy, triangles, lam, mu):
 
 def rooms_of(effects: dict) -> dict:
     """The rooms of a manifest with these effects."""
-    by_friction = {"none": [], "tresca": ["tresca"], "coulomb": ["friction"], "coulomb-slip-dependent": ["friction", "slip_law"]}
+    by_friction = {"none": [], "tresca": ["tresca"], "coulomb": ["friction"],
+                   "coulomb-slip-dependent": ["friction", "slip_law"]}
     names = [*{"none": [], "unilateral": ["contact", "gap"],
                "bilateral": ["contact", "bilateral", "gap"]}[effects["contact"]],
              *by_friction[effects["friction"]]]
@@ -105,7 +113,9 @@ def rooms_of(effects: dict) -> dict:
 
 @dataclass
 class Scene:
-    """A body with everything that acts on it; `tractions` one dict label -> (2,) force density per pattern."""
+    """A body with everything that acts on it; `tractions` one dict label -> (2,) force density per
+    pattern.
+    """
 
     body: Body
     tractions: list
@@ -119,15 +129,21 @@ class Scene:
 
     def manifest(self) -> Manifest:
         steps, patterns = len(self.amplitudes) - 1, self.amplitudes.shape[1]
-        effects = {"contact": "unilateral", "friction": "coulomb", "time": "quasistatic", **(self.effects or {})}
+        effects = {"contact": "unilateral", "friction": "coulomb", "time": "quasistatic",
+                   **(self.effects or {})}
         return Manifest(
-            directory=Path("."), subdomains=int(self.body.part.max()) + 1, blocks=1, nodes=len(self.body.xy),
+            directory=Path("."), subdomains=int(self.body.part.max()) + 1, blocks=1,
+            nodes=len(self.body.xy),
             interface_label=INTERFACE, element="P1", plane="strain", material="isotropic", units={},
-            rooms=rooms_of(effects) | ({"slip_law": self.slip_law} if self.slip_law else {}) | {"traction": {}},
+            rooms=rooms_of(effects) | ({"slip_law": self.slip_law} if self.slip_law else {})
+            | {"traction": {}},
             columns=self._columns(), fields=[],
-            steps=steps, t_end=1.0, bodies=1, contact_labels=[self.contact], labels=[BOTTOM, RIGHT, TOP, LEFT],
-            patterns=[{"kind": "traction", "given_on": "edges", "amplitude": k} for k in range(patterns)],
-            amplitudes={str(k): self.amplitudes[:, k].tolist() for k in range(patterns)}, parameters={})
+            steps=steps, t_end=1.0, bodies=1, contact_labels=[self.contact],
+            labels=[BOTTOM, RIGHT, TOP, LEFT],
+            patterns=[{"kind": "traction", "given_on": "edges", "amplitude": k}
+                      for k in range(patterns)],
+            amplitudes={str(k): self.amplitudes[:, k].tolist() for k in range(patterns)},
+            parameters={})
 
     def _columns(self) -> list[str]:
         return ["gap", "tresca" if (self.effects or {}).get("friction") == "tresca" else "friction"]
@@ -147,14 +163,17 @@ class Scene:
         outer = [(local[a], local[b], label) for a, b, label in body.outline.tolist()
                  if tuple(sorted((local[a], local[b]))) in sides]
         seen = {tuple(sorted(edge[:2])) for edge in outer}
-        once, count = np.unique([sorted(pair) for t in triangles.tolist() for pair in zip(t, t[1:] + t[:1])], axis=0,
+        once, count = np.unique([sorted(pair) for t in triangles.tolist()
+                                 for pair in zip(t, t[1:] + t[:1])], axis=0,
                                 return_counts=True)
-        inner = [(*pair, INTERFACE) for pair in once[count == 1].tolist() if tuple(pair) not in seen]
+        inner = [(*pair, INTERFACE) for pair in once[count == 1].tolist()
+                 if tuple(pair) not in seen]
         edges = np.array([*outer, *inner], int).reshape(-1, 3)
         loads = np.zeros((len(self.tractions), 2 * len(gid)))
         for load, traction in zip(loads, self.tractions):
             for a, b, label in outer:
-                force = 0.5 * np.linalg.norm(xy[b] - xy[a]) * np.asarray(traction.get(label, (0.0, 0.0)))
+                force = 0.5 * np.linalg.norm(xy[b] - xy[a]) * np.asarray(traction.get(label,
+                                                                                      (0.0, 0.0)))
                 for v in (a, b):
                     load[2 * v : 2 * v + 2] += force
         held = np.unique(body.outline[body.outline[:, 2] == self.support, :2])
@@ -164,11 +183,15 @@ class Scene:
                       + mu[:, None, None] * np.diag([2.0, 2, 1]))
         rows, columns, values = _stiffness(xy, triangles, lam, mu)
         return Subdomain(
-            index=number, node_gid=gid, xy=xy, elements=triangles, region=np.zeros(len(triangles), int),
-            edges=edges[:, :2], edge_label=edges[:, 2], elasticity=elasticity, thermal={}, sigma_zz=lam,
-            dof_node=np.arange(2 * len(gid)) // 2, dof_component=np.arange(2 * len(gid)) % 2, rows=rows, columns=columns,
+            index=number, node_gid=gid, xy=xy, elements=triangles,
+            region=np.zeros(len(triangles), int),
+            edges=edges[:, :2], edge_label=edges[:, 2], elasticity=elasticity, thermal={},
+            sigma_zz=lam,
+            dof_node=np.arange(2 * len(gid)) // 2, dof_component=np.arange(2 * len(gid)) % 2,
+            rows=rows, columns=columns,
             values=values, loads=loads, edge_loads={}, body_loads={}, fixed=fixed,
-            fixed_values=np.zeros((len(self.tractions), len(fixed))), contact=self._contact_data(outer, xy, gid))
+            fixed_values=np.zeros((len(self.tractions), len(fixed))),
+            contact=self._contact_data(outer, xy, gid))
 
     def _contact_data(self, outer, xy, gid) -> ContactData | None:
         weight, normal = {}, {}
@@ -181,9 +204,13 @@ class Scene:
         if not weight:
             return None
         vertex = np.array(sorted(weight))
-        spread = lambda value: np.broadcast_to(value, len(self.body.xy)).astype(float)[gid[vertex]]
+
+        def spread(value):
+            return np.broadcast_to(value, len(self.body.xy)).astype(float)[gid[vertex]]
+
         n = np.array([normal[v] / np.linalg.norm(normal[v]) for v in vertex])
-        return ContactData(vertex, np.full(len(vertex), self.contact), np.array([weight[v] for v in vertex]), n,
+        return ContactData(vertex, np.full(len(vertex), self.contact),
+                           np.array([weight[v] for v in vertex]), n,
                            dict(zip(self._columns(), (spread(self.gap), spread(self.friction)))))
 
 
@@ -203,13 +230,16 @@ def solve(scene: Scene, comm=MPI.COMM_SELF, **settings) -> Solved:
     manifest, subdomains = scene.manifest(), scene.subdomains()
     structure = build(manifest, subdomains, 0, comm)
     times = np.linspace(0, 1, manifest.steps + 1)
-    solver = QuasistaticSolver(DualOperator(structure, comm), Effects(manifest), scene.amplitudes, times,
+    solver = QuasistaticSolver(DualOperator(structure, comm), Effects(manifest), scene.amplitudes,
+                               times,
                                Settings(**settings))
     return Solved(solver, marched(solver), structure, subdomains, manifest)
 
 
 def random_scene(rng, friction: float, nx=None, ny=None, parts=None, steps=None) -> Scene:
-    """A distorted block of 2..12 x 1..5 cells in up to 8 pieces, two load patterns that come and go."""
+    """A distorted block of 2..12 x 1..5 cells in up to 8 pieces, two load patterns that come and
+    go.
+    """
     nx = int(rng.integers(2, 13)) if nx is None else nx
     ny = int(rng.integers(1, 6)) if ny is None else ny
     xy, triangles, outline = rectangle(nx, ny, rng.uniform(0.5, 4.0))
@@ -222,7 +252,8 @@ def random_scene(rng, friction: float, nx=None, ny=None, parts=None, steps=None)
     xy = xy @ np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]).T
     part = grown(triangles, int(rng.integers(1, 9)) if parts is None else parts, rng)
     scale = 10.0 ** rng.choice([-9, 0, 0, 9])
-    young = scale * np.choose(rng.integers(3), [np.ones(len(triangles)), 10.0 ** rng.uniform(-2, 2, part.max() + 1)[part],
+    young = scale * np.choose(rng.integers(3), [np.ones(len(triangles)),
+                                                10.0 ** rng.uniform(-2, 2, part.max() + 1)[part],
                                                 10.0 ** rng.uniform(-1, 1, len(triangles))])
     body = Body(xy, triangles, outline, part, young, rng.choice([0.0, 0.277, 0.45]))
     down = np.array([np.sin(angle), -np.cos(angle)])

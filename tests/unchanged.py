@@ -4,9 +4,10 @@
     python3 tests/unchanged.py 5c0ad6b --fast     # model and stack with P1 on 1 rank, seconds
     python3 tests/unchanged.py 5c0ad6b model P2   # cases whose name holds every word
 
-A restructured program must give contact.csv byte for byte, and the same iteration counts, quantities and error
-estimates. Bits depend on the machine's libraries, so the reference is made here: the other commit is unpacked and
-run once, and what it left is kept in results/unchanged. The exit status is 1 where anything differs.
+A restructured program must give contact.csv byte for byte, and the same iteration counts,
+quantities and error estimates. Bits depend on the machine's libraries, so the reference is made
+here: the other commit is unpacked and run once, and what it left is kept in results/unchanged. The
+exit status is 1 where anything differs.
 """
 
 import argparse
@@ -25,25 +26,32 @@ KEPT = ROOT / "results" / "unchanged"
 SCENES = {
     "model-monotone": ["SCENE=model", "LOADING=monotone"],
     "model-nonmonotone": ["SCENE=model", "LOADING=nonmonotone"],
-    **{name: [f"SCENE={name}"] for name in ("punch", "bracket", "joint", "stack", "pressfit", "mindlin")},
+    **{name: [f"SCENE={name}"] for name in ("punch", "bracket", "joint", "stack", "pressfit",
+                                            "mindlin")},
 }
 FAST = ("model-monotone P1 1", "model-nonmonotone P1 1", "stack P1 1")
 TABLES = ("contact.csv", "history.csv", "convergence.csv", "boundary.csv")
-ENTRIES = ("converged", "counts", "residuals", "quantities", "sizes", "effects", "fallbacks", "warnings", "errors")
+ENTRIES = ("converged", "counts", "residuals", "quantities", "sizes", "effects", "fallbacks",
+           "warnings", "errors")
 
 
 def cases() -> dict[str, list[str]]:
     """Words of the command line by the name of the case: scene, element, ranks."""
     return {f"{name} {element} {ranks}": [*words, f"ELEMENT={element}", f"NP={ranks}"]
-            for (name, words), element, ranks in itertools.product(SCENES.items(), ("P1", "P2"), (1, 2))}
+            for (name, words), element, ranks in itertools.product(SCENES.items(), ("P1", "P2"),
+                                                                   (1, 2))}
 
 
 def outcome(tree: Path, words: list[str]) -> dict:
-    """What a run in `tree` left: digests of its tables, and the entries of its summary that are no times."""
+    """What a run in `tree` left: digests of its tables, and the entries of its summary that are no
+    times.
+    """
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "out"
-        command = [sys.executable, "-m", "driver", "run", *words, "FIGURES=no", "QUIET=yes", f"OUT={out}"]
-        done = subprocess.run(command, cwd=tree, capture_output=True, text=True, env={**os.environ, "PYTHONPATH": ""})
+        command = [sys.executable, "-m", "driver", "run", *words, "FIGURES=no", "QUIET=yes",
+                   f"OUT={out}"]
+        done = subprocess.run(command, cwd=tree, capture_output=True, text=True,
+                              env={**os.environ, "PYTHONPATH": ""})
         if done.returncode:
             return {"status": done.returncode, "said": done.stderr[-400:]}
         summary = json.loads((out / "summary.json").read_text())
@@ -60,13 +68,15 @@ def outcomes(tree: Path, wanted: dict[str, list[str]]) -> dict[str, dict]:
 
 def reference(commit: str, wanted: dict[str, list[str]]) -> dict[str, dict]:
     """Outcomes of `commit`, made where they are not kept yet."""
-    name = subprocess.run(["git", "rev-parse", commit], cwd=ROOT, check=True, capture_output=True, text=True).stdout.strip()
+    name = subprocess.run(["git", "rev-parse", commit], cwd=ROOT, check=True, capture_output=True,
+                          text=True).stdout.strip()
     path = KEPT / f"{name}.json"
     known = json.loads(path.read_text()) if path.is_file() else {}
     missing = {case: words for case, words in wanted.items() if case not in known}
     if missing:
         with tempfile.TemporaryDirectory() as folder:
-            archive = subprocess.run(["git", "archive", name], cwd=ROOT, check=True, capture_output=True).stdout
+            archive = subprocess.run(["git", "archive", name], cwd=ROOT, check=True,
+                                     capture_output=True).stdout
             subprocess.run(["tar", "-x", "-C", folder], input=archive, check=True)
             known |= outcomes(Path(folder), missing)
         KEPT.mkdir(parents=True, exist_ok=True)

@@ -7,8 +7,8 @@ import numpy as np
 from petsc4py import PETSc
 from scipy.sparse import coo_matrix
 
-from ..feti.fetidp import DualOperator
-from ..feti.reduction import petsc_matrix
+from ..feti.factorization import petsc_matrix
+from ..feti.operator import DualOperator
 from ..march.tearing import build
 from ..options import Settings
 from ..studies.table import LOADINGS, method_settings

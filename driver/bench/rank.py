@@ -14,8 +14,8 @@ environment.start_petsc()
 import numpy as np
 from mpi4py import MPI
 
-from ..feti.fetidp import DualOperator
-from ..feti.substructuring import partition
+from ..feti.operator import DualOperator
+from ..feti.structure import partition
 from ..march.problem import Problem
 from ..march.tearing import build
 from ..scene.loader import read_subdomains

@@ -4,33 +4,23 @@ one."""
 import time
 from pathlib import Path
 
-from .. import environment
-from ..arguments import only, yes
-from ..errors import InputError
+from .. import environment, options
 from ..files import write_json
-from ..runs.run import RESULTS
 
-PARTS = ("products", "factorization", "getfem", "tao",
-         "roofline", "stages", "ranks", "studies", "bodies")
-OPTIONS = ("parts", "large", "out")
+PARTS = options.find("bench", "parts").kind.choices
 
 
 def run_bench(pairs: dict[str, str]) -> list[Path]:
     """Measure and write; the paths of report and pictures.
 
-    Options: parts (names, comma between), large (yes: GetFEM at h = 1/160 and 1/320 too, half an
-    hour), out. Raises InputError for others.
+    Raises InputError for options that `make bench` does not have.
     """
-    only(pairs, OPTIONS, "the benchmark")
-    chosen = pairs.get("parts", ",".join(PARTS)).split(",")
-    for name in chosen:
-        if name not in PARTS:
-            raise InputError(f"PARTS expects names out of {','.join(PARTS)}, not '{name}'")
-    large = yes(pairs, "large", "no")
-    folder = Path(pairs.get("out", RESULTS / "bench")).absolute()
+    given = options.read("bench", pairs)
+    folder = given["out"].absolute()
     folder.mkdir(parents=True, exist_ok=True)
     environment.start_petsc()
-    return _measure([name for name in PARTS if name in chosen], large, folder)
+    chosen = given["parts"] or PARTS
+    return _measure([name for name in PARTS if name in chosen], given["large"], folder)
 
 
 def _measure(chosen: list[str], large: bool, folder: Path) -> list[Path]:

@@ -5,7 +5,8 @@ import numpy as np
 from petsc4py import PETSc
 
 from ..options import Settings
-from ..qp.mprgp import mprgp, norm_bound, projected_gradient
+from ..qp.lanczos import norm_bound
+from ..qp.mprgp import mprgp, projected_gradient
 from ..studies.table import LOADINGS
 from .workbench import Workbench
 
@@ -69,8 +70,8 @@ def theirs(name: str, operator, d, bounds, bound: float) -> tuple[int, bool]:
 
     def monitor(tao):
         x, g = tao.getSolution().array_r, tao.getGradient()[0].array_r
-        best[0] = float(np.linalg.norm(projected_gradient(
-            np.clip(x, lower, upper), g, lower, upper)))
+        best[0] = float(np.linalg.norm(projected_gradient(np.clip(x, lower, upper), g, lower,
+                                                          upper)))
         if best[0] <= RTOL:
             tao.setConvergedReason(PETSc.TAO.Reason.CONVERGED_USER)
 
@@ -78,9 +79,7 @@ def theirs(name: str, operator, d, bounds, bound: float) -> tuple[int, bool]:
         def mult(self, matrix, x, y):
             y.array[:] = product(x.array_r)
 
-    def vec(values):
-        return PETSc.Vec().createWithArray(np.array(values), comm=PETSc.COMM_SELF)
-
+    vec = lambda values: PETSc.Vec().createWithArray(np.array(values), comm=PETSc.COMM_SELF)
     hessian = PETSc.Mat().createPython((size, size), Shell(), comm=PETSc.COMM_SELF)
     hessian.setUp()
     hessian.setOption(PETSc.Mat.Option.SYMMETRIC, True)
@@ -88,8 +87,8 @@ def theirs(name: str, operator, d, bounds, bound: float) -> tuple[int, bool]:
     tao.setType(name)
     tao.setObjectiveGradient(objective_gradient, vec(np.zeros(size)))
     tao.setHessian(lambda tao, x, H, P: None, hessian)
-    tao.setVariableBounds(*(vec(np.clip(bound, PETSc.NINFINITY, PETSc.INFINITY))
-                          for bound in (lower, upper)))
+    tao.setVariableBounds(*(vec(np.clip(bound, PETSc.NINFINITY,
+                                        PETSc.INFINITY)) for bound in (lower, upper)))
     tao.setSolution(vec(np.clip(np.zeros(size), lower, upper)))
     tao.setTolerances(gatol=0.0, grtol=0.0, gttol=0.0)  # the monitor decides
     tao.setMaximumIterations(LIMIT)
@@ -107,18 +106,29 @@ def theirs(name: str, operator, d, bounds, bound: float) -> tuple[int, bool]:
 
 
 def measure(bench: Workbench) -> dict:
-    """Products of every solver, MPRGP's first, by size."""
-    products = {}
+    """Products of every solver, ours beside them."""
+    found = {}
     for subdomains in SIZES:
         operator, d, bounds, solver = problem_of(bench, subdomains)
-        counts = []
+        own, counts = ours(operator, d, bounds, solver), {}
         for name in SOLVERS:
-            count, converged = theirs(name, operator, d, bounds, solver.qp.bound)
-            counts.append(count)
-            note = "" if converged else ", not converged"
-            bench.report.add(PART, f"{name}, {subdomains}{note}", count, "")
-        own = ours(operator, d, bounds, solver)
-        bench.report.add(
-            PART, f"MPRGP, {subdomains}, {len(d)} multipliers", own, "", f"<= {min(counts) - 1}")
-        products[subdomains] = [own, *counts]
-    return {"solvers": ["mprgp", *SOLVERS], "rtol": RTOL, "products": products}
+            counts[name], converged = theirs(name, operator, d, bounds, solver.qp.bound)
+            bench.report.add(PART, f"{name}, {subdomains}" + ", not converged" * (not converged),
+                             counts[name], "")
+        bench.report.add(PART, f"MPRGP, {subdomains}, {len(d)} multipliers", own, "",
+                         f"<= {min(counts.values()) - 1}")
+        found[subdomains] = {"mprgp": own, **counts}
+    return found
+
+
+def draw(figure, found: dict) -> None:
+    """Products of every solver, a group of bars a size."""
+    from ..figures import BLUE, GREEN, ORANGE
+
+    axes, names = figure.subplots(), ["mprgp", *SOLVERS]
+    for k, (colour, (subdomains, counts)) in enumerate(zip((BLUE, ORANGE, GREEN), found.items())):
+        axes.bar([i + 0.27 * (k - 1) for i in range(len(names))], [counts[name] for name in names],
+                 0.25, color=colour, label=f"{subdomains} subdomains")
+    axes.set_xticks(range(len(names)), [name.upper() for name in names])
+    axes.set(yscale="log", ylabel=f"products with $F$ until {RTOL:.0e}")
+    axes.legend(frameon=False)

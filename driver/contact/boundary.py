@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
-from ..feti.skeleton import gather
-from ..scene.loader import ContactData, Subdomain
+from ..feti.gathering import gather
+from ..scene.loader import ContactData
 
 
 @dataclass

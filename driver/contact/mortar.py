@@ -1,29 +1,32 @@
 """Stage 3, between bodies: mortar coupling of two boundaries with dual multipliers.
 
-One side of a contact pair carries the contact nodes. The multiplier's basis functions psi_i are biorthogonal to
-the side's hat functions, int psi_i phi_j ds = delta_ij int phi_i ds, so that every node has a condition and a
-bound of its own,
+One side of a contact pair carries the contact nodes. The multiplier's basis functions psi_i are
+biorthogonal to the side's hat functions, int psi_i phi_j ds = delta_ij int phi_i ds, so that every
+node has a condition and a bound of its own,
 
-    n_i . jump_i <= gap_i,    jump_i = u_i - 1/w_i int psi_i (u* o pi) ds,    gap_i = 1/w_i int psi_i g ds,
+    n_i . jump_i <= gap_i,    jump_i = u_i - 1/w_i int psi_i (u* o pi) ds,    gap_i = 1/w_i int
+    psi_i g ds,
 
-with w_i = int phi_i ds over the part of the boundary that faces the other side, pi the projection onto that side
-along the field n of averaged nodal normals, u* its displacement and g the distance on that way. Both sides are cut
-at each other's vertices, so that the integrals are exact on straight boundaries; as the psi_i add up to one,
-constant stress passes (patch test). On edges that are covered in part the psi_i are dual on that part.
-On curved boundaries the gap is that of the smooth curves that bow from the edges, by their sagitta: the polygons' own
-gap, as large as an element's deformation in conforming contact, would make pressures alternate. See
-Wohlmuth, A mortar finite element method using dual spaces for the Lagrange multiplier (2000); Popp, Gitterle,
-Gee, Wall (2010); for normals and projection Yang, Laursen, Meng (2005).
+with w_i = int phi_i ds over the part of the boundary that faces the other side, pi the projection
+onto that side along the field n of averaged nodal normals, u* its displacement and g the distance
+on that way. Both sides are cut at each other's vertices, so that the integrals are exact on
+straight boundaries; as the psi_i add up to one, constant stress passes (patch test). On edges that
+are covered in part the psi_i are dual on that part. On curved boundaries the gap is that of the
+smooth curves that bow from the edges, by their sagitta: the polygons' own gap, as large as an
+element's deformation in conforming contact, would make pressures alternate. See Wohlmuth, A mortar
+finite element method using dual spaces for the Lagrange multiplier (2000); Popp, Gitterle, Gee,
+Wall (2010); for normals and projection Yang, Laursen, Meng (2005).
 
-Quadratic elements. The psi_i are dual to the quadratic shape functions (ends, then middle), whose integrals over an edge,
-1/6, 1/6 and 4/6 of it, are positive: a nodal force and the traction that it stands for have one sign, and the bounds
-act node by node as before. Their span has the linear functions (Lamichhane, Wohlmuth, Math. Comp. 76 (2007) 233-249: so it
-is for every degree with the nodes of Gauss and Lobatto), so that the multiplier does not limit the order, and duality
-makes the mortar projection local and bounded, which is the inf-sup condition, for any ratio of the meshes; for contact
-see Hueeber, Mair, Wohlmuth, Appl. Numer. Math. 54 (2005) 555-576. Over a part of
-an edge the integral of an end's function may be negative: edges covered in part have multipliers dual to the hats, for
-their ends alone. The field of normals and the projection are those of the straight edges; the gap counts how far the
-boundary bows from them.
+Quadratic elements. The psi_i are dual to the quadratic shape functions (ends, then middle), whose
+integrals over an edge, 1/6, 1/6 and 4/6 of it, are positive: a nodal force and the traction that it
+stands for have one sign, and the bounds act node by node as before. Their span has the linear
+functions (Lamichhane, Wohlmuth, Math. Comp. 76 (2007) 233-249: so it is for every degree with the
+nodes of Gauss and Lobatto), so that the multiplier does not limit the order, and duality makes the
+mortar projection local and bounded, which is the inf-sup condition, for any ratio of the meshes;
+for contact see Hueeber, Mair, Wohlmuth, Appl. Numer. Math. 54 (2005) 555-576. Over a part of an
+edge the integral of an end's function may be negative: edges covered in part have multipliers dual
+to the hats, for their ends alone. The field of normals and the projection are those of the straight
+edges; the gap counts how far the boundary bows from them.
 """
 
 from dataclasses import dataclass
@@ -43,8 +46,9 @@ SLIVER = 1e-6  # parts of an edge shorter than this, relative to the edge, do no
 class Side:
     """One side of a pair: nodes with place (n, 2), and edges (e, 2), or (e, 3) with their middles.
 
-    `edge_normal` (e, 2) are the unit outward normals, `bow` (e, 2) the ways from the middles to the boundary's curve,
-    `length` (e,) that of the edges in the configuration that stresses refer to; by default as they lie.
+    `edge_normal` (e, 2) are the unit outward normals, `bow` (e, 2) the ways from the middles to the
+    boundary's curve, `length` (e,) that of the edges in the configuration that stresses refer to;
+    by default as they lie.
     """
 
     xy: np.ndarray
@@ -61,37 +65,45 @@ class Side:
         return np.linalg.norm(self.xy[self.edges[:, 1]] - self.xy[self.edges[:, 0]], axis=1)
 
     def nodal_normals(self) -> np.ndarray:
-        """(n, 2) unit averages of the normals of a vertex's edges, each weighted with the length of the other edge.
+        """(n, 2) unit averages of the normals of a vertex's edges, each weighted with the length of
+        the other edge.
 
-        That is the normal of the circle through a vertex and its neighbours: right to second order on curves,
-        however lengths change from edge to edge. Weights that grow with the edge's own length would be right to first
-        order. In middles the average of both ends'.
+        That is the normal of the circle through a vertex and its neighbours: right to second order
+        on curves, however lengths change from edge to edge. Weights that grow with the edge's own
+        length would be right to first order. In middles the average of both ends'.
         """
         ends, total = self.edges[:, :2], np.zeros_like(self.xy)
-        np.add.at(total, ends.ravel(), np.repeat(self.edge_normal / self._length()[:, None], 2, axis=0))
-        unit = lambda vectors: vectors / np.linalg.norm(vectors, axis=1)[:, None]
+        np.add.at(total, ends.ravel(),
+                  np.repeat(self.edge_normal / self._length()[:, None], 2, axis=0))
         if self.edges.shape[1] == 3:
-            total[ends] = unit(total[ends].reshape(-1, 2)).reshape(-1, 2, 2)
+            total[ends] = _unit(total[ends].reshape(-1, 2)).reshape(-1, 2, 2)
             total[self.edges[:, 2]] = total[ends].sum(axis=1)
-        return unit(total)
+        return _unit(total)
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    """(n, 2) vectors divided by their lengths."""
+    return vectors / np.linalg.norm(vectors, axis=1)[:, None]
 
 
 def sagitta(xy: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """(e,) how far the middles of edges (e, 2), body on their left, lie inside the smooth curve through the vertices.
+    """(e,) how far the middles of edges (e, 2), body on their left, lie inside the smooth curve
+    through the vertices.
 
-    The curvature of an edge is that of the circles through its ends and their neighbours, the smaller one; none where
-    they bend to different sides, so that corners stay corners.
+    The curvature of an edge is that of the circles through its ends and their neighbours, the
+    smaller one; none where they bend to different sides, so that corners stay corners.
     """
     along = xy[edges[:, 1]] - xy[edges[:, 0]]
     length = np.linalg.norm(along, axis=1)
     before, after = np.full(len(xy), -1), np.full(len(xy), -1)
     before[edges[:, 1]], after[edges[:, 0]] = np.arange(len(edges)), np.arange(len(edges))
     inner = (before >= 0) & (after >= 0)
-    one, two = along[before], along[after]
-    turning = np.arctan2(cross(one, two), (one * two).sum(axis=1))
+    arriving, leaving = along[before], along[after]
+    turning = np.arctan2(cross(arriving, leaving), (arriving * leaving).sum(axis=1))
     curvature = np.where(inner, 2 * turning / (length[before] + length[after]), np.nan)
     ends = curvature[edges]
-    ends = np.where(np.isnan(ends), ends[:, ::-1], ends)  # at the end of the side the circle of the other end
+    # at the end of the side the circle of the other end
+    ends = np.where(np.isnan(ends), ends[:, ::-1], ends)
     least = np.where(ends.prod(axis=1) > 0, np.sign(ends[:, 0]) * np.abs(ends).min(axis=1), 0.0)
     return least * length**2 / 8
 
@@ -100,8 +112,8 @@ def sagitta(xy: np.ndarray, edges: np.ndarray) -> np.ndarray:
 class Coupling:
     """What the contact nodes of one pair keep; n is the number of nodes of the first side.
 
-    `weight` (n,) = w_i, zero where nothing is faced; `gap` (n,); `normal` (n, 2). The jump is a sum of terms:
-    value_k times the displacement of node of_k of side side_k goes to row node_k.
+    `weight` (n,) = w_i, zero where nothing is faced; `gap` (n,); `normal` (n, 2). The jump is a sum
+    of terms: value_k times the displacement of node of_k of side side_k goes to row node_k.
     """
 
     weight: np.ndarray
@@ -114,10 +126,12 @@ class Coupling:
 
 
 def couple(first: Side, second: Side, held: np.ndarray) -> Coupling:
-    """Mortar coupling of two sides. Raises InputError if a place of the first faces several of the second.
+    """Mortar coupling of two sides. Raises InputError if a place of the first faces several of the
+    second.
 
-    A node of the first side that a support holds (`held`, (n,) bool) has no displacement to constrain: the next
-    node's multiplier on the edge takes its part over, which keeps constant stress exact and the rows independent.
+    A node of the first side that a support holds (`held`, (n,) bool) has no displacement to
+    constrain: the next node's multiplier on the edge takes its part over, which keeps constant
+    stress exact and the rows independent.
     """
     normal = first.nodal_normals()
     e, o, start, stop = _facing_parts(first, normal, second)
@@ -132,16 +146,19 @@ def couple(first: Side, second: Side, held: np.ndarray) -> Coupling:
         own, others = _shapes(first.edges.shape[1], xi), _shapes(second.edges.shape[1], eta)
         for k in range(first.edges.shape[1]):  # the multipliers of an edge
             row = rows[e, k]
-            part = share * (stop - start) * ds * sum(dual[e, k, b] * phi for b, phi in enumerate(own))
+            part = share * (stop - start) * ds * sum(dual[e, k, b] * phi
+                                                     for b, phi in enumerate(own))
             np.add.at(weight, row, part)
             np.add.at(gap, row, part * distance)
             for side, edges, shapes in ((0, first.edges[e], own), (1, second.edges[o], others)):
                 sign = 1.0 if side == 0 else -1.0
                 for corner, value in enumerate(shapes):
-                    terms.append((row, np.full(len(row), side), edges[:, corner], sign * part * value))
+                    terms.append((row, np.full(len(row), side), edges[:, corner],
+                                  sign * part * value))
     used = (weight > SLIVER * weight.max(initial=0.0)) & ~held
     node, side, of, value = (np.concatenate([t[k] for t in terms]) for k in range(4))
-    return Coupling(np.where(used, weight, 0.0), np.divide(gap, weight, out=np.zeros(n), where=used), normal,
+    return Coupling(np.where(used, weight, 0.0),
+                    np.divide(gap, weight, out=np.zeros(n), where=used), normal,
                     *_merge(node, side, of, value, weight, used))
 
 
@@ -153,18 +170,21 @@ def _shapes(nodes: int, xi: np.ndarray) -> tuple[np.ndarray, ...]:
 
 
 def _heirs(edges: np.ndarray, whole: np.ndarray) -> np.ndarray:
-    """(e, nodes) who takes the part of a held node: the middle, the other end where it has no multiplier."""
+    """(e, nodes) who takes the part of a held node: the middle, the other end where it has no
+    multiplier.
+    """
     if edges.shape[1] == 2:
         return edges[:, ::-1]
     return np.where(whole[:, None], edges[:, [2, 2, 2]], edges[:, [1, 0, 2]])
 
 
 def _dual_basis(shape: tuple[int, int], e: np.ndarray, start: np.ndarray, stop: np.ndarray):
-    """(edges, nodes, nodes) dual basis of every edge in terms of its shape functions, psi_a = sum_b A_ab phi_b, and
-    whether (edges,) the edge is covered as a whole.
+    """(edges, nodes, nodes) dual basis of every edge in terms of its shape functions, psi_a = sum_b
+    A_ab phi_b, and whether (edges,) the edge is covered as a whole.
 
-    A = D M^-1 with D_aa = int phi_a, M_ab = int phi_a phi_b over the covered part of the edge; of a quadratic edge that
-    is covered in part with the hats for phi, which are those of the ends and half that of the middle.
+    A = D M^-1 with D_aa = int phi_a, M_ab = int phi_a phi_b over the covered part of the edge; of a
+    quadratic edge that is covered in part with the hats for phi, which are those of the ends and
+    half that of the middle.
     """
     edges, nodes = shape
     covered = np.bincount(e, stop - start, minlength=edges)
@@ -198,7 +218,8 @@ def _merge(node, side, of, value, weight, used):
     keys, inverse = np.unique(np.column_stack([node, side, of]), axis=0, return_inverse=True)
     total = np.bincount(inverse, value, minlength=len(keys))
     node, side, of = keys.T
-    keep = used[node] & (np.abs(total) > 1e-12 * weight[node])  # the dual basis leaves rounding at the neighbours
+    # the dual basis leaves rounding at the neighbours
+    keep = used[node] & (np.abs(total) > 1e-12 * weight[node])
     return node[keep], side[keep], of[keep], total[keep] / weight[node[keep]]
 
 
@@ -206,9 +227,9 @@ def _merge(node, side, of, value, weight, used):
 class Segments:
     """Parts of the first side that each face one edge of the second; arrays of length m.
 
-    Part k goes from `at[k, 0]` to `at[k, 1]` (coordinates in [0, 1]) on edge `edge[k]` of the first side, and so
-    do the places `facing[k]` on edge `other[k]` of the second side that its ends are projected to. Parts of an edge
-    follow one another.
+    Part k goes from `at[k, 0]` to `at[k, 1]` (coordinates in [0, 1]) on edge `edge[k]` of the first
+    side, and so do the places `facing[k]` on edge `other[k]` of the second side that its ends are
+    projected to. Parts of an edge follow one another.
     """
 
     edge: np.ndarray
@@ -218,7 +239,9 @@ class Segments:
 
 
 def segments(first: Side, second: Side) -> Segments:
-    """The parts that `couple` integrates over; ends that only rounding and slivers keep apart are made one."""
+    """The parts that `couple` integrates over; ends that only rounding and slivers keep apart are
+    made one.
+    """
     normal = first.nodal_normals()
     e, o, start, stop = _facing_parts(first, normal, second)
     near = 2 * SLIVER
@@ -231,7 +254,8 @@ def segments(first: Side, second: Side) -> Segments:
 
 
 def _facing_parts(first: Side, normal: np.ndarray, second: Side):
-    """Pairs of facing edges and the interval [start, stop] of the first edge that each pair shares."""
+    """Pairs of facing edges and the interval [start, stop] of the first edge that each pair shares.
+    """
     e, o = np.nonzero(first.edge_normal @ second.edge_normal.T < FACING)
     ends = [_foot(first, normal, e, second.xy[second.edges[o, k]]) for k in (0, 1)]
     start, stop = np.clip(np.minimum(*ends), 0.0, 1.0), np.clip(np.maximum(*ends), 0.0, 1.0)
@@ -241,17 +265,19 @@ def _facing_parts(first: Side, normal: np.ndarray, second: Side):
     e, o, start, stop = e[keep], o[keep], start[keep], stop[keep]
     covered = np.bincount(e, stop - start, minlength=len(first.edges))
     if covered.max(initial=0.0) > 1.0 + 1e-6:
-        at = first.xy[first.edges[covered.argmax()]].mean(axis=0)
-        raise InputError(f"contact pair: the boundary near ({at[0]:g}, {at[1]:g}) faces several places of the other "
-                         "side; label only the parts that can meet")
+        place = first.xy[first.edges[covered.argmax()]].mean(axis=0)
+        raise InputError(f"contact pair: the boundary near ({place[0]:g}, {place[1]:g}) faces "
+                         "several places of the other side; label only the parts that can meet")
     order = np.lexsort((start, e))
     return e[order], o[order], start[order], stop[order]
 
 
-def _meets(first: Side, normal: np.ndarray, second: Side, e: np.ndarray, o: np.ndarray, xi: np.ndarray) -> np.ndarray:
+def _meets(first: Side, normal: np.ndarray, second: Side, e: np.ndarray, o: np.ndarray,
+           xi: np.ndarray) -> np.ndarray:
     """Whether the normal from xi on edge e meets edge o.
 
-    Near the focus of the normals feet of the ends of o may lie on both sides of xi although o is elsewhere.
+    Near the focus of the normals feet of the ends of o may lie on both sides of xi although o is
+    elsewhere.
     """
     a, b = first.edges[e, :2].T
     x = first.xy[a] + xi[:, None] * (first.xy[b] - first.xy[a])
@@ -261,7 +287,9 @@ def _meets(first: Side, normal: np.ndarray, second: Side, e: np.ndarray, o: np.n
 
 
 def _foot(first: Side, normal: np.ndarray, e: np.ndarray, point: np.ndarray) -> np.ndarray:
-    """Coordinate xi on edge e from which the field of normals meets `point`: (point - x(xi)) x n(xi) = 0."""
+    """Coordinate xi on edge e from which the field of normals meets `point`: (point - x(xi)) x
+    n(xi) = 0.
+    """
     a, b = first.edges[e, :2].T
     r, t = point - first.xy[a], first.xy[b] - first.xy[a]
     n, change = normal[a], normal[b] - normal[a]

@@ -15,10 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..feti.substructuring import GLUING, Substructure
-
-OPEN, STICK, SLIP = 0, 1, 2
-STATUS_NAMES = ("open", "stick", "slip")
+from ..feti.rows import RowKind
+from ..feti.structure import Substructure
+from .states import OPEN, SLIP, STICK
 
 
 @dataclass(frozen=True)
@@ -134,4 +133,4 @@ def contact_rows(structure: Substructure, law: ContactLaw) -> ContactRows:
     return ContactRows(
         contact.normal_row[normal] - start, normal, contact.gap[normal],
         contact.tangential_row[tangential] - start, tangential, contact.normal_row[tangential] - start,
-        coefficient, offset, np.flatnonzero(structure.row_kind[start:stop] == GLUING), law.bilateral)
+        coefficient, offset, np.flatnonzero(structure.row_kind[start:stop] == RowKind.GLUING), law.bilateral)

@@ -28,7 +28,7 @@ class FreeBodies:
     @property
     def _motions(self) -> list[np.ndarray]:
         """Displacements of the rank's dual rows under every rigid motion."""
-        return [d for d, _ in self.operator.loaded[self.operator.structure.patterns :]]
+        return self.operator.motions
 
     def can_rest(self, index: int, weights: np.ndarray) -> np.ndarray:
         """Rigid motion (modes,) that closes gaps until contact balances the loads `weights`.

@@ -5,7 +5,8 @@ import numpy as np
 from ..contact import mortar
 from ..contact.boundary import Configuration, held_nodes
 from ..errors import InputError
-from ..feti.skeleton import edge_labels, gather
+from ..feti.gathering import gather
+from ..feti.skeleton import edge_labels
 from ..scene.loader import Subdomain
 from . import Effect
 

@@ -1,12 +1,15 @@
 """Adaptive refinement: from an error indicator on one mesh to the element sizes of the next.
 
-The energy error of a triangle of degree p falls like the power p + 1 of its size h (p for the strain, once more for the
-root of its area): eta -> eta (h_new/h)^(p+1). A mesh of given accuracy has the fewest triangles when all carry the same
-error c (Zienkiewicz, Zhu: Int. J. Numer. Meth. Engng 24, 1987; Diez, Huerta: CMAME 177, 1999), so
+The energy error of a triangle of degree p falls like the power p + 1 of its size h (p for the
+strain, once more for the root of its area): eta -> eta (h_new/h)^(p+1). A mesh of given accuracy
+has the fewest triangles when all carry the same error c (Zienkiewicz, Zhu: Int. J. Numer. Meth.
+Engng 24, 1987; Diez, Huerta: CMAME 177, 1999), so
 
-    h_new = h (c/eta)^(1/(p+1)),   number of new triangles = sum of (h/h_new)^2 = sum of (eta/c)^(2/(p+1)),
+    h_new = h (c/eta)^(1/(p+1)),   number of new triangles = sum of (h/h_new)^2 = sum of
+        (eta/c)^(2/(p+1)),
 
-and c follows from the number of triangles that is wanted. edp/lib/adapt.idp and gmsh.idp make the mesh.
+and c follows from the number of triangles that is wanted. edp/lib/adapt.idp and gmsh.idp make the
+mesh.
 """
 
 import dataclasses
@@ -15,13 +18,14 @@ from pathlib import Path
 
 import numpy as np
 
-from ..scene.elements import areas
 from ..errors import InputError
 from ..files import write_table
 from ..options import Settings
+from ..scene.elements import areas
 
 STEM = "size"  # of the files of a size field, see write_sizes
-GROWTH = 4.0  # triangles of one cycle's mesh over those of the one before: as if the size were halved
+# triangles of one cycle's mesh over those of the one before: as if the size were halved
+GROWTH = 4.0
 STEEPEST = 0.5  # difference of sizes over distance: neighbours must not differ too much
 SMALLEST, LARGEST = 0.125, 2.0  # new size over old in one cycle: an indicator does not see further
 ROUNDING = 1e-8  # an error below this part of the solution's norm is none
@@ -34,11 +38,13 @@ def element_sizes(xy: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     return np.sqrt(4 / np.sqrt(3) * areas(xy[triangles]))
 
 
-def new_sizes(size: np.ndarray, indicator: np.ndarray, wanted: float, degree: int = 1) -> np.ndarray:
+def new_sizes(size: np.ndarray, indicator: np.ndarray, wanted: float,
+              degree: int = 1) -> np.ndarray:
     """(n_t,) sizes that spread the error evenly over about `wanted` triangles of a `degree`.
 
-    `size` (n_t,) of the present triangles, `indicator` (n_t,) energy error of each, not squared. Triangles that meet
-    a limit leave fewer or more for the others, which the repetition makes up for.
+    `size` (n_t,) of the present triangles, `indicator` (n_t,) energy error of each, not squared.
+    Triangles that meet a limit leave fewer or more for the others, which the repetition makes up
+    for.
     """
     if not indicator.any():
         return size * np.sqrt(len(size) / wanted)
@@ -51,10 +57,13 @@ def new_sizes(size: np.ndarray, indicator: np.ndarray, wanted: float, degree: in
 
 
 def nodal_sizes(xy: np.ndarray, triangles: np.ndarray, size: np.ndarray) -> np.ndarray:
-    """(n_v,) sizes at the vertices: geometric mean over the triangles around, then cut to the steepest slope."""
+    """(n_v,) sizes at the vertices: geometric mean over the triangles around, then cut to the
+    steepest slope.
+    """
     corners = triangles.ravel()
     count = np.bincount(corners, minlength=len(xy))
-    nodal = np.exp(np.bincount(corners, np.repeat(np.log(size), 3), minlength=len(xy)) / np.maximum(count, 1))
+    nodal = np.exp(np.bincount(corners, np.repeat(np.log(size), 3), minlength=len(xy))
+                   / np.maximum(count, 1))
     start, end = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
     rise = STEEPEST * np.linalg.norm(xy[start] - xy[end], axis=1)
     for _ in range(len(xy)):
@@ -67,27 +76,34 @@ def nodal_sizes(xy: np.ndarray, triangles: np.ndarray, size: np.ndarray) -> np.n
 
 
 def next_mesh(stem: Path, mesh, estimates: list, degree: int) -> None:
-    """Write the sizes of the mesh that follows `mesh` (equilibration.Mesh) after the `estimates` (estimation.Estimate).
+    """Write the sizes of the mesh that follows `mesh` (equilibration.Mesh) after the `estimates`
+    (estimation.Estimate).
 
-    A triangle's error is that of all estimated steps together. Raises InputError where there is no estimate.
+    A triangle's error is that of all estimated steps together. Raises InputError where there is no
+    estimate.
     """
-    reason = next((found.reason for found in estimates if found.reason), "" if estimates else "nothing was estimated")
+    reason = next((found.reason for found in estimates if found.reason),
+                  "" if estimates else "nothing was estimated")
     if reason:
         raise InputError(f"ADAPT has no error to refine by: {reason}")
     square = sum(found.indicator**2 * (found.mesh > ROUNDING * found.norm) for found in estimates)
     xy = np.zeros((mesh.triangles.max() + 1, 2))
     xy[mesh.triangles] = mesh.corner
-    size = new_sizes(element_sizes(xy, mesh.triangles), np.sqrt(square), GROWTH * len(mesh.triangles), degree)
-    write_sizes(stem, xy, mesh.triangles, mesh.edges[mesh.boundary], nodal_sizes(xy, mesh.triangles, size))
+    size = new_sizes(element_sizes(xy, mesh.triangles), np.sqrt(square),
+                     GROWTH * len(mesh.triangles), degree)
+    write_sizes(stem, xy, mesh.triangles, mesh.edges[mesh.boundary],
+                nodal_sizes(xy, mesh.triangles, size))
 
 
-def write_sizes(stem: Path, xy: np.ndarray, triangles: np.ndarray, edges: np.ndarray, size: np.ndarray) -> None:
-    """The files of a size field (n_v,) that edp/lib/adapt.idp names; `edges` (n_e, 2) of the outline.
+def write_sizes(stem: Path, xy: np.ndarray, triangles: np.ndarray, edges: np.ndarray,
+                size: np.ndarray) -> None:
+    """The files of a size field (n_v,) that edp/lib/adapt.idp names; `edges` (n_e, 2) of the
+    outline.
 
-    Bodies, which share no vertex, have files of their own: where they touch their meshes overlap. Their vertices come one
-    body after the other. gmsh's file is for a body that is alone: a scene may mesh one of several elsewhere and move it.
+    Bodies, which share no vertex, have files of their own: where they touch their meshes overlap.
+    Their vertices come one body after the other. gmsh's file is for a body that is alone: a scene
+    may mesh one of several elsewhere and move it.
     """
-    zero = lambda rows: np.zeros(len(rows), np.int64)
     ends = triangles.ravel(), np.roll(triangles, 1, axis=1).ravel()
     from scipy.sparse import coo_matrix  # every run imports this module, and FreeFEM starts first
     from scipy.sparse.csgraph import connected_components
@@ -97,17 +113,20 @@ def write_sizes(stem: Path, xy: np.ndarray, triangles: np.ndarray, edges: np.nda
     names, first = np.unique(body, return_index=True)
     for k, name in enumerate(names[np.argsort(first)]):
         own = np.flatnonzero(body == name)
-        inside, rim = (np.searchsorted(own, part[body[part[:, 0]] == name]) for part in (triangles, edges))
+        inside, rim = (np.searchsorted(own, part[body[part[:, 0]] == name])
+                       for part in (triangles, edges))
         with open(f"{stem}-{k}.msh", "w") as file:
             file.write(f"{len(own)} {len(inside)} {len(rim)}\n")
-            np.savetxt(file, np.column_stack([xy[own], zero(own)]), fmt="%.17g %.17g %d")
-            np.savetxt(file, np.column_stack([inside + 1, zero(inside)]), fmt="%d")
-            np.savetxt(file, np.column_stack([rim + 1, zero(rim) + 1]), fmt="%d")
+            vertices = np.column_stack([xy[own], np.zeros(len(own), int)])
+            np.savetxt(file, vertices, fmt="%.17g %.17g %d")
+            np.savetxt(file, np.column_stack([inside + 1, np.zeros(len(inside), int)]), fmt="%d")
+            np.savetxt(file, np.column_stack([rim + 1, np.ones(len(rim), int)]), fmt="%d")
         with open(f"{stem}-{k}.bin", "wb") as file:
-            file.write(np.int64(len(own)).tobytes() + np.ascontiguousarray(size[own], float).tobytes())
+            file.write(np.int64(len(own)).tobytes()
+                       + np.ascontiguousarray(size[own], float).tobytes())
     if len(names) > 1:
         return
-    corner = np.concatenate([xy, zero(xy)[:, None]], axis=1)[triangles].reshape(-1, 9)
+    corner = np.concatenate([xy, np.zeros((len(xy), 1))], axis=1)[triangles].reshape(-1, 9)
     with open(f"{stem}.pos", "w") as file:
         file.write('View "size" {\n')
         np.savetxt(file, np.column_stack([corner, size[triangles]]),
@@ -115,17 +134,19 @@ def write_sizes(stem: Path, xy: np.ndarray, triangles: np.ndarray, edges: np.nda
         file.write("};\n")
 
 
-# ---- the cycles of a run -------------------------------------------------------------------------------
+# ---- the cycles of a run -------------------------------------------------------------------------
 
 def coarse(settings: dict) -> dict:
     """Solver settings of a cycle: those of the run, loosened to what its mesh is worth."""
     preset = dataclasses.asdict(Settings(**settings))
     kind = "recovery" if preset["estimator"] == "none" else preset["estimator"]
-    return {**settings, **{name: max(value, preset[name]) for name, value in COARSE.items()}, "estimator": kind}
+    return {**settings, **{name: max(value, preset[name]) for name, value in COARSE.items()},
+            "estimator": kind}
 
 
 def seconds(cycles: list[Path]) -> dict[str, float]:
-    """Seconds that finished cycles took: FreeFEM's (export_cycles) and all others (solve_cycles)."""
+    """Seconds that finished cycles took: FreeFEM's (export_cycles) and all others (solve_cycles).
+    """
     spent = [_summary(place)["seconds"] for place in cycles]
     export = sum(s["export"] for s in spent)
     own = sum(s["total"] - s.get("export_cycles", 0.0) - s.get("solve_cycles", 0.0) for s in spent)
@@ -135,7 +156,8 @@ def seconds(cycles: list[Path]) -> dict[str, float]:
 def describe(place: Path) -> str:
     """One line about a finished cycle."""
     row = _row(0, place)
-    return (f"{row['primal_dofs']} primal dofs, error in the energy norm {100 * (row['relative'] or 0.0):.2g}%, "
+    error = 100 * (row["relative"] or 0.0)
+    return (f"{row['primal_dofs']} primal dofs, error in the energy norm {error:.2g}%, "
             f"{row['seconds']:.2f} s")
 
 
@@ -152,7 +174,10 @@ def _summary(place: Path) -> dict:
 def _row(cycle: int, place: Path) -> dict:
     summary = _summary(place)
     s, energy = summary["seconds"], summary.get("errors", {}).get("energy", {})
-    return {"cycle": cycle, "subdomains": summary["sizes"]["subdomains"], "primal_dofs": summary["sizes"]["primal_dofs"],
-            "mesh_error": energy.get("mesh"), "relative": energy["mesh"] / energy["norm"] if energy.get("norm") else None,
-            "seconds": round(s["total"] - s.get("export_cycles", 0.0) - s.get("solve_cycles", 0.0), 3),
+    return {"cycle": cycle, "subdomains": summary["sizes"]["subdomains"],
+            "primal_dofs": summary["sizes"]["primal_dofs"],
+            "mesh_error": energy.get("mesh"),
+            "relative": energy["mesh"] / energy["norm"] if energy.get("norm") else None,
+            "seconds": round(s["total"] - s.get("export_cycles", 0.0) - s.get("solve_cycles", 0.0),
+                             3),
             **summary["quantities"]}

@@ -1,54 +1,63 @@
-"""Error budget of a run in its quantities of interest: what mesh, time step, friction and solver each contribute.
+"""Error budget of a run in its quantities of interest: what mesh, time step, friction and solver
+each contribute.
 
-Companions of the run on coarser meshes tell the parts. With sizes h, r h, r s h and values q0, q1, q2 the error of q0 is
-taken for C h^p, so that
+Companions of the run on coarser meshes tell the parts. With sizes h, r h, r s h and values q0, q1,
+q2 the error of q0 is taken for C h^p, so that
 
     |q1 - q2| / |q0 - q1| = (s^p - 1) r^p / (r^p - 1)  gives p,   error = S |q0 - q1| / (r^p - 1)
 
-with a safety factor S = 1.25, as in the grid convergence index with three grids; with two, p is the formal order and
-S = 3 (P. J. Roache, "Perspective: a method for uniform reporting of grid refinement studies", J. Fluids Eng. 116 (1994)
-405-413). The same holds for time steps. A small q0 - q1 after a large q1 - q2 is an accident, as the edge of contact
-falls between nodes: p above the formal order is trusted as little as below, down to the first order, and the error
-follows from q1 - q2. Where differences do not fall, twice the spread of the values is the error; but a pressure, the
+with a safety factor S = 1.25, as in the grid convergence index with three grids; with two, p is the
+formal order and S = 3 (P. J. Roache, "Perspective: a method for uniform reporting of grid
+refinement studies", J. Fluids Eng. 116 (1994) 405-413). The same holds for time steps. A small q0 -
+q1 after a large q1 - q2 is an accident, as the edge of contact falls between nodes: p above the
+formal order is trusted as little as below, down to the first order, and the error follows from q1 -
+q2. Where differences do not fall, twice the spread of the values is the error; but a pressure, the
 only quantity that may be without limit, has none to be given unless it wanders by little.
 
-mesh      the same run on meshes with elements 2 and 4 times as long, or of the cycles before (ADAPT)
+mesh      the same run on meshes with elements 2 and 4 times as long, or of the cycles before
+          (ADAPT)
 time      on the finer one of these meshes, every second and every fourth time of the load history
 friction  there at every fourth time: FRICTION_RTOL against a hundredth of it, both with RTOL/100
 solver    likewise RTOL (MPRGP, gluing) against a hundredth of it
 
-What the run does not have has no part: time in a static scene, or where the end of the history does not depend on the
-way to it (no friction); the fixed point without Coulomb friction.
+What the run does not have has no part: time in a static scene, or where the end of the history does
+not depend on the way to it (no friction); the fixed point without Coulomb friction.
 """
 
 import dataclasses
 
 import numpy as np
 
-# orders of the elements for functionals, and of the implicit Euler method. Functionals gain twice the order in the energy
-# norm: 1 with linear elements, with quadratic ones 3/2, as stresses have kinks where contact begins and ends
-# (Moussaoui, Khodja, Comm. PDE 17 (1992) 805-826)
+# orders of the elements for functionals, and of the implicit Euler method. Functionals gain twice
+# the order in the energy norm: 1 with linear elements, with quadratic ones 3/2, as stresses have
+# kinks where contact begins and ends (Moussaoui, Khodja, Comm. PDE 17 (1992) 805-826)
 FORMAL = {"mesh": {"P1": 2.0, "P2": 3.0, "P2-mixed": 3.0}, "time": 1.0}
 SLOWEST = 0.3  # an observed order below this is no convergence
-WANDER = 0.02  # spread, relative to the value, below which values that do not converge visibly just wander
+# spread, relative to the value, below which values that do not converge visibly just wander
+WANDER = 0.02
 ALONE = "no coarser run to compare with"
 SINGULAR = "does not converge under refinement, it may be singular"
 VANISHED = 1e-6  # of what its unit suggests: a quantity that is zero but for tolerances
 UNBOUNDED = ("peak_pressure",)  # may have no limit under refinement
-UNITS = {"peak_pressure": (1, 0), "normal_resultant": (1, 1), "tangential_resultant": (1, 1), "contact_length": (0, 1),
-         "slip": (0, 1), "dissipated_energy": (1, 2), "displacement": (0, 1)}  # powers of stress and length
+UNITS = {"peak_pressure": (1, 0), "normal_resultant": (1, 1), "tangential_resultant": (1, 1),
+         "contact_length": (0, 1),
+         # powers of stress and length
+         "slip": (0, 1), "dissipated_energy": (1, 2), "displacement": (0, 1)}
 
 
 def main_quantity(values: dict) -> str:
-    """The quantity that stands for a run if none is named: the normal resultant, without contact the displacement."""
+    """The quantity that stands for a run if none is named: the normal resultant, without contact
+    the displacement.
+    """
     return "normal_resultant" if "normal_resultant" in values else "displacement"
 
 
-# ---- one part --------------------------------------------------------------------------------------------
+# ---- one part ------------------------------------------------------------------------------------
 
 @dataclasses.dataclass
 class Part:
-    """Error (None: not known), observed order (None: not observed) and, if need be, what is wrong."""
+    """Error (None: not known), observed order (None: not observed) and, if need be, what is wrong.
+    """
 
     error: float | None
     order: float | None = None
@@ -56,8 +65,13 @@ class Part:
 
 
 def observed_order(d1: float, d2: float, r: float, s: float) -> float:
-    """p of (s^p - 1) r^p / (r^p - 1) = d2/d1, which grows with p; -inf where the differences do not fall."""
-    growth = lambda p: (s**p - 1) * r**p / (r**p - 1)
+    """p of (s^p - 1) r^p / (r^p - 1) = d2/d1, which grows with p; -inf where the differences do not
+    fall.
+    """
+
+    def growth(p):
+        return (s**p - 1) * r**p / (r**p - 1)
+
     if d1 == 0:
         return np.inf
     if d2 / d1 <= growth(1e-3):
@@ -69,11 +83,14 @@ def observed_order(d1: float, d2: float, r: float, s: float) -> float:
     return low
 
 
-def extrapolate(changes: list[float], ratios: list[float], formal: float, value: float, limit: bool = False) -> Part:
-    """Error of a `value` from its changes q0 - q1, q1 - q2 (none to two) between sizes in `ratios` (r, s).
+def extrapolate(changes: list[float], ratios: list[float], formal: float, value: float,
+                limit: bool = False) -> Part:
+    """Error of a `value` from its changes q0 - q1, q1 - q2 (none to two) between sizes in `ratios`
+    (r, s).
 
-    `limit`: there is a limit in any case, so that changes that grow only tell that it is not near. Where the values turn
-    back, a small last change may be chance: they are as uncertain as the larger one says.
+    `limit`: there is a limit in any case, so that changes that grow only tell that it is not near.
+    Where the values turn back, a small last change may be chance: they are as uncertain as the
+    larger one says.
     """
     if not changes:
         return Part(None, note=ALONE)
@@ -95,27 +112,32 @@ def extrapolate(changes: list[float], ratios: list[float], formal: float, value:
     return Part(None, note=SINGULAR)
 
 
-# ---- the budget of a run -----------------------------------------------------------------------------------
+# ---- the budget of a run -------------------------------------------------------------------------
 
 def summed(parts: dict[str, Part], value: float) -> dict:
     """The budget of one quantity."""
     errors = {source: part.error for source, part in parts.items()}
     total = None if None in errors.values() else float(sum(errors.values()))
-    relative = None if total is None else 0.0 if total == 0 else total / abs(value) if value else None
+    relative = None if total is None else 0.0 if total == 0 else total / abs(
+        value) if value else None
     orders = {f"{source}_order": part.order for source, part in parts.items()
               if part.order is not None and np.isfinite(part.order)}
     note = "; ".join(f"{source}: {part.note}" for source, part in parts.items() if part.note)
-    return {"value": value, **errors, "total": total, "relative": relative, **orders, **({"note": note} if note else {})}
+    return {"value": value, **errors, "total": total, "relative": relative, **orders,
+            **({"note": note} if note else {})}
 
 
 def vanishing(values: dict[str, float]) -> set[str]:
-    """Quantities that are zero but for rounding and tolerances: their errors relative to themselves mean nothing."""
+    """Quantities that are zero but for rounding and tolerances: their errors relative to themselves
+    mean nothing.
+    """
     force, way = abs(values.get("normal_resultant", 0.0)), abs(values.get("displacement", 0.0))
     scales = {"tangential_resultant": force, "dissipated_energy": force * way, "slip": way}
-    return {name for name, scale in scales.items() if name in values and abs(values[name]) <= VANISHED * scale}
+    return {name for name, scale in scales.items() if name in values
+            and abs(values[name]) <= VANISHED * scale}
 
 
-# ---- knobs and words ---------------------------------------------------------------------------------------------------
+# ---- knobs and words -----------------------------------------------------------------------------
 
 def mesh_knob(parameters: dict) -> str | None:
     """Name of the parameter that sets the mesh size, None for a scene that has none."""
@@ -138,28 +160,34 @@ def name_of(knob: str, value: float) -> str:
 
 
 def advice(found: dict, remedies: dict[str, str]) -> str:
-    """One sentence: the largest part of the main quantity's error and what of `remedies` lowers it."""
+    """One sentence: the largest part of the main quantity's error and what of `remedies` lowers it.
+    """
     name = main_quantity(found)
     entry = found[name]
-    parts = {source: entry[source] for source in ("mesh", "time", "friction", "solver") if source in entry}
+    parts = {source: entry[source] for source in ("mesh", "time", "friction", "solver")
+             if source in entry}
     unknown = [source for source, error in parts.items() if error is None]
     words = name.replace("_", " ")
     if unknown:
-        return f"the error of the {words} from {' and '.join(SOURCES[source] for source in unknown)} is not known"
+        sources = " and ".join(SOURCES[source] for source in unknown)
+        return f"the error of the {words} from {sources} is not known"
     largest = max(parts, key=parts.get)
     if entry["relative"] is not None and entry["relative"] < 1e-5:
         return f"the {words} needs nothing finer"
-    return (f"{100 * parts[largest] / entry['total']:.0f} % of the error of the {words} is due to the {SOURCES[largest]}: "
+    percent = 100 * parts[largest] / entry["total"]
+    return (f"{percent:.0f} % of the error of the {words} is due to the {SOURCES[largest]}: "
             f"{remedies[largest]} would lower it")
 
 
-SOURCES = {"mesh": "mesh", "time": "time step", "friction": "friction's fixed point", "solver": "solver's tolerance"}
+SOURCES = {"mesh": "mesh", "time": "time step", "friction": "friction's fixed point",
+           "solver": "solver's tolerance"}
 
 
 def unit(name: str, units: dict) -> str:
     """Unit of a quantity in the scene's units."""
     stress, length = UNITS[name]
-    parts = [units["stress"]] * stress + [units["length"] + ("²" if length == 2 else "")] * (length > 0)
+    parts = [units["stress"]] * stress + [units["length"]
+                                          + ("²" if length == 2 else "")] * (length > 0)
     return " ".join(part for part in parts if part[0] != "1") or "1"
 
 
@@ -185,7 +213,8 @@ def describe(errors: dict, units: dict) -> list[str]:
     sources = [source for source in SOURCES if any(source in entry for entry in found.values())]
     heads = {name: f"{name.replace('_', ' ')} [{unit(name, units)}]" for name in found}
     width = max(map(len, heads.values()))
-    lines = [f"{'estimated errors':{width}s}{'value':>12s}" + "".join(f"{s:>11s}" for s in (*sources, "total"))]
+    lines = [f"{'estimated errors':{width}s}{'value':>12s}"
+             + "".join(f"{s:>11s}" for s in (*sources, "total"))]
     zero = vanishing({name: entry["value"] for name, entry in found.items()})
     for name, entry in found.items():
         if name in zero:
@@ -193,7 +222,8 @@ def describe(errors: dict, units: dict) -> list[str]:
             continue
         cells = [share(entry[s], entry["value"]) if s in entry else "" for s in (*sources, "total")]
         note = f"  {entry['note']}" if "note" in entry and entry["total"] is None else ""
-        lines.append(f"{heads[name]:{width}s}{entry['value']:12.4g}" + "".join(f"{cell:>11s}" for cell in cells) + note)
+        lines.append(f"{heads[name]:{width}s}{entry['value']:12.4g}"
+                     + "".join(f"{cell:>11s}" for cell in cells) + note)
     return [*lines, errors["advice"], *errors["notes"], *energy]
 
 
@@ -203,6 +233,8 @@ def describe_energy(found: dict) -> list[str]:
         return [f"no error in the energy norm: {found['reason']}"]
     if "total" not in found:
         return []
-    parts = ", ".join(f"{name} {share(found[name], found['norm'])}" for name in ("mesh", "solver", "friction"))
+    parts = ", ".join(f"{name} {share(found[name], found['norm'])}"
+                      for name in ("mesh", "solver", "friction"))
     bound = "at most" if found["kind"] == "equilibrated" else "about"
-    return [f"error of the last step in the energy norm: {bound} {share(found['total'], found['norm'])} ({parts})"]
+    total = share(found["total"], found["norm"])
+    return [f"error of the last step in the energy norm: {bound} {total} ({parts})"]

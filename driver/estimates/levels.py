@@ -1,7 +1,8 @@
-"""One scene at several mesh sizes, time steps and tolerances in one process: the runs that error estimates compare.
+"""One scene at several mesh sizes, time steps and tolerances in one process: the runs that error
+estimates compare.
 
-Every mesh is exported and reduced once, however many runs it serves. Collective over one communicator; FreeFEM is
-started by the root rank alone, with one rank of its own.
+Every mesh is exported and reduced once, however many runs it serves. Collective over one
+communicator; FreeFEM is started by the root rank alone, with one rank of its own.
 """
 
 import dataclasses
@@ -11,6 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
+from ..errors import DriverError, agree, file_error
+from ..march.problem import Problem, assemble
+from ..march.quasistatic import QuasistaticSolver
+from ..options import Settings
+from ..results.record import Record
+from ..results.relinearization import linearized
 from ..scene import freefem
 from .budget import (
     FORMAL,
@@ -24,19 +31,16 @@ from .budget import (
     ratio,
     summed,
 )
-from ..errors import DriverError, agree, file_error
-from ..options import Settings
-from ..march.problem import Problem, assemble
-from ..march.quasistatic import QuasistaticSolver
-from ..results.relinearization import linearized
-from ..results.writer import Record
 
-SETTLED = 1e-7  # a loose fixed point may stop where one a hundred times tighter does: the companion's is this at most
+# a loose fixed point may stop where one a hundred times tighter does: the companion's is this at
+# most
+SETTLED = 1e-7
 TIGHTER = 100.0  # tolerances of the companions that tell what those of the run leave
 
 
 def samples(steps: int, stride: int) -> np.ndarray:
-    """Indices of every `stride`-th of `steps` + 1 times, counted from the last, and of the first."""
+    """Indices of every `stride`-th of `steps` + 1 times, counted from the last, and of the first.
+    """
     return np.unique(np.r_[0, np.arange(steps, -1, -stride)])
 
 
@@ -48,20 +52,23 @@ class Level:
     at: int  # index of the step that they belong to
     products: int
     solver: QuasistaticSolver
-    trace: list  # its steps, each with the friction coefficients that its rows had then
+    steps: list  # its `Step`s
 
 
 class Levels:
     """Meshes and finished runs of one scene."""
 
-    def __init__(self, scene: Path, parameters: dict[str, str], folder: Path, comm, settings: Settings, cycles=()):
-        """`parameters` of the command line; exports go to `folder`, which `close` removes. `settings` of the runs in which
-        contact is linearized, if they ask for that.
+    def __init__(self, scene: Path, parameters: dict[str, str], folder: Path, comm,
+                 settings: Settings, cycles=(), without=()):
+        """`parameters` of the command line; exports go to `folder`, which `close` removes.
+        `settings` of the runs in which contact is linearized, if they ask for that.
 
-        `cycles`: directories of finished cycles of adaptive refinement, whose exports are the meshes cycle=0, 1, ...
+        `cycles`: directories of finished cycles of adaptive refinement, whose exports are the
+        meshes cycle=0, 1, ...
+        `without`: effects of the scene that are treated as undeclared.
         """
-        self.scene, self.parameters, self.folder, self.comm, self.cycles = scene, parameters, folder, comm, cycles
-        self.settings = settings
+        self.scene, self.parameters, self.settings = scene, parameters, settings
+        self.folder, self.comm, self.cycles, self.without = folder, comm, cycles, without
         self.problems: dict = {}
         self.runs: dict = {}
         self.seconds = dict.fromkeys(("export", "setup", "solve"), 0.0)
@@ -69,10 +76,13 @@ class Levels:
 
     def place(self, **changes) -> Path:
         """Directory of the export with some parameters changed."""
-        return self.folder / "-".join(f"{name}{value:.17g}" for name, value in sorted(changes.items()))
+        return self.folder / "-".join(f"{name}{value:.17g}"
+                                      for name, value in sorted(changes.items()))
 
     def problem(self, **changes) -> Problem:
-        """The scene with some parameters changed. Raises DriverError where FreeFEM or the loader refuses it."""
+        """The scene with some parameters changed. Raises DriverError where FreeFEM or the loader
+        refuses it.
+        """
         key = tuple(sorted(changes.items()))
         if key not in self.problems:
             self.problems[key] = self._assemble(changes)
@@ -80,12 +90,13 @@ class Levels:
 
     def _assemble(self, changes: dict) -> Problem:
         if "cycle" in changes:
-            return linearized(assemble(self.cycles[changes["cycle"]] / "export", self.comm), self.settings, self.comm)
+            return linearized(assemble(self.cycles[changes["cycle"]] / "export", self.comm),
+                              self.settings, self.comm)
         place, error, clock = self.place(**changes), None, time.perf_counter()
         if self.comm.rank == 0:
             try:
                 words = {name: f"{value:.17g}" for name, value in changes.items()}
-                freefem.export(self.scene, place, {**self.parameters, **words})
+                freefem.export(self.scene, place, {**self.parameters, **words}, without=self.without)
             except DriverError as problem:
                 error = problem
             except OSError as problem:
@@ -98,7 +109,9 @@ class Levels:
         return found
 
     def run(self, settings: Settings, stride: int = 1, **changes) -> Level:
-        """The run with `settings` on every `stride`-th time. Raises DriverError if it does not converge."""
+        """The run with `settings` on every `stride`-th time. Raises DriverError if it does not
+        converge.
+        """
         key = (*dataclasses.astuple(settings), stride, *sorted(changes.items()))
         if key not in self.runs:
             self.runs[key] = self._run(self.problem(**changes), settings, stride)
@@ -107,16 +120,16 @@ class Levels:
     def _run(self, problem: Problem, settings: Settings, stride: int) -> Level:
         clock, before = time.perf_counter(), problem.operator.products
         solver = problem.solver(settings, samples(problem.manifest.steps, stride))
-        record, trace = Record(problem.operator, solver), []
+        record, steps = Record(problem.operator, solver), []
         try:
             for step in solver.steps():
                 record.add(step)
-                trace.append((step, solver.rows.coefficient))
+                steps.append(step)
         finally:
             products = problem.operator.products - before
             self.products += products
             self.seconds["solve"] += time.perf_counter() - clock
-        return Level(*record.quantities(), products, solver, trace)
+        return Level(*record.quantities(), products, solver, steps)
 
     def close(self) -> None:
         """Remove what is left of the exports."""
@@ -128,18 +141,25 @@ class Companions:
     """Runs beside one run, and what each part of its error follows from."""
 
     def __init__(self, levels: Levels, problem: Problem, settings: Settings, values: dict, at: int):
-        """`values`: quantities of the run of `problem` with `settings`, at the step with index `at`."""
-        self.levels, self.manifest, self.settings, self.values, self.at = levels, problem.manifest, settings, values, at
-        levels.problems[()], self.effects = problem, problem.effects
+        """`values`: quantities of the run of `problem` with `settings`, at the step with index
+        `at`.
+        """
+        self.levels, self.manifest, self.settings = levels, problem.manifest, settings
+        self.values, self.at, self.effects = values, at, problem.effects
+        levels.problems[()] = problem
         self.knob = mesh_knob(self.manifest.parameters)
         self.notes = []
         self.meshes, self.ratios = self._adapted() if levels.cycles else self._uniform()
-        self.base = self.meshes[1 if len(self.meshes) > 1 else 0]  # of the companions that tell the other parts
+        # of the companions that tell the other parts
+        self.base = self.meshes[1 if len(self.meshes) > 1 else 0]
 
     def _uniform(self) -> tuple[list[dict], list[float]]:
-        """Meshes of the scene with elements twice and four times as long, as far as there are such."""
+        """Meshes of the scene with elements twice and four times as long, as far as there are such.
+        """
         if self.knob is None:
-            self.notes.append("no parameter (CELLS, H) sets the mesh size of this scene: no coarser mesh to compare with")
+            self.notes.append(
+                "no parameter (CELLS, H) sets the mesh size of this scene: no coarser mesh to "
+                "compare with")
             return [{}], []
         sizes = [self.manifest.parameters[self.knob]]
         for _ in range(2):
@@ -148,11 +168,16 @@ class Companions:
                 break
             sizes.append(size)
         if len(sizes) == 1:
-            self.notes.append(f"no coarser mesh than {name_of(self.knob, sizes[0])} to compare with")
-        return [{}, *({self.knob: size} for size in sizes[1:])], [ratio(self.knob, b, a) for a, b in zip(sizes, sizes[1:])]
+            self.notes.append(
+                f"no coarser mesh than {name_of(self.knob, sizes[0])} to compare with")
+        return [{},
+                *({self.knob: size} for size in sizes[1:])], [ratio(self.knob, b, a)
+                                                              for a, b in zip(sizes, sizes[1:])]
 
     def _adapted(self) -> tuple[list[dict], list[float]]:
-        """Meshes of the two cycles of refinement before the last; their elements' length follows from their number."""
+        """Meshes of the two cycles of refinement before the last; their elements' length follows
+        from their number.
+        """
         meshes = [{}, *({"cycle": k} for k in reversed(range(len(self.levels.cycles))))][:3]
         count = [self.levels.problem(**mesh).manifest.nodes for mesh in meshes]
         return meshes, [max(1.1, (a / b) ** 0.5) for a, b in zip(count, count[1:])]
@@ -171,7 +196,8 @@ class Companions:
         try:
             return self.levels.run(settings or self.settings, stride, **mesh).values
         except DriverError as problem:
-            self.notes.append(f"companion {' '.join(name_of(*change) for change in mesh.items())}: {problem}")
+            self.notes.append(
+                f"companion {' '.join(name_of(*change) for change in mesh.items())}: {problem}")
             return None
 
     def remedies(self) -> dict[str, str]:
@@ -194,7 +220,9 @@ class Companions:
             found["time"] = self._time()
         if effects.pressure_bounds_friction:
             found["friction"] = self._algebraic({"rtol": self.settings.rtol / TIGHTER},
-                                                {"friction_rtol": min(self.settings.friction_rtol / TIGHTER, SETTLED)})
+                                                {"friction_rtol": min(
+                                                    self.settings.friction_rtol / TIGHTER,
+                                                    SETTLED)})
         found["solver"] = self._algebraic({}, {"rtol": self.settings.rtol / TIGHTER})
         return found
 
@@ -210,12 +238,15 @@ class Companions:
         return self._parts(runs, self.ratios, FORMAL["mesh"][self.manifest.element], UNBOUNDED)
 
     def _time(self) -> dict[str, Part]:
-        """Every second and fourth time; without friction the history is forgotten, and only the instant counts."""
-        forgetful = not self.effects.frictional
-        strides = [stride for stride in (1, 2, 4)[: 2 if forgetful else 3] if stride <= self.manifest.steps]
+        """Every second and fourth time; without friction the history is forgotten, and only the
+        instant counts.
+        """
+        strides = [1, 2, 4] if self.effects.frictional else [1, 2]
+        strides = [stride for stride in strides if stride <= self.manifest.steps]
         values = [self._values(self.base, stride) for stride in strides]
         counts = [len(samples(self.manifest.steps, stride)) - 1 for stride in strides]
-        return self._parts(list(zip(values, values[1:])), [a / b for a, b in zip(counts, counts[1:])], FORMAL["time"])
+        return self._parts(list(zip(values, values[1:])),
+                           [a / b for a, b in zip(counts, counts[1:])], FORMAL["time"])
 
     def _algebraic(self, first: dict, then: dict) -> dict[str, Part]:
         """What settings `then` change in a run with those of `first`."""
@@ -223,13 +254,19 @@ class Companions:
         one, other = (self._values(self.base, self._stride(4), settings)
                       for settings in (loose, dataclasses.replace(loose, **then)))
         if one is None or other is None:
-            return {name: Part(None, note="the companion with tighter tolerances failed") for name in self.values}
+            return {name: Part(None, note="the companion with tighter tolerances failed")
+                    for name in self.values}
         return {name: Part(abs(one[name] - other[name])) for name in self.values}
 
-    def _parts(self, runs: list, ratios: list[float], formal: float, unbounded=()) -> dict[str, Part]:
-        """Parts from pairs of a finer and a coarser run, the finest pair first; pairs that failed end the list."""
-        good = [pair for k, pair in enumerate(runs) if not any(run is None for before in runs[: k + 1] for run in before)]
-        return {name: extrapolate([fine[name] - coarse[name] for fine, coarse in good], ratios, formal, value,
+    def _parts(self, runs: list, ratios: list[float], formal: float,
+               unbounded=()) -> dict[str, Part]:
+        """Parts from pairs of a finer and a coarser run, the finest pair first; pairs that failed
+        end the list.
+        """
+        good = [pair for k, pair in enumerate(runs)
+                if not any(run is None for before in runs[: k + 1] for run in before)]
+        return {name: extrapolate([fine[name] - coarse[name] for fine, coarse in good], ratios,
+                                  formal, value,
                                   name not in unbounded)
                 for name, value in self.values.items()}
 
@@ -237,11 +274,12 @@ class Companions:
 def assess(levels: Levels, problem: Problem, settings: Settings, values: dict, at: int) -> dict:
     """The error budget of a run with quantities `values` at the step with index `at`.
 
-    {"quantities": ..., "advice": ..., "notes": ...}: errors are absolute, `relative` is the total relative to the
-    value; None where a part is not known. Collective.
+    {"quantities": ..., "advice": ..., "notes": ...}: errors are absolute, `relative` is the total
+    relative to the value; None where a part is not known. Collective.
     """
     companions = Companions(levels, problem, settings, values, at)
     parts = companions.parts()
     found = {name: summed({source: part[name] for source, part in parts.items()}, value)
              for name, value in values.items()}
-    return {"quantities": found, "advice": advice(found, companions.remedies()), "notes": companions.notes}
+    return {"quantities": found, "advice": advice(found, companions.remedies()),
+            "notes": companions.notes}

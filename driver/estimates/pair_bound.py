@@ -1,34 +1,39 @@
-"""Stage 7, between two bodies: what a contact pair adds to the bound of the error in the energy norm.
+"""Stage 7, between two bodies: what a contact pair adds to the bound of the error in the energy
+norm.
 
-The problem in the continuum. Each part of the first side that faces one edge of the second (mortar.segments; of the
-displaced sides, if contact is linearized about them) is mapped onto it affinely, x -> x*. The normal n(x) is linear between
-the averaged unit normals at the vertices, and so is the gap g between the contact nodes: as multipliers are dual, the
-mortar's gaps are those of this g, and that polygons stand for curves is no part of the error. With the jump
-[v] = v(x) - v(x*),
+The problem in the continuum. Each part of the first side that faces one edge of the second
+(mortar.segments; of the displaced sides, if contact is linearized about them) is mapped onto it
+affinely, x -> x*. The normal n(x) is linear between the averaged unit normals at the vertices, and
+so is the gap g between the contact nodes: as multipliers are dual, the mortar's gaps are those of
+this g, and that polygons stand for curves is no part of the error. With the jump [v] = v(x) -
+v(x*),
 
     [v] . n <= g,   t . n <= 0,   (t . n) ([v] . n - g) = 0,   friction by t and [v],
 
-where the tractions t on the first and -t dx/dx* on the second side are equal and opposite forces. Slip is counted
-from the computed mortar jumps of the step before, linear between the contact nodes. The argument of estimation.py
-holds with [v] for the displacement at the contact boundary: sigma* must be in equilibrium with t* on one and with
--t* dx/dx* on the other side, v must not penetrate anywhere, not only in the mean over the multipliers' supports. See
-Weiss, Wohlmuth: A posteriori error estimator and error control for contact problems (2009), who leave both as
-terms of higher order; here they are computed.
+where the tractions t on the first and -t dx/dx* on the second side are equal and opposite forces.
+Slip is counted from the computed mortar jumps of the step before, linear between the contact nodes.
+The argument of energy.py holds with [v] for the displacement at the contact boundary: sigma* must
+be in equilibrium with t* on one and with -t* dx/dx* on the other side, v must not penetrate
+anywhere, not only in the mean over the multipliers' supports. See Weiss, Wohlmuth: A posteriori
+error estimator and error control for contact problems (2009), who leave both as terms of higher
+order; here they are computed.
 
-Tractions. t* is linear on the first side's edges between the computed nodal values sigma_n n + sigma_t t, and zero
-where nothing is faced. On the second side it has kinks where the first has its vertices, and on both it stops where the
-other side ends: only its part T that is linear on an edge, with the same moments, goes into the equilibrated stress.
-The remainder r has no moments against linear fields, and a stress in the triangle behind the edge takes it with at most
-the energy c int |r|^2 (equilibration.remainder_constant).
+Tractions. t* is linear on the first side's edges between the computed nodal values sigma_n n +
+sigma_t t, and zero where nothing is faced. On the second side it has kinks where the first has its
+vertices, and on both it stops where the other side ends: only its part T that is linear on an edge,
+with the same moments, goes into the equilibrated stress. The remainder r has no moments against
+linear fields, and a stress in the triangle behind the edge takes it with at most the energy c int
+|r|^2 (edge_remainder.py).
 
-Displacements. On the first side v is corrected at its vertices and at the ends of the parts, linearly in
-between: onto the other side where it penetrates, and where pressure or sticking makes that worth its energy. What this
-adds between two vertices is linear on the triangles that lines from the apex cut from the one behind. Where normals turn
-along a part, [v] . n is quadratic there, and points move away by as much as it exceeds its chord.
+Displacements. On the first side v is corrected at its vertices and at the ends of the parts,
+linearly in between: onto the other side where it penetrates, and where pressure or sticking makes
+that worth its energy. What this adds between two vertices is linear on the triangles that lines
+from the apex cut from the one behind. Where normals turn along a part, [v] . n is quadratic there,
+and points move away by as much as it exceeds its chord.
 
-On straight sides nothing else is left out. On curved ones t* may leave the cone inside an edge by the square of the
-angle between the normals at its ends; like the error of the boundary's geometry that is not in the bound. Nor are
-places that supports hold in penetration.
+On straight sides nothing else is left out. On curved ones t* may leave the cone inside an edge by
+the square of the angle between the normals at its ends; like the error of the boundary's geometry
+that is not in the bound. Nor are places that supports hold in penetration.
 """
 
 from dataclasses import dataclass
@@ -36,8 +41,9 @@ from functools import cached_property
 
 import numpy as np
 
-from . import equilibration
 from ..contact import mortar
+from .edge_mesh import Mesh
+from .edge_remainder import Fan, remainder_constant
 
 
 @dataclass
@@ -50,8 +56,10 @@ class _Boundary:
     corner: np.ndarray  # (e, 3, 2) of that triangle: start and end of the edge, apex
 
     @classmethod
-    def of(cls, mesh: equilibration.Mesh, ends: np.ndarray, about: np.ndarray | None) -> "_Boundary":
-        """Of boundary edges given by their vertices (e, 2); `about` (vertices, 2) displacements of the linearization."""
+    def of(cls, mesh: Mesh, ends: np.ndarray, about: np.ndarray | None) -> "_Boundary":
+        """Of boundary edges given by their vertices (e, 2); `about` (vertices, 2) displacements of
+        the linearization.
+        """
         owner = np.empty(len(mesh.edges), int)
         owner[mesh.first // 2] = np.arange(mesh.first.size).reshape(-1, 3)
         triangle, k = np.divmod(owner[mesh.find(ends)], 3)
@@ -61,12 +69,14 @@ class _Boundary:
         edges, place = edges.reshape(-1, 2), corner[:, :2].reshape(-1, 2)[at]
         now = place if about is None else place + about[vertex]
         along = now[edges[:, 1]] - now[edges[:, 0]]
-        normal = np.column_stack([along[:, 1], -along[:, 0]]) / np.linalg.norm(along, axis=1)[:, None]
+        normal = np.column_stack([along[:, 1],
+                                  -along[:, 0]]) / np.linalg.norm(along, axis=1)[:, None]
         length = np.linalg.norm(corner[:, 1] - corner[:, 0], axis=1)
         return cls(mortar.Side(now, edges, normal, length=length), vertex, triangle, corner)
 
     def at(self, values: np.ndarray, edge: np.ndarray, place: np.ndarray) -> np.ndarray:
-        """Nodal values, linear between the vertices, at places (m, k) of edges (m,): (m, k, ...)."""
+        """Nodal values, linear between the vertices, at places (m, k) of edges (m,): (m, k, ...).
+        """
         a, b = values[self.side.edges[edge]].swapaxes(0, 1)[:, :, None]
         place = place.reshape(place.shape + (1,) * (values.ndim - 1))
         return (1.0 - place) * a + place * b
@@ -74,7 +84,9 @@ class _Boundary:
 
 @dataclass
 class Lift:
-    """A pair's correction of the displacements: at the vertices of the body (vertices, 2), and what it adds in between."""
+    """A pair's correction of the displacements: at the vertices of the body (vertices, 2), and what
+    it adds in between.
+    """
 
     vertex: np.ndarray
     bumps: np.ndarray  # (n_t,) energy norm on every triangle
@@ -85,44 +97,51 @@ class Lift:
 class PairBound:
     """Tractions t* and admissible displacements of one contact pair in one step; on rank 0."""
 
-    def __init__(self, mesh: equilibration.Mesh, first: np.ndarray, second: np.ndarray, nodes: dict, frictional: bool,
-                 bilateral: bool, about: np.ndarray | None = None):
-        """`first`, `second` (e, 2): vertices of the boundary edges of both sides. `nodes`: arrays over the pair's contact
-        nodes: vertex, weight, own_normal, own_tangential (whether it has such a row), gap, pressure, shear,
-        bound, before (tangential jump at the end of the step before). `about` (vertices, 2): displacements about which
-        contact is linearized, None for none."""
+    def __init__(self, mesh: Mesh, first: np.ndarray, second: np.ndarray, nodes: dict,
+                 frictional: bool, bilateral: bool, about: np.ndarray | None = None):
+        """`first`, `second` (e, 2): vertices of the boundary edges of both sides.
+
+        `nodes`: arrays over the pair's contact nodes: vertex, weight, own_normal, own_tangential
+        (whether it has such a row), gap, pressure, shear, bound, before (tangential jump at the end
+        of the step before). `about` (vertices, 2): displacements about which contact is linearized,
+        None for none.
+        """
         self.mesh, self.frictional, self.bilateral = mesh, frictional, bilateral
-        self.first, self.second = _Boundary.of(mesh, first, about), _Boundary.of(mesh, second, about)
+        self.first, self.second = (_Boundary.of(mesh, side, about) for side in (first, second))
         self.parts = mortar.segments(self.first.side, self.second.side)
         self.normal = self.first.side.nodal_normals()
         self.tangent = _turned(self.normal)
-        n, here = len(self.first.vertex), np.searchsorted(self.first.vertex, nodes["vertex"])
-        spread = lambda values: _spread(n, here, values)
-        self.weight, self.own_normal = spread(nodes["weight"]), spread(nodes["own_normal"])
-        self.own_tangential = spread(nodes["own_tangential"])
-        filled = lambda name, own: continued(self.first.side.edges, spread(nodes[name]), own)
-        self.pressure, self.bound = (filled(name, self.own_normal) for name in ("pressure", "bound"))
-        known = spread(np.ones(len(here), bool))
-        self.gap, self.before = (filled(name, known) for name in ("gap", "before"))
+        n, edges = len(self.first.vertex), self.first.side.edges
+        place = np.searchsorted(self.first.vertex, nodes["vertex"])
+        # on all vertices of the side, zero where there is no contact node
+        spread = {name: _spread(n, place, values) for name, values in nodes.items()}
+        known = _spread(n, place, np.ones(len(place), bool))
+        self.weight, self.own_normal = spread["weight"], spread["own_normal"]
+        self.own_tangential = spread["own_tangential"]
+        self.pressure = continued(edges, spread["pressure"], self.own_normal)
+        self.bound = continued(edges, spread["bound"], self.own_normal)
+        self.gap = continued(edges, spread["gap"], known)
+        self.before = continued(edges, spread["before"], known)
         self.shear = np.zeros(n)
         if frictional:
-            self.shear = np.clip(filled("shear", self.own_tangential), -self.bound, self.bound)
+            shear = continued(edges, spread["shear"], self.own_tangential)
+            self.shear = np.clip(shear, -self.bound, self.bound)
         self.traction = -self.pressure[:, None] * self.normal + self.shear[:, None] * self.tangent
 
-    # ---- tractions ------------------------------------------------------------------------------------------
+    # ---- tractions -------------------------------------------------------------------------------
     @cached_property
     def _loaded(self) -> list:
         """(boundary, fan, density of the tractions on its parts) of both sides."""
         p, one, two = self.parts, self.first, self.second
         density = one.at(self.traction, p.edge, p.at)
-        sides = [(one, equilibration.Fan.of(one.corner, p.edge, p.at), density)]
+        sides = [(one, Fan.of(one.corner, p.edge, p.at), density)]
         back = p.facing[:, 0] > p.facing[:, 1]
         facing = np.where(back[:, None], p.facing[:, ::-1], p.facing)
         across = facing[:, 1] - facing[:, 0]
         shrink = self._length / (two.side.length[p.other] * np.maximum(across, 1e-300))
         density = -np.where(back[:, None, None], density[:, ::-1], density) * shrink[:, None, None]
         seen = np.flatnonzero(across > 0)
-        sides.append((two, equilibration.Fan.of(two.corner, p.other[seen], facing[seen]), density[seen]))
+        sides.append((two, Fan.of(two.corner, p.other[seen], facing[seen]), density[seen]))
         return [(boundary, fan, fan.given(values)) for boundary, fan, values in sides]
 
     @cached_property
@@ -131,30 +150,38 @@ class PairBound:
         return self.first.side.length[self.parts.edge] * (self.parts.at[:, 1] - self.parts.at[:, 0])
 
     def moments(self) -> tuple[np.ndarray, np.ndarray]:
-        """Vertices (e, 2) of the edges of both sides and moments (e, 2 ends, 2) of T against their hats."""
+        """Vertices (e, 2) of the edges of both sides and moments (e, 2 ends, 2) of T against their
+        hats.
+        """
         ends = [boundary.vertex[boundary.side.edges] for boundary, _, _ in self._loaded]
-        return np.concatenate(ends), np.concatenate([fan.moments(density) for _, fan, density in self._loaded])
+        moments = [fan.moments(density) for _, fan, density in self._loaded]
+        return np.concatenate(ends), np.concatenate(moments)
 
     def remainder(self, compliance: np.ndarray) -> np.ndarray:
-        """(n_t,) bound of the energy norm of a stress that takes the tractions t* - T; `compliance` (n_t, 3, 3)."""
+        """(n_t,) bound of the energy norm of a stress that takes the tractions t* - T; `compliance`
+        (n_t, 3, 3).
+        """
         found = np.zeros(len(compliance))
         for boundary, fan, density in self._loaded:
-            constant = equilibration.remainder_constant(boundary.corner, compliance[boundary.triangle])
+            constant = remainder_constant(boundary.corner, compliance[boundary.triangle])
             np.add.at(found, boundary.triangle, np.sqrt(constant * fan.remainder(density)))
         return found
 
-    # ---- displacements --------------------------------------------------------------------------------------
-    def lift(self, u: np.ndarray, stiffness: np.ndarray, held: np.ndarray, elasticity: np.ndarray) -> Lift:
+    # ---- displacements ---------------------------------------------------------------------------
+    def lift(self, u: np.ndarray, stiffness: np.ndarray, constrained: np.ndarray,
+             elasticity: np.ndarray) -> Lift:
         """Make displacements u (vertices, 2) admissible at the pair.
 
-        `stiffness` (vertices, 2) diagonal of the assembled stiffness, `held` (vertices, 2) components that supports
-        hold, `elasticity` (n_t, 3, 3).
+        `stiffness` (vertices, 2) diagonal of the assembled stiffness, `constrained` (vertices, 2)
+        components that supports constrain, `elasticity` (n_t, 3, 3).
         """
         vertex = self.first.vertex
         jump = self._jump(u)
-        free = ~held[vertex].any(axis=1)
-        closing = move = self._closing(jump, stiffness[vertex].max(axis=1), ~held[vertex], free)
-        for _ in range(3):  # what points move on changes the excess by its product with the turn of the normals
+        free = ~constrained[vertex].any(axis=1)
+        closing = move = self._closing(jump, stiffness[vertex].max(axis=1), ~constrained[vertex],
+                                       free)
+        # what points move on changes the excess by its product with the turn of the normals
+        for _ in range(3):
             move = closing - self._excess(jump + move[self._point], free)
         jump += move[self._point]
         change = np.zeros_like(u)
@@ -169,7 +196,9 @@ class PairBound:
 
     @cached_property
     def _point(self) -> np.ndarray:
-        """(m, 2) points at the ends of the parts: vertices of the first side, then places between them."""
+        """(m, 2) points at the ends of the parts: vertices of the first side, then places between
+        them.
+        """
         p = self.parts
         keys = np.column_stack([np.repeat(p.edge, 2), p.at.ravel()])
         inside = (keys[:, 1] > 0) & (keys[:, 1] < 1)
@@ -187,45 +216,55 @@ class PairBound:
     def _jump(self, u: np.ndarray) -> np.ndarray:
         """(m, 2, 2) jumps of displacements (vertices, 2) at the ends of the parts."""
         p = self.parts
-        return (self.first.at(u[self.first.vertex], p.edge, p.at) - self.second.at(u[self.second.vertex], p.other, p.facing))
+        return (self.first.at(u[self.first.vertex], p.edge, p.at)
+                - self.second.at(u[self.second.vertex], p.other, p.facing))
 
-    def _closing(self, jump: np.ndarray, stiffness: np.ndarray, loose: np.ndarray, free: np.ndarray) -> np.ndarray:
-        """(points, 2) moves that close gap and slip where pressure or sticking is worth it, and all penetration.
+    def _closing(self, jump: np.ndarray, stiffness: np.ndarray, loose: np.ndarray,
+                 free: np.ndarray) -> np.ndarray:
+        """(points, 2) moves that close gap and slip where pressure or sticking is worth it, and all
+        penetration.
 
-        A vertex of the side closes if that costs less energy on its own `stiffness` than the work it saves, a place
-        between two if both do. `loose` (n, 2): components that no support holds.
+        A vertex of the side closes if that costs less energy on its own `stiffness` than the work
+        it saves, a place between two if both do. `loose` (n, 2): components that no support
+        constrains.
         """
         p, n, point = self.parts, len(self.first.vertex), self._point
         normal, size = self._frame
         unit = normal / size[..., None]
         points = point.max(initial=n - 1) + 1
-        along = lambda values: self.first.at(values, p.edge, p.at)
+        gap, before = (self.first.at(values, p.edge, p.at) for values in (self.gap, self.before))
         distance, slip = np.full(points, np.inf), np.zeros(points)
-        np.minimum.at(distance, point, (along(self.gap) - (jump * normal).sum(axis=2)) / size)
-        np.add.at(slip, point, (jump * _turned(unit)).sum(axis=2) - along(self.before))
+        np.minimum.at(distance, point, (gap - (jump * normal).sum(axis=2)) / size)
+        np.add.at(slip, point, (jump * _turned(unit)).sum(axis=2) - before)
         slip /= np.maximum(np.bincount(point.ravel(), minlength=points), 1)
         direction = np.zeros((points, 2))
         direction[point] = unit
         edge = np.zeros(points, int)
         edge[point] = p.edge[:, None]
-        both = lambda chosen: chosen[self.first.side.edges[edge[n:]]].all(axis=1)
+        ends = self.first.side.edges[edge[n:]]  # of the edges with places between their vertices
         seen = np.isfinite(distance)
         distance = np.where(seen, distance, 0.0)
-        pressed = self.own_normal & (self.bilateral | (stiffness * distance[:n] <= self.pressure * self.weight))
-        pressed = np.concatenate([pressed, both(pressed | ~self.own_normal)]) & seen
+        pressed = self.own_normal & (self.bilateral
+                                     | (stiffness * distance[:n] <= self.pressure * self.weight))
+        pressed = np.concatenate([pressed, (pressed | ~self.own_normal)[ends].all(axis=1)]) & seen
         move = np.where(pressed | (distance < 0), distance, 0.0)[:, None] * direction
         component = direction[:n] * loose
-        move[:n] = np.where((component**2).sum(axis=1) > 1e-12, (move[:n] * direction[:n]).sum(axis=1) /
-                            np.maximum((component**2).sum(axis=1), 1e-12), 0.0)[:, None] * component
+        square = (component**2).sum(axis=1)
+        share = (move[:n] * direction[:n]).sum(axis=1) / np.maximum(square, 1e-12)
+        move[:n] = np.where(square > 1e-12, share, 0.0)[:, None] * component
         lost = (self.bound + self.shear * np.sign(slip[:n])) * self.weight
         stuck = self.own_tangential & free & (stiffness * np.abs(slip[:n]) <= lost)
-        stuck = np.concatenate([stuck, both(stuck | ~self.own_tangential)]) & seen
+        between = (stuck | ~self.own_tangential)[ends].all(axis=1)
+        stuck = np.concatenate([stuck, between]) & seen
         return move - (self.frictional * stuck * slip)[:, None] * _turned(direction)
 
     def _excess(self, jump: np.ndarray, free: np.ndarray) -> np.ndarray:
-        """(points, 2) normal moves by which a jump that is quadratic on a part exceeds its chord there, at most."""
+        """(points, 2) normal moves by which a jump that is quadratic on a part exceeds its chord
+        there, at most.
+        """
         normal, size = self._frame
-        more = np.maximum(-((jump[:, 1] - jump[:, 0]) * (normal[:, 1] - normal[:, 0])).sum(axis=1), 0.0) / 4
+        bend = ((jump[:, 1] - jump[:, 0]) * (normal[:, 1] - normal[:, 0])).sum(axis=1)
+        more = np.maximum(-bend, 0.0) / 4
         points = self._point.max(initial=len(free) - 1) + 1
         most, direction = np.zeros(points), np.zeros((points, 2))
         np.maximum.at(most, self._point, more[:, None] / size)
@@ -234,34 +273,43 @@ class PairBound:
         return most[:, None] * direction
 
     def _duality_gap(self, jump: np.ndarray) -> float:
-        """The duality gap of the pair for jumps (m, 2, 2) of the displacements, linear on every part."""
+        """The duality gap of the pair for jumps (m, 2, 2) of the displacements, linear on every
+        part.
+        """
         p, total = self.parts, 0.0
+        gap, before, bound, traction = (self.first.at(values, p.edge, p.at) for values in (
+            self.gap, self.before, self.bound, self.traction))
         for point, share in zip(mortar.POINT, mortar.WEIGHT):
             s = (1.0 + point) / 2
-            inside = lambda ends: (1.0 - s) * ends[:, 0] + s * ends[:, 1]
-            along = lambda values: inside(self.first.at(values, p.edge, p.at))
-            size = np.linalg.norm(inside(self._frame[0]), axis=1)
-            normal = inside(self._frame[0]) / size[:, None]
-            dot = lambda a, b: (a * b).sum(axis=1)
-            traction, moved = along(self.traction), inside(jump)
-            distance = along(self.gap) / size - dot(moved, normal)
+            normal = _between(self._frame[0], s)
+            size = np.linalg.norm(normal, axis=1)
+            normal = normal / size[:, None]
+            force, moved = _between(traction, s), _between(jump, s)
+            distance = _between(gap, s) / size - (moved * normal).sum(axis=1)
             distance = np.zeros(len(normal)) if self.bilateral else np.maximum(distance, 0.0)
-            total += share * self._length @ (-dot(traction, normal) * distance)
+            total += share * self._length @ (-(force * normal).sum(axis=1) * distance)
             if self.frictional:
-                slip = dot(moved, _turned(normal)) - along(self.before)
-                total += share * self._length @ (dot(traction, _turned(normal)) * slip)
+                tangent = _turned(normal)
+                slip = (moved * tangent).sum(axis=1) - _between(before, s)
+                total += share * self._length @ ((force * tangent).sum(axis=1) * slip)
         if self.frictional:
-            along = lambda values: self.first.at(values, p.edge, p.at)
             unit = self._frame[0] / self._frame[1][..., None]
-            slip = (jump * _turned(unit)).sum(axis=2) - along(self.before)
+            slip = (jump * _turned(unit)).sum(axis=2) - before
             middle = unit.sum(axis=1) / np.linalg.norm(unit.sum(axis=1), axis=1)[:, None]
-            middle = (jump.mean(axis=1) * _turned(middle)).sum(axis=1) - along(self.before).mean(axis=1)
-            total += slid(self._length, along(self.bound), slip, middle - slip.mean(axis=1))
+            middle = (jump.mean(axis=1) * _turned(middle)).sum(axis=1) - before.mean(axis=1)
+            total += slid(self._length, bound, slip, middle - slip.mean(axis=1))
         return float(total)
 
 
+def _between(ends: np.ndarray, s: float) -> np.ndarray:
+    """(m, ...) values at the place s in [0, 1] of fields linear between their ends (m, 2, ...)."""
+    return (1.0 - s) * ends[:, 0] + s * ends[:, 1]
+
+
 def continued(edges: np.ndarray, value: np.ndarray, own: np.ndarray) -> np.ndarray:
-    """Nodal values, where a node has none of its `own` the mean of its neighbours' along the edges (n, 2)."""
+    """Nodal values, where a node has none of its `own` the mean of its neighbours' along the edges
+    (n, 2).
+    """
     total, count = np.zeros(len(value)), np.zeros(len(value))
     for here, there in (edges.T, edges.T[::-1]):
         np.add.at(total, here, np.where(own[there], value[there], 0.0))
@@ -269,17 +317,24 @@ def continued(edges: np.ndarray, value: np.ndarray, own: np.ndarray) -> np.ndarr
     return np.where(own, value, total / np.maximum(count, 1))
 
 
-def slid(length: np.ndarray, bound: np.ndarray, slip: np.ndarray, bend: np.ndarray | float = 0.0) -> float:
-    """int s |slip| of s and slip that are linear between their ends (m, 2) on pieces of given length (m,).
+def slid(length: np.ndarray, bound: np.ndarray, slip: np.ndarray,
+         bend: np.ndarray | float = 0.0) -> float:
+    """int s |slip| of s and slip that are linear between their ends (m, 2) on pieces of given
+    length (m,).
 
-    Slip may change its sign inside a piece; each part by Simpson's rule, exact there. Where normals turn slip has a
-    quadratic part, `bend` (m,) in the middle.
+    Slip may change its sign inside a piece; each part by Simpson's rule, exact there. Where normals
+    turn slip has a quadratic part, `bend` (m,) in the middle.
     """
     (s0, s1), (d0, d1) = bound.T, slip.T
     changes = d0 * d1 < 0
     at = np.where(changes, d0 / np.where(changes, d0 - d1, 1.0), 1.0)
-    value = lambda x: (s0 + x * (s1 - s0)) * np.abs(d0 + x * (d1 - d0) + 4 * x * (1 - x) * bend)
-    simpson = lambda a, c: (c - a) / 6 * (value(a) + 4 * value((a + c) / 2) + value(c))
+
+    def value(x):
+        return (s0 + x * (s1 - s0)) * np.abs(d0 + x * (d1 - d0) + 4 * x * (1 - x) * bend)
+
+    def simpson(a, c):
+        return (c - a) / 6 * (value(a) + 4 * value((a + c) / 2) + value(c))
+
     return float(length @ (simpson(0.0, at) + simpson(at, 1.0)))
 
 
@@ -293,4 +348,3 @@ def _spread(n: int, here: np.ndarray, values: np.ndarray) -> np.ndarray:
     found = np.zeros(n, np.asarray(values).dtype)
     found[here] = values
     return found
-

@@ -1,10 +1,13 @@
-"""Recovered stress of quadratic elements: smoother than the computed one, it tells its error without bounding it.
+"""Recovered stresses: smoother than the computed ones, they estimate its error without bounding it.
 
-The computed stress is linear on every triangle. Round each vertex, over the triangles that share it, a quadratic
-polynomial is fitted to it by least squares at the middles of the sides; its values at the vertex, and at the middle of a
-side the mean of those of both ends, are the nodal values of a continuous quadratic stress, of higher order than the
-computed one. Patches with too few triangles, as at boundaries, take their neighbours' triangles in. See Zienkiewicz, Zhu,
-The superconvergent patch recovery and a posteriori error estimates, Int. J. Numer. Meth. Engng 33 (1992) 1331-1382.
+Of linear elements they are means over the triangles round each vertex, linear in between. Of
+quadratic elements the computed stress is linear on every triangle. Round each vertex, over the
+triangles that share it, a quadratic polynomial is fitted to it by least squares at the middles of
+the sides; its values at the vertex, and at the middle of a side the mean of those of both ends, are
+the nodal values of a continuous quadratic stress, of higher order than the computed one. Patches
+with too few triangles, as at boundaries, take their neighbours' triangles in. See Zienkiewicz, Zhu,
+The superconvergent patch recovery and a posteriori error estimates, Int. J. Numer. Meth. Engng 33
+(1992) 1331-1382.
 """
 
 import numpy as np
@@ -18,12 +21,15 @@ ENOUGH = 5  # triangles of a patch: fifteen values for six coefficients
 RINGS = 4  # of triangles round a patch, at most
 
 
-def recovered_stress(corner: np.ndarray, triangles: np.ndarray, region: np.ndarray, stress: np.ndarray) -> np.ndarray:
+def recovered_stress(corner: np.ndarray, triangles: np.ndarray, region: np.ndarray,
+                     stress: np.ndarray) -> np.ndarray:
     """(n_t, 6, 3) nodal values of the recovered stress; patches end where the region changes.
 
-    `corner` (n_t, 3, 2), `triangles` (n_t, 3) untorn vertices, `stress` (n_t, 3 corners, 3) linear on each triangle.
+    `corner` (n_t, 3, 2), `triangles` (n_t, 3) untorn vertices, `stress` (n_t, 3 corners, 3) linear
+    on each triangle.
     """
-    _, first, vertex = np.unique(region[:, None] * (triangles.max() + 1) + triangles, return_index=True, return_inverse=True)
+    _, first, vertex = np.unique(region[:, None] * (triangles.max() + 1) + triangles,
+                                 return_index=True, return_inverse=True)
     vertex, place = vertex.reshape(-1, 3), corner.reshape(-1, 2)[first]
     at, t = _patches(vertex, len(place))
     size = np.zeros(len(place))
@@ -33,15 +39,49 @@ def recovered_stress(corner: np.ndarray, triangles: np.ndarray, region: np.ndarr
     np.add.at(normal, at, basis.transpose(0, 2, 1) @ basis)
     np.add.at(right, at, basis.transpose(0, 2, 1) @ (AT_MIDDLES @ stress)[t])
     fitted = np.linalg.pinv(normal, rcond=1e-10, hermitian=True) @ right
-    nodes = (AT_NODES @ corner)[:, None] - place[vertex][:, :, None]  # [triangle, patch of its vertex, node]
+    # [triangle, patch of its vertex, node]
+    nodes = (AT_NODES @ corner)[:, None] - place[vertex][:, :, None]
     found = _quadratics(nodes / size[vertex][..., None, None]) @ fitted[vertex]
     vertices, middles = found[:, [0, 1, 2], [0, 1, 2]], found[:, :, 3:]
-    return np.concatenate([vertices, np.stack([(middles[:, (k + 1) % 3, k] + middles[:, (k + 2) % 3, k]) / 2
+    return np.concatenate([vertices,
+                           np.stack([(middles[:, (k + 1) % 3, k] + middles[:, (k + 2) % 3, k]) / 2
                                                for k in range(3)], axis=1)], axis=1)
 
 
+def vertex_sums(vertex: np.ndarray, area: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
+    """(count, 1 + k) sums over the triangles round each vertex: areas, then areas times the values
+    at the corners.
+
+    `vertex` (n_t, 3), `area` (n_t,), `values` (n_t, 3 corners, k). Their ratio is the mean of
+    Zienkiewicz and Zhu (1987).
+    """
+    corner, weight = vertex.ravel(), np.repeat(area, 3)
+    columns = [weight, *(weight * value for value in values.reshape(-1, values.shape[-1]).T)]
+    return np.column_stack([np.bincount(corner, column, count) for column in columns])
+
+
+def averaged_stress(triangles: np.ndarray, region: np.ndarray, area: np.ndarray,
+                    stress: np.ndarray) -> np.ndarray:
+    """(n_t, 3 corners, 3) means of constant stresses (n_t, 3) over the triangles at each vertex, by
+    region.
+    """
+    names, vertex = np.unique(region[:, None] * (triangles.max() + 1) + triangles,
+                              return_inverse=True)
+    vertex = vertex.reshape(-1, 3)
+    sums = vertex_sums(vertex, area, np.repeat(stress[:, None], 3, axis=1), len(names))
+    return (sums[:, 1:] / sums[:, :1])[vertex]
+
+
+def linear_energy(area: np.ndarray, compliance: np.ndarray, stress: np.ndarray) -> np.ndarray:
+    """(n_t,) int s : C^-1 s of stresses (n_t, 3 corners, 3) linear on the triangles."""
+    strain = (stress + stress.sum(axis=1, keepdims=True)) @ compliance
+    return np.einsum("tni,tni->t", stress, strain) * area / 12
+
+
 def _patches(vertex: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Vertex and triangle of every member of the patches: a vertex's triangles, and rings round them if these are few."""
+    """Vertex and triangle of every member of the patches: a vertex's triangles, and rings round
+    them if these are few.
+    """
     n = len(vertex)
     touches = csr_matrix((np.ones(3 * n), (vertex.ravel(), np.repeat(np.arange(n), 3))), (count, n))
     patch = touches
@@ -63,6 +103,8 @@ def _quadratics(x: np.ndarray) -> np.ndarray:
 
 
 def energy(area: np.ndarray, compliance: np.ndarray, stress: np.ndarray) -> np.ndarray:
-    """(n_t,) int s : C^-1 s of stresses given by their values at corners (n_t, 3, 3) or nodes (n_t, 6, 3)."""
+    """(n_t,) int s : C^-1 s of stresses given by their values at corners (n_t, 3, 3) or nodes (n_t,
+    6, 3).
+    """
     s = elements.shapes(stress.shape[1], elements.POINTS) @ stress
     return np.einsum("tmi,tij,tmj,m,t->t", s, compliance, s, elements.WEIGHTS, area)

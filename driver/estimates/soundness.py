@@ -1,25 +1,30 @@
-"""What a run must say about its mesh and its numbers: elements that lock, digits lost far from the origin.
+"""What a run must say about its mesh and its numbers: elements that lock, digits lost far from the
+origin.
 
-Locking. In a nearly incompressible material (Lame's lambda far above mu) P1 elements have more volumes to keep than
-displacements to keep them with, and P2 elements hardly less. They answer with displacements that are too small and
-with pressures that change from element to element without any sense (Babuska, Suri, Numer. Math. 62 (1992) 439-463;
-Hughes, The Finite Element Method, 4.3), while shear stresses stay smooth. So p = lambda div u and the deviatoric stress
-s = 2 mu dev(eps) are compared with their averages over the elements round each vertex, linear in between; with the
-norms over the nearly incompressible part,
+Locking. In a nearly incompressible material (Lame's lambda far above mu) P1 elements have more
+volumes to keep than displacements to keep them with, and P2 elements hardly less. They answer with
+displacements that are too small and with pressures that change from element to element without any
+sense (Babuska, Suri, Numer. Math. 62 (1992) 439-463; Hughes, The Finite Element Method, 4.3), while
+shear stresses stay smooth. So p = lambda div u and the deviatoric stress s = 2 mu dev(eps) are
+compared with their averages over the elements round each vertex, linear in between; with the norms
+over the nearly incompressible part,
 
-    osc p = ||p - avg p||,  osc s = ||s - avg s||,  in energy  osc p^2 / lambda  and  osc s^2 / (2 mu).
+    osc p = ||p - avg p||,  osc s = ||s - avg s||,  in energy  osc p^2 / lambda  and  osc s^2 / (2
+        mu).
 
-An element free of locking has both of like size for any ratio lambda / mu. It locks where osc p is a
-noticeable part of all stress and either holds `DOMINANCE` times the energy of osc s or is larger than s itself (on
-coarse meshes osc s cannot follow any more). On the model example with nu = 0.49, 0.499, 0.4999 its displacements
-are too small by 6 to 48% on meshes where nu = 0.3 errs by 0.7 to 16%. Quadratic elements, whose shear stresses are
-better, lock where a noticeable osc p is `TIMES` as large as osc s: on the scene hard/block it is 3.3 times at nu = 0.49, 5
-to 10 times beyond, where contact pressures err by as much as osc p says, 25 to 50%; P2-mixed has 0.9 to 1.2 at any nu.
+An element free of locking has both of like size for any ratio lambda / mu. It locks where osc p is
+a noticeable part of all stress and either holds `DOMINANCE` times the energy of osc s or is larger
+than s itself (on coarse meshes osc s cannot follow any more). On the model example with nu = 0.49,
+0.499, 0.4999 its displacements are too small by 6 to 48% on meshes where nu = 0.3 errs by 0.7 to
+16%. Quadratic elements, whose shear stresses are better, lock where a noticeable osc p is `TIMES`
+as large as osc s: on the scene hard/block it is 3.3 times at nu = 0.49, 5 to 10 times beyond, where
+contact pressures err by as much as osc p says, 25 to 50%; P2-mixed has 0.9 to 1.2 at any nu.
 """
 
 import numpy as np
 
 from ..scene import elements
+from .recovery import vertex_sums
 
 NEARLY_INCOMPRESSIBLE = 10.0  # lambda / mu: Poisson's ratio 0.4545; the loss grows like its root
 DOMINANCE = 4.0
@@ -30,8 +35,11 @@ FAR = 1e3  # body lengths from the origin: three digits
 
 
 def warnings(problem, step) -> list[str]:
-    """What is to be said of `problem` solved, looking at its finished `step` (None: there is none). Collective."""
-    return [*(locking(problem, step) if step else []), *lost_digits(problem.structure, problem.operator.comm)]
+    """What is to be said of `problem` solved, looking at its finished `step` (None: there is none).
+    Collective.
+    """
+    return [*(locking(problem, step) if step else []),
+            *lost_digits(problem.structure, problem.operator.comm)]
 
 
 def locking(problem, step) -> list[str]:
@@ -46,57 +54,70 @@ def locking(problem, step) -> list[str]:
         return []
     fields = problem.operator.displacements(step.multipliers, step.weights)
     parts = [_stresses(sub, some, u) for sub, some, u in zip(structure.subdomains, soft, fields)]
-    osc_p, osc_s, p, s, energy_p, energy_s = _oscillation(parts, manifest.nodes, manifest.element == "P1", comm)
+    osc_p, osc_s, p, s, energy_p, energy_s = _oscillation(parts, manifest.nodes,
+                                                          manifest.element == "P1", comm)
     noticeable = osc_p > NOTICEABLE**2 * (p + s) > 0
-    larger = energy_p > DOMINANCE * energy_s or osc_p > s if manifest.element == "P1" else osc_p > TIMES**2 * osc_s
+    larger = osc_p > TIMES**2 * osc_s
+    if manifest.element == "P1":
+        larger = energy_p > DOMINANCE * energy_s or osc_p > s
     if not (noticeable and larger):
         return []
-    return [f"step {step.index}: {manifest.element} elements lock in the nearly incompressible material: its pressure "
-            f"changes from element to element by {100 * np.sqrt(osc_p / (p + s)):.0f} % of the stress; displacements come "
-            f"out too small and contact pressures wiggle until the mesh is much finer; ELEMENT={MIXED} does not lock"]
+    change = 100 * np.sqrt(osc_p / (p + s))
+    return [f"step {step.index}: {manifest.element} elements lock in the nearly incompressible "
+            f"material: its pressure changes from element to element by {change:.0f} % of the "
+            "stress; displacements come out too small and contact pressures wiggle until the mesh "
+            f"is much finer; ELEMENT={MIXED} does not lock"]
 
 
 def _stresses(sub, soft, u):
-    """Vertices (n, 3), areas (n,), lambda, mu, (n, 3 corners, 5) pressure and deviatoric stress of the triangles `soft`."""
+    """Vertices (n, 3), areas (n,), lambda, mu, (n, 3 corners, 5) pressure and deviatoric stress of
+    the triangles `soft`.
+    """
     corner = sub.xy[sub.triangles[soft]]
     strain = elements.linear_strains(corner, u.reshape(-1, 2)[sub.elements[soft]])
     lam, mu = sub.elasticity[soft, 0, 1], sub.elasticity[soft, 2, 2]
     volume = strain[..., 0] + strain[..., 1]
     # the shear stress times the root of two, so that squares add up to s : s
-    s = 2 * mu[:, None, None] * np.stack([strain[..., 0] - volume / 3, strain[..., 1] - volume / 3, -volume / 3,
+    s = 2 * mu[:, None, None] * np.stack([strain[..., 0] - volume / 3, strain[..., 1] - volume / 3,
+                                          -volume / 3,
                                           strain[..., 2] / np.sqrt(2)], axis=-1)
     stress = np.concatenate([(lam[:, None] * volume)[..., None], s], axis=-1)
     return sub.node_gid[sub.triangles[soft]], elements.areas(corner), lam, mu, stress
 
 
 def _oscillation(parts, nodes: int, constant: bool, comm) -> np.ndarray:
-    """(6,) squares of osc p, osc s, p, s and the energies of both oscillations, over the whole body.
+    """(6,) squares of osc p, osc s, p, s and the energies of both oscillations, over the whole
+    body.
 
     Where stresses are `constant` on the elements, averages are compared with them at the centroids.
     """
-    places, weights = (elements.CENTER, np.ones(1)) if constant else (elements.POINTS, elements.WEIGHTS)
-    total = np.zeros((nodes, 6))
-    for vertex, area, _, _, stress in parts:
-        for k in range(3):
-            np.add.at(total, vertex[:, k], area[:, None] * np.column_stack([np.ones(len(area)), stress[:, k]]))
-    total = comm.allreduce(total)
+    places, weights = elements.POINTS, elements.WEIGHTS
+    if constant:
+        places, weights = elements.CENTER, np.ones(1)
+    sums = [vertex_sums(vertex, area, stress, nodes) for vertex, area, _, _, stress in parts]
+    total = comm.allreduce(sum(sums, np.zeros((nodes, 6))))
     average = total[:, 1:] / np.where(total[:, :1] > 0, total[:, :1], 1)
-    found = np.zeros(6)
+    squares = np.zeros(6)
     for vertex, area, lam, mu, stress in parts:
-        square = lambda of: np.einsum("t,m,tmi->ti", area, weights, (places @ of) ** 2)
-        left, size = square(stress - average[vertex]), square(stress)
-        found += [left[:, 0].sum(), left[:, 1:].sum(), size[:, 0].sum(), size[:, 1:].sum(), (left[:, 0] / lam).sum(),
-                  (left[:, 1:].sum(axis=1) / (2 * mu)).sum()]
-    return comm.allreduce(found)
+        change, size = (np.einsum("t,m,tmi->ti", area, weights, (places @ values) ** 2)
+                        for values in (stress - average[vertex], stress))
+        squares += [change[:, 0].sum(), change[:, 1:].sum(), size[:, 0].sum(), size[:, 1:].sum(),
+                    (change[:, 0] / lam).sum(), (change[:, 1:].sum(axis=1) / (2 * mu)).sum()]
+    return comm.allreduce(squares)
 
 
 def lost_digits(structure, comm) -> list[str]:
-    """One line if the body is so far from the origin that its coordinates have few digits left for its shape."""
+    """One line if the body is so far from the origin that its coordinates have few digits left for
+    its shape.
+    """
     xy = np.concatenate([np.empty((0, 2)), *(sub.xy for sub in structure.subdomains)])
-    ends = np.array(comm.allgather([xy.min(axis=0, initial=np.inf), xy.max(axis=0, initial=-np.inf)]))
+    ends = np.array(comm.allgather([xy.min(axis=0, initial=np.inf),
+                                    xy.max(axis=0, initial=-np.inf)]))
     low, high = ends[:, 0].min(axis=0), ends[:, 1].max(axis=0)
     distance = np.abs([low, high]).max() / (high - low).max()
     if distance < FAR:
         return []
-    return [f"the body is {distance:.0e} times its length away from the origin: {np.log10(distance):.0f} of the 16 "
-            "digits of its coordinates say where it is and not what shape it has; move it to the origin"]
+    lost = np.log10(distance)
+    return [f"the body is {distance:.0e} times its length away from the origin: {lost:.0f} of the "
+            "16 digits of its coordinates say where it is and not what shape it has; move it to "
+            "the origin"]

@@ -1,12 +1,13 @@
 """Products with block-diagonal matrices of many small dense blocks, one per subdomain.
 
-Blocks that many members share become dense products with many columns. Blocks of their own are padded with
-zeros to one of a few shapes and multiplied by one call for each shape: on unstructured meshes every subdomain
-has its own block, and a call for each would cost more than its arithmetic.
+Blocks that many members share become dense products with many columns. Blocks of their own are
+padded with zeros to one of a few shapes and multiplied by one call for each shape: on unstructured
+meshes every subdomain has its own block, and a call for each would cost more than its arithmetic.
 
-A member's result must not depend on which other members a rank has, not even in the last bit. BLAS may round
-differently for different shapes, so these are fixed: shared blocks are taken BLOCK members at a time, padded shapes
-follow from the block alone, and whether a block is shared is the same on every rank (`LocalClass.shared`).
+A member's result must not depend on which other members a rank has, not even in the last bit. BLAS
+may round differently for different shapes, so these are fixed: shared blocks are taken BLOCK
+members at a time, padded shapes follow from the block alone, and whether a block is shared is the
+same on every rank (`LocalClass.shared`).
 """
 
 import numpy as np
@@ -19,8 +20,9 @@ class BlockDiagonal:
     """y_s = x_s M_s for the members s of all classes; x and y stacked class by class."""
 
     def __init__(self, classes: list, matrices: list[np.ndarray], source: str, target: str):
-        """`matrices` (m, n) of every class; `source` and `target` name the classes' slices of x and y, which hold
-        the members one after the other."""
+        """`matrices` (m, n) of every class; `source` and `target` name the classes' slices of x and
+        y, which hold the members one after the other.
+        """
         self.shared = [(len(c.members), getattr(c, source), getattr(c, target), M)
                        for c, M in zip(classes, matrices) if c.shared and M.size]
         alone = {}
@@ -45,7 +47,8 @@ class BlockDiagonal:
 def _members(c, M: np.ndarray, source: str, target: str) -> list[tuple]:
     """(first entry in x, first entry in y, matrix) of every member of a class."""
     m, n = M.shape
-    return [(getattr(c, source).start + k * m, getattr(c, target).start + k * n, M) for k in range(len(c.members))]
+    return [(getattr(c, source).start + k * m, getattr(c, target).start + k * n, M)
+            for k in range(len(c.members))]
 
 
 class _Padded:
@@ -53,20 +56,21 @@ class _Padded:
 
     def __init__(self, shape: tuple[int, int], members: list[tuple]):
         self.matrices = np.zeros((len(members), *shape))
-        self.take = np.zeros((len(members), 1, shape[0]), np.int64)  # padding takes any entry and multiplies it by zero
-        found, places = [], []
+        # padding takes any entry and multiplies it by zero
+        self.take = np.zeros((len(members), 1, shape[0]), np.int64)
+        picked, places = [], []
         for k, (x_at, y_at, M) in enumerate(members):
             m, n = M.shape
             self.matrices[k, :m, :n] = M
             self.take[k, 0, :m] = x_at + np.arange(m)
             self.take[k, 0, m:] = x_at
-            found.append(k * shape[1] + np.arange(n))
+            picked.append(k * shape[1] + np.arange(n))
             places.append(y_at + np.arange(n))
-        self.found, self.places = np.concatenate(found), np.concatenate(places)
+        self.picked, self.places = np.concatenate(picked), np.concatenate(places)
 
     def multiply(self, x: np.ndarray, y: np.ndarray, add: bool) -> None:
         """As BlockDiagonal.multiply, for these blocks."""
-        values = np.matmul(x[self.take], self.matrices).ravel()[self.found]
+        values = np.matmul(x[self.take], self.matrices).ravel()[self.picked]
         y[self.places] = y[self.places] + values if add else values
 
 

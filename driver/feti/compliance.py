@@ -1,65 +1,82 @@
-"""Stage 4, condensed: the dual problem on the contact rows alone, for studies that solve it many times.
+"""Stage 4, condensed: the dual problem on the contact rows alone, for studies that solve it many
+times.
 
-Gluing multipliers have no bounds. Minimising over them leaves, on the contact rows c with the gluing rows g,
+Gluing multipliers have no bounds. Minimising over them leaves, on the contact rows c with the
+gluing rows g,
 
     C = F_cc - F_cg F_gg^-1 F_gc,      d_C = d_c - F_cg F_gg^-1 d_g,
 
-the compliance of the glued body at its contact nodes. F = F_i + A S_cc^-1 A' with the block diagonal F_i is full, but with
-the corner displacements as further unknowns it comes from a sparse matrix of the local ones alone (`fetidp`),
+the compliance of the glued body at its contact nodes. F = F_i + A S_cc^-1 A' with the block
+diagonal F_i is full, but with the corner displacements as further unknowns it comes from a sparse
+matrix of the local ones alone (see operator.py),
 
     [ F_i   -A   ] [ lambda ]   [ d_i - B u ]
     [ -A'  -S_cc ] [  u_c   ] = [   -f_c    ],
 
-so that C is left on the contact rows when gluing rows and corners are eliminated by one sparse factorization. After that
-a time step costs a few products with a small dense matrix.
+so that C is left on the contact rows when gluing rows and corners are eliminated by one sparse
+factorization. After that a time step costs a few products with a small dense matrix.
 """
 
-import copy
 import dataclasses
 
 import numpy as np
 from mpi4py import MPI
-from petsc4py import PETSc
 from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import coo_matrix, csc_matrix, hstack, vstack
 
 from ..errors import NotConverged, agree
-from .fetidp import DualOperator
-from .reduction import solve_columns
+from .dual_problem import DualProblem
+from .factorization import factorized, petsc_upper, solve_columns
+from .operator import DualOperator
+from .rows import contact_row_numbers
 
 MUMPS_NO_MEMORY = -13  # INFOG(1)
 WIDTH = 64  # columns solved at a time
-ROUNDING = 1e-9  # residual of the elimination, relative to its terms: far below the tolerances of a QP
+# residual of the elimination, relative to its terms: far below the tolerances of a QP
+ROUNDING = 1e-9
 
 
-class ContactCompliance:
-    """C and d_C with the interface of DualOperator, whole on every rank: each solves by itself.
+def contact_compliance(problem: DualProblem) -> np.ndarray:
+    """C (n + m, n + m) in the order of `contact_row_numbers`, on every rank; collective. Raises
+    NotConverged.
+    """
+    return problem.C if problem.contact_rows_only else ContactCompliance(problem).C
 
-    Vectors have one entry per contact row, as `contact_row_numbers` has them. Takes no products with F. Collective over the
+
+class ContactCompliance(DualProblem):
+    """C and d_C as a dual problem on the contact rows, whole on every rank: each solves by itself.
+
+    Vectors have one entry per contact row, as `contact_row_numbers` has them. Takes no products
+    with F. It knows no rigid motions: bodies are those that supports hold. Collective over the
     operator's communicator. Raises NotConverged if the elimination fails.
     """
 
+    contact_rows_only = True
+
     def __init__(self, operator: DualOperator):
-        self.comm, self.products, self.modes = MPI.COMM_SELF, 0, 0  # bodies that supports hold
         structure = operator.structure
         rows = contact_row_numbers(structure.contact)
-        self.owned, self.structure = len(rows), _on_contact_rows(structure, rows)
+        super().__init__(_on_contact_rows(structure, rows), len(rows), MPI.COMM_SELF)
         patterns = np.eye(structure.patterns)
         loads = np.column_stack([np.empty((structure.dual_dofs, 0)), *(
-            np.concatenate(operator.comm.allgather(operator.load_response(weights))) for weights in patterns)])
+            np.concatenate(operator.comm.allgather(operator.load_response(weights)))
+            for weights in patterns)])
         self.C, self.d, self._moved, self._loaded = _eliminated(operator, rows, loads)
         nothing = np.zeros(operator.owned)
         for k, weights in enumerate(patterns):
             self._loaded[k] += operator.coarse_displacements(nothing, weights)
 
-    # ---- the interface of DualOperator --------------------------------------------------------
     def with_contact(self, contact) -> "ContactCompliance":
-        """The same body with other gaps, friction or initial state at its contact nodes; counts its own products."""
-        other = copy.copy(self)
-        boundary = dataclasses.replace(contact, normal_row=self.structure.contact.normal_row,
-                                       tangential_row=self.structure.contact.tangential_row)
-        other.structure, other.products = dataclasses.replace(self.structure, contact=boundary), 0
-        return other
+        """The same body with other gaps, friction or initial state at its contact nodes; counts its
+        own products.
+        """
+        own = self.structure.contact
+        return super().with_contact(dataclasses.replace(
+            contact, normal_row=own.normal_row, tangential_row=own.tangential_row))
+
+    def norm_bound(self, scale: np.ndarray) -> float:
+        """The Frobenius norm of D C D, D = diag(scale); 1 where there are no rows."""
+        return float(np.linalg.norm(scale[:, None] * self.C * scale)) or 1.0
 
     def apply(self, multipliers: np.ndarray) -> np.ndarray:
         """C times a vector of contact multipliers."""
@@ -70,8 +87,7 @@ class ContactCompliance:
         """Scalar product."""
         return float(a @ b)
 
-    @staticmethod
-    def minimum(value: float) -> float:
+    def minimum(self, value: float) -> float:
         """The smallest of the ranks' numbers: there is one rank."""
         return value
 
@@ -101,63 +117,65 @@ class FaceInverse:
             return result
         if self.face is None or not np.array_equal(f, self.face):
             self.face = f
-            self.factor = cho_factor(self.C.compress(free, 0).compress(free, 1), lower=True, check_finite=False)
+            self.factor = cho_factor(self.C.compress(free, 0).compress(free, 1), lower=True,
+                                     check_finite=False)
         result[f] = cho_solve(self.factor, residual[f], check_finite=False)
         return result
 
 
-def contact_row_numbers(contact) -> np.ndarray:
-    """(n + m,) dual rows of contact: the normal ones, then the tangential ones, both in the order of the contact nodes."""
-    numbers = np.concatenate([contact.normal_row, contact.tangential_row])
-    return numbers[numbers >= 0]
-
-
 def _on_contact_rows(structure, rows: np.ndarray):
     """The skeleton as a solver on `rows` alone, in their order, sees it."""
-    contact, place = structure.contact, np.full(structure.dual_dofs + 1, -1)  # that of no row, -1, is the last
+    # that of no row, -1, is the last
+    contact, place = structure.contact, np.full(structure.dual_dofs + 1, -1)
     place[rows] = np.arange(len(rows))
     contact = dataclasses.replace(contact, normal_row=place[contact.normal_row],
                                   tangential_row=place[contact.tangential_row])
-    return dataclasses.replace(structure, contact=contact, dual_dofs=len(rows), row_range=(0, len(rows)),
-                               row_kind=structure.row_kind[rows], row_scale=structure.row_scale[rows])
+    return dataclasses.replace(structure, contact=contact, dual_dofs=len(rows),
+                               row_range=(0, len(rows)),
+                               row_kind=structure.row_kind[rows],
+                               row_scale=structure.row_scale[rows])
 
 
 def _eliminated(operator: DualOperator, rows: np.ndarray, loads: np.ndarray):
-    """C (c, c) on the contact rows, d_C (patterns, c), and the corner displacements that come with unit contact forces
-    (coarse dofs, c) and with the gluing forces under loads (patterns, coarse dofs).
+    """C (c, c) on the contact rows, d_C (patterns, c), and the corner displacements that come with
+    unit contact forces (coarse dofs, c) and with the gluing forces under loads (patterns, coarse
+    dofs).
 
-    `loads` (dual rows, patterns) are the d of the load patterns. Every rank factorizes; the columns are shared out in
-    blocks of fixed size, so that the result does not depend on the number of ranks.
+    `loads` (dual rows, patterns) are the d of the load patterns. Every rank factorizes; the columns
+    are shared out in blocks of fixed size, so that the result does not depend on the number of
+    ranks.
     """
     n, corners, comm = operator.structure.dual_dofs, operator.structure.coarse_dofs, operator.comm
-    k, left = len(rows), n + corners + operator.modes - len(rows)
+    k, inner = len(rows), n + corners + operator.modes - len(rows)
     place, gluing = np.empty(n, int), np.setdiff1d(np.arange(n), rows)
-    place[gluing], place[rows] = np.arange(n - k), left + np.arange(k)  # contact rows last
+    place[gluing], place[rows] = np.arange(n - k), inner + np.arange(k)  # contact rows last
     matrix = _saddle_matrix(operator, place, n - k)
-    coupling, contact = matrix[:left, left:].tocsc(), matrix[left:, left:].toarray()
-    below = csc_matrix((left - (n - k), loads.shape[1]))
+    coupling, contact = matrix[:inner, inner:].tocsc(), matrix[inner:, inner:].toarray()
+    below = csc_matrix((inner - (n - k), loads.shape[1]))
     right = hstack([coupling, vstack([csc_matrix(loads[gluing]), below])]).tocsc()
-    found, error = {}, None
+    blocks, error = {}, None
     try:
-        factor = _Factor(matrix[:left, :left])
+        factor = _Factor(matrix[:inner, :inner])
         del matrix
         for first in range(WIDTH * comm.rank, right.shape[1], WIDTH * comm.size):
             solved = factor.solve(right[:, first : first + WIDTH].toarray())
-            found[first] = coupling.T @ solved, solved[n - k : n - k + corners].copy()
+            blocks[first] = coupling.T @ solved, solved[n - k : n - k + corners].copy()
     except NotConverged as problem:
         error = problem
     agree(comm, error)
-    found = {first: parts for rank in comm.allgather(found) for first, parts in rank.items()}
-    onto, moved = (np.hstack(parts) for parts in zip(*(found[first] for first in sorted(found))))
+    blocks = {first: parts for rank in comm.allgather(blocks) for first, parts in rank.items()}
+    onto, moved = (np.hstack(parts) for parts in zip(*(blocks[first] for first in sorted(blocks))))
     C, d = np.triu(contact) + np.triu(contact, 1).T - onto[:, :k], loads[rows] - onto[:, k:]
     return (C + C.T) / 2, d.T, -moved[:, :k], moved[:, k:].T.copy()
 
 
 def _saddle_matrix(operator: DualOperator, place: np.ndarray, first: int):
-    """Upper triangle (CSR) of the symmetric matrix of gluing rows, coarse dofs, motions and contact rows.
+    """Upper triangle (CSR) of the symmetric matrix of gluing rows, coarse dofs, motions and contact
+    rows.
 
-    `place` (dual rows,) is where it has each of them, `first` that of the coarse dofs. It is the same on every rank. With
-    the motions Q of bodies without support on springs S_rho = S_cc + Q rho^-1 Q', which a border keeps sparse.
+    `place` (dual rows,) is where it has each of them, `first` that of the coarse dofs. It is the
+    same on every rank. With the motions Q of bodies without support on springs S_rho = S_cc + Q
+    rho^-1 Q', which a border keeps sparse.
     """
     structure, comm, modes = operator.structure, operator.comm, operator.modes
     local = [None] * len(structure.subdomains)
@@ -173,51 +191,53 @@ def _saddle_matrix(operator: DualOperator, place: np.ndarray, first: int):
         entries.append((number[i], number[j], matrix[i, j] * sign[i] * sign[j]))
     motions = first + structure.coarse_dofs + np.arange(modes)
     corner = np.arange(first, first + structure.coarse_dofs)
-    entries.append((np.repeat(corner, modes), np.tile(motions, len(corner)), structure.rigid_corners.ravel()))
+    entries.append((np.repeat(corner, modes), np.tile(motions, len(corner)),
+                    structure.rigid_corners.ravel()))
     entries.append((motions, motions, operator.rho))
     i, j, values = map(np.concatenate, zip(*entries))
     del entries
-    return coo_matrix((values, (i, j)), shape=(len(place) + structure.coarse_dofs + modes,) * 2).tocsr()
+    return coo_matrix((values, (i, j)),
+                      shape=(len(place) + structure.coarse_dofs + modes,) * 2).tocsr()
 
 
 class _Factor:
-    """Factorization of a sparse symmetric indefinite matrix by MUMPS; rows that depend on others are left out."""
+    """Factorization of a sparse symmetric indefinite matrix by MUMPS; rows that depend on others
+    are left out.
+    """
 
     def __init__(self, upper):
-        """`upper`: its upper triangle, CSR."""
+        """`upper`: its upper triangle, CSR. Raises NotConverged if MUMPS fails, MemoryError where
+        memory is short.
+        """
         self.upper = upper
         if not upper.shape[0]:
             return
         upper.sort_indices()
-        csr = upper.indptr.astype(PETSc.IntType), upper.indices.astype(PETSc.IntType), upper.data
-        pc = PETSc.PC().create(PETSc.COMM_SELF)
-        pc.setType("cholesky")
-        pc.setFactorSolverType("mumps")
-        pc.setOperators(PETSc.Mat().createSBAIJ(upper.shape, 1, csr=csr, comm=PETSc.COMM_SELF))
-        pc.setFactorSetUpSolverType()
-        self.factor, self._keep = pc.getFactorMatrix(), pc
-        self.factor.setMumpsIcntl(24, 1)
-        pc.setUp()
-        failed = self.factor.getMumpsInfog(1)
+        self._factor = factorized(petsc_upper(upper), "mumps")
+        failed = self._factor.getFactorMatrix().getMumpsInfog(1)
         if failed == MUMPS_NO_MEMORY:
             raise MemoryError
         if failed < 0:
             raise NotConverged(f"the contact compliance: MUMPS failed ({failed})")
         self._random = np.random.default_rng(1)
 
-    @staticmethod
-    def _multiply(upper, x: np.ndarray) -> np.ndarray:
-        """The whole matrix times x (n,)."""
-        return upper @ x + upper.T @ x - upper.diagonal() * x
-
     def solve(self, right: np.ndarray) -> np.ndarray:
-        """Solution for the columns of `right` (n, k). Raises NotConverged if a combination of them leaves a residual."""
+        """Solution for the columns of `right` (n, k). Raises NotConverged if a combination of them
+        leaves a residual.
+        """
         if not right.size:
             return np.zeros_like(right)
-        found = solve_columns(self.factor, right)
+        solution = solve_columns(self._factor, right)
         v = self._random.standard_normal(right.shape[1])
-        solution, wanted = found @ v, right @ v
-        left = np.abs(self._multiply(self.upper, solution) - wanted)
-        if not np.all(left <= ROUNDING * (self._multiply(abs(self.upper), np.abs(solution)) + np.abs(wanted))):
-            raise NotConverged("the contact compliance: the gluing conditions could not be eliminated")
-        return found
+        combined, wanted = solution @ v, right @ v
+        residual = np.abs(_multiply(self.upper, combined) - wanted)
+        size = _multiply(abs(self.upper), np.abs(combined)) + np.abs(wanted)
+        if not np.all(residual <= ROUNDING * size):
+            raise NotConverged("the contact compliance: the gluing conditions could not be "
+                               "eliminated")
+        return solution
+
+
+def _multiply(upper, x: np.ndarray) -> np.ndarray:
+    """The whole symmetric matrix with an `upper` triangle times x (n,)."""
+    return upper @ x + upper.T @ x - upper.diagonal() * x

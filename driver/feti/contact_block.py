@@ -1,71 +1,83 @@
 """Stage 4, contact part: F_cc, the rows and columns of F that belong to the contact boundary.
 
-F_cc gives contact displacements under contact forces while the gluing multipliers stay as they are. In
-F = B_r K_rr^-1 B_r' + A S_cc^-1 A' only the subdomains that touch the contact boundary and their corners take part,
+F_cc gives contact displacements under contact forces while the gluing multipliers stay as they are.
+In F = B_r K_rr^-1 B_r' + A S_cc^-1 A' only the subdomains that touch the contact boundary and their
+corners take part,
 
-    F_cc = L + A_c G A_c',    L block diagonal over these subdomains,    G = S_cc^-1 on their corner dofs,
+    F_cc = L + A_c G A_c',  L block diagonal over these subdomains,  G = S_cc^-1 on their corners,
 
-so a product with it costs about n_c and not n_d operations, and needs no communication: every rank holds all of
-it. It bounds the compliance C = F_cc - F_cg F_gg^-1 F_gc of the glued body from above, and closely, as corners alone
-hold subdomains together well (Mandel, Dohrmann, Tezaur 2005). For 10x10 cells the eigenvalues of F_cc relative to C
-were 1 to 4.3, half of them 1.00001 or less, at 32 and at 128 subdomains.
+so a product with it costs about n_c and not n_d operations, and needs no communication: every rank
+holds all of it. It bounds the compliance C = F_cc - F_cg F_gg^-1 F_gc of the glued body from above,
+and closely, as corners alone hold subdomains together well (Mandel, Dohrmann, Tezaur 2005). For
+10x10 cells the eigenvalues of F_cc relative to C were 1 to 4.3, half of them 1.00001 or less, at 32
+and at 128 subdomains.
 """
 
 import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix
 
-from .fetidp import DirichletPreconditioner, DualOperator
-from .gathering import Gathering
-from .substructuring import GLUING
+from .dirichlet import DirichletPreconditioner
+from .gathering import Gathering, joined
+from .operator import DualOperator
+from .rows import RowKind
 
 
 class ContactBlock:
-    """F_cc and the Dirichlet preconditioner's M_cc on the n contact rows, replicated. Collective over `comm`.
+    """F_cc and the Dirichlet preconditioner's M_cc on the n contact rows, replicated. Collective
+    over `comm`.
 
-    Contact rows are in the order of the dual rows; `gather` and `scatter` move between them and dual vectors.
+    Contact rows are in the order of the dual rows; `gather` and `scatter` move between them and
+    dual vectors.
     """
 
     def __init__(self, operator: DualOperator, preconditioner: DirichletPreconditioner):
         structure, self.comm = operator.structure, operator.comm
         start, stop = structure.row_range
-        self.rows = np.flatnonzero(structure.row_kind != GLUING)  # global dual rows
+        self.rows = np.flatnonzero(structure.row_kind != RowKind.GLUING)  # global dual rows
         first, last = np.searchsorted(self.rows, (start, stop))
         self._mine, self._owned = slice(first, last), self.rows[first:last] - start
         self._all = Gathering(self.comm, int(last - first))
         self.size = len(self.rows)
         parts = self._local_parts(operator, preconditioner)
         corners = np.unique(np.concatenate([np.empty(0, int), *(part["corner"] for part in parts)]))
-        self.local, self.M = (self._spread(parts, name, self.rows, self.rows) for name in ("F", "M"))
+        self.local, self.M = (self._spread(parts, name, self.rows, self.rows)
+                              for name in ("F", "M"))
         self.A = self._spread(parts, "A", self.rows, corners)
         self._A_transposed = self.A.T.tocsr()
-        self.G = operator.coarse_inverse(corners)
+        self.G = operator.coarse.inverse(corners)
 
     def _local_parts(self, operator, preconditioner) -> list[dict]:
-        """Contact rows, corners and matrices of every subdomain with contact, in the order of subdomains."""
+        """Contact rows, corners and matrices of every subdomain with contact, in the order of
+        subdomains.
+        """
         structure = operator.structure
-        found = [None] * len(structure.subdomains)
+        parts = [None] * len(structure.subdomains)
         for c, schur in zip(operator.classes, preconditioner.schur):
             for s in c.members:
                 rows = structure.rows[s]
-                at = np.flatnonzero(structure.row_kind[rows.row] != GLUING)
-                if not len(at):
+                here = np.flatnonzero(structure.row_kind[rows.row] != RowKind.GLUING)
+                if not len(here):
                     continue
-                sign, scaling = rows.sign[at], rows.scaling[at]
-                found[s] = {"row": rows.row[at], "corner": structure.corner_global[s],
-                            "F": c.F[np.ix_(at, at)] * np.outer(sign, sign), "A": sign[:, None] * c.A[at],
-                            "M": schur[np.ix_(at, at)] * np.outer(scaling, scaling)}
-        return [part for rank in self.comm.allgather([part for part in found if part]) for part in rank]
+                sign, scaling = rows.sign[here], rows.scaling[here]
+                parts[s] = {"row": rows.row[here], "corner": structure.corner_global[s],
+                            "F": c.F[np.ix_(here, here)] * np.outer(sign, sign),
+                            "A": sign[:, None] * c.A[here],
+                            "M": schur[np.ix_(here, here)] * np.outer(scaling, scaling)}
+        return [part for rank in self.comm.allgather([part for part in parts if part])
+                for part in rank]
 
     @staticmethod
     def _spread(parts: list[dict], name: str, rows: np.ndarray, columns: np.ndarray):
-        """CSR sum of the subdomains' matrices; `columns` is `rows` for square ones, else the corner dofs."""
+        """CSR sum of the subdomains' matrices; `columns` is `rows` for square ones, else the corner
+        dofs.
+        """
         which = "row" if columns is rows else "corner"
-        at = [np.searchsorted(rows, part["row"]) for part in parts]
-        to = [np.searchsorted(columns, part[which]) for part in parts]
-        join = lambda arrays: np.concatenate([np.empty(0), *arrays])
-        i = join([np.repeat(a, len(b)) for a, b in zip(at, to)]).astype(int)
-        j = join([np.tile(b, len(a)) for a, b in zip(at, to)]).astype(int)
-        matrix = coo_matrix((join([part[name].ravel() for part in parts]), (i, j)), shape=(len(rows), len(columns))).tocsr()
+        row_places = [np.searchsorted(rows, part["row"]) for part in parts]
+        column_places = [np.searchsorted(columns, part[which]) for part in parts]
+        i = joined([np.repeat(a, len(b)) for a, b in zip(row_places, column_places)], int)
+        j = joined([np.tile(b, len(a)) for a, b in zip(row_places, column_places)], int)
+        values = joined([part[name].ravel() for part in parts], float)
+        matrix = coo_matrix((values, (i, j)), shape=(len(rows), len(columns))).tocsr()
         matrix.eliminate_zeros()
         return matrix
 
@@ -85,22 +97,27 @@ class ContactBlock:
 
 
 class Galerkin:
-    """W' F_cc W (k, k) for matrices W with two entries a row, which change, in columns (n, 2), which stay.
+    """W' F_cc W (k, k) for matrices W with two entries a row, which change, in columns (n, 2),
+    which stay.
 
-    Rows that meet the same two columns are first summed up in L W: they are many, as hats span a subdomain.
+    Rows that meet the same two columns are first summed up in L W: they are many, as hats span a
+    subdomain.
     """
 
     def __init__(self, block: ContactBlock, columns: np.ndarray, k: int):
         self.size, self.G = k, block.G
         pair, L, A = columns[:, 0] * k + columns[:, 1], block.local.tocoo(), block.A.tocoo()
         self._L = _Sums(L.row, pair[L.col], L.col, L.data)
-        self._row, to = L.row[self._L.one], columns[L.col[self._L.one]]
+        self._row, to = L.row[self._L.entry], columns[L.col[self._L.entry]]
         self._cell = (columns[self._row][:, :, None] * k + to[:, None, :]).T.ravel()
         self._A = _Sums(A.col, pair[A.row], A.row, A.data)
-        corners, to = max(len(self.G), 1), columns[A.row[self._A.one]]
-        cell, self._slot = np.unique((to * corners + A.col[self._A.one][:, None]).T.ravel(), return_inverse=True)
+        corners, to = max(len(self.G), 1), columns[A.row[self._A.entry]]
+        cell, self._slot = np.unique((to * corners + A.col[self._A.entry][:, None]).T.ravel(),
+                                     return_inverse=True)
         first = np.searchsorted(cell, np.arange(k + 1) * corners)
-        self._coupling = csr_matrix((np.empty(len(cell)), cell % corners, first), shape=(k, len(self.G)))  # W'A
+        # W'A
+        self._coupling = csr_matrix((np.empty(len(cell)), cell % corners, first),
+                                    shape=(k, len(self.G)))
 
     def __call__(self, W: np.ndarray) -> np.ndarray:
         """`W` (n, 2) are the entries."""
@@ -114,17 +131,19 @@ class Galerkin:
 
 
 class _Sums:
-    """Sums of the products of W and the entries `value` of a matrix over those that share `one` and `other`.
+    """Sums of the products of W and the entries `value` of a matrix over those that share `key` and
+    `other`.
 
-    `row` are the rows of W that the entries belong to; `one` becomes the index of an entry of every sum.
+    `row` are the rows of W that the entries belong to; `entry` (sums,) are indices of an entry of
+    every sum.
     """
 
-    def __init__(self, one: np.ndarray, other: np.ndarray, row: np.ndarray, value: np.ndarray):
-        order = np.lexsort((other, one))
+    def __init__(self, key: np.ndarray, other: np.ndarray, row: np.ndarray, value: np.ndarray):
+        order = np.lexsort((other, key))
         self._row, self._value = row[order], value[order]
-        change = (np.diff(one[order]) != 0) | (np.diff(other[order]) != 0)
+        change = (np.diff(key[order]) != 0) | (np.diff(other[order]) != 0)
         self._first = np.flatnonzero(np.append(True, change)[: len(order)])
-        self.one = order[self._first]
+        self.entry = order[self._first]
 
     def __call__(self, W: np.ndarray) -> np.ndarray:
         """(2, sums) for W (2, n)."""

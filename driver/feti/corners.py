@@ -12,10 +12,10 @@ JUMP = 10.0  # of the stiffness from one vertex to the next, from which on it as
 def corner_vertices(skeleton: Skeleton) -> np.ndarray:
     """Sorted gids of the primal vertices.
 
-    A vertex of a subdomain's boundary is a corner of the subdomain when its two boundary edges differ in
-    neighbour or label, when it is shared by three or more subdomains, and where its stiffness jumps along an
-    interface. Interfaces that then hold less than two corners could act as a hinge: the farthest-point rule gives
-    them the missing ones.
+    A vertex of a subdomain's boundary is a corner of the subdomain when its two boundary edges
+    differ in neighbour or label, when it is shared by three or more subdomains, and where its
+    stiffness jumps along an interface. Interfaces that then hold less than two corners could act as
+    a hinge: the farthest-point rule gives them the missing ones.
     """
     neighbour = skeleton.neighbour()
     kind = np.where(neighbour >= 0, neighbour, -1 - skeleton.edges[:, 3])
@@ -35,8 +35,8 @@ def corner_vertices(skeleton: Skeleton) -> np.ndarray:
 def _jumps(skeleton: Skeleton, neighbour: np.ndarray) -> np.ndarray:
     """Where the stiffness of a side jumps along an interface the stiffer vertex.
 
-    Stiff parts between compliant ones move nearly rigidly, and what gluing has to do for them grows with the contrast
-    unless corners hold their ends.
+    Stiff parts between compliant ones move nearly rigidly, and what gluing has to do for them grows
+    with the contrast unless corners hold their ends.
     """
     if skeleton.stiffness.max() <= JUMP * skeleton.stiffness.min():
         return np.empty(0, np.int64)
@@ -45,14 +45,15 @@ def _jumps(skeleton: Skeleton, neighbour: np.ndarray) -> np.ndarray:
     order = np.argsort(key)
     edges = skeleton.edges[neighbour >= 0]
     ends = edges[:, 1:3]
-    at = order[np.searchsorted(key[order], edges[:, :1] * span + ends)]
-    stiffness = skeleton.stiffness[at]
+    node = order[np.searchsorted(key[order], edges[:, :1] * span + ends)]
+    stiffness = skeleton.stiffness[node]
     jump = stiffness.max(axis=1) > JUMP * stiffness.min(axis=1)
     return ends[jump, stiffness[jump].argmax(axis=1)]
 
 
 def _missing_corners(skeleton: Skeleton, corners: np.ndarray) -> np.ndarray:
-    """Corners for subdomains that have less than two: an undivided body with one label all round."""
+    """Corners for subdomains that have less than two: an undivided body with one label all round.
+    """
     has = np.bincount(skeleton.nodes[np.isin(skeleton.nodes[:, 1], corners), 0],
                       minlength=int(skeleton.nodes[:, 0].max()) + 1)
     added = []
@@ -65,15 +66,17 @@ def _missing_corners(skeleton: Skeleton, corners: np.ndarray) -> np.ndarray:
 
 
 def _farthest_points(skeleton: Skeleton, neighbour: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Corners for interface pieces (connected, between one pair of subdomains) with less than two."""
+    """Corners for interface pieces (connected, between one pair of subdomains) with less than two.
+    """
     one_side = neighbour > skeleton.edges[:, 0]
     edges = skeleton.edges[one_side]
     if not len(edges):
         return np.empty(0, np.int64)
-    pair = np.unique(edges[:, 0] * (skeleton.edges[:, 0].max() + 1) + neighbour[one_side], return_inverse=True)[1]
-    # a node of the interface graph is a (pair, vertex), so that pieces of different pairs stay apart; corners cut
-    # the graph, with a node for every edge that ends there: a piece that leaves a corner and returns to it hangs on
-    # that one corner
+    pair = np.unique(edges[:, 0] * (skeleton.edges[:, 0].max() + 1) + neighbour[one_side],
+                     return_inverse=True)[1]
+    # a node of the interface graph is a (pair, vertex), so that pieces of different pairs stay
+    # apart; corners cut the graph, with a node for every edge that ends there: a piece that leaves
+    # a corner and returns to it hangs on that one corner
     ends, vertices = edges[:, 1:3].T.ravel(), len(skeleton.gids)
     vertex, cut = np.searchsorted(skeleton.gids, ends), np.isin(ends, corners)
     inner, number = np.unique((np.tile(pair, 2) * vertices + vertex)[~cut], return_inverse=True)
@@ -87,8 +90,8 @@ def _farthest_points(skeleton: Skeleton, neighbour: np.ndarray, corners: np.ndar
     place = skeleton.place
     added = []
     for weak in np.flatnonzero(held < 2):
-        found = np.sort(vertex_of[piece == weak])
-        gids, xy = skeleton.gids[found], place[found]
+        vertices_of_piece = np.sort(vertex_of[piece == weak])
+        gids, xy = skeleton.gids[vertices_of_piece], place[vertices_of_piece]
         known = np.flatnonzero(np.isin(gids, corners))
         first = known[0] if len(known) else np.linalg.norm(xy - xy[0], axis=1).argmax()
         second = np.linalg.norm(xy - xy[first], axis=1).argmax()

@@ -1,21 +1,25 @@
-"""Stage 4, contact part: deflation of slowly varying contact tractions that the Dirichlet preconditioner misses.
+"""Stage 4, contact part: deflation of slowly varying contact tractions that the Dirichlet
+preconditioner misses.
 
-Preconditioning by subdomains knows nothing of how the body as a whole holds contact tractions that vary slowly
-from corner to corner: M F has about two large eigenvalues per contact corner. Traction hats (piecewise linear
-between neighbouring contact corners, for normal and tangential multipliers) take them out. With the hats H on the
-rows of the current face and their nodal forces W = D H, D the weights of the nodes times the stiffness there,
+Preconditioning by subdomains knows nothing of how the body as a whole holds contact tractions that
+vary slowly from corner to corner: M F has about two large eigenvalues per contact corner. Traction
+hats (piecewise linear between neighbouring contact corners, for normal and tangential multipliers)
+take them out. With the hats H on the rows of the current face and their nodal forces W = D H, D the
+weights of the nodes times the stiffness there,
 
     z = (I - P) M (I - P') r + W (W' F W)^-1 W' r,      P = W (H'W)^-1 H'.
 
-This is the balancing preconditioner of Mandel (1993) with the mass projector P in the place of the F-orthogonal
-one: P' reproduces slowly varying displacements r, P slowly varying forces z. Neither P nor W' F W = W' F_cc W
-(contactblock.py) needs a product with F, so the deflation follows the face for free. It is symmetric positive
-definite on the face, as M is. Measured for 10x10 cells on faces of several kinds: condition numbers of 16 to 21 with
-8 subdomains and of 20 to 25 with 32; without deflation 260 to 850, and 630 to 2,800.
+This is the balancing preconditioner of Mandel (1993) with the mass projector P in the place of the
+F-orthogonal one: P' reproduces slowly varying displacements r, P slowly varying forces z. Neither P
+nor W' F W = W' F_cc W (contact_block.py) needs a product with F, so the deflation follows the face
+for free. It is symmetric positive definite on the face, as M is. Measured for 10x10 cells on faces
+of several kinds: condition numbers of 16 to 21 with 8 subdomains and of 20 to 25 with 32; without
+deflation 260 to 850, and 630 to 2,800.
 
-Hats begin and end where Young's modulus jumps, too, and the stiffness in D lets the stiffer side of a hat decide:
-large displacements of the compliant side, averaged into the hat, would leave the stiff side a part that M answers with
-its stiffness. For a jump by 1e6 the condition number was 1e11 without it and is below 20.
+Hats begin and end where Young's modulus jumps, too, and the stiffness in D lets the stiffer side of
+a hat decide: large displacements of the compliant side, averaged into the hat, would leave the
+stiff side a part that M answers with its stiffness. For a jump by 1e6 the condition number was 1e11
+without it and is below 20.
 """
 
 from dataclasses import dataclass
@@ -25,18 +29,20 @@ import numpy as np
 from scipy.linalg import cho_factor, lapack
 
 from .contact_block import ContactBlock, Galerkin
-from .fetidp import DirichletPreconditioner
-from .substructuring import Substructure
+from .dirichlet import DirichletPreconditioner
+from .structure import Substructure
 
-DEPENDENT = 1e-4  # squared sine of the angle below which a restricted hat counts as a combination of the others
+# squared sine of the angle below which a restricted hat counts as a combination of the others
+DEPENDENT = 1e-4
 
 
 @dataclass
 class Hats:
-    """Piecewise linear tractions between the contact corners of a label: a row lies between two of them.
+    """Piecewise linear tractions between the contact corners of a label: a row lies between two of
+    them.
 
-    `number` (n, 2) are the hats at the n contact rows and `value` (n, 2) their tractions there; `weight` (n,) turns
-    tractions into nodal forces, more of them where the body is stiffer.
+    `number` (n, 2) are the hats at the n contact rows and `value` (n, 2) their tractions there;
+    `weight` (n,) turns tractions into nodal forces, more of them where the body is stiffer.
     """
 
     number: np.ndarray
@@ -45,13 +51,16 @@ class Hats:
     count: int
 
     def sums(self, at_rows: np.ndarray) -> np.ndarray:
-        """(count,) sums over the rows of every hat of values (n, 2) that belong to the hats at a row."""
+        """(count,) sums over the rows of every hat of values (n, 2) that belong to the hats at a
+        row.
+        """
         return np.bincount(self.number.ravel(), at_rows.ravel(), minlength=self.count)
 
     def gram(self, force: np.ndarray, value: np.ndarray) -> np.ndarray:
         """(count, count) products of nodal forces and tractions of the hats, (n, 2) each."""
         products = force[:, :, None] * value[:, None, :]
-        return np.bincount(self._cell, products.ravel(), minlength=self.count**2).reshape(self.count, self.count)
+        return np.bincount(self._cell, products.ravel(),
+                           minlength=self.count**2).reshape(self.count, self.count)
 
     @cached_property
     def _cell(self) -> np.ndarray:
@@ -60,7 +69,9 @@ class Hats:
 
 
 def traction_hats(structure: Substructure, rows: np.ndarray, comm) -> Hats:
-    """Hats with their tops at contact corners, ends and jumps of the stiffness of every label, for the contact `rows`."""
+    """Hats with their tops at contact corners, ends and jumps of the stiffness of every label, for
+    the contact `rows`.
+    """
     contact = structure.contact
     row, node = _row_nodes(structure)
     position = np.searchsorted(rows, row)
@@ -68,7 +79,8 @@ def traction_hats(structure: Substructure, rows: np.ndarray, comm) -> Hats:
     number, value, count = np.zeros((len(rows), 2), int), np.zeros((len(rows), 2)), 0
     for kind in np.unique(structure.row_kind[row]):
         for label in np.unique(contact.label):
-            here = np.flatnonzero((structure.row_kind[row] == kind) & (contact.label[node] == label))
+            of_label = contact.label[node] == label
+            here = np.flatnonzero((structure.row_kind[row] == kind) & of_label)
             arc, on_label = contact.arc[node[here]], contact.label == label
             ends = [contact.arc[on_label].min(), contact.arc[on_label].max()]
             jumps = _jumps(arc, structure.row_scale[row[here]])
@@ -85,14 +97,16 @@ def traction_hats(structure: Substructure, rows: np.ndarray, comm) -> Hats:
 
 
 def _jumps(arc: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Where along a boundary the stiffness jumps: the arc lengths of the stiffer neighbours, given the rows' scales.
+    """Where along a boundary the stiffness jumps: the arc lengths of the stiffer neighbours, given
+    the rows' scales.
 
-    Neighbouring powers of two are no jump: they may be next to one another where the stiffness hardly varies.
+    Neighbouring powers of two are no jump: they may be next to one another where the stiffness
+    hardly varies.
     """
     order = np.argsort(arc)
     arc, scale = arc[order], scale[order]
-    at = np.flatnonzero(np.maximum(scale[1:], scale[:-1]) > 2 * np.minimum(scale[1:], scale[:-1]))
-    return arc[at + (scale[at + 1] > scale[at])]
+    edge = np.flatnonzero(np.maximum(scale[1:], scale[:-1]) > 2 * np.minimum(scale[1:], scale[:-1]))
+    return arc[edge + (scale[edge + 1] > scale[edge])]
 
 
 def _row_nodes(structure: Substructure) -> tuple[np.ndarray, np.ndarray]:
@@ -104,15 +118,17 @@ def _row_nodes(structure: Substructure) -> tuple[np.ndarray, np.ndarray]:
 
 def _corner_vertices(structure: Substructure, comm) -> np.ndarray:
     """Vertex numbers of the corners of all subdomains."""
-    mine = [sub.node_gid[sub.dof_node[dofs]] for sub, dofs in zip(structure.subdomains, structure.corner_dofs)]
-    return np.unique(np.concatenate([np.empty(0, int), *(part for rank in comm.allgather(mine) for part in rank)]))
+    mine = [sub.node_gid[sub.dof_node[dofs]] for sub, dofs in zip(structure.subdomains,
+                                                                  structure.corner_dofs)]
+    return np.unique(np.concatenate([np.empty(0, int), *(part for rank in comm.allgather(mine)
+                                                         for part in rank)]))
 
 
 class Face:
     """The traction hats restricted to a face, with the factors of H'W and W'FW.
 
-    Hats that leave nothing on the face, or nothing new beside the others, are left out; the columns of H are scaled to
-    unit diagonal of H'W.
+    Hats that leave nothing on the face, or nothing new beside the others, are left out; the columns
+    of H are scaled to unit diagonal of H'W.
     """
 
     def __init__(self, hats: Hats, galerkin: Galerkin, free: np.ndarray):
@@ -122,17 +138,19 @@ class Face:
         mass = hats.gram(self.W, self.H)
         size = np.diag(mass)
         scale = np.divide(1.0, np.sqrt(size), out=np.zeros(len(size)), where=size > 0)
-        # pivoted Cholesky factorization: what is left of the first hat left out is nothing, or a combination of the others
+        # pivoted Cholesky factorization: what is left of the first hat left out is nothing, or a
+        # combination of the others
         factor, pivots, rank, _ = lapack.dpstrf(mass * np.outer(scale, scale), tol=DEPENDENT)
-        self.kept = pivots[:rank] - 1
-        self.scale, self.mass = scale[self.kept], np.asfortranarray(factor[:rank, :rank])
+        self.independent = pivots[:rank] - 1
+        self.scale, self.mass = scale[self.independent], np.asfortranarray(factor[:rank, :rank])
         if rank:
-            coarse = galerkin(self.W)[self.kept[:, None], self.kept] * np.outer(self.scale, self.scale)
+            scales = np.outer(self.scale, self.scale)
+            coarse = galerkin(self.W)[self.independent[:, None], self.independent] * scales
             self.coarse = cho_factor(coarse, overwrite_a=True, check_finite=False)[0]
 
     def deflate(self, residual: np.ndarray, precondition) -> np.ndarray:
         """(I - P) M (I - P') r + W (W'FW)^-1 W' r for residuals (n,); `precondition` is M."""
-        if not len(self.kept):
+        if not len(self.independent):
             return precondition(residual)
         slow = self._sums(self.W, residual)
         z = precondition(residual - self._values(self.H, self._solve(self.mass, slow)))
@@ -140,13 +158,13 @@ class Face:
         return z + self._values(self.W, change)
 
     def _sums(self, at_rows: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """(kept,) products of the columns of H or W with values (n,)."""
-        return self.scale * self.hats.sums(at_rows * values[:, None])[self.kept]
+        """(independent,) products of the columns of H or W with values (n,)."""
+        return self.scale * self.hats.sums(at_rows * values[:, None])[self.independent]
 
     def _values(self, at_rows: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
         """(n,) combination of the columns of H or W."""
         every = np.zeros(self.hats.count)
-        every[self.kept] = self.scale * coefficients
+        every[self.independent] = self.scale * coefficients
         return (at_rows * every[self.hats.number]).sum(axis=1)
 
     @staticmethod
@@ -172,11 +190,13 @@ class Deflation:
 
     def contact(self, residual: np.ndarray, free: np.ndarray) -> np.ndarray:
         """z for F_cc alone, with M_cc for M; shapes (n,)."""
-        return self.face(free).deflate(np.where(free, residual, 0.0), lambda r: np.where(free, self.block.M @ r, 0.0))
+        return self.face(free).deflate(np.where(free, residual, 0.0),
+                                       lambda r: np.where(free, self.block.M @ r, 0.0))
 
 
 class DeflatedPreconditioner:
-    """z for the whole of F: the Dirichlet preconditioner deflated by the traction hats of the face."""
+    """z for the whole of F: the Dirichlet preconditioner deflated by the traction hats of the face.
+    """
 
     def __init__(self, dirichlet: DirichletPreconditioner, deflation: Deflation):
         self.dirichlet, self.deflation = dirichlet, deflation

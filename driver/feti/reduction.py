@@ -1,7 +1,9 @@
-"""Stage 4, local part: classes of equal subdomains and the reduction of each to its rows and corners.
+"""Stage 4, local part: classes of equal subdomains and the reduction of each to its rows and
+corners.
 
-K_rr of a class is factorized once; its dual operator B_r K_rr^-1 B_r' and its coupling A to the corners are
-formed explicitly: in 2D these dense matrices are small and their products beat pairs of triangular solves.
+K_rr of a class is factorized once; its dual operator B_r K_rr^-1 B_r' and its coupling A to the
+corners are formed explicitly: in 2D these dense matrices are small and their products beat pairs of
+triangular solves.
 """
 
 import hashlib
@@ -11,10 +13,12 @@ import numpy as np
 from petsc4py import PETSc
 from scipy.sparse import coo_matrix
 
-from .blocks import BLOCK
 from ..errors import NoSolution, shortage
 from ..scene.loader import Subdomain
-from .substructuring import LocalRows, Substructure
+from .blocks import BLOCK
+from .factorization import factorized, petsc_matrix, solve_columns
+from .rows import LocalRows
+from .structure import Substructure
 
 SAME = 1e-12  # stiffness entries equal to this, relative to the largest, differ by rounding only
 
@@ -23,58 +27,37 @@ class Factor:
     """Cholesky factorization of a sparse symmetric positive definite matrix by PETSc."""
 
     def __init__(self, matrix):
-        """Factorize `matrix` (scipy CSR, n x n). Raises NoSolution if it is not positive definite."""
+        """Factorize `matrix` (scipy CSR, n x n). Raises NoSolution if it is not positive definite.
+        """
         self.size = matrix.shape[0]
         if self.size == 0:
             return
-        pc = PETSc.PC().create(PETSc.COMM_SELF)
-        pc.setType("cholesky")
-        pc.setOperators(petsc_matrix(matrix))
-        pc.setFactorOrdering("nd")
         try:
-            pc.setUp()
+            self._factor = factorized(petsc_matrix(matrix))
         except PETSc.Error as error:
             if shortage(error):
                 raise
-            raise NoSolution("a subdomain is not held by its corners and supports (zero pivot)") from error
-        self.matrix = pc.getFactorMatrix()
-        self._keep = pc
-        negative, zero, _ = self.matrix.getInertia()
+            raise NoSolution("a subdomain is not held by its corners and supports "
+                             "(zero pivot)") from error
+        negative, zero, _ = self._factor.getFactorMatrix().getInertia()
         if negative or zero:
-            raise NoSolution("a subdomain's stiffness is not positive definite; check material and supports")
+            raise NoSolution("a subdomain's stiffness is not positive definite; check material and "
+                             "supports")
 
     def solve(self, right: np.ndarray) -> np.ndarray:
         """Solution for the columns of `right`, shape (n, k)."""
         if self.size == 0 or right.shape[1] == 0:
             return np.zeros_like(right)
-        return solve_columns(self.matrix, right)
-
-
-def solve_columns(factor, right: np.ndarray) -> np.ndarray:
-    """Solution (n, k) for the columns of `right` (n, k), n and k positive, with a factored PETSc matrix of one rank."""
-    b = PETSc.Mat().createDense(right.shape, array=np.asfortranarray(right), comm=PETSc.COMM_SELF)
-    x = PETSc.Mat().createDense(right.shape, comm=PETSc.COMM_SELF)
-    x.setUp()
-    factor.matSolve(b, x)
-    found = x.getDenseArray().copy()
-    b.destroy(), x.destroy()
-    return found
-
-
-def petsc_matrix(matrix):
-    """Sequential PETSc matrix of a symmetric scipy CSR matrix."""
-    csr = (matrix.indptr.astype(PETSc.IntType), matrix.indices.astype(PETSc.IntType), matrix.data)
-    mat = PETSc.Mat().createAIJ(matrix.shape, csr=csr, comm=PETSc.COMM_SELF)
-    mat.setOption(PETSc.Mat.Option.SYMMETRIC, True)
-    return mat
+        return solve_columns(self._factor, right)
 
 
 @dataclass
 class LocalClass:
-    """Subdomains with equal matrices. m rows, n_r torn, n_c corner dofs; `members` are local indices.
+    """Subdomains with equal matrices. m rows, n_r torn, n_c corner dofs; `members` are local
+    indices.
 
-    `rows` and `corners` are the slices of the rank's stacked local rows and corner dofs that belong to
-    the members, member after member.
+    `rows` and `corners` are the slices of the rank's stacked local rows and corner dofs that belong
+    to the members, member after member.
     """
 
     members: list[int]
@@ -96,16 +79,29 @@ class LocalClass:
         self.A_transposed = np.ascontiguousarray(self.A.T)
 
 
+def stack(classes: list[LocalClass]) -> None:
+    """Stack the local rows and corner dofs class by class: sets the slices `rows` and `corners` of
+    every class.
+    """
+    row = corner = 0
+    for c in classes:
+        count = len(c.members)
+        c.rows = slice(row, row + count * c.F.shape[0])
+        c.corners = slice(corner, corner + count * len(c.corner))
+        row, corner = c.rows.stop, c.corners.stop
+
+
 def group(structure: Substructure, comm) -> list[tuple[list[int], np.ndarray, bool]]:
     """Classes of subdomains with the same dof sets, rows and (to rounding) stiffness; collective.
 
-    Returns for every class with members on this rank their local indices, the stiffness values of the class's
-    first subdomain, which may live on another rank, and whether it has so many members on all ranks together
-    that dense products with many columns pay.
+    Returns for every class with members on this rank their local indices, the stiffness values of
+    the class's first subdomain, which may live on another rank, and whether it has so many members
+    on all ranks together that dense products with many columns pay.
     """
     keys, patterns = [], {}
     for s, sub in enumerate(structure.subdomains):
-        same = id(sub.rows), id(sub.columns), id(sub.values)  # subdomains share what the loader has found to be equal
+        # subdomains share what the loader has found to be equal
+        same = id(sub.rows), id(sub.columns), id(sub.values)
         pattern = patterns.get(same) or patterns.setdefault(same, _pattern(sub))
         keys.append(_fingerprint(structure, s, pattern))
     open_ = list(range(len(keys)))
@@ -121,11 +117,11 @@ def group(structure: Substructure, comm) -> list[tuple[list[int], np.ndarray, bo
         shared = {key: structure.subdomains[mine[key]].values for key in mine
                   if first[key][0] == comm.rank and len(first[key]) > 1}
         sent = {key: values for part in comm.allgather(shared) for key, values in part.items()}
-        left = {key: [] for key in mine}
+        waiting = {key: [] for key in mine}
         for s in open_:
-            left[keys[s]].append(s)
+            waiting[keys[s]].append(s)
         open_, round_ = [], {}
-        for key, candidates in left.items():
+        for key, candidates in waiting.items():
             model = sent.get(key, structure.subdomains[mine[key]].values)
             same = [_same(model, structure.subdomains[s].values) for s in candidates]
             round_[key] = [s for s, ok in zip(candidates, same) if ok], model
@@ -134,7 +130,8 @@ def group(structure: Substructure, comm) -> list[tuple[list[int], np.ndarray, bo
         for part in comm.allgather({key: len(members) for key, (members, _) in round_.items()}):
             for key, size in part.items():
                 sizes[key] = sizes.get(key, 0) + size
-        classes += [(members, model, sizes[key] >= BLOCK) for key, (members, model) in round_.items() if members]
+        classes += [(members, model, sizes[key] >= BLOCK)
+                    for key, (members, model) in round_.items() if members]
         open_.sort()
     return sorted(classes, key=lambda pair: pair[0])
 
@@ -153,22 +150,26 @@ def _pattern(sub: Subdomain) -> bytes:
 
 
 def _fingerprint(structure: Substructure, s: int, pattern: bytes) -> bytes:
-    """Digest that equal subdomains share: dof sets and rows beside the `pattern` of their stiffness."""
+    """Digest that equal subdomains share: dof sets and rows beside the `pattern` of their
+    stiffness.
+    """
     rows = structure.rows[s]
     digest = hashlib.sha1(pattern)
-    for part in (structure.fixed[s], structure.corner_dofs[s], rows.dof, rows.coefficient.round(13)):
+    for part in (structure.fixed[s], structure.corner_dofs[s], rows.dof,
+                 rows.coefficient.round(13)):
         digest.update(part.tobytes())
         digest.update(b"|")
     return digest.digest()
 
 
-def reduce_class(structure: Substructure, members: list[int], values: np.ndarray, shared: bool) -> LocalClass:
+def reduce_class(structure: Substructure, members: list[int], values: np.ndarray,
+                 shared: bool) -> LocalClass:
     """Factorize K_rr of a class with stiffness `values` and form its explicit F, A and S."""
     s = members[0]
     sub, corner, rows = structure.subdomains[s], structure.corner_dofs[s], structure.rows[s]
-    kept = np.ones(sub.dofs, bool)
-    kept[structure.fixed[s]] = kept[corner] = False
-    torn = np.flatnonzero(kept)
+    is_torn = np.ones(sub.dofs, bool)
+    is_torn[structure.fixed[s]] = is_torn[corner] = False
+    torn = np.flatnonzero(is_torn)
     K = coo_matrix((values, (sub.rows, sub.columns)), shape=(sub.dofs, sub.dofs)).tocsr()
     B = constraint_matrix(rows, sub.dofs)
     B_r, B_c = B[:, torn], B[:, corner]
@@ -179,11 +180,13 @@ def reduce_class(structure: Substructure, members: list[int], values: np.ndarray
     F = B_r @ solved[:, :m]
     A = B_c.toarray() - B_r @ solved[:, m:]
     S = K[corner][:, corner].toarray() - K_rc.T @ solved[:, m:]
-    return LocalClass(members, torn, corner, K, factor, B_r, B_c, K_rc, (F + F.T) / 2, A, (S + S.T) / 2, shared)
+    return LocalClass(members, torn, corner, K, factor, B_r, B_c, K_rc, (F + F.T) / 2, A,
+                      (S + S.T) / 2, shared)
 
 
 def constraint_matrix(rows: LocalRows, dofs: int):
     """Unsigned rows of B on one subdomain as scipy CSR, shape (m, dofs)."""
     m = len(rows.row)
-    entries = (rows.coefficient.ravel(), (np.repeat(np.arange(m), rows.dof.shape[1]), rows.dof.ravel()))
+    entries = (rows.coefficient.ravel(),
+               (np.repeat(np.arange(m), rows.dof.shape[1]), rows.dof.ravel()))
     return coo_matrix(entries, shape=(m, dofs)).tocsr()

@@ -10,7 +10,9 @@ from scipy.sparse.csgraph import connected_components
 
 @dataclass
 class RigidMode:
-    """A rigid motion of one body that no support holds: u(x) = a + b (x - center) turned by +90 degrees."""
+    """A rigid motion of one body that no support holds: u(x) = a + b (x - center) turned by +90
+    degrees.
+    """
 
     body: int  # number of the body: connected subdomains, in the order of their first one
     members: np.ndarray  # subdomains of the body
@@ -27,29 +29,32 @@ class RigidMode:
 def rigid_modes(skeleton, fixed_keys, corner_keys) -> tuple[list[RigidMode], np.ndarray]:
     """Rigid motions that the supports leave to each body, orthonormal at its coarse dofs."""
     total = int(skeleton.nodes[:, 0].max()) + 1
-    links = coo_matrix((np.ones(len(skeleton.nodes)), (skeleton.nodes[:, 0], total + skeleton.node_id)),
+    links = coo_matrix((np.ones(len(skeleton.nodes)),
+                        (skeleton.nodes[:, 0], total + skeleton.node_id)),
                        shape=(total + len(skeleton.gids),) * 2)
     _, body = connected_components(links, directed=False)
     place = skeleton.place
     modes, columns = [], []
-    for number, one in enumerate(dict.fromkeys(body[:total].tolist())):  # in the order of the first subdomains
+    # in the order of the first subdomains
+    for number, one in enumerate(dict.fromkeys(body[:total].tolist())):
         vertices = np.flatnonzero(body[total:] == one)
         center, size = place[vertices].mean(axis=0), np.ptp(place[vertices], axis=0).max()
         keys = (2 * skeleton.gids[vertices][:, None] + [0, 1]).ravel()
         away = (place[vertices] - center) / size
-        motions = np.stack([np.tile([1.0, 0.0], (len(away), 1)), np.tile([0.0, 1.0], (len(away), 1)),
+        motions = np.stack([np.tile([1.0, 0.0], (len(away), 1)), np.tile([0.0, 1.0],
+                                                                         (len(away), 1)),
                             np.column_stack([-away[:, 1], away[:, 0]])], axis=2).reshape(-1, 3)
         held = np.linalg.qr(motions[np.isin(keys, fixed_keys)], mode="r")  # (at most 3, 3)
         _, sizes, basis = np.linalg.svd(held, full_matrices=True)
         rank = int((sizes > 1e-10 * max(1.0, sizes.max(initial=0.0))).sum())
         free = basis[rank:].T  # (3, modes)
-        at = np.isin(keys, corner_keys)
-        if not free.shape[1] or not at.any():
+        at_corner = np.isin(keys, corner_keys)
+        if not free.shape[1] or not at_corner.any():
             continue
-        _, triangle = np.linalg.qr(motions[at] @ free)
+        _, triangle = np.linalg.qr(motions[at_corner] @ free)
         free = free @ np.linalg.inv(triangle)
         column = np.zeros((len(corner_keys), free.shape[1]))
-        column[np.searchsorted(corner_keys, keys[at])] = motions[at] @ free
+        column[np.searchsorted(corner_keys, keys[at_corner])] = motions[at_corner] @ free
         columns.append(column)
         members = np.flatnonzero(body[:total] == one)
         modes += [RigidMode(number, members, center, c[:2].copy(), c[2] / size) for c in free.T]

@@ -1,24 +1,26 @@
 """The torn body's skeleton: boundary edges and nodes of all subdomains, replicated on every rank.
 
-What couples subdomains lives on their boundaries, which are small compared with the interiors; every rank gathers
-them and derives the same numbering, so that nothing depends on how subdomains are distributed over ranks.
+What couples subdomains lives on their boundaries, which are small compared with the interiors;
+every rank gathers them and derives the same numbering, so that nothing depends on how subdomains
+are distributed over ranks.
 """
 
 from functools import cached_property
 
 import numpy as np
 
-from ..scene.elements import cross
 from ..errors import InputError, agree
+from ..scene.elements import cross
 from ..scene.loader import Subdomain
 from ..scene.manifest import Manifest
+from .gathering import gather, joined
 
 
 class Skeleton:
     """Boundary edges and nodes of all subdomains, replicated on every rank.
 
-    `own` is the slice of `nodes` that belongs to the rank's subdomains, `starts` where each of them starts in it (and
-    the end), `local` the numbers of these nodes in their subdomains.
+    `own` is the slice of `nodes` that belongs to the rank's subdomains, `starts` where each of them
+    starts in it (and the end), `local` the numbers of these nodes in their subdomains.
     """
 
     def __init__(self, manifest: Manifest, subdomains: list[Subdomain], comm):
@@ -26,7 +28,8 @@ class Skeleton:
         self.edges = gather(comm, pieces.edges)  # subdomain, gid, gid, label
         self.nodes = gather(comm, pieces.nodes)  # subdomain, gid
         self.xy, self.stiffness = gather(comm, pieces.xy), gather(comm, pieces.stiffness)
-        self.middles = gather(comm, pieces.middles)  # gid of every edge's middle, empty with linear elements
+        # gid of every edge's middle, empty with linear elements
+        self.middles = gather(comm, pieces.middles)
         self.local, self.starts = pieces.local, pieces.starts
         first = np.searchsorted(self.nodes[:, 0], subdomains[0].index) if subdomains else 0
         self.own = slice(first, first + len(self.local))
@@ -38,28 +41,34 @@ class Skeleton:
         self.by_vertex = np.argsort(self.nodes[:, 1], kind="stable")
         gid = self.nodes[self.by_vertex, 1]
         self._vertex_starts = np.flatnonzero(np.diff(gid, prepend=-1))
-        self.gids, self.count = gid[self._vertex_starts], np.diff(np.append(self._vertex_starts, len(gid)))
+        self.gids, self.count = gid[self._vertex_starts], np.diff(np.append(self._vertex_starts,
+                                                                            len(gid)))
         self.node_id = np.empty(len(gid), np.int64)
         self.node_id[self.by_vertex] = np.repeat(np.arange(len(self.gids)), self.count)
 
     def over_subdomains(self, operation: np.ufunc, values: np.ndarray) -> np.ndarray:
-        """Minimum, maximum or sum of `values` at `nodes` over the subdomains of every vertex of `gids`."""
+        """Minimum, maximum or sum of `values` at `nodes` over the subdomains of every vertex of
+        `gids`.
+        """
         return operation.reduceat(values[self.by_vertex], self._vertex_starts)
 
     def links(self, label: int) -> np.ndarray:
-        """(n, 2) gids of nodes that follow one another along the edges with a label; each pair once."""
+        """(n, 2) gids of nodes that follow one another along the edges with a label; each pair
+        once.
+        """
         here = self.edges[:, 3] == label
         ends = self.edges[here, 1:3]
         if len(self.middles):
-            ends = np.concatenate([np.column_stack([ends[:, k], self.middles[here]]) for k in (0, 1)])
+            ends = np.concatenate([np.column_stack([ends[:, k], self.middles[here]]) for k in (0,
+                                                                                               1)])
         return np.unique(ends, axis=0)
 
     @cached_property
     def place(self) -> np.ndarray:
         """(nodes, 2) places of `gids`."""
-        found = np.empty((len(self.gids), 2))
-        found[self.node_id] = self.xy
-        return found
+        place = np.empty((len(self.gids), 2))
+        place[self.node_id] = self.xy
+        return place
 
     def check_conformity(self, comm) -> None:
         """Every interface edge must have exactly two sides, with vertices at the same places."""
@@ -67,14 +76,16 @@ class Skeleton:
         error = None
         if lonely.any() or self.edge_count.max() > 2:
             bad = self.edges[np.flatnonzero(lonely | (self.edge_count[self.edge_id] > 2))[0]]
-            error = InputError(f"the meshes do not conform along an interface of subdomain {bad[0]}: an edge "
-                               "has no match on the other side; export all subdomains from one mesh")
+            error = InputError(f"the meshes do not conform along an interface of subdomain "
+                               f"{bad[0]}: an edge has no match on the other side; export all "
+                               "subdomains from one mesh")
         low, high = (self.over_subdomains(extreme, self.xy) for extreme in (np.minimum, np.maximum))
         apart = np.abs(high - low).max(axis=1)
         if error is None and apart.max() > 1e-10 * np.ptp(self.xy, axis=0).max():
-            at = self.xy[self.node_id == apart.argmax()][0]
-            error = InputError(f"the meshes do not conform along an interface: a shared node near ({at[0]:g}, "
-                               f"{at[1]:g}) has different coordinates in its subdomains")
+            place = self.xy[self.node_id == apart.argmax()][0]
+            error = InputError("the meshes do not conform along an interface: a shared node near "
+                               f"({place[0]:g}, {place[1]:g}) has different coordinates in its "
+                               "subdomains")
         agree(comm, error)
 
     def check_overlap(self, paired: np.ndarray) -> None:
@@ -83,30 +94,29 @@ class Skeleton:
         Labels `paired` are spared: two bodies that fit may cross by the error of their meshes.
         """
         place = self.place
-        ends = np.searchsorted(self.gids, self.edges[~self.shared & ~np.isin(self.edges[:, 3], paired), 1:3])
+        ends = np.searchsorted(self.gids,
+                               self.edges[~self.shared & ~np.isin(self.edges[:, 3], paired), 1:3])
         p, q = place[ends[:, 0]], place[ends[:, 1]]
         low, high = np.minimum(p, q), np.maximum(p, q)
         order = np.argsort(low[:, 0])
-        last = np.searchsorted(low[order, 0], high[order, 0], side="right")  # edges that start before this one ends
+        # edges that start before this one ends
+        last = np.searchsorted(low[order, 0], high[order, 0], side="right")
         for i, (here, stop) in enumerate(zip(order, last)):
             other = order[i + 1 : stop]
             other = other[(low[other, 1] < high[here, 1]) & (high[other, 1] > low[here, 1])]
             if len(other) and _crosses(p[here], q[here], p[other], q[other]).any():
-                at = (p[here] + q[here]) / 2
-                raise InputError(f"the body penetrates itself: its outline crosses itself near ({at[0]:g}, {at[1]:g})")
+                middle = (p[here] + q[here]) / 2
+                raise InputError("the body penetrates itself: its outline crosses itself near "
+                                 f"({middle[0]:g}, {middle[1]:g})")
 
     def neighbour(self) -> np.ndarray:
         """For every boundary edge the subdomain on its other side, or -1."""
         other = np.full(len(self.edges), -1)
         order = np.argsort(self.edge_id, kind="stable")
         order = order[self.shared[order]]
-        other[order[0::2]], other[order[1::2]] = self.edges[order[1::2], 0], self.edges[order[0::2], 0]
+        other[order[0::2]], other[order[1::2]] = self.edges[order[1::2],
+                                                            0], self.edges[order[0::2], 0]
         return other
-
-
-def gather(comm, local: np.ndarray) -> np.ndarray:
-    """Concatenate the ranks' skeleton in rank order, which is subdomain order."""
-    return np.concatenate(comm.allgather(local)) if comm.size > 1 else local
 
 
 class _Pieces:
@@ -116,29 +126,44 @@ class _Pieces:
     """
 
     def __init__(self, subdomains: list[Subdomain]):
-        outlines = {}  # by mesh, which subdomains of the same shape share
-        found = [outlines.get(id(sub.elements)) or outlines.setdefault(id(sub.elements), Outline(sub)) for sub in subdomains]
+        known = {}  # outlines by mesh, which subdomains of the same shape share
+        outlines = [known.get(id(sub.elements)) or known.setdefault(id(sub.elements), Outline(sub))
+                    for sub in subdomains]
         first = np.cumsum([0, *(len(sub.node_gid) for sub in subdomains)])
-        moved = lambda arrays, shape: np.concatenate([np.empty(shape, np.int64), *(a + at for a, at in zip(arrays, first))])
-        numbers = lambda arrays: np.repeat([sub.index for sub in subdomains], [len(a) for a in arrays]).astype(np.int64)
-        gid = np.concatenate([np.empty(0, np.int64), *(sub.node_gid for sub in subdomains)])
-        ends, seen = moved((one.edges for one in found), (0, 2)), moved((one.nodes for one in found), 0)
-        labelled = moved((sub.edges for sub in subdomains), (0, 2))
-        label = edge_labels(labelled, np.concatenate([np.empty(0, np.int64), *(sub.edge_label for sub in subdomains)]), ends)
-        self.edges = np.column_stack([numbers([one.edges for one in found]), np.sort(gid[ends], axis=1), label])
-        self.nodes = np.column_stack([numbers([one.nodes for one in found]), gid[seen]])
-        self.xy = np.concatenate([np.empty((0, 2)), *(sub.xy for sub in subdomains)])[seen]
-        self.middles = gid[moved((one.middles for one in found), 0)]
-        self.local = np.concatenate([np.empty(0, np.int64), *(one.nodes for one in found)])
-        self.starts = np.cumsum([0, *(len(one.nodes) for one in found)])
-        stiffness = np.concatenate([np.empty(0), *(one.stiffness(sub) for one, sub in zip(found, subdomains))])
+
+        def shifted(arrays, shape) -> np.ndarray:
+            """The subdomains' node numbers, counted on from one subdomain to the next."""
+            return np.concatenate([np.empty(shape, np.int64),
+                                   *(numbers + start for numbers, start in zip(arrays, first))])
+
+        def subdomain(arrays) -> np.ndarray:
+            """The subdomain that each entry of `arrays` belongs to."""
+            index = [sub.index for sub in subdomains]
+            return np.repeat(index, [len(array) for array in arrays]).astype(np.int64)
+
+        gid = joined([sub.node_gid for sub in subdomains], np.int64)
+        edges, nodes = [outline.edges for outline in outlines], [outline.nodes
+                                                                 for outline in outlines]
+        ends, boundary = shifted(edges, (0, 2)), shifted(nodes, 0)
+        labelled = shifted((sub.edges for sub in subdomains), (0, 2))
+        labels = joined([sub.edge_label for sub in subdomains], np.int64)
+        label = edge_labels(labelled, labels, ends)
+        self.edges = np.column_stack([subdomain(edges), np.sort(gid[ends], axis=1), label])
+        self.nodes = np.column_stack([subdomain(nodes), gid[boundary]])
+        self.xy = np.concatenate([np.empty((0, 2)), *(sub.xy for sub in subdomains)])[boundary]
+        self.middles = gid[shifted((outline.middles for outline in outlines), 0)]
+        self.local = joined(nodes, np.int64)
+        self.starts = np.cumsum([0, *(len(own) for own in nodes)])
+        stiffness = joined([outline.stiffness(sub) for outline, sub in zip(outlines, subdomains)],
+                           float)
         # means over triangles differ by rounding: nine digits make equals equal
         mantissa, exponent = np.frexp(stiffness)
         self.stiffness = np.ldexp(np.round(mantissa * 2.0**30) / 2.0**30, exponent)
 
 
 class Outline:
-    """The boundary of a subdomain in its own numbering: edges (n, 2), nodes (m,), middles of the edges.
+    """The boundary of a subdomain in its own numbering: edges (n, 2), nodes (m,), middles of the
+    edges.
 
     Subdomains with the same `elements` have the same outline.
     """
@@ -154,7 +179,9 @@ class Outline:
         self._first = np.searchsorted(sub.elements.ravel()[order], self.nodes)
 
     def stiffness(self, sub: Subdomain) -> np.ndarray:
-        """(m,) stiffness of a subdomain at the nodes: the trace of Hooke's law in the stiffest triangle there."""
+        """(m,) stiffness of a subdomain at the nodes: the trace of Hooke's law in the stiffest
+        triangle there.
+        """
         trace = np.einsum("tii->t", sub.elasticity)
         return np.maximum.reduceat(trace[self._triangle], self._first)
 
@@ -168,19 +195,27 @@ def boundary_edges(triangles: np.ndarray) -> np.ndarray:
 
 
 def edge_labels(labelled: np.ndarray, labels: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Labels of edges (n, 2), smaller vertex first, from those of the edges `labelled` (m, 2); 0 where they are not."""
+    """Labels of edges (n, 2), smaller vertex first, from those of the edges `labelled` (m, 2); 0
+    where they are not.
+    """
     span = 1 + max(labelled.max(initial=0), edges.max(initial=0))
     given = np.sort(labelled, axis=1)
     keys, wanted = given[:, 0] * span + given[:, 1], edges[:, 0] * span + edges[:, 1]
     order = np.argsort(keys)
-    at = np.minimum(np.searchsorted(keys[order], wanted), len(order) - 1)
-    return np.where(keys[order[at]] == wanted, labels[order[at]], 0) if len(order) else np.zeros(len(edges), np.int64)
+    place = np.minimum(np.searchsorted(keys[order], wanted), len(order) - 1)
+    return np.where(keys[order[place]] == wanted, labels[order[place]],
+                    0) if len(order) else np.zeros(len(edges), np.int64)
 
 
 def _crosses(p: np.ndarray, q: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Whether the segment p-q has an inner point in common with the inside of each segment a-b."""
-    side = lambda u, v, w: cross(v - u, w - u)
-    # touching ends do not count; rounding of a side is about eps times the squared length of an edge
+    # touching ends do not count; rounding of a side is about eps times the squared length of an
+    # edge
     slack = 1e-12 * np.maximum(((q - p) ** 2).sum(), ((b - a) ** 2).sum(axis=1))
-    apart = lambda one, two: (one > slack) & (two < -slack) | (one < -slack) & (two > slack)
-    return apart(side(p, q, a), side(p, q, b)) & apart(side(a, b, p), side(a, b, q))
+
+    def apart(start, stop, first, second):
+        """Whether two points lie on different sides of the line through start and stop."""
+        one, two = cross(stop - start, first - start), cross(stop - start, second - start)
+        return (one > slack) & (two < -slack) | (one < -slack) & (two > slack)
+
+    return apart(p, q, a, b) & apart(a, b, p, q)

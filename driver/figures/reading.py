@@ -61,10 +61,12 @@ class Run:
 
     @property
     def quasistatic(self) -> bool:
+        """Whether loads have a history in time steps."""
         return self.summary["effects"]["time"] == "quasistatic"
 
     @property
     def friction(self) -> bool:
+        """Whether the scene declares friction."""
         return self.summary["effects"]["friction"] != "none"
 
     @property
@@ -74,9 +76,11 @@ class Run:
 
     @property
     def scene(self) -> str:
+        """Name of the scene."""
         return Path(self.summary["scene"]).stem
 
     def at(self, time: float) -> str:
+        """Words that name a time, none of static runs."""
         return f" at $t = {time:g}$" if self.quasistatic else ""
 
 

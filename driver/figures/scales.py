@@ -46,10 +46,12 @@ def scale_for(unit: str, values) -> Scale:
 
 
 def length_scale(run: Run, values) -> Scale:
+    """Scale of lengths of a run."""
     return scale_for(run.summary["units"]["length"], values)
 
 
 def stress_scale(run: Run, values) -> Scale:
+    """Scale of stresses of a run."""
     return scale_for(run.summary["units"]["stress"], values)
 
 

@@ -8,22 +8,16 @@ are PETSc's and MUMPS's.
 
 import functools
 import tempfile
-from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 
-from .. import environment
-from ..options import Settings
-from ..runs import run
+from .. import environment, options
 from ..scene import freefem
 from ..scene.loader import read_subdomains
 from ..scene.manifest import read_manifest
 from .case import Case, Check, Outcome, reference
 from .oracle import Assembled, coulomb_history
-
-# options of the driver, no parameters of the scene
-DRIVER = {name.upper() for name in (*run.OPTIONS, *(field.name for field in fields(Settings)))}
 
 
 @functools.lru_cache(maxsize=4)
@@ -41,7 +35,7 @@ def _read(scene: str, parameters: tuple):
 def _exports(case: Case, size: dict) -> tuple[str, tuple]:
     """Scene and its parameters, without the driver's options."""
     return case.scene, tuple((name.lower(), value) for name, value in case.arguments(size).items()
-                             if name not in DRIVER)
+                             if name.lower() not in options.OF_RUNS)
 
 
 def exported(case: Case, size: dict):
@@ -214,13 +208,14 @@ def condition(case: Case, size: dict, outcome: Outcome) -> float:
     """
     from mpi4py import MPI
 
-    from ..feti.fetidp import DirichletPreconditioner, DualOperator
-    from ..feti.substructuring import GLUING
+    from ..feti.dirichlet import DirichletPreconditioner
+    from ..feti.operator import DualOperator
+    from ..feti.rows import RowKind
     from ..march.tearing import build
 
     manifest, subdomains = exported(case, size)
     operator = DualOperator(build(manifest, subdomains, 0, MPI.COMM_SELF), MPI.COMM_SELF)
-    free = operator.structure.row_kind == GLUING
+    free = operator.structure.row_kind == RowKind.GLUING
     if outcome.contact:
         boundary, status = operator.structure.contact, outcome.contact["status"][-1]
         for rows, wanted in ((boundary.normal_row, status != "open"),

@@ -14,7 +14,8 @@ import time
 from pathlib import Path
 
 from ..environment import ROOT, program, python_path
-from ..march.checkpoint import NAME
+from ..options import OF_RUNS
+from ..runs.request import Request
 from .case import Case, Check, Outcome, run_command, run_scene
 
 SCENE = "hard/block"
@@ -113,15 +114,11 @@ def spoiled(spoil):
 
         with tempfile.TemporaryDirectory() as place:
             work = Path(place)
-            own = ("FIELDS", "FIGURES", "QUIET", "RESUME",
-                   "ERRORS", "RTOL", "FRICTION_RTOL", "PRIMAL_RTOL")
-            parameters = {name.lower(): value for name, value in case.arguments(
-                size).items() if name not in own}
+            pairs = {name.lower(): value for name, value in case.arguments(size).items()}
+            parameters = {name: value for name, value in pairs.items() if name not in OF_RUNS}
             export(find_scene(case.scene), work / "export", parameters)
-            request = {"scene": "block", "settings": {}, "fields": False, "errors": "no",
-                       "quiet": True, "seconds": {},
-                       "fingerprint": {"scene or parameters": read(work / "export").content}}
-            (work / "request.json").write_text(json.dumps(request))
+            Request("block", "", parameters, {}, quiet=True, fields=False, errors="no",
+                    fingerprint={"scene or parameters": read(work / "export").content}).write(work)
             spoil(work / "export")
             clock = time.perf_counter()
             outcome = run_command(["solve", place], directory, case.seconds)

@@ -12,16 +12,13 @@ from pathlib import Path
 
 import numpy as np
 
-from ..arguments import count, only, yes
+from .. import options
 from ..errors import DriverError, InputError
-from ..runs.run import RESULTS
 from .case import Case, Outcome, reference, run_case
 from .oracle import OracleFailure
 from .report import Row, line, write
 
-FAMILIES = ("material", "geometry", "contact", "friction", "scale", "support", "bodies", "element",
-            "algorithm", "environment")
-OPTIONS = ("family", "case", "fast", "jobs", "out")
+FAMILIES = options.find("hard", "family").kind.choices
 
 
 def cases(family: str | None = None) -> list[Case]:
@@ -34,9 +31,8 @@ def cases(family: str | None = None) -> list[Case]:
 def run_suite(pairs: dict[str, str]) -> list[Path]:
     """Run the cases asked for; the paths of report and pictures.
 
-    Options: family, case (part of a name), fast (yes: the first size of the cases in the default
-    tests), jobs (cases at a time), out. Raises InputError for others, and DriverError if a case
-    ends in neither of the two ways.
+    Raises InputError for options that `make hard` does not have, and DriverError if a case ends in
+    neither of the two ways.
     """
     chosen, folder, jobs = _chosen(pairs)
     folder.mkdir(parents=True, exist_ok=True)
@@ -72,19 +68,14 @@ def run_suite(pairs: dict[str, str]) -> list[Path]:
 
 def _chosen(pairs: dict[str, str]):
     """Cases with their sizes, result directory and number of jobs from the options."""
-    only(pairs, OPTIONS, "the suite of hard cases")
-    families = pairs["family"].split(",") if "family" in pairs else list(FAMILIES)
-    for name in families:
-        if name not in FAMILIES:
-            raise InputError(f"FAMILY must be of {', '.join(FAMILIES)}, not '{name}'")
-    fast = yes(pairs, "fast", "no")
-    jobs = count("jobs", pairs.get("jobs", str(os.cpu_count() or 1)), "a number of processes", 1)
-    chosen = [(case, size) for family in families for case in cases(family)
-              if pairs.get("case", "") in case.name and (case.fast or not fast)
+    given = options.read("hard", pairs)
+    fast = given["fast"]
+    chosen = [(case, size) for family in given["family"] or FAMILIES for case in cases(family)
+              if given["case"] in case.name and (case.fast or not fast)
               for size in (case.sizes[:1] if fast else case.sizes)]
     if not chosen:
-        raise InputError(f"no hard case has '{pairs['case']}' in its name")
-    return chosen, Path(pairs.get("out", RESULTS / "hard")).absolute(), jobs
+        raise InputError(f"no hard case has '{given['case']}' in its name")
+    return chosen, given["out"].absolute(), given["jobs"]
 
 
 # ---- one case ------------------------------------------------------------------------------------

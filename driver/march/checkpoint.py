@@ -1,8 +1,9 @@
-"""Checkpoints: the state after a finished step, from which an interrupted run goes on with the same numbers.
+"""Checkpoints: the state after a finished step, from which an interrupted run goes on with the same
+numbers.
 
-A checkpoint is one file, renamed into place when it is whole: arrays and JSON in numpy's npz format, before them its
-CRC-32. It holds no more than the parts of a run need for the steps to come and for their report, numbered so that
-any number of ranks can go on from it.
+A checkpoint is one file, renamed into place when it is whole: arrays and JSON in numpy's npz
+format, before them its CRC-32. It holds no more than the parts of a run need for the steps to come
+and for their report, numbered so that any number of ranks can go on from it.
 """
 
 import errno
@@ -12,57 +13,35 @@ import json
 import os
 import shutil
 import sys
-import time
 import zlib
 from pathlib import Path
 
 import numpy as np
 
 from ..environment import ROOT
-from ..errors import agreed_writes
 from ..files import renamed
 
 NAME = "checkpoint.bin"
 END = b"</VTKFile>\n"
-SHARE = 0.02  # of the wall time that checkpoints may take: one follows after every step that pays for it
+# of the wall time that checkpoints may take: one follows after every step that pays for it
+SHARE = 0.02
 
 
 def fingerprint(content: str, options: dict) -> dict:
-    """What a run's numbers depend on, by the name that it has for a user; `content` as in seal.Seal."""
-    program = hashlib.sha256(f"{sys.version} {np.__version__} {os.environ.get('PETSC_DIR')}".encode())
+    """What a run's numbers depend on, by the name that it has for a user; `content` as in
+    seal.Seal.
+    """
+    program = hashlib.sha256(f"{sys.version} {np.__version__} {os.environ.get('PETSC_DIR')}".encode(
+        ))
     for path in sorted((ROOT / "driver").rglob("*.py")):
         program.update(str(path.relative_to(ROOT)).encode() + path.read_bytes())
     return {"scene or parameters": content, "options": options, "program": program.hexdigest()}
 
 
-class Checkpoints:
-    """Saves and restores the `parts` of a run, which have snapshot() and restore(), in `directory`; collective."""
-
-    def __init__(self, directory: Path, identity: dict, parts: dict, comm):
-        self.directory, self.identity, self.parts, self.comm = directory, identity, parts, comm
-        self.next = 0.0  # time.perf_counter() from which another one may be written
-
-    def restore(self) -> None:
-        """Put all parts where a checkpoint has left them, if there is one."""
-        state = self.comm.bcast(read(self.directory) if self.comm.rank == 0 else None)
-        if state is not None:
-            for name, part in self.parts.items():
-                part.restore(state[name])
-
-    def save(self) -> None:
-        """Keep the state after the last step, unless the share of time for checkpoints is used up."""
-        start = time.perf_counter()
-        if not self.comm.bcast(start >= self.next):
-            return
-        state = {"fingerprint": self.identity, **{name: part.snapshot() for name, part in self.parts.items()}}
-        with agreed_writes(self.comm):
-            if self.comm.rank == 0:
-                _write(self.directory, state)
-        now = time.perf_counter()
-        self.next = now + (now - start) / SHARE
-
-
-def _write(directory: Path, state: dict) -> None:
+def write(directory: Path, state: dict) -> None:
+    """Keep `state`, dictionaries of numbers, words, lists and arrays, in `directory`. Raises
+    OSError.
+    """
     arrays = {}
     text = json.dumps(_without_arrays(state, arrays))
     whole = io.BytesIO()
@@ -84,8 +63,14 @@ def _without_arrays(value, arrays: dict):
     return value
 
 
+def _with_array(entry: dict, arrays: dict):
+    """The array whose name `entry` holds, or `entry` itself."""
+    return arrays[entry["array"]] if set(entry) == {"array"} else entry
+
+
 def read(directory: Path) -> dict | None:
-    """The state kept in `directory`; None if there is none, or one that is damaged or lacks files of fields.
+    """The state kept in `directory`; None if there is none, or one that is damaged or lacks files
+    of fields.
 
     Raises OSError if memory is too short to see.
     """
@@ -95,9 +80,9 @@ def read(directory: Path) -> dict | None:
             return None
         with np.load(io.BytesIO(content[4:]), allow_pickle=False) as kept:
             arrays = {name: kept[name] for name in kept.files}
-        put_back = lambda entry: arrays[entry["array"]] if set(entry) == {"array"} else entry
-        state = json.loads(arrays["text"].tobytes(), object_hook=put_back)
-        return state if all(_ends(directory / name) for _, name in state["writer"]["vtu"]) else None
+        state = json.loads(arrays["text"].tobytes(),
+                           object_hook=lambda entry: _with_array(entry, arrays))
+        return state if all(_ends(directory / name) for name in state["files"]) else None
     except OSError as problem:
         if problem.errno == errno.ENOMEM:  # not what an error that is being handled was about
             raise
@@ -105,16 +90,20 @@ def read(directory: Path) -> dict | None:
 
 
 def _ends(path: Path) -> bool:
-    """Whether a file of fields has its last line; a power failure may have taken it. Raises OSError if it is empty."""
+    """Whether a file of fields has its last line; a power failure may have taken it. Raises OSError
+    if it is empty.
+    """
     with open(path, "rb") as file:
         file.seek(-len(END), os.SEEK_END)
         return file.read() == END
 
 
 def copy(source: Path, target: Path) -> None:
-    """Give `target` what a run needs to go on from `source`, the checkpoint last; `source` keeps it as well."""
+    """Give `target` what a run needs to go on from `source`, the checkpoint last; `source` keeps it
+    as well.
+    """
     state = read(source)
-    for _, name in state["writer"]["vtu"]:
+    for name in state["files"]:
         (target / name).parent.mkdir(exist_ok=True)
         _link(source / name, target / name)
     shutil.copy(source / "run.log", target / "run.log")

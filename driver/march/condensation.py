@@ -5,9 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..qp import complementarity
-from ..qp.complementarity import BACKWARD, FORWARD, OPEN, STICK, CoulombProblem
-from ..feti.compliance import ContactCompliance, contact_row_numbers
-from ..feti.fetidp import DualOperator
+from ..qp.coulomb import CoulombProblem
+from ..feti.compliance import contact_compliance
+from ..feti.dual_problem import DualProblem
+from ..feti.rows import contact_row_numbers
 from ..contact.rows import ContactRows
 from .step import Load
 
@@ -19,7 +20,7 @@ class Condensation:
     `guess` is a dual vector near the solution of the first step. Collective over the operator's communicator.
     """
 
-    operator: DualOperator | ContactCompliance
+    operator: DualProblem
     rows: ContactRows
     guess: np.ndarray | None = None
 
@@ -37,7 +38,7 @@ class Condensation:
     @property
     def whole(self) -> bool:
         """Whether the contact rows are all there are."""
-        return isinstance(self.operator, ContactCompliance)
+        return self.operator.contact_rows_only
 
     def gather(self, local: np.ndarray) -> np.ndarray:
         """(n + m,) contact part of a dual vector, on every rank."""
@@ -61,7 +62,7 @@ class Condensation:
     def compliance(self) -> np.ndarray:
         """C (n + m, n + m), found at the first call. Raises NotConverged."""
         if self._compliance is None:
-            self._compliance = self.operator.C if self.whole else ContactCompliance(self.operator).C
+            self._compliance = contact_compliance(self.operator)
         return self._compliance
 
     def solution(self, load: Load, x: np.ndarray, gradient: np.ndarray,
@@ -76,30 +77,31 @@ class Condensation:
             near, self.guess = self.gather(self.guess), None
             found = complementarity.settled(problem, near, problem.movement(near))
         if found is None:
-            found = complementarity.settled(problem, start, -self.gather(gradient), self._states(start, sliding))
+            found = complementarity.settled(problem, start, -self.gather(gradient),
+                                            problem.states_of(start, sliding))
         self.operator.products += problem.products
         return None if found is None else (self.place(found[0], x), self.place(-found[1], x))
-
-    def _states(self, x: np.ndarray, sliding: np.ndarray) -> np.ndarray:
-        """(n,) states that the contact multipliers x (n + m,) alone tell, with the signs (m,) of those that slide."""
-        states = np.where((x[: self.n] > 0) | self.rows.bilateral, STICK, OPEN)
-        way = np.where(sliding > 0, FORWARD, np.where(sliding < 0, BACKWARD, STICK))
-        states[self.pair] = np.where(states[self.pair] == OPEN, OPEN, way)
-        return states
 
     def problem(self, load: Load, x: np.ndarray, gradient: np.ndarray) -> CoulombProblem:
         """The condensed problem whose load is exact at the dual vector x with zero gradient on the gluing rows.
 
         Rigid motions of bodies without support are relative to those in `load`.
         """
-        op, balance = self.operator, None
+        op, balance, rows = self.operator, None, self.rows
         if self._law is None:
-            motions = np.column_stack([self.gather(d) for d, _ in op.loaded[op.structure.patterns :]]) if op.modes else None
+            motions = np.column_stack([self.gather(d) for d in op.motions]) if op.modes else None
             self._law = CoulombProblem(self.compliance(), np.zeros(self.n + self.m), np.zeros(self.m), self.pair,
-                                       self.rows.bilateral, motions)
-        coefficient = np.zeros(len(x))
-        coefficient[self.rows.tangential] = self.rows.coefficient
+                                       rows.bilateral, motions)
+        coefficient, offset = self._tangential(rows.coefficient), None
+        if rows.offset is not None:
+            offset = self._tangential(rows.offset)
         d = self.gather(load.d) if self.whole else self.compliance() @ self.gather(x) - self.gather(gradient)
         if op.modes:
             balance = load.weights[: op.structure.patterns] @ op.rigid_work[0]
-        return self._law.under(d, self.gather(coefficient)[self.n :], balance)
+        return self._law.under(d, coefficient, balance, offset)
+
+    def _tangential(self, values: np.ndarray) -> np.ndarray:
+        """(m,) values (j,) of the rank's tangential rows, on every rank."""
+        full = np.zeros(self.operator.owned)
+        full[self.rows.tangential] = values
+        return self.gather(full)[self.n :]

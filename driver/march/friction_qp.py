@@ -2,18 +2,18 @@
 
 import numpy as np
 
-from ..feti.compliance import ContactCompliance
 from ..feti.contact_block import ContactBlock
 from ..feti.deflation import DeflatedPreconditioner, Deflation
-from ..feti.fetidp import DualOperator
+from ..feti.dual_problem import DualProblem
 from ..contact.kkt import Scales
 from ..contact.rows import ContactRows
 from ..errors import NoSolution, NotConverged
-from ..qp.mprgp import Result, mprgp, norm_bound, projected_gradient
+from ..qp.lanczos import norm_bound
+from ..qp.mprgp import Result, mprgp, projected_gradient
 from ..options import Settings
 from .relaxation import ContactRelaxation
 from .step import History, Unfinished
-from ..feti.substructuring import GLUING
+from ..feti.rows import RowKind
 
 
 class FrictionQP:
@@ -22,7 +22,7 @@ class FrictionQP:
     `bound` is an upper bound of the scaled ||F||; counts and the log of its iterations go to `history`.
     """
 
-    def __init__(self, operator: DualOperator, rows: ContactRows, settings: Settings, scales: Scales, history: History):
+    def __init__(self, operator: DualProblem, rows: ContactRows, settings: Settings, scales: Scales, history: History):
         self.operator, self.rows, self.settings, self.scales, self.history = operator, rows, settings, scales, history
         structure = operator.structure
         self.scale = structure.row_scale[slice(*structure.row_range)]
@@ -33,8 +33,9 @@ class FrictionQP:
     def _bound_norm(self) -> float:
         """Upper bound of the scaled ||F||; the same random start vector for any number of ranks."""
         structure, op = self.operator.structure, self.operator
-        if isinstance(op, ContactCompliance):
-            return float(np.linalg.norm(self.scale[:, None] * op.C * self.scale)) or 1.0
+        known = op.norm_bound(self.scale)
+        if known is not None:
+            return known
         if structure.dual_dofs == 0:  # one subdomain without contact: nothing to iterate on
             return 1.0
         start = np.random.default_rng(1).standard_normal(structure.dual_dofs)
@@ -49,7 +50,7 @@ class FrictionQP:
         settings, op = self.settings, self.operator
         relaxed = "contact" in (settings.expansion, settings.corrector)
         kinds = np.unique(op.structure.row_kind)
-        coupled = (relaxed or settings.preconditioner == "deflated") and GLUING in kinds and len(kinds) > 1
+        coupled = (relaxed or settings.preconditioner == "deflated") and RowKind.GLUING in kinds and len(kinds) > 1
         local = op.preconditioner() if settings.preconditioner != "none" or coupled else None
         chosen = local if settings.preconditioner != "none" else None
         if not coupled:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..qp import complementarity
-from ..qp.complementarity import CoulombProblem
+from ..qp.coulomb import CoulombProblem
 
 ANDERSON, NEWTON, LEMKE = "Anderson acceleration", "Newton on the condensed contact rows", "Lemke's method"
 CONDENSED_NODES = 1000  # contact nodes up to which their compliance, a dense matrix, is made

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from ..effects import Effects
-from ..feti.fetidp import DualOperator
-from ..feti.substructuring import Substructure, partition
+from ..feti.operator import DualOperator
+from ..feti.structure import Substructure, partition
 from ..options import Settings
 from ..scene.loader import read_subdomains
 from ..scene.manifest import Manifest, read_manifest

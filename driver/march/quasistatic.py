@@ -21,7 +21,7 @@ from ..contact.kkt import Scales, kkt_residuals
 from ..contact.rows import contact_rows
 from ..effects import Effects
 from ..errors import DriverError, NotConverged
-from ..feti.fetidp import DualOperator
+from ..feti.dual_problem import DualProblem
 from ..options import Settings
 from ..qp.mprgp import projected_gradient
 from . import globalization
@@ -41,7 +41,7 @@ KEPT = ("counts", "residuals", "steps", "warnings", "contraction", "seconds")  #
 class QuasistaticSolver:
     """Marches through the time steps of one problem. Collective over the operator's communicator."""
 
-    def __init__(self, operator: DualOperator, effects: Effects, amplitudes: np.ndarray, times: np.ndarray,
+    def __init__(self, operator: DualProblem, effects: Effects, amplitudes: np.ndarray, times: np.ndarray,
                  settings: Settings):
         """`amplitudes` (steps + 1, patterns): factor of every load pattern at every time of `times`."""
         self.operator, self.settings, self.effects = operator, settings, effects
@@ -170,8 +170,8 @@ class QuasistaticSolver:
             error, sliding = failure.error, rows.sliding(failure.x, rows.friction_bound(failure.x))
             x, gradient, moved = self._into_cone(load.d, failure.x, failure.gradient, sliding)
             residuals = self._residuals(load, x, gradient)
-        return Step(index, float(self.times[index]), load.weights, x, gradient, rows.states(x), trace.iterations,
-                    op.products - products, trace.contraction, residuals, moved), error
+        return Step(index, float(self.times[index]), load.weights, x, gradient, rows.states(x),
+                    rows.friction_bound(x), trace.iterations, op.products - products, trace.contraction, residuals, moved), error
 
     def _tightened(self, index: int, load: Load, x, gradient, sliding, trace: Trace):
         """Multipliers, gradient, last change and residuals of the fixed point; see `_step`. Raises Unfinished."""
@@ -208,13 +208,13 @@ class QuasistaticSolver:
         search.examine(index, problem, self.condensation.gather(x), contact.weight[contact.normal_row >= 0])
 
     def _into_cone(self, d, x, gradient, sliding):
-        """Multipliers put exactly into the cone of their own pressures, their gradient, the change (None: no change).
+        """Multipliers put exactly into the cone of their own pressures, their gradient, the change.
 
         The last QP was solved with the bound of the iterate before. Nodes that slid stay on the bound and
         the others inside it, so that the active set the QP has found is kept.
         """
         final, renewed = self.qp.placed(self.rows.follow(x, sliding), d, x, gradient)
-        return final, renewed, None if final is x else final - x
+        return final, renewed, final - x
 
     def _residuals(self, load: Load, x, gradient) -> dict:
         """KKT residuals of the step's state."""

@@ -9,7 +9,7 @@ what is left to products with F is the answer of the gluing.
 import numpy as np
 
 from ..feti.deflation import Deflation
-from ..feti.fetidp import DualOperator
+from ..feti.dual_problem import DualProblem
 from ..qp.mprgp import mprgp, projected_gradient
 
 REDUCTION = 0.1  # of the residual: the gluing's answer spoils more than that
@@ -19,7 +19,7 @@ LIMIT = 1000  # products with F_cc
 class ContactRelaxation:
     """Minimises over the contact multipliers; counts its `products` with F_cc. Collective over `operator.comm`."""
 
-    def __init__(self, operator: DualOperator, deflation: Deflation, norm_bound: float, scale: np.ndarray):
+    def __init__(self, operator: DualProblem, deflation: Deflation, norm_bound: float, scale: np.ndarray):
         """`scale` (owned,) of MPRGP and `norm_bound` of F in it, which bounds F_cc as well."""
         self.operator, self.deflation, self.norm_bound = operator, deflation, norm_bound
         self.scale, self.contact_scale = scale, deflation.block.gather(scale)

@@ -1,10 +1,9 @@
 """Data of the time stepping: the state at the end of a step, its load, and what a run of steps has counted."""
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..contact.rows import ContactRows
 from ..errors import DriverError
 from .globalization import Fallbacks
 
@@ -19,35 +18,14 @@ class Step:
     time: float
     weights: np.ndarray  # factors of the load patterns, then of the free rigid motions
     multipliers: np.ndarray
-    gradient: np.ndarray
+    gradient: np.ndarray | None  # None in a step from a checkpoint
     status: np.ndarray  # of the rank's nodes with a normal row
+    friction_bound: np.ndarray  # (j,) largest friction forces at the rank's tangential rows
     fixed_point_iterations: int
     products: int
     contraction: float  # mean ratio of successive changes of the fixed point, NaN if there was one
     residuals: dict
-    moved: np.ndarray | None = None  # last change of the multipliers, to the friction bound of their own pressures
-
-
-def gathered(step: Step, rows: ContactRows, contact_nodes: int, comm) -> dict | None:
-    """A step as numbers and arrays of the whole problem on rank 0, for `scattered`; collective."""
-    moved = np.empty(0) if step.moved is None else step.moved
-    parts = comm.gather((step.multipliers, step.gradient, rows.normal_node, step.status, moved))
-    if parts is None:
-        return None
-    multipliers, gradient, node, status, moved = map(np.concatenate, zip(*parts))
-    by_node = np.zeros(contact_nodes, np.int64)
-    by_node[node] = status
-    return {f.name: getattr(step, f.name) for f in fields(Step)} | {
-        "multipliers": multipliers, "gradient": gradient, "status": by_node,
-        "moved": None if step.moved is None else moved}
-
-
-def scattered(state: dict, rows: ContactRows, row_range: tuple[int, int]) -> Step:
-    """This rank's part of a step from what `gathered` returned."""
-    mine = slice(*row_range)
-    moved = None if state["moved"] is None else state["moved"][mine]
-    return Step(**state | {"multipliers": state["multipliers"][mine], "gradient": state["gradient"][mine],
-                           "status": state["status"][rows.normal_node], "moved": moved})
+    moved: np.ndarray  # last change of the multipliers, to the friction bound of their own pressures
 
 
 @dataclass

@@ -1,20 +1,25 @@
-"""The torn body: interfaces, supports and the contact boundary of all subdomains, and the rows between them."""
+"""The torn body: interfaces, supports and the contact boundary of all subdomains, and the rows
+between them.
+"""
 
 import numpy as np
 
 from ..contact.boundary import contact_boundary
 from ..effects import Effects
+from ..feti.numbering import fixed_dofs, number
 from ..feti.skeleton import Skeleton
-from ..feti.substructuring import Substructure, fixed_dofs, number
+from ..feti.structure import Substructure
 from ..scene.loader import Subdomain
 from ..scene.manifest import Manifest
 
 
-def build(manifest: Manifest, subdomains: list[Subdomain], first: int, comm, moved: list | None = None) -> Substructure:
+def build(manifest: Manifest, subdomains: list[Subdomain], first: int, comm,
+          moved: list | None = None) -> Substructure:
     """Derive corners, rows and numbering; collective over `comm`.
 
-    `moved`: displacements (dofs,) of the subdomains about which contact between bodies is linearized, if not about
-    none. Raises InputError for interfaces that do not conform and for contact labels without nodes.
+    `moved`: displacements (dofs,) of the subdomains about which contact between bodies is
+    linearized, if not about none. Raises InputError for interfaces that do not conform and for
+    contact labels without nodes.
     """
     effects, skeleton = Effects(manifest), Skeleton(manifest, subdomains, comm)
     skeleton.check_conformity(comm)

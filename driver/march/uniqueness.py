@@ -11,7 +11,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..qp import complementarity
-from ..qp.complementarity import FEW, OPEN, STICK, CoulombProblem
+from ..qp.complementarity import FEW
+from ..qp.coulomb import OPEN, STICK, CoulombProblem
 
 SMALL = 64  # contact nodes up to which a doubtful step is examined without being asked for
 # Plane problems of a half-plane are known to have a solution up to F = sqrt(3 - 4 nu) / (2 - 2 nu) (C. Eck,
@@ -82,7 +83,7 @@ class Uniqueness:
 def _describe(problem: CoulombProblem, z: np.ndarray, weight: np.ndarray) -> dict:
     """Numbers that tell one solution from another."""
     states, x = problem.states(z), z[: problem.rows]
-    return {"open": int(np.sum(states == OPEN)), "stick": int(np.sum(states == STICK)), "slip": int(np.sum(states > STICK)),
+    return {"open": int(np.sum(states <= OPEN)), "stick": int(np.sum(states == STICK)), "slip": int(np.sum(states > STICK)),
             "resultant_n": float(-x[: problem.n].sum()), "resultant_t": float(-x[problem.n :].sum()),
             "peak_pressure": float((x[: problem.n] / weight).max(initial=0)), "index": complementarity.index(problem, z)}
 

@@ -18,8 +18,11 @@ Notation, with g = Ax - b and componentwise definitions:
     reduced free grad. phi~ = (x - P(x - abar phi)) / abar,   abar = alpha_factor / norm_bound
 
 SPMD.  Every 1-D array is the local part of a distributed vector, and the only communication are
-the callables ``dot`` and ``minimum``; every decision is taken on what they returned.  If they give the
-same float to all ranks, all ranks take the same branches.  Local parts may be empty.
+the callables ``dot`` and ``minimum``; every decision is taken on what they returned.  If they give
+the same float to all ranks, all ranks take the same branches.  Local parts may be empty.
+
+One module, of more than 400 lines: the steps share one state, of which x and g always belong
+together, and each decision is argued beside it.
 """
 
 from dataclasses import dataclass, replace
@@ -40,8 +43,6 @@ MAX_DOUBLINGS = 40
 MAX_REFUTATIONS = 3
 # Parts of a CG step that are tried on its projected arc (expansion "cg").
 ARC = (1.0, 1 / 4, 1 / 16)
-# Probability with which the Lanczos bound may fall short of the norm (see norm_bound).
-LANCZOS_RISK = 1e-3
 
 
 @dataclass(frozen=True)
@@ -88,9 +89,10 @@ def split_gradient(x, g, lower, upper):
 
 def projected_gradient(x, g, lower, upper):
     """g^P = phi + beta, shape (n,), at the feasible x with gradient g; see split_gradient."""
-    projected, met = np.array(g, float), np.flatnonzero((x == lower) | (x == upper))  # few of many components
-    at = lambda bound: bound[met] if np.ndim(bound) else bound
-    projected[met] = split_gradient(x[met], projected[met], at(lower), at(upper))[1]
+    # few of many components
+    projected, met = np.array(g, float), np.flatnonzero((x == lower) | (x == upper))
+    lower, upper = (bound[met] if np.ndim(bound) else bound for bound in (lower, upper))
+    projected[met] = split_gradient(x[met], projected[met], lower, upper)[1]
     return projected
 
 
@@ -155,6 +157,7 @@ class _Mprgp:
         return self.A(v)
 
     def gradient_at(self, x):
+        """A x - b (n,) at x (n,); one product."""
         return self.product(x) - self.b
 
     def place(self, x, g, updates):
@@ -198,7 +201,8 @@ class _Mprgp:
     def step(self):
         """One step of the algorithm; returns its kind."""
         if not self.is_proportional():
-            released = self.relax is not None and self.relaxed_step(self.x, self.g, 0.5 * self.beta2 / self.bound)
+            released = self.relax is not None and self.relaxed_step(self.x, self.g,
+                                                                    0.5 * self.beta2 / self.bound)
             return "proportioning" if released else self.proportioning_step()
         p, slope = self.direction()
         Ap = self.product(p)
@@ -207,8 +211,10 @@ class _Mprgp:
         length, blocked = _cut_step(ratio, wish, self.minimum)
         self.refuse_endless(length, p, slope)
         if blocked and np.isfinite(wish):
-            needed = max(length * (slope - 0.5 * length * self.curvature), self.sufficient_decrease())
-            if self.relax is not None and self.relaxed_step(self.x - wish * p, self.g - wish * Ap, needed):
+            needed = max(length * (slope - 0.5 * length * self.curvature),
+                         self.sufficient_decrease())
+            if self.relax is not None and self.relaxed_step(self.x - wish * p, self.g - wish * Ap,
+                                                            needed):
                 return "expansion"
             if self.projected_cg and self.projected_step(p, length, wish, needed):
                 return "expansion"
@@ -276,25 +282,30 @@ class _Mprgp:
         return "proportioning"
 
     def sufficient_decrease(self):
-        """abar (1 - alpha_factor/2) phi~'phi, by which a gradient projection step provably lowers f."""
+        """abar (1 - alpha_factor/2) phi~'phi, by which a gradient projection step provably lowers
+        f.
+        """
         return (1 - 0.5 * self.alpha_factor) * self.alpha_factor / self.bound * self.reduced_slope
 
     def projected_step(self, p, length, wish, needed):
         """x <- P(x - a p), on the projected arc of the CG step; returns whether it was taken.
 
-        Many components meet their bounds at once, where the half step stops at the first, after `length`. The
-        longest step of `ARC` (a / wish) is taken that lowers f by `needed`: as far as on the half step and as far as
-        the gradient projection provably takes it; so the convergence proof of MPRGP, which rests on that decrease,
-        holds with it. (J. J. More, G. Toraldo, SIAM J. Optim. 1 (1991) 93-113, search such an arc.)
+        Many components meet their bounds at once, where the half step stops at the first, after
+        `length`. The longest step of `ARC` (a / wish) is taken that lowers f by `needed`: as far as
+        on the half step and as far as the gradient projection provably takes it; so the convergence
+        proof of MPRGP, which rests on that decrease, holds with it. (J. J. More, G. Toraldo, SIAM
+        J. Optim. 1 (1991) 93-113, search such an arc.)
         """
         steps = [part * wish for part in ARC if part * wish > length]
-        return any(self.try_step(np.clip(self.x - a * p, self.lower, self.upper), needed) for a in steps)
+        return any(self.try_step(np.clip(self.x - a * p, self.lower, self.upper), needed)
+                   for a in steps)
 
     def relaxed_step(self, y, g, needed):
-        """x <- relax(y, g); returns whether it was taken, which needs the same decrease of f as other steps.
+        """x <- relax(y, g); returns whether it was taken, which needs the same decrease of f as
+        other steps.
 
-        y is the end of the whole CG step, feasible or not (then its active set follows from the block
-        problem instead of a projection), or x itself where components are to be released.
+        y is the end of the whole CG step, feasible or not (then its active set follows from the
+        block problem instead of a projection), or x itself where components are to be released.
         """
         return self.try_step(self.relax(y, g), needed)
 
@@ -344,10 +355,11 @@ class _Mprgp:
     # -- control ------------------------------------------------------------------------------
 
     def refresh(self):
-        """Recomputes a gradient that updates have brought below the rounding of the one they started from.
+        """Recomputes a gradient that updates have brought below the rounding of the one they
+        started from.
 
-        Only where x has become so much smaller since then that this brings digits back. Without them the gradient
-        says nothing of x any more, and CG would follow it into underflow.
+        Only where x has become so much smaller since then that this brings digits back. Without
+        them the gradient says nothing of x any more, and CG would follow it into underflow.
         """
         if self.updates == 0:
             self.trust = self.gradient_rounding(self.x)
@@ -385,9 +397,12 @@ class _Mprgp:
         """Stops after a long stretch in which neither the residual nor f made headway.
 
         One CG or gradient step lowers f by ||phi||^2 / (2 ||A||) or more, so a stretch of
-        hundreds of steps that sums up to rounding of f only is spent on rounding errors.
+        hundreds of steps that sums up to rounding of f only is spent on rounding errors.  A
+        residual below the rounding of the product that its gradient was updated from hardly
+        knows of x any more: what it gains there, per cent by per cent down to underflow, counts
+        for nothing.
         """
-        if self.residual < 0.99 * self.best:
+        if self.trust < self.best and self.residual < 0.99 * self.best:
             self.best, self.best_at, self.decrease = self.residual, self.products, 0.0
         elif self.products - self.best_at >= self.window:
             size = np.sqrt(self.dot(self.x, self.x)) * self.gradient_rounding(self.x)
@@ -416,6 +431,7 @@ class _Mprgp:
             return stop.args
 
     def result(self):
+        """Runs to the end; the Result."""
         status, reason = self.iterate()
         g_projected = projected_gradient(self.x, self.g, self.lower, self.upper)
         residual = float(np.sqrt(self.dot(g_projected, g_projected)))
@@ -439,12 +455,14 @@ def _checked(b, lower, upper, x0, dot):
     if b.ndim != 1 or x0.shape != b.shape:
         raise ValueError("b and x0 must be 1-D arrays of the same length")
     start = np.clip(x0, lower, upper)
-    good = np.isfinite(b) & (lower <= upper) & (lower < np.inf) & (upper > -np.inf) & np.isfinite(start)
+    good = np.isfinite(b) & (lower <= upper) & (lower < np.inf) & (upper
+                                                                   > -np.inf) & np.isfinite(start)
     if not _anywhere(~good, dot):
         return b, lower, upper, start
     for bad, reason in ((~np.isfinite(b), "b has a value that is not finite"),
                         (np.isnan(lower) | np.isnan(upper), "a bound is NaN"),
-                        ((lower > upper) | (lower == np.inf) | (upper == -np.inf), "the box is empty"),
+                        ((lower > upper) | (lower == np.inf) | (upper == -np.inf),
+                         "the box is empty"),
                         (np.isnan(x0), "x0 has a NaN"),
                         (np.isinf(start), "x0 has an infinite value inside the box")):
         if _anywhere(bad, dot):
@@ -452,7 +470,8 @@ def _checked(b, lower, upper, x0, dot):
 
 
 def mprgp(A, b, lower, upper, x0=None, *, tol, norm_bound, gamma=1.0, alpha_factor=1.95,
-          preconditioner=None, max_products=10_000, gradient0=None, dot=np.dot, minimum=float, monitor=None,
+          preconditioner=None, max_products=10_000, gradient0=None, dot=np.dot, minimum=float,
+          monitor=None,
           expansion="gradient", scale=None, relax=None):
     """Minimise 1/2 x'Ax - b'x over lower <= x <= upper; returns a Result.
 
@@ -461,8 +480,8 @@ def mprgp(A, b, lower, upper, x0=None, *, tol, norm_bound, gamma=1.0, alpha_fact
     x0              (n,) start, projected on the box; default 0 projected
     tol             stops at ||g^P(x)|| <= tol.  Absolute: the caller scales it, e.g. 1e-6 ||b||.
                     For positive definite A this gives ||x - x*|| <= tol / lambda_min(A).
-    norm_bound      upper bound of ||A||, see norm_bound(); too small a value is found out by an
-                    expansion step that increases f, and doubled
+    norm_bound      upper bound of ||A||, see lanczos.norm_bound(); too small a value is found out
+                    by an expansion step that increases f, and doubled
     gamma           Gamma > 0 of the release criterion ||beta||^2 <= Gamma^2 phi~'phi
     alpha_factor    expansion steps have the length abar = alpha_factor / norm_bound, in (0, 2]
     preconditioner  callable (phi, free mask) -> z, z = 0 off the mask, SPD on the face
@@ -473,18 +492,22 @@ def mprgp(A, b, lower, upper, x0=None, *, tol, norm_bound, gamma=1.0, alpha_fact
     monitor         callable (kind, products, residual) after every step, kind in {"start", "cg",
                     "expansion", "proportioning"}
     expansion       "gradient": half a CG step, then the fixed gradient projection step; "cg": the
-                    CG step, or a part of it, projected where that lowers f enough, else as "gradient"
-    scale           (n,) D > 0: the iteration runs in y = x / D, that is with D A D and D b, which makes up for
-                    rows of very different size. `tol` then bounds ||D g^P|| and `norm_bound` ||D A D||, and
-                    Result.residual is ||D g^P||; all else is in x. Powers of two round nothing.
-    relax           callable (y, g) -> x: from any y (n,) and g = A y - b a feasible x that (nearly) minimises
+                    CG step, or a part of it, projected where that lowers f enough, else as
+                    "gradient"
+    scale           (n,) D > 0: the iteration runs in y = x / D, that is with D A D and D b, which
+    makes up for
+                    rows of very different size. `tol` then bounds ||D g^P|| and `norm_bound` ||D A
+                    D||, and Result.residual is ||D g^P||; all else is in x. Powers of two round
+                    nothing.
+    relax           callable (y, g) -> x: from any y (n,) and g = A y - b a feasible x that (nearly)
+    minimises
                     f over some components, the others being those of y.  Tried in expansion and
                     proportioning steps, and taken where it lowers f enough
 
     Products: one for a CG or a proportioning step, two for an expansion step, and one more for each
-    point of the arc and of `relax` that was tried in vain.  All iterates are feasible.  Data that make no
-    problem raise ValueError (on all ranks); an operator that is indefinite, or returns NaN or inf, or leaves
-    f unbounded ends with "indefinite operator".
+    point of the arc and of `relax` that was tried in vain.  All iterates are feasible.  Data that
+    make no problem raise ValueError (on all ranks); an operator that is indefinite, or returns NaN
+    or inf, or leaves f unbounded ends with "indefinite operator".
     """
     if not (np.isfinite(norm_bound) and norm_bound > 0):
         raise ValueError("norm_bound must be positive and finite")
@@ -494,8 +517,10 @@ def mprgp(A, b, lower, upper, x0=None, *, tol, norm_bound, gamma=1.0, alpha_fact
         raise ValueError("need 0 < alpha_factor <= 2, gamma > 0, tol >= 0, max_products >= 1")
     if scale is not None and (scale != 1).any():
         return _unscaled(A, b, lower, upper, x0, scale, dict(
-            tol=tol, norm_bound=norm_bound, gamma=gamma, alpha_factor=alpha_factor, preconditioner=preconditioner,
-            max_products=max_products, gradient0=gradient0, dot=dot, minimum=minimum, monitor=monitor,
+            tol=tol, norm_bound=norm_bound, gamma=gamma, alpha_factor=alpha_factor,
+            preconditioner=preconditioner,
+            max_products=max_products, gradient0=gradient0, dot=dot, minimum=minimum,
+            monitor=monitor,
             expansion=expansion, relax=relax))
     b, lower, upper, x = _checked(b, lower, upper, x0, dot)
     run = _Mprgp(A, b, lower, upper, tol, float(norm_bound), gamma, alpha_factor, preconditioner,
@@ -518,60 +543,6 @@ def _unscaled(A, b, lower, upper, x0, scale, options):
         options["gradient0"] = scale * gradient0
     if options["relax"] is not None:
         options["relax"] = lambda y, g: relax(scale * y, g / scale) / scale
-    found = mprgp(lambda y: scale * A(scale * y), scale * b, lower / scale, upper / scale,
+    scaled = mprgp(lambda y: scale * A(scale * y), scale * b, lower / scale, upper / scale,
                   None if x0 is None else x0 / scale, **options)
-    return replace(found, x=scale * found.x, gradient=found.gradient / scale)
-
-
-def _lanczos(A, v, dot, steps):
-    """Lanczos tridiagonal matrix from v (n,): diagonal (k), off-diagonal (k), invariant or not.
-
-    The last off-diagonal entry belongs to the residual.  Without reorthogonalisation: lost
-    orthogonality only repeats Ritz values, which does not disturb the largest one.
-    """
-    v_old, beta, diagonal, off = np.zeros_like(v), 0.0, [], []
-    for _ in range(steps):
-        w = A(v) - beta * v_old
-        diagonal.append(dot(v, w))
-        w = w - diagonal[-1] * v
-        beta = np.sqrt(dot(w, w))
-        if not np.isfinite(beta):
-            raise ValueError("A returned values that are not finite")
-        off.append(beta)
-        if beta <= 10 * EPS * max(np.abs(diagonal).max(), max(off)):
-            return diagonal, off, True
-        v_old, v = v, w / beta
-    return diagonal, off, False
-
-
-def norm_bound(A, n, *, dot=np.dot, steps=15, seed=0, start=None):
-    """Upper bound of ||A|| by Lanczos: (bound, calls of A).
-
-    n is the local length.  The start vector is random from `seed`, or `start` (n,), the rank's
-    part of one.  After k steps theta + |beta_k s_k|, the Ritz value largest in modulus plus its
-    residual (s_k: last component of its eigenvector), proves an eigenvalue nearby but not that it
-    is the last one; on evenly spread spectra it falls short by a few per cent.  The bound is
-    therefore also at least theta / (1 - eps) with the relative error eps that a start vector
-    uniform on the sphere of R^N exceeds with probability LANCZOS_RISK at most, for any SPSD matrix:
-
-        LANCZOS_RISK = 1.648 sqrt(N) exp(-sqrt(eps) (2k - 1))
-
-    (J. Kuczynski, H. Wozniakowski, SIAM J. Matrix Anal. Appl. 13 (1992) 1094-1122); eps is
-    not taken above 1/2.  Breakdown (beta_k within rounding of zero) leaves an invariant subspace:
-    theta is exact and returned with its residual only.
-    """
-    v = np.random.default_rng(seed).standard_normal(n) if start is None else np.array(start, float)
-    length = np.sqrt(dot(v, v))
-    if steps < 1 or not (np.isfinite(length) and length > 0):
-        raise ValueError("Lanczos needs a step and a finite start vector that is not zero")
-    diagonal, off, invariant = _lanczos(A, v / length, dot, steps)
-    T = np.diag(diagonal) + np.diag(off[:-1], 1) + np.diag(off[:-1], -1)
-    ritz, vectors = np.linalg.eigh(T)
-    k = int(np.argmax(np.abs(ritz)))
-    theta, residual = abs(ritz[k]), abs(off[-1] * vectors[-1, k])
-    if invariant:
-        return float(theta + residual), len(diagonal)
-    ones = np.ones_like(v)
-    size = dot(ones, ones)
-    root = np.log(1.648 * np.sqrt(size) / LANCZOS_RISK) / (2 * len(diagonal) - 1)
-    return float(max(theta + residual, theta / (1 - min(root**2, 0.5)))), len(diagonal)
+    return replace(scaled, x=scale * scaled.x, gradient=scaled.gradient / scale)

@@ -1,43 +1,48 @@
 """The effects ledger of a run: what the scene declared, whether it ever mattered, what it cost.
 
-Made of what the run already holds; nothing is solved or measured for it. Seconds are shares of the time steps' wall
-time, in proportion to the products with the dual matrix that an effect caused. What is said of an effect stands in
-its room.
+Made of what the run already holds; nothing is solved or measured for it. Seconds are shares of the
+time steps' wall time, in proportion to the products with the dual matrix that an effect caused.
+What is said of an effect stands in its room.
 """
 
 import numpy as np
 
+from ..contact.states import STATUS_NAMES
 from ..effects import RunFacts
 
-STATES = ("open", "stick", "slip")
 
+def ledger(solver, sizes: dict, amplitudes: np.ndarray, largest: np.ndarray,
+           history: list[dict]) -> dict[str, dict]:
+    """Entry {declared, active, reason, unknowns, seconds} of every effect of the scene that
+    `solver` has marched through.
 
-def ledger(solver, sizes: dict, amplitudes: np.ndarray, largest: np.ndarray, history: list[dict]) -> dict[str, dict]:
-    """Entry {declared, active, reason, unknowns, seconds} of every effect of the scene that `solver` has marched through.
-
-    `sizes` as in summary.json, `amplitudes` (steps + 1, patterns), `largest` (patterns,) the largest nodal value of
-    every pattern, `history` the rows of history.csv, empty if no step was kept.
+    `sizes` as in summary.json, `amplitudes` (steps + 1, patterns), `largest` (patterns,) the
+    largest nodal value of every pattern, `history` the rows of history.csv, empty if no step was
+    kept.
     """
     contact = solver.operator.structure.contact
     facts = RunFacts(sizes, amplitudes, largest,
-                     {state: np.array([row[f"nodes_{state}"] for row in history], int) for state in STATES},
+                     {state: np.array([row[f"nodes_{state}"] for row in history], int)
+                      for state in STATUS_NAMES},
                      shares(solver.history.log, solver.history.seconds), bool(contact.gap.any()),
-                     bool(solver.initial.any()), solver.effects.homogeneous(contact, solver.initial))
+                     bool(solver.initial.any()),
+                     solver.effects.homogeneous(contact, solver.initial))
     return solver.effects.ledger(facts)
 
 
 def never_mattered(entries: dict[str, dict]) -> list[str]:
     """One sentence for every effect that is declared and was not active."""
-    return [f"{name.replace('_', ' ')} is declared but {entry['reason']}" for name, entry in entries.items()
+    return [f"{name.replace('_', ' ')} is declared but {entry['reason']}"
+            for name, entry in entries.items()
             if entry["declared"] and entry["active"] is False]
 
 
 def shares(log: list[tuple], seconds: float) -> dict[str, float]:
     """Seconds of the products that contact, friction and the steps before the last one caused.
 
-    contact: products of expansion and proportioning steps, which bounds alone call for; friction: those of
-    the fixed point's iterations after the first; history: those of all steps but the last. `log` as in
-    convergence.csv.
+    contact: products of expansion and proportioning steps, which bounds alone call for; friction:
+    those of the fixed point's iterations after the first; history: those of all steps but the last.
+    `log` as in convergence.csv.
     """
     spent = dict.fromkeys(("contact", "friction", "history"), 0)
     total, before = 0, log[0][0] if log else 0

@@ -20,7 +20,7 @@ edge, whose opening errs most, is left out where there are others.
 
 import numpy as np
 
-from ..contact.rows import OPEN, SLIP
+from ..contact.states import OPEN, SLIP
 
 NOTHING = 1e-9  # resultants below this part of the largest one of the history are what rounding leaves
 

@@ -1,20 +1,26 @@
-"""ACCURACY=1%[,quantity]: choose mesh, steps and tolerances so that a quantity of interest is as good as asked for.
+"""ACCURACY=1%[,quantity]: choose mesh, steps and tolerances so that a quantity of interest is as
+good as asked for.
 
-The search starts from a mesh eight times coarser than the scene's own and refines. Runs of successive meshes are each
-other's companions (budget.py): nothing is run for the estimate alone but cheap things on the second mesh,
+The search starts from a mesh eight times coarser than the scene's own and refines. Runs of
+successive meshes are each other's companions (budget.py): nothing is run for the estimate alone but
+cheap things on the second mesh,
 
-steps       5, 10, 20, ... until the part of the time step is below TIME of what is allowed; all of them take their
-            times from one finely sampled history; a single step where the end does not depend on the way to it
-tolerances  RTOL, FRICTION_RTOL start far above what single runs use and are tightened until a hundredth of them would
-            change the quantity by less than ALGEBRAIC of what is allowed, so that nothing is solved beyond the
-            discretization error; with many steps, whose errors add up, they are smaller in proportion
+steps       5, 10, 20, ... until the part of the time step is below TIME of what is allowed; all of
+            them take their
+            times from one finely sampled history; a single step where the end does not depend on
+            the way to it
+tolerances  RTOL, FRICTION_RTOL start far above what single runs use and are tightened until a
+            hundredth of them would
+            change the quantity by less than ALGEBRAIC of what is allowed, so that nothing is solved
+            beyond the discretization error; with many steps, whose errors add up, they are smaller
+            in proportion
 
 Both are checked again on the last mesh but one.
 
-Then meshes follow, each sized by the observed order so that its estimate uses up ROOM of what is left, until all parts
-together are within the request. The estimate has the grid convergence index's margin of 1.25 over the extrapolated error
-with three meshes, which are the fewest: two coarse ones may agree by accident. It is meant to be met in at least 95 of
-100 cases.
+Then meshes follow, each sized by the observed order so that its estimate uses up ROOM of what is
+left, until all parts together are within the request. The estimate has the grid convergence index's
+margin of 1.25 over the extrapolated error with three meshes, which are the fewest: two coarse ones
+may agree by accident. It is meant to be met in at least 95 of 100 cases.
 """
 
 import dataclasses
@@ -23,6 +29,9 @@ import math
 import time
 from pathlib import Path
 
+from ..effects import Effects
+from ..effects.quasistatic import proportional
+from ..errors import DriverError, InputError, NoSolution, NotConverged, error_of
 from ..estimates.budget import (
     FORMAL,
     UNBOUNDED,
@@ -35,9 +44,7 @@ from ..estimates.budget import (
     share,
     summed,
 )
-from ..errors import DriverError, InputError, NoSolution, NotConverged, error_of
-from ..effects import Effects
-from ..effects.quasistatic import proportional
+from .request import Request
 
 COARSENING = (8, 4, 2, 1)  # of the scene's own mesh, for the first one that can be had
 SAMPLING = 32  # times of the load history per step of the scene
@@ -46,32 +53,24 @@ TIME, ALGEBRAIC, ROOM = 0.35, 0.05, 0.85
 LAST = 0.7  # of what is allowed may be the time step's part where there are no more steps to take
 LARGEST = 300_000  # vertices; twice as many unknowns
 TOLERANCES = ("rtol", "friction_rtol", "primal_rtol")
-CHOSEN = ("cells", "h", "steps", "rtol", "friction_rtol", "primal_rtol", "adapt")
-
-
-def parse(text: str) -> tuple[float, str]:
-    """Relative error and quantity ("" if none is named) of 1%, 0.01 or 1%,quantity. Raises InputError."""
-    number, _, quantity = text.partition(",")
-    try:
-        value = float(number.removesuffix("%")) / (100 if number.endswith("%") else 1)
-    except ValueError:
-        value = math.nan
-    if not 0 < value < 1:
-        raise InputError(f"ACCURACY expects a relative error such as 1% or 0.01, and a quantity if you like, not '{text}'")
-    return value, quantity.strip()
 
 
 class Search:
     """Looks for the settings that meet a request. Collective."""
 
     def __init__(self, levels, settings, asked: float, quantity: str, say=lambda line: None):
-        """`levels`: the scene's; `settings` those that are not chosen; `say` takes lines for the user."""
+        """`levels`: the scene's; `settings` those that are not chosen; `say` takes lines for the
+        user.
+        """
         self.levels, self.asked, self.say = levels, asked, say
-        self.settings = dataclasses.replace(settings, rtol=0.01 * asked, friction_rtol=0.1 * asked, primal_rtol=0.03 * asked)
+        self.settings = dataclasses.replace(settings, rtol=0.01 * asked, friction_rtol=0.1 * asked,
+                                            primal_rtol=0.03 * asked)
         self.first = self._first()
         self.knob = mesh_knob(self.first.parameters)
         if self.knob is None:
-            raise InputError("no parameter (CELLS, H) sets the mesh size of this scene: ACCURACY has nothing to choose")
+            raise InputError(
+                "no parameter (CELLS, H) sets the mesh size of this scene: ACCURACY has nothing "
+                "to choose")
         self.sizes = [self.first.parameters[self.knob]]
         self.effects, self.total = Effects(self.first), self.first.steps
         self.stride = 1 if not self.effects.quasistatic else SAMPLING * FEWEST
@@ -93,15 +92,18 @@ class Search:
                 self.levels.problems[key] = self.levels.problems[(("coarsening", factor),)]
             return manifest
 
-    # ---- runs ------------------------------------------------------------------------------------------
+    # ---- runs ------------------------------------------------------------------------------------
     def _level(self, size, stride=None, settings=None):
         stride = stride or self.stride
-        return self.levels.run(self.scaled(settings or self.settings, stride), stride, **{self.knob: size})
+        return self.levels.run(self.scaled(settings or self.settings, stride), stride,
+                               **{self.knob: size})
 
     def scaled(self, settings, stride: int):
         """Tolerances of a run with many steps: what each step leaves adds up in slip and energy."""
         factor = min(1.0, 5 / (self.total // stride))
-        return dataclasses.replace(settings, **{name: max(1e-10, factor * getattr(settings, name)) for name in TOLERANCES})
+        return dataclasses.replace(settings,
+                                   **{name: max(1e-10, factor * getattr(settings, name))
+                                      for name in TOLERANCES})
 
     def _values(self, size, stride=None, settings=None) -> dict:
         return self._level(size, stride, settings).values
@@ -111,14 +113,18 @@ class Search:
         return self.total // self.stride
 
     def _choose_steps(self, size, finest: int) -> None:
-        """As few steps as keep the time step's part below TIME of what is allowed, with a stride of `finest` at least."""
+        """As few steps as keep the time step's part below TIME of what is allowed, with a stride of
+        `finest` at least.
+        """
         fewest = 2 * self.stride if "time" in self.parts else self.stride
-        strides, runs = [fewest, fewest // 2], [self._values(size, stride) for stride in (fewest, fewest // 2)]
+        strides, runs = [fewest, fewest // 2], [self._values(size, stride)
+                                                for stride in (fewest, fewest // 2)]
         while not self._in_time(runs) and strides[-1] > finest:
             strides.append(strides[-1] // 2)
             runs.append(self._values(size, strides[-1]))
         self.stride, most = strides[-1], self.parts["time"]
-        for stride, run in zip(strides[:-1], runs):  # fewer steps err by what they differ by and what the most err by
+        # fewer steps err by what they differ by and what the most err by
+        for stride, run in zip(strides[:-1], runs):
             errors = {q: Part(abs(run[q] - runs[-1][q]) + most[q].error) for q in run}
             if errors[self.name].error <= TIME * self.asked * abs(run[self.name]):
                 self.stride, self.parts["time"] = stride, errors
@@ -130,11 +136,13 @@ class Search:
         return TIME if self.stride > 1 else LAST
 
     def _in_time(self, runs: list[dict], part: float = TIME) -> bool:
-        """Whether the steps of the last of `runs`, with twice as many steps each, err by a `part` of what is allowed at
-        most; sets their part of the error."""
+        """Whether the steps of the last of `runs`, with twice as many steps each, err by a `part`
+        of what is allowed at most; sets their part of the error."""
         last = runs[:-4:-1]
-        self.parts["time"] = {q: extrapolate([a[q] - b[q] for a, b in zip(last, last[1:])], [2.0] * (len(last) - 1),
-                                             FORMAL["time"], value, True) for q, value in last[0].items()}
+        self.parts["time"] = {q: extrapolate([a[q] - b[q] for a, b in zip(last, last[1:])],
+                                             [2.0] * (len(last) - 1),
+                                             FORMAL["time"], value, True)
+                              for q, value in last[0].items()}
         return self.parts["time"][self.name].error <= part * self.asked * abs(last[0][self.name])
 
     def _memoryless(self, size) -> bool:
@@ -144,15 +152,18 @@ class Search:
         if not self.effects.quasistatic or self._level(size).at < self.steps - 1:
             return False  # nothing to choose, or the quantity belongs to a moment before the end
         return not effects.frictional or (
-            "preload" not in effects and effects.homogeneous(contact, effects.initial_displacement(contact))
+            "preload" not in effects
+            and effects.homogeneous(contact, effects.initial_displacement(contact))
             and proportional(problem.manifest.factors) and self.name != "dissipated_energy")
 
     def _more_steps(self, size) -> None:
         """More steps, as the mesh of a size tells; raises NotConverged if there are no more."""
         if self.stride == 1:
             left, value = self.parts["time"][self.name].error, abs(self._values(size)[self.name])
-            raise NotConverged(f"even {self.total} steps leave the {self._words()} an error of {share(left, value)}: too much "
-                               f"of {100 * self.asked:g} %, of which the mesh needs a part; {share(left, LAST * value)} may do")
+            raise NotConverged(
+                f"even {self.total} steps leave the {self._words()} an error of "
+                f"{share(left, value)}: too much of {100 * self.asked:g} %, of which the mesh "
+                f"needs a part; {share(left, LAST * value)} may do")
         before = self.stride
         self._choose_steps(size, 1)
         self.stride = min(self.stride, before // 2)
@@ -173,7 +184,9 @@ class Search:
         return self.name.replace("_", " ")
 
     def _tighten(self, size) -> bool:
-        """Tolerances with a part of the error small enough on the mesh of a size; whether they were changed."""
+        """Tolerances with a part of the error small enough on the mesh of a size; whether they were
+        changed.
+        """
         stride, before = max(self.stride, min(self.total, SAMPLING * FEWEST)), self.settings
         coulomb = self.effects.pressure_bounds_friction
         while True:
@@ -190,39 +203,48 @@ class Search:
                 return False
             changes = {}
             if self.parts["solver"][name].error > allowed:
-                changes |= {"rtol": 0.1 * self.settings.rtol, "primal_rtol": 0.1 * self.settings.primal_rtol}
+                changes |= {"rtol": 0.1 * self.settings.rtol,
+                            "primal_rtol": 0.1 * self.settings.primal_rtol}
             if coulomb and self.parts["friction"][name].error > allowed:
                 changes["friction_rtol"] = 0.1 * self.settings.friction_rtol
             if not changes or self.settings.rtol < 1e-11 or self.settings.friction_rtol < 1e-11:
                 return self.settings != before
             self.settings = dataclasses.replace(self.settings, **changes)
 
-    # ---- meshes ----------------------------------------------------------------------------------------
+    # ---- meshes ----------------------------------------------------------------------------------
     def _assess(self) -> dict:
         """Budget of the quantity on the finest mesh."""
         sizes = self.sizes[:-4:-1]
         runs = [self._values(size) for size in sizes]
         ratios = [ratio(self.knob, b, a) for a, b in zip(sizes, sizes[1:])]
         formal = FORMAL["mesh"][self.first.element] if len(runs) > 2 else 1.0
-        self.parts["mesh"] = {q: extrapolate([a[q] - b[q] for a, b in zip(runs, runs[1:])], ratios, formal, value,
+        self.parts["mesh"] = {q: extrapolate([a[q] - b[q] for a, b in zip(runs, runs[1:])], ratios,
+                                             formal, value,
                                              q not in UNBOUNDED) for q, value in runs[0].items()}
         return self.budget()[self.name]
 
     def budget(self) -> dict:
         """Budget of every quantity on the finest mesh."""
         values = self._values(self.sizes[-1])
-        order = [source for source in ("mesh", "time", "friction", "solver") if source in self.parts]
-        return {q: summed({source: self.parts[source][q] for source in order}, value) for q, value in values.items()}
+        order = [source for source in ("mesh", "time", "friction", "solver")
+                 if source in self.parts]
+        return {q: summed({source: self.parts[source][q] for source in order}, value)
+                for q, value in values.items()}
 
     def _next(self, entry: dict) -> float:
-        """The next mesh size: its estimate is to use up ROOM of what other parts leave of the request."""
-        size, others = self.sizes[-1], sum(entry[s] for s in ("time", "friction", "solver") if s in entry)
+        """The next mesh size: its estimate is to use up ROOM of what other parts leave of the
+        request.
+        """
+        size, others = self.sizes[-1], sum(entry[s] for s in ("time", "friction", "solver")
+                                           if s in entry)
         if entry["mesh"] is None:
             factor = 2.0
         else:
-            room = ROOM * max(self.asked * abs(entry["value"]) - others, 0.1 * self.asked * abs(entry["value"]))
+            room = ROOM * max(self.asked * abs(entry["value"]) - others,
+                              0.1 * self.asked * abs(entry["value"]))
             order = min(max(entry.get("mesh_order", 1.0), 0.7), FORMAL["mesh"][self.first.element])
-            factor = min(max((entry["mesh"] / room) ** (1 / order), 1.25), 2.0 if len(self.sizes) < 3 else 4.0)
+            factor = min(max((entry["mesh"] / room) ** (1 / order), 1.25),
+                         2.0 if len(self.sizes) < 3 else 4.0)
         return self._finer(size, factor)
 
     def _finer(self, size, factor):
@@ -233,7 +255,9 @@ class Search:
         return min(math.floor(size / factor * 10**digits + 1e-9) / 10**digits, size)
 
     def run(self):
-        """The run that meets the request. Raises InputError, NoSolution or NotConverged, with the finest run kept."""
+        """The run that meets the request. Raises InputError, NoSolution or NotConverged, with the
+        finest run kept.
+        """
         self.sizes.append(self._finer(self.sizes[0], 2.0))
         self.name = self._name(self._values(self.sizes[-1]))
         if self._memoryless(self.sizes[-1]):
@@ -244,9 +268,10 @@ class Search:
         unsettled = 0
         while True:
             entry = self._assess()
-            self.say(f"{name_of(self.knob, self.sizes[-1])} STEPS={self.steps}: {self._words()} {entry['value']:.4g}, "
-                     f"estimated error {share(entry['total'], entry['value'])} "
-                     f"(mesh {share(entry['mesh'], entry['value'])})")
+            self.say(f"{name_of(self.knob, self.sizes[-1])} STEPS={self.steps}: "
+                     f"{self._words()} {entry['value']:.4g}, "
+                     f"estimated error {share(entry['total'], entry['value'])} ("
+                     f"mesh {share(entry['mesh'], entry['value'])})")
             allowed = self.asked * abs(entry["value"])
             if len(self.sizes) > 2 and entry["total"] is not None and entry["total"] <= allowed:
                 if not self._tighten(self.sizes[-2]) and self._enough_steps(self.sizes[-2]):
@@ -255,21 +280,25 @@ class Search:
                         return
             spent = entry.get("time", 0.0)
             if (len(self.sizes) > 2 and spent > self._time_share * allowed
-                    and entry["mesh"] is not None and (entry["mesh"] <= allowed or spent > allowed)):
+                    and entry["mesh"] is not None
+                    and (entry["mesh"] <= allowed or spent > allowed)):
                 self._more_steps(self.sizes[-2])
                 continue
-            if len(self.sizes) > 2 and entry["total"] is not None and entry["total"] <= allowed:  # tolerances were tightened
+            # tolerances were tightened
+            if len(self.sizes) > 2 and entry["total"] is not None and entry["total"] <= allowed:
                 continue
             unsettled = unsettled + 1 if entry["mesh"] is None else 0
             if unsettled > 1:
-                raise NoSolution(f"the {self._words()} cannot be had to {100 * self.asked:g} %: it grows from mesh to mesh, "
-                                 f"as at a singular point; ask for another quantity")
+                raise NoSolution(
+                    f"the {self._words()} cannot be had to {100 * self.asked:g} %: it grows from "
+                    "mesh to mesh, as at a singular point; ask for another quantity")
             size = self._next(entry)
             vertices = self.levels.problem(**{self.knob: self.sizes[-1]}).manifest.nodes * \
                 ratio(self.knob, self.sizes[-1], size) ** 2
             if vertices > LARGEST:
-                raise NotConverged(f"{100 * self.asked:g} % of the {self._words()} would take {name_of(self.knob, size)}, "
-                                   f"{vertices:.0f} nodes; reached: {share(entry['total'], entry['value'])}")
+                raise NotConverged(
+                    f"{self._demand(size)}, {vertices:.0f} nodes; reached: "
+                    f"{share(entry['total'], entry['value'])}")
             self._make(size, entry)
             self.sizes.append(size)
 
@@ -278,9 +307,14 @@ class Search:
         try:
             self.levels.problem(**{self.knob: size})
         except InputError as problem:
-            raise NotConverged(f"{100 * self.asked:g} % of the {self._words()} would take {name_of(self.knob, size)}, "
-                               f"which cannot be made ({problem}); "
-                               f"reached: {share(entry['total'], entry['value'])}") from None
+            raise NotConverged(
+                f"{self._demand(size)}, which cannot be made ({problem}); "
+                f"reached: {share(entry['total'], entry['value'])}") from None
+
+    def _demand(self, size) -> str:
+        """What the request would take, for a message."""
+        return (f"{100 * self.asked:g} % of the {self._words()} would take "
+                f"{name_of(self.knob, size)}")
 
     def chosen(self) -> dict[str, str]:
         """The settings as options of the command line."""
@@ -292,22 +326,28 @@ class Search:
         return found | {name.upper(): f"{getattr(settings, name):.1g}" for name in names}
 
 
-# ---- the stage ---------------------------------------------------------------------------------------------
+# ---- the stage -----------------------------------------------------------------------------------
 
-def run(directory: Path, request: dict, comm) -> tuple[int, str]:
-    """Search and write the results of the run found into `directory`; exit status and reason, on every rank alike."""
+def run(directory: Path, request: Request, comm) -> tuple[int, str]:
+    """Search and write the results of the run found into `directory`; exit status and reason, on
+    every rank alike.
+    """
     from ..estimates.levels import Levels
     from ..options import Settings
 
     clock = time.perf_counter()
     root = comm.rank == 0
-    settings = Settings(**{"uniqueness": "no", **request["settings"]})
-    levels = Levels(Path(request["path"]), {**request["parameters"], "sampling": str(SAMPLING)}, directory / "levels", comm,
-                    settings)
-    say = lambda line: print(f"{request['scene']}: {line}", flush=True) if root and not request["quiet"] else None
+    settings = Settings(**{"uniqueness": "no", **request.settings})
+    levels = Levels(Path(request.script), {**request.parameters, "sampling": str(SAMPLING)},
+                    directory / "levels", comm, settings, without=request.without)
+
+    def say(line: str) -> None:
+        if root and not request.quiet:
+            print(f"{request.scene}: {line}", flush=True)
+
     status, reason, search = 0, "", None
     try:
-        search = Search(levels, settings, *request["accuracy"], say)
+        search = Search(levels, settings, *request.accuracy, say)
         search.run()
     except DriverError as problem:
         status, reason = problem.exit_status, str(problem)
@@ -320,38 +360,44 @@ def run(directory: Path, request: dict, comm) -> tuple[int, str]:
     return status, reason
 
 
-def _write(directory: Path, request: dict, search: Search, status: int, reason: str, clock: float) -> None:
+def _write(directory: Path, request: Request, search: Search, status: int, reason: str,
+           clock: float) -> None:
     """Results of the finest run, as an ordinary run leaves them."""
+    from ..results import summary
     from ..results.writer import Writer
-    from .solve import ledger_of, summarize
 
-    levels, size = search.levels, {search.knob: search.sizes[-1]}
-    comm, problem, level = levels.comm, levels.problem(**size), search._level(search.sizes[-1])
-    manifest = dataclasses.replace(
-        problem.manifest, steps=search.steps,
-        amplitudes={k: values[:: search.stride] for k, values in problem.manifest.amplitudes.items()},
-        parameters={k: v for k, v in problem.manifest.parameters.items() if k not in ("sampling", "coarsening")}
-        | {"steps": search.steps})
-    begun = time.perf_counter()
-    writer = Writer(directory, manifest, problem.operator, level.solver, request["fields"])
-    for step, coefficient in level.trace:
-        level.solver.rows.coefficient = coefficient
+    begun, size, levels = time.perf_counter(), {search.knob: search.sizes[-1]}, search.levels
+    comm, level = levels.comm, search._level(search.sizes[-1])
+    problem = _as_asked(search, levels.problem(**size))
+    writer = Writer(directory, problem.manifest, problem.operator, level.solver, request.fields)
+    for step in level.steps:
         writer.add(step)
-    summary = summarize(request, dataclasses.replace(problem, manifest=manifest), level.solver,
-                        error_of(status, reason) if status else None,
-                        search.scaled(search.settings, search.stride), comm)
-    found = search.budget()
-    entry, settings = found[search.name], " ".join(f"{name}={value}" for name, value in search.chosen().items())
-    summary["errors"] = {"quantities": found, "notes": [], "advice":
-                         f"{search.name.replace('_', ' ')} to {share(entry['total'], entry['value'])}, asked for "
-                         f"{100 * search.asked:g} %; the same settings by hand: {settings}"}
-    summary["accuracy"] = {"quantity": search.name, "asked": search.asked, "reached": entry["relative"],
-                           "settings": search.chosen(), "levels": len(search.sizes), "products": levels.products}
+    writer.close()
+    budget, chosen = search.budget(), search.chosen()
+    entry = budget[search.name]
+    settings = " ".join(f"{name}={value}" for name, value in chosen.items())
+    advice = (f"{search.name.replace('_', ' ')} to {share(entry['total'], entry['value'])}, "
+              f"asked for {100 * search.asked:g} %; the same settings by hand: {settings}")
+    errors = {"quantities": budget, "notes": [], "advice": advice}
+    accuracy = {"quantity": search.name, "asked": search.asked, "reached": entry["relative"],
+                "settings": chosen, "levels": len(search.sizes), "products": levels.products}
+    failure = error_of(status, reason) if status else None
     now = time.perf_counter()
-    summary["seconds"] = {"read": 0.0, **levels.seconds, "output": now - begun, "total": now - clock}
-    summary["effects_ledger"] = ledger_of(summary["sizes"], problem.structure, level.solver,
-                                          problem.manifest.factors[:: search.stride], writer, comm)
-    writer.close(summary)
+    seconds = {"read": 0.0, **levels.seconds, "output": now - begun, "total": now - clock}
+    summary.write(directory, summary.summarize(
+        request, problem, level.solver, failure, search.scaled(search.settings, search.stride),
+        writer, summary.largest_memory(comm), seconds, errors=errors, accuracy=accuracy), comm)
     if comm.rank == 0:
-        (directory / "run.log").write_text(json.dumps(summary["accuracy"]) + "\n")
+        (directory / "run.log").write_text(json.dumps(accuracy) + "\n")
         levels.place(**size).rename(directory / "export")
+
+
+def _as_asked(search: Search, problem):
+    """The problem with the manifest of a run that has the chosen number of steps."""
+    manifest = problem.manifest
+    parameters = {name: value for name, value in manifest.parameters.items()
+                  if name not in ("sampling", "coarsening")}
+    return dataclasses.replace(problem, manifest=dataclasses.replace(
+        manifest, steps=search.steps, parameters={**parameters, "steps": search.steps},
+        amplitudes={name: values[:: search.stride]
+                    for name, values in manifest.amplitudes.items()}))

@@ -1,7 +1,10 @@
-"""Starts the SPMD part of a run: in this process or on several ranks, and tells how it ended."""
+"""Starts the part of a run that the ranks share, in this process or on several ranks.
+
+A stage is a function without arguments that imports a module for the ranks and gives its function
+run(directory, request, comm), which returns exit status and reason, on every rank alike.
+"""
 
 import gc
-import importlib
 import json
 import signal
 import subprocess
@@ -10,35 +13,45 @@ from pathlib import Path
 
 from .. import environment
 from ..errors import DriverError, InputError
+from .request import NAME, Request
 
-# modules that run on the ranks
-STAGES = {"run": "driver.runs.solve", "study": "driver.studies.parametric", "accuracy": "driver.runs.goal"}
+ANSWER = "answer.json"
 
 
-def solve(work: Path, request: dict, ranks: int) -> tuple[int, str]:
-    """Run the SPMD part on `ranks` ranks; exit status and reason."""
+def solve(work: Path, request: Request, ranks: int, stage) -> tuple[int, str]:
+    """Run a stage on `ranks` ranks; exit status and reason. Raises InputError if a rank dies."""
     if ranks == 1:
-        return solve_here(work, request)
-    (work / "request.json").write_text(json.dumps(request))
+        return solve_here(work, request, stage)
+    request.write(work)
     command = [*environment.mpirun(ranks), sys.executable, "-m", "driver", "solve", str(work)]
     env = {**environment.child_environment(), "PYTHONPATH": environment.python_path()}
-    done = environment.run_child(command, env=env, stderr=subprocess.PIPE, text=True, errors="replace")
+    done = environment.run_child(command, env=env, stderr=subprocess.PIPE, text=True,
+                                 errors="replace")
     try:
-        answer = json.loads((work / "answer.json").read_text())
+        answer = json.loads((work / ANSWER).read_text())
     except FileNotFoundError:
         raise InputError(_why_no_answer(done)) from None
-    if done.returncode == 0:  # else a rank was killed after the work was done, and mpirun tells of it at length
+    if done.returncode == 0:  # else a rank was killed after the work was done: mpirun's own words
         sys.stderr.write(done.stderr)
-    for name in ("request.json", "answer.json"):
+    for name in (NAME, ANSWER):
         (work / name).unlink()
     return answer["status"], answer["reason"]
 
 
-def _why_no_answer(done) -> str:
-    """One line out of what mpirun and its ranks have said; a traceback, which no user has caused, is shown whole."""
-    told = [line.removeprefix("error: ") for line in done.stderr.splitlines() if line.startswith("error: ")]
-    if told:
-        return told[0]
+def write_answer(work: Path, status: int, reason: str) -> None:
+    """Leave what `solve` waits for; of rank 0."""
+    (work / ANSWER).write_text(json.dumps({"status": status, "reason": reason}))
+
+
+def _why_no_answer(done: subprocess.CompletedProcess) -> str:
+    """One line out of what mpirun and its ranks have said.
+
+    A traceback is no user's mistake and is shown whole.
+    """
+    errors = [line.removeprefix("error: ") for line in done.stderr.splitlines()
+              if line.startswith("error: ")]
+    if errors:
+        return errors[0]
     if "Traceback" in done.stderr:
         sys.stderr.write(done.stderr)
         return "a rank of the solver failed"
@@ -47,29 +60,31 @@ def _why_no_answer(done) -> str:
     return f"a rank of the solver died (mpirun exit {done.returncode}); was there enough memory?"
 
 
-def load(kind: str = "run"):
-    """Start PETSc and import the module that runs on the ranks. Raises InputError if a package is missing.
-
-    `kind` is one of STAGES.
-    """
-    name = STAGES[kind]
-    known = name in sys.modules
+def load(stage):
+    """Start PETSc and import `stage`; its function. Raises InputError if a package is missing."""
+    known = len(sys.modules)
     try:
         environment.start_petsc()
-        stage = importlib.import_module(name)
+        run = stage()
     except ImportError as problem:
         raise environment.package_error(problem) from None
-    if not known:
-        gc.freeze()  # modules stay to the end: the collector need not look through them again and again
-    return stage
+    if len(sys.modules) > known:
+        gc.freeze()  # modules stay to the end: the collector need not look through them again
+    return run
 
 
-def solve_here(work: Path, request: dict) -> tuple[int, str]:
-    """The SPMD part on the ranks this process was started with."""
-    stage = load(next((kind for kind in ("accuracy", "study") if kind in request), "run"))
+def preload(stage, ranks: int) -> None:
+    """Load a stage while FreeFEM works, if this process will run it."""
+    if ranks == 1:
+        load(stage)
+
+
+def solve_here(work: Path, request: Request, stage) -> tuple[int, str]:
+    """Run a stage on the ranks that this process was started with; exit status and reason."""
+    run = load(stage)
     from mpi4py import MPI
 
     try:
-        return stage.run(work, request, MPI.COMM_WORLD)
+        return run(work, request, MPI.COMM_WORLD)
     except DriverError as problem:  # all ranks have agreed on it
         return problem.exit_status, str(problem)

@@ -2,48 +2,28 @@
 
     python3 -m driver effects SCENE=bracket [SUBDOMAINS=] [STEPS=] [NP=] [OUT=results/effects] [...]
 
-The scene runs as declared and with each effect left out in turn. A variant is the scene's own text
-without the macros that declare the effect; it runs in a process of its own, so that its memory is
-its own. Leaves ``<scene>.csv``, ``<scene>-tractions.csv`` and a picture.
+The scene runs as declared and with each effect left out in turn (WITHOUT= of `make run`), each in a
+process of its own, so that its memory is its own. Leaves ``<scene>.csv``, ``<scene>-tractions.csv``
+and a picture.
 """
 
 import json
 import os
-import re
 import subprocess
 import sys
 import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from .. import environment, files
-from ..errors import InputError, error_of
-from ..runs.run import RESULTS
+from .. import environment, files, options
+from ..errors import PARTIAL, error_of
 from ..scene import freefem
+from ..scene.manifest import QUASISTATIC, Manifest
+from ..scene.rooms import rooms
 from ..text import aligned, change, words
 
-FRICTION = r"friction|tresca|slipFactor|displacementFactor|slipRange"
-# left out one after the other: name and the macros that declare it; no macro of a scene may be in
-# the way
-EFFECTS = {
-    "friction": FRICTION,
-    "slip dependence": "slipFactor|displacementFactor|slipRange",
-    "contact": f"contact|contactPair|contactNormal|gap|pairGap|obstacle|bilateral|{FRICTION}",
-    "gap": "gap|pairGap",
-    "obstacle": "obstacle",
-    "lift-off": "bilateral",
-    "body force": r"bodyForce\d",
-    "point loads": r"pointLoad\d",
-    "thermal strain": r"thermal\w*",
-    "initial state": "initialX|initialY",
-}
-NAMES = {"lift-off": "adhesion (bilateral)"}
-# forces and displacements: left out one by one where there are several
-LOADS = r"(load|displacement)(\d)"
-# an include that holds one of these is part of the scene
-DECLARATIONS = {"young", "poisson", "support", "contact", "gap", "friction", "tresca", "load1",
-                "displacement1", "quasistatic"}
-
+DRIVES = ("traction", "displacement")  # left out one by one where there are several loads
+FIXED = {"figures": "no", "fields": "no", "quiet": "yes", "errors": "no"}
 # at the end of the run
 RESPONSE = ("peak_normal", "peak_tangential", "resultant_n", "resultant_t", "contact_length",
             "largest_slip", "dissipated", "max_displacement")
@@ -55,94 +35,22 @@ COLUMNS = ("without", "status", "reason", *RESPONSE, *(f"{name}_change" for name
 TRACTIONS = ("variant", "boundary", "step", "arc", "weight",
              "sigma_n", "sigma_t", "length_unit", "stress_unit")
 
-# strings and comments first, so that nothing inside them is taken for a declaration; a macro ends
-# at its //
-TOKEN = re.compile(
-    r'\binclude\s*"(?P<include>[^"\n]*)"|(?P<string>"[^"\n]*")|/\*.*?\*/'
-    r"|\bmacro\s+(?P<macro>\w+).*?(?://[^\n]*|\Z)|\bNewMacro\s+(?P<new>\w+).*?\bEndMacro\b"
-    r"|\bquasistatic\s*\((?P<end>(?:[^()]|\((?:[^()]|\([^()]*\))*\))*)\)|//[^\n]*", re.S)
 
-
-# ---- the scene's text ----------------------------------------------------------------------------
-
-def declared(text: str) -> list[str]:
-    """Names of the macros that a scene's text defines, in order, and ``quasistatic`` if it calls
-    that."""
-    return [match["macro"] or match["new"] or "quasistatic" for match in TOKEN.finditer(text)
-            if match["macro"] or match["new"] or match["end"] is not None]
-
-
-def without(text: str, macros: str) -> str:
-    """The text without the definitions of macros whose whole name matches the pattern `macros`."""
-    def keep(match):
-        name = match["macro"] or match["new"]
-        return "" if name and re.fullmatch(macros, name) else match[0]
-
-    return TOKEN.sub(keep, text)
-
-
-def static(text: str) -> str:
-    """The text with ``quasistatic(T)`` replaced by its end time.
-
-    That is one step under the final amplitudes.
-    """
-    def replace(match):
-        return match[0] if match["end"] is None else f"timeEnd = {match['end']}"
-
-    return TOKEN.sub(replace, text)
-
-
-def constant(text: str, number: str) -> str:
-    """The text with amplitude `number` at its final value in every step."""
-    def replace(match):
-        if match["macro"] != f"amplitude{number}":
-            return match[0]
-        renamed = re.sub(rf"\bamplitude{number}\b", f"amplitudeUntil{number}", match[0], count=1)
-        return f"{renamed}\nmacro amplitude{number}(t) amplitudeUntil{number}((timeEnd)) //"
-
-    return TOKEN.sub(replace, text)
-
-
-def self_contained(scene: Path) -> str:
-    """The scene's text that works in any folder.
-
-    Includes that hold declarations are put in place, paths of the scene's files made absolute.
-    """
-    def resolve(match):
-        if match["include"]:
-            for folder in (scene.parent, environment.LIBRARY):
-                path = folder / match["include"]
-                if path.is_file() and path.name not in ("scene.idp", "export.idp"):
-                    inner = self_contained(path)
-                    if folder == scene.parent or set(declared(inner)) & DECLARATIONS:
-                        return inner
-            return match[0]
-        if match["string"] and (scene.parent / match["string"][1:-1]).is_file():
-            return f'"{(scene.parent / match["string"][1:-1]).resolve()}"'
-        return match[0]
-
-    return TOKEN.sub(resolve, scene.read_text())
-
-
-def variants(text: str) -> dict[str, str]:
-    """Name of every declared effect and the scene's text without it."""
-    names = declared(text)
-
-    def matching(pattern: str) -> list[str]:
-        return [name for name in names if re.fullmatch(pattern, name)]
-
-    texts = {NAMES.get(effect, effect): without(text, pattern)
-             for effect, pattern in EFFECTS.items() if matching(pattern.split("|" + FRICTION)[0])}
-    loads = matching(LOADS)
-    if len(loads + matching(r"(bodyForce|pointLoad)\d")) > 1:
-        for name in loads:
-            texts[re.sub(r"(\d)", r" \1", name)] = without(text, name)
-    if "quasistatic" in names:
-        texts["time"] = static(text)
-        amplitudes = matching(r"amplitude\d")
-        for name in amplitudes if len(amplitudes) > 1 else ():
-            texts[f"history of {name[-1]}"] = constant(text, name[-1])
-    return texts
+def variants(manifest: Manifest) -> dict[str, str]:
+    """Name of every declared effect and the word of WITHOUT that leaves it out."""
+    names = {words(room): room for room in manifest.rooms
+             if room not in (*DRIVES, "pair", QUASISTATIC)}  # pairs go with contact
+    macros = {room.name: next(iter(room.declared_by)).removesuffix("#") for room in rooms()}
+    if len(manifest.patterns) > 1:
+        for pattern in manifest.patterns:
+            macro, number = macros[pattern["kind"]], pattern["amplitude"]
+            if pattern["kind"] in DRIVES:
+                names[f"{macro} {number}"] = f"{macro}{number}"
+    if manifest.quasistatic:
+        names["time"] = QUASISTATIC
+        if len(manifest.amplitudes) > 1:
+            names |= {f"history of {k}": f"amplitude{k}" for k in manifest.amplitudes}
+    return names
 
 
 # ---- runs ----------------------------------------------------------------------------------------
@@ -163,24 +71,25 @@ class Variant:
         return f"without {self.name}" if self.name else "as declared"
 
 
-def run_variant(name: str, text: str, scene: Path, pairs: dict[str, str], folder: Path) -> Variant:
-    """Run a scene's text with the options `pairs` in a process of its own."""
-    place = folder / re.sub(r"\W+", "-", name or "declared")
-    place.mkdir()
-    (place / scene.name).write_text(text)
-    options = {**pairs, "scene": place / scene.name, "out": place / "out", "figures": "no",
-               "fields": "no", "quiet": "yes", "errors": "no"}
-    if name == "time":
-        options.pop("steps", None)
-    words = [f"{key.upper()}={value}" for key, value in options.items()]
+def run_variant(name: str, without: str, scene: Path, pairs: dict[str, str],
+                folder: Path) -> Variant:
+    """Run the scene with the options `pairs` in a process of its own, an effect left out if any."""
+    out = folder / (without or "declared")
+    given = {**pairs, **FIXED, "scene": scene, "out": out}
+    if without:
+        given["without"] = without
+    if without == QUASISTATIC:
+        given.pop("steps", None)
+    command = [sys.executable, "-m", "driver", "run",
+               *(f"{key.upper()}={value}" for key, value in given.items())]
     env = {**os.environ, "PYTHONPATH": environment.python_path()}
-    done = subprocess.run([sys.executable, "-m", "driver", "run", *words], env=env,
-                          stdin=subprocess.DEVNULL, capture_output=True, text=True)
+    done = subprocess.run(command, env=env, stdin=subprocess.DEVNULL, capture_output=True,
+                          text=True, check=False)
     if done.returncode:
         lines = done.stderr.strip().splitlines() or [f"exit status {done.returncode}"]
-        reason = lines[-1].removeprefix("error: ").split("; what was found is kept in")[0]
+        reason = lines[-1].removeprefix("error: ").split(PARTIAL)[0]
         return Variant(name, done.returncode, reason)
-    return read_variant(name, place / "out")
+    return read_variant(name, out)
 
 
 def read_variant(name: str, out: Path) -> Variant:
@@ -228,21 +137,18 @@ def run_effects(pairs: dict[str, str]) -> list[Path]:
     """
     from ..figures.effects import draw
 
-    if "scene" not in pairs:
-        raise InputError(
-            "make effects SCENE=<name or path to an .edp>; 'make run' lists the scenes")
-    for name in ("figures", "fields", "quiet", "errors"):
-        if name in pairs:
-            raise InputError(f"the study sets {name.upper()} itself")
-    scene = freefem.find_scene(pairs["scene"])
-    out = Path(pairs.get("out", RESULTS / "effects"))
+    given = options.read("effects", pairs)
+    scene, out = freefem.find_scene(given["scene"]), given["out"]
     out.mkdir(parents=True, exist_ok=True)
-    text = self_contained(scene)
     done = []
     with tempfile.TemporaryDirectory(prefix=f".{scene.stem}.", dir=out) as folder:
-        for name, changed in {"": text, **variants(text)}.items():
-            done.append(run_variant(name, changed, scene, pairs, Path(folder)))
-            print(f"{done[-1].label}: {done[-1].reason or 'done'}", flush=True)
+        manifest = freefem.export(scene, Path(folder) / "export", given.parameters)
+        for name, without in {"": "", **variants(manifest)}.items():
+            variant = run_variant(name, without, scene, pairs, Path(folder))
+            if variant.status == 2 and without.startswith("amplitude"):
+                continue  # the scene does not declare that history
+            done.append(variant)
+            print(f"{variant.label}: {variant.reason or 'done'}", flush=True)
             if done[0].status:
                 raise error_of(done[0].status if done[0].status in (2, 3, 4) else 2, done[0].reason)
     compare(done)

@@ -7,40 +7,42 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from ..feti.compliance import ContactCompliance
+from ..contact.states import OPEN, STATUS_NAMES, ContactField
 from ..effects import Effects
 from ..errors import DriverError, InputError, NotConverged, agree
+from ..feti.compliance import ContactCompliance
+from ..feti.rows import RowKind
 from ..files import write_json, write_rows, write_table
-from ..contact.rows import OPEN, STATUS_NAMES
-from ..scene.loader import read_contact
-from ..scene.manifest import read_manifest
-from ..options import Settings
 from ..march.problem import assemble
 from ..march.step import StepFailed
-from ..timing import Laps
 from ..march.uniqueness import DOUBTFUL_FRICTION
+from ..options import Settings
+from ..runs.request import Request
+from ..scene.loader import read_contact
+from ..scene.manifest import read_manifest
+from ..timing import Laps
 
 LARGEST = 2000  # contact rows beyond which the condensation takes longer than a hundred runs save
 CHAIN = 20  # values that follow one another at most
 CHAINS = 8  # chains at least, for the ranks to share
-FIELDS = ("u_n", "u_t", "slip", "sigma_n", "sigma_t", "bound")
+FIELDS = tuple(name for name in ContactField if name != ContactField.STATUS)
 
 
-def run(directory: Path, request: dict, comm) -> tuple[int, str]:
+def run(directory: Path, request: Request, comm) -> tuple[int, str]:
     """Solve all values on the ranks of `comm` and write the files; exit status and reason. Raises
     DriverError."""
-    lap = Laps(request["seconds"])
+    lap = Laps(request.seconds)
     seconds = lap.seconds
     problem = assemble(directory / "export", comm, lap)
     manifest, structure, operator = problem.manifest, problem.structure, problem.operator
     if not manifest.contact_labels:
         raise InputError(
             "a study needs a scene with contact: without it the response is linear in its loads")
-    settings = Settings(**request["settings"])
+    settings = Settings(**request.settings)
     if settings.linearization != "initial":
         raise InputError("a study keeps one geometry of contact: leave LINEARIZATION out")
     lap("setup")
-    rows = int(np.count_nonzero(structure.row_kind))
+    rows = int(np.count_nonzero(structure.row_kind != RowKind.GLUING))
     condensed = rows <= LARGEST and not structure.rigid_modes
     if condensed:
         try:
@@ -54,14 +56,14 @@ def run(directory: Path, request: dict, comm) -> tuple[int, str]:
     seconds["total"] = sum(seconds.values())
     failed = [k for k, outcome in enumerate(outcomes) if outcome.status]
     status = max((outcome.status for outcome in outcomes), default=0)
-    name, values, reason = request["study"].upper(), request["values"], ""
+    name, values, reason = request.study.upper(), request.values, ""
     if failed:
         reason = (f"{len(failed)} of {len(outcomes)} values did not converge, the first "
                   f"{name}={values[failed[0]]}: {outcomes[failed[0]].reason}")
     if comm.rank == 0:
         products = sum(outcome.row["dual_multiplications"] for outcome in outcomes)
-        parameters = {n: v for n, v in manifest.parameters.items() if n != request["study"]}
-        summary = {"scene": request["scene"], "study": request["study"], "values": len(outcomes),
+        parameters = {n: v for n, v in manifest.parameters.items() if n != request.study}
+        summary = {"scene": request.scene, "study": request.study, "values": len(outcomes),
                    "converged": not failed,
                    "reason": reason, "contact_rows": rows, "condensed": condensed,
                    "warnings": [f"{name}={value}: {line}"
@@ -79,7 +81,7 @@ def chain_length(count: int) -> int:
     return min(CHAIN, -(-count // CHAINS))
 
 
-def _outcomes(problem, settings, directory: Path, request: dict, apart: bool,
+def _outcomes(problem, settings, directory: Path, request: Request, apart: bool,
               comm) -> list["Outcome"]:
     """All values in their order; if they are solved `apart` the ranks take chains of values in
     turn, else all ranks each.
@@ -88,15 +90,15 @@ def _outcomes(problem, settings, directory: Path, request: dict, apart: bool,
     Collective over `comm`. Raises DriverError.
     """
     structure, solved, error, near = problem.structure, {}, None, None
-    count = len(request["values"])
+    count = len(request.values)
     chain = chain_length(count)
     mine = [k for k in range(count) if not apart or k // chain % comm.size == comm.rank]
     try:
         for done, k in enumerate(mine, 1):
             folder = directory / "values" / str(k)
             value = read_manifest(folder)
-            _check_same(request["study"], problem.manifest, value)
-            contact = _contact_of(request["study"], Effects(value), structure.contact,
+            _check_same(request.study, problem.manifest, value)
+            contact = _contact_of(request.study, Effects(value), structure.contact,
                                   *read_contact(folder, value))
             operator, near = problem.operator.with_contact(contact), near if k % chain else None
             solved[k], near = _solve(dataclasses.replace(
@@ -109,11 +111,11 @@ def _outcomes(problem, settings, directory: Path, request: dict, apart: bool,
     return [everyone[k] for k in range(count)]
 
 
-def _progress(request: dict, comm, k: int, done: int, total: int) -> None:
+def _progress(request: Request, comm, k: int, done: int, total: int) -> None:
     """A line about value k, which is number `done` of the rank's `total`, a few times in all."""
-    if comm.rank == 0 and not request["quiet"] and done % max(1, total // 5) == 0:
-        share = "" if total == len(request["values"]) else ", as other ranks do"
-        print(f"{request['scene']}: {request['study']} = {request['values'][k]}, {done} of "
+    if comm.rank == 0 and not request.quiet and done % max(1, total // 5) == 0:
+        share = "" if total == len(request.values) else ", as other ranks do"
+        print(f"{request.scene}: {request.study} = {request.values[k]}, {done} of "
               f"{total}{share}", flush=True)
 
 
@@ -244,9 +246,10 @@ def _quantities(contact, fields: dict) -> dict:
             "work": float(-(fields["sigma_t"] * fields["slip"]) @ w)}
 
 
-def _write(directory: Path, request: dict, contact, outcomes: list[Outcome], summary: dict) -> None:
+def _write(directory: Path, request: Request, contact, outcomes: list[Outcome],
+           summary: dict) -> None:
     """study.csv, history.csv, contact.csv and summary.json."""
-    name, values = request["study"], request["values"]
+    name, values = request.study, request.values
     full = next((outcome.row for outcome in outcomes if outcome.history), outcomes[0].row)
     write_table(directory / "study.csv", [{name: value} | dict.fromkeys(full, "") | outcome.row
                                           for value, outcome in zip(values, outcomes)])

@@ -7,7 +7,7 @@ With torn dofs r, corner dofs c and multipliers lambda = (lambda_gluing, lambda_
     [ B_r   B_c   0    ]
 
 without the dofs that the supports fix. Nothing in a run uses it: it shows the structure, and its
-Schur complement -F onto the multipliers checks the operator of fetidp.py.
+Schur complement -F onto the multipliers checks the operator of feti/operator.py.
 """
 
 import tempfile
@@ -20,7 +20,8 @@ from scipy.sparse import coo_matrix, csr_matrix
 
 from ..errors import InputError
 from ..feti.reduction import constraint_matrix
-from ..feti.substructuring import Substructure
+from ..feti.rows import RowKind
+from ..feti.structure import Substructure
 from ..files import renamed, write_json
 from ..march.tearing import build
 from ..scene import freefem
@@ -73,7 +74,7 @@ def saddle(structure: Substructure) -> Saddle:
         parts += [(i, j, value[free]), (j, i, value[free])]
     i, j, value = (np.concatenate(column) for column in zip(*parts))
     size = corners + structure.dual_dofs
-    kinds = corners + np.cumsum(np.bincount(structure.row_kind, minlength=3))
+    kinds = corners + np.cumsum(np.bincount(structure.row_kind, minlength=len(RowKind)))
     return Saddle(coo_matrix((value, (i, j)), shape=(size, size)).tocsr(), np.array(torn), corners,
                   kinds, rows)
 

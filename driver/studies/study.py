@@ -13,7 +13,6 @@ contact data and histories of all values in one process that assembles nothing. 
 `contact.csv` one per value and contact node at the last step.
 """
 
-import functools
 import json
 import os
 import shutil
@@ -22,14 +21,23 @@ from pathlib import Path
 
 import numpy as np
 
+from .. import options
 from ..errors import InputError, error_of
+from ..options import RESULTS
 from ..runs import launch
-from ..runs.run import RESULTS, Run
+from ..runs.request import Request
+from ..runs.run import Run
 from ..runs.workspace import Workspace
 from ..scene import freefem
 
-SINGLE = ("adapt", "accuracy", "errors", "fields", "resume")  # options of single runs
 SHOWN = 3  # warnings on the screen
+
+
+def solver():
+    """Stage: all values of a study."""
+    from .parametric import run
+
+    return run
 
 
 def make_study(pairs: dict[str, str]) -> tuple[dict, Path]:
@@ -40,23 +48,20 @@ def make_study(pairs: dict[str, str]) -> tuple[dict, Path]:
     marked so.
     """
     name, values = _studied(pairs)
-    for option in SINGLE:
-        if option in pairs:
-            raise InputError("a study has one mesh and no estimates or fields; "
-                             f"{option.upper()} belongs to single runs")
-    run = Run.from_pairs({**pairs, name: values[0]})
+    pairs = {**pairs, name: values[0]}
+    options.read("study", pairs)
+    run = Run.from_pairs(pairs)
     out = (run.out if "out" in pairs else RESULTS / "study" / f"{run.scene.stem}-{name}").absolute()
     with Workspace(out) as place:
         clock, work = time.perf_counter(), place.path
-        load = functools.partial(launch.load, "study") if run.ranks == 1 else lambda: None
-        export = functools.partial(freefem.export, run.scene, work / "export", run.parameters,
-                                   run.ranks, meanwhile=load)
-        freefem.export_study(run.scene, work / "values", run.parameters,
-                             name, values, meanwhile=export)
-        request = {"scene": run.scene.stem, "settings": run.settings, "study": name,
-                   "values": values,
-                   "quiet": run.quiet, "seconds": {"export": time.perf_counter() - clock}}
-        status, reason = launch.solve(work, request, run.ranks)
+        freefem.export_study(
+            run.scene, work / "values", run.parameters, name, values,
+            lambda: freefem.export(run.scene, work / "export", run.parameters, run.ranks, None,
+                                   lambda: launch.preload(solver, run.ranks), run.without),
+            run.without)
+        request = Request.of(run, study=name, values=tuple(values),
+                             seconds={"export": time.perf_counter() - clock})
+        status, reason = launch.solve(work, request, run.ranks, solver)
         if not (work / "summary.json").exists():
             raise error_of(status, reason)
         if run.figures:
@@ -73,15 +78,11 @@ def make_study(pairs: dict[str, str]) -> tuple[dict, Path]:
 
 def _studied(pairs: dict[str, str]) -> tuple[str, list[str]]:
     """The one parameter with several values, and those."""
-    if "scene" not in pairs:
-        raise InputError(
-            "make study needs SCENE= and one parameter with several values, such as "
-            "FRICTION=0.05:1.0:100")
     several = [name for name, text in pairs.items()
-               if name not in ("scene", "out") and ("," in text or ":" in text)]
+               if name not in options.OF_RUNS and ("," in text or ":" in text)]
     if len(several) != 1:
-        raise InputError("a study needs exactly one parameter with several values: first:last:count"
-                         " or a,b,c"
+        raise InputError("a study needs SCENE= and exactly one parameter with several values: "
+                         "first:last:count or a,b,c"
                          + f" (here {', '.join(map(str.upper, several)) or 'none'})")
     name = several[0]
     values = pairs[name].split(",")

@@ -11,11 +11,10 @@ import json
 import os
 from pathlib import Path
 
-from ..arguments import choice, only, yes
-from ..errors import InputError
+from .. import options
 from ..files import write_json, write_table
-from ..options import Settings
-from ..runs.run import RESULTS, Run, execute
+from ..options import RESULTS, Settings
+from ..runs.run import Run, execute
 from ..text import aligned
 
 LOADINGS = ("monotone", "nonmonotone")
@@ -38,37 +37,25 @@ KEYS = ("n_s", "n_p", "n_d", * \
 def make_table(pairs: dict[str, str]) -> None:
     """Make the rows that are not there yet, then write and print the table and draw it.
 
-    Options: rows (1,2,3), method (default or plain), np (ranks), fresh (yes: make rows anew).
-    Raises InputError for others, and what a run raises.
+    Raises InputError for options that `make table` does not have, and what a run raises.
     """
     from ..figures.table import draw
 
-    only(pairs, ("rows", "method", "np", "fresh"), "the table")
-    rows, fresh = _rows(pairs.get("rows")), yes(pairs, "fresh", "no")
-    methods = [choice(pairs, "method", METHODS, "")] if "method" in pairs else list(METHODS)
+    given = options.read("table", pairs)
     folder = RESULTS / "table"
-    for row in rows:
-        for method in methods:
-            if not fresh and _finished(folder, method, row):
+    for row in sorted(map(int, given["rows"])):
+        for method in given["method"]:
+            if not given["fresh"] and _finished(folder, method, row):
                 print(f"{method}, {ROWS[row]} subdomains: from an earlier run "
                       "(FRESH=yes makes it anew)")
             else:
-                _make_row(folder, method, row, pairs.get("np", "1"))
+                _make_row(folder, method, row, str(given["np"]))
     rows = (_finished(folder, method, row) for method in METHODS for row in ROWS)
     table = [row for row in rows if row]
     path = write_table(folder / "table.csv", table)
     print(_text(table))
     for path in (path, *draw(path)):
         print(os.path.relpath(path))
-
-
-def _rows(text: str | None) -> list[int]:
-    words = text.split(",") if text else [str(row) for row in ROWS]
-    for word in words:
-        if not word.isdigit() or int(word) not in ROWS:
-            raise InputError(
-                f"ROWS expects numbers from 1 to {len(ROWS)} such as 1,2,3, not '{text}'")
-    return sorted({int(word) for word in words})
 
 
 def method_settings(method: str) -> dict:

@@ -7,7 +7,7 @@ import pytest
 from driver.bench import factorization, ranks, roofline, suite, tao
 from driver.bench.workbench import Report, Workbench, in_turn, march, ratios
 from driver.errors import InputError
-from driver.feti.substructuring import GLUING
+from driver.feti.rows import RowKind
 from driver.files import read_rows
 from driver.march.step import StepFailed
 
@@ -45,7 +45,7 @@ def test_assembled_problem_moves_like_the_torn_one(bench):
     problem = bench.problem("4x2", cells=4)
     K, loads = factorization.assembled(problem.structure)
     u = np.linalg.solve(K.toarray(), loads[0])
-    operator, gluing = problem.operator, problem.structure.row_kind == GLUING
+    operator, gluing = problem.operator, problem.structure.row_kind == RowKind.GLUING
     F = np.column_stack([operator.apply(e) for e in np.eye(operator.owned)])
     d, glued = operator.load_response(np.ones(1)), np.zeros(operator.owned)
     glued[gluing] = np.linalg.solve(F[gluing][:, gluing], d[gluing])

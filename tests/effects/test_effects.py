@@ -1,25 +1,20 @@
 """What a scene does not declare costs nothing; the ledger; the study that leaves effects out."""
 
-import json
-import re
-import subprocess
-import sys
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from driver import environment
 from driver.effects import Effects, RunFacts
 from driver.effects.quasistatic import proportional
 from driver.errors import InputError
 from driver.files import read_rows
 from driver.results import ledger
 from driver.scene import freefem
+from driver.scene.manifest import read_manifest
 from driver.studies import effects
 
 MODEL = freefem.find_scene("model")
-SCENES = sorted(freefem.SCENES.glob("*.edp"))
 
 
 def stripped(tmp_path, text, name="scene"):
@@ -30,22 +25,8 @@ def stripped(tmp_path, text, name="scene"):
 
 # ---- sizes and counts: an effect that is off costs nothing ---------------------------------------
 
-@pytest.fixture(scope="module")
-def model_without(tmp_path_factory):
-    """Path of the model example without some macros, or static."""
-    folder = tmp_path_factory.mktemp("without")
-
-    def make(name, change):
-        path = folder / f"{name}.edp"
-        path.write_text(change(MODEL.read_text()))
-        return path
-
-    return make
-
-
-def test_without_friction(solved, model_without):
-    run = solved(model_without("frictionless",
-                 lambda text: effects.without(text, effects.FRICTION)), STEPS=5)
+def test_without_friction(solved):
+    run = solved("model", WITHOUT="friction", STEPS=5)
     sizes, counts = run.summary["sizes"], run.summary["counts"]
     assert run.summary["effects"]["friction"] == "none"
     assert sizes["dual_tangential"] == 0 and sizes["dual_normal"] == sizes["contact_nodes"] == 40
@@ -55,9 +36,8 @@ def test_without_friction(solved, model_without):
     assert not run.contact["sigma_t"].any() and not run.contact["bound"].any()
 
 
-def test_without_contact(solved, model_without):
-    contact = effects.EFFECTS["contact"]
-    run = solved(model_without("elastic", lambda text: effects.without(text, contact)), STEPS=5)
+def test_without_contact(solved):
+    run = solved("model", WITHOUT="contact", STEPS=5)
     sizes, counts = run.summary["sizes"], run.summary["counts"]
     assert run.summary["effects"]["contact"] == run.summary["effects"]["friction"] == "none"
     assert sizes["dual_normal"] == sizes["dual_tangential"] == sizes["contact_nodes"] == 0
@@ -78,7 +58,6 @@ def test_static_takes_one_step(solved):
 
 def test_without_body_force_there_is_no_such_vector(exported, tmp_path):
     from driver.scene.loader import read_subdomains
-    from driver.scene.manifest import read_manifest
     from mpi4py import MPI
 
     manifest = read_manifest(exported("model"))
@@ -92,39 +71,19 @@ def test_without_body_force_there_is_no_such_vector(exported, tmp_path):
     assert [p["kind"] for p in read_manifest(other).patterns] == ["traction", "body_force"]
     # float64 arrays with a count: nodal forces of 242 dofs and three integrals on 200 triangles in
     # each of 8
-    assert sum(path.stat().st_size for path in other.glob(
-        "block-*.bin")) - size == 8 * 8 * (243 + 3 * 401)
-
-
-IMPORTS = """
-import sys
-sys.path.insert(0, {root!r})
-from driver import cli
-from driver.runs import run
-cli.environment.single_threaded()
-run.execute(run.Run.from_pairs(cli.parse_pairs({words!r})))
-names = ("matplotlib", "meshio", "driver.figures", "driver.studies.effects", "tqdm",
-         "scipy.spatial")
-print(" ".join(name for name in names
-               if name in sys.modules))
-"""
-
-
-def imported(tmp_path, *words):
-    words = ["SCENE=model-static", "QUIET=yes", f"OUT={tmp_path / 'run'}", *words]
-    code = IMPORTS.format(root=str(environment.ROOT), words=words)
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    return set(done.stdout.split()), {path.name for path in (tmp_path / "run").iterdir()}
+    assert sum(path.stat().st_size
+               for path in other.glob("block-*.bin")) - size == 8 * 8 * (243 + 3 * 401)
 
 
 @pytest.mark.parametrize("words, absent, files", [
-    (("FIGURES=no", "FIELDS=no"), {"meshio", "matplotlib",
-     "driver.figures"}, {"fields", "fields.pvd", "figures"}),
-    (("FIGURES=no",), {"matplotlib", "driver.figures"}, {"figures"}),
+    ((), {"meshio", "matplotlib", "driver.figures"}, {"fields", "fields.pvd", "figures"}),
+    (("FIELDS=yes",), {"matplotlib", "driver.figures"}, {"figures"}),
 ])
-def test_what_is_off_is_neither_imported_nor_written(tmp_path, words, absent, files):
-    modules, written = imported(tmp_path, *words)
-    assert not modules & (absent | {"driver.studies.effects", "tqdm"})
+def test_what_is_off_is_neither_imported_nor_written(loaded, words, absent, files):
+    modules, out = loaded("model-static", "ERRORS=yes", "QUIET=yes", *words)
+    written = {path.name for path in out.iterdir()}
+    assert "driver.runs.run" in modules
+    assert not modules & (absent | {"driver.studies", "tqdm"})
     assert not written & files and "summary.json" in written
 
 
@@ -138,7 +97,8 @@ def declared(*rooms, patterns=("traction",)) -> Effects:
     """The effects of a scene that declares `rooms` and load patterns of these kinds."""
     data = dict.fromkeys(rooms, {})
     return Effects(SimpleNamespace(rooms=data, patterns=[{"kind": kind} for kind in patterns],
-                                   bodies=1, contact_labels=[1] if "contact" in rooms else [],
+                                   bodies=1,
+                                   contact_labels=[1] if "contact" in rooms else [],
                                    quasistatic="quasistatic" in rooms))
 
 
@@ -169,10 +129,10 @@ def test_active_effects():
 
 
 @pytest.mark.parametrize("nodes, sentences", [
-    (counted([9, 9], [0, 0], [0, 0]), {
-     "contact is declared but nothing touched", "friction is declared but nothing touched"}),
-    (counted([0, 0], [9, 9], [0, 0]), {
-     "friction is declared but nothing slipped (9 nodes stuck at most)"}),
+    (counted([9, 9], [0, 0], [0, 0]), {"contact is declared but nothing touched",
+                                       "friction is declared but nothing touched"}),
+    (counted([0, 0], [9, 9], [0, 0]),
+     {"friction is declared but nothing slipped (9 nodes stuck at most)"}),
 ])
 def test_effects_that_never_mattered(nodes, sentences):
     said = set(ledger.never_mattered(entries(nodes=nodes)))
@@ -182,8 +142,8 @@ def test_effects_that_never_mattered(nodes, sentences):
 def test_undeclared_effects_cost_nothing():
     found = entries(declared("traction"), counted([0], [0], [0]), ((0,), (1,)))
     for name in ("contact", "friction", "time", "gap", "body_force", "displacement"):
-        assert found[name] == {"declared": False, "active": False,
-                               "reason": "not declared", "unknowns": 0, "seconds": 0.0}
+        assert found[name] == {"declared": False, "active": False, "reason": "not declared",
+                               "unknowns": 0, "seconds": 0.0}
     assert not ledger.never_mattered(found)
 
 
@@ -205,16 +165,16 @@ def test_time_matters_only_with_friction_and_a_way():
     assert entries(amplitudes=growing)["time"]["active"] is False
     assert entries(amplitudes=growing, gap=True)["time"]["active"] is True
     assert entries(amplitudes=growing, initial=True)["time"]["active"] is True
-    given = entries(declared("contact", "tresca", "quasistatic", "traction"), amplitudes=growing)
-    assert given["time"]["active"] is True
-    smooth = entries(declared("contact", "quasistatic", "traction"),
-                     sizes=SIZES | {"dual_tangential": 0})
-    assert smooth["time"]["active"] is False
+    assert entries(declared("contact", "tresca", "quasistatic", "traction"),
+                   amplitudes=growing)["time"]["active"] is True
+    assert entries(declared("contact", "quasistatic", "traction"),
+                   sizes=SIZES | {"dual_tangential": 0})["time"]["active"] is False
 
 
 def test_time_claim_holds(solved):
     """Where the ledger says that one step gives the same end, it does; where it does not, it does
-    not."""
+    not.
+    """
     for loading, same in (("monotone", True), ("nonmonotone", False)):
         run = solved("model", LOADING=loading)
         assert run.summary["effects_ledger"]["time"]["active"] is not same
@@ -231,7 +191,8 @@ def test_zero_body_force_is_idle():
 
 def test_seconds_are_shares_of_products():
     log = [(0, 1, 1, "start", 1), (1, 1, 1, "cg", 1), (3, 1, 1, "expansion", 1),
-           (4, 1, 2, "start", 1), (6, 1, 2, "cg", 1), (10, 2, 1, "proportioning", 1)]
+           (4, 1, 2, "start", 1), (6, 1, 2, "cg", 1),
+           (10, 2, 1, "proportioning", 1)]
     found = entries(log=log, seconds=10.0)
     assert [found[name]["seconds"] for name in ("contact", "friction", "time")] == [6.0, 3.0, 6.0]
 
@@ -247,102 +208,38 @@ def test_ledger_of_a_run(solved):
 def test_screen_says_what_never_mattered(command, tmp_path):
     text = MODEL.read_text().replace('include "export.idp"',
                                      'macro gap() 1. //\ninclude "export.idp"')
-    done = command("run", f"SCENE={stripped(tmp_path, text, 'far')}",
-                   f"OUT={tmp_path / 'out'}", "FIGURES=no", "FIELDS=no")
+    done = command("run", f"SCENE={stripped(tmp_path, text, 'far')}", f"OUT={tmp_path / 'out'}",
+                   "FIGURES=no", "FIELDS=no")
     assert done.returncode == 0 and "contact is declared but nothing touched" in done.stdout
     assert "friction is declared but nothing touched" in done.stdout
 
 
-# ---- taking effects out of a scene's text --------------------------------------------------------
-
-TEXT = '''// a scene; // macro friction() 0.3 // stays a comment
-string file = "macro friction() 1 //";
-macro young() 1. // steel
-macro friction() F
-   * 2 //  two lines
-macro frictionless() 1 //
-  macro gap() (x < 1 ? 0. : 1e-3) // the gap
-/* macro gap() 1 // */
-NewMacro tresca() 3 EndMacro
-quasistatic(2.*(1. + period(3)));  // not quasistatic(9)
-macro amplitude1(t) (t < 1. ? t : 2. - t) //
-include "export.idp"
-'''
-
-
-def test_declared():
-    assert effects.declared(TEXT) == ["young", "friction",
-                                      "frictionless", "gap", "tresca", "quasistatic", "amplitude1"]
-
-
-def test_without_removes_definitions_only():
-    left = effects.without(TEXT, "friction")
-    assert effects.declared(left) == ["young", "frictionless",
-                                      "gap", "tresca", "quasistatic", "amplitude1"]
-    assert "two lines" not in left and "* 2" not in left
-    for kept in ('"macro friction() 1 //"', "// macro friction() 0.3 // stays",
-                 "macro frictionless() 1 //", 'include "export.idp"'):
-        assert kept in left
-    both = effects.without(TEXT, "gap|tresca")
-    assert "/* macro gap() 1 // */" in both and "EndMacro" not in both and "1e-3" not in both
-    assert effects.without(TEXT, "nothing") == TEXT
-
-
-def test_static_keeps_the_end_time():
-    left = effects.static(TEXT)
-    assert "timeEnd = 2.*(1. + period(3));" in left and "// not quasistatic(9)" in left
-
-
-def test_constant_history():
-    left = effects.constant(TEXT, "1")
-    assert "macro amplitudeUntil1(t) (t < 1. ? t : 2. - t) //" in left
-    assert "macro amplitude1(t) amplitudeUntil1((timeEnd)) //" in left
-
-
-@pytest.mark.parametrize("scene", SCENES, ids=lambda path: path.stem)
-def test_every_shipped_scene(scene):
-    """Every effect of every scene can be found, and is gone from the variant."""
-    text = effects.self_contained(scene)
-    found = effects.variants(text)
-    assert len(set(found.values()) | {text}) == len(found) + 1  # all differ
-    for name, changed in found.items():
-        if name == "contact":
-            assert not {"contact", "friction", "gap", "tresca",
-                        "obstacle"} & set(effects.declared(changed))
-        if name == "time":
-            assert "quasistatic" not in effects.declared(changed) and "timeEnd = " in changed
-
-
-def test_variant_files_are_found(tmp_path):
-    text = effects.self_contained(freefem.find_scene("bracket"))
-    path = re.search(r'gmshBody\("([^"]*)"', text).group(1)
-    assert path == str(environment.ROOT / "meshes" / "bracket.geo")
-    assert "macro young() E //" in effects.self_contained(freefem.find_scene("model-tresca"))
-
-
-def test_static_variant_has_the_final_amplitude(exported, tmp_path):
-    text = MODEL.read_text().replace("quasistatic(1.)", "quasistatic(0.8)")
-    directory = exported(stripped(tmp_path, effects.static(text), "static"), loading="nonmonotone")
-    manifest = json.loads((directory / "manifest.json").read_text())
-    assert "quasistatic" not in manifest["rooms"] and manifest["steps"] == 1
-    assert manifest["amplitudes"]["1"] == pytest.approx([0.0, -4 * 0.8**2 + 5 * 0.8], abs=1e-14)
-
-
 # ---- the study -----------------------------------------------------------------------------------
+
+@pytest.mark.parametrize("scene, expected", [
+    ("model", {"contact", "friction", "time"}),
+    ("bracket", {"contact", "friction", "gap", "body force", "load 1", "time", "history of 1",
+                 "history of 2"}),
+    ("pressfit", {"contact", "gap"}),
+    ("thermal", {"contact", "gap", "thermal strain", "time"}),
+])
+def test_variants_of_a_scene(exported, scene, expected):
+    assert set(effects.variants(read_manifest(exported(scene)))) == expected
+
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):
     """The study of a small model example: rows of its table by name, and its folder."""
     out = tmp_path_factory.mktemp("effects")
-    paths = effects.run_effects({"scene": "model", "loading": "nonmonotone",
-                                "steps": "4", "cells": "4", "out": str(out)})
+    paths = effects.run_effects({"scene": "model", "loading": "nonmonotone", "steps": "4",
+                                 "cells": "4", "out": str(out)})
     table = {row["without"]: row for row in read_rows(paths[0])}
     return table, out, paths
 
 
 def test_study_rows_and_files(study):
     table, out, paths = study
-    assert list(table) == ["", "friction", "contact", "time"]
+    assert list(table) == ["", "contact", "friction", "time"]
     names = {"model.csv", "model-tractions.csv", "model.png", "model.pdf"}
     assert {path.name for path in out.iterdir()} == names == {path.name for path in paths}
     assert all(path.stat().st_size > 0 for path in paths)
@@ -373,8 +270,8 @@ def test_study_changes(study):
         assert get("friction", f"{name}_change") == -1  # all of it
     for name in ("peak_normal", "contact_length", "resultant_n"):
         assert get("contact", f"{name}_change") == -1
-    assert abs(get("time", "peak_tangential_change")) > 0.01 and get(
-        "", "max_displacement_change") == 0
+    assert abs(get("time", "peak_tangential_change")) > 0.01
+    assert get("", "max_displacement_change") == 0
     expected = get("friction", "max_displacement") / get("", "max_displacement") - 1
     assert get("friction", "max_displacement_change") == pytest.approx(expected, rel=1e-12)
 

@@ -1,4 +1,6 @@
-"""Bodies that contact and friction alone hold: found, refused, solutions counted, against enumeration on the whole body."""
+"""Bodies that contact and friction alone hold: found, refused, solutions counted, against
+enumeration on the whole body.
+"""
 
 import itertools
 from types import SimpleNamespace
@@ -8,7 +10,7 @@ import pytest
 
 from driver.qp import complementarity
 from driver.march import fixed_point as fixedpoint, globalization
-from driver.qp.complementarity import CoulombProblem
+from driver.qp.coulomb import CoulombProblem
 from driver.contact.equilibrium import rigid_equilibrium
 from driver.hard.oracle import Assembled
 
@@ -16,9 +18,10 @@ from driver.hard.oracle import Assembled
 def enumerated(K, f, B, gap, u_t, F) -> list[np.ndarray]:
     """Multipliers (2 n,) of all states of contact of a body, held or not, that obey the laws.
 
-    Every state is one linear system in all displacements and multipliers, K u + B'lambda = f with the singular K as it is:
-    no compliance, no springs, no rigid motions. `B` (2 n, dofs) normal rows first. Where a system is singular its
-    solution of least norm is tried: motions that nothing holds stay small.
+    Every state is one linear system in all displacements and multipliers, K u + B'lambda = f with
+    the singular K as it is: no compliance, no springs, no rigid motions. `B` (2 n, dofs) normal
+    rows first. Where a system is singular its solution of least norm is tried: motions that nothing
+    holds stay small.
     """
     n, size = len(gap), len(f)
     stiff, found = np.abs(np.diag(K)).max(), []
@@ -40,18 +43,22 @@ def enumerated(K, f, B, gap, u_t, F) -> list[np.ndarray]:
         if np.abs(system @ z - right).max() > 1e-8 * np.abs(right).max():
             continue
         u, x = z[:size], z[size:]
-        over, slip, far, force = B[:n] @ u - gap, B[n:] @ u - u_t, np.abs(B @ u).max(), np.abs(x).max() + np.abs(f).max()
+        over, slip = B[:n] @ u - gap, B[n:] @ u - u_t
+        far, force = np.abs(B @ u).max(), np.abs(x).max() + np.abs(f).max()
         way = np.array([{"o": 0, "s": 0, "f": 1, "b": -1}[s] for s in state])
         touching = np.array([s != "o" for s in state])
         if (x[:n].min() >= -1e-8 * force and over[~touching].max(initial=0) <= 1e-8 * far
-                and np.all(np.abs(x[n:]) <= F * x[:n] + 1e-8 * force) and np.all(way * slip >= -1e-8 * far)
+                and np.all(np.abs(x[n:]) <= F * x[:n] + 1e-8 * force)
+            and np.all(way * slip >= -1e-8 * far)
                 and all(np.abs(x - y).max() > 1e-6 * force for y in found)):
             found.append(x)
     return found
 
 
 def random_body(seed: int, nodes: int, modes: int):
-    """A singular stiffness with `modes` motions, contact rows and loads that these could balance, at random."""
+    """A singular stiffness with `modes` motions, contact rows and loads that these could balance,
+    at random.
+    """
     rng = np.random.default_rng(seed)
     size = 2 * nodes + 3
     Z = np.linalg.qr(rng.standard_normal((size, modes)))[0]
@@ -60,7 +67,8 @@ def random_body(seed: int, nodes: int, modes: int):
     K, B = P @ root @ root.T @ P, rng.standard_normal((2 * nodes, size))
     F = rng.uniform(0.1, 3.0, nodes)
     normal = rng.uniform(0.2, 1.0, nodes)
-    held = B.T @ np.append(normal, rng.uniform(-1, 1, nodes) * F * normal)  # forces inside the cone: rigid bodies can rest
+    # forces inside the cone: rigid bodies can rest
+    held = B.T @ np.append(normal, rng.uniform(-1, 1, nodes) * F * normal)
     f = Z @ (Z.T @ held) + P @ rng.standard_normal(size)
     return K, f, B, rng.uniform(-0.1, 0.1, nodes), rng.uniform(-0.1, 0.1, nodes), F, Z
 
@@ -68,7 +76,8 @@ def random_body(seed: int, nodes: int, modes: int):
 def condensed(K, f, B, gap, u_t, F, Z) -> CoulombProblem:
     """The same on springs of some stiffness, as the driver has it."""
     held = np.linalg.inv(K + Z @ Z.T)
-    return CoulombProblem(B @ held @ B.T, B @ held @ f - np.append(gap, u_t), F, np.arange(len(F)), False, B @ Z, Z.T @ f)
+    return CoulombProblem(B @ held @ B.T, B @ held @ f - np.append(gap, u_t), F, np.arange(len(F)),
+                          False, B @ Z, Z.T @ f)
 
 
 @pytest.mark.parametrize("nodes, modes", [(1, 1), (2, 1), (2, 2), (3, 3)])
@@ -80,7 +89,11 @@ def test_all_solutions_are_those_of_the_body(nodes, modes):
         expected, problem = enumerated(*body[:-1]), condensed(*body)
         found = complementarity.all_solutions(problem)
         assert len(found) == len(expected), seed
-        among = lambda z: any(np.abs(z[: problem.rows] - x).max() <= 1e-6 * np.abs(x).max() for x in expected)
+
+        def among(z):
+            return any(np.abs(z[: problem.rows] - x).max() <= 1e-6 * np.abs(x).max()
+                       for x in expected)
+
         assert all(among(z) for z in found), seed
         start = complementarity.newton(problem, np.zeros(2 * nodes + modes))
         assert start is None or among(start), seed
@@ -92,41 +105,50 @@ def test_all_solutions_are_those_of_the_body(nodes, modes):
 
 
 def test_motion_that_nothing_holds_by_hand():
-    """Two nodes on motions of their own; the load presses the first with 1, and the second is 1 away, or overlaps by 1.
+    """Two nodes on motions of their own; the load presses the first with 1, and the second is 1
+    away, or overlaps by 1.
 
-    C = 1 and springs of stiffness 1: the first moves on by 1 to be pressed with 1. The second stays where it is, or
-    leaves until it touches.
+    C = 1 and springs of stiffness 1: the first moves on by 1 to be pressed with 1. The second stays
+    where it is, or leaves until it touches.
     """
     for over, moved in ((-1.0, 0.0), (1.0, -1.0)):
-        problem = CoulombProblem(np.eye(2), np.array([0.0, over]), np.zeros(0), np.zeros(0, int), False, np.eye(2),
+        problem = CoulombProblem(np.eye(2), np.array([0.0, over]), np.zeros(0), np.zeros(0, int),
+                                 False, np.eye(2),
                                  np.array([1.0, 0.0]))
         for z in (complementarity.lemke(problem), *complementarity.all_solutions(problem)):
             np.testing.assert_allclose(z, [1.0, 0.0, 1.0, moved], atol=1e-12)
 
 
-# ------------------------------------------------------------------------------------------------ scenes
+# ------------------------------------------------------------------------------------------- scenes
 
 HELD = "hard/held"
-JAM = {"n": 1, "place": "walls", "squeeze": 0}  # nothing presses the block to the walls but its own deformation
+# nothing presses the block to the walls but its own deformation
+JAM = {"n": 1, "place": "walls", "squeeze": 0}
 
 
 def solutions_of(problem) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Node numbers and all multipliers of the assembled body after its only step, by enumeration."""
+    """Node numbers and all multipliers of the assembled body after its only step, by enumeration.
+    """
     body = Assembled(problem.manifest, problem.subdomains)
     weights = problem.manifest.factors[1]
-    return body.gid, enumerated(body.K.toarray(), weights @ body.loads, body.B, body.gap, np.zeros(len(body.gid)),
+    return body.gid, enumerated(body.K.toarray(), weights @ body.loads, body.B, body.gap,
+                                np.zeros(len(body.gid)),
                                 body.friction)
 
 
 @pytest.mark.parametrize("options, count", [
-    ({"n": 2}, 1), ({"n": 2, "tilt": 26.538}, 1), ({"n": 2, "push": 3e-5}, 1), ({"n": 2, "push": 4.9e-5, "friction": 2}, 1),
-    ({"n": 1, "friction": 6, "tilt": 20, "push": 2e-5}, 1), ({**JAM, "squeeze": 1e-3}, 1), ({**JAM, "squeeze": 1e-5}, 0),
+    ({"n": 2}, 1), ({"n": 2, "tilt": 26.538}, 1), ({"n": 2, "push": 3e-5}, 1),
+    ({"n": 2, "push": 4.9e-5, "friction": 2}, 1),
+    ({"n": 1, "friction": 6, "tilt": 20, "push": 2e-5}, 1), ({**JAM, "squeeze": 1e-3}, 1),
+    ({**JAM, "squeeze": 1e-5}, 0),
     ({**JAM, "friction": 3.5}, 0), ({**JAM, "friction": 4}, 1), ({**JAM, "friction": 20}, 3),
     ({**JAM, "friction": 2, "squeeze": 1e-5}, 1), ({**JAM, "friction": 4, "squeeze": -1e-6}, 1)])
 def test_small_scenes_against_enumeration(built, steps_of, options, count):
-    """Resting, nearly sliding, nearly toppling, jammed by friction: what enumeration finds on the assembled body.
+    """Resting, nearly sliding, nearly toppling, jammed by friction: what enumeration finds on the
+    assembled body.
 
-    Between the walls a rigid block could always rest, as they may press as hard as it takes: not so one that deforms.
+    Between the walls a rigid block could always rest, as they may press as hard as it takes: not so
+    one that deforms.
     """
     problem = built(HELD, steps=1, subdomains=1, **options)
     gid, expected = solutions_of(problem)
@@ -139,15 +161,19 @@ def test_small_scenes_against_enumeration(built, steps_of, options, count):
     assert solver.failure is None
     contact = problem.structure.contact
     order = np.array([np.flatnonzero(contact.gid == one)[0] for one in gid])
-    x = steps[0].multipliers[np.concatenate([contact.normal_row[order], contact.tangential_row[order]])]
-    # friction and balance are settled to 1e-10, and a jam with F = 20 answers to what is left by more than a thousand times
+    x = steps[0].multipliers[np.concatenate([contact.normal_row[order],
+                                             contact.tangential_row[order]])]
+    # friction and balance are settled to 1e-10, and a jam with F = 20 answers to what is left by
+    # more than a thousand times
     assert min(np.abs(x - y).max() for y in expected) < 1e-6 * np.abs(x).max()
     assert solver.uniqueness.verdict == ("unique" if count == 1 else "not unique")
     assert len(solver.uniqueness.several.get(1, [])) == (count if count > 1 else 0)
 
 
 def test_fallbacks_move_free_bodies(built, steps_of, monkeypatch):
-    """A jam that successive approximations miss: Anderson's, and without it Newton's or Lemke's, reach the same state."""
+    """A jam that successive approximations miss: Anderson's, and without it Newton's or Lemke's,
+    reach the same state.
+    """
     problem = built(HELD, steps=1, subdomains=3, **{**JAM, "n": 2, "friction": 4})
     ways = []
     for accelerate in (fixedpoint.FixedPoint._accelerate, lambda *a: None):
@@ -156,42 +182,55 @@ def test_fallbacks_move_free_bodies(built, steps_of, monkeypatch):
         assert solver.failure is None and solver.history.residuals["equilibrium"] < 1e-8
         ways.append((set(solver.history.fallbacks.steps), steps[0].multipliers))
     (first, x), (second, y) = ways
-    assert first == {globalization.ANDERSON} and len(second) == 1 and second <= {globalization.NEWTON, globalization.LEMKE}
+    assert first == {globalization.ANDERSON} and len(second) == 1
+    assert second <= {globalization.NEWTON, globalization.LEMKE}
     assert np.abs(x - y).max() < 1e-5 * np.abs(x).max()
 
 
 def test_tower_does_not_swing(built, steps_of):
-    """Moved for given gluing multipliers again and again, bodies on bodies swing: the corrector gives up, QPs lead on."""
-    solver, steps = steps_of(built("hard/tower", subdomains="2x2", h=0.1, steps=2))
+    """Moved for given gluing multipliers again and again, bodies on bodies swing: the corrector
+    gives up, QPs lead on.
+    """
+    solver, _ = steps_of(built("hard/tower", subdomains="2x2", h=0.1, steps=2))
     assert solver.failure is None and not solver.history.fallbacks.steps
     assert solver.history.residuals["equilibrium"] < 1e-6
 
 
 def test_fallbacks_of_free_bodies_do_not_depend_on_ranks(solved):
-    one, two = (solved(HELD, place="walls", squeeze=0, friction=4, n=2, subdomains=3, steps=1, NP=ranks) for ranks in (1, 2))
-    assert one.status == 0 and one.summary["fallbacks"], "look for another coefficient at which one is needed"
+    one, two = (solved(HELD, place="walls", squeeze=0, friction=4, n=2, subdomains=3, steps=1,
+                       NP=ranks) for ranks in (1, 2))
+    assert one.status == 0
+    assert one.summary["fallbacks"], "look for another coefficient at which one is needed"
     for name in ("u_n", "u_t", "sigma_n", "sigma_t"):
         assert np.array_equal(one.contact[name], two.contact[name])
 
 
 @pytest.mark.parametrize("below, above", [
     ({"tilt": 26.5386}, {"tilt": 26.5917}),  # friction angle of 0.5: 26.5651, 0.1 % to either side
-    ({"tilt": 26.5386, "height": 2, "friction": 3}, {"tilt": 26.5917, "height": 2, "friction": 3}),  # over its lower edge
-    ({"push": 4.995e-5, "friction": 2}, {"push": 5.005e-5, "friction": 2}),  # the same by a force at its top
+    # over its lower edge
+    ({"tilt": 26.5386, "height": 2, "friction": 3}, {"tilt": 26.5917, "height": 2, "friction": 3}),
+    # the same by a force at its top
+    ({"push": 4.995e-5, "friction": 2}, {"push": 5.005e-5, "friction": 2}),
     ({"weight": 1e-4}, {"weight": -1e-4})])  # pulled away
 def test_limits_of_equilibrium(solved, below, above):
     """A tenth of a percent before sliding or toppling the block rests, one behind it is refused."""
     rests, fails = (solved(HELD, steps=1, **options) for options in (below, above))
-    assert rests.status == 0 and rests.summary["residuals"]["equilibrium"] < 1e-6 and rests.summary["warnings"] == []
+    assert rests.status == 0 and rests.summary["residuals"]["equilibrium"] < 1e-6
+    assert rests.summary["warnings"] == []
     assert fails.status == 3 and "no equilibrium" in fails.reason and "body 1" in fails.reason
 
 
-@pytest.mark.parametrize("options", [{"place": "groove", "friction": 0}, {"tilt": float(np.degrees(np.arctan(0.5)))},
+@pytest.mark.parametrize("options", [{"place": "groove", "friction": 0},
+                                     {"tilt": float(np.degrees(np.arctan(0.5)))},
                                      {"friction": 0}])
 def test_motions_that_nothing_holds_are_named(solved, options):
-    """A disc that may turn, a block that is about to slide, one on ice: forces are unique, places are not."""
+    """A disc that may turn, a block that is about to slide, one on ice: forces are unique, places
+    are not.
+    """
     run = solved(HELD, steps=1, **options)
-    assert run.status == 0 and sum("displacements are one answer of many" in line for line in run.summary["warnings"]) == 1
+    assert run.status == 0
+    assert sum("displacements are one answer of many" in line
+               for line in run.summary["warnings"]) == 1
     assert run.summary["uniqueness"]["verdict"] in ("unique", "not examined")
     assert run.summary["residuals"]["equilibrium"] < 1e-6
 
@@ -204,7 +243,7 @@ class RanksInTurn:
     def __init__(self, parts):
         self.parts = parts
 
-    def gather(self, part):
+    def gather(self, _part):
         return self.parts
 
     def bcast(self, answer):
@@ -213,21 +252,27 @@ class RanksInTurn:
 
 @pytest.mark.parametrize("friction, carried", [(0.29, False), (0.31, True)])
 def test_equilibrium_does_not_depend_on_which_rank_owns_a_node(friction, carried):
-    """A block on six nodes, of which the second alone is rough, pushed with 0.3 of its weight above that node.
+    """A block on six nodes, of which the second alone is rough, pushed with 0.3 of its weight above
+    that node.
 
-    All pressure can stand there, so that friction carries the push from F = 0.3 on; with that of any other node it could not.
+    All pressure can stand there, so that friction carries the push from F = 0.3 on; with that of
+    any other node it could not.
     """
     x, count = np.linspace(-1, 1, 6), 6
-    normal = np.column_stack([np.zeros(count), -np.ones(count), -x])  # of motions along x and y and of a turn
+    # of motions along x and y and of a turn
+    normal = np.column_stack([np.zeros(count), -np.ones(count), -x])
     tangential = np.column_stack([np.ones(count), np.zeros(count), np.zeros(count)])
     bound = np.where(np.arange(count) == 1, friction, 0.0)
     work, size = np.array([0.3, -1.0, -x[1]]), np.ones(3)
 
     def part(own):
-        return normal[own], np.zeros(len(own)), own, tangential[own], own, bound[own], np.zeros(len(own))
+        zero = np.zeros(len(own))
+        return normal[own], zero, own, tangential[own], own, bound[own], zero
 
-    rows = SimpleNamespace(normal=np.arange(count), tangential=np.arange(count), gap=None, normal_node=None,
+    rows = SimpleNamespace(normal=np.arange(count), tangential=np.arange(count), gap=None,
+                           normal_node=None,
                            tangential_node=None, coefficient=None, offset=None, bilateral=False)
     for owned in ([np.arange(count)], [np.arange(0, count, 2), np.arange(1, count, 2)]):
-        found = rigid_equilibrium(rows, normal, work, size, RanksInTurn([part(own) for own in owned]))
+        found = rigid_equilibrium(rows, normal, work, size,
+                                  RanksInTurn([part(own) for own in owned]))
         assert (found is not None) == carried

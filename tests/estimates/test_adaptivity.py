@@ -1,4 +1,6 @@
-"""Adaptive refinement: sizes from an indicator, meshes that keep the geometry, error per unknown, no harm done."""
+"""Adaptive refinement: sizes from an indicator, meshes that keep the geometry, error per unknown,
+no harm done.
+"""
 
 import csv
 
@@ -10,14 +12,15 @@ from driver.scene import freefem
 from driver.scene.loader import read_subdomains
 from driver.scene.manifest import read_manifest
 
-# ---- sizes from an indicator ---------------------------------------------------------------------------
+# ---- sizes from an indicator ---------------------------------------------------------------------
 
 
 def grid(n):
     """Vertices and triangles of the unit square cut into n x n cells."""
     xy = np.stack(np.meshgrid(np.arange(n + 1), np.arange(n + 1)), axis=-1).reshape(-1, 2) / n
     at = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel()
-    return xy, np.concatenate([np.column_stack([at, at + 1, at + n + 2]), np.column_stack([at, at + n + 2, at + n + 1])])
+    return xy, np.concatenate([np.column_stack([at, at + 1, at + n + 2]),
+                               np.column_stack([at, at + n + 2, at + n + 1])])
 
 
 @pytest.mark.parametrize("degree", [1, 2])
@@ -26,7 +29,8 @@ def test_sizes_spread_the_error_evenly(degree):
     size, indicator = rng.uniform(0.5, 2, 1000), rng.uniform(0.5, 2, 1000)
     new = adaptivity.new_sizes(size, indicator, 4000, degree)
     ratio = new / size
-    # the new triangles: (size/new)^2 in each old one, with the error indicator * ratio^(degree + 1) each
+    # the new triangles: (size/new)^2 in each old one, with the error indicator * ratio^(degree + 1)
+    # each
     assert (ratio**-2).sum() == pytest.approx(4000, rel=1e-12)
     error = indicator * ratio ** (degree + 1)
     np.testing.assert_allclose(error, error[0], rtol=1e-12)
@@ -36,7 +40,8 @@ def test_sizes_keep_their_limits_and_the_number_of_triangles():
     indicator = np.full(1000, 1e-9)
     indicator[:5] = 1.0
     ratio = adaptivity.new_sizes(np.ones(1000), indicator, 4000)
-    # five triangles may hold 64 new ones each, the others make up for the rest: 4000 are not to be had
+    # five triangles may hold 64 new ones each, the others make up for the rest: 4000 are not to be
+    # had
     assert ratio[:5].max() == adaptivity.SMALLEST and ratio.max() <= adaptivity.LARGEST
     indicator[5:] = 1e-3
     ratio = adaptivity.new_sizes(np.ones(1000), indicator, 4000)
@@ -64,7 +69,7 @@ def test_nodal_sizes_do_not_jump():
     assert nodal.max() <= 1 and nodal.min() > 1e-3
 
 
-# ---- meshes --------------------------------------------------------------------------------------------
+# ---- meshes --------------------------------------------------------------------------------------
 
 LENS = """include "scene.idp"
 // two arcs of radius 2 that meet in corners, a notch of 8 degrees in a straight side, two regions
@@ -88,7 +93,9 @@ include "export.idp"
 
 @pytest.fixture(scope="module")
 def adapted(tmp_path_factory):
-    """adapted(scene, function, **parameters): subdomains of the scene's mesh and of that with the sizes function(x, y)."""
+    """adapted(scene, function, **parameters): subdomains of the scene's mesh and of that with the
+    sizes function(x, y).
+    """
     from mpi4py import MPI
 
     def read(folder):
@@ -118,13 +125,16 @@ def edges_of(subdomains, label):
 
 
 def test_bodies_from_gmsh_that_are_moved_keep_their_curves(adapted):
-    """The lower disc is turned round after gmsh has made it: where gmsh meshes, the sizes are not what belongs there."""
+    """The lower disc is turned round after gmsh has made it: where gmsh meshes, the sizes are not
+    what belongs there.
+    """
     wanted = lambda x, y: np.maximum(0.002, 0.1 * np.hypot(x, y))
     first, second = adapted(freefem.find_scene("hertz-bodies"), wanted, h=0.001)
     for label, centre, radius in ((1, 1.0, 1.0), (2, 1.0, 1.0), (11, -1.5, 1.5), (12, -1.5, 1.5)):
         chord = np.linalg.norm(np.diff(edges_of(first, label), axis=1), axis=2).max()
         off = np.abs(np.linalg.norm(edges_of(second, label) - [0, centre], axis=2) - radius)
-        # the first mesh has h^2/(8 R) between chord and arc; the curve through its vertices takes most of that away
+        # the first mesh has h^2/(8 R) between chord and arc; the curve through its vertices takes
+        # most of that away
         assert off.max() < chord**2 / (8 * radius) / 4
 
 
@@ -140,20 +150,24 @@ def test_freefem_mesh_keeps_curves_corners_labels_and_regions(adapted, tmp_path)
     arc = edges_of(second, 1)
     chord = np.linalg.norm(arc[:, 0] - arc[:, 1], axis=1)
     off = np.abs(np.linalg.norm(arc, axis=2) - 2)
-    # "on the geometry as well as before": a chord h of the first mesh left h^2/(8 R) = 2.5e-3 between curve and mesh; the
-    # curve through its vertices misses by the fourth power of h/R, hundredths of that
+    # "on the geometry as well as before": a chord h of the first mesh left h^2/(8 R) = 2.5e-3
+    # between curve and mesh; the curve through its vertices misses by the fourth power of h/R,
+    # hundredths of that
     assert chord.min() < 0.02 and off.max() < 0.2**2 / 16 / 20
     for label in (1, 2, 3, 4):
-        ends = [np.array([found.reshape(-1, 2).min(axis=0), found.reshape(-1, 2).max(axis=0)]) for found in
+        ends = [np.array([found.reshape(-1, 2).min(axis=0), found.reshape(-1, 2).max(axis=0)])
+                for found in
                 (edges_of(first, label), edges_of(second, label))]
         np.testing.assert_allclose(*ends, atol=2e-3)
-    # the tip of the flat notch (buildmesh puts it a bit beside x = 1.07) is a vertex still, straight sides are straight
+    # the tip of the flat notch (buildmesh puts it a bit beside x = 1.07) is a vertex still,
+    # straight sides are straight
     side = edges_of(first, 2).reshape(-1, 2)
     tip = side[side[:, 0].argmax()]
     assert np.abs(edges_of(second, 2) - tip).sum(axis=2).min() < 1e-12
     assert np.ptp(edges_of(second, 3)[:, :, 1]) < 1e-12
     for region in (1, 2):
-        area = [sum((np.sqrt(3) / 4 * adaptivity.element_sizes(s.xy, s.triangles)[s.region == region] ** 2).sum()
+        area = [sum((np.sqrt(3) / 4
+                     * adaptivity.element_sizes(s.xy, s.triangles)[s.region == region] ** 2).sum()
                     for s in found)
                 for found in (first, second)]
         # the first mesh lacks the segments between chords and arc, h^2/(12 R^2) of the area below
@@ -171,11 +185,12 @@ def test_gmsh_mesh_lies_on_the_geometry(adapted):
     assert np.linalg.norm(arc[:, 0] - arc[:, 1], axis=1).min() < 0.006
 
 
-# ---- runs ----------------------------------------------------------------------------------------------
+# ---- runs ----------------------------------------------------------------------------------------
 
 def cycles(run):
     with open(run.directory / "adaptivity.csv", newline="") as file:
-        return [{name: float(value or "nan") for name, value in row.items()} for row in csv.DictReader(file)]
+        return [{name: float(value or "nan") for name, value in row.items()}
+                for row in csv.DictReader(file)]
 
 
 def test_patch_stays_exact(solved):
@@ -195,7 +210,9 @@ def test_touching_bodies_are_remeshed_each_by_itself(solved):
 
 
 def test_error_falls_faster_than_on_uniform_meshes(solved):
-    """The clamped corners are singular like r^0.7: uniform meshes lose the rate 1/2 in unknowns, adaptive ones keep it."""
+    """The clamped corners are singular like r^0.7: uniform meshes lose the rate 1/2 in unknowns,
+    adaptive ones keep it.
+    """
     run = solved(cells=4, steps=2, adapt=2, errors="energy")
     found = cycles(run)
     dofs, error = (np.array([row[name] for row in found]) for name in ("primal_dofs", "mesh_error"))
@@ -203,14 +220,18 @@ def test_error_falls_faster_than_on_uniform_meshes(solved):
     rate = np.log(error[:-1] / error[1:]) / np.log(dofs[1:] / dofs[:-1])
     assert rate[0] > 0.6 and rate[1] > 0.48, (dofs, error)
     uniform = [solved(cells=c, steps=2, errors="energy").summary for c in (8, 32)]
-    size, coarse = ([summary[a][b] for summary in uniform] for a, b in (("sizes", "primal_dofs"), ("errors", "energy")))
+    size, coarse = ([summary[a][b] for summary in uniform]
+                    for a, b in (("sizes", "primal_dofs"), ("errors", "energy")))
     coarse = [energy["mesh"] for energy in coarse]
     # h^0.7 is 0.35 in unknowns, where the regular part, of rate 1/2, has gone
     assert np.log(coarse[0] / coarse[1]) / np.log(size[1] / size[0]) < 0.45, coarse
     # a smaller error with less than a third of the unknowns
-    assert run.summary["sizes"]["primal_dofs"] == dofs[-1] < size[1] / 3 and error[-1] < coarse[1], (error, coarse)
-    # loads alone move the body, so that |u| at the loaded corner comes from below: the coarse mesh lacks 11% of it
-    assert run.summary["quantities"]["displacement"] > 0.995 * uniform[1]["quantities"]["displacement"]
+    assert run.summary["sizes"]["primal_dofs"] == dofs[-1] < size[1] / 3
+    assert error[-1] < coarse[1], (error, coarse)
+    # loads alone move the body, so that |u| at the loaded corner comes from below: the coarse mesh
+    # lacks 11% of it
+    fine = uniform[1]["quantities"]["displacement"]
+    assert run.summary["quantities"]["displacement"] > 0.995 * fine
 
 
 def test_options_of_adaptation(solved):
@@ -226,7 +247,8 @@ def test_options_of_adaptation(solved):
 def test_meshes_do_not_depend_on_the_ranks(solved):
     one, two = (solved("pressfit", h=8, adapt=1, np=ranks) for ranks in (1, 2))
     # to the last bit, as all results
-    assert (one.directory / "contact.csv").read_bytes() == (two.directory / "contact.csv").read_bytes()
+    assert (one.directory
+            / "contact.csv").read_bytes() == (two.directory / "contact.csv").read_bytes()
 
 
 def test_figure_of_the_mesh_and_its_error(solved):

@@ -12,15 +12,19 @@ def said(run, word: str) -> bool:
     return any(word in line for line in run.summary["warnings"])
 
 
-@pytest.mark.parametrize("nu, cells, locks", [(0.3, 2, False), (0.45, 4, False), (0.49, 2, True), (0.49, 8, True),
-                                              (0.499, 4, True), (0.4999, 2, True), (0.4999, 8, True)])
+@pytest.mark.parametrize("nu, cells, locks",
+                         [(0.3, 2, False), (0.45, 4, False), (0.49, 2, True), (0.49, 8, True),
+                                              (0.499, 4, True), (0.4999, 2, True),
+                          (0.4999, 8, True)])
 def test_locking(solved, nu, cells, locks):
-    """By the table in the module's text: from nu = 0.49 on coarse meshes and fine, never at 0.45."""
+    """By the table in the module's text: from nu = 0.49 on coarse meshes and fine, never at 0.45.
+    """
     run = solved("hard/block", **{**QUICK, "CELLS": cells}, POISSON=nu)
     assert said(run, "elements lock") == locks
 
 
-@pytest.mark.parametrize("element, nu, locks", [("P2", 0.46, False), ("P2", 0.499, True), ("P2-mixed", 0.4999, False)])
+@pytest.mark.parametrize("element, nu, locks",
+                         [("P2", 0.46, False), ("P2", 0.499, True), ("P2-mixed", 0.4999, False)])
 def test_locking_of_quadratic_elements(solved, element, nu, locks):
     run = solved("hard/block", **QUICK, POISSON=nu, ELEMENT=element)
     assert said(run, "P2 elements lock") == said(run, "ELEMENT=P2-mixed does not lock") == locks

@@ -1,4 +1,6 @@
-"""Contact block F_cc, deflation by traction hats and relaxation of the contact multipliers: algebra and counts."""
+"""Contact block F_cc, deflation by traction hats and relaxation of the contact multipliers: algebra
+and counts.
+"""
 
 from types import SimpleNamespace
 
@@ -9,7 +11,8 @@ from mpi4py import MPI
 from driver.feti.contact_block import ContactBlock, Galerkin
 from driver.feti.deflation import DeflatedPreconditioner, Deflation, _jumps, traction_hats
 from driver.march.relaxation import ContactRelaxation
-from driver.feti.substructuring import GLUING, NORMAL, _row_scale
+from driver.feti.numbering import _row_scale
+from driver.feti.rows import RowKind
 
 EPS = np.finfo(float).eps
 
@@ -28,22 +31,25 @@ def parts(problem):
 
 
 def faces(structure):
-    """Free sets: everything; no friction; part of the contact boundary open and a shorter part sticking."""
+    """Free sets: everything; no friction; part of the contact boundary open and a shorter part
+    sticking.
+    """
     kind, contact = structure.row_kind, structure.contact
-    everything, normal = np.ones(len(kind), bool), kind <= NORMAL
-    part = kind == GLUING
+    everything, normal = np.ones(len(kind), bool), kind <= RowKind.NORMAL
+    part = kind == RowKind.GLUING
     reach = contact.arc / contact.arc.max()
     part[contact.normal_row[reach < 0.63]] = True
     part[contact.tangential_row[(reach > 0.12) & (reach < 0.37)]] = True
-    one = kind == GLUING
+    one = kind == RowKind.GLUING
     one[contact.normal_row[0]] = True  # a single node in touch: hats that coincide there
-    return [everything, normal, part, one, kind == GLUING]
+    return [everything, normal, part, one, kind == RowKind.GLUING]
 
 
 def dense(preconditioner, free):
     """The matrix of a preconditioner on a face."""
     P = np.array([preconditioner(e, free) for e in np.eye(len(free))])[np.ix_(free, free)]
-    assert np.abs(P - P.T).max() <= 1e-10 * np.abs(P).max()  # pinv in M costs eps times the condition of F_i, 1e4
+    # pinv in M costs eps times the condition of F_i, 1e4
+    assert np.abs(P - P.T).max() <= 1e-10 * np.abs(P).max()
     return (P + P.T) / 2
 
 
@@ -67,18 +73,23 @@ def test_block_is_the_contact_part_of_the_operator(problem, parts):
     F, block, _, _ = parts
     found = np.array([block.apply(e) for e in np.eye(block.size)])
     contact = np.ix_(block.rows, block.rows)
-    # both sum the same local parts, in another order; the coarse part is solved with S_cc, of condition 1e4 at most
+    # both sum the same local parts, in another order; the coarse part is solved with S_cc, of
+    # condition 1e4 at most
     assert np.abs(found - F[contact]).max() <= 1e4 * EPS * np.abs(F[contact]).max()
-    rng, columns = np.random.default_rng(0), np.random.default_rng(1).integers(0, 3, (block.size, 2))
+    rng, columns = np.random.default_rng(0), np.random.default_rng(1).integers(0, 3,
+                                                                               (block.size, 2))
     entries = rng.standard_normal((block.size, 2))
     W = spread(columns, entries, 3)
-    np.testing.assert_allclose(Galerkin(block, columns, 3)(entries), W.T @ F[contact] @ W, rtol=1e-10)
+    np.testing.assert_allclose(Galerkin(block, columns, 3)(entries), W.T @ F[contact] @ W,
+                               rtol=1e-10)
 
 
 def test_block_bounds_the_compliance_of_the_glued_body(parts, problem):
-    """C = F_cc - F_cg F_gg^-1 F_gc: F_cc - C is semidefinite, and F_cc no more than about 4 C with 10 cells, less with 4."""
+    """C = F_cc - F_cg F_gg^-1 F_gc: F_cc - C is semidefinite, and F_cc no more than about 4 C with
+    10 cells, less with 4.
+    """
     F, block, _, _ = parts
-    g = problem.structure.row_kind == GLUING
+    g = problem.structure.row_kind == RowKind.GLUING
     C = F[np.ix_(~g, ~g)] - F[np.ix_(~g, g)] @ np.linalg.solve(F[np.ix_(g, g)], F[np.ix_(g, ~g)])
     L = np.linalg.cholesky((C + C.T) / 2)
     ratio = np.linalg.eigvalsh(np.linalg.solve(L, np.linalg.solve(L, F[np.ix_(~g, ~g)]).T))
@@ -88,25 +99,29 @@ def test_block_bounds_the_compliance_of_the_glued_body(parts, problem):
 def test_gather_and_scatter_are_inverse(problem, parts):
     block, x = parts[1], np.arange(1.0, problem.structure.dual_dofs + 1)
     assert np.array_equal(block.scatter(block.gather(x), x), x)
-    assert np.array_equal(block.gather(block.scatter(np.zeros(block.size), x)), np.zeros(block.size))
-    assert np.array_equal(np.flatnonzero(problem.structure.row_kind != GLUING), block.rows)
+    assert np.array_equal(block.gather(block.scatter(np.zeros(block.size), x)),
+                          np.zeros(block.size))
+    assert np.array_equal(np.flatnonzero(problem.structure.row_kind != RowKind.GLUING), block.rows)
 
 
 # ------------------------------------------------------------------------------ deflation
 
 def test_hats_make_uniform_and_linear_tractions(problem):
-    """A partition of unity: the hats of a direction sum up to traction 1, and some combination of them to the arc length.
+    """A partition of unity: the hats of a direction sum up to traction 1, and some combination of
+    them to the arc length.
 
     They are of one direction each and overlap with their neighbours only, of which there are two.
     """
     s = problem.structure
-    rows = np.flatnonzero(s.row_kind != GLUING)
+    rows = np.flatnonzero(s.row_kind != RowKind.GLUING)
     hats = traction_hats(s, rows, MPI.COMM_SELF)
     H = spread(hats.number, hats.value, hats.count)
     for numbers in (s.contact.normal_row, s.contact.tangential_row):
         at = np.searchsorted(rows, numbers)
-        np.testing.assert_allclose(hats.weight[at] * H[at].sum(axis=1), s.contact.weight, rtol=1e-14)
-        np.testing.assert_allclose(H[at] @ np.linalg.lstsq(H[at], s.contact.arc, rcond=None)[0], s.contact.arc, atol=1e-12)
+        np.testing.assert_allclose(hats.weight[at] * H[at].sum(axis=1), s.contact.weight,
+                                   rtol=1e-14)
+        np.testing.assert_allclose(H[at] @ np.linalg.lstsq(H[at], s.contact.arc, rcond=None)[0],
+                                   s.contact.arc, atol=1e-12)
         assert H[at].any(axis=0).sum() == hats.count / 2
     meets = (H.T @ H != 0).sum(axis=1)
     assert meets.max() == 3 and H.max() == 1 and H.min() == 0
@@ -129,7 +144,8 @@ def test_projection_and_correction(problem, parts):
         np.testing.assert_allclose(again, W, atol=1e-8 * np.abs(W).max())
 
 
-def test_deflated_preconditioner_is_symmetric_positive_definite_and_stays_in_the_face(problem, parts):
+def test_deflated_preconditioner_is_symmetric_positive_definite_and_stays_in_the_face(problem,
+                                                                                      parts):
     F, _, deflation, local = parts
     preconditioner = DeflatedPreconditioner(local, deflation)
     for free in faces(problem.structure):
@@ -139,12 +155,15 @@ def test_deflated_preconditioner_is_symmetric_positive_definite_and_stays_in_the
 
 
 def test_deflation_makes_the_condition_flat(built):
-    """About 28 measured for 10x10 cells, whatever n_s (18 with exactly deflated hats); without it grows fourfold."""
+    """About 28 measured for 10x10 cells, whatever n_s (18 with exactly deflated hats); without it
+    grows fourfold.
+    """
     found, plain = [], []
     for subdomains in ("4x2", "8x4"):
         problem = built(cells=5, subdomains=subdomains)
         F, local = problem.F, problem.operator.preconditioner()
-        deflated = DeflatedPreconditioner(local, Deflation(ContactBlock(problem.operator, local), problem.structure))
+        deflated = DeflatedPreconditioner(local, Deflation(ContactBlock(problem.operator, local),
+                                                           problem.structure))
         face = [(free, F[np.ix_(free, free)]) for free in faces(problem.structure)[:3]]
         found.append([condition(dense(deflated, free), A) for free, A in face])
         plain.append(max(condition(dense(local, free), A) for free, A in face))
@@ -156,15 +175,19 @@ def test_deflation_makes_the_condition_flat(built):
 @pytest.mark.parametrize("board", ["pieces", "halves", "inside"])
 @pytest.mark.parametrize("jump", [1e-6, 1e6])
 def test_jumps_of_the_stiffness_leave_the_condition_alone(built, board, jump):
-    """Between subdomains, under one hat, and along interfaces: at most twice that of the same mesh without a jump."""
+    """Between subdomains, under one hat, and along interfaces: at most twice that of the same mesh
+    without a jump.
+    """
     def largest(**parameters):
         problem = built("hard/block", subdomains="4x2", cells=4, steps=1, **parameters)
         F, local = problem.F, problem.operator.preconditioner()
-        deflated = DeflatedPreconditioner(local, Deflation(ContactBlock(problem.operator, local), problem.structure))
+        deflated = DeflatedPreconditioner(local, Deflation(ContactBlock(problem.operator, local),
+                                                           problem.structure))
         found = []
         for free in faces(problem.structure)[:3]:
             D = problem.structure.row_scale[free]  # eigenvalues stay, their rounding does not
-            found.append(condition(dense(deflated, free) / np.outer(D, D), F[np.ix_(free, free)] * np.outer(D, D)))
+            found.append(condition(dense(deflated, free) / np.outer(D, D),
+                                   F[np.ix_(free, free)] * np.outer(D, D)))
         return max(found)
 
     assert largest(board=board, jump=jump) < 2 * largest()
@@ -183,20 +206,24 @@ def test_scales_do_not_follow_the_rounding_of_stiffnesses():
     """At half of the largest stiffness the power of two is decided by a tie."""
     half = 0.5 + np.array([-2, -1, 0, 1, 2]) * EPS
     stiffness = np.append(1.0, half)
-    skeleton = SimpleNamespace(gids=np.arange(6), stiffness=stiffness, over_subdomains=lambda _, values: values)
-    scale = _row_scale(skeleton, np.arange(6), np.full(6, NORMAL), np.ones(6))
+    skeleton = SimpleNamespace(gids=np.arange(6), stiffness=stiffness, over_subdomains=lambda _,
+                               values: values)
+    scale = _row_scale(skeleton, np.arange(6), np.full(6, RowKind.NORMAL), np.ones(6))
     assert len(set(scale[1:])) == 1
 
 
 def test_relaxation_minimises_over_the_contact_multipliers(problem, parts):
-    """Gluing rows stay, bounds hold, and the gradient it returns is that of the point on the contact rows."""
+    """Gluing rows stay, bounds hold, and the gradient it returns is that of the point on the
+    contact rows.
+    """
     F, block, deflation, _ = parts
     structure, rng = problem.structure, np.random.default_rng(3)
     scale = structure.row_scale
-    relax = ContactRelaxation(problem.operator, deflation, 1.1 * np.linalg.norm(scale[:, None] * F * scale, 2), scale)
+    relax = ContactRelaxation(problem.operator, deflation,
+                              1.1 * np.linalg.norm(scale[:, None] * F * scale, 2), scale)
     y = rng.standard_normal(structure.dual_dofs)
     d = F @ np.abs(rng.standard_normal(structure.dual_dofs))
-    contact = structure.row_kind != GLUING
+    contact = structure.row_kind != RowKind.GLUING
     lower, upper = np.where(contact, 0.0, -np.inf), np.where(contact, 2.0, np.inf)
     x, g = relax(y, F @ y - d, (lower, upper), 1e-10 * np.linalg.norm(d))
     assert np.array_equal(x[~contact], y[~contact])
@@ -215,24 +242,27 @@ COARSE, FINE = "4x2", "16x8"
 
 
 def products(solved, loading, subdomains, **options):
-    found = solved(loading=loading, subdomains=subdomains, uniqueness="no", **SLIDES_RULES, **options)
+    found = solved(loading=loading, subdomains=subdomains, uniqueness="no", **SLIDES_RULES,
+                   **options)
     assert found.status == 0, found.reason
     return found.summary["counts"]
 
 
 @pytest.mark.parametrize("loading", ["monotone", "nonmonotone"])
 def test_products_hardly_grow_with_the_number_of_subdomains(solved, loading):
-    """The condition on a face is flat, and contact zones move in the contact block, over any number of nodes.
+    """The condition on a face is flat, and contact zones move in the contact block, over any number
+    of nodes.
 
-    What may grow is the number of corrections, with the logarithm of the mesh size: 1.5 from 8 to 2048
-    subdomains, four refinements, is what is aimed at. Two of them may use that up, not more.
+    What may grow is the number of corrections, with the logarithm of the mesh size: 1.5 from 8 to
+    2048 subdomains, four refinements, is what is aimed at. Two of them may use that up, not more.
     """
     small, large = (products(solved, loading, subdomains) for subdomains in (COARSE, FINE))
     assert large["dual_multiplications"] <= 1.5 * small["dual_multiplications"]
     assert large["dual_multiplications_setup"] <= 200 and small["dual_multiplications_setup"] <= 200
 
 
-@pytest.mark.parametrize("left_out", [{"preconditioner": "dirichlet"}, {"expansion": "cg"}, {"corrector": "none"}],
+@pytest.mark.parametrize("left_out", [{"preconditioner": "dirichlet"}, {"expansion": "cg"},
+                                      {"corrector": "none"}],
                          ids=lambda option: "-".join(*option.items()))
 def test_every_ingredient_has_its_share(solved, left_out):
     """On the finer partition each saves products, and each can be switched off."""

@@ -20,7 +20,8 @@ from driver.runs import run, solve, workspace
 from driver.errors import InputError
 
 WORDS = ("SCENE=model", "LOADING=nonmonotone", "CELLS=4", "STEPS=8", "FIGURES=no", "ERRORS=no")
-OWN = ("seconds", "memory_mib", "ranks", "resumed_after_step")  # of summary.json: how a run went, not what it found
+# of summary.json: how a run went, not what it found
+OWN = ("seconds", "memory_mib", "ranks", "resumed_after_step")
 
 
 def listing(out: Path) -> dict:
@@ -68,12 +69,15 @@ def hidden(folder: Path) -> list:
 
 # ------------------------------------------------------------------------- the same numbers
 
-MODEL = ("SCENE=model", "LOADING=nonmonotone", "CELLS=4", "STEPS=6", "FIGURES=no", "FIELDS=no", "ERRORS=no")
+MODEL = ("SCENE=model", "LOADING=nonmonotone", "CELLS=4", "STEPS=6", "FIGURES=no", "FIELDS=no",
+         "ERRORS=no")
 CASES = {
     "energy error": ("ERRORS=energy",),
-    "plain": ("PRECONDITIONER=none", "PREDICTOR=previous", "INNER_RTOL=1e-9", "EXPANSION=gradient", "RTOL=1e-6"),
+    "plain": ("PRECONDITIONER=none", "PREDICTOR=previous", "INNER_RTOL=1e-9", "EXPANSION=gradient",
+              "RTOL=1e-6"),
     "deflated": ("PRECONDITIONER=deflated", "EXPANSION=contact"),
-    "fields": ("FIELDS=yes", "ERRORS=energy"), "quadratic": ("ELEMENT=P2", "CELLS=2", "FIELDS=yes", "ERRORS=energy"),
+    "fields": ("FIELDS=yes", "ERRORS=energy"),
+    "quadratic": ("ELEMENT=P2", "CELLS=2", "FIELDS=yes", "ERRORS=energy"),
     "slip law": ("SCENE=punch", "LOADING=", "CELLS="),
     "several boundaries": ("SCENE=bracket", "LOADING=", "CELLS=", "H=8", "SUBDOMAINS=4"),
     "floating stack": ("SCENE=stack", "LOADING=", "CELLS=", "H=0.25", "SUBDOMAINS=3")}
@@ -114,7 +118,8 @@ def test_stopped_refinement_goes_on(tmp_path, every_step, stop_after):
     found, whole = (listing(tmp_path / name) for name in ("out", "whole"))
     for one in (found, whole):  # its last column is seconds
         one["adaptivity.csv"] = [[v for k, v in row.items() if k != "seconds"]
-                                 for row in csv.DictReader(one["adaptivity.csv"].decode().splitlines())]
+                                 for row in csv.DictReader(
+                                     one["adaptivity.csv"].decode().splitlines())]
     assert found == whole and hidden(tmp_path) == []
 
 
@@ -122,8 +127,10 @@ def test_body_without_support_goes_on(tmp_path, every_step, stop_after):
     """Its rigid motion is part of what is kept."""
     scene = tmp_path / "sledge.edp"
     scene.write_text((environment.ROOT / "edp" / "slope.edp").read_text().replace(
-        "macro young()", "quasistatic(1.);\nmacro amplitude1(t) (0.5 + t) //\nmacro load2() traction(2, 300*t1, 300*t2) //\n"
-        "macro amplitude2(t) sin(6*t) //\nreal t1 = cos(angle*pi/180), t2 = sin(angle*pi/180);\nmacro young()", 1))
+        "macro young()",
+        "quasistatic(1.);\nmacro amplitude1(t) (0.5 + t) //\n"
+        "macro load2() traction(2, 300*t1, 300*t2) //\nmacro amplitude2(t) sin(6*t) //\n"
+        "real t1 = cos(angle*pi/180), t2 = sin(angle*pi/180);\nmacro young()", 1))
     words = (f"SCENE={scene}", "STEPS=6", *MODEL[4:])
     execute(*words, f"OUT={tmp_path / 'whole'}")
     stop_after(3)
@@ -139,7 +146,8 @@ def test_uninterrupted_run_has_no_trace_of_checkpoints(tmp_path, every_step):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(checkpoint, "SHARE", 1e-9)  # the first one only
         summary = execute(*WORDS, f"OUT={tmp_path / 'once'}")
-    assert listing(tmp_path / "often") == listing(tmp_path / "once") and summary["resumed_after_step"] == 0
+    assert listing(tmp_path
+                   / "often") == listing(tmp_path / "once") and summary["resumed_after_step"] == 0
     assert sorted(path.name for path in tmp_path.iterdir()) == ["often", "once"]
     assert not [path.name for path in (tmp_path / "often").iterdir() if "checkpoint" in path.name]
 
@@ -165,7 +173,9 @@ def run_loudly(capsys, *words):
     ("FRICTION=0.2", "of other scene or parameters"), ("STEPS=9", "of other scene or parameters"),
     ("RTOL=1e-7", "of other options"), ("FIELDS=no", "of other options")])
 def test_another_run_starts_over(stopped, capsys, word, said):
-    """And what was kept for the interrupted run goes when this one is done: its results would be replaced."""
+    """And what was kept for the interrupted run goes when this one is done: its results would be
+    replaced.
+    """
     words = {w.split("=")[0]: w for w in (*WORDS, word, f"OUT={stopped}")}.values()
     summary, told = run_loudly(capsys, *words)
     assert summary["resumed_after_step"] == 0 and said in told
@@ -185,7 +195,8 @@ def test_edited_scene_starts_over(tmp_path, variant, every_step, stop_after):
     stop_after(3)
     with pytest.raises(KeyboardInterrupt):
         execute(*words)
-    scene.write_text(scene.read_text().replace("macro contact() 1 //", "macro contact() 1 //\nmacro gap() 1e-5 //"))
+    scene.write_text(scene.read_text().replace("macro contact() 1 //",
+                                               "macro contact() 1 //\nmacro gap() 1e-5 //"))
     assert execute(*words)["resumed_after_step"] == 0
     contact = list(csv.DictReader((out / "contact.csv").read_text().splitlines()))
     assert {float(row["gap"]) for row in contact} == {1e-5}
@@ -232,7 +243,7 @@ def test_a_living_run_keeps_its_directory(tmp_path):
     """Two runs to the same place do not get into each other's way."""
     first = workspace.Workspace(tmp_path / "out")
     second = workspace.Workspace(tmp_path / "out")
-    assert first.path != second.path and second.left == []
+    assert first.path != second.path and second.abandoned == []
     for place in (first, second):
         with place:
             pass
@@ -248,7 +259,8 @@ def test_directories_of_other_results_are_left_alone(tmp_path):
     assert hidden(tmp_path) == [".a.1x", ".a.b.1", ".a.old", ".ab.1"]
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGALRM], ids=["interrupt", "one that comes once more"])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGALRM],
+                         ids=["interrupt", "one that comes once more"])
 @pytest.mark.parametrize("atomic", [True, False], ids=["exchange", "two renames"])
 def test_an_interrupt_while_publishing_waits(tmp_path, monkeypatch, atomic, number):
     """At the moment when an older result might have its private name only."""
@@ -264,13 +276,44 @@ def test_an_interrupt_while_publishing_waits(tmp_path, monkeypatch, atomic, numb
         return exchange(*paths) if atomic else False
 
     monkeypatch.setattr(workspace, "_exchange", interrupted)
-    before = signal.signal(number, signal.default_int_handler)  # a shell's background jobs ignore SIGINT
+    # a shell's background jobs ignore SIGINT
+    before = signal.signal(number, signal.default_int_handler)
     try:
         with pytest.raises(KeyboardInterrupt), place:
             place.publish(out)
     finally:
         signal.signal(number, before)
     assert (out / "summary.json").read_text() == "new" and hidden(tmp_path) == []
+
+
+def test_checkpoints_of_another_state_of_the_code_are_refused(tmp_path, monkeypatch):
+    """In any folder of the package, however deep: an edit, a new file, one that is gone or renamed."""
+    package = shutil.copytree(environment.ROOT / "driver", tmp_path / "driver",
+                              ignore=shutil.ignore_patterns("__pycache__"))
+    monkeypatch.setattr(checkpoint, "ROOT", tmp_path)
+
+    def changed() -> bool:
+        different = checkpoint.differences({"fingerprint": before}, checkpoint.fingerprint("", {}))
+        assert different in ([], ["program"])
+        return bool(different)
+
+    before = checkpoint.fingerprint("", {})
+    folders = {path.parent: path for path in package.rglob("*.py")}
+    assert max(len(folder.relative_to(package).parts) for folder in folders) >= 2
+    for folder, path in folders.items():
+        text = path.read_bytes()
+        path.write_bytes(text + b"\n")
+        assert changed(), path
+        path.write_bytes(text)
+        path.rename(folder / "other.py")
+        assert changed(), path
+        (folder / "other.py").unlink()
+        assert changed(), path
+        path.write_bytes(text)
+        (folder / "new.py").touch()
+        assert changed(), path
+        (folder / "new.py").unlink()
+        assert not changed()
 
 
 # --------------------------------------------------------------------------- killed processes
@@ -281,7 +324,8 @@ class Victim:
     def __init__(self, folder: Path, *words: str):
         self.folder = folder
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "driver", "run", *words], cwd=environment.ROOT, env=dict(os.environ), text=True,
+            [sys.executable, "-m", "driver", "run", *words], cwd=environment.ROOT,
+            env=dict(os.environ), text=True,
             stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True,
             preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler))
 
@@ -307,7 +351,8 @@ class Victim:
         return self.process.returncode, said
 
 
-LONG = ("SCENE=model", "LOADING=nonmonotone", "CELLS=4", "STEPS=20", "RTOL=1e-10", "FIGURES=no", "ERRORS=no")
+LONG = ("SCENE=model", "LOADING=nonmonotone", "CELLS=4", "STEPS=20", "RTOL=1e-10", "FIGURES=no",
+        "ERRORS=no")
 
 
 @pytest.fixture(scope="module")
@@ -320,10 +365,11 @@ def reference(tmp_path_factory):
 
 
 def kill_and_run_again(folder, reference, ranks, target, number, moment=None, again=None):
-    """One try: a run is hit after `moment` seconds, or as soon as it has a checkpoint, and made once more.
+    """One try: a run is hit after `moment` seconds, or as soon as it has a checkpoint, and made
+    once more.
 
-    Until then the older result is what it was; afterwards the new one is there to the last bit and nothing else,
-    and no process is left. Returns the step that the second run started after.
+    Until then the older result is what it was; afterwards the new one is there to the last bit and
+    nothing else, and no process is left. Returns the step that the second run started after.
     """
     old, new = reference
     out = folder / "out"
@@ -331,17 +377,20 @@ def kill_and_run_again(folder, reference, ranks, target, number, moment=None, ag
     before = listing(out)
     victim = Victim(folder, *LONG, f"NP={ranks}", f"OUT={out}")
     if moment is None:
-        wait_for(lambda: list(folder.glob(f".out.*/{checkpoint.NAME}")) or victim.process.poll() is not None)
+        wait_for(lambda: list(folder.glob(f".out.*/{checkpoint.NAME}"))
+                 or victim.process.poll() is not None)
     else:
         time.sleep(moment)
     if target == "rank":
         wait_for(lambda: victim.relatives("driver\0solve\0") or victim.process.poll() is not None)
-    for pid in [victim.process.pid] if target == "driver" else victim.relatives("driver\0solve\0")[-1:]:
+    for pid in [victim.process.pid] if target == "driver" else victim.relatives(
+        "driver\0solve\0")[-1:]:
         with contextlib.suppress(ProcessLookupError):
             os.kill(pid, number)
     status, said = victim.end()
     assert "Traceback" not in said and len(said.strip().splitlines()) <= 1, said
-    assert status in {0, -number, *([130] if number != signal.SIGKILL else []), *([2] if target == "rank" else [])}, said
+    assert status in {0, -number, *([130] if number != signal.SIGKILL else []),
+                      *([2] if target == "rank" else [])}, said
     found = listing(out)
     assert found == new if status == 0 else found in (before, new)
     status, said = Victim(folder, *LONG, f"NP={again or ranks}", f"OUT={out}").end()
@@ -358,7 +407,8 @@ def wait_for(event, seconds=60):
 
 
 @pytest.mark.parametrize("ranks, target, number, again", [
-    (1, "driver", signal.SIGINT, 1), (1, "driver", signal.SIGKILL, 1), (2, "driver", signal.SIGKILL, 1),
+    (1, "driver", signal.SIGINT, 1), (1, "driver", signal.SIGKILL, 1),
+    (2, "driver", signal.SIGKILL, 1),
     (2, "rank", signal.SIGKILL, 1)])
 def test_killed_run_goes_on(tmp_path, reference, ranks, target, number, again):
     """In the middle of its steps; some on another number of ranks."""
@@ -367,7 +417,8 @@ def test_killed_run_goes_on(tmp_path, reference, ranks, target, number, again):
 
 def test_ranks_end_with_their_driver(tmp_path):
     """A driver that is killed cannot tell them to; the run would take minutes."""
-    victim = Victim(tmp_path, *LONG[:3], "STEPS=20000", "FIGURES=no", "FIELDS=no", "NP=2", f"OUT={tmp_path / 'out'}")
+    victim = Victim(tmp_path, *LONG[:3], "STEPS=20000", "FIGURES=no", "FIELDS=no", "NP=2",
+                    f"OUT={tmp_path / 'out'}")
     wait_for(lambda: list(tmp_path.glob(f".out.*/{checkpoint.NAME}")))
     victim.process.kill()
     wait_for(lambda: not victim.relatives(), 15)
@@ -386,13 +437,16 @@ def test_fifty_random_kills(tmp_path, reference):
         clock = time.monotonic()
         assert Victim(tmp_path, *LONG, f"NP={ranks}", f"OUT={tmp_path / 'timed'}").end()[0] == 0
         seconds[ranks] = time.monotonic() - clock
-    ways = [(ranks, "driver", number) for ranks in (1, 2) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)]
+    ways = [(ranks, "driver", number) for ranks in (1, 2)
+            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)]
     for k in range(50):
         ranks, target, number = [*ways, (2, "rank", signal.SIGKILL)][k % 7]
         folder = tmp_path / str(k)
         folder.mkdir()
         moment = 0.1 + seconds[ranks] * random.uniform()
-        resumed.append(kill_and_run_again(folder, reference, ranks, target, number, moment, random.integers(1, 3)))
-        print(f"{k}: NP={ranks} {target} {number.name} after {moment:.2f} s, went on after step {resumed[-1]}", flush=True)
+        resumed.append(kill_and_run_again(folder, reference, ranks, target, number, moment,
+                                          random.integers(1, 3)))
+        print(f"{k}: NP={ranks} {target} {number.name} after {moment:.2f} s, "
+              f"went on after step {resumed[-1]}", flush=True)
         shutil.rmtree(folder)
     assert sum(step > 0 for step in resumed) >= 5

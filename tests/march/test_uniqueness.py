@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 from small_scenes import BOTTOM, LEFT, TOP, Body, Scene, solve
 
-from driver.qp import complementarity
+from driver.qp import complementarity, coulomb
 from driver.march import globalization
 from driver.qp import anderson
 from driver.qp.complementarity import (
-    CoulombProblem,
     all_solutions,
     index,
     lemke,
@@ -16,6 +15,7 @@ from driver.qp.complementarity import (
     search,
     settled,
 )
+from driver.qp.coulomb import CoulombProblem
 from driver.hard.oracle import Assembled
 
 
@@ -216,7 +216,7 @@ def test_newton_improves_what_is_a_solution_but_for_rounding():
     d, F = np.array([1.0, 0.4]), 0.5
     problem = one_node(F, d)
     near = newton(problem, np.zeros(2)) * (1 + 5e-10)
-    assert 1e-10 < problem.violation(near) < complementarity.ROUNDING
+    assert 1e-10 < problem.violation(near) < coulomb.ROUNDING
     assert problem.violation(newton(problem, near)) < 1e-15
 
 
@@ -231,9 +231,9 @@ def test_newton_far_from_a_solution_factorizes_nothing():
     """States that a start is thought to be in, and those that it falls into, differ at more nodes than are near."""
     nodes = complementarity.NEAR + 1
     problem = CoulombProblem(np.eye(2 * nodes), np.ones(2 * nodes), np.full(nodes, 2.0), np.arange(nodes))
-    start, thought = np.zeros(2 * nodes), np.full(nodes, complementarity.OPEN)
+    start, thought = np.zeros(2 * nodes), np.full(nodes, coulomb.OPEN)
     assert settled(problem, start, problem.load, thought) is None and not problem.latest
-    thought[0] = complementarity.STICK
+    thought[0] = coulomb.STICK
     assert problem.solves(settled(problem, start, problem.load, thought)[0])
 
 

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from driver.hard.oracle import box_qp
 
 import driver.qp.mprgp as module
-from driver.qp.mprgp import mprgp, norm_bound, projected_gradient
+from driver.qp.lanczos import norm_bound
+from driver.qp.mprgp import mprgp, projected_gradient
 
 EPS = np.finfo(float).eps
 
@@ -133,7 +134,8 @@ def test_random_problems_against_the_active_set_oracle(block):
         A, b, lower, upper = problem(seed)
         assert_solves(A, b, lower, upper, solve(A, b, lower, upper))
         assert_solves(A, b, lower, upper, solve(A, b, lower, upper, x0=corner(seed)))
-        assert_solves(A, b, lower, upper, solve(A, b, lower, upper, x0=corner(seed), expansion="cg"))
+        assert_solves(A, b, lower, upper,
+                      solve(A, b, lower, upper, x0=corner(seed), expansion="cg"))
 
 
 def test_all_kinds_of_steps_occur_in_the_random_problems():
@@ -344,7 +346,8 @@ def test_ranks_take_the_same_branches():
                 return A[part] @ np.concatenate(exchange(pieces, v))
 
             L, _ = norm_bound(product, 0, dot=dot, start=np.arange(1.0, n + 1)[part])
-            found[rank] = mprgp(product, b[part], lower[part], upper[part], dot=dot, minimum=minimum,
+            found[rank] = mprgp(product, b[part], lower[part], upper[part], dot=dot,
+                                minimum=minimum,
                                 tol=1e-8 * np.linalg.norm(b), norm_bound=2 * L,
                                 max_products=3000)
 
@@ -418,9 +421,12 @@ def test_expansion_step_by_hand():
 
 
 def test_projected_cg_step_is_taken_only_if_it_lowers_the_objective_enough():
-    """A = I: the projected CG step is the solution. Strongly coupled: it would raise f, but a quarter does not."""
+    """A = I: the projected CG step is the solution. Strongly coupled: it would raise f, but a
+    quarter does not.
+    """
     b = np.array([-1.0, 1.0])
-    r = mprgp(lambda v: v, b, 0.0, np.inf, np.array([1.0, 3.0]), tol=1e-12, norm_bound=1.0, expansion="cg")
+    r = mprgp(lambda v: v, b, 0.0, np.inf, np.array([1.0, 3.0]), tol=1e-12, norm_bound=1.0,
+              expansion="cg")
     assert np.array_equal(r.x, [0, 1]) and (r.expansion_steps, r.products) == (1, 3)
     # from (0.1, 1) the CG step goes to (-4, 3.6); projected to (0, 3.6) f is larger
     A = np.array([[1.0, 0.95], [0.95, 1.0]])
@@ -430,9 +436,12 @@ def test_projected_cg_step_is_taken_only_if_it_lowers_the_objective_enough():
     r = mprgp(lambda v: A @ v, b, 0.0, np.inf, x0, tol=1e-10, norm_bound=1.95, expansion="cg",
               monitor=lambda *step: seen.append(step))
     assert r.status == "converged" and f(r.x) <= f(x0)
-    assert r.x == pytest.approx([0.0, b[1]], abs=1e-9)  # b_2 > 0 and the first component is held at zero
-    # a quarter of the CG step along -g, which is 7.4 long, ends at (0, 1.66), lower than where the half step meets the bound
-    r = mprgp(lambda v: A @ v, b, 0.0, np.inf, x0, tol=1e-10, norm_bound=1.95, expansion="cg", max_products=4)
+    # b_2 > 0 and the first component is held at zero
+    assert r.x == pytest.approx([0.0, b[1]], abs=1e-9)
+    # a quarter of the CG step along -g, which is 7.4 long, ends at (0, 1.66), lower than where the
+    # half step meets the bound
+    r = mprgp(lambda v: A @ v, b, 0.0, np.inf, x0, tol=1e-10, norm_bound=1.95, expansion="cg",
+              max_products=4)
     g = A @ x0 - b
     assert (r.products, r.expansion_steps) == (4, 1)  # start, CG step, two points of the arc
     assert r.x == pytest.approx([0.0, 1 - g[1] * (g @ g) / (g @ A @ g) / 4], rel=1e-12)
@@ -482,7 +491,9 @@ def test_objective_never_rises(monkeypatch, expansion):
 
 @pytest.mark.parametrize("useful", [True, False], ids=["minimiser of a block", "random points"])
 def test_relaxation_helps_or_does_no_harm(monkeypatch, useful):
-    """A block minimiser is taken; points that do not lower f enough are refused, so MPRGP converges all the same."""
+    """A block minimiser is taken; points that do not lower f enough are refused, so MPRGP converges
+    all the same.
+    """
     taken, tried = 0, 0
     for seed in range(40):
         A, b, lower, upper = problem(seed)
@@ -604,12 +615,15 @@ def test_noisy_operator_stagnates(noise):
 
 @pytest.mark.parametrize("expansion", ["cg", "gradient"])
 def test_a_gradient_below_its_own_rounding_is_not_followed(expansion):
-    """Solution 0 and tol 0: updates take the gradient to 1e-158 while x stays at 1e-17, and then p'Ap underflows."""
+    """Solution 0 and tol 0: updates take the gradient to 1e-158 while x stays at 1e-17, and then
+    p'Ap underflows.
+    """
     rng = np.random.default_rng(0)
     Q = orthogonal(rng, 6)
     A = 1e-12 * (Q @ Q.T)
     x0 = np.array([4.5, 3.9, -2.7, 1.3, -0.9, 2.3])
-    found = mprgp(lambda v: A @ v, np.zeros(6), -rng.random(6), np.inf, x0, tol=0.0, norm_bound=1e-12, expansion=expansion)
+    found = mprgp(lambda v: A @ v, np.zeros(6), -rng.random(6), np.inf, x0, tol=0.0,
+                  norm_bound=1e-12, expansion=expansion)
     assert found.products < 100 and found.status in ("converged", "stagnated")
     assert np.abs(found.x).max() < 1e-100
 
@@ -696,7 +710,9 @@ def test_norm_bound_breakdown_and_start():
 
 @pytest.mark.parametrize("expansion", ["cg", "gradient"])
 def test_scale_makes_up_for_rows_of_different_size(expansion):
-    """D A D of a well-conditioned matrix spoilt by 1e6 is solved like that matrix: the same steps, the same answer."""
+    """D A D of a well-conditioned matrix spoilt by 1e6 is solved like that matrix: the same steps,
+    the same answer.
+    """
     rng = np.random.default_rng(5)
     n = 30
     A, b = spd(rng, n, 10.0), rng.standard_normal(n)
@@ -709,6 +725,7 @@ def test_scale_makes_up_for_rows_of_different_size(expansion):
     found = mprgp(Operator(spoilt), b / D, lower * D, upper * D, **same)
     assert np.array_equal(found.x / D, plain.x) and found.products == plain.products
     assert found.residual == plain.residual and np.array_equal(found.gradient * D, plain.gradient)
-    started = mprgp(Operator(spoilt), b / D, lower * D, upper * D, plain.x * D, gradient0=(A @ plain.x - b) / D,
+    started = mprgp(Operator(spoilt), b / D, lower * D, upper * D, plain.x * D,
+                    gradient0=(A @ plain.x - b) / D,
                     preconditioner=jacobi, **same)
     assert started.status == "converged" and started.products <= 2

@@ -1,4 +1,6 @@
-"""Loads that come and go: what they give, what the body stores, what friction takes; and that nothing drifts."""
+"""Loads that come and go: what they give, what the body stores, what friction takes; and that
+nothing drifts.
+"""
 
 import numpy as np
 import pytest
@@ -10,24 +12,30 @@ CYCLE = 8  # steps
 
 
 def sheared_block(cycles: int, shear=0.4) -> Scene:
-    """Clamped on the left, pressed from above from the first step on, sheared to and fro on the right."""
+    """Clamped on the left, pressed from above from the first step on, sheared to and fro on the
+    right.
+    """
     xy, triangles, outline = rectangle(8, 4)
     part = (xy[triangles].mean(axis=1)[:, 0] > 1).astype(int)
     body = Body(xy, triangles, outline, part, np.ones(len(triangles)), 0.277)
     t = np.arange(CYCLE * cycles + 1) / CYCLE
     amplitudes = np.column_stack([np.minimum(1.0, CYCLE * t), np.sin(2 * np.pi * t)])
-    return Scene(body, [{TOP: np.array([0.0, -1e-3])}, {RIGHT: np.array([shear * 1e-3, 0.0])}], amplitudes, friction=0.3)
+    return Scene(body, [{TOP: np.array([0.0, -1e-3])}, {RIGHT: np.array([shear * 1e-3, 0.0])}],
+                 amplitudes, friction=0.3)
 
 
 @pytest.fixture(scope="module", params=[10, pytest.param(100, marks=pytest.mark.slow)])
 def cycled(request):
-    """(cycles, run, body, multipliers (steps + 1, 2 n), displacements (steps + 1, dofs)), zero at the start."""
+    """(cycles, run, body, multipliers (steps + 1, 2 n), displacements (steps + 1, dofs)), zero at
+    the start.
+    """
     scene = sheared_block(request.param)
     run = solve(scene, rtol=1e-11, friction_rtol=1e-11)
     assert run.solver.failure is None, str(run.solver.failure)
     body, contact = Assembled(run.manifest, run.subdomains), run.structure.contact
     order = [int(np.flatnonzero(contact.gid == g)[0]) for g in body.gid]
-    lam = np.array([np.concatenate([s.multipliers[contact.normal_row], s.multipliers[contact.tangential_row]])
+    lam = np.array([np.concatenate([s.multipliers[contact.normal_row],
+                                    s.multipliers[contact.tangential_row]])
                     [[*order, *(len(order) + np.array(order))]] for s in run.steps])
     u = np.array([body.solve(s.weights, -body.B.T @ x) for s, x in zip(run.steps, lam)])
     start = lambda values: np.vstack([0 * values[:1], values])
@@ -35,7 +43,9 @@ def cycled(request):
 
 
 def work(cycled):
-    """Per step: work of the loads, of contact (mean force times displacement), change of the stored energy."""
+    """Per step: work of the loads, of contact (mean force times displacement), change of the stored
+    energy.
+    """
     _, run, body, lam, u = cycled
     loads = np.vstack([0 * body.loads[:1], np.array([s.weights for s in run.steps]) @ body.loads])
     mean, step = lambda values: 0.5 * (values[1:] + values[:-1]), np.diff(u, axis=0)
@@ -44,12 +54,15 @@ def work(cycled):
 
 
 def test_energy_balances_in_every_cycle(cycled):
-    """With K u = f - B' lambda at both ends of a step, mean forces times displacements balance exactly: 1e-6 of the work
-    of a cycle is far above the rounding of the sums. The implicit dissipation lambda_k Du differs by 1/2 Dlambda Du."""
-    given, rubbed, stored = (values[CYCLE:].reshape(-1, CYCLE).sum(axis=1) for values in work(cycled))
+    """With K u = f - B' lambda at both ends of a step, mean forces times displacements balance
+    exactly: 1e-6 of the work of a cycle is far above the rounding of the sums. The implicit
+    dissipation lambda_k Du differs by 1/2 Dlambda Du."""
+    given, rubbed, stored = (values[CYCLE:].reshape(-1, CYCLE).sum(axis=1)
+                             for values in work(cycled))
     assert np.abs(given - rubbed - stored).max() <= 1e-6 * np.abs(given).max()
     assert given.min() > 0, "no cycle without friction's work: the test would be empty"
-    assert np.abs(stored[-1]) <= 1e-6 * given[-1]  # a closed cycle stores nothing: friction takes all
+    # a closed cycle stores nothing: friction takes all
+    assert np.abs(stored[-1]) <= 1e-6 * given[-1]
 
 
 def test_reported_dissipation_differs_by_its_known_term(cycled):
@@ -59,12 +72,15 @@ def test_reported_dissipation_differs_by_its_known_term(cycled):
     _, rubbed, _ = work(cycled)
     normal = (0.5 * (lam[1:, :n] + lam[:-1, :n]) * np.diff(u @ body.B.T, axis=0)[:, :n]).sum(axis=1)
     known = 0.5 * ((lam[1:, n:] - lam[:-1, n:]) * slip).sum(axis=1)
-    np.testing.assert_allclose(rubbed - normal, implicit - known, rtol=0, atol=1e-12 * np.abs(rubbed).max())
+    np.testing.assert_allclose(rubbed - normal, implicit - known, rtol=0,
+                               atol=1e-12 * np.abs(rubbed).max())
     assert implicit.min() >= -1e-9 * implicit.max(), "friction gave energy"
 
 
 def test_nothing_drifts(cycled):
-    """After some cycles each repeats the one before, to the tolerance 1e-11 times cond F (1e3) and a hundred steps."""
+    """After some cycles each repeats the one before, to the tolerance 1e-11 times cond F (1e3) and
+    a hundred steps.
+    """
     _, _, _, lam, u = cycled
     for values in (lam, u):
         last, before = values[-CYCLE:], values[-2 * CYCLE : -CYCLE]

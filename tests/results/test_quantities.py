@@ -1,4 +1,6 @@
-"""Quantities of interest: their definitions on exact fields, what a scene has of them, regular limits in h."""
+"""Quantities of interest: their definitions on exact fields, what a scene has of them, regular
+limits in h.
+"""
 
 import csv
 from types import SimpleNamespace
@@ -9,7 +11,7 @@ from test_scenes_hertz import NU, R, hertz
 
 from driver.effects import Effects, contact, friction
 from driver.results import quantities as q
-from driver.contact.rows import OPEN, SLIP, STICK
+from driver.contact.states import OPEN, SLIP, STICK
 
 A, P0 = 0.3, 2.0
 
@@ -18,11 +20,14 @@ def line(x, closed, pressure, opening, **more):
     """Nodes and one step on a straight boundary with ends of its own."""
     side = np.diff(x)
     weight = (np.r_[side, 0] + np.r_[0, side]) / 2
-    nodes = {"xy": np.column_stack([x, 0 * x]), "arc": x - x[0], "weight": weight, "gap": np.zeros(len(x)),
-             "label": np.ones(len(x), int), "paired": np.zeros(len(x), bool), "middle": np.zeros(len(x), bool)}
+    nodes = {"xy": np.column_stack([x, 0 * x]), "arc": x - x[0], "weight": weight,
+             "gap": np.zeros(len(x)),
+             "label": np.ones(len(x), int), "paired": np.zeros(len(x), bool),
+             "middle": np.zeros(len(x), bool)}
     steps = {"u_n": -opening, "slip": 0 * x, "sigma_n": -pressure, "sigma_t": 0 * x,
              "status": np.where(closed, STICK, OPEN)}
-    return nodes, {name: (more[name] if name in more else value)[None] for name, value in steps.items()}
+    return nodes, {name: (more[name] if name in more else value)[None]
+                   for name, value in steps.items()}
 
 
 def hertzian(h, shift):
@@ -40,13 +45,16 @@ def values(nodes, steps, friction=""):
 
 def declared(friction=""):
     """Effects of a scene with contact and, if it has a name, a friction law."""
-    return Effects(SimpleNamespace(rooms=dict.fromkeys(("contact", friction) if friction else ("contact",), {}),
+    return Effects(SimpleNamespace(rooms=dict.fromkeys(("contact", friction) if friction
+                                                       else ("contact",), {}),
                                    patterns=[], contact_labels=[1], quasistatic=True, bodies=1))
 
 
 @pytest.mark.parametrize("shift", np.linspace(0, 0.9, 7))
 def test_contact_length_and_peak_lie_between_nodes(shift):
-    """On exact nodal values: the opening's 2/3 power bends by r/a, so the edge errs by 3 h (h/a)/10 at most, not by h."""
+    """On exact nodal values: the opening's 2/3 power bends by r/a, so the edge errs by 3 h (h/a)/10
+    at most, not by h.
+    """
     for h in (0.04, 0.02, 0.01):
         found = values(*hertzian(h, shift))
         assert abs(found["contact_length"] - 2 * A) < 2 * 0.3 * 3 * h * h / A
@@ -62,30 +70,40 @@ def test_edges_on_clamped_nodes_and_ends_of_the_boundary():
     clamped = {name: column[1:] for name, column in nodes.items()}  # the first node has no row
     steps = {name: column[:, 1:] for name, column in steps.items()}
     assert values(clamped, steps)["contact_length"] == pytest.approx(1.0, rel=1e-12)
-    steps["status"][0, 0] = OPEN  # beside the clamp: its edge is open as a whole, the next one in part
+    # beside the clamp: its edge is open as a whole, the next one in part
+    steps["status"][0, 0] = OPEN
     assert 0.8 <= values(clamped, steps)["contact_length"] <= 0.9
 
 
 @pytest.mark.parametrize("clamped", [1, 2], ids=["vertex next", "middle next"])
 def test_quadratic_nodes_beside_a_clamped_end(clamped):
-    """Edges of length 0.2 over [0, 1], whose first node or first two are clamped: closed everywhere, all of it counts."""
+    """Edges of length 0.2 over [0, 1], whose first node or first two are clamped: closed
+    everywhere, all of it counts.
+    """
     x = np.linspace(0, 1, 11)
     nodes, steps = line(x, np.ones(11, bool), np.ones(11), 0 * x)
     middle = np.arange(11) % 2 == 1
-    nodes |= {"middle": middle, "weight": 0.2 / 6 * np.where(middle, 4, np.where((x == 0) | (x == 1), 1, 2))}
-    cut = lambda columns, axis: {name: np.delete(column, np.s_[:clamped], axis) for name, column in columns.items()}
+    nodes |= {"middle": middle,
+              "weight": 0.2 / 6 * np.where(middle, 4, np.where((x == 0) | (x == 1), 1, 2))}
+    cut = lambda columns, axis: {name: np.delete(column, np.s_[:clamped], axis)
+                                 for name, column in columns.items()}
     length = values(cut(nodes, 0), cut(steps, 1))["contact_length"]
-    assert length == pytest.approx(1.0 - 0.1 * (clamped - 1), rel=1e-12)  # up to the last clamped node
+    # up to the last clamped node
+    assert length == pytest.approx(1.0 - 0.1 * (clamped - 1), rel=1e-12)
 
 
 def test_ring_and_separate_pieces():
     angle = np.arange(12) * np.pi / 6
     side = 2 * np.sin(np.pi / 12)
     one = np.ones(12)
-    ring = {"xy": np.column_stack([np.cos(angle), np.sin(angle)]), "arc": side * np.arange(12), "weight": side * one,
+    ring = {"xy": np.column_stack([np.cos(angle), np.sin(angle)]), "arc": side * np.arange(12),
+            "weight": side * one,
             "gap": 0 * one, "label": one, "paired": one < 0, "middle": one < 0}
-    steps = {"u_n": 0 * one, "slip": 0 * one, "sigma_n": -one, "sigma_t": 0 * one, "status": STICK * one}
-    assert values(ring, {k: v[None] for k, v in steps.items()})["contact_length"] == pytest.approx(12 * side, rel=1e-12)
+    steps = {"u_n": 0 * one, "slip": 0 * one, "sigma_n": -one, "sigma_t": 0 * one,
+             "status": STICK * one}
+    assert values(ring,
+                  {k: v[None] for k, v in steps.items()})["contact_length"] == pytest.approx(
+                      12 * side, rel=1e-12)
     x = np.r_[np.linspace(0, 1, 6), np.linspace(3, 4, 6)]
     nodes, steps = line(x, np.ones(12, bool), np.ones(12), 0 * x)
     nodes["arc"] = np.r_[np.linspace(0, 1, 6), np.linspace(1, 2, 6)]
@@ -96,7 +114,8 @@ def test_an_end_nodes_pressure_comes_from_inside():
     x = np.linspace(0, 1, 11)
     pressure = 1 + x
     pressure[-1] = 3.0  # what half a dual segment makes of 2
-    assert values(*line(x, np.ones(11, bool), pressure, 0 * x))["peak_pressure"] == pytest.approx(2.0, rel=1e-12)
+    assert values(*line(x, np.ones(11, bool), pressure,
+                        0 * x))["peak_pressure"] == pytest.approx(2.0, rel=1e-12)
 
 
 def test_slip_counts_in_contact_only_and_moment_is_that_of_load():
@@ -127,7 +146,8 @@ def test_a_run_has_what_its_scene_gives_sense_to(solved):
     assert bar["quantities"]["peak_pressure"] == pytest.approx(200 - modulus * 0.005 / 10, rel=1e-5)
     assert of("pressfit")["quantities"]["contact_length"] == pytest.approx(np.pi * 10, rel=1e-4)
     model = solved("model", loading="nonmonotone")
-    found, last = model.summary["quantities"], {name: column[-1] for name, column in model.history.items()}
+    found, last = model.summary["quantities"], {name: column[-1]
+                                                for name, column in model.history.items()}
     assert set(found) == {*contact.Room.quantities, *friction.QUANTITIES, "displacement"}
     assert found["normal_resultant"] == pytest.approx(-last["resultant_n"], rel=1e-12)
     assert found["tangential_resultant"] == pytest.approx(last["resultant_t"], rel=1e-12)
@@ -135,7 +155,9 @@ def test_a_run_has_what_its_scene_gives_sense_to(solved):
 
 
 def test_limits_in_h_are_regular(solved):
-    """Hertz: the closed form errs by (a/R)^2 = 0.1%; each quantity's error stays below a first-order line."""
+    """Hertz: the closed form errs by (a/R)^2 = 0.1%; each quantity's error stays below a
+    first-order line.
+    """
     for h in (0.008, 0.004, 0.002):
         found = solved("hertz", h=h).summary["quantities"]
         a, p0 = hertz(found["normal_resultant"], NU)
@@ -145,7 +167,9 @@ def test_limits_in_h_are_regular(solved):
 
 
 def test_slip_reaches_to_the_edge_of_contact():
-    """Slip that grows to an edge of contact at x = 0.66, between nodes: neither the last node's nor an overshoot."""
+    """Slip that grows to an edge of contact at x = 0.66, between nodes: neither the last node's nor
+    an overshoot.
+    """
     x = np.linspace(0, 1, 11)
     opening = np.maximum(x - 0.66, 0) ** 1.5
     nodes, steps = line(x, x < 0.66, np.maximum(0.66 - x, 0) ** 0.5, opening, slip=2 * x,
@@ -156,12 +180,15 @@ def test_slip_reaches_to_the_edge_of_contact():
 @pytest.mark.parametrize("element", ["P1", "P2"])
 def test_outline_with_roles_and_tractions(solved, element):
     """Clamped left, in contact at the bottom, pressed at the top, pulled at the right side."""
-    with open(solved("model", STEPS=2, CELLS=3, ELEMENT=element).directory / "boundary.csv", newline="") as file:
+    with open(solved("model", STEPS=2, CELLS=3, ELEMENT=element).directory / "boundary.csv",
+              newline="") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 2 * (12 + 6)
-    expected = {"1": ("contact", 0, 0), "2": ("load", 3e7, 5e7), "3": ("load", 0, -1e8), "4": ("support", 0, 0)}
+    expected = {"1": ("contact", 0, 0), "2": ("load", 3e7, 5e7), "3": ("load", 0, -1e8),
+                "4": ("support", 0, 0)}
     for row in rows:
         role, x, y = expected[row["label"]]
         assert row["role"] == role
         # sums of some ten nodal forces over sums of as many lengths
-        assert float(row["traction_x"]) == pytest.approx(x, rel=1e-13) and float(row["traction_y"]) == pytest.approx(y, rel=1e-13)
+        assert float(row["traction_x"]) == pytest.approx(x, rel=1e-13)
+        assert float(row["traction_y"]) == pytest.approx(y, rel=1e-13)

@@ -19,6 +19,7 @@ from driver import environment
 from driver.scene import loader, manifest
 from driver.feti import reduction
 from driver.runs import workspace
+from driver.runs.request import Request
 from driver.errors import NO_MEMORY, InputError, shortage
 
 MIB = 2**20
@@ -141,19 +142,20 @@ sys.path.insert(0, {root!r})
 from mpi4py import MPI
 from driver import cli
 from driver.errors import InputError
+from driver.runs import launch
 
-def solve_here(work, request):
+def solve_here(work, request, stage):
     if MPI.COMM_WORLD.rank == 1:
         raise InputError("only this rank knows")
     MPI.COMM_WORLD.barrier()
 
-cli.solve_here = solve_here
-cli.command_solve([{work!r}])
+launch.solve_here = solve_here
+cli.solve([{work!r}])
 """
 
 
 def test_a_rank_that_fails_alone_ends_the_others(tmp_path):
-    (tmp_path / "request.json").write_text("{}")
+    Request("model", "model.edp", {}, {}).write(tmp_path)
     code = ALONE.format(root=str(environment.ROOT), work=str(tmp_path))
     done = subprocess.run([*environment.mpirun(2), sys.executable, "-c", code], capture_output=True, text=True,
                           timeout=PATIENCE, env=environment.child_environment())

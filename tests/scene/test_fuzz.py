@@ -48,7 +48,7 @@ def fuzz(cases: int, strategy, check) -> None:
 # ------------------------------------------------------------------------------ command line
 
 SETTINGS = {name: field for name, field in options.Settings.__dataclass_fields__.items()}
-NAMES = st.one_of(st.sampled_from([*SETTINGS, *run.OPTIONS, "friction", "steps", "subdomains", "export", "sizes", "v"]),
+NAMES = st.one_of(st.sampled_from([*SETTINGS, *options.OF_RUNS, "friction", "steps", "subdomains", "export", "sizes", "v"]),
                   st.text(max_size=8))
 NUMBERS = st.one_of(st.floats().map(repr), st.integers().map(str), st.integers(0, 40).map(str),
                     st.from_regex(r"[+-]?[0-9_]{0,4}[.,]?[0-9_]{0,4}([eEdD][+-]?[0-9]{0,4})?", fullmatch=True))

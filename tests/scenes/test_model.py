@@ -1,17 +1,23 @@
-"""The model example against an independent dense oracle, its own laws, and everything it must not depend on."""
+"""The model example against an independent dense oracle, its own laws, and everything it must not
+depend on.
+"""
 
 import numpy as np
 import pytest
 from driver.hard.oracle import Assembled, coulomb_history, box_qp
 
-from driver.results.writer import stresses
+from driver.scene.kinematics import stresses
 
 LOADINGS = ["monotone", "nonmonotone"]
-# Measured against the oracle, the error of sigma_t (the most sensitive field) is 4e3 (4x2) to 5e4 (8x4, plain)
-# times the tolerance, in proportion over 1e-6 .. 1e-12: about cond F. So 1e-11 leaves room below 1e-6.
+# Measured against the oracle, the error of sigma_t (the most sensitive field) is 4e3 (4x2) to 5e4
+# (8x4, plain)
+# times the tolerance, in proportion over 1e-6 .. 1e-12: about cond F. So 1e-11 leaves room below
+# 1e-6.
 TIGHT = {"rtol": 1e-11, "friction_rtol": 1e-11}
-# the slides' method: no preconditioner, steps start from the previous one, every QP to the full tolerance
-PLAIN = {"preconditioner": "none", "predictor": "previous", "inner_rtol": 1e-9, "expansion": "gradient", "corrector": "none"}
+# the slides' method: no preconditioner, steps start from the previous one, every QP to the full
+# tolerance
+PLAIN = {"preconditioner": "none", "predictor": "previous", "inner_rtol": 1e-9,
+         "expansion": "gradient", "corrector": "none"}
 F = 0.3
 
 
@@ -39,9 +45,11 @@ def expected(built):
 
 @pytest.mark.parametrize("loading", LOADINGS)
 @pytest.mark.parametrize("subdomains, steps", [("4x2", 20), ("8x4", 20)])
-def test_tractions_and_displacements_equal_the_dense_solution(solved, expected, loading, subdomains, steps):
-    """Relative error at most cond F (3e3, 8e3) times the tolerance 1e-11, several times that in the steps around
-    the reversal, where sigma_t is small and slip of earlier steps has added up; 4e-8 and 2e-7 were measured."""
+def test_tractions_and_displacements_equal_the_dense_solution(solved, expected, loading, subdomains,
+                                                              steps):
+    """Relative error at most cond F (3e3, 8e3) times the tolerance 1e-11, several times that in the
+    steps around the reversal, where sigma_t is small and slip of earlier steps has added up; 4e-8
+    and 2e-7 were measured."""
     found = solved(loading=loading, subdomains=subdomains, steps=steps, **TIGHT)
     assert found.status == 0, found.reason
     history, body = expected(loading, subdomains=subdomains, steps=steps)
@@ -52,16 +60,17 @@ def test_tractions_and_displacements_equal_the_dense_solution(solved, expected, 
 
 
 def test_default_tolerances_are_honest(solved, expected):
-    """What a user gets without options: 1e-6 in the residual times cond F 3e3; 1.4e-3 was measured (sigma_t), 5e-3
-    on other paths to the same tolerance."""
+    """What a user gets without options: 1e-6 in the residual times cond F 3e3; 1.4e-3 was measured
+    (sigma_t), 5e-3 on other paths to the same tolerance."""
     found, (history, _) = solved(loading="nonmonotone"), expected("nonmonotone")
     for name, values in history.items():
         assert_close(found.contact[name], values, 1e-2)
 
 
 def test_fixed_point_tolerance_is_honoured(solved, expected):
-    """With exact QPs the fixed point alone leaves an error: friction_rtol 1e-6 times q / (1 - q), q near 0.2, in
-    sigma_n; up to ten times that in sigma_t, which is smaller. (By default the QPs are what is renewed last.)"""
+    """With exact QPs the fixed point alone leaves an error: friction_rtol 1e-6 times q / (1 - q), q
+    near 0.2, in sigma_n; up to ten times that in sigma_t, which is smaller. (By default the QPs are
+    what is renewed last.)"""
     options = {"loading": "nonmonotone", "cells": 5, "steps": 5}
     found = solved(**options, **{**PLAIN, "rtol": 1e-11, "friction_rtol": 1e-6})
     history, _ = expected(**options)
@@ -75,16 +84,20 @@ def test_displacement_field_equals_the_assembled_solution(built, steps_of):
     _, steps = steps_of(problem, rtol=1e-10, friction_rtol=1e-10)
     contact, body = problem.structure.contact, Assembled(problem.manifest, problem.subdomains)
     step = steps[-1]
-    lam = np.concatenate([step.multipliers[contact.normal_row], step.multipliers[contact.tangential_row]])
+    lam = np.concatenate([step.multipliers[contact.normal_row],
+                          step.multipliers[contact.tangential_row]])
     u = body.solve(step.weights, -body.B.T @ lam)
-    for sub, found in zip(problem.subdomains, problem.operator.displacements(step.multipliers, step.weights)):
+    for sub, found in zip(problem.subdomains,
+                          problem.operator.displacements(step.multipliers, step.weights)):
         key = 2 * sub.node_gid[sub.dof_node] + sub.dof_component
         # gluing multipliers are right to rtol cond(F): the jump shows in the field
         assert np.abs(found - u[key]).max() <= 1e-6 * np.abs(u).max()
 
 
 def test_constant_strain_gives_hookes_stress(built):
-    """A linear displacement field has the stress of plane strain, the out-of-plane one in von Mises included."""
+    """A linear displacement field has the stress of plane strain, the out-of-plane one in von Mises
+    included.
+    """
     young, nu, (a, b, c) = 21.19e10, 0.277, (1e-3, -2e-4, 5e-4)
     lam, mu = young * nu / ((1 + nu) * (1 - 2 * nu)), young / (2 * (1 + nu))
     expected = np.array([(lam + 2 * mu) * a + lam * b, lam * a + (lam + 2 * mu) * b, mu * c])
@@ -93,7 +106,8 @@ def test_constant_strain_gives_hookes_stress(built):
     deviator = tensor - np.eye(3) * np.trace(tensor) / 3
     for sub in built(reduce=False, cells=4).subdomains[:3]:
         x, y = sub.xy.T
-        stress, mises = stresses(sub, np.column_stack([a * x + 0.2 * c * y, b * y + 0.8 * c * x]).ravel(), np.ones(1))
+        stress, mises = stresses(sub, np.column_stack([a * x + 0.2 * c * y,
+                                                       b * y + 0.8 * c * x]).ravel(), np.ones(1))
         # gradients on cells of size 1/8 lose three digits
         np.testing.assert_allclose(stress, np.tile(expected, (len(stress), 1)), rtol=1e-12)
         np.testing.assert_allclose(mises, np.sqrt(1.5 * (deviator**2).sum()), rtol=1e-12)
@@ -121,7 +135,8 @@ def test_no_traction_leaves_its_cone(run):
 
 def test_no_node_penetrates(run, tolerance):
     c, size = run.contact, np.abs(run.contact["u_t"]).max()
-    allowed = 100 * tolerance * size  # tolerance times ||d||, a norm over 260 rows, may sit in one node
+    # tolerance times ||d||, a norm over 260 rows, may sit in one node
+    allowed = 100 * tolerance * size
     assert np.all(c["u_n"] - c["gap"] <= allowed)
     # complementarity: where there is pressure there is contact
     assert np.all(np.abs(c["u_n"] - c["gap"])[c["sigma_n"] < 0] <= allowed)
@@ -150,20 +165,24 @@ def test_friction_opposes_slip(run, tolerance):
 def test_both_histories_stick_slip_and_lift(solved):
     """The example exercises every branch: without this the tests above could pass on empty sets."""
     for loading in LOADINGS:
-        assert {"open", "stick", "slip"} <= set(solved(loading=loading, **TIGHT).contact["status"].ravel())
+        assert {"open", "stick", "slip"} <= set(solved(loading=loading,
+                                                       **TIGHT).contact["status"].ravel())
     reversed_ = solved(loading="nonmonotone", **TIGHT).contact["slip"]
     assert (reversed_ > 0).any() and (reversed_ < 0).any()
 
 
 def test_resultants_balance(run):
-    """Loads as integrated by hand, contact forces as summed from contact.csv, reactions as reported."""
+    """Loads as integrated by hand, contact forces as summed from contact.csv, reactions as
+    reported.
+    """
     h, c = run.history, run.contact
     load = h["amplitude_1"][:, None] * np.array([3e7, 5e7 - 2e8])
     np.testing.assert_allclose(np.column_stack([h["load_x"], h["load_y"]]), load, rtol=1e-12)
     force = [((c["sigma_n"] * c[f"normal_{a}"] + c["sigma_t"] * t) * c["weight"]).sum(axis=1)
              for a, t in (("x", -c["normal_y"]), ("y", c["normal_x"]))]
     for k, axis in enumerate("xy"):
-        np.testing.assert_allclose(h[f"contact_{axis}"], force[k], rtol=0, atol=1e-12 * np.abs(load).max())
+        np.testing.assert_allclose(h[f"contact_{axis}"], force[k], rtol=0,
+                                   atol=1e-12 * np.abs(load).max())
         total = h[f"load_{axis}"] + h[f"reaction_{axis}"] + h[f"contact_{axis}"]
         # K u = f - B' lambda is solved directly for any multipliers: only rounding is left
         assert np.all(np.abs(total) <= 1e-9 * np.abs(load).max(axis=1))
@@ -172,7 +191,8 @@ def test_resultants_balance(run):
 
 def test_reported_residuals_are_small(run, tolerance):
     residuals = run.summary["residuals"]
-    assert set(residuals) >= {"stationarity", "gluing", "penetration", "sign", "cone", "complementarity"}
+    assert set(residuals) >= {"stationarity", "gluing", "penetration", "sign", "cone",
+                              "complementarity"}
     assert max(residuals.values()) <= 100 * tolerance  # as for penetration
     # the last multipliers were put into the cone of their own pressures
     assert residuals["sign"] == 0 and residuals["cone"] <= 1e-15
@@ -180,14 +200,17 @@ def test_reported_residuals_are_small(run, tolerance):
 
 # ------------------------------------------------------------------- what must make no difference
 
-MESHES = [{"subdomains": "8x4", "cells": 5}, {"subdomains": "2x1", "cells": 20}, {"subdomains": "1x1", "cells": 20},
+MESHES = [{"subdomains": "8x4", "cells": 5}, {"subdomains": "2x1", "cells": 20},
+          {"subdomains": "1x1", "cells": 20},
           {"subdomains": "8", "cells": 10}]  # the last by the graph partitioner
 
 
 @pytest.mark.parametrize("other", MESHES, ids=lambda p: p["subdomains"])
 @pytest.mark.parametrize("loading", LOADINGS)
-def test_partition_makes_no_difference(solved, built, loading, other):
-    """40 x 20 cells however cut; the answers differ by cond F times rtol at most (see the oracle test)."""
+def test_partition_makes_no_difference(solved, loading, other):
+    """40 x 20 cells however cut; the answers differ by cond F times rtol at most (see the oracle
+    test).
+    """
     reference, found = solved(loading=loading, **TIGHT), solved(loading=loading, **TIGHT, **other)
     assert found.status == 0, found.reason
     assert found.contact["x"].shape == reference.contact["x"].shape, "not the same mesh"
@@ -197,7 +220,10 @@ def test_partition_makes_no_difference(solved, built, loading, other):
 
 @pytest.mark.parametrize("loading, counts", [("monotone", [2]), ("nonmonotone", [2, 4])])
 def test_ranks_make_no_difference(solved, loading, counts):
-    """1, 2 and 4 ranks, FreeFEM's part included. Sums are taken in the same order, so even the bits agree."""
+    """1, 2 and 4 ranks, FreeFEM's part included.
+
+    Sums are taken in the same order, so even the bits agree.
+    """
     one = solved(loading=loading)
     for ranks in counts:
         other = solved(loading=loading, NP=ranks)
@@ -205,29 +231,39 @@ def test_ranks_make_no_difference(solved, loading, counts):
         for table in ("contact", "history"):
             for name, column in getattr(one, table).items():
                 np.testing.assert_array_equal(getattr(other, table)[name], column)
-        for name in ("counts", "residuals", "balance", "dissipated", "quantities", "uniqueness", "warnings"):
+        for name in ("counts", "residuals", "balance", "dissipated", "quantities", "uniqueness",
+                     "warnings"):
             assert other.summary[name] == one.summary[name], name
 
 
 def with_units(variant, length, stress):
     """The scene in units `length` metres and `stress` pascals."""
-    number = lambda value: repr(float(value))
+
+    def number(value):
+        return repr(float(value))
+
     return variant(f"units_{length}_{stress}",
                    ("real E = 21.19e10", f"real E = {number(21.19e10 / stress)}"),
-                   ("rectangle(0., 2., 0., 1.);", f"rectangle(0., {number(2 / length)}, 0., {number(1 / length)});"),
+                   ("rectangle(0., 2., 0., 1.);",
+                    f"rectangle(0., {number(2 / length)}, 0., {number(1 / length)});"),
                    ("traction(3, 0., -10e7)", f"traction(3, 0., {number(-10e7 / stress)})"),
-                   ("traction(2, 3e7, 5e7)", f"traction(2, {number(3e7 / stress)}, {number(5e7 / stress)})"))
+                   ("traction(2, 3e7, 5e7)",
+                    f"traction(2, {number(3e7 / stress)}, {number(5e7 / stress)})"))
 
 
 @pytest.mark.parametrize("loading", LOADINGS)
 @pytest.mark.parametrize("length, stress", [(1, 1e6), (1e-3, 1), (1e-3, 1e6), (1e3, 1e-3)])
 def test_units_make_no_difference(solved, variant, loading, length, stress):
-    """Pa to MPa, m to mm, both (N, mm, MPa), and something silly: same answers, same counts of every kind."""
-    reference, found = solved(loading=loading), solved(with_units(variant, length, stress), loading=loading)
+    """Pa to MPa, m to mm, both (N, mm, MPa), and something silly: same answers, same counts of
+    every kind.
+    """
+    reference, found = solved(loading=loading), solved(with_units(variant, length, stress),
+                                                       loading=loading)
     assert found.status == 0, found.reason
     scale = {"x": length, "u_n": length, "u_t": length, "sigma_n": stress, "sigma_t": stress}
     for name, factor in scale.items():
-        # same iterates but for rounding; had they taken another path they would differ by the tolerance
+        # same iterates but for rounding; had they taken another path they would differ by the
+        # tolerance
         assert_close(found.contact[name] * factor, reference.contact[name], 1e-5)
     assert found.summary["counts"] == reference.summary["counts"]
 
@@ -235,11 +271,14 @@ def test_units_make_no_difference(solved, variant, loading, length, stress):
 @pytest.mark.parametrize("friction", [0.6, 1])
 @pytest.mark.parametrize("length, stress", [(2.0**-10, 2.0**20), (2.0**8, 2.0**-30)])
 def test_binary_units_change_not_a_bit(solved, variant, friction, length, stress):
-    """Even powers of two scale without rounding, square roots included: any difference shows an absolute constant."""
+    """Even powers of two scale without rounding, square roots included: any difference shows an
+    absolute constant.
+    """
     options = {"loading": "nonmonotone", "friction": friction}
     reference, found = solved(**options), solved(with_units(variant, length, stress), **options)
     assert found.summary["counts"] == reference.summary["counts"]
-    for name, factor in {"u_n": length, "u_t": length, "sigma_n": stress, "sigma_t": stress}.items():
+    for name, factor in {"u_n": length, "u_t": length, "sigma_n": stress,
+                         "sigma_t": stress}.items():
         assert np.array_equal(found.contact[name] * factor, reference.contact[name])
 
 
@@ -273,10 +312,12 @@ def test_plain_and_default_method_find_the_same(solved, loading):
 # --------------------------------------------------------------------------- special cases
 
 def test_monotone_loading_is_proportional(solved):
-    """Zero gap, zero start and a load t P: the solution is t times that of t = 1 (cones are cones)."""
+    """Zero gap, zero start and a load t P: the solution is t times that of t = 1 (cones are cones).
+    """
     c, times = solved(loading="monotone", **TIGHT).contact, np.arange(1, 21) / 20
     for name in ("u_n", "u_t", "sigma_n", "sigma_t"):
-        # the tolerance is relative to the largest load so far: early steps are as exact as late ones
+        # the tolerance is relative to the largest load so far: early steps are as exact as late
+        # ones
         assert_close(c[name], times[:, None] * c[name][-1], 1e-6)
 
 
@@ -309,14 +350,18 @@ def test_scene_without_friction_has_no_tangential_rows(solved, variant):
     """Leaving the macro away is the same problem with half the contact rows."""
     scene = variant("frictionless", ("macro friction() F //\n", ""))
     found, zero = solved(scene, steps=1, **TIGHT), solved(friction=0, steps=1, **TIGHT)
-    assert found.summary["sizes"]["dual_tangential"] == 0 and found.summary["effects"]["friction"] == "none"
+    assert found.summary["sizes"]["dual_tangential"] == 0
+    assert found.summary["effects"]["friction"] == "none"
     for name in ("u_n", "u_t", "sigma_n"):
         assert_close(found.contact[name], zero.contact[name], 1e-6)
 
 
 def test_gap_shifts_the_contact(solved, variant):
-    """A gap wider than the lifted body can close leaves it free of contact; a narrow one closes in part."""
-    wide, narrow = (solved(variant(f"gap{g}", ("macro contact() 1 //", f"macro contact() 1 //\nmacro gap() {g} //")),
+    """A gap wider than the lifted body can close leaves it free of contact; a narrow one closes in
+    part.
+    """
+    wide, narrow = (solved(variant(f"gap{g}", ("macro contact() 1 //",
+                                               f"macro contact() 1 //\nmacro gap() {g} //")),
                            steps=2, **TIGHT) for g in ("1.", "2e-5"))
     assert wide.status == 0 and narrow.status == 0
     assert set(wide.contact["status"].ravel()) == {"open"} and not wide.contact["sigma_n"].any()
@@ -351,19 +396,23 @@ def test_iteration_limit_of_mprgp(solved):
 
 
 def test_fixed_point_that_does_not_contract_is_stopped(built, steps_of, monkeypatch):
-    """A friction bound that never settles: stopped with a reason long before the iteration limit."""
+    """A friction bound that never settles: stopped with a reason long before the iteration limit.
+    """
     from driver.contact.rows import ContactRows
 
     bound, rng = ContactRows.friction_bound, np.random.default_rng(0)
-    monkeypatch.setattr(ContactRows, "friction_bound", lambda self, x: bound(self, x) * (1 + 0.1 * rng.random()))
+    monkeypatch.setattr(ContactRows, "friction_bound", lambda self,
+                        x: bound(self, x) * (1 + 0.1 * rng.random()))
     solver, steps = steps_of(built(cells=4), max_fixed_point=1000)
-    assert solver.failure.exit_status == 3 and "step 1" in str(solver.failure) and "not contract" in str(solver.failure)
+    assert solver.failure.exit_status == 3 and "step 1" in str(solver.failure)
+    assert "not contract" in str(solver.failure)
     assert len(steps) == 1 and steps[0].fixed_point_iterations < 200
 
 
 @pytest.mark.parametrize("friction", [1, 2, 5, 30, 300])
 def test_large_friction_is_solved(solved, friction):
-    """A step has a solution for any coefficient, perhaps several: one is found, and that is said."""
+    """A step has a solution for any coefficient, perhaps several: one is found, and that is said.
+    """
     found = solved(friction=friction, loading="nonmonotone", steps=5)
     assert found.status == 0, found.reason
     assert (found.summary["uniqueness"]["verdict"] == "not unique") == (friction > 5)

@@ -1,4 +1,6 @@
-"""Scenes whose exact solution the elements hold: patch, bar; and cantilever, a manufactured solution."""
+"""Scenes whose exact solution the elements hold: patch, bar; and cantilever, a manufactured
+solution.
+"""
 
 import numpy as np
 import pytest
@@ -52,7 +54,8 @@ def test_bar_against_a_gap(solved, gap):
     # the solution is piecewise linear: exact up to rounding (condition about 1e4)
     np.testing.assert_allclose(-run.contact["sigma_n"], pressure, atol=1e-9 * PULL)
     np.testing.assert_allclose(run.contact["u_n"], (pull - pressure) * L / MODULUS, atol=1e-9 * GAP)
-    clear = np.abs(pull - MODULUS * gap / L) > 1e-9 * PULL  # at the very moment of touching either is right
+    # at the very moment of touching either is right
+    clear = np.abs(pull - MODULUS * gap / L) > 1e-9 * PULL
     np.testing.assert_array_equal((run.contact["status"] == "open")[clear], (pressure == 0)[clear])
 
 
@@ -62,13 +65,15 @@ E, NU, W, K, A = 1000.0, 0.3, 0.01, 1.3, 0.02
 
 
 def exact(x, y):
-    return np.stack([W * np.sin(K * x) * np.cos(K * y), W * np.cos(K * x) * np.sin(K * y) + A * x**2], axis=-1)
+    return np.stack([W * np.sin(K * x) * np.cos(K * y),
+                     W * np.cos(K * x) * np.sin(K * y) + A * x**2], axis=-1)
 
 
 def exact_strain(x, y):
     """e11, e22, 2 e12."""
     stretch = W * K * np.cos(K * x) * np.cos(K * y)
-    return np.stack([stretch, stretch, -2 * W * K * np.sin(K * x) * np.sin(K * y) + 2 * A * x], axis=-1)
+    return np.stack([stretch, stretch, -2 * W * K * np.sin(K * x) * np.sin(K * y) + 2 * A * x],
+                    axis=-1)
 
 
 MIDPOINTS = np.array([[0.5, 0.5, 0], [0, 0.5, 0.5], [0.5, 0, 0.5]])  # exact for quadratics
@@ -76,7 +81,7 @@ MIDPOINTS = np.array([[0.5, 0.5, 0], [0, 0.5, 0.5], [0.5, 0, 0.5]])  # exact for
 
 def errors(problem, fields):
     """Relative errors in L2 and energy by the edge-midpoint rule."""
-    from driver.results.writer import strains
+    from driver.scene.kinematics import strains
 
     total = np.zeros(4)
     for sub, u in zip(problem.subdomains, fields):
@@ -86,9 +91,15 @@ def errors(problem, fields):
         at = np.einsum("qk,tkd->tqd", MIDPOINTS, corner)
         here = np.einsum("qk,tkd->tqd", MIDPOINTS, u.reshape(-1, 2)[sub.triangles])
         u_exact, e_exact = exact(at[..., 0], at[..., 1]), exact_strain(at[..., 0], at[..., 1])
-        energy = lambda e: np.einsum("tqi,tij,tqj,t->", e, sub.elasticity, e, area / 3)
-        square = lambda v: np.einsum("tqd,t->", v**2, area / 3)
-        total += (square(here - u_exact), square(u_exact), energy(strains(sub, u)[:, None] - e_exact), energy(e_exact))
+
+        def energy(e):
+            return np.einsum("tqi,tij,tqj,t->", e, sub.elasticity, e, area / 3)
+
+        def square(v):
+            return np.einsum("tqd,t->", v**2, area / 3)
+
+        total += (square(here - u_exact), square(u_exact),
+                  energy(strains(sub, u)[:, None] - e_exact), energy(e_exact))
     return np.sqrt(total[0::2] / total[1::2])
 
 
@@ -101,7 +112,8 @@ def solve(problem, steps_of, **settings):
 
 def test_cantilever_converges_at_the_rates_of_linear_elements(built, steps_of):
     cells = [4, 8, 16]
-    found = np.array([errors(p, solve(p, steps_of)) for p in (built("cantilever", cells=n) for n in cells)])
+    found = np.array([errors(p, solve(p, steps_of))
+                      for p in (built("cantilever", cells=n) for n in cells)])
     l2, energy = np.log2(found[:-1] / found[1:]).T
     # the theory's 2 and 1 are asymptotic: from cells 3 to 6 L2 falls by 1.87, from 6 to 12 by 1.96
     assert np.all(np.abs(l2 - 2) < 0.1), l2

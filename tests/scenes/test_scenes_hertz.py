@@ -41,32 +41,40 @@ def distance(weight, one, other):
 def hertz_errors(run):
     """Errors of half-width, peak and profile."""
     assert run.status == 0
-    x, weight, pressure = run.contact["x"][-1], run.contact["weight"][-1], -run.contact["sigma_n"][-1]
+    x, weight, pressure = (run.contact[name][-1] for name in ("x", "weight", "sigma_n"))
+    pressure = -pressure
     a, p0 = hertz(pressure @ weight)
     a_found, p0_found = fit(x, pressure)
-    return np.array([abs(a_found / a - 1), abs(p0_found / p0 - 1), distance(weight, pressure, profile(x, a, p0))])
+    return np.array([abs(a_found / a - 1), abs(p0_found / p0 - 1),
+                     distance(weight, pressure, profile(x, a, p0))])
 
 
 def test_hertz_at_the_shipped_mesh(solved):
     width, peak, shape = hertz_errors(solved("hertz"))
-    # asked for: 1%; a/R = 0.03 lets the closed form err by 0.1%, h/a = 0.03 the profile's ends by about 1%
+    # asked for: 1%; a/R = 0.03 lets the closed form err by 0.1%, h/a = 0.03 the profile's ends by
+    # about 1%
     assert width < 0.01 and peak < 0.01 and shape < 0.02
     measured = (0.0007, 0.0012, 0.0041)
     assert np.all(np.array([width, peak, shape]) < 3 * np.array(measured))
 
 
 def test_hertz_error_falls_with_the_mesh(solved):
-    # the error of one run depends on where the edge of contact falls between nodes: average over loads
+    # the error of one run depends on where the edge of contact falls between nodes: average over
+    # loads
     loads = [0.0015, 0.0017, 0.0019, 0.0021]
-    found = [np.mean([hertz_errors(solved("hertz", h=h, approach=d))[2] for d in loads]) for h in (0.006, 0.003, 0.0015)]
+    found = [np.mean([hertz_errors(solved("hertz", h=h, approach=d))[2] for d in loads])
+             for h in (0.006, 0.003, 0.0015)]
     rate = np.log2(found[0] / found[2]) / 2
-    # sqrt-shaped ends of the pressure: the edge elements' traction errs by sqrt(h/a) over a length h: order 1
+    # sqrt-shaped ends of the pressure: the edge elements' traction errs by sqrt(h/a) over a length
+    # h: order 1
     assert found[0] > found[1] > found[2]
     assert rate > 0.7, (found, rate)
 
 
 def test_hertz_quantities_converge_to_the_closed_form(solved):
-    """Peak and length of contact, located between nodes, against Hertz's at the resultant of each run."""
+    """Peak and length of contact, located between nodes, against Hertz's at the resultant of each
+    run.
+    """
     found = []
     for h in (0.016, 0.004, 0.0015):
         errors = []
@@ -76,7 +84,8 @@ def test_hertz_quantities_converge_to_the_closed_form(solved):
             errors.append((q["peak_pressure"] / p0 - 1, q["contact_length"] / (2 * a) - 1))
         found.append(np.sqrt(np.mean(np.square(errors), axis=0)))
     rate = np.log2(found[0] / found[1]) / 2
-    # order 1 at least: the edge lies anywhere in an element; the peak, inside, gains more (measured 1.8, length 1.5)
+    # order 1 at least: the edge lies anywhere in an element; the peak, inside, gains more (measured
+    # 1.8, length 1.5)
     assert np.all(rate > 1), (found, rate)
     # down to what the half-planes leave out, about 2 (a/R)^2
     assert np.all(found[2] < 2 * 2 * (hertz(1.76)[0] / R) ** 2), found
@@ -101,7 +110,9 @@ def tangential_force(run):
 
 
 def march(run, F):
-    """The coupled half-plane under the run's own P, Q: tractions at the run's nodes and work lost, per step."""
+    """The coupled half-plane under the run's own P, Q: tractions at the run's nodes and work lost,
+    per step.
+    """
     P, Q = tangential_force(run)
     a, p0 = hertz(P[0])
     reference = HalfPlane(E, NU, R, F, 1.3 * a).preload(P[0], a, p0)
@@ -114,16 +125,19 @@ def march(run, F):
 
 
 def loop_energy(P, amplitude, F, nu):
-    """Work lost in one cycle of the uncoupled contact between tangential forces -amplitude and amplitude.
+    """Work lost in one cycle of the uncoupled contact between tangential forces -amplitude and
+    amplitude.
 
-    Normal approach has d delta/dP = (const - ln P)/(pi E'); Q growing from 0 moves the disc sideways by
-    F (delta(P) - delta(P - Q/F)) and, after a turn, twice that with half the force (Masing). So the loop's area is
-    4 F^2 int_0^S (2s - S) (-ln(P - s))/(pi E') ds,  S = amplitude/F; the constant drops out.
+    Normal approach has d delta/dP = (const - ln P)/(pi E'); Q growing from 0 moves the disc
+    sideways by F (delta(P) - delta(P - Q/F)) and, after a turn, twice that with half the force
+    (Masing). So the loop's area is 4 F^2 int_0^S (2s - S) (-ln(P - s))/(pi E') ds,  S =
+    amplitude/F; the constant drops out.
     """
     S = amplitude / F
     node, weight = np.polynomial.legendre.leggauss(40)
     s = S * (node + 1) / 2
-    return -4 * F**2 / (np.pi * plane_modulus(nu)) * (weight * S / 2) @ ((2 * s - S) * np.log(P - s))
+    return -4 * F**2 / (np.pi * plane_modulus(nu)) * (weight * S / 2) @ ((2 * s - S) * np.log(P
+                                                                                              - s))
 
 
 def at(run, time):
@@ -160,7 +174,8 @@ def test_mindlin_at_the_shipped_mesh(solved):
 
 
 def test_mindlin_shear_converges(solved):
-    # square-root ends of stick and contact: order 1 in L2, as for the pressure; 3.3, 1.6% were measured (0.7% at h = 0.001)
+    # square-root ends of stick and contact: order 1 in L2, as for the pressure; 3.3, 1.6% were
+    # measured (0.7% at h = 0.001)
     errors = []
     for h in (0.004, 0.002):
         run = solved("mindlin", h=h, steps=5)
@@ -170,17 +185,20 @@ def test_mindlin_shear_converges(solved):
 
 
 def test_mindlin_has_no_error_in_time(solved):
-    """At constant pressure the shear of a sliding point is constant, so that implicit steps which meet the turning points
-    are exact, in what they dissipate as well; the pressure changes by the coupling alone, 1e-3 (check_mindlin)."""
+    """At constant pressure the shear of a sliding point is constant, so that implicit steps which
+    meet the turning points are exact, in what they dissipate as well; the pressure changes by the
+    coupling alone, 1e-3 (check_mindlin)."""
     few, many = (solved("mindlin", h=0.004, steps=n) for n in (5, 20))
     assert few.summary["dissipated"] == pytest.approx(many.summary["dissipated"], rel=1e-3)
     size = np.abs(many.contact["sigma_t"]).max()
     for time in (1, 3, 5):
-        assert np.abs(few.contact["sigma_t"][at(few, time)] - many.contact["sigma_t"][at(many, time)]).max() < 2e-3 * size
+        assert np.abs(few.contact["sigma_t"][at(few, time)]
+                      - many.contact["sigma_t"][at(many, time)]).max() < 2e-3 * size
 
 
 def test_mindlin_loop_energy(solved):
-    # the coupling lowers the loop's area by 1.7 beta^2: 14% at nu = 0.3, 1.4% at nu = 0.45, where 1.3% was measured
+    # the coupling lowers the loop's area by 1.7 beta^2: 14% at nu = 0.3, 1.4% at nu = 0.45, where
+    # 1.3% was measured
     nu, F = 0.45, 0.03
     run = solved("mindlin", nu=nu, friction=F)
     assert run.status == 0
@@ -220,13 +238,18 @@ def test_mindlin_with_a_finer_mesh_and_strong_coupling(solved):
 def test_mindlin_loop_closes(solved):
     run = solved("mindlin")
     c, first, last = run.contact, at(run, 1), at(run, 5)
-    # memory of partial slip: back at the peak the shear is what it was, but for the fixed point's 1e-6 over 16 steps
+    # memory of partial slip: back at the peak the shear is what it was, but for the fixed point's
+    # 1e-6 over 16 steps
     # and the change of contact by the coupling
     assert distance(c["weight"][first], c["sigma_t"][last], c["sigma_t"][first]) < 0.01
 
 
 def test_the_resultant_converges_with_the_elements_at_the_contact(solved):
-    """Elsewhere they follow with the root of H, and linear ones err by the square of that: order 1, so a fourth is left."""
-    exact = solved("hertz", h=0.002, element="P2").history["resultant_n"][-1]  # 0.01 % from one of half the size
-    coarse, fine = (abs(solved("hertz", h=h).history["resultant_n"][-1] - exact) for h in (0.002, 0.0005))
+    """Elsewhere they follow with the root of H, and linear ones err by the square of that: order 1,
+    so a fourth is left.
+    """
+    # 0.01 % from one of half the size
+    exact = solved("hertz", h=0.002, element="P2").history["resultant_n"][-1]
+    coarse, fine = (abs(solved("hertz", h=h).history["resultant_n"][-1] - exact)
+                    for h in (0.002, 0.0005))
     assert fine <= coarse / 3

@@ -9,7 +9,8 @@ INNER, OUTER, INTERFERENCE, E, NU = 20.0, 35.0, 0.05, 210e3, 0.3
 def lame():
     """Constants A, B of u_r = A r + B/r and the contact pressure p; plane strain.
 
-    sigma_r = 2 mu (A/(1 - 2 nu) - B/r^2) vanishes at the outer circle, u_r is the interference at the inner one.
+    sigma_r = 2 mu (A/(1 - 2 nu) - B/r^2) vanishes at the outer circle, u_r is the interference at
+    the inner one.
     """
     mu = E / 2 / (1 + NU)
     B = INTERFERENCE / ((1 - 2 * NU) * INNER / OUTER**2 + 1 / INNER)
@@ -22,13 +23,16 @@ def final(run):
 
 
 def errors(run):
-    """Relative errors of the mean pressure, of the pressure between the end nodes and at the end nodes.
+    """Relative errors of the mean pressure, of the pressure between the end nodes and at the end
+    nodes.
 
-    An end node has half a dual segment and one or two triangles: its pressure carries an O(h) error of its own.
+    An end node has half a dual segment and one or two triangles: its pressure carries an O(h) error
+    of its own.
     """
     c, p = final(run), lame()[2]
     pressure = -c["sigma_n"] / p - 1
-    return abs(pressure @ c["weight"] / c["weight"].sum()), np.abs(pressure[1:-1]).max(), np.abs(pressure[[0, -1]]).max()
+    return abs(pressure @ c["weight"]
+               / c["weight"].sum()), np.abs(pressure[1:-1]).max(), np.abs(pressure[[0, -1]]).max()
 
 
 def test_lame_pressure(solved):
@@ -38,7 +42,9 @@ def test_lame_pressure(solved):
 
 
 def test_lame_displacement(solved):
-    """Contact nodes sit on the shaft, and the ring's largest displacement is the interference, to O(h^2)."""
+    """Contact nodes sit on the shaft, and the ring's largest displacement is the interference, to
+    O(h^2).
+    """
     run = solved("pressfit")
     c = final(run)
     assert np.all(np.abs(c["u_n"] + INTERFERENCE) <= 1e-5 * INTERFERENCE)  # n points to the axis
@@ -58,23 +64,30 @@ def test_gap_is_the_interference(solved):
 
 @pytest.mark.slow
 def test_pressure_converges(solved):
-    """The mean gains 4 with h/2, the nodal pressures 2; both less a fifth, the coarse mesh being coarse."""
-    (m2, i2, e2), (m1, i1, e1), (m0, i0, e0) = (errors(solved("pressfit", H=h)) for h in (2.0, 1.0, 0.5))
+    """The mean gains 4 with h/2, the nodal pressures 2; both less a fifth, the coarse mesh being
+    coarse.
+    """
+    (m2, i2, e2), (m1, i1, e1), (m0, i0, e0) = (errors(solved("pressfit", H=h))
+                                                for h in (2.0, 1.0, 0.5))
     assert m2 / m1 > 3.2 and m1 / m0 > 3.2 and i0 < i1 < i2 and e2 / e1 > 1.2 and e1 / e0 > 1.6
 
 
 def test_with_friction_nothing_slips(solved, tmp_path_factory):
-    """By symmetry the ring moves radially: friction is declared, sticks, and the screen says that it did not matter."""
+    """By symmetry the ring moves radially: friction is declared, sticks, and the screen says that
+    it did not matter.
+    """
     from driver.scene import freefem
     from driver.results import ledger
 
     text = freefem.find_scene("pressfit").read_text()
     path = tmp_path_factory.mktemp("pressfit") / "pressfit.edp"
-    path.write_text(text.replace('include "export.idp"', 'macro friction() 0.15 //\ninclude "export.idp"'))
+    path.write_text(text.replace('include "export.idp"',
+                                 'macro friction() 0.15 //\ninclude "export.idp"'))
     run = solved(path)
     mean, inside, _ = errors(run)
     assert mean < 0.01 and inside < 0.01
-    # the mesh of triangles is not symmetric: shear tractions are as small as the discretisation error
+    # the mesh of triangles is not symmetric: shear tractions are as small as the discretisation
+    # error
     assert np.abs(final(run)["sigma_t"][2:-2]).max() < 0.01 * lame()[2]
     assert run.summary["effects"]["friction"] == "coulomb"
     entry = run.summary["effects_ledger"]["friction"]
@@ -84,7 +97,8 @@ def test_with_friction_nothing_slips(solved, tmp_path_factory):
 
 @pytest.mark.parametrize("parts", [1, 6, 10])
 def test_ragged_partitions(solved, parts):
-    """On the coarsest ring metis leaves triangles that hang on one corner: they need a second one."""
+    """On the coarsest ring metis leaves triangles that hang on one corner: they need a second one.
+    """
     run = solved("pressfit", H=4, SUBDOMAINS=parts, RTOL=1e-10)
     assert run.status == 0, run.reason
     one = solved("pressfit", H=4, SUBDOMAINS=1, RTOL=1e-10)

@@ -1,4 +1,5 @@
-"""punch: the singular pressure of a flat frictionless punch; friction against a dense fixed point."""
+"""punch: the singular pressure of a flat frictionless punch; friction against a dense fixed point.
+"""
 
 import numpy as np
 import pytest
@@ -51,15 +52,17 @@ def worst(run, reach):
 def test_frictionless_pressure(solved, frictionless):
     """Within 2% away from the singular edge: |x| < 0.75 a is a dozen cells from it.
 
-    Nodal pressures of linear elements are first order in h: 1.2% at h = a/40. The block is 20 a wide and deep:
-    its sides disturb the pressure by O((a/size)^2) = 0.25%.
+    Nodal pressures of linear elements are first order in h: 1.2% at h = a/40. The block is 20 a
+    wide and deep: its sides disturb the pressure by O((a/size)^2) = 0.25%.
     """
     assert worst(solved(frictionless), 0.75) < 0.02
 
 
 @pytest.mark.slow
 def test_frictionless_pressure_converges(solved, frictionless):
-    """Nodal pressures are first order in h: two halvings must gain 3 of the 4; the floor is the finite block's 0.25%."""
+    """Nodal pressures are first order in h: two halvings must gain 3 of the 4; the floor is the
+    finite block's 0.25%.
+    """
     errors = [worst(solved(frictionless, H=h), 0.75) for h in (1 / 12, 1 / 24, 1 / 48, 1 / 96)]
     assert errors[3] < errors[1] / 3 and errors[2] < errors[0] / 3 and errors[3] < 0.006, errors
 
@@ -72,7 +75,9 @@ def test_half_space(solved, frictionless):
 
 
 class OnSymmetryLine(Assembled):
-    """The node on the symmetry line cannot move along the punch: a decoupled unknown that stays zero."""
+    """The node on the symmetry line cannot move along the punch: a decoupled unknown that stays
+    zero.
+    """
 
     def compliance(self):
         C = super().compliance()
@@ -84,7 +89,10 @@ class OnSymmetryLine(Assembled):
 
 @pytest.mark.parametrize("indentation", [0.01, 0.03])
 def test_friction_against_dense_fixed_point(solved, built, constant, indentation):
-    """F falls along the punch. Multipliers: stopping tolerance 1e-10 times a condition number below 1e5."""
+    """F falls along the punch.
+
+    Multipliers: stopping tolerance 1e-10 times a condition number below 1e5.
+    """
     problem = built(constant, reduce=False, indentation=indentation, steps=4)
     m = problem.manifest
     body = OnSymmetryLine(m, problem.subdomains)
@@ -95,9 +103,11 @@ def test_friction_against_dense_fixed_point(solved, built, constant, indentation
     assert run.status == 0, run.reason
     for name in ("sigma_n", "sigma_t", "u_n", "u_t"):
         # the punch does not let the surface move along n: u_n is measured by the indentation
-        size = {"u_n": indentation, "u_t": np.abs(expected["u_t"]).max()}.get(name, np.abs(expected["sigma_n"]).max())
+        size = {"u_n": indentation,
+                "u_t": np.abs(expected["u_t"]).max()}.get(name, np.abs(expected["sigma_n"]).max())
         order = np.argsort(run.contact["x"][0])
-        assert np.abs(run.contact[name][:, order] - expected[name][:, np.argsort(body.xy[:, 0])]).max() <= 1e-5 * size, name
+        assert np.abs(run.contact[name][:, order]
+                      - expected[name][:, np.argsort(body.xy[:, 0])]).max() <= 1e-5 * size, name
     status = run.contact["status"][-1]
     assert {"stick", "slip"} <= set(status)  # a stick zone in the middle, slip towards the edge
     x = run.contact["x"][-1]
@@ -105,13 +115,15 @@ def test_friction_against_dense_fixed_point(solved, built, constant, indentation
 
 
 def test_stick_zone_does_not_grow_with_the_load(solved, constant):
-    """The problem is homogeneous in the indentation: all zones stay where they are (Spence's similarity)."""
+    """The problem is homogeneous in the indentation: all zones stay where they are (Spence's
+    similarity).
+    """
     run = solved(constant, INDENTATION=0.01, STEPS=4, **TIGHT)
     for status in run.contact["status"][:-1]:
         assert np.array_equal(status, run.contact["status"][-1])
 
 
-# ---- F that depends on the way slid, or on the tangential displacement ---------------------------------
+# ---- F that depends on the way slid, or on the tangential displacement ---------------------------
 
 RANGE = 5e-4  # the scene's; the edge slips further than that
 LAWS = {"slipFactor": lambda now, before, way: way + np.abs(now - before),
@@ -119,12 +131,17 @@ LAWS = {"slipFactor": lambda now, before, way: way + np.abs(now - before),
 
 
 def weakening(s):
-    """The scene's law: from 1 to 0.5 at RANGE, constant beyond. Linear, so that the driver's table of it is exact."""
+    """The scene's law: from 1 to 0.5 at RANGE, constant beyond.
+
+    Linear, so that the driver's table of it is exact.
+    """
     return 1 - 0.5 * np.minimum(s / RANGE, 1)
 
 
 def dense_history(body, amplitudes, argument):
-    """Successive approximations of the bound F(s) lambda_n to rounding; asserts Coulomb's law of the answer."""
+    """Successive approximations of the bound F(s) lambda_n to rounding; asserts Coulomb's law of
+    the answer.
+    """
     C, n = body.compliance(), len(body.gid)
     x, u_t, way, found = np.zeros(2 * n), np.zeros(n), np.zeros(n), []
     for weights in amplitudes[1:]:
@@ -133,7 +150,8 @@ def dense_history(body, amplitudes, argument):
         for _ in range(500):
             F = body.friction * weakening(argument((free - C @ x)[n:], u_t, way))
             g = F * x[:n]
-            new = warm_box_qp(C, d, np.concatenate([np.zeros(n), -g]), np.concatenate([np.full(n, np.inf), g]), x)
+            new = warm_box_qp(C, d, np.concatenate([np.zeros(n), -g]),
+                              np.concatenate([np.full(n, np.inf), g]), x)
             change, x = np.abs(new - x).max(), new
             if change <= 1e-13 * np.abs(x).max():
                 break
@@ -152,7 +170,9 @@ def dense_history(body, amplitudes, argument):
 
 @pytest.mark.parametrize("law", LAWS)
 def test_slip_dependent_friction(solved, exported, read, tmp_path_factory, law):
-    """The punch goes in and half out again, so that the way slid and the displacement are not the same."""
+    """The punch goes in and half out again, so that the way slid and the displacement are not the
+    same.
+    """
     text = freefem.find_scene("punch").read_text()
     assert "macro slipFactor(s)" in text and "macro amplitude1(t) t //" in text
     text = text.replace("macro slipFactor(s)", f"macro {law}(s)").replace(
@@ -169,7 +189,9 @@ def test_slip_dependent_friction(solved, exported, read, tmp_path_factory, law):
     order, oracle_order = np.argsort(run.contact["x"][0]), np.argsort(body.xy[:, 0])
     for name in ("sigma_n", "sigma_t", "u_t"):
         size = np.abs(expected["u_t" if name == "u_t" else "sigma_n"]).max()
-        assert np.abs(run.contact[name][:, order] - expected[name][:, oracle_order]).max() <= 1e-5 * size, name
+        assert np.abs(run.contact[name][:, order]
+                      - expected[name][:, oracle_order]).max() <= 1e-5 * size, name
     # the law is felt: the outer half slips far enough to lose friction
     constant = dense_history(body, m.factors, lambda now, before, way: np.zeros(len(now)))
-    assert np.abs(expected["sigma_t"] - constant["sigma_t"]).max() > 0.01 * np.abs(constant["sigma_n"]).max()
+    assert np.abs(expected["sigma_t"]
+                  - constant["sigma_t"]).max() > 0.01 * np.abs(constant["sigma_n"]).max()

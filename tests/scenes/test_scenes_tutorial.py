@@ -26,7 +26,8 @@ def test_length_and_comments():
 
 def test_it_only_declares():
     text = SCENE.read_text()
-    assert text.count('include "') == 2 and not re.search(r"\b(for|while|varf|solve|int2d|ofstream)\b", text)
+    assert text.count('include "') == 2
+    assert not re.search(r"\b(for|while|varf|solve|int2d|ofstream)\b", text)
 
 
 @pytest.fixture(scope="module")
@@ -37,19 +38,26 @@ def run(solved):
 
 
 def test_pressed_then_dragged(run):
-    assert run.summary["effects"]["friction"] == "coulomb" and run.summary["effects"]["time"] == "quasistatic"
+    assert run.summary["effects"]["friction"] == "coulomb"
+    assert run.summary["effects"]["time"] == "quasistatic"
     time, push, pull = run.history["time"], run.history["contact_y"], run.history["contact_x"]
     pressing = time <= 0.25
-    # a symmetric body under a symmetric push: no net shear, to the mesh's own asymmetry and the solver's tolerance
-    assert np.abs(pull[pressing]).max() < 1e-3 * push[pressing].max() and np.all(np.diff(push[pressing]) > 0)
+    # a symmetric body under a symmetric push: no net shear, to the mesh's own asymmetry and the
+    # solver's tolerance
+    assert np.abs(pull[pressing]).max() < 1e-3 * push[pressing].max()
+    assert np.all(np.diff(push[pressing]) > 0)
     assert np.all(np.diff(pull[~pressing]) < 1e-4)
 
 
 def test_in_the_end_it_slides(run):
-    """All touching nodes slip at full sliding, and the friction force is F times the normal force (F = 0.5)."""
+    """All touching nodes slip at full sliding, and the friction force is F times the normal force
+    (F = 0.5).
+    """
     assert run.history["nodes_stick"][-1] == 0 and run.history["nodes_slip"][-1] > 0
-    assert run.history["contact_x"][-1] == pytest.approx(-0.5 * run.history["contact_y"][-1], rel=1e-9)
-    # steady sliding: the step's dissipation is the friction force times the way of the glued top, 2 * 0.05/0.75
+    assert run.history["contact_x"][-1] == pytest.approx(-0.5 * run.history["contact_y"][-1],
+                                                         rel=1e-9)
+    # steady sliding: the step's dissipation is the friction force times the way of the glued top, 2
+    # * 0.05/0.75
     work = np.diff(run.history["dissipated"])[-1]
     assert work == pytest.approx(-run.history["contact_x"][-1] * 2 * 0.05 / 0.75, rel=1e-3)
 

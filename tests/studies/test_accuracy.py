@@ -146,11 +146,12 @@ def test_study_of_a_known_solution(swept):
 
 
 @pytest.mark.parametrize("pairs, reason", [
-    ({}, "make accuracy SCENE="), ({"scene": "nowhere"}, "no scene"),
-    ({"scene": "zones", "adapt": "2"}, "sets ADAPT itself"),
+    ({}, "make accuracy needs SCENE="), ({"scene": "nowhere"}, "no scene"),
+    ({"scene": "zones", "adapt": "2"}, "ADAPT itself"),
     ({"scene": "zones", "effort": "some"}, "EFFORT must be one of"),
     ({"scene": "zones", "repeats": "0"}, "REPEATS expects"),
     ({"part": "moon"}, "PART must be one of"),
+    ({"scene": "zones", "rows": "1"}, "PART=sweeps does not read ROWS"),
     ({"scene": "zones", "frictoin": "1"}, "frictoin"),
 ])
 def test_mistakes_are_reported_in_one_line(tmp_path, pairs, reason):

@@ -6,7 +6,7 @@ from mpi4py import MPI
 
 from driver.scene import freefem
 from driver.errors import InputError
-from driver.feti.fetidp import DualOperator
+from driver.feti.operator import DualOperator
 from driver.studies.saddle import LARGEST, read_structure, saddle, write_saddle
 
 

@@ -9,8 +9,8 @@ from scipy.sparse import csr_matrix
 from driver.cli import parse_pairs
 from driver.errors import DriverError, InputError, NotConverged
 from driver.feti import compliance
-from driver.feti.compliance import ContactCompliance, contact_row_numbers
-from driver.feti.substructuring import GLUING
+from driver.feti.compliance import ContactCompliance
+from driver.feti.rows import RowKind, contact_row_numbers
 from driver.files import read_rows
 from driver.scene import freefem
 from driver.scene.freefem import changed_by
@@ -58,7 +58,7 @@ def compare(rows: list[dict], single, **where) -> None:
 ])
 def test_compliance_is_schur_complement_of_dual_matrix(built, scene, options):
     problem = built(scene, **options)
-    F, gluing = problem.F, problem.structure.row_kind == GLUING
+    F, gluing = problem.F, problem.structure.row_kind == RowKind.GLUING
     contact = contact_row_numbers(problem.structure.contact)
     condensed = ContactCompliance(problem.operator)
     solved = np.linalg.solve(F[gluing][:, gluing], F[gluing][:, contact])
@@ -87,7 +87,7 @@ def test_an_elimination_that_leaves_a_residual_is_refused():
 
 def test_condensed_corner_displacement(built):
     problem = built(subdomains="4x2", cells=4)
-    F, gluing = problem.F, problem.structure.row_kind == GLUING
+    F, gluing = problem.F, problem.structure.row_kind == RowKind.GLUING
     condensed, weights = ContactCompliance(problem.operator), np.ones(1)
     whole = np.random.default_rng(8).standard_normal(len(gluing))
     d = problem.operator.load_response(weights)

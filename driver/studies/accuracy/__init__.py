@@ -8,29 +8,30 @@ tolerances from the error budget.
 
 from pathlib import Path
 
-from ... import environment
-from ...arguments import choice
-from ...runs.run import RESULTS
+from ... import environment, options
+from ...errors import InputError
 
-PARTS = ("sweeps", "locking", "stopping")
+UNREAD = {"sweeps": ("rows",), "locking": ("rows",), "stopping": ()}
 
 
 def run_accuracy(pairs: dict[str, str]) -> list[Path]:
-    """Run the part of the study that the option PART names, `sweeps` by default; returns the files
-    written.
+    """Run the part of the study that the option PART names; returns the files written.
 
     Raises InputError for mistaken options, and what its runs raise.
     """
-    options = {name: value for name, value in pairs.items() if name != "part"}
-    part = choice(pairs, "part", PARTS, "sweeps")
+    given = options.read("accuracy", pairs)
+    part = given["part"]
+    for name in pairs:
+        if name in UNREAD[part] or part != "sweeps" and name not in ("part", "out", "rows"):
+            raise InputError(f"PART={part} does not read {name.upper()}")
     if part == "sweeps":
         from .sweeps import run_sweeps
 
-        return run_sweeps(options)
+        return run_sweeps(pairs)
     environment.start_petsc()
     from .locking import run_locking
     from .stopping import run_stopping
 
-    out = Path(options.pop("out", RESULTS / "accuracy" / part))
+    out = given["out"] or options.RESULTS / "accuracy" / part
     out.mkdir(parents=True, exist_ok=True)
-    return run_locking(options, out) if part == "locking" else run_stopping(options, out)
+    return run_locking(out) if part == "locking" else run_stopping(given["rows"], out)

@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from ...arguments import only
 from ...files import write_rows
 from ...march.problem import assemble
 from ...options import Settings
@@ -27,12 +26,10 @@ W, K = 0.01, 2.0  # of the scene
 TIGHT = {"rtol": 1e-12, "primal_rtol": 1e-4, "estimator": "none"}
 
 
-def run_locking(pairs: dict[str, str], out: Path) -> list[Path]:
-    """Make and draw the table in `out`; returns the files. Raises InputError for unknown
-    options."""
+def run_locking(out: Path) -> list[Path]:
+    """Make and draw the table in `out`; returns the files."""
     from ...figures.locking import draw
 
-    only(pairs, (), "PART=locking")
     rows = []
     for poisson in POISSON:
         for element in elements.NODES:

@@ -29,12 +29,10 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from ...arguments import only
-from ...errors import InputError
 from ...files import write_table
 from ...march.problem import assemble
 from ...options import Settings
-from ...results.writer import Record
+from ...results.record import Record
 from ...scene import freefem
 from ..table import LOADINGS, ROWS
 
@@ -127,19 +125,13 @@ def compare(folder: Path, row: int, loading: str) -> dict:
                      for rule in ("fixed", "classical")}
 
 
-def run_stopping(pairs: dict[str, str], out: Path) -> list[Path]:
-    """Make and draw the table in `out`; returns the files. Raises InputError for unknown
-    options."""
+def run_stopping(rows: list[str], out: Path) -> list[Path]:
+    """Make and draw the table of some `rows` in `out`; returns the files."""
     from ...figures.stopping import draw
 
-    only(pairs, ("rows",), "PART=stopping")
-    words = pairs.get("rows", "1,2,3,4").split(",")
-    if not set(words) <= set(map(str, ROWS)):
-        raise InputError(
-            f"ROWS expects numbers out of {', '.join(map(str, ROWS))}, not '{pairs['rows']}'")
     table = []
     with tempfile.TemporaryDirectory(prefix=".stopping.", dir=out) as folder:
-        for row in map(int, words):
+        for row in map(int, rows):
             for loading in LOADINGS:
                 table.append(compare(Path(folder), row, loading))
                 print(describe(table[-1]), flush=True)

@@ -25,13 +25,13 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from ...arguments import choice, count
+from ... import options
 from ...effects import Effects
-from ...errors import DriverError, InputError
+from ...errors import PARTIAL, DriverError, InputError
 from ...estimates.budget import mesh_knob, unit
 from ...files import write_table
-from ...options import Settings
-from ...runs.run import RESULTS, Run, execute
+from ...options import RESULTS
+from ...runs.run import Run, execute
 from ...scene import freefem
 from ...text import percent, words
 from .cheapest import CHEAPEST_COLUMNS, RUN_COLUMNS, cheapest_rows, describe, run_rows
@@ -40,8 +40,6 @@ from .trial import TIGHT, Setting, Trial
 
 LOOSE = {"rtol": 1e-4, "friction_rtol": 1e-3, "primal_rtol": 1e-2}
 LONG = 10.0  # seconds; runs that take longer are not repeated
-OWN = ("scene", "out", "effort", "repeats", "quantity", "np")  # options of the study
-FIXED = ("figures", "fields", "quiet", "errors", "adapt", "accuracy")  # options that the study sets
 
 
 @dataclass(frozen=True)
@@ -67,17 +65,15 @@ class Study:
     """The sweeps of one scene: exports it once to know its settings, plans, runs."""
 
     def __init__(self, pairs: dict[str, str], out: Path):
-        self.effort = EFFORTS[choice(pairs, "effort", tuple(EFFORTS), "full")]
-        repeats = pairs.get("repeats", str(self.effort.repeats))
-        self.repeats = count("repeats", repeats, "a whole number", 1)
+        given = options.read("accuracy", pairs)
+        self.effort = EFFORTS[given["effort"]]
+        self.repeats = given["repeats"] or self.effort.repeats
         self.out = out
-        self.scene = freefem.find_scene(pairs["scene"])
-        self.given = {name: value for name, value in pairs.items() if name not in OWN}
-        tolerances = {field.name for field in dataclasses.fields(Settings)}
+        self.scene = freefem.find_scene(given["scene"])
+        self.given = {name: pairs[name] for name in (*given.parameters, *given.settings)}
+        self.given["np"] = str(given["np"])
         with tempfile.TemporaryDirectory() as folder:
-            parameters = {n: v for n, v in self.given.items() if n not in tolerances}
-            manifest = freefem.export(self.scene, Path(folder) / "export", parameters)
-        self.given["np"] = pairs.get("np", "1")
+            manifest = freefem.export(self.scene, Path(folder) / "export", given.parameters)
         self.parameters, self.units = manifest.parameters, manifest.units
         self.element = manifest.element
         self.mesh_name = mesh_knob(manifest.parameters)
@@ -158,7 +154,7 @@ class Study:
                 try:
                     trial.add(execute(Run.from_pairs({**pairs, "out": f"{folder}/run"})))
                 except DriverError as problem:
-                    trial.reason = str(problem).split("; what was found is kept in")[0]
+                    trial.reason = str(problem).split(PARTIAL)[0]
                     return
 
     def run_all(self, quantity: str | None) -> tuple[list[Trial], dict[str, Reference], str | None]:
@@ -211,13 +207,10 @@ def run_sweeps(pairs: dict[str, str]) -> list[Path]:
     """
     from ...figures.accuracy import draw
 
-    if "scene" not in pairs:
-        raise InputError(
-            "make accuracy SCENE=<name or path to an .edp>; 'make run' lists the scenes")
-    for name in FIXED:
-        if name in pairs:
-            raise InputError(f"the study sets {name.upper()} itself")
-    scene = freefem.find_scene(pairs["scene"])
+    given = options.read("accuracy", pairs)
+    if given["scene"] is None:
+        raise InputError("make accuracy needs SCENE=<name|path>; 'make run' lists the scenes")
+    scene = freefem.find_scene(given["scene"])
     if scene == freefem.SCENES / "model.edp" and "loading" not in pairs:
         out = pairs.get("out", RESULTS / "accuracy" / "model")
         return [path for loading in ("monotone", "nonmonotone")
@@ -226,7 +219,7 @@ def run_sweeps(pairs: dict[str, str]) -> list[Path]:
     out = Path(pairs.get("out", RESULTS / "accuracy" / name))
     out.mkdir(parents=True, exist_ok=True)
     study = Study(pairs, out)
-    trials, known, main = study.run_all(pairs.get("quantity"))
+    trials, known, main = study.run_all(given["quantity"])
     table = cheapest_rows(trials, known)
     columns = [*RUN_COLUMNS, *(f"{name}{suffix}" for name in known
                                for suffix in ("", "_error", "_trusted", "_own", "_front"))]

@@ -10,8 +10,9 @@ from driver.hard.oracle import Assembled
 
 from driver import environment
 from driver.feti import reduction
-from driver.feti.fetidp import DirichletPreconditioner, DualOperator, _inverse
-from driver.feti.substructuring import GLUING, NORMAL, TANGENTIAL
+from driver.feti.dirichlet import DirichletPreconditioner, _inverse
+from driver.feti.operator import DualOperator
+from driver.feti.rows import RowKind
 
 EPS = np.finfo(float).eps
 PARTITIONS = ["4x2", "3x3", "7"]  # two structured ones and a graph partition
@@ -48,7 +49,9 @@ def spread(problem, weight):
 
 
 def free_field(problem, rng):
-    """A random displacement of the untorn body that respects the supports, on the stacked local dofs."""
+    """A random displacement of the untorn body that respects the supports, on the stacked local
+    dofs.
+    """
     w = rng.standard_normal(2 * problem.manifest.nodes)
     for key, fixed in zip(keys(problem), problem.structure.fixed):
         w[key[fixed]] = 0
@@ -58,7 +61,9 @@ def free_field(problem, rng):
 # ------------------------------------------------------------------------------ numbering
 
 def test_every_row_is_numbered_once(problem):
-    """Each number is used; a gluing row by two subdomains with opposite signs, at the same dof of the body."""
+    """Each number is used; a gluing row by two subdomains with opposite signs, at the same dof of
+    the body.
+    """
     s = problem.structure
     seen = [[] for _ in range(s.dual_dofs)]
     for index, (key, rows) in enumerate(zip(keys(problem), s.rows)):
@@ -66,7 +71,7 @@ def test_every_row_is_numbered_once(problem):
         for k, row in enumerate(rows.row):
             seen[row].append((index, rows.sign[k], key[rows.dof[k, 0]]))
     for row, uses in enumerate(seen):
-        if s.row_kind[row] == GLUING:
+        if s.row_kind[row] == RowKind.GLUING:
             (i, a, key_i), (j, b, key_j) = uses
             assert i < j and (a, b) == (1, -1) and key_i == key_j
         else:
@@ -80,11 +85,14 @@ def test_rows_are_owned_in_the_order_of_subdomains(problem):
         lowest[rows.row] = np.minimum(lowest[rows.row], index)
     assert np.all(np.diff(lowest) >= 0)
     assert s.row_range == (0, s.dual_dofs)
-    np.testing.assert_array_equal(s.row_starts, np.searchsorted(lowest, np.arange(len(problem.subdomains))))
+    np.testing.assert_array_equal(s.row_starts,
+                                  np.searchsorted(lowest, np.arange(len(problem.subdomains))))
 
 
 def test_coarse_numbers_round_trip(problem):
-    """The same corner dof of the body has one number in all its subdomains, and every number is used."""
+    """The same corner dof of the body has one number in all its subdomains, and every number is
+    used.
+    """
     s, of_key = problem.structure, {}
     for key, dofs, number in zip(keys(problem), s.corner_dofs, s.corner_global):
         for k, n in zip(key[dofs], number):
@@ -102,7 +110,8 @@ def test_dofs_are_torn_corner_or_fixed(problem):
 
 def test_contact_rows_point_back_to_their_nodes(problem):
     s, c = problem.structure, problem.structure.contact
-    for kind, numbers, direction in ((NORMAL, c.normal_row, c.normal), (TANGENTIAL, c.tangential_row, c.tangent)):
+    for kind, numbers, direction in ((RowKind.NORMAL, c.normal_row, c.normal),
+                                     (RowKind.TANGENTIAL, c.tangential_row, c.tangent)):
         assert sorted(numbers) == np.flatnonzero(s.row_kind == kind).tolist()
         for sub, rows in zip(problem.subdomains, s.rows):
             for k in np.flatnonzero(np.isin(rows.row, numbers)):
@@ -116,10 +125,12 @@ def test_gather_and_assemble_are_transposed(problem):
     op, s = problem.operator, problem.structure
     uses = np.bincount(np.concatenate([rows.row for rows in s.rows]), minlength=s.dual_dofs)
     x = np.arange(1.0, s.dual_dofs + 1)
-    assert np.array_equal(op._assemble(op._gather(x).copy()), uses * x)  # small whole numbers: exact
+    # small whole numbers: exact
+    assert np.array_equal(op.vectors.assemble(op.vectors.gather(x).copy()), uses * x)
 
 
-@pytest.mark.parametrize("subdomains, primal, dual", [("4x2", 1936, 260), ("8x4", 7744, 1096), ("16x8", 30976, 4496)])
+@pytest.mark.parametrize("subdomains, primal, dual",
+                         [("4x2", 1936, 260), ("8x4", 7744, 1096), ("16x8", 30976, 4496)])
 def test_sizes_of_the_slides(built, subdomains, primal, dual):
     s = built(reduce=False, subdomains=subdomains).structure
     assert (s.primal_dofs, s.dual_dofs) == (primal, dual)
@@ -129,19 +140,23 @@ def test_sizes_of_the_slides(built, subdomains, primal, dual):
 
 def test_continuous_fields_have_no_jump(problem):
     w = free_field(problem, np.random.default_rng(0))
-    B = spread(problem, "sign")[problem.structure.row_kind == GLUING]
+    B = spread(problem, "sign")[problem.structure.row_kind == RowKind.GLUING]
     assert np.all(B @ w == 0)  # a difference of two equal numbers
 
 
 def test_contact_rows_read_normal_and_tangential_displacement(problem):
-    """n.u and t.u of a continuous field, once per node however many subdomains share it (corners included)."""
+    """n.u and t.u of a continuous field, once per node however many subdomains share it (corners
+    included).
+    """
     w, c = free_field(problem, np.random.default_rng(0)), problem.structure.contact
     read = spread(problem, "sign") @ w
     u = np.zeros(2 * problem.manifest.nodes)
     u[np.concatenate(keys(problem))] = w
     u = u.reshape(-1, 2)[c.gid]
-    np.testing.assert_allclose(read[c.normal_row], (u * c.normal).sum(axis=1), atol=4 * EPS * np.abs(u).max())
-    np.testing.assert_allclose(read[c.tangential_row], (u * c.tangent).sum(axis=1), atol=4 * EPS * np.abs(u).max())
+    np.testing.assert_allclose(read[c.normal_row], (u * c.normal).sum(axis=1),
+                               atol=4 * EPS * np.abs(u).max())
+    np.testing.assert_allclose(read[c.tangential_row], (u * c.tangent).sum(axis=1),
+                               atol=4 * EPS * np.abs(u).max())
 
 
 def average(problem, w):
@@ -155,15 +170,18 @@ def torn_field(problem, rng):
     """A random field of X: continuous at the corners, zero at the supports, torn elsewhere."""
     w = rng.standard_normal(sum(sub.dofs for sub in problem.subdomains))
     whole, at = free_field(problem, rng), 0
-    for sub, corner, fixed in zip(problem.subdomains, problem.structure.corner_dofs, problem.structure.fixed):
+    for sub, corner, fixed in zip(problem.subdomains, problem.structure.corner_dofs,
+                                  problem.structure.fixed):
         w[at + corner], w[at + fixed] = whole[at + corner], 0
         at += sub.dofs
     return w
 
 
 def test_average_and_jump_add_up_to_the_identity(problem):
-    """E_D + P_D = I on fields with common corners, P_D = B_D' B: weights and gluing rows fit together."""
-    gluing = problem.structure.row_kind == GLUING
+    """E_D + P_D = I on fields with common corners, P_D = B_D' B: weights and gluing rows fit
+    together.
+    """
+    gluing = problem.structure.row_kind == RowKind.GLUING
     B, B_D = (spread(problem, name)[gluing] for name in ("sign", "scaling"))
     w = torn_field(problem, np.random.default_rng(1))
     jump = B_D.T @ (B @ w)
@@ -174,14 +192,16 @@ def test_average_and_jump_add_up_to_the_identity(problem):
 
 
 def test_scaled_jump_is_a_right_inverse(problem):
-    gluing = problem.structure.row_kind == GLUING
+    gluing = problem.structure.row_kind == RowKind.GLUING
     B, B_D = (spread(problem, name)[gluing] for name in ("sign", "scaling"))
     assert np.array_equal(B @ B_D.T, np.eye(gluing.sum()))  # halves and ones: exact
 
 
 def test_contact_rows_are_shared_out_between_their_subdomains(problem):
-    """The preconditioner takes the whole of every contact row, half of it from each of two subdomains."""
-    contact = problem.structure.row_kind != GLUING
+    """The preconditioner takes the whole of every contact row, half of it from each of two
+    subdomains.
+    """
+    contact = problem.structure.row_kind != RowKind.GLUING
     scaling = np.bincount(np.concatenate([rows.row for rows in problem.structure.rows]),
                           np.concatenate([rows.scaling for rows in problem.structure.rows]))
     assert np.all(scaling[contact] == 1.0)
@@ -194,24 +214,32 @@ def test_the_softer_side_of_an_interface_counts_more(built, variant):
     found = {}
     for s, rows in enumerate(structure.rows):
         for row, scaling in zip(rows.row, np.abs(rows.scaling)):
-            found.setdefault(row, []).append((s % 4 > 1, scaling))  # numbered from left to right, two rows
-    glued = [sorted(pair) for row, pair in found.items() if structure.row_kind[row] == GLUING]  # the soft side first
-    assert sum(one != other for (one, _), (other, _) in glued) == 2 * 2 * 9  # two interfaces of nine nodes
+            # numbered from left to right, two rows
+            found.setdefault(row, []).append((s % 4 > 1, scaling))
+    # the soft side first
+    glued = [sorted(pair) for row, pair in found.items()
+             if structure.row_kind[row] == RowKind.GLUING]
+    # two interfaces of nine nodes
+    assert sum(one != other for (one, _), (other, _) in glued) == 2 * 2 * 9
     for (one, soft), (other, stiff) in glued:
         expected = (7 / 8, 1 / 8) if one != other else (0.5, 0.5)
-        assert (soft, stiff) == pytest.approx(expected, rel=1e-8)  # means over triangles are kept to nine digits
+        # means over triangles are kept to nine digits
+        assert (soft, stiff) == pytest.approx(expected, rel=1e-8)
 
 
 # ------------------------------------------------------------------------ the dual operator
 
 def condensed(problem, rows):
-    """F at the contact rows `rows` after elimination of the gluing multipliers, and the load's part likewise."""
+    """F at the contact rows `rows` after elimination of the gluing multipliers, and the load's part
+    likewise.
+    """
     s, F = problem.structure, problem.F
     d = problem.operator.load_response(np.ones(s.patterns))
-    gluing = s.row_kind == GLUING
+    gluing = s.row_kind == RowKind.GLUING
     if not gluing.any():
         return F[np.ix_(rows, rows)], d[rows]
-    inner = np.linalg.solve(F[np.ix_(gluing, gluing)], np.column_stack([F[np.ix_(gluing, rows)], d[gluing]]))
+    inner = np.linalg.solve(F[np.ix_(gluing, gluing)],
+                            np.column_stack([F[np.ix_(gluing, rows)], d[gluing]]))
     across = F[np.ix_(rows, gluing)]
     return F[np.ix_(rows, rows)] - across @ inner[:, :-1], d[rows] - across @ inner[:, -1]
 
@@ -219,14 +247,16 @@ def condensed(problem, rows):
 def check_compliance(problem):
     """F and d condensed onto the contact nodes are those of the assembled body.
 
-    Rounding: eps times the condition of the stiffness (of order (2/h)^2 times 10, so below 1e5 for these
-    meshes) and of the gluing block (below 1e2) would allow 1e-9; 1e-10 leaves no room for a modelling error.
+    Rounding: eps times the condition of the stiffness (of order (2/h)^2 times 10, so below 1e5 for
+    these meshes) and of the gluing block (below 1e2) would allow 1e-9; 1e-10 leaves no room for a
+    modelling error.
     """
     body, contact = Assembled(problem.manifest, problem.subdomains), problem.structure.contact
     nodes = list(zip(body.label, body.gid))
     at = np.array([nodes.index(node) for node in zip(contact.label, contact.gid)])
     assert sorted(at) == list(range(len(nodes)))
-    rows, at = np.concatenate([contact.normal_row, contact.tangential_row]), np.concatenate([at, len(at) + at])
+    rows, at = np.concatenate([contact.normal_row,
+                               contact.tangential_row]), np.concatenate([at, len(at) + at])
     rows, at = rows[rows >= 0], at[rows >= 0]
     C, unit = body.compliance()[np.ix_(at, at)], (body.B @ body.solve(np.ones(len(body.loads))))[at]
     found, d = condensed(problem, rows)
@@ -236,10 +266,12 @@ def check_compliance(problem):
 
 def test_dual_operator_is_symmetric_positive_definite(problem):
     F = problem.F
-    # the product with S_cc^-1 is not symmetric to the last bit: eps times the coarse problem's condition
+    # the product with S_cc^-1 is not symmetric to the last bit: eps times the coarse problem's
+    # condition
     assert np.abs(F - F.T).max() <= 1e-12 * np.abs(F).max()
     values = np.linalg.eigvalsh((F + F.T) / 2)
-    assert values[0] > 1e-6 * values[-1]  # a dependent row would give 1e-16; conditions here are 1e3 to 1e4
+    # a dependent row would give 1e-16; conditions here are 1e3 to 1e4
+    assert values[0] > 1e-6 * values[-1]
 
 
 def test_products_are_counted(problem):
@@ -277,14 +309,18 @@ body = buildmesh(outer0(20) + outer1(8) + outer2(20) + outer3(8) + hole(-12));
 
 @pytest.mark.parametrize("subdomains", ["1x1", "3x1", "1x3", "5x3", "2", "9"])
 def test_body_with_a_hole(built, variant, subdomains):
-    """Unstructured mesh; subdomains around the hole, in two pieces (1x3) or meeting a neighbour twice (2x1)."""
+    """Unstructured mesh; subdomains around the hole, in two pieces (1x3) or meeting a neighbour
+    twice (2x1).
+    """
     scene = variant("hole", ("rectangle(0., 2., 0., 1.);", ANNULUS))
     check_compliance(built(scene, subdomains=subdomains))
 
 
 @pytest.mark.parametrize("contact", ["5", "1, 5", "3, 2"])
 def test_contact_on_a_curve_and_on_several_labels(built, variant, contact):
-    """Normals of every direction; a node at a corner of the body has a pair of rows for each of its labels."""
+    """Normals of every direction; a node at a corner of the body has a pair of rows for each of its
+    labels.
+    """
     scene = variant(f"contact{len(contact)}{contact[0]}", ("rectangle(0., 2., 0., 1.);", ANNULUS),
                     ("macro contact() 1 //", f"macro contact() {contact} //"))
     check_compliance(built(scene, subdomains="4x2"))
@@ -301,22 +337,29 @@ body = buildmesh(side1(16) + side2(6) + side3(16) + side4(8));
 
 @pytest.mark.parametrize("subdomains", ["1x1", "4x2", "5"])
 def test_contact_node_with_one_prescribed_component(built, variant, subdomains):
-    """On a slope n.u at the end node is part unknown (u2), part prescribed (u1 = 1e-3): both belong to d."""
-    scene = variant("slanted", ("rectangle(0., 2., 0., 1.);", SLANTED), ("macro friction() F //\n", ""),
-                    ('include "export.idp"', "macro displacement1() on(2, u1 = 1e-3) //\ninclude \"export.idp\""))
+    """On a slope n.u at the end node is part unknown (u2), part prescribed (u1 = 1e-3): both belong
+    to d.
+    """
+    scene = variant("slanted", ("rectangle(0., 2., 0., 1.);", SLANTED),
+                    ("macro friction() F //\n", ""),
+                    ('include "export.idp"',
+                     "macro displacement1() on(2, u1 = 1e-3) //\ninclude \"export.idp\""))
     check_compliance(built(scene, subdomains=subdomains))
 
 
 @pytest.mark.parametrize("young", ["(x < 0.9 ? E : 10*E)", "E*(1 + 1e-8*x)", "E*(1 + x*y)"])
 def test_subdomains_of_different_material_share_nothing(built, variant, young):
-    """Classes are formed by matrices, not by shape: also a difference in the eighth digit must count."""
+    """Classes are formed by matrices, not by shape: also a difference in the eighth digit must
+    count.
+    """
     scene = variant(f"young{len(young)}", ("macro young() E //", f"macro young() {young} //"))
     problem = built(scene, cells=3)
     check_compliance(problem)
     for c in problem.operator.classes:
         model = problem.subdomains[c.members[0]].values
         for member in c.members:
-            assert np.abs(problem.subdomains[member].values - model).max() <= 1e-11 * np.abs(model).max()
+            assert np.abs(problem.subdomains[member].values
+                          - model).max() <= 1e-11 * np.abs(model).max()
 
 
 def test_sharing_classes_changes_nothing(built, monkeypatch):
@@ -326,7 +369,8 @@ def test_sharing_classes_changes_nothing(built, monkeypatch):
     alone = DualOperator(shared.structure, MPI.COMM_SELF)
     assert len(alone.classes) == len(shared.subdomains)
     x = np.random.default_rng(3).standard_normal(alone.owned)
-    # equal subdomains differ in the last bits of K: eps times the condition of K_rr (1e3 for 10x10 cells)
+    # equal subdomains differ in the last bits of K: eps times the condition of K_rr (1e3 for 10x10
+    # cells)
     for one, other in zip((alone.apply(x), alone.load_response(np.ones(1))),
                           (shared.operator.apply(x), shared.operator.load_response(np.ones(1)))):
         np.testing.assert_allclose(one, other, rtol=0, atol=1e-12 * np.abs(other).max())
@@ -334,9 +378,12 @@ def test_sharing_classes_changes_nothing(built, monkeypatch):
 
 # ------------------------------------------------------------------------------ corners
 
-@pytest.mark.parametrize("subdomains", ["1x2", "5x1", "2x6", "2", "3", "5", "6", "8", "11", "13", "17", "23", "30"])
+@pytest.mark.parametrize("subdomains", ["1x2", "5x1", "2x6", "2", "3", "5", "6", "8", "11", "13",
+                                        "17", "23", "30"])
 def test_torn_subdomains_are_held(built, subdomains):
-    """K_rr of every subdomain is positive definite: corners and supports leave no rigid motion or hinge."""
+    """K_rr of every subdomain is positive definite: corners and supports leave no rigid motion or
+    hinge.
+    """
     problem = built(cells=4, subdomains=subdomains)
     s = problem.structure
     for sub, fixed, corner in zip(problem.subdomains, s.fixed, s.corner_dofs):
@@ -344,7 +391,8 @@ def test_torn_subdomains_are_held(built, subdomains):
         np.add.at(K, (sub.rows, sub.columns), sub.values)
         kept = np.setdiff1d(np.arange(sub.dofs), np.concatenate([fixed, corner]))
         values = np.linalg.eigvalsh(K[np.ix_(kept, kept)])
-        # a motion would give rounding, 1e-16; a piece hung up on two corners a mesh width apart gives 1e-4
+        # a motion would give rounding, 1e-16; a piece hung up on two corners a mesh width apart
+        # gives 1e-4
         assert values[0] > 1e-6 * values[-1], sub.index
     check_compliance(problem)
 
@@ -359,46 +407,54 @@ def test_structured_corners_are_the_subdomain_vertices(built):
 
 def gluing_condition(problem):
     """Condition number of the preconditioned gluing block M F."""
-    operator, gluing = problem.operator, problem.structure.row_kind == GLUING
+    operator, gluing = problem.operator, problem.structure.row_kind == RowKind.GLUING
     columns = np.eye(problem.structure.dual_dofs)[gluing]
     F = np.array([operator.apply(e)[gluing] for e in columns])
     M = DirichletPreconditioner(operator)
     M = np.array([M(e, gluing)[gluing] for e in columns])
-    assert np.abs(M - M.T).max() <= 1e-10 * np.abs(M).max()  # pinv costs eps times the condition of F_i, 1e4
+    # pinv costs eps times the condition of F_i, 1e4
+    assert np.abs(M - M.T).max() <= 1e-10 * np.abs(M).max()
     L = np.linalg.cholesky((M + M.T) / 2)  # fails unless positive definite
     values = np.linalg.eigvalsh(L.T @ ((F + F.T) / 2) @ L)
     return values[-1] / values[0]
 
 
 def test_dirichlet_preconditioner_is_good_and_scalable(built):
-    """4.7 to 5.0 were measured for 10x10 cells (algorithms.md), and no growth with the number of subdomains."""
+    """4.7 to 5.0 were measured for 10x10 cells (algorithms.md), and no growth with the number of
+    subdomains.
+    """
     small, large = (gluing_condition(built(subdomains=n)) for n in ("4x2", "8x4"))
     assert small < 6 and large < 6
     assert abs(large / small - 1) < 0.15
 
 
 def test_stiffness_of_rows_that_depend_on_one_another():
-    """The inverse of a compliance; if two rows are the same the pseudo-inverse, not a large number."""
+    """The inverse of a compliance; if two rows are the same the pseudo-inverse, not a large number.
+    """
     rng = np.random.default_rng(8)
     A = rng.standard_normal((12, 12))
     A = A @ A.T + np.eye(12)
     np.testing.assert_allclose(_inverse(A) @ A, np.eye(12), atol=100 * EPS * np.linalg.cond(A))
     twice = A[np.ix_([*range(12), 3], [*range(12), 3])]
     found = _inverse(twice)
-    assert np.linalg.norm(found, 2) <= np.linalg.norm(np.linalg.inv(A), 2) * (1 + 100 * EPS * np.linalg.cond(A))
-    np.testing.assert_allclose(twice @ found @ twice, twice, atol=1000 * EPS * np.linalg.cond(A) * np.abs(A).max())
+    assert np.linalg.norm(found, 2) <= np.linalg.norm(np.linalg.inv(A),
+                                                      2) * (1 + 100 * EPS * np.linalg.cond(A))
+    np.testing.assert_allclose(twice @ found @ twice, twice,
+                               atol=1000 * EPS * np.linalg.cond(A) * np.abs(A).max())
 
 
 def test_preconditioner_respects_the_face(problem):
     """Zero outside the free set, and symmetric on it: MPRGP needs both in every face."""
     rng = np.random.default_rng(5)
-    free = (problem.structure.row_kind == GLUING) | (rng.random(problem.structure.dual_dofs) < 0.5)
+    free = (problem.structure.row_kind
+            == RowKind.GLUING) | (rng.random(problem.structure.dual_dofs) < 0.5)
     M = DirichletPreconditioner(problem.operator)
     x, y = rng.standard_normal((2, len(free)))
     Mx, My = M(x, free).copy(), M(y, free).copy()
     assert not Mx[~free].any()
     assert np.array_equal(Mx, M(np.where(free, x, 0), free))
-    # eps times the condition of the local F_i (1e4) times the cancellation of a random product (1e2)
+    # eps times the condition of the local F_i (1e4) times the cancellation of a random product
+    # (1e2)
     assert abs(Mx @ y - My @ x) <= 1e-9 * np.linalg.norm(Mx) * np.linalg.norm(y)
     assert Mx @ x > 0
 
@@ -413,7 +469,7 @@ def check_linear(problem):
 
     Both solves round with eps times a condition of the stiffness below 1e5: 1e-10 relative is safe.
     """
-    assert not np.any(problem.structure.row_kind != GLUING)
+    assert not np.any(problem.structure.row_kind != RowKind.GLUING)
     weights = np.ones(problem.structure.patterns)
     d = problem.operator.load_response(weights)
     lam = np.linalg.solve(problem.F, d) if len(d) else d
@@ -429,9 +485,9 @@ def test_linear_problem_equals_a_direct_solve(built, variant, subdomains):
 
 @pytest.mark.parametrize("subdomains", ["4x2", "2x2", "1x1", "6"])
 def test_prescribed_displacement_equals_a_direct_solve(built, variant, subdomains):
-    pushed = variant("pushed", *NO_CONTACT, ('include "export.idp"',
-                                             "macro displacement1() on(2, u1 = 1e-3, u2 = 2e-3*y) //\n"
-                                             'include "export.idp"'))
+    prescribed = "macro displacement1() on(2, u1 = 1e-3, u2 = 2e-3*y) //\n"
+    pushed = variant("pushed", *NO_CONTACT,
+                     ('include "export.idp"', prescribed + 'include "export.idp"'))
     check_linear(built(pushed, cells=5, subdomains=subdomains))
 
 
@@ -441,7 +497,9 @@ def test_prescribed_displacement_equals_a_direct_solve(built, variant, subdomain
     ("rolling", "macro support() on(4, u1 = 0.) //\n"),  # slides along y
     ("sliding", "macro support() on(1, u2 = 0.) //\n")])  # slides along x
 def test_body_that_can_move_is_refused(solved, variant, subdomains, name, support):
-    """Nothing takes the load's work on the free rigid motions: no equilibrium, whatever the body deforms."""
+    """Nothing takes the load's work on the free rigid motions: no equilibrium, whatever the body
+    deforms.
+    """
     scene = variant(name, ("macro support() on(4, u1 = 0., u2 = 0.) //\n", support), *NO_CONTACT)
     run = solved(scene, cells=4, subdomains=subdomains)
     assert run.status == 3 and "which no support holds" in run.reason
@@ -456,7 +514,8 @@ def test_friction_alone_holds_the_model_or_not(solved, variant, friction, status
     if status:
         assert "which no support holds" in run.reason
     else:
-        np.testing.assert_allclose([run.history["contact_x"][-1], run.history["contact_y"][-1]], [-3e7, 15e7], rtol=1e-6)
+        np.testing.assert_allclose([run.history["contact_x"][-1], run.history["contact_y"][-1]],
+                                   [-3e7, 15e7], rtol=1e-6)
 
 
 # ------------------------------------------------------------------------------ ranks
@@ -471,19 +530,21 @@ from pathlib import Path
 from driver.scene.loader import read_subdomains
 from driver.scene.manifest import read_manifest
 from driver.march.tearing import build
-from driver.feti import fetidp, substructuring
+from driver.feti.dirichlet import DirichletPreconditioner
+from driver.feti.operator import DualOperator
+from driver.feti.structure import partition
 comm = MPI.COMM_WORLD
 for directory in sys.argv[1:]:
     manifest = read_manifest(Path(directory))
-    first, last = substructuring.partition(manifest.subdomains, comm)
+    first, last = partition(manifest.subdomains, comm)
     structure = build(manifest, read_subdomains(manifest, first, last, comm), first, comm)
-    op = fetidp.DualOperator(structure, comm)
+    op = DualOperator(structure, comm)
     mine = slice(*structure.row_range)
     x = np.random.default_rng(7).standard_normal(structure.dual_dofs)[mine]
     free = np.random.default_rng(8).random(structure.dual_dofs)[mine] < 0.7
     y = op.apply(x).copy()
-    found = [y, op.load_response(np.ones(structure.patterns)), fetidp.DirichletPreconditioner(op)(x, free),
-             np.array([op.dot(x, y), op.dot(x, x)]) if comm.rank == 0 else (op.dot(x, y), op.dot(x, x))[:0]]
+    found = [y, op.load_response(np.ones(structure.patterns)), DirichletPreconditioner(op)(x, free),
+             np.array([op.dot(x, y), op.dot(x, x)])[: 2 if comm.rank == 0 else 0]]
     found = [np.concatenate(comm.gather(np.asarray(part, float)) or [[]]) for part in found]
     if comm.rank == 0:
         print(*(hashlib.sha1(part.tobytes()).hexdigest()[:12] for part in found))
@@ -491,14 +552,17 @@ for directory in sys.argv[1:]:
 
 
 def test_any_split_gives_the_same_bits(exported, tmp_path):
-    """Products, loads, preconditioner and scalar products: sums are taken in an order the ranks do not change."""
+    """Products, loads, preconditioner and scalar products: sums are taken in an order the ranks do
+    not change.
+    """
     script = tmp_path / "split.py"
     script.write_text(SCRIPT)
     cases = [exported(), exported(subdomains="7", cells=4), exported(subdomains="2x1", cells=4)]
     answers = {}
     for ranks in (1, 2, 3):  # 3 ranks on 2 subdomains: one has none
         env = {**environment.child_environment(), "PYTHONPATH": environment.python_path()}
-        done = subprocess.run([*environment.mpirun(ranks), sys.executable, script, *cases], env=env, text=True,
+        done = subprocess.run([*environment.mpirun(ranks), sys.executable, script, *cases],
+                              env=env, text=True,
                               capture_output=True, timeout=120)
         assert done.returncode == 0, done.stderr[-2000:]
         answers[ranks] = done.stdout
@@ -507,16 +571,19 @@ def test_any_split_gives_the_same_bits(exported, tmp_path):
 
 
 def test_block_diagonal_products_shared_and_padded():
-    """Against one product a member, for blocks that many share, blocks of their own and empty ones."""
+    """Against one product a member, for blocks that many share, blocks of their own and empty ones.
+    """
     from types import SimpleNamespace
 
     from driver.feti.blocks import BlockDiagonal
 
     rng = np.random.default_rng(31)
     classes, matrices, x_at, y_at = [], [], 0, 0
-    for members, m, n, shared in ((6, 5, 3, True), (1, 7, 2, False), (2, 7, 1, False), (1, 0, 2, False),
+    for members, m, n, shared in ((6, 5, 3, True), (1, 7, 2, False), (2, 7, 1, False),
+                                  (1, 0, 2, False),
                                   (1, 4, 0, False), (1, 9, 9, True)):
-        classes.append(SimpleNamespace(members=list(range(members)), shared=shared, rows=slice(x_at, x_at + members * m),
+        classes.append(SimpleNamespace(members=list(range(members)), shared=shared,
+                                       rows=slice(x_at, x_at + members * m),
                                        corners=slice(y_at, y_at + members * n)))
         matrices.append(rng.standard_normal((m, n)))
         x_at, y_at = x_at + members * m, y_at + members * n
@@ -526,10 +593,12 @@ def test_block_diagonal_products_shared_and_padded():
         expected[c.corners] = (x[c.rows].reshape(len(c.members), -1) @ M).ravel()
     blocks, y = BlockDiagonal(classes, matrices, "rows", "corners"), np.zeros(y_at)
     blocks.multiply(x, y)
-    assert np.abs(y - expected).max() <= 1e-14 * np.abs(expected).max() * 10  # sums of up to nine terms
+    # sums of up to nine terms
+    assert np.abs(y - expected).max() <= 1e-14 * np.abs(expected).max() * 10
     y = before.copy()
     blocks.multiply(x, y, add=True)
-    assert np.abs(y - before - expected).max() <= 1e-14 * (np.abs(before) + np.abs(expected)).max() * 10
+    assert np.abs(y - before - expected).max() <= 1e-14 * (np.abs(before)
+                                                           + np.abs(expected)).max() * 10
 
 
 def test_a_class_is_shared_by_its_members_on_all_ranks(built):
@@ -538,7 +607,9 @@ def test_a_class_is_shared_by_its_members_on_all_ranks(built):
 
 
 def test_rows_of_a_slanted_boundary_that_ends_at_a_roller_are_independent(built):
-    """The tip has one displacement left: normal and tangential rows there would be multiples of each other."""
+    """The tip has one displacement left: normal and tangential rows there would be multiples of
+    each other.
+    """
     problem = built("hard/slope", left="roller", n=4, steps=1)
     values = np.linalg.eigvalsh(problem.F)
     assert values[0] > 1e-6 * values[-1]  # condition of F below a million: no row repeats another
@@ -549,10 +620,13 @@ def test_rows_of_a_slanted_boundary_that_ends_at_a_roller_are_independent(built)
 
 
 def test_rows_are_scaled_by_the_stiffness_they_see(built):
-    """Ones on a homogeneous body; with a jump of 2^20, 2^-10 on gluing rows (the soft side) and on soft contact."""
+    """Ones on a homogeneous body; with a jump of 2^20, 2^-10 on gluing rows (the soft side) and on
+    soft contact.
+    """
     small = {"subdomains": "2x1", "cells": 4, "steps": 1}
     assert (built("hard/block", **small).structure.row_scale == 1).all()
-    structure = built("hard/block", jump=2**20, board="halves", **small).structure  # the left half is stiff
+    # the left half is stiff
+    structure = built("hard/block", jump=2**20, board="halves", **small).structure
     scale, contact = structure.row_scale, structure.contact
-    assert (scale[structure.row_kind == GLUING] == 2.0**-10).all()
+    assert (scale[structure.row_kind == RowKind.GLUING] == 2.0**-10).all()
     assert np.array_equal(scale[contact.normal_row], np.where(contact.xy[:, 0] <= 1, 1.0, 2.0**-10))

@@ -1,96 +1,40 @@
-"""Stage 3: corners, gluing rows, contact rows and their numbering.
-
-Rows of the constraint matrix B (Haslinger, Vlach, Dostal, SNA'07):
-
-* gluing: u_c(a, i) - u_c(a, j) = 0 at every interface node a that is no corner (non-redundant, as such a
-  node belongs to exactly two subdomains i < j), for every displacement component c that is not fixed;
-* normal and tangential contact: n.u and t.u at every contact node, corners included, t being n turned
-  by +90 degrees; between two bodies u is the mortar jump of mortar.py.
+"""Stage 3: numbers of the corner dofs and of the rows of B, and both in the dofs of every local
+subdomain.
 
 Rows are numbered by the subdomain that owns them (the lowest one that has the node).
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import fields
 
 import numpy as np
 
-from .corners import corner_vertices
 from ..scene.loader import Subdomain
 from ..scene.manifest import Manifest
-from .rigid_modes import RigidMode, rigid_modes
-from .skeleton import Skeleton, gather
-
-GLUING, NORMAL, TANGENTIAL = 0, 1, 2
-
-
-@dataclass
-class LocalRows:
-    """Constraint rows that act on one subdomain: row r reads sign_r * sum_k coefficient_rk u[dof_rk].
-
-    The width w is 2, or what the widest row between bodies needs; shorter rows end with zero coefficients.
-    """
-
-    row: np.ndarray  # (m,) global dual row
-    sign: np.ndarray  # (m,) +1/-1 on gluing rows, 1 on contact rows, 0 where another subdomain owns one
-    dof: np.ndarray  # (m, w)
-    coefficient: np.ndarray  # (m, w), zero on fixed dofs
-    fixed_part: np.ndarray  # (m, w): what was removed from `coefficient` there
-    scaling: np.ndarray  # (m,) entry of B_D: sign times the stiffness weight
-
-    def fixed_share(self, fixed: np.ndarray, values: np.ndarray, dofs: int) -> np.ndarray:
-        """(m,) contribution of prescribed displacements to the rows."""
-        u = np.zeros(dofs)
-        u[fixed] = values
-        return (self.fixed_part * u[self.dof]).sum(axis=1)
+from .corners import corner_vertices
+from .gathering import gather
+from .rigid_modes import rigid_modes
+from .rows import LocalRows, RowKind
+from .structure import Substructure
 
 
-@dataclass
-class Substructure:
-    """What one rank knows: its subdomains' dof sets and rows, and the global numbering."""
-
-    subdomains: list[Subdomain]
-    first: int  # index of the rank's first subdomain
-    total: int
-    fixed: list[np.ndarray]  # per subdomain: Dirichlet dofs, those marked by a neighbour included
-    fixed_values: list[np.ndarray]  # per subdomain: (patterns, n_fixed)
-    corner_dofs: list[np.ndarray]  # per subdomain: local dofs that are primal
-    corner_global: list[np.ndarray]  # per subdomain: their numbers in the coarse problem
-    rows: list[LocalRows]
-    coarse_dofs: int
-    dual_dofs: int
-    row_kind: np.ndarray  # (dual_dofs,) GLUING, NORMAL or TANGENTIAL
-    row_scale: np.ndarray  # (dual_dofs,) power of two near the root of the stiffness that a row sees, relative
-    row_range: tuple[int, int]  # rows owned by this rank
-    row_starts: np.ndarray  # per local subdomain: its first row, counted from row_range[0]
-    patterns: int
-    contact: object  # ContactBoundary of contact/boundary.py
-    rigid_modes: list[RigidMode]  # of bodies whose supports, if any, leave them free
-    rigid_corners: np.ndarray  # (coarse_dofs, modes) orthonormal: the modes at the coarse dofs
-    outer_edges: np.ndarray  # (n, 3): gid, gid, label of the edges of the untorn body's boundary
-    outer_middles: np.ndarray  # (n,) gids of their middles; empty with linear elements
-    primal_dofs: int
-
-
-def partition(total: int, comm) -> tuple[int, int]:
-    """Contiguous range of subdomains of this rank; ranks beyond the subdomains get none."""
-    return total * comm.rank // comm.size, total * (comm.rank + 1) // comm.size
-
-
-def fixed_dofs(manifest: Manifest, subdomains: list[Subdomain], comm) -> tuple[np.ndarray, np.ndarray]:
+def fixed_dofs(manifest: Manifest, subdomains: list[Subdomain],
+               comm) -> tuple[np.ndarray, np.ndarray]:
     """Sorted keys 2 gid + component of all fixed dofs of the body, and their values (n, patterns).
 
-    Gathered, because a subdomain may touch a support in a single vertex and not know that it is held.
+    Gathered, because a subdomain may touch a support in a single vertex and not know that it is
+    held.
     """
     keys, values = [np.empty(0, np.int64)], [np.empty((0, len(manifest.patterns)))]
     for sub in subdomains:
         keys.append(2 * sub.node_gid[sub.dof_node[sub.fixed]] + sub.dof_component[sub.fixed])
         values.append(sub.fixed_values.T)
-    keys, at = np.unique(gather(comm, np.concatenate(keys)), return_index=True)
-    return keys, gather(comm, np.concatenate(values))[at]
+    keys, first = np.unique(gather(comm, np.concatenate(keys)), return_index=True)
+    return keys, gather(comm, np.concatenate(values))[first]
 
 
 def number(manifest, subdomains, first, skeleton, fixed, contact, comm, frictional) -> Substructure:
-    """Number coarse dofs and dual rows and express both in every local subdomain's dofs; collective over `comm`.
+    """Number coarse dofs and dual rows and express both in every local subdomain's dofs; collective
+    over `comm`.
 
     `fixed` as `fixed_dofs` returns it, `contact` the ContactBoundary, which gets its row numbers,
     `frictional` whether its nodes have tangential rows.
@@ -104,11 +48,12 @@ def number(manifest, subdomains, first, skeleton, fixed, contact, comm, friction
     gluing = gluing[~np.isin(gluing, fixed_keys)]
     normal_rows = np.flatnonzero(_acts(contact, contact.normal, fixed_keys))
     tangential_rows = np.empty(0, np.int64)
-    if frictional:  # where the support fixes the normal direction there is no contact pressure to rub under
+    # where the support fixes the normal direction there is no contact pressure to rub under
+    if frictional:
         tangential_rows = normal_rows[_slides(contact, fixed_keys)[normal_rows]]
 
     # (owner, kind, position) of every row; sorting them gives the numbering
-    kind = np.repeat([GLUING, NORMAL, TANGENTIAL], [len(gluing), len(normal_rows), len(tangential_rows)])
+    kind = np.repeat(list(RowKind), [len(gluing), len(normal_rows), len(tangential_rows)])
     row_gid = np.concatenate([gluing // 2, contact.gid[normal_rows], contact.gid[tangential_rows]])
     row_owner = owner[np.searchsorted(skeleton.gids, row_gid)]
     position = np.concatenate([gluing, normal_rows, tangential_rows])
@@ -124,7 +69,8 @@ def number(manifest, subdomains, first, skeleton, fixed, contact, comm, friction
     row_scale = _row_scale(skeleton, row_gid[order], kind[order], shares[order])
     last = first + len(subdomains)
     sorted_owner = row_owner[order]
-    row_range = (int(np.searchsorted(sorted_owner, first)), int(np.searchsorted(sorted_owner, last)))
+    row_range = (int(np.searchsorted(sorted_owner, first)),
+                 int(np.searchsorted(sorted_owner, last)))
     row_starts = np.searchsorted(sorted_owner, np.arange(first, last)) - row_range[0]
     numbering = _Numbering(skeleton, corner_keys, fixed, gluing, number[:n_g], contact, share)
     local = numbering.localize(subdomains)
@@ -132,47 +78,59 @@ def number(manifest, subdomains, first, skeleton, fixed, contact, comm, friction
     outer = ~skeleton.shared
     middles = skeleton.middles[outer] if len(skeleton.middles) else skeleton.middles
     modes, at_corners = rigid_modes(skeleton, fixed_keys, corner_keys)
-    return Substructure(subdomains, first, manifest.subdomains, *local, coarse_dofs=len(corner_keys),
-                        dual_dofs=len(order), row_kind=kind[order], row_scale=row_scale, row_range=row_range,
+    return Substructure(subdomains, first, manifest.subdomains, *local,
+                        coarse_dofs=len(corner_keys),
+                        dual_dofs=len(order), row_kind=kind[order], row_scale=row_scale,
+                        row_range=row_range,
                         row_starts=row_starts, patterns=len(manifest.patterns), contact=contact,
-                        rigid_modes=modes, rigid_corners=at_corners, outer_edges=skeleton.edges[outer][:, 1:],
+                        rigid_modes=modes, rigid_corners=at_corners,
+                        outer_edges=skeleton.edges[outer][:, 1:],
                         outer_middles=middles, primal_dofs=primal)
 
 
 def _pair_share(skeleton, contact) -> np.ndarray:
-    """(n_c,) part that the stiffness of both sides in series is of the contact node's own; 1 on rigid obstacles.
+    """(n_c,) part that the stiffness of both sides in series is of the contact node's own; 1 on
+    rigid obstacles.
 
     Sides as stiff as one another share alike, which is no jump: relative to that.
     """
     stiffness = skeleton.over_subdomains(np.maximum, skeleton.stiffness)
-    at = stiffness[np.searchsorted(skeleton.gids, contact.term_gid)]
-    mean = lambda terms: (np.bincount(contact.term_node[terms], (np.abs(contact.term_value) * at)[terms], len(contact.gid))
-                          / np.maximum(np.bincount(contact.term_node[terms], np.abs(contact.term_value)[terms],
-                                                   len(contact.gid)), 1e-300))
+    of_terms = stiffness[np.searchsorted(skeleton.gids, contact.term_gid)]
+    size = np.abs(contact.term_value)
+
+    def mean(terms):
+        """(n_c,) stiffness at the nodes of some terms, weighted with their sizes."""
+        node, count = contact.term_node[terms], len(contact.gid)
+        total = np.bincount(node, (size * of_terms)[terms], count)
+        return total / np.maximum(np.bincount(node, size[terms], count), 1e-300)
+
     own, other = mean(~contact.term_other), mean(contact.term_other)
     return np.where(contact.paired & (own > 0), 2 * other / np.maximum(own + other, 1e-300), 1.0)
 
 
 def _row_scale(skeleton, row_gid, kind, share) -> np.ndarray:
-    """(rows,) D with which D F D has a diagonal of like size where the stiffness jumps; ones where it does not.
+    """(rows,) D with which D F D has a diagonal of like size where the stiffness jumps; ones where
+    it does not.
 
-    A gluing row meets the more compliant of its two sides, a contact row the stiffest of its node's subdomains, or
-    `share` (rows,) of that. Powers of two, so that scaling rounds nothing; relative to the stiffest row, so that units
-    do not matter.
+    A gluing row meets the more compliant of its two sides, a contact row the stiffest of its node's
+    subdomains, or `share` (rows,) of that. Powers of two, so that scaling rounds nothing; relative
+    to the stiffest row, so that units do not matter.
     """
-    low, high = (skeleton.over_subdomains(extreme, skeleton.stiffness) for extreme in (np.minimum, np.maximum))
-    at = np.searchsorted(skeleton.gids, row_gid)
-    seen = np.where(kind == GLUING, low[at], high[at] * share)
-    ratio = np.round(np.log2(seen / seen.max(initial=0)), 6)  # rounding of stiffnesses must not decide between powers
+    low, high = (skeleton.over_subdomains(extreme, skeleton.stiffness)
+                 for extreme in (np.minimum, np.maximum))
+    node = np.searchsorted(skeleton.gids, row_gid)
+    seen = np.where(kind == RowKind.GLUING, low[node], high[node] * share)
+    # rounding of stiffnesses must not decide between powers
+    ratio = np.round(np.log2(seen / seen.max(initial=0)), 6)
     return 2.0 ** np.round(0.5 * ratio)
 
 
 def _slides(contact, fixed_keys) -> np.ndarray:
     """True for the contact nodes that can slide along the boundary while they touch.
 
-    A node on a rigid obstacle with one component held has one displacement: where the obstacle stops it, it stands.
-    Its friction would be a second force along that displacement, and only the sum of the two is determined: all of
-    it is taken for contact's.
+    A node on a rigid obstacle with one component held has one displacement: where the obstacle
+    stops it, it stands. Its friction would be a second force along that displacement, and only the
+    sum of the two is determined: all of it is taken for contact's.
     """
     held = np.isin(2 * contact.gid, fixed_keys) | np.isin(2 * contact.gid + 1, fixed_keys)
     stands = held & ~contact.paired & _acts(contact, contact.normal, fixed_keys)
@@ -182,7 +140,8 @@ def _slides(contact, fixed_keys) -> np.ndarray:
 def _acts(contact, direction: np.ndarray, fixed_keys) -> np.ndarray:
     """True for the contact nodes whose own displacement in `direction` a support leaves free.
 
-    Between two bodies a multiplier that moves only its neighbours and the other side would nearly repeat theirs.
+    Between two bodies a multiplier that moves only its neighbours and the other side would nearly
+    repeat theirs.
     """
     free = np.column_stack([~np.isin(2 * contact.gid + c, fixed_keys) for c in (0, 1)])
     return np.abs(direction * free).max(axis=1, initial=0) > 1e-12
@@ -192,8 +151,8 @@ def _lookup(keys: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarra
     """Positions of `wanted` in the sorted `keys`, and whether each is there."""
     if not len(keys):
         return np.zeros(len(wanted), np.int64), np.zeros(len(wanted), bool)
-    at = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
-    return at, keys[at] == wanted
+    place = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
+    return place, keys[place] == wanted
 
 
 def _widen(array: np.ndarray, width: int) -> np.ndarray:
@@ -202,7 +161,8 @@ def _widen(array: np.ndarray, width: int) -> np.ndarray:
 
 
 class _Numbering:
-    """Global numbers at the nodes of the skeleton, and their localisation to the rank's subdomains."""
+    """Global numbers at the nodes of the skeleton, and their localisation to the rank's subdomains.
+    """
 
     def __init__(self, skeleton, corner_keys, fixed, gluing, gluing_row, contact, share):
         self.skeleton, self.fixed, self.contact = skeleton, fixed, contact
@@ -211,7 +171,8 @@ class _Numbering:
         self.corner = self._at_nodes(corner_keys, np.arange(len(corner_keys)))
         self.gluing = self._at_nodes(gluing, gluing_row)
         self.held = self._at_nodes(fixed[0], np.arange(len(fixed[0])))
-        # (vertex, subdomain) pairs: how many lower subdomains share the vertex of each, and how many stiffer ones
+        # (vertex, subdomain) pairs: how many lower subdomains share the vertex of each, and how
+        # many stiffer ones
         self._span = int(skeleton.nodes[:, 0].max()) + 1
         order, start = skeleton.by_vertex, np.cumsum(skeleton.count) - skeleton.count
         self.pairs = skeleton.nodes[order, 1] * self._span + skeleton.nodes[order, 0]
@@ -221,21 +182,24 @@ class _Numbering:
         self.place_of[order] = self.place
         self.at_contact = np.isin(skeleton.gids, contact.term_gid)
         here = np.flatnonzero(self.at_contact[skeleton.node_id[order]])
-        stiffer = np.lexsort((-skeleton.stiffness[order[here]], self.pairs[here] // self._span))  # stable
+        # stable
+        stiffer = np.lexsort((-skeleton.stiffness[order[here]], self.pairs[here] // self._span))
         self.rank = np.zeros(len(order), np.int64)
         self.rank[here[stiffer]] = self.place[here]
 
     def _at_nodes(self, keys: np.ndarray, numbers: np.ndarray) -> np.ndarray:
         """(nodes, 2) `numbers` of the keys 2 gid + component; -1 where there is none."""
-        table, (at, known) = np.full((len(self.skeleton.gids), 2), -1), _lookup(self.skeleton.gids, keys // 2)
-        table[at[known], keys[known] % 2] = numbers[known]
+        table = np.full((len(self.skeleton.gids), 2), -1)
+        place, known = _lookup(self.skeleton.gids, keys // 2)
+        table[place[known], keys[known] % 2] = numbers[known]
         return table
 
     def localize(self, subdomains: list[Subdomain]):
         """Lists of fixed dofs and values, corner dofs and numbers, and rows of all subdomains."""
         skeleton = self.skeleton
         node_id = skeleton.node_id[skeleton.own]
-        dof = 2 * skeleton.local[:, None] + [0, 1]  # numbered node by node, as the loader has checked
+        # numbered node by node, as the loader has checked
+        dof = 2 * skeleton.local[:, None] + [0, 1]
         corner, corner_at = self._present(self.corner[node_id])
         held, held_at = self._present(self.held[node_id])
         corner_dof, corner_number, held_dof = dof[corner], self.corner[node_id][corner], dof[held]
@@ -244,11 +208,14 @@ class _Numbering:
         touching = np.add.reduceat(np.append(self.at_contact[node_id], 0), skeleton.starts[:-1])
         for s in np.flatnonzero(touching):
             rows[s] = self._with_contact(rows[s], subdomains[s], fixed[s][0])
-        return ([dofs for dofs, _ in fixed], [values for _, values in fixed], [corner_dof[part] for part in corner_at],
+        return ([dofs for dofs, _ in fixed], [values for _, values in fixed],
+                [corner_dof[part] for part in corner_at],
                 [corner_number[part] for part in corner_at], rows)
 
     def _present(self, numbers: np.ndarray):
-        """Where (nodes, 2) of the rank's own `numbers` are any, and the slice of them of every subdomain."""
+        """Where (nodes, 2) of the rank's own `numbers` are any, and the slice of them of every
+        subdomain.
+        """
         present = numbers >= 0
         ends = np.append(0, np.cumsum(present.sum(axis=1)))[self.skeleton.starts].tolist()
         return present, [slice(a, b) for a, b in zip(ends, ends[1:])]
@@ -258,22 +225,24 @@ class _Numbering:
         if not len(sub.fixed) and not len(at_boundary):
             return at_boundary, self.fixed[1][:0].T
         dofs = np.union1d(sub.fixed, at_boundary)
-        at, _ = _lookup(self.fixed[0], 2 * sub.node_gid[dofs // 2] + dofs % 2)
-        return dofs, self.fixed[1][at].T
+        place, _ = _lookup(self.fixed[0], 2 * sub.node_gid[dofs // 2] + dofs % 2)
+        return dofs, self.fixed[1][place].T
 
     def _gluing_rows(self, node_id: np.ndarray, dof: np.ndarray) -> list[LocalRows]:
         """Gluing rows of the rank's subdomains, in the order of their dofs."""
         skeleton = self.skeleton
         glued, parts = self._present(self.gluing[node_id])
         sign = np.where(self.place_of[skeleton.own] == 0, 1.0, -1.0)
-        other = 1.0 - skeleton.stiffness[skeleton.own] / self.shared_stiffness[node_id]  # share of the other side
+        # share of the other side
+        other = 1.0 - skeleton.stiffness[skeleton.own] / self.shared_stiffness[node_id]
         each, _ = np.nonzero(glued)
         row, sign, scaling = self.gluing[node_id][glued], sign[each], (other * sign)[each]
         dof = np.repeat(dof[glued][:, None], 2, axis=1)
         coefficient = np.zeros(dof.shape)
         coefficient[:, 0] = 1.0
         nothing = np.zeros_like(coefficient)
-        return [LocalRows(row[p], sign[p], dof[p], coefficient[p], nothing[p], scaling[p]) for p in parts]
+        return [LocalRows(row[p], sign[p], dof[p], coefficient[p], nothing[p], scaling[p])
+                for p in parts]
 
     def _with_contact(self, glued: LocalRows, sub, fixed) -> LocalRows:
         """The gluing rows of a subdomain followed by its contact rows."""
@@ -293,17 +262,18 @@ class _Numbering:
     def _contact_rows(self, sub, held, direction, rows):
         """Rows of the nodes that meet a rigid obstacle."""
         order = np.argsort(sub.node_gid)
-        at, inside = _lookup(sub.node_gid[order], self.contact.gid)
+        place, inside = _lookup(sub.node_gid[order], self.contact.gid)
         here = np.flatnonzero(inside & (rows >= 0) & ~self.contact.paired)
-        vertex = order[at[here]]
+        vertex = order[place[here]]
         # dofs are numbered vertex by vertex, as the loader has checked
         dof = 2 * vertex[:, None] + [0, 1]
         free = ~held[dof]
-        # the product takes a shared node's row from its owner, the preconditioner halves it between the two
-        # stiffest subdomains: sums of at most two terms do not depend on their order
+        # the product takes a shared node's row from its owner, the preconditioner halves it between
+        # the two stiffest subdomains: sums of at most two terms do not depend on their order
         pair = self._pair(self.contact.gid[here], sub.index)
         sign = np.where(self.place[pair] == 0, 1.0, 0.0)
-        alone = self.skeleton.count[np.searchsorted(self.skeleton.gids, self.contact.gid[here])] == 1
+        alone = self.skeleton.count[np.searchsorted(self.skeleton.gids,
+                                                    self.contact.gid[here])] == 1
         scaling = np.where(alone, 1.0, np.where(self.rank[pair] < 2, 0.5, 0.0))
         return rows[here], sign, dof, direction[here] * free, direction[here] * ~free, scaling
 
@@ -314,8 +284,9 @@ class _Numbering:
     def _pair_rows(self, sub, held, direction, rows):
         """Rows between two bodies: the terms at the vertices that this subdomain owns.
 
-        The preconditioner knows a row by the stiffness of the side with the contact nodes alone, as the other side's
-        rows depend on one another where its mesh is coarser, and weighs it with what both have in series.
+        The preconditioner knows a row by the stiffness of the side with the contact nodes alone, as
+        the other side's rows depend on one another where its mesh is coarser, and weighs it with
+        what both have in series.
         """
         c, order = self.contact, np.argsort(sub.node_gid)
         at, inside = _lookup(sub.node_gid[order], c.term_gid)
@@ -326,10 +297,12 @@ class _Numbering:
         slot = np.arange(len(mine)) - np.repeat(start, count)  # a term's place in its row
         place = (np.repeat(np.arange(len(here)), count), slot)
         vertex, value, own = np.zeros((3, len(here), count.max(initial=1)))
-        vertex[place], value[place], own[place] = order[at[mine]], c.term_value[mine], ~c.term_other[mine]
+        vertex[place], value[place] = order[at[mine]], c.term_value[mine]
+        own[place] = ~c.term_other[mine]
         shape = (len(here), 2 * vertex.shape[1])
         dof = (2 * vertex.astype(np.int64)[:, :, None] + [0, 1]).reshape(shape)
         coefficient = (value[:, :, None] * direction[here][:, None, :]).reshape(shape)
         free = ~held[dof]
-        scaling = (own * value).sum(axis=1) * np.sqrt(self.share[here])  # adds up to the root over the subdomains
+        # adds up to the root over the subdomains
+        scaling = (own * value).sum(axis=1) * np.sqrt(self.share[here])
         return rows[here], np.ones(len(here)), dof, coefficient * free, coefficient * ~free, scaling

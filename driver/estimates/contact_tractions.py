@@ -1,0 +1,152 @@
+"""Contact tractions of rigid obstacles that the bound of the error in the energy norm is computed
+with.
+"""
+
+import numpy as np
+
+from .pair_bound import continued, slid
+
+
+class ContactTractions:
+    """Contact tractions t* of rigid obstacles in the cone, linear on every edge between the
+    computed nodal ones.
+
+    Arrays over the nodes: those of the contact boundary, then the clamped ones. A node that a
+    support holds has no traction of its own in the held direction and takes the mean of its
+    neighbours'.
+    """
+
+    def __init__(self, contact, outer_edges: np.ndarray, state: dict, move: np.ndarray,
+                 step_move: np.ndarray):
+        """`contact` is a results.ContactState, `state` its quantities at the end of the step.
+
+        `outer_edges` (n, 3): vertex, vertex, label; `move`, `step_move` (n_k, 2): displacement of
+        the clamped nodes and its change in the step.
+        """
+        b, c = contact.boundary, contact.boundary.clamped
+        self.boundary, self.constrained, self.computed = b, contact.constrained, state
+        self.gid, self.label = np.concatenate([b.gid, c.gid]), np.concatenate([b.label, c.label])
+        self.xy, self.normal = np.concatenate([b.xy, c.xy]), np.concatenate([b.normal, c.normal])
+        self.tangent = np.column_stack([-self.normal[:, 1], self.normal[:, 0]])
+        self.node, self.length = self._edges(outer_edges)
+        none, zero = np.zeros(len(c.gid), bool), np.zeros(len(c.gid))
+        self.own_normal, self.own_tangential = (
+            np.concatenate([(rows >= 0) & ~b.paired, none])
+            for rows in (b.normal_row, b.tangential_row))
+        sigma_n, sigma_t, bound = (np.concatenate([state[name], zero])
+                                   for name in ("sigma_n", "sigma_t", "bound"))
+        self.pressure = -continued(self.node, sigma_n, self.own_normal)
+        self.bound = continued(self.node, bound, self.own_normal)
+        self.shear = np.zeros(len(self.gid))
+        if contact.frictional:
+            self.shear = continued(self.node, sigma_t, self.own_tangential)
+            self.shear = np.clip(self.shear, -self.bound, self.bound)
+        self.bilateral = contact.rows.bilateral
+        self.before = state["u_t"] - state["slip"]
+        distance = np.maximum(c.gap - (move * c.normal).sum(axis=1), 0.0)
+        slip = (step_move * self.tangent[len(b.gid) :]).sum(axis=1)
+        self.distance = np.concatenate([np.zeros(len(b.gid)), distance])
+        self.slip = np.concatenate([np.zeros(len(b.gid)), slip])
+        self.moments = self._moments()
+
+    def _edges(self, outer_edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Contact edges as pairs of nodes (n, 2), and their lengths (n,)."""
+        span = outer_edges[:, :2].max() + 1
+        keys = self.label * span + self.gid
+        order = np.argsort(keys)
+        rigid = self.label[np.r_[~self.boundary.paired, np.ones(len(self.boundary.clamped.gid),
+                                                                bool)]]
+        edges = outer_edges[np.isin(outer_edges[:, 2], rigid)]
+        node = order[np.searchsorted(keys[order], edges[:, 2:] * span + edges[:, :2])]
+        return node, np.linalg.norm(self.xy[node[:, 0]] - self.xy[node[:, 1]], axis=1)
+
+    def _moments(self) -> np.ndarray:
+        """(n, 2, 2) moments [edge, end, component] of t* against the hats.
+
+        Without friction, where normals differ from node to node, the small tangential sums that the
+        neighbours' normals leave at a node are taken off its edges: there is nothing that could
+        hold them.
+        """
+        i, j = self.node.T
+        traction = -self.pressure[:, None] * self.normal + self.shear[:, None] * self.tangent
+        third = self.length[:, None] / 6
+        moments = np.stack([third * (2 * traction[i] + traction[j]),
+                            third * (traction[i] + 2 * traction[j])], axis=1)
+        loose = self.own_normal & ~self.own_tangential
+        loose[: len(self.constrained)] &= ~self.constrained.any(axis=1)
+        edges = np.bincount(self.node.ravel(), minlength=len(self.gid))
+        rest = (self._nodal(moments) * self.tangent).sum(axis=1) * loose / np.maximum(edges, 1)
+        return moments - (rest[:, None] * self.tangent)[self.node]
+
+    def _nodal(self, moments: np.ndarray) -> np.ndarray:
+        """Sums of the moments at the nodes, two components each."""
+        total = np.zeros((len(self.gid), 2))
+        np.add.at(total, self.node, moments)
+        return total
+
+    def multipliers(self, computed: np.ndarray, rows) -> np.ndarray:
+        """The rank's multipliers with the nodal forces of t* in their contact rows, the others as
+        computed.
+        """
+        b = self.boundary
+        force = self._nodal(self.moments)[: len(b.gid)]
+        normal, tangential = -(force * b.normal).sum(axis=1), -(force * b.tangent).sum(axis=1)
+        # then only one component of the row acts
+        alone = (b.tangential_row < 0) & self.constrained.any(axis=1)
+        free = b.normal * ~self.constrained
+        normal = np.where(alone, -(force * free).sum(axis=1)
+                          / np.maximum((free**2).sum(axis=1), 1e-300), normal)
+        found = computed.copy()
+        for row, node, force in ((rows.normal, rows.normal_node, normal),
+                                 (rows.tangential, rows.tangential_node, tangential)):
+            found[row] = np.where(b.paired[node], found[row], force[node])
+        return found
+
+    def place(self, u: np.ndarray) -> None:
+        """Set distances and slip of the contact nodes by their displacements or jumps (n_c, 2)."""
+        b, n = self.boundary, len(self.boundary.gid)
+        self.distance[:n] = b.gap - (u * b.normal).sum(axis=1)
+        self.slip[:n] = (u * b.tangent).sum(axis=1) - self.before
+
+    def onto_obstacle(self, stiffness: np.ndarray) -> np.ndarray:
+        """(n_c,) moves of the contact nodes along the normal, see _admissible; stiffness of the
+        nodes.
+        """
+        n, force = len(self.boundary.gid), -self.computed["sigma_n"] * self.boundary.weight
+        distance = self.distance[:n]
+        onto = (distance < 0) | self.bilateral | (stiffness * distance <= force)
+        move = np.where(onto & self.own_normal[:n], distance, 0.0)
+        self.distance[:n] = np.where(self.bilateral, 0.0, np.maximum(distance - move, 0.0))
+        return move
+
+    def back_to_stick(self, stiffness: np.ndarray) -> np.ndarray:
+        """(n_c,) moves of the contact nodes along the tangent, see _admissible; stiffness of the
+        nodes.
+        """
+        n, c = len(self.boundary.gid), self.computed
+        slip = self.slip[:n]
+        # work per slip that friction misses
+        lost = (c["bound"] + c["sigma_t"] * np.sign(slip)) * self.boundary.weight
+        move = np.where((stiffness * np.abs(slip) <= lost) & self.own_tangential[:n], -slip, 0.0)
+        self.slip[:n] += move
+        return move
+
+    def duality_gap(self) -> float:
+        """int -t*_n (gap - v_n) + s |slip| + t*_t slip over the contact boundary."""
+        return (self._product(self.pressure, self.distance) + self._product(self.shear, self.slip)
+                + slid(self.length, self.bound[self.node], self.slip[self.node]))
+
+    def _product(self, f: np.ndarray, g: np.ndarray) -> float:
+        """int f g over the contact boundary of fields linear between their nodal values."""
+        ends = f[self.node] * g[self.node] + 0.5 * f[self.node] * g[self.node[:, ::-1]]
+        return float((self.length / 3) @ ends.sum(axis=1))
+
+    def nodal_gap(self) -> float:
+        """What the QP would make zero: lambda_n (gap - v_n) + g |slip| - lambda_t slip, summed over
+        the nodes.
+        """
+        b, c = self.boundary, self.computed
+        n = len(b.gid)
+        slip = self.slip[:n]
+        slid = np.where(b.tangential_row >= 0, c["bound"] * np.abs(slip) + c["sigma_t"] * slip, 0.0)
+        return max(float(b.weight @ (-c["sigma_n"] * self.distance[:n] + slid)), 0.0)

@@ -1,0 +1,86 @@
+"""What the time stepping needs to know of a dual problem min 1/2 lambda' F lambda - lambda' d."""
+
+import copy
+import dataclasses
+from abc import ABC, abstractmethod
+
+import numpy as np
+
+from .structure import Substructure
+
+
+class DualProblem(ABC):
+    """F and d on the rank's share of the dual rows.
+
+    Vectors of multipliers are numpy arrays (owned,), the rank's part of `structure.dual_dofs`
+    entries; loads are factors of the load patterns, which may go on with those of the free rigid
+    motions. `products` counts those with F. `contact_rows_only`: there are no
+    other rows, and F is the dense matrix `C` on every rank.
+
+    Of bodies that no support holds, nothing by default: `modes` is the number of their rigid
+    motions, `motions` (owned,) each the displacements of the dual rows under them, `rho` (modes,)
+    the compliances of the springs that hold them and `rigid_work` (2, patterns, modes) the work of
+    the load patterns on them, and that of its absolute values.
+    """
+
+    contact_rows_only = False
+    structure: Substructure
+    owned: int
+    products = 0
+    modes = 0
+    motions: list[np.ndarray]
+    rho: np.ndarray
+    rigid_work: np.ndarray
+
+    def __init__(self, structure: Substructure, owned: int, comm):
+        self.structure, self.owned, self.comm = structure, owned, comm
+        self.motions, self.rho = [], np.zeros(0)
+        self.rigid_work = np.zeros((2, structure.patterns, 0))
+
+    @abstractmethod
+    def apply(self, multipliers: np.ndarray) -> np.ndarray:
+        """F times a dual vector; collective."""
+
+    @abstractmethod
+    def dot(self, a: np.ndarray, b: np.ndarray) -> float:
+        """Global scalar product of two dual vectors; collective."""
+
+    @abstractmethod
+    def minimum(self, value: float) -> float:
+        """The smallest of the ranks' numbers; collective."""
+
+    @abstractmethod
+    def load_response(self, weights: np.ndarray) -> np.ndarray:
+        """d (owned,) for the load sum_k weights_k f_k."""
+
+    @abstractmethod
+    def corner_displacement(self, multipliers: np.ndarray, weights: np.ndarray) -> float:
+        """Largest displacement of a corner: a cheap measure of how far the body moves; collective.
+        """
+
+    @abstractmethod
+    def preconditioner(self):
+        """Callable (residual, free) -> preconditioned residual on the face `free`, zero elsewhere;
+        dual vectors.
+        """
+
+    def norm_bound(self, scale: np.ndarray) -> float | None:
+        """Upper bound of ||D F D|| with D = diag(scale), (owned,); None where only products with F
+        could tell.
+        """
+        return None
+
+    def imbalance(self, multipliers: np.ndarray,
+                  weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(modes,) work of loads and contact forces on every rigid motion, zero in equilibrium, and
+        their sizes.
+        """
+        return np.zeros(0), np.zeros(0)
+
+    def with_contact(self, contact) -> "DualProblem":
+        """The same body with other gaps, friction or initial state at its contact nodes; counts its
+        own products.
+        """
+        other = copy.copy(self)
+        other.structure, other.products = dataclasses.replace(self.structure, contact=contact), 0
+        return other

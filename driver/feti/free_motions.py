@@ -1,0 +1,73 @@
+"""Rigid motions of bodies that no support holds, as the dual problem sees them, and the springs
+that hold them.
+
+Springs of small stiffness 1/rho hold such bodies; their rest positions alpha follow the motion
+until they carry no force, the proximal point method or, in the dual, the augmented Lagrangian of G
+lambda = e with G = Q' A', which keeps the QP's bounds scalar (SMALBE: Dostal, Horak (2010)):
+
+    d(alpha) = d + A Q alpha.
+
+A rigid motion counts as one more load pattern with the factor alpha.
+"""
+
+import numpy as np
+
+from .reduction import LocalClass
+from .rows import RowKind
+from .structure import Substructure
+from .vectors import DualVectors
+
+SOFTNESS = 10.0  # of the springs: rho in units of (number of corner dofs) / (stiffness of one)
+
+
+def displacement(structure: Substructure, classes: list[LocalClass], vectors: DualVectors,
+                 k: int) -> np.ndarray:
+    """(owned,) d = B u of the k-th rigid motion; gluing rows do not move. Collective."""
+    mode, local = structure.rigid_modes[k], np.zeros(len(vectors.sign))
+    for c in classes:
+        moved = local[c.rows].reshape(len(c.members), -1)
+        for i, s in enumerate(c.members):
+            if structure.first + s in mode.members:
+                u = mode.displacement(structure.subdomains[s].xy).ravel()
+                rows = structure.rows[s]
+                moved[i] = (rows.coefficient * u[rows.dof]).sum(axis=1)
+    glued = vectors.assemble(local * vectors.sign)
+    # what rounding leaves
+    glued[structure.row_kind[slice(*structure.row_range)] == RowKind.GLUING] = 0.0
+    return glued
+
+
+def spring_compliances(classes: list[LocalClass], vectors: DualVectors,
+                       motions: list[np.ndarray]) -> np.ndarray:
+    """(modes,) rho: SOFTNESS over the stiffness with which a contact row holds a motion, by the
+    softer body's part.
+
+    `motions` are the displacements (owned,) of the dual rows under each. The compliance of a row is
+    that of all subdomains it joins, their corners held by springs like their own stiffness.
+    Collective.
+    """
+    if not motions:
+        return np.zeros(0)
+    local = np.zeros(len(vectors.sign))
+    for c in classes:
+        held = np.linalg.solve(c.S + np.diag(np.diag(c.S)), c.A.T)
+        local[c.rows] = np.tile(np.diag(c.F) + np.einsum("ij,ji->i", c.A, held), len(c.members))
+    compliance, rho = vectors.assemble(local), np.zeros(len(motions))
+    for k, moved in enumerate(motions):
+        stiffness = np.divide(moved**2, compliance, out=np.zeros(vectors.owned), where=moved != 0)
+        rows = vectors.dot(np.sign(stiffness), np.sign(stiffness))
+        rho[k] = SOFTNESS * rows / vectors.dot(stiffness, np.ones(vectors.owned)) if rows else 0.0
+    return np.where(rho > 0, rho, rho.max() or 1.0)
+
+
+def work_of_loads(structure: Substructure, comm) -> np.ndarray:
+    """(2, patterns, modes): work of every load pattern on every rigid motion, and of its absolute
+    values. Collective.
+    """
+    work = np.zeros((2, structure.total, structure.patterns, len(structure.rigid_modes)))
+    for s, sub in enumerate(structure.subdomains):
+        for k, mode in enumerate(structure.rigid_modes):
+            if structure.first + s in mode.members:
+                each = sub.loads * mode.displacement(sub.xy).ravel()
+                work[:, structure.first + s, :, k] = each.sum(axis=1), np.abs(each).sum(axis=1)
+    return np.sum(comm.allgather(work), axis=0).sum(axis=1)

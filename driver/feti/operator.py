@@ -1,0 +1,192 @@
+"""Stage 4: the FETI-DP reduction of the torn body to its dual problem, min 1/2 lambda' F lambda -
+lambda' d.
+
+With the space X = X^r + X^c of the slides (corner dofs c primal, all others r torn), constraint
+rows B = [B_r, B_c] and multipliers lambda (forces),
+
+    u_r = K_rr^-1 (f_r - B_r' lambda - K_rc u_c),
+    S_cc u_c = f_c - K_cr K_rr^-1 f_r - A' lambda,        A = B_c - B_r K_rr^-1 K_rc,
+    S_cc = K_cc - K_cr K_rr^-1 K_rc,
+
+and elimination of u leaves  B u = d - F lambda  with
+
+    F = B_r K_rr^-1 B_r' + A S_cc^-1 A',      d = B u(lambda = 0).
+
+Where no support holds a body springs do (free_motions.py). The local parts of F and A are explicit
+dense matrices (see reduction.py); subdomains with equal ones share them, which turns the product
+into a few dense products with many columns. See Farhat, Lesoinne, Le Tallec, Pierson, Rixen (2001);
+Klawonn, Rheinbach: FETI-DP methods for elasticity; Mandel, Dohrmann, Tezaur (2005) for the algebra.
+
+Results do not depend on the number of ranks, not even in the last bit (see vectors.py): dense
+products go in blocks of fixed size (blocks.py), classes take the matrices of their first subdomain
+wherever it lives, and the (small) coarse problem is assembled and solved on every rank.
+"""
+
+import numpy as np
+from mpi4py import MPI
+
+from ..errors import NoSolution, agree
+from . import free_motions
+from .blocks import BlockDiagonal
+from .coarse import CoarseProblem
+from .dirichlet import DirichletPreconditioner
+from .dual_problem import DualProblem
+from .recovery import Recovery
+from .reduction import LocalClass, group, reduce_class, stack
+from .structure import Substructure
+from .vectors import DualVectors
+
+
+class DualOperator(DualProblem):
+    """F and d of a torn body; collective over `comm`. Raises NoSolution where a subdomain or the
+    structure is loose.
+
+    `classes` are those of equal subdomains, `vectors` the layout of dual vectors and local rows,
+    `coarse` the coarse problem; `acting` are the local subdomains with loads or supports.
+    """
+
+    def __init__(self, structure: Substructure, comm):
+        super().__init__(structure, structure.row_range[1] - structure.row_range[0], comm)
+        self.modes = len(structure.rigid_modes)
+        self.classes = _reduced(structure, comm)
+        stack(self.classes)
+        self.vectors = DualVectors(structure, self.classes, comm)
+        self._F = BlockDiagonal(self.classes, [c.F for c in self.classes], "rows", "rows")
+        self._A = BlockDiagonal(self.classes, [c.A for c in self.classes], "rows", "corners")
+        self._A_transposed = BlockDiagonal(self.classes, [c.A_transposed for c in self.classes],
+                                           "corners", "rows")
+        self.coarse = CoarseProblem(structure, self.classes, comm)
+        self._recovery = Recovery(structure, self.classes, self.coarse)
+        self.acting = [s for s, sub in enumerate(structure.subdomains) if sub.loads.any()
+                       or len(structure.fixed[s])]
+        self.motions = [free_motions.displacement(structure, self.classes, self.vectors, k)
+                        for k in range(self.modes)]
+        self._motion_columns = np.array(self.motions).reshape(self.modes, self.owned).T
+        self.rho = self.coarse.rho = free_motions.spring_compliances(self.classes, self.vectors,
+                                                                     self.motions)
+        # d and the displacements of the stacked corner dofs under every load pattern, then under
+        # every rigid motion
+        self._loaded = [self._response(k) for k in range(structure.patterns)]
+        corners = structure.rigid_corners[self.coarse.numbers]
+        self._loaded += [(d, corners[:, k]) for k, d in enumerate(self.motions)]
+        self.rigid_work = free_motions.work_of_loads(structure, comm)
+
+    def _response(self, pattern: int) -> tuple[np.ndarray, np.ndarray]:
+        """d = B u (owned,) and the stacked corner displacements of the body under one load pattern
+        alone.
+        """
+        rows, corner = self._recovery.response(pattern)
+        self._A_transposed.multiply(corner, rows, add=True)
+        return self.vectors.assemble(rows * self.vectors.sign), corner
+
+    # ---- the dual problem --------------------------------------------------------------------
+    def apply(self, multipliers: np.ndarray) -> np.ndarray:
+        """F times a dual vector."""
+        self.products += 1
+        vectors = self.vectors
+        x, y, force = vectors.gather(multipliers), vectors.local, np.zeros(len(self.coarse.numbers))
+        x *= vectors.sign
+        self._F.multiply(x, y)
+        self._A.multiply(x, force)
+        self._A_transposed.multiply(self.coarse.solve(force), y, add=True)
+        y *= vectors.sign
+        return vectors.add_up()
+
+    def dot(self, a: np.ndarray, b: np.ndarray) -> float:
+        """Global scalar product of two dual vectors: partial sums by subdomain, added in their
+        order.
+        """
+        return self.vectors.dot(a, b)
+
+    def minimum(self, value: float) -> float:
+        """The smallest of the ranks' numbers."""
+        return self.vectors.minimum(value)
+
+    def preconditioner(self) -> DirichletPreconditioner:
+        """The Dirichlet preconditioner of F."""
+        return DirichletPreconditioner(self)
+
+    def load_response(self, weights: np.ndarray) -> np.ndarray:
+        """d for the load sum_k weights_k f_k; `weights` may go on with the factors of the rigid
+        motions.
+        """
+        return sum((w * d for w, (d, _) in zip(weights, self._loaded)), np.zeros(self.owned))
+
+    def imbalance(self, multipliers: np.ndarray,
+                  weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(modes,) work of loads and contact forces on every rigid motion, zero in equilibrium, and
+        their sizes.
+        """
+        factors = weights[: self.structure.patterns]
+        D = self._motion_columns
+        x = np.repeat(multipliers[:, None], self.modes, axis=1)
+        both = self.vectors.dots(np.hstack([D, np.abs(D)]), np.hstack([x, np.abs(x)]))
+        net, size = np.split(both, 2)
+        return factors @ self.rigid_work[0] - net, np.abs(factors) @ self.rigid_work[1] + size
+
+    def message_bytes(self) -> dict[str, int]:
+        """Bytes that this rank receives: in a product with F, for gluing and coarse problem, and in
+        a scalar product.
+        """
+        others = self.structure.total - len(self.structure.subdomains)
+        return {"rows": 2 * 8 * self.vectors.foreign, "coarse": 8 * self.coarse.foreign,
+                "dot": 8 * others}
+
+    # ---- displacements and forces of the subdomains ------------------------------------------
+    def corner_displacement(self, multipliers: np.ndarray, weights: np.ndarray) -> float:
+        """Largest displacement of a corner."""
+        corner = self._corner_displacements(self._signed_rows(multipliers), weights)
+        return self.comm.allreduce(float(np.abs(corner).max(initial=0)), op=MPI.MAX)
+
+    def coarse_displacements(self, multipliers: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """(coarse dofs,) displacements of the corners, on every rank."""
+        return self.coarse.whole(self._corner_displacements(self._signed_rows(multipliers),
+                                                            weights))
+
+    def displacements(self, multipliers: np.ndarray, weights: np.ndarray,
+                      forces: list | None = None) -> list[np.ndarray]:
+        """Displacements (dofs,) of every local subdomain for given multipliers and pattern factors.
+
+        `forces`: a (dofs,) array for every local subdomain that acts besides the patterns.
+        """
+        rows = self._signed_rows(multipliers)
+        corner = self._corner_displacements(rows, weights) if forces is None else None
+        return self._recovery.displacements(rows, weights, forces, corner)
+
+    def forces_on_supports(self, multipliers: np.ndarray) -> list[np.ndarray]:
+        """B' lambda on the fixed dofs of every local subdomain: contact forces that a support takes
+        directly.
+        """
+        return self._recovery.forces_on_supports(self._signed_rows(multipliers))
+
+    def inner_forces(self, fields: list[np.ndarray]) -> list[np.ndarray]:
+        """K u (dofs,) for displacements u (dofs,) of every local subdomain, with the stiffness of
+        its class.
+        """
+        return self._recovery.inner_forces(fields)
+
+    def _signed_rows(self, multipliers: np.ndarray) -> np.ndarray:
+        """Stacked, signed local multipliers of a dual vector."""
+        return self.vectors.gather(multipliers) * self.vectors.sign
+
+    def _corner_displacements(self, rows: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """Displacements of the stacked corner dofs under the stacked, signed multipliers `rows`."""
+        force = np.zeros(len(self.coarse.numbers))
+        self._A.multiply(rows, force)
+        corner = -self.coarse.solve(force)
+        for w, (_, loaded) in zip(weights, self._loaded):
+            corner += w * loaded
+        return corner
+
+
+def _reduced(structure: Substructure, comm) -> list[LocalClass]:
+    """The rank's classes of equal subdomains, reduced; raises on all ranks the NoSolution of any.
+    """
+    classes, error = [], None
+    groups = group(structure, comm)
+    try:
+        classes = [reduce_class(structure, *members) for members in groups]
+    except NoSolution as problem:
+        error = problem
+    agree(comm, error)
+    return classes

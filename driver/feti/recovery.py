@@ -1,0 +1,150 @@
+"""Displacements and forces of the subdomains under loads and multipliers.
+
+    u_r = K_rr^-1 (f_r - B_r' lambda - K_rc u_c),
+    S_cc u_c = f_c - K_cr K_rr^-1 f_r - A' lambda.
+"""
+
+import numpy as np
+
+from .coarse import CoarseProblem
+from .reduction import LocalClass
+from .structure import Substructure
+
+
+class Recovery:
+    """Solutions on the rank's subdomains. Fields are lists of (dofs,) arrays of the local
+    subdomains.
+
+    `rows` are stacked, signed local multipliers, `corner` displacements of the stacked corner dofs;
+    `weights` are the factors of the load patterns, which may go on with those of the rigid motions.
+    Collective where corners are solved for.
+    """
+
+    def __init__(self, structure: Substructure, classes: list[LocalClass], coarse: CoarseProblem):
+        self.structure, self.classes, self.coarse = structure, classes, coarse
+        self.loads = [self._pattern_loads(s) for s in range(len(structure.subdomains))]
+        self._acts = [load.any() for load in self.loads]
+
+    def _pattern_loads(self, s: int) -> np.ndarray:
+        """(patterns, dofs) loads with the forces of prescribed displacements moved to the right."""
+        sub, fixed = self.structure.subdomains[s], self.structure.fixed[s]
+        values = self.structure.fixed_values[s]
+        if not values.any():
+            return sub.loads
+        held = np.zeros_like(sub.loads)
+        held[:, fixed] = values
+        return sub.loads - np.array([sub.multiply(u) for u in held])
+
+    def response(self, pattern: int) -> tuple[np.ndarray, np.ndarray]:
+        """Under one load pattern alone: stacked local B_r u_r with fixed corners, and the corner
+        displacements.
+        """
+        weights = np.eye(self.structure.patterns)[pattern]
+        moved = self._prescribed(weights)
+        right = [self._forces(c, weights, np.zeros(len(moved)), None) for c in self.classes]
+        torn = self._torn_response(right)
+        for c, u_r in zip(self.classes, torn):
+            moved[c.rows] += (c.B_r @ u_r).T.ravel()
+        return moved, self._corner_response(right, torn)
+
+    def _prescribed(self, weights: np.ndarray) -> np.ndarray:
+        """Stacked local rows of B on the prescribed displacements, which B_r and B_c leave out."""
+        structure = self.structure
+        share = np.zeros(self.classes[-1].rows.stop if self.classes else 0)
+        for c in self.classes:
+            of_members = share[c.rows].reshape(len(c.members), -1)
+            for k, s in enumerate(c.members):
+                values = weights @ structure.fixed_values[s]
+                if values.any():
+                    dofs = structure.subdomains[s].dofs
+                    of_members[k] = structure.rows[s].fixed_share(structure.fixed[s], values, dofs)
+        return share
+
+    def displacements(self, rows: np.ndarray, weights: np.ndarray, forces: list | None,
+                      corner: np.ndarray | None) -> list[np.ndarray]:
+        """Displacements under sum_k weights_k f_k - B' lambda + forces.
+
+        `forces` is a field, if there are any. Finding the displacements `corner` takes one more
+        solution for every subdomain, unless they are given.
+        """
+        structure, patterns = self.structure, self.structure.patterns
+        right = [self._forces(c, weights, rows, forces) for c in self.classes]
+        if corner is None:
+            corner = self._corner_response(right, self._torn_response(right))
+            if len(weights) > patterns:
+                corner += (structure.rigid_corners @ weights[patterns:])[self.coarse.numbers]
+        fields = [np.empty(0)] * len(structure.subdomains)
+        for c, f in zip(self.classes, right):
+            for s, u in zip(c.members, np.ascontiguousarray(_class_displacements(c, f, corner).T)):
+                if len(structure.fixed[s]):
+                    u[structure.fixed[s]] = weights[:patterns] @ structure.fixed_values[s]
+                fields[s] = u
+        return fields
+
+    def _forces(self, c: LocalClass, weights: np.ndarray, rows: np.ndarray,
+                forces: list | None) -> np.ndarray:
+        """Forces (dofs, members) on the subdomains of a class; see `displacements`."""
+        f = np.zeros((c.K.shape[0], len(c.members)))
+        for k, s in enumerate(c.members):
+            if self._acts[s]:
+                f[:, k] = weights[: self.structure.patterns] @ self.loads[s]
+            if forces is not None:
+                f[:, k] += forces[s]
+        multipliers = rows[c.rows].reshape(len(c.members), -1).T
+        f[c.torn] -= c.B_r.T @ multipliers
+        f[c.corner] -= c.B_c.T @ multipliers
+        return f
+
+    def _torn_response(self, right: list[np.ndarray]) -> list[np.ndarray]:
+        """K_rr^-1 f_r (n_r, members) of the classes under forces (dofs, members): displacements
+        with fixed corners.
+        """
+        return [c.factor.solve(f[c.torn]) if f[c.torn].any()
+                else np.zeros((len(c.torn), f.shape[1]))
+                for c, f in zip(self.classes, right)]
+
+    def _corner_response(self, right: list[np.ndarray], torn: list[np.ndarray]) -> np.ndarray:
+        """Displacements of the stacked corner dofs under forces on the classes; `torn` is
+        `_torn_response`.
+        """
+        force = np.empty(len(self.coarse.numbers))
+        for c, f, u_r in zip(self.classes, right, torn):
+            force[c.corners] = (f[c.corner] - c.K_rc.T @ u_r).T.ravel()
+        return self.coarse.solve(force)
+
+    def forces_on_supports(self, rows: np.ndarray) -> list[np.ndarray]:
+        """B' lambda on the fixed dofs of every local subdomain: contact forces that a support takes
+        directly.
+        """
+        structure = self.structure
+        taken = [np.empty(0)] * len(structure.subdomains)
+        for c in self.classes:
+            for s, forces in zip(c.members, rows[c.rows].reshape(len(c.members), -1)):
+                if not len(structure.fixed[s]):
+                    continue
+                local = structure.rows[s]
+                all_dofs = np.bincount(local.dof.ravel(),
+                                       (local.fixed_part * forces[:, None]).ravel(),
+                                       minlength=structure.subdomains[s].dofs)
+                taken[s] = all_dofs[structure.fixed[s]]
+        return taken
+
+    def inner_forces(self, fields: list[np.ndarray]) -> list[np.ndarray]:
+        """K u for displacements u of every local subdomain, with the stiffness of its class."""
+        inner = [np.empty(0)] * len(fields)
+        for c in self.classes:
+            forces = c.K @ np.column_stack([fields[s] for s in c.members])
+            for s, force in zip(c.members, np.ascontiguousarray(forces.T)):
+                inner[s] = force
+        return inner
+
+
+def _class_displacements(c: LocalClass, f: np.ndarray, corner: np.ndarray) -> np.ndarray:
+    """(dofs, members) displacements of a class under forces f (dofs, members), given those of the
+    stacked corner dofs.
+    """
+    u = np.zeros(f.shape)
+    u[c.corner] = corner[c.corners].reshape(len(c.members), -1).T
+    f = f[c.torn] - c.K_rc @ u[c.corner]
+    u[c.torn] = c.factor.solve(f) if f.any() else 0.0
+    return u

@@ -1,0 +1,54 @@
+"""Rows of the constraint matrix B (Haslinger, Vlach, Dostal, SNA'07): their kinds, and those of one
+subdomain.
+
+* gluing: u_c(a, i) - u_c(a, j) = 0 at every interface node a that is no corner (non-redundant, as
+  such a node belongs to exactly two subdomains i < j), for every displacement component c that is
+  not fixed;
+* normal and tangential contact: n.u and t.u at every contact node, corners included, t being n
+  turned by +90 degrees; between two bodies u is the mortar jump of contact/mortar.py.
+"""
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+
+class RowKind(IntEnum):
+    """Kind of a dual row."""
+
+    GLUING = 0
+    NORMAL = 1
+    TANGENTIAL = 2
+
+
+@dataclass
+class LocalRows:
+    """Constraint rows that act on one subdomain: row r reads sign_r * sum_k coefficient_rk
+    u[dof_rk].
+
+    The width w is 2, or what the widest row between bodies needs; shorter rows end with zero
+    coefficients.
+    """
+
+    row: np.ndarray  # (m,) global dual row
+    # (m,) +1/-1 on gluing rows, 1 on contact rows, 0 where another subdomain owns one
+    sign: np.ndarray
+    dof: np.ndarray  # (m, w)
+    coefficient: np.ndarray  # (m, w), zero on fixed dofs
+    fixed_part: np.ndarray  # (m, w): what was removed from `coefficient` there
+    scaling: np.ndarray  # (m,) entry of B_D: sign times the stiffness weight
+
+    def fixed_share(self, fixed: np.ndarray, values: np.ndarray, dofs: int) -> np.ndarray:
+        """(m,) contribution of prescribed displacements to the rows."""
+        u = np.zeros(dofs)
+        u[fixed] = values
+        return (self.fixed_part * u[self.dof]).sum(axis=1)
+
+
+def contact_row_numbers(contact) -> np.ndarray:
+    """(n + m,) dual rows of a ContactBoundary: the normal ones, then the tangential ones, in the
+    order of its nodes.
+    """
+    numbers = np.concatenate([contact.normal_row, contact.tangential_row])
+    return numbers[numbers >= 0]

@@ -1,0 +1,43 @@
+"""The torn body as a rank knows it: dof sets and rows of its subdomains, and the global numbering.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..scene.loader import Subdomain
+from .rigid_modes import RigidMode
+from .rows import LocalRows
+
+
+@dataclass
+class Substructure:
+    """What one rank knows: its subdomains' dof sets and rows, and the global numbering."""
+
+    subdomains: list[Subdomain]
+    first: int  # index of the rank's first subdomain
+    total: int
+    fixed: list[np.ndarray]  # per subdomain: Dirichlet dofs, those marked by a neighbour included
+    fixed_values: list[np.ndarray]  # per subdomain: (patterns, n_fixed)
+    corner_dofs: list[np.ndarray]  # per subdomain: local dofs that are primal
+    corner_global: list[np.ndarray]  # per subdomain: their numbers in the coarse problem
+    rows: list[LocalRows]
+    coarse_dofs: int
+    dual_dofs: int
+    row_kind: np.ndarray  # (dual_dofs,) RowKind
+    # (dual_dofs,) power of two near the root of the stiffness that a row sees, relative
+    row_scale: np.ndarray
+    row_range: tuple[int, int]  # rows owned by this rank
+    row_starts: np.ndarray  # per local subdomain: its first row, counted from row_range[0]
+    patterns: int
+    contact: object  # ContactBoundary of contact/boundary.py
+    rigid_modes: list[RigidMode]  # of bodies whose supports, if any, leave them free
+    rigid_corners: np.ndarray  # (coarse_dofs, modes) orthonormal: the modes at the coarse dofs
+    outer_edges: np.ndarray  # (n, 3): gid, gid, label of the edges of the untorn body's boundary
+    outer_middles: np.ndarray  # (n,) gids of their middles; empty with linear elements
+    primal_dofs: int
+
+
+def partition(total: int, comm) -> tuple[int, int]:
+    """Contiguous range of subdomains of this rank; ranks beyond the subdomains get none."""
+    return total * comm.rank // comm.size, total * (comm.rank + 1) // comm.size

@@ -1,0 +1,289 @@
+"""The dense contact problem with friction on a few contact nodes: the law, its states and their
+linear systems.
+
+With the compliance C of the contact nodes, x = (lambda_n, lambda_t) and movements d - C x = (over,
+slip):
+
+    lambda_n >= 0,  over <= 0,  lambda_n over = 0,      |lambda_t| <= g = c + F lambda_n,
+    slip >= 0 where lambda_t = g,  slip <= 0 where lambda_t = -g,  slip = 0 between.
+
+The bound g is affine in the pressure: c = 0 is Coulomb's law, F = 0 that of given bounds, both
+together that of Mohr and Coulomb. The offset c resists slip at open nodes, too.
+
+In two dimensions this is piecewise linear: with every node open, sticking or sliding one way it is
+a linear system (A. Klarbring, in: Contact Mechanics, Plenum 1995, on the 4^n states). Its map is
+coercive and of degree one, so that for any F there is a solution, and an odd number of them unless
+one sits on the border between states.
+
+Bodies that no support holds add their rigid motions beta as unknowns and their equilibrium as
+equations,
+
+    movements d + R beta - C x,      R'x = L,
+
+with the motions R of the contact rows and the loads' work L on them; C is that of the bodies on
+springs. Then there need be no solution, and the signs of several add up to nothing one knows. A
+motion that no row with force or sticking feels is left as it is: the bodies may rest at many
+places.
+"""
+
+from dataclasses import dataclass, field
+from enum import IntEnum
+
+import numpy as np
+from scipy.linalg import lapack
+
+ROUNDING = 1e-9  # relative violation of the law that rounding of small dense systems may leave
+SLIGHT = 1e-9  # part of a motion's reach below which rows do not feel it
+
+
+class State(IntEnum):
+    """State of a node: open, or in contact and sticking or sliding by the sign of lambda_t.
+
+    The negative of one in contact: open, and sticking or sliding by the offset of its friction
+    bound alone.
+    """
+
+    OPEN = 0
+    STICK = 1
+    FORWARD = 2
+    BACKWARD = 3
+
+
+# plain numbers for comparisons of small arrays
+OPEN, STICK, FORWARD, BACKWARD = (int(state) for state in State)
+
+
+@dataclass
+class CoulombProblem:
+    """`compliance` (n + m, n + m) SPD, `load` d (n + m,), `coefficient` F (m,), `pair` (m,),
+    `offset` c >= 0 (m,).
+
+    n nodes have a normal row and the m nodes `pair` of them a tangential one. `bilateral`: lambda_n
+    of any sign and over = 0 everywhere, the friction bound is c + F |lambda_n|. `motions` R (n + m,
+    k) and `balance` L (k,) are of bodies without support. Without `offset` c is zero. Solutions are
+    vectors z = (lambda_n, lambda_t, beta) of n + m + k numbers. `latest` is the factorized system
+    of the latest states, by these, shared by all problems that `under` makes.
+    """
+
+    compliance: np.ndarray
+    load: np.ndarray
+    coefficient: np.ndarray
+    pair: np.ndarray
+    bilateral: bool = False
+    motions: np.ndarray | None = None
+    balance: np.ndarray | None = None
+    offset: np.ndarray | None = None
+    latest: dict = field(default_factory=dict, repr=False)
+
+    def __post_init__(self):
+        self.rows, self.m = len(self.load), len(self.pair)
+        self.n, self.products = self.rows - self.m, 0
+        # force per length, as the scale of every row
+        self.rigidity = 1.0 / np.diag(self.compliance)
+        if self.motions is None:
+            self.motions, self.balance = np.zeros((self.rows, 0)), np.zeros(0)
+        self.k = self.motions.shape[1]
+        reach = np.abs(self.motions).max(axis=0, initial=0.0)
+        # displacement of the contact rows by a unit motion
+        self.reach = np.where(reach > 0, reach, 1.0)
+        self._set_offset(self.offset)
+
+    def _set_offset(self, offset: np.ndarray | None) -> None:
+        """Offsets of the friction bounds; None, which costs nothing, if they are zero."""
+        self.offset = offset if offset is not None and offset.any() else None
+
+    def under(self, load: np.ndarray, coefficient: np.ndarray, balance: np.ndarray | None = None,
+              offset: np.ndarray | None = None) -> "CoulombProblem":
+        """The same bodies under another `load` (n + m,), with other friction coefficients (m,).
+
+        `balance` (k,) and `offset` (m,) stay those of this problem if they are not given.
+        """
+        other = object.__new__(CoulombProblem)  # as copy.copy would, but at once
+        vars(other).update(vars(self))
+        other.load, other.coefficient, other.products = load, coefficient, 0
+        other.balance = self.balance if balance is None else balance
+        if offset is not None:
+            other._set_offset(offset)
+        return other
+
+    def whole(self, x: np.ndarray) -> np.ndarray:
+        """z with the multipliers x (n + m,) and motions zero."""
+        return np.append(x, np.zeros(self.k))
+
+    def movement(self, z: np.ndarray) -> np.ndarray:
+        """(n + m,) over and slip."""
+        self.products += 1
+        moved = self.load - self.compliance @ z[: self.rows]
+        return moved + self.motions @ z[self.rows :] if self.k else moved
+
+    # ---- states --------------------------------------------------------------------------------
+    def states(self, z: np.ndarray, movement: np.ndarray | None = None) -> np.ndarray:
+        """(n,) states that the augmented multipliers x + rigidity * movement fall into."""
+        trial = z[: self.rows] + self.rigidity * (self.movement(z) if movement is None
+                                                  else movement)
+        normal, tangential = trial[: self.n], trial[self.n :]
+        touching = np.full(self.n, STICK) if self.bilateral else np.where(normal > 0, STICK, OPEN)
+        bound = self.coefficient * np.abs(normal)[self.pair]
+        if self.offset is not None:
+            bound = self.offset + np.where(touching[self.pair] == OPEN, 0.0, bound)
+        sliding = np.where(np.abs(tangential) < bound, STICK,
+                           np.where(tangential > 0, FORWARD, BACKWARD))
+        return self.joined(touching, sliding)
+
+    def joined(self, touching: np.ndarray, sliding: np.ndarray) -> np.ndarray:
+        """(n,) states of nodes that are STICK or OPEN as `touching` (n,) says, and stick or slide
+        as `sliding` (m,) does.
+
+        Overwrites `touching`.
+        """
+        apart = OPEN if self.offset is None else np.where(self.offset > 0, -sliding, OPEN)
+        touching[self.pair] = np.where(touching[self.pair] == OPEN, apart, sliding)
+        return touching
+
+    def states_of(self, x: np.ndarray, signs: np.ndarray) -> np.ndarray:
+        """(n,) states that the multipliers x (n + m,) alone show, with the signs (m,) of those that
+        slide, else 0.
+        """
+        touching = np.where((x[: self.n] > 0) | self.bilateral, STICK, OPEN)
+        return self.joined(touching,
+                           np.where(signs > 0, FORWARD, np.where(signs < 0, BACKWARD, STICK)))
+
+    def choices(self, node: int) -> tuple[int, ...]:
+        """The states that a node may be in."""
+        where = np.flatnonzero(self.pair == node)
+        states = (OPEN, STICK, FORWARD, BACKWARD) if len(where) else (OPEN, STICK)
+        if self.offset is not None and (self.offset[where] > 0).any():
+            states = (-STICK, -FORWARD, -BACKWARD, *states[1:])
+        return tuple(state for state in states if state > OPEN) if self.bilateral else states
+
+    def signs(self, z: np.ndarray) -> np.ndarray:
+        """(n,) signs of lambda_n, all +1 in unilateral contact."""
+        return np.where(z[: self.n] < 0, -1.0, 1.0) if self.bilateral else np.ones(self.n)
+
+    def held(self, states: np.ndarray) -> np.ndarray:
+        """(k, h) orthonormal motions, in units of their reach, that rows in contact or sticking
+        feel.
+        """
+        if not self.k:
+            return np.zeros((0, 0))
+        acts = np.concatenate([states > OPEN, np.abs(states[self.pair]) == STICK])
+        _, sizes, basis = np.linalg.svd(self.motions[acts] / self.reach, full_matrices=False)
+        return basis[sizes > SLIGHT].T
+
+    # ---- linear systems ------------------------------------------------------------------------
+    def system(self, states: np.ndarray, sign: np.ndarray) -> "StateSystem":
+        """The linear system of the given states, with lambda_n of the given signs."""
+        parts = (states, sign, self.coefficient) if self.offset is None else (states, sign,
+                                                                              self.coefficient,
+                                                                              self.offset)
+        key = b"".join(part.tobytes() for part in parts)
+        if key not in self.latest:
+            self.latest.clear()
+            self.latest[key] = StateSystem(self, states, sign)
+        return self.latest[key]
+
+    def solution_in(self, states: np.ndarray, sign: np.ndarray | None = None) -> np.ndarray | None:
+        """z of the linear system of `states`, exactly in its states; None if the system is
+        singular.
+        """
+        return self.system(states, np.ones(self.n) if sign is None else sign).solve(self.load,
+                                                                                    self.balance)
+
+    # ---- the law -------------------------------------------------------------------------------
+    def violation(self, z: np.ndarray) -> float:
+        """Largest violation of the law at z, relative to the largest terms of its sums; inf if z is
+        no number.
+        """
+        x, move = z[: self.rows], self.movement(z)
+        work = np.abs(self.balance / self.reach).max(initial=0)
+        force = max(np.abs(x).max(initial=0), np.abs(self.rigidity * self.load).max(initial=0),
+                    work)
+        if not np.isfinite(force) or force == 0:
+            return 0.0 if force == 0 else np.inf
+        normal, tangential = x[: self.n], x[self.n :]
+        over, slip = (self.rigidity * move)[: self.n], (self.rigidity * move)[self.n :]  # as forces
+        bound = self.coefficient * np.abs(normal)[self.pair]
+        if self.offset is not None:
+            bound = self.offset + bound
+        natural = over if self.bilateral else normal - np.maximum(normal + over, 0)
+        rub = tangential - np.clip(tangential + slip, -bound, bound)
+        net = (self.balance - self.motions.T @ x) / self.reach
+        return float(max(np.abs(part).max(initial=0) for part in (natural, rub, net)) / force)
+
+    def solves(self, z: np.ndarray | None) -> bool:
+        """Whether z obeys the law to rounding."""
+        return z is not None and self.violation(z) <= ROUNDING
+
+    def on_springs(self, softness: float, rest: np.ndarray) -> "CoulombProblem":
+        """The bodies held by springs of compliance `softness` per unit reach whose rest are the
+        motions `rest` (k,).
+        """
+        turned = softness * self.motions / self.reach**2
+        return CoulombProblem(self.compliance + turned @ self.motions.T,
+                              self.load + self.motions @ rest + turned @ self.balance,
+                              self.coefficient, self.pair, self.bilateral, offset=self.offset)
+
+
+class StateSystem:
+    """LU factors of the law in given states, for the multipliers that these leave free.
+
+    Free are lambda_n in contact and lambda_t where a node sticks: their rows do not move. lambda_t
+    = slope lambda_n of a sliding node is put in, open nodes are left out. Offsets of sliding nodes
+    act as given forces. Motions count as far as the states hold them: beta = turn gamma. `index` is
+    the sign of the determinant, that of the whole system of normal and tangential rows as well.
+    """
+
+    def __init__(self, problem: CoulombProblem, states: np.ndarray, sign: np.ndarray):
+        n, C, state = problem.n, problem.compliance, states[problem.pair]
+        touching, sliding = states > OPEN, np.flatnonzero(state > STICK)
+        self.rows, self.motions = problem.rows, problem.motions
+        free = np.concatenate([touching, np.abs(state) == STICK])
+        self.free = np.flatnonzero(free)
+        self.sliding, self.node = n + sliding, problem.pair[sliding]
+        self.bound = np.where(state[sliding] == FORWARD, 1.0, -1.0) * problem.coefficient[sliding]
+        slope = self.bound * sign[self.node]
+        self.turn = problem.held(states) / problem.reach[:, None]
+        self.soft = np.median(1.0 / problem.rigidity) if problem.k else 1.0
+        columns, place = C.compress(free, 1), np.cumsum(touching) - 1
+        # forces (n + m,) that offsets add, and the movement of the free rows that they make
+        self.given = None
+        if problem.offset is not None:
+            way = np.where(np.abs(state) == FORWARD, 1.0, -1.0)
+            self.given = np.append(np.zeros(n),
+                                   np.where(np.abs(state) > STICK, way * problem.offset, 0.0))
+            self.given_movement = columns.T @ self.given
+        transposed = columns.compress(free, 0)  # C is symmetric
+        transposed[place[self.node]] += slope[:, None] * columns[self.sliding]
+        if problem.k:
+            force = problem.motions @ self.turn
+            work = self.soft * force
+            work[self.node] += slope[:, None] * work[self.sliding]
+            border = np.zeros((force.shape[1],) * 2)
+            transposed = np.block([[transposed, work[self.free]], [-force[self.free].T, border]])
+        self.factor, self.pivots, failed = (
+            lapack.dgetrf(transposed.T, overwrite_a=True) if len(transposed)
+            else (transposed, np.empty(0, int), 0))
+        self.singular = failed != 0
+        swaps = np.count_nonzero(self.pivots != np.arange(len(self.pivots)))
+        self.index = int(np.prod(np.sign(np.diag(self.factor))) * (-1) ** swaps)
+
+    def solve(self, load: np.ndarray, balance: np.ndarray) -> np.ndarray | None:
+        """z under `load` (n + m,) and `balance` (k,), sliding nodes exactly on their bounds; None
+        if there is no one z.
+        """
+        if self.singular:
+            return None
+        right = load[self.free]
+        if self.given is not None:
+            right, balance = right - self.given_movement, balance - self.motions.T @ self.given
+        if len(balance):
+            right = np.append(right, self.soft * (self.turn.T @ balance))
+        if len(right):
+            right, _ = lapack.dgetrs(self.factor, self.pivots, right)
+        z = np.zeros(self.rows + len(balance))
+        z[self.free] = right[: len(self.free)]
+        z[self.sliding] = self.bound * np.abs(z[self.node])
+        if self.given is not None:
+            z[: self.rows] += self.given
+        z[self.rows :] = self.turn @ right[len(self.free) :]
+        return z if np.isfinite(z).all() else None

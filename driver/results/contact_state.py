@@ -1,0 +1,93 @@
+"""Stage 7: the quantities of the contact nodes in every step, from the multipliers and
+displacements of the ranks.
+"""
+
+import numpy as np
+
+from ..contact.states import ContactField
+from ..feti.operator import DualOperator
+from ..march.quasistatic import QuasistaticSolver
+from ..march.step import Step
+
+
+class ContactState:
+    """Nodal contact quantities of the whole body in every step, on every rank; arrays (n_c,)."""
+
+    def __init__(self, operator: DualOperator, solver: QuasistaticSolver):
+        self.operator, self.rows, self.law = operator, solver.rows, solver.law
+        self.boundary = operator.structure.contact
+        self.frictional = solver.effects.frictional
+        self.u_t = solver.initial  # tangential displacement at the end of the step before
+        self.constrained = self._constrained()
+        self._find_terms()
+
+    def _constrained(self) -> np.ndarray:
+        """(n_c, 2): displacement components of the contact nodes that a support constrains."""
+        keys = 2 * self.boundary.gid[:, None] + [0, 1]
+        own = np.isin(keys, constrained_keys(self.operator.structure))
+        return np.any(self.operator.comm.allgather(own), axis=0)
+
+    def _find_terms(self) -> None:
+        """Where the displacements are that meet at the contact nodes: in every subdomain with such
+        a node.
+        """
+        gids, self._term = np.unique(self.boundary.term_gid, return_inverse=True)
+        subs = self.operator.structure.subdomains
+        gid = np.concatenate([np.empty(0, np.int64), *(sub.node_gid for sub in subs)])
+        copies = np.flatnonzero(np.isin(gid, gids))
+        start = np.cumsum([0, *(len(sub.node_gid) for sub in subs)])
+        owner = np.searchsorted(start, copies, side="right") - 1
+        # of the rank: (subdomain, its nodes)
+        self._copies = [(s, copies[owner == s] - start[s]) for s in np.unique(owner)]
+        self._copied = np.concatenate(
+            self.operator.comm.allgather(np.searchsorted(gids, gid[copies])))
+
+    def evaluate(self, step: Step, displacements: list[np.ndarray]) -> dict[str, np.ndarray]:
+        """Arrays (n_c,) of every `ContactField` at the end of `step`, status as its code;
+        collective.
+
+        `displacements` (dofs,) of the rank's subdomains. Steps must come in their order: slip is
+        counted from the step before.
+        """
+        b, rows, n = self.boundary, self.rows, len(self.boundary.gid)
+        values = np.zeros((4, n))  # lambda_n, lambda_t, bound, status
+        values[0, rows.normal_node] = step.multipliers[rows.normal]
+        values[1, rows.tangential_node] = step.multipliers[rows.tangential]
+        values[2, rows.tangential_node] = step.friction_bound
+        values[3, rows.normal_node] = step.status
+        values = np.sum(self.operator.comm.allgather(values), axis=0)
+        if self.frictional:  # a node constrained tangentially has no row of its own, but a bound
+            alone = b.tangential_row < 0
+            values[2, alone] = self.law.friction_bound(values[0])[alone]
+        u = self._jump(displacements)
+        u_n, u_t = (u * b.normal).sum(axis=1), (u * b.tangent).sum(axis=1)
+        slip, self.u_t = u_t - self.u_t, u_t
+        return {ContactField.U_N: u_n, ContactField.U_T: u_t, ContactField.SLIP: slip,
+                ContactField.SIGMA_N: 0.0 - values[0] / b.weight,
+                ContactField.SIGMA_T: 0.0 - values[1] / b.weight,
+                ContactField.BOUND: values[2] / b.weight,
+                ContactField.STATUS: values[3].astype(int)}
+
+    def _jump(self, displacements: list[np.ndarray]) -> np.ndarray:
+        """(n_c, 2) displacement of the contact nodes, relative to the other body where there is
+        one.
+        """
+        b = self.boundary
+        own = [displacements[s].reshape(-1, 2)[node] for s, node in self._copies]
+        copies = np.concatenate([np.empty((0, 2)), *own])
+        # in the order of subdomains on any ranks
+        copies = np.concatenate(self.operator.comm.allgather(copies))
+        count = np.bincount(self._copied)
+        mean = np.column_stack([np.bincount(self._copied, u) for u in copies.T]) / count[:, None]
+        jump = np.zeros((len(b.gid), 2))
+        np.add.at(jump, b.term_node, b.term_value[:, None] * mean[self._term])
+        return jump
+
+
+def constrained_keys(structure) -> np.ndarray:
+    """(n,) keys 2 gid + component of the displacements of the rank's subdomains that a support
+    constrains.
+    """
+    keys = [2 * sub.node_gid[sub.dof_node[fixed]] + sub.dof_component[fixed]
+            for sub, fixed in zip(structure.subdomains, structure.fixed) if len(fixed)]
+    return np.concatenate([np.empty(0, np.int64), *keys])

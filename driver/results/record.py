@@ -1,0 +1,41 @@
+"""Stage 7: the steps of a run at the contact nodes, from which its quantities of interest follow.
+"""
+
+import numpy as np
+
+from ..contact.states import ContactField
+from ..feti.operator import DualOperator
+from ..march.quasistatic import QuasistaticSolver
+from ..march.step import Step
+from .contact_state import ContactState
+from .quantities import quantities
+
+
+class Record:
+    """The steps of a run at the contact nodes, on every rank; collective."""
+
+    def __init__(self, operator: DualOperator, solver: QuasistaticSolver):
+        self.operator, self.effects = operator, solver.effects
+        self.contact = ContactState(operator, solver)
+        self.states = {name: [] for name in ContactField}  # one array (n_c,) a step
+        self.displacements = []  # the largest of the body, one number a step
+
+    def add(self, step: Step) -> tuple[list[np.ndarray], dict[str, np.ndarray]]:
+        """Evaluate one step: displacements (dofs,) of the rank's subdomains and the state of the
+        contact nodes.
+        """
+        fields = self.operator.displacements(step.multipliers, step.weights)
+        state = self.contact.evaluate(step, fields)
+        for name, column in self.states.items():
+            column.append(state[name])
+        squares = np.concatenate([np.zeros(2), *fields]).reshape(-1, 2) ** 2
+        largest = float(np.sqrt(squares.sum(axis=1).max()))
+        self.displacements.append(max(self.operator.comm.allgather(largest)))
+        return fields, state
+
+    def quantities(self) -> tuple[dict[str, float], int]:
+        """Quantities of interest, and the index in the record of the step that they belong to."""
+        names = ("xy", "arc", "weight", "gap", "label", "paired", "middle")
+        nodes = {name: getattr(self.contact.boundary, name) for name in names}
+        steps = {name: np.array(column) for name, column in self.states.items()}
+        return quantities(self.effects, nodes, steps, self.displacements)

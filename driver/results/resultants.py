@@ -1,0 +1,38 @@
+"""Stage 7: resultants of loads, support reactions and contact forces, and their balance."""
+
+import numpy as np
+
+from ..contact.states import ContactField
+from ..feti.operator import DualOperator
+from ..march.step import Step
+
+
+def resultants(operator: DualOperator, step: Step, inner: list[np.ndarray],
+               contact: dict) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Resultants (2,) of loads, support reactions and the obstacles' forces, which add up to zero;
+    and `size`.
+
+    `inner` are the forces K u (dofs,) of the rank's subdomains, `contact` the quantities of the
+    contact nodes. `size` (2,) is the sum of the absolute values of all these nodal forces: the
+    measure of their balance, because resultants themselves may vanish. A support takes what K u
+    leaves after load and contact forces. Collective.
+    """
+    structure, totals = operator.structure, np.zeros((len(inner), 3, 2))
+    forces = operator.forces_on_supports(step.multipliers)
+    for s in operator.acting:
+        sub, force, total = structure.subdomains[s], inner[s], totals[s]
+        load = step.weights[: structure.patterns] @ sub.loads
+        reaction = (force - load)[structure.fixed[s]] + forces[s]
+        component = sub.dof_component[structure.fixed[s]]
+        total[0] += np.bincount(sub.dof_component, load, minlength=2)
+        total[1] += np.bincount(component, reaction, minlength=2)
+        total[2] += np.bincount(sub.dof_component, np.abs(load), minlength=2)
+        total[2] += np.bincount(component, np.abs(reaction), minlength=2)
+    # summed in the order of the subdomains on any number of ranks
+    load, reaction, size = np.concatenate(operator.comm.allgather(totals)).sum(axis=0)
+    b = structure.contact
+    weight = np.where(b.paired, 0.0, b.weight)  # forces between two bodies cancel
+    force = ((contact[ContactField.SIGMA_N] * weight)[:, None] * b.normal
+             + (contact[ContactField.SIGMA_T] * weight)[:, None] * b.tangent)
+    found = {"load": load, "reaction": reaction, "contact": force.sum(axis=0)}
+    return found, size + np.abs(force).sum(axis=0)

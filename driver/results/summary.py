@@ -1,0 +1,212 @@
+"""Stage 7: summary.json, what a run was asked for, what came of it and what it cost.
+
+The entries are the fields of `Summary`, in their order; each carries its unit and meaning, from
+which the reference follows. Entries that a run has not (None) are left out.
+"""
+
+import resource
+import sys
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import DriverError, agreed_writes
+from ..feti.structure import Substructure
+from ..files import write_json
+from ..march.problem import Problem
+from ..march.quasistatic import QuasistaticSolver
+from ..options import Settings
+from .ledger import ledger
+from .writer import Writer
+
+FILE = "summary.json"
+
+
+def entry(meaning: str, unit: str = "1", parts: dict | None = None, optional: bool = False):
+    """A field of a summary; `parts` has the meanings of the entries of a dictionary."""
+    metadata = {"meaning": meaning, "unit": unit, "parts": parts or {}}
+    return field(default=None, metadata=metadata) if optional else field(metadata=metadata)
+
+
+@dataclass
+class Sizes:
+    """Numbers of unknowns and conditions."""
+
+    subdomains: int = entry("subdomains of all bodies")
+    primal_dofs: int = entry(
+        "displacements of all torn subdomains, constrained ones and repeated corners included")
+    dual_dofs: int = entry("multipliers, the sum of the next three")
+    dual_gluing: int = entry("multipliers that glue subdomains")
+    dual_normal: int = entry("normal contact multipliers")
+    dual_tangential: int = entry("tangential contact multipliers")
+    coarse_dofs: int = entry("unknowns of the coarse problem, those of the corners")
+    contact_nodes: int = entry("contact nodes")
+
+    @classmethod
+    def of(cls, structure: Substructure) -> "Sizes":
+        """Sizes of a torn problem."""
+        gluing, normal, tangential = np.bincount(structure.row_kind, minlength=3).tolist()
+        return cls(structure.total, structure.primal_dofs, structure.dual_dofs, gluing, normal,
+                   tangential,
+                   structure.coarse_dofs, len(structure.contact.gid))
+
+
+@dataclass
+class Summary:
+    """The entries of summary.json; `parts` of dictionaries are named where their names are fixed.
+    """
+
+    scene: str = entry("name of the scene")
+    variant: str = entry("its LOADING, if it has any")
+    converged: bool = entry("whether every step was solved to the tolerances")
+    reason: str = entry("why the run ended early, empty if it did not")
+    warnings: list = entry("what to know before the results are used, a sentence each")
+    effects: dict = entry("what the scene declares", parts={
+        "contact": "none, unilateral or bilateral",
+        "friction": "none, tresca, coulomb or coulomb-slip-dependent",
+        "time": "static or quasistatic",
+        "initial": "preload, where the history starts from a preloaded state",
+        "body_force": "whether there is a body force", "bodies": "number of bodies"})
+    sizes: Sizes = entry("numbers of unknowns")
+    steps: int = entry("finished time steps")
+    t_end: float = entry("end of the load history", "time")
+    counts: dict = entry("work of all steps", parts={
+        "fixed_point_iterations": "QPs solved for the fixed point of friction",
+        "dual_multiplications": "products with the dual matrix in all time steps",
+        "dual_multiplications_setup": "products before it",
+        "cg_steps": "CG steps of MPRGP", "expansion_steps": "expansion steps of MPRGP",
+        "proportioning_steps": "proportioning steps of MPRGP",
+        "contact_block_products": "products with the contact rows' block alone"})
+    residuals: dict = entry("relative residuals of the KKT conditions, the worst of all steps",
+                            parts={
+        "stationarity": "projected gradient", "gluing": "jump between subdomains",
+        "penetration": "into obstacle or other body", "sign": "pulling normal forces",
+        "cone": "friction forces above their bound",
+                                "complementarity": "work of gap and lost dissipation",
+        "equilibrium": "forces on bodies that no support holds"})
+    contraction: float = entry(
+        "worst mean ratio of successive changes of the fixed point in a step")
+    fallbacks: dict = entry("steps that needed another method, by the method's name")
+    uniqueness: dict = entry("whether the steps have other solutions", parts={
+        "verdict": "unique, not unique, no second solution found or not examined",
+        "steps_examined": "number of steps that were examined",
+        "steps_not_unique": "numbers of the steps",
+        "solutions": "those of the first such step, the one that is followed first"})
+    memory_mib: float = entry("largest memory of all ranks together", "MiB")
+    ranks: int = entry("MPI ranks")
+    units: dict = entry("names of the scene's units",
+                        parts={"length": "m, mm, ...", "stress": "Pa, MPa, ..."})
+    amplitudes: dict = entry(
+        "factors of the loads at the start and after every step, by number of the load")
+    parameters: dict = entry("parameters of the scene and options of the solver")
+    versions: dict = entry("of Python, numpy and PETSc")
+    seconds: dict = entry("wall time of the stages", "s", parts={
+        "export": "FreeFEM", "read": "reading its export", "setup": "reduction to the interfaces",
+        "solve": "all time steps, those before an interruption included",
+        "output": "contact quantities and fields",
+        "energy_error": "error in the energy norm", "estimates": "error budget", "total": "the sum",
+        "export_cycles": "FreeFEM in refinement cycles",
+        "solve_cycles": "all else in refinement cycles"})
+    effects_ledger: dict = entry(
+        "for every effect: was it declared, was it active, why, its unknowns and seconds")
+    balance: float = entry(
+        "resultant of all forces, the largest of the steps, over the sum of their absolute values")
+    dissipated: float = entry("work that friction has taken", "stress length^2")
+    errors: dict | None = entry("estimated errors", optional=True, parts={
+        "energy": "in the energy norm: kind, step, its parts, total, norm, relative, largest",
+        "quantities": "budget of every quantity: value, its parts, total, relative",
+        "advice": "what would lower the largest part", "notes": "companions that could not be run"})
+    quantities: dict | None = entry("quantities of interest", "see quantities.py", optional=True)
+    quantities_time: float | None = entry("the time they belong to", "time", optional=True)
+    resumed_after_step: int | None = entry(
+        "finished steps of an interrupted run that were taken up", optional=True)
+    accuracy: dict | None = entry("of ACCURACY=", optional=True, parts={
+        "quantity": "whose error was asked for", "asked": "relative error asked for",
+        "reached": "estimated relative error", "settings": "options that give the same run by hand",
+        "levels": "meshes that were tried", "products": "with the dual matrix in all runs"})
+
+    def entries(self) -> dict:
+        """As they stand in the file."""
+        return {name: value for name, value in asdict(self).items() if value is not None}
+
+
+def summarize(request, problem: Problem, solver: QuasistaticSolver,
+              failure: DriverError | None, settings: Settings, writer: Writer, memory_mib: float,
+              seconds: dict, **optional) -> Summary:
+    """The summary of a finished run; collective.
+
+    `request` names the scene, `failure` says why the run did not converge, `memory_mib` is as
+    from `largest_memory`, `seconds` of all stages; `optional` entries as in `Summary`.
+    """
+    manifest, structure, history = problem.manifest, problem.structure, solver.history
+    sizes = Sizes.of(structure)
+    warnings = [*history.warnings, *history.fallbacks.warnings(), *solver.uniqueness.warnings()]
+    if failure:
+        warnings.append(str(failure))
+    if writer.history_rows:
+        quantities, index = writer.record.quantities()
+        optional |= {"quantities": quantities,
+                     "quantities_time": writer.history_rows[index]["time"]}
+    return Summary(
+        scene=request.scene, variant=str(manifest.parameters.get("loading", "")),
+        converged=failure is None, reason=str(failure or ""), warnings=warnings,
+        effects=problem.effects.summary,
+        sizes=sizes, steps=history.steps, t_end=manifest.t_end, counts=history.counts,
+        residuals=history.residuals, contraction=history.contraction,
+        fallbacks={name: len(steps) for name, steps in history.fallbacks.steps.items()},
+        uniqueness=solver.uniqueness.summary(), memory_mib=memory_mib,
+        ranks=writer.operator.comm.size,
+        units=manifest.units, amplitudes=manifest.amplitudes,
+        parameters={**manifest.parameters, **asdict(settings)}, versions=_versions(),
+        seconds=seconds,
+        effects_ledger=_ledger(problem, sizes, solver, writer),
+        balance=writer.balance, dissipated=writer.dissipated, **optional)
+
+
+def write(directory: Path, summary: Summary, comm) -> None:
+    """Write the file into `directory` on rank 0; collective. Raises InputError if it cannot be
+    written.
+    """
+    with agreed_writes(comm):
+        if comm.rank == 0:
+            write_json(directory / FILE, summary.entries())
+
+
+def largest_memory(comm) -> float:
+    """MiB that the ranks have used at most, so far, added up; collective."""
+    return comm.allreduce(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+
+
+def reference() -> list[dict[str, str]]:
+    """A row {entry, unit, meaning} for every entry: the reference of the documentation; nested
+    names have a dot.
+    """
+    rows = []
+    for item in fields(Summary):
+        rows.append({"entry": item.name, "unit": item.metadata["unit"],
+                     "meaning": item.metadata["meaning"]})
+        parts = item.metadata["parts"]
+        if item.type is Sizes:
+            parts = {part.name: part.metadata["meaning"] for part in fields(Sizes)}
+        rows += [{"entry": f"{item.name}.{name}", "unit": item.metadata["unit"], "meaning": meaning}
+                 for name, meaning in parts.items()]
+    return rows
+
+
+def _ledger(problem: Problem, sizes: Sizes, solver: QuasistaticSolver, writer: Writer) -> dict:
+    """Which declared effects mattered and what they cost; collective."""
+    structure = problem.structure
+    largest = np.zeros(structure.patterns)
+    for k in range(len(largest)):
+        for values in (*(sub.loads for sub in structure.subdomains), *structure.fixed_values):
+            largest[k] = max(largest[k], np.abs(values[k]).max(initial=0))
+    largest = np.max(writer.operator.comm.allgather(largest), axis=0)
+    return ledger(solver, asdict(sizes), problem.manifest.factors, largest, writer.history_rows)
+
+
+def _versions() -> dict:
+    from petsc4py import PETSc
+
+    return {"python": sys.version.split()[0], "numpy": np.__version__,
+            "petsc": ".".join(map(str, PETSc.Sys.getVersion()))}

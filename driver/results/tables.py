@@ -1,0 +1,116 @@
+"""The columns of the tables that a run leaves: name, unit and meaning, from which headers and their
+reference follow.
+
+Units are "1", "length", "stress", "time", or products of these; forces and energies are per
+thickness. A name with {} stands for as many columns as the run has of what the meaning says.
+"""
+
+from dataclasses import dataclass
+
+from ..contact.states import STATUS_NAMES, ContactField
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of a table, or a family of columns."""
+
+    name: str
+    unit: str
+    meaning: str
+
+
+FORCE, ENERGY = "stress length", "stress length^2"
+STEP = (Column("step", "1", "number of the step, from 1"),
+        Column("time", "time", "at the end of the step"))
+
+CONTACT = (
+    *STEP,
+    Column("node", "1", "number of the contact node, from 0, sorted by boundary and arc"),
+    Column("x", "length", "coordinate of the node"),
+    Column("y", "length", "coordinate of the node"),
+    Column("arc", "length", "arc length along the boundary"),
+    Column("weight", "length", "length of the node's dual segment"),
+    Column("normal_x", "1", "outward unit normal n of the body; t is n turned by +90 degrees"),
+    Column("normal_y", "1", "outward unit normal n of the body; t is n turned by +90 degrees"),
+    Column("gap", "length", "distance to the obstacle or the other body along n before any load"),
+    Column(ContactField.U_N, "length",
+           "displacement along n, between bodies the jump; at most the gap"),
+    Column(ContactField.U_T, "length", "displacement along t, between bodies the jump"),
+    Column(ContactField.SLIP, "length", "change of u_t in the step"),
+    Column(ContactField.SIGMA_N, "stress",
+           "normal traction, nodal force over weight; negative in compression"),
+    Column(ContactField.SIGMA_T, "stress", "shear traction, nodal force over weight"),
+    Column(ContactField.BOUND, "stress", "largest shear traction that friction can hold"),
+    Column(ContactField.STATUS, "1", f"{', '.join(STATUS_NAMES)}"),
+)
+LABEL = Column("boundary", "1", "label of the contact boundary, where there are several")
+
+HISTORY = (
+    *STEP,
+    Column("amplitude_{}", "1", "factor of the load with this number"),
+    Column("fixed_point_iterations", "1", "QPs that were solved in the step"),
+    Column("dual_multiplications", "1", "products with the dual matrix in the step"),
+    Column("contraction", "1",
+           "mean ratio of successive changes of the fixed point; nan if there was one change"),
+    Column("resultant_n", FORCE, "normal tractions summed over the contact boundary"),
+    Column("resultant_t", FORCE, "shear tractions summed over the contact boundary"),
+    Column("load_x", FORCE, "resultant of the loads"),
+    Column("load_y", FORCE, "resultant of the loads"),
+    Column("reaction_x", FORCE, "resultant of the support reactions"),
+    Column("reaction_y", FORCE, "resultant of the support reactions"),
+    Column("contact_x", FORCE, "resultant of the forces of rigid obstacles on the body"),
+    Column("contact_y", FORCE, "resultant of the forces of rigid obstacles on the body"),
+    *(Column(f"nodes_{name}", "1", f"contact nodes with status {name}") for name in STATUS_NAMES),
+    Column("contact_length", "length", "weights of the nodes in contact, summed"),
+    Column("max_displacement", "length", "largest |u| of a node"),
+    Column("peak_pressure", "stress", "largest contact pressure of a node"),
+    Column("dissipated", ENERGY, "work that friction has taken since time 0"),
+    Column("kkt_{}", "1", "relative residual of this part of the KKT conditions"),
+)
+
+CONVERGENCE = (
+    Column("product", "1", "products with the dual matrix so far"),
+    Column("step", "1", "number of the step"),
+    Column("iteration", "1", "iteration of the fixed point in the step"),
+    Column("kind", "1", "what the QP solver did: start, cg, expansion, proportioning, ..."),
+    Column("residual", "1", "norm of the projected gradient, relative"),
+)
+
+BOUNDARY = (
+    *(Column(name, "length", "ends of the edge of the outline, the body on its left")
+      for name in ("x0", "y0", "x1", "y1")),
+    Column("label", "1", "label of the edge in the mesh"),
+    Column("role", "1", "pair, contact, support, load or free"),
+    Column("traction_x", "stress", "traction of the label at amplitude 1"),
+    Column("traction_y", "stress", "traction of the label at amplitude 1"),
+)
+
+TABLES = {
+    "contact.csv": ("a row per step and contact node", (*CONTACT, LABEL)),
+    "history.csv": ("a row per step", HISTORY),
+    "convergence.csv": ("a row per step of the QP solver", CONVERGENCE),
+    "boundary.csv": ("a row per edge of the outline", BOUNDARY),
+}
+
+
+def header(columns: tuple[Column, ...], **families) -> list[str]:
+    """Names of the columns; `families` has the members of a column with {} by what stands before
+    it, without _.
+    """
+    names = []
+    for column in columns:
+        if column.name.endswith("_{}"):
+            members = families[column.name.removesuffix("_{}")]
+            names += [column.name.format(member) for member in members]
+        else:
+            names.append(str(column.name))
+    return names
+
+
+def reference() -> list[dict[str, str]]:
+    """A row {file, column, unit, meaning} for every column of every table: the reference of the
+    documentation.
+    """
+    return [{"file": file, "column": str(column.name), "unit": column.unit,
+             "meaning": column.meaning}
+            for file, (_, columns) in TABLES.items() for column in columns]

@@ -1,0 +1,220 @@
+"""Friction bounds affine in the pressure, |lambda_t| <= c + F lambda_n, on the dense contact
+problem.
+
+The law is written down anew here; with F = 0 it is a box QP, which an independent oracle solves.
+Coulomb's law alone (c = 0) is tested with the time stepping, in tests/march/test_uniqueness.py.
+"""
+
+import numpy as np
+import pytest
+
+from driver.hard.oracle import box_qp
+from driver.qp.complementarity import all_solutions, index, lemke, newton, search, settled
+from driver.qp.coulomb import CoulombProblem
+
+SEEDS = 30
+
+
+def random_problem(seed, nodes, largest=3.0, motions=0, bilateral=False):
+    """A problem whose rows are of different size, with offsets that are zero at some nodes; bodies
+    free in `motions`.
+    """
+    rng = np.random.default_rng(seed)
+    root = rng.standard_normal((2 * nodes, 2 * nodes + 1))
+    unit = 10 ** rng.uniform(-0.5, 0.5, 2 * nodes)
+    offset = rng.uniform(0.05, 0.5,
+                         nodes) * (rng.random(nodes) < np.where(np.arange(nodes) == 0, 1.0, 0.7))
+    free = {}
+    if motions:
+        R = rng.standard_normal((2 * nodes, motions))
+        normal = rng.uniform(0.2, 1.0, nodes)  # forces inside their bounds: rigid bodies can rest
+        free = {"motions": R,
+                "balance": R.T @ np.append(normal, rng.uniform(-1, 1, nodes) * offset)}
+    return CoulombProblem(root @ root.T * np.outer(unit, unit), rng.standard_normal(2 * nodes),
+                          rng.uniform(0, largest, nodes), np.arange(nodes), bilateral,
+                          offset=offset, **free)
+
+
+def assert_obeys(problem, z, bilateral=False):
+    """Contact, friction and equilibrium at every node, from the definition of the law."""
+    n, rows = problem.n, len(problem.load)
+    x, offset = z[:rows], np.zeros(problem.m) if problem.offset is None else problem.offset
+    moved = problem.load - problem.compliance @ x + problem.motions @ z[rows:]
+    # rounding of dense systems of ten rows: their condition, below 1e4 for nearly all seeds, times
+    # eps, with room
+    force = 1e-8 * max(np.abs(x).max(), np.abs(problem.load / np.diag(problem.compliance)).max())
+    length = force * np.diag(problem.compliance)
+    for i in range(n):
+        pressure, over = x[i], moved[i]
+        if bilateral:
+            assert abs(over) <= length[i]
+        else:
+            assert pressure >= -force and over <= length[i] and (pressure <= force
+                                                                 or abs(over) <= length[i])
+    for k, i in enumerate(problem.pair):
+        bound, shear, slip = offset[k] + problem.coefficient[k] * abs(x[i]), x[n + k], moved[n + k]
+        assert abs(shear) <= bound + force
+        if abs(shear) < bound - force:
+            assert abs(slip) <= length[n + k]  # sticks
+        elif bound > force:
+            assert slip * np.sign(shear) >= -length[n + k]  # slides the way that friction resists
+    if len(z) > rows:
+        assert np.abs(problem.motions.T @ x
+                      - problem.balance).max() <= 10 * force * np.abs(problem.motions).max() * rows
+
+
+def among(x, solutions):
+    return any(np.abs(x - y).max() <= 1e-7 * max(np.abs(y).max(), 1e-300) for y in solutions)
+
+
+def test_given_bounds_are_a_box_qp():
+    """F = 0: one solution, that of min 1/2 x'Cx - d'x in the box 0 <= lambda_n, |lambda_t| <= c; by
+    every method.
+    """
+    reached = 0
+    for seed in range(SEEDS):
+        problem = random_problem(seed, 3, largest=0.0)
+        n, c = problem.n, problem.offset
+        expected = box_qp(problem.compliance, problem.load, np.append(np.zeros(n), -c),
+                          np.append(np.full(n, np.inf), c))
+        np.testing.assert_allclose(lemke(problem), expected, rtol=0,
+                                   atol=1e-9 * np.abs(expected).max())
+        solutions = all_solutions(problem)
+        assert len(solutions) == 1 and among(solutions[0], [expected]) and index(problem,
+                                                                                 expected) == 1
+        x = newton(problem, np.zeros(2 * n))
+        assert x is None or among(x, [expected])
+        reached += x is not None
+    assert reached > SEEDS / 2  # Newton's convergence is local, but not rare
+
+
+@pytest.mark.parametrize("nodes", [1, 2, 3])
+def test_solutions_obey_the_affine_law(nodes):
+    """Enumerated ones, of signs that add up to one (degree of the law); those of the other methods
+    are among them.
+    """
+    several = apart = 0
+    for seed in range(SEEDS):
+        problem = random_problem(seed, nodes, largest=6.0)
+        solutions = all_solutions(problem)
+        for x in solutions:
+            assert_obeys(problem, x)
+            apart += bool((problem.states(x) < 0).any())
+        assert sum(index(problem, x) for x in solutions) == 1, seed
+        assert among(lemke(problem), solutions), seed
+        x = newton(problem, np.zeros(2 * nodes))
+        assert x is None or among(x, solutions)
+        assert all(among(x, solutions) for x in search(problem, solutions[0])), seed
+        several += len(solutions) > 1
+    assert apart > 0, "no open node was held by its offset"
+    assert several > 0 or nodes < 3
+
+
+@pytest.mark.parametrize("nodes", [4, 8])
+def test_successive_box_qps_find_the_same(nodes):
+    """Little friction: the one fixed point of box QPs with the bounds of the last pressures."""
+    for seed in range(SEEDS):
+        problem = random_problem(seed, nodes, largest=0.1)
+        n, x = problem.n, np.zeros(2 * nodes)
+        for _ in range(100):
+            bound = problem.offset + problem.coefficient * x[:n]
+            x, last = box_qp(problem.compliance, problem.load, np.append(np.zeros(n), -bound),
+                             np.append(np.full(n, np.inf), bound)), x
+            if np.abs(x - last).max() <= 1e-12 * np.abs(x).max():
+                break
+        else:
+            continue  # does not contract: nothing to compare with
+        assert_obeys(problem, x)
+        z = lemke(problem)
+        assert among(z, [x]), seed
+        near = z * (1 + 1e-7)
+        found = settled(problem, near, problem.movement(near))
+        assert found is not None and among(found[0], [x]), seed
+        np.testing.assert_allclose(found[1], problem.load - problem.compliance @ x,
+                                   atol=1e-6 * np.abs(problem.load).max())
+
+
+def test_sliding_nodes_are_exactly_on_their_bounds():
+    """Comparisons with c + F lambda_n decide what slides: no rounding may come between."""
+    sliding = 0
+    for seed in range(SEEDS):
+        problem = random_problem(seed, 3)
+        x = lemke(problem)
+        slides = np.abs(problem.states(x)) > 1
+        bound = problem.offset + problem.coefficient * np.abs(x[:3])
+        assert np.array_equal(np.abs(x[3:])[slides], bound[slides])
+        sliding += slides.sum()
+    assert sliding > SEEDS / 2
+
+
+def test_bilateral_law():
+    for seed in range(SEEDS):
+        problem = random_problem(seed, 3, largest=0.5, bilateral=True)
+        for x in search(problem, np.zeros(6)):
+            assert_obeys(problem, x, bilateral=True)
+        assert newton(problem, np.zeros(6)) is not None or seed  # the first one converges
+        assert lemke(problem) is None
+
+
+@pytest.mark.parametrize("nodes, motions", [(2, 1), (2, 2), (3, 3)])
+def test_bodies_without_support(nodes, motions):
+    """Solutions balance the loads, too; where there are none Lemke's method finds none."""
+    some = 0
+    for seed in range(SEEDS):
+        problem = random_problem(seed, nodes, motions=motions)
+        solutions = all_solutions(problem)
+        for z in solutions:
+            assert_obeys(problem, z)
+        z = lemke(problem)
+        assert (z is None) == (not solutions), seed
+        if z is not None:
+            assert_obeys(problem, z)
+            some += 1
+    assert some > SEEDS / 3
+
+
+def test_units():
+    """Lengths in 2^-30, forces in 2^40: the same states, scaled exactly."""
+    length, force = 2.0**-30, 2.0**40
+    for seed in range(SEEDS):
+        plain = random_problem(seed, 3)
+        scaled = CoulombProblem(plain.compliance * (length / force), plain.load * length,
+                                plain.coefficient, plain.pair,
+                                offset=plain.offset * force)
+        assert np.array_equal(lemke(scaled), lemke(plain) * force)
+
+
+def test_offsets_of_zero_are_coulombs_law():
+    for seed in range(SEEDS):
+        plain = random_problem(seed, 3)
+        plain = CoulombProblem(plain.compliance, plain.load, plain.coefficient, plain.pair)
+        zero = CoulombProblem(plain.compliance, plain.load, plain.coefficient, plain.pair,
+                              offset=np.zeros(3))
+        assert np.array_equal(lemke(plain), lemke(zero))
+
+
+def test_the_same_bodies_under_other_offsets():
+    """`under` keeps the offset unless another one is given; systems that are kept are not those of
+    another offset.
+    """
+    problem, plain = random_problem(0, 3), CoulombProblem
+    load, coefficient, pair = problem.load, problem.coefficient, problem.pair
+    for offset in (problem.offset, np.full(3, 0.3), np.zeros(3)):
+        alone = plain(problem.compliance, load, coefficient, pair, offset=offset)
+        assert np.array_equal(lemke(problem.under(load, coefficient, offset=offset)), lemke(alone))
+    states, sign = np.full(3, 2), np.ones(3)
+    others = (problem.under(load, coefficient, offset=np.full(3, c)) for c in (0.1, 0.2))
+    small, large = (other.solution_in(states, sign) for other in others)
+    assert not np.array_equal(small, large)
+    assert np.array_equal(problem.under(2 * load, coefficient).offset, problem.offset)
+
+
+def test_states_of_multipliers():
+    """What pressures and the signs of sliding show: an open node with an offset sticks or slides,
+    too.
+    """
+    problem = CoulombProblem(np.eye(6), np.ones(6), np.ones(3), np.arange(3),
+                             offset=np.array([1.0, 1.0, 0.0]))
+    x, signs = np.array([0.0, 2.0, 0.0, 1.0, -3.0, 0.0]), np.array([1.0, -1.0, 1.0])
+    assert problem.states_of(x, signs).tolist() == [-2, 3, 0]
+    assert problem.states_of(x, 0 * signs).tolist() == [-1, 1, 0]
