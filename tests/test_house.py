@@ -16,7 +16,7 @@ import pytest
 from driver import environment
 
 # packages in the order of the data: imports go from a later one to an earlier one only
-ORDER = ("scene", "feti", "contact", "effects", "qp", "march", "results", "estimates", "figures",
+ORDER = ("scene", "feti", "contact", "qp", "effects", "march", "results", "estimates", "figures",
          "runs", "studies", "hard", "bench")
 TOP = ("driver", "driver.cli", "driver.__main__")  # may import anything, and nothing imports them
 LONGEST, WIDEST = 400, 100  # lines of a module, characters of a line

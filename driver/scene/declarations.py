@@ -56,7 +56,7 @@ def write(directory: Path, without: tuple[str, ...] = ()) -> None:
         "assemble": [line for load in loads for line in load.call("Assemble")],
         "fix": [line for load in loads for line in load.call("Fix")],
         "record": [line for load in loads for line in load.call("Record")],
-        "columns": [line for room in columns for line in _if(_room(room), f"int {room.prefix}At = columns++;")],
+        "columns": [line for room in columns for line in _if(_room(room), f"int {room.prefix}At = contactColumns++;")],
         "evaluate": [line for room in columns for line in _evaluate(room)],
         "column-names": [line for room in columns for line in _if(
             _room(room), f'json << ({room.prefix}At > 0 ? ", " : "") << "\\"{room.column}\\"";')],
