@@ -14,6 +14,7 @@ from driver.studies import effects
 from driver import environment
 from driver.scene import freefem
 from driver.results import ledger
+from driver.runs.run import never_mattered
 from driver.errors import InputError
 
 MODEL = freefem.find_scene("model")
@@ -144,7 +145,7 @@ def test_active_effects():
     for name, unknowns in (("contact", 40), ("friction", 39), ("time", 0), ("load", 0)):
         assert found[name]["declared"] and found[name]["active"]
         assert found[name]["unknowns"] == unknowns
-    assert not ledger.never_mattered(found)
+    assert not never_mattered(found)
     for entry in found.values():
         assert set(entry) == {"declared", "active", "reason", "unknowns", "seconds"}
 
@@ -156,7 +157,7 @@ def test_active_effects():
      {"friction is declared but nothing slipped (9 nodes stuck at most)"}),
 ])
 def test_effects_that_never_mattered(nodes, sentences):
-    said = set(ledger.never_mattered(entries(nodes=nodes)))
+    said = set(never_mattered(entries(nodes=nodes)))
     assert sentences <= said and all(line.startswith("time") for line in said - sentences)
 
 
@@ -165,7 +166,7 @@ def test_undeclared_effects_cost_nothing():
     for name in ("contact", "friction", "time", "gap", "body_force", "displacement"):
         assert found[name] == {"declared": False, "active": False, "reason": "not declared",
                                "unknowns": 0, "seconds": 0.0}
-    assert not ledger.never_mattered(found)
+    assert not never_mattered(found)
 
 
 @pytest.mark.parametrize("amplitudes, expected", [
@@ -207,7 +208,7 @@ def test_time_claim_holds(solved):
 def test_zero_body_force_is_idle():
     effects = declared(*PLAIN, "body_force", patterns=("traction", "body_force"))
     found = entries(effects, amplitudes=((0, 0), (1, 1), (2, 1)), largest=(3.0, 0.0))
-    assert ledger.never_mattered(found) == ["body force is declared but is zero at every step"]
+    assert never_mattered(found) == ["body force is declared but is zero at every step"]
 
 
 def test_seconds_are_shares_of_products():
