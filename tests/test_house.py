@@ -32,11 +32,11 @@ KNOWN = {
         "driver/qp/mprgp.py", "driver/runs/goal.py", "driver/studies/effects.py",
     },
     "width": {
-        "driver/bench", "driver/contact", "driver/effects", "driver/estimates",
-        "driver/figures", "driver/hard", "driver/march", "driver/results", "driver/scene",
-        "driver/studies", "driver/studies/accuracy", "edp", "edp/hard", "edp/lib",
-        "edp/lib/P1", "edp/lib/P2", "edp/lib/P2-mixed", "edp/lib/effects", "edp/lib/given",
-        "tests/bench", "tests/figures", "tests/hard", "tests/scene", "tests/studies",
+        "driver/bench", "driver/estimates", "driver/figures", "driver/hard",
+        "driver/results", "driver/scene", "driver/studies", "driver/studies/accuracy",
+        "edp", "edp/hard", "edp/lib", "edp/lib/P1", "edp/lib/P2", "edp/lib/P2-mixed",
+        "edp/lib/effects", "edp/lib/given", "tests/bench", "tests/figures", "tests/hard",
+        "tests/scene", "tests/studies",
     },
     "docstrings": {
         "driver.figures.reading.Run.at", "driver.figures.reading.Run.friction",
