@@ -108,15 +108,17 @@ def counted(open_, stick, slip) -> dict:
     return {"open": np.array(open_), "stick": np.array(stick), "slip": np.array(slip)}
 
 
-def entries(effects=declared(*PLAIN), nodes=counted([9, 0], [0, 4], [0, 5]),
-            amplitudes=((0,), (1,), (0.5,)),
-            largest=(3.0,), log=(), seconds=0.0, gap=False, initial=False, sizes=SIZES):
+def entries(effects=declared(*PLAIN), nodes=None, amplitudes=((0,), (1,), (0.5,)), largest=(3.0,),
+            log=(), seconds=0.0, gap=False, initial=False, sizes=None):
+    """Ledger of a run; what is not given is that of a run in which all of PLAIN matters."""
+    nodes = nodes or counted([9, 0], [0, 4], [0, 5])
     contact = SimpleNamespace(gap=np.array([float(gap)]),
                               columns={"friction": np.ones(1), "tresca": np.ones(1)},
                               weight=np.ones(1))
     homogeneous = effects.homogeneous(contact, np.array([float(initial)]))
-    return effects.ledger(RunFacts(sizes, np.array(amplitudes, float), np.array(largest), nodes,
-                                   ledger.shares(list(log), seconds), gap, initial, homogeneous))
+    return effects.ledger(RunFacts(sizes or SIZES, np.array(amplitudes, float), np.array(largest),
+                                   nodes, ledger.shares(list(log), seconds), gap, initial,
+                                   homogeneous))
 
 
 def test_active_effects():

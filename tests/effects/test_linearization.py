@@ -85,14 +85,14 @@ def test_forces_balance_where_the_bodies_lie(built, steps_of):
     problem = second(first)
     found = {}
     for kind, one in (("initial", first), ("updated", problem)):
-        solver, steps = steps_of(one)
+        _, steps = steps_of(one)
         moved = one.operator.displacements(steps[-1].multipliers, steps[-1].weights)
         found[kind], resultant = moments(one, steps[-1], moved)
         assert np.abs(resultant).max() < 1e-12
     assert abs(found["initial"]) > 5e-3 and abs(found["updated"]) < 0.02**2
 
 
-def test_the_second_problem_holds_at_its_own_configuration(built, steps_of):
+def test_the_second_problem_holds_at_its_own_configuration(built):
     """At the displacements it is linearized about a node has the room that there is between the
     displaced boundaries.
     """

@@ -56,7 +56,9 @@ def test_frictionless_pressure_converges(solved):
     """Nodal pressures are first order in h: two halvings must gain 3 of the 4; the floor is the
     finite block's 0.25%.
     """
-    errors = [worst(solved("punch", **FRICTIONLESS, H=h), 0.75) for h in (1 / 12, 1 / 24, 1 / 48, 1 / 96)]
+    errors = [
+        worst(solved("punch", **FRICTIONLESS, H=h), 0.75) for h in (1 / 12, 1 / 24, 1 / 48, 1 / 96)
+    ]
     assert errors[3] < errors[1] / 3 and errors[2] < errors[0] / 3 and errors[3] < 0.006, errors
 
 
