@@ -9,7 +9,6 @@ iterations. A user's mistake is reported in one line.
 """
 
 import argparse
-import json
 import os
 import sys
 from pathlib import Path

@@ -1,5 +1,7 @@
 """Text for people: aligned columns, relative numbers, names."""
 
+import math
+
 
 def aligned(rows: list[list], sides: str = "") -> str:
     """The cells of `rows`, all of one length, as text in columns.
@@ -26,9 +28,8 @@ def percent(share: float) -> str:
 
 
 def change(value: float | None) -> str:
-    """A relative change: a percentage, or a factor where that is large; a dash where there is
-    none."""
-    if value is None or value != value:
+    """A relative change: a percentage, or a factor where that is large; a dash for none."""
+    if value is None or math.isnan(value):
         return "–"
     if abs(value) < 5e-5:
         return "0"

@@ -41,9 +41,9 @@ def _strong(bench: Workbench) -> None:
     for subdomains, cells, target in STRONG:
         case, times = f"{subdomains}, H/h = {cells}", {1: [], 2: []}
         for _ in range(REPEATS):
-            for ranks in times:
+            for ranks, values in times.items():
                 spent = run(bench, subdomains, cells, ranks, 1)[0]["seconds"]
-                times[ranks].append(spent["skeleton"] + spent["reduction"] + spent["steps"])
+                values.append(spent["skeleton"] + spent["reduction"] + spent["steps"])
         for ranks, values in times.items():
             bench.report.add(PART, f"set-up and 20 steps, {case}, {ranks} ranks", values, "s")
         bench.report.add(PART, f"one rank over two, {case}", ratios(times[1], times[2]), "", target)

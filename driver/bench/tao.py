@@ -76,10 +76,15 @@ def theirs(name: str, operator, d, bounds, bound: float) -> tuple[int, bool]:
             tao.setConvergedReason(PETSc.TAO.Reason.CONVERGED_USER)
 
     class Shell:
+        """F as a matrix without entries."""
+
         def mult(self, matrix, x, y):
+            """y = F x."""
             y.array[:] = product(x.array_r)
 
-    vec = lambda values: PETSc.Vec().createWithArray(np.array(values), comm=PETSc.COMM_SELF)
+    def vec(values: np.ndarray) -> PETSc.Vec:
+        return PETSc.Vec().createWithArray(np.array(values), comm=PETSc.COMM_SELF)
+
     hessian = PETSc.Mat().createPython((size, size), Shell(), comm=PETSc.COMM_SELF)
     hessian.setUp()
     hessian.setOption(PETSc.Mat.Option.SYMMETRIC, True)

@@ -35,11 +35,10 @@ def shade_zones(axes, rows: dict, factor: float) -> None:
 
 
 def zone_handles(run: Run, status: np.ndarray, tint) -> list:
-    """Legend patches for the statuses that occur; a frictionless closed node is one kind, however
-    written."""
+    """Legend patches for the statuses that occur; a frictionless closed node is one kind."""
     names = status_names(run)
-    return [Patch(facecolor=tint(STATUS[s]), edgecolor="0.5", lw=0.4, label=names[s])
-            for s in STATUS if (status == s).any()]
+    return [Patch(facecolor=tint(colour), edgecolor="0.5", lw=0.4, label=names[s])
+            for s, colour in STATUS.items() if (status == s).any()]
 
 
 def final_time(run: Run) -> float:

@@ -2,6 +2,8 @@
 to a tolerance.
 """
 
+import functools
+
 import numpy as np
 
 from ..feti.contact_block import ContactBlock
@@ -112,7 +114,7 @@ class FrictionQP:
         tol = max(self.tol, reduction * residual)
         offset, relax = op.products, None
         if self.relaxation is not None and settings.expansion == "contact":
-            relax = lambda y, gradient: self.relaxation(y, gradient, limits, 0.5 * tol)[0]
+            relax = functools.partial(self.relaxation.relaxed, limits=limits, tol=0.5 * tol)
 
         def monitor(kind, products, residual):
             history.log.append((offset + products, index, iteration, kind, residual /

@@ -53,6 +53,10 @@ class ContactRelaxation:
         self.products += found.products
         return block.scatter(found.x, y), block.scatter(found.gradient, gradient)
 
+    def relaxed(self, y: np.ndarray, gradient: np.ndarray, limits, tol: float) -> np.ndarray:
+        """The multipliers alone."""
+        return self(y, gradient, limits, tol)[0]
+
     def moved(self, x: np.ndarray, before: np.ndarray, gradient: np.ndarray) -> np.ndarray:
         """The gradient at x, right on the contact rows, from that at `before`, which differs in
         contact multipliers only.

@@ -50,17 +50,16 @@ class Uniqueness:
         nodes.
         """
         self.examined += 1
-        forces = lambda z: z[: problem.rows]
         # to rounding, to be told from the others
         mine = complementarity.newton(problem, problem.whole(x))
-        mine = problem.whole(
-            x) if mine is None or np.abs(forces(mine) - x).max() > 1e-2 * np.abs(x).max() else mine
+        if mine is None or np.abs(mine[: problem.rows] - x).max() > 1e-2 * np.abs(x).max():
+            mine = problem.whole(x)
         all_of_them = problem.n <= FEW and not problem.bilateral
         self.exhaustive += all_of_them
         found = complementarity.all_solutions(problem) if all_of_them else complementarity.search(
             problem, mine)
-        size = max((np.abs(forces(y)).max() for y in (mine, *found)), default=0.0)
-        others = [y for y in found if np.abs(forces(y) - forces(mine)).max(initial=0) > 1e-3 * size]
+        size = max((np.abs(y[: problem.rows]).max() for y in (mine, *found)), default=0.0)
+        others = [y for y in found if np.abs(y[: problem.rows] - mine[: problem.rows]).max(initial=0) > 1e-3 * size]
         # the sign of one solution tells of others only where a solution is sure to exist
         if others or size > 0 and not problem.k and complementarity.index(problem, mine) < 0:
             self.several[step] = [_describe(problem, y, weight) for y in (mine, *others)]

@@ -1,15 +1,14 @@
-"""The quantities of interest of a run: few numbers that users read, each with a limit under
-refinement.
+"""The quantities of interest: few numbers that users read, each with a limit under refinement.
 
-name                   unit              definition peak_pressure          stress            largest
-contact pressure, between nodes by the parabola through three of them normal_resultant       stress
-x length   contact pressure summed over the contact boundary tangential_resultant   stress x length
-shear traction sigma_t summed over the contact boundary, with its sign contact_length         length
-length in contact, its edges located between nodes slip                   length            longest
-way that a point of the boundary has slid in contact since time 0 dissipated_energy      stress x
-length^2 work that friction has taken since time 0 displacement           length            largest
-|u| of a node
+    peak_pressure         largest contact pressure, between nodes by the parabola through three
+    normal_resultant      contact pressure summed over the contact boundary
+    tangential_resultant  shear traction sigma_t summed over the contact boundary, with its sign
+    contact_length        length in contact, its edges located between nodes
+    slip                  longest way that a point of the boundary has slid in contact since time 0
+    dissipated_energy     work that friction has taken since time 0
+    displacement          largest |u| of a node
 
+Units: stress; stress x length for the resultants; length; stress x length^2 for the energy.
 Forces and energies are per thickness. All but slip and energy belong to one moment, the end of the
 load history; where the contact (or, without contact, the body) carries nothing then, to the step of
 the largest normal resultant (displacement).

@@ -104,8 +104,8 @@ def _outcomes(problem, settings, directory: Path, request: Request, apart: bool,
             solved[k], near = _solve(dataclasses.replace(
                 problem, manifest=value, operator=operator), settings, near)
             _progress(request, comm, k, done, len(mine))
-    except DriverError as problem:
-        error = problem
+    except DriverError as refused:
+        error = refused
     agree(comm, error)
     everyone = {k: outcome for part in comm.allgather(solved) for k, outcome in part.items()}
     return [everyone[k] for k in range(count)]

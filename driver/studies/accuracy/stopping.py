@@ -95,9 +95,8 @@ def by_budget(rtol: float, error: float) -> dict:
 
 
 def choose(coarse: Mesh, reference: Tractions, error: float) -> tuple[float, int]:
-    """RTOL for a discretization error by trials on a coarse mesh, and the products of the
-    trials."""
-    spent = 0
+    """RTOL for a discretization error by trials on a coarse mesh, and the products of these."""
+    spent, tighter = 0, TRIALS[-1]
     for rtol, tighter in zip(TRIALS, TRIALS[1:]):
         trial = coarse.run(**by_budget(rtol, error))
         spent += trial.products
