@@ -27,14 +27,9 @@ KNOWN = {
     "order": set(),
     "figures": set(),
     "length": {"driver/qp/mprgp.py", "driver/runs/goal.py"},
-    "width": {
-        "driver/estimates", "driver/results", "driver/scene", "edp", "edp/hard", "edp/lib",
-        "edp/lib/P1", "edp/lib/P2", "edp/lib/P2-mixed", "edp/lib/effects", "edp/lib/given",
-        "tests/scene",
-    },
+    "width": set(),
     "docstrings": {
-        "driver.runs.goal.Search.steps", "driver.scene.loader.Subdomain.dofs",
-        "driver.scene.records.RecordFile.ended",
+        "driver.runs.goal.Search.steps",
     },
 }
 

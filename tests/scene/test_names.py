@@ -119,7 +119,8 @@ def test_names_that_users_choose(variant, exported, tmp_path):
 
 @pytest.mark.parametrize("line, name", [
     ("real part = 1; int t = 2;", "part"), ("real body = 1;", "body"), ("int parts;", "parts"),
-    ("mesh group;", "group"), ("real[int] loads(3);", "loads"), ("real gid = 1;", "gid"), ("real corner = 1;", "corner"),
+    ("mesh group;", "group"), ("real[int] loads(3);", "loads"), ("real gid = 1;", "gid"),
+    ("real corner = 1;", "corner"),
     ("real mark = 1;", "mark"), ("int patterns = 1;", "patterns"), ("real steps = 3;", "steps"),
     ("macro corner() 1. //\nreal z = corner;", "corner"), ("macro h() 1. //\nreal z = h;", "h"),
     ("macro rigidX() 1. //", "rigidX"), ("func real amplitude(int k, real t) { return 1.; }",
