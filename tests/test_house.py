@@ -28,9 +28,7 @@ KNOWN = {
     "figures": set(),
     "length": {"driver/qp/mprgp.py", "driver/runs/goal.py"},
     "width": set(),
-    "docstrings": {
-        "driver.runs.goal.Search.steps",
-    },
+    "docstrings": set(),
 }
 
 
