@@ -23,7 +23,7 @@ def text_digest(scene: Path) -> str:
     digest, known = hashlib.sha256(), set()
     remaining = [scene, *sorted(environment.LIBRARY.rglob("*.idp"))]
     while remaining:
-        path = remaining.pop().resolve()
+        path = remaining.pop()
         if path in known:
             continue
         known.add(path)
