@@ -4,17 +4,19 @@ OMP_NUM_THREADS ?= 1
 export OMP_NUM_THREADS
 
 # commands of the driver, see driver/options.py; each scene is a target too
-COMMANDS := run model table effects study accuracy stopping locking bench hard saddle docs
+COMMANDS := run model table effects study accuracy bench hard saddle docs
 SCENES := $(basename $(notdir $(wildcard edp/*.edp)))
 DRIVER := $(PYTHON) -m driver
 
 # every variable given on the command line as a quoted word, but for those of the Makefile itself
-OWN := PYTHON OMP_NUM_THREADS ARGS SPREAD
+OWN := PYTHON OMP_NUM_THREADS ARGS SPREAD UNASKED
 quote = '$(subst ','\'',$1)'
 GIVEN = $(foreach v,$(filter-out $(OWN),$(.VARIABLES)),$(if $(filter command,$(origin $v)),$(call quote,$v=$(value $v))))
 
 # tests are spread over a process a core; those of one file stay together
 SPREAD := -n auto --maxprocesses 8 --dist loadfile
+# what the linter does not ask of tests: fixtures act without being used, helpers explain themselves
+UNASKED := missing-function-docstring,missing-class-docstring,unused-argument
 
 .DEFAULT_GOAL := help
 .PHONY: help setup demo test test-long check figures $(COMMANDS) $(SCENES)
@@ -38,7 +40,7 @@ test-long: setup  ## the tests marked slow
 
 check: setup  ## the linter, and the rules of the house: imports, lengths, docstrings
 	@$(PYTHON) -m pylint driver
-	@$(PYTHON) -m pylint --disable=missing-function-docstring,missing-class-docstring tests/*.py tests/*/*.py
+	@$(PYTHON) -m pylint --disable=$(UNASKED) tests/*.py tests/*/*.py
 	@$(PYTHON) -m pytest -q tests/test_house.py
 
 $(COMMANDS):

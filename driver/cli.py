@@ -9,7 +9,6 @@ iterations. A user's mistake is reported in one line.
 """
 
 import argparse
-import json
 import os
 import sys
 from pathlib import Path
@@ -59,28 +58,13 @@ def _execute(pairs: dict[str, str]) -> None:
 
 def figures(words: list[str]) -> None:
     """Redraw the figures of finished runs and studies from their files."""
+    from .figures.redraw import redraw
+
     if not words:
         raise InputError("no finished run to draw; 'make run SCENE=model' leaves one in "
                          "results/model")
-    for directory in map(Path, words):
-        print(*_drawn(directory), sep="\n")
-
-
-def _drawn(directory: Path) -> list[Path]:
-    """Draw what a directory holds; the files."""
-    if (directory / "accuracy.csv").is_file():
-        from .studies.accuracy.work_precision import draw
-
-        return draw(directory, every=True)
-    if not (directory / "summary.json").is_file():
-        raise InputError(f"{directory} holds no finished run (no summary.json)")
-    if "study" in json.loads((directory / "summary.json").read_text()):
-        from .studies.study import draw_study
-
-        return draw_study(directory)
-    from .figures import draw_run
-
-    return draw_run(directory)
+    for word in words:
+        print(*redraw(Path(word)), sep="\n")
 
 
 # ---- studies -------------------------------------------------------------------------------------
@@ -108,26 +92,10 @@ def effects(words: list[str]) -> None:
 
 
 def accuracy(words: list[str]) -> None:
-    """What accuracy costs: sweeps of every numerical choice."""
-    from .studies.accuracy.sweeps import run_accuracy
+    """What accuracy costs: sweeps of every numerical choice, or PART=locking, PART=stopping."""
+    from .studies.accuracy import run_accuracy
 
     _list(run_accuracy(parse_pairs(words)))
-
-
-def stopping(words: list[str]) -> None:
-    """What stopping by the error budget saves on the model example."""
-    environment.start_petsc()
-    from .studies.stopping import run_stopping
-
-    _list(run_stopping(parse_pairs(words)))
-
-
-def locking(words: list[str]) -> None:
-    """How elements converge in a material that hardly changes its volume."""
-    environment.start_petsc()
-    from .studies.locking import run_locking
-
-    _list(run_locking(parse_pairs(words)))
 
 
 def saddle(words: list[str]) -> None:
@@ -204,8 +172,7 @@ def _stage(request: Request):
 # ---- entry ---------------------------------------------------------------------------------------
 
 ENTRIES = {entry.__name__: entry for entry in (
-    run, model, table, effects, study, accuracy, stopping, locking, bench, hard, saddle, docs,
-    figures, solve)}
+    run, model, table, effects, study, accuracy, bench, hard, saddle, docs, figures, solve)}
 
 
 def main() -> None:

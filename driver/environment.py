@@ -99,7 +99,7 @@ def prepare_numpy() -> None:
     _ask_for(BLAS_BUFFER)
     import numpy as np
 
-    np.ones((300, 300)) @ np.ones(300)  # smaller products do without
+    np.dot(np.ones((300, 300)), np.ones(300))  # smaller products do without
 
 
 def _ask_for(size: int) -> None:

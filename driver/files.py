@@ -1,4 +1,5 @@
-"""Tables and JSON as files that appear whole: written under a hidden name, then renamed."""
+"""Tables and JSON as files that appear whole, written under a hidden name; and tables read
+again."""
 
 import csv
 import json
@@ -39,3 +40,29 @@ def write_table(path: Path, rows: list[dict], columns=None) -> Path:
         out.writeheader()
         out.writerows(rows)
     return path
+
+
+def read_rows(path: Path) -> list[dict[str, str]]:
+    """The rows of a CSV file, each a dict of texts by column. Raises OSError."""
+    with open(path, newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def read_table(path: Path) -> dict | None:
+    """Columns of a CSV file as arrays (rows,); None if the file is absent or has no rows.
+
+    A column is of numbers, empty ones being NaN, if all its entries are; else of texts.
+    """
+    import numpy as np  # here: most of what imports this module reads no tables
+
+    if not path.exists():
+        return None
+    with open(path, newline="") as file:
+        names, *rows = csv.reader(file)
+    columns = {}
+    for name, texts in zip(names, zip(*rows)):
+        try:
+            columns[name] = np.array([text or "nan" for text in texts], dtype=float)
+        except ValueError:
+            columns[name] = np.array(texts)
+    return columns or None

@@ -79,14 +79,12 @@ COMMANDS = {command.name: command for command in (
     Command("model", "the model example under both loading histories, or one of them", True,
             "make model decides on {name} itself"),
     Command("table", "the slides' table, ours beside theirs"),
-    Command("effects", "a scene as declared and with each effect taken out in turn", True,
+    Command("effects", "a scene as declared and with each effect left out in turn", True,
             "the study decides on {name} itself"),
     Command("study", "many values of one parameter on one export: FRICTION=0.05:1.0:100 or a,b,c",
             True, "a study has one mesh and no estimates or fields; {name} belongs to single runs"),
     Command("accuracy", "what accuracy costs: every numerical choice in turn, coarse to fine", True,
             "the study decides on {name} itself"),
-    Command("stopping", "what stopping by the error budget saves on the model example"),
-    Command("locking", "how elements converge where the material hardly changes its volume"),
     Command("bench", "what runs cost, beside the slides, other programs and the machine's limits"),
     Command("hard", "the hard cases, each solved and checked or refused"),
     Command("saddle", "write and draw the FETI-DP saddle-point matrix of a small case", True,
@@ -97,7 +95,7 @@ COMMANDS = {command.name: command for command in (
 
 # ---- the table -----------------------------------------------------------------------------------
 
-SCENES = ("run", "effects", "study", "accuracy")
+SCENES = ("run", "effects", "study")
 SOLVING = ("run", "model", "effects", "study", "accuracy")
 MESHING = (*SOLVING, "saddle")
 SINGLE = ("run", "model")
@@ -106,6 +104,8 @@ FRONT, EXPORT, SOLVER, STUDY = Reader.FRONT, Reader.EXPORT, Reader.SOLVER, Reade
 RUNS = (
     Option("scene", text("name|path"), None, FRONT, SCENES,
            "the scene, which declares all physics", required=True),
+    Option("scene", text("name|path"), None, FRONT, ("accuracy",), "the scene of the sweeps",
+           "none, needed by PART=sweeps"),
     Option("scene", text("name|path"), "model", FRONT, ("saddle",), "the scene"),
     Option("np", whole("a number of ranks", 1, RANKS_PER_CORE * CORES), 1, FRONT,
            (*SOLVING, "table"), "MPI ranks, for FreeFEM and the solver"),
@@ -116,10 +116,9 @@ RUNS = (
     Option("out", path(), None, FRONT, ("study",), "directory of the results",
            "results/study/<scene>-<parameter>"),
     Option("out", path(), None, FRONT, ("accuracy",), "directory of the results",
-           "results/accuracy/<scene>"),
+           "results/accuracy/<scene or part>"),
     *(Option("out", path(), RESULTS / folder, FRONT, (command,), "directory of the results")
-      for command, folder in (("effects", "effects"), ("stopping", "accuracy"),
-                              ("locking", "locking"), ("bench", "bench"), ("hard", "hard"),
+      for command, folder in (("effects", "effects"), ("bench", "bench"), ("hard", "hard"),
                               ("saddle", "saddle"))),
     Option("out", path(), None, FRONT, ("figures",), "directory of a finished run or study",
            "all in results/"),
@@ -194,7 +193,10 @@ STUDIES = (
     Option("method", several("default", "plain"), ("default", "plain"), STUDY, ("table",),
            "the driver as it comes, and the slides' own method", "both"),
     Option("fresh", YES_NO, False, STUDY, ("table",), "make rows anew that are there already"),
-    Option("rows", several(*"12345"), tuple("1234"), STUDY, ("stopping",),
+    Option("part", choice("sweeps", "locking", "stopping"), "sweeps", STUDY, ("accuracy",),
+           "sweeps of a scene; how elements converge near incompressibility; or what stopping by "
+           "the error budget saves on the model example"),
+    Option("rows", several(*"12345"), tuple("1234"), STUDY, ("accuracy",), "PART=stopping: "
            "meshes, coarse to fine, with as many subdomains as those of the table", "1,2,3,4"),
     Option("effort", choice("quick", "full"), "full", STUDY, ("accuracy",), "length of the sweeps"),
     Option("repeats", whole("a whole number", 1), None, STUDY, ("accuracy",),

@@ -41,6 +41,7 @@ from driver import cli
 from driver.march.tearing import build
 from driver.effects import Effects
 from driver.errors import DriverError
+from driver.files import read_table
 from driver.feti.operator import DualOperator
 from driver.march.quasistatic import QuasistaticSolver
 from driver.march.step import StepFailed
@@ -59,7 +60,7 @@ MODEL = environment.ROOT / "edp" / "model.edp"
 # and no process waits long for another. A file that is not named here comes after them.
 LONGEST = ("test_cli", "test_hard", "test_model", "test_resume", "test_scenes_bodies",
            "test_estimation", "test_goal", "test_scenes_hertz", "test_loader", "test_figures",
-           "test_quadratic", "test_study", "test_accuracy", "test_budget", "test_fetidp")
+           "test_quadratic", "test_study", "test_accuracy", "test_budget", "test_operator")
 
 
 def pytest_collection_modifyitems(config, items):
@@ -192,8 +193,6 @@ class Outcome:
 
 def read_outcome(directory: Path, status=0, reason="") -> Outcome:
     """The files of a run in `directory`; what it does not have stays empty."""
-    from driver.figures.reading import read_table
-
     outcome = Outcome(directory, status, reason)
     if (directory / "summary.json").exists():
         outcome.summary = json.loads((directory / "summary.json").read_text())

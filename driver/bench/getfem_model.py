@@ -1,11 +1,14 @@
-"""The model example in GetFEM, run as a process of its own:  python3 getfem_model.py MESH.npz OUT.npz STEPS LOADING
+"""The model example in GetFEM, run as a process of its own:  python3 getfem_model.py MESH.npz
+OUT.npz STEPS LOADING
 
-Settings are those that suit GetFEM best here: nodal (basic) contact brick in small sliding, augmented version 1
-with r = 50 in units of 1e8 Pa, sliding direction gamma = -1 from the previous displacement, MUMPS, the plainest line
-search, supports by multipliers, the clamped corner left out of the contact nodes.
+Settings are those that suit GetFEM best here: nodal (basic) contact brick in small sliding,
+augmented version 1 with r = 50 in units of 1e8 Pa, sliding direction gamma = -1 from the previous
+displacement, MUMPS, the plainest line search, supports by multipliers, the clamped corner left out
+of the contact nodes.
 
-MESH.npz holds xy (n, 2) and triangles (m, 3); OUT.npz gets x (k,) of the contact nodes and the nodal forces
-normal, tangential (k,) in newton per metre, positive when they press and when they push along +x.
+MESH.npz holds xy (n, 2) and triangles (m, 3); OUT.npz gets x (k,) of the contact nodes and the
+nodal forces normal, tangential (k,) in newton per metre, positive when they press and when they
+push along +x.
 """
 
 import sys
@@ -34,7 +37,8 @@ def build(xy: np.ndarray, triangles: np.ndarray):
 
 
 def contact_rows(space):
-    """Normal and tangential rows, one per bottom node that is not clamped, and the x of these nodes."""
+    """Normal and tangential rows, one per bottom node that is not clamped, and the x of these
+    nodes."""
     place = space.basic_dof_nodes()
     bottom = np.flatnonzero((place[1] == 0) & (place[0] > 0))[::2]  # dofs go node by node
     bottom = bottom[np.argsort(place[0, bottom])]
@@ -65,8 +69,8 @@ def model(quadrature, space):
     md.add_initialized_data("alpha", np.ones(len(x)))
     md.add_initialized_data("gamma", [-1.0])
     md.add_initialized_data("before", np.zeros(space.nbdof()))
-    md.add_basic_contact_brick("u", "force_n", "force_t", "r", normal, tangential, "friction", "gap", "alpha", 1,
-                               "gamma", "before")
+    md.add_basic_contact_brick("u", "force_n", "force_t", "r", normal, tangential, "friction",
+                               "gap", "alpha", 1, "gamma", "before")
     return md, x
 
 
@@ -83,7 +87,8 @@ def main(mesh_file: str, out_file: str, steps: int, loading: str) -> None:
         md.set_variable("right", np.multiply(phi, RIGHT))
         md.solve("max_res", 1e-8, "max_iter", 200, "lsolver", "mumps", "lsearch", "simplest")
         md.set_variable("before", md.variable("u"))
-    np.savez(out_file, x=x, normal=-UNIT * md.variable("force_n"), tangential=UNIT * md.variable("force_t"))
+    np.savez(out_file, x=x, normal=-UNIT * md.variable("force_n"),
+             tangential=UNIT * md.variable("force_t"))
 
 
 if __name__ == "__main__":

@@ -1,17 +1,18 @@
 """GetFEM on the same mesh, loads and steps: whole processes, the FreeFEM stage included."""
 
-import csv
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 
+from ..files import read_table
 from .workbench import REPEATS, Workbench, child, driver, in_turn, median, ratios
 
 PART = "getfem"
 STEPS = 10
-CASES = {20: ("4x2", "1"), 40: ("8x4", ""), 80: ("16x8", "20")}  # 1/h: subdomains of 10 cells, target of the ratio
+# 1/h: subdomains of 10 cells, target of the ratio
+CASES = {20: ("4x2", "1"), 40: ("8x4", ""), 80: ("16x8", "20")}
 LARGE = {160: ("32x16", "50"), 320: ("64x32", "100")}  # minutes and tens of minutes
 LOADING = "nonmonotone"
 AGREE = 0.01  # of the largest nodal force
@@ -19,71 +20,66 @@ AGREE = 0.01  # of the largest nodal force
 
 def installed() -> bool:
     """Is GetFEM's Python interface there?"""
-    return subprocess.run([sys.executable, "-c", "import getfem"], capture_output=True).returncode == 0
+    return subprocess.run([sys.executable, "-c", "import getfem"],
+                          capture_output=True).returncode == 0
 
 
 def measure(bench: Workbench, large: bool = False) -> dict:
-    """Time ratios at every mesh size; raises RuntimeError where the contact forces differ by more than AGREE."""
+    """Time ratios at every mesh size, median seconds for the picture.
+
+    Raises RuntimeError where the contact forces differ by more than AGREE.
+    """
+    report = bench.report
     if not installed():
-        bench.report.skip(PART, "GetFEM is not installed (apt package python3-getfem)")
+        report.skip(PART, "GetFEM is not installed (apt package python3-getfem)")
         return {}
-    found = {}
+    measured = {"cells": [], "driver": [], "GetFEM": [], "steps": STEPS}
     for cells, (subdomains, target) in {**CASES, **(LARGE if large else {})}.items():
-        mesh, ours, theirs = bench.folder / "mesh.npz", bench.folder / "run", bench.folder / "getfem.npz"
+        mesh, ours, theirs = (bench.folder / name for name in ("mesh.npz", "run", "getfem.npz"))
         _write_mesh(bench.problem(subdomains).structure, mesh)
         bench.forget(subdomains)
         script = str(Path(__file__).with_name("getfem_model.py"))
         commands = {
-            "driver": driver("run", "SCENE=model", f"LOADING={LOADING}", f"SUBDOMAINS={subdomains}", f"STEPS={STEPS}",
-                             f"OUT={ours}", "ERRORS=no", "FIELDS=no", "FIGURES=no", "QUIET=yes"),
+            "driver": driver("run", "SCENE=model", f"LOADING={LOADING}", f"SUBDOMAINS={subdomains}",
+                             f"STEPS={STEPS}", f"OUT={ours}", "ERRORS=no", "FIELDS=no",
+                             "FIGURES=no", "QUIET=yes"),
             "GetFEM": [sys.executable, script, str(mesh), str(theirs), str(STEPS), LOADING]}
-        times = in_turn({name: lambda command=command: child(command)[0] for name, command in commands.items()},
-                        REPEATS if cells < 80 else 1)
+        times = in_turn({name: lambda command=command: child(command)[0]
+                         for name, command in commands.items()}, REPEATS if cells < 80 else 1)
         difference = _compare(ours, theirs)
         if not difference <= AGREE:
-            raise RuntimeError(f"h = 1/{cells}: contact forces differ by {difference:.1e} from GetFEM's")
-        report = bench.report
+            raise RuntimeError(
+                f"h = 1/{cells}: contact forces differ by {difference:.1e} from GetFEM's")
+        measured["cells"].append(cells)
         for name, values in times.items():
             report.add(PART, f"{name}, h = 1/{cells}, {STEPS} steps", values, "s")
-        report.add(PART, f"largest difference of nodal contact forces, h = 1/{cells}", difference, "", f"<= {AGREE}")
-        report.add(PART, f"GetFEM over driver, h = 1/{cells}", ratios(times["GetFEM"], times["driver"]), "",
-                   f">= {target}" if target else "")
-        found[cells] = {name: median(values) for name, values in times.items()}
-    return found
+            measured[name].append(median(values))
+        report.add(PART, f"largest difference of nodal contact forces, h = 1/{cells}", difference,
+                   "", f"<= {AGREE}")
+        report.add(PART, f"GetFEM over driver, h = 1/{cells}",
+                   ratios(times["GetFEM"], times["driver"]), "", f">= {target}" if target else "")
+    return measured
 
 
 def _write_mesh(structure, path: Path) -> None:
     """The untorn mesh."""
-    xy = np.empty((1 + max(int(sub.node_gid.max()) for sub in structure.subdomains), 2))
-    for sub in structure.subdomains:
+    subdomains = structure.subdomains
+    xy = np.empty((1 + max(int(sub.node_gid.max()) for sub in subdomains), 2))
+    for sub in subdomains:
         xy[sub.node_gid] = sub.xy
-    np.savez(path, xy=xy, triangles=np.concatenate([sub.node_gid[sub.triangles] for sub in structure.subdomains]))
+    np.savez(path, xy=xy, triangles=np.concatenate(
+        [sub.node_gid[sub.triangles] for sub in subdomains]))
 
 
 def _compare(ours: Path, theirs: Path) -> float:
     """Largest difference of nodal forces at the last step over the largest force of its kind."""
-    with open(ours / "contact.csv", newline="") as file:
-        rows = [row for row in csv.DictReader(file) if int(row["step"]) == STEPS]
+    table = read_table(ours / "contact.csv")
+    last = {name: column[table["step"] == STEPS] for name, column in table.items()}
     other = np.load(theirs)
-    worst = 0.0 if np.allclose([float(row["x"]) for row in rows], other["x"]) else np.inf
+    if not np.allclose(last["x"], other["x"]):
+        return np.inf
+    worst = 0.0
     for name, sign, key in (("sigma_n", -1, "normal"), ("sigma_t", 1, "tangential")):
-        force = np.array([sign * float(row[name]) * float(row["weight"]) for row in rows])
+        force = sign * last[name] * last["weight"]
         worst = max(worst, float(np.abs(force - other[key]).max() / np.abs(force).max()))
     return worst
-
-
-def draw(figure, found: dict) -> None:
-    """Whole processes over the mesh size."""
-    from ..figures import BLUE, ORANGE
-
-    axes = figure.subplots()
-    for name, colour in (("driver", BLUE), ("GetFEM", ORANGE)):
-        axes.loglog(list(found), [times[name] for times in found.values()], "o-", color=colour, label=name)
-    for cells, times in found.items():
-        axes.annotate(f"{times['GetFEM'] / times['driver']:.1f}×", (cells, times["driver"]), (0, -14),
-                      textcoords="offset points", ha="center")
-    axes.set_xticks(list(found), [f"1/{cells}" for cells in found])
-    axes.minorticks_off()
-    axes.margins(y=0.2)
-    axes.set(xlabel="mesh size $h$ [m]", ylabel=f"seconds of the whole process, {STEPS} steps")
-    axes.legend(frameon=False)

@@ -1,4 +1,5 @@
-"""One rank of a timed run:  mpirun python3 -m driver.bench.rank EXPORT OUT.json REPEATS [SETTINGS as JSON]"""
+"""One rank of a timed run:  mpirun python3 -m driver.bench.rank EXPORT OUT.json REPEATS [SETTINGS
+as JSON]"""
 
 import json
 import sys
@@ -14,11 +15,11 @@ import numpy as np
 from mpi4py import MPI
 
 from ..feti.operator import DualOperator
-from ..scene.loader import read_subdomains
-from ..scene.manifest import read_manifest
+from ..feti.structure import partition
 from ..march.problem import Problem
 from ..march.tearing import build
-from ..feti.structure import partition
+from ..scene.loader import read_subdomains
+from ..scene.manifest import read_manifest
 from ..studies.table import method_settings
 from ..timing import Laps
 from .workbench import march
@@ -50,16 +51,18 @@ def once(directory: Path, settings: dict, comm) -> dict:
     history = march(Problem(manifest, structure, operator), **settings)
     lap("steps")
     bytes_ = operator.message_bytes()
-    return {"seconds": seconds, "counts": history.counts, "subdomains": structure.total, "coarse": structure.coarse_dofs,
+    return {"seconds": seconds, "counts": history.counts, "subdomains": structure.total,
+            "coarse": structure.coarse_dofs,
             "bytes": {name: comm.allreduce(value) for name, value in bytes_.items()}}
 
 
 def main(directory: str, out: str, repeats: str, settings: str = "") -> None:
-    """Repeat the run, with the slides' stopping rules if no settings are given; rank 0 writes all of them."""
+    """Repeat the run, with the slides' stopping rules if no settings are given; rank 0 writes all
+    of them."""
     comm, chosen = MPI.COMM_WORLD, json.loads(settings) if settings else method_settings("default")
-    found = [once(Path(directory), chosen, comm) for _ in range(int(repeats))]
+    runs = [once(Path(directory), chosen, comm) for _ in range(int(repeats))]
     if comm.rank == 0:
-        Path(out).write_text(json.dumps(found))
+        Path(out).write_text(json.dumps(runs))
 
 
 if __name__ == "__main__":

@@ -1,8 +1,9 @@
-"""The product with F against what the machine's dense products and memory allow, measured beside it."""
+"""The product with F against what the machine's dense products and memory allow, measured beside
+it."""
 
 import numpy as np
 
-from .workbench import REPEATS, Workbench, in_turn, ratios, seconds
+from .workbench import REPEATS, Workbench, in_turn, median, ratios, seconds
 
 PART = "roofline"
 CASES = {"64x32": {}, "512": {}}  # equal squares; a graph partition, whose matrices all differ
@@ -27,55 +28,44 @@ def gemm() -> float:
 def work(operator) -> dict[str, float]:
     """Flops and bytes that a product with F cannot do without.
 
-    Flops: two a matrix entry and member of F, A and A'. Bytes: a local row is gathered (read, index, write), goes
-    through its dense product (read, write) and is added up (read, index, write); matrices and the coarse
-    factor (entry and index, forward and backward) are read once.
+    Flops: two a matrix entry and member of F, A and A'. Bytes: a local row is gathered (read,
+    index, write), goes through its dense product (read, write) and is added up (read, index,
+    write); matrices and the coarse factor (entry and index, forward and backward) are read once.
     """
     flops = sum(len(c.members) * 2 * (c.F.size + 2 * c.A.size) for c in operator.classes)
     rows = sum(len(c.members) * len(c.F) for c in operator.classes)
     corners = sum(len(c.members) * c.A.shape[1] for c in operator.classes)
     matrices = sum(8 * (c.F.size + 2 * c.A.size) for c in operator.classes)
     coarse = operator.coarse.factor_entries * 2 * (8 + 4)
-    return {"flops": float(flops), "bytes": float((rows + corners) * (6 * 8 + 2 * 4) + matrices + coarse)}
+    return {"flops": float(flops),
+            "bytes": float((rows + corners) * (6 * 8 + 2 * 4) + matrices + coarse)}
 
 
 def measure(bench: Workbench) -> dict:
     """Product, triad and dense product in turn, for equal and for distinct local matrices."""
-    found = {}
+    measured = {}
     for subdomains in CASES:
         operator = bench.problem(subdomains).operator
         x = np.random.default_rng(1).standard_normal(operator.owned)
         operator.apply(x)
-        times = in_turn({"product": lambda: seconds(lambda: [operator.apply(x) for _ in range(CALLS)]) / CALLS,
-                         "byte": triad, "flop": gemm}, 2 * REPEATS)
+
+        def product() -> float:
+            return seconds(lambda: [operator.apply(x) for _ in range(CALLS)]) / CALLS
+
+        times = in_turn({"product": product, "byte": triad, "flop": gemm}, 2 * REPEATS)
         needed = work(operator)
         # dense products and the passes over memory follow one another
-        bound = [flop * needed["flops"] + byte * needed["bytes"] for flop, byte in zip(times["flop"], times["byte"])]
+        bound = [flop * needed["flops"] + byte * needed["bytes"]
+                 for flop, byte in zip(times["flop"], times["byte"])]
         report, label = bench.report, f"{subdomains}, {len(operator.classes)} distinct matrices"
         report.add(PART, f"product with F, {label}", np.multiply(times["product"], 1e3), "ms")
         report.add(PART, f"flops of a product, {subdomains}", needed["flops"] / 1e6, "Mflop")
         report.add(PART, f"bytes of a product, {subdomains}", needed["bytes"] / 1e6, "MB")
-        report.add(PART, f"share of the roofline reached, {label}", ratios(bound, times["product"]), "", ">= 0.5")
-        found[subdomains] = {"bound": float(np.median(bound)), "product": float(np.median(times["product"])), **needed,
-                             "byte": float(np.median(times["byte"])), "flop": float(np.median(times["flop"]))}
-    for name, unit, scale in (("flop", "Gflop/s", 1e-9), ("byte", "GB/s", 1e-9)):
-        bench.report.add(PART, {"flop": "dense product rate", "byte": "memory bandwidth (triad)"}[name],
-                         scale / found["64x32"][name], unit)
-    return found
-
-
-def draw(figure, found: dict) -> None:
-    """Attainable and reached flop rates over flops per byte."""
-    from ..figures import BLUE, INK, ORANGE
-
-    axes, machine = figure.subplots(), found["64x32"]
-    intensity = np.logspace(-1.5, 2, 200)
-    # both follow one another, so the line is the harmonic sum of the two limits
-    rate = 1 / (machine["flop"] + machine["byte"] / intensity)
-    axes.loglog(intensity, rate / 1e9, color=INK, label="dense products and memory, one after the other")
-    axes.loglog(intensity, rate / 2e9, "--", color="0.6", label="half of it")
-    for (subdomains, case), colour in zip(found.items(), (BLUE, ORANGE)):
-        axes.loglog(case["flops"] / case["bytes"], case["flops"] / case["product"] / 1e9, "o", color=colour,
-                    label=f"product with $F$, {subdomains} subdomains")
-    axes.set(xlabel="flops per byte", ylabel="Gflop/s on one core")
-    axes.legend(frameon=False, fontsize="small")
+        report.add(PART, f"share of the roofline reached, {label}", ratios(bound, times["product"]),
+                   "", ">= 0.5")
+        medians = {name: median(values) for name, values in times.items()}
+        measured[subdomains] = {**needed, **medians}
+    for key, name, unit in (("flop", "dense product rate", "Gflop/s"),
+                            ("byte", "memory bandwidth (triad)", "GB/s")):
+        bench.report.add(PART, name, 1e-9 / measured["64x32"][key], unit)
+    return measured

@@ -1,11 +1,12 @@
-"""PETSc's bound-constrained solvers (TAO) on one QP of the model example: products with F until the same tolerance."""
+"""PETSc's bound-constrained solvers (TAO) on one QP of the model example: products with F until the
+same tolerance."""
 
 import numpy as np
 from petsc4py import PETSc
 
+from ..options import Settings
 from ..qp.lanczos import norm_bound
 from ..qp.mprgp import mprgp, projected_gradient
-from ..options import Settings
 from ..studies.table import LOADINGS
 from .workbench import Workbench
 
@@ -22,7 +23,8 @@ class Limit(Exception):
 
 
 def problem_of(bench: Workbench, subdomains: str):
-    """Operator, d, bounds of the QP at t = 0.25 with the friction bounds of its solution: mixed contact states."""
+    """Operator, d, bounds of the QP at t = 0.25 with the friction bounds of its solution: mixed
+    contact states."""
     problem = bench.problem(subdomains, LOADINGS[1])
     solver = problem.solver(Settings())
     step = next(step for step in solver.steps() if step.index == 5)
@@ -34,18 +36,22 @@ def ours(operator, d, bounds, solver) -> int:
     """Products of MPRGP from zero, the estimate of the norm included."""
     before, tol = operator.products, RTOL * np.linalg.norm(d)
     bound, _ = norm_bound(operator.apply, operator.owned, dot=operator.dot)
-    result = mprgp(operator.apply, d, *bounds, np.clip(np.zeros_like(d), *bounds), tol=tol, norm_bound=bound,
+    result = mprgp(operator.apply, d, *bounds, np.clip(np.zeros_like(d), *bounds), tol=tol,
+                   norm_bound=bound,
                    preconditioner=solver.qp.preconditioner, dot=operator.dot, expansion="cg",
-                   relax=lambda y, gradient: solver.qp.relaxation(y, gradient, bounds, 0.5 * tol)[0])
+                   relax=lambda y, gradient: solver.qp.relaxation(y, gradient, bounds,
+                                                                  0.5 * tol)[0])
     if result.status != "converged":
         raise RuntimeError(f"MPRGP ended with {result.status}")
     return operator.products - before
 
 
 def theirs(name: str, operator, d, bounds, bound: float) -> tuple[int, bool]:
-    """Products of a TAO solver from zero until the projected gradient is small, and whether it got there.
+    """Products of a TAO solver from zero until the projected gradient is small, and whether it got
+    there.
 
-    TAO's tolerances and first steps are absolute: the problem is scaled to a norm of F and of d of one.
+    TAO's tolerances and first steps are absolute: the problem is scaled to a norm of F and of d of
+    one.
     """
     size, before, length = len(d), operator.products, np.linalg.norm(d)
     unit, right = length / bound, d / length
@@ -64,15 +70,21 @@ def theirs(name: str, operator, d, bounds, bound: float) -> tuple[int, bool]:
 
     def monitor(tao):
         x, g = tao.getSolution().array_r, tao.getGradient()[0].array_r
-        best[0] = float(np.linalg.norm(projected_gradient(np.clip(x, lower, upper), g, lower, upper)))
+        best[0] = float(np.linalg.norm(projected_gradient(np.clip(x, lower, upper), g, lower,
+                                                          upper)))
         if best[0] <= RTOL:
             tao.setConvergedReason(PETSc.TAO.Reason.CONVERGED_USER)
 
     class Shell:
+        """F as a matrix without entries."""
+
         def mult(self, matrix, x, y):
+            """y = F x."""
             y.array[:] = product(x.array_r)
 
-    vec = lambda values: PETSc.Vec().createWithArray(np.array(values), comm=PETSc.COMM_SELF)
+    def vec(values: np.ndarray) -> PETSc.Vec:
+        return PETSc.Vec().createWithArray(np.array(values), comm=PETSc.COMM_SELF)
+
     hessian = PETSc.Mat().createPython((size, size), Shell(), comm=PETSc.COMM_SELF)
     hessian.setUp()
     hessian.setOption(PETSc.Mat.Option.SYMMETRIC, True)
@@ -80,7 +92,8 @@ def theirs(name: str, operator, d, bounds, bound: float) -> tuple[int, bool]:
     tao.setType(name)
     tao.setObjectiveGradient(objective_gradient, vec(np.zeros(size)))
     tao.setHessian(lambda tao, x, H, P: None, hessian)
-    tao.setVariableBounds(*(vec(np.clip(bound, PETSc.NINFINITY, PETSc.INFINITY)) for bound in (lower, upper)))
+    tao.setVariableBounds(*(vec(np.clip(bound, PETSc.NINFINITY,
+                                        PETSc.INFINITY)) for bound in (lower, upper)))
     tao.setSolution(vec(np.clip(np.zeros(size), lower, upper)))
     tao.setTolerances(gatol=0.0, grtol=0.0, gttol=0.0)  # the monitor decides
     tao.setMaximumIterations(LIMIT)
@@ -105,8 +118,10 @@ def measure(bench: Workbench) -> dict:
         own, counts = ours(operator, d, bounds, solver), {}
         for name in SOLVERS:
             counts[name], converged = theirs(name, operator, d, bounds, solver.qp.bound)
-            bench.report.add(PART, f"{name}, {subdomains}" + ", not converged" * (not converged), counts[name], "")
-        bench.report.add(PART, f"MPRGP, {subdomains}, {len(d)} multipliers", own, "", f"<= {min(counts.values()) - 1}")
+            bench.report.add(PART, f"{name}, {subdomains}" + ", not converged" * (not converged),
+                             counts[name], "")
+        bench.report.add(PART, f"MPRGP, {subdomains}, {len(d)} multipliers", own, "",
+                         f"<= {min(counts.values()) - 1}")
         found[subdomains] = {"mprgp": own, **counts}
     return found
 
@@ -117,8 +132,8 @@ def draw(figure, found: dict) -> None:
 
     axes, names = figure.subplots(), ["mprgp", *SOLVERS]
     for k, (colour, (subdomains, counts)) in enumerate(zip((BLUE, ORANGE, GREEN), found.items())):
-        axes.bar([i + 0.27 * (k - 1) for i in range(len(names))], [counts[name] for name in names], 0.25, color=colour,
-                 label=f"{subdomains} subdomains")
+        axes.bar([i + 0.27 * (k - 1) for i in range(len(names))], [counts[name] for name in names],
+                 0.25, color=colour, label=f"{subdomains} subdomains")
     axes.set_xticks(range(len(names)), [name.upper() for name in names])
     axes.set(yscale="log", ylabel=f"products with $F$ until {RTOL:.0e}")
     axes.legend(frameon=False)

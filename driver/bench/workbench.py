@@ -3,7 +3,6 @@
 import dataclasses
 import json
 import os
-import resource
 import shutil
 import statistics
 import subprocess
@@ -25,7 +24,8 @@ REPEATS = 3
 
 @dataclasses.dataclass
 class Row:
-    """A measured value, its target (such as "<= 3"; empty: none) and the spread (largest - smallest) / median."""
+    """A measured value, its target (such as "<= 3"; empty: none) and the spread (largest -
+    smallest) / median."""
 
     part: str
     name: str
@@ -43,16 +43,19 @@ class Report:
         self.rows: list[Row] = []
 
     def add(self, part: str, name: str, values, unit: str, target: str = "") -> float:
-        """Add the median of `values` (or one number) with `target` "<= number" or ">= number"; returns it."""
+        """Add the median of `values` (or one number) with `target` "<= number" or ">= number";
+        returns it."""
         values = np.atleast_1d(values).astype(float)
         value, met, spread = float(np.median(values)), "", ""
         if target:
             relation, limit = target.split()
-            met = "yes" if (value <= float(limit) if relation == "<=" else value >= float(limit)) else "no"
+            met = "yes" if (value <= float(limit) if relation ==
+                            "<=" else value >= float(limit)) else "no"
         if len(values) > 1 and value:
             spread = f"{np.ptp(values) / abs(value):.2f}"
         self.rows.append(Row(part, name, value, unit, target, met, spread))
-        print(f"  {name}: {value:.4g} {unit}" + f"   (target {target}: {met})" * bool(target), flush=True)
+        note = f"   (target {target}: {met})" if target else ""
+        print(f"  {name}: {value:.4g} {unit}{note}", flush=True)
         return value
 
     def skip(self, part: str, reason: str) -> None:
@@ -63,7 +66,8 @@ class Report:
     def write(self, path: Path) -> None:
         """report.csv under a temporary name, renamed."""
         write_rows(path, [field.name for field in dataclasses.fields(Row)],
-                   [[f"{v:.6g}" if isinstance(v, float) else v for v in dataclasses.astuple(row)] for row in self.rows])
+                   [[f"{v:.6g}" if isinstance(v, float) else v for v in dataclasses.astuple(row)]
+                    for row in self.rows])
 
 
 class Workbench:
@@ -77,25 +81,29 @@ class Workbench:
         self.export_seconds = {}
 
     def export(self, subdomains: str, cells: int = 10, ranks: int = 1) -> Path:
-        """Directory of the export of the model example under the monotone loading, timed when it is made."""
+        """Directory of the export of the model example under the monotone loading, timed when it is
+        made."""
         key = (subdomains, cells, ranks)
         directory = self.exports / f"{subdomains}-{cells}-{ranks}"
         if key not in self.export_seconds:
-            clock = time.perf_counter()
-            freefem.export(freefem.find_scene("model"), directory, {"subdomains": subdomains, "cells": str(cells)}, ranks)
-            self.export_seconds[key] = time.perf_counter() - clock
+            scene, parameters = freefem.find_scene(
+                "model"), {"subdomains": subdomains, "cells": str(cells)}
+            self.export_seconds[key] = seconds(
+                lambda: freefem.export(scene, directory, parameters, ranks))
         return directory
 
     def problem(self, subdomains: str, loading: str = "monotone", cells: int = 10):
-        """The Problem of a size under a loading, with its own count of products; operators are kept by size."""
+        """The Problem of a size under a loading, with its own count of products; operators are kept
+        by size."""
         key = (subdomains, cells)
         if key not in self._problems:
             self._problems[key] = self.assemble(subdomains, cells)
         if key not in self._manifests:
             self._manifests[key] = self._loadings(subdomains, cells)
         problem = self._problems[key]
+        operator = problem.operator.with_contact(problem.structure.contact)
         return dataclasses.replace(problem, manifest=self._manifests[key][loading],
-                                   operator=problem.operator.with_contact(problem.structure.contact))
+                                   operator=operator)
 
     def assemble(self, subdomains: str, cells: int = 10, lap=lambda stage: None):
         """Read and reduce the export of a size anew, on this process alone."""
@@ -108,8 +116,9 @@ class Workbench:
     def _loadings(self, subdomains: str, cells: int) -> dict:
         directory = self.exports / f"{subdomains}-{cells}-loadings"
         parameters = {"subdomains": subdomains, "cells": str(cells)}
-        found = freefem.export_study(freefem.find_scene("model"), directory, parameters, "loading", list(LOADINGS))
-        return dict(zip(LOADINGS, found))
+        manifests = freefem.export_study(freefem.find_scene("model"), directory, parameters,
+                                         "loading", list(LOADINGS))
+        return dict(zip(LOADINGS, manifests))
 
     def forget(self, subdomains: str, cells: int = 10) -> None:
         """Free the operator of a size."""
@@ -121,17 +130,25 @@ class Workbench:
 
 
 def march(problem, **settings):
-    """Go through all steps; the history. Raises StepFailed if it does not converge: a benchmark must."""
+    """Go through all steps; the history.
+
+    Raises StepFailed if it does not converge: a benchmark must.
+    """
     solver = problem.solver(Settings(**settings))
     deque(solver.steps(), maxlen=0)
     return solver.history
 
 
+def timed(action) -> tuple:
+    """Value and wall time of a call."""
+    clock = time.perf_counter()
+    value = action()
+    return value, time.perf_counter() - clock
+
+
 def seconds(action) -> float:
     """Wall time of a call."""
-    clock = time.perf_counter()
-    action()
-    return time.perf_counter() - clock
+    return timed(action)[1]
 
 
 def in_turn(actions: dict, repeats: int = REPEATS) -> dict[str, list[float]]:
@@ -139,13 +156,12 @@ def in_turn(actions: dict, repeats: int = REPEATS) -> dict[str, list[float]]:
 
     An action returns the seconds that count, or None for its wall time.
     """
-    found = {name: [] for name in actions}
+    times = {name: [] for name in actions}
     for _ in range(repeats):
         for name, action in actions.items():
-            clock = time.perf_counter()
-            own = action()
-            found[name].append(time.perf_counter() - clock if own is None else own)
-    return found
+            own, wall = timed(action)
+            times[name].append(wall if own is None else own)
+    return times
 
 
 def ratios(over: list[float], under: list[float]) -> list[float]:
@@ -154,13 +170,16 @@ def ratios(over: list[float], under: list[float]) -> list[float]:
 
 
 def child(command: list[str]) -> tuple[float, float]:
-    """Run a process: its wall seconds and peak memory in MiB. Raises RuntimeError with its last words if it fails."""
+    """Run a process: its wall seconds and peak memory in MiB. Raises RuntimeError with its last
+    words if it fails."""
     env = {**environment.child_environment(), "PYTHONPATH": environment.python_path()}
-    # options of `make bench` are not the child's; compiled modules are kept, as those of installed packages are
+    # options of `make bench` are not the child's; compiled modules are kept, as those of installed
+    # packages are
     for name in ("MAKEFLAGS", "MAKEOVERRIDES", "MFLAGS", "MAKELEVEL", "PYTHONDONTWRITEBYTECODE"):
         env.pop(name, None)
     clock = time.perf_counter()
-    with subprocess.Popen(command, env=env, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+    with subprocess.Popen(command, env=env, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+                          stderr=subprocess.STDOUT,
                           text=True, errors="replace", cwd=environment.ROOT) as process:
         words = process.stdout.read()
         _, status, usage = os.wait4(process.pid, 0)
@@ -171,22 +190,21 @@ def child(command: list[str]) -> tuple[float, float]:
     return wall, usage.ru_maxrss / 1024
 
 
-def on_ranks(bench: Workbench, export: Path, ranks: int, repeats: int, *settings: str) -> list[dict]:
+def on_ranks(bench: Workbench, export: Path, ranks: int, repeats: int,
+             *settings: str) -> list[dict]:
     """What rank.py measures on an export, `repeats` times in one start of the ranks."""
-    out = bench.folder / "ranks.json"
-    command = [sys.executable, "-m", "driver.bench.rank", str(export), str(out), str(repeats), *settings]
+    out = bench.folder / ".runs.json"
+    command = [sys.executable, "-m", "driver.bench.rank",
+               str(export), str(out), str(repeats), *settings]
     child([*environment.mpirun(ranks), *command] if ranks > 1 else command)
-    return json.loads(out.read_text())
+    runs = json.loads(out.read_text())
+    out.unlink()
+    return runs
 
 
 def driver(*words: str) -> list[str]:
     """Command line of the driver with this Python."""
     return [sys.executable, "-m", "driver", *words]
-
-
-def memory_mib() -> float:
-    """Peak resident memory of this process."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
 def median(values) -> float:

@@ -1,10 +1,11 @@
 """The contact boundary: its nodes, gaps and weights, on rigid obstacles and between two bodies.
 
-On a rigid obstacle a node's displacement is constrained alone: the multipliers are dual to the traces of the shape
-functions, and force / weight is the mean of the traction with the node's function, whose integral is the weight. With
-linear and quadratic functions in 2D all weights are positive, so that bounds of tractions are bounds of forces, and the
-mean of a linear traction is its value at the node (not at the ends of a boundary of linear elements). Any force at the
-nodes is seen by a displacement of the same nodes, of bounded norm: the inf-sup condition (see mortar.py).
+On a rigid obstacle a node's displacement is constrained alone: the multipliers are dual to the
+traces of the shape functions, and force / weight is the mean of the traction with the node's
+function, whose integral is the weight. With linear and quadratic functions in 2D all weights are
+positive, so that bounds of tractions are bounds of forces, and the mean of a linear traction is its
+value at the node (not at the ends of a boundary of linear elements). Any force at the nodes is seen
+by a displacement of the same nodes, of bounded norm: the inf-sup condition (see mortar.py).
 """
 
 from dataclasses import dataclass
@@ -18,7 +19,8 @@ from ..scene.loader import ContactData
 
 @dataclass
 class ClampedContact:
-    """Nodes on contact edges that supports hold in both components: they carry no contact condition.
+    """Nodes on contact edges that supports hold in both components: they carry no contact
+    condition.
 
     Arrays of length n_k; `values` (n_k, 2, patterns) are the prescribed displacements.
     """
@@ -33,7 +35,9 @@ class ClampedContact:
 
 @dataclass
 class Configuration:
-    """Where contact between bodies is linearized: displacements u (k, 2) of the vertices `gid` (k,) of both sides."""
+    """Where contact between bodies is linearized: displacements u (k, 2) of the vertices `gid` (k,)
+    of both sides.
+    """
 
     gid: np.ndarray
     u: np.ndarray
@@ -43,13 +47,14 @@ class Configuration:
 class ContactBoundary:
     """All contact nodes of the body, replicated on every rank; arrays of length n_c.
 
-    `columns` are what declared effects give the nodes (see ContactData), means over dual segments; `gap` is the
-    distance to what the node meets: the column of that name, plus that of the two bodies of a pair.
+    `columns` are what declared effects give the nodes (see ContactData), means over dual segments;
+    `gap` is the distance to what the node meets: the column of that name, plus that of the two
+    bodies of a pair.
 
-    Ordered by label, then along the arc. `normal_row` and `tangential_row` are global dual rows, -1 where
-    a node has none (frictionless contact, or a direction that the support fixes). What meets at node i is
-    the sum of value_k u(gid_k) over the terms k with node_k = i: its own displacement on a rigid obstacle,
-    a mortar jump where `paired`.
+    Ordered by label, then along the arc. `normal_row` and `tangential_row` are global dual rows, -1
+    where a node has none (frictionless contact, or a direction that the support fixes). What meets
+    at node i is the sum of value_k u(gid_k) over the terms k with node_k = i: its own displacement
+    on a rigid obstacle, a mortar jump where `paired`.
     """
 
     gid: np.ndarray
@@ -77,16 +82,19 @@ class ContactBoundary:
         return np.column_stack([-self.normal[:, 1], self.normal[:, 0]])
 
 
-def contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm, sides=None) -> ContactBoundary:
+def contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm,
+                     sides=None) -> ContactBoundary:
     """Contact nodes of all subdomains, the parts of a node's dual segment added up.
 
-    `effects` are those of the scene, `sides` the boundaries that meet in pairs (effects/pair.py), None without pairs.
+    `effects` are those of the scene, `sides` the boundaries that meet in pairs (effects/pair.py),
+    None without pairs.
     """
     found = [np.empty((0, 7 + len(manifest.columns)))]
     for sub in subdomains:
         if sub.contact is not None:
             node = sub.contact.node
-            found.append(contact_table(sub.contact, manifest.columns, sub.node_gid[node], sub.xy[node]))
+            found.append(
+                contact_table(sub.contact, manifest.columns, sub.node_gid[node], sub.xy[node]))
     found = gather(comm, np.concatenate(found))
     keys, at, total = add_parts(found)
     label, gid = keys.T.astype(np.int64)
@@ -96,11 +104,14 @@ def contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm, sides
     gap = effects.distance(columns, n)
     missing = [wanted for wanted in manifest.contact_labels if wanted not in label]
     if missing:
-        raise InputError(f"no contact node has the label {missing[0]}: the scene declares contact on a label "
-                         "that its mesh lacks")
+        raise InputError(
+            f"no contact node has the label {missing[0]}: the scene declares contact on a label "
+            "that its mesh lacks")
     arc = _arc_lengths(label, gid, xy, skeleton)
     paired = np.isin(label, [one for one, _ in manifest.contact_pairs])
-    terms = [tuple(column[~paired] for column in (np.arange(n), gid, np.ones(n), np.zeros(n, bool)))]
+    terms = [
+        tuple(column[~paired] for column in (np.arange(n), gid, np.ones(n), np.zeros(n, bool)))
+    ]
     for one, two in manifest.contact_pairs:
         here = np.flatnonzero(label == one)
         weight[here], normal[here], more, (node, *term) = sides.couple(one, two, gid[here])
@@ -109,7 +120,8 @@ def contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm, sides
     middle = np.isin(gid, skeleton.middles)
     held = held_nodes(gid, fixed)
     values = fixed[1][np.searchsorted(fixed[0], 2 * gid[held & ~paired][:, None] + [0, 1])]
-    clamped = ClampedContact(gid[held & ~paired], *(of[held & ~paired] for of in (label, xy, normal, gap)), values)
+    clamped = ClampedContact(gid[held & ~paired],
+                             *(of[held & ~paired] for of in (label, xy, normal, gap)), values)
     kept = np.flatnonzero(~held & (weight > 0))
     order = kept[np.lexsort((arc[kept], label[kept]))]
     position = np.full(n, -1)
@@ -124,14 +136,19 @@ def contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm, sides
     return ContactBoundary(*fields, *terms, none, none.copy(), clamped, sides and sides.about)
 
 
-def contact_table(c: ContactData, columns: list[str], gid: np.ndarray, xy: np.ndarray) -> np.ndarray:
-    """(n, 7 + columns) contact nodes of one subdomain: label, gid, weight; normal and columns times weight; place."""
+def contact_table(c: ContactData, columns: list[str], gid: np.ndarray,
+                  xy: np.ndarray) -> np.ndarray:
+    """(n, 7 + columns) contact nodes of one subdomain: label, gid, weight; normal and columns times
+    weight; place.
+    """
     part = np.column_stack([c.normal, *(c.columns[name] for name in columns)]) * c.weight[:, None]
     return np.column_stack([c.label, gid, c.weight, part, xy])
 
 
 def add_parts(found: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(label, gid) of the nodes of a `contact_table`, where each stands first, and sums of what it has in between."""
+    """(label, gid) of the nodes of a `contact_table`, where each stands first, and sums of what it
+    has in between.
+    """
     keys, at, inverse = np.unique(found[:, :2], axis=0, return_index=True, return_inverse=True)
     total = np.zeros((len(keys), found.shape[1] - 4))
     np.add.at(total, inverse, found[:, 2:-2])
@@ -146,7 +163,8 @@ def held_nodes(gid: np.ndarray, fixed) -> np.ndarray:
 def _arc_lengths(label, gid, xy, skeleton) -> np.ndarray:
     """Arc length of every contact node along its label's chain of edges; pieces follow one another.
 
-    A piece starts at its end with the smaller x (then y), a closed piece at its node with the smallest gid.
+    A piece starts at its end with the smaller x (then y), a closed piece at its node with the
+    smallest gid.
     """
     arc = np.zeros(len(gid))
     for one in np.unique(label):
@@ -155,14 +173,16 @@ def _arc_lengths(label, gid, xy, skeleton) -> np.ndarray:
         links = {i: [] for i in nodes}
         for a, b in skeleton.links(one):
             if a not in index or b not in index:
-                raise InputError(f"a boundary edge of contact label {one} has an end that is no contact node; "
-                                 "run the scene again")
+                raise InputError(
+                    f"a boundary edge of contact label {one} has an end that is no contact node; "
+                    "run the scene again")
             links[index[a]].append(index[b])
             links[index[b]].append(index[a])
         start, left = 0.0, set(nodes)
         while left:
             ends = [i for i in left if len(links[i]) == 1]
-            here = min(ends, key=lambda i: (*xy[i], gid[i])) if ends else min(left, key=lambda i: gid[i])
+            here = min(ends, key=lambda i:
+                       (*xy[i], gid[i])) if ends else min(left, key=lambda i: gid[i])
             while here is not None:
                 left.discard(here)
                 arc[here] = start

@@ -1,13 +1,15 @@
-"""Stage 6, bodies without support: can contact hold them at all, and where would rigid bodies come to rest?
+"""Stage 6, bodies without support: can contact hold them at all, and where would rigid bodies come
+to rest?
 
-The loads' work on every free rigid motion must be balanced by contact forces inside their cones, a linear program
-in the multipliers:
+The loads' work on every free rigid motion must be balanced by contact forces inside their cones, a
+linear program in the multipliers:
 
     min gap' lambda_n   with   G lambda = L,   lambda_n >= 0,   |lambda_t| <= offset + F lambda_n,
 
-column j of G' being the motion of the contact rows under rigid motion j. Without a solution there is no equilibrium
-whatever the bodies deform; with one its dual variables are the rigid motion that closes the gaps first. Compare
-Haslinger, Kucera, Sassi: floating bodies; for the static theorem Kanno (2011), ch. 1.
+column j of G' being the motion of the contact rows under rigid motion j. Without a solution there
+is no equilibrium whatever the bodies deform; with one its dual variables are the rigid motion that
+closes the gaps first. Compare Haslinger, Kucera, Sassi: floating bodies; for the static theorem
+Kanno (2011), ch. 1.
 """
 
 import numpy as np
@@ -18,24 +20,26 @@ from .rows import ContactRows
 SLACK = 1e-7  # relative imbalance that counts as balanced: the solver's own tolerance
 
 
-def rigid_equilibrium(rows: ContactRows, motions: np.ndarray, work: np.ndarray, size: np.ndarray, comm):
+def rigid_equilibrium(rows: ContactRows, motions: np.ndarray, work: np.ndarray, size: np.ndarray,
+                      comm):
     """Rigid motion (modes,) in which contact first balances the loads, or None if it cannot.
 
-    `motions` (owned, modes): dual rows' displacement under every rigid motion; `work` (modes,) of the loads on
-    them, `size` (modes,) of its terms. Collective; the same answer on every rank.
+    `motions` (owned, modes): dual rows' displacement under every rigid motion; `work` (modes,) of
+    the loads on them, `size` (modes,) of its terms. Collective; the same answer on every rank.
     """
     nothing = np.zeros(len(rows.tangential))
-    part = (motions[rows.normal], rows.gap, rows.normal_node, motions[rows.tangential], rows.tangential_node,
-            nothing if rows.coefficient is None else rows.coefficient,
+    part = (motions[rows.normal], rows.gap, rows.normal_node, motions[rows.tangential],
+            rows.tangential_node, nothing if rows.coefficient is None else rows.coefficient,
             nothing if rows.offset is None else rows.offset)
     parts = comm.gather(part)
     answer = None
     if comm.rank == 0:
-        normal, gap, node, tangential, rubbing, coefficient, offset = (np.concatenate(column) for column in zip(*parts))
+        normal, gap, node, tangential, rubbing, coefficient, offset = (np.concatenate(column)
+                                                                       for column in zip(*parts))
         one, two = np.argsort(node), np.argsort(rubbing)  # ranks may own nodes in turn
         pair = np.searchsorted(node[one], rubbing[two])
-        answer = _solve(normal[one], gap[one], tangential[two], pair, coefficient[two], offset[two], rows.bilateral,
-                        work, size)
+        answer = _solve(normal[one], gap[one], tangential[two], pair, coefficient[two], offset[two],
+                        rows.bilateral, work, size)
     return comm.bcast(answer)
 
 
@@ -56,15 +60,18 @@ def _solve(normal, gap, tangential, pair, coefficient, offset, bilateral, work, 
         limit = offset / force
     else:
         pick = csr_matrix((np.ones(j), (np.arange(j), pair)), shape=(j, k))
-        cone = bmat([[-diags(coefficient) @ pick, identity(j)], [-diags(coefficient) @ pick, -identity(j)]]).tocsr()
+        cone = bmat([[-diags(coefficient) @ pick, identity(j)],
+                     [-diags(coefficient) @ pick, -identity(j)]]).tocsr()
     from scipy.optimize import linprog  # slow to import, and only free bodies need it
 
     far = np.abs(gap).max(initial=0.0) or 1.0
-    found = linprog(np.concatenate([gap / far, np.zeros(j)]), A_ub=cone, b_ub=None if cone is None else np.tile(offset / force, 2),
-                    A_eq=balance, b_eq=work / reach / force, method="highs",
+    found = linprog(np.concatenate([gap / far, np.zeros(j)]), A_ub=cone,
+                    b_ub=None if cone is None else np.tile(offset / force, 2), A_eq=balance,
+                    b_eq=work / reach / force, method="highs",
                     bounds=[(None if bilateral else 0.0, None)] * k + [(-b, b) for b in limit])
     if found.status == 2:
         return None
     if found.status != 0 or not gap.any():
-        return np.zeros(len(work))  # unbounded: bodies overlap everywhere; the steps themselves find the motion
+        # unbounded: bodies overlap everywhere; the steps themselves find the motion
+        return np.zeros(len(work))
     return found.eqlin.marginals * far / reach

@@ -10,22 +10,26 @@ from .rows import ContactRows
 
 @dataclass
 class Scales:
-    """Largest values met so far in a run: what residuals are relative to, also in steps without load."""
+    """Largest values met so far in a run: what residuals are relative to, also in steps without
+    load.
+    """
 
     d: float = 0.0  # ||d||
     displacement: float = 0.0
     pressure: float = 0.0  # nodal force
-    work: np.ndarray | float = 0.0  # (modes,) of the forces on every free rigid motion, absolute values added up
+    # (modes,) of the forces on every free rigid motion, absolute values added up
+    work: np.ndarray | float = 0.0
 
 
-def kkt_residuals(rows: ContactRows, multipliers: np.ndarray, gradient: np.ndarray, projected: float,
-                  scales: Scales, comm) -> dict[str, float]:
+def kkt_residuals(rows: ContactRows, multipliers: np.ndarray, gradient: np.ndarray,
+                  projected: float, scales: Scales, comm) -> dict[str, float]:
     """Relative KKT residuals of one time step, the largest over the contact and gluing rows.
 
-    gluing, penetration: relative to the largest displacement; sign, cone: relative to the largest nodal
-    pressure; complementarity: pressure times distance, and friction's lost dissipation g |slip| - lambda_t slip,
-    relative to the product of both; stationarity: norm `projected` of the projected gradient relative to ||d||.
-    Updates the largest pressure in `scales`. Collective over `comm`.
+    gluing, penetration: relative to the largest displacement; sign, cone: relative to the largest
+    nodal pressure; complementarity: pressure times distance, and friction's lost dissipation g
+    |slip| - lambda_t slip, relative to the product of both; stationarity: norm `projected` of the
+    projected gradient relative to ||d||. Updates the largest pressure in `scales`. Collective over
+    `comm`.
     """
     move = -gradient
     lambda_n, lambda_t = multipliers[rows.normal], multipliers[rows.tangential]
@@ -44,10 +48,12 @@ def kkt_residuals(rows: ContactRows, multipliers: np.ndarray, gradient: np.ndarr
     comm.Allreduce(MPI.IN_PLACE, local, op=MPI.MAX)
     gluing, penetration, sign, cone, gap_work, slip_work, force = local.tolist()
     scales.pressure = max(scales.pressure, force)
-    return {"stationarity": _ratio(projected, scales.d), "gluing": _ratio(gluing, scales.displacement),
-            "penetration": _ratio(penetration, scales.displacement), "sign": _ratio(sign, scales.pressure),
-            "cone": _ratio(cone, scales.pressure),
-            "complementarity": _ratio(max(gap_work, slip_work), scales.pressure * scales.displacement)}
+    return {
+        "stationarity": _ratio(projected, scales.d), "gluing": _ratio(gluing, scales.displacement),
+        "penetration": _ratio(penetration, scales.displacement),
+        "sign": _ratio(sign, scales.pressure), "cone": _ratio(cone, scales.pressure),
+        "complementarity": _ratio(max(gap_work, slip_work), scales.pressure * scales.displacement)
+    }
 
 
 def _ratio(value: float, size: float) -> float:

@@ -1,14 +1,17 @@
-"""Contact conditions at the contact nodes: the rows a rank owns, bounds of the multipliers, states of the nodes.
+"""Contact conditions at the contact nodes: the rows a rank owns, bounds of the multipliers, states
+of the nodes.
 
-Multipliers are nodal forces on the body: lambda_n >= 0 presses along -n, lambda_t pushes along -t, so
-that sigma_n = -lambda_n / weight and sigma_t = -lambda_t / weight. With r = F lambda - d the rows read
-B u - c = -r, where c is the gap (normal) or the previous tangential displacement (tangential rows).
+Multipliers are nodal forces on the body: lambda_n >= 0 presses along -n, lambda_t pushes along -t,
+so that sigma_n = -lambda_n / weight and sigma_t = -lambda_t / weight. With r = F lambda - d the
+rows read B u - c = -r, where c is the gap (normal) or the previous tangential displacement
+(tangential rows).
 
 Every friction law bounds lambda_t by an affine function of the pressure,
 
     |lambda_t| <= offset + coefficient |lambda_n|:
 
-Coulomb's law has no offset, a given bound (Tresca) no coefficient, a law with cohesion (Mohr, Coulomb) both.
+Coulomb's law has no offset, a given bound (Tresca) no coefficient, a law with cohesion (Mohr,
+Coulomb) both.
 """
 
 from dataclasses import dataclass
@@ -22,7 +25,8 @@ from .states import OPEN, SLIP, STICK
 
 @dataclass(frozen=True)
 class ContactLaw:
-    """What the declared effects make of the conditions at the contact nodes; None where nothing is declared.
+    """What the declared effects make of the conditions at the contact nodes; None where nothing is
+    declared.
 
     Arrays of length n_c.
     """
@@ -48,9 +52,9 @@ def _affine(coefficient, offset, pressure: np.ndarray) -> np.ndarray:
 class ContactRows:
     """The contact rows a rank owns, as positions in its dual vectors.
 
-    `normal` (k,) with `gap` and `node`; `tangential` (j,) with `pair`, the position of the same node's
-    normal row, and `node`. `coefficient` (j,) of friction, and `offset` (j,) of its bound, are None where no
-    declared effect has one.
+    `normal` (k,) with `gap` and `node`; `tangential` (j,) with `pair`, the position of the same
+    node's normal row, and `node`. `coefficient` (j,) of friction, and `offset` (j,) of its bound,
+    are None where no declared effect has one.
     """
 
     normal: np.ndarray
@@ -70,7 +74,9 @@ class ContactRows:
         return self.coefficient is None
 
     def limits(self, size: int, pressure: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Lower and upper bounds of all owned multipliers under nodal pressures `pressure` (owned,)."""
+        """Lower and upper bounds of all owned multipliers under nodal pressures `pressure`
+        (owned,).
+        """
         return self.limits_at(size, self.friction_bound(pressure))
 
     def limits_at(self, size: int, bound: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -89,19 +95,22 @@ class ContactRows:
         return pressed
 
     def sliding(self, x: np.ndarray, bound: np.ndarray) -> np.ndarray:
-        """(j,) sign of the multiplier at tangential rows that are on their bound, 0 at the others."""
+        """(j,) sign of the multiplier at tangential rows that are on their bound, 0 at the others.
+        """
         multiplier = x[self.tangential]
         return np.where(np.abs(multiplier) >= bound, np.sign(multiplier), 0.0)
 
     def follow(self, x: np.ndarray, sliding: np.ndarray) -> np.ndarray:
-        """x with sliding nodes moved to, and the others cut at, the friction bound of its own pressures.
+        """x with sliding nodes moved to, and the others cut at, the friction bound of its own
+        pressures.
 
-        If they stayed where they were, sliding nodes would be inside a bound that has grown, and the QP would
-        have to find them again one expansion step after the other.
+        If they stayed where they were, sliding nodes would be inside a bound that has grown, and
+        the QP would have to find them again one expansion step after the other.
         """
         moved, t = x.copy(), self.tangential
         bound = self.friction_bound(x)
-        moved[t] = np.where(sliding != 0, sliding * bound, np.minimum(np.maximum(x[t], -bound), bound))
+        moved[t] = np.where(sliding != 0, sliding * bound,
+                            np.minimum(np.maximum(x[t], -bound), bound))
         return moved
 
     def friction_bound(self, multipliers: np.ndarray) -> np.ndarray:
@@ -111,7 +120,9 @@ class ContactRows:
         return _affine(self.coefficient, self.offset, multipliers[self.pair])
 
     def states(self, multipliers: np.ndarray) -> np.ndarray:
-        """(k,) OPEN, STICK or SLIP of the nodes with a normal row, by exact comparison with the bounds."""
+        """(k,) OPEN, STICK or SLIP of the nodes with a normal row, by exact comparison with the
+        bounds.
+        """
         states = np.full(len(self.normal), STICK)
         if not self.bilateral:
             states[multipliers[self.normal] == 0] = OPEN
@@ -130,7 +141,8 @@ def contact_rows(structure: Substructure, law: ContactLaw) -> ContactRows:
     tangential = np.flatnonzero((contact.tangential_row >= start) & (contact.tangential_row < stop))
     coefficient, offset = (None if values is None else values[tangential]
                            for values in (law.coefficient, law.offset))
-    return ContactRows(
-        contact.normal_row[normal] - start, normal, contact.gap[normal],
-        contact.tangential_row[tangential] - start, tangential, contact.normal_row[tangential] - start,
-        coefficient, offset, np.flatnonzero(structure.row_kind[start:stop] == RowKind.GLUING), law.bilateral)
+    return ContactRows(contact.normal_row[normal] - start, normal, contact.gap[normal],
+                       contact.tangential_row[tangential] - start, tangential,
+                       contact.normal_row[tangential] - start, coefficient, offset,
+                       np.flatnonzero(structure.row_kind[start : stop] == RowKind.GLUING),
+                       law.bilateral)

@@ -1,9 +1,11 @@
-"""Effects are rooms: what a scene can declare is one module here and one include in edp/lib/effects.
+"""Effects are rooms: what a scene can declare is one module here and one include in
+edp/lib/effects.
 
-A module is imported only for a scene that declares it. Its class `Room`, an `Effect`, overrides what the effect adds:
-to the conditions at the contact nodes, to the start, to what is carried from step to step, to the quantities, the
-ledger and the estimates of a run. What it does not override adds nothing and costs nothing. The FreeFEM part, in which
-the scene's macros become load patterns, nodal columns and entries of the manifest, has the same file name.
+A module is imported only for a scene that declares it. Its class `Room`, an `Effect`, overrides
+what the effect adds: to the conditions at the contact nodes, to the start, to what is carried from
+step to step, to the quantities, the ledger and the estimates of a run. What it does not override
+adds nothing and costs nothing. The FreeFEM part, in which the scene's macros become load patterns,
+nodal columns and entries of the manifest, has the same file name.
 """
 
 import importlib
@@ -23,11 +25,12 @@ BOUND, ESTIMATE, NONE = "bound", "estimate", "none"
 class RunFacts:
     """What the ledger of a finished run is made from.
 
-    `sizes` the counts of dual rows as in summary.json, `amplitudes` (steps + 1, patterns), `largest` (patterns,) the
-    largest nodal value of every load pattern, `nodes` the columns nodes_open, nodes_stick, nodes_slip of history.csv
-    (steps,), empty if no step was kept, `seconds` the wall time that products for contact, friction and history
-    took, `gap` and `initial` whether any contact node starts away from its obstacle, or displaced;
-    `homogeneous` whether a solution under twice the load is twice the solution.
+    `sizes` the counts of dual rows as in summary.json, `amplitudes` (steps + 1, patterns),
+    `largest` (patterns,) the largest nodal value of every load pattern, `nodes` the columns
+    nodes_open, nodes_stick, nodes_slip of history.csv (steps,), empty if no step was kept,
+    `seconds` the wall time that products for contact, friction and history took, `gap` and
+    `initial` whether any contact node starts away from its obstacle, or displaced; `homogeneous`
+    whether a solution under twice the load is twice the solution.
     """
 
     sizes: dict[str, int]
@@ -49,12 +52,20 @@ class RunFacts:
         return int(max(sum(self.nodes[state] for state in states), default=0))
 
 
-def entry(active: bool | None, reason: str, unknowns: int = 0, seconds: float | None = None) -> dict:
+def entry(active: bool | None, reason: str, unknowns: int = 0,
+          seconds: float | None = None) -> dict:
     """Ledger entry of a declared effect; `active` is None where no step was kept."""
-    return {"declared": True, "active": active, "reason": reason, "unknowns": int(unknowns), "seconds": seconds}
+    return {"declared": True, "active": active, "reason": reason, "unknowns": int(unknowns),
+            "seconds": seconds}
 
 
-UNDECLARED = {"declared": False, "active": False, "reason": "not declared", "unknowns": 0, "seconds": 0.0}
+UNDECLARED = {
+    "declared": False, "active": False, "reason": "not declared", "unknowns": 0, "seconds": 0.0
+}
+
+
+# entries of the ledger that are there in every run
+COMMON = ("contact", "friction", "gap", "time", "load", "displacement", "body_force")
 
 
 class Effect:
@@ -66,15 +77,16 @@ class Effect:
     frictional = False  # adds tangential rows
     bilateral = False  # contact pulls as well
     changes_coefficient = False  # the friction coefficient depends on the state
-    quantities: tuple[str, ...] = ()  # quantities of interest that it gives sense to, see results/quantities.py
-    estimates, why = BOUND, ""  # how well the error in the energy norm is known with it, and why no better
+    # quantities of interest that it gives sense to, see results/quantities.py
+    quantities: tuple[str, ...] = ()
+    # how well the error in the energy norm is known with it, and why no better
+    estimates, why = BOUND, ""
 
     def __init__(self, name: str, manifest):
         """`name` of the room in `manifest.rooms`. Raises InputError for data that make no sense."""
-        self.name, self.manifest, self.data, self.patterns = name, manifest, manifest.rooms[name], []
-        for number, pattern in enumerate(manifest.patterns):
-            if pattern["kind"] == name:
-                self.patterns.append(number)
+        self.name, self.manifest, self.data = name, manifest, manifest.rooms[name]
+        kinds = [pattern["kind"] for pattern in manifest.patterns]
+        self.patterns = [number for number, kind in enumerate(kinds) if kind == name]
 
     # ---- what it says in summary.json -----------------------------------------------------------
     def summary(self) -> dict:
@@ -100,8 +112,11 @@ class Effect:
     def before_first_step(self, solver) -> None:
         """Find the state from which the QuasistaticSolver `solver` starts. Raises DriverError."""
 
-    def coefficient_factor(self, nodes: np.ndarray, u_t: np.ndarray, last: np.ndarray) -> np.ndarray:
-        """(j,) factor of the coefficient at contact `nodes` with displacements u_t, and `last` in the step before."""
+    def coefficient_factor(self, nodes: np.ndarray, u_t: np.ndarray,
+                           last: np.ndarray) -> np.ndarray:
+        """(j,) factor of the coefficient at contact `nodes` with displacements u_t, and `last` in
+        the step before.
+        """
         raise NotImplementedError
 
     # ---- what it carries from step to step ------------------------------------------------------
@@ -129,7 +144,8 @@ class LoadEffect(Effect):
     def ledger(self, facts: RunFacts) -> dict[str, dict]:
         """Active where any pattern is not zero at every step."""
         active = any(facts.amplitudes[:, k].any() and facts.largest[k] > 0 for k in self.patterns)
-        return {self.heading: entry(active, f"{len(self.patterns)} patterns" if active else "is zero at every step")}
+        reason = f"{len(self.patterns)} patterns" if active else "is zero at every step"
+        return {self.heading: entry(active, reason)}
 
 
 class Effects:
@@ -154,7 +170,8 @@ class Effects:
     @property
     def summary(self) -> dict:
         """Entry `effects` of summary.json."""
-        entries = {"contact": "none", "friction": "none", "time": "quasistatic" if self.quasistatic else "static",
+        entries = {"contact": "none", "friction": "none",
+                   "time": "quasistatic" if self.quasistatic else "static",
                    "body_force": False, "bodies": self.bodies}
         for room in self:
             entries |= room.summary()
@@ -162,13 +179,16 @@ class Effects:
 
     @property
     def pressure_bounds_friction(self) -> bool:
-        """Whether friction bounds depend on the pressure (Coulomb's law): then a step is a fixed point."""
+        """Whether friction bounds depend on the pressure (Coulomb's law): then a step is a fixed
+        point.
+        """
         return "friction" in self
 
     @property
     def estimates(self) -> tuple[str, str]:
         """How well the error in the energy norm is known with these effects, and why no better."""
-        worst = max(self, key=lambda room: (BOUND, ESTIMATE, NONE).index(room.estimates), default=None)
+        worst = max(self, key=lambda room: (BOUND, ESTIMATE, NONE).index(room.estimates),
+                    default=None)
         return (worst.estimates, worst.why) if worst else (BOUND, "")
 
     @property
@@ -178,22 +198,27 @@ class Effects:
         return (*names, "displacement")
 
     def distance(self, columns: dict[str, np.ndarray], count: int) -> np.ndarray:
-        """(count,) distance of the contact nodes to what they meet, zero where nothing is declared."""
+        """(count,) distance of the contact nodes to what they meet, zero where nothing is declared.
+        """
         distance = _sum(room.distance(columns) for room in self)
         return np.zeros(count) if distance is None else distance.copy()
 
     def paired_sides(self, subdomains, fixed, comm, moved=None):
-        """Boundaries of two bodies that meet, None without pairs; collective. See effects/pair.py."""
+        """Boundaries of two bodies that meet, None without pairs; collective. See effects/pair.py.
+        """
         sides = (room.paired_sides(subdomains, fixed, comm, moved) for room in self)
         return next((found for found in sides if found is not None), None)
 
     def contact_law(self, contact) -> ContactLaw:
         """Friction coefficients and bounds at the contact nodes."""
         coefficient = _sum(room.friction_coefficient(contact) for room in self)
-        return ContactLaw(coefficient, _sum(room.friction_offset(contact) for room in self), self.bilateral)
+        return ContactLaw(coefficient, _sum(room.friction_offset(contact) for room in self),
+                          self.bilateral)
 
     def initial_displacement(self, contact) -> np.ndarray:
-        """(n_c,) tangential displacement of the contact nodes at time 0, zero where nothing is declared."""
+        """(n_c,) tangential displacement of the contact nodes at time 0, zero where nothing is
+        declared.
+        """
         initial = _sum(room.initial_displacement(contact) for room in self)
         return np.zeros(len(contact.gid)) if initial is None else initial
 
@@ -211,10 +236,11 @@ class Effects:
         for room in self:
             room.before_first_step(solver)
 
-    def coefficient_factor(self, nodes: np.ndarray, u_t: np.ndarray, last: np.ndarray) -> np.ndarray:
+    def coefficient_factor(self, nodes: np.ndarray, u_t: np.ndarray,
+                           last: np.ndarray) -> np.ndarray:
         """(j,) factor of the friction coefficients; see Effect."""
-        factors = [room.coefficient_factor(nodes, u_t, last) for room in self if room.changes_coefficient]
-        return np.prod(factors, axis=0)
+        changing = [room for room in self if room.changes_coefficient]
+        return np.prod([room.coefficient_factor(nodes, u_t, last) for room in changing], axis=0)
 
     def prepare(self, contact) -> None:
         """Allocate what effects carry from step to step."""
@@ -223,7 +249,8 @@ class Effects:
 
     def carried(self) -> dict[str, np.ndarray]:
         """Arrays (n_c,) that effects carry from step to step, by a name that holds the room's."""
-        return {f"{room.name}.{name}": values for room in self for name, values in room.carried().items()}
+        return {f"{room.name}.{name}": values
+                for room in self for name, values in room.carried().items()}
 
     def step_ends(self, nodes: np.ndarray, slip: np.ndarray) -> None:
         """A step ended; see Effect."""
@@ -231,9 +258,10 @@ class Effects:
             room.step_ends(nodes, slip)
 
     def ledger(self, facts: RunFacts) -> dict[str, dict]:
-        """Entry {declared, active, reason, unknowns, seconds} of every effect; the common ones also if undeclared."""
-        entries = {name: UNDECLARED for name in ("contact", "friction", "gap", "time", "load", "displacement",
-                                                 "body_force")}
+        """Entry {declared, active, reason, unknowns, seconds} of every effect; the common ones also
+        if undeclared.
+        """
+        entries = dict.fromkeys(COMMON, UNDECLARED)
         for room in self:
             for name, found in room.ledger(facts).items():
                 known = entries.get(name, UNDECLARED)
@@ -248,7 +276,8 @@ def _room(name: str, manifest) -> Effect:
     except ModuleNotFoundError as problem:
         if problem.name != f"{__name__}.{name}":
             raise
-        raise InputError(f"the scene declares {name}, but driver/effects has no module of that name") from None
+        raise InputError(
+            f"the scene declares {name}, but driver/effects has no module of that name") from None
     return module.Room(name, manifest)
 
 

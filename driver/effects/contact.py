@@ -1,10 +1,13 @@
-"""Unilateral contact with a rigid obstacle: u_n <= gap, sigma_n <= 0, one of the two with equality at every node."""
+"""Unilateral contact with a rigid obstacle: u_n <= gap, sigma_n <= 0, one of the two with equality
+at every node.
+"""
 
 from . import Effect, RunFacts, entry
 
 
 class Room(Effect):
-    """Normal rows at the nodes of the labels in `contact`, their multipliers bounded below by zero."""
+    """Normal rows at the nodes of the labels in `contact`, their multipliers bounded below by zero.
+    """
 
     quantities = ("peak_pressure", "normal_resultant", "contact_length")
 
@@ -13,13 +16,17 @@ class Room(Effect):
         return {"contact": "unilateral"}
 
     def ledger(self, facts: RunFacts) -> dict[str, dict]:
-        """Active where any node touched; the gap counts where any node starts away from its obstacle."""
+        """Active where any node touched; the gap counts where any node starts away from its
+        obstacle.
+        """
         touched = facts.most("stick", "slip")
         if not facts.steps:
             active, reason = None, "no step was kept"
         else:
-            active, reason = touched > 0, f"{touched} nodes touched at most" if touched else "nothing touched"
-        found = {"contact": entry(active, reason, facts.sizes["dual_normal"], facts.seconds["contact"])}
+            active = touched > 0
+            reason = f"{touched} nodes touched at most" if touched else "nothing touched"
+        found = {"contact": entry(active, reason, facts.sizes["dual_normal"],
+                                  facts.seconds["contact"])}
         if facts.gap:
             found["gap"] = entry(bool(facts.steps) and active,
                                  "some node starts away from, or inside, its obstacle")

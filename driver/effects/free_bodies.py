@@ -1,8 +1,9 @@
-"""Bodies without support: can contact hold them, and the rigid motion that follows what it cannot hold yet.
+"""Bodies without support: can contact hold them, and the rigid motion that follows what it cannot
+hold yet.
 
-No macro declares them: a scene has them where its supports leave a body a rigid motion. The motion is found by the
-proximal point method: springs hold the bodies (see feti), and their rest position moves by what they carry in every
-iteration of the friction bound until they carry nothing.
+No macro declares them: a scene has them where its supports leave a body a rigid motion. The motion
+is found by the proximal point method: springs hold the bodies (see feti), and their rest position
+moves by what they carry in every iteration of the friction bound until they carry nothing.
 """
 
 import numpy as np
@@ -18,10 +19,15 @@ LOOSE = "nothing that touches or sticks holds a rigid motion of a body without s
 
 
 class FreeBodies:
-    """Rigid motions of the bodies that no support holds; march/supported.py has the same interface. Collective."""
+    """Rigid motions of the bodies that no support holds; march/supported.py has the same interface.
+
+    Collective.
+    """
 
     def __init__(self, operator, rows: ContactRows, effects, scales: Scales, history):
-        """`history.warnings` get a line where a motion stays undetermined; `effects` are those of the scene."""
+        """`history.warnings` get a line where a motion stays undetermined; `effects` are those of
+        the scene.
+        """
         self.operator, self.rows, self.effects, self.scales = operator, rows, effects, scales
         self.history = history
 
@@ -49,23 +55,30 @@ class FreeBodies:
         return f"{'body' if len(bodies) == 1 else 'bodies'} {', '.join(map(str, bodies))}"
 
     def why_unbalanced(self, load, x: np.ndarray) -> str:
-        """Why no state of contact and friction was found in which the bodies rest, although rigid ones could."""
+        """Why no state of contact and friction was found in which the bodies rest, although rigid
+        ones could.
+        """
         shares, modes = self._shares(load, x), self.operator.structure.rigid_modes
         worst = [mode for mode, share in zip(modes, shares) if share > 0.1 * shares.max()]
-        return (f"no equilibrium was found: contact and friction could hold rigid bodies, but where these ones press "
-                f"and rub, {100 * shares.max():.2g} % of the forces on {self._names(worst)}, which no support holds, "
-                "stay unbalanced")
+        return (
+            "no equilibrium was found: contact and friction could hold rigid bodies, but where "
+            f"these ones press and rub, {100 * shares.max():.2g} % of the forces on "
+            f"{self._names(worst)}, which no support holds, stay unbalanced")
 
     def _why_no_rest(self) -> str:
         modes = self.operator.structure.rigid_modes
         how = "contact cannot" if self.effects.contact else "without contact nothing can"
         if self.effects.frictional:
             how = "contact and friction cannot"
-        return (f"no equilibrium: {how} balance the loads on {self._names(modes)}, which no support holds: it slides "
-                "off, tips over or is pulled away; add supports or friction")
+        return (
+            f"no equilibrium: {how} balance the loads on {self._names(modes)}, which no support "
+            "holds: it slides off, tips over or is pulled away; add supports or friction")
 
     def follow(self, load, x: np.ndarray) -> np.ndarray:
-        """Rigid motions follow what their springs still carry; d with them. Returns the change of d."""
+        """Rigid motions follow what their springs still carry; d with them.
+
+        Returns the change of d.
+        """
         net, _ = self.operator.imbalance(x, load.weights)
         return self.shift(load, self.operator.rho * net)
 
@@ -75,20 +88,25 @@ class FreeBodies:
         return Anderson(np.dot, SECANTS, 1.0, 0.01)
 
     def lead(self, load, x: np.ndarray, secants: Anderson) -> np.ndarray:
-        """As `follow`, with Anderson acceleration: springs know nothing of how contact holds bodies on one another."""
+        """As `follow`, with Anderson acceleration: springs know nothing of how contact holds bodies
+        on one another.
+        """
         net, _ = self.operator.imbalance(x, load.weights)
         unit, motion = np.sqrt(self.operator.rho), load.weights[self.operator.structure.patterns :]
-        return self.shift(load, unit * secants.next(motion / unit, motion / unit + unit * net) - motion)
+        return self.shift(load,
+                          unit * secants.next(motion / unit, motion / unit + unit * net) - motion)
 
     def shift(self, load, change: np.ndarray) -> np.ndarray:
         """Move by `change` (modes,); d with it. Returns the change of d."""
         load.weights[self.operator.structure.patterns :] += change
-        moved = sum((factor * d for factor, d in zip(change, self._motions)), np.zeros(self.operator.owned))
+        moved = sum((factor * d for factor, d in zip(change, self._motions)),
+                    np.zeros(self.operator.owned))
         load.d += moved
         return moved
 
     def imbalance(self, load, x: np.ndarray, note: bool = False) -> float:
-        """Largest force that rigid motions leave to their springs, relative to the largest forces at work so far.
+        """Largest force that rigid motions leave to their springs, relative to the largest forces
+        at work so far.
 
         `note`: those of this state count from now on.
         """
@@ -102,9 +120,11 @@ class FreeBodies:
         return np.abs(net) / np.where(work > 0, work, 1.0)
 
     def note_loose_motion(self, index: int, x: np.ndarray) -> None:
-        """Warn once if nothing that touches or sticks holds a rigid motion of a body without support.
+        """Warn once if nothing that touches or sticks holds a rigid motion of a body without
+        support.
 
-        Such a body is in equilibrium at many places. The motion leaves no row that acts, or only those of zero.
+        Such a body is in equilibrium at many places. The motion leaves no row that acts, or only
+        those of zero.
         """
         op, rows = self.operator, self.rows
         if any(LOOSE in line for line in self.history.warnings):
@@ -114,5 +134,7 @@ class FreeBodies:
         acts[rows.normal] = rows.bilateral | (x[rows.normal] != 0)
         acts[rows.tangential] = np.abs(x[rows.tangential]) < rows.friction_bound(x)
         held = np.array([[op.dot(acts * a, b) for b in motions] for a in motions])
-        if np.linalg.eigvalsh(held)[0] <= 1e-12 * max(op.dot(d, d) for d in motions):  # squares of roundings
-            self.history.warnings.append(f"step {index}: {LOOSE}, and displacements are one answer of many")
+        # squares of roundings
+        if np.linalg.eigvalsh(held)[0] <= 1e-12 * max(op.dot(d, d) for d in motions):
+            self.history.warnings.append(
+                f"step {index}: {LOOSE}, and displacements are one answer of many")

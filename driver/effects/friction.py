@@ -1,4 +1,7 @@
-"""Local Coulomb friction: |sigma_t| <= F |sigma_n|, with equality and against the slip where a node slides."""
+"""Local Coulomb friction:
+
+|sigma_t| <= F |sigma_n|, with equality and against the slip where a node slides.
+"""
 
 import numpy as np
 
@@ -15,7 +18,8 @@ def slip_entry(facts: RunFacts) -> dict:
     elif not facts.steps:
         active, reason = None, "no step was kept"
     else:
-        active, reason = False, f"nothing slipped ({stuck} nodes stuck at most)" if stuck else "nothing touched"
+        active = False
+        reason = f"nothing slipped ({stuck} nodes stuck at most)" if stuck else "nothing touched"
     return entry(active, reason, facts.sizes["dual_tangential"], facts.seconds["friction"])
 
 

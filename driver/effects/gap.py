@@ -1,4 +1,6 @@
-"""Distance to the rigid obstacle along the contact normal, or between the sides of a pair beyond their geometry."""
+"""Distance to the rigid obstacle along the contact normal, or between the sides of a pair beyond
+their geometry.
+"""
 
 import numpy as np
 

@@ -14,5 +14,7 @@ class Room(Effect):
 
     def ledger(self, facts: RunFacts) -> dict[str, dict]:
         """Matters where friction slides."""
-        return {"initial_state": entry(facts.most("slip") > 0 if facts.steps else None, "friction starts from it")} \
-            if facts.initial else {}
+        if not facts.initial:
+            return {}
+        active = facts.most("slip") > 0 if facts.steps else None
+        return {"initial_state": entry(active, "friction starts from it")}

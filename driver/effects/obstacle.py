@@ -1,4 +1,6 @@
-"""A rigid obstacle given by a function phi(x, y), positive outside: phi(x) + grad phi . u >= 0 at the contact nodes."""
+"""A rigid obstacle given by a function phi(x, y), positive outside: phi(x) + grad phi . u >= 0 at
+the contact nodes.
+"""
 
 import numpy as np
 

@@ -17,9 +17,11 @@ class Room(initial_state.Room):
         """Known before the first step only."""
 
     def before_first_step(self, solver) -> None:
-        """Multipliers, motions and tangential displacements of `solver` become those of the equilibrium at time 0.
+        """Multipliers, motions and tangential displacements of `solver` become those of the
+        equilibrium at time 0.
 
-        Raises NotConverged where bodies without support do not come to rest, Unfinished where the QP fails.
+        Raises NotConverged where bodies without support do not come to rest, Unfinished where the
+        QP fails.
         """
         op, rows, settings = solver.operator, solver.rows, solver.settings
         x, without_friction = np.zeros(op.owned), np.zeros(len(rows.tangential))
@@ -34,7 +36,8 @@ class Room(initial_state.Room):
                 break
             solver.bodies.follow(load, x)
         else:
-            raise NotConverged(f"preload: no equilibrium of the free bodies in {iteration} iterations")
+            raise NotConverged(
+                f"preload: no equilibrium of the free bodies in {iteration} iterations")
         solver.multipliers, solver.motion = x, load.weights[op.structure.patterns :]
         solver.slip.u_t = -result.gradient[rows.tangential]
         u_t = np.zeros(len(solver.initial))

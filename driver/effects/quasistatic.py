@@ -9,7 +9,8 @@ class Room(Effect):
     """Matters where the end depends on the way there."""
 
     def ledger(self, facts: RunFacts) -> dict[str, dict]:
-        """With friction the end depends on the way there, unless loads only grow in proportion from nothing.
+        """With friction the end depends on the way there, unless loads only grow in proportion from
+        nothing.
 
         Then every step repeats the first one in another size.
         """
@@ -27,7 +28,9 @@ class Room(Effect):
 
 
 def proportional(amplitudes: np.ndarray) -> bool:
-    """Do all patterns, columns of (steps + 1, patterns), grow from zero by one common factor that never falls?"""
+    """Do all patterns, columns of (steps + 1, patterns), grow from zero by one common factor that
+    never falls?
+    """
     last = amplitudes[-1]
     size = np.abs(last).max(initial=0.0)
     if size == 0:

@@ -7,7 +7,8 @@ from . import Effect
 
 
 class Room(Effect):
-    """Factor of the coefficient, tabulated by the scene at equal steps over [0, range] and constant beyond.
+    """Factor of the coefficient, tabulated by the scene at equal steps over [0, range] and constant
+    beyond.
 
     `argument` is "slip" (length of the way slid so far) or "displacement" (|u_t|).
     """
@@ -23,7 +24,9 @@ class Room(Effect):
         except (TypeError, ValueError, KeyError):
             sound = False
         if not (sound and values.ndim == 1 and len(values) > 1 and np.isfinite(values).all()):
-            raise InputError("slip_law must have argument, a positive range and finite values; run the scene again")
+            raise InputError(
+                "slip_law must have argument, a positive range and finite values; run the scene "
+                "again")
         self.values, self.at = values, np.linspace(0.0, reach, len(values))
 
     def summary(self) -> dict:
@@ -32,17 +35,19 @@ class Room(Effect):
 
     def prepare(self, contact) -> None:
         """Nothing has slid."""
-        self.slid = np.zeros(len(contact.gid))
+        self.accumulated = np.zeros(len(contact.gid))
 
-    def coefficient_factor(self, nodes: np.ndarray, u_t: np.ndarray, last: np.ndarray) -> np.ndarray:
+    def coefficient_factor(self, nodes: np.ndarray, u_t: np.ndarray,
+                           last: np.ndarray) -> np.ndarray:
         """(j,) factors; see Effect."""
-        s = np.abs(u_t) if self.argument == "displacement" else self.slid[nodes] + np.abs(u_t - last)
+        s = np.abs(u_t) if self.argument == "displacement" else self.accumulated[nodes] + np.abs(u_t
+                                                                                          - last)
         return np.interp(s, self.at, self.values)
 
     def carried(self) -> dict[str, np.ndarray]:
         """The accumulated slip."""
-        return {"accumulated_slip": self.slid}
+        return {"accumulated_slip": self.accumulated}
 
     def step_ends(self, nodes: np.ndarray, slip: np.ndarray) -> None:
         """Slip adds up."""
-        self.slid[nodes] += np.abs(slip)
+        self.accumulated[nodes] += np.abs(slip)

@@ -96,7 +96,8 @@ class Levels:
         if self.comm.rank == 0:
             try:
                 words = {name: f"{value:.17g}" for name, value in changes.items()}
-                freefem.export(self.scene, place, {**self.parameters, **words}, without=self.without)
+                freefem.export(self.scene, place, {**self.parameters, **words},
+                               without=self.without)
             except DriverError as problem:
                 error = problem
             except OSError as problem:

@@ -114,7 +114,7 @@ def group(structure: Substructure, comm) -> list[tuple[list[int], np.ndarray, bo
         for rank, found in enumerate(comm.allgather(list(mine))):
             for key in found:
                 first.setdefault(key, []).append(rank)
-        shared = {key: structure.subdomains[mine[key]].values for key in mine
+        shared = {key: structure.subdomains[s].values for key, s in mine.items()
                   if first[key][0] == comm.rank and len(first[key]) > 1}
         sent = {key: values for part in comm.allgather(shared) for key, values in part.items()}
         waiting = {key: [] for key in mine}

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from scipy.spatial import cKDTree
 
-from .layout import header, map_axes, shrink_to_body
+from .layout import run_header, map_axes, shrink_to_body
 from .outline import bodies, outer, outward_edges, right_of, sample
 from .reading import Run, select
 from .scales import round_magnification, stress_scale
@@ -24,12 +24,14 @@ def hatch(axes, start, end, normal, size: float, colour) -> None:
     points, edge = sample(start, end, 0.028 * size)
     out = normal[edge]
     tips = points + 0.034 * size * (out + np.column_stack([-out[:, 1], out[:, 0]])) / math.sqrt(2)
-    axes.add_collection(LineCollection(np.stack([points, tips], axis=1), colors=colour, linewidths=0.6))
+    axes.add_collection(LineCollection(
+        np.stack([points, tips], axis=1), colors=colour, linewidths=0.6))
     axes.update_datalim(tips)
 
 
 def foundation(axes, contact: dict, start, end, size: float, factor: float) -> None:
-    """The rigid foundation: the contact boundary moved outward by its gap and by a little more, hatched."""
+    """The rigid foundation: the contact boundary moved outward by its gap and by a little more,
+    hatched."""
     nodes = cKDTree(np.column_stack([contact["x"], contact["y"]]) * factor)
     # Without the little more the foundation would hide the contact boundary where the gap is zero.
     away = contact["gap"] * factor + 0.016 * size
@@ -51,14 +53,17 @@ def load_arrows(axes, edges, traction: np.ndarray, label: np.ndarray, size: floa
         points = points + 0.012 * size * normal[edge]
         pushes = np.sum(arrow * normal[edge], axis=1) < 0
         tails = np.where(pushes[:, None], points - arrow, points)
-        axes.quiver(*tails.T, *arrow.T, angles="xy", scale_units="xy", scale=1, color=RED, units="inches",
+        axes.quiver(*tails.T, *arrow.T, angles="xy", scale_units="xy", scale=1, color=RED,
+                    units="inches",
                     width=0.014, headwidth=4.5, headlength=6, headaxislength=5.5, zorder=3)
         axes.update_datalim(np.concatenate([tails, tails + arrow]))
 
 
 def paint_body(axes, xy: np.ndarray, triangles: np.ndarray, values, **style):
-    """One flat colour a triangle; a bitmap even in the PDF, where 1e5 triangles would choke a reader."""
-    return axes.tripcolor(*xy.T, triangles, facecolors=values, rasterized=True, antialiased=False, **style)
+    """One flat colour a triangle; a bitmap even in the PDF, where 1e5 triangles would choke a
+    reader."""
+    return axes.tripcolor(*xy.T, triangles, facecolors=values, rasterized=True, antialiased=False,
+                          **style)
 
 
 def geometry(figure: Figure, run: Run) -> None:
@@ -69,7 +74,8 @@ def geometry(figure: Figure, run: Run) -> None:
     start, end, normal = outward_edges(boundary, mesh)
     start, end = start * scale.factor, end * scale.factor
     body = bodies(mesh, boundary)
-    paint_body(axes, xy, mesh.triangles, body % len(TINTS), cmap=ListedColormap(TINTS), vmin=0, vmax=len(TINTS) - 1)
+    paint_body(axes, xy, mesh.triangles, body % len(TINTS),
+               cmap=ListedColormap(TINTS), vmin=0, vmax=len(TINTS) - 1)
     inner = LineCollection(xy[mesh.rim()[0]], colors="0.62", linewidths=0.35, rasterized=True)
     axes.add_collection(inner)
     for name, colour in ROLES.items():
@@ -90,16 +96,19 @@ def geometry(figure: Figure, run: Run) -> None:
     axes.autoscale_view()
     longest = np.linalg.norm(traction, axis=1).max(initial=0)
     stress = stress_scale(run, longest)
-    arrow = rf"longest arrow {longest * stress.factor:.3g} {stress.label} at $\varphi = 1$" if longest else ""
-    header(figure, run, "Geometry, boundary conditions and subdomains", geometry_legend(run, role), arrow)
+    arrow = ""
+    if longest:
+        arrow = rf"longest arrow {longest * stress.factor:.3g} {stress.label} at $\varphi = 1$"
+    run_header(figure, run, "Geometry, boundary conditions and subdomains",
+               geometry_legend(run, role), arrow)
     shrink_to_body(figure, axes)
 
 
 def geometry_legend(run: Run, role: np.ndarray) -> list:
     """Legend entries for the boundary parts that occur."""
     names = {"support": r"$\Gamma_u$ support", "load": r"$\Gamma_p$ traction",
-             "contact": r"$\Gamma_c$ contact, rigid foundation", "pair": r"$\Gamma_c$ contact of two bodies",
-             "free": "free"}
+             "contact": r"$\Gamma_c$ contact, rigid foundation",
+             "pair": r"$\Gamma_c$ contact of two bodies", "free": "free"}
     handles = [Line2D([], [], color=ROLES[n], lw=1 if n == "free" else 2.2, label=text)
                for n, text in names.items() if (role == n).any()]
     if run.summary["sizes"]["subdomains"] > 1:
@@ -108,21 +117,25 @@ def geometry_legend(run: Run, role: np.ndarray) -> list:
 
 
 def magnification(run: Run) -> float:
-    """300 as in the slides for their model example, else what shows the largest displacement as about 8%."""
+    """300 as in the slides for their model example, else what shows the largest displacement as
+    about 8%."""
     largest = np.linalg.norm(run.last.displacement, axis=1).max()
     if run.scene == "model":
         return 300.0
-    return round_magnification(0.08 * np.ptp(run.last.xy, axis=0).max() / largest) if largest else 1.0
+    return round_magnification(0.08 * np.ptp(run.last.xy,
+                                             axis=0).max() / largest) if largest else 1.0
 
 
 def deformed(figure: Figure, run: Run) -> None:
-    """Magnified deformed body with von Mises stress at the time of the quantities, and the undeformed outline."""
+    """Magnified deformed body with von Mises stress at the time of the quantities, and the
+    undeformed outline."""
     mesh, times = run.last, magnification(run)
     axes, scale = map_axes(figure, run, mesh.xy)
     stress = stress_scale(run, np.percentile(mesh.von_mises, 99.5))
     values = mesh.von_mises * stress.factor
     top = np.percentile(values, 99.5)
-    # Corner singularities grow with refinement; they must not take the colours from the rest of the body.
+    # Corner singularities grow with refinement; they must not take the colours from the rest of the
+    # body.
     beyond = values.max() > 1.05 * top
     moved = (mesh.xy + times * mesh.displacement) * scale.factor
     limit = top if beyond else values.max() or 1
@@ -130,20 +143,24 @@ def deformed(figure: Figure, run: Run) -> None:
     handles, note = [], ""
     if run.boundary:
         b = {n: run.boundary[n] * scale.factor for n in ("x0", "y0", "x1", "y1")}
-        outline = np.stack([np.column_stack([b["x0"], b["y0"]]), np.column_stack([b["x1"], b["y1"]])], axis=1)
+        outline = np.stack([np.column_stack([b["x0"], b["y0"]]),
+                           np.column_stack([b["x1"], b["y1"]])], axis=1)
         axes.add_collection(LineCollection(outline, colors=INK, linewidths=0.7))
         handles.append(Line2D([], [], color=INK, lw=0.7, label="undeformed outline"))
-        if bodies(mesh, run.boundary).max() > 0:  # where they touch, the colours alone may not tell them apart
+        # where they touch, the colours alone may not distinguish them
+        if bodies(mesh, run.boundary).max() > 0:
             rim = moved[mesh.rim()[0][outer(mesh, run.boundary)]]
             axes.add_collection(LineCollection(rim, colors=RED, linewidths=0.9))
             handles.append(Line2D([], [], color=RED, lw=0.9, label="bodies"))
             note = "gaps are not magnified: bodies overlap in the picture alone"
     axes.autoscale_view()
     wide = np.ptp(moved[:, 0]) > 1.3 * np.ptp(moved[:, 1])
-    bar = figure.colorbar(picture, ax=axes, location="bottom" if wide else "right", aspect=40, pad=0.02,
-                          extend="max" if beyond else "neither")
+    bar = figure.colorbar(picture, ax=axes, location="bottom" if wide else "right", aspect=40,
+                          pad=0.02, extend="max" if beyond else "neither")
     largest = f", largest value {values.max():.3g}" if beyond else ""
     bar.set_label(f"von Mises stress [{stress.label}]{largest}")
     size = f"{times:,.0f}".replace(",", "\u2009") if times >= 1 else f"{times:g}"
-    header(figure, run, f"Deformed body{run.at(mesh.time)}, displacements magnified {size}×", handles, note)
+    run_header(
+        figure, run, f"Deformed body{run.at(mesh.time)}, displacements magnified {size}×", handles,
+        note)
     shrink_to_body(figure, axes)

@@ -5,7 +5,7 @@ from matplotlib.colors import ListedColormap, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from .layout import PANELS, header, left_out, panel_grid
+from .layout import PANELS, panel_grid, panels_note, run_header
 from .reading import Run, contact_boundaries, segment_ends, select
 from .scales import Scale, length_scale, stress_scale
 from .style import BLUE, INK, ORANGE, RED
@@ -19,7 +19,8 @@ def pale(colour: str) -> tuple:
 
 
 def status_names(run: Run) -> dict:
-    """What the legend calls each status; without friction a closed node neither sticks nor slips."""
+    """What the legend calls each status; without friction a closed node neither sticks nor
+    slips."""
     return {"open": "open", "stick": "stick", "slip": "slip" if run.friction else "contact"}
 
 
@@ -34,10 +35,10 @@ def shade_zones(axes, rows: dict, factor: float) -> None:
 
 
 def zone_handles(run: Run, status: np.ndarray, tint) -> list:
-    """Legend patches for the statuses that occur; a frictionless closed node is one kind, however written."""
+    """Legend patches for the statuses that occur; a frictionless closed node is one kind."""
     names = status_names(run)
-    return [Patch(facecolor=tint(STATUS[s]), edgecolor="0.5", lw=0.4, label=names[s])
-            for s in STATUS if (status == s).any()]
+    return [Patch(facecolor=tint(colour), edgecolor="0.5", lw=0.4, label=names[s])
+            for s, colour in STATUS.items() if (status == s).any()]
 
 
 def final_time(run: Run) -> float:
@@ -55,7 +56,7 @@ def final_boundaries(run: Run) -> list:
 
 
 def curve_style(nodes: int) -> dict:
-    """Markers show the nodes as long as they can be told apart."""
+    """Markers show the nodes as long as they can be distinguished."""
     return {"marker": "o", "ms": 2.6} if nodes <= 60 else {"lw": 1.1}
 
 
@@ -68,7 +69,8 @@ def contact_scales(run: Run, shown: list, stresses: tuple, displacements: tuple)
 
 
 def visible(run: Run) -> float:
-    """Displacement that still counts as one: 1% of the body's largest; below it axes would show rounding."""
+    """Displacement that still counts as one: 1% of the body's largest; below it axes would show
+    rounding."""
     return 0.01 * run.history["max_displacement"].max()
 
 
@@ -80,10 +82,12 @@ def widen(axes, span: float) -> None:
 
 
 def contact_panels(figure: Figure, run: Run, caption: str, panels: tuple) -> None:
-    """Stress above displacement for every contact boundary; `panels` are the two functions that draw them."""
+    """Stress above displacement for every contact boundary; `panels` are the two functions that
+    draw them."""
     boundaries = final_boundaries(run)
     shown = boundaries[:PANELS]
-    names = (("sigma_n",), ("u_n",)) if panels[0] is normal_stress else (("sigma_t", "bound"), ("u_t",))
+    names = (("sigma_n",), ("u_n",)) if panels[0] is normal_stress else (
+        ("sigma_t", "bound"), ("u_t",))
     arc, stress, length = contact_scales(run, shown, *names)
     handles = {}
     for (_, rows), (above, below) in zip(shown, panel_grid(figure, shown, 2, 11)):
@@ -97,8 +101,8 @@ def contact_panels(figure: Figure, run: Run, caption: str, panels: tuple) -> Non
         below.set_xlabel(rf"arc length along $\Gamma_c$ [{arc.label}]")
     figure.align_ylabels()
     status = np.concatenate([rows["status"] for _, rows in shown])
-    header(figure, run, caption + run.at(final_time(run)), [*handles.values(), *zone_handles(run, status, pale)],
-           left_out(boundaries))
+    run_header(figure, run, caption + run.at(final_time(run)),
+               [*handles.values(), *zone_handles(run, status, pale)], panels_note(boundaries))
 
 
 def normal_stress(axes, rows: dict, arc: np.ndarray, scale: Scale) -> list:
@@ -109,7 +113,8 @@ def normal_stress(axes, rows: dict, arc: np.ndarray, scale: Scale) -> list:
 
 
 def normal_displacement(axes, rows: dict, arc: np.ndarray, scale: Scale) -> list:
-    """u_n and the gap over arc; a gap that opens far beyond u_n is cut rather than flattening u_n."""
+    """u_n and the gap over arc; a gap that opens far beyond u_n is cut rather than flattening
+    u_n."""
     u, gap = rows["u_n"] * scale.factor, rows["gap"] * scale.factor
     closed = rows["status"] != "open"
     matter = np.concatenate([u, gap[closed] if closed.any() else [gap.min()]])
@@ -150,7 +155,8 @@ def contact_tangential(figure: Figure, run: Run) -> None:
 
 
 def contact_status(figure: Figure, run: Run) -> None:
-    """Open, stick and slip over arc and time; the cell of a step covers the time since the step before."""
+    """Open, stick and slip over arc and time; the cell of a step covers the time since the step
+    before."""
     boundaries = contact_boundaries(run.contact)
     shown = boundaries[:PANELS]
     (arc, _, _), seen = contact_scales(run, shown, ("sigma_n",), ("u_n",)), []
@@ -162,9 +168,11 @@ def contact_status(figure: Figure, run: Run) -> None:
         codes = np.array([list(STATUS).index(s) for s in status]).reshape(len(times), nodes)
         ends = segment_ends(rows["arc"][:nodes], rows["weight"][:nodes]) * arc.factor
         axes.pcolormesh(ends, np.concatenate([[0.0], times]), codes, vmin=0, vmax=2,
-                        cmap=ListedColormap(list(STATUS.values())), rasterized=nodes * len(times) > 5000,
-                        edgecolors="white" if nodes <= 60 and len(times) <= 60 else "none", linewidth=0.3)
+                        cmap=ListedColormap(list(STATUS.values())),
+                        rasterized=nodes * len(times) > 5000,
+                        edgecolors="white" if nodes <= 60 and len(times) <= 60 else "none",
+                        linewidth=0.3)
         axes.set(xlabel=rf"arc length along $\Gamma_c$ [{arc.label}]", ylabel="time $t$")
         seen.append(status)
-    header(figure, run, r"Contact status on $\Gamma_c$ over time",
-           zone_handles(run, np.concatenate(seen), str), left_out(boundaries))
+    run_header(figure, run, r"Contact status on $\Gamma_c$ over time",
+               zone_handles(run, np.concatenate(seen), str), panels_note(boundaries))

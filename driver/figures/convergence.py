@@ -7,8 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter
 
-from ..scene import elements
-from .layout import header
+from .layout import run_header
 from .reading import Run, select
 from .scales import length_scale
 from .style import BLUE, GREEN, INCH, INK, ORANGE
@@ -19,7 +18,8 @@ KINDS = {"start": (INK, "D", 3.2), "cg": (BLUE, "o", 1.7), "expansion": (ORANGE,
 
 
 def thin_out(table: dict) -> tuple[dict, int]:
-    """Every k-th row and all start rows, with the smallest k that leaves about POINTS others; and k."""
+    """Every k-th row and all start rows, with the smallest k that leaves about POINTS others; and
+    k."""
     every = max(1, math.ceil(len(table["product"]) / POINTS))
     keep = (np.arange(len(table["product"])) % every == 0) | (table["kind"] == "start")
     return select(table, keep), every
@@ -53,15 +53,15 @@ def convergence(figure: Figure, run: Run) -> None:
     for kind, (colour, marker, size) in KINDS.items():
         own, total = thin["kind"] == kind, np.count_nonzero(table["kind"] == kind)
         if total:
-            axes.plot(thin["product"][own], thin["residual"][own], ls="none", marker=marker, ms=grown * size, mew=0,
-                      color=colour, zorder=3 if kind == "start" else 2)
+            axes.plot(thin["product"][own], thin["residual"][own], ls="none", marker=marker,
+                      ms=grown * size, mew=0, color=colour, zorder=3 if kind == "start" else 2)
             handles.append(Line2D([], [], ls="none", marker=marker, ms=4, mew=0, color=colour,
                                   label=f"{kind} ({total:,})".replace(",", "\u2009")))
     axes.set(xlabel="dual multiplications, cumulative", ylabel="relative projected gradient [–]")
     axes.margins(x=0.01)
     mark_steps(axes, table)
     note = f"every {every}th iteration and all starts drawn" if every > 1 else ""
-    header(figure, run, "Convergence of MPRGP", handles, note)
+    run_header(figure, run, "Convergence of MPRGP", handles, note)
 
 
 def adaptivity(figure: Figure, run: Run) -> None:
@@ -70,18 +70,20 @@ def adaptivity(figure: Figure, run: Run) -> None:
     body, error = figure.subplots(1, 2, width_ratios=[1.7, 1])
     scale = length_scale(run, run.first.xy)
     body.set_aspect("equal")
-    body.triplot(*(run.first.xy * scale.factor).T, run.first.corners, lw=0.25, color=INK, rasterized=True)
+    body.triplot(*(run.first.xy * scale.factor).T, run.first.corners,
+                 lw=0.25, color=INK, rasterized=True)
     body.set(xlabel=f"$x$ [{scale.label}]", ylabel=f"$y$ [{scale.label}]")
     size, relative = run.adaptivity["primal_dofs"], 100 * run.adaptivity["relative"]
     error.loglog(size, relative, "o-", color=BLUE, label="cycles")
-    degree = elements.DEGREE[run.summary["parameters"].get("element", "P1")]
+    degree = run.first.degree
     error.loglog(size, relative[0] * (size / size[0]) ** (-degree / 2), "--", color="0.6", lw=0.8,
                  label=r"$N^{-1/2}$" if degree == 1 else "$N^{-1}$")
     error.set(xlabel="primal unknowns $N$", ylabel="error in the energy norm [%]")
     error.grid(color="0.9", lw=0.5, which="both")
     for axis in (error.xaxis, error.yaxis):
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        axis.set_minor_formatter(FuncFormatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "25" else ""))
+        axis.set_minor_formatter(FuncFormatter(
+            lambda value, _: f"{value:g}" if f"{value:e}"[0] in "25" else ""))
     error.tick_params(which="both", labelsize=7, length=3)
-    header(figure, run, "Adaptive refinement", error.get_legend_handles_labels()[0],
-           f"{len(run.first.corners)} triangles after {len(size) - 1} cycles")
+    run_header(figure, run, "Adaptive refinement", error.get_legend_handles_labels()[0],
+               f"{len(run.first.corners)} triangles after {len(size) - 1} cycles")

@@ -2,9 +2,7 @@
 
 from pathlib import Path
 
-import matplotlib
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from .body import deformed, geometry
@@ -12,10 +10,10 @@ from .contact import contact_normal, contact_status, contact_tangential
 from .convergence import adaptivity, convergence
 from .history import history, loading
 from .reading import Run, read_run
-from .style import INCH, STYLE, WIDTH, write
+from .style import canvas, write
 
-FILES = ("geometry", "loading", "deformed", "contact_normal", "contact_tangential", "contact_status",
-         "convergence", "history", "adaptivity")
+FILES = ("geometry", "loading", "deformed", "contact_normal", "contact_tangential",
+         "contact_status", "convergence", "history", "adaptivity")
 
 
 def wanted(run: Run) -> dict:
@@ -32,27 +30,22 @@ def wanted(run: Run) -> dict:
         contact_status: touching and run.quasistatic and len(np.unique(run.contact["step"])) > 1,
         convergence: run.convergence is not None,
         history: touching and moving,
-        adaptivity: run.adaptivity is not None and run.first is not None and np.isfinite(run.adaptivity["relative"]).all(),
+        adaptivity: (run.adaptivity is not None and run.first is not None
+                     and np.isfinite(run.adaptivity["relative"]).all()),
     }
     return {draw.__name__: draw for draw, yes in choice.items() if yes}
 
 
 def compose(name: str, run: Run) -> Figure:
     """The finished figure `name` of a run, laid out and not yet written."""
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH, 12 * INCH), dpi=150, layout="constrained")
-        FigureCanvasAgg(figure)
-        wanted(run)[name](figure, run)
-        figure.draw_without_rendering()
-        figure.set_layout_engine("none")  # frozen, so that the bitmap and the PDF are the same picture
-    return figure
+    return canvas(lambda figure: wanted(run)[name](figure, run), 12)
 
 
 def draw_run(directory: Path) -> list[Path]:
     """Draw all figures of a run directory into its folder ``figures``; returns the files written.
 
-    Figures of an earlier run that this one has nothing to show for are removed. Raises InputError if the
-    directory holds no run.
+    Figures of an earlier run that this one has nothing to show for are removed. Raises InputError
+    if the directory holds no run.
     """
     directory = Path(directory)
     run = read_run(directory)

@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from .layout import header
+from .layout import run_header
 from .reading import Run, select
 from .scales import force_scale
 from .style import BLUE, GREEN, INCH, INK, ORANGE, RED
@@ -21,16 +21,18 @@ def loading(figure: Figure, run: Run) -> None:
         times = np.linspace(0, run.summary["t_end"], len(values))
         handles += axes.plot(times, values, "-", marker="osD^v"[number % 5], ms=3.2,
                              color=[BLUE, RED, GREEN, ORANGE, INK][number % 5], label=symbol)
-    axes.set(xlabel="time $t$", ylabel=r"amplitude $\varphi$ [–]" if len(histories) == 1 else "amplitude [–]")
+    axes.set(xlabel="time $t$", ylabel=r"amplitude $\varphi$ [–]" if len(
+        histories) == 1 else "amplitude [–]")
     axes.margins(x=0.02)
     axes.autoscale_view()
     axes.grid(color="0.9", lw=0.5)
     steps = int(run.history["step"].max())
-    header(figure, run, f"History of loading, {steps} time steps (markers)", handles)
+    run_header(figure, run, f"History of loading, {steps} time steps (markers)", handles)
 
 
 def history(figure: Figure, run: Run) -> None:
-    """Resultant contact forces over time and, with Coulomb friction, fixed-point iterations per step."""
+    """Resultant contact forces over time and, with Coulomb friction, fixed-point iterations per
+    step."""
     table = run.history
     forces = {"resultant_n": ("normal", RED, "o"), "resultant_t": ("tangential", BLUE, "s")}
     if not run.friction:
@@ -40,8 +42,8 @@ def history(figure: Figure, run: Run) -> None:
     scale = force_scale(run, np.concatenate([table[n] for n in forces]))
     handles = []
     for name, (word, colour, marker) in forces.items():
-        handles += panels[0].plot(table["time"], table[name] * scale.factor, marker=marker, ms=3, color=colour,
-                                  label=f"{word} resultant")
+        handles += panels[0].plot(table["time"], table[name] * scale.factor, marker=marker, ms=3,
+                                  color=colour, label=f"{word} resultant")
     panels[0].axhline(0, color="0.45", lw=0.5, zorder=1)
     panels[0].set_ylabel(f"contact force [{scale.label}]")
     if run.fixed_point:
@@ -59,4 +61,4 @@ def history(figure: Figure, run: Run) -> None:
     caption, note = r"Resultant forces on $\Gamma_c$", ""
     if run.fixed_point:
         caption, note = f"{caption} and fixed-point iterations", f"{total} fixed-point iterations"
-    header(figure, run, caption, handles, note)
+    run_header(figure, run, caption, handles, note)

@@ -7,32 +7,21 @@ from matplotlib.figure import Figure
 
 from .reading import Run
 from .scales import length_scale
-from .style import INCH, PAD, place_header
+from .style import INCH, header, place_header
 
 PANELS = 4  # contact boundaries that fit in one figure
 
 
-def header(figure: Figure, run: Run, caption: str, handles: list, note: str = "") -> None:
+def run_header(figure: Figure, run: Run, caption: str, handles: list, note: str = "") -> None:
     """Title, identity of the run and legend, stacked above the axes."""
     state = "" if run.summary["converged"] else " (not converged)"
-    variant = run.summary.get("variant")
-    identity = ", ".join(w for w in (f"scene {run.scene}", variant, note) if w)
-    figure.text(0.5, 1, caption + state, ha="center", va="top", fontsize=10)
-    figure.text(0.5, 1, identity, ha="center", va="top", fontsize=8, color="0.35")
-    columns = len(handles)
-    while handles:
-        figure.legend(handles=handles, loc="upper center", ncols=columns, frameon=False, borderpad=0,
-                      handlelength=1.8, columnspacing=1.4, borderaxespad=0)
-        width = figure.legends[0].get_window_extent(figure.canvas.get_renderer()).width
-        if columns == 1 or width < figure.bbox.width - 2 * PAD * figure.dpi:
-            break
-        figure.legends[0].remove()
-        columns -= 1
-    place_header(figure)
+    identity = ", ".join(w for w in (f"scene {run.scene}", run.summary.get("variant"), note) if w)
+    header(figure, caption + state, identity, handles)
 
 
 def shrink_to_body(figure: Figure, axes) -> None:
-    """Take from the figure the height that equal scales of x and y leave unused; unused width goes to both sides."""
+    """Take from the figure the height that equal scales of x and y leave unused; unused width goes
+    to both sides."""
     figure.draw_without_rendering()
     slack = axes.get_position(original=True).height - axes.get_position().height
     figure.set_figheight(figure.get_figheight() * (1 - slack))
@@ -50,7 +39,8 @@ def map_axes(figure: Figure, run: Run, xy: np.ndarray):
 
 
 def panel_grid(figure: Figure, boundaries: list, stacked: int, height: float) -> list:
-    """For every boundary a list of `stacked` axes with a common arc axis; at most two boundaries a row."""
+    """For every boundary a list of `stacked` axes with a common arc axis; at most two boundaries a
+    row."""
     columns = min(len(boundaries), 2)
     rows = math.ceil(len(boundaries) / columns)
     figure.set_figheight(height * INCH * rows)
@@ -72,6 +62,8 @@ def panel_grid(figure: Figure, boundaries: list, stacked: int, height: float) ->
     return cells
 
 
-def left_out(boundaries: list) -> str:
-    """Says how many contact boundaries did not find a panel."""
-    return f"{PANELS} of {len(boundaries)} contact boundaries shown" if len(boundaries) > PANELS else ""
+def panels_note(boundaries: list) -> str:
+    """How many contact boundaries are shown, if not all."""
+    if len(boundaries) <= PANELS:
+        return ""
+    return f"{PANELS} of {len(boundaries)} contact boundaries shown"

@@ -11,11 +11,13 @@ from .reading import Mesh
 def right_of(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     """Unit normals (e, 2) on the right of directed edges."""
     along = end - start
-    return np.column_stack([along[:, 1], -along[:, 0]]) / np.linalg.norm(along, axis=1, keepdims=True)
+    return np.column_stack([along[:, 1], -along[:, 0]]) / np.linalg.norm(along, axis=1,
+                                                                         keepdims=True)
 
 
 def outward_edges(boundary: dict, mesh: Mesh):
-    """Boundary edges as (start, end, outward normal), directed so that the body lies on their left."""
+    """Boundary edges as (start, end, outward normal), directed so that the body lies on their
+    left."""
     start = np.column_stack([boundary["x0"], boundary["y0"]])
     end = np.column_stack([boundary["x1"], boundary["y1"]])
     edges, inside = mesh.rim()
@@ -27,8 +29,10 @@ def outward_edges(boundary: dict, mesh: Mesh):
 
 
 def outer(mesh: Mesh, boundary: dict) -> np.ndarray:
-    """Which edges of mesh.rim() lie on the boundary of a body and not between two subdomains of it."""
-    start, end = (np.column_stack([boundary[x], boundary[y]]) for x, y in (("x0", "y0"), ("x1", "y1")))
+    """Which edges of mesh.rim() lie on the boundary of a body and not between two subdomains of
+    it."""
+    start, end = (np.column_stack([boundary[x], boundary[y]])
+                  for x, y in (("x0", "y0"), ("x1", "y1")))
     # middles of whole sides, and of the halves that a quadratic element's side is drawn as
     middles = np.concatenate([start + part * (end - start) for part in (0.25, 0.5, 0.75)])
     off, nearest = cKDTree(middles).query(mesh.xy[mesh.rim()[0]].mean(axis=1))
@@ -43,10 +47,10 @@ def bodies(mesh: Mesh, boundary: dict) -> np.ndarray:
         near = 1e-9 * np.ptp(mesh.xy, axis=0).max()
         twins = cKDTree(mesh.xy[inner].mean(axis=1)).query_pairs(near, output_type="ndarray")
         joined.append(inner[twins, 0])
-    one, other = np.concatenate(joined).T
-    graph = coo_matrix((np.ones(len(one)), (one, other)), (len(mesh.xy),) * 2)
-    found = connected_components(graph, directed=False)[1][mesh.triangles[:, 0]]
-    return np.unique(found, return_inverse=True)[1]
+    first, second = np.concatenate(joined).T
+    graph = coo_matrix((np.ones(len(first)), (first, second)), (len(mesh.xy),) * 2)
+    component = connected_components(graph, directed=False)[1][mesh.triangles[:, 0]]
+    return np.unique(component, return_inverse=True)[1]
 
 
 def chains(start: np.ndarray, end: np.ndarray) -> list[list[int]]:
@@ -61,7 +65,7 @@ def chains(start: np.ndarray, end: np.ndarray) -> list[list[int]]:
         following.setdefault(key(point), []).append(edge)
     reached = {key(point) for point in end}
     heads = [e for e, point in enumerate(start) if key(point) not in reached]
-    found, used = [], set()
+    sequences, used = [], set()
     for edge in heads + list(range(len(start))):  # whatever no head leads to is a closed curve
         chain = []
         while edge is not None and edge not in used:
@@ -69,8 +73,8 @@ def chains(start: np.ndarray, end: np.ndarray) -> list[list[int]]:
             chain.append(edge)
             edge = next((e for e in following.get(key(end[edge]), []) if e not in used), None)
         if chain:
-            found.append(chain)
-    return found
+            sequences.append(chain)
+    return sequences
 
 
 def sample(start: np.ndarray, end: np.ndarray, spacing: float):

@@ -1,6 +1,5 @@
 """What the figures are drawn from: the tables and fields that a run left, read again."""
 
-import csv
 import json
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass
@@ -10,17 +9,20 @@ import meshio
 import numpy as np
 
 from ..errors import InputError
+from ..files import read_table
 
-WORDS = {"status", "kind", "role"}  # the columns that are not numbers
-
-QUARTERS = [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]  # of a triangle with six nodes in VTK's order
+# of a triangle with six nodes in VTK's order
+TABLES = ("history", "contact", "convergence", "boundary", "adaptivity")
+QUARTERS = [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]
 
 
 @dataclass
 class Mesh:
-    """Torn mesh of one step: points (n, 2), triangles (m, 3), displacement (n, 2), von Mises stress (m,).
+    """Torn mesh of one step: points (n, 2), triangles (m, 3), displacement (n, 2), von Mises stress
+    (m,).
 
-    Of quadratic elements, vertices `corners` (e, 3), the triangles are the four that the middles of their sides make.
+    Of quadratic elements, vertices `corners` (e, 3), the triangles are the four that the middles of
+    their sides make.
     """
 
     time: float
@@ -29,9 +31,11 @@ class Mesh:
     displacement: np.ndarray
     von_mises: np.ndarray
     corners: np.ndarray
+    degree: int  # of the displacements
 
     def rim(self):
-        """Edges (e, 2) of the subdomain boundaries and, for each, the corner of its triangle inside."""
+        """Edges (e, 2) of the subdomain boundaries and, for each, the corner of its triangle
+        inside."""
         i, j, k = self.triangles.T
         pairs = np.concatenate([np.column_stack(c) for c in ((i, j), (j, k), (k, i))])
         keys = np.sort(pairs, axis=1) @ [len(self.xy), 1]
@@ -42,7 +46,8 @@ class Mesh:
 
 @dataclass
 class Run:
-    """All that the figures are drawn from. Tables are dicts of columns; what a run lacks is None."""
+    """All that the figures are drawn from. Tables are dicts of columns; what a run lacks is
+    None."""
 
     summary: dict
     history: dict
@@ -50,15 +55,18 @@ class Run:
     convergence: dict | None
     boundary: dict | None
     first: Mesh | None
-    last: Mesh | None  # at the time of the quantities: the end or, where contact is lost by then, its peak
+    # at the time of the quantities: the end or, where contact is lost by then, its peak
+    last: Mesh | None
     adaptivity: dict | None = None
 
     @property
     def quasistatic(self) -> bool:
+        """Whether loads have a history in time steps."""
         return self.summary["effects"]["time"] == "quasistatic"
 
     @property
     def friction(self) -> bool:
+        """Whether the scene declares friction."""
         return self.summary["effects"]["friction"] != "none"
 
     @property
@@ -68,32 +76,24 @@ class Run:
 
     @property
     def scene(self) -> str:
+        """Name of the scene."""
         return Path(self.summary["scene"]).stem
 
     def at(self, time: float) -> str:
+        """Words that name a time, none of static runs."""
         return f" at $t = {time:g}$" if self.quasistatic else ""
-
-
-def read_table(path: Path) -> dict | None:
-    """Columns of a CSV file as arrays, empty numbers as nan; None if the file is absent or has no rows."""
-    if not path.exists():
-        return None
-    with open(path, newline="") as file:
-        names, *rows = csv.reader(file)
-    if not rows:
-        return None
-    return {n: np.array(c) if n in WORDS else np.array([v or "nan" for v in c], dtype=float)
-            for n, c in zip(names, zip(*rows))}
 
 
 def read_mesh(path: Path, time: float) -> Mesh:
     """One .vtu of a run."""
     data = meshio.read(path)
     kind, = data.cells_dict
-    nodes, mises = data.cells_dict[kind].astype(np.int64), data.cell_data_dict["von_mises"][kind].ravel()
+    nodes, mises = data.cells_dict[kind].astype(
+        np.int64), data.cell_data_dict["von_mises"][kind].ravel()
     parts = QUARTERS if kind == "triangle6" else [[0, 1, 2]]
-    return Mesh(time, data.points[:, :2], nodes[:, parts].reshape(-1, 3), data.point_data["displacement"][:, :2],
-                np.repeat(mises, len(parts)), nodes[:, :3])
+    return Mesh(time, data.points[:, :2], nodes[:, parts].reshape(-1, 3),
+                data.point_data["displacement"][:, :2], np.repeat(mises, len(parts)), nodes[:, :3],
+                2 if kind == "triangle6" else 1)
 
 
 def read_run(directory: Path) -> Run:
@@ -107,10 +107,10 @@ def read_run(directory: Path) -> Run:
         sets = [(float(d.get("timestep")), directory / d.get("file"))
                 for d in ElementTree.parse(directory / "fields.pvd").iter("DataSet")]
         if sets:
-            told = summary.get("quantities_time", max(sets)[0])
-            nearest = min(sets, key=lambda one: abs(one[0] - told))
+            wanted = summary.get("quantities_time", max(sets)[0])
+            nearest = min(sets, key=lambda entry: abs(entry[0] - wanted))
             first, last = (read_mesh(path, time) for time, path in (min(sets), nearest))
-    tables = {n: read_table(directory / f"{n}.csv") for n in ("history", "contact", "convergence", "boundary", "adaptivity")}
+    tables = {name: read_table(directory / f"{name}.csv") for name in TABLES}
     return Run(summary, first=first, last=last, **tables)
 
 
@@ -120,14 +120,16 @@ def select(table: dict, rows) -> dict:
 
 
 def contact_boundaries(contact: dict) -> list[tuple[int, dict]]:
-    """(label, rows sorted by step and arc) of every contact boundary; one unnamed boundary is label 0."""
+    """(label, rows sorted by step and arc) of every contact boundary; one unnamed boundary is label
+    0."""
     label = contact.get("boundary", np.zeros(len(contact["step"])))
     order = np.lexsort((contact["arc"], contact["step"]))
     return [(int(b), select(contact, order[label[order] == b])) for b in np.unique(label)]
 
 
 def segment_ends(arc: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """The n+1 ends of the dual segments of n nodes: midpoints inside, the segments' lengths at both ends."""
+    """The n+1 ends of the dual segments of n nodes: midpoints inside, the segments' lengths at both
+    ends."""
     if len(arc) == 1:
         return arc[0] + weight[0] * np.array([-0.5, 0.5])
     middle = (arc[1:] + arc[:-1]) / 2

@@ -1,17 +1,21 @@
-"""Look and size of every picture, the place above its axes, and how it is written."""
+"""Look and size of every picture, the place above its axes, and how it is composed and written."""
 
-import os
+from collections.abc import Callable
 from pathlib import Path
 
 import matplotlib
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from ..files import renamed
+
 INCH = 1 / 2.54  # inches in a centimetre
-WIDTH = 16 * INCH
+WIDTH = 16  # centimetres
 PAD = 0.06  # inches around the title and the legend
 
 # Okabe and Ito's palette keeps its contrasts for colour-blind readers.
 BLUE, ORANGE, GREEN, RED, INK = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#222222"
+SKY, PURPLE, GREY = "#56B4E9", "#CC79A7", "#777777"
 
 STYLE = {
     "font.size": 9, "axes.titlesize": 9, "axes.labelsize": 9,
@@ -20,6 +24,49 @@ STYLE = {
     "lines.linewidth": 1.3, "lines.markersize": 3.2, "axes.formatter.useoffset": False,
     "hatch.linewidth": 0.5, "pdf.fonttype": 42, "figure.constrained_layout.h_pad": 0.05,
 }
+
+
+def canvas(draw: Callable[[Figure], None], height: float, width: float = WIDTH,
+           layout: str = "constrained") -> Figure:
+    """The figure, `width` by `height` centimetres, that `draw(figure)` fills; laid out, not yet
+    written."""
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(width * INCH, height * INCH), dpi=150, layout=layout)
+        FigureCanvasAgg(figure)
+        draw(figure)
+        figure.draw_without_rendering()
+        # frozen, so that the bitmap and the PDF are the same picture
+        figure.set_layout_engine("none")
+    return figure
+
+
+def write(figure: Figure, folder: Path, name: str) -> list[Path]:
+    """Write ``<folder>/<name>.png`` and ``.pdf``; returns their paths."""
+    paths = []
+    for kind, dpi, metadata in (("png", 150, {}), ("pdf", 300, {"CreationDate": None})):
+        path = folder / f"{name}.{kind}"
+        with renamed(path) as hidden, matplotlib.rc_context(STYLE):
+            figure.savefig(hidden, format=kind, dpi=dpi, metadata=metadata)
+        paths.append(path)
+    return paths
+
+
+def header(figure: Figure, caption: str, identity: str, handles: list,
+           handlelength: float = 1.8) -> None:
+    """Title, a line on what is shown, and a legend in as few rows as fit, stacked above the
+    axes."""
+    figure.text(0.5, 1, caption, ha="center", va="top", fontsize=10)
+    figure.text(0.5, 1, identity, ha="center", va="top", fontsize=8, color="0.35")
+    columns = len(handles)
+    while handles:
+        figure.legend(handles=handles, loc="upper center", ncols=columns, frameon=False,
+                      borderpad=0, handlelength=handlelength, columnspacing=1.4, borderaxespad=0)
+        width = figure.legends[0].get_window_extent(figure.canvas.get_renderer()).width
+        if columns == 1 or width < figure.bbox.width - 2 * PAD * figure.dpi:
+            break
+        figure.legends[0].remove()
+        columns -= 1
+    place_header(figure)
 
 
 def place_header(figure: Figure) -> None:
@@ -34,15 +81,3 @@ def place_header(figure: Figure) -> None:
         height = artist.get_window_extent(figure.canvas.get_renderer()).height / figure.dpi
         top -= (height + PAD) / inches
     figure.get_layout_engine().set(rect=(0, 0, 1, top))
-
-
-def write(figure: Figure, folder: Path, name: str) -> list[Path]:
-    """Write .png and .pdf under temporary names and rename them; returns the final paths."""
-    paths = []
-    for kind, dpi, metadata in (("png", 150, {}), ("pdf", 300, {"CreationDate": None})):
-        path, temporary = folder / f"{name}.{kind}", folder / f".{name}.{kind}.part"
-        with matplotlib.rc_context(STYLE):
-            figure.savefig(temporary, format=kind, dpi=dpi, metadata=metadata)
-        os.replace(temporary, path)
-        paths.append(path)
-    return paths

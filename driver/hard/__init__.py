@@ -1,6 +1,7 @@
-"""Hard cases: each is solved and checked against an independent answer, or refused for a stated reason.
+"""Hard cases: each is solved and checked against an independent answer, or refused for a stated
+reason.
 
-`case` says what a case is and runs it as a user would, `checks` compares with answers that owe nothing to the
-solver, `suite` runs all and reports; the cases themselves are data,
+`case` says what a case is and runs it as a user would, `checks` compares with answers that owe
+nothing to the solver, `suite` runs all and reports; the cases themselves are data,
 the list CASES in the module of their family (suite.FAMILIES).
 """

@@ -1,4 +1,5 @@
-"""Two and more bodies: stiffness, meshes and gaps that do not match, towers that nothing but friction holds."""
+"""Two and more bodies: stiffness, meshes and gaps that do not match, towers that nothing but
+friction holds."""
 
 from .case import Case
 from .checks import dense, laws, same_as
@@ -7,23 +8,27 @@ PAIR, TOWER, STACK = "hard/pair", "hard/tower", "stack"
 STEPS = {"STEPS": 4}
 MOVED = {**STEPS, "HOLD": "moved"}  # both bodies are held: a dense oracle knows the answer
 SIZES = ({"SUBDOMAINS": "2x2", "H": 0.25}, {"SUBDOMAINS": "4x4", "H": 0.125})
-ANY = ({"SUBDOMAINS": 2, "H": 0.2}, {"SUBDOMAINS": 9, "H": 0.2})  # pieces of the graph partitioner, ends at the interface
+# pieces of the graph partitioner, ends at the interface
+ANY = ({"SUBDOMAINS": 2, "H": 0.2}, {"SUBDOMAINS": 9, "H": 0.2})
 FREE, BOTH = (laws(1e-6),), (dense(1e-6), laws(1e-6))
 ROUNDING = 1e-9  # as in scale.py
 
 
 def jump(value: float, fast: bool = False) -> Case:
-    """The upper block, which contact alone holds, `value` times as stiff; contact nodes on the softer side."""
+    """The upper block, which contact alone holds, `value` times as stiff; contact nodes on the
+    softer side."""
     return Case(f"E of the body on top times {value:.0e}", "bodies", PAIR,
-                {**STEPS, "JUMP": value, "NODES": "upper" if value < 1 else "lower"}, SIZES, FREE, easy={"JUMP": 1},
-                ratio=3.0, sweep=("E of the body on top", value), fast=fast)
+                {**STEPS, "JUMP": value, "NODES": "upper" if value < 1 else "lower"}, SIZES, FREE,
+                easy={"JUMP": 1}, ratio=3.0, sweep=("E of the body on top", value), fast=fast)
 
 
 def stiff_side(value: float) -> Case:
-    """Contact nodes on the side that is stiffer and finer: pressures that alternate there deform next to nothing."""
-    return Case(f"contact nodes on the body with E times {value:.0e}", "bodies", PAIR, {**STEPS, "JUMP": value}, SIZES, FREE,
-                easy={"JUMP": 1}, ratio=3.0 if value <= 1e3 else None, sweep=("the same, contact nodes on top", value),
-                fast=value == 1e3)
+    """Contact nodes on the side that is stiffer and finer: pressures that alternate there deform
+    next to nothing."""
+    return Case(f"contact nodes on the body with E times {value:.0e}", "bodies", PAIR,
+                {**STEPS, "JUMP": value}, SIZES, FREE,
+                easy={"JUMP": 1}, ratio=3.0 if value <= 1e3 else None,
+                sweep=("the same, contact nodes on top", value), fast=value == 1e3)
 
 
 def ratio(value: float, nodes: str) -> Case:
@@ -32,14 +37,16 @@ def ratio(value: float, nodes: str) -> Case:
     return Case(f"elements on top {value:g} times as long, nodes on the {of} side", "bodies", PAIR,
                 {**MOVED, "RATIO": value, "NODES": nodes},
                 ({"SUBDOMAINS": "2x1", "H": 0.1}, {"SUBDOMAINS": "2x1", "H": 0.05}),
-                BOTH, easy={"RATIO": 1}, ratio=3.0, sweep=(f"ratio of the meshes, nodes on the {of} side", value))
+                BOTH, easy={"RATIO": 1}, ratio=3.0,
+                sweep=(f"ratio of the meshes, nodes on the {of} side", value))
 
 
 def far(value: float) -> Case:
     """Units of the pair."""
-    return Case(f"two bodies, units: length times {value:.0e}, stress times {1 / value:.0e}", "bodies", PAIR,
-                {**STEPS, "LENGTH": value, "STRESS": 1 / value}, SIZES,
-                (same_as(ROUNDING, value, 1 / value, options={"LENGTH": 1, "STRESS": 1}), laws(1e-6)))
+    return Case(f"two bodies, units: length times {value:.0e}, stress times {1 / value:.0e}",
+                "bodies", PAIR, {**STEPS, "LENGTH": value, "STRESS": 1 / value}, SIZES,
+                (same_as(ROUNDING, value, 1 / value, options={"LENGTH": 1, "STRESS": 1}),
+                 laws(1e-6)))
 
 
 CASES = [
@@ -49,21 +56,25 @@ CASES = [
     Case("a clearance closes", "bodies", PAIR, {**MOVED, "GAP": 4e-4}, SIZES, BOTH),
     Case("bodies that overlap", "bodies", PAIR, {**MOVED, "GAP": -4e-4}, SIZES, BOTH, fast=True),
     Case("two bodies, F = 3", "bodies", PAIR, {**MOVED, "FRICTION": 3}, SIZES, (laws(1e-6),)),
-    Case("a body pushed to 0.2 % below what friction holds", "bodies", PAIR, {**STEPS, "PUSH": 5.988e-4}, SIZES, FREE,
-         fast=True),
-    Case("a body pushed to 0.2 % above what friction holds", "bodies", PAIR, {"STEPS": 1, "PUSH": 6.012e-4}, SIZES, status=3,
-         reason="no equilibrium: .* body 2"),
+    Case("a body pushed to 0.2 % below what friction holds", "bodies", PAIR,
+         {**STEPS, "PUSH": 5.988e-4}, SIZES, FREE, fast=True),
+    Case("a body pushed to 0.2 % above what friction holds", "bodies", PAIR,
+         {"STEPS": 1, "PUSH": 6.012e-4}, SIZES, status=3, reason="no equilibrium: .* body 2"),
     Case("the partition ends at the interface", "bodies", PAIR, STEPS, ANY, FREE),
     far(1e9), far(1e-9),
     *(Case(f"a block on a block{what}", "bodies", PAIR, {**STEPS, **options}, SIZES, FREE)
       for what, options in (("", {}), (", F = 50", {"FRICTION": 50, "UNIQUENESS": "no"}))),
-    Case("a floating stack of three", "bodies", STACK, STEPS, ({"SUBDOMAINS": 3, "H": 0.2}, {"SUBDOMAINS": 12}), FREE),
-    Case("a floating stack of six", "bodies", TOWER, STEPS, ({"SUBDOMAINS": 6}, {"SUBDOMAINS": 24, "H": 0.1}), FREE,
-         fast=True),
-    *(Case(f"a floating stack of six, E times {value:g} in every other", "bodies", TOWER, {**STEPS, "JUMP": value},
-           ({"SUBDOMAINS": 6}, {"SUBDOMAINS": 24, "H": 0.1}), FREE, easy={"JUMP": 1}, ratio=3.0) for value in (1e3, 1e6)),
+    Case("a floating stack of three", "bodies", STACK, STEPS,
+         ({"SUBDOMAINS": 3, "H": 0.2}, {"SUBDOMAINS": 12}), FREE),
+    Case("a floating stack of six", "bodies", TOWER, STEPS,
+         ({"SUBDOMAINS": 6}, {"SUBDOMAINS": 24, "H": 0.1}), FREE, fast=True),
+    *(Case(f"a floating stack of six, E times {value:g} in every other", "bodies", TOWER,
+           {**STEPS, "JUMP": value},
+           ({"SUBDOMAINS": 6}, {"SUBDOMAINS": 24, "H": 0.1}), FREE, easy={"JUMP": 1},
+           ratio=3.0) for value in (1e3, 1e6)),
     Case("a floating stack of six, nearly sliding", "bodies", TOWER, {**STEPS, "PUSH": 0.499},
          ({"SUBDOMAINS": 6}, {"SUBDOMAINS": 24, "H": 0.1}), FREE),
     Case("a floating stack of six, sliding", "bodies", TOWER, {"STEPS": 1, "PUSH": 0.501},
-         ({"SUBDOMAINS": 6}, {"SUBDOMAINS": 24, "H": 0.1}), status=3, reason="no equilibrium: .* bodies 1, 2, 3, 4, 5, 6"),
+         ({"SUBDOMAINS": 6}, {"SUBDOMAINS": 24, "H": 0.1}), status=3,
+         reason="no equilibrium: .* bodies 1, 2, 3, 4, 5, 6"),
 ]

@@ -1,6 +1,6 @@
-"""What a hard case is, and how one is run: as a user would run it, in a process of its own with a time limit."""
+"""What a hard case is, and how one is run: as a user would run it, in a process of its own with a
+time limit."""
 
-import csv
 import functools
 import json
 import os
@@ -13,18 +13,19 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-import numpy as np
-
 from .. import environment
+from ..files import read_table
 
-# every run of the suite unless a case says otherwise: tight enough that what is left is the method's, not the user's
+# every run of the suite unless a case says otherwise: tight enough that errors are the method's,
+# not the user's
 TIGHT = {"RTOL": "1e-10", "FRICTION_RTOL": "1e-8", "PRIMAL_RTOL": "1e-6"}
 KKT = 1e-6  # the largest KKT residual allowed at these tolerances: that of PRIMAL_RTOL
 
 
 @dataclass
 class Outcome:
-    """How a run ended and what it left; `contact` and `history` are columns, those of contact (steps, nodes)."""
+    """How a run ended and what it left; `contact` and `history` are columns, those of contact
+    (steps, nodes)."""
 
     status: int  # exit status; -1: killed at the time limit
     message: str  # last line on the error channel
@@ -38,7 +39,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Check:
-    """What a check found: the largest relative deviation from `oracle`, and how large it may be."""
+    """Result of a check: the largest relative deviation from `oracle`, and how large it may be."""
 
     oracle: str
     error: float
@@ -49,19 +50,21 @@ class Check:
 class Case:
     """One hard case at two or more sizes.
 
-    `scene` (a name such as hard/block) is run with `options`, those of one of the `sizes`, and TIGHT where they do
-    not say otherwise. With `status` 0 it must be solved: KKT residuals below `kkt`, every one of `checks` within
-    its tolerance, no more than `ratio` times the products of the same run with the options of `easy`, and
-    `warning` (a regular expression) among the warnings. With another status it must be refused with that one and
-    a reason that `reason` (a regular expression) finds. `sweep` names a series and the case's place in it.
-    `perform` runs it where a plain run will not do: (case, size, directory) -> Outcome.
+    `scene` (a name such as hard/block) is run with `options`, those of one of the `sizes`, and
+    TIGHT where they do not say otherwise. With `status` 0 it must be solved: KKT residuals below
+    `kkt`, every one of `checks` within its tolerance, no more than `ratio` times the products of
+    the same run with the options of `easy`, and `warning` (a regular expression) among the
+    warnings. With another status it must be refused with that one and a reason that `reason` (a
+    regular expression) finds. `sweep` names a series and the case's place in it. `perform` runs it
+    where a plain run will not do: (case, size, directory) -> Outcome.
     """
 
     name: str
     family: str
     scene: str
     options: dict = field(default_factory=dict)
-    sizes: tuple[dict, ...] = ({"SUBDOMAINS": "4x2", "CELLS": "4"}, {"SUBDOMAINS": "8x4", "CELLS": "4"})
+    sizes: tuple[dict, ...] = ({"SUBDOMAINS": "4x2", "CELLS": "4"},
+                               {"SUBDOMAINS": "8x4", "CELLS": "4"})
     checks: tuple[Callable[["Case", dict, Outcome], Check], ...] = ()
     easy: dict | None = None
     ratio: float | None = None
@@ -76,8 +79,8 @@ class Case:
 
     def arguments(self, size: dict) -> dict[str, str]:
         """All options of the run at one size, as text."""
-        given = {**TIGHT, "FIELDS": "no", "FIGURES": "no", "QUIET": "yes", "RESUME": "no", "ERRORS": "no",
-                 **self.options, **size}
+        given = {**TIGHT, "FIELDS": "no", "FIGURES": "no", "QUIET": "yes", "RESUME": "no",
+                 "ERRORS": "no", **self.options, **size}
         return {name: str(value) for name, value in given.items()}
 
 
@@ -88,12 +91,14 @@ def run_case(case: Case, size: dict, directory: Path) -> Outcome:
 
 def run_scene(case: Case, size: dict, directory: Path) -> Outcome:
     """The plain way: python3 -m driver run SCENE=... in a process of its own."""
-    words = [f"{name}={value}" for name, value in {"SCENE": case.scene, **case.arguments(size)}.items()]
+    words = [f"{name}={value}" for name, value in {
+        "SCENE": case.scene, **case.arguments(size)}.items()]
     return run_command(["run", *words, f"OUT={directory}"], directory, case.seconds)
 
 
 def reference(case: Case, size: dict, options: dict) -> Outcome:
-    """The same run with other options, made once a process and size. ValueError if it does not end well."""
+    """The same run with other options, made once a process and size. ValueError if it does not end
+    well."""
     given = replace(case, options={**case.options, **options})
     return _reference((given.scene, *sorted(given.arguments(size).items())), given.seconds)
 
@@ -102,34 +107,37 @@ def reference(case: Case, size: dict, options: dict) -> Outcome:
 def _reference(run: tuple, limit: float) -> Outcome:
     scene, *pairs = run
     with tempfile.TemporaryDirectory() as folder:
-        outcome = run_scene(Case("", "", scene, dict(pairs), seconds=limit), {}, Path(folder) / "run")
+        outcome = run_scene(Case("", "", scene, dict(pairs), seconds=limit),
+                            {}, Path(folder) / "run")
     if outcome.status != 0:
         raise ValueError(f"the reference run ended with exit {outcome.status}: {outcome.message}")
     return outcome
 
 
-def run_command(words: list[str], directory: Path, limit: float, prefix: list[str] = (), **changes) -> Outcome:
+def run_command(words: list[str], directory: Path, limit: float, prefix: list[str] = (),
+                **changes) -> Outcome:
     """One call of the command line whose results go to `directory`; killed after `limit` seconds.
 
     `prefix` is a command that runs it, `changes` are environment variables to set.
     """
-    for left in (directory, directory.with_name(f"{directory.name}-unconverged")):
-        shutil.rmtree(left, ignore_errors=True)
+    for earlier in (directory, directory.with_name(f"{directory.name}-unconverged")):
+        shutil.rmtree(earlier, ignore_errors=True)
     env = {**os.environ, "PYTHONPATH": environment.python_path(), **changes}
     clock = time.perf_counter()
-    with subprocess.Popen([*prefix, sys.executable, "-m", "driver", *words], cwd=environment.ROOT, env=env, text=True,
-                          stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as child:
+    with subprocess.Popen([*prefix, sys.executable, "-m", "driver", *words], cwd=environment.ROOT,
+                          env=env, text=True, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
+                          stderr=subprocess.PIPE) as child:
         try:
-            _, said = child.communicate(timeout=limit)
+            _, errors = child.communicate(timeout=limit)
             status = child.returncode
         except subprocess.TimeoutExpired:
             child.terminate()  # the driver cleans up as on an interrupt
-            _, said = child.communicate()
-            status, said = -1, f"killed after {limit:g} s\n"
+            _, errors = child.communicate()
+            status, errors = -1, f"killed after {limit:g} s\n"
     seconds = time.perf_counter() - clock
-    lines = said.strip().splitlines() or [""]
-    outcome = Outcome(status, lines[-1], seconds, directory, crashed="Traceback" in said or status < -1 or status > 128)
-    return read_results(outcome)
+    lines = errors.strip().splitlines() or [""]
+    crashed = "Traceback" in errors or status < -1 or status > 128
+    return read_results(Outcome(status, lines[-1], seconds, directory, crashed=crashed))
 
 
 def read_results(outcome: Outcome) -> Outcome:
@@ -137,21 +145,9 @@ def read_results(outcome: Outcome) -> Outcome:
     folder = outcome.directory
     if (folder / "summary.json").is_file():
         outcome.summary = json.loads((folder / "summary.json").read_text())
-        outcome.history = columns(folder / "history.csv")
+        outcome.history = read_table(folder / "history.csv")
         if (folder / "contact.csv").is_file():
             steps = outcome.summary["steps"]
-            outcome.contact = {name: values.reshape(steps, -1) for name, values in columns(folder / "contact.csv").items()}
+            table = read_table(folder / "contact.csv")
+            outcome.contact = {name: values.reshape(steps, -1) for name, values in table.items()}
     return outcome
-
-
-def columns(path: Path) -> dict[str, np.ndarray]:
-    """Columns of a CSV file; numbers where all entries are, empty ones being NaN."""
-    with open(path, newline="") as file:
-        names, *rows = csv.reader(file)
-    found = {}
-    for name, column in zip(names, zip(*rows)):
-        try:
-            found[name] = np.array([float(v) if v else np.nan for v in column])
-        except ValueError:
-            found[name] = np.array(column)
-    return found

@@ -1,4 +1,5 @@
-"""Elements: quadratic ones where linear ones have their trials, and in materials that hardly change their volume."""
+"""Elements: quadratic ones where linear ones have their trials, and in materials that hardly change
+their volume."""
 
 from dataclasses import replace
 
@@ -7,9 +8,12 @@ from .case import Case
 from .checks import dense, holds, laws
 
 TRIALS = {
-    geometry: ("subdomains of one element", "subdomains touch in one node", "30 metis subdomains", "aspect ratio 100",
-               "slender body 30:1", "one contact boundary round a convex corner", "slanted contact ends at a roller"),
-    material: ("E jumps by 1e+06 from subdomain to subdomain", "E jumps by 1e-03 halfway", "fibres stiffer by 100"),
+    geometry: ("subdomains of one element", "subdomains touch in one node", "30 metis subdomains",
+               "aspect ratio 100",
+               "slender body 30:1", "one contact boundary round a convex corner",
+               "slanted contact ends at a roller"),
+    material: ("E jumps by 1e+06 from subdomain to subdomain", "E jumps by 1e-03 halfway",
+               "fibres stiffer by 100"),
     friction: ("F = 1", "everything sticks", "F jumps from 0.1 to 1"),
     scale: ("units: length times 1e9", "a million body lengths from the origin"),
     support: ("floating body, pressed down", "friction alone holds the body sideways"),
@@ -22,26 +26,34 @@ def trial(module, name: str) -> Case:
 
 
 def quadratic(case: Case, element: str = "P2") -> Case:
-    """The case with quadratic elements; a vertex has a sixth of an edge where linear ones give it half."""
+    """The case with quadratic elements; a vertex has a sixth of an edge where linear ones give it
+    half."""
     easy = None if case.easy is None else {**case.easy, "ELEMENT": element}
-    tight = {"RTOL": case.options["RTOL"] / 3} if "RTOL" in case.options else {}  # for the same error of pressures
+    # for the same error of pressures
+    tight = {"RTOL": case.options["RTOL"] / 3} if "RTOL" in case.options else {}
     return replace(case, name=f"{case.name}, {element}", family="element",
-                   options={**case.options, **tight, "ELEMENT": element}, easy=easy, sweep=None, fast=False)
+                   options={**case.options, **tight, "ELEMENT": element}, easy=easy, sweep=None,
+                   fast=False)
 
 
 def incompressible(value: float, fast=False) -> Case:
     """P2-mixed near incompressibility: solved and not warned of."""
-    unlocked = holds("nothing locks", lambda outcome: not any("lock" in line for line in outcome.summary["warnings"]))
-    # stiffness entries of lambda cancel in what is left of mu: rounding grows by their ratio
+    unlocked = holds("nothing locks", lambda outcome: not any(
+        "lock" in line for line in outcome.summary["warnings"]))
+    # stiffness entries of lambda cancel and leave those of mu: rounding grows by their ratio
     close = max(1e-5, 1e-10 / (1 - 2 * value))
-    return Case(f"Poisson's ratio {value:g}, P2-mixed", "element", material.BLOCK, {"POISSON": value, "ELEMENT": "P2-mixed"},
-                checks=(dense(close), laws(close), unlocked), easy={"POISSON": 0.277, "ELEMENT": "P2-mixed"}, fast=fast)
+    return Case(f"Poisson's ratio {value:g}, P2-mixed", "element", material.BLOCK,
+                {"POISSON": value, "ELEMENT": "P2-mixed"},
+                checks=(dense(close), laws(close), unlocked),
+                easy={"POISSON": 0.277, "ELEMENT": "P2-mixed"}, fast=fast)
 
 
 def locking(value: float) -> Case:
-    """P2 there: the discrete problem is solved, and the run says that its pressures are not to be trusted."""
-    return replace(material.poisson(value), name=f"Poisson's ratio {value:g}, P2", family="element", sweep=None,
-                   options={"POISSON": value, "ELEMENT": "P2"}, easy={"POISSON": 0.277, "ELEMENT": "P2"},
+    """P2 there: the discrete problem is solved, and the run says that its pressures are not to be
+    trusted."""
+    return replace(material.poisson(value), name=f"Poisson's ratio {value:g}, P2", family="element",
+                   sweep=None, options={"POISSON": value, "ELEMENT": "P2"},
+                   easy={"POISSON": 0.277, "ELEMENT": "P2"},
                    warning="P2 elements lock.*ELEMENT=P2-mixed")
 
 

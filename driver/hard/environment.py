@@ -1,4 +1,5 @@
-"""Environment: disks, programs, exports and processes that fail; one line says so, and nothing is lost."""
+"""Environment: disks, programs, exports and processes that fail; one line says so, and nothing is
+lost."""
 
 import contextlib
 import json
@@ -12,8 +13,8 @@ import tempfile
 import time
 from pathlib import Path
 
-from ..march.checkpoint import NAME
 from ..environment import ROOT, program, python_path
+from ..march.checkpoint import NAME
 from ..options import OF_RUNS
 from ..runs.request import Request
 from .case import Case, Check, Outcome, run_command, run_scene
@@ -26,12 +27,13 @@ def _command(case: Case, size: dict, directory: Path) -> list[str]:
     return ["run", *(f"{name}={value}" for name, value in options.items())]
 
 
-# ---- what surrounds the run ------------------------------------------------------------------------
+# ---- what surrounds the run ----------------------------------------------------------------------
 
 def mounted(how: str, instead: str):
     """A run whose results go to a file system of its own, mounted with the options `how`.
 
-    Where a user may not mount, `instead` is a shell command that has the same effect as nearly as can be.
+    Where a user may not mount, `instead` is a shell command that has the same effect as nearly as
+    can be.
     """
     def perform(case, size, directory):
         directory.parent.mkdir(parents=True, exist_ok=True)
@@ -41,7 +43,8 @@ def mounted(how: str, instead: str):
             allowed = subprocess.run([*own, mount], stderr=subprocess.DEVNULL).returncode == 0
             prefix = [*own, f'{mount} && exec "$@"', "sh"] if allowed else [
                 "sh", "-c", f'cd {shlex.quote(place)} && {instead} && cd / && exec "$@"', "sh"]
-            return run_command(_command(case, size, Path(place) / "out"), directory, case.seconds, prefix)
+            return run_command(_command(case, size, Path(place) / "out"), directory, case.seconds,
+                               prefix)
 
     return perform
 
@@ -63,15 +66,19 @@ def without(*programs: str):
 
 
 def freefem(script: str):
-    """A run with a shell script in FreeFEM's place; `$freefem` is the real program, `$export` the directory it fills."""
+    """A run with a shell script in FreeFEM's place; `$freefem` is the real program, `$export` the
+    directory it fills."""
     def perform(case, size, directory):
         with tempfile.TemporaryDirectory() as place:
             path = Path(place) / "FreeFem++"
             path.write_text(f"#!/bin/sh\nfreefem={shlex.quote(program('FreeFem++'))}\n"
-                            'for word; do test "$last" = -export && export=$word; last=$word; done\n' + script)
+                            'for word; do test "$last" = -export && export=$word; '
+                            'last=$word; done\n'
+                            + script)
             path.chmod(0o755)
             search = os.pathsep.join([place, os.environ["PATH"]])
-            return run_command(_command(case, size, directory), directory, case.seconds, PATH=search)
+            return run_command(_command(case, size, directory), directory, case.seconds,
+                               PATH=search)
 
     return perform
 
@@ -80,7 +87,8 @@ def no_package(name: str):
     """A run for which a Python package is not installed."""
     def perform(case, size, directory):
         with tempfile.TemporaryDirectory() as place:
-            (Path(place) / f"{name}.py").write_text(f"raise ModuleNotFoundError('no such package', name={name!r})\n")
+            text = f"raise ModuleNotFoundError('no such package', name={name!r})\n"
+            (Path(place) / f"{name}.py").write_text(text)
             return run_command(_command(case, size, directory), directory, case.seconds,
                                PYTHONPATH=os.pathsep.join([place, python_path()]))
 
@@ -93,11 +101,14 @@ def edited(case, size, directory):
         scene = Path(place) / "own.edp"
         shutil.copy(ROOT / "edp" / f"{case.scene}.edp", scene)
         given = Case(case.name, case.family, str(scene), case.options)
-        return freefem(f'"$freefem" "$@"; echo "// more" >> {shlex.quote(str(scene))}\n')(given, size, directory)
+        return freefem(f'"$freefem" "$@"; echo "// more" >> {shlex.quote(str(scene))}\n')(given,
+                                                                                          size,
+                                                                                          directory)
 
 
 def spoiled(spoil):
-    """The solver alone, on an export that `spoil`(directory of the export) has changed since it was sealed."""
+    """The solver alone, on an export that `spoil`(directory of the export) has changed since it was
+    sealed."""
     def perform(case, size, directory):
         from ..scene.freefem import export, find_scene
         from ..scene.seal import read
@@ -132,19 +143,23 @@ def _cut(export: Path) -> None:
     (export / "block-0.bin").write_bytes(content[: len(content) // 2])
 
 
-# ---- interruptions ---------------------------------------------------------------------------------
+# ---- interruptions -------------------------------------------------------------------------------
 
 def stopped(number: signal.Signals, rank: bool = False):
-    """A run hit by a signal as soon as it has a checkpoint, itself or one of its ranks, and then made again."""
+    """A run hit by a signal as soon as it has a checkpoint, itself or one of its ranks, and then
+    made again."""
+    def heed_interrupts():
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
     def perform(case, size, directory):
         words = [word for word in _command(case, size, directory) if word != "RESUME=no"]
         env = {**os.environ, "PYTHONPATH": python_path()}
         directory.parent.mkdir(parents=True, exist_ok=True)
-        with subprocess.Popen([sys.executable, "-m", "driver", *words], cwd=ROOT, env=env, stdin=subprocess.DEVNULL,
-                              stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-                              preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler)) as child:
-            limit = time.monotonic() + case.seconds
-            while child.poll() is None and not list(directory.parent.glob(f".{directory.name}.*/{NAME}")):
+        with subprocess.Popen([sys.executable, "-m", "driver", *words], cwd=ROOT, env=env,
+                              stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
+                              stderr=subprocess.DEVNULL, preexec_fn=heed_interrupts) as child:
+            limit, checkpoints = time.monotonic() + case.seconds, f".{directory.name}.*/{NAME}"
+            while child.poll() is None and not list(directory.parent.glob(checkpoints)):
                 if time.monotonic() > limit:
                     child.kill()
                 time.sleep(0.01)
@@ -164,13 +179,13 @@ def stopped(number: signal.Signals, rank: bool = False):
 
 def _ranks(directory: Path) -> list[int]:
     """One of the ranks that work for the results `directory`."""
-    found, hidden = [], os.fsencode(directory.parent / f".{directory.name}.")
+    ranks, hidden = [], os.fsencode(directory.parent / f".{directory.name}.")
     for path in Path("/proc").glob("[0-9]*/cmdline"):
         with contextlib.suppress(OSError):
             line = path.read_bytes().split(b"\0")
             if b"solve" in line and hidden in b"\0".join(line) and b"mpirun" not in line[0]:
-                found.append(int(path.parent.name))
-    return found[-1:]
+                ranks.append(int(path.parent.name))
+    return ranks[-1:]
 
 
 def undisturbed(case: Case, size: dict, outcome: Outcome) -> Check:
@@ -178,42 +193,55 @@ def undisturbed(case: Case, size: dict, outcome: Outcome) -> Check:
     with tempfile.TemporaryDirectory() as place:
         whole = run_scene(case, size, Path(place) / "run").directory
         names = sorted(path.name for path in whole.glob("*.csv"))
-        same = all((whole / name).read_bytes() == (outcome.directory / name).read_bytes() for name in names)
+        same = all((whole / name).read_bytes() == (outcome.directory / name).read_bytes()
+                   for name in names)
         return Check("the run without interruption, bit by bit", float(not (same and names)), 0.5)
 
 
 def _refused(name: str, perform, reason: str, fast: bool = False, **options) -> Case:
-    return Case(name, "environment", SCENE, options, status=2, reason=reason, perform=perform, fast=fast)
+    return Case(name, "environment", SCENE, options, status=2, reason=reason, perform=perform,
+                fast=fast)
 
 
 CASES = [
     _refused("disk full while FreeFEM writes", mounted("size=24k", "ulimit -f 20"),
              "No space left|File too large|signal 25",
              fast=True),
-    _refused("disk full while results are written", mounted("size=1m", "ulimit -f 100"), "No space left.*goes on after step|"
+    _refused("disk full while results are written", mounted("size=1m", "ulimit -f 100"),
+             "No space left.*goes on after step|"
              "File too large|signal 25", FIELDS="yes", STEPS=40, CELLS=2),
     _refused("results on a read-only disk", mounted("ro", ": > out && mkdir .out"),
              "cannot write results.*Read-only|is no directory",
              fast=True),
-    _refused("FreeFEM missing", without("FreeFem++"), "FreeFem\\+\\+ is not installed; run 'make setup'"),
-    _refused("mpirun missing", without("mpirun"), "mpirun is not installed; run 'make setup'", NP=2),
-    _refused("petsc4py missing", no_package("petsc4py"), "package petsc4py is not installed; run 'make setup'", fast=True),
-    _refused("petsc4py missing on ranks", no_package("petsc4py"), "package petsc4py is not installed", NP=2),
+    _refused("FreeFEM missing", without("FreeFem++"),
+             "FreeFem\\+\\+ is not installed; run 'make setup'"),
+    _refused("mpirun missing", without("mpirun"),
+             "mpirun is not installed; run 'make setup'", NP=2),
+    _refused("petsc4py missing", no_package("petsc4py"),
+             "package petsc4py is not installed; run 'make setup'", fast=True),
+    _refused("petsc4py missing on ranks", no_package("petsc4py"),
+             "package petsc4py is not installed", NP=2),
     _refused("FreeFEM fails", freefem("echo 'Out of bound'; exit 6\n"), "FreeFEM failed.*exit 6"),
-    _refused("FreeFEM is killed", freefem("kill -9 $$\n"), "FreeFEM was killed by signal 9", fast=True),
+    _refused("FreeFEM is killed", freefem("kill -9 $$\n"),
+             "FreeFEM was killed by signal 9", fast=True),
     _refused("FreeFEM writes nothing", freefem("exit 0\n"), "manifest.json is missing"),
-    _refused("FreeFEM loses a block", freefem('"$freefem" "$@"; rm "$export/block-0.bin"\n'), "block-0.bin is missing"),
-    _refused("FreeFEM writes half a block", freefem('"$freefem" "$@"; truncate -s 4000 "$export/block-0.bin"\n'),
-             "is truncated"),
-    _refused("FreeFEM writes half a manifest", freefem('"$freefem" "$@"; truncate -s 400 "$export/manifest.json"\n'),
+    _refused("FreeFEM loses a block", freefem(
+        '"$freefem" "$@"; rm "$export/block-0.bin"\n'), "block-0.bin is missing"),
+    _refused("FreeFEM writes half a block",
+             freefem('"$freefem" "$@"; truncate -s 4000 "$export/block-0.bin"\n'), "is truncated"),
+    _refused("FreeFEM writes half a manifest",
+             freefem('"$freefem" "$@"; truncate -s 400 "$export/manifest.json"\n'),
              "manifest.json is not readable"),
     _refused("scene edited while FreeFEM runs", edited, "stale", fast=True),
-    _refused("export with a flipped bit", spoiled(_flip), "was changed after FreeFEM wrote it", fast=True),
+    _refused("export with a flipped bit", spoiled(_flip),
+             "was changed after FreeFEM wrote it", fast=True),
     _refused("export cut in half", spoiled(_cut), "is truncated"),
-    _refused("export without its seal", spoiled(lambda export: (export / "seal.json").unlink()), "seal.json is missing"),
-    Case("interrupted", "environment", SCENE, {"STEPS": 40}, checks=(undisturbed,), perform=stopped(signal.SIGINT)),
-    Case("driver killed", "environment", SCENE, {"STEPS": 40}, checks=(undisturbed,), perform=stopped(signal.SIGKILL),
-         fast=True),
+    _refused("export without its seal", spoiled(lambda export: (
+        export / "seal.json").unlink()), "seal.json is missing"),
+    Case("interrupted", "environment", SCENE, {"STEPS": 40}, checks=(
+        undisturbed,), perform=stopped(signal.SIGINT)),
+    Case("driver killed", "environment", SCENE, {"STEPS": 40}, checks=(undisturbed,),
+         perform=stopped(signal.SIGKILL), fast=True),
     Case("a rank killed", "environment", SCENE, {"STEPS": 20, "NP": 2}, checks=(undisturbed,),
          perform=stopped(signal.SIGKILL, rank=True)),
 ]

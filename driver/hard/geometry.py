@@ -1,4 +1,5 @@
-"""Geometry: flat elements, slender bodies, subdomains nobody would wish for, contact at corners and supports."""
+"""Geometry: flat elements, slender bodies, subdomains nobody would wish for, contact at corners and
+supports."""
 
 from .case import Case
 from .checks import dense, laws
@@ -8,33 +9,39 @@ BOTH = (dense(1e-6), laws(1e-6))
 CUTS = ({"NX": 8, "NY": 4}, {"NX": 16, "NY": 8})
 
 
-def layout(name: str, told: str, fast=False) -> Case:
+def layout(name: str, description: str, fast=False) -> Case:
     """The model example in the subdomains that hard/pieces calls `name`."""
-    return Case(told, "geometry", PIECES, {"LAYOUT": name}, sizes=CUTS, checks=BOTH, easy={"SUBDOMAINS": "4x2"}, fast=fast)
+    return Case(description, "geometry", PIECES, {"LAYOUT": name}, sizes=CUTS, checks=BOTH,
+                easy={"SUBDOMAINS": "4x2"}, fast=fast)
 
 
 def ragged(parts: int) -> Case:
     """A partition by metis."""
     return Case(f"{parts} metis subdomains", "geometry", PIECES, {"SUBDOMAINS": parts, "STEPS": 10},
                 sweep=("metis subdomains", parts),
-                sizes=({"NX": 24, "NY": 12}, {"NX": 36, "NY": 18}), checks=BOTH, easy={"SUBDOMAINS": "4x2"})
+                sizes=({"NX": 24, "NY": 12}, {"NX": 36, "NY": 18}), checks=BOTH,
+                easy={"SUBDOMAINS": "4x2"})
 
 
 def aspect(value: float) -> Case:
     """Elements along the contact boundary `value` times as wide as high."""
-    return Case(f"aspect ratio {value:g}", "geometry", PIECES, {"SUBDOMAINS": "4x2", "ASPECT": value}, checks=BOTH,
+    return Case(f"aspect ratio {value:g}", "geometry", PIECES,
+                {"SUBDOMAINS": "4x2", "ASPECT": value}, checks=BOTH,
                 sizes=({"NX": 16, "NY": 12}, {"NX": 32, "NY": 24}), easy={"ASPECT": 1},
                 sweep=("aspect ratio of elements", value))
 
 
 def slender(value: float) -> Case:
-    """A clamped beam `value` times as long as high, lifted at its end and pressed down by a little."""
+    """A clamped beam `value` times as long as high, lifted at its end and pressed down by a
+    little."""
     return Case(f"slender body {value:g}:1", "geometry", BLOCK,
-                {"WIDTH": value, "PRESS": 4e9 / value**3, "PULL": 0, "LIFT": 1e9 / value**2, "RTOL": 1e-11},
+                {"WIDTH": value, "PRESS": 4e9 / value**3, "PULL": 0,
+                    "LIFT": 1e9 / value**2, "RTOL": 1e-11},
                 sizes=({"SUBDOMAINS": "10x1", "CELLS": 2}, {"SUBDOMAINS": "20x1", "CELLS": 4}),
-                # RTOL is of the bending, by (length / height)^3 larger than what pressures are told from, ten times that
-                # where they wave from element to element
-                checks=(dense(max(1e-6, 1e-10 * value**3)), laws(1e-6)), sweep=("length over height", value), seconds=300)
+                # RTOL is of the bending, by (length / height)^3 larger than what pressures come
+                # from, ten times that where they wave from element to element
+                checks=(dense(max(1e-6, 1e-10 * value**3)), laws(1e-6)),
+                sweep=("length over height", value), seconds=300)
 
 
 CASES = [
@@ -44,18 +51,19 @@ CASES = [
     layout("stripes", "subdomains in separate pieces"),
     layout("scattered", "subdomains of scattered elements", fast=True),
     layout("island", "an enclosed subdomain", fast=True),
-    Case("one subdomain", "geometry", PIECES, {"SUBDOMAINS": 1}, sizes=CUTS, checks=BOTH, easy={"SUBDOMAINS": "4x2"}),
+    Case("one subdomain", "geometry", PIECES, {"SUBDOMAINS": 1},
+         sizes=CUTS, checks=BOTH, easy={"SUBDOMAINS": "4x2"}),
     *(ragged(parts) for parts in (2, 8, 30, 100, 200)),
     *(aspect(value) for value in (1, 10, 100, 1000)),
     *(slender(value) for value in (10, 30, 100)),
     Case("contact on both sides of a convex corner", "geometry", "hard/wedge", checks=(laws(1e-6),),
          sizes=({"N": 8}, {"N": 16, "SUBDOMAINS": 8})),
-    Case("one contact boundary round a convex corner", "geometry", "hard/slope", {"LEFT": "contact"}, checks=BOTH,
-         sizes=({"N": 8}, {"N": 16, "SUBDOMAINS": 8})),
-    Case("slanted contact ends at a roller", "geometry", "hard/slope", {"LEFT": "roller"}, checks=(laws(1e-6),),
-         sizes=({"N": 8}, {"N": 16, "SUBDOMAINS": 8}), fast=True),
-    Case("slanted contact ends at a roller, with gap", "geometry", "hard/slope", {"LEFT": "roller", "GAP": 0.003},
-         checks=(laws(1e-6),),
+    Case("one contact boundary round a convex corner", "geometry", "hard/slope",
+         {"LEFT": "contact"}, checks=BOTH, sizes=({"N": 8}, {"N": 16, "SUBDOMAINS": 8})),
+    Case("slanted contact ends at a roller", "geometry", "hard/slope", {"LEFT": "roller"},
+         checks=(laws(1e-6),), sizes=({"N": 8}, {"N": 16, "SUBDOMAINS": 8}), fast=True),
+    Case("slanted contact ends at a roller, with gap", "geometry", "hard/slope",
+         {"LEFT": "roller", "GAP": 0.003}, checks=(laws(1e-6),),
          sizes=({"N": 8}, {"N": 16, "SUBDOMAINS": 8})),
     Case("curved contact boundary", "geometry", "mindlin", {"STEPS": 6}, checks=(laws(1e-6),),
          sizes=({"H": 0.002}, {"H": 0.001})),

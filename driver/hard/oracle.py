@@ -1,10 +1,12 @@
-"""Dense, slow and certain solvers that tests and the hard cases compare with.  Each checks its own answer."""
+"""Dense, slow and certain solvers that tests and the hard cases compare with.  Each checks its own
+answer."""
 
 import numpy as np
 
 
 class OracleFailure(AssertionError):
-    """The oracle's own answer does not pass its check: it says nothing about the answer compared with it."""
+    """The oracle's own answer does not pass its check: it says nothing about the answer compared
+    with it."""
 
 
 def _require(condition, what: str) -> None:
@@ -74,13 +76,15 @@ def assert_kkt(A, b, lower, upper, x, scale):
     g = np.where(x == lower, np.minimum(g, 0), g)
     g = np.where(x == upper, np.where(x == lower, 0, np.maximum(A @ x - b, 0)), g)
     size = ((np.abs(A) @ np.abs(x) + np.abs(b)) / scale).max()
-    _require(np.all(np.abs(g) / scale <= 1e-11 * size), f"gradient of {(np.abs(g) / scale).max():.1e} left")
+    _require(np.all(np.abs(g) / scale <= 1e-11 * size),
+             f"gradient of {(np.abs(g) / scale).max():.1e} remains")
 
 
 # ------------------------------------------------------------------- the assembled (untorn) problem
 
 class Assembled:
-    """The untorn body: stiffness by vertex number, its supports, and the compliance of its contact nodes.
+    """The untorn body: stiffness by vertex number, its supports, and the compliance of its contact
+    nodes.
 
     Knows nothing of corners, gluing or dual rows. Free dofs only; dof 2 gid + component.
     """
@@ -91,7 +95,8 @@ class Assembled:
 
         size = 2 * manifest.nodes
         keys = [2 * sub.node_gid[sub.dof_node] + sub.dof_component for sub in subdomains]
-        self.K = sum(coo_matrix((sub.values, (k[sub.rows], k[sub.columns])), shape=(size, size)).tocsc()
+        self.K = sum(coo_matrix((sub.values, (k[sub.rows], k[sub.columns])),
+                                shape=(size, size)).tocsc()
                      for sub, k in zip(subdomains, keys))
         self.loads = np.zeros((len(manifest.patterns), size))
         self.held = np.zeros_like(self.loads)
@@ -109,11 +114,13 @@ class Assembled:
         self.motions = self._free_motions(place)
         border = csc_matrix(self.motions[self.free])
         held = self.K[self.free][:, self.free]
-        self._factor = splu(bmat([[held, border], [border.T, None]]).tocsc() if border.shape[1] else held.tocsc())
+        self._factor = splu(bmat([[held, border], [border.T, None]]).tocsc()
+                            if border.shape[1] else held.tocsc())
         self._collect_contact(subdomains)
 
     def _free_motions(self, place) -> np.ndarray:
-        """(2 vertices, modes): rigid motions that the supports leave to the bodies; `place` by dof."""
+        """(2 vertices, modes): rigid motions that the supports leave to the bodies; `place` by
+        dof."""
         from scipy.linalg import null_space
         from scipy.sparse.csgraph import connected_components
 
@@ -121,14 +128,16 @@ class Assembled:
         held = np.ones(self.K.shape[0], bool)
         held[self.free] = False
         columns = [np.zeros((self.K.shape[0], 0))]
-        for one in np.unique(body[self.free]):
-            vertex = np.flatnonzero(body == one) // 2
+        for number in np.unique(body[self.free]):
+            own = body == number
+            vertex = np.flatnonzero(own) // 2
             x, y = (place[2 * vertex + c] - place[2 * vertex + c].mean() for c in (0, 1))
-            even = np.flatnonzero(body == one) % 2 == 0
+            even = np.flatnonzero(own) % 2 == 0
             size = max(np.ptp(x), np.ptp(y))
             rigid = np.zeros((self.K.shape[0], 3))
-            rigid[body == one] = np.column_stack([even, ~even, np.where(even, -y, x) / size])
-            kernel = null_space(rigid[held & (body == one)], rcond=1e-10) if held[body == one].any() else np.eye(3)
+            rigid[own] = np.column_stack([even, ~even, np.where(even, -y, x) / size])
+            supported = held & own
+            kernel = null_space(rigid[supported], rcond=1e-10) if supported.any() else np.eye(3)
             columns.append(rigid @ kernel)
         return np.hstack(columns)
 
@@ -138,25 +147,33 @@ class Assembled:
             if sub.contact is None:
                 continue
             c = sub.contact
-            away, rough = c.column("gap") + c.column("obstacle"), c.column("friction") + c.column("tresca")
-            for vertex, label, w, n, gap, F in zip(c.node, c.label, c.weight, c.normal, away, rough):
+            away = c.column("gap") + c.column("obstacle")
+            rough = c.column("friction") + c.column("tresca")
+            for vertex, label, w, n, gap, F in zip(c.node, c.label, c.weight, c.normal, away,
+                                                   rough):
                 key = (int(label), int(sub.node_gid[vertex]))
                 parts.setdefault(key, []).append((w, *(w * n), w * gap, w * F, *sub.xy[vertex]))
         free = set(self.free.tolist())
-        kept = [(key, np.array(p)) for key, p in parts.items() if free & {2 * key[1], 2 * key[1] + 1}]
-        kept.sort(key=lambda pair: (pair[0][0], *pair[1][0, 5:]))  # label, then x: the model's order along the arc
+        kept = [(key, np.array(p)) for key, p in parts.items()
+                if free & {2 * key[1], 2 * key[1] + 1}]
+        # label, then x: the model's order along the arc
+        kept.sort(key=lambda pair: (pair[0][0], *pair[1][0, 5:]))
         self.label, self.gid = np.array([key for key, _ in kept], int).reshape(-1, 2).T
         total = np.array([p.sum(axis=0) for _, p in kept]).reshape(-1, 7)
-        self.weight, self.gap, self.friction = total[:, 0], total[:, 3] / total[:, 0], total[:, 4] / total[:, 0]
+        self.weight = total[:, 0]
+        self.gap, self.friction = total[:, 3] / self.weight, total[:, 4] / self.weight
         self.xy = np.array([p[0, 5:] for _, p in kept]).reshape(-1, 2)
         self.normal = total[:, 1:3] / np.linalg.norm(total[:, 1:3], axis=1)[:, None]
         self.tangent = np.column_stack([-self.normal[:, 1], self.normal[:, 0]])
-        self.terms = np.arange(len(self.gid)), self.gid, np.ones(len(self.gid))  # node, vertex, weight in what meets
+        self.terms = np.arange(len(self.gid)), self.gid, np.ones(
+            len(self.gid))  # node, vertex, weight in what meets
 
     def meet(self, contact) -> None:
-        """Conditions of a ContactBoundary in place of the body's own: where bodies meet, rows are mortar jumps.
+        """Conditions of a ContactBoundary in place of the body's own: where bodies meet, rows are
+        mortar jumps.
 
-        The weights of the jumps are then the driver's; stiffness and solution stay independent of it.
+        The weights of the jumps are then the driver's; stiffness and solution stay independent of
+        it.
         """
         for name in ("gid", "label", "xy", "weight", "gap", "normal", "tangent"):
             setattr(self, name, getattr(contact, name))
@@ -164,10 +181,12 @@ class Assembled:
         self.terms = contact.term_node, contact.term_gid, contact.term_value
 
     def solve(self, weights, forces=None):
-        """Displacements (2 vertices,) under sum_k weights_k pattern_k plus nodal `forces`, up to the free `motions`."""
+        """Displacements (2 vertices,) under sum_k weights_k pattern_k plus nodal `forces`, up to
+        the free `motions`."""
         u = np.asarray(weights) @ self.held
         right = np.asarray(weights) @ self.loads + (0 if forces is None else forces) - self.K @ u
-        u[self.free] = self._factor.solve(np.append(right[self.free], np.zeros(self.motions.shape[1])))[: len(self.free)]
+        bordered = np.append(right[self.free], np.zeros(self.motions.shape[1]))
+        u[self.free] = self._factor.solve(bordered)[: len(self.free)]
         return u
 
     @property
@@ -181,8 +200,10 @@ class Assembled:
         return B
 
     def compliance(self):
-        """C (2 n_c, 2 n_c): displacements n.u, t.u of the contact nodes under unit nodal forces there."""
-        _require(self.motions.shape[1] == 0, "undefined: a body that no support holds has no compliance")
+        """C (2 n_c, 2 n_c): displacements n.u, t.u of the contact nodes under unit nodal forces
+        there."""
+        _require(self.motions.shape[1] == 0,
+                 "undefined: a body that no support holds has no compliance")
         B = self.B[:, self.free]
         C = B @ self._factor.solve(np.ascontiguousarray(B.T))
         return (C + C.T) / 2
@@ -216,14 +237,17 @@ def warm_box_qp(A, b, lower, upper, guess):
 def coulomb_step(C, d, friction, start):
     """Multipliers (normal, then tangential) of one time step with local Coulomb friction.
 
-    Successive approximations of the friction bound to rounding around dense QPs; checks the conditions of
-    contact and friction of the answer. OracleFailure if the iteration does not settle.
+    Successive approximations of the friction bound to rounding around dense QPs; checks the
+    conditions of contact and friction of the answer. OracleFailure if the iteration does not
+    settle.
     """
     n = len(friction)
-    x, rounding = start, max(1e-13, np.finfo(float).eps * np.linalg.cond(C))  # what dense solves are good to
+    x, rounding = start, max(1e-13, np.finfo(float).eps * np.linalg.cond(C)
+                             )  # what dense solves are good to
     for _ in range(300):
         g = friction * x[:n]
-        new = warm_box_qp(C, d, np.concatenate([np.zeros(n), -g]), np.concatenate([np.full(n, np.inf), g]), x)
+        new = warm_box_qp(C, d, np.concatenate([np.zeros(n), -g]),
+                          np.concatenate([np.full(n, np.inf), g]), x)
         change = np.abs(new[:n] - x[:n]).max()
         x = new
         if change <= rounding * np.abs(x[:n]).max():
@@ -235,31 +259,36 @@ def coulomb_step(C, d, friction, start):
 
 
 def _assert_coulomb(C, d, friction, x, slack):
-    """Signorini's and Coulomb's conditions at every node, to the relative rounding `slack` of the dense solves."""
+    """Signorini's and Coulomb's conditions at every node, to the relative rounding `slack` of the
+    dense solves."""
     n, move = len(friction), d - C @ x
     size, force = slack * np.abs(d).max(), np.abs(x).max()
     bound = friction * x[:n]
     _require(x[:n].min() >= 0 and move[:n].max() <= size, "penetration or tension")
     _require(np.all(np.abs(move[:n])[x[:n] > 0] <= size), "pressure at a distance")
     _require(np.all(np.abs(x[n:]) <= bound + slack * force), "friction above its bound")
-    _require(np.all(np.abs(move[n:])[np.abs(x[n:]) < bound - slack * force] <= size), "slip below the bound")
+    _require(np.all(np.abs(move[n:])[np.abs(x[n:]) < bound - \
+             slack * force] <= size), "slip below the bound")
     _require(np.all(x[n:] * move[n:] >= -size * force), "friction along the slip")
 
 
 def coulomb_history(body: Assembled, amplitudes):
-    """Tractions and displacements of the contact nodes, dict of (steps, n_c): u_n, u_t, sigma_n, sigma_t.
+    """Tractions and displacements of the contact nodes, dict of (steps, n_c): u_n, u_t, sigma_n,
+    sigma_t.
 
-    `amplitudes` (steps + 1, patterns). Stick refers to the tangential displacement of the step before.
+    `amplitudes` (steps + 1, patterns). Stick refers to the tangential displacement of the step
+    before.
     """
     C, B, n = body.compliance(), body.B, len(body.gid)
     unit = np.array([B @ body.solve(w) for w in np.eye(len(body.loads))])
-    found = {name: [] for name in ("u_n", "u_t", "sigma_n", "sigma_t")}
+    history = {name: [] for name in ("u_n", "u_t", "sigma_n", "sigma_t")}
     x, u_t = np.zeros(2 * n), np.zeros(n)
     for weights in amplitudes[1:]:
         loaded = weights @ unit
         x = coulomb_step(C, loaded - np.concatenate([body.gap, u_t]), body.friction, x)
         moved = loaded - C @ x
         u_t = moved[n:]
-        for name, value in zip(found, (moved[:n], u_t, -x[:n] / body.weight, -x[n:] / body.weight)):
-            found[name].append(value)
-    return {name: np.array(value) for name, value in found.items()}
+        for name, value in zip(history,
+                               (moved[:n], u_t, -x[:n] / body.weight, -x[n:] / body.weight)):
+            history[name].append(value)
+    return {name: np.array(value) for name, value in history.items()}

@@ -7,7 +7,8 @@ import numpy as np
 
 from ..files import write_table
 
-RESIDUALS = ("stationarity", "gluing", "penetration", "sign", "cone", "equilibrium", "complementarity")
+RESIDUALS = ("stationarity", "gluing", "penetration", "sign",
+             "cone", "equilibrium", "complementarity")
 
 
 @dataclass
@@ -49,11 +50,12 @@ class Row:
 
 def line(row: Row) -> str:
     """A case at one size for the screen."""
-    told = f"{row.status:8s} {row.family}: {row.case} [{row.size}]"
-    if row.status == "solved":
-        said = f"KKT {row.kkt:.1e}, {row.error:.2g} of the tolerance off {row.oracle}, {row.products} products"
-        return f"{told}: {said}" + (f" ({row.iterations_ratio:.2g} of easy)" if np.isfinite(row.iterations_ratio) else "")
-    return f"{told}: exit {row.exit}, {row.why}"
+    start = f"{row.status:8s} {row.family}: {row.case} [{row.size}]"
+    if row.status != "solved":
+        return f"{start}: exit {row.exit}, {row.why}"
+    ratio = f" ({row.iterations_ratio:.2g} of easy)" if np.isfinite(row.iterations_ratio) else ""
+    return (f"{start}: KKT {row.kkt:.1e}, {row.error:.2g} of the tolerance off {row.oracle}, "
+            f"{row.products} products{ratio}")
 
 
 def write(path: Path, rows: list[Row]) -> None:

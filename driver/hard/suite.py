@@ -14,8 +14,8 @@ import numpy as np
 
 from .. import options
 from ..errors import DriverError, InputError
-from .oracle import OracleFailure
 from .case import Case, Outcome, reference, run_case
+from .oracle import OracleFailure
 from .report import Row, line, write
 
 FAMILIES = options.find("hard", "family").kind.choices
@@ -24,39 +24,45 @@ FAMILIES = options.find("hard", "family").kind.choices
 def cases(family: str | None = None) -> list[Case]:
     """All cases, or those of one family."""
     names = (family,) if family else FAMILIES
-    return [case for name in names for case in importlib.import_module(f"{__package__}.{name}").CASES]
+    modules = (importlib.import_module(f"{__package__}.{name}") for name in names)
+    return [case for module in modules for case in module.CASES]
 
 
 def run_suite(pairs: dict[str, str]) -> list[Path]:
     """Run the cases asked for; the paths of report and pictures.
 
-    Raises InputError for options that `make hard` does not have, and DriverError if a case ends in neither of the two
-    ways.
+    Raises InputError for options that `make hard` does not have, and DriverError if a case ends in
+    neither of the two ways.
     """
     chosen, folder, jobs = _chosen(pairs)
     folder.mkdir(parents=True, exist_ok=True)
     shutil.rmtree(folder / "runs", ignore_errors=True)
     rows, clock = [], time.perf_counter()
     with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
-        tasks = [pool.submit(_judge_named, case.family, case.name, size, folder / "runs") for case, size in chosen]
+        tasks = [pool.submit(_judge_named, case.family, case.name, size,
+                             folder / "runs") for case, size in chosen]
         try:
             for task in tasks:
                 rows.append(task.result())
                 print(line(rows[-1]), flush=True)
-        except BaseException:  # an interrupt: what runs is ended by it too, what waits must not begin
+        # an interrupt: what runs is ended by it too, what waits must not begin
+        except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
     shutil.rmtree(folder / "runs", ignore_errors=True)
     write(folder / "report.csv", rows)
-    from .picture import draw
+    from ..figures.hard import draw
 
-    made = [folder / "report.csv", *draw(rows, folder)]
+    made = [folder / "report.csv", *draw(folder / "report.csv")]
     failed = [row for row in rows if row.status == "FAILED"]
     ended = {name: sum(row.status == name for row in rows) for name in ("solved", "refused")}
-    print(f"{len({row.case for row in rows})} cases at {len(rows)} sizes: {ended['solved']} solved and checked, "
-          f"{ended['refused']} refused as they must be, {len(failed)} failed; {time.perf_counter() - clock:.0f} s")
+    spent = time.perf_counter() - clock
+    print(f"{len({row.case for row in rows})} cases at {len(rows)} sizes: {ended['solved']} solved "
+          f"and checked, {ended['refused']} refused as they must be, {len(failed)} failed; "
+          f"{spent:.0f} s")
     if failed:
-        raise DriverError(f"{len(failed)} hard cases failed, see {os.path.relpath(folder / 'report.csv')}")
+        raise DriverError(
+            f"{len(failed)} hard cases failed, see {os.path.relpath(folder / 'report.csv')}")
     return made
 
 
@@ -64,12 +70,12 @@ def _chosen(pairs: dict[str, str]):
     """Cases with their sizes, result directory and number of jobs from the options."""
     given = options.read("hard", pairs)
     fast = given["fast"]
-    found = [(case, size) for family in given["family"] or FAMILIES for case in cases(family)
-             if given["case"] in case.name and (case.fast or not fast)
-             for size in (case.sizes[:1] if fast else case.sizes)]
-    if not found:
+    chosen = [(case, size) for family in given["family"] or FAMILIES for case in cases(family)
+              if given["case"] in case.name and (case.fast or not fast)
+              for size in (case.sizes[:1] if fast else case.sizes)]
+    if not chosen:
         raise InputError(f"no hard case has '{given['case']}' in its name")
-    return found, given["out"].absolute(), given["jobs"]
+    return chosen, given["out"].absolute(), given["jobs"]
 
 
 # ---- one case ------------------------------------------------------------------------------------
@@ -83,17 +89,19 @@ def judge(case: Case, size: dict, folder: Path) -> Row:
     """Run a case at one size and judge how it ended; never raises for what a case does."""
     outcome = run_case(case, size, folder / _folder_name(case, size))
     expected = "solved" if case.status == 0 else f"refused (exit {case.status})"
-    row = Row(case.family, case.name, " ".join(f"{n}={v}" for n, v in size.items()), expected, "FAILED", outcome.status,
-              outcome.message, seconds=round(outcome.seconds, 2))
+    row = Row(case.family, case.name, " ".join(f"{n}={v}" for n, v in size.items()), expected,
+              "FAILED", outcome.status, outcome.message, seconds=round(outcome.seconds, 2))
     row.sweep, row.place = case.sweep or ("", np.nan)
     if outcome.crashed or outcome.status != case.status:
         return row
     if case.status:
-        # what was found before an iteration limit, or a step without solution, is kept, marked as not converged; else
-        # nothing is left behind
+        # results before an iteration limit, or a step without solution, are kept, marked as not
+        # converged; else nothing remains
         marked = outcome.summary.get("converged") is False
-        left = marked if case.status == 4 else marked and case.status == 3 or not outcome.directory.exists()
-        if re.search(case.reason, outcome.message) and left:
+        proper = marked
+        if case.status != 4:
+            proper = marked and case.status == 3 or not outcome.directory.exists()
+        if re.search(case.reason, outcome.message) and proper:
             row.status = "refused"
         return row
     try:
@@ -118,12 +126,14 @@ def _judge_solved(case: Case, size: dict, outcome: Outcome, row: Row) -> str:
         wrong.append(f"KKT residual {row.kkt:.1e}")
     row.products = summary["counts"]["dual_multiplications"]
     row.fixed_point = summary["counts"]["fixed_point_iterations"]
-    found = [check(case, size, outcome) for check in case.checks]
-    row.oracle, row.error = ", ".join(c.oracle for c in found), max((c.error / c.tolerance for c in found), default=np.nan)
-    wrong += [f"{c.error:.1e} off {c.oracle}" for c in found if not c.error <= c.tolerance]
-    if not found:
+    checks = [check(case, size, outcome) for check in case.checks]
+    row.oracle = ", ".join(c.oracle for c in checks)
+    row.error = max((c.error / c.tolerance for c in checks), default=np.nan)
+    wrong += [f"{c.error:.1e} off {c.oracle}" for c in checks if not c.error <= c.tolerance]
+    if not checks:
         wrong.append("the case names no oracle")
-    if case.warning and not any(re.search(case.warning, said) for said in summary["warnings"]):
+    if case.warning and not any(re.search(case.warning,
+                                          warning) for warning in summary["warnings"]):
         wrong.append(f"no warning of '{case.warning}'")
     if case.easy is not None:
         easy = reference(case, size, case.easy).summary["counts"]["dual_multiplications"]
@@ -138,4 +148,5 @@ def _judge_solved(case: Case, size: dict, outcome: Outcome, row: Row) -> str:
 def _folder_name(case: Case, size: dict) -> str:
     """A directory of its own for every run of every process."""
     text = repr((case.name, sorted(case.arguments(size).items()), os.getpid()))
-    return f"{re.sub('[^a-z0-9]+', '-', case.name.lower())}-{hashlib.sha1(text.encode()).hexdigest()[:10]}"
+    name = re.sub("[^a-z0-9]+", "-", case.name.lower())
+    return f"{name}-{hashlib.sha1(text.encode()).hexdigest()[:10]}"

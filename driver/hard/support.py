@@ -1,4 +1,5 @@
-"""Support: bodies that contact alone holds are solved, or refused where it cannot; mechanisms of parts are no body's."""
+"""Support: bodies that contact alone holds are solved, or refused where it cannot; mechanisms of
+parts are no body's."""
 
 from .case import Case
 from .checks import laws
@@ -8,23 +9,31 @@ WALLS = {"PLACE": "walls", "STEPS": 2, "UNIQUENESS": "no"}
 SIZES = ({"SUBDOMAINS": 2, "N": 4}, {"SUBDOMAINS": 6, "N": 12})
 
 CASES = [
-    Case("floating body, pressed down", "support", BLOCK, {"HOLD": "none"}, checks=(laws(1e-6),), fast=True),
-    Case("friction alone holds the body sideways", "support", BLOCK, {"HOLD": "none", "PULL": 1e7, "LIFT": 0, "FRICTION": 1},
-         checks=(laws(1e-6),)),
-    Case("contact alone removes a rigid motion", "support", BLOCK, {"HOLD": "roller"}, checks=(laws(1e-6),)),
-    Case("floating body on a frictionless floor", "support", BLOCK, {"HOLD": "none", "FRICTION": 0, "PULL": 0, "LIFT": 0},
+    Case("floating body, pressed down", "support", BLOCK, {
+         "HOLD": "none"}, checks=(laws(1e-6),), fast=True),
+    Case("friction alone holds the body sideways", "support", BLOCK,
+         {"HOLD": "none", "PULL": 1e7, "LIFT": 0, "FRICTION": 1}, checks=(laws(1e-6),)),
+    Case("contact alone removes a rigid motion", "support",
+         BLOCK, {"HOLD": "roller"}, checks=(laws(1e-6),)),
+    Case("floating body on a frictionless floor", "support", BLOCK,
+         {"HOLD": "none", "FRICTION": 0, "PULL": 0, "LIFT": 0},
          checks=(laws(1e-6),), warning="one answer of many", fast=True),
-    Case("floating body on too little friction", "support", BLOCK, {"HOLD": "none", "FRICTION": 0.15}, status=3,
+    Case("floating body on too little friction", "support", BLOCK,
+         {"HOLD": "none", "FRICTION": 0.15}, status=3,
          reason="no equilibrium: contact and friction cannot balance", fast=True),
-    Case("floating body pulled up", "support", BLOCK, {"HOLD": "none", "PRESS": -1e7}, status=3, reason="no equilibrium"),
+    Case("floating body pulled up", "support", BLOCK, {
+         "HOLD": "none", "PRESS": -1e7}, status=3, reason="no equilibrium"),
     Case("squeezed between walls, friction carries the weight", "support", HELD,
          {**WALLS, "SQUEEZE": 1e-3, "FRICTION": 0.4}, SIZES,
          (laws(1e-6),), fast=True),
-    Case("jammed by friction alone", "support", HELD, {**WALLS, "FRICTION": 4}, SIZES, (laws(1e-6),)),
-    Case("squeezed too little for its weight", "support", HELD, {**WALLS, "SQUEEZE": 1e-4, "FRICTION": 0.2}, SIZES, status=3,
+    Case("jammed by friction alone", "support", HELD, {
+         **WALLS, "FRICTION": 4}, SIZES, (laws(1e-6),)),
+    Case("squeezed too little for its weight", "support", HELD,
+         {**WALLS, "SQUEEZE": 1e-4, "FRICTION": 0.2}, SIZES, status=3,
          reason="no equilibrium was found: .* body 1", fast=True),
-    Case("disc that may turn in a groove", "support", HELD, {"PLACE": "groove", "FRICTION": 0, "STEPS": 1},
-         SIZES, (laws(1e-6),),
+    Case("disc that may turn in a groove", "support", HELD,
+         {"PLACE": "groove", "FRICTION": 0, "STEPS": 1}, SIZES, (laws(1e-6),),
          warning="one answer of many"),
-    Case("disc pushed in a groove", "support", HELD, {"PLACE": "groove", "PUSH": 2e-5, "STEPS": 4}, SIZES, (laws(1e-6),)),
+    Case("disc pushed in a groove", "support", HELD, {
+         "PLACE": "groove", "PUSH": 2e-5, "STEPS": 4}, SIZES, (laws(1e-6),)),
 ]

@@ -1,4 +1,6 @@
-"""The contact part of the dual vectors: dense, in the order of the contact nodes, the same on every rank."""
+"""The contact part of the dual vectors: dense, in the order of the contact nodes, the same on every
+rank.
+"""
 
 from dataclasses import dataclass
 
@@ -15,9 +17,11 @@ from .step import Load
 
 @dataclass
 class Condensation:
-    """Contact rows in the order of the contact nodes, normal ones first, and their compliance once it is asked for.
+    """Contact rows in the order of the contact nodes, normal ones first, and their compliance once
+    it is asked for.
 
-    `guess` is a dual vector near the solution of the first step. Collective over the operator's communicator.
+    `guess` is a dual vector near the solution of the first step. Collective over the operator's
+    communicator.
     """
 
     operator: DualProblem
@@ -27,11 +31,13 @@ class Condensation:
     def __post_init__(self):
         structure = self.operator.structure
         contact, (first, last) = structure.contact, structure.row_range
-        normal, tangential = (np.flatnonzero(r >= 0) for r in (contact.normal_row, contact.tangential_row))
+        normal, tangential = (np.flatnonzero(r >= 0)
+                              for r in (contact.normal_row, contact.tangential_row))
         self.pair = np.searchsorted(normal, tangential)
         self.n, self.m = len(normal), len(tangential)
         number = contact_row_numbers(contact)
-        self._owned = np.flatnonzero((number >= first) & (number < last))  # places of this rank's rows,
+        # places of this rank's rows,
+        self._owned = np.flatnonzero((number >= first) & (number < last))
         self._at = number[self._owned] - first  # and where its part of a dual vector has them
         self._compliance = self._law = None
 
@@ -67,10 +73,12 @@ class Condensation:
 
     def solution(self, load: Load, x: np.ndarray, gradient: np.ndarray,
                  sliding: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-        """Multipliers that solve a step, where contact rows are all there are, by Newton's method, and their gradient.
+        """Multipliers that solve a step, where contact rows are all there are, by Newton's method,
+        and their gradient.
 
-        It starts from `guess`, if there is one, and from x, where the tangential rows slide as `sliding` says. It ends
-        exactly in the states that it finds: what it started from leaves no trace. None if it fails.
+        It starts from `guess`, if there is one, and from x, where the tangential rows slide as
+        `sliding` says. It ends exactly in the states that it finds: what it started from leaves no
+        trace. None if it fails.
         """
         problem, start, found = self.problem(load, x, gradient), self.gather(x), None
         if self.guess is not None:
@@ -83,19 +91,21 @@ class Condensation:
         return None if found is None else (self.place(found[0], x), self.place(-found[1], x))
 
     def problem(self, load: Load, x: np.ndarray, gradient: np.ndarray) -> CoulombProblem:
-        """The condensed problem whose load is exact at the dual vector x with zero gradient on the gluing rows.
+        """The condensed problem whose load is exact at the dual vector x with zero gradient on the
+        gluing rows.
 
         Rigid motions of bodies without support are relative to those in `load`.
         """
         op, balance, rows = self.operator, None, self.rows
         if self._law is None:
             motions = np.column_stack([self.gather(d) for d in op.motions]) if op.modes else None
-            self._law = CoulombProblem(self.compliance(), np.zeros(self.n + self.m), np.zeros(self.m), self.pair,
-                                       rows.bilateral, motions)
+            self._law = CoulombProblem(self.compliance(), np.zeros(self.n + self.m),
+                                       np.zeros(self.m), self.pair, rows.bilateral, motions)
         coefficient, offset = self._tangential(rows.coefficient), None
         if rows.offset is not None:
             offset = self._tangential(rows.offset)
-        d = self.gather(load.d) if self.whole else self.compliance() @ self.gather(x) - self.gather(gradient)
+        d = self.gather(
+            load.d) if self.whole else self.compliance() @ self.gather(x) - self.gather(gradient)
         if op.modes:
             balance = load.weights[: op.structure.patterns] @ op.rigid_work[0]
         return self._law.under(d, coefficient, balance, offset)

@@ -1,7 +1,8 @@
 """The fixed point lambda_n = Phi(lambda_n) for local Coulomb friction in one time step.
 
-Successive approximations with QPs that are solved only as far as it pays; where they do not contract the methods of
-`globalization` take over. Bodies without support follow their springs in the same iterations.
+Successive approximations with QPs that are solved only as far as it pays; where they do not
+contract the methods of `globalization` take over. Bodies without support follow their springs in
+the same iterations.
 """
 
 import numpy as np
@@ -15,39 +16,51 @@ from .friction_qp import FrictionQP
 from .slip import SlipState
 from .step import WINDOW, Load, Trace, Unfinished
 
-SETTLING = 0.3  # relative change of pressures and friction bounds below which free bodies follow their springs
+# relative change of pressures and friction bounds below which free bodies follow their springs
+SETTLING = 0.3
 CORRECTIONS = 30  # friction bounds in the contact problem with F_cc, at most
 CORRECTION = 0.1  # its residual, relative to the whole one before
 BALANCED = 0.1  # its imbalance of bodies without support, relative to the one before
-HEADWAY = 1.0  # relative imbalance after a QP above which the corrector leaves these bodies where they are
+# relative imbalance after a QP above which the corrector leaves these bodies where they are
+HEADWAY = 1.0
 CONDENSED_PASSES = 30  # corrections of a solution of the condensed contact problem
-FINEST = 1e-13  # tolerance of the gluing multipliers there, relative to ||d|| and ||F|| ||x||: a hundred roundings
+# tolerance of the gluing multipliers there, relative to ||d|| and ||F|| ||x||: a hundred roundings
+FINEST = 1e-13
 
 
 class FixedPoint:
-    """Finds multipliers that solve the QP with the friction bound of their own pressures. Collective."""
+    """Finds multipliers that solve the QP with the friction bound of their own pressures.
+
+    Collective.
+    """
 
     def __init__(self, qp: FrictionQP, bodies, slip: SlipState, condensation: Condensation):
         """`bodies`: FreeBodies of effects/free_bodies.py, or SupportedBodies."""
         self.qp, self.bodies, self.slip, self.condensation = qp, bodies, slip, condensation
-        self.operator, self.rows, self.settings, self.history = qp.operator, qp.rows, qp.settings, qp.history
+        self.operator, self.rows = qp.operator, qp.rows
+        self.settings, self.history = qp.settings, qp.history
         coupled = len(self.rows.tangential) > 0 and not self.rows.bound_is_given
         self.corrects_motion, self.coupled = False, bool(self.operator.comm.allreduce(int(coupled)))
 
     def find(self, index: int, load: Load, x, gradient, sliding, trace: Trace):
-        """Successive approximations lambda_n -> Phi(lambda_n), each QP solved only as far as it pays.
+        """Successive approximations lambda_n -> Phi(lambda_n), each QP solved only as far as it
+        pays.
 
-        The first QPs would be solved far beyond the error of their friction bound; each reduces its initial
-        residual by `inner_rtol`, and the last one meets the tolerance. Bodies without support move in the same
-        iterations. Starts from and returns multipliers, gradient and the rows that slide. Raises Unfinished.
+        The first QPs would be solved far beyond the error of their friction bound; each reduces its
+        initial residual by `inner_rtol`, and the last one meets the tolerance. Bodies without
+        support move in the same iterations. Starts from and returns multipliers, gradient and the
+        rows that slide. Raises Unfinished.
         """
         settings, rows, free = self.settings, self.rows, self.operator.modes > 0
-        coupled, secants, last, self.corrects_motion = self.coupled, self.bodies.secants(), np.inf, free
+        coupled, secants, last, self.corrects_motion = self.coupled, self.bodies.secants(
+        ), np.inf, free
         while not trace.fallback:
             trace.iterations += 1
             x, gradient = self._start(load, x, gradient, sliding)
-            bound, reduction = rows.friction_bound(x), self._reduction(trace) if coupled or free else 0.0
-            result, change = self._approximate(index, trace, load.d, x, bound, reduction, coupled, gradient)
+            bound, reduction = rows.friction_bound(x), self._reduction(
+                trace) if coupled or free else 0.0
+            result, change = self._approximate(index, trace, load.d, x, bound, reduction, coupled,
+                                               gradient)
             x, gradient = result.x, result.gradient
             sliding = rows.sliding(x, bound)
             if not (coupled or free):
@@ -58,19 +71,24 @@ class FixedPoint:
                 return x, gradient, sliding
             tired = trace.iterations >= settings.max_fixed_point
             if tired and trace.iterations <= 2 * WINDOW:
-                raise Unfinished(NotConverged(f"step {index}: no fixed point of the friction bound in "
-                                              f"{trace.iterations} iterations"), x, gradient)
+                raise Unfinished(
+                    NotConverged(f"step {index}: no fixed point of the friction bound in "
+                                 f"{trace.iterations} iterations"), x, gradient)
             if loose > settings.friction_rtol and change <= SETTLING * self._norm(x[rows.normal]):
-                gradient = gradient - self.bodies.lead(load, x, secants)  # before, friction is too far off to say where to
+                # before, friction is too far off to say where to
+                gradient = gradient - self.bodies.lead(load, x, secants)
             # for given gluing multipliers bodies may move too far, and back again after the next QP
             last, self.corrects_motion = loose, self.corrects_motion and loose <= HEADWAY * last
-            if trace.stalls and not trace.exact:  # by the errors of QPs left early? Solved in full they must stall again
+            # by the errors of QPs left early? Solved in full they must stall again
+            if trace.stalls and not trace.exact:
                 trace.exact, trace.changes = True, []
             trace.fallback = trace.stalls or tired
         return self._globalise(index, load, rows.follow(x, sliding), trace)
 
     def _start(self, load: Load, x, gradient, sliding):
-        """Start of the next QP and its gradient: x moved to the friction bound of its own pressures, corrected if so set."""
+        """Start of the next QP and its gradient: x moved to the friction bound of its own
+        pressures, corrected if so set.
+        """
         start, relaxation, before = self.rows.follow(x, sliding), self.qp.relaxation, load.d.copy()
         if self.settings.corrector == "contact":
             if relaxation is not None:
@@ -79,13 +97,15 @@ class FixedPoint:
                 x, gradient = self.qp.placed(start, load.d, x, gradient)
                 return self.condensation.solution(load, x, gradient, sliding) or (x, gradient)
         # d changes where bodies without support move
-        return self.qp.placed(start, load.d, x, gradient - (load.d - before) if self.operator.modes else gradient)
+        return self.qp.placed(start, load.d, x, gradient -
+                              (load.d - before) if self.operator.modes else gradient)
 
     def _correct(self, load: Load, x, gradient):
-        """x with the contact multipliers that solve contact and friction while the gluing ones stay.
+        """x with the contact multipliers that solve contact and friction while the gluing ones
+        stay.
 
-        Successive approximations as in `find`, with F_cc for F, and bodies without support follow as soon as these have
-        settled. `gradient` need be right only on the contact rows.
+        Successive approximations as in `find`, with F_cc for F, and bodies without support follow
+        as soon as these have settled. `gradient` need be right only on the contact rows.
         """
         rows, qp, aim = self.rows, self.qp, None
         for _ in range(CORRECTIONS):
@@ -106,9 +126,12 @@ class FixedPoint:
         return x
 
     def _approximate(self, index, trace, d, x, bound, reduction, coupled=True, gradient=None):
-        """The QP with friction bounds `bound` started from x: its result, and the change of pressures and bounds."""
+        """The QP with friction bounds `bound` started from x: its result, and the change of
+        pressures and bounds.
+        """
         limits = self.rows.limits_at(len(x), bound)
-        x, gradient = self.qp.placed(np.minimum(np.maximum(x, limits[0]), limits[1]), d, x, gradient)
+        x, gradient = self.qp.placed(np.minimum(np.maximum(x, limits[0]), limits[1]), d, x,
+                                     gradient)
         result = self.qp.solve(index, trace.iterations, d, limits, x, reduction, gradient)
         if not coupled:
             return result, 0.0
@@ -134,12 +157,13 @@ class FixedPoint:
             return solution
         unbalanced = self.bodies.imbalance(load, x) > self.settings.friction_rtol
         why = self.bodies.why_unbalanced(load, x) if unbalanced else (
-            "the fixed point for the friction bound does not contract, and no other method found a solution; the "
-            "friction coefficient is beyond the range of a unique one")
+            "the fixed point for the friction bound does not contract, and no other method found "
+            "a solution; the friction coefficient is beyond the range of a unique one")
         raise Unfinished(NoSolution(f"step {index}: {why}"), x, self.operator.apply(x) - load.d)
 
     def _accelerate(self, index: int, load: Load, x, trace: Trace):
-        """Anderson acceleration of the friction bounds and of the motions, as forces of their springs.
+        """Anderson acceleration of the friction bounds and of the motions, as forces of their
+        springs.
 
         None if it makes no headway.
         """
@@ -151,22 +175,27 @@ class FixedPoint:
             trace.iterations += 1
             bound = np.maximum(point[:j], 0.0)
             self.bodies.shift(load, softness * point[j:] - load.weights[op.structure.patterns :])
-            result, change = self._approximate(index, trace, load.d, x, bound, self._reduction(trace))
-            x, sliding, loose = result.x, rows.sliding(result.x, bound), self.bodies.imbalance(load, result.x)
+            result, change = self._approximate(index, trace, load.d, x, bound,
+                                               self._reduction(trace))
+            x, sliding, loose = result.x, rows.sliding(result.x, bound), self.bodies.imbalance(
+                load, result.x)
             changes.append(max(change, loose * self._norm(x[rows.normal])))
             if loose <= self.settings.friction_rtol and self._settled(change, result):
                 self.history.fallbacks.note(globalization.ANDERSON, index)
                 return x, result.gradient, sliding
             net, _ = op.imbalance(x, load.weights)
-            point = method.next(np.append(bound, point[j:]), np.append(rows.friction_bound(x), point[j:] + net))
+            point = method.next(np.append(bound, point[j :]),
+                                np.append(rows.friction_bound(x), point[j :] + net))
         return None
 
     def _condense(self, index: int, load: Load, x, trace: Trace):
-        """A solution of the condensed contact problem, corrected until it is one of the whole; None if none is found.
+        """A solution of the condensed contact problem, corrected until it is one of the whole; None
+        if none is found.
 
-        Every pass solves for the gluing multipliers with the contact multipliers held. What then is left on the
-        contact rows makes the load of the condensed problem exact for the next pass. What the gluing rows are left with
-        comes back on the contact rows, many times as large: they are solved the more accurately the longer that takes.
+        Every pass solves for the gluing multipliers with the contact multipliers held. What then is
+        left on the contact rows makes the load of the condensed problem exact for the next pass.
+        What the gluing rows are left with comes back on the contact rows, many times as large: they
+        are solved the more accurately the longer that takes.
         """
         if self.condensation.n > globalization.CONDENSED_NODES or self.rows.bound_is_given:
             return None
@@ -183,7 +212,8 @@ class FixedPoint:
             change = self._norm(rows.friction_bound(x) - bound, tangential=True)
             left = projected_gradient(x, result.gradient, *rows.limits_at(len(x), bound))
             # the gluing rows alone may be left with a residual of tol
-            if (change <= self.settings.friction_rtol * self._norm(x[rows.normal]) and qp.size(left) <= 2 * qp.tol
+            if (change <= self.settings.friction_rtol * self._norm(x[rows.normal])
+                    and qp.size(left) <= 2 * qp.tol
                     and self.bodies.imbalance(load, x) <= self.settings.friction_rtol):
                 self.history.fallbacks.note(method, index)
                 return x, result.gradient, rows.sliding(x, bound)
@@ -194,7 +224,8 @@ class FixedPoint:
                 problem = self.condensation.problem(load, x, result.gradient)
             except NotConverged:
                 return None
-            found, how = globalization.solve_condensed(problem, problem.whole(self.condensation.gather(x)))
+            found, how = globalization.solve_condensed(problem,
+                                                       problem.whole(self.condensation.gather(x)))
             if found is None:
                 return None
             method = how if how == globalization.LEMKE else method

@@ -1,4 +1,8 @@
-"""Stage 6: the QP with given friction bounds, as MPRGP solves it: scaled, preconditioned, relaxed, to a tolerance."""
+"""Stage 6: the QP with given friction bounds, as MPRGP solves it: scaled, preconditioned, relaxed,
+to a tolerance.
+"""
+
+import functools
 
 import numpy as np
 
@@ -19,11 +23,14 @@ from ..feti.rows import RowKind
 class FrictionQP:
     """Solves one QP after another to the tolerance `tol`, which the time step sets. Collective.
 
-    `bound` is an upper bound of the scaled ||F||; counts and the log of its iterations go to `history`.
+    `bound` is an upper bound of the scaled ||F||; counts and the log of its iterations go to
+    `history`.
     """
 
-    def __init__(self, operator: DualProblem, rows: ContactRows, settings: Settings, scales: Scales, history: History):
-        self.operator, self.rows, self.settings, self.scales, self.history = operator, rows, settings, scales, history
+    def __init__(self, operator: DualProblem, rows: ContactRows, settings: Settings, scales: Scales,
+                 history: History):
+        self.operator, self.rows, self.settings = operator, rows, settings
+        self.scales, self.history = scales, history
         structure = operator.structure
         self.scale = structure.row_scale[slice(*structure.row_range)]
         self.bound = self._bound_norm()
@@ -43,14 +50,17 @@ class FrictionQP:
                           start=start[slice(*structure.row_range)])[0]
 
     def _accelerators(self):
-        """The preconditioner and the relaxation of the contact multipliers that the settings ask for, or None.
+        """The preconditioner and the relaxation of the contact multipliers that the settings ask
+        for, or None.
 
-        Without gluing the contact block is the whole operator, and neither deflation nor relaxation has a sense.
+        Without gluing the contact block is the whole operator, and neither deflation nor relaxation
+        has a sense.
         """
         settings, op = self.settings, self.operator
         relaxed = "contact" in (settings.expansion, settings.corrector)
         kinds = np.unique(op.structure.row_kind)
-        coupled = (relaxed or settings.preconditioner == "deflated") and RowKind.GLUING in kinds and len(kinds) > 1
+        coupled = (relaxed or settings.preconditioner
+                   == "deflated") and RowKind.GLUING in kinds and len(kinds) > 1
         local = op.preconditioner() if settings.preconditioner != "none" or coupled else None
         chosen = local if settings.preconditioner != "none" else None
         if not coupled:
@@ -71,7 +81,8 @@ class FrictionQP:
         return self.bound * np.sqrt(self.operator.dot(unscaled, unscaled))
 
     def extent(self, d: np.ndarray) -> float:
-        """||d|| without what is left of gaps that the load alone would not close: they could be any distance.
+        """||d|| without what is left of gaps that the load alone would not close: they could be any
+        distance.
 
         Bilateral contact closes them all.
         """
@@ -79,11 +90,14 @@ class FrictionQP:
             return self.size(d)
         seen, normal, gap = d.copy(), self.rows.normal, self.rows.gap
         reach = np.abs(d[normal] + gap)
-        seen[normal] = np.where(gap > 0, np.minimum(np.maximum(d[normal], -reach), reach), d[normal])
+        seen[normal] = np.where(gap > 0, np.minimum(np.maximum(d[normal], -reach), reach),
+                                d[normal])
         return self.size(seen)
 
     def placed(self, moved, d, x, gradient):
-        """`moved` and its gradient, which takes a product unless it is x and the gradient there is known."""
+        """`moved` and its gradient, which takes a product unless it is x and the gradient there is
+        known.
+        """
         if gradient is None or not self.operator.minimum(float(np.array_equal(moved, x))):
             return moved, self.operator.apply(moved) - d
         return x, gradient
@@ -100,19 +114,22 @@ class FrictionQP:
         tol = max(self.tol, reduction * residual)
         offset, relax = op.products, None
         if self.relaxation is not None and settings.expansion == "contact":
-            relax = lambda y, gradient: self.relaxation(y, gradient, limits, 0.5 * tol)[0]
+            relax = functools.partial(self.relaxation.relaxed, limits=limits, tol=0.5 * tol)
 
         def monitor(kind, products, residual):
-            history.log.append((offset + products, index, iteration, kind, residual / (self.scales.d or 1.0)))
+            history.log.append((offset + products, index, iteration, kind, residual /
+                                (self.scales.d or 1.0)))
 
         if residual <= self.tol:
             monitor("start", 0, residual)
-            return Result(x, gradient, "converged", "projected gradient within tolerance", 0, 0, 0, 0, self.bound, residual)
+            return Result(x, gradient, "converged", "projected gradient within tolerance", 0, 0, 0,
+                          0, self.bound, residual)
 
         def attempt(x, gradient, relax):
             found = mprgp(op.apply, d, *limits, x, tol=tol, norm_bound=self.bound,
-                          preconditioner=self.preconditioner, max_products=settings.max_products, gradient0=gradient,
-                          dot=op.dot, minimum=op.minimum, monitor=monitor, scale=self.scale, relax=relax,
+                          preconditioner=self.preconditioner, max_products=settings.max_products,
+                          gradient0=gradient, dot=op.dot, minimum=op.minimum, monitor=monitor,
+                          scale=self.scale, relax=relax,
                           expansion="gradient" if settings.expansion == "gradient" else "cg")
             self.bound = found.norm_bound
             for name in ("cg_steps", "expansion_steps", "proportioning_steps"):
@@ -121,7 +138,8 @@ class FrictionQP:
 
         result = attempt(x, gradient, relax)
         if result.status == "stagnated" and relax is not None:
-            # steps on the contact rows alone may be all rounding where the stiffness jumps within subdomains
+            # steps on the contact rows alone may be all rounding where the stiffness jumps within
+            # subdomains
             offset = op.products
             result = attempt(result.x, op.apply(result.x) - d, None)
         if result.status != "converged":

@@ -1,8 +1,8 @@
-"""What is tried, in this order, where successive approximations of the friction bound do not contract.
+"""What is tried, in this order, where successive approximations do not contract.
 
 1. Anderson acceleration of the same map, with its QPs: a few more products.
-2. The contact rows alone, condensed: semismooth Newton from the last iterate, and where that does not settle
-   Lemke's method, which finds a solution for any friction coefficient.
+2. The contact rows alone, condensed: semismooth Newton from the last iterate, and where that does
+   not settle Lemke's method, which finds a solution for any friction coefficient.
 
 Smaller steps are not among them: a time step has a solution whatever its size.
 """
@@ -14,7 +14,9 @@ import numpy as np
 from ..qp import complementarity
 from ..qp.coulomb import CoulombProblem
 
-ANDERSON, NEWTON, LEMKE = "Anderson acceleration", "Newton on the condensed contact rows", "Lemke's method"
+ANDERSON = "Anderson acceleration"
+NEWTON = "Newton on the condensed contact rows"
+LEMKE = "Lemke's method"
 CONDENSED_NODES = 1000  # contact nodes up to which their compliance, a dense matrix, is made
 
 
@@ -32,8 +34,9 @@ class Fallbacks:
 
     def warnings(self) -> list[str]:
         """One line for every method that was used."""
-        return [f"{method} found the solution where successive approximations of the friction bound did not settle, "
-                f"from step {steps[0]} on in {len(steps)} of the steps" for method, steps in self.steps.items()]
+        return [f"{method} found the solution where successive approximations of the friction "
+                f"bound did not settle, from step {steps[0]} on in {len(steps)} of the steps"
+                for method, steps in self.steps.items()]
 
 
 def solve_condensed(problem: CoulombProblem, start: np.ndarray) -> tuple[np.ndarray | None, str]:

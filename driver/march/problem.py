@@ -1,4 +1,6 @@
-"""An export made ready for time stepping: read, torn, reduced; and solvers of its load history, whole or in part."""
+"""An export made ready for time stepping: read, torn, reduced; and solvers of its load history,
+whole or in part.
+"""
 
 import dataclasses
 from pathlib import Path
@@ -29,15 +31,19 @@ class Problem:
         return Effects(self.manifest)
 
     def solver(self, settings: Settings, samples=None) -> QuasistaticSolver:
-        """Solver that steps through the exported times with the indices `samples`, by default all of them."""
+        """Solver that steps through the exported times with the indices `samples`, by default all
+        of them.
+        """
         m = self.manifest
         samples = np.arange(m.steps + 1) if samples is None else samples
         times = np.linspace(0, m.t_end, m.steps + 1)
-        return QuasistaticSolver(self.operator, self.effects, m.factors[samples], times[samples], settings)
+        return QuasistaticSolver(self.operator, self.effects, m.factors[samples], times[samples],
+                                 settings)
 
 
 def assemble(directory: Path, comm, lap=lambda stage: None) -> Problem:
-    """The problem of the export in `directory`; collective. `lap` is called when reading is done."""
+    """The problem of the export in `directory`; collective. `lap` is called when reading is done.
+    """
     manifest = read_manifest(directory)
     first, last = partition(manifest.subdomains, comm)
     subdomains = read_subdomains(manifest, first, last, comm)

@@ -1,14 +1,14 @@
 """Implicit time steps; in each the fixed point for local Coulomb friction around the QP.
 
 Time step (Haslinger, Vlach, Dostal, SNA'07): with the previous tangential displacement v_T in the
-functional, find (u, lambda) with lambda_n = Phi(lambda_n), where Phi(g) solves the contact problem with
-given friction bound F g, the box-constrained QP
+functional, find (u, lambda) with lambda_n = Phi(lambda_n), where Phi(g) solves the contact problem
+with given friction bound F g, the box-constrained QP
 
     min 1/2 lambda' F lambda - lambda' d,   lambda_n >= 0,  |lambda_t| <= F g.
 
-Multipliers and g start from those of the previous iteration and the previous step. `friction_qp` solves the QP,
-`fixed_point` finds lambda_n, effects/free_bodies.py moves what no support holds; `uniqueness` looks whether a step has
-other solutions.
+Multipliers and g start from those of the previous iteration and the previous step. `friction_qp`
+solves the QP, `fixed_point` finds lambda_n, effects/free_bodies.py moves what no support holds;
+`uniqueness` looks whether a step has other solutions.
 """
 
 import time
@@ -33,17 +33,22 @@ from .step import History, Load, Step, StepFailed, Trace, Unfinished
 from .supported import SupportedBodies
 from .uniqueness import Uniqueness, worthwhile
 
-CANCELLED = 1e-8  # displacements below this part of ||d|| are what rounding leaves of loads that contact takes
+# displacements below this part of ||d|| are what rounding leaves of loads that contact takes
+CANCELLED = 1e-8
 TIGHTENINGS = 3  # tenfold reductions of the QP tolerance that a step may ask for
-KEPT = ("counts", "residuals", "steps", "warnings", "contraction", "seconds")  # of a History in a snapshot
+# of a History in a snapshot
+KEPT = ("counts", "residuals", "steps", "warnings", "contraction", "seconds")
 
 
 class QuasistaticSolver:
-    """Marches through the time steps of one problem. Collective over the operator's communicator."""
+    """Marches through the time steps of one problem. Collective over the operator's communicator.
+    """
 
-    def __init__(self, operator: DualProblem, effects: Effects, amplitudes: np.ndarray, times: np.ndarray,
-                 settings: Settings):
-        """`amplitudes` (steps + 1, patterns): factor of every load pattern at every time of `times`."""
+    def __init__(self, operator: DualProblem, effects: Effects, amplitudes: np.ndarray,
+                 times: np.ndarray, settings: Settings):
+        """`amplitudes` (steps + 1, patterns): factor of every load pattern at every time of
+        `times`.
+        """
         self.operator, self.settings, self.effects = operator, settings, effects
         self.amplitudes, self.times = amplitudes, times
         contact = operator.structure.contact
@@ -62,11 +67,15 @@ class QuasistaticSolver:
         self.largest_friction = operator.comm.allreduce(own, op=MPI.MAX)
         self.uniqueness = Uniqueness(self.largest_friction > 0)
         self.doubtful = False
-        self.motion = self.older_motion = np.zeros(operator.modes)  # of bodies that no support holds
-        self.multipliers = self.older = np.zeros(operator.owned)  # of the last step and of the one before
+        # of bodies that no support holds
+        self.motion = self.older_motion = np.zeros(operator.modes)
+        # of the last step and of the one before
+        self.multipliers = self.older = np.zeros(operator.owned)
 
     def _bodies(self):
-        """What bodies without support need; nothing of it is loaded where supports hold all of them."""
+        """What bodies without support need; nothing of it is loaded where supports hold all of
+        them.
+        """
         if not self.operator.modes:
             return SupportedBodies()
         from ..effects.free_bodies import FreeBodies
@@ -74,7 +83,10 @@ class QuasistaticSolver:
         return FreeBodies(self.operator, self.rows, self.effects, self.scales, self.history)
 
     def steps(self):
-        """Generate the finished `Step`s after those in `history`. Raises StepFailed where one has no solution."""
+        """Generate the finished `Step`s after those in `history`.
+
+        Raises StepFailed where one has no solution.
+        """
         clock = time.perf_counter()
         if self.history.steps == 0:
             self._start()
@@ -106,17 +118,21 @@ class QuasistaticSolver:
         if index == 1 and not self.motion.any():
             self.motion = rest
         last, growth = self.multipliers, self._growth(index)
-        load = self.load(index, self.motion + growth * (self.motion - self.older_motion), self.slip.u_t)
+        load = self.load(index, self.motion + growth * (self.motion - self.older_motion),
+                         self.slip.u_t)
         sliding = self.rows.sliding(last, self.rows.friction_bound(last))
         step, error = self._step(index, load, last + growth * (last - self.older), sliding)
         self.multipliers, self.older = step.multipliers, last
-        self.motion, self.older_motion = step.weights[self.operator.structure.patterns :], self.motion
+        self.motion, self.older_motion = step.weights[self.operator.structure.
+                                                      patterns :], self.motion
         self.slip.advance(step.gradient)
         self._record(step)
         return step, error
 
     def load(self, index: int, motion: np.ndarray, u_t: np.ndarray) -> Load:
-        """Load of step `index` from rigid motions `motion` (modes,) and tangential displacements u_t (j,)."""
+        """Load of step `index` from rigid motions `motion` (modes,) and tangential displacements
+        u_t (j,).
+        """
         weights = np.concatenate([self.amplitudes[index], motion])
         d = self.operator.load_response(weights)
         d[self.rows.normal] -= self.rows.gap
@@ -124,10 +140,11 @@ class QuasistaticSolver:
         return Load(weights, d)
 
     def _growth(self, index: int) -> float:
-        """Part of the last change of the multipliers by which a step starts from them, that of the change of the load.
+        """Part of the last change of the multipliers by which a step starts from them, that of the
+        change of the load.
 
-        Exact as long as the response is proportional to the load (a contact zone that is not changing under
-        loading); on reversal the step starts from the previous one.
+        Exact as long as the response is proportional to the load (a contact zone that is not
+        changing under loading); on reversal the step starts from the previous one.
         """
         if self.settings.predictor == "previous" or index < 2:
             return 0.0
@@ -139,22 +156,24 @@ class QuasistaticSolver:
     def _record(self, step: Step) -> None:
         counts, worst = self.history.counts, self.history.residuals
         counts["fixed_point_iterations"] += step.fixed_point_iterations
-        counts["dual_multiplications"] = self.operator.products - counts["dual_multiplications_setup"]
+        counts[
+            "dual_multiplications"] = self.operator.products - counts["dual_multiplications_setup"]
         if self.qp.relaxation is not None:
             counts["contact_block_products"] += self.qp.relaxation.products
             self.qp.relaxation.products = 0
         for name, value in step.residuals.items():
             worst[name] = max(worst.get(name, 0.0), value)
         self.history.steps = step.index
-        self.history.contraction = max(self.history.contraction, step.contraction)  # which NaN leaves as it is
+        # which NaN leaves as it is
+        self.history.contraction = max(self.history.contraction, step.contraction)
 
     # ---- one time step -----------------------------------------------------------------------
     def _step(self, index: int, load: Load, start, sliding) -> tuple[Step, DriverError | None]:
         """One time step, with a tighter QP tolerance until displacements are good to `primal_rtol`.
 
-        The tolerance on the projected gradient is relative to ||d||, the displacements of the body without
-        contact and glue, which may be far larger than those of the solution. The error tells why a step was left
-        unfinished.
+        The tolerance on the projected gradient is relative to ||d||, the displacements of the body
+        without contact and glue, which may be far larger than those of the solution. The error
+        tells why a step was left unfinished.
         """
         op, rows = self.operator, self.rows
         self.scales.d = max(self.scales.d, self.qp.extent(load.d))
@@ -163,7 +182,8 @@ class QuasistaticSolver:
         x = rows.follow(rows.pressing(start), sliding)
         gradient = op.apply(x) - load.d
         try:
-            x, gradient, moved, residuals = self._tightened(index, load, x, gradient, sliding, trace)
+            x, gradient, moved, residuals = self._tightened(index, load, x, gradient, sliding,
+                                                            trace)
             self._examine(index, load, x, gradient, trace)
             self.bodies.note_loose_motion(index, x)
         except Unfinished as failure:
@@ -171,10 +191,14 @@ class QuasistaticSolver:
             x, gradient, moved = self._into_cone(load.d, failure.x, failure.gradient, sliding)
             residuals = self._residuals(load, x, gradient)
         return Step(index, float(self.times[index]), load.weights, x, gradient, rows.states(x),
-                    rows.friction_bound(x), trace.iterations, op.products - products, trace.contraction, residuals, moved), error
+                    rows.friction_bound(x), trace.iterations, op.products - products,
+                    trace.contraction, residuals, moved), error
 
     def _tightened(self, index: int, load: Load, x, gradient, sliding, trace: Trace):
-        """Multipliers, gradient, last change and residuals of the fixed point; see `_step`. Raises Unfinished."""
+        """Multipliers, gradient, last change and residuals of the fixed point; see `_step`.
+
+        Raises Unfinished.
+        """
         for _ in range(TIGHTENINGS + 1):
             x, gradient, sliding = self.fixed_point.find(index, load, x, gradient, sliding, trace)
             x, gradient, moved = self._into_cone(load.d, x, gradient, sliding)
@@ -184,8 +208,9 @@ class QuasistaticSolver:
                 break
             self.qp.tol *= 0.1
         else:
-            self.history.warnings.append(f"step {index}: gluing or penetration residual {poor:.1e} above "
-                                         f"{self.settings.primal_rtol:.0e} although MPRGP was tightened")
+            self.history.warnings.append(
+                f"step {index}: gluing or penetration residual {poor:.1e} above "
+                f"{self.settings.primal_rtol:.0e} although MPRGP was tightened")
         return x, gradient, moved, residuals
 
     def _examine(self, index: int, load: Load, x, gradient, trace: Trace) -> None:
@@ -205,13 +230,14 @@ class QuasistaticSolver:
             search.failure = str(error)
             return
         contact = self.operator.structure.contact
-        search.examine(index, problem, self.condensation.gather(x), contact.weight[contact.normal_row >= 0])
+        search.examine(index, problem, self.condensation.gather(x),
+                       contact.weight[contact.normal_row >= 0])
 
     def _into_cone(self, d, x, gradient, sliding):
         """Multipliers put exactly into the cone of their own pressures, their gradient, the change.
 
-        The last QP was solved with the bound of the iterate before. Nodes that slid stay on the bound and
-        the others inside it, so that the active set the QP has found is kept.
+        The last QP was solved with the bound of the iterate before. Nodes that slid stay on the
+        bound and the others inside it, so that the active set the QP has found is kept.
         """
         final, renewed = self.qp.placed(self.rows.follow(x, sliding), d, x, gradient)
         return final, renewed, final - x
@@ -220,46 +246,61 @@ class QuasistaticSolver:
         """KKT residuals of the step's state."""
         op = self.operator
         projected = projected_gradient(x, gradient, *self.rows.limits(op.owned, x))
-        self.scales.displacement = max(self.scales.displacement, op.corner_displacement(x, load.weights),
+        self.scales.displacement = max(self.scales.displacement,
+                                       op.corner_displacement(x, load.weights),
                                        CANCELLED * self.scales.d)
-        residuals = kkt_residuals(self.rows, x, gradient, self.qp.size(projected), self.scales, op.comm)
+        residuals = kkt_residuals(self.rows, x, gradient, self.qp.size(projected), self.scales,
+                                  op.comm)
         if op.modes:
             residuals["equilibrium"] = self.bodies.imbalance(load, x, note=True)
         return residuals
 
     # ---- checkpoints ---------------------------------------------------------------------------
     def _carried(self) -> dict[str, np.ndarray]:
-        """What friction carries from step to step at the rank's tangential rows, arrays (j,) by name."""
+        """What friction carries from step to step at the rank's tangential rows, arrays (j,) by
+        name.
+        """
         nodes = self.rows.tangential_node
         own = {} if self.rows.bound_is_given else {"coefficient": self.rows.coefficient}
-        return {"u_t": self.slip.u_t, **own, **{name: values[nodes] for name, values in self.effects.carried().items()}}
+        return {
+            "u_t": self.slip.u_t, **own,
+            **{name: values[nodes] for name, values in self.effects.carried().items()}
+        }
 
     def snapshot(self) -> dict | None:
-        """All that the next step depends on and that the run reports, for `restore`, on rank 0; collective.
+        """All that the next step depends on and that the run reports, for `restore`, on rank 0;
+        collective.
 
-        Arrays follow the global numbering of dual rows and contact nodes, numbers are exact: any number of ranks
-        goes on from it with the same bits.
+        Arrays follow the global numbering of dual rows and contact nodes, numbers are exact: any
+        number of ranks goes on from it with the same bits.
         """
         op, history, carried = self.operator, self.history, self._carried()
-        parts = op.comm.gather((self.multipliers, self.older, self.rows.tangential_node, *carried.values()))
+        parts = op.comm.gather(
+            (self.multipliers, self.older, self.rows.tangential_node, *carried.values()))
         if parts is None:
             return None
         multipliers, older, node, *values = map(np.concatenate, zip(*parts))
         by_node = np.zeros((len(carried), len(op.structure.contact.gid)))
         by_node[:, node] = values
         product, step, iteration, kind, residual = zip(*history.log) if history.log else ((),) * 5
-        return {"multipliers": multipliers, "older": older, "carried": dict(zip(carried, by_node)),
-                "initial": self.initial, "norm_bound": float(self.qp.bound), "products": op.products,
-                "scales": {**asdict(self.scales), "work": np.asarray(self.scales.work)},
-                "motion": self.motion, "older_motion": self.older_motion,
-                "log_numbers": np.array([product, step, iteration], np.int64), "log_kind": np.array(kind, str),
-                "log_residual": np.array(residual, float), "fallbacks": history.fallbacks.steps,
-                "history": {name: getattr(history, name) for name in KEPT}, "doubtful": self.doubtful,
-                "uniqueness": {**asdict(self.uniqueness), "several": list(self.uniqueness.several.items())}}
+        return {
+            "multipliers": multipliers, "older": older, "carried": dict(zip(carried, by_node)),
+            "initial": self.initial, "norm_bound": float(self.qp.bound), "products": op.products,
+            "scales": {**asdict(self.scales), "work": np.asarray(self.scales.work)
+                       }, "motion": self.motion, "older_motion": self.older_motion,
+            "log_numbers": np.array([product, step, iteration],
+                                    np.int64), "log_kind": np.array(kind, str),
+            "log_residual": np.array(residual, float), "fallbacks": history.fallbacks.steps,
+            "history": {name: getattr(history, name) for name in KEPT}, "doubtful": self.doubtful,
+            "uniqueness": {
+                **asdict(self.uniqueness), "several": list(self.uniqueness.several.items())
+            }
+        }
 
     def restore(self, state: dict) -> None:
         """Continue from a `snapshot` of the same problem and settings; the same on every rank."""
-        mine, node, history = slice(*self.operator.structure.row_range), self.rows.tangential_node, self.history
+        mine, node, history = slice(
+            *self.operator.structure.row_range), self.rows.tangential_node, self.history
         self.multipliers, self.older = state["multipliers"][mine], state["older"][mine]
         self.motion, self.older_motion = state["motion"], state["older_motion"]
         self.slip.u_t = state["carried"]["u_t"][node]
@@ -271,10 +312,12 @@ class QuasistaticSolver:
         self.qp.bound, self.doubtful = state["norm_bound"], state["doubtful"]
         for name, value in state["scales"].items():
             setattr(self.scales, name, value)
-        self.uniqueness = Uniqueness(**{**state["uniqueness"], "several": dict(state["uniqueness"]["several"])})
+        self.uniqueness = Uniqueness(
+            **{**state["uniqueness"], "several": dict(state["uniqueness"]["several"])})
         self.operator.products = state["products"]
         numbers = state["log_numbers"].tolist()
-        history.log.extend(zip(*numbers, state["log_kind"].tolist(), state["log_residual"].tolist()))
+        history.log.extend(zip(*numbers, state["log_kind"].tolist(),
+                               state["log_residual"].tolist()))
         history.fallbacks.steps = state["fallbacks"]
         for name in KEPT:
             setattr(history, name, state["history"][name])

@@ -1,9 +1,9 @@
 """Stage 5, contact part: the contact problem for given gluing multipliers.
 
-Among all multipliers with the gluing ones kept, those of the contact rows that minimise the QP's functional solve a box
-problem with F_cc, which costs next to nothing (see contactblock.py). As it holds all bounds and nearly all of the
-coupling along the contact boundary, contact zones move in it over any number of nodes at once, and
-what is left to products with F is the answer of the gluing.
+Among all multipliers with the gluing ones kept, those of the contact rows that minimise the QP's
+functional solve a box problem with F_cc, which costs next to nothing (see contactblock.py). As it
+holds all bounds and nearly all of the coupling along the contact boundary, contact zones move in it
+over any number of nodes at once, and what is left to products with F is the answer of the gluing.
 """
 
 import numpy as np
@@ -17,20 +17,25 @@ LIMIT = 1000  # products with F_cc
 
 
 class ContactRelaxation:
-    """Minimises over the contact multipliers; counts its `products` with F_cc. Collective over `operator.comm`."""
+    """Minimises over the contact multipliers; counts its `products` with F_cc.
 
-    def __init__(self, operator: DualProblem, deflation: Deflation, norm_bound: float, scale: np.ndarray):
+    Collective over `operator.comm`.
+    """
+
+    def __init__(self, operator: DualProblem, deflation: Deflation, norm_bound: float,
+                 scale: np.ndarray):
         """`scale` (owned,) of MPRGP and `norm_bound` of F in it, which bounds F_cc as well."""
         self.operator, self.deflation, self.norm_bound = operator, deflation, norm_bound
         self.scale, self.contact_scale = scale, deflation.block.gather(scale)
         self.products = 0
 
-    def __call__(self, y: np.ndarray, gradient: np.ndarray, limits, tol: float) -> tuple[np.ndarray, np.ndarray]:
+    def __call__(self, y: np.ndarray, gradient: np.ndarray, limits,
+                 tol: float) -> tuple[np.ndarray, np.ndarray]:
         """Feasible multipliers (owned,) and their gradient, from any y with its gradient.
 
         The box problem is solved until its residual is a tenth of the whole residual or `tol`. The
-        gradient is right on the contact rows only. MPRGP never raises f: where it does not get that far, the answer is
-        poorer but still one.
+        gradient is right on the contact rows only. MPRGP never raises f: where it does not get that
+        far, the answer is poorer but still one.
         """
         block = self.deflation.block
         before, g = block.gather(y), block.gather(gradient)
@@ -40,14 +45,22 @@ class ContactRelaxation:
         left = projected_gradient(start, g, lower, upper)
         scaled = self.scale * block.scatter(left, gradient)
         residual = np.sqrt(self.operator.dot(scaled, scaled))
-        found = mprgp(block.apply, block.apply(start) - g, lower, upper, start, tol=max(tol, REDUCTION * residual),
-                      norm_bound=self.norm_bound, preconditioner=self.deflation.contact, max_products=LIMIT,
-                      gradient0=g, expansion="cg", scale=self.contact_scale)
+        found = mprgp(block.apply,
+                      block.apply(start) - g, lower, upper, start,
+                      tol=max(tol, REDUCTION * residual), norm_bound=self.norm_bound,
+                      preconditioner=self.deflation.contact, max_products=LIMIT, gradient0=g,
+                      expansion="cg", scale=self.contact_scale)
         self.products += found.products
         return block.scatter(found.x, y), block.scatter(found.gradient, gradient)
 
+    def relaxed(self, y: np.ndarray, gradient: np.ndarray, limits, tol: float) -> np.ndarray:
+        """The multipliers alone."""
+        return self(y, gradient, limits, tol)[0]
+
     def moved(self, x: np.ndarray, before: np.ndarray, gradient: np.ndarray) -> np.ndarray:
-        """The gradient at x, right on the contact rows, from that at `before`, which differs in contact multipliers only."""
+        """The gradient at x, right on the contact rows, from that at `before`, which differs in
+        contact multipliers only.
+        """
         block = self.deflation.block
         step = block.gather(x) - block.gather(before)
         return block.scatter(block.gather(gradient) + block.apply(step), gradient)

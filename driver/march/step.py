@@ -1,4 +1,6 @@
-"""Data of the time stepping: the state at the end of a step, its load, and what a run of steps has counted."""
+"""Data of the time stepping: the state at the end of a step, its load, and what a run of steps has
+counted.
+"""
 
 from dataclasses import dataclass, field
 
@@ -25,12 +27,15 @@ class Step:
     products: int
     contraction: float  # mean ratio of successive changes of the fixed point, NaN if there was one
     residuals: dict
-    moved: np.ndarray  # last change of the multipliers, to the friction bound of their own pressures
+    # last change of the multipliers, to the friction bound of their own pressures
+    moved: np.ndarray
 
 
 @dataclass
 class Load:
-    """What drives a time step: factors of the load patterns, then of the free rigid motions, and the d they make."""
+    """What drives a time step: factors of the load patterns, then of the free rigid motions, and
+    the d they make.
+    """
 
     weights: np.ndarray
     d: np.ndarray
@@ -53,9 +58,11 @@ class History:
 
 
 class StepFailed(DriverError):
-    """A time step ended without a solution; `exit_status` and message are those of the NoSolution or NotConverged.
+    """A time step ended without a solution; `exit_status` and message are those of the NoSolution
+    or NotConverged.
 
-    `step`, if there is one, is the state in which the step was left, which a run may report as not converged.
+    `step`, if there is one, is the state in which the step was left, which a run may report as not
+    converged.
     """
 
     def __init__(self, error: DriverError, step: Step | None = None):
@@ -64,7 +71,9 @@ class StepFailed(DriverError):
 
 
 class Unfinished(Exception):
-    """Raised inside a step that fails with `error`, with multipliers `x` and `gradient` as far as they came."""
+    """Raised inside a step that fails with `error`, with multipliers `x` and `gradient` as far as
+    they came.
+    """
 
     def __init__(self, error: DriverError, x: np.ndarray, gradient: np.ndarray):
         super().__init__(str(error))
@@ -78,11 +87,13 @@ class Trace:
     iterations: int = 0
     changes: list = field(default_factory=list)
     fallback: bool = False  # successive approximations did not contract
-    exact: bool = False  # every QP is solved to the tolerance: where multipliers answer violently to residuals
+    # every QP is solved to the tolerance: where multipliers answer violently to residuals
+    exact: bool = False
 
     @property
     def contraction(self) -> float:
-        """Geometric mean of the ratios of successive changes, over the last `WINDOW` ones; NaN if there are none.
+        """Geometric mean of the ratios of successive changes, over the last `WINDOW` ones; NaN if
+        there are none.
 
         A QP that is left as it is makes no change, which says nothing of the next one.
         """
@@ -92,4 +103,5 @@ class Trace:
     @property
     def stalls(self) -> bool:
         """Whether the changes have not fallen over a window."""
-        return len(self.changes) > 2 * WINDOW and bool(min(self.changes[-WINDOW:]) >= min(self.changes[:-WINDOW]))
+        return len(self.changes) > 2 * WINDOW and bool(
+            min(self.changes[-WINDOW :]) >= min(self.changes[:-WINDOW]))

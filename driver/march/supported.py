@@ -1,4 +1,5 @@
-"""Bodies that supports hold: the interface of effects/free_bodies.py, where nothing is to be done."""
+"""Bodies that supports hold: the interface of effects/free_bodies.py, where nothing is to be done.
+"""
 
 import numpy as np
 

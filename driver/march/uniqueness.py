@@ -1,9 +1,10 @@
 """Whether a time step with Coulomb friction has other solutions than the one found.
 
-Without friction, and with given friction bounds, a step is a strictly convex problem. With Coulomb's law it has one
-solution where the coefficient is small; how small depends on the body and on the mesh (J. Haslinger, R. Kucera,
-O. Vlach, Bifurcations in contact problems with local Coulomb friction, ENUMATH 2007). On the condensed contact rows
-other solutions are looked for, all of them where the nodes are few.
+Without friction, and with given friction bounds, a step is a strictly convex problem. With
+Coulomb's law it has one solution where the coefficient is small; how small depends on the body and
+on the mesh (J. Haslinger, R. Kucera, O. Vlach, Bifurcations in contact problems with local Coulomb
+friction, ENUMATH 2007). On the condensed contact rows other solutions are looked for, all of them
+where the nodes are few.
 """
 
 from dataclasses import dataclass, field
@@ -15,13 +16,17 @@ from ..qp.complementarity import FEW
 from ..qp.coulomb import OPEN, STICK, CoulombProblem
 
 SMALL = 64  # contact nodes up to which a doubtful step is examined without being asked for
-# Plane problems of a half-plane are known to have a solution up to F = sqrt(3 - 4 nu) / (2 - 2 nu) (C. Eck,
-# J. Jarusek, Math. Models Meth. Appl. Sci. 8 (1998) 445-468); this is its least value, that of nu = 0
+# Plane problems of a half-plane are known to have a solution up to F = sqrt(3 - 4 nu) / (2 - 2 nu)
+# (C. Eck, J. Jarusek, Math. Models Meth. Appl. Sci. 8 (1998) 445-468); this is its least value,
+# that of nu = 0
 DOUBTFUL_FRICTION = np.sqrt(3) / 2
 
 
 def worthwhile(choice: str, nodes: int, friction: float, doubtful: bool) -> bool:
-    """Whether a step is to be examined: `choice` of the user, or doubt about a problem that is small."""
+    """Whether a step is to be examined:
+
+    `choice` of the user, or doubt about a problem that is small.
+    """
     if choice != "auto":
         return choice == "yes"
     return nodes <= FEW or nodes <= SMALL and (doubtful or friction > DOUBTFUL_FRICTION)
@@ -31,23 +36,30 @@ def worthwhile(choice: str, nodes: int, friction: float, doubtful: bool) -> bool
 class Uniqueness:
     """What was found out over the steps of a run."""
 
-    frictional: bool  # Coulomb friction with a coefficient above zero: only then can there be two solutions
+    # Coulomb friction with a coefficient above zero: only then can there be two solutions
+    frictional: bool
     examined: int = 0
     exhaustive: int = 0
-    several: dict[int, list[dict]] = field(default_factory=dict)  # by step, the followed solution first
+    # by step, the followed solution first
+    several: dict[int, list[dict]] = field(default_factory=dict)
     failure: str = ""
 
-    def examine(self, step: int, problem: CoulombProblem, x: np.ndarray, weight: np.ndarray) -> None:
-        """Look for solutions of `problem` with other forces than x (n + m,); `weight` (n,) of the nodes."""
+    def examine(self, step: int, problem: CoulombProblem, x: np.ndarray,
+                weight: np.ndarray) -> None:
+        """Look for solutions of `problem` with other forces than x (n + m,); `weight` (n,) of the
+        nodes.
+        """
         self.examined += 1
-        forces = lambda z: z[: problem.rows]
-        mine = complementarity.newton(problem, problem.whole(x))  # to rounding, to be told from the others
-        mine = problem.whole(x) if mine is None or np.abs(forces(mine) - x).max() > 1e-2 * np.abs(x).max() else mine
+        # to rounding, to be told from the others
+        mine = complementarity.newton(problem, problem.whole(x))
+        if mine is None or np.abs(mine[: problem.rows] - x).max() > 1e-2 * np.abs(x).max():
+            mine = problem.whole(x)
         all_of_them = problem.n <= FEW and not problem.bilateral
         self.exhaustive += all_of_them
-        found = complementarity.all_solutions(problem) if all_of_them else complementarity.search(problem, mine)
-        size = max((np.abs(forces(y)).max() for y in (mine, *found)), default=0.0)
-        others = [y for y in found if np.abs(forces(y) - forces(mine)).max(initial=0) > 1e-3 * size]
+        found = complementarity.all_solutions(problem) if all_of_them else complementarity.search(
+            problem, mine)
+        size = max((np.abs(y[: problem.rows]).max() for y in (mine, *found)), default=0.0)
+        others = [y for y in found if np.abs(y[: problem.rows] - mine[: problem.rows]).max(initial=0) > 1e-3 * size]
         # the sign of one solution tells of others only where a solution is sure to exist
         if others or size > 0 and not problem.k and complementarity.index(problem, mine) < 0:
             self.several[step] = [_describe(problem, y, weight) for y in (mine, *others)]
@@ -66,8 +78,10 @@ class Uniqueness:
     def summary(self) -> dict:
         """Entry of summary.json."""
         first = next(iter(self.several), None)
-        return {"verdict": self.verdict, "steps_examined": self.examined, "steps_not_unique": list(self.several),
-                "solutions": self.several.get(first, [])}
+        return {
+            "verdict": self.verdict, "steps_examined": self.examined,
+            "steps_not_unique": list(self.several), "solutions": self.several.get(first, [])
+        }
 
     def warnings(self) -> list[str]:
         """One line if there are other solutions or they could not be looked for."""
@@ -75,19 +89,22 @@ class Uniqueness:
         if self.several:
             step, solutions = next(iter(self.several.items()))
             named = "; ".join(_phrase(s) for s in solutions)
-            lines.append(f"step {step}{' and others' if len(self.several) > 1 else ''}: the solution is not unique; "
-                         f"followed is the first of: {named}")
+            others = " and others" if len(self.several) > 1 else ""
+            lines.append(f"step {step}{others}: the solution is not unique; followed is the first "
+                         f"of: {named}")
         return lines
 
 
 def _describe(problem: CoulombProblem, z: np.ndarray, weight: np.ndarray) -> dict:
     """Numbers that tell one solution from another."""
     states, x = problem.states(z), z[: problem.rows]
-    return {"open": int(np.sum(states <= OPEN)), "stick": int(np.sum(states == STICK)), "slip": int(np.sum(states > STICK)),
-            "resultant_n": float(-x[: problem.n].sum()), "resultant_t": float(-x[problem.n :].sum()),
-            "peak_pressure": float((x[: problem.n] / weight).max(initial=0)), "index": complementarity.index(problem, z)}
+    return {"open": int(np.sum(states <= OPEN)), "stick": int(np.sum(states == STICK)),
+            "slip": int(np.sum(states > STICK)), "resultant_n": float(-x[: problem.n].sum()),
+            "resultant_t": float(-x[problem.n :].sum()),
+            "peak_pressure": float((x[: problem.n] / weight).max(initial=0)),
+            "index": complementarity.index(problem, z)}
 
 
 def _phrase(s: dict) -> str:
-    return (f"{s['open']} open, {s['stick']} stick, {s['slip']} slip, contact force {s['resultant_n']:.4g} normal "
-            f"{s['resultant_t']:.4g} tangential")
+    return (f"{s['open']} open, {s['stick']} stick, {s['slip']} slip, contact force "
+            f"{s['resultant_n']:.4g} normal {s['resultant_t']:.4g} tangential")

@@ -455,8 +455,8 @@ def _checked(b, lower, upper, x0, dot):
     if b.ndim != 1 or x0.shape != b.shape:
         raise ValueError("b and x0 must be 1-D arrays of the same length")
     start = np.clip(x0, lower, upper)
-    good = np.isfinite(b) & (lower <= upper) & (lower < np.inf) & (upper
-                                                                   > -np.inf) & np.isfinite(start)
+    good = (np.isfinite(b) & (lower <= upper) & (lower < np.inf) & (upper > -np.inf)
+            & np.isfinite(start))
     if not _anywhere(~good, dot):
         return b, lower, upper, start
     for bad, reason in ((~np.isfinite(b), "b has a value that is not finite"),
@@ -467,6 +467,7 @@ def _checked(b, lower, upper, x0, dot):
                         (np.isinf(start), "x0 has an infinite value inside the box")):
         if _anywhere(bad, dot):
             raise ValueError(reason)
+    raise ValueError("the box or x0 is not usable")
 
 
 def mprgp(A, b, lower, upper, x0=None, *, tol, norm_bound, gamma=1.0, alpha_factor=1.95,

@@ -30,13 +30,6 @@ def ledger(solver, sizes: dict, amplitudes: np.ndarray, largest: np.ndarray,
     return solver.effects.ledger(facts)
 
 
-def never_mattered(entries: dict[str, dict]) -> list[str]:
-    """One sentence for every effect that is declared and was not active."""
-    return [f"{name.replace('_', ' ')} is declared but {entry['reason']}"
-            for name, entry in entries.items()
-            if entry["declared"] and entry["active"] is False]
-
-
 def shares(log: list[tuple], seconds: float) -> dict[str, float]:
     """Seconds of the products that contact, friction and the steps before the last one caused.
 

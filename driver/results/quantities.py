@@ -1,36 +1,39 @@
-"""The quantities of interest of a run: few numbers that users read, each with a limit under refinement.
+"""The quantities of interest: few numbers that users read, each with a limit under refinement.
 
-name                   unit              definition
-peak_pressure          stress            largest contact pressure, between nodes by the parabola through three of them
-normal_resultant       stress x length   contact pressure summed over the contact boundary
-tangential_resultant   stress x length   shear traction sigma_t summed over the contact boundary, with its sign
-contact_length         length            length in contact, its edges located between nodes
-slip                   length            longest way that a point of the boundary has slid in contact since time 0
-dissipated_energy      stress x length^2 work that friction has taken since time 0
-displacement           length            largest |u| of a node
+    peak_pressure         largest contact pressure, between nodes by the parabola through three
+    normal_resultant      contact pressure summed over the contact boundary
+    tangential_resultant  shear traction sigma_t summed over the contact boundary, with its sign
+    contact_length        length in contact, its edges located between nodes
+    slip                  longest way that a point of the boundary has slid in contact since time 0
+    dissipated_energy     work that friction has taken since time 0
+    displacement          largest |u| of a node
 
-Forces and energies are per thickness. All but slip and energy belong to one moment, the end of the load history; where
-the contact (or, without contact, the body) carries nothing then, to the step of the largest normal resultant
-(displacement).
+Units: stress; stress x length for the resultants; length; stress x length^2 for the energy.
+Forces and energies are per thickness. All but slip and energy belong to one moment, the end of the
+load history; where the contact (or, without contact, the body) carries nothing then, to the step of
+the largest normal resultant (displacement).
 
-Counting nodes tells a length by the mesh size only. Near an edge of contact the opening grows like r^(3/2) (Johnson,
-Contact Mechanics, 4.2 and 5.1), so that its power 2/3 is linear in the arc and locates the edge; the node next to the
-edge, whose opening errs most, is left out where there are others.
+Counting nodes tells a length by the mesh size only. Near an edge of contact the opening grows like
+r^(3/2) (Johnson, Contact Mechanics, 4.2 and 5.1), so that its power 2/3 is linear in the arc and
+locates the edge; the node next to the edge, whose opening errs most, is left out where there are
+others.
 """
 
 import numpy as np
 
 from ..contact.states import OPEN, SLIP
 
-NOTHING = 1e-9  # resultants below this part of the largest one of the history are what rounding leaves
+# resultants below this part of the largest one of the history are what rounding leaves
+NOTHING = 1e-9
 
 
 def quantities(effects, nodes: dict, steps: dict, displacement) -> tuple[dict[str, float], int]:
     """Values of `effects.quantities` by name, and the index of the step that they belong to.
 
-    `nodes` holds the columns xy (n, 2), arc, weight, gap, label, paired and middle (n,) of the contact nodes, sorted by
-    label and arc; `steps` the columns u_n, slip, sigma_n, sigma_t and status (steps, n); `displacement` (steps,) the largest
-    displacement in the body. All as in contact.csv and history.csv, status as its code.
+    `nodes` holds the columns xy (n, 2), arc, weight, gap, label, paired and middle (n,) of the
+    contact nodes, sorted by label and arc; `steps` the columns u_n, slip, sigma_n, sigma_t and
+    status (steps, n); `displacement` (steps,) the largest displacement in the body. All as in
+    contact.csv and history.csv, status as its code.
     """
     displacement = np.asarray(displacement, float)
     if not effects.contact:
@@ -40,9 +43,11 @@ def quantities(effects, nodes: dict, steps: dict, displacement) -> tuple[dict[st
     normal = pressure @ weight
     at = _moment(np.abs(normal))
     found = {
-        "peak_pressure": max(peak(nodes["arc"][piece], traction(nodes, pressure[at], piece)) for piece in pieces),
+        "peak_pressure": max(
+            peak(nodes["arc"][piece], traction(nodes, pressure[at], piece)) for piece in pieces),
         "normal_resultant": normal[at], "contact_length": contact_length(nodes, pieces, steps, at),
-        "displacement": displacement[at]}
+        "displacement": displacement[at]
+    }
     if effects.frictional:
         found |= {"tangential_resultant": steps["sigma_t"][at] @ weight,
                   "slip": max(longest_way(nodes, piece, steps, at) for piece in pieces),
@@ -56,7 +61,8 @@ def _moment(size: np.ndarray) -> int:
 
 
 def chains(nodes: dict) -> list[np.ndarray]:
-    """Indices of the contact nodes of every connected piece of the boundary, in the order of arc."""
+    """Indices of the contact nodes of every connected piece of the boundary, in the order of arc.
+    """
     arc, xy, label = nodes["arc"], nodes["xy"], nodes["label"]
     along, across = np.diff(arc), np.linalg.norm(np.diff(xy, axis=0), axis=1)
     breaks = (label[1:] != label[:-1]) | (np.abs(along - across) > 1e-6 * across)
@@ -66,10 +72,10 @@ def chains(nodes: dict) -> list[np.ndarray]:
 def _beyond(nodes: dict, piece: np.ndarray) -> np.ndarray:
     """(2,) lengths of the edges beyond the ends of a piece, zero at an end of the boundary.
 
-    There is such an edge where a clamped node, which carries no contact condition, follows; the dual segment of
-    the last node then covers half of it, between two bodies all of it. The edge that closes a ring is shared by both ends.
-    Between nodes of quadratic elements it is half an edge: a vertex has a third of it, the middle two thirds of either
-    half.
+    There is such an edge where a clamped node, which carries no contact condition, follows; the
+    dual segment of the last node then covers half of it, between two bodies all of it. The edge
+    that closes a ring is shared by both ends. Between nodes of quadratic elements it is half an
+    edge: a vertex has a third of it, the middle two thirds of either half.
     """
     side = np.diff(nodes["arc"][piece])
     if not len(side):
@@ -88,9 +94,9 @@ def _beyond(nodes: dict, piece: np.ndarray) -> np.ndarray:
 def traction(nodes: dict, pressure: np.ndarray, piece: np.ndarray) -> np.ndarray:
     """Pressures (k,) of the nodes of a piece, those at ends of the boundary continued from inside.
 
-    An end node has half a dual segment and one or two triangles: force over weight errs there by O(h) however
-    smooth the pressure is. The line through its neighbours is of second order. With quadratic elements so is the node's
-    own: its shape function has no first moment.
+    An end node has half a dual segment and one or two triangles: force over weight errs there by
+    O(h) however smooth the pressure is. The line through its neighbours is of second order. With
+    quadratic elements so is the node's own: its shape function has no first moment.
     """
     found = pressure[piece].copy()
     if nodes["middle"].any():
@@ -104,7 +110,8 @@ def traction(nodes: dict, pressure: np.ndarray, piece: np.ndarray) -> np.ndarray
 
 
 def peak(arc: np.ndarray, values: np.ndarray) -> float:
-    """Largest of `values` (k,) over `arc`, of the parabola through it and its neighbours where both are positive.
+    """Largest of `values` (k,) over `arc`, of the parabola through it and its neighbours where both
+    are positive.
 
     At an edge of contact, beyond which they vanish, they are not smooth.
     """
@@ -129,13 +136,17 @@ def contact_length(nodes: dict, pieces: list[np.ndarray], steps: dict, at: int) 
             total += float(nodes["weight"][piece[0]]) * closed[0]
             continue
         side = np.diff(nodes["arc"][piece])
-        total += float(_beyond(nodes, piece) @ closed[[0, -1]]) + float(side @ (closed[1:] & closed[:-1]))
+        total += float(_beyond(nodes, piece) @ closed[[0, -1]]) + float(
+            side @ (closed[1 :] & closed[:-1]))
         total += sum(part for _, _, part in edges_of_contact(nodes, piece, steps, at))
     return float(total)
 
 
-def edges_of_contact(nodes: dict, piece: np.ndarray, steps: dict, at: int) -> list[tuple[int, int, float]]:
-    """Closed node, open node (places in `piece`) and length in contact of every edge between such at step `at`."""
+def edges_of_contact(nodes: dict, piece: np.ndarray, steps: dict,
+                     at: int) -> list[tuple[int, int, float]]:
+    """Closed node, open node (places in `piece`) and length in contact of every edge between such
+    at step `at`.
+    """
     x, closed = nodes["arc"][piece], steps["status"][at][piece] != OPEN
     opening = np.maximum(nodes["gap"] - steps["u_n"][at], 0.0)[piece]
     pressure = np.maximum(-steps["sigma_n"][at], 0.0)[piece]
@@ -145,16 +156,19 @@ def edges_of_contact(nodes: dict, piece: np.ndarray, steps: dict, at: int) -> li
             part = _part(x[i:], opening[i:], pressure[: i + 1][::-1], x[: i + 1][::-1], closed[i:])
             found.append((i, i + 1, part))
         else:
-            part = _part(-x[i + 1 :: -1], opening[i + 1 :: -1], pressure[i + 1 :], -x[i + 1 :], closed[i + 1 :: -1])
+            part = _part(-x[i + 1 ::-1], opening[i + 1 ::-1], pressure[i + 1 :], -x[i + 1 :],
+                         closed[i + 1 ::-1])
             found.append((i + 1, i, part))
     return found
 
 
 def longest_way(nodes: dict, piece: np.ndarray, steps: dict, at: int) -> float:
-    """Longest way that a point of a piece has slid in contact, also at the edges of contact of step `at` between nodes.
+    """Longest way that a point of a piece has slid in contact, also at the edges of contact of step
+    `at` between nodes.
 
-    Slip is often largest at an edge of contact; the last closed node alone would tell it by the mesh size only. What
-    the open node beyond the edge has moved while its neighbour slid counts as far as the edge.
+    Slip is often largest at an edge of contact; the last closed node alone would tell it by the
+    mesh size only. What the open node beyond the edge has moved while its neighbour slid counts as
+    far as the edge.
     """
     move, sliding = np.abs(steps["slip"])[:, piece], steps["status"][:, piece] == SLIP
     way = np.where(sliding, move, 0.0).sum(axis=0)
@@ -167,10 +181,12 @@ def longest_way(nodes: dict, piece: np.ndarray, steps: dict, at: int) -> float:
 
 
 def _part(x, opening, pressure, inward, closed) -> float:
-    """Length from the last closed node x[0] to the edge of contact, at most the distance of the open node x[1].
+    """Length from the last closed node x[0] to the edge of contact, at most the distance of the
+    open node x[1].
 
-    `x` rises; `opening` and `closed` belong to it; `pressure` over `inward` starts at the closed node and goes the
-    other way. With a single open node the pressure, which vanishes like r^(1/2), has to locate the edge.
+    `x` rises; `opening` and `closed` belong to it; `pressure` over `inward` starts at the closed
+    node and goes the other way. With a single open node the pressure, which vanishes like r^(1/2),
+    has to locate the edge.
     """
     side, stop = x[1] - x[0], 1
     while stop < len(x) and not closed[stop]:
@@ -186,5 +202,7 @@ def _part(x, opening, pressure, inward, closed) -> float:
 
 
 def _zero(one: float, two: float, here: float, there: float) -> float | None:
-    """Where the line through (one, here) and (two, there) vanishes on the side of `one`; None if it does not."""
+    """Where the line through (one, here) and (two, there) vanishes on the side of `one`; None if it
+    does not.
+    """
     return one - here * (two - one) / (there - here) if there > here else None

@@ -110,6 +110,7 @@ class Search:
 
     @property
     def steps(self) -> int:
+        """Time steps with the chosen stride."""
         return self.total // self.stride
 
     def _choose_steps(self, size, finest: int) -> None:

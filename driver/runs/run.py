@@ -16,7 +16,6 @@ from ..errors import PARTIAL, InputError, error_of
 from ..estimates import adaptivity, budget
 from ..march.checkpoint import fingerprint
 from ..options import RESULTS
-from ..results.ledger import never_mattered
 from ..scene import freefem, seal
 from . import launch
 from .request import Request
@@ -182,6 +181,12 @@ def describe(summary: dict, out: Path) -> str:
              *budget.describe(summary.get("errors", {}), summary["units"]),
              *(f"warning: {warning}" for warning in summary["warnings"])]
     return "\n  ".join(lines)
+
+
+def never_mattered(ledger: dict[str, dict]) -> list[str]:
+    """One sentence for every effect that is declared and was not active."""
+    return [f"{name.replace('_', ' ')} is declared but {entry['reason']}"
+            for name, entry in ledger.items() if entry["declared"] and entry["active"] is False]
 
 
 def _seconds(seconds: dict) -> str:

@@ -1,1 +1,1 @@
-"""Studies made of many runs: effects, parameters, accuracy, the slides' table; and the documents."""
+"""Studies made of many runs: effects, parameters, accuracy, the slides' table; documents."""

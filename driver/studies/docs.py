@@ -1,7 +1,7 @@
 """make docs: renew what the documents have from the code and from results/reference.
 
 Between the lines <!-- generated: NAME ... --> and <!-- end --> of a document stands what the
-function NAME of BLOCKS returns for the words after its name. Nothing is solved for it; only the
+function NAME of BLOCKS returns for the words after the name. Nothing is solved for it; only the
 pictures of the gallery take runs (GALLERY=missing, GALLERY=yes).
 """
 
@@ -14,14 +14,18 @@ import re
 import tempfile
 from pathlib import Path
 
-from .. import PACKAGES, environment, options
+from .. import environment, options
 from ..effects import Effect
 from ..results import summary, tables
 from ..runs.run import Run, execute
 from ..scene import freefem
 from ..scene.rooms import Room, general_macros, rooms
+from ..text import words
 
 ROOT = environment.ROOT
+# of the driver in the order of the data
+PACKAGES = ("scene", "feti", "contact", "qp", "effects", "march", "results", "estimates", "figures",
+            "runs", "studies", "hard", "bench")
 DOCUMENTS = tuple(ROOT / name for name in (
     "README.md", "edp/README.md", "driver/README.md", "results/README.md", "meshes/README.md"))
 REFERENCE = ROOT / "results" / "reference"
@@ -53,8 +57,8 @@ def renew(gallery: str) -> list[Path]:
 def renewed(path: Path) -> str:
     """The text of a document as it should be. Raises KeyError for a block that does not exist."""
     def block(match: re.Match) -> str:
-        start, name, words, end = match.groups()
-        return f"{start}\n{BLOCKS[name](*words.split()).strip()}\n\n{end}"
+        start, name, arguments, end = match.groups()
+        return f"{start}\n{BLOCKS[name](*arguments.split()).strip()}\n\n{end}"
 
     return MARKED.sub(block, path.read_text())
 
@@ -121,8 +125,9 @@ def _effect(room: Room) -> str:
     users = [scene for scene in freefem.scenes() if names & _declared(scene)]
     if users:
         facts.append(f"scenes: {_code(users)}")
-    parts = [f"#### {room.name.replace('_', ' ')}", f"{_escaped(_sentence(room.title))} ({'; '.join(facts)})",
-             _macros(room.macros), _escaped(room.text.replace("\n", " "))]
+    parts = [f"#### {words(room.name)}",
+             f"{_escaped(_sentence(room.title))} ({'; '.join(facts)})", _macros(room.macros),
+             _escaped(room.text.replace("\n", " "))]
     return "\n\n".join(filter(None, parts))
 
 
@@ -137,11 +142,11 @@ def _sentence(text: str) -> str:
 
 
 def estimates() -> str:
-    """How well the error in the energy norm is known with every effect, and what the driver adds."""
+    """How well the error in the energy norm is known with every effect, and what it adds."""
     rows = []
     for name in _effect_modules():
         room = importlib.import_module(f"driver.effects.{name}").Room
-        rows.append((name.replace("_", " "), room.estimates, room.why or "-",
+        rows.append((words(name), room.estimates, room.why or "-",
                      " ".join(room.__doc__.split("\n\n")[0].split())))
     return markdown(("effect", "error in the energy norm", "why no better", "what it adds"), rows)
 
@@ -162,11 +167,12 @@ def gallery() -> str:
     cells = []
     for name in freefem.scenes():
         path = freefem.SCENES / f"{name}.edp"
-        words = [f"**[`{name}`]({path.name})**: {_escaped(_about(path))}"]
+        parts = [f"**[`{name}`]({path.name})**: {_escaped(_about(path))}"]
         if parameters := _parameters(path.read_text()):
-            words.append(f"Parameters: {_code(parameters)}.")
-        picture = f'<img src="../{(GALLERY / name).relative_to(ROOT)}.png" width="300" alt="{name}">'
-        cells.append((picture, "<br>".join(words).replace("|", r"\|")))
+            parts.append(f"Parameters: {_code(parameters)}.")
+        source = f"../{(GALLERY / name).relative_to(ROOT)}.png"
+        picture = f'<img src="{source}" width="300" alt="{name}">'
+        cells.append((picture, "<br>".join(parts).replace("|", r"\|")))
     lines = [("deformed body", "scene"), ("---", "---"), *cells]
     return "\n".join(f"| {one} | {two} |" for one, two in lines)
 
@@ -222,7 +228,8 @@ def draw(path: Path) -> None:
     import matplotlib
     from PIL import Image
 
-    from ..figures import STYLE, compose, read_run
+    from ..figures import compose, read_run
+    from ..figures.style import STYLE
 
     parameters, figure = pictures()[path]
     path.parent.mkdir(exist_ok=True)

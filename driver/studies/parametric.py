@@ -7,20 +7,20 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from ..feti.compliance import ContactCompliance
-from ..feti.rows import RowKind
+from ..contact.states import OPEN, STATUS_NAMES, ContactField
 from ..effects import Effects
 from ..errors import DriverError, InputError, NotConverged, agree
+from ..feti.compliance import ContactCompliance
+from ..feti.rows import RowKind
 from ..files import write_json, write_rows, write_table
-from ..contact.states import OPEN, STATUS_NAMES, ContactField
-from ..scene.loader import read_contact
-from ..scene.manifest import read_manifest
-from ..options import Settings
-from ..runs.request import Request
 from ..march.problem import assemble
 from ..march.step import StepFailed
-from ..timing import Laps
 from ..march.uniqueness import DOUBTFUL_FRICTION
+from ..options import Settings
+from ..runs.request import Request
+from ..scene.loader import read_contact
+from ..scene.manifest import read_manifest
+from ..timing import Laps
 
 LARGEST = 2000  # contact rows beyond which the condensation takes longer than a hundred runs save
 CHAIN = 20  # values that follow one another at most
@@ -29,13 +29,15 @@ FIELDS = tuple(name for name in ContactField if name != ContactField.STATUS)
 
 
 def run(directory: Path, request: Request, comm) -> tuple[int, str]:
-    """Solve all values on the ranks of `comm` and write the files; exit status and reason. Raises DriverError."""
+    """Solve all values on the ranks of `comm` and write the files; exit status and reason. Raises
+    DriverError."""
     lap = Laps(request.seconds)
     seconds = lap.seconds
     problem = assemble(directory / "export", comm, lap)
     manifest, structure, operator = problem.manifest, problem.structure, problem.operator
     if not manifest.contact_labels:
-        raise InputError("a study needs a scene with contact: without it the response is linear in its loads")
+        raise InputError(
+            "a study needs a scene with contact: without it the response is linear in its loads")
     settings = Settings(**request.settings)
     if settings.linearization != "initial":
         raise InputError("a study keeps one geometry of contact: leave LINEARIZATION out")
@@ -48,23 +50,28 @@ def run(directory: Path, request: Request, comm) -> tuple[int, str]:
         except NotConverged:  # on all ranks
             condensed = False
     lap("condense")
-    outcomes = _outcomes(dataclasses.replace(problem, operator=operator), settings, directory, request, condensed, comm)
+    outcomes = _outcomes(dataclasses.replace(problem, operator=operator),
+                         settings, directory, request, condensed, comm)
     lap("solve")
     seconds["total"] = sum(seconds.values())
-    failed = [k for k, one in enumerate(outcomes) if one.status]
-    status = max((one.status for one in outcomes), default=0)
-    reason = "" if not failed else (f"{len(failed)} of {len(outcomes)} values did not converge, the first "
-                                    f"{request.study.upper()}={request.values[failed[0]]}: "
-                                    f"{outcomes[failed[0]].reason}")
+    failed = [k for k, outcome in enumerate(outcomes) if outcome.status]
+    status = max((outcome.status for outcome in outcomes), default=0)
+    name, values, reason = request.study.upper(), request.values, ""
+    if failed:
+        reason = (f"{len(failed)} of {len(outcomes)} values did not converge, the first "
+                  f"{name}={values[failed[0]]}: {outcomes[failed[0]].reason}")
     if comm.rank == 0:
-        summary = {"scene": request.scene, "study": request.study, "values": len(outcomes), "converged": not failed,
+        products = sum(outcome.row["dual_multiplications"] for outcome in outcomes)
+        parameters = {n: v for n, v in manifest.parameters.items() if n != request.study}
+        summary = {"scene": request.scene, "study": request.study, "values": len(outcomes),
+                   "converged": not failed,
                    "reason": reason, "contact_rows": rows, "condensed": condensed,
-                   "warnings": [f"{request.study.upper()}={value}: {line}"
-                                for value, one in zip(request.values, outcomes) for line in one.warnings],
-                   "counts": {"dual_multiplications": sum(one.row["dual_multiplications"] for one in outcomes)},
+                   "warnings": [f"{name}={value}: {line}"
+                                for value, outcome in zip(values, outcomes)
+                                for line in outcome.warnings],
+                   "counts": {"dual_multiplications": products},
                    "seconds": seconds, "ranks": comm.size, "units": manifest.units,
-                   "parameters": {**{n: v for n, v in manifest.parameters.items() if n != request.study},
-                                  **dataclasses.asdict(settings)}}
+                   "parameters": {**parameters, **dataclasses.asdict(settings)}}
         _write(directory, request, structure.contact, outcomes, summary)
     return status, reason
 
@@ -74,13 +81,15 @@ def chain_length(count: int) -> int:
     return min(CHAIN, -(-count // CHAINS))
 
 
-def _outcomes(problem, settings, directory: Path, request: Request, apart: bool, comm) -> list["Outcome"]:
-    """All values in their order; if they are solved `apart` the ranks take chains of values in turn, else all ranks each.
+def _outcomes(problem, settings, directory: Path, request: Request, apart: bool,
+              comm) -> list["Outcome"]:
+    """All values in their order; if they are solved `apart` the ranks take chains of values in
+    turn, else all ranks each.
 
     In a chain a value starts near the one before. Chains do not depend on the number of ranks.
     Collective over `comm`. Raises DriverError.
     """
-    structure, found, error, near = problem.structure, {}, None, None
+    structure, solved, error, near = problem.structure, {}, None, None
     count = len(request.values)
     chain = chain_length(count)
     mine = [k for k in range(count) if not apart or k // chain % comm.size == comm.rank]
@@ -89,51 +98,60 @@ def _outcomes(problem, settings, directory: Path, request: Request, apart: bool,
             folder = directory / "values" / str(k)
             value = read_manifest(folder)
             _check_same(request.study, problem.manifest, value)
-            contact = _contact_of(request.study, Effects(value), structure.contact, *read_contact(folder, value))
+            contact = _contact_of(request.study, Effects(value), structure.contact,
+                                  *read_contact(folder, value))
             operator, near = problem.operator.with_contact(contact), near if k % chain else None
-            found[k], near = _solve(dataclasses.replace(problem, manifest=value, operator=operator), settings, near)
+            solved[k], near = _solve(dataclasses.replace(
+                problem, manifest=value, operator=operator), settings, near)
             _progress(request, comm, k, done, len(mine))
-    except DriverError as problem:
-        error = problem
+    except DriverError as refused:
+        error = refused
     agree(comm, error)
-    found = {k: one for part in comm.allgather(found) for k, one in part.items()}
-    return [found[k] for k in range(count)]
+    everyone = {k: outcome for part in comm.allgather(solved) for k, outcome in part.items()}
+    return [everyone[k] for k in range(count)]
 
 
 def _progress(request: Request, comm, k: int, done: int, total: int) -> None:
     """A line about value k, which is number `done` of the rank's `total`, a few times in all."""
     if comm.rank == 0 and not request.quiet and done % max(1, total // 5) == 0:
         share = "" if total == len(request.values) else ", as other ranks do"
-        print(f"{request.scene}: {request.study} = {request.values[k]}, {done} of {total}{share}", flush=True)
+        print(f"{request.scene}: {request.study} = {request.values[k]}, {done} of "
+              f"{total}{share}", flush=True)
 
 
 def _check_same(name: str, base, value) -> None:
-    """Refuse a value whose manifest differs where the stiffness, loads and rows of the export come from."""
+    """Refuse a value whose manifest differs in what stiffness, loads and rows come from."""
     if list(base.rooms) != list(value.rooms):
         raise InputError(f"a study cannot vary {name.upper()}: it changes the scene's effects")
     for part in ("subdomains", "nodes", "patterns", "contact_labels", "material", "plane"):
         if getattr(base, part) != getattr(value, part):
-            raise InputError(f"a study cannot vary {name.upper()}: it changes the scene's {part.replace('_', ' ')}")
+            raise InputError(
+                f"a study cannot vary {name.upper()}: it changes the scene's "
+                f"{part.replace('_', ' ')}")
 
 
 def _contact_of(name: str, effects, boundary, data, gid: np.ndarray):
-    """The contact boundary with gap, friction and initial displacement of one value, read as `data` at the nodes `gid`.
+    """The contact boundary with the columns of one value, read as `data` at the nodes `gid`.
 
-    Nodes, weights and normals of all values are those of the first (study.idp): that later ones keep them is what
-    freefem.export_study sees to.
+    Nodes, weights and normals of all values are those of the first (study.idp): that later ones
+    keep them is what freefem.export_study sees to.
     """
     span = boundary.gid.max(initial=0) + 1
     known, read = boundary.label * span + boundary.gid, data.label * span + gid
     order = np.argsort(known)
     at = np.minimum(np.searchsorted(known, read, sorter=order), len(known) - 1)
     here = (known[order[at]] == read) & (gid < span)  # others are held by supports
-    parts = np.column_stack([np.ones(len(gid)), data.normal, *data.columns.values()]) * data.weight[:, None]
-    total = np.column_stack([np.bincount(order[at[here]], part, minlength=len(known)) for part in parts[here].T])
+    columns = np.column_stack([np.ones(len(gid)), data.normal, *data.columns.values()])
+    parts = (columns * data.weight[:, None])[here]
+    total = np.column_stack([np.bincount(order[at[here]], part, minlength=len(known))
+                             for part in parts.T])
     weight, normal = total[:, 0], total[:, 1:3]
     rigid = ~boundary.paired  # between two bodies weight, normal and gap follow from both sides
     if not (np.all(weight > 0) and np.allclose(weight[rigid], boundary.weight[rigid], rtol=1e-9)
-            and np.allclose((normal / np.linalg.norm(normal, axis=1)[:, None])[rigid], boundary.normal[rigid], atol=1e-9)):
-        raise InputError(f"a study cannot vary {name.upper()}: it moves or turns the contact boundary")
+            and np.allclose((normal / np.linalg.norm(normal, axis=1)[:, None])[rigid],
+                            boundary.normal[rigid], atol=1e-9)):
+        raise InputError(f"a study cannot vary {name.upper()}: it moves or turns the contact "
+                         "boundary")
     columns = dict(zip(data.columns, (total[:, 3:] / weight[:, None]).T))
     gap = effects.distance(columns, len(weight))
     if gap[~rigid].any():
@@ -143,7 +161,8 @@ def _contact_of(name: str, effects, boundary, data, gid: np.ndarray):
 
 @dataclasses.dataclass
 class Outcome:
-    """One value: its row of study.csv, those of history.csv, contact fields (n_c,) and status at the last step."""
+    """One value: its row of study.csv, those of history.csv, contact fields (n_c,) and status at
+    the last step."""
 
     status: int
     reason: str
@@ -154,7 +173,8 @@ class Outcome:
 
 
 def _solve(problem, settings, near: np.ndarray | None) -> tuple[Outcome, np.ndarray | None]:
-    """March through the steps of one value; also returns its multipliers of the first step, as `near` are another value's.
+    """March through the steps of one value; also returns its multipliers of the first step, as
+    `near` are another value's.
 
     Where there may be several solutions each value finds its own.
     """
@@ -170,8 +190,8 @@ def _solve(problem, settings, near: np.ndarray | None) -> tuple[Outcome, np.ndar
         row = _quantities(operator.structure.contact, fields)
         dissipated = row.pop("work") + (history[-1]["dissipated"] if history else 0.0)
         history.append({"step": step.index, "time": step.time, **row, "dissipated": dissipated,
-                        "fixed_point_iterations": step.fixed_point_iterations, "dual_multiplications": step.products,
-                        "kkt": max(step.residuals.values())})
+                        "fixed_point_iterations": step.fixed_point_iterations,
+                        "dual_multiplications": step.products, "kkt": max(step.residuals.values())})
 
     try:
         for step in solver.steps():
@@ -182,18 +202,22 @@ def _solve(problem, settings, near: np.ndarray | None) -> tuple[Outcome, np.ndar
         if failure.step is not None:
             add(failure.step)
     counts, ended = solver.history.counts, solver.history
-    row = {"converged": "no" if failure else "yes", "steps": ended.steps, **(history[-1] if history else {}),
+    row = {"converged": "no" if failure else "yes", "steps": ended.steps,
+           **(history[-1] if history else {}),
            "fixed_point_iterations": counts["fixed_point_iterations"],
            "dual_multiplications": counts["dual_multiplications"],
-           "kkt": max(ended.residuals.values(), default=0.0), "uniqueness": solver.uniqueness.verdict}
-    row.pop("step", None), row.pop("time", None)
+           "kkt": max(ended.residuals.values(), default=0.0),
+           "uniqueness": solver.uniqueness.verdict}
+    row.pop("step", None)
+    row.pop("time", None)
     warnings = [*ended.warnings, *ended.fallbacks.warnings(), *solver.uniqueness.warnings()]
     status, reason = (failure.exit_status, str(failure)) if failure else (0, "")
     return Outcome(status, reason, row, history, fields, warnings), first
 
 
 def _fields(operator, rows, step, u_t: np.ndarray) -> dict[str, np.ndarray]:
-    """Nodal contact quantities from multipliers and gradient alone: at its rows B u = c - gradient."""
+    """Nodal contact quantities from multipliers and gradient alone: at its rows B u = c -
+    gradient."""
     contact, values = operator.structure.contact, np.zeros((6, len(u_t)))
     values[0, rows.normal_node] = rows.gap - step.gradient[rows.normal]
     values[1, rows.tangential_node] = -step.gradient[rows.tangential]
@@ -201,38 +225,45 @@ def _fields(operator, rows, step, u_t: np.ndarray) -> dict[str, np.ndarray]:
     values[3, rows.tangential_node] = -step.multipliers[rows.tangential]
     values[4, rows.tangential_node] = rows.friction_bound(step.multipliers)
     values[5, rows.normal_node] = step.status
-    operator.comm.Allreduce(MPI.IN_PLACE, values)  # a node has one rank: no sum depends on their order
+    # a node has one rank: no sum depends on their order
+    operator.comm.Allreduce(MPI.IN_PLACE, values)
     u_n, slip, force_n, force_t, bound, status = values
     w = contact.weight
-    return {"u_n": u_n, "u_t": u_t + slip, "slip": slip, "sigma_n": force_n / w + 0.0, "sigma_t": force_t / w + 0.0,
-            "bound": bound / w, "status": status.astype(int)}
+    return {"u_n": u_n, "u_t": u_t + slip, "slip": slip, "sigma_n": force_n / w + 0.0,
+            "sigma_t": force_t / w + 0.0, "bound": bound / w, "status": status.astype(int)}
 
 
 def _quantities(contact, fields: dict) -> dict:
     """Resultants and zones of one step; `work` is what friction dissipates in it."""
     w, touching = contact.weight, fields["status"] != OPEN
     nodes = np.bincount(fields["status"], minlength=3)
-    return {"resultant_n": float(fields["sigma_n"] @ w), "resultant_t": float(fields["sigma_t"] @ w),
-            "peak_pressure": float(-fields["sigma_n"].min(initial=0)), "contact_length": float(w[touching].sum()),
+    return {"resultant_n": float(fields["sigma_n"] @ w),
+            "resultant_t": float(fields["sigma_t"] @ w),
+            "peak_pressure": float(-fields["sigma_n"].min(initial=0)),
+            "contact_length": float(w[touching].sum()),
             "largest_slip": float(np.abs(fields["slip"]).max(initial=0)),
             **{f"nodes_{name}": int(nodes[k]) for k, name in enumerate(STATUS_NAMES)},
             "work": float(-(fields["sigma_t"] * fields["slip"]) @ w)}
 
 
-def _write(directory: Path, request: Request, contact, outcomes: list[Outcome], summary: dict) -> None:
+def _write(directory: Path, request: Request, contact, outcomes: list[Outcome],
+           summary: dict) -> None:
     """study.csv, history.csv, contact.csv and summary.json."""
     name, values = request.study, request.values
-    full = next((one.row for one in outcomes if one.history), outcomes[0].row)
-    write_table(directory / "study.csv", [{name: value} | dict.fromkeys(full, "") | one.row
-                                          for value, one in zip(values, outcomes)])
-    steps = [{name: value, **row} for value, one in zip(values, outcomes) for row in one.history]
+    full = next((outcome.row for outcome in outcomes if outcome.history), outcomes[0].row)
+    write_table(directory / "study.csv", [{name: value} | dict.fromkeys(full, "") | outcome.row
+                                          for value, outcome in zip(values, outcomes)])
+    steps = [{name: value, **row} for value, outcome in zip(values,
+                                                            outcomes) for row in outcome.history]
     if steps:
         write_table(directory / "history.csv", steps)
     place = [contact.label, *contact.xy.T, contact.arc, contact.weight]
-    rows = [row for value, one in zip(values, outcomes) if one.fields
-            for row in zip(itertools.repeat(value), itertools.count(), *(part.tolist() for part in place),
-                           *(one.fields[name].tolist() for name in FIELDS),
-                           map(STATUS_NAMES.__getitem__, one.fields["status"]))]
+    rows = [row for value, outcome in zip(values, outcomes) if outcome.fields
+            for row in zip(itertools.repeat(value), itertools.count(),
+                           *(part.tolist() for part in place),
+                           *(outcome.fields[name].tolist() for name in FIELDS),
+                           map(STATUS_NAMES.__getitem__, outcome.fields["status"]))]
     if rows:
-        write_rows(directory / "contact.csv", [name, "node", "boundary", "x", "y", "arc", "weight", *FIELDS, "status"], rows)
+        write_rows(directory / "contact.csv",
+                   [name, "node", "boundary", "x", "y", "arc", "weight", *FIELDS, "status"], rows)
     write_json(directory / "summary.json", summary)

@@ -1,6 +1,5 @@
-"""The benchmark's own arithmetic: targets, the assembled problem, roofline counts, peers on the same QP."""
-
-import csv
+"""The benchmark's own arithmetic: targets, the assembled problem, roofline counts, peers on the
+same QP."""
 
 import numpy as np
 import pytest
@@ -9,6 +8,8 @@ from driver.bench import factorization, ranks, roofline, suite, tao
 from driver.bench.workbench import Report, Workbench, in_turn, march, ratios
 from driver.errors import InputError
 from driver.feti.rows import RowKind
+from driver.files import read_rows
+from driver.march.step import StepFailed
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +26,7 @@ def test_targets_and_spread(tmp_path, capsys):
     report.add("part", "count", 7, "")
     report.skip("part", "no peer")
     report.write(tmp_path / "report.csv")
-    rows = list(csv.DictReader(open(tmp_path / "report.csv")))
+    rows = read_rows(tmp_path / "report.csv")
     assert [row["met"] for row in rows] == ["yes", "no", "", "skipped"]
     assert [row["spread"] for row in rows] == ["1.00", "", "", ""]
     assert rows[1]["target"] == ">= 1.7"
@@ -39,7 +40,8 @@ def test_taken_in_turn_and_ratios_by_round():
 
 
 def test_assembled_problem_moves_like_the_torn_one(bench):
-    """Without contact forces FETI-DP with glued interfaces and the assembled problem are the same body."""
+    """Without contact forces FETI-DP with glued interfaces and the assembled problem are the same
+    body."""
     problem = bench.problem("4x2", cells=4)
     K, loads = factorization.assembled(problem.structure)
     u = np.linalg.solve(K.toarray(), loads[0])
@@ -48,14 +50,16 @@ def test_assembled_problem_moves_like_the_torn_one(bench):
     d, glued = operator.load_response(np.ones(1)), np.zeros(operator.owned)
     glued[gluing] = np.linalg.solve(F[gluing][:, gluing], d[gluing])
     # the largest corner displacement is one entry of u, to rounding times the condition number
-    assert np.abs(np.abs(u) - operator.corner_displacement(glued, np.ones(1))).min() <= 1e-9 * np.abs(u).max()
+    assert np.abs(np.abs(u) - operator.corner_displacement(glued,
+                  np.ones(1))).min() <= 1e-9 * np.abs(u).max()
 
 
 def test_flops_of_a_product(bench):
     operator = bench.problem("4x2", cells=4).operator
     rows = [len(local.row) for local in operator.structure.rows]
     corners = [len(number) for number in operator.structure.corner_global]
-    assert roofline.work(operator)["flops"] == sum(2 * m * m + 4 * m * n for m, n in zip(rows, corners))
+    assert roofline.work(operator)["flops"] == sum(
+        2 * m * m + 4 * m * n for m, n in zip(rows, corners))
 
 
 @pytest.mark.parametrize("name", ["blmvm", "tron"])
@@ -73,7 +77,7 @@ def test_a_solver_that_uses_too_many_products_has_failed(bench, monkeypatch):
 
 
 def test_a_run_that_fails_is_no_measurement(bench):
-    with pytest.raises(RuntimeError, match="no fixed point"):
+    with pytest.raises(StepFailed, match="no fixed point"):
         march(bench.problem("4x2", cells=4), max_fixed_point=1)
 
 
@@ -81,12 +85,14 @@ def test_message_volume_and_counts_do_not_depend_on_who_measures(bench):
     one, two = (ranks.run(bench, "4x2", 4, p, 1)[0] for p in (1, 2))
     assert one["counts"] == two["counts"]
     assert one["bytes"] == {"rows": 0, "coarse": 0, "dot": 0}
-    # two halves of 4x2, cut between the two layers: four interfaces of three inner nodes, two components, there and back
+    # two halves of 4x2, cut between the two layers: four interfaces of three inner nodes, two
+    # components, there and back
     assert two["bytes"]["rows"] == 4 * 3 * 2 * 8 * 2
     assert two["bytes"]["dot"] == 8 * 8
 
 
-@pytest.mark.parametrize("options", [{"parts": "product"}, {"large": "perhaps"}, {"loading": "monotone"}])
+@pytest.mark.parametrize("options",
+                         [{"parts": "product"}, {"large": "perhaps"}, {"loading": "monotone"}])
 def test_refusals(options, tmp_path):
     with pytest.raises(InputError):
         suite.run_bench({**options, "out": str(tmp_path / "bench")})

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import test_house
-from driver import PACKAGES, environment, options
+from driver import environment, options
 from driver.bench import workbench
 from driver.hard import report
 from driver.scene import freefem, rooms
@@ -59,9 +59,9 @@ def test_every_effect_scene_and_package_is_in_the_documents():
     text = (ROOT / "edp" / "README.md").read_text()
     assert all(f"#### {room.name.replace('_', ' ')}\n" in text for room in rooms.rooms())
     assert all(f"]({name}.edp)" in text for name in freefem.scenes())
-    assert PACKAGES == test_house.ORDER
+    assert docs.PACKAGES == test_house.ORDER
     driver = (ROOT / "driver" / "README.md").read_text()
-    assert all(f"| `{package}` |" in driver for package in PACKAGES)
+    assert all(f"| `{package}` |" in driver for package in docs.PACKAGES)
 
 
 def test_the_gallery_has_small_pictures_of_the_scenes_that_ship():
@@ -264,8 +264,9 @@ def extended(tmp_path, monkeypatch):
 def test_effect_and_load_are_added_as_described(extended, tmp_path, variant):
     from conftest import read_problem
 
-    scene = variant("snowed", ("macro amplitude1(t)", "macro gap() 0.5 //\nmacro coating() 0.2*x //\n"
-                               "macro snowOn() 3 //\nmacro snow2() 7. //\nmacro amplitude1(t)"))
+    scene = variant("snowed", ("macro amplitude1(t)", "macro gap() 0.5 //\n"
+                               "macro coating() 0.2*x //\nmacro snowOn() 3 //\n"
+                               "macro snow2() 7. //\nmacro amplitude1(t)"))
     freefem.export(scene, tmp_path / "export", {"cells": "2"})
     problem = read_problem(tmp_path / "export", reduce=False)
     boundary = problem.structure.contact

@@ -1,8 +1,5 @@
-"""What a scene does not declare costs nothing; the ledger; the study that takes effects out."""
+"""What a scene does not declare costs nothing; the ledger; the study that leaves effects out."""
 
-import csv
-import json
-import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,14 +7,15 @@ import pytest
 
 from driver.effects import Effects, RunFacts
 from driver.effects.quasistatic import proportional
-from driver.studies import effects
-from driver import environment
-from driver.scene import freefem
-from driver.results import ledger
 from driver.errors import InputError
+from driver.files import read_rows
+from driver.results import ledger
+from driver.runs.run import never_mattered
+from driver.scene import freefem
+from driver.scene.manifest import read_manifest
+from driver.studies import effects
 
 MODEL = freefem.find_scene("model")
-SCENES = sorted(freefem.SCENES.glob("*.edp"))
 
 
 def stripped(tmp_path, text, name="scene"):
@@ -28,42 +26,25 @@ def stripped(tmp_path, text, name="scene"):
 
 # ---- sizes and counts: an effect that is off costs nothing ---------------------------------------
 
-@pytest.fixture(scope="module")
-def model_without(tmp_path_factory):
-    """Path of the model example without some macros, or static."""
-    folder = tmp_path_factory.mktemp("without")
-
-    def make(name, change):
-        path = folder / f"{name}.edp"
-        path.write_text(change(MODEL.read_text()))
-        return path
-
-    return make
-
-
-def test_without_friction(solved, model_without):
-    run = solved(model_without("frictionless",
-                               lambda text: effects.without(text, effects.FRICTION)), STEPS=5)
+def test_without_friction(solved):
+    run = solved("model", WITHOUT="friction", STEPS=5)
     sizes, counts = run.summary["sizes"], run.summary["counts"]
     assert run.summary["effects"]["friction"] == "none"
     assert sizes["dual_tangential"] == 0 and sizes["dual_normal"] == sizes["contact_nodes"] == 40
     assert sizes["dual_dofs"] == sizes["dual_gluing"] + sizes["dual_normal"]
     assert counts["fixed_point_iterations"] == run.summary["steps"] == 5  # one QP a step
-    with open(run.directory / "convergence.csv", newline="") as file:
-        assert {row["iteration"] for row in csv.DictReader(file)} == {"1"}
+    assert {row["iteration"] for row in read_rows(run.directory / "convergence.csv")} == {"1"}
     assert not run.contact["sigma_t"].any() and not run.contact["bound"].any()
 
 
-def test_without_contact(solved, model_without):
-    contact = effects.EFFECTS["contact"]
-    run = solved(model_without("elastic", lambda text: effects.without(text, contact)), STEPS=5)
+def test_without_contact(solved):
+    run = solved("model", WITHOUT="contact", STEPS=5)
     sizes, counts = run.summary["sizes"], run.summary["counts"]
     assert run.summary["effects"]["contact"] == run.summary["effects"]["friction"] == "none"
     assert sizes["dual_normal"] == sizes["dual_tangential"] == sizes["contact_nodes"] == 0
     assert not (run.directory / "contact.csv").exists()
     assert counts["expansion_steps"] == counts["proportioning_steps"] == 0
-    with open(run.directory / "convergence.csv", newline="") as file:
-        assert {row["kind"] for row in csv.DictReader(file)} <= {"start", "cg"}
+    assert {row["kind"] for row in read_rows(run.directory / "convergence.csv")} <= {"start", "cg"}
     # preconditioned CG on the gluing alone: kappa <= 5 needs 1/2 sqrt(5) ln(2e6) = 16 products,
     # plus the residual's
     assert counts["dual_multiplications"] <= 5 * 18
@@ -78,7 +59,6 @@ def test_static_takes_one_step(solved):
 
 def test_without_body_force_there_is_no_such_vector(exported, tmp_path):
     from driver.scene.loader import read_subdomains
-    from driver.scene.manifest import read_manifest
     from mpi4py import MPI
 
     manifest = read_manifest(exported("model"))
@@ -128,15 +108,17 @@ def counted(open_, stick, slip) -> dict:
     return {"open": np.array(open_), "stick": np.array(stick), "slip": np.array(slip)}
 
 
-def entries(effects=declared(*PLAIN), nodes=counted([9, 0], [0, 4], [0, 5]),
-            amplitudes=((0,), (1,), (0.5,)),
-            largest=(3.0,), log=(), seconds=0.0, gap=False, initial=False, sizes=SIZES):
+def entries(effects=declared(*PLAIN), nodes=None, amplitudes=((0,), (1,), (0.5,)), largest=(3.0,),
+            log=(), seconds=0.0, gap=False, initial=False, sizes=None):
+    """Ledger of a run; what is not given is that of a run in which all of PLAIN matters."""
+    nodes = nodes or counted([9, 0], [0, 4], [0, 5])
     contact = SimpleNamespace(gap=np.array([float(gap)]),
                               columns={"friction": np.ones(1), "tresca": np.ones(1)},
                               weight=np.ones(1))
     homogeneous = effects.homogeneous(contact, np.array([float(initial)]))
-    return effects.ledger(RunFacts(sizes, np.array(amplitudes, float), np.array(largest), nodes,
-                                   ledger.shares(list(log), seconds), gap, initial, homogeneous))
+    return effects.ledger(RunFacts(sizes or SIZES, np.array(amplitudes, float), np.array(largest),
+                                   nodes, ledger.shares(list(log), seconds), gap, initial,
+                                   homogeneous))
 
 
 def test_active_effects():
@@ -144,7 +126,7 @@ def test_active_effects():
     for name, unknowns in (("contact", 40), ("friction", 39), ("time", 0), ("load", 0)):
         assert found[name]["declared"] and found[name]["active"]
         assert found[name]["unknowns"] == unknowns
-    assert not ledger.never_mattered(found)
+    assert not never_mattered(found)
     for entry in found.values():
         assert set(entry) == {"declared", "active", "reason", "unknowns", "seconds"}
 
@@ -156,7 +138,7 @@ def test_active_effects():
      {"friction is declared but nothing slipped (9 nodes stuck at most)"}),
 ])
 def test_effects_that_never_mattered(nodes, sentences):
-    said = set(ledger.never_mattered(entries(nodes=nodes)))
+    said = set(never_mattered(entries(nodes=nodes)))
     assert sentences <= said and all(line.startswith("time") for line in said - sentences)
 
 
@@ -165,7 +147,7 @@ def test_undeclared_effects_cost_nothing():
     for name in ("contact", "friction", "time", "gap", "body_force", "displacement"):
         assert found[name] == {"declared": False, "active": False, "reason": "not declared",
                                "unknowns": 0, "seconds": 0.0}
-    assert not ledger.never_mattered(found)
+    assert not never_mattered(found)
 
 
 @pytest.mark.parametrize("amplitudes, expected", [
@@ -207,7 +189,7 @@ def test_time_claim_holds(solved):
 def test_zero_body_force_is_idle():
     effects = declared(*PLAIN, "body_force", patterns=("traction", "body_force"))
     found = entries(effects, amplitudes=((0, 0), (1, 1), (2, 1)), largest=(3.0, 0.0))
-    assert ledger.never_mattered(found) == ["body force is declared but is zero at every step"]
+    assert never_mattered(found) == ["body force is declared but is zero at every step"]
 
 
 def test_seconds_are_shares_of_products():
@@ -235,83 +217,18 @@ def test_screen_says_what_never_mattered(command, tmp_path):
     assert "friction is declared but nothing touched" in done.stdout
 
 
-# ---- taking effects out of a scene's text --------------------------------------------------------
-
-TEXT = '''// a scene; // macro friction() 0.3 // stays a comment
-string file = "macro friction() 1 //";
-macro young() 1. // steel
-macro friction() F
-   * 2 //  two lines
-macro frictionless() 1 //
-  macro gap() (x < 1 ? 0. : 1e-3) // the gap
-/* macro gap() 1 // */
-NewMacro tresca() 3 EndMacro
-quasistatic(2.*(1. + period(3)));  // not quasistatic(9)
-macro amplitude1(t) (t < 1. ? t : 2. - t) //
-include "export.idp"
-'''
-
-
-def test_declared():
-    assert effects.declared(TEXT) == ["young", "friction", "frictionless", "gap", "tresca",
-                                      "quasistatic", "amplitude1"]
-
-
-def test_without_removes_definitions_only():
-    left = effects.without(TEXT, "friction")
-    assert effects.declared(left) == ["young", "frictionless", "gap", "tresca", "quasistatic",
-                                      "amplitude1"]
-    assert "two lines" not in left and "* 2" not in left
-    for kept in ('"macro friction() 1 //"', "// macro friction() 0.3 // stays",
-                 "macro frictionless() 1 //",
-                 'include "export.idp"'):
-        assert kept in left
-    both = effects.without(TEXT, "gap|tresca")
-    assert "/* macro gap() 1 // */" in both and "EndMacro" not in both and "1e-3" not in both
-    assert effects.without(TEXT, "nothing") == TEXT
-
-
-def test_static_keeps_the_end_time():
-    left = effects.static(TEXT)
-    assert "timeEnd = 2.*(1. + period(3));" in left and "// not quasistatic(9)" in left
-
-
-def test_held_history():
-    left = effects.held(TEXT, "1")
-    assert "macro amplitudeUntil1(t) (t < 1. ? t : 2. - t) //" in left
-    assert "macro amplitude1(t) amplitudeUntil1((timeEnd)) //" in left
-
-
-@pytest.mark.parametrize("scene", SCENES, ids=lambda path: path.stem)
-def test_every_shipped_scene(scene):
-    """Every effect of every scene can be found, and is gone from the variant."""
-    text = effects.self_contained(scene)
-    found = effects.variants(text)
-    assert len(set(found.values()) | {text}) == len(found) + 1  # all differ
-    for name, changed in found.items():
-        if name == "contact":
-            assert not {"contact", "friction", "gap", "tresca",
-                        "obstacle"} & set(effects.declared(changed))
-        if name == "time":
-            assert "quasistatic" not in effects.declared(changed) and "timeEnd = " in changed
-
-
-def test_variant_files_are_found(tmp_path):
-    text = effects.self_contained(freefem.find_scene("bracket"))
-    path = re.search(r'gmshBody\("([^"]*)"', text).group(1)
-    assert path == str(environment.ROOT / "meshes" / "bracket.geo")
-    assert "macro young() E //" in effects.self_contained(freefem.find_scene("model-tresca"))
-
-
-def test_static_variant_has_the_final_amplitude(exported, tmp_path):
-    text = MODEL.read_text().replace("quasistatic(1.)", "quasistatic(0.8)")
-    directory = exported(stripped(tmp_path, effects.static(text), "static"), loading="nonmonotone")
-    manifest = json.loads((directory / "manifest.json").read_text())
-    assert "quasistatic" not in manifest["rooms"] and manifest["steps"] == 1
-    assert manifest["amplitudes"]["1"] == pytest.approx([0.0, -4 * 0.8**2 + 5 * 0.8], abs=1e-14)
-
-
 # ---- the study -----------------------------------------------------------------------------------
+
+@pytest.mark.parametrize("scene, expected", [
+    ("model", {"contact", "friction", "time"}),
+    ("bracket", {"contact", "friction", "gap", "body force", "load 1", "time", "history of 1",
+                 "history of 2"}),
+    ("pressfit", {"contact", "gap"}),
+    ("thermal", {"contact", "gap", "thermal strain", "time"}),
+])
+def test_variants_of_a_scene(exported, scene, expected):
+    assert set(effects.variants(read_manifest(exported(scene)))) == expected
+
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):
@@ -319,16 +236,15 @@ def study(tmp_path_factory):
     out = tmp_path_factory.mktemp("effects")
     paths = effects.run_effects({"scene": "model", "loading": "nonmonotone", "steps": "4",
                                  "cells": "4", "out": str(out)})
-    with open(paths[0], newline="") as file:
-        table = {row["without"]: row for row in csv.DictReader(file)}
+    table = {row["without"]: row for row in read_rows(paths[0])}
     return table, out, paths
 
 
 def test_study_rows_and_files(study):
     table, out, paths = study
-    assert list(table) == ["", "friction", "contact", "time"]
-    assert {path.name for path in out.iterdir()} == {"model.csv", "model.png",
-                                                     "model.pdf"} == {path.name for path in paths}
+    assert list(table) == ["", "contact", "friction", "time"]
+    names = {"model.csv", "model-tractions.csv", "model.png", "model.pdf"}
+    assert {path.name for path in out.iterdir()} == names == {path.name for path in paths}
     assert all(path.stat().st_size > 0 for path in paths)
 
 
@@ -366,8 +282,7 @@ def test_study_changes(study):
 def test_variant_without_solution_is_a_row(tmp_path, capsys):
     """Friction alone keeps the block on its slope."""
     paths = effects.run_effects({"scene": "slope", "cells": "4", "out": str(tmp_path)})
-    with open(paths[0], newline="") as file:
-        table = {row["without"]: row for row in csv.DictReader(file)}
+    table = {row["without"]: row for row in read_rows(paths[0])}
     row = table["friction"]
     assert row["status"] == "3" and row["reason"] and not row["peak_normal"]
     assert table[""]["status"] == "0"

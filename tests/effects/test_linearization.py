@@ -140,7 +140,8 @@ def test_the_error_bound_is_about_the_second_problem(built, steps_of):
     estimator.consider(steps[-1], contact.evaluate(steps[-1], fields), 1.0)
     ((_, found),) = estimator.estimates()
     assert 0 < found.total < 0.5 * found.norm and found.solver < 0.01 * found.total
-    (pair,), c, body = estimator.bound._pairs(estimator.last[2]), problem.structure.contact, estimator.body
+    (pair,), c = estimator.bound._pairs(estimator.last[2]), problem.structure.contact
+    body = estimator.body
     at = np.searchsorted(pair.first.vertex, np.searchsorted(body.gid, c.gid))
     np.testing.assert_allclose(pair.normal[at], c.normal, atol=1e-9)
     np.testing.assert_allclose(pair.gap[at], c.gap, rtol=1e-12)

@@ -1,4 +1,5 @@
-"""Figures drawn from a made-up run directory: what is drawn, what it says, and that nothing overlaps."""
+"""Figures drawn from a made-up run directory: what is drawn, what it says, and that nothing
+overlaps."""
 
 import csv
 import json
@@ -26,13 +27,16 @@ def write_table(path: Path, names: str, rows) -> None:
 
 
 def torn_block(subdomains=(4, 2), cells=5):
-    """Points and triangles of (0,2)x(0,1), repeated along the subdomains' interfaces, and subdomain numbers."""
+    """Points and triangles of (0,2)x(0,1), repeated along the subdomains' interfaces, and subdomain
+    numbers."""
     points, triangles, owner = [], [], []
     i, j = (k.ravel() for k in np.meshgrid(range(cells), range(cells), indexing="ij"))
     corner = i * (cells + 1) + j
     right, up = corner + cells + 1, corner + 1
-    local = np.concatenate([np.column_stack([corner, right, right + 1]), np.column_stack([corner, right + 1, up])])
-    grid = np.stack(np.meshgrid(*[np.arange(cells + 1) / cells] * 2, indexing="ij"), axis=-1).reshape(-1, 2)
+    local = np.concatenate([np.column_stack([corner, right, right + 1]),
+                           np.column_stack([corner, right + 1, up])])
+    grid = np.stack(np.meshgrid(*[np.arange(cells + 1) / cells]
+                    * 2, indexing="ij"), axis=-1).reshape(-1, 2)
     for number, (a, b) in enumerate(np.ndindex(*subdomains)):
         triangles.append(local + len(points) * len(grid))
         points.append((grid + [a, b]) / subdomains * [2, 1])
@@ -46,50 +50,59 @@ def write_fields(directory: Path, times, subdomains, cells) -> None:
     entries = []
     for step, t in enumerate(times):
         x, y = xy.T
-        u = 1e-3 * t * np.column_stack([0.35 * x - 0.1 * x * y, 0.25 * np.maximum(x - 1.4, 0) ** 1.5 - 0.3 * y])
+        u = 1e-3 * t * np.column_stack([0.35 * x - 0.1 * x * y,
+                                       0.25 * np.maximum(x - 1.4, 0) ** 1.5 - 0.3 * y])
         cx, cy = xy[triangles].mean(axis=1).T
-        mises = 1e8 * t * (0.8 + 0.3 * np.sin(3 * cx) * cy + 0.12 / np.hypot(cx, cy - 1) + 0.1 / np.hypot(cx, cy))
+        mises = 1e8 * t * (0.8 + 0.3 * np.sin(3 * cx) * cy + 0.12 / \
+                           np.hypot(cx, cy - 1) + 0.1 / np.hypot(cx, cy))
         name = f"fields/step_{step:04d}.vtu"
         meshio.Mesh(np.column_stack([x, y, 0 * x]), [("triangle", triangles)],
                     point_data={"displacement": np.column_stack([u, 0 * x])},
                     cell_data={"stress": [np.tile(mises[:, None], 3)], "von_mises": [mises],
                                "subdomain": [owner]}).write(directory / name)
         entries.append(f'<DataSet timestep="{t}" group="" part="0" file="{name}"/>')
-    text = '<VTKFile type="Collection" version="0.1"><Collection>' + "".join(entries) + "</Collection></VTKFile>"
+    text = '<VTKFile type="Collection" version="0.1"><Collection>' + \
+        "".join(entries) + "</Collection></VTKFile>"
     (directory / "fields.pvd").write_text(text)
 
 
 def write_boundary(directory: Path, n: int, roles: dict) -> None:
-    """Edges of the block, n per unit of length, those of bottom and top against the body's orientation."""
+    """Edges of the block, n per unit of length, those of bottom and top against the body's
+    orientation."""
     rows = []
     corners = {1: ((2, 0), (0, 0)), 2: ((2, 0), (2, 1)), 3: ((0, 1), (2, 1)), 4: ((0, 1), (0, 0))}
     for label, ends in corners.items():
         a, b = np.array(ends, dtype=float)
         line = np.linspace(a, b, int(n * np.linalg.norm(b - a)) + 1)
-        pull = {3: (0.0, -1e8), 2: (3e7, 5e7)}.get(label, (0, 0)) if roles[label] == "load" else (0, 0)
+        pull = (0, 0)
+        if roles[label] == "load":
+            pull = {3: (0.0, -1e8), 2: (3e7, 5e7)}.get(label, pull)
         rows += [(*p, *q, label, roles[label], *pull) for p, q in zip(line, line[1:])]
     write_table(directory / "boundary.csv", "x0,y0,x1,y1,label,role,traction_x,traction_y", rows)
 
 
 def contact_rows(times, nodes: int, friction: bool, labels: int):
-    """A pressure that ends where the body lifts, a stick zone between two slip zones, both moving in time."""
+    """A pressure that ends where the body lifts, a stick zone between two slip zones, both moving
+    in time."""
     arc = np.linspace(0, 2, nodes + 1)[1:]
     weight = np.full(nodes, 2 / nodes)
     weight[-1] /= 2
     before = np.zeros(nodes)
     for step, t in enumerate(times[1:], 1):
         end = 1.75 - 0.35 * t
-        sigma_n = -1.1e8 * t * np.sqrt(np.clip(1 - (arc / end) ** 2, 0, None)) * (1 + 0.6 * np.exp(-9 * arc))
+        sigma_n = -1.1e8 * t * np.sqrt(np.clip(1 - (arc / end) ** 2,
+                                       0, None)) * (1 + 0.6 * np.exp(-9 * arc))
         u_n = -2.5e-4 * t * np.clip(arc - end, 0, None) ** 1.5
         u_t = 3e-4 * t**1.3 * arc / 2
         bound = 0.3 * np.abs(sigma_n) * friction
         sticks = (arc > 0.25) & (arc < 0.25 + 0.5 * t)
-        sigma_t = -bound * np.where(sticks, np.cos(np.pi * (arc - 0.25) / t) ** 2 * 0.8 + 0.2, 1) * friction
+        sigma_t = -bound * np.where(sticks, np.cos(np.pi * (arc - 0.25) / t)
+                                    ** 2 * 0.8 + 0.2, 1) * friction
         status = np.where(arc >= end, "open", np.where(sticks, "stick", "slip"))
         for label in range(1, labels + 1):
             for k in range(nodes):
-                yield (step, t, k + 1, label, arc[k], 0, arc[k], weight[k], 0, -1, 0, u_n[k], u_t[k],
-                       u_t[k] - before[k], sigma_n[k], sigma_t[k], bound[k], status[k])
+                yield (step, t, k + 1, label, arc[k], 0, arc[k], weight[k], 0, -1, 0, u_n[k],
+                       u_t[k], u_t[k] - before[k], sigma_n[k], sigma_t[k], bound[k], status[k])
         before = u_t
 
 
@@ -102,13 +115,17 @@ def convergence_rows(steps: int, products: int):
             start = 0.1 * 10.0 ** -iteration
             length = products // iteration
             for k in range(length + 1):
-                kind = "start" if k == 0 else rng.choice(["cg", "expansion", "proportioning"], p=[0.75, 0.2, 0.05])
+                kind = "start" if k == 0 else rng.choice(
+                    ["cg", "expansion", "proportioning"], p=[0.75, 0.2, 0.05])
                 product += 2 if kind == "expansion" else 1
-                yield product, step, iteration, kind, start * math.exp(-6 * k / length + rng.normal() / 3)
+                residual = start * math.exp(-6 * k / length + rng.normal() / 3)
+                yield product, step, iteration, kind, residual
 
 
-def make_run(directory: Path, *, nodes=21, steps=20, friction="coulomb", contact="unilateral", time="quasistatic",
-             labels=1, converged=True, units=("m", "Pa"), scene="model", subdomains=(4, 2), cells=5, products=24):
+def make_run(directory: Path, *, nodes=21, steps=20, friction="coulomb", contact="unilateral",
+             time="quasistatic",
+             labels=1, converged=True, units=("m", "Pa"), scene="model", subdomains=(4, 2), cells=5,
+             products=24):
     """Write a run directory as the driver does; returns it."""
     directory.mkdir(parents=True, exist_ok=True)
     steps = steps if time == "quasistatic" else 1
@@ -120,12 +137,16 @@ def make_run(directory: Path, *, nodes=21, steps=20, friction="coulomb", contact
         "effects": {"contact": contact, "friction": friction, "time": time, "bodies": 1},
         "t_end": 1, "amplitudes": {"1": (5 * times - 4 * times**2).tolist(), "2": times.tolist()},
         "sizes": {"subdomains": math.prod(subdomains)}}))
-    rows = [(s, t, -4 * t**2 + 5 * t, t, 6 * (s > 0), 250, -1.2e8 * t * touching, 2e7 * t * (1 - t), 0, 0, 0, 1e-3)
+    rows = [(s, t, -4 * t**2 + 5 * t, t, 6 * (s > 0), 250, -1.2e8 * t * touching, 2e7 * t * (1 - t),
+             0, 0, 0, 1e-3)
             for s, t in enumerate(times)]
-    write_table(directory / "history.csv", "step,time,amplitude_1,amplitude_2,fixed_point_iterations,"
-                "dual_multiplications,resultant_n,resultant_t,nodes_open,nodes_stick,nodes_slip,max_displacement", rows)
+    write_table(directory / "history.csv",
+                "step,time,amplitude_1,amplitude_2,fixed_point_iterations,"
+                "dual_multiplications,resultant_n,resultant_t,nodes_open,nodes_stick,nodes_slip,"
+                "max_displacement", rows)
     if touching:
-        write_table(directory / "contact.csv", "step,time,node,boundary,x,y,arc,weight,normal_x,normal_y,gap,u_n,"
+        write_table(directory / "contact.csv",
+                    "step,time,node,boundary,x,y,arc,weight,normal_x,normal_y,gap,u_n,"
                     "u_t,slip,sigma_n,sigma_t,bound,status",
                     contact_rows(times, nodes, friction != "none", labels))
     write_table(directory / "convergence.csv", "product,step,iteration,kind,residual",
@@ -169,14 +190,17 @@ def legend_words(figure) -> list[str]:
 
 
 def boxes(figure) -> dict:
-    """Bounding boxes in pixels of everything written outside the axes, and of the axes themselves."""
+    """Bounding boxes in pixels of everything written outside the axes, and of the axes
+    themselves."""
     renderer = figure.canvas.get_renderer()
-    found = {"title": figure.texts[0], "identity": figure.texts[1], **dict(enumerate(figure.legends))}
+    found = {"title": figure.texts[0], "identity": figure.texts[1],
+             **dict(enumerate(figure.legends))}
     found = {name: artist.get_window_extent(renderer) for name, artist in found.items()}
     for number, axes in enumerate(figure.axes):
         found[f"axes {number}"] = axes.get_window_extent(renderer)
         for side, axis in (("x", axes.xaxis), ("y", axes.yaxis)):
-            ticks = [t.label1 for t in axis.get_major_ticks() if t.label1.get_visible() and t.label1.get_text()]
+            ticks = [t.label1 for t in axis.get_major_ticks()
+                     if t.label1.get_visible() and t.label1.get_text()]
             low, high = sorted(axis.get_view_interval())
             ticks = [t for t, where in zip(ticks, axis.get_majorticklocs()) if low <= where <= high]
             for k, tick in enumerate(ticks):
@@ -221,7 +245,8 @@ def test_drawing_again_gives_the_same_files(tmp_path):
 
 @pytest.mark.parametrize("change, absent", [
     ({"friction": "none"}, {"contact_tangential"}),
-    ({"contact": "none", "friction": "none"}, {"contact_normal", "contact_tangential", "contact_status", "history"}),
+    ({"contact": "none", "friction": "none"}, {"contact_normal",
+     "contact_tangential", "contact_status", "history"}),
     ({"time": "static"}, {"loading", "contact_status", "history"}),
 ])
 def test_what_the_scene_does_not_declare_is_not_drawn(tmp_path, change, absent):
@@ -247,8 +272,9 @@ def test_optional_files_may_be_missing(tmp_path):
     directory = make_run(tmp_path, steps=2, products=6)
     for name in ("convergence.csv", "boundary.csv", "fields.pvd"):
         (directory / name).unlink()
-    assert list(figures.wanted(figures.read_run(directory))) == ["loading", "contact_normal", "contact_tangential",
-                                                                  "contact_status", "history"]
+    assert list(figures.wanted(figures.read_run(directory))) == ["loading", "contact_normal",
+                                                                 "contact_tangential",
+                                                                 "contact_status", "history"]
 
 
 def test_a_directory_without_a_run_is_refused(tmp_path):
@@ -283,7 +309,8 @@ def test_geometry_names_the_parts_and_draws_the_loads_to_scale(drawn):
     right, top = (c for c in figure.axes[0].collections if hasattr(c, "U"))
     assert np.allclose(right.V / right.U, 5 / 3) and np.all(top.U == 0) and np.all(top.V < 0)
     assert np.allclose(np.hypot(right.U, right.V) / np.abs(top.V[0]), math.hypot(0.3, 0.5))
-    assert np.all(top.Y + top.V >= 1) and np.all(right.X >= 2), "pushing arrows end, pulling arrows start on the body"
+    assert np.all(top.Y + top.V >= 1), "pushing arrows end on the body"
+    assert np.all(right.X >= 2), "pulling arrows start on the body"
 
 
 def test_boundary_edges_are_turned_outward(run):
@@ -305,11 +332,13 @@ def test_marks_are_spread_evenly_over_unequal_edges():
     points, edges = outline.sample(ends[:-1], ends[1:], 0.1)
     assert len(points) == len(edges) == 31  # pi / 0.1
     gaps = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    assert np.allclose(gaps, np.pi / 31, rtol=0.01)  # chords of 0.1 and edges of 0.16 at most: 1 - x^2/24 > 0.99
+    # chords of 0.1 and edges of 0.16 at most: 1 - x^2/24 > 0.99
+    assert np.allclose(gaps, np.pi / 31, rtol=0.01)
 
 
 def test_bodies_are_parted_by_their_boundaries_and_not_by_subdomains(run):
-    """A line of contact through the middle of the block makes two bodies of it, whose sizes are equal."""
+    """A line of contact through the middle of the block makes two bodies of it, whose sizes are
+    equal."""
     mesh, boundary = run.first, run.boundary
     assert not outline.bodies(mesh, boundary).any()
     y = np.linspace(0, 1, 11)  # the ends of the mesh's edges there
@@ -317,7 +346,8 @@ def test_bodies_are_parted_by_their_boundaries_and_not_by_subdomains(run):
     boundary = {name: np.append(boundary[name], values) for name, values in cut.items()}
     found = outline.bodies(mesh, boundary)
     left = mesh.xy[mesh.triangles].mean(axis=1)[:, 0] < 1
-    assert set(found[left]) != set(found[~left]) and len(set(found[left])) == len(set(found[~left])) == 1
+    assert set(found[left]) != set(found[~left]) and len(
+        set(found[left])) == len(set(found[~left])) == 1
 
 
 def test_pictures_show_the_time_of_the_quantities(tmp_path):
@@ -354,13 +384,15 @@ def test_loading_has_a_curve_for_every_amplitude_from_time_zero(drawn):
     figure = drawn["loading"]
     assert legend_words(figure) == [r"$\varphi_{1}(t)$", r"$\varphi_{2}(t)$"]
     for line in figure.axes[0].lines:
-        assert len(line.get_xdata()) == 21 and line.get_xdata()[0] == 0 and line.get_marker() != "None"
+        assert len(line.get_xdata()) == 21 and line.get_xdata()[0] == 0
+        assert line.get_marker() != "None"
 
 
 def test_history_may_start_at_step_one_and_have_empty_cells(tmp_path):
     directory = make_run(tmp_path, steps=3, products=6)
     first, _, *rows = (directory / "history.csv").read_text().splitlines()
-    (directory / "history.csv").write_text("\n".join([first + ",contraction", *(row + "," for row in rows)]))
+    (directory / \
+     "history.csv").write_text("\n".join([first + ",contraction", *(row + "," for row in rows)]))
     run = figures.read_run(directory)
     assert np.all(np.isnan(run.history["contraction"])) and run.history["step"][0] == 1
     assert len(figures.compose("history", run).axes[1].patches) == 3
@@ -374,7 +406,8 @@ def test_deformed_body_is_magnified_as_in_the_slides(run, drawn):
     assert np.allclose(max(p.vertices[:, 0].max() for p in paths), largest[:, 0].max())
 
 
-@pytest.mark.parametrize("raw, chosen", [(1.0, 1), (8.9, 10), (4.4, 5), (230.0, 200), (0.031, 0.03)])
+@pytest.mark.parametrize("raw, chosen",
+                         [(1.0, 1), (8.9, 10), (4.4, 5), (230.0, 200), (0.031, 0.03)])
 def test_magnification_is_round(raw, chosen):
     assert scales.round_magnification(raw) == pytest.approx(chosen)
 
@@ -394,7 +427,8 @@ def test_normal_panels(run, drawn):
     assert r"$\Gamma_c$ [m]" in below.get_xlabel()
     assert {"open", "stick", "slip", "gap"} <= set(legend_words(figure))
     stress = above.lines[0].get_ydata()
-    assert stress.min() == pytest.approx(run.contact["sigma_n"][-21:].min() / 1e6) and stress.max() <= 0
+    assert stress.min() == pytest.approx(
+        run.contact["sigma_n"][-21:].min() / 1e6) and stress.max() <= 0
 
 
 def test_tangential_panels(drawn):
@@ -402,7 +436,8 @@ def test_tangential_panels(drawn):
     above, below = figure.axes
     assert above.get_ylabel() == r"$\sigma_t$ [MPa]" and below.get_ylabel() == "$u_t$ [µm]"
     lower, upper, stress = (line.get_ydata() for line in above.lines[:3])
-    assert np.all(lower <= stress + 1e-9) and np.all(stress <= upper + 1e-9) and np.allclose(lower, -upper)
+    assert np.all(lower <= stress + 1e-9) and np.all(stress <= upper + 1e-9)
+    assert np.allclose(lower, -upper)
 
 
 def test_zones_are_the_runs_of_equal_status(run, drawn):
@@ -439,10 +474,12 @@ def test_thinned_convergence_keeps_starts_and_counts_everything(tmp_path):
     table = run.convergence
     thin, every = convergence.thin_out(table)
     assert len(table["kind"]) > 20000 and every > 1
-    assert np.count_nonzero(thin["kind"] == "start") == np.count_nonzero(table["kind"] == "start") == 120
+    assert np.count_nonzero(thin["kind"] == "start") == np.count_nonzero(
+        table["kind"] == "start") == 120
     assert len(thin["kind"]) <= convergence.POINTS + 120
     figure = figures.compose("convergence", run)
-    total = sum(int(t.split("(")[1].rstrip(")").replace("\u2009", "")) for t in legend_words(figure))
+    total = sum(int(t.split("(")[1].rstrip(")").replace("\u2009", ""))
+                for t in legend_words(figure))
     assert total == len(table["kind"]) and f"every {every}th iteration" in words(figure)
 
 
@@ -455,7 +492,8 @@ def test_history_shows_forces_per_thickness_and_iterations(drawn):
 
 
 @pytest.mark.parametrize("unit, peak, label, shown", [
-    ("Pa", 1.1e8, "MPa", 110), ("Pa", 1e3, "kPa", 1), ("MPa", 2e3, "GPa", 2), ("m", 3e-4, "µm", 300),
+    ("Pa", 1.1e8, "MPa", 110), ("Pa", 1e3, "kPa", 1), ("MPa", 2e3, "GPa", 2),
+    ("m", 3e-4, "µm", 300),
     ("mm", 120.0, "mm", 120), ("mm", 3e-3, "µm", 3), ("N/m", 2e6, "MN/m", 2), ("1", 0.5, "–", 0.5),
     ("psi", 3e5, r"$10^{3}$ psi", 300), ("Pa", 0.0, "Pa", 0)])
 def test_scales(unit, peak, label, shown):

@@ -1,6 +1,6 @@
-"""The hard cases: the fast ones as the suite judges them, and that the suite notices what goes wrong."""
+"""The hard cases: the fast ones as the suite judges them, and that the suite notices what goes
+wrong."""
 
-import csv
 import time
 from dataclasses import replace
 
@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from driver.errors import DriverError
+from driver.files import read_rows
 from driver.hard import case as cases
 from driver.hard import suite
 from driver.hard.case import Case, Outcome
@@ -15,7 +16,8 @@ from driver.hard.checks import Check, face_condition, holds, laws
 from driver.runs import run
 
 SMALL = {"SUBDOMAINS": "2x1", "CELLS": 2, "STEPS": 2}
-PLAIN = Case("plain", "contact", "hard/block", SMALL, sizes=({}, {"CELLS": 3}), checks=(laws(1e-6),))
+PLAIN = Case("plain", "contact", "hard/block", SMALL,
+             sizes=({}, {"CELLS": 3}), checks=(laws(1e-6),))
 FAST = [case for case in suite.cases() if case.fast]
 
 
@@ -55,7 +57,8 @@ def test_every_case_says_what_is_expected():
     assert len({case.name for case in everyone}) == len(everyone)
     for case in everyone:
         assert len(case.sizes) >= 2, case.name
-        assert bool(case.reason) == bool(case.status) and bool(case.checks) != bool(case.status), case.name
+        assert bool(case.reason) == bool(case.status) and bool(
+            case.checks) != bool(case.status), case.name
 
 
 @pytest.mark.parametrize("change, why", [
@@ -69,9 +72,12 @@ def test_every_case_says_what_is_expected():
     ({"warning": "the moon"}, "no warning"),
     ({"seconds": 0.05, "perform": cases.run_scene}, "killed"),
     ({"options": {**SMALL, "HOLD": "none", "FRICTION": 0.1}}, "no equilibrium"),
-    ({"options": {**SMALL, "HOLD": "none", "FRICTION": 0.1}, "status": 3, "reason": "the moon"}, "no equilibrium"),
-    ({"options": {**SMALL, "HOLD": "none", "FRICTION": 0.1}, "status": 2, "reason": "no equilibrium"}, "no equilibrium"),
-    ({"perform": lambda case, size, folder: Outcome(1, "Traceback", 0.0, folder, crashed=True), "status": 1}, "Traceback"),
+    ({"options": {**SMALL, "HOLD": "none", "FRICTION": 0.1},
+     "status": 3, "reason": "the moon"}, "no equilibrium"),
+    ({"options": {**SMALL, "HOLD": "none", "FRICTION": 0.1},
+     "status": 2, "reason": "no equilibrium"}, "no equilibrium"),
+    ({"perform": lambda case, size, folder: Outcome(
+        1, "Traceback", 0.0, folder, crashed=True), "status": 1}, "Traceback"),
 ], ids=lambda value: "" if isinstance(value, dict) else value or "solved")
 @pytest.mark.usefixtures("here")
 def test_judge(change, why, tmp_path):
@@ -96,12 +102,14 @@ def test_laws_notice_wrong_forces(tmp_path):
 def test_report(command, tmp_path):
     done = command("hard", "FAMILY=contact", "CASE=zero load", "FAST=yes", f"OUT={tmp_path}")
     assert done.returncode == 0, done.stderr
-    rows = list(csv.DictReader(open(tmp_path / "report.csv")))
-    assert [(row["case"], row["status"], row["exit"]) for row in rows] == [("zero load", "solved", "0")]
+    rows = read_rows(tmp_path / "report.csv")
+    assert [(row["case"], row["status"], row["exit"])
+             for row in rows] == [("zero load", "solved", "0")]
     assert (tmp_path / "report.png").stat().st_size > 0
     for words in (("FAMILY=moon",), ("CASE=moon",), ("JOBS=0",), ("FAST=maybe",), ("MOON=1",)):
         done = command("hard", *words)
-        assert done.returncode == 2 and done.stderr.startswith("error: ") and "Traceback" not in done.stderr
+        assert done.returncode == 2 and done.stderr.startswith(
+            "error: ") and "Traceback" not in done.stderr
 
 
 def test_condition_of_a_known_operator():
@@ -114,5 +122,6 @@ def test_condition_of_a_known_operator():
 
     free = np.array([True] * 4 + [False])
     assert np.isclose(face_condition(Diagonal(), lambda r, free: r, free), 25.0, rtol=1e-10)
-    assert np.isclose(face_condition(Diagonal(), lambda r, free: r / np.sqrt(Diagonal.values), free), 5.0, rtol=1e-10)
+    assert np.isclose(face_condition(Diagonal(), lambda r, free: r / \
+                      np.sqrt(Diagonal.values), free), 5.0, rtol=1e-10)
     assert np.isnan(face_condition(Diagonal(), lambda r, free: r, np.zeros(5, bool)))

@@ -287,7 +287,8 @@ def test_an_interrupt_while_publishing_waits(tmp_path, monkeypatch, atomic, numb
 
 
 def test_checkpoints_of_another_state_of_the_code_are_refused(tmp_path, monkeypatch):
-    """In any folder of the package, however deep: an edit, a new file, one that is gone or renamed."""
+    """In any folder of the package, however deep: an edit, a new file, one that is gone or renamed.
+    """
     package = shutil.copytree(environment.ROOT / "driver", tmp_path / "driver",
                               ignore=shutil.ignore_patterns("__pycache__"))
     monkeypatch.setattr(checkpoint, "ROOT", tmp_path)

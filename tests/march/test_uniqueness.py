@@ -1,4 +1,6 @@
-"""Friction beyond contraction and beyond uniqueness: fallbacks, other solutions, and what is said about them."""
+"""Friction beyond contraction and beyond uniqueness: fallbacks, other solutions, and what is said
+about them.
+"""
 
 import numpy as np
 import pytest
@@ -19,16 +21,19 @@ from driver.qp.coulomb import CoulombProblem
 from driver.hard.oracle import Assembled
 
 
-# ------------------------------------------------------------- the dense problem on the contact nodes
+# ----------------------------------------------------------- the dense problem on the contact nodes
 
 def one_node(coefficient, load=(-1.0, 0.5)):
-    """C = (1 -1; -1 2), pulled off and dragged along: open, sticking and sliding at once for F > 1."""
-    return CoulombProblem(np.array([[1.0, -1.0], [-1.0, 2.0]]), np.array(load), np.array([coefficient]), np.array([0]))
+    """C = (1 -1; -1 2), pulled off and dragged along: open, sticking and sliding at once for F > 1.
+    """
+    return CoulombProblem(np.array([[1.0, -1.0], [-1.0, 2.0]]), np.array(load),
+                          np.array([coefficient]), np.array([0]))
 
 
 def test_one_node_with_three_solutions():
-    """By hand. C^-1 = (2 1; 1 1). Stick: x = C^-1 d, needs |x_t| <= F x_n. Slip with lambda_t = F lambda_n: over = 0
-    gives (1 - F) lambda_n = d_n, so d_n < 0 needs F > 1. Open: x = 0, as d_n < 0."""
+    """By hand. C^-1 = (2 1; 1 1). Stick: x = C^-1 d, needs |x_t| <= F x_n. Slip with lambda_t = F
+    lambda_n: over = 0 gives (1 - F) lambda_n = d_n, so d_n < 0 needs F > 1. Open: x = 0, as d_n <
+    0."""
     d, F = np.array([-1.0, 3.0]), 4.0
     problem = one_node(F, d)
     stick, slip = np.array([1.0, 2.0]), np.array([1.0, F]) * d[0] / (1 - F)
@@ -50,25 +55,32 @@ def random_problem(seed, nodes, largest=6.0):
 
 @pytest.mark.parametrize("nodes", [1, 2, 3])
 def test_signs_of_all_solutions_add_up_to_one(nodes):
-    """The degree of the law is one, whatever the coefficient: if enumeration lost or invented a solution, it would show.
-    Lemke's and Newton's are among them; the search finds no false ones."""
+    """The degree of the law is one, whatever the coefficient: if enumeration lost or invented a
+    solution, it would show. Lemke's and Newton's are among them; the search finds no false ones."""
     several = 0
     for seed in range(25):
         problem = random_problem(seed, nodes)
         found = all_solutions(problem)
         assert sum(index(problem, x) for x in found) == 1, seed
-        among = lambda y: any(np.abs(x - y).max() <= 1e-9 * max(np.abs(x).max(), 1e-300) for x in found)
+
+        def among(y):
+            return any(np.abs(x - y).max() <= 1e-9 * max(np.abs(x).max(), 1e-300)
+                       for x in found)
+
         assert among(lemke(problem)), seed
         reached = newton(problem, np.zeros(2 * nodes))
         assert reached is None or among(reached), seed
         assert all(among(x) for x in search(problem, found[0])), seed
         several += len(found) > 1
-        assert len(search(problem, found[0])) == len(found), seed  # holds for these, is not promised
+        # holds for these, is not promised
+        assert len(search(problem, found[0])) == len(found), seed
     assert several >= 1 or nodes == 1
 
 
 def test_lemke_where_newton_cycles():
-    """Lemke's method ends in a solution where Newton's steps from rest come back to where they were."""
+    """Lemke's method ends in a solution where Newton's steps from rest come back to where they
+    were.
+    """
     cycled = 0
     for seed in range(100):
         problem = random_problem(seed, 6, largest=20.0)
@@ -83,7 +95,8 @@ def test_units_of_the_dense_problem():
     for seed in range(20):
         plain = random_problem(seed, 3)
         length, force = 2.0**-30, 2.0**40
-        scaled = CoulombProblem(plain.compliance * (length / force), plain.load * length, plain.coefficient, plain.pair)
+        scaled = CoulombProblem(plain.compliance * (length / force), plain.load * length,
+                                plain.coefficient, plain.pair)
         assert np.array_equal(lemke(scaled), lemke(plain) * force)
         assert scaled.violation(lemke(plain) * force) == plain.violation(lemke(plain))
 
@@ -92,20 +105,24 @@ def test_violation_finds_every_broken_law():
     problem = one_node(0.5, (1.0, 0.2))  # pressed on
     x = lemke(problem)
     assert problem.solves(x)
-    for broken in (x + [0.1, 0], x - [0.1, 0], x + [0, 0.1], x - [0, 0.1], [-1.0, 0.0], [np.nan, 0.0]):
+    for broken in (x + [0.1, 0], x - [0.1, 0], x + [0, 0.1], x - [0, 0.1], [-1.0, 0.0],
+                   [np.nan, 0.0]):
         assert not problem.solves(np.array(broken))
 
 
 def test_bilateral_law_allows_tension():
     problem = one_node(0.5)
-    problem = CoulombProblem(problem.compliance, problem.load, problem.coefficient, problem.pair, bilateral=True)
+    problem = CoulombProblem(problem.compliance, problem.load, problem.coefficient, problem.pair,
+                             bilateral=True)
     x = newton(problem, np.zeros(2))
     assert x[0] < 0 and abs(x[1]) <= 0.5 * abs(x[0])
     assert lemke(problem) is None  # a law of another kind: refused, not answered wrongly
 
 
 def test_anderson_settles_what_plain_iteration_does_not():
-    """g -> b - A g with eigenvalues of A up to 3: plain iteration explodes, five differences suffice for five unknowns."""
+    """g -> b - A g with eigenvalues of A up to 3: plain iteration explodes, five differences
+    suffice for five unknowns.
+    """
     rng = np.random.default_rng(3)
     A = np.diag([3.0, 2.0, 1.5]) + 0.1 * rng.standard_normal((3, 3))
     solution = np.array([1.0, 2.0, 3.0])
@@ -124,14 +141,17 @@ def test_anderson_gives_up_in_time():
     assert anderson.gives_up([0.5**k for k in range(anderson.LIMIT)])
 
 
-# ----------------------------------------------------------------------------- through the whole solver
+# ------------------------------------------------------------------------- through the whole solver
 
 def leaning_rod(coefficient, force, **more) -> Scene:
-    """One triangle, clamped on its left side, its lower right vertex the one contact node: a rod that leans."""
+    """One triangle, clamped on its left side, its lower right vertex the one contact node: a rod
+    that leans.
+    """
     xy = np.array([[0.0, 0.6], [0.25, 1.0], [1.0, 0.0]])
     outline = np.array([[0, 2, BOTTOM], [2, 1, TOP], [1, 0, LEFT]])
     body = Body(xy, np.array([[0, 2, 1]]), outline, np.zeros(1, int), np.ones(1), 0.3)
-    return Scene(body, [{TOP: np.asarray(force)}], np.array([[0.0], [1.0]]), friction=coefficient, **more)
+    return Scene(body, [{TOP: np.asarray(force)}], np.array([[0.0], [1.0]]), friction=coefficient,
+                 **more)
 
 
 def by_hand(scene):
@@ -142,12 +162,16 @@ def by_hand(scene):
 
 
 def three_ways():
-    """A leaning rod and a load under which it may stick, slide or lift off: F beyond c_nn / |c_nt|, and d between."""
+    """A leaning rod and a load under which it may stick, slide or lift off: F beyond c_nn / |c_nt|,
+    and d between.
+    """
     C = by_hand(leaning_rod(1.0, (0.0, -1e-3))).compliance
-    way = -np.sign(C[0, 1])  # the direction in which friction lifts the node's compliance to nothing
+    # the direction in which friction lifts the node's compliance to nothing
+    way = -np.sign(C[0, 1])
     F = 4 * C[0, 0] / abs(C[0, 1])
     aim = C @ np.array([1.0, 0.5 * F * way])  # stick within the cone
-    unit = np.column_stack([by_hand(leaning_rod(F, force)).load for force in ((1.0, 0.0), (0.0, 1.0))])
+    unit = np.column_stack([by_hand(leaning_rod(F, force)).load
+                            for force in ((1.0, 0.0), (0.0, 1.0))])
     return leaning_rod(F, np.linalg.solve(unit, aim * 1e-3)), F
 
 
@@ -160,11 +184,13 @@ def test_a_node_that_sticks_slides_or_lifts_off_is_reported_so():
     found = run.solver.uniqueness
     assert found.verdict == "not unique" and list(found.several) == [1]
     names = found.several[1]
-    assert sorted((s["open"], s["stick"], s["slip"]) for s in names) == [(0, 0, 1), (0, 1, 0), (1, 0, 0)]
+    assert sorted((s["open"], s["stick"], s["slip"]) for s in names) == [(0, 0, 1), (0, 1, 0),
+                                                                         (1, 0, 0)]
     for x in expected:  # each solution with its own contact force
         assert any(np.isclose(-s["resultant_n"], x[0], rtol=1e-6, atol=1e-12) for s in names)
     lam = run.steps[0].multipliers
-    assert any(np.allclose(lam, x, rtol=1e-6, atol=1e-6 * abs(expected[-1]).max()) for x in expected)
+    assert any(np.allclose(lam, x, rtol=1e-6, atol=1e-6 * abs(expected[-1]).max())
+               for x in expected)
     line, = found.warnings()
     assert "not unique" in line and "1 stick" in line and "1 open" in line and "1 slip" in line
 
@@ -187,20 +213,23 @@ def test_frictionless_scenes_are_unique_and_not_examined():
 
 @pytest.mark.parametrize("friction", [6, 15])
 def test_model_beyond_uniqueness(solved, built, friction):
-    """From F = 5.45, the largest |lambda_t| / lambda_n of a bottom that sticks everywhere, that is a solution beside one
-    with an open node and, between the two, one with a sliding node. The answer is one of them to the default
-    tolerance, and all are named."""
+    """From F = 5.45, the largest |lambda_t| / lambda_n of a bottom that sticks everywhere, that is
+    a solution beside one with an open node and, between the two, one with a sliding node. The
+    answer is one of them to the default tolerance, and all are named."""
     found = solved(friction=friction, steps=1)
     assert found.status == 0, found.reason
     said = found.summary["uniqueness"]
     assert said["verdict"] == "not unique" and said["steps_not_unique"] == [1]
-    assert sorted((s["open"], s["stick"], s["slip"]) for s in said["solutions"]) == [(0, 39, 1), (0, 40, 0), (1, 39, 0)]
+    assert sorted((s["open"], s["stick"], s["slip"])
+                  for s in said["solutions"]) == [(0, 39, 1), (0, 40, 0), (1, 39, 0)]
     assert sum(s["index"] for s in said["solutions"]) == 1
     assert any("not unique" in line for line in found.summary["warnings"])
     problem = built(reduce=False, friction=friction, steps=1)
     body = Assembled(problem.manifest, problem.subdomains)
-    dense = CoulombProblem(body.compliance(), body.B @ body.solve([1.0]), body.friction, np.arange(len(body.gid)))
-    lam = np.concatenate([-found.contact["sigma_n"][0], -found.contact["sigma_t"][0]]) * np.tile(body.weight, 2)
+    dense = CoulombProblem(body.compliance(), body.B @ body.solve([1.0]), body.friction,
+                           np.arange(len(body.gid)))
+    lam = np.concatenate([-found.contact["sigma_n"][0],
+                          -found.contact["sigma_t"][0]]) * np.tile(body.weight, 2)
     assert dense.violation(lam) <= 1e-4  # cond F times rtol
 
 
@@ -221,16 +250,22 @@ def test_newton_improves_what_is_a_solution_but_for_rounding():
 
 
 def test_newton_near_a_solution_leaves_those_of_negative_index():
-    """Of the three solutions by hand above; stick and open are found from near them, slip, the one between, is not."""
+    """Of the three solutions by hand above; stick and open are found from near them, slip, the one
+    between, is not.
+    """
     problem = one_node(4.0, (-1.0, 3.0))
-    found = {index(problem, x): settled(problem, x * (1 + 1e-6), problem.movement(x * (1 + 1e-6))) for x in all_solutions(problem)}
+    found = {index(problem, x): settled(problem, x * (1 + 1e-6), problem.movement(x * (1 + 1e-6)))
+             for x in all_solutions(problem)}
     assert found[-1] is None and problem.solves(found[1][0])
 
 
 def test_newton_far_from_a_solution_factorizes_nothing():
-    """States that a start is thought to be in, and those that it falls into, differ at more nodes than are near."""
+    """States that a start is thought to be in, and those that it falls into, differ at more nodes
+    than are near.
+    """
     nodes = complementarity.NEAR + 1
-    problem = CoulombProblem(np.eye(2 * nodes), np.ones(2 * nodes), np.full(nodes, 2.0), np.arange(nodes))
+    problem = CoulombProblem(np.eye(2 * nodes), np.ones(2 * nodes), np.full(nodes, 2.0),
+                             np.arange(nodes))
     start, thought = np.zeros(2 * nodes), np.full(nodes, coulomb.OPEN)
     assert settled(problem, start, problem.load, thought) is None and not problem.latest
     thought[0] = coulomb.STICK
@@ -239,13 +274,17 @@ def test_newton_far_from_a_solution_factorizes_nothing():
 
 @pytest.mark.parametrize("friction", [6, 8, 10])
 def test_qps_solved_in_full_settle_without_a_fallback(solved, friction):
-    """As above with more iterations: QPs left early made it stall, none of the other methods is needed."""
+    """As above with more iterations: QPs left early made it stall, none of the other methods is
+    needed.
+    """
     found = solved(friction=friction, steps=1, corrector="none", uniqueness="no")
     assert found.status == 0 and not found.summary["fallbacks"]
 
 
 def test_condensed_newton_finds_the_fixed_point(built, steps_of, monkeypatch):
-    """Stopped after 5 of the 16 iterations it needs and with Anderson acceleration out of the way: the same answer."""
+    """Stopped after 5 of the 16 iterations it needs and with Anderson acceleration out of the way:
+    the same answer.
+    """
     from driver.march import fixed_point as fixedpoint, step
 
     problem = built(cells=4, friction=3, steps=1)
@@ -253,14 +292,17 @@ def test_condensed_newton_finds_the_fixed_point(built, steps_of, monkeypatch):
     monkeypatch.setattr(fixedpoint.FixedPoint, "_accelerate", lambda *a: None)
     monkeypatch.setattr(step, "WINDOW", 2)
     monkeypatch.setattr(fixedpoint, "WINDOW", 2)
-    solver, steps = steps_of(problem, rtol=1e-11, friction_rtol=1e-11, uniqueness="no", max_fixed_point=5)
+    solver, steps = steps_of(problem, rtol=1e-11, friction_rtol=1e-11, uniqueness="no",
+                             max_fixed_point=5)
     assert solver.failure is None and solver.history.fallbacks.steps == {globalization.NEWTON: [1]}
     size = np.abs(plain[0].multipliers).max()
-    assert np.abs(steps[0].multipliers - plain[0].multipliers).max() <= 1e-6 * size  # cond F times rtol, with room
+    # cond F times rtol, with room
+    assert np.abs(steps[0].multipliers - plain[0].multipliers).max() <= 1e-6 * size
 
 
 def test_fallbacks_do_not_depend_on_ranks(solved):
-    one, two = (solved(friction=6, steps=1, cells=4, corrector="none", max_fixed_point=17, NP=ranks) for ranks in (1, 2))
+    one, two = (solved(friction=6, steps=1, cells=4, corrector="none", max_fixed_point=17, NP=ranks)
+                for ranks in (1, 2))
     assert one.summary["fallbacks"], "look for another coefficient at which one is needed"
     for name in ("u_n", "u_t", "sigma_n", "sigma_t"):
         assert np.array_equal(one.contact[name], two.contact[name])
@@ -281,11 +323,15 @@ def test_examination_changes_no_number(solved):
 
 
 def test_contraction_is_reported(solved):
-    """About 0.2 at F = 0.3 and growing with the coefficient: Phi's Lipschitz constant is proportional to it."""
-    rates = [solved(friction=F, steps=1, corrector="none", rtol=1e-11, friction_rtol=1e-11).summary["contraction"]
+    """About 0.2 at F = 0.3 and growing with the coefficient: Phi's Lipschitz constant is
+    proportional to it.
+    """
+    rates = [solved(friction=F, steps=1, corrector="none", rtol=1e-11,
+                    friction_rtol=1e-11).summary["contraction"]
              for F in (0.3, 1, 2)]
     assert 0 < rates[0] < rates[1] < rates[2] < 1
-    history = solved(friction=0.3, steps=1, corrector="none", rtol=1e-11, friction_rtol=1e-11).history
+    history = solved(friction=0.3, steps=1, corrector="none", rtol=1e-11,
+                     friction_rtol=1e-11).history
     assert history["contraction"].max() == rates[0]
 
 
@@ -298,7 +344,8 @@ def test_no_method_left_is_a_status(monkeypatch):
     from driver.contact.rows import ContactRows
 
     bound, rng = ContactRows.friction_bound, np.random.default_rng(0)
-    monkeypatch.setattr(ContactRows, "friction_bound", lambda self, x: bound(self, x) * (1 + 0.1 * rng.random()))
+    monkeypatch.setattr(ContactRows, "friction_bound", lambda self,
+                        x: bound(self, x) * (1 + 0.1 * rng.random()))
     scene.tractions = [{TOP: np.array([0.0, -1e-3])}]
     run = solve(scene)
     assert run.solver.failure.exit_status == 3 and "step 1" in str(run.solver.failure)

@@ -1,4 +1,6 @@
-"""Too little memory ends a run with one line and exit status 2, wherever it is met; no hang, no wrong numbers."""
+"""Too little memory ends a run with one line and exit status 2, wherever it is met; no hang, no
+wrong numbers.
+"""
 
 import errno
 import mmap
@@ -31,15 +33,21 @@ def limited(mib: int, *words: str) -> SimpleNamespace:
     def limit():
         resource.setrlimit(resource.RLIMIT_AS, (mib * MIB, mib * MIB))
 
-    done = subprocess.run([sys.executable, "-m", "driver", "run", *words], cwd=environment.ROOT, timeout=PATIENCE,
-                          preexec_fn=limit, env=environment.child_environment(), capture_output=True, text=True)
+    done = subprocess.run([sys.executable, "-m", "driver", "run", *words], cwd=environment.ROOT,
+                          timeout=PATIENCE,
+                          preexec_fn=limit, env=environment.child_environment(),
+                          capture_output=True, text=True)
     return SimpleNamespace(status=done.returncode, errors=done.stderr)
 
 
-@pytest.mark.parametrize("mib, ranks", [(40, 1), (100, 1), (160, 1), (270, 1), (306, 1), (348, 1), (345, 2), (500, 2)])
+@pytest.mark.parametrize("mib, ranks", [(40, 1), (100, 1), (160, 1), (270, 1), (306, 1), (348, 1),
+                                        (345, 2), (500, 2)])
 def test_runs_end_in_one_line(mib, ranks, tmp_path):
-    """From what Python takes to what the run needs: packages, OpenBLAS's work space, PETSc and MPI, the run itself."""
-    words = "SCENE=model", "STEPS=1", "ERRORS=no", "FIGURES=no", "QUIET=yes", f"NP={ranks}", f"OUT={tmp_path / 'run'}"
+    """From what Python takes to what the run needs: packages, OpenBLAS's work space, PETSc and MPI,
+    the run itself.
+    """
+    words = ("SCENE=model", "STEPS=1", "ERRORS=no", "FIGURES=no", "QUIET=yes", f"NP={ranks}",
+             f"OUT={tmp_path / 'run'}")
     done = limited(mib, *words)
     if done.status:  # where the packages take less, the largest may suffice
         assert done.status == 2 and "Traceback" not in done.errors
@@ -75,7 +83,8 @@ except BaseException as problem:
 def test_numpy_fails_instead_of_waiting_or_guessing(room, before, act):
     """OpenBLAS asks for 128 MiB, a comparison of 1e7 numbers for 10; neither is there."""
     code = STARVED.format(root=str(environment.ROOT), room=room, before=before, act=act)
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=PATIENCE)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True,
+                          timeout=PATIENCE)
     assert done.stdout == f"{NO_MEMORY}\n", done.stderr
 
 
@@ -94,16 +103,19 @@ def test_shortages_are_told_from_other_errors():
     assert shortage(ImportError("libx.so: failed to map segment from shared object")) == NO_MEMORY
     assert "enough memory?" in shortage(SystemError("error return without exception set"))
     assert shortage(PETSc.Error(55)) == NO_MEMORY and not shortage(PETSc.Error(71))
-    assert not shortage(raised(ValueError("wrong"), KeyError("name"))) and not shortage(OSError(errno.ENOSPC, "full"))
+    assert not shortage(raised(ValueError("wrong"), KeyError("name")))
+    assert not shortage(OSError(errno.ENOSPC, "full"))
 
 
 @pytest.mark.parametrize("owner, name, act", [
-    (mmap, "mmap", lambda export, folder: loader.read_subdomains(manifest.read_manifest(export), 0, 1, MPI.COMM_SELF)),
+    (mmap, "mmap", lambda export, folder: loader.read_subdomains(manifest.read_manifest(export), 0,
+                                                                 1, MPI.COMM_SELF)),
     (Path, "read_text", lambda export, folder: manifest.read_manifest(export)),
     (Path, "read_bytes", lambda export, folder: checkpoint.read(export)),
     (subprocess, "Popen", lambda export, folder: environment.run_child(["true"])),
     (Path, "mkdir", lambda export, folder: workspace.Workspace(folder / "out"))])
-def test_a_system_call_that_finds_no_memory_is_told_as_that(exported, tmp_path, monkeypatch, owner, name, act):
+def test_a_system_call_that_finds_no_memory_is_told_as_that(exported, tmp_path, monkeypatch, owner,
+                                                            name, act):
     """Not as a file that is spoiled or missing or a program that is not there."""
     export = exported(cells=2, subdomains=2)
 
@@ -114,7 +126,8 @@ def test_a_system_call_that_finds_no_memory_is_told_as_that(exported, tmp_path, 
         patch.setattr(owner, name, starved)
         with pytest.raises((InputError, OSError)) as problem:
             act(export, tmp_path)
-    told = str(problem.value) if isinstance(problem.value, InputError) else shortage(problem.value)  # as cli.main does
+    # as cli.main does
+    told = str(problem.value) if isinstance(problem.value, InputError) else shortage(problem.value)
     assert told == NO_MEMORY
 
 
@@ -157,7 +170,8 @@ cli.solve([{work!r}])
 def test_a_rank_that_fails_alone_ends_the_others(tmp_path):
     Request("model", "model.edp", {}, {}).write(tmp_path)
     code = ALONE.format(root=str(environment.ROOT), work=str(tmp_path))
-    done = subprocess.run([*environment.mpirun(2), sys.executable, "-c", code], capture_output=True, text=True,
+    done = subprocess.run([*environment.mpirun(2), sys.executable, "-c", code], capture_output=True,
+                          text=True,
                           timeout=PATIENCE, env=environment.child_environment())
     assert done.returncode and "error: only this rank knows\n" in done.stderr
     assert not (tmp_path / "answer.json").exists()

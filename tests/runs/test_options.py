@@ -15,8 +15,8 @@ from driver.hard import suite as hard
 from driver.runs.request import Request
 from driver.runs.run import Run
 from driver.scene import elements
-from driver.studies import stopping, table
-from driver.studies.accuracy import sweeps
+from driver.studies import table
+from driver.studies.accuracy import stopping, sweeps
 
 
 def test_every_option_stands_once_and_is_complete():
@@ -55,7 +55,7 @@ def test_choices_are_those_that_their_readers_know():
     assert options.find("run", "element").kind.choices == tuple(elements.NODES)
     assert options.find("table", "method").kind.choices == tuple(table.METHODS)
     assert options.find("table", "rows").kind.choices == tuple(map(str, table.ROWS))
-    assert options.find("stopping", "rows").kind.choices == tuple(map(str, stopping.ROWS))
+    assert options.find("accuracy", "rows").kind.choices == tuple(map(str, stopping.ROWS))
     assert options.find("accuracy", "effort").kind.choices == tuple(sweeps.EFFORTS)
     assert all(hard.cases(family) for family in hard.FAMILIES) and "products" in bench.PARTS
 
@@ -112,7 +112,6 @@ def test_reference_has_a_row_for_every_option():
     ("hard", "JOBS=many", "JOBS expects a number of processes, not 'many'"),
     ("bench", "PARTS=product", "PARTS expects some of products,"),
     ("bench", "PARTS=tao,", "PARTS expects some of .* not ''"),
-    ("stopping", "RTOL=1e-3", "make stopping has no option RTOL"),
 ])
 def test_refusals(command, words, reason):
     with pytest.raises(InputError, match=reason):

@@ -218,22 +218,24 @@ def test_partition_makes_no_difference(solved, loading, other):
         assert_close(found.contact[name], reference.contact[name], 1e-6)
 
 
-@pytest.mark.parametrize("loading, counts", [("monotone", [2]), ("nonmonotone", [2, 4])])
-def test_ranks_make_no_difference(solved, loading, counts):
-    """1, 2 and 4 ranks, FreeFEM's part included.
+# slow: more ranks than two, with every split of the subdomains, are also test_fetidp's any_split in
+# one process and the stack on three ranks of test_estimation
+@pytest.mark.parametrize("loading, ranks", [
+    ("monotone", 2), ("nonmonotone", 2),
+    pytest.param("nonmonotone", 4, marks=pytest.mark.slow)])
+def test_ranks_make_no_difference(solved, loading, ranks):
+    """Any number of ranks, FreeFEM's part included.
 
     Sums are taken in the same order, so even the bits agree.
     """
-    one = solved(loading=loading)
-    for ranks in counts:
-        other = solved(loading=loading, NP=ranks)
-        assert other.summary["ranks"] == ranks
-        for table in ("contact", "history"):
-            for name, column in getattr(one, table).items():
-                np.testing.assert_array_equal(getattr(other, table)[name], column)
-        for name in ("counts", "residuals", "balance", "dissipated", "quantities", "uniqueness",
-                     "warnings"):
-            assert other.summary[name] == one.summary[name], name
+    one, other = solved(loading=loading), solved(loading=loading, NP=ranks)
+    assert other.summary["ranks"] == ranks
+    for table in ("contact", "history"):
+        for name, column in getattr(one, table).items():
+            np.testing.assert_array_equal(getattr(other, table)[name], column)
+    for name in ("counts", "residuals", "balance", "dissipated", "quantities", "uniqueness",
+                 "warnings"):
+        assert other.summary[name] == one.summary[name], name
 
 
 def with_units(variant, length, stress):
@@ -288,9 +290,12 @@ SLIDES = {"4x2": {"monotone": (135, 6515), "nonmonotone": (120, 5565)},
           "8x4": {"monotone": (136, 8326), "nonmonotone": (121, 7309)}}
 
 
-@pytest.mark.parametrize("method", [PLAIN, {}], ids=["plain", "default"])
+# slow: the plain method on the larger mesh says no more than on the smaller one
 @pytest.mark.parametrize("loading", LOADINGS)
-@pytest.mark.parametrize("subdomains", SLIDES)
+@pytest.mark.parametrize("subdomains, method", [
+    ("4x2", PLAIN), ("4x2", {}), ("8x4", {}),
+    pytest.param("8x4", PLAIN, marks=pytest.mark.slow)],
+    ids=["4x2 plain", "4x2 default", "8x4 default", "8x4 plain"])
 def test_counts_are_not_above_the_slides(solved, subdomains, loading, method):
     found = solved(loading=loading, subdomains=subdomains, **method)
     assert found.status == 0, found.reason
@@ -409,7 +414,9 @@ def test_fixed_point_that_does_not_contract_is_stopped(built, steps_of, monkeypa
     assert len(steps) == 1 and steps[0].fixed_point_iterations < 200
 
 
-@pytest.mark.parametrize("friction", [1, 2, 5, 30, 300])
+# slow: 2 and 30 lie between others of the same verdict
+@pytest.mark.parametrize("friction", [1, pytest.param(2, marks=pytest.mark.slow), 5,
+                                      pytest.param(30, marks=pytest.mark.slow), 300])
 def test_large_friction_is_solved(solved, friction):
     """A step has a solution for any coefficient, perhaps several: one is found, and that is said.
     """

@@ -15,7 +15,8 @@ from test_scenes_hertz import R, hertz_errors
 from test_scenes_zones import l2, pressure, shear, slide, strain
 
 from driver.scene import elements
-from driver.studies import locking, study
+from driver.studies import study
+from driver.studies.accuracy import locking
 from driver.estimates import recovery
 from driver.figures.reading import read_mesh
 

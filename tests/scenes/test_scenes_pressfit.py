@@ -77,7 +77,7 @@ def test_with_friction_nothing_slips(solved, tmp_path_factory):
     it did not matter.
     """
     from driver.scene import freefem
-    from driver.results import ledger
+    from driver.runs.run import never_mattered
 
     text = freefem.find_scene("pressfit").read_text()
     path = tmp_path_factory.mktemp("pressfit") / "pressfit.edp"
@@ -92,7 +92,7 @@ def test_with_friction_nothing_slips(solved, tmp_path_factory):
     assert run.summary["effects"]["friction"] == "coulomb"
     entry = run.summary["effects_ledger"]["friction"]
     assert entry["declared"] and entry["active"] == bool(run.history["nodes_slip"].max())
-    assert bool(ledger.never_mattered(run.summary["effects_ledger"])) == (not entry["active"])
+    assert bool(never_mattered(run.summary["effects_ledger"])) == (not entry["active"])
 
 
 @pytest.mark.parametrize("parts", [1, 6, 10])

@@ -1,5 +1,4 @@
-"""punch: the singular pressure of a flat frictionless punch; friction against a dense fixed point.
-"""
+"""punch: singular pressure of a flat frictionless punch; friction against a dense fixed point."""
 
 import numpy as np
 import pytest
@@ -9,24 +8,18 @@ from driver.hard.oracle import Assembled, coulomb_history, warm_box_qp
 TIGHT = {"RTOL": 1e-10, "FRICTION_RTOL": 1e-10}
 
 
-@pytest.fixture(scope="module")
-def frictionless(tmp_path_factory):
-    """Path of the punch without friction, in one step."""
-    from driver.studies import effects
-
-    text = effects.without(freefem.find_scene("punch").read_text(), effects.FRICTION)
-    path = tmp_path_factory.mktemp("punch") / "punch.edp"
-    path.write_text(effects.static(text))
-    return path
+# the punch without friction, in one step
+FRICTIONLESS = {"WITHOUT": "friction,quasistatic"}
 
 
 @pytest.fixture(scope="module")
 def constant(tmp_path_factory):
     """Path of the punch with a friction coefficient that depends on the place only."""
-    from driver.studies import effects
-
+    text = freefem.find_scene("punch").read_text()
+    law = [line for line in text.splitlines() if line.startswith("macro slipFactor")]
+    assert len(law) == 1
     path = tmp_path_factory.mktemp("constant") / "punch.edp"
-    path.write_text(effects.without(freefem.find_scene("punch").read_text(), "slipFactor"))
+    path.write_text(text.replace(law[0], ""))
     return path
 
 
@@ -49,29 +42,31 @@ def worst(run, reach):
     return np.abs(pressure[inside] / flat_punch(x[inside], P) - 1).max()
 
 
-def test_frictionless_pressure(solved, frictionless):
+def test_frictionless_pressure(solved):
     """Within 2% away from the singular edge: |x| < 0.75 a is a dozen cells from it.
 
     Nodal pressures of linear elements are first order in h: 1.2% at h = a/40. The block is 20 a
     wide and deep: its sides disturb the pressure by O((a/size)^2) = 0.25%.
     """
-    assert worst(solved(frictionless), 0.75) < 0.02
+    assert worst(solved("punch", **FRICTIONLESS), 0.75) < 0.02
 
 
 @pytest.mark.slow
-def test_frictionless_pressure_converges(solved, frictionless):
+def test_frictionless_pressure_converges(solved):
     """Nodal pressures are first order in h: two halvings must gain 3 of the 4; the floor is the
     finite block's 0.25%.
     """
-    errors = [worst(solved(frictionless, H=h), 0.75) for h in (1 / 12, 1 / 24, 1 / 48, 1 / 96)]
+    errors = [
+        worst(solved("punch", **FRICTIONLESS, H=h), 0.75) for h in (1 / 12, 1 / 24, 1 / 48, 1 / 96)
+    ]
     assert errors[3] < errors[1] / 3 and errors[2] < errors[0] / 3 and errors[3] < 0.006, errors
 
 
 @pytest.mark.slow
-def test_half_space(solved, frictionless):
+def test_half_space(solved):
     """The shape of the pressure does not depend on the size of the block, down to 10 a."""
     for size in (10, 40):
-        assert worst(solved(frictionless, SIZE=size, H=1 / 48), 0.75) < 0.02
+        assert worst(solved("punch", **FRICTIONLESS, SIZE=size, H=1 / 48), 0.75) < 0.02
 
 
 class OnSymmetryLine(Assembled):

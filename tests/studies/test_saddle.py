@@ -12,7 +12,8 @@ from driver.studies.saddle import LARGEST, read_structure, saddle, write_saddle
 
 @pytest.fixture(scope="module", params=["2x1", "2x2"])
 def case(request):
-    structure = read_structure(freefem.find_scene("model"), {"cells": "3", "subdomains": request.param}, MPI.COMM_SELF)
+    structure = read_structure(freefem.find_scene(
+        "model"), {"cells": "3", "subdomains": request.param}, MPI.COMM_SELF)
     return structure, saddle(structure)
 
 
@@ -24,11 +25,13 @@ def test_symmetric_to_rounding(case):
 def test_torn_subdomains_meet_only_at_corners(case):
     whole = case[1]
     i, j = whole.matrix[: whole.torn[-1], : whole.torn[-1]].nonzero()
-    assert np.array_equal(np.searchsorted(whole.torn, i, side="right"), np.searchsorted(whole.torn, j, side="right"))
+    assert np.array_equal(np.searchsorted(whole.torn, i, side="right"),
+                          np.searchsorted(whole.torn, j, side="right"))
 
 
 def test_schur_complement_is_the_dual_operator(case):
-    """B K^-1 B' = F; K has a condition number of about 1e3 here, so 1e-10 leaves rounding much room."""
+    """B K^-1 B' = F; K has a condition number of about 1e3 here, so 1e-10 leaves rounding much
+    room."""
     structure, whole = case
     n, c = whole.matrix.shape[0], whole.corners
     dense = whole.matrix.toarray()

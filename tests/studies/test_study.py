@@ -1,24 +1,25 @@
 """Parameter studies: the condensed compliance, agreement with single runs, what a study refuses."""
 
-import csv
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.sparse import csr_matrix
 
-from driver.feti import compliance
-from driver.scene import freefem
-from driver.studies import parametric, study
 from driver.cli import parse_pairs
-from driver.feti.compliance import ContactCompliance
 from driver.errors import DriverError, InputError, NotConverged
+from driver.feti import compliance
+from driver.feti.compliance import ContactCompliance
+from driver.feti.rows import RowKind, contact_row_numbers
+from driver.files import read_rows
+from driver.scene import freefem
 from driver.scene.freefem import changed_by
 from driver.scene.loader import read_contact
-from driver.feti.rows import RowKind, contact_row_numbers
+from driver.studies import parametric, study
 
-# The projected gradient to 1e-11 |d| leaves multipliers good to cond(F) = 3e3 times that, the fixed point to 1e-10 / (1 - q)
-# with a contraction q < 0.9 (contraction.csv of the model): together below 1e-6 of the largest traction.
+# The projected gradient to 1e-11 |d| leaves multipliers good to cond(F) = 3e3 times that, the fixed
+# point to 1e-10 / (1 - q) with a contraction q < 0.9 (contraction.csv of the model): together below
+# 1e-6 of the largest traction.
 TIGHT = {"rtol": "1e-11", "friction_rtol": "1e-10"}
 CLOSE = 1e-6
 
@@ -28,9 +29,10 @@ def made(tmp_path):
     """made(NAME=value, ...): summary and rows of the files of a study, by file name."""
 
     def make(**options):
-        pairs = {"out": str(tmp_path / "study"), "figures": "no", "quiet": "yes", **TIGHT, **options}
+        pairs = {"out": str(tmp_path / "study"), "figures": "no", "quiet": "yes", **TIGHT,
+                 **options}
         summary, folder = study.make_study(pairs)
-        return summary, {path.stem: list(csv.DictReader(path.open())) for path in folder.glob("*.csv")}
+        return summary, {path.stem: read_rows(path) for path in folder.glob("*.csv")}
 
     return make
 
@@ -56,10 +58,13 @@ def compare(rows: list[dict], single, **where) -> None:
 ])
 def test_compliance_is_schur_complement_of_dual_matrix(built, scene, options):
     problem = built(scene, **options)
-    F, gluing, contact = problem.F, problem.structure.row_kind == RowKind.GLUING, contact_row_numbers(problem.structure.contact)
+    F, gluing = problem.F, problem.structure.row_kind == RowKind.GLUING
+    contact = contact_row_numbers(problem.structure.contact)
     condensed = ContactCompliance(problem.operator)
-    schur = F[contact][:, contact] - F[contact][:, gluing] @ np.linalg.solve(F[gluing][:, gluing], F[gluing][:, contact])
-    # rounding, times a condition number of F_gg of less than 1e3 in these bodies; their springs add a factor of 1e3
+    solved = np.linalg.solve(F[gluing][:, gluing], F[gluing][:, contact])
+    schur = F[contact][:, contact] - F[contact][:, gluing] @ solved
+    # rounding, times a condition number of F_gg of less than 1e3 in these bodies; their springs add
+    # a factor of 1e3
     assert np.abs(condensed.C - schur).max() <= 1e-10 * np.abs(schur).max()
     weights = np.linspace(1.0, 2.0, problem.structure.patterns)
     d = problem.operator.load_response(weights)
@@ -68,7 +73,8 @@ def test_compliance_is_schur_complement_of_dual_matrix(built, scene, options):
     numbers = contact_row_numbers(condensed.structure.contact)
     assert np.array_equal(numbers, np.arange(len(contact))) and len(contact) == (~gluing).sum()
     for name in ("row_kind", "row_scale"):
-        assert np.array_equal(getattr(condensed.structure, name), getattr(problem.structure, name)[contact])
+        assert np.array_equal(getattr(condensed.structure, name),
+                              getattr(problem.structure, name)[contact])
 
 
 def test_an_elimination_that_leaves_a_residual_is_refused():
@@ -85,15 +91,18 @@ def test_condensed_corner_displacement(built):
     condensed, weights = ContactCompliance(problem.operator), np.ones(1)
     whole = np.random.default_rng(8).standard_normal(len(gluing))
     d = problem.operator.load_response(weights)
-    whole[gluing] = np.linalg.solve(F[gluing][:, gluing], d[gluing] - F[gluing][:, ~gluing] @ whole[~gluing])
+    whole[gluing] = np.linalg.solve(F[gluing][:, gluing], d[gluing] - \
+                                    F[gluing][:, ~gluing] @ whole[~gluing])
     expected = problem.operator.corner_displacement(whole, weights)
     contact = contact_row_numbers(problem.structure.contact)
-    assert condensed.corner_displacement(whole[contact], weights) == pytest.approx(expected, rel=1e-8)
+    assert condensed.corner_displacement(
+        whole[contact], weights) == pytest.approx(expected, rel=1e-8)
 
 
 def test_friction_values_agree_with_single_runs(made, solved):
     values = ("0.1", "0.3", "0.7")
-    summary, files = made(scene="model", loading="nonmonotone", friction=",".join(values), steps="6")
+    summary, files = made(scene="model", loading="nonmonotone",
+                          friction=",".join(values), steps="6")
     assert summary["condensed"] and summary["converged"] and len(files["history"]) == 3 * 6
     for value, row in zip(values, files["study"]):
         single = solved(loading="nonmonotone", friction=value, steps=6, **TIGHT)
@@ -105,35 +114,44 @@ def test_friction_values_agree_with_single_runs(made, solved):
 
 @pytest.mark.parametrize("loading", ["monotone", "nonmonotone"])
 def test_values_depend_neither_on_their_order_nor_on_newton(made, monkeypatch, loading):
-    """Forth and back, in chains of three that start elsewhere, and by successive approximations alone."""
+    """Forth and back, in chains of three that start elsewhere, and by successive approximations
+    alone."""
     monkeypatch.setattr(parametric, "CHAIN", 3)
     monkeypatch.setattr(parametric, "CHAINS", 1)
     values = ["0.1", "0.12", "0.14", "0.16", "0.18", "0.9", "0.92", "1.2"]
     of = dict(scene="model", loading=loading, steps="6", uniqueness="no")
     forth, back, plain = (made(friction=",".join(order), **of, **more)[1] for order, more in (
         (values, {}), (values[::-1], {}), (values, {"corrector": "none"})))
-    # where every step ends in Newton's method the same systems are solved: rounding, times a condition number of 3e3
+    # where every step ends in Newton's method the same systems are solved: rounding, times a
+    # condition number of 3e3
     for other, close in ((back, 1e-11 if loading == "monotone" else CLOSE), (plain, CLOSE)):
         for value in values:
             ours, theirs = (tractions(files["contact"], friction=value) for files in (forth, other))
             assert np.abs(ours - theirs).max() <= close * np.abs(theirs).max()
-    assert len({(row["nodes_open"], row["nodes_stick"]) for row in forth["study"]}) > 4  # they are not all alike
-    iterations = [sum(int(row["fixed_point_iterations"]) for row in files["study"]) for files in (forth, plain)]
+    assert len({(row["nodes_open"], row["nodes_stick"])
+               for row in forth["study"]}) > 4  # they are not all alike
+    iterations = [sum(int(row["fixed_point_iterations"]) for row in files["study"])
+                  for files in (forth, plain)]
     assert 2 * iterations[0] < iterations[1] or loading == "nonmonotone"
 
 
 def test_a_step_in_known_states_takes_one_iteration_and_two_products(made):
-    """Monotone loads grow in proportion: from the second step on Newton's method is there at once."""
+    """Monotone loads grow in proportion: from the second step on Newton's method is there at
+    once."""
     _, files = made(scene="model", friction="0.3,0.31", steps="5")
     later = [row for row in files["history"] if row["step"] != "1"]
-    assert {(row["fixed_point_iterations"], row["dual_multiplications"]) for row in later} == {("1", "2")}
+    assert {(row["fixed_point_iterations"], row["dual_multiplications"])
+            for row in later} == {("1", "2")}
 
 
-def test_values_beyond_uniqueness_are_told(made):
+def test_values_beyond_uniqueness_are_reported(made):
     """The model example at one step, which has three solutions from F = 5.45 on and one at 0.3."""
-    summary, files = made(scene="model", friction="0.3,5.6", steps="1", subdomains="4x2", uniqueness="yes")
-    assert [row["uniqueness"] for row in files["study"]] == ["no second solution found", "not unique"]
-    assert any(line.startswith("FRICTION=5.6: step 1: the solution is not unique") for line in summary["warnings"])
+    summary, files = made(scene="model", friction="0.3,5.6", steps="1",
+                          subdomains="4x2", uniqueness="yes")
+    assert [row["uniqueness"] for row in files["study"]] == [
+        "no second solution found", "not unique"]
+    assert any(line.startswith("FRICTION=5.6: step 1: the solution is not unique")
+               for line in summary["warnings"])
     assert not any("FRICTION=0.3" in line for line in summary["warnings"])
     assert "warning: FRICTION=5.6" in study.describe(summary, Path("out"))
 
@@ -168,24 +186,30 @@ def test_every_rank_gets_values(count, ranks):
 
 
 def test_bodies_without_support_agree_with_single_runs(made, solved):
-    """Nodes of the second and third body keep their numbers, a second parameter in the friction's statement its value."""
+    """Nodes of the second and third body keep their numbers, a second parameter in the friction's
+    statement its value."""
     summary, files = made(scene="stack", friction="0.3,0.6", h="0.3", steps="3")
     assert not summary["condensed"]
-    # friction and balance are settled to 1e-10, and tractions of bodies that stand on one another answer to both
-    compare(files["contact"], solved("stack", friction=0.3, h=0.3, steps=3, **TIGHT), friction="0.3")
+    # friction and balance are settled to 1e-10, and tractions of bodies that stand on one another
+    # answer to both
+    compare(files["contact"], solved("stack", friction=0.3,
+            h=0.3, steps=3, **TIGHT), friction="0.3")
 
 
-def test_a_value_without_equilibrium_is_told_and_the_others_kept(tmp_path):
+def test_a_value_without_equilibrium_is_reported_and_the_others_kept(tmp_path):
     out = tmp_path / "study"
-    with pytest.raises(DriverError, match="1 of 2 values did not converge, the first FRICTION=0.3: step 1: no equilibrium"):
-        study.make_study({"scene": "slope", "friction": "0.3,0.5", "cells": "3", "out": str(out), "quiet": "yes",
-                          "figures": "no"})
-    rows = list(csv.DictReader((out / "study.csv").open()))
+    with pytest.raises(DriverError,
+                       match="1 of 2 values did not converge, the first FRICTION=0.3: step 1: no "
+                             "equilibrium"):
+        study.make_study({"scene": "slope", "friction": "0.3,0.5", "cells": "3", "out": str(out),
+                          "quiet": "yes", "figures": "no"})
+    rows = read_rows(out / "study.csv")
     assert [row["converged"] for row in rows] == ["no", "yes"] and float(rows[1]["resultant_n"]) < 0
 
 
 def test_any_number_of_ranks_gives_the_same_bits(made):
-    values = dict(scene="model", friction=f"0.2:0.3:{parametric.CHAIN + 2}", steps="2")  # more than one chain
+    # more than one chain
+    values = dict(scene="model", friction=f"0.2:0.3:{parametric.CHAIN + 2}", steps="2")
     one = made(**values)[1]
     assert one == made(**values, np="2")[1]
 
@@ -204,19 +228,26 @@ macro initialY() (shift*y) //"""),)
     ("bracket", "play", ["0.01", "0.03"], {"element": "P2"}),
     ("stack", "friction", ["0.3", "0.6"], {}),
 ])
-def test_contact_data_of_a_later_value_are_those_of_a_first_one(tmp_path, variant, scene, name, values, options):
-    """Contact nodes are found for the first value only, what a value changes for each: the same to the last bit."""
+def test_contact_data_of_a_later_value_are_those_of_a_first_one(tmp_path, variant, scene, name,
+                                                                values, options):
+    """Contact nodes are found for the first value only, what a value changes for each: the same to
+    the last bit."""
     path = variant("varied", *scene) if scene is VARIED else freefem.find_scene(scene)
     both = freefem.export_study(path, tmp_path / "both", options, name, values)
     alone, = freefem.export_study(path, tmp_path / "alone", options, name, values[1:])
-    read = lambda manifest: read_contact(manifest.directory, manifest)
+
+    def read(manifest):
+        return read_contact(manifest.directory, manifest)
+
     first, (later, gid), (expected, numbers) = read(both[0])[0], read(both[1]), read(alone)
     assert np.array_equal(gid, numbers) and len(gid)
     for part in ("node", "label", "weight", "normal"):
         assert np.array_equal(getattr(later, part), getattr(expected, part)), part
     assert later.columns.keys() == expected.columns.keys()
-    assert all(np.array_equal(values, expected.columns[part]) for part, values in later.columns.items())
-    assert not all(np.array_equal(first.columns[part], values) for part, values in later.columns.items())
+    assert all(np.array_equal(values, expected.columns[part])
+               for part, values in later.columns.items())
+    assert not all(np.array_equal(first.columns[part], values)
+                   for part, values in later.columns.items())
 
 
 @pytest.mark.parametrize("text, changed", [
@@ -249,15 +280,16 @@ def test_what_a_parameter_changes(variant, text, changed):
 ])
 def test_refusals(words, reason, tmp_path):
     with pytest.raises(InputError, match=reason):
-        study.make_study({**parse_pairs(words.split()), "out": str(tmp_path / "study"), "quiet": "yes"})
+        study.make_study({**parse_pairs(words.split()),
+                         "out": str(tmp_path / "study"), "quiet": "yes"})
     assert not list(tmp_path.iterdir())
 
 
-def test_a_value_without_solution_is_told_and_the_others_kept(tmp_path):
+def test_a_value_without_solution_is_reported_and_the_others_kept(tmp_path):
     out = tmp_path / "study"
-    pairs = {"scene": "model", "friction": "0.3,0.4", "steps": "2", "out": str(out), "max_products": "40", "quiet": "yes",
-             "figures": "no", "max_fixed_point": "1"}
+    pairs = {"scene": "model", "friction": "0.3,0.4", "steps": "2", "out": str(out),
+             "max_products": "40", "quiet": "yes", "figures": "no", "max_fixed_point": "1"}
     with pytest.raises(DriverError, match="2 of 2 values did not converge, the first FRICTION=0.3"):
         study.make_study(pairs)
-    rows = list(csv.DictReader((out / "study.csv").open()))
+    rows = read_rows(out / "study.csv")
     assert [row["converged"] for row in rows] == ["no", "no"]

@@ -1,4 +1,37 @@
-"""make accuracy: which part of the error of a scene comes from which knob, and what each digit takes.
+"""make accuracy: which part of the error of a scene comes from which setting, and what each digit
+takes.
 
-`sweeps` plans and runs, `reference` says what the quantities are, `bargains` judges the runs, `work_precision` draws.
+`sweeps` plans and runs, `reference` says what the quantities are, `cheapest` judges the runs. Two
+more parts have scenes of their own: `locking`, elements near incompressibility, and `stopping`,
+tolerances from the error budget.
 """
+
+from pathlib import Path
+
+from ... import environment, options
+from ...errors import InputError
+
+UNREAD = {"sweeps": ("rows",), "locking": ("rows",), "stopping": ()}
+
+
+def run_accuracy(pairs: dict[str, str]) -> list[Path]:
+    """Run the part of the study that the option PART names; returns the files written.
+
+    Raises InputError for mistaken options, and what its runs raise.
+    """
+    given = options.read("accuracy", pairs)
+    part = given["part"]
+    for name in pairs:
+        if name in UNREAD[part] or part != "sweeps" and name not in ("part", "out", "rows"):
+            raise InputError(f"PART={part} does not read {name.upper()}")
+    if part == "sweeps":
+        from .sweeps import run_sweeps
+
+        return run_sweeps(pairs)
+    environment.start_petsc()
+    from .locking import run_locking
+    from .stopping import run_stopping
+
+    out = given["out"] or options.RESULTS / "accuracy" / part
+    out.mkdir(parents=True, exist_ok=True)
+    return run_locking(out) if part == "locking" else run_stopping(given["rows"], out)

@@ -1,10 +1,13 @@
-"""What the quantities of a scene are: closed forms, else overkill in space and time."""
+"""What the quantities of a scene are: closed forms, else runs that are fine in space and in
+time."""
 
 import math
 from dataclasses import dataclass
 
 from ...estimates.budget import FORMAL, extrapolate, main_quantity
 from .trial import Trial
+
+RUN = "reference run"
 
 
 @dataclass
@@ -21,17 +24,19 @@ class Reference:
         return self.own / abs(self.value)
 
     def relative(self, difference: float) -> float:
+        """A difference relative to the reference."""
         return abs(difference) / abs(self.value)
 
 
-def hertz(found: dict[str, Reference]) -> dict[str, Reference]:
-    """edp/hertz.edp: Johnson, Contact Mechanics (1985), 4.2(c), at the resultant that was found.
+def hertz(known: dict[str, Reference]) -> dict[str, Reference]:
+    """edp/hertz.edp: Johnson, Contact Mechanics (1985), 4.2(c), at the resultant of the reference
+    runs.
 
-    Half-planes are a disc but for (a/R)^2, of which peak and width lack twice as much (tests/test_scenes_hertz.py); the
-    resultant's error counts half.
+    Half-planes are a disc but for (a/R)^2, of which peak and width lack twice as much
+    (tests/scenes/test_scenes_hertz.py); the resultant's error counts half.
     """
     E, nu, R = 2000.0, 0.3, 1.0
-    P = found["normal_resultant"]
+    P = known["normal_resultant"]
     a = math.sqrt(4 * P.value * R * (1 - nu**2) / (math.pi * E))
     own = 2 * (a / R) ** 2 + P.uncertainty / 2
     return {name: Reference(value, own * value, "Hertz") for name, value in
@@ -41,31 +46,40 @@ def hertz(found: dict[str, Reference]) -> dict[str, Reference]:
 CLOSED_FORMS = {"hertz": hertz}
 
 
-def references(runs: dict[str, Trial], closed_form=None, element: str = "P1") -> dict[str, Reference]:
-    """Reference of every quantity that has one: that converges, and on which not all runs agree to rounding.
+def references(runs: dict[str, Trial], closed_form=None, element: str = "P1") -> dict[str,
+                                                                                      Reference]:
+    """Reference of every quantity that has one: that converges, and on which not all runs agree to
+    rounding.
 
-    Its own error follows from the approach of adaptive meshes, whose cycles lessen the error like a halved size, and of
-    doubled steps (budget.extrapolate), plus the product of both corrections.
+    Its own error follows from the approach of adaptive meshes, whose cycles lessen the error like a
+    halved size, and of doubled steps (budget.extrapolate), plus the product of both corrections.
     """
-    found = {}
+    known = {}
     for name, base in runs["base"].values.items():
         value = {key: trial.values[name] for key, trial in runs.items()}
-        best, most = value.get("finest", base), value.get("most", base)
-        total, own = best + most - base, abs((best - base) * (most - base) / base) if base else 0.0
-        for keys, formal, limit in ((("finest", "finer", "coarser"), FORMAL["mesh"][element], False),
+        finest, most = value.get("finest", base), value.get("most", base)
+        total = finest + most - base
+        own = abs((finest - base) * (most - base) / base) if base else 0.0
+        for keys, formal, limit in ((("finest", "finer", "coarser"), FORMAL["mesh"][element],
+                                     False),
                                     (("most", "more", "fewer"), FORMAL["time"], True)):
             if keys[0] in value:
-                one, two, three = (value[key] for key in keys)
-                part = extrapolate([one - two, two - three], [2.0, 2.0], formal, total, limit).error
+                last, middle, first = (value[key] for key in keys)
+                part = extrapolate([last - middle, middle - first],
+                                   [2.0, 2.0], formal, total, limit).error
                 own = None if part is None or own is None else own + part
         spread = max(abs(v - base) for v in value.values())
         if own is not None and total and spread > 1e-9 * abs(total):
-            found[name] = Reference(total, own, "overkill")
-    return found | (closed_form(found) if closed_form else {})
+            known[name] = Reference(total, own, RUN)
+    return known | (closed_form(known) if closed_form else {})
 
 
-def telling(known: dict[str, Reference]) -> str:
-    """The quantity that tells most: what friction dissipates feels every knob; else one with a closed form or the main."""
-    closed = [name for name, reference in known.items() if reference.source != "overkill"]
-    sure = [name for name, reference in known.items() if reference.uncertainty < 0.02]
-    return next(name for name in ("dissipated_energy", *closed, main_quantity(known), *sure, *known) if name in known)
+def most_sensitive(known: dict[str, Reference]) -> str:
+    """The quantity to show: what friction dissipates feels every setting.
+
+    Else one with a closed form, else the scene's main one, else one that is known well, else any.
+    """
+    closed = [name for name, reference in known.items() if reference.source != RUN]
+    well = [name for name, reference in known.items() if reference.uncertainty < 0.02]
+    return next(name for name in ("dissipated_energy", *closed, main_quantity(known), *well, *known)
+                if name in known)

@@ -1,0 +1,55 @@
+"""Picture of a parameter study: resultants, pressure, zones and energy over the values, at the last
+step."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ..files import read_table
+from ..text import words
+from .reading import select
+from .scales import scale_for
+from .style import BLUE, GREEN, ORANGE, canvas, write
+
+
+def draw(directory: Path) -> list[Path]:
+    """Draw study.csv into ``<directory>/figures``; returns the files written, none if no value
+    converged."""
+    summary, table = json.loads((directory / "summary.json").read_text()
+                                ), read_table(directory / "study.csv")
+    table = select(table, table["converged"] == "yes")
+    if not len(table["converged"]):
+        return []
+    (directory / "figures").mkdir(exist_ok=True)
+    return write(canvas(lambda figure: _fill(figure, summary, table), 12), directory / "figures",
+                 "study")
+
+
+def _fill(figure: Figure, summary: dict, table: dict) -> None:
+    name = summary["study"]
+    numbers = table[name].dtype.kind == "f"  # nothing lies between words
+
+    def plot(axes, what: str, unit: str, curves: dict) -> None:
+        scale = scale_for(unit, np.concatenate([values for values, _ in curves.values()]))
+        for label, (values, colour) in curves.items():
+            axes.plot(table[name], values * scale.factor, color=colour, ls="-" if numbers else "",
+                      marker="" if numbers and len(values) > 20 else "o", label=label)
+        axes.set_ylabel(f"{what} [{scale.label}]" if unit else what)
+        axes.margins(x=0.05 if numbers else 0.3)
+
+    length, stress = summary["units"]["length"], summary["units"]["stress"]
+    forces, peak, zones, energy = figure.subplots(2, 2, sharex=True).ravel()
+    plot(forces, "contact force", f"{stress}·{length}",
+         {"pressing, $-R_n$": (-table["resultant_n"], BLUE),
+          "friction, $R_t$": (table["resultant_t"], ORANGE)})
+    plot(peak, "largest pressure", stress, {"": (table["peak_pressure"], BLUE)})
+    plot(zones, "contact nodes", "", {zone: (table[f"nodes_{zone}"], colour) for zone, colour in
+                                      (("stick", GREEN), ("slip", ORANGE), ("open", BLUE))})
+    plot(energy, "dissipated energy", f"{stress}·{length}²", {"": (table["dissipated"], ORANGE)})
+    for axes in (forces, zones):
+        axes.legend(frameon=False)
+    for axes in (zones, energy):
+        axes.set_xlabel(words(name))
+    figure.suptitle(f"{summary['scene']}: {summary['values']} values of {name}, end of the history")

@@ -1,0 +1,39 @@
+"""Text for people: aligned columns, relative numbers, names."""
+
+import math
+
+
+def aligned(rows: list[list], sides: str = "") -> str:
+    """The cells of `rows`, all of one length, as text in columns.
+
+    `sides` has a letter a column, l for cells flush left, r for flush right; by default all but the
+    first are flush right.
+    """
+    texts = [[str(cell) for cell in row] for row in rows]
+    widths = [max(map(len, column)) for column in zip(*texts)]
+    sides = sides or "l" + "r" * len(widths)
+    lines = ("  ".join(cell.rjust(width) if side == "r" else cell.ljust(width)
+                       for cell, width, side in zip(row, widths, sides)) for row in texts)
+    return "\n".join(line.rstrip() for line in lines)
+
+
+def words(name: str) -> str:
+    """A column's name as words."""
+    return name.replace("_", " ")
+
+
+def percent(share: float) -> str:
+    """A relative error, such as 0.012, in percent."""
+    return f"{100 * share:.2g}%"
+
+
+def change(value: float | None) -> str:
+    """A relative change: a percentage, or a factor where that is large; a dash for none."""
+    if value is None or math.isnan(value):
+        return "–"
+    if abs(value) < 5e-5:
+        return "0"
+    if value >= 9:
+        return f"×{1 + value:.0f}" if value < 9999 else f"×{1 + value:.0e}"
+    digits = 0 if abs(value) >= 0.1 else 1 if abs(value) >= 0.01 else 2
+    return f"{100 * value:+.{digits}f}%"
