@@ -188,6 +188,18 @@ def test_links_to_headings_are_understood():
     assert not missing_links(docs.DOCUMENTS[0], text)
 
 
+def test_messages_are_those_of_the_code():
+    """What stands between the dots of a message is in the text of the driver or the library."""
+    sources = [path.read_text() for folder, kind in (("driver", "*.py"), ("edp/lib", "*.idp"))
+               for path in sorted((ROOT / folder).rglob(kind))]
+    source = re.sub(r'"\s*\n\s*f?"', "", "".join(sources))  # of strings on several lines
+    text = (ROOT / "results" / "README.md").read_text().split("## Messages")[1].split("\n## ")[0]
+    messages = re.findall(r"^\| `(.*?)` \|", text, re.MULTILINE)
+    assert len(messages) > 10
+    parts = [part.strip(" :") for message in messages for part in message.split("...")]
+    assert [part for part in parts if part not in source] == []
+
+
 def test_columns_of_studies_are_described():
     text = (ROOT / "results" / "README.md").read_text()
     names = [name for row in (report.Row, workbench.Row) for name in row.__annotations__]
