@@ -98,7 +98,7 @@ def calls(name: str) -> str:
     rows = []
     for line in _head(environment.LIBRARY / name):
         if entry := re.fullmatch(r"   (\S.*?)  +(\S.*)", line):
-            rows.append((f"`{entry[1]}`", entry[2]))
+            rows.append((f"`{entry[1]}`", " ".join(entry[2].split())))
     return markdown(("call", "meaning"), rows)
 
 
