@@ -1,5 +1,5 @@
-"""Tables and JSON as files that appear whole, written under a hidden name; and tables read
-again."""
+"""Tables and JSON as files that appear whole, written under a hidden name; and tables read again.
+"""
 
 import csv
 import json

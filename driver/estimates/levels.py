@@ -64,8 +64,7 @@ class Levels:
         `settings` of the runs in which contact is linearized, if they ask for that.
 
         `cycles`: directories of finished cycles of adaptive refinement, whose exports are the
-        meshes cycle=0, 1, ...
-        `without`: effects of the scene that are treated as undeclared.
+        meshes cycle=0, 1, ... `without`: effects of the scene that are treated as undeclared.
         """
         self.scene, self.parameters, self.settings = scene, parameters, settings
         self.folder, self.comm, self.cycles, self.without = folder, comm, cycles, without

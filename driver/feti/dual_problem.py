@@ -14,8 +14,8 @@ class DualProblem(ABC):
 
     Vectors of multipliers are numpy arrays (owned,), the rank's part of `structure.dual_dofs`
     entries; loads are factors of the load patterns, which may go on with those of the free rigid
-    motions. `products` counts those with F. `contact_rows_only`: there are no
-    other rows, and F is the dense matrix `C` on every rank.
+    motions. `products` counts those with F. `contact_rows_only`: there are no other rows, and F is
+    the dense matrix `C` on every rank.
 
     Of bodies that no support holds, nothing by default: `modes` is the number of their rigid
     motions, `motions` (owned,) each the displacements of the dual rows under them, `rho` (modes,)

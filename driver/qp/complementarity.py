@@ -41,8 +41,8 @@ def newton(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
 
 def settled(problem: CoulombProblem, start: np.ndarray, move: np.ndarray,
             thought: np.ndarray | None = None):
-    """Newton steps from a `start` z that is near a solution: z and its movement; the
-    caller decides what they are worth.
+    """Newton steps from a `start` z that is near a solution: z and its movement; the caller decides
+    what they are worth.
 
     `move` is the movement at the start.
 

@@ -49,13 +49,11 @@ ARC = (1.0, 1 / 4, 1 / 16)
 class Result:
     """What mprgp found.
 
-    x, gradient          local parts (n,): feasible point and A x - b there
-    status               "converged" | "iteration limit" | "stagnated" | "indefinite operator"
-    reason               one line saying why it stopped
-    products             calls of A, all of them counted
-    cg_steps, expansion_steps, proportioning_steps
-    norm_bound           the bound of ||A|| used last (raised if the given one proved too small)
-    residual             ||g^P(x)||
+    x, gradient          local parts (n,): feasible point and A x - b there status
+    "converged" | "iteration limit" | "stagnated" | "indefinite operator" reason               one
+    line saying why it stopped products             calls of A, all of them counted cg_steps,
+    expansion_steps, proportioning_steps norm_bound           the bound of ||A|| used last (raised
+    if the given one proved too small) residual             ||g^P(x)||
     """
 
     x: np.ndarray
@@ -326,10 +324,10 @@ class _Mprgp:
     def expand(self):
         """x <- P(x - abar phi(x)) from the point the half step has reached.
 
-        With d the step taken, f changes by exactly 1/2 d'(g_old + g_new), and this is <= 0 if
-        abar <= 2/||A||, because -g'd >= d'd/abar.  An increase therefore disproves the norm
-        bound: it is doubled and the step is taken again.  The slack is ||d|| times the rounding
-        error of the two gradients; the old one has gathered one error per recurrence.
+        With d the step taken, f changes by exactly 1/2 d'(g_old + g_new), and this is <= 0 if abar
+        <= 2/||A||, because -g'd >= d'd/abar.  An increase therefore disproves the norm bound: it is
+        doubled and the step is taken again.  The slack is ||d|| times the rounding error of the two
+        gradients; the old one has gathered one error per recurrence.
         """
         x, g, given = self.x, self.g, self.bound
         phi, _ = split_gradient(x, g, self.lower, self.upper)
@@ -396,11 +394,10 @@ class _Mprgp:
     def refuse_stagnation(self):
         """Stops after a long stretch in which neither the residual nor f made headway.
 
-        One CG or gradient step lowers f by ||phi||^2 / (2 ||A||) or more, so a stretch of
-        hundreds of steps that sums up to rounding of f only is spent on rounding errors.  A
-        residual below the rounding of the product that its gradient was updated from hardly
-        knows of x any more: what it gains there, per cent by per cent down to underflow, counts
-        for nothing.
+        One CG or gradient step lowers f by ||phi||^2 / (2 ||A||) or more, so a stretch of hundreds
+        of steps that sums up to rounding of f only is spent on rounding errors.  A residual below
+        the rounding of the product that its gradient was updated from hardly knows of x any more:
+        what it gains there, per cent by per cent down to underflow, counts for nothing.
         """
         if self.trust < self.best and self.residual < 0.99 * self.best:
             self.best, self.best_at, self.decrease = self.residual, self.products, 0.0

@@ -8,10 +8,10 @@
     dissipated_energy     work that friction has taken since time 0
     displacement          largest |u| of a node
 
-Units: stress; stress x length for the resultants; length; stress x length^2 for the energy.
-Forces and energies are per thickness. All but slip and energy belong to one moment, the end of the
-load history; where the contact (or, without contact, the body) carries nothing then, to the step of
-the largest normal resultant (displacement).
+Units: stress; stress x length for the resultants; length; stress x length^2 for the energy. Forces
+and energies are per thickness. All but slip and energy belong to one moment, the end of the load
+history; where the contact (or, without contact, the body) carries nothing then, to the step of the
+largest normal resultant (displacement).
 
 Counting nodes tells a length by the mesh size only. Near an edge of contact the opening grows like
 r^(3/2) (Johnson, Contact Mechanics, 4.2 and 5.1), so that its power 2/3 is linear in the arc and

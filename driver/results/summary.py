@@ -136,8 +136,8 @@ def summarize(request, problem: Problem, solver: QuasistaticSolver,
               seconds: dict, **optional) -> Summary:
     """The summary of a finished run; collective.
 
-    `request` names the scene, `failure` says why the run did not converge, `memory_mib` is as
-    from `largest_memory`, `seconds` of all stages; `optional` entries as in `Summary`.
+    `request` names the scene, `failure` says why the run did not converge, `memory_mib` is as from
+    `largest_memory`, `seconds` of all stages; `optional` entries as in `Summary`.
     """
     manifest, structure, history = problem.manifest, problem.structure, solver.history
     sizes = Sizes.of(structure)
