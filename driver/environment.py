@@ -132,8 +132,7 @@ def mpirun(ranks: int) -> list[str]:
             program("setpriv"), "--pdeathsig", "KILL"]
 
 
-def run_child(command: list[str], meanwhile=lambda: None,
-              **options) -> subprocess.CompletedProcess:
+def run_child(command: list[str], meanwhile=lambda: None, **options) -> subprocess.CompletedProcess:
     """subprocess.run whose child ends with this process, however that ends.
 
     Calls `meanwhile` while it runs. On an interrupt mpirun has the time to stop its ranks and clean

@@ -57,9 +57,7 @@ def new_sizes(size: np.ndarray, indicator: np.ndarray, wanted: float,
 
 
 def nodal_sizes(xy: np.ndarray, triangles: np.ndarray, size: np.ndarray) -> np.ndarray:
-    """(n_v,) sizes at the vertices: geometric mean over the triangles around, then cut to the
-    steepest slope.
-    """
+    """(n_v,) sizes at the vertices: geometric means over their triangles, of limited slope."""
     corners = triangles.ravel()
     count = np.bincount(corners, minlength=len(xy))
     nodal = np.exp(np.bincount(corners, np.repeat(np.log(size), 3), minlength=len(xy))
@@ -76,8 +74,7 @@ def nodal_sizes(xy: np.ndarray, triangles: np.ndarray, size: np.ndarray) -> np.n
 
 
 def next_mesh(stem: Path, mesh, estimates: list, degree: int) -> None:
-    """Write the sizes of the mesh that follows `mesh` (equilibration.Mesh) after the `estimates`
-    (estimation.Estimate).
+    """Write the sizes of the mesh that follows `mesh` (edge_mesh.Mesh) after the `estimates`.
 
     A triangle's error is that of all estimated steps together. Raises InputError where there is no
     estimate.
@@ -97,8 +94,7 @@ def next_mesh(stem: Path, mesh, estimates: list, degree: int) -> None:
 
 def write_sizes(stem: Path, xy: np.ndarray, triangles: np.ndarray, edges: np.ndarray,
                 size: np.ndarray) -> None:
-    """The files of a size field (n_v,) that edp/lib/adapt.idp names; `edges` (n_e, 2) of the
-    outline.
+    """The files of a size field (n_v,) for edp/lib/adapt.idp; `edges` (n_e, 2) are the outline's.
 
     Bodies, which share no vertex, have files of their own: where they touch their meshes overlap.
     Their vertices come one body after the other. gmsh's file is for a body that is alone: a scene
@@ -145,8 +141,7 @@ def coarse(settings: dict) -> dict:
 
 
 def seconds(cycles: list[Path]) -> dict[str, float]:
-    """Seconds that finished cycles took: FreeFEM's (export_cycles) and all others (solve_cycles).
-    """
+    """Seconds of finished cycles: FreeFEM's as export_cycles, all others as solve_cycles."""
     spent = [_summary(place)["seconds"] for place in cycles]
     export = sum(s["export"] for s in spent)
     own = sum(s["total"] - s.get("export_cycles", 0.0) - s.get("solve_cycles", 0.0) for s in spent)
@@ -175,9 +170,7 @@ def _row(cycle: int, place: Path) -> dict:
     summary = _summary(place)
     s, energy = summary["seconds"], summary.get("errors", {}).get("energy", {})
     return {"cycle": cycle, "subdomains": summary["sizes"]["subdomains"],
-            "primal_dofs": summary["sizes"]["primal_dofs"],
-            "mesh_error": energy.get("mesh"),
+            "primal_dofs": summary["sizes"]["primal_dofs"], "mesh_error": energy.get("mesh"),
             "relative": energy["mesh"] / energy["norm"] if energy.get("norm") else None,
             "seconds": round(s["total"] - s.get("export_cycles", 0.0) - s.get("solve_cycles", 0.0),
-                             3),
-            **summary["quantities"]}
+                             3), **summary["quantities"]}

@@ -129,12 +129,11 @@ class EquilibratedBound:
         share, whole = (np.sqrt(share) + between) ** 2, (np.sqrt(whole) + between) ** 2
         onward = self._onward(step, moved)
         jump = body.norm(final.stress - of_qp.stress) ** 2
-        return Estimate(
-            step.index, mesh=_root(share.sum(), max(gap - final.nodal_gap, 0.0)),
-            solver=_root(body.norm(of_qp.stress) ** 2, of_qp.nodal_gap) + unbalanced,
-            friction=_root(jump, max(final.nodal_gap - of_qp.nodal_gap, 0.0)) + onward,
-            total=_root(whole.sum(), gap) + unbalanced + onward, norm=body.norm(elastic),
-            indicator=np.sqrt(share))
+        return Estimate(step.index, mesh=_root(share.sum(), max(gap - final.nodal_gap, 0.0)),
+                        solver=_root(body.norm(of_qp.stress) ** 2, of_qp.nodal_gap) + unbalanced,
+                        friction=_root(jump, max(final.nodal_gap - of_qp.nodal_gap, 0.0)) + onward,
+                        total=_root(whole.sum(), gap) + unbalanced + onward,
+                        norm=body.norm(elastic), indicator=np.sqrt(share))
 
     # ---- displacements ---------------------------------------------------------------------------
     def _fields(self, step: Step, state: dict, contact: ContactTractions,
@@ -164,8 +163,7 @@ class EquilibratedBound:
         return _Apart(admissible, stress, contact.nodal_gap())
 
     def _admissible(self, torn: np.ndarray, contact: ContactTractions) -> np.ndarray:
-        """(vertices, 2) displacements averaged over subdomains and made admissible at rigid
-        obstacles.
+        """(vertices, 2) averaged displacements made admissible at rigid obstacles.
 
         Nodes go out of the obstacle. They go onto it, or back to where they stuck, if that costs
         less energy on the vertex's own stiffness than the work it saves. Sets distances and slip of
@@ -189,8 +187,7 @@ class EquilibratedBound:
 
     def _lifted(self, admissible: np.ndarray,
                 pairs: list[PairBound]) -> tuple[np.ndarray, np.ndarray, float]:
-        """(vertices, 2) to be added to displacements that are admissible at rigid obstacles: the
-        sum is at the pairs, too.
+        """(vertices, 2) to be added to displacements to make them admissible at pairs, too.
 
         Also the energy norms (n_t,) of what happens inside edges, of displacements and tractions;
         and the pairs' share of the duality gap.
@@ -245,8 +242,7 @@ class EquilibratedBound:
         return pairs
 
     def _forces(self, pairs: list[PairBound] | None, state: dict) -> list[np.ndarray]:
-        """Forces on the rank's subdomains that replace those of the mortar multipliers by those of
-        t*.
+        """Forces on the rank's subdomains that replace those of the mortar multipliers by t*'s.
 
         A vertex's force goes to the first subdomain that has it.
         """
@@ -301,9 +297,7 @@ class EquilibratedBound:
 
     # ---- stress in equilibrium -------------------------------------------------------------------
     def _equilibrated(self, base, force, applied) -> tuple[np.ndarray, float, str]:
-        """Deviation of a statically admissible stress from `base`, and of _unbalanced what had to
-        be spread for it.
-        """
+        """Deviation of an admissible stress from `base`; _unbalanced of forces spread for it."""
         body, mesh = self.body, self.body.mesh
         load = equilibration.prolongation(mesh, base, force)
         target = equilibration.averaged_moments(mesh, base)
@@ -319,8 +313,7 @@ class EquilibratedBound:
         return Deviations(body.mesh, body.chains, body.given, body.compliance, self.heavy)
 
     def _unbalanced(self, imbalance: np.ndarray, size: float) -> tuple[float, str]:
-        """Energy norm of the forces that vertices are out of balance by, each on the stiffness of
-        its vertex.
+        """Energy norm of the imbalance of the vertices, each on its own stiffness.
 
         A force that a support takes in a single point is no imbalance, but leaves no finite energy:
         the second result then says so.

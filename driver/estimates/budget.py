@@ -1,5 +1,4 @@
-"""Error budget of a run in its quantities of interest: what mesh, time step, friction and solver
-each contribute.
+"""Error budget of the quantities of interest: the parts of mesh, time step, friction and solver.
 
 Companions of the run on coarser meshes tell the parts. With sizes h, r h, r s h and values q0, q1,
 q2 the error of q0 is taken for C h^p, so that
@@ -46,9 +45,7 @@ UNITS = {"peak_pressure": (1, 0), "normal_resultant": (1, 1), "tangential_result
 
 
 def main_quantity(values: dict) -> str:
-    """The quantity that stands for a run if none is named: the normal resultant, without contact
-    the displacement.
-    """
+    """The quantity for a run that names none: normal resultant, or displacement."""
     return "normal_resultant" if "normal_resultant" in values else "displacement"
 
 
@@ -56,8 +53,7 @@ def main_quantity(values: dict) -> str:
 
 @dataclasses.dataclass
 class Part:
-    """Error (None: not known), observed order (None: not observed) and, if need be, what is wrong.
-    """
+    """Error (None: unknown), observed order (None: not observed) and what may be wrong."""
 
     error: float | None
     order: float | None = None
@@ -65,8 +61,9 @@ class Part:
 
 
 def observed_order(d1: float, d2: float, r: float, s: float) -> float:
-    """p of (s^p - 1) r^p / (r^p - 1) = d2/d1, which grows with p; -inf where the differences do not
-    fall.
+    """p of (s^p - 1) r^p / (r^p - 1) = d2/d1; -inf where the differences do not fall.
+
+    The left side grows with p.
     """
 
     def growth(p):
@@ -85,8 +82,7 @@ def observed_order(d1: float, d2: float, r: float, s: float) -> float:
 
 def extrapolate(changes: list[float], ratios: list[float], formal: float, value: float,
                 limit: bool = False) -> Part:
-    """Error of a `value` from its changes q0 - q1, q1 - q2 (none to two) between sizes in `ratios`
-    (r, s).
+    """Error of a `value` from its changes q0 - q1, q1 - q2 (up to two) between sizes in `ratios`.
 
     `limit`: there is a limit in any case, so that changes that grow only tell that it is not near.
     Where the values turn back, a small last change may be chance: they are as uncertain as the
@@ -128,9 +124,7 @@ def summed(parts: dict[str, Part], value: float) -> dict:
 
 
 def vanishing(values: dict[str, float]) -> set[str]:
-    """Quantities that are zero but for rounding and tolerances: their errors relative to themselves
-    mean nothing.
-    """
+    """Quantities that are zero but for rounding, whose relative errors mean nothing."""
     force, way = abs(values.get("normal_resultant", 0.0)), abs(values.get("displacement", 0.0))
     scales = {"tangential_resultant": force, "dissipated_energy": force * way, "slip": way}
     return {name for name, scale in scales.items() if name in values
@@ -160,8 +154,7 @@ def name_of(knob: str, value: float) -> str:
 
 
 def advice(found: dict, remedies: dict[str, str]) -> str:
-    """One sentence: the largest part of the main quantity's error and what of `remedies` lowers it.
-    """
+    """One sentence: the largest part of the main error and which of `remedies` lowers it."""
     name = main_quantity(found)
     entry = found[name]
     parts = {source: entry[source] for source in ("mesh", "time", "friction", "solver")

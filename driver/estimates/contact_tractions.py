@@ -1,6 +1,4 @@
-"""Contact tractions of rigid obstacles that the bound of the error in the energy norm is computed
-with.
-"""
+"""Contact tractions of rigid obstacles for the bound of the error in the energy norm."""
 
 import numpy as np
 
@@ -8,8 +6,7 @@ from .pair_bound import continued, slid
 
 
 class ContactTractions:
-    """Contact tractions t* of rigid obstacles in the cone, linear on every edge between the
-    computed nodal ones.
+    """Tractions t* of rigid obstacles in the cone, linear on edges between the computed nodal ones.
 
     Arrays over the nodes: those of the contact boundary, then the clamped ones. A node that a
     support holds has no traction of its own in the held direction and takes the mean of its
@@ -30,9 +27,8 @@ class ContactTractions:
         self.tangent = np.column_stack([-self.normal[:, 1], self.normal[:, 0]])
         self.node, self.length = self._edges(outer_edges)
         none, zero = np.zeros(len(c.gid), bool), np.zeros(len(c.gid))
-        self.own_normal, self.own_tangential = (
-            np.concatenate([(rows >= 0) & ~b.paired, none])
-            for rows in (b.normal_row, b.tangential_row))
+        self.own_normal, self.own_tangential = (np.concatenate([(rows >= 0) & ~b.paired, none])
+                                                for rows in (b.normal_row, b.tangential_row))
         sigma_n, sigma_t, bound = (np.concatenate([state[name], zero])
                                    for name in ("sigma_n", "sigma_t", "bound"))
         self.pressure = -continued(self.node, sigma_n, self.own_normal)
@@ -85,9 +81,7 @@ class ContactTractions:
         return total
 
     def multipliers(self, computed: np.ndarray, rows) -> np.ndarray:
-        """The rank's multipliers with the nodal forces of t* in their contact rows, the others as
-        computed.
-        """
+        """The rank's multipliers with the nodal forces of t* in their contact rows."""
         b = self.boundary
         force = self._nodal(self.moments)[: len(b.gid)]
         normal, tangential = -(force * b.normal).sum(axis=1), -(force * b.tangent).sum(axis=1)
@@ -109,9 +103,7 @@ class ContactTractions:
         self.slip[:n] = (u * b.tangent).sum(axis=1) - self.before
 
     def onto_obstacle(self, stiffness: np.ndarray) -> np.ndarray:
-        """(n_c,) moves of the contact nodes along the normal, see _admissible; stiffness of the
-        nodes.
-        """
+        """(n_c,) normal moves of the contact nodes, see _admissible; nodal stiffness."""
         n, force = len(self.boundary.gid), -self.computed["sigma_n"] * self.boundary.weight
         distance = self.distance[:n]
         onto = (distance < 0) | self.bilateral | (stiffness * distance <= force)
@@ -120,9 +112,7 @@ class ContactTractions:
         return move
 
     def back_to_stick(self, stiffness: np.ndarray) -> np.ndarray:
-        """(n_c,) moves of the contact nodes along the tangent, see _admissible; stiffness of the
-        nodes.
-        """
+        """(n_c,) tangential moves of the contact nodes, see _admissible; nodal stiffness."""
         n, c = len(self.boundary.gid), self.computed
         slip = self.slip[:n]
         # work per slip that friction misses
@@ -142,9 +132,7 @@ class ContactTractions:
         return float((self.length / 3) @ ends.sum(axis=1))
 
     def nodal_gap(self) -> float:
-        """What the QP would make zero: lambda_n (gap - v_n) + g |slip| - lambda_t slip, summed over
-        the nodes.
-        """
+        """Nodal sum of lambda_n (gap - v_n) + g |slip| - lambda_t slip, which the QP makes zero."""
         b, c = self.boundary, self.computed
         n = len(b.gid)
         slip = self.slip[:n]

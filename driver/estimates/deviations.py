@@ -1,5 +1,4 @@
-"""Deviations of statically admissible stresses from the stress of the finite elements, and how
-their energy is lessened.
+"""Deviations of admissible stresses from those of the finite elements, of little energy.
 
 The deviation sigma* - sigma_h is a sum of few such stresses: at each corner of the triangle moments
 +b and -b on its two sides (the sums at the corner are those of sigma_h), the share of f, and on
@@ -19,8 +18,7 @@ from .equilibration import Chains
 
 
 class Deviations:
-    """Deviations sigma* - sigma_h of statically admissible stresses, by coefficients (m, n_t) of
-    `reference_modes`.
+    """Deviations sigma* - sigma_h by coefficients (m, n_t) of `reference_modes`.
 
     Changes that keep the equilibrium have unknowns with small support: two a vertex, where given
     tractions do not close its chain, the same moment added on all its half-edges, (n_c, 2); one an
@@ -31,9 +29,7 @@ class Deviations:
 
     def __init__(self, mesh: Mesh, around: Chains, known: np.ndarray, compliance: np.ndarray,
                  body: bool):
-        """`known` (half-edges, 2): where tractions are given; `compliance` (n_t, 3, 3); `body`:
-        with body force.
-        """
+        """`known` (half-edges, 2): tractions given; `compliance` (n_t, 3, 3); `body`: force?"""
         self.mesh, self.body, self.map = mesh, body, piola(mesh)
         (a, b), (c, d) = mesh.columns.transpose(1, 2, 0)
         self.inverse = np.array([[d, -b], [-c, a]]) / (2 * mesh.area)
@@ -64,9 +60,7 @@ class Deviations:
 
     def start(self, moments: np.ndarray, stress: np.ndarray,
               force: np.ndarray | None) -> np.ndarray:
-        """Coefficients for edge moments (half-edges, 2), stress (n_t, 3) and body force moments
-        (n_t, 3, 2).
-        """
+        """Coefficients for moments (half-edges, 2), stress (n_t, 3), body moments (n_t, 3, 2)."""
         found = np.zeros(self.matrix.shape[1:])
         corner = moments[self.mesh.first] - side_moments(self.mesh, stress)
         if force is not None:
@@ -120,8 +114,7 @@ class Deviations:
         return np.einsum("ijt,jt->ti", self.map, average @ y)
 
     def lessen(self, y: np.ndarray, gain: float = 0.02, iterations: int = 50) -> np.ndarray:
-        """y with changes added that lessen its energy; whatever the number of iterations,
-        equilibrium is kept.
+        """y with changes added that lessen its energy and keep the equilibrium.
 
         Conjugate gradients with the diagonal as preconditioner, until an iteration gains less than
         the part `gain`.

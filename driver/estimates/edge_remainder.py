@@ -1,6 +1,4 @@
-"""Tractions on boundary edges that are not linear there, and the stress that takes what the linear
-part leaves.
-"""
+"""Tractions on boundary edges that are not linear there, and the stress that takes the rest."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,8 +11,7 @@ from .element_stress import johnson_mercier
 
 @dataclass
 class Fan:
-    """Triangles on a boundary, cut from their apex at points of the boundary side: on what is
-    piecewise linear there.
+    """Triangles on a boundary, cut from their apex at points of the boundary side.
 
     Corners of the n triangles are start and end of the side and apex, counterclockwise. The m parts
     of a triangle follow one another along its side. Fields on the side are given by their values
@@ -28,9 +25,7 @@ class Fan:
 
     @classmethod
     def of(cls, triangle: np.ndarray, owner: np.ndarray, at: np.ndarray) -> "Fan":
-        """Parts from pieces `at` (k, 2) of the sides of `owner` (k,); what they leave uncovered is
-        added.
-        """
+        """Parts from pieces `at` (k, 2) of the sides of `owner` (k,), and the uncovered ones."""
         order = np.lexsort((at[:, 0], owner))
         owner, at = owner[order], at[order]
         head, tail = np.r_[True, owner[1:] != owner[:-1]], np.r_[owner[1:] != owner[:-1], True]
@@ -67,9 +62,7 @@ class Fan:
         return np.where((self.piece >= 0)[:, None, None], values[self.piece], 0.0)
 
     def joined(self, values: np.ndarray) -> np.ndarray:
-        """(m, 2, 2) continuous field of values (k, 2, 2) on the pieces, zero at the ends of the
-        sides.
-        """
+        """(m, 2, 2) continuous field of values (k, 2, 2) on the pieces, zero at the sides' ends."""
         found = self.given(values)
         same = np.r_[False, self.owner[1:] == self.owner[:-1]]
         void = self.piece < 0
@@ -79,9 +72,7 @@ class Fan:
         return found
 
     def moments(self, density: np.ndarray) -> np.ndarray:
-        """(n, 2, 2) moments [end, component] of a field against the triangle's hats at the ends of
-        the side.
-        """
+        """(n, 2, 2) moments [end, component] of a field against the hats at the side's ends."""
         (s0, s1), (d0, d1) = self.at.T[:, :, None], density.transpose(1, 0, 2)
         sixth = self.length[:, None] / 6
         end = sixth * (d0 * (2 * s0 + s1) + d1 * (s0 + 2 * s1))
@@ -91,9 +82,7 @@ class Fan:
         return found
 
     def remainder(self, density: np.ndarray) -> np.ndarray:
-        """(n,) int |r|^2 of what a field has besides the linear one with the same moments on every
-        side.
-        """
+        """(n,) int |r|^2 of a field less the linear one with the same moments on every side."""
         side = np.linalg.norm(self.triangle[:, 1] - self.triangle[:, 0], axis=1)[:, None]
         a, b = (self.moments(density) / side[..., None]).transpose(1, 0, 2)
         start, end = (4 * a - 2 * b)[self.owner, None], (4 * b - 2 * a)[self.owner, None]
@@ -102,9 +91,7 @@ class Fan:
         return np.bincount(self.owner, square, minlength=len(self.triangle))
 
     def bump_energy(self, values: np.ndarray, elasticity: np.ndarray) -> np.ndarray:
-        """(n,) int C e : e of displacements linear on the parts, `values` (m, 2, 2) on the side,
-        zero at the apex.
-        """
+        """(n,) int C e : e of `values` (m, 2, 2) on the side, linear to zero at the apex."""
         d = np.einsum("mki,mkj->mij", hat_gradients(self.corner)[:, :2], values)
         strain = np.column_stack([d[:, 0, 0], d[:, 1, 1], d[:, 0, 1] + d[:, 1, 0]])
         area = areas(self.corner)
@@ -118,8 +105,7 @@ APEXES = np.array([[0, 0, 6], [1, 1, 4], [2, 2, 2], [0, 3, 3], [3, 0, 3]]) / 6
 
 
 def remainder_constant(triangle: np.ndarray, compliance: np.ndarray) -> np.ndarray:
-    """(n,) c with ||s||^2 <= c int |r|^2 for a stress s without divergence and with tractions r on
-    side 0 only.
+    """(n,) c with ||s||^2 <= c int |r|^2 for s with tractions r on side 0 only and div s = 0.
 
     s lives on the triangle with this side and that one of the `APEXES` for which c is least.
     """

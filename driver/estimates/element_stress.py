@@ -67,9 +67,7 @@ def reference_stress() -> np.ndarray:
 
 
 def johnson_mercier(corner: np.ndarray, moments: np.ndarray) -> np.ndarray:
-    """(m, 3 parts, 3 nodes, 3) stress with tractions of the given moments (m, side, end, 2), which
-    balance each other.
-    """
+    """(m, 3 parts, 3 nodes, 3) stress with balanced traction moments (m, side, end, 2)."""
     columns = np.stack([corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]], axis=2)
     data = np.einsum("mab,mseb->msea", np.linalg.inv(columns), moments).reshape(-1, 12)
     inner = (data @ reference_stress().reshape(27, 18)[:, :12].T).reshape(-1, 9, 3)
@@ -80,8 +78,7 @@ def johnson_mercier(corner: np.ndarray, moments: np.ndarray) -> np.ndarray:
 
 @lru_cache(maxsize=2)
 def reference_modes(body: bool) -> np.ndarray:
-    """(27, 9), with `body` (27, 15), stresses of the reference triangle that deviations from
-    sigma_h consist of.
+    """(27, 9), with `body` (27, 15), stresses of the reference triangle in deviations from sigma_h.
 
     Modes 2 k + c: moments +1, -1 of component c at corner k on the sides to its next and previous
     corner; 6 + k: moments +t, -t at the ends of side k along its direction t; 9 + 2 k + c: body
@@ -97,16 +94,13 @@ def reference_modes(body: bool) -> np.ndarray:
         force[k, :, share] = np.eye(2)
         data[k, 0, :, 6 + k] = CORNER[(k + 1) % 3] - CORNER[k]
         data[k, 1, :, 6 + k] = -data[k, 0, :, 6 + k]
-    modes = reference_stress().reshape(27,
-                                       18) @ np.concatenate([data.reshape(12, 15),
-                                                             force.reshape(6, 15)])
+    modes = reference_stress().reshape(27, 18) @ np.concatenate([data.reshape(12, 15),
+                                                                 force.reshape(6, 15)])
     return modes if body else modes[:, :9]
 
 
 def piola(mesh: Mesh) -> np.ndarray:
-    """(3, 3, n_t) maps of reference stresses s11, s22, s12 to those of the triangles: J s J' / det
-    J.
-    """
+    """(3, 3, n_t) maps J s J' / det J of reference stresses s11, s22, s12 to the triangles'."""
     (a, b), (c, d) = mesh.columns.transpose(1, 2, 0)
     rows = [[a * a, b * b, 2 * a * b], [c * c, d * d, 2 * c * d], [a * c, b * d, a * d + b * c]]
     return np.array(rows) / (2 * mesh.area)

@@ -1,5 +1,4 @@
-"""Stage 7: a posteriori estimates of the error in the energy norm, for the last step and the one
-with most energy.
+"""Stage 7: estimates of the error in the energy norm for a run's last and most energetic steps.
 
 Of P1 elements it is the bound of `bound`; of quadratic elements, or where ESTIMATOR says so, the
 difference between the computed and a recovered stress, which is no bound.
@@ -19,16 +18,12 @@ NOTHING = 1e-6
 
 
 class EnergyEstimator:
-    """Estimates the last step of a run and the one with the largest energy. Collective; rank 0
-    computes.
-    """
+    """Estimates for the last step and that with most energy. Collective; rank 0 computes."""
 
     bound_of = EquilibratedBound
 
     def __init__(self, operator, manifest: Manifest, contact, kind: str):
-        """`contact` is a results.ContactState; `kind` "equilibrated" (the bound), "recovery" or
-        "none".
-        """
+        """`contact` is a ContactState; `kind` "equilibrated" (the bound), "recovery" or "none"."""
         # the bound's equilibrated stresses belong to linear elements
         self.quadratic = manifest.element != "P1"
         self.operator, self.manifest, self.contact = operator, manifest, contact
@@ -44,8 +39,7 @@ class EnergyEstimator:
             self.largest = self.last
 
     def estimates(self) -> list[tuple[Step, Estimate]]:
-        """Of the last step and, if it is another one, of the step with the largest energy; the same
-        on all ranks.
+        """Of the last step and that with most energy, if another one; the same on all ranks.
 
         A last step without load, whose displacements tolerances have left, is left out.
         """
@@ -115,9 +109,7 @@ def _recovered(step: Step, share: np.ndarray, norm: float) -> Estimate:
 
 
 def report(estimates: list[tuple[Step, Estimate]], kind: str) -> dict:
-    """Entry for summary.json: the last step's estimate and, under `largest`, that of the step with
-    most energy.
-    """
+    """Entry for summary.json: of the last step and, as `largest`, of that with most energy."""
     if not estimates:
         return {"kind": kind}
     entries = []

@@ -25,8 +25,7 @@ from .edge_mesh import Mesh, full_tensor, side_moments
 
 @dataclass
 class Chains:
-    """Triangles around every vertex in counterclockwise order, one chain a vertex; closed ones
-    start anywhere.
+    """Triangles round every vertex, counterclockwise, one chain each; closed ones start anywhere.
 
     `order` (levels, n_c) holds 3 triangle + local vertex, -1 beyond the end of a chain.
     """
@@ -85,8 +84,7 @@ def averaged_moments(mesh: Mesh, stress: np.ndarray) -> np.ndarray:
 
 def edge_moments(mesh: Mesh, around: Chains, load: np.ndarray, target: np.ndarray,
                  given: np.ndarray, known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Moments of the equilibrated tractions (half-edges, 2), signed for the triangle left of each
-    half-edge.
+    """Moments of the equilibrated tractions (half-edges, 2), signed for the triangle on the left.
 
     `load` (n_t, 3, 2) from `prolongation`; `target` from `averaged_moments`; `given` (half-edges,
     2) moments on the body of boundary edges where `known` (half-edges, 2) says so. Second result:

@@ -1,8 +1,8 @@
-"""One scene at several mesh sizes, time steps and tolerances in one process: the runs that error
-estimates compare.
+"""A scene at several mesh sizes, time steps and tolerances: the runs that estimates compare.
 
-Every mesh is exported and reduced once, however many runs it serves. Collective over one
-communicator; FreeFEM is started by the root rank alone, with one rank of its own.
+They share one process. Every mesh is exported and reduced once, however many runs it serves.
+Collective over one communicator; FreeFEM is started by the root rank alone, with one rank of its
+own.
 """
 
 import dataclasses
@@ -39,8 +39,7 @@ TIGHTER = 100.0  # tolerances of the companions that tell what those of the run 
 
 
 def samples(steps: int, stride: int) -> np.ndarray:
-    """Indices of every `stride`-th of `steps` + 1 times, counted from the last, and of the first.
-    """
+    """Indices of every `stride`-th of `steps` + 1 times, from the last back, and of the first."""
     return np.unique(np.r_[0, np.arange(steps, -1, -stride)])
 
 
@@ -61,10 +60,10 @@ class Levels:
     def __init__(self, scene: Path, parameters: dict[str, str], folder: Path, comm,
                  settings: Settings, cycles=(), without=()):
         """`parameters` of the command line; exports go to `folder`, which `close` removes.
-        `settings` of the runs in which contact is linearized, if they ask for that.
 
-        `cycles`: directories of finished cycles of adaptive refinement, whose exports are the
-        meshes cycle=0, 1, ... `without`: effects of the scene that are treated as undeclared.
+        `settings`: of the runs about which contact is linearized, if they ask for that. `cycles`:
+        directories of finished cycles of adaptive refinement, whose exports are the meshes cycle=0,
+        1, ... `without`: effects treated as undeclared.
         """
         self.scene, self.parameters, self.settings = scene, parameters, settings
         self.folder, self.comm, self.cycles, self.without = folder, comm, cycles, without
@@ -79,9 +78,7 @@ class Levels:
                                       for name, value in sorted(changes.items()))
 
     def problem(self, **changes) -> Problem:
-        """The scene with some parameters changed. Raises DriverError where FreeFEM or the loader
-        refuses it.
-        """
+        """The scene with parameters changed. Raises DriverError where it is refused."""
         key = tuple(sorted(changes.items()))
         if key not in self.problems:
             self.problems[key] = self._assemble(changes)
@@ -109,9 +106,7 @@ class Levels:
         return found
 
     def run(self, settings: Settings, stride: int = 1, **changes) -> Level:
-        """The run with `settings` on every `stride`-th time. Raises DriverError if it does not
-        converge.
-        """
+        """The run with `settings` on every `stride`-th time. Raises DriverError if it fails."""
         key = (*dataclasses.astuple(settings), stride, *sorted(changes.items()))
         if key not in self.runs:
             self.runs[key] = self._run(self.problem(**changes), settings, stride)
@@ -141,9 +136,7 @@ class Companions:
     """Runs beside one run, and what each part of its error follows from."""
 
     def __init__(self, levels: Levels, problem: Problem, settings: Settings, values: dict, at: int):
-        """`values`: quantities of the run of `problem` with `settings`, at the step with index
-        `at`.
-        """
+        """`values`: quantities of the run of `problem` with `settings`, at step index `at`."""
         self.levels, self.manifest, self.settings = levels, problem.manifest, settings
         self.values, self.at, self.effects = values, at, problem.effects
         levels.problems[()] = problem
@@ -154,8 +147,7 @@ class Companions:
         self.base = self.meshes[1 if len(self.meshes) > 1 else 0]
 
     def _uniform(self) -> tuple[list[dict], list[float]]:
-        """Meshes of the scene with elements twice and four times as long, as far as there are such.
-        """
+        """Meshes with elements twice and four times as long, as far as there are such."""
         if self.knob is None:
             self.notes.append(
                 "no parameter (CELLS, H) sets the mesh size of this scene: no coarser mesh to "
@@ -170,14 +162,11 @@ class Companions:
         if len(sizes) == 1:
             self.notes.append(
                 f"no coarser mesh than {name_of(self.knob, sizes[0])} to compare with")
-        return [{},
-                *({self.knob: size} for size in sizes[1:])], [ratio(self.knob, b, a)
-                                                              for a, b in zip(sizes, sizes[1:])]
+        return [{}, *({self.knob: size} for size in sizes[1:])], [ratio(self.knob, b, a)
+                                                                  for a, b in zip(sizes, sizes[1:])]
 
     def _adapted(self) -> tuple[list[dict], list[float]]:
-        """Meshes of the two cycles of refinement before the last; their elements' length follows
-        from their number.
-        """
+        """Meshes of the last two cycles but one; the elements' length follows from their number."""
         meshes = [{}, *({"cycle": k} for k in reversed(range(len(self.levels.cycles))))][:3]
         count = [self.levels.problem(**mesh).manifest.nodes for mesh in meshes]
         return meshes, [max(1.1, (a / b) ** 0.5) for a, b in zip(count, count[1:])]
@@ -238,9 +227,7 @@ class Companions:
         return self._parts(runs, self.ratios, FORMAL["mesh"][self.manifest.element], UNBOUNDED)
 
     def _time(self) -> dict[str, Part]:
-        """Every second and fourth time; without friction the history is forgotten, and only the
-        instant counts.
-        """
+        """Every second and fourth time; without friction only the instant counts."""
         strides = [1, 2, 4] if self.effects.frictional else [1, 2]
         strides = [stride for stride in strides if stride <= self.manifest.steps]
         values = [self._values(self.base, stride) for stride in strides]
@@ -260,14 +247,11 @@ class Companions:
 
     def _parts(self, runs: list, ratios: list[float], formal: float,
                unbounded=()) -> dict[str, Part]:
-        """Parts from pairs of a finer and a coarser run, the finest pair first; pairs that failed
-        end the list.
-        """
+        """Parts from pairs of finer and coarser runs, finest first, up to one that failed."""
         good = [pair for k, pair in enumerate(runs)
                 if not any(run is None for before in runs[: k + 1] for run in before)]
         return {name: extrapolate([fine[name] - coarse[name] for fine, coarse in good], ratios,
-                                  formal, value,
-                                  name not in unbounded)
+                                  formal, value, name not in unbounded)
                 for name, value in self.values.items()}
 
 

@@ -1,5 +1,4 @@
-"""Stage 7, between two bodies: what a contact pair adds to the bound of the error in the energy
-norm.
+"""Stage 7, between two bodies: what a contact pair adds to the bound of the energy norm's error.
 
 The problem in the continuum. Each part of the first side that faces one edge of the second
 (mortar.segments; of the displaced sides, if contact is linearized about them) is mapped onto it
@@ -57,9 +56,7 @@ class _Boundary:
 
     @classmethod
     def of(cls, mesh: Mesh, ends: np.ndarray, about: np.ndarray | None) -> "_Boundary":
-        """Of boundary edges given by their vertices (e, 2); `about` (vertices, 2) displacements of
-        the linearization.
-        """
+        """Of boundary edges by vertices (e, 2); `about`: displacements (vertices, 2) or None."""
         owner = np.empty(len(mesh.edges), int)
         owner[mesh.first // 2] = np.arange(mesh.first.size).reshape(-1, 3)
         triangle, k = np.divmod(owner[mesh.find(ends)], 3)
@@ -75,8 +72,7 @@ class _Boundary:
         return cls(mortar.Side(now, edges, normal, length=length), vertex, triangle, corner)
 
     def at(self, values: np.ndarray, edge: np.ndarray, place: np.ndarray) -> np.ndarray:
-        """Nodal values, linear between the vertices, at places (m, k) of edges (m,): (m, k, ...).
-        """
+        """Nodal values, linear in between, at places (m, k) of edges (m,): (m, k, ...)."""
         a, b = values[self.side.edges[edge]].swapaxes(0, 1)[:, :, None]
         place = place.reshape(place.shape + (1,) * (values.ndim - 1))
         return (1.0 - place) * a + place * b
@@ -84,9 +80,7 @@ class _Boundary:
 
 @dataclass
 class Lift:
-    """A pair's correction of the displacements: at the vertices of the body (vertices, 2), and what
-    it adds in between.
-    """
+    """A pair's correction of displacements: at the vertices (vertices, 2), and in between."""
 
     vertex: np.ndarray
     bumps: np.ndarray  # (n_t,) energy norm on every triangle
@@ -150,17 +144,13 @@ class PairBound:
         return self.first.side.length[self.parts.edge] * (self.parts.at[:, 1] - self.parts.at[:, 0])
 
     def moments(self) -> tuple[np.ndarray, np.ndarray]:
-        """Vertices (e, 2) of the edges of both sides and moments (e, 2 ends, 2) of T against their
-        hats.
-        """
+        """Vertices (e, 2) of both sides' edges and moments (e, 2 ends, 2) of T with their hats."""
         ends = [boundary.vertex[boundary.side.edges] for boundary, _, _ in self._loaded]
         moments = [fan.moments(density) for _, fan, density in self._loaded]
         return np.concatenate(ends), np.concatenate(moments)
 
     def remainder(self, compliance: np.ndarray) -> np.ndarray:
-        """(n_t,) bound of the energy norm of a stress that takes the tractions t* - T; `compliance`
-        (n_t, 3, 3).
-        """
+        """(n_t,) bound of the norm of a stress that takes t* - T; `compliance` (n_t, 3, 3)."""
         found = np.zeros(len(compliance))
         for boundary, fan, density in self._loaded:
             constant = remainder_constant(boundary.corner, compliance[boundary.triangle])
@@ -196,9 +186,7 @@ class PairBound:
 
     @cached_property
     def _point(self) -> np.ndarray:
-        """(m, 2) points at the ends of the parts: vertices of the first side, then places between
-        them.
-        """
+        """(m, 2) points at the ends of the parts: the first side's vertices, then others."""
         p = self.parts
         keys = np.column_stack([np.repeat(p.edge, 2), p.at.ravel()])
         inside = (keys[:, 1] > 0) & (keys[:, 1] < 1)
@@ -221,8 +209,7 @@ class PairBound:
 
     def _closing(self, jump: np.ndarray, stiffness: np.ndarray, loose: np.ndarray,
                  free: np.ndarray) -> np.ndarray:
-        """(points, 2) moves that close gap and slip where pressure or sticking is worth it, and all
-        penetration.
+        """(points, 2) moves that end penetration, and close gap and slip where that is worth it.
 
         A vertex of the side closes if that costs less energy on its own `stiffness` than the work
         it saves, a place between two if both do. `loose` (n, 2): components that no support
@@ -259,9 +246,7 @@ class PairBound:
         return move - (self.frictional * stuck * slip)[:, None] * _turned(direction)
 
     def _excess(self, jump: np.ndarray, free: np.ndarray) -> np.ndarray:
-        """(points, 2) normal moves by which a jump that is quadratic on a part exceeds its chord
-        there, at most.
-        """
+        """(points, 2) most by which a jump, quadratic on a part, exceeds its chord there."""
         normal, size = self._frame
         bend = ((jump[:, 1] - jump[:, 0]) * (normal[:, 1] - normal[:, 0])).sum(axis=1)
         more = np.maximum(-bend, 0.0) / 4
@@ -273,9 +258,7 @@ class PairBound:
         return most[:, None] * direction
 
     def _duality_gap(self, jump: np.ndarray) -> float:
-        """The duality gap of the pair for jumps (m, 2, 2) of the displacements, linear on every
-        part.
-        """
+        """The pair's duality gap for jumps (m, 2, 2) of displacements, linear on every part."""
         p, total = self.parts, 0.0
         gap, before, bound, traction = (self.first.at(values, p.edge, p.at) for values in (
             self.gap, self.before, self.bound, self.traction))
@@ -307,9 +290,7 @@ def _between(ends: np.ndarray, s: float) -> np.ndarray:
 
 
 def continued(edges: np.ndarray, value: np.ndarray, own: np.ndarray) -> np.ndarray:
-    """Nodal values, where a node has none of its `own` the mean of its neighbours' along the edges
-    (n, 2).
-    """
+    """Nodal values; where none is `own`, the mean of the neighbours' along the edges (n, 2)."""
     total, count = np.zeros(len(value)), np.zeros(len(value))
     for here, there in (edges.T, edges.T[::-1]):
         np.add.at(total, here, np.where(own[there], value[there], 0.0))
@@ -319,8 +300,7 @@ def continued(edges: np.ndarray, value: np.ndarray, own: np.ndarray) -> np.ndarr
 
 def slid(length: np.ndarray, bound: np.ndarray, slip: np.ndarray,
          bend: np.ndarray | float = 0.0) -> float:
-    """int s |slip| of s and slip that are linear between their ends (m, 2) on pieces of given
-    length (m,).
+    """int s |slip| of s and slip (m, 2), linear between the ends of pieces of `length` (m,).
 
     Slip may change its sign inside a piece; each part by Simpson's rule, exact there. Where normals
     turn slip has a quadratic part, `bend` (m,) in the middle.

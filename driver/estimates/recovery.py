@@ -49,8 +49,7 @@ def recovered_stress(corner: np.ndarray, triangles: np.ndarray, region: np.ndarr
 
 
 def vertex_sums(vertex: np.ndarray, area: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
-    """(count, 1 + k) sums over the triangles round each vertex: areas, then areas times the values
-    at the corners.
+    """(count, 1 + k) sums over the triangles round each vertex: areas, areas times corner values.
 
     `vertex` (n_t, 3), `area` (n_t,), `values` (n_t, 3 corners, k). Their ratio is the mean of
     Zienkiewicz and Zhu (1987).
@@ -62,9 +61,7 @@ def vertex_sums(vertex: np.ndarray, area: np.ndarray, values: np.ndarray, count:
 
 def averaged_stress(triangles: np.ndarray, region: np.ndarray, area: np.ndarray,
                     stress: np.ndarray) -> np.ndarray:
-    """(n_t, 3 corners, 3) means of constant stresses (n_t, 3) over the triangles at each vertex, by
-    region.
-    """
+    """(n_t, 3 corners, 3) means of constant stresses (n_t, 3) round each vertex, by region."""
     names, vertex = np.unique(region[:, None] * (triangles.max() + 1) + triangles,
                               return_inverse=True)
     vertex = vertex.reshape(-1, 3)
@@ -79,9 +76,7 @@ def linear_energy(area: np.ndarray, compliance: np.ndarray, stress: np.ndarray) 
 
 
 def _patches(vertex: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Vertex and triangle of every member of the patches: a vertex's triangles, and rings round
-    them if these are few.
-    """
+    """Vertex and triangle of every patch's members: neighbours, and rings if these are few."""
     n = len(vertex)
     touches = csr_matrix((np.ones(3 * n), (vertex.ravel(), np.repeat(np.arange(n), 3))), (count, n))
     patch = touches
@@ -103,8 +98,6 @@ def _quadratics(x: np.ndarray) -> np.ndarray:
 
 
 def energy(area: np.ndarray, compliance: np.ndarray, stress: np.ndarray) -> np.ndarray:
-    """(n_t,) int s : C^-1 s of stresses given by their values at corners (n_t, 3, 3) or nodes (n_t,
-    6, 3).
-    """
+    """(n_t,) int s : C^-1 s of stresses by values at corners (n_t, 3, 3) or nodes (n_t, 6, 3)."""
     s = elements.shapes(stress.shape[1], elements.POINTS) @ stress
     return np.einsum("tmi,tij,tmj,m,t->t", s, compliance, s, elements.WEIGHTS, area)

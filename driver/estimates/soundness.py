@@ -1,5 +1,4 @@
-"""What a run must say about its mesh and its numbers: elements that lock, digits lost far from the
-origin.
+"""What a run must report: elements that lock, digits of coordinates lost far from the origin.
 
 Locking. In a nearly incompressible material (Lame's lambda far above mu) P1 elements have more
 volumes to keep than displacements to keep them with, and P2 elements hardly less. They answer with
@@ -35,9 +34,7 @@ FAR = 1e3  # body lengths from the origin: three digits
 
 
 def warnings(problem, step) -> list[str]:
-    """What is to be said of `problem` solved, looking at its finished `step` (None: there is none).
-    Collective.
-    """
+    """Warnings about the solved `problem` and its finished `step`, if any; collective."""
     return [*(locking(problem, step) if step else []),
             *lost_digits(problem.structure, problem.operator.comm)]
 
@@ -70,8 +67,9 @@ def locking(problem, step) -> list[str]:
 
 
 def _stresses(sub, soft, u):
-    """Vertices (n, 3), areas (n,), lambda, mu, (n, 3 corners, 5) pressure and deviatoric stress of
-    the triangles `soft`.
+    """Vertices (n, 3), areas (n,), lambda, mu, pressure and deviator of the triangles `soft`.
+
+    The last is (n, 3 corners, 5).
     """
     corner = sub.xy[sub.triangles[soft]]
     strain = elements.linear_strains(corner, u.reshape(-1, 2)[sub.elements[soft]])
@@ -79,15 +77,13 @@ def _stresses(sub, soft, u):
     volume = strain[..., 0] + strain[..., 1]
     # the shear stress times the root of two, so that squares add up to s : s
     s = 2 * mu[:, None, None] * np.stack([strain[..., 0] - volume / 3, strain[..., 1] - volume / 3,
-                                          -volume / 3,
-                                          strain[..., 2] / np.sqrt(2)], axis=-1)
+                                          -volume / 3, strain[..., 2] / np.sqrt(2)], axis=-1)
     stress = np.concatenate([(lam[:, None] * volume)[..., None], s], axis=-1)
     return sub.node_gid[sub.triangles[soft]], elements.areas(corner), lam, mu, stress
 
 
 def _oscillation(parts, nodes: int, constant: bool, comm) -> np.ndarray:
-    """(6,) squares of osc p, osc s, p, s and the energies of both oscillations, over the whole
-    body.
+    """(6,) squares of osc p, osc s, p, s and the energies of both oscillations in the body.
 
     Where stresses are `constant` on the elements, averages are compared with them at the centroids.
     """
@@ -107,9 +103,7 @@ def _oscillation(parts, nodes: int, constant: bool, comm) -> np.ndarray:
 
 
 def lost_digits(structure, comm) -> list[str]:
-    """One line if the body is so far from the origin that its coordinates have few digits left for
-    its shape.
-    """
+    """One line if the body is too far from the origin for the digits of its coordinates."""
     xy = np.concatenate([np.empty((0, 2)), *(sub.xy for sub in structure.subdomains)])
     ends = np.array(comm.allgather([xy.min(axis=0, initial=np.inf),
                                     xy.max(axis=0, initial=-np.inf)]))

@@ -20,8 +20,9 @@ class BlockDiagonal:
     """y_s = x_s M_s for the members s of all classes; x and y stacked class by class."""
 
     def __init__(self, classes: list, matrices: list[np.ndarray], source: str, target: str):
-        """`matrices` (m, n) of every class; `source` and `target` name the classes' slices of x and
-        y, which hold the members one after the other.
+        """`matrices` (m, n) of every class; `source`, `target` name its slices of x and y.
+
+        They hold the members one after the other.
         """
         self.shared = [(len(c.members), getattr(c, source), getattr(c, target), M)
                        for c, M in zip(classes, matrices) if c.shared and M.size]

@@ -23,8 +23,7 @@ from .rows import RowKind
 
 
 class ContactBlock:
-    """F_cc and the Dirichlet preconditioner's M_cc on the n contact rows, replicated. Collective
-    over `comm`.
+    """F_cc and the preconditioner's M_cc on the n contact rows, replicated. Collective over `comm`.
 
     Contact rows are in the order of the dual rows; `gather` and `scatter` move between them and
     dual vectors.
@@ -47,9 +46,7 @@ class ContactBlock:
         self.G = operator.coarse.inverse(corners)
 
     def _local_parts(self, operator, preconditioner) -> list[dict]:
-        """Contact rows, corners and matrices of every subdomain with contact, in the order of
-        subdomains.
-        """
+        """Contact rows, corners and matrices of every subdomain with contact, in their order."""
         structure = operator.structure
         parts = [None] * len(structure.subdomains)
         for c, schur in zip(operator.classes, preconditioner.schur):
@@ -68,9 +65,7 @@ class ContactBlock:
 
     @staticmethod
     def _spread(parts: list[dict], name: str, rows: np.ndarray, columns: np.ndarray):
-        """CSR sum of the subdomains' matrices; `columns` is `rows` for square ones, else the corner
-        dofs.
-        """
+        """CSR sum of the subdomains' matrices on `columns`, `rows` or corner dofs."""
         which = "row" if columns is rows else "corner"
         row_places = [np.searchsorted(rows, part["row"]) for part in parts]
         column_places = [np.searchsorted(columns, part[which]) for part in parts]
@@ -97,8 +92,7 @@ class ContactBlock:
 
 
 class Galerkin:
-    """W' F_cc W (k, k) for matrices W with two entries a row, which change, in columns (n, 2),
-    which stay.
+    """W' F_cc W (k, k) for W with two entries a row, which change, in columns (n, 2), which stay.
 
     Rows that meet the same two columns are first summed up in L W: they are many, as hats span a
     subdomain.
@@ -131,8 +125,7 @@ class Galerkin:
 
 
 class _Sums:
-    """Sums of the products of W and the entries `value` of a matrix over those that share `key` and
-    `other`.
+    """Sums of products of W and entries `value` of a matrix over those that share `key`, `other`.
 
     `row` are the rows of W that the entries belong to; `entry` (sums,) are indices of an entry of
     every sum.

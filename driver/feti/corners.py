@@ -52,8 +52,7 @@ def _jumps(skeleton: Skeleton, neighbour: np.ndarray) -> np.ndarray:
 
 
 def _missing_corners(skeleton: Skeleton, corners: np.ndarray) -> np.ndarray:
-    """Corners for subdomains that have less than two: an undivided body with one label all round.
-    """
+    """Corners for subdomains with less than two: an undivided body with one label all round."""
     has = np.bincount(skeleton.nodes[np.isin(skeleton.nodes[:, 1], corners), 0],
                       minlength=int(skeleton.nodes[:, 0].max()) + 1)
     added = []
@@ -66,8 +65,7 @@ def _missing_corners(skeleton: Skeleton, corners: np.ndarray) -> np.ndarray:
 
 
 def _farthest_points(skeleton: Skeleton, neighbour: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Corners for interface pieces (connected, between one pair of subdomains) with less than two.
-    """
+    """Corners for connected interface pieces between two subdomains that have less than two."""
     one_side = neighbour > skeleton.edges[:, 0]
     edges = skeleton.edges[one_side]
     if not len(edges):

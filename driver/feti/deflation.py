@@ -1,5 +1,4 @@
-"""Stage 4, contact part: deflation of slowly varying contact tractions that the Dirichlet
-preconditioner misses.
+"""Stage 4, contact part: deflation of slowly varying contact tractions.
 
 Preconditioning by subdomains knows nothing of how the body as a whole holds contact tractions that
 vary slowly from corner to corner: M F has about two large eigenvalues per contact corner. Traction
@@ -38,8 +37,7 @@ DEPENDENT = 1e-4
 
 @dataclass
 class Hats:
-    """Piecewise linear tractions between the contact corners of a label: a row lies between two of
-    them.
+    """Piecewise linear tractions between the contact corners of a label, a row between two of them.
 
     `number` (n, 2) are the hats at the n contact rows and `value` (n, 2) their tractions there;
     `weight` (n,) turns tractions into nodal forces, more of them where the body is stiffer.
@@ -51,9 +49,7 @@ class Hats:
     count: int
 
     def sums(self, at_rows: np.ndarray) -> np.ndarray:
-        """(count,) sums over the rows of every hat of values (n, 2) that belong to the hats at a
-        row.
-        """
+        """(count,) sums over the rows of every hat of values (n, 2) of a row's hats."""
         return np.bincount(self.number.ravel(), at_rows.ravel(), minlength=self.count)
 
     def gram(self, force: np.ndarray, value: np.ndarray) -> np.ndarray:
@@ -69,9 +65,7 @@ class Hats:
 
 
 def traction_hats(structure: Substructure, rows: np.ndarray, comm) -> Hats:
-    """Hats with their tops at contact corners, ends and jumps of the stiffness of every label, for
-    the contact `rows`.
-    """
+    """Hats on the contact `rows` with tops at every label's corners, ends and stiffness jumps."""
     contact = structure.contact
     row, node = _row_nodes(structure)
     position = np.searchsorted(rows, row)
@@ -97,8 +91,7 @@ def traction_hats(structure: Substructure, rows: np.ndarray, comm) -> Hats:
 
 
 def _jumps(arc: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Where along a boundary the stiffness jumps: the arc lengths of the stiffer neighbours, given
-    the rows' scales.
+    """Arc lengths of the stiffer neighbours where the stiffness jumps, from the rows' scales.
 
     Neighbouring powers of two are no jump: they may be next to one another where the stiffness
     hardly varies.
@@ -195,8 +188,7 @@ class Deflation:
 
 
 class DeflatedPreconditioner:
-    """z for the whole of F: the Dirichlet preconditioner deflated by the traction hats of the face.
-    """
+    """z for the whole of F: the Dirichlet preconditioner deflated by the face's traction hats."""
 
     def __init__(self, dirichlet: DirichletPreconditioner, deflation: Deflation):
         self.dirichlet, self.deflation = dirichlet, deflation

@@ -54,9 +54,7 @@ def _schur(c: LocalClass) -> np.ndarray:
 
 
 def _inverse(matrix: np.ndarray) -> np.ndarray:
-    """Inverse of a symmetric positive definite matrix; the pseudo-inverse, which costs more, if it
-    is nearly singular.
-    """
+    """Inverse of an SPD matrix; the costlier pseudo-inverse if it is nearly singular."""
     factor, info = lapack.dpotrf(matrix) if matrix.size else (matrix, 1)
     if info or lapack.dpocon(factor, np.abs(matrix).sum(axis=0).max())[0] < DEPENDENT:
         return np.linalg.pinv(matrix, hermitian=True)

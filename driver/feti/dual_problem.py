@@ -55,32 +55,23 @@ class DualProblem(ABC):
 
     @abstractmethod
     def corner_displacement(self, multipliers: np.ndarray, weights: np.ndarray) -> float:
-        """Largest displacement of a corner: a cheap measure of how far the body moves; collective.
-        """
+        """Largest displacement of a corner, a cheap measure of the body's motion; collective."""
 
     @abstractmethod
     def preconditioner(self):
-        """Callable (residual, free) -> preconditioned residual on the face `free`, zero elsewhere;
-        dual vectors.
-        """
+        """Callable (residual, free) -> preconditioned residual on the face, zero elsewhere."""
 
     def norm_bound(self, scale: np.ndarray) -> float | None:
-        """Upper bound of ||D F D|| with D = diag(scale), (owned,); None where only products with F
-        could tell.
-        """
+        """Bound of ||D F D||, D = diag(scale), (owned,); None where only products could tell."""
         return None
 
     def imbalance(self, multipliers: np.ndarray,
                   weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(modes,) work of loads and contact forces on every rigid motion, zero in equilibrium, and
-        their sizes.
-        """
+        """(modes,) work of all forces on the rigid motions, zero in equilibrium; its sizes."""
         return np.zeros(0), np.zeros(0)
 
     def with_contact(self, contact) -> "DualProblem":
-        """The same body with other gaps, friction or initial state at its contact nodes; counts its
-        own products.
-        """
+        """The same body with other gaps, friction or initial state; counts its own products."""
         other = copy.copy(self)
         other.structure, other.products = dataclasses.replace(self.structure, contact=contact), 0
         return other

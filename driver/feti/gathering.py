@@ -1,13 +1,10 @@
-"""Arrays whose parts the ranks hold, as a whole on every rank; parts of a rank joined to one array.
-"""
+"""Arrays whose parts the ranks hold, as a whole on every rank; parts joined to one array."""
 
 import numpy as np
 
 
 class Gathering:
-    """Gathers arrays of the same lengths again and again, in the order of the ranks. Collective
-    over `comm`.
-    """
+    """Gathers arrays of the same lengths repeatedly, in rank order. Collective over `comm`."""
 
     def __init__(self, comm, length: int):
         """`length` of the rank's own part."""
@@ -30,6 +27,5 @@ def joined(arrays: list, kind) -> np.ndarray:
 
 
 def gather(comm, local: np.ndarray) -> np.ndarray:
-    """Concatenate the ranks' arrays (n, ...) in rank order, which is subdomain order; collective.
-    """
+    """The ranks' arrays (n, ...) in rank order, which is subdomain order; collective."""
     return np.concatenate(comm.allgather(local)) if comm.size > 1 else local

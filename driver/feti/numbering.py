@@ -1,5 +1,4 @@
-"""Stage 3: numbers of the corner dofs and of the rows of B, and both in the dofs of every local
-subdomain.
+"""Stage 3: numbers of corner dofs and rows of B, globally and in every local subdomain.
 
 Rows are numbered by the subdomain that owns them (the lowest one that has the node).
 """
@@ -33,8 +32,7 @@ def fixed_dofs(manifest: Manifest, subdomains: list[Subdomain],
 
 
 def number(manifest, subdomains, first, skeleton, fixed, contact, comm, frictional) -> Substructure:
-    """Number coarse dofs and dual rows and express both in every local subdomain's dofs; collective
-    over `comm`.
+    """Number coarse dofs and dual rows, and express both in the subdomains' dofs; collective.
 
     `fixed` as `fixed_dofs` returns it, `contact` the ContactBoundary, which gets its row numbers,
     `frictional` whether its nodes have tangential rows.
@@ -79,18 +77,15 @@ def number(manifest, subdomains, first, skeleton, fixed, contact, comm, friction
     middles = skeleton.middles[outer] if len(skeleton.middles) else skeleton.middles
     modes, at_corners = rigid_modes(skeleton, fixed_keys, corner_keys)
     return Substructure(subdomains, first, manifest.subdomains, *local,
-                        coarse_dofs=len(corner_keys),
-                        dual_dofs=len(order), row_kind=kind[order], row_scale=row_scale,
-                        row_range=row_range,
-                        row_starts=row_starts, patterns=len(manifest.patterns), contact=contact,
-                        rigid_modes=modes, rigid_corners=at_corners,
-                        outer_edges=skeleton.edges[outer][:, 1:],
+                        coarse_dofs=len(corner_keys), dual_dofs=len(order), row_kind=kind[order],
+                        row_scale=row_scale, row_range=row_range, row_starts=row_starts,
+                        patterns=len(manifest.patterns), contact=contact, rigid_modes=modes,
+                        rigid_corners=at_corners, outer_edges=skeleton.edges[outer][:, 1:],
                         outer_middles=middles, primal_dofs=primal)
 
 
 def _pair_share(skeleton, contact) -> np.ndarray:
-    """(n_c,) part that the stiffness of both sides in series is of the contact node's own; 1 on
-    rigid obstacles.
+    """(n_c,) part that the stiffness of both sides in series is of the node's own; 1 on obstacles.
 
     Sides as stiff as one another share alike, which is no jump: relative to that.
     """
@@ -109,8 +104,7 @@ def _pair_share(skeleton, contact) -> np.ndarray:
 
 
 def _row_scale(skeleton, row_gid, kind, share) -> np.ndarray:
-    """(rows,) D with which D F D has a diagonal of like size where the stiffness jumps; ones where
-    it does not.
+    """(rows,) D for a diagonal of D F D of like size where stiffness jumps; ones where it does not.
 
     A gluing row meets the more compliant of its two sides, a contact row the stiffest of its node's
     subdomains, or `share` (rows,) of that. Powers of two, so that scaling rounds nothing; relative
@@ -161,8 +155,7 @@ def _widen(array: np.ndarray, width: int) -> np.ndarray:
 
 
 class _Numbering:
-    """Global numbers at the nodes of the skeleton, and their localisation to the rank's subdomains.
-    """
+    """Global numbers at the nodes of the skeleton, and those of the rank's subdomains."""
 
     def __init__(self, skeleton, corner_keys, fixed, gluing, gluing_row, contact, share):
         self.skeleton, self.fixed, self.contact = skeleton, fixed, contact
@@ -213,9 +206,7 @@ class _Numbering:
                 [corner_number[part] for part in corner_at], rows)
 
     def _present(self, numbers: np.ndarray):
-        """Where (nodes, 2) of the rank's own `numbers` are any, and the slice of them of every
-        subdomain.
-        """
+        """Where (nodes, 2) the rank's `numbers` are any, and every subdomain's slice of them."""
         present = numbers >= 0
         ends = np.append(0, np.cumsum(present.sum(axis=1)))[self.skeleton.starts].tolist()
         return present, [slice(a, b) for a, b in zip(ends, ends[1:])]

@@ -1,5 +1,4 @@
-"""Stage 4, local part: classes of equal subdomains and the reduction of each to its rows and
-corners.
+"""Stage 4, local: classes of equal subdomains, each reduced to its rows and corners.
 
 K_rr of a class is factorized once; its dual operator B_r K_rr^-1 B_r' and its coupling A to the
 corners are formed explicitly: in 2D these dense matrices are small and their products beat pairs of
@@ -27,8 +26,7 @@ class Factor:
     """Cholesky factorization of a sparse symmetric positive definite matrix by PETSc."""
 
     def __init__(self, matrix):
-        """Factorize `matrix` (scipy CSR, n x n). Raises NoSolution if it is not positive definite.
-        """
+        """Factorize a scipy CSR `matrix` (n, n). Raises NoSolution unless positive definite."""
         self.size = matrix.shape[0]
         if self.size == 0:
             return
@@ -53,8 +51,7 @@ class Factor:
 
 @dataclass
 class LocalClass:
-    """Subdomains with equal matrices. m rows, n_r torn, n_c corner dofs; `members` are local
-    indices.
+    """Subdomains with equal matrices: m rows, n_r torn, n_c corner dofs; local indices `members`.
 
     `rows` and `corners` are the slices of the rank's stacked local rows and corner dofs that belong
     to the members, member after member.
@@ -80,9 +77,7 @@ class LocalClass:
 
 
 def stack(classes: list[LocalClass]) -> None:
-    """Stack the local rows and corner dofs class by class: sets the slices `rows` and `corners` of
-    every class.
-    """
+    """Stack local rows and corner dofs class by class: sets every class's `rows` and `corners`."""
     row = corner = 0
     for c in classes:
         count = len(c.members)
@@ -150,9 +145,7 @@ def _pattern(sub: Subdomain) -> bytes:
 
 
 def _fingerprint(structure: Substructure, s: int, pattern: bytes) -> bytes:
-    """Digest that equal subdomains share: dof sets and rows beside the `pattern` of their
-    stiffness.
-    """
+    """Digest that equal subdomains share: dof sets, rows and the `pattern` of the stiffness."""
     rows = structure.rows[s]
     digest = hashlib.sha1(pattern)
     for part in (structure.fixed[s], structure.corner_dofs[s], rows.dof,

@@ -10,9 +10,7 @@ from scipy.sparse.csgraph import connected_components
 
 @dataclass
 class RigidMode:
-    """A rigid motion of one body that no support holds: u(x) = a + b (x - center) turned by +90
-    degrees.
-    """
+    """A rigid motion of an unsupported body: u(x) = a + b (x - center) turned by +90 degrees."""
 
     body: int  # number of the body: connected subdomains, in the order of their first one
     members: np.ndarray  # subdomains of the body

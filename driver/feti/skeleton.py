@@ -47,15 +47,11 @@ class Skeleton:
         self.node_id[self.by_vertex] = np.repeat(np.arange(len(self.gids)), self.count)
 
     def over_subdomains(self, operation: np.ufunc, values: np.ndarray) -> np.ndarray:
-        """Minimum, maximum or sum of `values` at `nodes` over the subdomains of every vertex of
-        `gids`.
-        """
+        """Minimum, maximum or sum of nodal `values` over the subdomains of each of `gids`."""
         return operation.reduceat(values[self.by_vertex], self._vertex_starts)
 
     def links(self, label: int) -> np.ndarray:
-        """(n, 2) gids of nodes that follow one another along the edges with a label; each pair
-        once.
-        """
+        """(n, 2) gids of nodes that are neighbours along edges with a label; each pair once."""
         here = self.edges[:, 3] == label
         ends = self.edges[here, 1:3]
         if len(self.middles):
@@ -162,8 +158,7 @@ class _Pieces:
 
 
 class Outline:
-    """The boundary of a subdomain in its own numbering: edges (n, 2), nodes (m,), middles of the
-    edges.
+    """The boundary of a subdomain in its own numbering: edges (n, 2), nodes (m,), edge middles.
 
     Subdomains with the same `elements` have the same outline.
     """
@@ -179,9 +174,7 @@ class Outline:
         self._first = np.searchsorted(sub.elements.ravel()[order], self.nodes)
 
     def stiffness(self, sub: Subdomain) -> np.ndarray:
-        """(m,) stiffness of a subdomain at the nodes: the trace of Hooke's law in the stiffest
-        triangle there.
-        """
+        """(m,) stiffness at the nodes: trace of Hooke's law in the stiffest triangle there."""
         trace = np.einsum("tii->t", sub.elasticity)
         return np.maximum.reduceat(trace[self._triangle], self._first)
 
@@ -195,9 +188,7 @@ def boundary_edges(triangles: np.ndarray) -> np.ndarray:
 
 
 def edge_labels(labelled: np.ndarray, labels: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Labels of edges (n, 2), smaller vertex first, from those of the edges `labelled` (m, 2); 0
-    where they are not.
-    """
+    """Labels of edges (n, 2), smaller vertex first, by those of `labelled` (m, 2), else 0."""
     span = 1 + max(labelled.max(initial=0), edges.max(initial=0))
     given = np.sort(labelled, axis=1)
     keys, wanted = given[:, 0] * span + given[:, 1], edges[:, 0] * span + edges[:, 1]

@@ -1,5 +1,4 @@
-"""The torn body as a rank knows it: dof sets and rows of its subdomains, and the global numbering.
-"""
+"""The torn body as a rank knows it: its subdomains' dof sets and rows, and global numbers."""
 
 from dataclasses import dataclass
 

@@ -45,17 +45,14 @@ class DualVectors:
         self._all_partial = Gathering(comm, self._subdomains)
 
     def dot(self, a: np.ndarray, b: np.ndarray) -> float:
-        """Global scalar product of two dual vectors: partial sums by subdomain, added in their
-        order.
-        """
+        """Global scalar product: partial sums by subdomain, added in their order."""
         partial = np.zeros(self._subdomains)
         if self.owned:
             partial[self._filled] = np.add.reduceat(a * b, self._filled_starts)
         return float(self._all_partial(partial).sum())
 
     def dots(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """(k,) global scalar products of the columns of two blocks (owned, k), added as in `dot`.
-        """
+        """(k,) global scalar products of the columns of blocks (owned, k), added as in `dot`."""
         partial = np.zeros((self._subdomains, a.shape[1]))
         if self.owned:
             partial[self._filled] = np.add.reduceat(a * b, self._filled_starts, axis=0)
@@ -66,9 +63,7 @@ class DualVectors:
         return self.comm.allreduce(value, op=MPI.MIN) if self.comm.size > 1 else value
 
     def gather(self, x: np.ndarray) -> np.ndarray:
-        """The rank's stacked local rows of the dual vector x, unsigned; overwritten by the next
-        call.
-        """
+        """The rank's stacked local rows of x, unsigned; overwritten by the next call."""
         self._dual.array[:] = x
         self._to_rows.scatter(self._dual, self._gathered, addv=False, mode="forward")
         return self._gathered.array

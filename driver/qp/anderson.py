@@ -11,16 +11,14 @@ LIMIT = 40  # iterations at most
 
 
 class Anderson:
-    """Anderson acceleration of a fixed-point map g -> map(g) (D. Anderson, J. ACM 12 (1965)
-    547-560).
+    """Anderson acceleration of a fixed-point map g -> map(g) (J. ACM 12 (1965) 547-560).
 
     `dot` is the global scalar product of two rank's parts; `depth` differences are combined, those
     within `noise` of the others left out, and the part `damping` of the map's own change is taken.
     """
 
     def __init__(self, dot: Callable[[np.ndarray, np.ndarray], float], depth: int = DEPTH,
-                 damping: float = DAMPING,
-                 noise: float = 1e-6):
+                 damping: float = DAMPING, noise: float = 1e-6):
         self.dot, self.depth, self.damping, self.noise = dot, depth, damping, noise
         self.points, self.changes = [], []
 

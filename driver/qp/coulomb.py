@@ -1,5 +1,4 @@
-"""The dense contact problem with friction on a few contact nodes: the law, its states and their
-linear systems.
+"""The dense contact problem with friction on a few nodes: law, states, linear systems.
 
 With the compliance C of the contact nodes, x = (lambda_n, lambda_t) and movements d - C x = (over,
 slip):
@@ -55,14 +54,13 @@ OPEN, STICK, FORWARD, BACKWARD = (int(state) for state in State)
 
 @dataclass
 class CoulombProblem:
-    """`compliance` (n + m, n + m) SPD, `load` d (n + m,), `coefficient` F (m,), `pair` (m,),
-    `offset` c >= 0 (m,).
+    """`compliance` (n + m, n + m) SPD, `load` d (n + m,), `coefficient` F (m,), pairs and offset.
 
-    n nodes have a normal row and the m nodes `pair` of them a tangential one. `bilateral`: lambda_n
-    of any sign and over = 0 everywhere, the friction bound is c + F |lambda_n|. `motions` R (n + m,
-    k) and `balance` L (k,) are of bodies without support. Without `offset` c is zero. Solutions are
-    vectors z = (lambda_n, lambda_t, beta) of n + m + k numbers. `latest` is the factorized system
-    of the latest states, by these, shared by all problems that `under` makes.
+    n nodes have a normal row and the m nodes `pair` (m,) of them a tangential one; `offset` c >= 0
+    (m,), None: zero. `bilateral`: lambda_n of any sign and over = 0 everywhere, the friction bound
+    is c + F |lambda_n|. `motions` R (n + m, k) and `balance` L (k,) are of bodies without support.
+    Solutions are vectors z = (lambda_n, lambda_t, beta) of n + m + k numbers. `latest` is the
+    factorized system of the latest states, by these, shared by all problems that `under` makes.
     """
 
     compliance: np.ndarray
@@ -131,8 +129,7 @@ class CoulombProblem:
         return self.joined(touching, sliding)
 
     def joined(self, touching: np.ndarray, sliding: np.ndarray) -> np.ndarray:
-        """(n,) states of nodes that are STICK or OPEN as `touching` (n,) says, and stick or slide
-        as `sliding` (m,) does.
+        """(n,) states: STICK or OPEN by `touching` (n,), stick or slide by `sliding` (m,).
 
         Overwrites `touching`.
         """
@@ -141,9 +138,7 @@ class CoulombProblem:
         return touching
 
     def states_of(self, x: np.ndarray, signs: np.ndarray) -> np.ndarray:
-        """(n,) states that the multipliers x (n + m,) alone show, with the signs (m,) of those that
-        slide, else 0.
-        """
+        """(n,) states by the multipliers x (n + m,) alone; signs (m,) where they slide, else 0."""
         touching = np.where((x[: self.n] > 0) | self.bilateral, STICK, OPEN)
         return self.joined(touching,
                            np.where(signs > 0, FORWARD, np.where(signs < 0, BACKWARD, STICK)))
@@ -161,9 +156,7 @@ class CoulombProblem:
         return np.where(z[: self.n] < 0, -1.0, 1.0) if self.bilateral else np.ones(self.n)
 
     def held(self, states: np.ndarray) -> np.ndarray:
-        """(k, h) orthonormal motions, in units of their reach, that rows in contact or sticking
-        feel.
-        """
+        """(k, h) orthonormal motions, by reach, that rows in contact or sticking feel."""
         if not self.k:
             return np.zeros((0, 0))
         acts = np.concatenate([states > OPEN, np.abs(states[self.pair]) == STICK])
@@ -183,17 +176,13 @@ class CoulombProblem:
         return self.latest[key]
 
     def solution_in(self, states: np.ndarray, sign: np.ndarray | None = None) -> np.ndarray | None:
-        """z of the linear system of `states`, exactly in its states; None if the system is
-        singular.
-        """
+        """z of the linear system of `states`, exactly in them; None if it is singular."""
         return self.system(states, np.ones(self.n) if sign is None else sign).solve(self.load,
                                                                                     self.balance)
 
     # ---- the law -------------------------------------------------------------------------------
     def violation(self, z: np.ndarray) -> float:
-        """Largest violation of the law at z, relative to the largest terms of its sums; inf if z is
-        no number.
-        """
+        """Violation of the law at z, relative to the largest terms of its sums; inf for NaN."""
         x, move = z[: self.rows], self.movement(z)
         work = np.abs(self.balance / self.reach).max(initial=0)
         force = max(np.abs(x).max(initial=0), np.abs(self.rigidity * self.load).max(initial=0),
@@ -215,9 +204,7 @@ class CoulombProblem:
         return z is not None and self.violation(z) <= ROUNDING
 
     def on_springs(self, softness: float, rest: np.ndarray) -> "CoulombProblem":
-        """The bodies held by springs of compliance `softness` per unit reach whose rest are the
-        motions `rest` (k,).
-        """
+        """The bodies on springs of compliance `softness` per unit reach, at rest at `rest` (k,)."""
         turned = softness * self.motions / self.reach**2
         return CoulombProblem(self.compliance + turned @ self.motions.T,
                               self.load + self.motions @ rest + turned @ self.balance,
@@ -268,8 +255,9 @@ class StateSystem:
         self.index = int(np.prod(np.sign(np.diag(self.factor))) * (-1) ** swaps)
 
     def solve(self, load: np.ndarray, balance: np.ndarray) -> np.ndarray | None:
-        """z under `load` (n + m,) and `balance` (k,), sliding nodes exactly on their bounds; None
-        if there is no one z.
+        """z under `load` (n + m,), `balance` (k,), sliding nodes on their bounds, or None.
+
+        None if there is no single z.
         """
         if self.singular:
             return None

@@ -280,9 +280,7 @@ class _Mprgp:
         return "proportioning"
 
     def sufficient_decrease(self):
-        """abar (1 - alpha_factor/2) phi~'phi, by which a gradient projection step provably lowers
-        f.
-        """
+        """abar (1 - alpha_factor/2) phi~'phi, the least decrease of f by a projected step."""
         return (1 - 0.5 * self.alpha_factor) * self.alpha_factor / self.bound * self.reduced_slope
 
     def projected_step(self, p, length, wish, needed):
@@ -299,8 +297,7 @@ class _Mprgp:
                    for a in steps)
 
     def relaxed_step(self, y, g, needed):
-        """x <- relax(y, g); returns whether it was taken, which needs the same decrease of f as
-        other steps.
+        """x <- relax(y, g), if f decreases as much as in other steps; returns whether it does.
 
         y is the end of the whole CG step, feasible or not (then its active set follows from the
         block problem instead of a projection), or x itself where components are to be released.
@@ -353,8 +350,7 @@ class _Mprgp:
     # -- control ------------------------------------------------------------------------------
 
     def refresh(self):
-        """Recomputes a gradient that updates have brought below the rounding of the one they
-        started from.
+        """Recomputes a gradient that updates have brought below the rounding of the first one.
 
         Only where x has become so much smaller since then that this brings digits back. Without
         them the gradient says nothing of x any more, and CG would follow it into underflow.
@@ -469,8 +465,7 @@ def _checked(b, lower, upper, x0, dot):
 
 def mprgp(A, b, lower, upper, x0=None, *, tol, norm_bound, gamma=1.0, alpha_factor=1.95,
           preconditioner=None, max_products=10_000, gradient0=None, dot=np.dot, minimum=float,
-          monitor=None,
-          expansion="gradient", scale=None, relax=None):
+          monitor=None, expansion="gradient", scale=None, relax=None):
     """Minimise 1/2 x'Ax - b'x over lower <= x <= upper; returns a Result.
 
     A               callable (n,) -> (n,), symmetric positive (semi)definite; local parts
@@ -514,12 +509,11 @@ def mprgp(A, b, lower, upper, x0=None, *, tol, norm_bound, gamma=1.0, alpha_fact
     if not (0 < alpha_factor <= 2 and gamma > 0 and tol >= 0 and max_products >= 1):
         raise ValueError("need 0 < alpha_factor <= 2, gamma > 0, tol >= 0, max_products >= 1")
     if scale is not None and (scale != 1).any():
-        return _unscaled(A, b, lower, upper, x0, scale, dict(
-            tol=tol, norm_bound=norm_bound, gamma=gamma, alpha_factor=alpha_factor,
-            preconditioner=preconditioner,
-            max_products=max_products, gradient0=gradient0, dot=dot, minimum=minimum,
-            monitor=monitor,
-            expansion=expansion, relax=relax))
+        return _unscaled(A, b, lower, upper, x0, scale,
+                         dict(tol=tol, norm_bound=norm_bound, gamma=gamma,
+                              alpha_factor=alpha_factor, preconditioner=preconditioner,
+                              max_products=max_products, gradient0=gradient0, dot=dot,
+                              minimum=minimum, monitor=monitor, expansion=expansion, relax=relax))
     b, lower, upper, x = _checked(b, lower, upper, x0, dot)
     run = _Mprgp(A, b, lower, upper, tol, float(norm_bound), gamma, alpha_factor, preconditioner,
                  max_products, dot, minimum, monitor, expansion == "cg", relax)

@@ -1,6 +1,4 @@
-"""Stage 7: the quantities of the contact nodes in every step, from the multipliers and
-displacements of the ranks.
-"""
+"""Stage 7: quantities of the contact nodes in every step, from the ranks' solutions."""
 
 import numpy as np
 
@@ -28,9 +26,7 @@ class ContactState:
         return np.any(self.operator.comm.allgather(own), axis=0)
 
     def _find_terms(self) -> None:
-        """Where the displacements are that meet at the contact nodes: in every subdomain with such
-        a node.
-        """
+        """Find the displacements at the contact nodes in every subdomain with such a node."""
         gids, self._term = np.unique(self.boundary.term_gid, return_inverse=True)
         subs = self.operator.structure.subdomains
         gid = np.concatenate([np.empty(0, np.int64), *(sub.node_gid for sub in subs)])
@@ -43,8 +39,7 @@ class ContactState:
             self.operator.comm.allgather(np.searchsorted(gids, gid[copies])))
 
     def evaluate(self, step: Step, displacements: list[np.ndarray]) -> dict[str, np.ndarray]:
-        """Arrays (n_c,) of every `ContactField` at the end of `step`, status as its code;
-        collective.
+        """Arrays (n_c,) of every `ContactField` at the end of `step`, status as code; collective.
 
         `displacements` (dofs,) of the rank's subdomains. Steps must come in their order: slip is
         counted from the step before.
@@ -69,9 +64,7 @@ class ContactState:
                 ContactField.STATUS: values[3].astype(int)}
 
     def _jump(self, displacements: list[np.ndarray]) -> np.ndarray:
-        """(n_c, 2) displacement of the contact nodes, relative to the other body where there is
-        one.
-        """
+        """(n_c, 2) displacement of the contact nodes, between bodies the jump."""
         b = self.boundary
         own = [displacements[s].reshape(-1, 2)[node] for s, node in self._copies]
         copies = np.concatenate([np.empty((0, 2)), *own])
@@ -85,9 +78,7 @@ class ContactState:
 
 
 def constrained_keys(structure) -> np.ndarray:
-    """(n,) keys 2 gid + component of the displacements of the rank's subdomains that a support
-    constrains.
-    """
+    """(n,) keys 2 gid + component of the rank's displacements that a support constrains."""
     keys = [2 * sub.node_gid[sub.dof_node[fixed]] + sub.dof_component[fixed]
             for sub, fixed in zip(structure.subdomains, structure.fixed) if len(fixed)]
     return np.concatenate([np.empty(0, np.int64), *keys])

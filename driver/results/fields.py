@@ -1,5 +1,6 @@
-"""Stage 7: displacements and stresses of the whole body as VTU files for ParaView, one a step,
-gathered on rank 0.
+"""Stage 7: displacements and stresses of the body as VTU files for ParaView, one a step.
+
+They are gathered on rank 0.
 """
 
 from pathlib import Path
@@ -35,18 +36,14 @@ class Fields:
                 (directory / FOLDER).mkdir(exist_ok=True)
 
     def add(self, step: Step, displacements: list[np.ndarray], written: bool = False) -> None:
-        """The fields of one step with `displacements` (dofs,) of the rank's subdomains; `written`:
-        the file is there.
-        """
+        """Fields of one step with `displacements` (dofs,) by subdomain; not again if `written`."""
         self.steps.append((step.time, file_name(step.index)))
         if not written:
             self.write(step, displacements)
 
     def write(self, step: Step, displacements: list[np.ndarray],
               indicator: np.ndarray | None = None) -> None:
-        """The file of a step, under whose name it is never there in part; `indicator` (n_t,) on
-        rank 0, if any.
-        """
+        """The file of a step, never there in part; `indicator` (n_t,) on rank 0, if any."""
         mesh = self._mesh_with_fields(step, displacements, indicator)
         with agreed_writes(self.operator.comm):
             if self.root:
@@ -62,9 +59,7 @@ class Fields:
             f"<Collection>\n{sets}</Collection>\n</VTKFile>\n")
 
     def _gather_mesh(self, nodes: int):
-        """On rank 0 points (n, 2), `nodes` of the elements (n_t, nodes) and subdomains (n_t,) of
-        the torn body.
-        """
+        """On rank 0 points (n, 2), elements (n_t, nodes) and subdomains (n_t,) of the torn body."""
         subs = self.operator.structure.subdomains
         drawn = [_drawn(sub) for sub in subs]
         number = [(np.cumsum(shown) - 1)[sub.elements[:, :nodes]]

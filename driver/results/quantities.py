@@ -42,12 +42,10 @@ def quantities(effects, nodes: dict, steps: dict, displacement) -> tuple[dict[st
     pressure, weight, pieces = -steps["sigma_n"], nodes["weight"], chains(nodes)
     normal = pressure @ weight
     at = _moment(np.abs(normal))
-    found = {
-        "peak_pressure": max(
-            peak(nodes["arc"][piece], traction(nodes, pressure[at], piece)) for piece in pieces),
-        "normal_resultant": normal[at], "contact_length": contact_length(nodes, pieces, steps, at),
-        "displacement": displacement[at]
-    }
+    found = {"peak_pressure": max(peak(nodes["arc"][piece], traction(nodes, pressure[at], piece))
+                                  for piece in pieces), "normal_resultant": normal[at],
+             "contact_length": contact_length(nodes, pieces, steps, at),
+             "displacement": displacement[at]}
     if effects.frictional:
         found |= {"tangential_resultant": steps["sigma_t"][at] @ weight,
                   "slip": max(longest_way(nodes, piece, steps, at) for piece in pieces),
@@ -61,8 +59,7 @@ def _moment(size: np.ndarray) -> int:
 
 
 def chains(nodes: dict) -> list[np.ndarray]:
-    """Indices of the contact nodes of every connected piece of the boundary, in the order of arc.
-    """
+    """Indices of the contact nodes of every connected boundary piece, in the order of arc."""
     arc, xy, label = nodes["arc"], nodes["xy"], nodes["label"]
     along, across = np.diff(arc), np.linalg.norm(np.diff(xy, axis=0), axis=1)
     breaks = (label[1:] != label[:-1]) | (np.abs(along - across) > 1e-6 * across)
@@ -110,8 +107,7 @@ def traction(nodes: dict, pressure: np.ndarray, piece: np.ndarray) -> np.ndarray
 
 
 def peak(arc: np.ndarray, values: np.ndarray) -> float:
-    """Largest of `values` (k,) over `arc`, of the parabola through it and its neighbours where both
-    are positive.
+    """Largest of `values` (k,) over `arc`, of a parabola where both neighbours are positive.
 
     At an edge of contact, beyond which they vanish, they are not smooth.
     """
@@ -144,9 +140,7 @@ def contact_length(nodes: dict, pieces: list[np.ndarray], steps: dict, at: int) 
 
 def edges_of_contact(nodes: dict, piece: np.ndarray, steps: dict,
                      at: int) -> list[tuple[int, int, float]]:
-    """Closed node, open node (places in `piece`) and length in contact of every edge between such
-    at step `at`.
-    """
+    """Closed node, open node (places in `piece`), length in contact of edges between such."""
     x, closed = nodes["arc"][piece], steps["status"][at][piece] != OPEN
     opening = np.maximum(nodes["gap"] - steps["u_n"][at], 0.0)[piece]
     pressure = np.maximum(-steps["sigma_n"][at], 0.0)[piece]
@@ -163,8 +157,7 @@ def edges_of_contact(nodes: dict, piece: np.ndarray, steps: dict,
 
 
 def longest_way(nodes: dict, piece: np.ndarray, steps: dict, at: int) -> float:
-    """Longest way that a point of a piece has slid in contact, also at the edges of contact of step
-    `at` between nodes.
+    """Longest way that a point of a piece has slid in contact, also between its nodes.
 
     Slip is often largest at an edge of contact; the last closed node alone would tell it by the
     mesh size only. What the open node beyond the edge has moved while its neighbour slid counts as
@@ -181,8 +174,7 @@ def longest_way(nodes: dict, piece: np.ndarray, steps: dict, at: int) -> float:
 
 
 def _part(x, opening, pressure, inward, closed) -> float:
-    """Length from the last closed node x[0] to the edge of contact, at most the distance of the
-    open node x[1].
+    """Length from the last closed node x[0] to the edge of contact, at most to the open x[1].
 
     `x` rises; `opening` and `closed` belong to it; `pressure` over `inward` starts at the closed
     node and goes the other way. With a single open node the pressure, which vanishes like r^(1/2),
@@ -202,7 +194,5 @@ def _part(x, opening, pressure, inward, closed) -> float:
 
 
 def _zero(one: float, two: float, here: float, there: float) -> float | None:
-    """Where the line through (one, here) and (two, there) vanishes on the side of `one`; None if it
-    does not.
-    """
+    """Where the line through two points vanishes on the side of the first; None if nowhere."""
     return one - here * (two - one) / (there - here) if there > here else None

@@ -1,5 +1,4 @@
-"""Stage 6, between bodies: contact linearized a second time, about displacements of the problem's
-own solution.
+"""Stage 6, between bodies: contact linearized again, about the problem's own solution.
 
 The distance of two boundaries, the normals and the parts that face each other depend on the
 displacements. The first linearization takes them from the initial geometry. What it neglects is of
@@ -27,8 +26,7 @@ from .record import Record
 
 
 def linearized(problem: Problem, settings: Settings, comm) -> Problem:
-    """The problem with contact between bodies linearized as `settings.linearization` says;
-    collective.
+    """The problem with pairs linearized as `settings.linearization` says; collective.
 
     "updated": about the displacements of a run about the initial geometry, at the step that its
     quantities of interest belong to (the last one, or where contact is lost by then that with the

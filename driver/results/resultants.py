@@ -9,8 +9,7 @@ from ..march.step import Step
 
 def resultants(operator: DualOperator, step: Step, inner: list[np.ndarray],
                contact: dict) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Resultants (2,) of loads, support reactions and the obstacles' forces, which add up to zero;
-    and `size`.
+    """Resultants (2,) of loads, reactions and obstacles' forces, which add up to zero; `size`.
 
     `inner` are the forces K u (dofs,) of the rank's subdomains, `contact` the quantities of the
     contact nodes. `size` (2,) is the sum of the absolute values of all these nodal forces: the

@@ -48,14 +48,12 @@ class Sizes:
         """Sizes of a torn problem."""
         gluing, normal, tangential = np.bincount(structure.row_kind, minlength=3).tolist()
         return cls(structure.total, structure.primal_dofs, structure.dual_dofs, gluing, normal,
-                   tangential,
-                   structure.coarse_dofs, len(structure.contact.gid))
+                   tangential, structure.coarse_dofs, len(structure.contact.gid))
 
 
 @dataclass
 class Summary:
-    """The entries of summary.json; `parts` of dictionaries are named where their names are fixed.
-    """
+    """The entries of summary.json; `parts` of dictionaries are named where these are fixed."""
 
     scene: str = entry("name of the scene")
     variant: str = entry("its LOADING, if it has any")
@@ -165,9 +163,7 @@ def summarize(request, problem: Problem, solver: QuasistaticSolver,
 
 
 def write(directory: Path, summary: Summary, comm) -> None:
-    """Write the file into `directory` on rank 0; collective. Raises InputError if it cannot be
-    written.
-    """
+    """Write the file on rank 0; collective. Raises InputError if it cannot be written."""
     with agreed_writes(comm):
         if comm.rank == 0:
             write_json(directory / FILE, summary.entries())
@@ -179,9 +175,7 @@ def largest_memory(comm) -> float:
 
 
 def reference() -> list[dict[str, str]]:
-    """A row {entry, unit, meaning} for every entry: the reference of the documentation; nested
-    names have a dot.
-    """
+    """A row {entry, unit, meaning} an entry, nested ones with a dot, for the documentation."""
     rows = []
     for item in fields(Summary):
         rows.append({"entry": item.name, "unit": item.metadata["unit"],

@@ -1,5 +1,4 @@
-"""ACCURACY=1%[,quantity]: choose mesh, steps and tolerances so that a quantity of interest is as
-good as asked for.
+"""ACCURACY=1%[,quantity]: choose mesh, steps and tolerances for the error that is asked for.
 
 The search starts from a mesh eight times coarser than the scene's own and refines. Runs of
 successive meshes are each other's companions (budget.py): nothing is run for the estimate alone but
@@ -59,9 +58,7 @@ class Search:
     """Looks for the settings that meet a request. Collective."""
 
     def __init__(self, levels, settings, asked: float, quantity: str, say=lambda line: None):
-        """`levels`: the scene's; `settings` those that are not chosen; `say` takes lines for the
-        user.
-        """
+        """`levels`: the scene's; `settings` not chosen here; `say` takes lines for the user."""
         self.levels, self.asked, self.say = levels, asked, say
         self.settings = dataclasses.replace(settings, rtol=0.01 * asked, friction_rtol=0.1 * asked,
                                             primal_rtol=0.03 * asked)
@@ -101,9 +98,8 @@ class Search:
     def scaled(self, settings, stride: int):
         """Tolerances of a run with many steps: what each step leaves adds up in slip and energy."""
         factor = min(1.0, 5 / (self.total // stride))
-        return dataclasses.replace(settings,
-                                   **{name: max(1e-10, factor * getattr(settings, name))
-                                      for name in TOLERANCES})
+        return dataclasses.replace(settings, **{name: max(1e-10, factor * getattr(settings, name))
+                                                for name in TOLERANCES})
 
     def _values(self, size, stride=None, settings=None) -> dict:
         return self._level(size, stride, settings).values
@@ -114,9 +110,7 @@ class Search:
         return self.total // self.stride
 
     def _choose_steps(self, size, finest: int) -> None:
-        """As few steps as keep the time step's part below TIME of what is allowed, with a stride of
-        `finest` at least.
-        """
+        """As few steps as keep their error below TIME of what is allowed, strides from `finest`."""
         fewest = 2 * self.stride if "time" in self.parts else self.stride
         strides, runs = [fewest, fewest // 2], [self._values(size, stride)
                                                 for stride in (fewest, fewest // 2)]
@@ -137,12 +131,13 @@ class Search:
         return TIME if self.stride > 1 else LAST
 
     def _in_time(self, runs: list[dict], part: float = TIME) -> bool:
-        """Whether the steps of the last of `runs`, with twice as many steps each, err by a `part`
-        of what is allowed at most; sets their part of the error."""
+        """Whether the time steps of the last run err by a `part` of what is allowed at most.
+
+        Each of `runs` has twice as many steps as the one before; sets their part of the error.
+        """
         last = runs[:-4:-1]
         self.parts["time"] = {q: extrapolate([a[q] - b[q] for a, b in zip(last, last[1:])],
-                                             [2.0] * (len(last) - 1),
-                                             FORMAL["time"], value, True)
+                                             [2.0] * (len(last) - 1), FORMAL["time"], value, True)
                               for q, value in last[0].items()}
         return self.parts["time"][self.name].error <= part * self.asked * abs(last[0][self.name])
 
@@ -185,9 +180,7 @@ class Search:
         return self.name.replace("_", " ")
 
     def _tighten(self, size) -> bool:
-        """Tolerances with a part of the error small enough on the mesh of a size; whether they were
-        changed.
-        """
+        """Tolerances of a part of the error small enough on a mesh; whether they were changed."""
         stride, before = max(self.stride, min(self.total, SAMPLING * FEWEST)), self.settings
         coulomb = self.effects.pressure_bounds_friction
         while True:
@@ -233,9 +226,7 @@ class Search:
                 for q, value in values.items()}
 
     def _next(self, entry: dict) -> float:
-        """The next mesh size: its estimate is to use up ROOM of what other parts leave of the
-        request.
-        """
+        """The next mesh size: its estimate is to use up ROOM of what other parts leave."""
         size, others = self.sizes[-1], sum(entry[s] for s in ("time", "friction", "solver")
                                            if s in entry)
         if entry["mesh"] is None:
@@ -256,8 +247,9 @@ class Search:
         return min(math.floor(size / factor * 10**digits + 1e-9) / 10**digits, size)
 
     def run(self):
-        """The run that meets the request. Raises InputError, NoSolution or NotConverged, with the
-        finest run kept.
+        """The run that meets the request. Raises InputError, NoSolution or NotConverged.
+
+        The finest run is kept.
         """
         self.sizes.append(self._finer(self.sizes[0], 2.0))
         self.name = self._name(self._values(self.sizes[-1]))
@@ -281,8 +273,7 @@ class Search:
                         return
             spent = entry.get("time", 0.0)
             if (len(self.sizes) > 2 and spent > self._time_share * allowed
-                    and entry["mesh"] is not None
-                    and (entry["mesh"] <= allowed or spent > allowed)):
+                and entry["mesh"] is not None and (entry["mesh"] <= allowed or spent > allowed)):
                 self._more_steps(self.sizes[-2])
                 continue
             # tolerances were tightened
@@ -330,9 +321,7 @@ class Search:
 # ---- the stage -----------------------------------------------------------------------------------
 
 def run(directory: Path, request: Request, comm) -> tuple[int, str]:
-    """Search and write the results of the run found into `directory`; exit status and reason, on
-    every rank alike.
-    """
+    """Search and write the result into `directory`; exit status and reason, on every rank."""
     from ..estimates.levels import Levels
     from ..options import Settings
 

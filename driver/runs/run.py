@@ -48,8 +48,7 @@ class Run:
         for name in sorted(set(given.parameters) & set(freefem.RESERVED)):
             raise InputError(f"{name.upper()} is no parameter of a scene: FreeFEM and the driver "
                              "use the word themselves")
-        names = ("without", "fields", "figures", "quiet", "resume", "adapt", "errors",
-                 "accuracy")
+        names = ("without", "fields", "figures", "quiet", "resume", "adapt", "errors", "accuracy")
         return cls(scene, given["out"] or RESULTS / scene.stem, given["np"], given.settings,
                    given.parameters, **{name: given[name] for name in names})
 

@@ -22,9 +22,7 @@ from .workspace import lock_log
 
 
 class Progress:
-    """Finished steps, residual and remaining time: a bar on a terminal, plain lines elsewhere, all
-    lines in a log.
-    """
+    """Finished steps, residual, remaining time: a bar on a terminal, else lines; a log."""
 
     def __init__(self, total: int, done: int, label: str, quiet: bool, log: Path | None):
         """`done` steps of `total` are those of an interrupted run."""
@@ -137,8 +135,7 @@ def _march(directory: Path, request: Request, problem: Problem, solver: Quasista
 def _progress(directory: Path, request: Request, problem: Problem, resumed: int, comm) -> Progress:
     """The report of progress, with its first line."""
     root = comm.rank == 0
-    progress = Progress(problem.manifest.steps, resumed, request.scene,
-                        request.quiet or not root,
+    progress = Progress(problem.manifest.steps, resumed, request.scene, request.quiet or not root,
                         directory / "run.log" if root else None)
     line = (f"{request.scene} {problem.manifest.parameters} {request.settings} "
             f"on {comm.size} ranks")
@@ -180,8 +177,7 @@ def _budget(directory: Path, request: Request, problem: Problem, writer: Writer)
 
     settings = Settings(**{**request.settings, "uniqueness": "no"})
     levels = Levels(Path(request.script), request.parameters, directory / "companions",
-                    writer.operator.comm,
-                    settings, [Path(place) for place in request.cycles],
+                    writer.operator.comm, settings, [Path(place) for place in request.cycles],
                     request.without)
     try:
         return assess(levels, problem, settings, *writer.record.quantities())
