@@ -55,8 +55,7 @@ def start_petsc() -> None:
 def _find_petsc() -> None:
     """Let petsc4py find its PETSc, whose place Debian's package alone does not say.
 
-    The package's .pth file reads PETSC_DIR when Python starts, so for this process the path is set
-    as well.
+    The package's .pth file reads PETSC_DIR when Python starts: here the path is set as well.
     """
     if "PETSC_DIR" not in os.environ and not Path("/usr/lib/petsc").exists():
         newest = max(Path("/usr/lib/petscdir").glob("petsc*/*-real"), default=None)

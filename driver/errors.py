@@ -76,8 +76,7 @@ def write_error(problem: OSError) -> InputError:
 def agree(comm, error: DriverError | None) -> None:
     """Raise on every rank of `comm` the first rank's error, if any rank has one.
 
-    Without this a rank that refuses its input leaves the others waiting in the next collective
-    call.
+    Otherwise a rank that refuses its input would leave the others waiting in a collective call.
     """
     for each in comm.allgather(error):
         if each is not None:
@@ -86,10 +85,7 @@ def agree(comm, error: DriverError | None) -> None:
 
 @contextmanager
 def agreed_writes(comm):
-    """A block that writes files and calls nothing collective.
-
-    Its DriverError or OSError, the latter as InputError, is raised on all ranks of `comm`.
-    """
+    """Writes files in a block; its DriverError or OSError, as InputError, is raised on all ranks."""
     error = None
     try:
         yield

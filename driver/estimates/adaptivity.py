@@ -8,8 +8,7 @@ Engng 24, 1987; Diez, Huerta: CMAME 177, 1999), so
     h_new = h (c/eta)^(1/(p+1)),   number of new triangles = sum of (h/h_new)^2 = sum of
         (eta/c)^(2/(p+1)),
 
-and c follows from the number of triangles that is wanted. edp/lib/adapt.idp and gmsh.idp make the
-mesh.
+and c follows from the number of triangles wanted. edp/lib/adapt.idp, gmsh.idp make the mesh.
 """
 
 import dataclasses
@@ -24,13 +23,11 @@ from ..options import Settings
 from ..scene.elements import areas
 
 STEM = "size"  # of the files of a size field, see write_sizes
-# triangles of one cycle's mesh over those of the one before: as if the size were halved
-GROWTH = 4.0
+GROWTH = 4.0  # triangles of one cycle's mesh over the last one's: as if sizes were halved
 STEEPEST = 0.5  # difference of sizes over distance: neighbours must not differ too much
 SMALLEST, LARGEST = 0.125, 2.0  # new size over old in one cycle: an indicator does not see further
 ROUNDING = 1e-8  # an error below this part of the solution's norm is none
-# tolerances of the cycles, whose meshes err by more
-COARSE = {"rtol": 1e-4, "friction_rtol": 1e-3, "primal_rtol": 1e-2}
+COARSE = {"rtol": 1e-4, "friction_rtol": 1e-3, "primal_rtol": 1e-2}  # of cycles, rough
 
 
 def element_sizes(xy: np.ndarray, triangles: np.ndarray) -> np.ndarray:
@@ -43,8 +40,7 @@ def new_sizes(size: np.ndarray, indicator: np.ndarray, wanted: float,
     """(n_t,) sizes that spread the error evenly over about `wanted` triangles of a `degree`.
 
     `size` (n_t,) of the present triangles, `indicator` (n_t,) energy error of each, not squared.
-    Triangles that meet a limit leave fewer or more for the others, which the repetition makes up
-    for.
+    Triangles that meet a limit leave fewer or more for others, for which the repetition makes up.
     """
     if not indicator.any():
         return size * np.sqrt(len(size) / wanted)
@@ -76,8 +72,7 @@ def nodal_sizes(xy: np.ndarray, triangles: np.ndarray, size: np.ndarray) -> np.n
 def next_mesh(stem: Path, mesh, estimates: list, degree: int) -> None:
     """Write the sizes of the mesh that follows `mesh` (edge_mesh.Mesh) after the `estimates`.
 
-    A triangle's error is that of all estimated steps together. Raises InputError where there is no
-    estimate.
+    A triangle's error is that of all estimated steps together. Raises InputError without estimates.
     """
     reason = next((found.reason for found in estimates if found.reason),
                   "" if estimates else "nothing was estimated")

@@ -52,10 +52,8 @@ from .deviations import Deviations
 from .pair_bound import PairBound
 from .torn_body import Gather, TornBody
 
-# largest rate of contraction of the fixed point that its remaining changes are extrapolated with
-SLOWEST = 0.99
-# part of the largest edge moment below which a reaction in a single point counts as none
-ROUNDING = 1e-6
+SLOWEST = 0.99  # largest rate of the fixed point by which its remaining changes are extrapolated
+ROUNDING = 1e-6  # part of the largest edge moment below which a reaction in a point counts as none
 
 
 @dataclass
@@ -97,8 +95,7 @@ class EquilibratedBound:
     def estimate(self, step: Step, state: dict, displacements: list[np.ndarray]) -> Estimate | None:
         """The estimate of one step on rank 0, None elsewhere.
 
-        `state`: arrays (n_c,) of every `ContactField`, `displacements` (dofs,) of the rank's
-        subdomains.
+        `state`: arrays (n_c,) of every `ContactField`, `displacements` (dofs,) by subdomain.
         """
         contact, pairs = self._contact(step, state), self._pairs(state)
         fields, balanced = self._fields(step, state, contact, pairs, displacements)
@@ -120,8 +117,7 @@ class EquilibratedBound:
         of_qp = of_qp or final
         lift, between, more = self._lifted(final.admissible, pairs)
         gap = contact.duality_gap() + more
-        # by the consistent contact forces
-        shift = base - elastic + thermal - body.stress(lift[body.vertex])
+        shift = base - elastic + thermal - body.stress(lift[body.vertex])  # consistent forces'
         mean = self.deviations.mean(deviation)
         share = self.deviations.energy(deviation) + body.work(2 * mean + shift, shift)
         share = np.maximum(share, 0.0)
@@ -166,7 +162,7 @@ class EquilibratedBound:
         """(vertices, 2) averaged displacements made admissible at rigid obstacles.
 
         Nodes go out of the obstacle. They go onto it, or back to where they stuck, if that costs
-        less energy on the vertex's own stiffness than the work it saves. Sets distances and slip of
+        less energy on the vertex's own stiffness than it saves. Sets distances and slip of
         `contact`.
         """
         body, b = self.body, self.boundary
@@ -242,10 +238,7 @@ class EquilibratedBound:
         return pairs
 
     def _forces(self, pairs: list[PairBound] | None, state: dict) -> list[np.ndarray]:
-        """Forces on the rank's subdomains that replace those of the mortar multipliers by t*'s.
-
-        A vertex's force goes to the first subdomain that has it.
-        """
+        """Forces (dofs,) by subdomain for t* instead of multipliers, at a vertex's first one."""
         subs = self.operator.structure.subdomains
         nodal = self._nodal_forces(pairs, state) if self.gather.root else None
         torn, force = self.operator.comm.bcast(nodal)

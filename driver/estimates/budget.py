@@ -32,8 +32,7 @@ import numpy as np
 # kinks where contact begins and ends (Moussaoui, Khodja, Comm. PDE 17 (1992) 805-826)
 FORMAL = {"mesh": {"P1": 2.0, "P2": 3.0, "P2-mixed": 3.0}, "time": 1.0}
 SLOWEST = 0.3  # an observed order below this is no convergence
-# spread, relative to the value, below which values that do not converge visibly just wander
-WANDER = 0.02
+WANDER = 0.02  # relative spread below which values that do not converge visibly just wander
 ALONE = "no coarser run to compare with"
 SINGULAR = "does not converge under refinement, it may be singular"
 VANISHED = 1e-6  # of what its unit suggests: a quantity that is zero but for tolerances
@@ -61,10 +60,7 @@ class Part:
 
 
 def observed_order(d1: float, d2: float, r: float, s: float) -> float:
-    """p of (s^p - 1) r^p / (r^p - 1) = d2/d1; -inf where the differences do not fall.
-
-    The left side grows with p.
-    """
+    """p of (s^p - 1) r^p / (r^p - 1) = d2/d1, which grows with p; -inf where differences grow."""
 
     def growth(p):
         return (s**p - 1) * r**p / (r**p - 1)
@@ -85,8 +81,7 @@ def extrapolate(changes: list[float], ratios: list[float], formal: float, value:
     """Error of a `value` from its changes q0 - q1, q1 - q2 (up to two) between sizes in `ratios`.
 
     `limit`: there is a limit in any case, so that changes that grow only tell that it is not near.
-    Where the values turn back, a small last change may be chance: they are as uncertain as the
-    larger one says.
+    Where values turn back, a small last change may be chance: the larger one is their uncertainty.
     """
     if not changes:
         return Part(None, note=ALONE)

@@ -8,9 +8,8 @@ from .pair_bound import continued, slid
 class ContactTractions:
     """Tractions t* of rigid obstacles in the cone, linear on edges between the computed nodal ones.
 
-    Arrays over the nodes: those of the contact boundary, then the clamped ones. A node that a
-    support holds has no traction of its own in the held direction and takes the mean of its
-    neighbours'.
+    Arrays over the nodes: those of the contact boundary, then the clamped ones. A node has no
+    traction of its own in a direction that a support holds, and takes its neighbours' mean.
     """
 
     def __init__(self, contact, outer_edges: np.ndarray, state: dict, move: np.ndarray,
@@ -60,8 +59,7 @@ class ContactTractions:
         """(n, 2, 2) moments [edge, end, component] of t* against the hats.
 
         Without friction, where normals differ from node to node, the small tangential sums that the
-        neighbours' normals leave at a node are taken off its edges: there is nothing that could
-        hold them.
+        neighbours' normals leave at a node are taken off its edges: nothing could hold them.
         """
         i, j = self.node.T
         traction = -self.pressure[:, None] * self.normal + self.shear[:, None] * self.tangent
@@ -85,8 +83,7 @@ class ContactTractions:
         b = self.boundary
         force = self._nodal(self.moments)[: len(b.gid)]
         normal, tangential = -(force * b.normal).sum(axis=1), -(force * b.tangent).sum(axis=1)
-        # then only one component of the row acts
-        alone = (b.tangential_row < 0) & self.constrained.any(axis=1)
+        alone = (b.tangential_row < 0) & self.constrained.any(axis=1)  # one component acts
         free = b.normal * ~self.constrained
         normal = np.where(alone, -(force * free).sum(axis=1)
                           / np.maximum((free**2).sum(axis=1), 1e-300), normal)

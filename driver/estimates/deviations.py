@@ -23,8 +23,7 @@ class Deviations:
     Changes that keep the equilibrium have unknowns with small support: two a vertex, where given
     tractions do not close its chain, the same moment added on all its half-edges, (n_c, 2); one an
     edge without given tractions, its odd tangential traction, (n_e,). They are stacked flat.
-    Triangles come last in all arrays, so that sums over the few coefficients run along contiguous
-    rows.
+    Triangles come last in all arrays: sums over the few coefficients run along contiguous rows.
     """
 
     def __init__(self, mesh: Mesh, around: Chains, known: np.ndarray, compliance: np.ndarray,
@@ -116,8 +115,7 @@ class Deviations:
     def lessen(self, y: np.ndarray, gain: float = 0.02, iterations: int = 50) -> np.ndarray:
         """y with changes added that lessen its energy and keep the equilibrium.
 
-        Conjugate gradients with the diagonal as preconditioner, until an iteration gains less than
-        the part `gain`.
+        Conjugate gradients, diagonally preconditioned, until an iteration gains less than `gain`.
         """
         force = self._strain(y)
         square, residual = float(np.sum(y * force)), -self.assemble(force)

@@ -100,8 +100,7 @@ class Fan:
                            minlength=len(self.triangle))
 
 
-# barycentric: of a triangle, and inside
-APEXES = np.array([[0, 0, 6], [1, 1, 4], [2, 2, 2], [0, 3, 3], [3, 0, 3]]) / 6
+APEXES = np.array([[0, 0, 6], [1, 1, 4], [2, 2, 2], [0, 3, 3], [3, 0, 3]]) / 6  # barycentric
 
 
 def remainder_constant(triangle: np.ndarray, compliance: np.ndarray) -> np.ndarray:
@@ -122,10 +121,9 @@ def _remainder_constant(triangle: np.ndarray, compliance: np.ndarray) -> np.ndar
     on halves of the side, of its halves and so on, each without moments on what it lives on and
     orthogonal to the others (Alpert, A class of bases in L2 for the sparse representation of
     integral operators, 1993). On each of these parts stands a triangle similar to the whole one.
-    There the line from the apex to the middle carries the force and the moment of one half, and
-    both halves have their stress of Johnson and Mercier. If k is the largest energy of such a field
-    with int |r|^2 = 1 on the whole side, it is k / 2^l on level l, and by Cauchy's inequality c = k
-    sum 2^-l = 2 k.
+    There the line from the apex to the middle carries force and moment of one half, and both halves
+    have their stress of Johnson and Mercier. If k is the largest energy of such a field with int
+    |r|^2 = 1 on the side, it is k / 2^l on level l; by Cauchy's inequality c = k sum 2^-l = 2 k.
     """
     n, start, end, apex = len(triangle), *triangle.transpose(1, 0, 2)
     middle = (start + end) / 2

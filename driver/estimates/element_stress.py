@@ -51,8 +51,7 @@ def reference_stress() -> np.ndarray:
                 value[c, 4 * side + 2 * end + c], value[c, 4 * side + 2 * (1 - end) + c] = 4, -2
             rows.append(traction(part, end, across))
             right.append(value)
-    # constant forces of the parts by their moments
-    share = np.linalg.inv((4 - 3 * np.eye(3)) / 9) / (1 / 6)
+    share = np.linalg.inv((4 - 3 * np.eye(3)) / 9) / (1 / 6)  # constant forces of parts by moments
     for part in range(3):
         gradient = hat_gradients(nodes[part][None])[0]
         row, value = np.zeros((2, 27)), np.zeros((2, 18))

@@ -13,8 +13,7 @@ from . import recovery
 from .bound import EquilibratedBound, Estimate
 from .torn_body import Gather, gather_body
 
-# displacements below this part of the largest ones of the run are what tolerances leave
-NOTHING = 1e-6
+NOTHING = 1e-6  # relative displacements below this are what tolerances leave
 
 
 class EnergyEstimator:
@@ -24,8 +23,7 @@ class EnergyEstimator:
 
     def __init__(self, operator, manifest: Manifest, contact, kind: str):
         """`contact` is a ContactState; `kind` "equilibrated" (the bound), "recovery" or "none"."""
-        # the bound's equilibrated stresses belong to linear elements
-        self.quadratic = manifest.element != "P1"
+        self.quadratic = manifest.element != "P1"  # bound: linear elements only
         self.operator, self.manifest, self.contact = operator, manifest, contact
         self.kind = "recovery" if kind == "equilibrated" and self.quadratic else kind
         self.gather = Gather(operator)

@@ -61,18 +61,14 @@ def chains(mesh: Mesh) -> Chains:
 def prolongation(mesh: Mesh, stress: np.ndarray, body: np.ndarray | None) -> np.ndarray:
     """(n_t, 3, 2) what tractions must do on each triangle: int sigma_h grad phi - int f phi.
 
-    `stress` (n_t, 3) constant on triangles; `body` (n_t, 3, 2) moments of the body force, if there
-    is one.
+    `stress` (n_t, 3) constant on triangles; `body` (n_t, 3, 2) moments of a body force, if any.
     """
     inner = mesh.gradient @ full_tensor(stress * mesh.area[:, None])
     return inner if body is None else inner - body
 
 
 def averaged_moments(mesh: Mesh, stress: np.ndarray) -> np.ndarray:
-    """Moments (half-edges, 2) of the tractions of sigma_h averaged over the sides of each edge.
-
-    Signed for the triangle left of each half-edge.
-    """
+    """Moments (half-edges, 2) of edges' mean tractions of sigma_h, signed for the left triangle."""
     traction = side_moments(mesh, stress)
     total, count = np.zeros((2 * len(mesh.edges), 2)), np.zeros(2 * len(mesh.edges))
     for half, value in ((mesh.first, traction), (mesh.last, -np.roll(traction, 1, axis=1))):
@@ -92,8 +88,7 @@ def edge_moments(mesh: Mesh, around: Chains, load: np.ndarray, target: np.ndarra
     """
     load, first, last = load.reshape(-1, 2), mesh.first.ravel(), mesh.last.ravel()
     order, n = around.order, around.order.shape[1]
-    # of a deviation of the moments: that of the tractions, squared
-    weight = np.repeat(mesh.length, 2) ** -2.0
+    weight = np.repeat(mesh.length, 2) ** -2.0  # of a deviation: by traction, squared
     inside = order >= 0
     end = order[around.length - 1, np.arange(n)]
     head_half, end_half = first[order[0]], last[end]
@@ -106,8 +101,7 @@ def edge_moments(mesh: Mesh, around: Chains, load: np.ndarray, target: np.ndarra
     imbalance = np.where(balanced, applied - total, 0.0)
     spread = imbalance / around.length[:, None]
 
-    # b_0 - offset_k is the moment on the k-th half-edge
-    offset, offsets = np.zeros((n, 2)), []
+    offset, offsets = np.zeros((n, 2)), []  # b_0 - offset_k is the k-th half-edge's moment
     best, weights = np.zeros((n, 2)), np.zeros(n)
     for level, real in zip(order, inside):
         offsets.append(offset)

@@ -1,8 +1,7 @@
 """A scene at several mesh sizes, time steps and tolerances: the runs that estimates compare.
 
 They share one process. Every mesh is exported and reduced once, however many runs it serves.
-Collective over one communicator; FreeFEM is started by the root rank alone, with one rank of its
-own.
+Collective over one communicator; the root rank alone starts FreeFEM, with one rank of its own.
 """
 
 import dataclasses
@@ -32,8 +31,7 @@ from .budget import (
     summed,
 )
 
-# a loose fixed point may stop where one a hundred times tighter does: the companion's is this at
-# most
+# a loose fixed point may stop where a much tighter one does: the companion's is this at most
 SETTLED = 1e-7
 TIGHTER = 100.0  # tolerances of the companions that tell what those of the run leave
 
@@ -143,8 +141,7 @@ class Companions:
         self.knob = mesh_knob(self.manifest.parameters)
         self.notes = []
         self.meshes, self.ratios = self._adapted() if levels.cycles else self._uniform()
-        # of the companions that tell the other parts
-        self.base = self.meshes[1 if len(self.meshes) > 1 else 0]
+        self.base = self.meshes[1 if len(self.meshes) > 1 else 0]  # companions for other parts
 
     def _uniform(self) -> tuple[list[dict], list[float]]:
         """Meshes with elements twice and four times as long, as far as there are such."""

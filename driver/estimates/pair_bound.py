@@ -97,8 +97,7 @@ class PairBound:
 
         `nodes`: arrays over the pair's contact nodes: vertex, weight, own_normal, own_tangential
         (whether it has such a row), gap, pressure, shear, bound, before (tangential jump at the end
-        of the step before). `about` (vertices, 2): displacements about which contact is linearized,
-        None for none.
+        of the step before). `about` (vertices, 2): displacements of the linearization, or None.
         """
         self.mesh, self.frictional, self.bilateral = mesh, frictional, bilateral
         self.first, self.second = (_Boundary.of(mesh, side, about) for side in (first, second))
@@ -211,9 +210,8 @@ class PairBound:
                  free: np.ndarray) -> np.ndarray:
         """(points, 2) moves that end penetration, and close gap and slip where that is worth it.
 
-        A vertex of the side closes if that costs less energy on its own `stiffness` than the work
-        it saves, a place between two if both do. `loose` (n, 2): components that no support
-        constrains.
+        A vertex of the side closes if that costs less energy on its own `stiffness` than it saves,
+        a place between two if both do. `loose` (n, 2): components that no support constrains.
         """
         p, n, point = self.parts, len(self.first.vertex), self._point
         normal, size = self._frame

@@ -25,8 +25,7 @@ def recovered_stress(corner: np.ndarray, triangles: np.ndarray, region: np.ndarr
                      stress: np.ndarray) -> np.ndarray:
     """(n_t, 6, 3) nodal values of the recovered stress; patches end where the region changes.
 
-    `corner` (n_t, 3, 2), `triangles` (n_t, 3) untorn vertices, `stress` (n_t, 3 corners, 3) linear
-    on each triangle.
+    `corner` (n_t, 3, 2), `triangles` (n_t, 3) untorn, `stress` (n_t, 3 corners, 3) linear on each.
     """
     _, first, vertex = np.unique(region[:, None] * (triangles.max() + 1) + triangles,
                                  return_index=True, return_inverse=True)
@@ -39,8 +38,7 @@ def recovered_stress(corner: np.ndarray, triangles: np.ndarray, region: np.ndarr
     np.add.at(normal, at, basis.transpose(0, 2, 1) @ basis)
     np.add.at(right, at, basis.transpose(0, 2, 1) @ (AT_MIDDLES @ stress)[t])
     fitted = np.linalg.pinv(normal, rcond=1e-10, hermitian=True) @ right
-    # [triangle, patch of its vertex, node]
-    nodes = (AT_NODES @ corner)[:, None] - place[vertex][:, :, None]
+    nodes = (AT_NODES @ corner)[:, None] - place[vertex][:, :, None]  # [triangle, patch, node]
     found = _quadratics(nodes / size[vertex][..., None, None]) @ fitted[vertex]
     vertices, middles = found[:, [0, 1, 2], [0, 1, 2]], found[:, :, 3:]
     return np.concatenate([vertices,

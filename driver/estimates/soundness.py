@@ -67,10 +67,7 @@ def locking(problem, step) -> list[str]:
 
 
 def _stresses(sub, soft, u):
-    """Vertices (n, 3), areas (n,), lambda, mu, pressure and deviator of the triangles `soft`.
-
-    The last is (n, 3 corners, 5).
-    """
+    """Vertices (n, 3), areas, lambda, mu (n,), p and s (n, 3 corners, 5) of the triangles `soft`."""
     corner = sub.xy[sub.triangles[soft]]
     strain = elements.linear_strains(corner, u.reshape(-1, 2)[sub.elements[soft]])
     lam, mu = sub.elasticity[soft, 0, 1], sub.elasticity[soft, 2, 2]

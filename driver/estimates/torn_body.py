@@ -47,8 +47,7 @@ class TornBody:
     compliance: np.ndarray  # (n_t, 3, 3)
     mesh: Mesh
     constrained: np.ndarray  # (vertices, 2) components that supports constrain
-    # (half-edges, 2) where the traction is given: boundary edges without support, by component
-    given: np.ndarray
+    given: np.ndarray  # (half-edges, 2) tractions: of boundary edges without support, by component
 
     @cached_property
     def chains(self) -> Chains:

@@ -20,10 +20,7 @@ class BlockDiagonal:
     """y_s = x_s M_s for the members s of all classes; x and y stacked class by class."""
 
     def __init__(self, classes: list, matrices: list[np.ndarray], source: str, target: str):
-        """`matrices` (m, n) of every class; `source`, `target` name its slices of x and y.
-
-        They hold the members one after the other.
-        """
+        """`matrices` (m, n) of every class; `source`, `target` name its slices of x, y, by member."""
         self.shared = [(len(c.members), getattr(c, source), getattr(c, target), M)
                        for c, M in zip(classes, matrices) if c.shared and M.size]
         alone = {}
@@ -57,8 +54,7 @@ class _Padded:
 
     def __init__(self, shape: tuple[int, int], members: list[tuple]):
         self.matrices = np.zeros((len(members), *shape))
-        # padding takes any entry and multiplies it by zero
-        self.take = np.zeros((len(members), 1, shape[0]), np.int64)
+        self.take = np.zeros((len(members), 1, shape[0]), np.int64)  # padding: any entry times zero
         picked, places = [], []
         for k, (x_at, y_at, M) in enumerate(members):
             m, n = M.shape

@@ -1,7 +1,7 @@
 """Stage 4, condensed: the dual problem on the contact rows alone, for studies that repeat it.
 
-Gluing multipliers have no bounds. Minimising over them leaves, on the contact rows c with the
-gluing rows g,
+Gluing multipliers have no bounds. Minimising over those of the gluing rows g leaves, on the contact
+rows c,
 
     C = F_cc - F_cg F_gg^-1 F_gc,      d_C = d_c - F_cg F_gg^-1 d_g,
 
@@ -31,8 +31,7 @@ from .rows import contact_row_numbers
 
 MUMPS_NO_MEMORY = -13  # INFOG(1)
 WIDTH = 64  # columns solved at a time
-# residual of the elimination, relative to its terms: far below the tolerances of a QP
-ROUNDING = 1e-9
+ROUNDING = 1e-9  # residual of the elimination, relative to its terms; far below RTOL
 
 
 def contact_compliance(problem: DualProblem) -> np.ndarray:

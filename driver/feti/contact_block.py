@@ -25,8 +25,7 @@ from .rows import RowKind
 class ContactBlock:
     """F_cc and the preconditioner's M_cc on the n contact rows, replicated. Collective over `comm`.
 
-    Contact rows are in the order of the dual rows; `gather` and `scatter` move between them and
-    dual vectors.
+    Contact rows are in the order of dual rows; `gather`, `scatter` go to and from dual vectors.
     """
 
     def __init__(self, operator: DualOperator, preconditioner: DirichletPreconditioner):
@@ -94,8 +93,7 @@ class ContactBlock:
 class Galerkin:
     """W' F_cc W (k, k) for W with two entries a row, which change, in columns (n, 2), which stay.
 
-    Rows that meet the same two columns are first summed up in L W: they are many, as hats span a
-    subdomain.
+    Rows with the same two columns, many as hats span a subdomain, are first summed up in L W.
     """
 
     def __init__(self, block: ContactBlock, columns: np.ndarray, k: int):
@@ -127,8 +125,7 @@ class Galerkin:
 class _Sums:
     """Sums of products of W and entries `value` of a matrix over those that share `key`, `other`.
 
-    `row` are the rows of W that the entries belong to; `entry` (sums,) are indices of an entry of
-    every sum.
+    `row`: the rows of W that entries belong to; `entry` (sums,) indices of an entry of every sum.
     """
 
     def __init__(self, key: np.ndarray, other: np.ndarray, row: np.ndarray, value: np.ndarray):

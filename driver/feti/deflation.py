@@ -31,8 +31,7 @@ from .contact_block import ContactBlock, Galerkin
 from .dirichlet import DirichletPreconditioner
 from .structure import Substructure
 
-# squared sine of the angle below which a restricted hat counts as a combination of the others
-DEPENDENT = 1e-4
+DEPENDENT = 1e-4  # squared sine below which a restricted hat counts as a combination of others
 
 
 @dataclass
@@ -93,8 +92,7 @@ def traction_hats(structure: Substructure, rows: np.ndarray, comm) -> Hats:
 def _jumps(arc: np.ndarray, scale: np.ndarray) -> np.ndarray:
     """Arc lengths of the stiffer neighbours where the stiffness jumps, from the rows' scales.
 
-    Neighbouring powers of two are no jump: they may be next to one another where the stiffness
-    hardly varies.
+    Neighbouring powers of two are no jump: hardly varying stiffness may have them.
     """
     order = np.argsort(arc)
     arc, scale = arc[order], scale[order]

@@ -12,10 +12,8 @@ from scipy.linalg import lapack
 from .blocks import BlockDiagonal
 from .reduction import LocalClass
 
-# eigenvalues of a local F below this part of the largest: rows that depend on one another
-DEPENDENT = 1e-9
-# of a released corner's stiffness: what holds a subdomain all of whose corners are released
-FLOOR = 0.01
+DEPENDENT = 1e-9  # relative eigenvalues of a local F: rows below depend on one another
+FLOOR = 0.01  # of a released corner's stiffness: holds a subdomain with all corners released
 
 
 class DirichletPreconditioner:

@@ -21,8 +21,7 @@ def petsc_upper(upper) -> PETSc.Mat:
 def factorized(matrix: PETSc.Mat, package: str = "petsc") -> PETSc.PC:
     """Factorization of a symmetric matrix (n, n) by `package`: petsc, mumps or cholmod.
 
-    MUMPS counts null pivots (INFOG(28)) instead of dividing by them. Raises PETSc.Error where PETSc
-    does.
+    MUMPS counts null pivots (INFOG(28)) instead of dividing by them. Raises PETSc.Error.
     """
     pc = PETSc.PC().create(PETSc.COMM_SELF)
     pc.setType("cholesky")

@@ -31,8 +31,7 @@ def displacement(structure: Substructure, classes: list[LocalClass], vectors: Du
                 rows = structure.rows[s]
                 moved[i] = (rows.coefficient * u[rows.dof]).sum(axis=1)
     glued = vectors.assemble(local * vectors.sign)
-    # what rounding leaves
-    glued[structure.row_kind[slice(*structure.row_range)] == RowKind.GLUING] = 0.0
+    glued[structure.row_kind[slice(*structure.row_range)] == RowKind.GLUING] = 0.0  # rounding
     return glued
 
 
@@ -40,9 +39,8 @@ def spring_compliances(classes: list[LocalClass], vectors: DualVectors,
                        motions: list[np.ndarray]) -> np.ndarray:
     """(modes,) rho: SOFTNESS over a contact row's stiffness against a motion, the softer body's.
 
-    `motions` are the displacements (owned,) of the dual rows under each. The compliance of a row is
-    that of all subdomains it joins, their corners held by springs like their own stiffness.
-    Collective.
+    `motions` are the displacements (owned,) of the dual rows under each. A row's compliance is that
+    of all subdomains it joins, their corners on springs like their own stiffness. Collective.
     """
     if not motions:
         return np.zeros(0)

@@ -20,8 +20,7 @@ def fixed_dofs(manifest: Manifest, subdomains: list[Subdomain],
                comm) -> tuple[np.ndarray, np.ndarray]:
     """Sorted keys 2 gid + component of all fixed dofs of the body, and their values (n, patterns).
 
-    Gathered, because a subdomain may touch a support in a single vertex and not know that it is
-    held.
+    Gathered, as a subdomain that touches a support in a vertex may not know of it.
     """
     keys, values = [np.empty(0, np.int64)], [np.empty((0, len(manifest.patterns)))]
     for sub in subdomains:
@@ -114,8 +113,7 @@ def _row_scale(skeleton, row_gid, kind, share) -> np.ndarray:
                  for extreme in (np.minimum, np.maximum))
     node = np.searchsorted(skeleton.gids, row_gid)
     seen = np.where(kind == RowKind.GLUING, low[node], high[node] * share)
-    # rounding of stiffnesses must not decide between powers
-    ratio = np.round(np.log2(seen / seen.max(initial=0)), 6)
+    ratio = np.round(np.log2(seen / seen.max(initial=0)), 6)  # no rounding decides
     return 2.0 ** np.round(0.5 * ratio)
 
 
@@ -134,8 +132,7 @@ def _slides(contact, fixed_keys) -> np.ndarray:
 def _acts(contact, direction: np.ndarray, fixed_keys) -> np.ndarray:
     """True for the contact nodes whose own displacement in `direction` a support leaves free.
 
-    Between two bodies a multiplier that moves only its neighbours and the other side would nearly
-    repeat theirs.
+    Between bodies a multiplier that moves only other nodes would nearly repeat theirs.
     """
     free = np.column_stack([~np.isin(2 * contact.gid + c, fixed_keys) for c in (0, 1)])
     return np.abs(direction * free).max(axis=1, initial=0) > 1e-12
@@ -164,8 +161,7 @@ class _Numbering:
         self.corner = self._at_nodes(corner_keys, np.arange(len(corner_keys)))
         self.gluing = self._at_nodes(gluing, gluing_row)
         self.held = self._at_nodes(fixed[0], np.arange(len(fixed[0])))
-        # (vertex, subdomain) pairs: how many lower subdomains share the vertex of each, and how
-        # many stiffer ones
+        # of (vertex, subdomain) pairs: how many lower, stiffer subdomains share the vertex
         self._span = int(skeleton.nodes[:, 0].max()) + 1
         order, start = skeleton.by_vertex, np.cumsum(skeleton.count) - skeleton.count
         self.pairs = skeleton.nodes[order, 1] * self._span + skeleton.nodes[order, 0]
@@ -175,7 +171,6 @@ class _Numbering:
         self.place_of[order] = self.place
         self.at_contact = np.isin(skeleton.gids, contact.term_gid)
         here = np.flatnonzero(self.at_contact[skeleton.node_id[order]])
-        # stable
         stiffer = np.lexsort((-skeleton.stiffness[order[here]], self.pairs[here] // self._span))
         self.rank = np.zeros(len(order), np.int64)
         self.rank[here[stiffer]] = self.place[here]
@@ -191,8 +186,7 @@ class _Numbering:
         """Lists of fixed dofs and values, corner dofs and numbers, and rows of all subdomains."""
         skeleton = self.skeleton
         node_id = skeleton.node_id[skeleton.own]
-        # numbered node by node, as the loader has checked
-        dof = 2 * skeleton.local[:, None] + [0, 1]
+        dof = 2 * skeleton.local[:, None] + [0, 1]  # numbered node by node, see loader
         corner, corner_at = self._present(self.corner[node_id])
         held, held_at = self._present(self.held[node_id])
         corner_dof, corner_number, held_dof = dof[corner], self.corner[node_id][corner], dof[held]
@@ -224,7 +218,6 @@ class _Numbering:
         skeleton = self.skeleton
         glued, parts = self._present(self.gluing[node_id])
         sign = np.where(self.place_of[skeleton.own] == 0, 1.0, -1.0)
-        # share of the other side
         other = 1.0 - skeleton.stiffness[skeleton.own] / self.shared_stiffness[node_id]
         each, _ = np.nonzero(glued)
         row, sign, scaling = self.gluing[node_id][glued], sign[each], (other * sign)[each]
@@ -256,8 +249,7 @@ class _Numbering:
         place, inside = _lookup(sub.node_gid[order], self.contact.gid)
         here = np.flatnonzero(inside & (rows >= 0) & ~self.contact.paired)
         vertex = order[place[here]]
-        # dofs are numbered vertex by vertex, as the loader has checked
-        dof = 2 * vertex[:, None] + [0, 1]
+        dof = 2 * vertex[:, None] + [0, 1]  # numbered vertex by vertex, see loader
         free = ~held[dof]
         # the product takes a shared node's row from its owner, the preconditioner halves it between
         # the two stiffest subdomains: sums of at most two terms do not depend on their order
@@ -294,6 +286,5 @@ class _Numbering:
         dof = (2 * vertex.astype(np.int64)[:, :, None] + [0, 1]).reshape(shape)
         coefficient = (value[:, :, None] * direction[here][:, None, :]).reshape(shape)
         free = ~held[dof]
-        # adds up to the root over the subdomains
-        scaling = (own * value).sum(axis=1) * np.sqrt(self.share[here])
+        scaling = (own * value).sum(axis=1) * np.sqrt(self.share[here])  # adds up to the root
         return rows[here], np.ones(len(here)), dof, coefficient * free, coefficient * ~free, scaling

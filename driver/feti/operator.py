@@ -62,8 +62,7 @@ class DualOperator(DualProblem):
         self._motion_columns = np.array(self.motions).reshape(self.modes, self.owned).T
         self.rho = self.coarse.rho = free_motions.spring_compliances(self.classes, self.vectors,
                                                                      self.motions)
-        # d and the displacements of the stacked corner dofs under every load pattern, then under
-        # every rigid motion
+        # d and the stacked corner displacements under every load pattern, then rigid motion
         self._loaded = [self._response(k) for k in range(structure.patterns)]
         corners = structure.rigid_corners[self.coarse.numbers]
         self._loaded += [(d, corners[:, k]) for k, d in enumerate(self.motions)]

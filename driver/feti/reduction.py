@@ -1,8 +1,7 @@
 """Stage 4, local: classes of equal subdomains, each reduced to its rows and corners.
 
 K_rr of a class is factorized once; its dual operator B_r K_rr^-1 B_r' and its coupling A to the
-corners are formed explicitly: in 2D these dense matrices are small and their products beat pairs of
-triangular solves.
+corners are explicit: in 2D these dense matrices are small and faster than triangular solves.
 """
 
 import hashlib
@@ -95,8 +94,7 @@ def group(structure: Substructure, comm) -> list[tuple[list[int], np.ndarray, bo
     """
     keys, patterns = [], {}
     for s, sub in enumerate(structure.subdomains):
-        # subdomains share what the loader has found to be equal
-        same = id(sub.rows), id(sub.columns), id(sub.values)
+        same = id(sub.rows), id(sub.columns), id(sub.values)  # shared if found equal by the loader
         pattern = patterns.get(same) or patterns.setdefault(same, _pattern(sub))
         keys.append(_fingerprint(structure, s, pattern))
     open_ = list(range(len(keys)))

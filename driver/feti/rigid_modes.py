@@ -33,8 +33,7 @@ def rigid_modes(skeleton, fixed_keys, corner_keys) -> tuple[list[RigidMode], np.
     _, body = connected_components(links, directed=False)
     place = skeleton.place
     modes, columns = [], []
-    # in the order of the first subdomains
-    for number, one in enumerate(dict.fromkeys(body[:total].tolist())):
+    for number, one in enumerate(dict.fromkeys(body[:total].tolist())):  # by first subdomain
         vertices = np.flatnonzero(body[total:] == one)
         center, size = place[vertices].mean(axis=0), np.ptp(place[vertices], axis=0).max()
         keys = (2 * skeleton.gids[vertices][:, None] + [0, 1]).ravel()

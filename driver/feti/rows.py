@@ -25,13 +25,11 @@ class RowKind(IntEnum):
 class LocalRows:
     """Rows that act on one subdomain: row r reads sign_r * sum_k coefficient_rk u[dof_rk].
 
-    The width w is 2, or what the widest row between bodies needs; shorter rows end with zero
-    coefficients.
+    The width w is 2, or that of the widest row between bodies; shorter rows end with zeros.
     """
 
     row: np.ndarray  # (m,) global dual row
-    # (m,) +1/-1 on gluing rows, 1 on contact rows, 0 where another subdomain owns one
-    sign: np.ndarray
+    sign: np.ndarray  # (m,) +1/-1 on gluing rows, 1 on contact rows, 0 on another subdomain's own
     dof: np.ndarray  # (m, w)
     coefficient: np.ndarray  # (m, w), zero on fixed dofs
     fixed_part: np.ndarray  # (m, w): what was removed from `coefficient` there

@@ -28,8 +28,7 @@ class Skeleton:
         self.edges = gather(comm, pieces.edges)  # subdomain, gid, gid, label
         self.nodes = gather(comm, pieces.nodes)  # subdomain, gid
         self.xy, self.stiffness = gather(comm, pieces.xy), gather(comm, pieces.stiffness)
-        # gid of every edge's middle, empty with linear elements
-        self.middles = gather(comm, pieces.middles)
+        self.middles = gather(comm, pieces.middles)  # of every edge, empty with linear elements
         self.local, self.starts = pieces.local, pieces.starts
         first = np.searchsorted(self.nodes[:, 0], subdomains[0].index) if subdomains else 0
         self.own = slice(first, first + len(self.local))
@@ -85,18 +84,14 @@ class Skeleton:
         agree(comm, error)
 
     def check_overlap(self, paired: np.ndarray) -> None:
-        """The outline must not cross itself: such a start would penetrate itself.
-
-        Labels `paired` are spared: two bodies that fit may cross by the error of their meshes.
-        """
+        """Refuse an outline that crosses itself, but not where pairs `paired` fit only roughly."""
         place = self.place
         ends = np.searchsorted(self.gids,
                                self.edges[~self.shared & ~np.isin(self.edges[:, 3], paired), 1:3])
         p, q = place[ends[:, 0]], place[ends[:, 1]]
         low, high = np.minimum(p, q), np.maximum(p, q)
         order = np.argsort(low[:, 0])
-        # edges that start before this one ends
-        last = np.searchsorted(low[order, 0], high[order, 0], side="right")
+        last = np.searchsorted(low[order, 0], high[order, 0], side="right")  # start before
         for i, (here, stop) in enumerate(zip(order, last)):
             other = order[i + 1 : stop]
             other = other[(low[other, 1] < high[here, 1]) & (high[other, 1] > low[here, 1])]
@@ -200,8 +195,7 @@ def edge_labels(labelled: np.ndarray, labels: np.ndarray, edges: np.ndarray) -> 
 
 def _crosses(p: np.ndarray, q: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Whether the segment p-q has an inner point in common with the inside of each segment a-b."""
-    # touching ends do not count; rounding of a side is about eps times the squared length of an
-    # edge
+    # touching ends do not count; a side's rounding is about eps times the edge's square
     slack = 1e-12 * np.maximum(((q - p) ** 2).sum(), ((b - a) ** 2).sum(axis=1))
 
     def apart(start, stop, first, second):

@@ -45,8 +45,7 @@ def settled(problem: CoulombProblem, start: np.ndarray, move: np.ndarray,
 
     None where few nodes only changing their states, and fewer every time, do not show that it is
     near: compared with the states `thought` (n,), if given, before anything is factorized.
-    Solutions of negative index are left: successive approximations would not stay at them either,
-    and there are others.
+    Solutions of negative index are left: successive approximations would not stay there either.
     """
     x, fewest, states, sign = start, 2 * NEAR, problem.states(start, move), problem.signs(start)
     if thought is not None and np.count_nonzero(states != thought) > NEAR:
@@ -81,8 +80,7 @@ def lemke(problem: CoulombProblem) -> np.ndarray | None:
     39 (1996) 2673-2691, use it in dynamics), unless rounding leads it astray: then another covering
     vector is tried. None if all fail.
 
-    Bodies without support are held by springs, softer every time, whose rest follows: Newton's
-    method from there.
+    Bodies without support are held by springs, ever softer, whose rest follows, before Newton.
     """
     if problem.bilateral:
         return None
@@ -147,8 +145,7 @@ def _lemke_pivots(M: np.ndarray, q: np.ndarray, cover: np.ndarray) -> np.ndarray
     if q.min(initial=0.0) >= 0:
         return np.zeros(k)
     table = np.column_stack([-M, -cover, q])
-    # w_i is i, z_i is k + i, the artificial one 2 k
-    basic, nonbasic = np.arange(k), np.arange(k, 2 * k + 1)
+    basic, nonbasic = np.arange(k), np.arange(k, 2 * k + 1)  # w_i: i, z_i: k + i, artificial: 2 k
     row, column = int(np.argmin(q / cover)), k
     for _ in range(50 * k):
         _pivot(table, row, column)

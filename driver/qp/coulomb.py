@@ -38,8 +38,7 @@ SLIGHT = 1e-9  # part of a motion's reach below which rows do not feel it
 class State(IntEnum):
     """State of a node: open, or in contact and sticking or sliding by the sign of lambda_t.
 
-    The negative of one in contact: open, and sticking or sliding by the offset of its friction
-    bound alone.
+    The negative of one in contact: open, and sticking or sliding by the friction bound's offset.
     """
 
     OPEN = 0
@@ -48,8 +47,7 @@ class State(IntEnum):
     BACKWARD = 3
 
 
-# plain numbers for comparisons of small arrays
-OPEN, STICK, FORWARD, BACKWARD = (int(state) for state in State)
+OPEN, STICK, FORWARD, BACKWARD = (int(state) for state in State)  # plain numbers are fast
 
 
 @dataclass
@@ -76,14 +74,12 @@ class CoulombProblem:
     def __post_init__(self):
         self.rows, self.m = len(self.load), len(self.pair)
         self.n, self.products = self.rows - self.m, 0
-        # force per length, as the scale of every row
-        self.rigidity = 1.0 / np.diag(self.compliance)
+        self.rigidity = 1.0 / np.diag(self.compliance)  # force per length, the scale of rows
         if self.motions is None:
             self.motions, self.balance = np.zeros((self.rows, 0)), np.zeros(0)
         self.k = self.motions.shape[1]
         reach = np.abs(self.motions).max(axis=0, initial=0.0)
-        # displacement of the contact rows by a unit motion
-        self.reach = np.where(reach > 0, reach, 1.0)
+        self.reach = np.where(reach > 0, reach, 1.0)  # displacement by a unit motion
         self._set_offset(self.offset)
 
     def _set_offset(self, offset: np.ndarray | None) -> None:
@@ -129,10 +125,7 @@ class CoulombProblem:
         return self.joined(touching, sliding)
 
     def joined(self, touching: np.ndarray, sliding: np.ndarray) -> np.ndarray:
-        """(n,) states: STICK or OPEN by `touching` (n,), stick or slide by `sliding` (m,).
-
-        Overwrites `touching`.
-        """
+        """(n,) states by `touching` (n,), STICK or OPEN, overwritten, and `sliding` (m,)."""
         apart = OPEN if self.offset is None else np.where(self.offset > 0, -sliding, OPEN)
         touching[self.pair] = np.where(touching[self.pair] == OPEN, apart, sliding)
         return touching
@@ -232,8 +225,7 @@ class StateSystem:
         self.turn = problem.held(states) / problem.reach[:, None]
         self.soft = np.median(1.0 / problem.rigidity) if problem.k else 1.0
         columns, place = C.compress(free, 1), np.cumsum(touching) - 1
-        # forces (n + m,) that offsets add, and the movement of the free rows that they make
-        self.given = None
+        self.given = None  # forces (n + m,) of offsets and the movement of the free rows by them
         if problem.offset is not None:
             way = np.where(np.abs(state) == FORWARD, 1.0, -1.0)
             self.given = np.append(np.zeros(n),
@@ -255,10 +247,7 @@ class StateSystem:
         self.index = int(np.prod(np.sign(np.diag(self.factor))) * (-1) ** swaps)
 
     def solve(self, load: np.ndarray, balance: np.ndarray) -> np.ndarray | None:
-        """z under `load` (n + m,), `balance` (k,), sliding nodes on their bounds, or None.
-
-        None if there is no single z.
-        """
+        """z under `load` (n + m,), `balance` (k,), sliding on bounds; None without a single z."""
         if self.singular:
             return None
         right = load[self.free]

@@ -31,18 +31,12 @@ import numpy as np
 
 EPS = np.finfo(float).eps
 
-# Curvature p'Ap within this many roundings of ||A|| p'p cannot be told from zero.
-CURVATURE_ROUNDINGS = 64
-# Products smaller than this have lost digits.
-SMALLEST = np.finfo(float).tiny / EPS
-# A gradient Ax - b is right to this many roundings of ||A|| ||x|| + ||b||.
-GRADIENT_ROUNDINGS = 10
-# A factor 2^40 between bound and norm is no bad estimate any more: it is noise in A.
-MAX_DOUBLINGS = 40
-# So many times the recomputed gradient may refute convergence without having been halved.
-MAX_REFUTATIONS = 3
-# Parts of a CG step that are tried on its projected arc (expansion "cg").
-ARC = (1.0, 1 / 4, 1 / 16)
+CURVATURE_ROUNDINGS = 64  # of ||A|| p'p, below which the curvature p'Ap cannot be told from zero
+SMALLEST = np.finfo(float).tiny / EPS  # products below have lost digits
+GRADIENT_ROUNDINGS = 10  # of ||A|| ||x|| + ||b||: how exact a gradient Ax - b is
+MAX_DOUBLINGS = 40  # a factor 2^40 between bound and norm is no bad estimate, but noise in A
+MAX_REFUTATIONS = 3  # of convergence by a recomputed gradient that has not been halved
+ARC = (1.0, 1 / 4, 1 / 16)  # parts of a CG step tried on its projected arc (expansion "cg")
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,4 @@
-"""Stage 7: displacements and stresses of the body as VTU files for ParaView, one a step.
-
-They are gathered on rank 0.
-"""
+"""Stage 7: displacements and stresses, gathered on rank 0, as a VTU file for ParaView a step."""
 
 from pathlib import Path
 

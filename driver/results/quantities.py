@@ -23,8 +23,7 @@ import numpy as np
 
 from ..contact.states import OPEN, SLIP
 
-# resultants below this part of the largest one of the history are what rounding leaves
-NOTHING = 1e-9
+NOTHING = 1e-9  # part of the largest resultant of the history that rounding leaves
 
 
 def quantities(effects, nodes: dict, steps: dict, displacement) -> tuple[dict[str, float], int]:
@@ -160,8 +159,7 @@ def longest_way(nodes: dict, piece: np.ndarray, steps: dict, at: int) -> float:
     """Longest way that a point of a piece has slid in contact, also between its nodes.
 
     Slip is often largest at an edge of contact; the last closed node alone would tell it by the
-    mesh size only. What the open node beyond the edge has moved while its neighbour slid counts as
-    far as the edge.
+    mesh size only. What the open node beyond has moved while its neighbour slid counts up to it.
     """
     move, sliding = np.abs(steps["slip"])[:, piece], steps["status"][:, piece] == SLIP
     way = np.where(sliding, move, 0.0).sum(axis=0)

@@ -30,8 +30,7 @@ def linearized(problem: Problem, settings: Settings, comm) -> Problem:
 
     "updated": about the displacements of a run about the initial geometry, at the step that its
     quantities of interest belong to (the last one, or where contact is lost by then that with the
-    largest normal resultant). Raises InputError where no bodies meet, DriverError where that run
-    fails.
+    largest normal resultant). Raises InputError where no bodies meet, DriverError of that run.
     """
     manifest, structure = problem.manifest, problem.structure
     if settings.linearization == "initial":

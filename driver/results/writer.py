@@ -40,8 +40,7 @@ class Writer:
     def add(self, step: Step, replayed: bool = False) -> tuple[dict[str, np.ndarray], float]:
         """Record one step; the state of the contact nodes and the body's energy u' K u.
 
-        `replayed`: the step was finished before the run was interrupted, and its fields are
-        written.
+        `replayed`: the step and its fields are those of an interrupted run.
         """
         displacements, state = self.record.add(step)
         inner = self.operator.inner_forces(displacements)

@@ -247,10 +247,7 @@ class Search:
         return min(math.floor(size / factor * 10**digits + 1e-9) / 10**digits, size)
 
     def run(self):
-        """The run that meets the request. Raises InputError, NoSolution or NotConverged.
-
-        The finest run is kept.
-        """
+        """Search, leaving the finest run. Raises InputError, NoSolution or NotConverged."""
         self.sizes.append(self._finer(self.sizes[0], 2.0))
         self.name = self._name(self._values(self.sizes[-1]))
         if self._memoryless(self.sizes[-1]):

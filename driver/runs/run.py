@@ -109,8 +109,7 @@ def _cycle(run: Run, place: Workspace, work: Path, before: list[Path],
            request: Request) -> tuple[int, str]:
     """Export and solve in `work` on the mesh after the cycles `before`; exit status and reason.
 
-    FreeFEM runs again when an interrupted run is resumed: only equal records show that nothing they
-    depend on has changed.
+    FreeFEM runs again on resuming: only equal records show that nothing behind them changed.
     """
     clock = time.perf_counter()
     sizes = before[-1] / adaptivity.STEM if before else None

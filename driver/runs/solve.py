@@ -69,11 +69,9 @@ class Progress:
 def run(directory: Path, request: Request, comm) -> tuple[int, str]:
     """Solve the export in ``directory/export`` and write the results into `directory`.
 
-    `request` holds scene, settings (of options.Settings), fields (bool), quiet (bool), seconds (of
-    the stages before), errors, refine (bool) and fingerprint (see checkpoint). Goes on from a
-    checkpoint in `directory`, if there is one. Collective over `comm`; returns exit status and
-    reason, the same on every rank. Raises DriverError, on all ranks alike, where there is nothing
-    to keep.
+    Goes on from a checkpoint in `directory`, if there is one. Collective over `comm`; returns exit
+    status and reason, the same on every rank. Raises DriverError, on all ranks alike, where there
+    is nothing to keep.
     """
     lap = Laps(request.seconds)
     seconds, settings = lap.seconds, Settings(**request.settings)

@@ -200,10 +200,7 @@ def _locked(descriptor) -> bool:
 
 
 def lock_log(file) -> None:
-    """Rank 0 locks its log: a killed run is not taken up before its ranks have ended.
-
-    On a file system without locks the log stays without.
-    """
+    """Rank 0 locks its log, if it can: a killed run's ranks end before it is taken up."""
     _locked(file)
 
 
