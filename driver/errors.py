@@ -35,8 +35,7 @@ class NotConverged(DriverError):
 
 def error_of(status: int, reason: str) -> DriverError:
     """The error that stands for an exit status."""
-    kind = {2: InputError, 3: NoSolution, 4: NotConverged}[status]
-    return kind(reason)
+    return {2: InputError, 3: NoSolution, 4: NotConverged}[status](reason)
 
 
 def report_error(problem) -> None:
@@ -85,7 +84,7 @@ def agree(comm, error: DriverError | None) -> None:
 
 @contextmanager
 def agreed_writes(comm):
-    """Writes files in a block; its DriverError or OSError, as InputError, is raised on all ranks."""
+    """A block that writes files; its DriverError or OSError, as InputError, reaches all ranks."""
     error = None
     try:
         yield

@@ -125,6 +125,5 @@ def _assembled(structure: Substructure, classes: list[LocalClass], comm):
         number = np.array([numbers[s] for s in c.members])
         rows[place], columns[place] = np.repeat(number, k, axis=1), np.tile(number, k)
         values[place] = c.S.ravel()
-    rows, columns, values = (np.concatenate(comm.allgather(part))
-                             for part in (rows, columns, values))
+    rows, columns, values = map(np.concatenate, zip(*comm.allgather((rows, columns, values))))
     return coo_matrix((values, (rows, columns)), shape=(n, n)).tocsr()

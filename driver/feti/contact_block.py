@@ -37,9 +37,9 @@ class ContactBlock:
         self._all = Gathering(self.comm, int(last - first))
         self.size = len(self.rows)
         parts = self._local_parts(operator, preconditioner)
-        corners = np.unique(np.concatenate([np.empty(0, int), *(part["corner"] for part in parts)]))
-        self.local, self.M = (self._spread(parts, name, self.rows, self.rows)
-                              for name in ("F", "M"))
+        corners = np.unique(joined([part["corner"] for part in parts], int))
+        self.local = self._spread(parts, "F", self.rows, self.rows)
+        self.M = self._spread(parts, "M", self.rows, self.rows)
         self.A = self._spread(parts, "A", self.rows, corners)
         self._A_transposed = self.A.T.tocsr()
         self.G = operator.coarse.inverse(corners)
@@ -59,8 +59,8 @@ class ContactBlock:
                             "F": c.F[np.ix_(here, here)] * np.outer(sign, sign),
                             "A": sign[:, None] * c.A[here],
                             "M": schur[np.ix_(here, here)] * np.outer(scaling, scaling)}
-        return [part for rank in self.comm.allgather([part for part in parts if part])
-                for part in rank]
+        ranks = self.comm.allgather([part for part in parts if part])
+        return [part for rank in ranks for part in rank]
 
     @staticmethod
     def _spread(parts: list[dict], name: str, rows: np.ndarray, columns: np.ndarray):
@@ -107,9 +107,8 @@ class Galerkin:
         cell, self._slot = np.unique((to * corners + A.col[self._A.entry][:, None]).T.ravel(),
                                      return_inverse=True)
         first = np.searchsorted(cell, np.arange(k + 1) * corners)
-        # W'A
-        self._coupling = csr_matrix((np.empty(len(cell)), cell % corners, first),
-                                    shape=(k, len(self.G)))
+        entries = np.empty(len(cell)), cell % corners, first
+        self._coupling = csr_matrix(entries, shape=(k, len(self.G)))  # W'A
 
     def __call__(self, W: np.ndarray) -> np.ndarray:
         """`W` (n, 2) are the entries."""

@@ -85,11 +85,10 @@ def _farthest_points(skeleton: Skeleton, neighbour: np.ndarray, corners: np.ndar
     pieces, piece = connected_components(graph, directed=False)
     at_corner = np.unique((piece.astype(np.int64) * vertices + vertex_of)[len(inner):])
     held = np.bincount(at_corner // vertices, minlength=pieces)
-    place = skeleton.place
     added = []
     for weak in np.flatnonzero(held < 2):
         vertices_of_piece = np.sort(vertex_of[piece == weak])
-        gids, xy = skeleton.gids[vertices_of_piece], place[vertices_of_piece]
+        gids, xy = skeleton.gids[vertices_of_piece], skeleton.place[vertices_of_piece]
         known = np.flatnonzero(np.isin(gids, corners))
         first = known[0] if len(known) else np.linalg.norm(xy - xy[0], axis=1).argmax()
         second = np.linalg.norm(xy - xy[first], axis=1).argmax()

@@ -29,6 +29,7 @@ from scipy.linalg import cho_factor, lapack
 
 from .contact_block import ContactBlock, Galerkin
 from .dirichlet import DirichletPreconditioner
+from .gathering import joined
 from .structure import Substructure
 
 DEPENDENT = 1e-4  # squared sine below which a restricted hat counts as a combination of others
@@ -54,8 +55,8 @@ class Hats:
     def gram(self, force: np.ndarray, value: np.ndarray) -> np.ndarray:
         """(count, count) products of nodal forces and tractions of the hats, (n, 2) each."""
         products = force[:, :, None] * value[:, None, :]
-        return np.bincount(self._cell, products.ravel(),
-                           minlength=self.count**2).reshape(self.count, self.count)
+        k = self.count
+        return np.bincount(self._cell, products.ravel(), minlength=k * k).reshape(k, k)
 
     @cached_property
     def _cell(self) -> np.ndarray:
@@ -109,10 +110,9 @@ def _row_nodes(structure: Substructure) -> tuple[np.ndarray, np.ndarray]:
 
 def _corner_vertices(structure: Substructure, comm) -> np.ndarray:
     """Vertex numbers of the corners of all subdomains."""
-    mine = [sub.node_gid[sub.dof_node[dofs]] for sub, dofs in zip(structure.subdomains,
-                                                                  structure.corner_dofs)]
-    return np.unique(np.concatenate([np.empty(0, int), *(part for rank in comm.allgather(mine)
-                                                         for part in rank)]))
+    mine = joined([sub.node_gid[sub.dof_node[dofs]]
+                   for sub, dofs in zip(structure.subdomains, structure.corner_dofs)], int)
+    return np.unique(np.concatenate(comm.allgather(mine)))
 
 
 class Face:

@@ -21,9 +21,9 @@ class Gathering:
         return everyone
 
 
-def joined(arrays: list, kind) -> np.ndarray:
-    """Concatenation of 1-D arrays to one of type `kind`, also for ranks that have none."""
-    return np.concatenate([np.empty(0, kind), *arrays]).astype(kind)
+def joined(arrays, kind, *width: int) -> np.ndarray:
+    """Concatenation of arrays (n, *width) to one of type `kind`, also for ranks that have none."""
+    return np.concatenate([np.empty((0, *width), kind), *arrays]).astype(kind, copy=False)
 
 
 def gather(comm, local: np.ndarray) -> np.ndarray:

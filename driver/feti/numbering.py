@@ -64,11 +64,10 @@ def number(manifest, subdomains, first, skeleton, fixed, contact, comm, friction
     share = _pair_share(skeleton, contact)
     shares = np.concatenate([np.ones(len(gluing)), share[normal_rows], share[tangential_rows]])
     row_scale = _row_scale(skeleton, row_gid[order], kind[order], shares[order])
-    last = first + len(subdomains)
-    sorted_owner = row_owner[order]
-    row_range = (int(np.searchsorted(sorted_owner, first)),
-                 int(np.searchsorted(sorted_owner, last)))
-    row_starts = np.searchsorted(sorted_owner, np.arange(first, last)) - row_range[0]
+    subdomain = first + np.arange(len(subdomains) + 1)
+    *starts, stop = np.searchsorted(row_owner[order], subdomain).tolist()
+    row_range = (starts[0] if starts else stop, stop)
+    row_starts = np.array(starts, np.int64) - row_range[0]
     numbering = _Numbering(skeleton, corner_keys, fixed, gluing, number[:n_g], contact, share)
     local = numbering.localize(subdomains)
     primal = comm.allreduce(sum(sub.dofs for sub in subdomains))
@@ -255,8 +254,8 @@ class _Numbering:
         # the two stiffest subdomains: sums of at most two terms do not depend on their order
         pair = self._pair(self.contact.gid[here], sub.index)
         sign = np.where(self.place[pair] == 0, 1.0, 0.0)
-        alone = self.skeleton.count[np.searchsorted(self.skeleton.gids,
-                                                    self.contact.gid[here])] == 1
+        node = np.searchsorted(self.skeleton.gids, self.contact.gid[here])
+        alone = self.skeleton.count[node] == 1
         scaling = np.where(alone, 1.0, np.where(self.rank[pair] < 2, 0.5, 0.0))
         return rows[here], sign, dof, direction[here] * free, direction[here] * ~free, scaling
 
@@ -272,7 +271,7 @@ class _Numbering:
         what both have in series.
         """
         c, order = self.contact, np.argsort(sub.node_gid)
-        at, inside = _lookup(sub.node_gid[order], c.term_gid)
+        position, inside = _lookup(sub.node_gid[order], c.term_gid)
         mine = np.flatnonzero(inside & c.paired[c.term_node] & (rows[c.term_node] >= 0))
         mine = mine[self.place[self._pair(c.term_gid[mine], sub.index)] == 0]
         mine = mine[np.argsort(c.term_node[mine], kind="stable")]
@@ -280,7 +279,7 @@ class _Numbering:
         slot = np.arange(len(mine)) - np.repeat(start, count)  # a term's place in its row
         place = (np.repeat(np.arange(len(here)), count), slot)
         vertex, value, own = np.zeros((3, len(here), count.max(initial=1)))
-        vertex[place], value[place] = order[at[mine]], c.term_value[mine]
+        vertex[place], value[place] = order[position[mine]], c.term_value[mine]
         own[place] = ~c.term_other[mine]
         shape = (len(here), 2 * vertex.shape[1])
         dof = (2 * vertex.astype(np.int64)[:, :, None] + [0, 1]).reshape(shape)

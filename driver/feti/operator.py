@@ -51,12 +51,12 @@ class DualOperator(DualProblem):
         self.vectors = DualVectors(structure, self.classes, comm)
         self._F = BlockDiagonal(self.classes, [c.F for c in self.classes], "rows", "rows")
         self._A = BlockDiagonal(self.classes, [c.A for c in self.classes], "rows", "corners")
-        self._A_transposed = BlockDiagonal(self.classes, [c.A_transposed for c in self.classes],
-                                           "corners", "rows")
+        transposed = [c.A_transposed for c in self.classes]
+        self._A_transposed = BlockDiagonal(self.classes, transposed, "corners", "rows")
         self.coarse = CoarseProblem(structure, self.classes, comm)
         self._recovery = Recovery(structure, self.classes, self.coarse)
-        self.acting = [s for s, sub in enumerate(structure.subdomains) if sub.loads.any()
-                       or len(structure.fixed[s])]
+        self.acting = [s for s, sub in enumerate(structure.subdomains)
+                       if sub.loads.any() or len(structure.fixed[s])]
         self.motions = [free_motions.displacement(structure, self.classes, self.vectors, k)
                         for k in range(self.modes)]
         self._motion_columns = np.array(self.motions).reshape(self.modes, self.owned).T
@@ -106,8 +106,7 @@ class DualOperator(DualProblem):
     def imbalance(self, multipliers: np.ndarray,
                   weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(modes,) work of all forces on the rigid motions, zero in equilibrium; its sizes."""
-        factors = weights[: self.structure.patterns]
-        D = self._motion_columns
+        factors, D = weights[: self.structure.patterns], self._motion_columns
         x = np.repeat(multipliers[:, None], self.modes, axis=1)
         both = self.vectors.dots(np.hstack([D, np.abs(D)]), np.hstack([x, np.abs(x)]))
         net, size = np.split(both, 2)
@@ -127,8 +126,8 @@ class DualOperator(DualProblem):
 
     def coarse_displacements(self, multipliers: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """(coarse dofs,) displacements of the corners, on every rank."""
-        return self.coarse.whole(self._corner_displacements(self._signed_rows(multipliers),
-                                                            weights))
+        corner = self._corner_displacements(self._signed_rows(multipliers), weights)
+        return self.coarse.whole(corner)
 
     def displacements(self, multipliers: np.ndarray, weights: np.ndarray,
                       forces: list | None = None) -> list[np.ndarray]:
@@ -164,8 +163,7 @@ class DualOperator(DualProblem):
 
 def _reduced(structure: Substructure, comm) -> list[LocalClass]:
     """The rank's classes of equal subdomains, reduced; every rank raises the NoSolution of any."""
-    classes, error = [], None
-    groups = group(structure, comm)
+    groups, classes, error = group(structure, comm), [], None
     try:
         classes = [reduce_class(structure, *members) for members in groups]
     except NoSolution as problem:

@@ -94,9 +94,7 @@ class Recovery:
 
     def _torn_response(self, right: list[np.ndarray]) -> list[np.ndarray]:
         """K_rr^-1 f_r (n_r, members) of the classes under forces (dofs, members)."""
-        return [c.factor.solve(f[c.torn]) if f[c.torn].any()
-                else np.zeros((len(c.torn), f.shape[1]))
-                for c, f in zip(self.classes, right)]
+        return [_torn_displacements(c, f[c.torn]) for c, f in zip(self.classes, right)]
 
     def _corner_response(self, right: list[np.ndarray], torn: list[np.ndarray]) -> np.ndarray:
         """Displacements of stacked corner dofs under forces with `_torn_response` `torn`."""
@@ -114,10 +112,9 @@ class Recovery:
                 if not len(structure.fixed[s]):
                     continue
                 local = structure.rows[s]
-                all_dofs = np.bincount(local.dof.ravel(),
-                                       (local.fixed_part * forces[:, None]).ravel(),
-                                       minlength=structure.subdomains[s].dofs)
-                taken[s] = all_dofs[structure.fixed[s]]
+                parts = (local.fixed_part * forces[:, None]).ravel()
+                dofs = structure.subdomains[s].dofs
+                taken[s] = np.bincount(local.dof.ravel(), parts, dofs)[structure.fixed[s]]
         return taken
 
     def inner_forces(self, fields: list[np.ndarray]) -> list[np.ndarray]:
@@ -134,6 +131,10 @@ def _class_displacements(c: LocalClass, f: np.ndarray, corner: np.ndarray) -> np
     """(dofs, members) displacements of a class under f (dofs, members), given the corners'."""
     u = np.zeros(f.shape)
     u[c.corner] = corner[c.corners].reshape(len(c.members), -1).T
-    f = f[c.torn] - c.K_rc @ u[c.corner]
-    u[c.torn] = c.factor.solve(f) if f.any() else 0.0
+    u[c.torn] = _torn_displacements(c, f[c.torn] - c.K_rc @ u[c.corner])
     return u
+
+
+def _torn_displacements(c: LocalClass, forces: np.ndarray) -> np.ndarray:
+    """K_rr^-1 times `forces` (n_r, members) on a class, without a solution where they are zero."""
+    return c.factor.solve(forces) if forces.any() else np.zeros_like(forces)

@@ -34,8 +34,8 @@ class Factor:
         except PETSc.Error as error:
             if shortage(error):
                 raise
-            raise NoSolution("a subdomain is not held by its corners and supports "
-                             "(zero pivot)") from error
+            reason = "a subdomain is not held by its corners and supports (zero pivot)"
+            raise NoSolution(reason) from error
         negative, zero, _ = self._factor.getFactorMatrix().getInertia()
         if negative or zero:
             raise NoSolution("a subdomain's stiffness is not positive definite; check material and "
@@ -97,15 +97,14 @@ def group(structure: Substructure, comm) -> list[tuple[list[int], np.ndarray, bo
         same = id(sub.rows), id(sub.columns), id(sub.values)  # shared if found equal by the loader
         pattern = patterns.get(same) or patterns.setdefault(same, _pattern(sub))
         keys.append(_fingerprint(structure, s, pattern))
-    open_ = list(range(len(keys)))
-    classes = []
+    open_, classes = list(range(len(keys))), []
     while comm.allreduce(len(open_)):
         mine = {}
         for s in open_:
             mine.setdefault(keys[s], s)
         first = {}  # of every key the rank that has its first subdomain
-        for rank, found in enumerate(comm.allgather(list(mine))):
-            for key in found:
+        for rank, present in enumerate(comm.allgather(list(mine))):
+            for key in present:
                 first.setdefault(key, []).append(rank)
         shared = {key: structure.subdomains[s].values for key, s in mine.items()
                   if first[key][0] == comm.rank and len(first[key]) > 1}
@@ -146,8 +145,8 @@ def _fingerprint(structure: Substructure, s: int, pattern: bytes) -> bytes:
     """Digest that equal subdomains share: dof sets, rows and the `pattern` of the stiffness."""
     rows = structure.rows[s]
     digest = hashlib.sha1(pattern)
-    for part in (structure.fixed[s], structure.corner_dofs[s], rows.dof,
-                 rows.coefficient.round(13)):
+    parts = structure.fixed[s], structure.corner_dofs[s], rows.dof, rows.coefficient.round(13)
+    for part in parts:
         digest.update(part.tobytes())
         digest.update(b"|")
     return digest.digest()
@@ -177,7 +176,6 @@ def reduce_class(structure: Substructure, members: list[int], values: np.ndarray
 
 def constraint_matrix(rows: LocalRows, dofs: int):
     """Unsigned rows of B on one subdomain as scipy CSR, shape (m, dofs)."""
-    m = len(rows.row)
-    entries = (rows.coefficient.ravel(),
-               (np.repeat(np.arange(m), rows.dof.shape[1]), rows.dof.ravel()))
+    m, w = rows.dof.shape
+    entries = rows.coefficient.ravel(), (np.repeat(np.arange(m), w), rows.dof.ravel())
     return coo_matrix(entries, shape=(m, dofs)).tocsr()

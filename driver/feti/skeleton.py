@@ -40,8 +40,8 @@ class Skeleton:
         self.by_vertex = np.argsort(self.nodes[:, 1], kind="stable")
         gid = self.nodes[self.by_vertex, 1]
         self._vertex_starts = np.flatnonzero(np.diff(gid, prepend=-1))
-        self.gids, self.count = gid[self._vertex_starts], np.diff(np.append(self._vertex_starts,
-                                                                            len(gid)))
+        self.gids = gid[self._vertex_starts]
+        self.count = np.diff(np.append(self._vertex_starts, len(gid)))
         self.node_id = np.empty(len(gid), np.int64)
         self.node_id[self.by_vertex] = np.repeat(np.arange(len(self.gids)), self.count)
 
@@ -54,8 +54,7 @@ class Skeleton:
         here = self.edges[:, 3] == label
         ends = self.edges[here, 1:3]
         if len(self.middles):
-            ends = np.concatenate([np.column_stack([ends[:, k], self.middles[here]]) for k in (0,
-                                                                                               1)])
+            ends = np.column_stack([ends.T.ravel(), np.tile(self.middles[here], 2)])
         return np.unique(ends, axis=0)
 
     @cached_property
@@ -85,10 +84,8 @@ class Skeleton:
 
     def check_overlap(self, paired: np.ndarray) -> None:
         """Refuse an outline that crosses itself, but not where pairs `paired` fit only roughly."""
-        place = self.place
-        ends = np.searchsorted(self.gids,
-                               self.edges[~self.shared & ~np.isin(self.edges[:, 3], paired), 1:3])
-        p, q = place[ends[:, 0]], place[ends[:, 1]]
+        outer = ~self.shared & ~np.isin(self.edges[:, 3], paired)
+        p, q = self.place[np.searchsorted(self.gids, self.edges[outer, 1:3])].swapaxes(0, 1)
         low, high = np.minimum(p, q), np.maximum(p, q)
         order = np.argsort(low[:, 0])
         last = np.searchsorted(low[order, 0], high[order, 0], side="right")  # start before
@@ -105,8 +102,8 @@ class Skeleton:
         other = np.full(len(self.edges), -1)
         order = np.argsort(self.edge_id, kind="stable")
         order = order[self.shared[order]]
-        other[order[0::2]], other[order[1::2]] = self.edges[order[1::2],
-                                                            0], self.edges[order[0::2], 0]
+        other[order[0::2]] = self.edges[order[1::2], 0]
+        other[order[1::2]] = self.edges[order[0::2], 0]
         return other
 
 
@@ -122,10 +119,9 @@ class _Pieces:
                     for sub in subdomains]
         first = np.cumsum([0, *(len(sub.node_gid) for sub in subdomains)])
 
-        def shifted(arrays, shape) -> np.ndarray:
+        def shifted(arrays, *width: int) -> np.ndarray:
             """The subdomains' node numbers, counted on from one subdomain to the next."""
-            return np.concatenate([np.empty(shape, np.int64),
-                                   *(numbers + start for numbers, start in zip(arrays, first))])
+            return joined((n + start for n, start in zip(arrays, first)), np.int64, *width)
 
         def subdomain(arrays) -> np.ndarray:
             """The subdomain that each entry of `arrays` belongs to."""
@@ -133,20 +129,19 @@ class _Pieces:
             return np.repeat(index, [len(array) for array in arrays]).astype(np.int64)
 
         gid = joined([sub.node_gid for sub in subdomains], np.int64)
-        edges, nodes = [outline.edges for outline in outlines], [outline.nodes
-                                                                 for outline in outlines]
-        ends, boundary = shifted(edges, (0, 2)), shifted(nodes, 0)
-        labelled = shifted((sub.edges for sub in subdomains), (0, 2))
+        edges = [outline.edges for outline in outlines]
+        nodes = [outline.nodes for outline in outlines]
+        ends, boundary = shifted(edges, 2), shifted(nodes)
+        labelled = shifted((sub.edges for sub in subdomains), 2)
         labels = joined([sub.edge_label for sub in subdomains], np.int64)
         label = edge_labels(labelled, labels, ends)
         self.edges = np.column_stack([subdomain(edges), np.sort(gid[ends], axis=1), label])
         self.nodes = np.column_stack([subdomain(nodes), gid[boundary]])
-        self.xy = np.concatenate([np.empty((0, 2)), *(sub.xy for sub in subdomains)])[boundary]
-        self.middles = gid[shifted((outline.middles for outline in outlines), 0)]
+        self.xy = joined((sub.xy for sub in subdomains), float, 2)[boundary]
+        self.middles = gid[shifted(outline.middles for outline in outlines)]
         self.local = joined(nodes, np.int64)
         self.starts = np.cumsum([0, *(len(own) for own in nodes)])
-        stiffness = joined([outline.stiffness(sub) for outline, sub in zip(outlines, subdomains)],
-                           float)
+        stiffness = joined(map(Outline.stiffness, outlines, subdomains), float)
         # means over triangles differ by rounding: nine digits make equals equal
         mantissa, exponent = np.frexp(stiffness)
         self.stiffness = np.ldexp(np.round(mantissa * 2.0**30) / 2.0**30, exponent)
@@ -189,8 +184,9 @@ def edge_labels(labelled: np.ndarray, labels: np.ndarray, edges: np.ndarray) -> 
     keys, wanted = given[:, 0] * span + given[:, 1], edges[:, 0] * span + edges[:, 1]
     order = np.argsort(keys)
     place = np.minimum(np.searchsorted(keys[order], wanted), len(order) - 1)
-    return np.where(keys[order[place]] == wanted, labels[order[place]],
-                    0) if len(order) else np.zeros(len(edges), np.int64)
+    if not len(order):
+        return np.zeros(len(edges), np.int64)
+    return np.where(keys[order[place]] == wanted, labels[order[place]], 0)
 
 
 def _crosses(p: np.ndarray, q: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -200,7 +196,7 @@ def _crosses(p: np.ndarray, q: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.n
 
     def apart(start, stop, first, second):
         """Whether two points lie on different sides of the line through start and stop."""
-        one, two = cross(stop - start, first - start), cross(stop - start, second - start)
-        return (one > slack) & (two < -slack) | (one < -slack) & (two > slack)
+        a, b = cross(stop - start, first - start), cross(stop - start, second - start)
+        return (a > slack) & (b < -slack) | (a < -slack) & (b > slack)
 
     return apart(p, q, a, b) & apart(a, b, p, q)

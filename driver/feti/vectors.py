@@ -36,8 +36,8 @@ class DualVectors:
         self._dual = PETSc.Vec().createMPI((self.owned, structure.dual_dofs), comm=comm)
         self._gathered, self._to_rows = _scatter(self._dual, numbers)
         self._local = self._gathered.duplicate()
-        self._slots = _Slots(structure, numbers, order,
-                             comm) if structure.contact.paired.any() else None
+        paired = structure.contact.paired.any()
+        self._slots = _Slots(structure, numbers, order, comm) if paired else None
         # partial sums of a scalar product: the rows of each subdomain, in the order of subdomains
         starts = structure.row_starts
         self._filled = starts < np.append(starts[1:], self.owned)  # reduceat has no empty segments
@@ -111,9 +111,8 @@ class _Slots:
         """Dual vector of stacked local rows."""
         self._local.array[:] = local
         self._scatter.scatter(self._local, self._vector, addv=False, mode="reverse")
-        if not len(self._starts):
-            return np.zeros(0)
-        return np.add.reduceat(self._vector.array, self._starts)
+        none = not len(self._starts)  # reduceat takes no empty list
+        return np.zeros(0) if none else np.add.reduceat(self._vector.array, self._starts)
 
 
 def _scatter(vector: PETSc.Vec, index: np.ndarray):

@@ -108,8 +108,8 @@ def lemke(problem: CoulombProblem) -> np.ndarray | None:
             normal, forth, back, slip = np.split(z, [n, n + m, n + 2 * m])
             sliding = np.where(slip > 0, np.where(forth > back, FORWARD, BACKWARD), STICK)
             states = problem.joined(np.where(normal > 0, STICK, OPEN), sliding)
-            for x in (problem.solution_in(states),
-                      newton(problem, scale * size * np.append(normal, forth - back))):
+            start = scale * size * np.append(normal, forth - back)
+            for x in (problem.solution_in(states), newton(problem, start)):
                 if problem.solves(x):
                     return x
     return None
@@ -128,10 +128,10 @@ def _lemke_on_springs(problem: CoulombProblem) -> np.ndarray | None:
                 continue
             moved = rest + softness * (problem.balance - problem.motions.T @ x) / problem.reach**2
             follows, z = moved if rest is follows else follows, np.append(x, moved)
-            for found in (problem.solution_in(problem.states(z), problem.signs(z)),
-                          newton(problem, z)):
-                if problem.solves(found):
-                    return found
+            exact = problem.solution_in(problem.states(z), problem.signs(z))
+            for solution in (exact, newton(problem, z)):
+                if problem.solves(solution):
+                    return solution
     return next(iter(all_solutions(problem)), None) if problem.n <= FEW else None
 
 
@@ -201,9 +201,8 @@ def search(problem: CoulombProblem, start: np.ndarray) -> list[np.ndarray]:
     Newton starts from `start`, from all sticking, all sliding and all open, and from each solution
     with the state of one node changed.
     """
-    whole = [np.full(problem.n, s) for s in (STICK, FORWARD, BACKWARD,
-                                             OPEN)[: 3 if problem.bilateral else 4]]
-    solutions = []
+    alike = (STICK, FORWARD, BACKWARD) if problem.bilateral else (STICK, FORWARD, BACKWARD, OPEN)
+    whole, solutions = [np.full(problem.n, state) for state in alike], []
     for guess in (start, *map(problem.solution_in, whole)):
         _add_solution(problem, solutions, None if guess is None else newton(problem, guess))
     _add_solution(problem, solutions, lemke(problem))

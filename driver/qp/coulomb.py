@@ -113,8 +113,8 @@ class CoulombProblem:
     # ---- states --------------------------------------------------------------------------------
     def states(self, z: np.ndarray, movement: np.ndarray | None = None) -> np.ndarray:
         """(n,) states that the augmented multipliers x + rigidity * movement fall into."""
-        trial = z[: self.rows] + self.rigidity * (self.movement(z) if movement is None
-                                                  else movement)
+        movement = self.movement(z) if movement is None else movement
+        trial = z[: self.rows] + self.rigidity * movement
         normal, tangential = trial[: self.n], trial[self.n :]
         touching = np.full(self.n, STICK) if self.bilateral else np.where(normal > 0, STICK, OPEN)
         bound = self.coefficient * np.abs(normal)[self.pair]
@@ -133,8 +133,8 @@ class CoulombProblem:
     def states_of(self, x: np.ndarray, signs: np.ndarray) -> np.ndarray:
         """(n,) states by the multipliers x (n + m,) alone; signs (m,) where they slide, else 0."""
         touching = np.where((x[: self.n] > 0) | self.bilateral, STICK, OPEN)
-        return self.joined(touching,
-                           np.where(signs > 0, FORWARD, np.where(signs < 0, BACKWARD, STICK)))
+        sliding = np.where(signs > 0, FORWARD, np.where(signs < 0, BACKWARD, STICK))
+        return self.joined(touching, sliding)
 
     def choices(self, node: int) -> tuple[int, ...]:
         """The states that a node may be in."""
@@ -159,10 +159,8 @@ class CoulombProblem:
     # ---- linear systems ------------------------------------------------------------------------
     def system(self, states: np.ndarray, sign: np.ndarray) -> "StateSystem":
         """The linear system of the given states, with lambda_n of the given signs."""
-        parts = (states, sign, self.coefficient) if self.offset is None else (states, sign,
-                                                                              self.coefficient,
-                                                                              self.offset)
-        key = b"".join(part.tobytes() for part in parts)
+        parts = (states, sign, self.coefficient, self.offset)
+        key = b"".join(part.tobytes() for part in parts if part is not None)
         if key not in self.latest:
             self.latest.clear()
             self.latest[key] = StateSystem(self, states, sign)
@@ -170,20 +168,20 @@ class CoulombProblem:
 
     def solution_in(self, states: np.ndarray, sign: np.ndarray | None = None) -> np.ndarray | None:
         """z of the linear system of `states`, exactly in them; None if it is singular."""
-        return self.system(states, np.ones(self.n) if sign is None else sign).solve(self.load,
-                                                                                    self.balance)
+        sign = np.ones(self.n) if sign is None else sign
+        return self.system(states, sign).solve(self.load, self.balance)
 
     # ---- the law -------------------------------------------------------------------------------
     def violation(self, z: np.ndarray) -> float:
         """Violation of the law at z, relative to the largest terms of its sums; inf for NaN."""
         x, move = z[: self.rows], self.movement(z)
         work = np.abs(self.balance / self.reach).max(initial=0)
-        force = max(np.abs(x).max(initial=0), np.abs(self.rigidity * self.load).max(initial=0),
-                    work)
+        load = np.abs(self.rigidity * self.load).max(initial=0)
+        force = max(np.abs(x).max(initial=0), load, work)
         if not np.isfinite(force) or force == 0:
             return 0.0 if force == 0 else np.inf
-        normal, tangential = x[: self.n], x[self.n :]
-        over, slip = (self.rigidity * move)[: self.n], (self.rigidity * move)[self.n :]  # as forces
+        normal, tangential = np.split(x, [self.n])
+        over, slip = np.split(self.rigidity * move, [self.n])  # as forces
         bound = self.coefficient * np.abs(normal)[self.pair]
         if self.offset is not None:
             bound = self.offset + bound
@@ -227,9 +225,9 @@ class StateSystem:
         columns, place = C.compress(free, 1), np.cumsum(touching) - 1
         self.given = None  # forces (n + m,) of offsets and the movement of the free rows by them
         if problem.offset is not None:
-            way = np.where(np.abs(state) == FORWARD, 1.0, -1.0)
-            self.given = np.append(np.zeros(n),
-                                   np.where(np.abs(state) > STICK, way * problem.offset, 0.0))
+            sign = np.where(np.abs(state) == FORWARD, 1.0, -1.0)
+            given = np.where(np.abs(state) > STICK, sign * problem.offset, 0.0)
+            self.given = np.append(np.zeros(n), given)
             self.given_movement = columns.T @ self.given
         transposed = columns.compress(free, 0)  # C is symmetric
         transposed[place[self.node]] += slope[:, None] * columns[self.sliding]

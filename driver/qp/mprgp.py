@@ -21,8 +21,8 @@ SPMD.  Every 1-D array is the local part of a distributed vector, and the only c
 the callables ``dot`` and ``minimum``; every decision is taken on what they returned.  If they give
 the same float to all ranks, all ranks take the same branches.  Local parts may be empty.
 
-One module, of more than 400 lines: the steps share one state, of which x and g always belong
-together, and each decision is argued beside it.
+One module because the steps share one state, of which x and g always belong together, and each
+decision is argued beside it.
 """
 
 from dataclasses import dataclass, replace
@@ -41,13 +41,13 @@ ARC = (1.0, 1 / 4, 1 / 16)  # parts of a CG step tried on its projected arc (exp
 
 @dataclass(frozen=True)
 class Result:
-    """What mprgp found.
+    """Feasible point x (n,) and gradient A x - b there, local parts, and how mprgp ended.
 
-    x, gradient          local parts (n,): feasible point and A x - b there status
-    "converged" | "iteration limit" | "stagnated" | "indefinite operator" reason               one
-    line saying why it stopped products             calls of A, all of them counted cg_steps,
-    expansion_steps, proportioning_steps norm_bound           the bound of ||A|| used last (raised
-    if the given one proved too small) residual             ||g^P(x)||
+    status               "converged" | "iteration limit" | "stagnated" | "indefinite operator"
+    reason               one line saying why it stopped
+    products             calls of A, all of them counted
+    norm_bound           the bound of ||A|| used last (raised if the given one was too small)
+    residual             ||g^P(x)||
     """
 
     x: np.ndarray
@@ -81,8 +81,8 @@ def split_gradient(x, g, lower, upper):
 
 def projected_gradient(x, g, lower, upper):
     """g^P = phi + beta, shape (n,), at the feasible x with gradient g; see split_gradient."""
-    # few of many components
-    projected, met = np.array(g, float), np.flatnonzero((x == lower) | (x == upper))
+    projected = np.array(g, float)
+    met = np.flatnonzero((x == lower) | (x == upper))  # few of many components
     lower, upper = (bound[met] if np.ndim(bound) else bound for bound in (lower, upper))
     projected[met] = split_gradient(x[met], projected[met], lower, upper)[1]
     return projected
@@ -193,9 +193,10 @@ class _Mprgp:
     def step(self):
         """One step of the algorithm; returns its kind."""
         if not self.is_proportional():
-            released = self.relax is not None and self.relaxed_step(self.x, self.g,
-                                                                    0.5 * self.beta2 / self.bound)
-            return "proportioning" if released else self.proportioning_step()
+            needed = 0.5 * self.beta2 / self.bound
+            if self.relax is None or not self.relaxed_step(self.x, self.g, needed):
+                self.proportioning_step()
+            return "proportioning"
         p, slope = self.direction()
         Ap = self.product(p)
         wish = self.exact_step(p, Ap, slope)
@@ -203,10 +204,10 @@ class _Mprgp:
         length, blocked = _cut_step(ratio, wish, self.minimum)
         self.refuse_endless(length, p, slope)
         if blocked and np.isfinite(wish):
-            needed = max(length * (slope - 0.5 * length * self.curvature),
-                         self.sufficient_decrease())
-            if self.relax is not None and self.relaxed_step(self.x - wish * p, self.g - wish * Ap,
-                                                            needed):
+            half_step = length * (slope - 0.5 * length * self.curvature)
+            needed = max(half_step, self.sufficient_decrease())
+            end = (self.x - wish * p, self.g - wish * Ap)
+            if self.relax is not None and self.relaxed_step(*end, needed):
                 return "expansion"
             if self.projected_cg and self.projected_step(p, length, wish, needed):
                 return "expansion"
@@ -271,7 +272,6 @@ class _Mprgp:
         self.go(d, Ad, length, ratio)
         self.decrease += length * (self.beta2 - 0.5 * length * self.curvature)
         self.p = self.Ap = None
-        return "proportioning"
 
     def sufficient_decrease(self):
         """abar (1 - alpha_factor/2) phi~'phi, the least decrease of f by a projected step."""
@@ -481,15 +481,12 @@ def mprgp(A, b, lower, upper, x0=None, *, tol, norm_bound, gamma=1.0, alpha_fact
     expansion       "gradient": half a CG step, then the fixed gradient projection step; "cg": the
                     CG step, or a part of it, projected where that lowers f enough, else as
                     "gradient"
-    scale           (n,) D > 0: the iteration runs in y = x / D, that is with D A D and D b, which
-    makes up for
-                    rows of very different size. `tol` then bounds ||D g^P|| and `norm_bound` ||D A
-                    D||, and Result.residual is ||D g^P||; all else is in x. Powers of two round
-                    nothing.
-    relax           callable (y, g) -> x: from any y (n,) and g = A y - b a feasible x that (nearly)
-    minimises
-                    f over some components, the others being those of y.  Tried in expansion and
-                    proportioning steps, and taken where it lowers f enough
+    scale           (n,) D > 0: the iteration runs in y = x / D, with D A D and D b, which makes up
+                    for rows of very different size. `tol` then bounds ||D g^P||, also
+                    Result.residual, and `norm_bound` ||D A D||. Powers of two round nothing.
+    relax           callable (y, g) -> x: from any y (n,) and g = A y - b a feasible x that nearly
+                    minimises f over some components, the others being those of y. Tried in
+                    expansion and proportioning steps, and taken where it lowers f enough
 
     Products: one for a CG or a proportioning step, two for an expansion step, and one more for each
     point of the arc and of `relax` that was tried in vain.  All iterates are feasible.  Data that
@@ -503,11 +500,11 @@ def mprgp(A, b, lower, upper, x0=None, *, tol, norm_bound, gamma=1.0, alpha_fact
     if not (0 < alpha_factor <= 2 and gamma > 0 and tol >= 0 and max_products >= 1):
         raise ValueError("need 0 < alpha_factor <= 2, gamma > 0, tol >= 0, max_products >= 1")
     if scale is not None and (scale != 1).any():
-        return _unscaled(A, b, lower, upper, x0, scale,
-                         dict(tol=tol, norm_bound=norm_bound, gamma=gamma,
-                              alpha_factor=alpha_factor, preconditioner=preconditioner,
-                              max_products=max_products, gradient0=gradient0, dot=dot,
-                              minimum=minimum, monitor=monitor, expansion=expansion, relax=relax))
+        options = dict(tol=tol, norm_bound=norm_bound, gamma=gamma, alpha_factor=alpha_factor,
+                       preconditioner=preconditioner, max_products=max_products, dot=dot,
+                       gradient0=gradient0, minimum=minimum, monitor=monitor, expansion=expansion,
+                       relax=relax)
+        return _unscaled(A, b, lower, upper, x0, scale, options)
     b, lower, upper, x = _checked(b, lower, upper, x0, dot)
     run = _Mprgp(A, b, lower, upper, tol, float(norm_bound), gamma, alpha_factor, preconditioner,
                  max_products, dot, minimum, monitor, expansion == "cg", relax)
@@ -522,12 +519,12 @@ def mprgp(A, b, lower, upper, x0=None, *, tol, norm_bound, gamma=1.0, alpha_fact
 
 def _unscaled(A, b, lower, upper, x0, scale, options):
     """mprgp in the variables y = x / scale, its Result in x."""
-    inner, gradient0, relax = (options[name] for name in ("preconditioner", "gradient0", "relax"))
+    inner, gradient0, relax = map(options.get, ("preconditioner", "gradient0", "relax"))
     if inner is not None:
         options["preconditioner"] = lambda phi, free: inner(phi / scale, free) / scale
     if gradient0 is not None:
         options["gradient0"] = scale * gradient0
-    if options["relax"] is not None:
+    if relax is not None:
         options["relax"] = lambda y, g: relax(scale * y, g / scale) / scale
     scaled = mprgp(lambda y: scale * A(scale * y), scale * b, lower / scale, upper / scale,
                   None if x0 is None else x0 / scale, **options)
