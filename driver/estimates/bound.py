@@ -144,8 +144,8 @@ class EquilibratedBound:
         """Torn displacements by the last change of the friction forces; None if there was none."""
         if not self.operator.comm.allreduce(int(np.count_nonzero(step.moved))):
             return None
-        return self.gather.displacements(
-            self.operator.displacements(step.moved, np.zeros(len(step.weights))))
+        fields = self.operator.displacements(step.moved, np.zeros(len(step.weights)))
+        return self.gather.displacements(fields)
 
     def _onward(self, step: Step, moved: np.ndarray | None) -> float:
         """Energy norm of the last change of the friction forces and all to come, extrapolated."""
@@ -169,8 +169,8 @@ class EquilibratedBound:
         u = body.untorn(torn)
         vertex = np.searchsorted(body.gid, b.gid)
         jump = np.zeros((len(b.gid), 2))
-        np.add.at(jump, b.term_node,
-                  b.term_value[:, None] * u[np.searchsorted(body.gid, b.term_gid)])
+        terms = b.term_value[:, None] * u[np.searchsorted(body.gid, b.term_gid)]
+        np.add.at(jump, b.term_node, terms)
         contact.place(jump)
         stiffness = body.stiffness[vertex].max(axis=1, initial=0)
         moves = ((b.normal_row, b.normal, contact.onto_obstacle(stiffness)),
@@ -277,9 +277,8 @@ class EquilibratedBound:
         loads = self.gather((2, 2), float, moments)
         if not self.gather.root:
             return None
-        mesh = self.body.mesh
+        mesh, gid = self.body.mesh, self.body.gid
         applied = np.zeros((2 * len(mesh.edges), 2))
-        gid = self.body.gid
         given = [(np.searchsorted(gid, ends), loads),
                  (np.searchsorted(gid, contact.gid[contact.node]), contact.moments)]
         for vertex, value in given + [pair.moments() for pair in pairs]:
@@ -315,8 +314,8 @@ class EquilibratedBound:
         vertex = mesh.triangles.ravel()[body.chains.order[0]]
         constrained = body.constrained[vertex]
         if np.abs(imbalance[constrained]).max(initial=0) > ROUNDING * size:
-            return 0.0, ("a support in a single point takes a force: the exact solution has no "
-                         "finite energy")
+            return 0.0, ("a support in a single point takes a force: "
+                         "the exact solution has no finite energy")
         square = (imbalance**2 / body.stiffness[vertex])[~constrained].sum()
         return float(np.sqrt(square)), ""
 

@@ -49,8 +49,8 @@ class ContactTractions:
         span = outer_edges[:, :2].max() + 1
         keys = self.label * span + self.gid
         order = np.argsort(keys)
-        rigid = self.label[np.r_[~self.boundary.paired, np.ones(len(self.boundary.clamped.gid),
-                                                                bool)]]
+        clamped = np.ones(len(self.boundary.clamped.gid), bool)
+        rigid = self.label[np.r_[~self.boundary.paired, clamped]]
         edges = outer_edges[np.isin(outer_edges[:, 2], rigid)]
         node = order[np.searchsorted(keys[order], edges[:, 2:] * span + edges[:, :2])]
         return node, np.linalg.norm(self.xy[node[:, 0]] - self.xy[node[:, 1]], axis=1)
@@ -85,13 +85,13 @@ class ContactTractions:
         normal, tangential = -(force * b.normal).sum(axis=1), -(force * b.tangent).sum(axis=1)
         alone = (b.tangential_row < 0) & self.constrained.any(axis=1)  # one component acts
         free = b.normal * ~self.constrained
-        normal = np.where(alone, -(force * free).sum(axis=1)
-                          / np.maximum((free**2).sum(axis=1), 1e-300), normal)
-        found = computed.copy()
+        square = np.maximum((free**2).sum(axis=1), 1e-300)
+        normal = np.where(alone, -(force * free).sum(axis=1) / square, normal)
+        multipliers = computed.copy()
         for row, node, force in ((rows.normal, rows.normal_node, normal),
                                  (rows.tangential, rows.tangential_node, tangential)):
-            found[row] = np.where(b.paired[node], found[row], force[node])
-        return found
+            multipliers[row] = np.where(b.paired[node], multipliers[row], force[node])
+        return multipliers
 
     def place(self, u: np.ndarray) -> None:
         """Set distances and slip of the contact nodes by their displacements or jumps (n_c, 2)."""
@@ -112,9 +112,8 @@ class ContactTractions:
         """(n_c,) tangential moves of the contact nodes, see _admissible; nodal stiffness."""
         n, c = len(self.boundary.gid), self.computed
         slip = self.slip[:n]
-        # work per slip that friction misses
-        lost = (c["bound"] + c["sigma_t"] * np.sign(slip)) * self.boundary.weight
-        move = np.where((stiffness * np.abs(slip) <= lost) & self.own_tangential[:n], -slip, 0.0)
+        missed = (c["bound"] + c["sigma_t"] * np.sign(slip)) * self.boundary.weight  # work per slip
+        move = np.where((stiffness * np.abs(slip) <= missed) & self.own_tangential[:n], -slip, 0.0)
         self.slip[:n] += move
         return move
 

@@ -47,8 +47,8 @@ class Deviations:
         gram = np.einsum("pmsi,pmrj->ijsr", mass, modes)
         local = np.einsum("rat,trs,sbt,t->abt", self.map, compliance, self.map, mesh.area,
                           optimize=True)
-        # energies of the modes
-        self.matrix = (gram.reshape(-1, 9) @ local.reshape(9, -1)).reshape(*gram.shape[:2], -1)
+        energies = gram.reshape(-1, 9) @ local.reshape(9, -1)
+        self.matrix = energies.reshape(*gram.shape[:2], -1)
 
     @staticmethod
     def _free(mesh: Mesh, around: Chains, known: np.ndarray) -> np.ndarray:
@@ -60,13 +60,13 @@ class Deviations:
     def start(self, moments: np.ndarray, stress: np.ndarray,
               force: np.ndarray | None) -> np.ndarray:
         """Coefficients for moments (half-edges, 2), stress (n_t, 3), body moments (n_t, 3, 2)."""
-        found = np.zeros(self.matrix.shape[1:])
+        y = np.zeros(self.matrix.shape[1:])
         corner = moments[self.mesh.first] - side_moments(self.mesh, stress)
         if force is not None:
             corner += 0.5 * force
-            found[9:] = self._to_reference(force.transpose(1, 2, 0))
-        found[:6] = self._to_reference(corner.transpose(1, 2, 0))
-        return found
+            y[9:] = self._to_reference(force.transpose(1, 2, 0))
+        y[:6] = self._to_reference(corner.transpose(1, 2, 0))
+        return y
 
     def _to_reference(self, vectors: np.ndarray) -> np.ndarray:
         """(6, n_t) vectors (3, 2, n_t) seen from the reference triangle."""
@@ -85,9 +85,8 @@ class Deviations:
         return self._add(value)
 
     def _add(self, value: np.ndarray) -> np.ndarray:
-        return np.where(self.free,
-                        np.bincount(self.unknown.ravel(), value.ravel(), minlength=len(self.free)),
-                        0.0)
+        total = np.bincount(self.unknown.ravel(), value.ravel(), minlength=len(self.free))
+        return np.where(self.free, total, 0.0)
 
     @cached_property
     def diagonal(self) -> np.ndarray:
@@ -133,6 +132,4 @@ class Deviations:
             square -= step * product
             if step * product <= gain * square:
                 break
-        found = y.copy()
-        found[:9] += self.local(x)
-        return found
+        return np.concatenate([y[:9] + self.local(x), y[9:]])

@@ -58,9 +58,9 @@ class Mesh:
     @cached_property
     def length(self) -> np.ndarray:
         """(n_e,) of the edges."""
-        found = np.empty(len(self.edges))
-        found[self.first // 2] = np.linalg.norm(self.outward, axis=2)
-        return found
+        length = np.empty(len(self.edges))
+        length[self.first // 2] = np.linalg.norm(self.outward, axis=2)
+        return length
 
     @cached_property
     def columns(self) -> np.ndarray:

@@ -35,8 +35,8 @@ class Fan:
                               np.where(tail & ~rest, 1.0, at[:, 1])])
         piece = np.concatenate([order, np.full(void.sum() + rest.sum(), -1)])
         owner = np.concatenate([owner, owner[void], owner[rest]])
-        left, right = np.column_stack([before,
-                                       at[:, 0]]), np.column_stack([at[:, 1], np.ones(len(at))])
+        left = np.column_stack([before, at[:, 0]])
+        right = np.column_stack([at[:, 1], np.ones(len(at))])
         at = np.concatenate([at, left[void], right[rest]])
         order = np.lexsort((at[:, 0], owner))
         return cls(triangle, owner[order], at[order], piece[order])
@@ -63,23 +63,23 @@ class Fan:
 
     def joined(self, values: np.ndarray) -> np.ndarray:
         """(m, 2, 2) continuous field of values (k, 2, 2) on the pieces, zero at the sides' ends."""
-        found = self.given(values)
+        field = self.given(values)
         same = np.r_[False, self.owner[1:] == self.owner[:-1]]
         void = self.piece < 0
-        found[void & same, 0] = np.roll(found, 1, axis=0)[void & same, 1]
+        field[void & same, 0] = np.roll(field, 1, axis=0)[void & same, 1]
         same = np.roll(same, -1)
-        found[void & same, 1] = np.roll(found, -1, axis=0)[void & same, 0]
-        return found
+        field[void & same, 1] = np.roll(field, -1, axis=0)[void & same, 0]
+        return field
 
     def moments(self, density: np.ndarray) -> np.ndarray:
         """(n, 2, 2) moments [end, component] of a field against the hats at the side's ends."""
         (s0, s1), (d0, d1) = self.at.T[:, :, None], density.transpose(1, 0, 2)
         sixth = self.length[:, None] / 6
         end = sixth * (d0 * (2 * s0 + s1) + d1 * (s0 + 2 * s1))
-        found = np.zeros((len(self.triangle), 2, 2))
-        np.add.at(found[:, 1], self.owner, end)
-        np.add.at(found[:, 0], self.owner, sixth * 3 * (d0 + d1) - end)
-        return found
+        moments = np.zeros((len(self.triangle), 2, 2))
+        np.add.at(moments[:, 1], self.owner, end)
+        np.add.at(moments[:, 0], self.owner, sixth * 3 * (d0 + d1) - end)
+        return moments
 
     def remainder(self, density: np.ndarray) -> np.ndarray:
         """(n,) int |r|^2 of a field less the linear one with the same moments on every side."""
@@ -94,10 +94,8 @@ class Fan:
         """(n,) int C e : e of `values` (m, 2, 2) on the side, linear to zero at the apex."""
         d = np.einsum("mki,mkj->mij", hat_gradients(self.corner)[:, :2], values)
         strain = np.column_stack([d[:, 0, 0], d[:, 1, 1], d[:, 0, 1] + d[:, 1, 0]])
-        area = areas(self.corner)
-        return np.bincount(self.owner,
-                           np.einsum("mi,mij,mj->m", strain, elasticity[self.owner], strain) * area,
-                           minlength=len(self.triangle))
+        energy = np.einsum("mi,mij,mj->m", strain, elasticity[self.owner], strain)
+        return np.bincount(self.owner, energy * areas(self.corner), minlength=len(self.triangle))
 
 
 APEXES = np.array([[0, 0, 6], [1, 1, 4], [2, 2, 2], [0, 3, 3], [3, 0, 3]]) / 6  # barycentric
@@ -111,7 +109,7 @@ def remainder_constant(triangle: np.ndarray, compliance: np.ndarray) -> np.ndarr
     side = triangle[:, :2]
     inside = [np.concatenate([side, np.einsum("k,nkj->nj", apex, triangle)[:, None]], axis=1)
               for apex in APEXES]
-    return np.min([_remainder_constant(one, compliance) for one in inside], axis=0)
+    return np.min([_remainder_constant(corners, compliance) for corners in inside], axis=0)
 
 
 def _remainder_constant(triangle: np.ndarray, compliance: np.ndarray) -> np.ndarray:
@@ -139,12 +137,13 @@ def _remainder_constant(triangle: np.ndarray, compliance: np.ndarray) -> np.ndar
         density = (shape[:, None, :, None] * axis) / np.sqrt(2 * half)[:, None]
         base = half[:, None] / 6 * (2 * density + density[:, :, ::-1])
         force = base[0].sum(axis=1)
-        far = (-cross(start - middle, base[0, :, 0])[:, None]
-               * np.column_stack([-line[:, 1], line[:, 0]])
-               - 0.5 * (force * line).sum(axis=1)[:, None] * line) / (line**2).sum(axis=1)[:, None]
+        across = np.column_stack([-line[:, 1], line[:, 0]])
+        far = -cross(start - middle, base[0, :, 0])[:, None] * across
+        far = far - 0.5 * (force * line).sum(axis=1)[:, None] * line
+        far = far / (line**2).sum(axis=1)[:, None]
         right, none = np.stack([-force - far, far], axis=1), np.zeros((n, 2, 2))
-        moments = np.stack([base[0], right, none],
-                           axis=1), np.stack([base[1], none, -right[:, ::-1]], axis=1)
+        moments = [np.stack([base[0], right, none], axis=1),
+                   np.stack([base[1], none, -right[:, ::-1]], axis=1)]
         stress.append([johnson_mercier(np.stack([a, b, apex], axis=1), given)
                        for a, b, given in zip((start, middle), (middle, end), moments)])
     mass = (np.eye(3) + 1) / 12 * (0.5 * cross(end - start, apex - start) / 6)[:, None, None]

@@ -43,8 +43,8 @@ def reference_stress() -> np.ndarray:
                         - traction((j + 2) % 3, right_node, across))
             right.append(np.zeros((2, 18)))
     for side in range(3):  # density over [0, 1] with end values 4 m_a - 2 m_b and 4 m_b - 2 m_a
-        part, across = (side + 2) % 3, np.array([[0, 1],
-                                                 [-1, 0]]) @ (CORNER[(side + 1) % 3] - CORNER[side])
+        part, along = (side + 2) % 3, CORNER[(side + 1) % 3] - CORNER[side]
+        across = np.array([[0, 1], [-1, 0]]) @ along
         for end in range(2):
             value = np.zeros((2, 18))
             for c in range(2):
@@ -71,8 +71,8 @@ def johnson_mercier(corner: np.ndarray, moments: np.ndarray) -> np.ndarray:
     data = np.einsum("mab,mseb->msea", np.linalg.inv(columns), moments).reshape(-1, 12)
     inner = (data @ reference_stress().reshape(27, 18)[:, :12].T).reshape(-1, 9, 3)
     full = columns[:, None] @ full_tensor(inner) @ columns.transpose(0, 2, 1)[:, None]
-    return (full[..., [0, 1, 0], [0, 1, 1]]
-            / np.linalg.det(columns)[:, None, None]).reshape(-1, 3, 3, 3)
+    stress = full[..., [0, 1, 0], [0, 1, 1]] / np.linalg.det(columns)[:, None, None]
+    return stress.reshape(-1, 3, 3, 3)
 
 
 @lru_cache(maxsize=2)
@@ -93,8 +93,8 @@ def reference_modes(body: bool) -> np.ndarray:
         force[k, :, share] = np.eye(2)
         data[k, 0, :, 6 + k] = CORNER[(k + 1) % 3] - CORNER[k]
         data[k, 1, :, 6 + k] = -data[k, 0, :, 6 + k]
-    modes = reference_stress().reshape(27, 18) @ np.concatenate([data.reshape(12, 15),
-                                                                 force.reshape(6, 15)])
+    data = np.concatenate([data.reshape(12, 15), force.reshape(6, 15)])
+    modes = reference_stress().reshape(27, 18) @ data
     return modes if body else modes[:, :9]
 
 

@@ -59,8 +59,8 @@ class EnergyEstimator:
         points = [k for k, pattern in enumerate(self.manifest.patterns)
                   if pattern["given_on"] == "nodes"]
         if np.any(step.weights[points]):
-            return Estimate(step.index,
-                            reason="under point loads the exact solution has no finite energy")
+            reason = "under point loads the exact solution has no finite energy"
+            return Estimate(step.index, reason=reason)
         displacements = self.operator.displacements(step.multipliers, step.weights)
         if self.bound is not None:
             return self.bound.estimate(step, state, displacements)
@@ -79,12 +79,11 @@ class EnergyEstimator:
         thermal = self.gather.thermal(step.weights, (3, 3))
         if not self.gather.root:
             return None
-        body, sigma = self.body, elastic - thermal
-        area, compliance = body.mesh.area, body.compliance
-        smooth = recovery.recovered_stress(body.mesh.corner, body.mesh.triangles, body.region,
-                                           sigma)
-        share = recovery.energy(area, compliance, smooth - recovery.AT_NODES @ sigma)
-        norm = np.sqrt(recovery.energy(area, compliance, elastic).sum())
+        body, mesh, sigma = self.body, self.body.mesh, elastic - thermal
+        smooth = recovery.recovered_stress(mesh.corner, mesh.triangles, body.region, sigma)
+        rough = smooth - recovery.AT_NODES @ sigma
+        share = recovery.energy(mesh.area, body.compliance, rough)
+        norm = np.sqrt(recovery.energy(mesh.area, body.compliance, elastic).sum())
         return _recovered(step, share, norm)
 
     def _recover(self, step: Step, displacements: list[np.ndarray]) -> Estimate | None:
@@ -111,10 +110,11 @@ def report(estimates: list[tuple[Step, Estimate]], kind: str) -> dict:
     if not estimates:
         return {"kind": kind}
     entries = []
-    for _, found in estimates:
-        parts = {name: float(getattr(found, name))
-                 for name in ("mesh", "solver", "friction", "total", "norm")}
-        relative = found.total / found.norm if found.norm > 0 else 0.0
-        entries.append({"step": found.step, "reason": found.reason} if found.reason else
-                       {"step": found.step, **parts, "relative": float(relative)})
+    for _, e in estimates:
+        if e.reason:
+            entries.append({"step": e.step, "reason": e.reason})
+            continue
+        names = ("mesh", "solver", "friction", "total", "norm")
+        entries.append({"step": e.step, **{name: float(getattr(e, name)) for name in names},
+                        "relative": float(e.total / e.norm) if e.norm > 0 else 0.0})
     return {"kind": kind, **entries[0], **({"largest": entries[1]} if len(entries) > 1 else {})}

@@ -4,8 +4,7 @@ Ladeveze's construction (Ladeveze, Leguillon 1983; Ladeveze, Pelle: Mastering ca
 and nonlinear mechanics, 2.4; Ainsworth, Oden 2000, chapter 6): find tractions, linear on every
 edge, that load each triangle K like the finite element stress sigma_h does,
 
-    int_dK T phi_i = int_K sigma_h grad phi_i - int_K f phi_i      for its three hat functions
-        phi_i,
+    int_dK T phi_i = int_K sigma_h grad phi_i - int_K f phi_i    for its three hat functions phi_i,
 
 so that T is in equilibrium with f on every triangle, rotations included as hat functions span them.
 For a vertex this is a chain around it: the moments b of T against its hat on successive edges
@@ -44,9 +43,8 @@ def chains(mesh: Mesh) -> Chains:
     open_start = np.flatnonzero(~np.isin(np.arange(mesh.first.size), following))
     on_boundary = np.zeros(mesh.triangles.max() + 1, bool)
     on_boundary[mesh.edges[mesh.boundary]] = True
-    inner, at = np.unique(mesh.triangles, return_index=True)
-    inner = ~on_boundary[inner]
-    heads = np.concatenate([open_start, at[inner]])
+    vertex, corner = np.unique(mesh.triangles, return_index=True)
+    heads = np.concatenate([open_start, corner[~on_boundary[vertex]]])
     levels, here = [], heads
     while True:
         levels.append(here)
@@ -96,8 +94,8 @@ def edge_moments(mesh: Mesh, around: Chains, load: np.ndarray, target: np.ndarra
     opened = ~around.closed[:, None]
     fixed_head, fixed_end = known[head_half] & opened, known[end_half] & opened
     balanced = around.closed[:, None] | (fixed_head & fixed_end)
-    applied = np.where(fixed_head, given[head_half],
-                       0.0) + np.where(fixed_end, given[end_half], 0.0)
+    applied = np.where(fixed_head, given[head_half], 0.0)
+    applied = applied + np.where(fixed_end, given[end_half], 0.0)
     imbalance = np.where(balanced, applied - total, 0.0)
     spread = imbalance / around.length[:, None]
 

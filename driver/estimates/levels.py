@@ -18,18 +18,8 @@ from ..options import Settings
 from ..results.record import Record
 from ..results.relinearization import linearized
 from ..scene import freefem
-from .budget import (
-    FORMAL,
-    UNBOUNDED,
-    Part,
-    advice,
-    coarser,
-    extrapolate,
-    mesh_knob,
-    name_of,
-    ratio,
-    summed,
-)
+from .budget import (FORMAL, UNBOUNDED, Part, advice, coarser, extrapolate, mesh_knob, name_of,
+                     ratio, summed)
 
 # a loose fixed point may stop where a much tighter one does: the companion's is this at most
 SETTLED = 1e-7
@@ -92,16 +82,16 @@ class Levels:
                 words = {name: f"{value:.17g}" for name, value in changes.items()}
                 freefem.export(self.scene, place, {**self.parameters, **words},
                                without=self.without)
-            except DriverError as problem:
-                error = problem
-            except OSError as problem:
-                error = file_error(problem, f"writing the export failed: {problem.strerror}")
+            except DriverError as refusal:
+                error = refusal
+            except OSError as failure:
+                error = file_error(failure, f"writing the export failed: {failure.strerror}")
         agree(self.comm, error)
         self.seconds["export"] += time.perf_counter() - clock
         clock = time.perf_counter()
-        found = linearized(assemble(place, self.comm), self.settings, self.comm)
+        problem = linearized(assemble(place, self.comm), self.settings, self.comm)
         self.seconds["setup"] += time.perf_counter() - clock
-        return found
+        return problem
 
     def run(self, settings: Settings, stride: int = 1, **changes) -> Level:
         """The run with `settings` on every `stride`-th time. Raises DriverError if it fails."""
@@ -146,9 +136,8 @@ class Companions:
     def _uniform(self) -> tuple[list[dict], list[float]]:
         """Meshes with elements twice and four times as long, as far as there are such."""
         if self.knob is None:
-            self.notes.append(
-                "no parameter (CELLS, H) sets the mesh size of this scene: no coarser mesh to "
-                "compare with")
+            self.notes.append("no parameter (CELLS, H) sets the mesh size of this scene: "
+                              "no coarser mesh to compare with")
             return [{}], []
         sizes = [self.manifest.parameters[self.knob]]
         for _ in range(2):
@@ -157,10 +146,10 @@ class Companions:
                 break
             sizes.append(size)
         if len(sizes) == 1:
-            self.notes.append(
-                f"no coarser mesh than {name_of(self.knob, sizes[0])} to compare with")
-        return [{}, *({self.knob: size} for size in sizes[1:])], [ratio(self.knob, b, a)
-                                                                  for a, b in zip(sizes, sizes[1:])]
+            finest = name_of(self.knob, sizes[0])
+            self.notes.append(f"no coarser mesh than {finest} to compare with")
+        ratios = [ratio(self.knob, b, a) for a, b in zip(sizes, sizes[1:])]
+        return [{}, *({self.knob: size} for size in sizes[1:])], ratios
 
     def _adapted(self) -> tuple[list[dict], list[float]]:
         """Meshes of the last two cycles but one; the elements' length follows from their number."""
@@ -182,8 +171,8 @@ class Companions:
         try:
             return self.levels.run(settings or self.settings, stride, **mesh).values
         except DriverError as problem:
-            self.notes.append(
-                f"companion {' '.join(name_of(*change) for change in mesh.items())}: {problem}")
+            words = " ".join(name_of(*change) for change in mesh.items())
+            self.notes.append(f"companion {words}: {problem}")
             return None
 
     def remedies(self) -> dict[str, str]:
@@ -200,17 +189,14 @@ class Companions:
 
     def parts(self) -> dict[str, dict[str, Part]]:
         """Part by source and quantity."""
-        effects = self.effects
-        found = {"mesh": self._mesh()}
+        effects, tight = self.effects, {"rtol": self.settings.rtol / TIGHTER}
+        parts = {"mesh": self._mesh()}
         if effects.quasistatic and (effects.frictional or self.at < self.manifest.steps - 1):
-            found["time"] = self._time()
+            parts["time"] = self._time()
         if effects.pressure_bounds_friction:
-            found["friction"] = self._algebraic({"rtol": self.settings.rtol / TIGHTER},
-                                                {"friction_rtol": min(
-                                                    self.settings.friction_rtol / TIGHTER,
-                                                    SETTLED)})
-        found["solver"] = self._algebraic({}, {"rtol": self.settings.rtol / TIGHTER})
-        return found
+            settled = min(self.settings.friction_rtol / TIGHTER, SETTLED)
+            parts["friction"] = self._algebraic(tight, {"friction_rtol": settled})
+        return parts | {"solver": self._algebraic({}, tight)}
 
     def _stride(self, wanted: int) -> int:
         """The largest of 4, 2, 1 up to `wanted` that leaves a step."""
@@ -229,18 +215,18 @@ class Companions:
         strides = [stride for stride in strides if stride <= self.manifest.steps]
         values = [self._values(self.base, stride) for stride in strides]
         counts = [len(samples(self.manifest.steps, stride)) - 1 for stride in strides]
-        return self._parts(list(zip(values, values[1:])),
-                           [a / b for a, b in zip(counts, counts[1:])], FORMAL["time"])
+        ratios = [a / b for a, b in zip(counts, counts[1:])]
+        return self._parts(list(zip(values, values[1:])), ratios, FORMAL["time"])
 
     def _algebraic(self, first: dict, then: dict) -> dict[str, Part]:
         """What settings `then` change in a run with those of `first`."""
         loose = dataclasses.replace(self.settings, **first)
-        one, other = (self._values(self.base, self._stride(4), settings)
-                      for settings in (loose, dataclasses.replace(loose, **then)))
-        if one is None or other is None:
-            return {name: Part(None, note="the companion with tighter tolerances failed")
-                    for name in self.values}
-        return {name: Part(abs(one[name] - other[name])) for name in self.values}
+        before, after = (self._values(self.base, self._stride(4), settings)
+                         for settings in (loose, dataclasses.replace(loose, **then)))
+        if before is None or after is None:
+            unknown = Part(None, note="the companion with tighter tolerances failed")
+            return dict.fromkeys(self.values, unknown)
+        return {name: Part(abs(before[name] - after[name])) for name in self.values}
 
     def _parts(self, runs: list, ratios: list[float], formal: float,
                unbounded=()) -> dict[str, Part]:
@@ -260,7 +246,7 @@ def assess(levels: Levels, problem: Problem, settings: Settings, values: dict, a
     """
     companions = Companions(levels, problem, settings, values, at)
     parts = companions.parts()
-    found = {name: summed({source: part[name] for source, part in parts.items()}, value)
-             for name, value in values.items()}
-    return {"quantities": found, "advice": advice(found, companions.remedies()),
+    budget = {name: summed({source: part[name] for source, part in parts.items()}, value)
+              for name, value in values.items()}
+    return {"quantities": budget, "advice": advice(budget, companions.remedies()),
             "notes": companions.notes}

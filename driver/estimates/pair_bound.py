@@ -66,8 +66,7 @@ class _Boundary:
         edges, place = edges.reshape(-1, 2), corner[:, :2].reshape(-1, 2)[at]
         now = place if about is None else place + about[vertex]
         along = now[edges[:, 1]] - now[edges[:, 0]]
-        normal = np.column_stack([along[:, 1],
-                                  -along[:, 0]]) / np.linalg.norm(along, axis=1)[:, None]
+        normal = -_turned(along) / np.linalg.norm(along, axis=1)[:, None]
         length = np.linalg.norm(corner[:, 1] - corner[:, 0], axis=1)
         return cls(mortar.Side(now, edges, normal, length=length), vertex, triangle, corner)
 
@@ -125,16 +124,16 @@ class PairBound:
     @cached_property
     def _loaded(self) -> list:
         """(boundary, fan, density of the tractions on its parts) of both sides."""
-        p, one, two = self.parts, self.first, self.second
-        density = one.at(self.traction, p.edge, p.at)
-        sides = [(one, Fan.of(one.corner, p.edge, p.at), density)]
+        p, first, second = self.parts, self.first, self.second
+        density = first.at(self.traction, p.edge, p.at)
+        sides = [(first, Fan.of(first.corner, p.edge, p.at), density)]
         back = p.facing[:, 0] > p.facing[:, 1]
         facing = np.where(back[:, None], p.facing[:, ::-1], p.facing)
         across = facing[:, 1] - facing[:, 0]
-        shrink = self._length / (two.side.length[p.other] * np.maximum(across, 1e-300))
+        shrink = self._length / (second.side.length[p.other] * np.maximum(across, 1e-300))
         density = -np.where(back[:, None, None], density[:, ::-1], density) * shrink[:, None, None]
         seen = np.flatnonzero(across > 0)
-        sides.append((two, Fan.of(two.corner, p.other[seen], facing[seen]), density[seen]))
+        sides.append((second, Fan.of(second.corner, p.other[seen], facing[seen]), density[seen]))
         return [(boundary, fan, fan.given(values)) for boundary, fan, values in sides]
 
     @cached_property
@@ -150,11 +149,11 @@ class PairBound:
 
     def remainder(self, compliance: np.ndarray) -> np.ndarray:
         """(n_t,) bound of the norm of a stress that takes t* - T; `compliance` (n_t, 3, 3)."""
-        found = np.zeros(len(compliance))
+        bound = np.zeros(len(compliance))
         for boundary, fan, density in self._loaded:
             constant = remainder_constant(boundary.corner, compliance[boundary.triangle])
-            np.add.at(found, boundary.triangle, np.sqrt(constant * fan.remainder(density)))
-        return found
+            np.add.at(bound, boundary.triangle, np.sqrt(constant * fan.remainder(density)))
+        return bound
 
     # ---- displacements ---------------------------------------------------------------------------
     def lift(self, u: np.ndarray, stiffness: np.ndarray, constrained: np.ndarray,
@@ -189,10 +188,10 @@ class PairBound:
         p = self.parts
         keys = np.column_stack([np.repeat(p.edge, 2), p.at.ravel()])
         inside = (keys[:, 1] > 0) & (keys[:, 1] < 1)
-        found = self.first.side.edges[p.edge[:, None], (p.at == 1).astype(int)].ravel()
-        _, found[inside] = np.unique(keys[inside], axis=0, return_inverse=True)
-        found[inside] += len(self.first.vertex)
-        return found.reshape(-1, 2)
+        number = self.first.side.edges[p.edge[:, None], (p.at == 1).astype(int)].ravel()
+        _, number[inside] = np.unique(keys[inside], axis=0, return_inverse=True)
+        number[inside] += len(self.first.vertex)
+        return number.reshape(-1, 2)
 
     @cached_property
     def _frame(self) -> tuple[np.ndarray, np.ndarray]:
@@ -258,8 +257,8 @@ class PairBound:
     def _duality_gap(self, jump: np.ndarray) -> float:
         """The pair's duality gap for jumps (m, 2, 2) of displacements, linear on every part."""
         p, total = self.parts, 0.0
-        gap, before, bound, traction = (self.first.at(values, p.edge, p.at) for values in (
-            self.gap, self.before, self.bound, self.traction))
+        fields = self.gap, self.before, self.bound, self.traction
+        gap, before, bound, traction = (self.first.at(values, p.edge, p.at) for values in fields)
         for point, share in zip(mortar.POINT, mortar.WEIGHT):
             s = (1.0 + point) / 2
             normal = _between(self._frame[0], s)
@@ -323,6 +322,6 @@ def _turned(direction: np.ndarray) -> np.ndarray:
 
 def _spread(n: int, here: np.ndarray, values: np.ndarray) -> np.ndarray:
     """(n,) values at the places `here`, zero elsewhere."""
-    found = np.zeros(n, np.asarray(values).dtype)
-    found[here] = values
-    return found
+    spread = np.zeros(n, np.asarray(values).dtype)
+    spread[here] = values
+    return spread

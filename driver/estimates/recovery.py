@@ -39,11 +39,10 @@ def recovered_stress(corner: np.ndarray, triangles: np.ndarray, region: np.ndarr
     np.add.at(right, at, basis.transpose(0, 2, 1) @ (AT_MIDDLES @ stress)[t])
     fitted = np.linalg.pinv(normal, rcond=1e-10, hermitian=True) @ right
     nodes = (AT_NODES @ corner)[:, None] - place[vertex][:, :, None]  # [triangle, patch, node]
-    found = _quadratics(nodes / size[vertex][..., None, None]) @ fitted[vertex]
-    vertices, middles = found[:, [0, 1, 2], [0, 1, 2]], found[:, :, 3:]
-    return np.concatenate([vertices,
-                           np.stack([(middles[:, (k + 1) % 3, k] + middles[:, (k + 2) % 3, k]) / 2
-                                               for k in range(3)], axis=1)], axis=1)
+    nodal = _quadratics(nodes / size[vertex][..., None, None]) @ fitted[vertex]
+    vertices, middles = nodal[:, [0, 1, 2], [0, 1, 2]], nodal[:, :, 3:]
+    means = [(middles[:, (k + 1) % 3, k] + middles[:, (k + 2) % 3, k]) / 2 for k in range(3)]
+    return np.concatenate([vertices, np.stack(means, axis=1)], axis=1)
 
 
 def vertex_sums(vertex: np.ndarray, area: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:

@@ -180,8 +180,9 @@ class CoulombProblem:
         force = max(np.abs(x).max(initial=0), load, work)
         if not np.isfinite(force) or force == 0:
             return 0.0 if force == 0 else np.inf
-        normal, tangential = np.split(x, [self.n])
-        over, slip = np.split(self.rigidity * move, [self.n])  # as forces
+        normal, tangential = x[: self.n], x[self.n :]
+        forces = self.rigidity * move
+        over, slip = forces[: self.n], forces[self.n :]
         bound = self.coefficient * np.abs(normal)[self.pair]
         if self.offset is not None:
             bound = self.offset + bound

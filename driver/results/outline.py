@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import agreed_writes
+from ..feti.gathering import joined
 from ..feti.structure import Substructure
 from ..files import write_rows
 from ..scene.manifest import Manifest
@@ -18,12 +19,10 @@ def write_outline(path: Path, manifest: Manifest, structure: Substructure, comm)
     traction = [k for k, pattern in enumerate(manifest.patterns) if pattern["given_on"] == "edges"]
     outline = np.zeros(manifest.nodes, bool)
     outline[structure.outer_edges[:, :2]] = outline[structure.outer_middles] = True
-    gid = np.concatenate([np.empty(0, np.int64), *(sub.node_gid for sub in subs)])
+    gid = joined((sub.node_gid for sub in subs), np.int64)
     near = outline[gid]
-    xy = np.concatenate([np.empty((0, 2)), *(sub.xy for sub in subs)])[near]
-    loads = np.concatenate([np.empty((structure.patterns, 0)), *(sub.loads for sub in subs)],
-                           axis=1)
-    force = loads[traction].sum(axis=0).reshape(-1, 2)[near]
+    xy = joined((sub.xy for sub in subs), float, 2)[near]
+    force = joined((sub.loads[traction].sum(axis=0) for sub in subs), float).reshape(-1, 2)[near]
     parts = comm.gather((gid[near], xy, force, constrained_keys(structure) // 2))
     with agreed_writes(comm):
         if comm.rank == 0:

@@ -41,15 +41,15 @@ def quantities(effects, nodes: dict, steps: dict, displacement) -> tuple[dict[st
     pressure, weight, pieces = -steps["sigma_n"], nodes["weight"], chains(nodes)
     normal = pressure @ weight
     at = _moment(np.abs(normal))
-    found = {"peak_pressure": max(peak(nodes["arc"][piece], traction(nodes, pressure[at], piece))
-                                  for piece in pieces), "normal_resultant": normal[at],
-             "contact_length": contact_length(nodes, pieces, steps, at),
-             "displacement": displacement[at]}
+    peaks = [peak(nodes["arc"][piece], traction(nodes, pressure[at], piece)) for piece in pieces]
+    values = {"peak_pressure": max(peaks), "normal_resultant": normal[at],
+              "contact_length": contact_length(nodes, pieces, steps, at),
+              "displacement": displacement[at]}
     if effects.frictional:
-        found |= {"tangential_resultant": steps["sigma_t"][at] @ weight,
-                  "slip": max(longest_way(nodes, piece, steps, at) for piece in pieces),
-                  "dissipated_energy": -((steps["sigma_t"] * steps["slip"]) @ weight).sum()}
-    return {name: float(found[name]) for name in effects.quantities}, at
+        values |= {"tangential_resultant": steps["sigma_t"][at] @ weight,
+                   "slip": max(longest_way(nodes, piece, steps, at) for piece in pieces),
+                   "dissipated_energy": -((steps["sigma_t"] * steps["slip"]) @ weight).sum()}
+    return {name: float(values[name]) for name in effects.quantities}, at
 
 
 def _moment(size: np.ndarray) -> int:
@@ -94,15 +94,14 @@ def traction(nodes: dict, pressure: np.ndarray, piece: np.ndarray) -> np.ndarray
     O(h) however smooth the pressure is. The line through its neighbours is of second order. With
     quadratic elements so is the node's own: its shape function has no first moment.
     """
-    found = pressure[piece].copy()
+    p, x = pressure[piece].copy(), nodes["arc"][piece]
     if nodes["middle"].any():
-        return found
-    for end, (one, two), edge in zip((0, -1), ((1, 2), (-2, -3)), _beyond(nodes, piece)):
-        if edge == 0 and len(piece) > 3 and min(found[[end, one, two]]) > 0:
-            x = nodes["arc"][piece]
-            slope = (found[one] - found[two]) / (x[one] - x[two])
-            found[end] = max(0.0, found[one] + slope * (x[end] - x[one]))
-    return found
+        return p
+    for end, (near, far), edge in zip((0, -1), ((1, 2), (-2, -3)), _beyond(nodes, piece)):
+        if edge == 0 and len(piece) > 3 and min(p[[end, near, far]]) > 0:
+            slope = (p[near] - p[far]) / (x[near] - x[far])
+            p[end] = max(0.0, p[near] + slope * (x[end] - x[near]))
+    return p
 
 
 def peak(arc: np.ndarray, values: np.ndarray) -> float:
@@ -130,9 +129,8 @@ def contact_length(nodes: dict, pieces: list[np.ndarray], steps: dict, at: int) 
         if len(piece) == 1:
             total += float(nodes["weight"][piece[0]]) * closed[0]
             continue
-        side = np.diff(nodes["arc"][piece])
-        total += float(_beyond(nodes, piece) @ closed[[0, -1]]) + float(
-            side @ (closed[1 :] & closed[:-1]))
+        inside = float(np.diff(nodes["arc"][piece]) @ (closed[1:] & closed[:-1]))
+        total += float(_beyond(nodes, piece) @ closed[[0, -1]]) + inside
         total += sum(part for _, _, part in edges_of_contact(nodes, piece, steps, at))
     return float(total)
 
@@ -143,16 +141,16 @@ def edges_of_contact(nodes: dict, piece: np.ndarray, steps: dict,
     x, closed = nodes["arc"][piece], steps["status"][at][piece] != OPEN
     opening = np.maximum(nodes["gap"] - steps["u_n"][at], 0.0)[piece]
     pressure = np.maximum(-steps["sigma_n"][at], 0.0)[piece]
-    found = []
+    edges = []
     for i in np.flatnonzero(closed[1:] != closed[:-1]):
         if closed[i]:
-            part = _part(x[i:], opening[i:], pressure[: i + 1][::-1], x[: i + 1][::-1], closed[i:])
-            found.append((i, i + 1, part))
+            part = _part(x[i:], opening[i:], pressure[i::-1], x[i::-1], closed[i:])
+            edges.append((i, i + 1, part))
         else:
-            part = _part(-x[i + 1 ::-1], opening[i + 1 ::-1], pressure[i + 1 :], -x[i + 1 :],
-                         closed[i + 1 ::-1])
-            found.append((i + 1, i, part))
-    return found
+            k = i + 1
+            part = _part(-x[k::-1], opening[k::-1], pressure[k:], -x[k:], closed[k::-1])
+            edges.append((k, i, part))
+    return edges
 
 
 def longest_way(nodes: dict, piece: np.ndarray, steps: dict, at: int) -> float:
@@ -163,12 +161,12 @@ def longest_way(nodes: dict, piece: np.ndarray, steps: dict, at: int) -> float:
     """
     move, sliding = np.abs(steps["slip"])[:, piece], steps["status"][:, piece] == SLIP
     way = np.where(sliding, move, 0.0).sum(axis=0)
-    found = peak(nodes["arc"][piece], way)
+    longest = peak(nodes["arc"][piece], way)
     for closed, beyond, part in edges_of_contact(nodes, piece, steps, at):
         with_it = np.where(sliding[:, closed] | sliding[:, beyond], move[:, beyond], 0.0).sum()
         side = abs(nodes["arc"][piece[beyond]] - nodes["arc"][piece[closed]])
-        found = max(found, float(way[closed] + part / side * (with_it - way[closed])))
-    return found
+        longest = max(longest, float(way[closed] + part / side * (with_it - way[closed])))
+    return longest
 
 
 def _part(x, opening, pressure, inward, closed) -> float:
@@ -182,8 +180,8 @@ def _part(x, opening, pressure, inward, closed) -> float:
     while stop < len(x) and not closed[stop]:
         stop += 1
     if stop > 2:
-        one, two = (2, 3) if stop > 3 else (1, 2)
-        edge = _zero(x[one], x[two], opening[one] ** (2 / 3), opening[two] ** (2 / 3))
+        i, k = (2, 3) if stop > 3 else (1, 2)
+        edge = _zero(x[i], x[k], opening[i] ** (2 / 3), opening[k] ** (2 / 3))
     elif len(pressure) > 1:
         edge = _zero(inward[0], inward[1], pressure[0] ** 2, pressure[1] ** 2)
     else:
@@ -191,6 +189,6 @@ def _part(x, opening, pressure, inward, closed) -> float:
     return side / 2 if edge is None else float(np.clip(edge - x[0], 0.0, side))
 
 
-def _zero(one: float, two: float, here: float, there: float) -> float | None:
+def _zero(x0: float, x1: float, y0: float, y1: float) -> float | None:
     """Where the line through two points vanishes on the side of the first; None if nowhere."""
-    return one - here * (two - one) / (there - here) if there > here else None
+    return x0 - y0 * (x1 - x0) / (y1 - y0) if y1 > y0 else None

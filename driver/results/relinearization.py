@@ -36,9 +36,8 @@ def linearized(problem: Problem, settings: Settings, comm) -> Problem:
     if settings.linearization == "initial":
         return problem
     if not manifest.contact_pairs:
-        raise InputError(
-            "LINEARIZATION=updated is about contact between bodies: the scene declares no "
-            "contactPair")
+        raise InputError("LINEARIZATION=updated is about contact between bodies: "
+                         "the scene declares no contactPair")
     solver = problem.solver(dataclasses.replace(settings, uniqueness="no"))
     record, steps = Record(problem.operator, solver), []
     try:
@@ -48,7 +47,7 @@ def linearized(problem: Problem, settings: Settings, comm) -> Problem:
     except StepFailed as failure:
         reason = f"with contact as in the initial geometry: {failure}"
         raise error_of(failure.exit_status, reason) from None
-    at = steps[record.quantities()[1]]
-    moved = problem.operator.displacements(at.multipliers, at.weights)
+    step = steps[record.quantities()[1]]
+    moved = problem.operator.displacements(step.multipliers, step.weights)
     structure = build(manifest, structure.subdomains, structure.first, comm, moved)
     return Problem(manifest, structure, DualOperator(structure, comm))

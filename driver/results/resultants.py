@@ -33,5 +33,5 @@ def resultants(operator: DualOperator, step: Step, inner: list[np.ndarray],
     weight = np.where(b.paired, 0.0, b.weight)  # forces between two bodies cancel
     force = ((contact[ContactField.SIGMA_N] * weight)[:, None] * b.normal
              + (contact[ContactField.SIGMA_T] * weight)[:, None] * b.tangent)
-    found = {"load": load, "reaction": reaction, "contact": force.sum(axis=0)}
-    return found, size + np.abs(force).sum(axis=0)
+    forces = {"load": load, "reaction": reaction, "contact": force.sum(axis=0)}
+    return forces, size + np.abs(force).sum(axis=0)

@@ -45,8 +45,8 @@ class Writer:
         displacements, state = self.record.add(step)
         inner = self.operator.inner_forces(displacements)
         forces, size = resultants(self.operator, step, inner, state)
-        self.largest_imbalance = max(self.largest_imbalance,
-                                     float(np.abs(sum(forces.values())).max()))
+        imbalance = float(np.abs(sum(forces.values())).max())
+        self.largest_imbalance = max(self.largest_imbalance, imbalance)
         self.largest_forces = max(self.largest_forces, float(size.max()))
         work = state[ContactField.SIGMA_T] * state[ContactField.SLIP]
         self.dissipated += float(-(work * self.contact.boundary.weight).sum())
@@ -65,7 +65,7 @@ class Writer:
     @property
     def files(self) -> list[str]:
         """Files of fields that are written, relative to the directory."""
-        return [] if self.fields is None else [name for _, name in self.fields.steps]
+        return [name for _, name in self.fields.steps] if self.fields else []
 
     @property
     def balance(self) -> float:

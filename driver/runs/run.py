@@ -115,9 +115,8 @@ def _cycle(run: Run, place: Workspace, work: Path, before: list[Path],
     sizes = before[-1] / adaptivity.STEM if before else None
     freefem.export(run.scene, work / "export", run.parameters, run.ranks, sizes,
                    lambda: launch.preload(solver, run.ranks), run.without)
-    identity = fingerprint(seal.read(work / "export").content,
-                           {**request.settings, "fields": request.fields,
-                            "without": list(request.without)})
+    choices = {"fields": request.fields, "without": list(request.without)}
+    identity = fingerprint(seal.read(work / "export").content, {**request.settings, **choices})
     _resume(run, place, work, identity)
     seconds = {**adaptivity.seconds(before), "export": time.perf_counter() - clock}
     request = dataclasses.replace(request, fingerprint=identity, seconds=seconds)
@@ -130,8 +129,8 @@ def _resume(run: Run, place: Workspace, work: Path, identity: dict) -> None:
     if steps:
         _say(run, f"goes on after step {steps} of an interrupted run; RESUME=no would start over")
     elif misfits:
-        _say(run, "starts over; there is an interrupted run, but "
-                  f"{' and '.join(sorted(misfits))}")
+        reason = " and ".join(sorted(misfits))
+        _say(run, f"starts over; there is an interrupted run, but {reason}")
 
 
 def _complete(run: Run, work: Path, cycles: list[Path]) -> None:

@@ -38,17 +38,16 @@ class Progress:
 
     def update(self, step) -> None:
         """Report one finished step."""
-        worst, spent = max(step.residuals.values()), time.perf_counter() - self.start
-        line = (f"{self.label}: step {step.index}/{self.total}, "
-                f"{step.fixed_point_iterations} fixed-point iterations, {step.products} products, "
-                f"KKT residual {worst:.1e}")
+        spent, kkt = time.perf_counter() - self.start, f"{max(step.residuals.values()):.1e}"
+        iterations, products = step.fixed_point_iterations, step.products
+        line = (f"{self.label}: step {step.index}/{self.total}, {iterations} fixed-point "
+                f"iterations, {products} products, KKT residual {kkt}")
         self.note(f"{line}, {spent:.2f} s")
+        due = step.index % max(1, self.total // 5) == 0 or step.index == self.total
         if self.bar is not None:
-            self.bar.set_postfix(fixed_point=step.fixed_point_iterations, products=step.products,
-                                 kkt=f"{worst:.1e}")
+            self.bar.set_postfix(fixed_point=iterations, products=products, kkt=kkt)
             self.bar.update()
-        elif not self.quiet and (step.index % max(1, self.total // 5) == 0
-                                 or step.index == self.total):
+        elif due and not self.quiet:
             remaining = spent * (self.total - step.index) / (step.index - self.done)
             print(f"{line}, {remaining:.0f} s left", flush=True)
 
@@ -135,8 +134,7 @@ def _progress(directory: Path, request: Request, problem: Problem, resumed: int,
     root = comm.rank == 0
     progress = Progress(problem.manifest.steps, resumed, request.scene, request.quiet or not root,
                         directory / "run.log" if root else None)
-    line = (f"{request.scene} {problem.manifest.parameters} {request.settings} "
-            f"on {comm.size} ranks")
+    line = f"{request.scene} {problem.manifest.parameters} {request.settings} on {comm.size} ranks"
     progress.note(f"{line}, resumed after step {resumed}" if resumed else line)
     return progress
 
