@@ -121,8 +121,8 @@ def package_error(problem: ImportError) -> InputError:
     """The error for a Python package that is missing or cannot be loaded, as with little memory."""
     if isinstance(problem, ModuleNotFoundError):
         return InputError(f"the Python package {problem.name} is not installed; {SET_UP}")
-    reason = " ".join(str(problem).split())
-    return file_error(problem, f"a Python package cannot be loaded: {reason}")
+    words = " ".join(str(problem).split())
+    return file_error(problem, f"a Python package cannot be loaded: {words}")
 
 
 def mpirun(ranks: int) -> list[str]:
@@ -182,8 +182,7 @@ def child_environment(parallel: bool = False, element: str = "P1") -> dict[str, 
     to start as root without two settings, looks for fast networks for a quarter of a second, and
     lets waiting ranks keep a core busy that others could use.
     """
-    env = dict(os.environ)
-    env.update(OMPI_ALLOW_RUN_AS_ROOT="1", OMPI_ALLOW_RUN_AS_ROOT_CONFIRM="1")
+    env = {**os.environ, "OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
     env.setdefault("OMPI_MCA_pml", "ob1")
     env.setdefault("OMPI_MCA_mpi_yield_when_idle", "1")
     own = [LIBRARY, LIBRARY / ("mpi" if parallel else "serial"), LIBRARY / element]

@@ -20,8 +20,7 @@ which is at most the square root A^2 + 2 B of twice the duality gap (for B = 0 i
 Synge's theorem). t* is linear between the computed nodal tractions and so in the cone. Its moments
 are those of the consistent, not of the lumped boundary mass: sigma* starts from the torn
 displacements under these nodal forces. FETI-DP keeps every vertex in equilibrium under any
-multipliers, so that one recovery of displacements gives them (no iteration, no new multipliers of
-the glue).
+multipliers: one recovery of displacements gives them, without iteration or new gluing multipliers.
 
 Between two bodies the jump takes the displacement's place; what its two sides and meshes that do
 not match add to sigma*, v and B stands in pair_bound.py.
@@ -161,9 +160,8 @@ class EquilibratedBound:
     def _admissible(self, torn: np.ndarray, contact: ContactTractions) -> np.ndarray:
         """(vertices, 2) averaged displacements made admissible at rigid obstacles.
 
-        Nodes go out of the obstacle. They go onto it, or back to where they stuck, if that costs
-        less energy on the vertex's own stiffness than it saves. Sets distances and slip of
-        `contact`.
+        Nodes go out of the obstacle; onto it, or back to where they stuck, if that takes less of the
+        vertex's own stiffness' energy than it saves. Sets distances and slip of `contact`.
         """
         body, b = self.body, self.boundary
         u = body.untorn(torn)

@@ -4,8 +4,7 @@ The problem in the continuum. Each part of the first side that faces one edge of
 (mortar.segments; of the displaced sides, if contact is linearized about them) is mapped onto it
 affinely, x -> x*. The normal n(x) is linear between the averaged unit normals at the vertices, and
 so is the gap g between the contact nodes: as multipliers are dual, the mortar's gaps are those of
-this g, and that polygons stand for curves is no part of the error. With the jump [v] = v(x) -
-v(x*),
+this g; that polygons stand for curves is no part of the error. With the jump [v] = v(x) - v(x*),
 
     [v] . n <= g,   t . n <= 0,   (t . n) ([v] . n - g) = 0,   friction by t and [v],
 
@@ -168,8 +167,7 @@ class PairBound:
         free = ~constrained[vertex].any(axis=1)
         closing = move = self._closing(jump, stiffness[vertex].max(axis=1), ~constrained[vertex],
                                        free)
-        # what points move on changes the excess by its product with the turn of the normals
-        for _ in range(3):
+        for _ in range(3):  # the move times the turn of the normals changes the excess
             move = closing - self._excess(jump + move[self._point], free)
         jump += move[self._point]
         change = np.zeros_like(u)

@@ -5,9 +5,8 @@ quadratic elements the computed stress is linear on every triangle. Round each v
 triangles that share it, a quadratic polynomial is fitted to it by least squares at the middles of
 the sides; its values at the vertex, and at the middle of a side the mean of those of both ends, are
 the nodal values of a continuous quadratic stress, of higher order than the computed one. Patches
-with too few triangles, as at boundaries, take their neighbours' triangles in. See Zienkiewicz, Zhu,
-The superconvergent patch recovery and a posteriori error estimates, Int. J. Numer. Meth. Engng 33
-(1992) 1331-1382.
+with too few triangles, as at boundaries, take their neighbours' in. See Zienkiewicz, Zhu: The
+superconvergent patch recovery and a posteriori error estimates, IJNME 33 (1992) 1331-1382.
 """
 
 import numpy as np

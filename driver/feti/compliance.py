@@ -1,7 +1,6 @@
 """Stage 4, condensed: the dual problem on the contact rows alone, for studies that repeat it.
 
-Gluing multipliers have no bounds. Minimising over those of the gluing rows g leaves, on the contact
-rows c,
+Gluing multipliers have no bounds. Minimising over them (rows g) leaves, on the contact rows c,
 
     C = F_cc - F_cg F_gg^-1 F_gc,      d_C = d_c - F_cg F_gg^-1 d_g,
 
@@ -119,8 +118,8 @@ class FaceInverse:
 
 def _on_contact_rows(structure, rows: np.ndarray):
     """The skeleton as a solver on `rows` alone, in their order, sees it."""
-    # that of no row, -1, is the last
-    contact, place = structure.contact, np.full(structure.dual_dofs + 1, -1)
+    contact = structure.contact
+    place = np.full(structure.dual_dofs + 1, -1)  # that of no row, -1, is the last
     place[rows] = np.arange(len(rows))
     contact = dataclasses.replace(contact, normal_row=place[contact.normal_row],
                                   tangential_row=place[contact.tangential_row])
@@ -156,7 +155,7 @@ def _eliminated(operator: DualOperator, rows: np.ndarray, loads: np.ndarray):
         error = problem
     agree(comm, error)
     blocks = {first: parts for rank in comm.allgather(blocks) for first, parts in rank.items()}
-    onto, moved = (np.hstack(parts) for parts in zip(*(blocks[first] for first in sorted(blocks))))
+    onto, moved = map(np.hstack, zip(*(blocks[first] for first in sorted(blocks))))
     C, d = np.triu(contact) + np.triu(contact, 1).T - onto[:, :k], loads[rows] - onto[:, k:]
     return (C + C.T) / 2, d.T, -moved[:, :k], moved[:, k:].T.copy()
 
@@ -187,8 +186,8 @@ def _saddle_matrix(operator: DualOperator, place: np.ndarray, first: int):
     entries.append((motions, motions, operator.rho))
     i, j, values = map(np.concatenate, zip(*entries))
     del entries
-    return coo_matrix((values, (i, j)),
-                      shape=(len(place) + structure.coarse_dofs + modes,) * 2).tocsr()
+    size = len(place) + structure.coarse_dofs + modes
+    return coo_matrix((values, (i, j)), shape=(size, size)).tocsr()
 
 
 class _Factor:
@@ -218,8 +217,7 @@ class _Factor:
         residual = np.abs(_multiply(self.upper, combined) - wanted)
         size = _multiply(abs(self.upper), np.abs(combined)) + np.abs(wanted)
         if not np.all(residual <= ROUNDING * size):
-            raise NotConverged("the contact compliance: the gluing conditions could not be "
-                               "eliminated")
+            raise NotConverged("the contact compliance: gluing conditions could not be eliminated")
         return solution
 
 

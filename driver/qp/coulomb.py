@@ -1,7 +1,6 @@
 """The dense contact problem with friction on a few nodes: law, states, linear systems.
 
-With the compliance C of the contact nodes, x = (lambda_n, lambda_t) and movements d - C x = (over,
-slip):
+With the contact nodes' compliance C, x = (lambda_n, lambda_t) and movements d - C x = (over, slip):
 
     lambda_n >= 0,  over <= 0,  lambda_n over = 0,      |lambda_t| <= g = c + F lambda_n,
     slip >= 0 where lambda_t = g,  slip <= 0 where lambda_t = -g,  slip = 0 between.
@@ -14,15 +13,13 @@ a linear system (A. Klarbring, in: Contact Mechanics, Plenum 1995, on the 4^n st
 coercive and of degree one, so that for any F there is a solution, and an odd number of them unless
 one sits on the border between states.
 
-Bodies that no support holds add their rigid motions beta as unknowns and their equilibrium as
-equations,
+Bodies that no support holds add rigid motions beta as unknowns and equilibrium as equations,
 
     movements d + R beta - C x,      R'x = L,
 
 with the motions R of the contact rows and the loads' work L on them; C is that of the bodies on
 springs. Then there need be no solution, and the signs of several add up to nothing one knows. A
-motion that no row with force or sticking feels is left as it is: the bodies may rest at many
-places.
+motion that no row with force or sticking feels stays as it is: the bodies may rest at many places.
 """
 
 from dataclasses import dataclass, field
@@ -238,9 +235,9 @@ class StateSystem:
             work[self.node] += slope[:, None] * work[self.sliding]
             border = np.zeros((force.shape[1],) * 2)
             transposed = np.block([[transposed, work[self.free]], [-force[self.free].T, border]])
-        self.factor, self.pivots, failed = (
-            lapack.dgetrf(transposed.T, overwrite_a=True) if len(transposed)
-            else (transposed, np.empty(0, int), 0))
+        self.factor, self.pivots, failed = transposed, np.empty(0, int), 0
+        if len(transposed):
+            self.factor, self.pivots, failed = lapack.dgetrf(transposed.T, overwrite_a=True)
         self.singular = failed != 0
         swaps = np.count_nonzero(self.pivots != np.arange(len(self.pivots)))
         self.index = int(np.prod(np.sign(np.diag(self.factor))) * (-1) ** swaps)

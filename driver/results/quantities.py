@@ -15,8 +15,7 @@ largest normal resultant (displacement).
 
 Counting nodes tells a length by the mesh size only. Near an edge of contact the opening grows like
 r^(3/2) (Johnson, Contact Mechanics, 4.2 and 5.1), so that its power 2/3 is linear in the arc and
-locates the edge; the node next to the edge, whose opening errs most, is left out where there are
-others.
+locates the edge; the node next to it, whose opening errs most, is left out if there are others.
 """
 
 import numpy as np
@@ -36,20 +35,20 @@ def quantities(effects, nodes: dict, steps: dict, displacement) -> tuple[dict[st
     """
     displacement = np.asarray(displacement, float)
     if not effects.contact:
-        at = _moment(displacement)
-        return {"displacement": float(displacement[at])}, at
+        index = _moment(displacement)
+        return {"displacement": float(displacement[index])}, index
     pressure, weight, pieces = -steps["sigma_n"], nodes["weight"], chains(nodes)
     normal = pressure @ weight
-    at = _moment(np.abs(normal))
-    peaks = [peak(nodes["arc"][piece], traction(nodes, pressure[at], piece)) for piece in pieces]
-    values = {"peak_pressure": max(peaks), "normal_resultant": normal[at],
-              "contact_length": contact_length(nodes, pieces, steps, at),
-              "displacement": displacement[at]}
+    index = _moment(np.abs(normal))
+    peaks = [peak(nodes["arc"][piece], traction(nodes, pressure[index], piece)) for piece in pieces]
+    values = {"peak_pressure": max(peaks), "normal_resultant": normal[index],
+              "contact_length": contact_length(nodes, pieces, steps, index),
+              "displacement": displacement[index]}
     if effects.frictional:
-        values |= {"tangential_resultant": steps["sigma_t"][at] @ weight,
-                   "slip": max(longest_way(nodes, piece, steps, at) for piece in pieces),
+        values |= {"tangential_resultant": steps["sigma_t"][index] @ weight,
+                   "slip": max(longest_way(nodes, piece, steps, index) for piece in pieces),
                    "dissipated_energy": -((steps["sigma_t"] * steps["slip"]) @ weight).sum()}
-    return {name: float(values[name]) for name in effects.quantities}, at
+    return {name: float(values[name]) for name in effects.quantities}, index
 
 
 def _moment(size: np.ndarray) -> int:
@@ -121,26 +120,26 @@ def peak(arc: np.ndarray, values: np.ndarray) -> float:
     return float(y[1] - slope**2 / (4 * bend)) if bend < 0 else float(y[1])
 
 
-def contact_length(nodes: dict, pieces: list[np.ndarray], steps: dict, at: int) -> float:
-    """Length in contact at step `at`; edges between a closed and an open node count in part."""
+def contact_length(nodes: dict, pieces: list[np.ndarray], steps: dict, index: int) -> float:
+    """Length in contact at step `index`; edges between a closed and an open node count in part."""
     total = 0.0
     for piece in pieces:
-        closed = steps["status"][at][piece] != OPEN
+        closed = steps["status"][index][piece] != OPEN
         if len(piece) == 1:
             total += float(nodes["weight"][piece[0]]) * closed[0]
             continue
         inside = float(np.diff(nodes["arc"][piece]) @ (closed[1:] & closed[:-1]))
         total += float(_beyond(nodes, piece) @ closed[[0, -1]]) + inside
-        total += sum(part for _, _, part in edges_of_contact(nodes, piece, steps, at))
+        total += sum(part for _, _, part in edges_of_contact(nodes, piece, steps, index))
     return float(total)
 
 
 def edges_of_contact(nodes: dict, piece: np.ndarray, steps: dict,
-                     at: int) -> list[tuple[int, int, float]]:
+                     index: int) -> list[tuple[int, int, float]]:
     """Closed node, open node (places in `piece`), length in contact of edges between such."""
-    x, closed = nodes["arc"][piece], steps["status"][at][piece] != OPEN
-    opening = np.maximum(nodes["gap"] - steps["u_n"][at], 0.0)[piece]
-    pressure = np.maximum(-steps["sigma_n"][at], 0.0)[piece]
+    x, closed = nodes["arc"][piece], steps["status"][index][piece] != OPEN
+    opening = np.maximum(nodes["gap"] - steps["u_n"][index], 0.0)[piece]
+    pressure = np.maximum(-steps["sigma_n"][index], 0.0)[piece]
     edges = []
     for i in np.flatnonzero(closed[1:] != closed[:-1]):
         if closed[i]:
@@ -153,7 +152,7 @@ def edges_of_contact(nodes: dict, piece: np.ndarray, steps: dict,
     return edges
 
 
-def longest_way(nodes: dict, piece: np.ndarray, steps: dict, at: int) -> float:
+def longest_way(nodes: dict, piece: np.ndarray, steps: dict, index: int) -> float:
     """Longest way that a point of a piece has slid in contact, also between its nodes.
 
     Slip is often largest at an edge of contact; the last closed node alone would tell it by the
@@ -162,7 +161,7 @@ def longest_way(nodes: dict, piece: np.ndarray, steps: dict, at: int) -> float:
     move, sliding = np.abs(steps["slip"])[:, piece], steps["status"][:, piece] == SLIP
     way = np.where(sliding, move, 0.0).sum(axis=0)
     longest = peak(nodes["arc"][piece], way)
-    for closed, beyond, part in edges_of_contact(nodes, piece, steps, at):
+    for closed, beyond, part in edges_of_contact(nodes, piece, steps, index):
         with_it = np.where(sliding[:, closed] | sliding[:, beyond], move[:, beyond], 0.0).sum()
         side = abs(nodes["arc"][piece[beyond]] - nodes["arc"][piece[closed]])
         longest = max(longest, float(way[closed] + part / side * (with_it - way[closed])))

@@ -68,9 +68,8 @@ class Progress:
 def run(directory: Path, request: Request, comm) -> tuple[int, str]:
     """Solve the export in ``directory/export`` and write the results into `directory`.
 
-    Goes on from a checkpoint in `directory`, if there is one. Collective over `comm`; returns exit
-    status and reason, the same on every rank. Raises DriverError, on all ranks alike, where there
-    is nothing to keep.
+    Goes on from a checkpoint in `directory`, if there is one. Exit status and reason are the same
+    on every rank; collective. Raises DriverError on all ranks where there is nothing to keep.
     """
     lap = Laps(request.seconds)
     seconds, settings = lap.seconds, Settings(**request.settings)
