@@ -130,6 +130,11 @@ class Effect:
     def step_ends(self, nodes: np.ndarray, slip: np.ndarray) -> None:
         """A step ended in which the contact `nodes` (j,) of the rank have slid by `slip` (j,)."""
 
+    def no_estimate(self, weights: np.ndarray) -> str:
+        """Why the energy norm is infinite under the pattern factors `weights`, empty if it is not.
+        """
+        return ""
+
     # ---- what it says after the run -------------------------------------------------------------
     def ledger(self, facts: RunFacts) -> dict[str, dict]:
         """Entries of the ledger by name: was the effect active, and what did it cost."""
@@ -183,13 +188,6 @@ class Effects:
         point.
         """
         return "friction" in self
-
-    @property
-    def estimates(self) -> tuple[str, str]:
-        """How well the error in the energy norm is known with these effects, and why no better."""
-        worst = max(self, key=lambda room: (BOUND, ESTIMATE, NONE).index(room.estimates),
-                    default=None)
-        return (worst.estimates, worst.why) if worst else (BOUND, "")
 
     @property
     def quantities(self) -> tuple[str, ...]:
@@ -256,6 +254,11 @@ class Effects:
         """A step ended; see Effect."""
         for room in self:
             room.step_ends(nodes, slip)
+
+    def no_estimate(self, weights: np.ndarray) -> str:
+        """Why the error in the energy norm cannot be estimated under the pattern factors `weights`.
+        """
+        return next(filter(None, (room.no_estimate(weights) for room in self)), "")
 
     def ledger(self, facts: RunFacts) -> dict[str, dict]:
         """Entry {declared, active, reason, unknowns, seconds} of every effect; the common ones also

@@ -160,8 +160,8 @@ class EquilibratedBound:
     def _admissible(self, torn: np.ndarray, contact: ContactTractions) -> np.ndarray:
         """(vertices, 2) averaged displacements made admissible at rigid obstacles.
 
-        Nodes go out of the obstacle; onto it, or back to where they stuck, if that takes less of the
-        vertex's own stiffness' energy than it saves. Sets distances and slip of `contact`.
+        Nodes go out of the obstacle; onto it, or back to where they stuck, if that saves more than
+        it costs on the vertex's own stiffness. Sets distances and slip of `contact`.
         """
         body, b = self.body, self.boundary
         u = body.untorn(torn)
