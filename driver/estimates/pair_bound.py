@@ -60,9 +60,9 @@ class _Boundary:
         owner[mesh.first // 2] = np.arange(mesh.first.size).reshape(-1, 3)
         triangle, k = np.divmod(owner[mesh.find(ends)], 3)
         corner = mesh.corner[triangle[:, None], (k[:, None] + [0, 1, 2]) % 3]
-        vertex, at, edges = np.unique(mesh.triangles[triangle[:, None], (k[:, None] + [0, 1]) % 3],
+        vertex, known, edges = np.unique(mesh.triangles[triangle[:, None], (k[:, None] + [0, 1]) % 3],
                                       return_index=True, return_inverse=True)
-        edges, place = edges.reshape(-1, 2), corner[:, :2].reshape(-1, 2)[at]
+        edges, place = edges.reshape(-1, 2), corner[:, :2].reshape(-1, 2)[known]
         now = place if about is None else place + about[vertex]
         along = now[edges[:, 1]] - now[edges[:, 0]]
         normal = -_turned(along) / np.linalg.norm(along, axis=1)[:, None]
@@ -302,7 +302,7 @@ def slid(length: np.ndarray, bound: np.ndarray, slip: np.ndarray,
     """
     (s0, s1), (d0, d1) = bound.T, slip.T
     changes = d0 * d1 < 0
-    at = np.where(changes, d0 / np.where(changes, d0 - d1, 1.0), 1.0)
+    zero = np.where(changes, d0 / np.where(changes, d0 - d1, 1.0), 1.0)
 
     def value(x):
         return (s0 + x * (s1 - s0)) * np.abs(d0 + x * (d1 - d0) + 4 * x * (1 - x) * bend)
@@ -310,7 +310,7 @@ def slid(length: np.ndarray, bound: np.ndarray, slip: np.ndarray,
     def simpson(a, c):
         return (c - a) / 6 * (value(a) + 4 * value((a + c) / 2) + value(c))
 
-    return float(length @ (simpson(0.0, at) + simpson(at, 1.0)))
+    return float(length @ (simpson(0.0, zero) + simpson(zero, 1.0)))
 
 
 def _turned(direction: np.ndarray) -> np.ndarray:

@@ -29,13 +29,13 @@ def recovered_stress(corner: np.ndarray, triangles: np.ndarray, region: np.ndarr
     _, first, vertex = np.unique(region[:, None] * (triangles.max() + 1) + triangles,
                                  return_index=True, return_inverse=True)
     vertex, place = vertex.reshape(-1, 3), corner.reshape(-1, 2)[first]
-    at, t = _patches(vertex, len(place))
-    size = np.zeros(len(place))
-    np.maximum.at(size, at, np.linalg.norm(corner[t] - place[at][:, None], axis=2).max(axis=1))
-    basis = _quadratics(((AT_MIDDLES @ corner)[t] - place[at][:, None]) / size[at][:, None, None])
+    patch, t = _patches(vertex, len(place))
+    center, size = place[patch][:, None], np.zeros(len(place))
+    np.maximum.at(size, patch, np.linalg.norm(corner[t] - center, axis=2).max(axis=1))
+    basis = _quadratics(((AT_MIDDLES @ corner)[t] - center) / size[patch][:, None, None])
     normal, right = np.zeros((len(place), 6, 6)), np.zeros((len(place), 6, 3))
-    np.add.at(normal, at, basis.transpose(0, 2, 1) @ basis)
-    np.add.at(right, at, basis.transpose(0, 2, 1) @ (AT_MIDDLES @ stress)[t])
+    np.add.at(normal, patch, basis.transpose(0, 2, 1) @ basis)
+    np.add.at(right, patch, basis.transpose(0, 2, 1) @ (AT_MIDDLES @ stress)[t])
     fitted = np.linalg.pinv(normal, rcond=1e-10, hermitian=True) @ right
     nodes = (AT_NODES @ corner)[:, None] - place[vertex][:, :, None]  # [triangle, patch, node]
     nodal = _quadratics(nodes / size[vertex][..., None, None]) @ fitted[vertex]

@@ -80,10 +80,6 @@ class ContactCompliance(DualProblem):
         """Scalar product."""
         return float(a @ b)
 
-    def minimum(self, value: float) -> float:
-        """The smallest of the ranks' numbers: there is one rank."""
-        return value
-
     def load_response(self, weights: np.ndarray) -> np.ndarray:
         """d_C for the load sum_k weights_k f_k."""
         return weights @ self.d

@@ -129,8 +129,7 @@ class Face:
         mass = hats.gram(self.W, self.H)
         size = np.diag(mass)
         scale = np.divide(1.0, np.sqrt(size), out=np.zeros(len(size)), where=size > 0)
-        # pivoted Cholesky factorization: what is left of the first hat left out is nothing, or a
-        # combination of the others
+        # pivoted Cholesky: hats beyond the rank are nothing, or combinations of the others
         factor, pivots, rank, _ = lapack.dpstrf(mass * np.outer(scale, scale), tol=DEPENDENT)
         self.independent = pivots[:rank] - 1
         self.scale, self.mass = scale[self.independent], np.asfortranarray(factor[:rank, :rank])

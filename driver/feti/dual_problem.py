@@ -5,6 +5,7 @@ import dataclasses
 from abc import ABC, abstractmethod
 
 import numpy as np
+from mpi4py import MPI
 
 from .structure import Substructure
 
@@ -45,9 +46,9 @@ class DualProblem(ABC):
     def dot(self, a: np.ndarray, b: np.ndarray) -> float:
         """Global scalar product of two dual vectors; collective."""
 
-    @abstractmethod
     def minimum(self, value: float) -> float:
         """The smallest of the ranks' numbers; collective."""
+        return self.comm.allreduce(value, op=MPI.MIN) if self.comm.size > 1 else value
 
     @abstractmethod
     def load_response(self, weights: np.ndarray) -> np.ndarray:

@@ -91,10 +91,6 @@ class DualOperator(DualProblem):
         """Global scalar product: partial sums by subdomain, added in their order."""
         return self.vectors.dot(a, b)
 
-    def minimum(self, value: float) -> float:
-        """The smallest of the ranks' numbers."""
-        return self.vectors.minimum(value)
-
     def preconditioner(self) -> DirichletPreconditioner:
         """The Dirichlet preconditioner of F."""
         return DirichletPreconditioner(self)

@@ -8,7 +8,6 @@ subdomains share add their terms in that order, too.
 """
 
 import numpy as np
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from .gathering import Gathering, joined
@@ -57,10 +56,6 @@ class DualVectors:
         if self.owned:
             partial[self._filled] = np.add.reduceat(a * b, self._filled_starts, axis=0)
         return np.concatenate(self.comm.allgather(partial)).sum(axis=0)
-
-    def minimum(self, value: float) -> float:
-        """The smallest of the ranks' numbers."""
-        return self.comm.allreduce(value, op=MPI.MIN) if self.comm.size > 1 else value
 
     def gather(self, x: np.ndarray) -> np.ndarray:
         """The rank's stacked local rows of x, unsigned; overwritten by the next call."""

@@ -29,8 +29,8 @@ class Anderson:
         self.changes.append(mapped - g)
         del self.points[: -self.depth - 1], self.changes[: -self.depth - 1]
         new = g + self.damping * self.changes[-1]
-        moves = [(b - a, d - c) for (a, b), (c, d) in zip(pairwise(self.points),
-                                                          pairwise(self.changes))]
+        both = zip(pairwise(self.points), pairwise(self.changes))
+        moves = [(b - a, d - c) for (a, b), (c, d) in both]
         if moves:
             gram = np.array([[self.dot(f, h) for _, h in moves] for _, f in moves])
             right = np.array([self.dot(f, self.changes[-1]) for _, f in moves])

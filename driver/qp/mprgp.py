@@ -127,8 +127,7 @@ class _Mprgp:
         self.products = 0
         self.counts = {"cg": 0, "expansion": 0, "proportioning": 0}
         self.b_norm = np.sqrt(dot(b, b))
-        # Longest stretch without a better residual that is still looked at kindly: CG may wander
-        # for about as many products as there are unknowns.
+        # products without a better residual: CG may wander for about as many as there are unknowns
         ones = np.ones_like(b)
         self.window = 200 + 2 * min(int(dot(ones, ones)), 1000)
         self.x = self.g = self.p = self.Ap = None
@@ -205,7 +204,9 @@ class _Mprgp:
         self.refuse_endless(length, p, slope)
         if blocked and np.isfinite(wish):
             half_step = length * (slope - 0.5 * length * self.curvature)
-            needed = max(half_step, self.sufficient_decrease())
+            # a projected gradient step lowers f by abar (1 - alpha_factor / 2) phi~'phi at least
+            projected = (1 - 0.5 * self.alpha_factor) * self.alpha_factor / self.bound
+            needed = max(half_step, projected * self.reduced_slope)
             end = (self.x - wish * p, self.g - wish * Ap)
             if self.relax is not None and self.relaxed_step(*end, needed):
                 return "expansion"
@@ -272,10 +273,6 @@ class _Mprgp:
         self.go(d, Ad, length, ratio)
         self.decrease += length * (self.beta2 - 0.5 * length * self.curvature)
         self.p = self.Ap = None
-
-    def sufficient_decrease(self):
-        """abar (1 - alpha_factor/2) phi~'phi, the least decrease of f by a projected step."""
-        return (1 - 0.5 * self.alpha_factor) * self.alpha_factor / self.bound * self.reduced_slope
 
     def projected_step(self, p, length, wish, needed):
         """x <- P(x - a p), on the projected arc of the CG step; returns whether it was taken.
@@ -449,8 +446,7 @@ def _checked(b, lower, upper, x0, dot):
     for bad, reason in ((~np.isfinite(b), "b has a value that is not finite"),
                         (np.isnan(lower) | np.isnan(upper), "a bound is NaN"),
                         ((lower > upper) | (lower == np.inf) | (upper == -np.inf),
-                         "the box is empty"),
-                        (np.isnan(x0), "x0 has a NaN"),
+                         "the box is empty"), (np.isnan(x0), "x0 has a NaN"),
                         (np.isinf(start), "x0 has an infinite value inside the box")):
         if _anywhere(bad, dot):
             raise ValueError(reason)

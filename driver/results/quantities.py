@@ -77,13 +77,13 @@ def _beyond(nodes: dict, piece: np.ndarray) -> np.ndarray:
         return np.zeros(2)
     ends = piece[[0, -1]]
     weight, near = nodes["weight"][ends], side[[0, -1]]
-    left = np.where(nodes["paired"][ends], weight - near / 2, 2 * weight - near)
+    beyond = np.where(nodes["paired"][ends], weight - near / 2, 2 * weight - near)
     if nodes["middle"].any():
         beyond = np.where(nodes["paired"][ends], weight - near / 3, 3 * weight - near)
-        left = np.where(nodes["middle"][ends], near, beyond)
-    left[left < 1e-6 * side[[0, -1]]] = 0.0
+        beyond = np.where(nodes["middle"][ends], near, beyond)
+    beyond[beyond < 1e-6 * near] = 0.0
     closing = np.linalg.norm(np.subtract(*nodes["xy"][ends]))
-    return left / 2 if np.allclose(left, closing, rtol=1e-6, atol=0) else left
+    return beyond / 2 if np.allclose(beyond, closing, rtol=1e-6, atol=0) else beyond
 
 
 def traction(nodes: dict, pressure: np.ndarray, piece: np.ndarray) -> np.ndarray:
