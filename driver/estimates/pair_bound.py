@@ -60,8 +60,8 @@ class _Boundary:
         owner[mesh.first // 2] = np.arange(mesh.first.size).reshape(-1, 3)
         triangle, k = np.divmod(owner[mesh.find(ends)], 3)
         corner = mesh.corner[triangle[:, None], (k[:, None] + [0, 1, 2]) % 3]
-        vertex, known, edges = np.unique(mesh.triangles[triangle[:, None], (k[:, None] + [0, 1]) % 3],
-                                      return_index=True, return_inverse=True)
+        ends = mesh.triangles[triangle[:, None], (k[:, None] + [0, 1]) % 3]
+        vertex, known, edges = np.unique(ends, return_index=True, return_inverse=True)
         edges, place = edges.reshape(-1, 2), corner[:, :2].reshape(-1, 2)[known]
         now = place if about is None else place + about[vertex]
         along = now[edges[:, 1]] - now[edges[:, 0]]
