@@ -92,8 +92,8 @@ def _share(name: str, text: str) -> tuple[float, str]:
     except ValueError:
         value = float("nan")
     if not 0 < value < 1:
-        raise InputError(f"{name} expects a relative error such as 1% or 0.01, and if you like a "
-                         f"quantity, not '{text}'")
+        raise InputError(f"{name} expects a relative error such as 1% or 0.01, "
+                         f"and if you like a quantity, not '{text}'")
     return value, quantity.strip()
 
 

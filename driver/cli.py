@@ -4,8 +4,7 @@
     python3 -m driver figures DIRECTORY ...
 
 Commands and options: options.COMMANDS and options.TABLE. Exit status: 0 converged; 2 bad input or
-missing dependency; 3 no (unique) solution the method can vouch for; 4 not converged in the allowed
-iterations. A user's mistake is reported in one line.
+missing dependency; 3 no (unique) solution the method can vouch for; 4 not converged in time.
 """
 
 import argparse
@@ -52,8 +51,8 @@ def model(words: list[str]) -> None:
 
 
 def _execute(pairs: dict[str, str]) -> None:
-    asked = Run.from_pairs(pairs)
-    print(describe(execute(asked), asked.out))
+    request = Run.from_pairs(pairs)
+    print(describe(execute(request), request.out))
 
 
 def figures(words: list[str]) -> None:
@@ -191,7 +190,6 @@ def main() -> None:
         sys.exit(2)
     except KeyboardInterrupt as stop:
         if given.command != "solve":  # ranks leave the message to the process that started them
-            outlook = "".join(stop.args)
-            print(f"interrupted: earlier results and finished runs are unchanged{outlook}",
-                  file=sys.stderr)
+            message = "interrupted: earlier results and finished runs are unchanged"
+            print(message, *stop.args, sep="", file=sys.stderr)
         sys.exit(130)

@@ -55,8 +55,7 @@ def start_petsc() -> None:
 def _find_petsc() -> None:
     """Let petsc4py find its PETSc, whose place Debian's package alone does not say.
 
-    The package's .pth file reads PETSC_DIR when Python starts, so for this process the path is set
-    as well.
+    The package's .pth file reads PETSC_DIR when Python starts: here the path is set as well.
     """
     if "PETSC_DIR" not in os.environ and not Path("/usr/lib/petsc").exists():
         newest = max(Path("/usr/lib/petscdir").glob("petsc*/*-real"), default=None)
@@ -122,8 +121,8 @@ def package_error(problem: ImportError) -> InputError:
     """The error for a Python package that is missing or cannot be loaded, as with little memory."""
     if isinstance(problem, ModuleNotFoundError):
         return InputError(f"the Python package {problem.name} is not installed; {SET_UP}")
-    reason = " ".join(str(problem).split())
-    return file_error(problem, f"a Python package cannot be loaded: {reason}")
+    words = " ".join(str(problem).split())
+    return file_error(problem, f"a Python package cannot be loaded: {words}")
 
 
 def mpirun(ranks: int) -> list[str]:
@@ -132,8 +131,7 @@ def mpirun(ranks: int) -> list[str]:
             program("setpriv"), "--pdeathsig", "KILL"]
 
 
-def run_child(command: list[str], meanwhile=lambda: None,
-              **options) -> subprocess.CompletedProcess:
+def run_child(command: list[str], meanwhile=lambda: None, **options) -> subprocess.CompletedProcess:
     """subprocess.run whose child ends with this process, however that ends.
 
     Calls `meanwhile` while it runs. On an interrupt mpirun has the time to stop its ranks and clean
@@ -184,8 +182,7 @@ def child_environment(parallel: bool = False, element: str = "P1") -> dict[str, 
     to start as root without two settings, looks for fast networks for a quarter of a second, and
     lets waiting ranks keep a core busy that others could use.
     """
-    env = dict(os.environ)
-    env.update(OMPI_ALLOW_RUN_AS_ROOT="1", OMPI_ALLOW_RUN_AS_ROOT_CONFIRM="1")
+    env = {**os.environ, "OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
     env.setdefault("OMPI_MCA_pml", "ob1")
     env.setdefault("OMPI_MCA_mpi_yield_when_idle", "1")
     own = [LIBRARY, LIBRARY / ("mpi" if parallel else "serial"), LIBRARY / element]

@@ -35,8 +35,7 @@ class NotConverged(DriverError):
 
 def error_of(status: int, reason: str) -> DriverError:
     """The error that stands for an exit status."""
-    kind = {2: InputError, 3: NoSolution, 4: NotConverged}[status]
-    return kind(reason)
+    return {2: InputError, 3: NoSolution, 4: NotConverged}[status](reason)
 
 
 def report_error(problem) -> None:
@@ -76,8 +75,7 @@ def write_error(problem: OSError) -> InputError:
 def agree(comm, error: DriverError | None) -> None:
     """Raise on every rank of `comm` the first rank's error, if any rank has one.
 
-    Without this a rank that refuses its input leaves the others waiting in the next collective
-    call.
+    Otherwise a rank that refuses its input would leave the others waiting in a collective call.
     """
     for each in comm.allgather(error):
         if each is not None:
@@ -86,10 +84,7 @@ def agree(comm, error: DriverError | None) -> None:
 
 @contextmanager
 def agreed_writes(comm):
-    """A block that writes files and calls nothing collective.
-
-    Its DriverError or OSError, the latter as InputError, is raised on all ranks of `comm`.
-    """
+    """A block that writes files; its DriverError or OSError, as InputError, reaches all ranks."""
     error = None
     try:
         yield

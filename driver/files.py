@@ -1,5 +1,4 @@
-"""Tables and JSON as files that appear whole, written under a hidden name; and tables read
-again."""
+"""Tables and JSON as files that appear whole, written under a hidden name; reading tables."""
 
 import csv
 import json

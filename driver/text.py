@@ -6,8 +6,7 @@ import math
 def aligned(rows: list[list], sides: str = "") -> str:
     """The cells of `rows`, all of one length, as text in columns.
 
-    `sides` has a letter a column, l for cells flush left, r for flush right; by default all but the
-    first are flush right.
+    `sides` has a letter a column, l flush left, r right; by default l for the first, r for others.
     """
     texts = [[str(cell) for cell in row] for row in rows]
     widths = [max(map(len, column)) for column in zip(*texts)]

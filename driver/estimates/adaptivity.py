@@ -5,11 +5,9 @@ strain, once more for the root of its area): eta -> eta (h_new/h)^(p+1). A mesh 
 has the fewest triangles when all carry the same error c (Zienkiewicz, Zhu: Int. J. Numer. Meth.
 Engng 24, 1987; Diez, Huerta: CMAME 177, 1999), so
 
-    h_new = h (c/eta)^(1/(p+1)),   number of new triangles = sum of (h/h_new)^2 = sum of
-        (eta/c)^(2/(p+1)),
+    h_new = h (c/eta)^(1/(p+1)),   new triangles = sum of (h/h_new)^2 = sum of (eta/c)^(2/(p+1)),
 
-and c follows from the number of triangles that is wanted. edp/lib/adapt.idp and gmsh.idp make the
-mesh.
+and c follows from the number of triangles wanted. edp/lib/adapt.idp, gmsh.idp make the mesh.
 """
 
 import dataclasses
@@ -24,13 +22,11 @@ from ..options import Settings
 from ..scene.elements import areas
 
 STEM = "size"  # of the files of a size field, see write_sizes
-# triangles of one cycle's mesh over those of the one before: as if the size were halved
-GROWTH = 4.0
+GROWTH = 4.0  # triangles of one cycle's mesh over the last one's: as if sizes were halved
 STEEPEST = 0.5  # difference of sizes over distance: neighbours must not differ too much
 SMALLEST, LARGEST = 0.125, 2.0  # new size over old in one cycle: an indicator does not see further
 ROUNDING = 1e-8  # an error below this part of the solution's norm is none
-# tolerances of the cycles, whose meshes err by more
-COARSE = {"rtol": 1e-4, "friction_rtol": 1e-3, "primal_rtol": 1e-2}
+COARSE = {"rtol": 1e-4, "friction_rtol": 1e-3, "primal_rtol": 1e-2}  # of cycles, rough
 
 
 def element_sizes(xy: np.ndarray, triangles: np.ndarray) -> np.ndarray:
@@ -43,8 +39,7 @@ def new_sizes(size: np.ndarray, indicator: np.ndarray, wanted: float,
     """(n_t,) sizes that spread the error evenly over about `wanted` triangles of a `degree`.
 
     `size` (n_t,) of the present triangles, `indicator` (n_t,) energy error of each, not squared.
-    Triangles that meet a limit leave fewer or more for the others, which the repetition makes up
-    for.
+    Triangles that meet a limit leave fewer or more for others, for which the repetition makes up.
     """
     if not indicator.any():
         return size * np.sqrt(len(size) / wanted)
@@ -57,13 +52,10 @@ def new_sizes(size: np.ndarray, indicator: np.ndarray, wanted: float,
 
 
 def nodal_sizes(xy: np.ndarray, triangles: np.ndarray, size: np.ndarray) -> np.ndarray:
-    """(n_v,) sizes at the vertices: geometric mean over the triangles around, then cut to the
-    steepest slope.
-    """
+    """(n_v,) sizes at the vertices: geometric means over their triangles, of limited slope."""
     corners = triangles.ravel()
-    count = np.bincount(corners, minlength=len(xy))
-    nodal = np.exp(np.bincount(corners, np.repeat(np.log(size), 3), minlength=len(xy))
-                   / np.maximum(count, 1))
+    count = np.maximum(np.bincount(corners, minlength=len(xy)), 1)
+    nodal = np.exp(np.bincount(corners, np.repeat(np.log(size), 3), minlength=len(xy)) / count)
     start, end = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
     rise = STEEPEST * np.linalg.norm(xy[start] - xy[end], axis=1)
     for _ in range(len(xy)):
@@ -76,29 +68,25 @@ def nodal_sizes(xy: np.ndarray, triangles: np.ndarray, size: np.ndarray) -> np.n
 
 
 def next_mesh(stem: Path, mesh, estimates: list, degree: int) -> None:
-    """Write the sizes of the mesh that follows `mesh` (equilibration.Mesh) after the `estimates`
-    (estimation.Estimate).
+    """Write the sizes of the mesh that follows `mesh` (edge_mesh.Mesh) after the `estimates`.
 
-    A triangle's error is that of all estimated steps together. Raises InputError where there is no
-    estimate.
+    A triangle's error is that of all estimated steps together. Raises InputError without estimates.
     """
-    reason = next((found.reason for found in estimates if found.reason),
-                  "" if estimates else "nothing was estimated")
-    if reason:
+    reasons = [e.reason for e in estimates if e.reason]
+    if reasons or not estimates:
+        reason = reasons[0] if reasons else "nothing was estimated"
         raise InputError(f"ADAPT has no error to refine by: {reason}")
-    square = sum(found.indicator**2 * (found.mesh > ROUNDING * found.norm) for found in estimates)
+    square = sum(e.indicator**2 * (e.mesh > ROUNDING * e.norm) for e in estimates)
     xy = np.zeros((mesh.triangles.max() + 1, 2))
     xy[mesh.triangles] = mesh.corner
-    size = new_sizes(element_sizes(xy, mesh.triangles), np.sqrt(square),
-                     GROWTH * len(mesh.triangles), degree)
-    write_sizes(stem, xy, mesh.triangles, mesh.edges[mesh.boundary],
-                nodal_sizes(xy, mesh.triangles, size))
+    wanted, size = GROWTH * len(mesh.triangles), element_sizes(xy, mesh.triangles)
+    size = nodal_sizes(xy, mesh.triangles, new_sizes(size, np.sqrt(square), wanted, degree))
+    write_sizes(stem, xy, mesh.triangles, mesh.edges[mesh.boundary], size)
 
 
 def write_sizes(stem: Path, xy: np.ndarray, triangles: np.ndarray, edges: np.ndarray,
                 size: np.ndarray) -> None:
-    """The files of a size field (n_v,) that edp/lib/adapt.idp names; `edges` (n_e, 2) of the
-    outline.
+    """The files of a size field (n_v,) for edp/lib/adapt.idp; `edges` (n_e, 2) are the outline's.
 
     Bodies, which share no vertex, have files of their own: where they touch their meshes overlap.
     Their vertices come one body after the other. gmsh's file is for a body that is alone: a scene
@@ -122,8 +110,7 @@ def write_sizes(stem: Path, xy: np.ndarray, triangles: np.ndarray, edges: np.nda
             np.savetxt(file, np.column_stack([inside + 1, np.zeros(len(inside), int)]), fmt="%d")
             np.savetxt(file, np.column_stack([rim + 1, np.ones(len(rim), int)]), fmt="%d")
         with open(f"{stem}-{k}.bin", "wb") as file:
-            file.write(np.int64(len(own)).tobytes()
-                       + np.ascontiguousarray(size[own], float).tobytes())
+            file.write(np.int64(len(own)).tobytes() + size[own].astype(float).tobytes())
     if len(names) > 1:
         return
     corner = np.concatenate([xy, np.zeros((len(xy), 1))], axis=1)[triangles].reshape(-1, 9)
@@ -145,11 +132,9 @@ def coarse(settings: dict) -> dict:
 
 
 def seconds(cycles: list[Path]) -> dict[str, float]:
-    """Seconds that finished cycles took: FreeFEM's (export_cycles) and all others (solve_cycles).
-    """
+    """Seconds of finished cycles: FreeFEM's as export_cycles, all others as solve_cycles."""
     spent = [_summary(place)["seconds"] for place in cycles]
-    export = sum(s["export"] for s in spent)
-    own = sum(s["total"] - s.get("export_cycles", 0.0) - s.get("solve_cycles", 0.0) for s in spent)
+    export, own = sum(s["export"] for s in spent), sum(map(_own_seconds, spent))
     return {"export_cycles": export, "solve_cycles": own - export} if cycles else {}
 
 
@@ -163,8 +148,7 @@ def describe(place: Path) -> str:
 
 def report(work: Path, cycles: list[Path]) -> None:
     """Write adaptivity.csv, a row for every cycle and one for the run itself in `work`."""
-    rows = [_row(k, place) for k, place in enumerate([*cycles, work])]
-    write_table(work / "adaptivity.csv", rows)
+    write_table(work / "adaptivity.csv", [_row(k, p) for k, p in enumerate([*cycles, work])])
 
 
 def _summary(place: Path) -> dict:
@@ -174,10 +158,12 @@ def _summary(place: Path) -> dict:
 def _row(cycle: int, place: Path) -> dict:
     summary = _summary(place)
     s, energy = summary["seconds"], summary.get("errors", {}).get("energy", {})
-    return {"cycle": cycle, "subdomains": summary["sizes"]["subdomains"],
-            "primal_dofs": summary["sizes"]["primal_dofs"],
-            "mesh_error": energy.get("mesh"),
-            "relative": energy["mesh"] / energy["norm"] if energy.get("norm") else None,
-            "seconds": round(s["total"] - s.get("export_cycles", 0.0) - s.get("solve_cycles", 0.0),
-                             3),
-            **summary["quantities"]}
+    sizes = {name: summary["sizes"][name] for name in ("subdomains", "primal_dofs")}
+    relative = energy["mesh"] / energy["norm"] if energy.get("norm") else None
+    return {"cycle": cycle, **sizes, "mesh_error": energy.get("mesh"), "relative": relative,
+            "seconds": round(_own_seconds(s), 3), **summary["quantities"]}
+
+
+def _own_seconds(s: dict) -> float:
+    """Seconds of a run without those of the cycles before it."""
+    return s["total"] - s.get("export_cycles", 0.0) - s.get("solve_cycles", 0.0)

@@ -20,8 +20,7 @@ which is at most the square root A^2 + 2 B of twice the duality gap (for B = 0 i
 Synge's theorem). t* is linear between the computed nodal tractions and so in the cone. Its moments
 are those of the consistent, not of the lumped boundary mass: sigma* starts from the torn
 displacements under these nodal forces. FETI-DP keeps every vertex in equilibrium under any
-multipliers, so that one recovery of displacements gives them (no iteration, no new multipliers of
-the glue).
+multipliers: one recovery of displacements gives them, without iteration or new gluing multipliers.
 
 Between two bodies the jump takes the displacement's place; what its two sides and meshes that do
 not match add to sigma*, v and B stands in pair_bound.py.
@@ -52,10 +51,8 @@ from .deviations import Deviations
 from .pair_bound import PairBound
 from .torn_body import Gather, TornBody
 
-# largest rate of contraction of the fixed point that its remaining changes are extrapolated with
-SLOWEST = 0.99
-# part of the largest edge moment below which a reaction in a single point counts as none
-ROUNDING = 1e-6
+SLOWEST = 0.99  # largest rate of the fixed point by which its remaining changes are extrapolated
+ROUNDING = 1e-6  # part of the largest edge moment below which a reaction in a point counts as none
 
 
 @dataclass
@@ -97,8 +94,7 @@ class EquilibratedBound:
     def estimate(self, step: Step, state: dict, displacements: list[np.ndarray]) -> Estimate | None:
         """The estimate of one step on rank 0, None elsewhere.
 
-        `state`: arrays (n_c,) of every `ContactField`, `displacements` (dofs,) of the rank's
-        subdomains.
+        `state`: arrays (n_c,) of every `ContactField`, `displacements` (dofs,) by subdomain.
         """
         contact, pairs = self._contact(step, state), self._pairs(state)
         fields, balanced = self._fields(step, state, contact, pairs, displacements)
@@ -120,8 +116,7 @@ class EquilibratedBound:
         of_qp = of_qp or final
         lift, between, more = self._lifted(final.admissible, pairs)
         gap = contact.duality_gap() + more
-        # by the consistent contact forces
-        shift = base - elastic + thermal - body.stress(lift[body.vertex])
+        shift = base - elastic + thermal - body.stress(lift[body.vertex])  # consistent forces'
         mean = self.deviations.mean(deviation)
         share = self.deviations.energy(deviation) + body.work(2 * mean + shift, shift)
         share = np.maximum(share, 0.0)
@@ -129,12 +124,11 @@ class EquilibratedBound:
         share, whole = (np.sqrt(share) + between) ** 2, (np.sqrt(whole) + between) ** 2
         onward = self._onward(step, moved)
         jump = body.norm(final.stress - of_qp.stress) ** 2
-        return Estimate(
-            step.index, mesh=_root(share.sum(), max(gap - final.nodal_gap, 0.0)),
-            solver=_root(body.norm(of_qp.stress) ** 2, of_qp.nodal_gap) + unbalanced,
-            friction=_root(jump, max(final.nodal_gap - of_qp.nodal_gap, 0.0)) + onward,
-            total=_root(whole.sum(), gap) + unbalanced + onward, norm=body.norm(elastic),
-            indicator=np.sqrt(share))
+        return Estimate(step.index, mesh=_root(share.sum(), max(gap - final.nodal_gap, 0.0)),
+                        solver=_root(body.norm(of_qp.stress) ** 2, of_qp.nodal_gap) + unbalanced,
+                        friction=_root(jump, max(final.nodal_gap - of_qp.nodal_gap, 0.0)) + onward,
+                        total=_root(whole.sum(), gap) + unbalanced + onward,
+                        norm=body.norm(elastic), indicator=np.sqrt(share))
 
     # ---- displacements ---------------------------------------------------------------------------
     def _fields(self, step: Step, state: dict, contact: ContactTractions,
@@ -149,8 +143,8 @@ class EquilibratedBound:
         """Torn displacements by the last change of the friction forces; None if there was none."""
         if not self.operator.comm.allreduce(int(np.count_nonzero(step.moved))):
             return None
-        return self.gather.displacements(
-            self.operator.displacements(step.moved, np.zeros(len(step.weights))))
+        fields = self.operator.displacements(step.moved, np.zeros(len(step.weights)))
+        return self.gather.displacements(fields)
 
     def _onward(self, step: Step, moved: np.ndarray | None) -> float:
         """Energy norm of the last change of the friction forces and all to come, extrapolated."""
@@ -164,19 +158,17 @@ class EquilibratedBound:
         return _Apart(admissible, stress, contact.nodal_gap())
 
     def _admissible(self, torn: np.ndarray, contact: ContactTractions) -> np.ndarray:
-        """(vertices, 2) displacements averaged over subdomains and made admissible at rigid
-        obstacles.
+        """(vertices, 2) averaged displacements made admissible at rigid obstacles.
 
-        Nodes go out of the obstacle. They go onto it, or back to where they stuck, if that costs
-        less energy on the vertex's own stiffness than the work it saves. Sets distances and slip of
-        `contact`.
+        Nodes go out of the obstacle; onto it, or back to where they stuck, if that saves more than
+        it costs on the vertex's own stiffness. Sets distances and slip of `contact`.
         """
         body, b = self.body, self.boundary
         u = body.untorn(torn)
         vertex = np.searchsorted(body.gid, b.gid)
         jump = np.zeros((len(b.gid), 2))
-        np.add.at(jump, b.term_node,
-                  b.term_value[:, None] * u[np.searchsorted(body.gid, b.term_gid)])
+        terms = b.term_value[:, None] * u[np.searchsorted(body.gid, b.term_gid)]
+        np.add.at(jump, b.term_node, terms)
         contact.place(jump)
         stiffness = body.stiffness[vertex].max(axis=1, initial=0)
         moves = ((b.normal_row, b.normal, contact.onto_obstacle(stiffness)),
@@ -189,8 +181,7 @@ class EquilibratedBound:
 
     def _lifted(self, admissible: np.ndarray,
                 pairs: list[PairBound]) -> tuple[np.ndarray, np.ndarray, float]:
-        """(vertices, 2) to be added to displacements that are admissible at rigid obstacles: the
-        sum is at the pairs, too.
+        """(vertices, 2) to be added to displacements to make them admissible at pairs, too.
 
         Also the energy norms (n_t,) of what happens inside edges, of displacements and tractions;
         and the pairs' share of the duality gap.
@@ -245,11 +236,7 @@ class EquilibratedBound:
         return pairs
 
     def _forces(self, pairs: list[PairBound] | None, state: dict) -> list[np.ndarray]:
-        """Forces on the rank's subdomains that replace those of the mortar multipliers by those of
-        t*.
-
-        A vertex's force goes to the first subdomain that has it.
-        """
+        """Forces (dofs,) by subdomain for t* instead of multipliers, at a vertex's first one."""
         subs = self.operator.structure.subdomains
         nodal = self._nodal_forces(pairs, state) if self.gather.root else None
         torn, force = self.operator.comm.bcast(nodal)
@@ -288,9 +275,8 @@ class EquilibratedBound:
         loads = self.gather((2, 2), float, moments)
         if not self.gather.root:
             return None
-        mesh = self.body.mesh
+        mesh, gid = self.body.mesh, self.body.gid
         applied = np.zeros((2 * len(mesh.edges), 2))
-        gid = self.body.gid
         given = [(np.searchsorted(gid, ends), loads),
                  (np.searchsorted(gid, contact.gid[contact.node]), contact.moments)]
         for vertex, value in given + [pair.moments() for pair in pairs]:
@@ -301,9 +287,7 @@ class EquilibratedBound:
 
     # ---- stress in equilibrium -------------------------------------------------------------------
     def _equilibrated(self, base, force, applied) -> tuple[np.ndarray, float, str]:
-        """Deviation of a statically admissible stress from `base`, and of _unbalanced what had to
-        be spread for it.
-        """
+        """Deviation of an admissible stress from `base`; _unbalanced of forces spread for it."""
         body, mesh = self.body, self.body.mesh
         load = equilibration.prolongation(mesh, base, force)
         target = equilibration.averaged_moments(mesh, base)
@@ -319,8 +303,7 @@ class EquilibratedBound:
         return Deviations(body.mesh, body.chains, body.given, body.compliance, self.heavy)
 
     def _unbalanced(self, imbalance: np.ndarray, size: float) -> tuple[float, str]:
-        """Energy norm of the forces that vertices are out of balance by, each on the stiffness of
-        its vertex.
+        """Energy norm of the imbalance of the vertices, each on its own stiffness.
 
         A force that a support takes in a single point is no imbalance, but leaves no finite energy:
         the second result then says so.
@@ -329,8 +312,8 @@ class EquilibratedBound:
         vertex = mesh.triangles.ravel()[body.chains.order[0]]
         constrained = body.constrained[vertex]
         if np.abs(imbalance[constrained]).max(initial=0) > ROUNDING * size:
-            return 0.0, ("a support in a single point takes a force: the exact solution has no "
-                         "finite energy")
+            return 0.0, ("a support in a single point takes a force: "
+                         "the exact solution has no finite energy")
         square = (imbalance**2 / body.stiffness[vertex])[~constrained].sum()
         return float(np.sqrt(square)), ""
 

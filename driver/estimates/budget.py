@@ -1,5 +1,4 @@
-"""Error budget of a run in its quantities of interest: what mesh, time step, friction and solver
-each contribute.
+"""Error budget of the quantities of interest: the parts of mesh, time step, friction and solver.
 
 Companions of the run on coarser meshes tell the parts. With sizes h, r h, r s h and values q0, q1,
 q2 the error of q0 is taken for C h^p, so that
@@ -33,22 +32,18 @@ import numpy as np
 # kinks where contact begins and ends (Moussaoui, Khodja, Comm. PDE 17 (1992) 805-826)
 FORMAL = {"mesh": {"P1": 2.0, "P2": 3.0, "P2-mixed": 3.0}, "time": 1.0}
 SLOWEST = 0.3  # an observed order below this is no convergence
-# spread, relative to the value, below which values that do not converge visibly just wander
-WANDER = 0.02
+WANDER = 0.02  # relative spread below which values that do not converge visibly just wander
 ALONE = "no coarser run to compare with"
 SINGULAR = "does not converge under refinement, it may be singular"
 VANISHED = 1e-6  # of what its unit suggests: a quantity that is zero but for tolerances
 UNBOUNDED = ("peak_pressure",)  # may have no limit under refinement
 UNITS = {"peak_pressure": (1, 0), "normal_resultant": (1, 1), "tangential_resultant": (1, 1),
-         "contact_length": (0, 1),
-         # powers of stress and length
-         "slip": (0, 1), "dissipated_energy": (1, 2), "displacement": (0, 1)}
+         "contact_length": (0, 1), "slip": (0, 1), "dissipated_energy": (1, 2),
+         "displacement": (0, 1)}  # powers of stress and length
 
 
 def main_quantity(values: dict) -> str:
-    """The quantity that stands for a run if none is named: the normal resultant, without contact
-    the displacement.
-    """
+    """The quantity for a run that names none: normal resultant, or displacement."""
     return "normal_resultant" if "normal_resultant" in values else "displacement"
 
 
@@ -56,8 +51,7 @@ def main_quantity(values: dict) -> str:
 
 @dataclasses.dataclass
 class Part:
-    """Error (None: not known), observed order (None: not observed) and, if need be, what is wrong.
-    """
+    """Error (None: unknown), observed order (None: not observed) and what may be wrong."""
 
     error: float | None
     order: float | None = None
@@ -65,9 +59,7 @@ class Part:
 
 
 def observed_order(d1: float, d2: float, r: float, s: float) -> float:
-    """p of (s^p - 1) r^p / (r^p - 1) = d2/d1, which grows with p; -inf where the differences do not
-    fall.
-    """
+    """p of (s^p - 1) r^p / (r^p - 1) = d2/d1, which grows with p; -inf where differences grow."""
 
     def growth(p):
         return (s**p - 1) * r**p / (r**p - 1)
@@ -85,12 +77,10 @@ def observed_order(d1: float, d2: float, r: float, s: float) -> float:
 
 def extrapolate(changes: list[float], ratios: list[float], formal: float, value: float,
                 limit: bool = False) -> Part:
-    """Error of a `value` from its changes q0 - q1, q1 - q2 (none to two) between sizes in `ratios`
-    (r, s).
+    """Error of a `value` from its changes q0 - q1, q1 - q2 (up to two) between sizes in `ratios`.
 
     `limit`: there is a limit in any case, so that changes that grow only tell that it is not near.
-    Where the values turn back, a small last change may be chance: they are as uncertain as the
-    larger one says.
+    Where values turn back, a small last change may be chance: the larger one is their uncertainty.
     """
     if not changes:
         return Part(None, note=ALONE)
@@ -118,8 +108,7 @@ def summed(parts: dict[str, Part], value: float) -> dict:
     """The budget of one quantity."""
     errors = {source: part.error for source, part in parts.items()}
     total = None if None in errors.values() else float(sum(errors.values()))
-    relative = None if total is None else 0.0 if total == 0 else total / abs(
-        value) if value else None
+    relative = 0.0 if total == 0 else total / abs(value) if total is not None and value else None
     orders = {f"{source}_order": part.order for source, part in parts.items()
               if part.order is not None and np.isfinite(part.order)}
     note = "; ".join(f"{source}: {part.note}" for source, part in parts.items() if part.note)
@@ -128,13 +117,11 @@ def summed(parts: dict[str, Part], value: float) -> dict:
 
 
 def vanishing(values: dict[str, float]) -> set[str]:
-    """Quantities that are zero but for rounding and tolerances: their errors relative to themselves
-    mean nothing.
-    """
+    """Quantities that are zero but for rounding, whose relative errors mean nothing."""
     force, way = abs(values.get("normal_resultant", 0.0)), abs(values.get("displacement", 0.0))
     scales = {"tangential_resultant": force, "dissipated_energy": force * way, "slip": way}
-    return {name for name, scale in scales.items() if name in values
-            and abs(values[name]) <= VANISHED * scale}
+    return {name for name, scale in scales.items()
+            if name in values and abs(values[name]) <= VANISHED * scale}
 
 
 # ---- knobs and words -----------------------------------------------------------------------------
@@ -159,13 +146,11 @@ def name_of(knob: str, value: float) -> str:
     return f"{knob.upper()}={value:g}"
 
 
-def advice(found: dict, remedies: dict[str, str]) -> str:
-    """One sentence: the largest part of the main quantity's error and what of `remedies` lowers it.
-    """
-    name = main_quantity(found)
-    entry = found[name]
-    parts = {source: entry[source] for source in ("mesh", "time", "friction", "solver")
-             if source in entry}
+def advice(quantities: dict, remedies: dict[str, str]) -> str:
+    """One sentence: the largest part of the main error and which of `remedies` lowers it."""
+    name = main_quantity(quantities)
+    entry = quantities[name]
+    parts = {source: entry[source] for source in SOURCES if source in entry}
     unknown = [source for source, error in parts.items() if error is None]
     words = name.replace("_", " ")
     if unknown:
@@ -186,8 +171,9 @@ SOURCES = {"mesh": "mesh", "time": "time step", "friction": "friction's fixed po
 def unit(name: str, units: dict) -> str:
     """Unit of a quantity in the scene's units."""
     stress, length = UNITS[name]
-    parts = [units["stress"]] * stress + [units["length"]
-                                          + ("²" if length == 2 else "")] * (length > 0)
+    parts = [units["stress"]] if stress else []
+    if length:
+        parts.append(units["length"] + ("²" if length == 2 else ""))
     return " ".join(part for part in parts if part[0] != "1") or "1"
 
 
@@ -207,16 +193,16 @@ def share(error: float | None, value: float) -> str:
 
 def describe(errors: dict, units: dict) -> list[str]:
     """The budget as lines of a table, then the error in the energy norm."""
-    found, energy = errors.get("quantities"), describe_energy(errors.get("energy", {}))
-    if not found:
+    budget, energy = errors.get("quantities"), describe_energy(errors.get("energy", {}))
+    if not budget:
         return energy
-    sources = [source for source in SOURCES if any(source in entry for entry in found.values())]
-    heads = {name: f"{name.replace('_', ' ')} [{unit(name, units)}]" for name in found}
+    sources = [source for source in SOURCES if any(source in entry for entry in budget.values())]
+    heads = {name: f"{name.replace('_', ' ')} [{unit(name, units)}]" for name in budget}
     width = max(map(len, heads.values()))
     lines = [f"{'estimated errors':{width}s}{'value':>12s}"
              + "".join(f"{s:>11s}" for s in (*sources, "total"))]
-    zero = vanishing({name: entry["value"] for name, entry in found.items()})
-    for name, entry in found.items():
+    zero = vanishing({name: entry["value"] for name, entry in budget.items()})
+    for name, entry in budget.items():
         if name in zero:
             lines.append(f"{heads[name]:{width}s}{'about 0':>12s}")
             continue
@@ -227,14 +213,14 @@ def describe(errors: dict, units: dict) -> list[str]:
     return [*lines, errors["advice"], *errors["notes"], *energy]
 
 
-def describe_energy(found: dict) -> list[str]:
+def describe_energy(entry: dict) -> list[str]:
     """The last step's error in the energy norm as a line, none if it was not estimated."""
-    if "reason" in found:
-        return [f"no error in the energy norm: {found['reason']}"]
-    if "total" not in found:
+    if "reason" in entry:
+        return [f"no error in the energy norm: {entry['reason']}"]
+    if "total" not in entry:
         return []
-    parts = ", ".join(f"{name} {share(found[name], found['norm'])}"
-                      for name in ("mesh", "solver", "friction"))
-    bound = "at most" if found["kind"] == "equilibrated" else "about"
-    total = share(found["total"], found["norm"])
+    mesh, solver, friction, total = (share(entry[name], entry["norm"])
+                                     for name in ("mesh", "solver", "friction", "total"))
+    parts = f"mesh {mesh}, solver {solver}, friction {friction}"
+    bound = "at most" if entry["kind"] == "equilibrated" else "about"
     return [f"error of the last step in the energy norm: {bound} {total} ({parts})"]

@@ -1,6 +1,4 @@
-"""Contact tractions of rigid obstacles that the bound of the error in the energy norm is computed
-with.
-"""
+"""Contact tractions of rigid obstacles for the bound of the error in the energy norm."""
 
 import numpy as np
 
@@ -8,12 +6,10 @@ from .pair_bound import continued, slid
 
 
 class ContactTractions:
-    """Contact tractions t* of rigid obstacles in the cone, linear on every edge between the
-    computed nodal ones.
+    """Tractions t* of rigid obstacles in the cone, linear on edges between the computed nodal ones.
 
-    Arrays over the nodes: those of the contact boundary, then the clamped ones. A node that a
-    support holds has no traction of its own in the held direction and takes the mean of its
-    neighbours'.
+    Arrays over the nodes: those of the contact boundary, then the clamped ones. A node has no
+    traction of its own in a direction that a support holds, and takes its neighbours' mean.
     """
 
     def __init__(self, contact, outer_edges: np.ndarray, state: dict, move: np.ndarray,
@@ -30,9 +26,8 @@ class ContactTractions:
         self.tangent = np.column_stack([-self.normal[:, 1], self.normal[:, 0]])
         self.node, self.length = self._edges(outer_edges)
         none, zero = np.zeros(len(c.gid), bool), np.zeros(len(c.gid))
-        self.own_normal, self.own_tangential = (
-            np.concatenate([(rows >= 0) & ~b.paired, none])
-            for rows in (b.normal_row, b.tangential_row))
+        self.own_normal, self.own_tangential = (np.concatenate([(rows >= 0) & ~b.paired, none])
+                                                for rows in (b.normal_row, b.tangential_row))
         sigma_n, sigma_t, bound = (np.concatenate([state[name], zero])
                                    for name in ("sigma_n", "sigma_t", "bound"))
         self.pressure = -continued(self.node, sigma_n, self.own_normal)
@@ -54,8 +49,8 @@ class ContactTractions:
         span = outer_edges[:, :2].max() + 1
         keys = self.label * span + self.gid
         order = np.argsort(keys)
-        rigid = self.label[np.r_[~self.boundary.paired, np.ones(len(self.boundary.clamped.gid),
-                                                                bool)]]
+        clamped = np.ones(len(self.boundary.clamped.gid), bool)
+        rigid = self.label[np.r_[~self.boundary.paired, clamped]]
         edges = outer_edges[np.isin(outer_edges[:, 2], rigid)]
         node = order[np.searchsorted(keys[order], edges[:, 2:] * span + edges[:, :2])]
         return node, np.linalg.norm(self.xy[node[:, 0]] - self.xy[node[:, 1]], axis=1)
@@ -64,8 +59,7 @@ class ContactTractions:
         """(n, 2, 2) moments [edge, end, component] of t* against the hats.
 
         Without friction, where normals differ from node to node, the small tangential sums that the
-        neighbours' normals leave at a node are taken off its edges: there is nothing that could
-        hold them.
+        neighbours' normals leave at a node are taken off its edges: nothing could hold them.
         """
         i, j = self.node.T
         traction = -self.pressure[:, None] * self.normal + self.shear[:, None] * self.tangent
@@ -85,22 +79,19 @@ class ContactTractions:
         return total
 
     def multipliers(self, computed: np.ndarray, rows) -> np.ndarray:
-        """The rank's multipliers with the nodal forces of t* in their contact rows, the others as
-        computed.
-        """
+        """The rank's multipliers with the nodal forces of t* in their contact rows."""
         b = self.boundary
         force = self._nodal(self.moments)[: len(b.gid)]
         normal, tangential = -(force * b.normal).sum(axis=1), -(force * b.tangent).sum(axis=1)
-        # then only one component of the row acts
-        alone = (b.tangential_row < 0) & self.constrained.any(axis=1)
+        alone = (b.tangential_row < 0) & self.constrained.any(axis=1)  # one component acts
         free = b.normal * ~self.constrained
-        normal = np.where(alone, -(force * free).sum(axis=1)
-                          / np.maximum((free**2).sum(axis=1), 1e-300), normal)
-        found = computed.copy()
+        square = np.maximum((free**2).sum(axis=1), 1e-300)
+        normal = np.where(alone, -(force * free).sum(axis=1) / square, normal)
+        multipliers = computed.copy()
         for row, node, force in ((rows.normal, rows.normal_node, normal),
                                  (rows.tangential, rows.tangential_node, tangential)):
-            found[row] = np.where(b.paired[node], found[row], force[node])
-        return found
+            multipliers[row] = np.where(b.paired[node], multipliers[row], force[node])
+        return multipliers
 
     def place(self, u: np.ndarray) -> None:
         """Set distances and slip of the contact nodes by their displacements or jumps (n_c, 2)."""
@@ -109,9 +100,7 @@ class ContactTractions:
         self.slip[:n] = (u * b.tangent).sum(axis=1) - self.before
 
     def onto_obstacle(self, stiffness: np.ndarray) -> np.ndarray:
-        """(n_c,) moves of the contact nodes along the normal, see _admissible; stiffness of the
-        nodes.
-        """
+        """(n_c,) normal moves of the contact nodes, see _admissible; nodal stiffness."""
         n, force = len(self.boundary.gid), -self.computed["sigma_n"] * self.boundary.weight
         distance = self.distance[:n]
         onto = (distance < 0) | self.bilateral | (stiffness * distance <= force)
@@ -120,14 +109,11 @@ class ContactTractions:
         return move
 
     def back_to_stick(self, stiffness: np.ndarray) -> np.ndarray:
-        """(n_c,) moves of the contact nodes along the tangent, see _admissible; stiffness of the
-        nodes.
-        """
+        """(n_c,) tangential moves of the contact nodes, see _admissible; nodal stiffness."""
         n, c = len(self.boundary.gid), self.computed
         slip = self.slip[:n]
-        # work per slip that friction misses
-        lost = (c["bound"] + c["sigma_t"] * np.sign(slip)) * self.boundary.weight
-        move = np.where((stiffness * np.abs(slip) <= lost) & self.own_tangential[:n], -slip, 0.0)
+        missed = (c["bound"] + c["sigma_t"] * np.sign(slip)) * self.boundary.weight  # work per slip
+        move = np.where((stiffness * np.abs(slip) <= missed) & self.own_tangential[:n], -slip, 0.0)
         self.slip[:n] += move
         return move
 
@@ -142,9 +128,7 @@ class ContactTractions:
         return float((self.length / 3) @ ends.sum(axis=1))
 
     def nodal_gap(self) -> float:
-        """What the QP would make zero: lambda_n (gap - v_n) + g |slip| - lambda_t slip, summed over
-        the nodes.
-        """
+        """Nodal sum of lambda_n (gap - v_n) + g |slip| - lambda_t slip, which the QP makes zero."""
         b, c = self.boundary, self.computed
         n = len(b.gid)
         slip = self.slip[:n]

@@ -1,5 +1,4 @@
-"""Deviations of statically admissible stresses from the stress of the finite elements, and how
-their energy is lessened.
+"""Deviations of admissible stresses from those of the finite elements, of little energy.
 
 The deviation sigma* - sigma_h is a sum of few such stresses: at each corner of the triangle moments
 +b and -b on its two sides (the sums at the corner are those of sigma_h), the share of f, and on
@@ -19,21 +18,17 @@ from .equilibration import Chains
 
 
 class Deviations:
-    """Deviations sigma* - sigma_h of statically admissible stresses, by coefficients (m, n_t) of
-    `reference_modes`.
+    """Deviations sigma* - sigma_h by coefficients (m, n_t) of `reference_modes`.
 
     Changes that keep the equilibrium have unknowns with small support: two a vertex, where given
     tractions do not close its chain, the same moment added on all its half-edges, (n_c, 2); one an
     edge without given tractions, its odd tangential traction, (n_e,). They are stacked flat.
-    Triangles come last in all arrays, so that sums over the few coefficients run along contiguous
-    rows.
+    Triangles come last in all arrays: sums over the few coefficients run along contiguous rows.
     """
 
     def __init__(self, mesh: Mesh, around: Chains, known: np.ndarray, compliance: np.ndarray,
                  body: bool):
-        """`known` (half-edges, 2): where tractions are given; `compliance` (n_t, 3, 3); `body`:
-        with body force.
-        """
+        """`known` (half-edges, 2): tractions given; `compliance` (n_t, 3, 3); `body`: force?"""
         self.mesh, self.body, self.map = mesh, body, piola(mesh)
         (a, b), (c, d) = mesh.columns.transpose(1, 2, 0)
         self.inverse = np.array([[d, -b], [-c, a]]) / (2 * mesh.area)
@@ -52,8 +47,8 @@ class Deviations:
         gram = np.einsum("pmsi,pmrj->ijsr", mass, modes)
         local = np.einsum("rat,trs,sbt,t->abt", self.map, compliance, self.map, mesh.area,
                           optimize=True)
-        # energies of the modes
-        self.matrix = (gram.reshape(-1, 9) @ local.reshape(9, -1)).reshape(*gram.shape[:2], -1)
+        energies = gram.reshape(-1, 9) @ local.reshape(9, -1)
+        self.matrix = energies.reshape(*gram.shape[:2], -1)
 
     @staticmethod
     def _free(mesh: Mesh, around: Chains, known: np.ndarray) -> np.ndarray:
@@ -64,16 +59,14 @@ class Deviations:
 
     def start(self, moments: np.ndarray, stress: np.ndarray,
               force: np.ndarray | None) -> np.ndarray:
-        """Coefficients for edge moments (half-edges, 2), stress (n_t, 3) and body force moments
-        (n_t, 3, 2).
-        """
-        found = np.zeros(self.matrix.shape[1:])
+        """Coefficients for moments (half-edges, 2), stress (n_t, 3), body moments (n_t, 3, 2)."""
+        y = np.zeros(self.matrix.shape[1:])
         corner = moments[self.mesh.first] - side_moments(self.mesh, stress)
         if force is not None:
             corner += 0.5 * force
-            found[9:] = self._to_reference(force.transpose(1, 2, 0))
-        found[:6] = self._to_reference(corner.transpose(1, 2, 0))
-        return found
+            y[9:] = self._to_reference(force.transpose(1, 2, 0))
+        y[:6] = self._to_reference(corner.transpose(1, 2, 0))
+        return y
 
     def _to_reference(self, vectors: np.ndarray) -> np.ndarray:
         """(6, n_t) vectors (3, 2, n_t) seen from the reference triangle."""
@@ -92,9 +85,8 @@ class Deviations:
         return self._add(value)
 
     def _add(self, value: np.ndarray) -> np.ndarray:
-        return np.where(self.free,
-                        np.bincount(self.unknown.ravel(), value.ravel(), minlength=len(self.free)),
-                        0.0)
+        total = np.bincount(self.unknown.ravel(), value.ravel(), minlength=len(self.free))
+        return np.where(self.free, total, 0.0)
 
     @cached_property
     def diagonal(self) -> np.ndarray:
@@ -120,11 +112,9 @@ class Deviations:
         return np.einsum("ijt,jt->ti", self.map, average @ y)
 
     def lessen(self, y: np.ndarray, gain: float = 0.02, iterations: int = 50) -> np.ndarray:
-        """y with changes added that lessen its energy; whatever the number of iterations,
-        equilibrium is kept.
+        """y with changes added that lessen its energy and keep the equilibrium.
 
-        Conjugate gradients with the diagonal as preconditioner, until an iteration gains less than
-        the part `gain`.
+        Conjugate gradients, diagonally preconditioned, until an iteration gains less than `gain`.
         """
         force = self._strain(y)
         square, residual = float(np.sum(y * force)), -self.assemble(force)
@@ -142,6 +132,4 @@ class Deviations:
             square -= step * product
             if step * product <= gain * square:
                 break
-        found = y.copy()
-        found[:9] += self.local(x)
-        return found
+        return np.concatenate([y[:9] + self.local(x), y[9:]])

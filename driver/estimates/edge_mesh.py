@@ -58,9 +58,9 @@ class Mesh:
     @cached_property
     def length(self) -> np.ndarray:
         """(n_e,) of the edges."""
-        found = np.empty(len(self.edges))
-        found[self.first // 2] = np.linalg.norm(self.outward, axis=2)
-        return found
+        length = np.empty(len(self.edges))
+        length[self.first // 2] = np.linalg.norm(self.outward, axis=2)
+        return length
 
     @cached_property
     def columns(self) -> np.ndarray:
@@ -80,7 +80,5 @@ def full_tensor(voigt: np.ndarray) -> np.ndarray:
 
 
 def side_moments(mesh: Mesh, stress: np.ndarray) -> np.ndarray:
-    """(n_t, 3, 2) moments of the tractions of constant stresses (n_t, 3) on the sides k to k + 1,
-    alike at both ends.
-    """
+    """(n_t, 3, 2) moments of constant stresses (n_t, 3) on the sides, alike at both ends."""
     return 0.5 * mesh.outward @ full_tensor(stress)

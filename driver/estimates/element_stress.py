@@ -43,16 +43,15 @@ def reference_stress() -> np.ndarray:
                         - traction((j + 2) % 3, right_node, across))
             right.append(np.zeros((2, 18)))
     for side in range(3):  # density over [0, 1] with end values 4 m_a - 2 m_b and 4 m_b - 2 m_a
-        part, across = (side + 2) % 3, np.array([[0, 1],
-                                                 [-1, 0]]) @ (CORNER[(side + 1) % 3] - CORNER[side])
+        part, along = (side + 2) % 3, CORNER[(side + 1) % 3] - CORNER[side]
+        across = np.array([[0, 1], [-1, 0]]) @ along
         for end in range(2):
             value = np.zeros((2, 18))
             for c in range(2):
                 value[c, 4 * side + 2 * end + c], value[c, 4 * side + 2 * (1 - end) + c] = 4, -2
             rows.append(traction(part, end, across))
             right.append(value)
-    # constant forces of the parts by their moments
-    share = np.linalg.inv((4 - 3 * np.eye(3)) / 9) / (1 / 6)
+    share = np.linalg.inv((4 - 3 * np.eye(3)) / 9) / (1 / 6)  # constant forces of parts by moments
     for part in range(3):
         gradient = hat_gradients(nodes[part][None])[0]
         row, value = np.zeros((2, 27)), np.zeros((2, 18))
@@ -67,21 +66,18 @@ def reference_stress() -> np.ndarray:
 
 
 def johnson_mercier(corner: np.ndarray, moments: np.ndarray) -> np.ndarray:
-    """(m, 3 parts, 3 nodes, 3) stress with tractions of the given moments (m, side, end, 2), which
-    balance each other.
-    """
+    """(m, 3 parts, 3 nodes, 3) stress with balanced traction moments (m, side, end, 2)."""
     columns = np.stack([corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]], axis=2)
     data = np.einsum("mab,mseb->msea", np.linalg.inv(columns), moments).reshape(-1, 12)
     inner = (data @ reference_stress().reshape(27, 18)[:, :12].T).reshape(-1, 9, 3)
     full = columns[:, None] @ full_tensor(inner) @ columns.transpose(0, 2, 1)[:, None]
-    return (full[..., [0, 1, 0], [0, 1, 1]]
-            / np.linalg.det(columns)[:, None, None]).reshape(-1, 3, 3, 3)
+    stress = full[..., [0, 1, 0], [0, 1, 1]] / np.linalg.det(columns)[:, None, None]
+    return stress.reshape(-1, 3, 3, 3)
 
 
 @lru_cache(maxsize=2)
 def reference_modes(body: bool) -> np.ndarray:
-    """(27, 9), with `body` (27, 15), stresses of the reference triangle that deviations from
-    sigma_h consist of.
+    """(27, 9), with `body` (27, 15), stresses of the reference triangle in deviations from sigma_h.
 
     Modes 2 k + c: moments +1, -1 of component c at corner k on the sides to its next and previous
     corner; 6 + k: moments +t, -t at the ends of side k along its direction t; 9 + 2 k + c: body
@@ -97,16 +93,13 @@ def reference_modes(body: bool) -> np.ndarray:
         force[k, :, share] = np.eye(2)
         data[k, 0, :, 6 + k] = CORNER[(k + 1) % 3] - CORNER[k]
         data[k, 1, :, 6 + k] = -data[k, 0, :, 6 + k]
-    modes = reference_stress().reshape(27,
-                                       18) @ np.concatenate([data.reshape(12, 15),
-                                                             force.reshape(6, 15)])
+    data = np.concatenate([data.reshape(12, 15), force.reshape(6, 15)])
+    modes = reference_stress().reshape(27, 18) @ data
     return modes if body else modes[:, :9]
 
 
 def piola(mesh: Mesh) -> np.ndarray:
-    """(3, 3, n_t) maps of reference stresses s11, s22, s12 to those of the triangles: J s J' / det
-    J.
-    """
+    """(3, 3, n_t) maps J s J' / det J of reference stresses s11, s22, s12 to the triangles'."""
     (a, b), (c, d) = mesh.columns.transpose(1, 2, 0)
     rows = [[a * a, b * b, 2 * a * b], [c * c, d * d, 2 * c * d], [a * c, b * d, a * d + b * c]]
     return np.array(rows) / (2 * mesh.area)

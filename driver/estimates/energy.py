@@ -1,5 +1,4 @@
-"""Stage 7: a posteriori estimates of the error in the energy norm, for the last step and the one
-with most energy.
+"""Stage 7: estimates of the error in the energy norm for a run's last and most energetic steps.
 
 Of P1 elements it is the bound of `bound`; of quadratic elements, or where ESTIMATOR says so, the
 difference between the computed and a recovered stress, which is no bound.
@@ -15,23 +14,17 @@ from . import recovery
 from .bound import EquilibratedBound, Estimate
 from .torn_body import Gather, gather_body
 
-# displacements below this part of the largest ones of the run are what tolerances leave
-NOTHING = 1e-6
+NOTHING = 1e-6  # relative displacements below this are what tolerances leave
 
 
 class EnergyEstimator:
-    """Estimates the last step of a run and the one with the largest energy. Collective; rank 0
-    computes.
-    """
+    """Estimates for the last step and that with most energy. Collective; rank 0 computes."""
 
     bound_of = EquilibratedBound
 
     def __init__(self, operator, manifest: Manifest, contact, kind: str):
-        """`contact` is a results.ContactState; `kind` "equilibrated" (the bound), "recovery" or
-        "none".
-        """
-        # the bound's equilibrated stresses belong to linear elements
-        self.quadratic = manifest.element != "P1"
+        """`contact` is a ContactState; `kind` "equilibrated" (the bound), "recovery" or "none"."""
+        self.quadratic = manifest.element != "P1"  # bound: linear elements only
         self.operator, self.manifest, self.contact = operator, manifest, contact
         self.kind = "recovery" if kind == "equilibrated" and self.quadratic else kind
         self.gather = Gather(operator)
@@ -45,8 +38,7 @@ class EnergyEstimator:
             self.largest = self.last
 
     def estimates(self) -> list[tuple[Step, Estimate]]:
-        """Of the last step and, if it is another one, of the step with the largest energy; the same
-        on all ranks.
+        """Of the last step and that with most energy, if another one; the same on all ranks.
 
         A last step without load, whose displacements tolerances have left, is left out.
         """
@@ -85,12 +77,11 @@ class EnergyEstimator:
         thermal = self.gather.thermal(step.weights, (3, 3))
         if not self.gather.root:
             return None
-        body, sigma = self.body, elastic - thermal
-        area, compliance = body.mesh.area, body.compliance
-        smooth = recovery.recovered_stress(body.mesh.corner, body.mesh.triangles, body.region,
-                                           sigma)
-        share = recovery.energy(area, compliance, smooth - recovery.AT_NODES @ sigma)
-        norm = np.sqrt(recovery.energy(area, compliance, elastic).sum())
+        body, mesh, sigma = self.body, self.body.mesh, elastic - thermal
+        smooth = recovery.recovered_stress(mesh.corner, mesh.triangles, body.region, sigma)
+        rough = smooth - recovery.AT_NODES @ sigma
+        share = recovery.energy(mesh.area, body.compliance, rough)
+        norm = np.sqrt(recovery.energy(mesh.area, body.compliance, elastic).sum())
         return _recovered(step, share, norm)
 
     def _recover(self, step: Step, displacements: list[np.ndarray]) -> Estimate | None:
@@ -113,16 +104,15 @@ def _recovered(step: Step, share: np.ndarray, norm: float) -> Estimate:
 
 
 def report(estimates: list[tuple[Step, Estimate]], kind: str) -> dict:
-    """Entry for summary.json: the last step's estimate and, under `largest`, that of the step with
-    most energy.
-    """
+    """Entry for summary.json: of the last step and, as `largest`, of that with most energy."""
     if not estimates:
         return {"kind": kind}
     entries = []
-    for _, found in estimates:
-        parts = {name: float(getattr(found, name))
-                 for name in ("mesh", "solver", "friction", "total", "norm")}
-        relative = found.total / found.norm if found.norm > 0 else 0.0
-        entries.append({"step": found.step, "reason": found.reason} if found.reason else
-                       {"step": found.step, **parts, "relative": float(relative)})
+    for _, e in estimates:
+        if e.reason:
+            entries.append({"step": e.step, "reason": e.reason})
+            continue
+        names = ("mesh", "solver", "friction", "total", "norm")
+        entries.append({"step": e.step, **{name: float(getattr(e, name)) for name in names},
+                        "relative": float(e.total / e.norm) if e.norm > 0 else 0.0})
     return {"kind": kind, **entries[0], **({"largest": entries[1]} if len(entries) > 1 else {})}

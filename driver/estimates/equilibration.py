@@ -4,8 +4,7 @@ Ladeveze's construction (Ladeveze, Leguillon 1983; Ladeveze, Pelle: Mastering ca
 and nonlinear mechanics, 2.4; Ainsworth, Oden 2000, chapter 6): find tractions, linear on every
 edge, that load each triangle K like the finite element stress sigma_h does,
 
-    int_dK T phi_i = int_K sigma_h grad phi_i - int_K f phi_i      for its three hat functions
-        phi_i,
+    int_dK T phi_i = int_K sigma_h grad phi_i - int_K f phi_i    for its three hat functions phi_i,
 
 so that T is in equilibrium with f on every triangle, rotations included as hat functions span them.
 For a vertex this is a chain around it: the moments b of T against its hat on successive edges
@@ -25,8 +24,7 @@ from .edge_mesh import Mesh, full_tensor, side_moments
 
 @dataclass
 class Chains:
-    """Triangles around every vertex in counterclockwise order, one chain a vertex; closed ones
-    start anywhere.
+    """Triangles round every vertex, counterclockwise, one chain each; closed ones start anywhere.
 
     `order` (levels, n_c) holds 3 triangle + local vertex, -1 beyond the end of a chain.
     """
@@ -45,9 +43,8 @@ def chains(mesh: Mesh) -> Chains:
     open_start = np.flatnonzero(~np.isin(np.arange(mesh.first.size), following))
     on_boundary = np.zeros(mesh.triangles.max() + 1, bool)
     on_boundary[mesh.edges[mesh.boundary]] = True
-    inner, at = np.unique(mesh.triangles, return_index=True)
-    inner = ~on_boundary[inner]
-    heads = np.concatenate([open_start, at[inner]])
+    vertex, corner = np.unique(mesh.triangles, return_index=True)
+    heads = np.concatenate([open_start, corner[~on_boundary[vertex]]])
     levels, here = [], heads
     while True:
         levels.append(here)
@@ -62,18 +59,14 @@ def chains(mesh: Mesh) -> Chains:
 def prolongation(mesh: Mesh, stress: np.ndarray, body: np.ndarray | None) -> np.ndarray:
     """(n_t, 3, 2) what tractions must do on each triangle: int sigma_h grad phi - int f phi.
 
-    `stress` (n_t, 3) constant on triangles; `body` (n_t, 3, 2) moments of the body force, if there
-    is one.
+    `stress` (n_t, 3) constant on triangles; `body` (n_t, 3, 2) moments of a body force, if any.
     """
     inner = mesh.gradient @ full_tensor(stress * mesh.area[:, None])
     return inner if body is None else inner - body
 
 
 def averaged_moments(mesh: Mesh, stress: np.ndarray) -> np.ndarray:
-    """Moments (half-edges, 2) of the tractions of sigma_h averaged over the sides of each edge.
-
-    Signed for the triangle left of each half-edge.
-    """
+    """Moments (half-edges, 2) of edges' mean tractions of sigma_h, signed for the left triangle."""
     traction = side_moments(mesh, stress)
     total, count = np.zeros((2 * len(mesh.edges), 2)), np.zeros(2 * len(mesh.edges))
     for half, value in ((mesh.first, traction), (mesh.last, -np.roll(traction, 1, axis=1))):
@@ -85,8 +78,7 @@ def averaged_moments(mesh: Mesh, stress: np.ndarray) -> np.ndarray:
 
 def edge_moments(mesh: Mesh, around: Chains, load: np.ndarray, target: np.ndarray,
                  given: np.ndarray, known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Moments of the equilibrated tractions (half-edges, 2), signed for the triangle left of each
-    half-edge.
+    """Moments of the equilibrated tractions (half-edges, 2), signed for the triangle on the left.
 
     `load` (n_t, 3, 2) from `prolongation`; `target` from `averaged_moments`; `given` (half-edges,
     2) moments on the body of boundary edges where `known` (half-edges, 2) says so. Second result:
@@ -94,8 +86,7 @@ def edge_moments(mesh: Mesh, around: Chains, load: np.ndarray, target: np.ndarra
     """
     load, first, last = load.reshape(-1, 2), mesh.first.ravel(), mesh.last.ravel()
     order, n = around.order, around.order.shape[1]
-    # of a deviation of the moments: that of the tractions, squared
-    weight = np.repeat(mesh.length, 2) ** -2.0
+    weight = np.repeat(mesh.length, 2) ** -2.0  # of a deviation: by traction, squared
     inside = order >= 0
     end = order[around.length - 1, np.arange(n)]
     head_half, end_half = first[order[0]], last[end]
@@ -103,13 +94,12 @@ def edge_moments(mesh: Mesh, around: Chains, load: np.ndarray, target: np.ndarra
     opened = ~around.closed[:, None]
     fixed_head, fixed_end = known[head_half] & opened, known[end_half] & opened
     balanced = around.closed[:, None] | (fixed_head & fixed_end)
-    applied = np.where(fixed_head, given[head_half],
-                       0.0) + np.where(fixed_end, given[end_half], 0.0)
+    applied = np.where(fixed_head, given[head_half], 0.0)
+    applied = applied + np.where(fixed_end, given[end_half], 0.0)
     imbalance = np.where(balanced, applied - total, 0.0)
     spread = imbalance / around.length[:, None]
 
-    # b_0 - offset_k is the moment on the k-th half-edge
-    offset, offsets = np.zeros((n, 2)), []
+    offset, offsets = np.zeros((n, 2)), []  # b_0 - offset_k is the k-th half-edge's moment
     best, weights = np.zeros((n, 2)), np.zeros(n)
     for level, real in zip(order, inside):
         offsets.append(offset)

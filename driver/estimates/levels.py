@@ -1,8 +1,7 @@
-"""One scene at several mesh sizes, time steps and tolerances in one process: the runs that error
-estimates compare.
+"""A scene at several mesh sizes, time steps and tolerances: the runs that estimates compare.
 
-Every mesh is exported and reduced once, however many runs it serves. Collective over one
-communicator; FreeFEM is started by the root rank alone, with one rank of its own.
+They share one process. Every mesh is exported and reduced once, however many runs it serves.
+Collective over one communicator; the root rank alone starts FreeFEM, with one rank of its own.
 """
 
 import dataclasses
@@ -19,28 +18,16 @@ from ..options import Settings
 from ..results.record import Record
 from ..results.relinearization import linearized
 from ..scene import freefem
-from .budget import (
-    FORMAL,
-    UNBOUNDED,
-    Part,
-    advice,
-    coarser,
-    extrapolate,
-    mesh_knob,
-    name_of,
-    ratio,
-    summed,
-)
+from .budget import (FORMAL, UNBOUNDED, Part, advice, coarser, extrapolate, mesh_knob, name_of,
+                     ratio, summed)
 
-# a loose fixed point may stop where one a hundred times tighter does: the companion's is this at
-# most
+# a loose fixed point may stop where a much tighter one does: the companion's is this at most
 SETTLED = 1e-7
 TIGHTER = 100.0  # tolerances of the companions that tell what those of the run leave
 
 
 def samples(steps: int, stride: int) -> np.ndarray:
-    """Indices of every `stride`-th of `steps` + 1 times, counted from the last, and of the first.
-    """
+    """Indices of every `stride`-th of `steps` + 1 times, from the last back, and of the first."""
     return np.unique(np.r_[0, np.arange(steps, -1, -stride)])
 
 
@@ -61,11 +48,10 @@ class Levels:
     def __init__(self, scene: Path, parameters: dict[str, str], folder: Path, comm,
                  settings: Settings, cycles=(), without=()):
         """`parameters` of the command line; exports go to `folder`, which `close` removes.
-        `settings` of the runs in which contact is linearized, if they ask for that.
 
-        `cycles`: directories of finished cycles of adaptive refinement, whose exports are the
-        meshes cycle=0, 1, ...
-        `without`: effects of the scene that are treated as undeclared.
+        `settings`: of the runs about which contact is linearized, if they ask for that. `cycles`:
+        directories of finished cycles of adaptive refinement, whose exports are the meshes cycle=0,
+        1, ... `without`: effects treated as undeclared.
         """
         self.scene, self.parameters, self.settings = scene, parameters, settings
         self.folder, self.comm, self.cycles, self.without = folder, comm, cycles, without
@@ -80,9 +66,7 @@ class Levels:
                                       for name, value in sorted(changes.items()))
 
     def problem(self, **changes) -> Problem:
-        """The scene with some parameters changed. Raises DriverError where FreeFEM or the loader
-        refuses it.
-        """
+        """The scene with parameters changed. Raises DriverError where it is refused."""
         key = tuple(sorted(changes.items()))
         if key not in self.problems:
             self.problems[key] = self._assemble(changes)
@@ -98,21 +82,19 @@ class Levels:
                 words = {name: f"{value:.17g}" for name, value in changes.items()}
                 freefem.export(self.scene, place, {**self.parameters, **words},
                                without=self.without)
-            except DriverError as problem:
-                error = problem
-            except OSError as problem:
-                error = file_error(problem, f"writing the export failed: {problem.strerror}")
+            except DriverError as refusal:
+                error = refusal
+            except OSError as failure:
+                error = file_error(failure, f"writing the export failed: {failure.strerror}")
         agree(self.comm, error)
         self.seconds["export"] += time.perf_counter() - clock
         clock = time.perf_counter()
-        found = linearized(assemble(place, self.comm), self.settings, self.comm)
+        problem = linearized(assemble(place, self.comm), self.settings, self.comm)
         self.seconds["setup"] += time.perf_counter() - clock
-        return found
+        return problem
 
     def run(self, settings: Settings, stride: int = 1, **changes) -> Level:
-        """The run with `settings` on every `stride`-th time. Raises DriverError if it does not
-        converge.
-        """
+        """The run with `settings` on every `stride`-th time. Raises DriverError if it fails."""
         key = (*dataclasses.astuple(settings), stride, *sorted(changes.items()))
         if key not in self.runs:
             self.runs[key] = self._run(self.problem(**changes), settings, stride)
@@ -142,25 +124,20 @@ class Companions:
     """Runs beside one run, and what each part of its error follows from."""
 
     def __init__(self, levels: Levels, problem: Problem, settings: Settings, values: dict, at: int):
-        """`values`: quantities of the run of `problem` with `settings`, at the step with index
-        `at`.
-        """
+        """`values`: quantities of the run of `problem` with `settings`, at step index `at`."""
         self.levels, self.manifest, self.settings = levels, problem.manifest, settings
         self.values, self.at, self.effects = values, at, problem.effects
         levels.problems[()] = problem
         self.knob = mesh_knob(self.manifest.parameters)
         self.notes = []
         self.meshes, self.ratios = self._adapted() if levels.cycles else self._uniform()
-        # of the companions that tell the other parts
-        self.base = self.meshes[1 if len(self.meshes) > 1 else 0]
+        self.base = self.meshes[1 if len(self.meshes) > 1 else 0]  # companions for other parts
 
     def _uniform(self) -> tuple[list[dict], list[float]]:
-        """Meshes of the scene with elements twice and four times as long, as far as there are such.
-        """
+        """Meshes with elements twice and four times as long, as far as there are such."""
         if self.knob is None:
-            self.notes.append(
-                "no parameter (CELLS, H) sets the mesh size of this scene: no coarser mesh to "
-                "compare with")
+            self.notes.append("no parameter (CELLS, H) sets the mesh size of this scene: "
+                              "no coarser mesh to compare with")
             return [{}], []
         sizes = [self.manifest.parameters[self.knob]]
         for _ in range(2):
@@ -169,16 +146,13 @@ class Companions:
                 break
             sizes.append(size)
         if len(sizes) == 1:
-            self.notes.append(
-                f"no coarser mesh than {name_of(self.knob, sizes[0])} to compare with")
-        return [{},
-                *({self.knob: size} for size in sizes[1:])], [ratio(self.knob, b, a)
-                                                              for a, b in zip(sizes, sizes[1:])]
+            finest = name_of(self.knob, sizes[0])
+            self.notes.append(f"no coarser mesh than {finest} to compare with")
+        ratios = [ratio(self.knob, b, a) for a, b in zip(sizes, sizes[1:])]
+        return [{}, *({self.knob: size} for size in sizes[1:])], ratios
 
     def _adapted(self) -> tuple[list[dict], list[float]]:
-        """Meshes of the two cycles of refinement before the last; their elements' length follows
-        from their number.
-        """
+        """Meshes of the last two cycles but one; the elements' length follows from their number."""
         meshes = [{}, *({"cycle": k} for k in reversed(range(len(self.levels.cycles))))][:3]
         count = [self.levels.problem(**mesh).manifest.nodes for mesh in meshes]
         return meshes, [max(1.1, (a / b) ** 0.5) for a, b in zip(count, count[1:])]
@@ -197,8 +171,8 @@ class Companions:
         try:
             return self.levels.run(settings or self.settings, stride, **mesh).values
         except DriverError as problem:
-            self.notes.append(
-                f"companion {' '.join(name_of(*change) for change in mesh.items())}: {problem}")
+            words = " ".join(name_of(*change) for change in mesh.items())
+            self.notes.append(f"companion {words}: {problem}")
             return None
 
     def remedies(self) -> dict[str, str]:
@@ -215,17 +189,14 @@ class Companions:
 
     def parts(self) -> dict[str, dict[str, Part]]:
         """Part by source and quantity."""
-        effects = self.effects
-        found = {"mesh": self._mesh()}
+        effects, tight = self.effects, {"rtol": self.settings.rtol / TIGHTER}
+        parts = {"mesh": self._mesh()}
         if effects.quasistatic and (effects.frictional or self.at < self.manifest.steps - 1):
-            found["time"] = self._time()
+            parts["time"] = self._time()
         if effects.pressure_bounds_friction:
-            found["friction"] = self._algebraic({"rtol": self.settings.rtol / TIGHTER},
-                                                {"friction_rtol": min(
-                                                    self.settings.friction_rtol / TIGHTER,
-                                                    SETTLED)})
-        found["solver"] = self._algebraic({}, {"rtol": self.settings.rtol / TIGHTER})
-        return found
+            settled = min(self.settings.friction_rtol / TIGHTER, SETTLED)
+            parts["friction"] = self._algebraic(tight, {"friction_rtol": settled})
+        return parts | {"solver": self._algebraic({}, tight)}
 
     def _stride(self, wanted: int) -> int:
         """The largest of 4, 2, 1 up to `wanted` that leaves a step."""
@@ -239,36 +210,31 @@ class Companions:
         return self._parts(runs, self.ratios, FORMAL["mesh"][self.manifest.element], UNBOUNDED)
 
     def _time(self) -> dict[str, Part]:
-        """Every second and fourth time; without friction the history is forgotten, and only the
-        instant counts.
-        """
+        """Every second and fourth time; without friction only the instant counts."""
         strides = [1, 2, 4] if self.effects.frictional else [1, 2]
         strides = [stride for stride in strides if stride <= self.manifest.steps]
         values = [self._values(self.base, stride) for stride in strides]
         counts = [len(samples(self.manifest.steps, stride)) - 1 for stride in strides]
-        return self._parts(list(zip(values, values[1:])),
-                           [a / b for a, b in zip(counts, counts[1:])], FORMAL["time"])
+        ratios = [a / b for a, b in zip(counts, counts[1:])]
+        return self._parts(list(zip(values, values[1:])), ratios, FORMAL["time"])
 
     def _algebraic(self, first: dict, then: dict) -> dict[str, Part]:
         """What settings `then` change in a run with those of `first`."""
         loose = dataclasses.replace(self.settings, **first)
-        one, other = (self._values(self.base, self._stride(4), settings)
-                      for settings in (loose, dataclasses.replace(loose, **then)))
-        if one is None or other is None:
-            return {name: Part(None, note="the companion with tighter tolerances failed")
-                    for name in self.values}
-        return {name: Part(abs(one[name] - other[name])) for name in self.values}
+        before, after = (self._values(self.base, self._stride(4), settings)
+                         for settings in (loose, dataclasses.replace(loose, **then)))
+        if before is None or after is None:
+            unknown = Part(None, note="the companion with tighter tolerances failed")
+            return dict.fromkeys(self.values, unknown)
+        return {name: Part(abs(before[name] - after[name])) for name in self.values}
 
     def _parts(self, runs: list, ratios: list[float], formal: float,
                unbounded=()) -> dict[str, Part]:
-        """Parts from pairs of a finer and a coarser run, the finest pair first; pairs that failed
-        end the list.
-        """
+        """Parts from pairs of finer and coarser runs, finest first, up to one that failed."""
         good = [pair for k, pair in enumerate(runs)
                 if not any(run is None for before in runs[: k + 1] for run in before)]
         return {name: extrapolate([fine[name] - coarse[name] for fine, coarse in good], ratios,
-                                  formal, value,
-                                  name not in unbounded)
+                                  formal, value, name not in unbounded)
                 for name, value in self.values.items()}
 
 
@@ -280,7 +246,7 @@ def assess(levels: Levels, problem: Problem, settings: Settings, values: dict, a
     """
     companions = Companions(levels, problem, settings, values, at)
     parts = companions.parts()
-    found = {name: summed({source: part[name] for source, part in parts.items()}, value)
-             for name, value in values.items()}
-    return {"quantities": found, "advice": advice(found, companions.remedies()),
+    budget = {name: summed({source: part[name] for source, part in parts.items()}, value)
+              for name, value in values.items()}
+    return {"quantities": budget, "advice": advice(budget, companions.remedies()),
             "notes": companions.notes}

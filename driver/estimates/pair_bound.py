@@ -1,12 +1,10 @@
-"""Stage 7, between two bodies: what a contact pair adds to the bound of the error in the energy
-norm.
+"""Stage 7, between two bodies: what a contact pair adds to the bound of the energy norm's error.
 
 The problem in the continuum. Each part of the first side that faces one edge of the second
 (mortar.segments; of the displaced sides, if contact is linearized about them) is mapped onto it
 affinely, x -> x*. The normal n(x) is linear between the averaged unit normals at the vertices, and
 so is the gap g between the contact nodes: as multipliers are dual, the mortar's gaps are those of
-this g, and that polygons stand for curves is no part of the error. With the jump [v] = v(x) -
-v(x*),
+this g; that polygons stand for curves is no part of the error. With the jump [v] = v(x) - v(x*),
 
     [v] . n <= g,   t . n <= 0,   (t . n) ([v] . n - g) = 0,   friction by t and [v],
 
@@ -57,26 +55,22 @@ class _Boundary:
 
     @classmethod
     def of(cls, mesh: Mesh, ends: np.ndarray, about: np.ndarray | None) -> "_Boundary":
-        """Of boundary edges given by their vertices (e, 2); `about` (vertices, 2) displacements of
-        the linearization.
-        """
+        """Of boundary edges by vertices (e, 2); `about`: displacements (vertices, 2) or None."""
         owner = np.empty(len(mesh.edges), int)
         owner[mesh.first // 2] = np.arange(mesh.first.size).reshape(-1, 3)
         triangle, k = np.divmod(owner[mesh.find(ends)], 3)
         corner = mesh.corner[triangle[:, None], (k[:, None] + [0, 1, 2]) % 3]
-        vertex, at, edges = np.unique(mesh.triangles[triangle[:, None], (k[:, None] + [0, 1]) % 3],
-                                      return_index=True, return_inverse=True)
-        edges, place = edges.reshape(-1, 2), corner[:, :2].reshape(-1, 2)[at]
+        ends = mesh.triangles[triangle[:, None], (k[:, None] + [0, 1]) % 3]
+        vertex, known, edges = np.unique(ends, return_index=True, return_inverse=True)
+        edges, place = edges.reshape(-1, 2), corner[:, :2].reshape(-1, 2)[known]
         now = place if about is None else place + about[vertex]
         along = now[edges[:, 1]] - now[edges[:, 0]]
-        normal = np.column_stack([along[:, 1],
-                                  -along[:, 0]]) / np.linalg.norm(along, axis=1)[:, None]
+        normal = -_turned(along) / np.linalg.norm(along, axis=1)[:, None]
         length = np.linalg.norm(corner[:, 1] - corner[:, 0], axis=1)
         return cls(mortar.Side(now, edges, normal, length=length), vertex, triangle, corner)
 
     def at(self, values: np.ndarray, edge: np.ndarray, place: np.ndarray) -> np.ndarray:
-        """Nodal values, linear between the vertices, at places (m, k) of edges (m,): (m, k, ...).
-        """
+        """Nodal values, linear in between, at places (m, k) of edges (m,): (m, k, ...)."""
         a, b = values[self.side.edges[edge]].swapaxes(0, 1)[:, :, None]
         place = place.reshape(place.shape + (1,) * (values.ndim - 1))
         return (1.0 - place) * a + place * b
@@ -84,9 +78,7 @@ class _Boundary:
 
 @dataclass
 class Lift:
-    """A pair's correction of the displacements: at the vertices of the body (vertices, 2), and what
-    it adds in between.
-    """
+    """A pair's correction of displacements: at the vertices (vertices, 2), and in between."""
 
     vertex: np.ndarray
     bumps: np.ndarray  # (n_t,) energy norm on every triangle
@@ -103,8 +95,7 @@ class PairBound:
 
         `nodes`: arrays over the pair's contact nodes: vertex, weight, own_normal, own_tangential
         (whether it has such a row), gap, pressure, shear, bound, before (tangential jump at the end
-        of the step before). `about` (vertices, 2): displacements about which contact is linearized,
-        None for none.
+        of the step before). `about` (vertices, 2): displacements of the linearization, or None.
         """
         self.mesh, self.frictional, self.bilateral = mesh, frictional, bilateral
         self.first, self.second = (_Boundary.of(mesh, side, about) for side in (first, second))
@@ -132,16 +123,16 @@ class PairBound:
     @cached_property
     def _loaded(self) -> list:
         """(boundary, fan, density of the tractions on its parts) of both sides."""
-        p, one, two = self.parts, self.first, self.second
-        density = one.at(self.traction, p.edge, p.at)
-        sides = [(one, Fan.of(one.corner, p.edge, p.at), density)]
+        p, first, second = self.parts, self.first, self.second
+        density = first.at(self.traction, p.edge, p.at)
+        sides = [(first, Fan.of(first.corner, p.edge, p.at), density)]
         back = p.facing[:, 0] > p.facing[:, 1]
         facing = np.where(back[:, None], p.facing[:, ::-1], p.facing)
         across = facing[:, 1] - facing[:, 0]
-        shrink = self._length / (two.side.length[p.other] * np.maximum(across, 1e-300))
+        shrink = self._length / (second.side.length[p.other] * np.maximum(across, 1e-300))
         density = -np.where(back[:, None, None], density[:, ::-1], density) * shrink[:, None, None]
         seen = np.flatnonzero(across > 0)
-        sides.append((two, Fan.of(two.corner, p.other[seen], facing[seen]), density[seen]))
+        sides.append((second, Fan.of(second.corner, p.other[seen], facing[seen]), density[seen]))
         return [(boundary, fan, fan.given(values)) for boundary, fan, values in sides]
 
     @cached_property
@@ -150,22 +141,18 @@ class PairBound:
         return self.first.side.length[self.parts.edge] * (self.parts.at[:, 1] - self.parts.at[:, 0])
 
     def moments(self) -> tuple[np.ndarray, np.ndarray]:
-        """Vertices (e, 2) of the edges of both sides and moments (e, 2 ends, 2) of T against their
-        hats.
-        """
+        """Vertices (e, 2) of both sides' edges and moments (e, 2 ends, 2) of T with their hats."""
         ends = [boundary.vertex[boundary.side.edges] for boundary, _, _ in self._loaded]
         moments = [fan.moments(density) for _, fan, density in self._loaded]
         return np.concatenate(ends), np.concatenate(moments)
 
     def remainder(self, compliance: np.ndarray) -> np.ndarray:
-        """(n_t,) bound of the energy norm of a stress that takes the tractions t* - T; `compliance`
-        (n_t, 3, 3).
-        """
-        found = np.zeros(len(compliance))
+        """(n_t,) bound of the norm of a stress that takes t* - T; `compliance` (n_t, 3, 3)."""
+        bound = np.zeros(len(compliance))
         for boundary, fan, density in self._loaded:
             constant = remainder_constant(boundary.corner, compliance[boundary.triangle])
-            np.add.at(found, boundary.triangle, np.sqrt(constant * fan.remainder(density)))
-        return found
+            np.add.at(bound, boundary.triangle, np.sqrt(constant * fan.remainder(density)))
+        return bound
 
     # ---- displacements ---------------------------------------------------------------------------
     def lift(self, u: np.ndarray, stiffness: np.ndarray, constrained: np.ndarray,
@@ -180,8 +167,7 @@ class PairBound:
         free = ~constrained[vertex].any(axis=1)
         closing = move = self._closing(jump, stiffness[vertex].max(axis=1), ~constrained[vertex],
                                        free)
-        # what points move on changes the excess by its product with the turn of the normals
-        for _ in range(3):
+        for _ in range(3):  # the move times the turn of the normals changes the excess
             move = closing - self._excess(jump + move[self._point], free)
         jump += move[self._point]
         change = np.zeros_like(u)
@@ -196,16 +182,14 @@ class PairBound:
 
     @cached_property
     def _point(self) -> np.ndarray:
-        """(m, 2) points at the ends of the parts: vertices of the first side, then places between
-        them.
-        """
+        """(m, 2) points at the ends of the parts: the first side's vertices, then others."""
         p = self.parts
         keys = np.column_stack([np.repeat(p.edge, 2), p.at.ravel()])
         inside = (keys[:, 1] > 0) & (keys[:, 1] < 1)
-        found = self.first.side.edges[p.edge[:, None], (p.at == 1).astype(int)].ravel()
-        _, found[inside] = np.unique(keys[inside], axis=0, return_inverse=True)
-        found[inside] += len(self.first.vertex)
-        return found.reshape(-1, 2)
+        number = self.first.side.edges[p.edge[:, None], (p.at == 1).astype(int)].ravel()
+        _, number[inside] = np.unique(keys[inside], axis=0, return_inverse=True)
+        number[inside] += len(self.first.vertex)
+        return number.reshape(-1, 2)
 
     @cached_property
     def _frame(self) -> tuple[np.ndarray, np.ndarray]:
@@ -221,12 +205,10 @@ class PairBound:
 
     def _closing(self, jump: np.ndarray, stiffness: np.ndarray, loose: np.ndarray,
                  free: np.ndarray) -> np.ndarray:
-        """(points, 2) moves that close gap and slip where pressure or sticking is worth it, and all
-        penetration.
+        """(points, 2) moves that end penetration, and close gap and slip where that is worth it.
 
-        A vertex of the side closes if that costs less energy on its own `stiffness` than the work
-        it saves, a place between two if both do. `loose` (n, 2): components that no support
-        constrains.
+        A vertex of the side closes if that costs less energy on its own `stiffness` than it saves,
+        a place between two if both do. `loose` (n, 2): components that no support constrains.
         """
         p, n, point = self.parts, len(self.first.vertex), self._point
         normal, size = self._frame
@@ -259,9 +241,7 @@ class PairBound:
         return move - (self.frictional * stuck * slip)[:, None] * _turned(direction)
 
     def _excess(self, jump: np.ndarray, free: np.ndarray) -> np.ndarray:
-        """(points, 2) normal moves by which a jump that is quadratic on a part exceeds its chord
-        there, at most.
-        """
+        """(points, 2) most by which a jump, quadratic on a part, exceeds its chord there."""
         normal, size = self._frame
         bend = ((jump[:, 1] - jump[:, 0]) * (normal[:, 1] - normal[:, 0])).sum(axis=1)
         more = np.maximum(-bend, 0.0) / 4
@@ -273,12 +253,10 @@ class PairBound:
         return most[:, None] * direction
 
     def _duality_gap(self, jump: np.ndarray) -> float:
-        """The duality gap of the pair for jumps (m, 2, 2) of the displacements, linear on every
-        part.
-        """
+        """The pair's duality gap for jumps (m, 2, 2) of displacements, linear on every part."""
         p, total = self.parts, 0.0
-        gap, before, bound, traction = (self.first.at(values, p.edge, p.at) for values in (
-            self.gap, self.before, self.bound, self.traction))
+        fields = self.gap, self.before, self.bound, self.traction
+        gap, before, bound, traction = (self.first.at(values, p.edge, p.at) for values in fields)
         for point, share in zip(mortar.POINT, mortar.WEIGHT):
             s = (1.0 + point) / 2
             normal = _between(self._frame[0], s)
@@ -307,9 +285,7 @@ def _between(ends: np.ndarray, s: float) -> np.ndarray:
 
 
 def continued(edges: np.ndarray, value: np.ndarray, own: np.ndarray) -> np.ndarray:
-    """Nodal values, where a node has none of its `own` the mean of its neighbours' along the edges
-    (n, 2).
-    """
+    """Nodal values; where none is `own`, the mean of the neighbours' along the edges (n, 2)."""
     total, count = np.zeros(len(value)), np.zeros(len(value))
     for here, there in (edges.T, edges.T[::-1]):
         np.add.at(total, here, np.where(own[there], value[there], 0.0))
@@ -319,15 +295,14 @@ def continued(edges: np.ndarray, value: np.ndarray, own: np.ndarray) -> np.ndarr
 
 def slid(length: np.ndarray, bound: np.ndarray, slip: np.ndarray,
          bend: np.ndarray | float = 0.0) -> float:
-    """int s |slip| of s and slip that are linear between their ends (m, 2) on pieces of given
-    length (m,).
+    """int s |slip| of s and slip (m, 2), linear between the ends of pieces of `length` (m,).
 
     Slip may change its sign inside a piece; each part by Simpson's rule, exact there. Where normals
     turn slip has a quadratic part, `bend` (m,) in the middle.
     """
     (s0, s1), (d0, d1) = bound.T, slip.T
     changes = d0 * d1 < 0
-    at = np.where(changes, d0 / np.where(changes, d0 - d1, 1.0), 1.0)
+    zero = np.where(changes, d0 / np.where(changes, d0 - d1, 1.0), 1.0)
 
     def value(x):
         return (s0 + x * (s1 - s0)) * np.abs(d0 + x * (d1 - d0) + 4 * x * (1 - x) * bend)
@@ -335,7 +310,7 @@ def slid(length: np.ndarray, bound: np.ndarray, slip: np.ndarray,
     def simpson(a, c):
         return (c - a) / 6 * (value(a) + 4 * value((a + c) / 2) + value(c))
 
-    return float(length @ (simpson(0.0, at) + simpson(at, 1.0)))
+    return float(length @ (simpson(0.0, zero) + simpson(zero, 1.0)))
 
 
 def _turned(direction: np.ndarray) -> np.ndarray:
@@ -345,6 +320,6 @@ def _turned(direction: np.ndarray) -> np.ndarray:
 
 def _spread(n: int, here: np.ndarray, values: np.ndarray) -> np.ndarray:
     """(n,) values at the places `here`, zero elsewhere."""
-    found = np.zeros(n, np.asarray(values).dtype)
-    found[here] = values
-    return found
+    spread = np.zeros(n, np.asarray(values).dtype)
+    spread[here] = values
+    return spread

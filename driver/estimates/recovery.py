@@ -5,9 +5,8 @@ quadratic elements the computed stress is linear on every triangle. Round each v
 triangles that share it, a quadratic polynomial is fitted to it by least squares at the middles of
 the sides; its values at the vertex, and at the middle of a side the mean of those of both ends, are
 the nodal values of a continuous quadratic stress, of higher order than the computed one. Patches
-with too few triangles, as at boundaries, take their neighbours' triangles in. See Zienkiewicz, Zhu,
-The superconvergent patch recovery and a posteriori error estimates, Int. J. Numer. Meth. Engng 33
-(1992) 1331-1382.
+with too few triangles, as at boundaries, take their neighbours' in. See Zienkiewicz, Zhu: The
+superconvergent patch recovery and a posteriori error estimates, IJNME 33 (1992) 1331-1382.
 """
 
 import numpy as np
@@ -25,32 +24,28 @@ def recovered_stress(corner: np.ndarray, triangles: np.ndarray, region: np.ndarr
                      stress: np.ndarray) -> np.ndarray:
     """(n_t, 6, 3) nodal values of the recovered stress; patches end where the region changes.
 
-    `corner` (n_t, 3, 2), `triangles` (n_t, 3) untorn vertices, `stress` (n_t, 3 corners, 3) linear
-    on each triangle.
+    `corner` (n_t, 3, 2), `triangles` (n_t, 3) untorn, `stress` (n_t, 3 corners, 3) linear on each.
     """
     _, first, vertex = np.unique(region[:, None] * (triangles.max() + 1) + triangles,
                                  return_index=True, return_inverse=True)
     vertex, place = vertex.reshape(-1, 3), corner.reshape(-1, 2)[first]
-    at, t = _patches(vertex, len(place))
-    size = np.zeros(len(place))
-    np.maximum.at(size, at, np.linalg.norm(corner[t] - place[at][:, None], axis=2).max(axis=1))
-    basis = _quadratics(((AT_MIDDLES @ corner)[t] - place[at][:, None]) / size[at][:, None, None])
+    patch, t = _patches(vertex, len(place))
+    center, size = place[patch][:, None], np.zeros(len(place))
+    np.maximum.at(size, patch, np.linalg.norm(corner[t] - center, axis=2).max(axis=1))
+    basis = _quadratics(((AT_MIDDLES @ corner)[t] - center) / size[patch][:, None, None])
     normal, right = np.zeros((len(place), 6, 6)), np.zeros((len(place), 6, 3))
-    np.add.at(normal, at, basis.transpose(0, 2, 1) @ basis)
-    np.add.at(right, at, basis.transpose(0, 2, 1) @ (AT_MIDDLES @ stress)[t])
+    np.add.at(normal, patch, basis.transpose(0, 2, 1) @ basis)
+    np.add.at(right, patch, basis.transpose(0, 2, 1) @ (AT_MIDDLES @ stress)[t])
     fitted = np.linalg.pinv(normal, rcond=1e-10, hermitian=True) @ right
-    # [triangle, patch of its vertex, node]
-    nodes = (AT_NODES @ corner)[:, None] - place[vertex][:, :, None]
-    found = _quadratics(nodes / size[vertex][..., None, None]) @ fitted[vertex]
-    vertices, middles = found[:, [0, 1, 2], [0, 1, 2]], found[:, :, 3:]
-    return np.concatenate([vertices,
-                           np.stack([(middles[:, (k + 1) % 3, k] + middles[:, (k + 2) % 3, k]) / 2
-                                               for k in range(3)], axis=1)], axis=1)
+    nodes = (AT_NODES @ corner)[:, None] - place[vertex][:, :, None]  # [triangle, patch, node]
+    nodal = _quadratics(nodes / size[vertex][..., None, None]) @ fitted[vertex]
+    vertices, middles = nodal[:, [0, 1, 2], [0, 1, 2]], nodal[:, :, 3:]
+    means = [(middles[:, (k + 1) % 3, k] + middles[:, (k + 2) % 3, k]) / 2 for k in range(3)]
+    return np.concatenate([vertices, np.stack(means, axis=1)], axis=1)
 
 
 def vertex_sums(vertex: np.ndarray, area: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
-    """(count, 1 + k) sums over the triangles round each vertex: areas, then areas times the values
-    at the corners.
+    """(count, 1 + k) sums over the triangles round each vertex: areas, areas times corner values.
 
     `vertex` (n_t, 3), `area` (n_t,), `values` (n_t, 3 corners, k). Their ratio is the mean of
     Zienkiewicz and Zhu (1987).
@@ -62,9 +57,7 @@ def vertex_sums(vertex: np.ndarray, area: np.ndarray, values: np.ndarray, count:
 
 def averaged_stress(triangles: np.ndarray, region: np.ndarray, area: np.ndarray,
                     stress: np.ndarray) -> np.ndarray:
-    """(n_t, 3 corners, 3) means of constant stresses (n_t, 3) over the triangles at each vertex, by
-    region.
-    """
+    """(n_t, 3 corners, 3) means of constant stresses (n_t, 3) round each vertex, by region."""
     names, vertex = np.unique(region[:, None] * (triangles.max() + 1) + triangles,
                               return_inverse=True)
     vertex = vertex.reshape(-1, 3)
@@ -79,9 +72,7 @@ def linear_energy(area: np.ndarray, compliance: np.ndarray, stress: np.ndarray) 
 
 
 def _patches(vertex: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Vertex and triangle of every member of the patches: a vertex's triangles, and rings round
-    them if these are few.
-    """
+    """Vertex and triangle of every patch's members: neighbours, and rings if these are few."""
     n = len(vertex)
     touches = csr_matrix((np.ones(3 * n), (vertex.ravel(), np.repeat(np.arange(n), 3))), (count, n))
     patch = touches
@@ -103,8 +94,6 @@ def _quadratics(x: np.ndarray) -> np.ndarray:
 
 
 def energy(area: np.ndarray, compliance: np.ndarray, stress: np.ndarray) -> np.ndarray:
-    """(n_t,) int s : C^-1 s of stresses given by their values at corners (n_t, 3, 3) or nodes (n_t,
-    6, 3).
-    """
+    """(n_t,) int s : C^-1 s of stresses by values at corners (n_t, 3, 3) or nodes (n_t, 6, 3)."""
     s = elements.shapes(stress.shape[1], elements.POINTS) @ stress
     return np.einsum("tmi,tij,tmj,m,t->t", s, compliance, s, elements.WEIGHTS, area)

@@ -1,5 +1,4 @@
-"""What a run must say about its mesh and its numbers: elements that lock, digits lost far from the
-origin.
+"""What a run must report: elements that lock, digits of coordinates lost far from the origin.
 
 Locking. In a nearly incompressible material (Lame's lambda far above mu) P1 elements have more
 volumes to keep than displacements to keep them with, and P2 elements hardly less. They answer with
@@ -9,8 +8,7 @@ shear stresses stay smooth. So p = lambda div u and the deviatoric stress s = 2 
 compared with their averages over the elements round each vertex, linear in between; with the norms
 over the nearly incompressible part,
 
-    osc p = ||p - avg p||,  osc s = ||s - avg s||,  in energy  osc p^2 / lambda  and  osc s^2 / (2
-        mu).
+    osc p = ||p - avg p||, osc s = ||s - avg s||, in energy osc p^2 / lambda and osc s^2 / (2 mu).
 
 An element free of locking has both of like size for any ratio lambda / mu. It locks where osc p is
 a noticeable part of all stress and either holds `DOMINANCE` times the energy of osc s or is larger
@@ -35,9 +33,7 @@ FAR = 1e3  # body lengths from the origin: three digits
 
 
 def warnings(problem, step) -> list[str]:
-    """What is to be said of `problem` solved, looking at its finished `step` (None: there is none).
-    Collective.
-    """
+    """Warnings about the solved `problem` and its finished `step`, if any; collective."""
     return [*(locking(problem, step) if step else []),
             *lost_digits(problem.structure, problem.operator.comm)]
 
@@ -48,17 +44,19 @@ def locking(problem, step) -> list[str]:
     if manifest.element == MIXED:
         return []
     isotropic = manifest.material == "isotropic" and manifest.plane == "strain"
-    soft = [sub.elasticity[:, 0, 1] >= NEARLY_INCOMPRESSIBLE * sub.elasticity[:, 2, 2] if isotropic
-            else np.zeros(len(sub.triangles), bool) for sub in structure.subdomains]
+    if not isotropic:
+        return []
+    soft = [sub.elasticity[:, 0, 1] >= NEARLY_INCOMPRESSIBLE * sub.elasticity[:, 2, 2]
+            for sub in structure.subdomains]
     if not comm.allreduce(int(sum(map(np.count_nonzero, soft)))):
         return []
     fields = problem.operator.displacements(step.multipliers, step.weights)
     parts = [_stresses(sub, some, u) for sub, some, u in zip(structure.subdomains, soft, fields)]
-    osc_p, osc_s, p, s, energy_p, energy_s = _oscillation(parts, manifest.nodes,
-                                                          manifest.element == "P1", comm)
+    linear = manifest.element == "P1"
+    osc_p, osc_s, p, s, energy_p, energy_s = _oscillation(parts, manifest.nodes, linear, comm)
     noticeable = osc_p > NOTICEABLE**2 * (p + s) > 0
     larger = osc_p > TIMES**2 * osc_s
-    if manifest.element == "P1":
+    if linear:
         larger = energy_p > DOMINANCE * energy_s or osc_p > s
     if not (noticeable and larger):
         return []
@@ -70,24 +68,21 @@ def locking(problem, step) -> list[str]:
 
 
 def _stresses(sub, soft, u):
-    """Vertices (n, 3), areas (n,), lambda, mu, (n, 3 corners, 5) pressure and deviatoric stress of
-    the triangles `soft`.
-    """
+    """Vertices (n, 3), areas, lambda, mu (n,), p and s (n, 3 corners, 5) of triangles `soft`."""
     corner = sub.xy[sub.triangles[soft]]
     strain = elements.linear_strains(corner, u.reshape(-1, 2)[sub.elements[soft]])
     lam, mu = sub.elasticity[soft, 0, 1], sub.elasticity[soft, 2, 2]
     volume = strain[..., 0] + strain[..., 1]
     # the shear stress times the root of two, so that squares add up to s : s
-    s = 2 * mu[:, None, None] * np.stack([strain[..., 0] - volume / 3, strain[..., 1] - volume / 3,
-                                          -volume / 3,
-                                          strain[..., 2] / np.sqrt(2)], axis=-1)
+    s = np.stack([strain[..., 0] - volume / 3, strain[..., 1] - volume / 3, -volume / 3,
+                  strain[..., 2] / np.sqrt(2)], axis=-1)
+    s = 2 * mu[:, None, None] * s
     stress = np.concatenate([(lam[:, None] * volume)[..., None], s], axis=-1)
     return sub.node_gid[sub.triangles[soft]], elements.areas(corner), lam, mu, stress
 
 
 def _oscillation(parts, nodes: int, constant: bool, comm) -> np.ndarray:
-    """(6,) squares of osc p, osc s, p, s and the energies of both oscillations, over the whole
-    body.
+    """(6,) squares of osc p, osc s, p, s and the energies of both oscillations in the body.
 
     Where stresses are `constant` on the elements, averages are compared with them at the centroids.
     """
@@ -107,9 +102,7 @@ def _oscillation(parts, nodes: int, constant: bool, comm) -> np.ndarray:
 
 
 def lost_digits(structure, comm) -> list[str]:
-    """One line if the body is so far from the origin that its coordinates have few digits left for
-    its shape.
-    """
+    """One line if the body is too far from the origin for the digits of its coordinates."""
     xy = np.concatenate([np.empty((0, 2)), *(sub.xy for sub in structure.subdomains)])
     ends = np.array(comm.allgather([xy.min(axis=0, initial=np.inf),
                                     xy.max(axis=0, initial=-np.inf)]))

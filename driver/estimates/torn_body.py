@@ -1,5 +1,4 @@
-"""The torn body and its fields, gathered on rank 0, where errors in the energy norm are estimated.
-"""
+"""The torn body and its fields, gathered on rank 0 for estimates of the error in energy norm."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,8 +19,7 @@ class Gather:
         self.root = operator.comm.rank == 0
 
     def __call__(self, width: tuple, kind: type, part: Callable) -> np.ndarray | None:
-        """Arrays part(s, subdomain), (n, *width), one after the other in the order of subdomains.
-        """
+        """Arrays part(s, subdomain), (n, *width), joined in the order of subdomains."""
         own = [part(s, sub) for s, sub in enumerate(self.structure.subdomains)]
         parts = self.comm.gather(np.concatenate([np.empty((0, *width), kind), *own]))
         return np.concatenate(parts) if self.root else None
@@ -31,9 +29,7 @@ class Gather:
         return self((2,), float, lambda s, sub: fields[s].reshape(-1, 2))
 
     def thermal(self, weights: np.ndarray, shape: tuple) -> np.ndarray | None:
-        """(n_t, *shape) suppressed thermal stresses at factors `weights` (patterns,) of the load
-        patterns.
-        """
+        """(n_t, *shape) suppressed thermal stresses at load factors `weights` (patterns,)."""
         return self(shape, float, lambda s, sub: sum(
             (weights[k] * t for k, t in sub.thermal.items()),
             np.zeros((len(sub.triangles), *shape))))
@@ -51,8 +47,7 @@ class TornBody:
     compliance: np.ndarray  # (n_t, 3, 3)
     mesh: Mesh
     constrained: np.ndarray  # (vertices, 2) components that supports constrain
-    # (half-edges, 2) where the traction is given: boundary edges without support, by component
-    given: np.ndarray
+    given: np.ndarray  # (half-edges, 2) tractions: of boundary edges without support, by component
 
     @cached_property
     def chains(self) -> Chains:
@@ -117,15 +112,12 @@ def gather_body(gather: Gather) -> TornBody | None:
     fixed = fixed[np.isin(fixed[:, 0], number)]  # at the vertices
     constrained[np.searchsorted(number, fixed[:, 0]), fixed[:, 1]] = True
     return TornBody(number, vertex, torn, region, elasticity, np.linalg.inv(elasticity), mesh,
-                    constrained,
-                    _given(structure.outer_edges, mesh, number, constrained))
+                    constrained, _given(structure.outer_edges, mesh, number, constrained))
 
 
 def _given(outer_edges: np.ndarray, mesh: Mesh, number: np.ndarray,
            constrained: np.ndarray) -> np.ndarray:
-    """Half-edges and components with given traction: on the outline, but for labels constrained as
-    a whole.
-    """
+    """Half-edges and components of given traction: the outline but for constrained labels."""
     ends = np.searchsorted(number, outer_edges[:, :2])
     label, of_label = np.unique(outer_edges[:, 2], return_inverse=True)
     both = constrained[ends].all(axis=1)

@@ -20,9 +20,7 @@ class BlockDiagonal:
     """y_s = x_s M_s for the members s of all classes; x and y stacked class by class."""
 
     def __init__(self, classes: list, matrices: list[np.ndarray], source: str, target: str):
-        """`matrices` (m, n) of every class; `source` and `target` name the classes' slices of x and
-        y, which hold the members one after the other.
-        """
+        """`matrices` (m, n) of every class; `source`, `target` name its slices of x and y."""
         self.shared = [(len(c.members), getattr(c, source), getattr(c, target), M)
                        for c, M in zip(classes, matrices) if c.shared and M.size]
         alone = {}
@@ -45,10 +43,9 @@ class BlockDiagonal:
 
 
 def _members(c, M: np.ndarray, source: str, target: str) -> list[tuple]:
-    """(first entry in x, first entry in y, matrix) of every member of a class."""
-    m, n = M.shape
-    return [(getattr(c, source).start + k * m, getattr(c, target).start + k * n, M)
-            for k in range(len(c.members))]
+    """(first entry in x, first entry in y, matrix) of every member of a class, in their order."""
+    (m, n), x, y = M.shape, getattr(c, source).start, getattr(c, target).start
+    return [(x + k * m, y + k * n, M) for k in range(len(c.members))]
 
 
 class _Padded:
@@ -56,16 +53,15 @@ class _Padded:
 
     def __init__(self, shape: tuple[int, int], members: list[tuple]):
         self.matrices = np.zeros((len(members), *shape))
-        # padding takes any entry and multiplies it by zero
-        self.take = np.zeros((len(members), 1, shape[0]), np.int64)
+        self.take = np.zeros((len(members), 1, shape[0]), np.int64)  # padding: any entry times zero
         picked, places = [], []
-        for k, (x_at, y_at, M) in enumerate(members):
+        for k, (first, target, M) in enumerate(members):
             m, n = M.shape
             self.matrices[k, :m, :n] = M
-            self.take[k, 0, :m] = x_at + np.arange(m)
-            self.take[k, 0, m:] = x_at
+            self.take[k, 0, :m] = first + np.arange(m)
+            self.take[k, 0, m:] = first
             picked.append(k * shape[1] + np.arange(n))
-            places.append(y_at + np.arange(n))
+            places.append(target + np.arange(n))
         self.picked, self.places = np.concatenate(picked), np.concatenate(places)
 
     def multiply(self, x: np.ndarray, y: np.ndarray, add: bool) -> None:

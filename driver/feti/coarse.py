@@ -45,9 +45,7 @@ class CoarseProblem:
             self._factorize(_assembled(structure, classes, comm))
 
     def _factorize(self, S) -> None:
-        """Factorize S_cc (CSR), pinned where bodies are free; refuse a structure that is a
-        mechanism.
-        """
+        """Factorize S_cc (CSR), pinned where bodies are free. Raises NoSolution of a mechanism."""
         matrix = petsc_matrix(self._pinned(S))
         mumps = factorized(matrix, "mumps")
         checked = mumps.getFactorMatrix()
@@ -92,17 +90,13 @@ class CoarseProblem:
         return u + Q @ (self.rho * motion - Q.T @ u)
 
     def _with_pins(self, forces: np.ndarray) -> np.ndarray:
-        """Solution (dofs,) with the factorized matrix for `forces` (dofs,); overwritten by the
-        next.
-        """
+        """Solution (dofs,) with the factorized matrix; overwritten by the next."""
         self._right.array[:] = forces
         self._factor.apply(self._right, self._solution)
         return self._solution.array
 
     def inverse(self, dofs: np.ndarray) -> np.ndarray:
-        """Rows and columns `dofs` (k,) of S_rho^-1, (k, k); a coarse solve a column, shared by the
-        ranks.
-        """
+        """Rows and columns `dofs` (k,) of S_rho^-1, (k, k); the ranks share the columns."""
         mine = dofs[slice(*partition(len(dofs), self.comm))]
         columns, force = np.empty((len(mine), len(dofs))), np.zeros(self.dofs)
         for k, dof in enumerate(mine):
@@ -113,8 +107,7 @@ class CoarseProblem:
         return (inverse + inverse.T) / 2
 
     def whole(self, local: np.ndarray) -> np.ndarray:
-        """(dofs,) values at all coarse dofs, on every rank, of values at the stacked corner dofs.
-        """
+        """(dofs,) values at all coarse dofs, on every rank, from those at stacked corner dofs."""
         everywhere = np.empty(self.dofs)
         for numbers, values in self.comm.allgather((self.numbers, local)):
             everywhere[numbers] = values
@@ -122,9 +115,7 @@ class CoarseProblem:
 
 
 def _assembled(structure: Substructure, classes: list[LocalClass], comm):
-    """S_cc (n, n) as CSR on every rank: entries of the subdomains in their order, so that all add
-    them up alike.
-    """
+    """S_cc (n, n) as CSR on every rank, entries in the order of subdomains: all add up alike."""
     numbers, n = structure.corner_global, structure.coarse_dofs
     first = np.cumsum([0, *np.array([len(number) for number in numbers], int) ** 2])
     (rows, columns), values = np.empty((2, first[-1]), int), np.empty(first[-1])
@@ -134,6 +125,5 @@ def _assembled(structure: Substructure, classes: list[LocalClass], comm):
         number = np.array([numbers[s] for s in c.members])
         rows[place], columns[place] = np.repeat(number, k, axis=1), np.tile(number, k)
         values[place] = c.S.ravel()
-    rows, columns, values = (np.concatenate(comm.allgather(part))
-                             for part in (rows, columns, values))
+    rows, columns, values = map(np.concatenate, zip(*comm.allgather((rows, columns, values))))
     return coo_matrix((values, (rows, columns)), shape=(n, n)).tocsr()

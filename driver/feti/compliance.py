@@ -1,8 +1,6 @@
-"""Stage 4, condensed: the dual problem on the contact rows alone, for studies that solve it many
-times.
+"""Stage 4, condensed: the dual problem on the contact rows alone, for studies that repeat it.
 
-Gluing multipliers have no bounds. Minimising over them leaves, on the contact rows c with the
-gluing rows g,
+Gluing multipliers have no bounds. Minimising over them (rows g) leaves, on the contact rows c,
 
     C = F_cc - F_cg F_gg^-1 F_gc,      d_C = d_c - F_cg F_gg^-1 d_g,
 
@@ -32,14 +30,11 @@ from .rows import contact_row_numbers
 
 MUMPS_NO_MEMORY = -13  # INFOG(1)
 WIDTH = 64  # columns solved at a time
-# residual of the elimination, relative to its terms: far below the tolerances of a QP
-ROUNDING = 1e-9
+ROUNDING = 1e-9  # residual of the elimination, relative to its terms; far below RTOL
 
 
 def contact_compliance(problem: DualProblem) -> np.ndarray:
-    """C (n + m, n + m) in the order of `contact_row_numbers`, on every rank; collective. Raises
-    NotConverged.
-    """
+    """C (n + m, n + m) as `contact_row_numbers` orders it; collective. Raises NotConverged."""
     return problem.C if problem.contact_rows_only else ContactCompliance(problem).C
 
 
@@ -67,9 +62,7 @@ class ContactCompliance(DualProblem):
             self._loaded[k] += operator.coarse_displacements(nothing, weights)
 
     def with_contact(self, contact) -> "ContactCompliance":
-        """The same body with other gaps, friction or initial state at its contact nodes; counts its
-        own products.
-        """
+        """The same body with other gaps, friction or initial state; counts its own products."""
         own = self.structure.contact
         return super().with_contact(dataclasses.replace(
             contact, normal_row=own.normal_row, tangential_row=own.tangential_row))
@@ -86,10 +79,6 @@ class ContactCompliance(DualProblem):
     def dot(self, a: np.ndarray, b: np.ndarray) -> float:
         """Scalar product."""
         return float(a @ b)
-
-    def minimum(self, value: float) -> float:
-        """The smallest of the ranks' numbers: there is one rank."""
-        return value
 
     def load_response(self, weights: np.ndarray) -> np.ndarray:
         """d_C for the load sum_k weights_k f_k."""
@@ -125,25 +114,23 @@ class FaceInverse:
 
 def _on_contact_rows(structure, rows: np.ndarray):
     """The skeleton as a solver on `rows` alone, in their order, sees it."""
-    # that of no row, -1, is the last
-    contact, place = structure.contact, np.full(structure.dual_dofs + 1, -1)
+    contact = structure.contact
+    place = np.full(structure.dual_dofs + 1, -1)  # that of no row, -1, is the last
     place[rows] = np.arange(len(rows))
     contact = dataclasses.replace(contact, normal_row=place[contact.normal_row],
                                   tangential_row=place[contact.tangential_row])
     return dataclasses.replace(structure, contact=contact, dual_dofs=len(rows),
-                               row_range=(0, len(rows)),
-                               row_kind=structure.row_kind[rows],
+                               row_range=(0, len(rows)), row_kind=structure.row_kind[rows],
                                row_scale=structure.row_scale[rows])
 
 
 def _eliminated(operator: DualOperator, rows: np.ndarray, loads: np.ndarray):
-    """C (c, c) on the contact rows, d_C (patterns, c), and the corner displacements that come with
-    unit contact forces (coarse dofs, c) and with the gluing forces under loads (patterns, coarse
-    dofs).
+    """C (c, c) and d_C (patterns, c) on the contact rows, and corner displacements.
 
-    `loads` (dual rows, patterns) are the d of the load patterns. Every rank factorizes; the columns
-    are shared out in blocks of fixed size, so that the result does not depend on the number of
-    ranks.
+    These come with unit contact forces (coarse dofs, c) and with the gluing forces under loads
+    (patterns, coarse dofs). `loads` (dual rows, patterns) are the d of the load patterns. Every
+    rank factorizes; the columns are shared out in blocks of fixed size, so that the result does not
+    depend on the number of ranks.
     """
     n, corners, comm = operator.structure.dual_dofs, operator.structure.coarse_dofs, operator.comm
     k, inner = len(rows), n + corners + operator.modes - len(rows)
@@ -164,14 +151,13 @@ def _eliminated(operator: DualOperator, rows: np.ndarray, loads: np.ndarray):
         error = problem
     agree(comm, error)
     blocks = {first: parts for rank in comm.allgather(blocks) for first, parts in rank.items()}
-    onto, moved = (np.hstack(parts) for parts in zip(*(blocks[first] for first in sorted(blocks))))
+    onto, moved = map(np.hstack, zip(*(blocks[first] for first in sorted(blocks))))
     C, d = np.triu(contact) + np.triu(contact, 1).T - onto[:, :k], loads[rows] - onto[:, k:]
     return (C + C.T) / 2, d.T, -moved[:, :k], moved[:, k:].T.copy()
 
 
 def _saddle_matrix(operator: DualOperator, place: np.ndarray, first: int):
-    """Upper triangle (CSR) of the symmetric matrix of gluing rows, coarse dofs, motions and contact
-    rows.
+    """Upper triangle (CSR) of the matrix of gluing rows, coarse dofs, motions and contact rows.
 
     `place` (dual rows,) is where it has each of them, `first` that of the coarse dofs. It is the
     same on every rank. With the motions Q of bodies without support on springs S_rho = S_cc + Q
@@ -196,19 +182,15 @@ def _saddle_matrix(operator: DualOperator, place: np.ndarray, first: int):
     entries.append((motions, motions, operator.rho))
     i, j, values = map(np.concatenate, zip(*entries))
     del entries
-    return coo_matrix((values, (i, j)),
-                      shape=(len(place) + structure.coarse_dofs + modes,) * 2).tocsr()
+    size = len(place) + structure.coarse_dofs + modes
+    return coo_matrix((values, (i, j)), shape=(size, size)).tocsr()
 
 
 class _Factor:
-    """Factorization of a sparse symmetric indefinite matrix by MUMPS; rows that depend on others
-    are left out.
-    """
+    """Factorization of a sparse symmetric matrix by MUMPS, less rows that depend on others."""
 
     def __init__(self, upper):
-        """`upper`: its upper triangle, CSR. Raises NotConverged if MUMPS fails, MemoryError where
-        memory is short.
-        """
+        """`upper`: its upper triangle, CSR. Raises NotConverged, MemoryError if memory is short."""
         self.upper = upper
         if not upper.shape[0]:
             return
@@ -222,9 +204,7 @@ class _Factor:
         self._random = np.random.default_rng(1)
 
     def solve(self, right: np.ndarray) -> np.ndarray:
-        """Solution for the columns of `right` (n, k). Raises NotConverged if a combination of them
-        leaves a residual.
-        """
+        """Solution for columns `right` (n, k). Raises NotConverged where it leaves a residual."""
         if not right.size:
             return np.zeros_like(right)
         solution = solve_columns(self._factor, right)
@@ -233,8 +213,7 @@ class _Factor:
         residual = np.abs(_multiply(self.upper, combined) - wanted)
         size = _multiply(abs(self.upper), np.abs(combined)) + np.abs(wanted)
         if not np.all(residual <= ROUNDING * size):
-            raise NotConverged("the contact compliance: the gluing conditions could not be "
-                               "eliminated")
+            raise NotConverged("the contact compliance: gluing conditions could not be eliminated")
         return solution
 
 

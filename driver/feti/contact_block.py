@@ -1,16 +1,14 @@
 """Stage 4, contact part: F_cc, the rows and columns of F that belong to the contact boundary.
 
 F_cc gives contact displacements under contact forces while the gluing multipliers stay as they are.
-In F = B_r K_rr^-1 B_r' + A S_cc^-1 A' only the subdomains that touch the contact boundary and their
-corners take part,
+Of F = B_r K_rr^-1 B_r' + A S_cc^-1 A' only subdomains with contact and their corners take part,
 
     F_cc = L + A_c G A_c',  L block diagonal over these subdomains,  G = S_cc^-1 on their corners,
 
 so a product with it costs about n_c and not n_d operations, and needs no communication: every rank
 holds all of it. It bounds the compliance C = F_cc - F_cg F_gg^-1 F_gc of the glued body from above,
-and closely, as corners alone hold subdomains together well (Mandel, Dohrmann, Tezaur 2005). For
-10x10 cells the eigenvalues of F_cc relative to C were 1 to 4.3, half of them 1.00001 or less, at 32
-and at 128 subdomains.
+and closely, as corners alone hold subdomains together well (Mandel, Dohrmann, Tezaur 2005). With 32
+and 128 subdomains of 10x10 cells F_cc relative to C has eigenvalues 1 to 4.3, half <= 1.00001.
 """
 
 import numpy as np
@@ -23,11 +21,9 @@ from .rows import RowKind
 
 
 class ContactBlock:
-    """F_cc and the Dirichlet preconditioner's M_cc on the n contact rows, replicated. Collective
-    over `comm`.
+    """F_cc and the preconditioner's M_cc on the n contact rows, replicated. Collective over `comm`.
 
-    Contact rows are in the order of the dual rows; `gather` and `scatter` move between them and
-    dual vectors.
+    Contact rows are in the order of dual rows; `gather`, `scatter` go to and from dual vectors.
     """
 
     def __init__(self, operator: DualOperator, preconditioner: DirichletPreconditioner):
@@ -39,17 +35,15 @@ class ContactBlock:
         self._all = Gathering(self.comm, int(last - first))
         self.size = len(self.rows)
         parts = self._local_parts(operator, preconditioner)
-        corners = np.unique(np.concatenate([np.empty(0, int), *(part["corner"] for part in parts)]))
-        self.local, self.M = (self._spread(parts, name, self.rows, self.rows)
-                              for name in ("F", "M"))
+        corners = np.unique(joined([part["corner"] for part in parts], int))
+        self.local = self._spread(parts, "F", self.rows, self.rows)
+        self.M = self._spread(parts, "M", self.rows, self.rows)
         self.A = self._spread(parts, "A", self.rows, corners)
         self._A_transposed = self.A.T.tocsr()
         self.G = operator.coarse.inverse(corners)
 
     def _local_parts(self, operator, preconditioner) -> list[dict]:
-        """Contact rows, corners and matrices of every subdomain with contact, in the order of
-        subdomains.
-        """
+        """Contact rows, corners and matrices of every subdomain with contact, in their order."""
         structure = operator.structure
         parts = [None] * len(structure.subdomains)
         for c, schur in zip(operator.classes, preconditioner.schur):
@@ -63,14 +57,12 @@ class ContactBlock:
                             "F": c.F[np.ix_(here, here)] * np.outer(sign, sign),
                             "A": sign[:, None] * c.A[here],
                             "M": schur[np.ix_(here, here)] * np.outer(scaling, scaling)}
-        return [part for rank in self.comm.allgather([part for part in parts if part])
-                for part in rank]
+        ranks = self.comm.allgather([part for part in parts if part])
+        return [part for rank in ranks for part in rank]
 
     @staticmethod
     def _spread(parts: list[dict], name: str, rows: np.ndarray, columns: np.ndarray):
-        """CSR sum of the subdomains' matrices; `columns` is `rows` for square ones, else the corner
-        dofs.
-        """
+        """CSR sum of the subdomains' matrices on `columns`, `rows` or corner dofs."""
         which = "row" if columns is rows else "corner"
         row_places = [np.searchsorted(rows, part["row"]) for part in parts]
         column_places = [np.searchsorted(columns, part[which]) for part in parts]
@@ -97,11 +89,9 @@ class ContactBlock:
 
 
 class Galerkin:
-    """W' F_cc W (k, k) for matrices W with two entries a row, which change, in columns (n, 2),
-    which stay.
+    """W' F_cc W (k, k) for W with two entries a row, which change, in columns (n, 2), which stay.
 
-    Rows that meet the same two columns are first summed up in L W: they are many, as hats span a
-    subdomain.
+    Rows with the same two columns, many as hats span a subdomain, are first summed up in L W.
     """
 
     def __init__(self, block: ContactBlock, columns: np.ndarray, k: int):
@@ -115,9 +105,8 @@ class Galerkin:
         cell, self._slot = np.unique((to * corners + A.col[self._A.entry][:, None]).T.ravel(),
                                      return_inverse=True)
         first = np.searchsorted(cell, np.arange(k + 1) * corners)
-        # W'A
-        self._coupling = csr_matrix((np.empty(len(cell)), cell % corners, first),
-                                    shape=(k, len(self.G)))
+        entries = np.empty(len(cell)), cell % corners, first
+        self._coupling = csr_matrix(entries, shape=(k, len(self.G)))  # W'A
 
     def __call__(self, W: np.ndarray) -> np.ndarray:
         """`W` (n, 2) are the entries."""
@@ -131,11 +120,9 @@ class Galerkin:
 
 
 class _Sums:
-    """Sums of the products of W and the entries `value` of a matrix over those that share `key` and
-    `other`.
+    """Sums of products of W and entries `value` of a matrix over those that share `key`, `other`.
 
-    `row` are the rows of W that the entries belong to; `entry` (sums,) are indices of an entry of
-    every sum.
+    `row`: the rows of W that entries belong to; `entry` (sums,) indices of an entry of every sum.
     """
 
     def __init__(self, key: np.ndarray, other: np.ndarray, row: np.ndarray, value: np.ndarray):

@@ -52,8 +52,7 @@ def _jumps(skeleton: Skeleton, neighbour: np.ndarray) -> np.ndarray:
 
 
 def _missing_corners(skeleton: Skeleton, corners: np.ndarray) -> np.ndarray:
-    """Corners for subdomains that have less than two: an undivided body with one label all round.
-    """
+    """Corners for subdomains with less than two: an undivided body with one label all round."""
     has = np.bincount(skeleton.nodes[np.isin(skeleton.nodes[:, 1], corners), 0],
                       minlength=int(skeleton.nodes[:, 0].max()) + 1)
     added = []
@@ -66,8 +65,7 @@ def _missing_corners(skeleton: Skeleton, corners: np.ndarray) -> np.ndarray:
 
 
 def _farthest_points(skeleton: Skeleton, neighbour: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Corners for interface pieces (connected, between one pair of subdomains) with less than two.
-    """
+    """Corners for connected interface pieces between two subdomains that have less than two."""
     one_side = neighbour > skeleton.edges[:, 0]
     edges = skeleton.edges[one_side]
     if not len(edges):
@@ -87,11 +85,10 @@ def _farthest_points(skeleton: Skeleton, neighbour: np.ndarray, corners: np.ndar
     pieces, piece = connected_components(graph, directed=False)
     at_corner = np.unique((piece.astype(np.int64) * vertices + vertex_of)[len(inner):])
     held = np.bincount(at_corner // vertices, minlength=pieces)
-    place = skeleton.place
     added = []
     for weak in np.flatnonzero(held < 2):
         vertices_of_piece = np.sort(vertex_of[piece == weak])
-        gids, xy = skeleton.gids[vertices_of_piece], place[vertices_of_piece]
+        gids, xy = skeleton.gids[vertices_of_piece], skeleton.place[vertices_of_piece]
         known = np.flatnonzero(np.isin(gids, corners))
         first = known[0] if len(known) else np.linalg.norm(xy - xy[0], axis=1).argmax()
         second = np.linalg.norm(xy - xy[first], axis=1).argmax()

@@ -1,5 +1,4 @@
-"""Stage 4, contact part: deflation of slowly varying contact tractions that the Dirichlet
-preconditioner misses.
+"""Stage 4, contact part: deflation of slowly varying contact tractions.
 
 Preconditioning by subdomains knows nothing of how the body as a whole holds contact tractions that
 vary slowly from corner to corner: M F has about two large eigenvalues per contact corner. Traction
@@ -30,16 +29,15 @@ from scipy.linalg import cho_factor, lapack
 
 from .contact_block import ContactBlock, Galerkin
 from .dirichlet import DirichletPreconditioner
+from .gathering import joined
 from .structure import Substructure
 
-# squared sine of the angle below which a restricted hat counts as a combination of the others
-DEPENDENT = 1e-4
+DEPENDENT = 1e-4  # squared sine below which a restricted hat counts as a combination of others
 
 
 @dataclass
 class Hats:
-    """Piecewise linear tractions between the contact corners of a label: a row lies between two of
-    them.
+    """Piecewise linear tractions between the contact corners of a label, a row between two of them.
 
     `number` (n, 2) are the hats at the n contact rows and `value` (n, 2) their tractions there;
     `weight` (n,) turns tractions into nodal forces, more of them where the body is stiffer.
@@ -51,16 +49,14 @@ class Hats:
     count: int
 
     def sums(self, at_rows: np.ndarray) -> np.ndarray:
-        """(count,) sums over the rows of every hat of values (n, 2) that belong to the hats at a
-        row.
-        """
+        """(count,) sums over the rows of every hat of values (n, 2) of a row's hats."""
         return np.bincount(self.number.ravel(), at_rows.ravel(), minlength=self.count)
 
     def gram(self, force: np.ndarray, value: np.ndarray) -> np.ndarray:
         """(count, count) products of nodal forces and tractions of the hats, (n, 2) each."""
         products = force[:, :, None] * value[:, None, :]
-        return np.bincount(self._cell, products.ravel(),
-                           minlength=self.count**2).reshape(self.count, self.count)
+        k = self.count
+        return np.bincount(self._cell, products.ravel(), minlength=k * k).reshape(k, k)
 
     @cached_property
     def _cell(self) -> np.ndarray:
@@ -69,9 +65,7 @@ class Hats:
 
 
 def traction_hats(structure: Substructure, rows: np.ndarray, comm) -> Hats:
-    """Hats with their tops at contact corners, ends and jumps of the stiffness of every label, for
-    the contact `rows`.
-    """
+    """Hats on the contact `rows` with tops at every label's corners, ends and stiffness jumps."""
     contact = structure.contact
     row, node = _row_nodes(structure)
     position = np.searchsorted(rows, row)
@@ -97,11 +91,9 @@ def traction_hats(structure: Substructure, rows: np.ndarray, comm) -> Hats:
 
 
 def _jumps(arc: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Where along a boundary the stiffness jumps: the arc lengths of the stiffer neighbours, given
-    the rows' scales.
+    """Arc lengths of the stiffer neighbours where the stiffness jumps, from the rows' scales.
 
-    Neighbouring powers of two are no jump: they may be next to one another where the stiffness
-    hardly varies.
+    Neighbouring powers of two are no jump: hardly varying stiffness may have them.
     """
     order = np.argsort(arc)
     arc, scale = arc[order], scale[order]
@@ -118,10 +110,9 @@ def _row_nodes(structure: Substructure) -> tuple[np.ndarray, np.ndarray]:
 
 def _corner_vertices(structure: Substructure, comm) -> np.ndarray:
     """Vertex numbers of the corners of all subdomains."""
-    mine = [sub.node_gid[sub.dof_node[dofs]] for sub, dofs in zip(structure.subdomains,
-                                                                  structure.corner_dofs)]
-    return np.unique(np.concatenate([np.empty(0, int), *(part for rank in comm.allgather(mine)
-                                                         for part in rank)]))
+    mine = joined([sub.node_gid[sub.dof_node[dofs]]
+                   for sub, dofs in zip(structure.subdomains, structure.corner_dofs)], int)
+    return np.unique(np.concatenate(comm.allgather(mine)))
 
 
 class Face:
@@ -138,8 +129,7 @@ class Face:
         mass = hats.gram(self.W, self.H)
         size = np.diag(mass)
         scale = np.divide(1.0, np.sqrt(size), out=np.zeros(len(size)), where=size > 0)
-        # pivoted Cholesky factorization: what is left of the first hat left out is nothing, or a
-        # combination of the others
+        # pivoted Cholesky: hats beyond the rank are nothing, or combinations of the others
         factor, pivots, rank, _ = lapack.dpstrf(mass * np.outer(scale, scale), tol=DEPENDENT)
         self.independent = pivots[:rank] - 1
         self.scale, self.mass = scale[self.independent], np.asfortranarray(factor[:rank, :rank])
@@ -195,8 +185,7 @@ class Deflation:
 
 
 class DeflatedPreconditioner:
-    """z for the whole of F: the Dirichlet preconditioner deflated by the traction hats of the face.
-    """
+    """z for the whole of F: the Dirichlet preconditioner deflated by the face's traction hats."""
 
     def __init__(self, dirichlet: DirichletPreconditioner, deflation: Deflation):
         self.dirichlet, self.deflation = dirichlet, deflation

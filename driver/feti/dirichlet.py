@@ -12,10 +12,8 @@ from scipy.linalg import lapack
 from .blocks import BlockDiagonal
 from .reduction import LocalClass
 
-# eigenvalues of a local F below this part of the largest: rows that depend on one another
-DEPENDENT = 1e-9
-# of a released corner's stiffness: what holds a subdomain all of whose corners are released
-FLOOR = 0.01
+DEPENDENT = 1e-9  # relative eigenvalues of a local F: rows below depend on one another
+FLOOR = 0.01  # of a released corner's stiffness: holds a subdomain with all corners released
 
 
 class DirichletPreconditioner:
@@ -54,9 +52,7 @@ def _schur(c: LocalClass) -> np.ndarray:
 
 
 def _inverse(matrix: np.ndarray) -> np.ndarray:
-    """Inverse of a symmetric positive definite matrix; the pseudo-inverse, which costs more, if it
-    is nearly singular.
-    """
+    """Inverse of an SPD matrix; the costlier pseudo-inverse if it is nearly singular."""
     factor, info = lapack.dpotrf(matrix) if matrix.size else (matrix, 1)
     if info or lapack.dpocon(factor, np.abs(matrix).sum(axis=0).max())[0] < DEPENDENT:
         return np.linalg.pinv(matrix, hermitian=True)

@@ -5,6 +5,7 @@ import dataclasses
 from abc import ABC, abstractmethod
 
 import numpy as np
+from mpi4py import MPI
 
 from .structure import Substructure
 
@@ -14,8 +15,8 @@ class DualProblem(ABC):
 
     Vectors of multipliers are numpy arrays (owned,), the rank's part of `structure.dual_dofs`
     entries; loads are factors of the load patterns, which may go on with those of the free rigid
-    motions. `products` counts those with F. `contact_rows_only`: there are no
-    other rows, and F is the dense matrix `C` on every rank.
+    motions. `products` counts those with F. `contact_rows_only`: there are no other rows, and F is
+    the dense matrix `C` on every rank.
 
     Of bodies that no support holds, nothing by default: `modes` is the number of their rigid
     motions, `motions` (owned,) each the displacements of the dual rows under them, `rho` (modes,)
@@ -45,9 +46,9 @@ class DualProblem(ABC):
     def dot(self, a: np.ndarray, b: np.ndarray) -> float:
         """Global scalar product of two dual vectors; collective."""
 
-    @abstractmethod
     def minimum(self, value: float) -> float:
         """The smallest of the ranks' numbers; collective."""
+        return self.comm.allreduce(value, op=MPI.MIN) if self.comm.size > 1 else value
 
     @abstractmethod
     def load_response(self, weights: np.ndarray) -> np.ndarray:
@@ -55,32 +56,23 @@ class DualProblem(ABC):
 
     @abstractmethod
     def corner_displacement(self, multipliers: np.ndarray, weights: np.ndarray) -> float:
-        """Largest displacement of a corner: a cheap measure of how far the body moves; collective.
-        """
+        """Largest displacement of a corner, a cheap measure of the body's motion; collective."""
 
     @abstractmethod
     def preconditioner(self):
-        """Callable (residual, free) -> preconditioned residual on the face `free`, zero elsewhere;
-        dual vectors.
-        """
+        """Callable (residual, free) -> preconditioned residual on the face, zero elsewhere."""
 
     def norm_bound(self, scale: np.ndarray) -> float | None:
-        """Upper bound of ||D F D|| with D = diag(scale), (owned,); None where only products with F
-        could tell.
-        """
+        """Bound of ||D F D||, D = diag(scale), (owned,); None where only products could tell."""
         return None
 
     def imbalance(self, multipliers: np.ndarray,
                   weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(modes,) work of loads and contact forces on every rigid motion, zero in equilibrium, and
-        their sizes.
-        """
+        """(modes,) work of all forces on the rigid motions, zero in equilibrium; its sizes."""
         return np.zeros(0), np.zeros(0)
 
     def with_contact(self, contact) -> "DualProblem":
-        """The same body with other gaps, friction or initial state at its contact nodes; counts its
-        own products.
-        """
+        """The same body with other gaps, friction or initial state; counts its own products."""
         other = copy.copy(self)
         other.structure, other.products = dataclasses.replace(self.structure, contact=contact), 0
         return other

@@ -1,6 +1,4 @@
-"""Sparse Cholesky (LDL') factorizations by PETSc, MUMPS and CHOLMOD, and solutions with them, each
-on one rank.
-"""
+"""Sparse Cholesky (LDL') factorizations by PETSc, MUMPS and CHOLMOD, each on one rank."""
 
 import numpy as np
 from petsc4py import PETSc
@@ -15,9 +13,7 @@ def petsc_matrix(matrix) -> PETSc.Mat:
 
 
 def petsc_upper(upper) -> PETSc.Mat:
-    """Sequential symmetric PETSc matrix (n, n) of its `upper` triangle, scipy CSR with sorted
-    columns.
-    """
+    """Sequential symmetric PETSc matrix (n, n) of its `upper` triangle, sorted scipy CSR."""
     csr = (upper.indptr.astype(PETSc.IntType), upper.indices.astype(PETSc.IntType), upper.data)
     return PETSc.Mat().createSBAIJ(upper.shape, 1, csr=csr, comm=PETSc.COMM_SELF)
 
@@ -25,8 +21,7 @@ def petsc_upper(upper) -> PETSc.Mat:
 def factorized(matrix: PETSc.Mat, package: str = "petsc") -> PETSc.PC:
     """Factorization of a symmetric matrix (n, n) by `package`: petsc, mumps or cholmod.
 
-    MUMPS counts null pivots (INFOG(28)) instead of dividing by them. Raises PETSc.Error where PETSc
-    does.
+    MUMPS counts null pivots (INFOG(28)) instead of dividing by them. Raises PETSc.Error.
     """
     pc = PETSc.PC().create(PETSc.COMM_SELF)
     pc.setType("cholesky")
@@ -42,9 +37,7 @@ def factorized(matrix: PETSc.Mat, package: str = "petsc") -> PETSc.PC:
 
 
 def solve_columns(pc: PETSc.PC, right: np.ndarray) -> np.ndarray:
-    """Solution (n, k) for the columns of `right` (n, k), n and k positive, with a factorization of
-    one rank.
-    """
+    """Solution (n, k) for the columns of `right` (n, k), n and k positive."""
     b = PETSc.Mat().createDense(right.shape, array=np.asfortranarray(right), comm=PETSc.COMM_SELF)
     x = PETSc.Mat().createDense(right.shape, comm=PETSc.COMM_SELF)
     x.setUp()

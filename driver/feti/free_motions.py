@@ -1,5 +1,4 @@
-"""Rigid motions of bodies that no support holds, as the dual problem sees them, and the springs
-that hold them.
+"""Rigid motions of bodies that no support holds, in the dual, and the springs that hold them.
 
 Springs of small stiffness 1/rho hold such bodies; their rest positions alpha follow the motion
 until they carry no force, the proximal point method or, in the dual, the augmented Lagrangian of G
@@ -32,19 +31,16 @@ def displacement(structure: Substructure, classes: list[LocalClass], vectors: Du
                 rows = structure.rows[s]
                 moved[i] = (rows.coefficient * u[rows.dof]).sum(axis=1)
     glued = vectors.assemble(local * vectors.sign)
-    # what rounding leaves
-    glued[structure.row_kind[slice(*structure.row_range)] == RowKind.GLUING] = 0.0
+    glued[structure.row_kind[slice(*structure.row_range)] == RowKind.GLUING] = 0.0  # rounding
     return glued
 
 
 def spring_compliances(classes: list[LocalClass], vectors: DualVectors,
                        motions: list[np.ndarray]) -> np.ndarray:
-    """(modes,) rho: SOFTNESS over the stiffness with which a contact row holds a motion, by the
-    softer body's part.
+    """(modes,) rho: SOFTNESS over a contact row's stiffness against a motion, the softer body's.
 
-    `motions` are the displacements (owned,) of the dual rows under each. The compliance of a row is
-    that of all subdomains it joins, their corners held by springs like their own stiffness.
-    Collective.
+    `motions` are the displacements (owned,) of the dual rows under each. A row's compliance is that
+    of all subdomains it joins, their corners on springs like their own stiffness. Collective.
     """
     if not motions:
         return np.zeros(0)
@@ -61,9 +57,7 @@ def spring_compliances(classes: list[LocalClass], vectors: DualVectors,
 
 
 def work_of_loads(structure: Substructure, comm) -> np.ndarray:
-    """(2, patterns, modes): work of every load pattern on every rigid motion, and of its absolute
-    values. Collective.
-    """
+    """(2, patterns, modes) work of patterns on motions, and of its absolute values; collective."""
     work = np.zeros((2, structure.total, structure.patterns, len(structure.rigid_modes)))
     for s, sub in enumerate(structure.subdomains):
         for k, mode in enumerate(structure.rigid_modes):

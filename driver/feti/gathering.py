@@ -1,13 +1,10 @@
-"""Arrays whose parts the ranks hold, as a whole on every rank; parts of a rank joined to one array.
-"""
+"""Arrays whose parts the ranks hold, as a whole on every rank; parts joined to one array."""
 
 import numpy as np
 
 
 class Gathering:
-    """Gathers arrays of the same lengths again and again, in the order of the ranks. Collective
-    over `comm`.
-    """
+    """Gathers arrays of the same lengths repeatedly, in rank order. Collective over `comm`."""
 
     def __init__(self, comm, length: int):
         """`length` of the rank's own part."""
@@ -24,12 +21,11 @@ class Gathering:
         return everyone
 
 
-def joined(arrays: list, kind) -> np.ndarray:
-    """Concatenation of 1-D arrays to one of type `kind`, also for ranks that have none."""
-    return np.concatenate([np.empty(0, kind), *arrays]).astype(kind)
+def joined(arrays, kind, *width: int) -> np.ndarray:
+    """Concatenation of arrays (n, *width) to one of type `kind`, also for ranks that have none."""
+    return np.concatenate([np.empty((0, *width), kind), *arrays]).astype(kind, copy=False)
 
 
 def gather(comm, local: np.ndarray) -> np.ndarray:
-    """Concatenate the ranks' arrays (n, ...) in rank order, which is subdomain order; collective.
-    """
+    """The ranks' arrays (n, ...) in rank order, which is subdomain order; collective."""
     return np.concatenate(comm.allgather(local)) if comm.size > 1 else local

@@ -1,5 +1,4 @@
-"""Stage 3: numbers of the corner dofs and of the rows of B, and both in the dofs of every local
-subdomain.
+"""Stage 3: numbers of corner dofs and rows of B, globally and in every local subdomain.
 
 Rows are numbered by the subdomain that owns them (the lowest one that has the node).
 """
@@ -21,8 +20,7 @@ def fixed_dofs(manifest: Manifest, subdomains: list[Subdomain],
                comm) -> tuple[np.ndarray, np.ndarray]:
     """Sorted keys 2 gid + component of all fixed dofs of the body, and their values (n, patterns).
 
-    Gathered, because a subdomain may touch a support in a single vertex and not know that it is
-    held.
+    Gathered, as a subdomain that touches a support in a vertex may not know of it.
     """
     keys, values = [np.empty(0, np.int64)], [np.empty((0, len(manifest.patterns)))]
     for sub in subdomains:
@@ -33,8 +31,7 @@ def fixed_dofs(manifest: Manifest, subdomains: list[Subdomain],
 
 
 def number(manifest, subdomains, first, skeleton, fixed, contact, comm, frictional) -> Substructure:
-    """Number coarse dofs and dual rows and express both in every local subdomain's dofs; collective
-    over `comm`.
+    """Number coarse dofs and dual rows, and express both in the subdomains' dofs; collective.
 
     `fixed` as `fixed_dofs` returns it, `contact` the ContactBoundary, which gets its row numbers,
     `frictional` whether its nodes have tangential rows.
@@ -67,11 +64,10 @@ def number(manifest, subdomains, first, skeleton, fixed, contact, comm, friction
     share = _pair_share(skeleton, contact)
     shares = np.concatenate([np.ones(len(gluing)), share[normal_rows], share[tangential_rows]])
     row_scale = _row_scale(skeleton, row_gid[order], kind[order], shares[order])
-    last = first + len(subdomains)
-    sorted_owner = row_owner[order]
-    row_range = (int(np.searchsorted(sorted_owner, first)),
-                 int(np.searchsorted(sorted_owner, last)))
-    row_starts = np.searchsorted(sorted_owner, np.arange(first, last)) - row_range[0]
+    subdomain = first + np.arange(len(subdomains) + 1)
+    *starts, stop = np.searchsorted(row_owner[order], subdomain).tolist()
+    row_range = (starts[0] if starts else stop, stop)
+    row_starts = np.array(starts, np.int64) - row_range[0]
     numbering = _Numbering(skeleton, corner_keys, fixed, gluing, number[:n_g], contact, share)
     local = numbering.localize(subdomains)
     primal = comm.allreduce(sum(sub.dofs for sub in subdomains))
@@ -79,18 +75,15 @@ def number(manifest, subdomains, first, skeleton, fixed, contact, comm, friction
     middles = skeleton.middles[outer] if len(skeleton.middles) else skeleton.middles
     modes, at_corners = rigid_modes(skeleton, fixed_keys, corner_keys)
     return Substructure(subdomains, first, manifest.subdomains, *local,
-                        coarse_dofs=len(corner_keys),
-                        dual_dofs=len(order), row_kind=kind[order], row_scale=row_scale,
-                        row_range=row_range,
-                        row_starts=row_starts, patterns=len(manifest.patterns), contact=contact,
-                        rigid_modes=modes, rigid_corners=at_corners,
-                        outer_edges=skeleton.edges[outer][:, 1:],
+                        coarse_dofs=len(corner_keys), dual_dofs=len(order), row_kind=kind[order],
+                        row_scale=row_scale, row_range=row_range, row_starts=row_starts,
+                        patterns=len(manifest.patterns), contact=contact, rigid_modes=modes,
+                        rigid_corners=at_corners, outer_edges=skeleton.edges[outer][:, 1:],
                         outer_middles=middles, primal_dofs=primal)
 
 
 def _pair_share(skeleton, contact) -> np.ndarray:
-    """(n_c,) part that the stiffness of both sides in series is of the contact node's own; 1 on
-    rigid obstacles.
+    """(n_c,) part that the stiffness of both sides in series is of the node's own; 1 on obstacles.
 
     Sides as stiff as one another share alike, which is no jump: relative to that.
     """
@@ -109,8 +102,7 @@ def _pair_share(skeleton, contact) -> np.ndarray:
 
 
 def _row_scale(skeleton, row_gid, kind, share) -> np.ndarray:
-    """(rows,) D with which D F D has a diagonal of like size where the stiffness jumps; ones where
-    it does not.
+    """(rows,) D for a diagonal of D F D of like size where stiffness jumps; ones where it does not.
 
     A gluing row meets the more compliant of its two sides, a contact row the stiffest of its node's
     subdomains, or `share` (rows,) of that. Powers of two, so that scaling rounds nothing; relative
@@ -120,8 +112,7 @@ def _row_scale(skeleton, row_gid, kind, share) -> np.ndarray:
                  for extreme in (np.minimum, np.maximum))
     node = np.searchsorted(skeleton.gids, row_gid)
     seen = np.where(kind == RowKind.GLUING, low[node], high[node] * share)
-    # rounding of stiffnesses must not decide between powers
-    ratio = np.round(np.log2(seen / seen.max(initial=0)), 6)
+    ratio = np.round(np.log2(seen / seen.max(initial=0)), 6)  # no rounding decides
     return 2.0 ** np.round(0.5 * ratio)
 
 
@@ -140,8 +131,7 @@ def _slides(contact, fixed_keys) -> np.ndarray:
 def _acts(contact, direction: np.ndarray, fixed_keys) -> np.ndarray:
     """True for the contact nodes whose own displacement in `direction` a support leaves free.
 
-    Between two bodies a multiplier that moves only its neighbours and the other side would nearly
-    repeat theirs.
+    Between bodies a multiplier that moves only other nodes would nearly repeat theirs.
     """
     free = np.column_stack([~np.isin(2 * contact.gid + c, fixed_keys) for c in (0, 1)])
     return np.abs(direction * free).max(axis=1, initial=0) > 1e-12
@@ -161,8 +151,7 @@ def _widen(array: np.ndarray, width: int) -> np.ndarray:
 
 
 class _Numbering:
-    """Global numbers at the nodes of the skeleton, and their localisation to the rank's subdomains.
-    """
+    """Global numbers at the nodes of the skeleton, and those of the rank's subdomains."""
 
     def __init__(self, skeleton, corner_keys, fixed, gluing, gluing_row, contact, share):
         self.skeleton, self.fixed, self.contact = skeleton, fixed, contact
@@ -171,8 +160,7 @@ class _Numbering:
         self.corner = self._at_nodes(corner_keys, np.arange(len(corner_keys)))
         self.gluing = self._at_nodes(gluing, gluing_row)
         self.held = self._at_nodes(fixed[0], np.arange(len(fixed[0])))
-        # (vertex, subdomain) pairs: how many lower subdomains share the vertex of each, and how
-        # many stiffer ones
+        # of (vertex, subdomain) pairs: how many lower, stiffer subdomains share the vertex
         self._span = int(skeleton.nodes[:, 0].max()) + 1
         order, start = skeleton.by_vertex, np.cumsum(skeleton.count) - skeleton.count
         self.pairs = skeleton.nodes[order, 1] * self._span + skeleton.nodes[order, 0]
@@ -182,7 +170,6 @@ class _Numbering:
         self.place_of[order] = self.place
         self.at_contact = np.isin(skeleton.gids, contact.term_gid)
         here = np.flatnonzero(self.at_contact[skeleton.node_id[order]])
-        # stable
         stiffer = np.lexsort((-skeleton.stiffness[order[here]], self.pairs[here] // self._span))
         self.rank = np.zeros(len(order), np.int64)
         self.rank[here[stiffer]] = self.place[here]
@@ -198,8 +185,7 @@ class _Numbering:
         """Lists of fixed dofs and values, corner dofs and numbers, and rows of all subdomains."""
         skeleton = self.skeleton
         node_id = skeleton.node_id[skeleton.own]
-        # numbered node by node, as the loader has checked
-        dof = 2 * skeleton.local[:, None] + [0, 1]
+        dof = 2 * skeleton.local[:, None] + [0, 1]  # numbered node by node, see loader
         corner, corner_at = self._present(self.corner[node_id])
         held, held_at = self._present(self.held[node_id])
         corner_dof, corner_number, held_dof = dof[corner], self.corner[node_id][corner], dof[held]
@@ -213,9 +199,7 @@ class _Numbering:
                 [corner_number[part] for part in corner_at], rows)
 
     def _present(self, numbers: np.ndarray):
-        """Where (nodes, 2) of the rank's own `numbers` are any, and the slice of them of every
-        subdomain.
-        """
+        """Where (nodes, 2) the rank's `numbers` are any, and every subdomain's slice of them."""
         present = numbers >= 0
         ends = np.append(0, np.cumsum(present.sum(axis=1)))[self.skeleton.starts].tolist()
         return present, [slice(a, b) for a, b in zip(ends, ends[1:])]
@@ -233,7 +217,6 @@ class _Numbering:
         skeleton = self.skeleton
         glued, parts = self._present(self.gluing[node_id])
         sign = np.where(self.place_of[skeleton.own] == 0, 1.0, -1.0)
-        # share of the other side
         other = 1.0 - skeleton.stiffness[skeleton.own] / self.shared_stiffness[node_id]
         each, _ = np.nonzero(glued)
         row, sign, scaling = self.gluing[node_id][glued], sign[each], (other * sign)[each]
@@ -265,15 +248,14 @@ class _Numbering:
         place, inside = _lookup(sub.node_gid[order], self.contact.gid)
         here = np.flatnonzero(inside & (rows >= 0) & ~self.contact.paired)
         vertex = order[place[here]]
-        # dofs are numbered vertex by vertex, as the loader has checked
-        dof = 2 * vertex[:, None] + [0, 1]
+        dof = 2 * vertex[:, None] + [0, 1]  # numbered vertex by vertex, see loader
         free = ~held[dof]
         # the product takes a shared node's row from its owner, the preconditioner halves it between
         # the two stiffest subdomains: sums of at most two terms do not depend on their order
         pair = self._pair(self.contact.gid[here], sub.index)
         sign = np.where(self.place[pair] == 0, 1.0, 0.0)
-        alone = self.skeleton.count[np.searchsorted(self.skeleton.gids,
-                                                    self.contact.gid[here])] == 1
+        node = np.searchsorted(self.skeleton.gids, self.contact.gid[here])
+        alone = self.skeleton.count[node] == 1
         scaling = np.where(alone, 1.0, np.where(self.rank[pair] < 2, 0.5, 0.0))
         return rows[here], sign, dof, direction[here] * free, direction[here] * ~free, scaling
 
@@ -289,7 +271,7 @@ class _Numbering:
         what both have in series.
         """
         c, order = self.contact, np.argsort(sub.node_gid)
-        at, inside = _lookup(sub.node_gid[order], c.term_gid)
+        position, inside = _lookup(sub.node_gid[order], c.term_gid)
         mine = np.flatnonzero(inside & c.paired[c.term_node] & (rows[c.term_node] >= 0))
         mine = mine[self.place[self._pair(c.term_gid[mine], sub.index)] == 0]
         mine = mine[np.argsort(c.term_node[mine], kind="stable")]
@@ -297,12 +279,11 @@ class _Numbering:
         slot = np.arange(len(mine)) - np.repeat(start, count)  # a term's place in its row
         place = (np.repeat(np.arange(len(here)), count), slot)
         vertex, value, own = np.zeros((3, len(here), count.max(initial=1)))
-        vertex[place], value[place] = order[at[mine]], c.term_value[mine]
+        vertex[place], value[place] = order[position[mine]], c.term_value[mine]
         own[place] = ~c.term_other[mine]
         shape = (len(here), 2 * vertex.shape[1])
         dof = (2 * vertex.astype(np.int64)[:, :, None] + [0, 1]).reshape(shape)
         coefficient = (value[:, :, None] * direction[here][:, None, :]).reshape(shape)
         free = ~held[dof]
-        # adds up to the root over the subdomains
-        scaling = (own * value).sum(axis=1) * np.sqrt(self.share[here])
+        scaling = (own * value).sum(axis=1) * np.sqrt(self.share[here])  # adds up to the root
         return rows[here], np.ones(len(here)), dof, coefficient * free, coefficient * ~free, scaling

@@ -1,5 +1,4 @@
-"""Stage 4: the FETI-DP reduction of the torn body to its dual problem, min 1/2 lambda' F lambda -
-lambda' d.
+"""Stage 4: the FETI-DP reduction of the torn body, min 1/2 lambda' F lambda - lambda' d.
 
 With the space X = X^r + X^c of the slides (corner dofs c primal, all others r torn), constraint
 rows B = [B_r, B_c] and multipliers lambda (forces),
@@ -38,8 +37,7 @@ from .vectors import DualVectors
 
 
 class DualOperator(DualProblem):
-    """F and d of a torn body; collective over `comm`. Raises NoSolution where a subdomain or the
-    structure is loose.
+    """F and d of a torn body; collective over `comm`. Raises NoSolution where something is loose.
 
     `classes` are those of equal subdomains, `vectors` the layout of dual vectors and local rows,
     `coarse` the coarse problem; `acting` are the local subdomains with loads or supports.
@@ -53,28 +51,25 @@ class DualOperator(DualProblem):
         self.vectors = DualVectors(structure, self.classes, comm)
         self._F = BlockDiagonal(self.classes, [c.F for c in self.classes], "rows", "rows")
         self._A = BlockDiagonal(self.classes, [c.A for c in self.classes], "rows", "corners")
-        self._A_transposed = BlockDiagonal(self.classes, [c.A_transposed for c in self.classes],
-                                           "corners", "rows")
+        transposed = [c.A_transposed for c in self.classes]
+        self._A_transposed = BlockDiagonal(self.classes, transposed, "corners", "rows")
         self.coarse = CoarseProblem(structure, self.classes, comm)
         self._recovery = Recovery(structure, self.classes, self.coarse)
-        self.acting = [s for s, sub in enumerate(structure.subdomains) if sub.loads.any()
-                       or len(structure.fixed[s])]
+        self.acting = [s for s, sub in enumerate(structure.subdomains)
+                       if sub.loads.any() or len(structure.fixed[s])]
         self.motions = [free_motions.displacement(structure, self.classes, self.vectors, k)
                         for k in range(self.modes)]
         self._motion_columns = np.array(self.motions).reshape(self.modes, self.owned).T
         self.rho = self.coarse.rho = free_motions.spring_compliances(self.classes, self.vectors,
                                                                      self.motions)
-        # d and the displacements of the stacked corner dofs under every load pattern, then under
-        # every rigid motion
+        # d and the stacked corner displacements under every load pattern, then rigid motion
         self._loaded = [self._response(k) for k in range(structure.patterns)]
         corners = structure.rigid_corners[self.coarse.numbers]
         self._loaded += [(d, corners[:, k]) for k, d in enumerate(self.motions)]
         self.rigid_work = free_motions.work_of_loads(structure, comm)
 
     def _response(self, pattern: int) -> tuple[np.ndarray, np.ndarray]:
-        """d = B u (owned,) and the stacked corner displacements of the body under one load pattern
-        alone.
-        """
+        """d = B u (owned,) and stacked corner displacements under one load pattern alone."""
         rows, corner = self._recovery.response(pattern)
         self._A_transposed.multiply(corner, rows, add=True)
         return self.vectors.assemble(rows * self.vectors.sign), corner
@@ -93,41 +88,28 @@ class DualOperator(DualProblem):
         return vectors.add_up()
 
     def dot(self, a: np.ndarray, b: np.ndarray) -> float:
-        """Global scalar product of two dual vectors: partial sums by subdomain, added in their
-        order.
-        """
+        """Global scalar product: partial sums by subdomain, added in their order."""
         return self.vectors.dot(a, b)
-
-    def minimum(self, value: float) -> float:
-        """The smallest of the ranks' numbers."""
-        return self.vectors.minimum(value)
 
     def preconditioner(self) -> DirichletPreconditioner:
         """The Dirichlet preconditioner of F."""
         return DirichletPreconditioner(self)
 
     def load_response(self, weights: np.ndarray) -> np.ndarray:
-        """d for the load sum_k weights_k f_k; `weights` may go on with the factors of the rigid
-        motions.
-        """
+        """d for the load sum_k weights_k f_k, which may go on with factors of rigid motions."""
         return sum((w * d for w, (d, _) in zip(weights, self._loaded)), np.zeros(self.owned))
 
     def imbalance(self, multipliers: np.ndarray,
                   weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(modes,) work of loads and contact forces on every rigid motion, zero in equilibrium, and
-        their sizes.
-        """
-        factors = weights[: self.structure.patterns]
-        D = self._motion_columns
+        """(modes,) work of all forces on the rigid motions, zero in equilibrium; its sizes."""
+        factors, D = weights[: self.structure.patterns], self._motion_columns
         x = np.repeat(multipliers[:, None], self.modes, axis=1)
         both = self.vectors.dots(np.hstack([D, np.abs(D)]), np.hstack([x, np.abs(x)]))
         net, size = np.split(both, 2)
         return factors @ self.rigid_work[0] - net, np.abs(factors) @ self.rigid_work[1] + size
 
     def message_bytes(self) -> dict[str, int]:
-        """Bytes that this rank receives: in a product with F, for gluing and coarse problem, and in
-        a scalar product.
-        """
+        """Bytes that this rank receives in a product with F (gluing, coarse) and in a dot."""
         others = self.structure.total - len(self.structure.subdomains)
         return {"rows": 2 * 8 * self.vectors.foreign, "coarse": 8 * self.coarse.foreign,
                 "dot": 8 * others}
@@ -140,8 +122,8 @@ class DualOperator(DualProblem):
 
     def coarse_displacements(self, multipliers: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """(coarse dofs,) displacements of the corners, on every rank."""
-        return self.coarse.whole(self._corner_displacements(self._signed_rows(multipliers),
-                                                            weights))
+        corner = self._corner_displacements(self._signed_rows(multipliers), weights)
+        return self.coarse.whole(corner)
 
     def displacements(self, multipliers: np.ndarray, weights: np.ndarray,
                       forces: list | None = None) -> list[np.ndarray]:
@@ -154,15 +136,11 @@ class DualOperator(DualProblem):
         return self._recovery.displacements(rows, weights, forces, corner)
 
     def forces_on_supports(self, multipliers: np.ndarray) -> list[np.ndarray]:
-        """B' lambda on the fixed dofs of every local subdomain: contact forces that a support takes
-        directly.
-        """
+        """B' lambda on the fixed dofs of every subdomain: contact forces on its supports."""
         return self._recovery.forces_on_supports(self._signed_rows(multipliers))
 
     def inner_forces(self, fields: list[np.ndarray]) -> list[np.ndarray]:
-        """K u (dofs,) for displacements u (dofs,) of every local subdomain, with the stiffness of
-        its class.
-        """
+        """K u (dofs,) for displacements u (dofs,) of every subdomain, with its class's K."""
         return self._recovery.inner_forces(fields)
 
     def _signed_rows(self, multipliers: np.ndarray) -> np.ndarray:
@@ -180,10 +158,8 @@ class DualOperator(DualProblem):
 
 
 def _reduced(structure: Substructure, comm) -> list[LocalClass]:
-    """The rank's classes of equal subdomains, reduced; raises on all ranks the NoSolution of any.
-    """
-    classes, error = [], None
-    groups = group(structure, comm)
+    """The rank's classes of equal subdomains, reduced; every rank raises the NoSolution of any."""
+    groups, classes, error = group(structure, comm), [], None
     try:
         classes = [reduce_class(structure, *members) for members in groups]
     except NoSolution as problem:

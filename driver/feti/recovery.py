@@ -12,8 +12,7 @@ from .structure import Substructure
 
 
 class Recovery:
-    """Solutions on the rank's subdomains. Fields are lists of (dofs,) arrays of the local
-    subdomains.
+    """Solutions on the rank's subdomains; fields are lists of their (dofs,) arrays.
 
     `rows` are stacked, signed local multipliers, `corner` displacements of the stacked corner dofs;
     `weights` are the factors of the load patterns, which may go on with those of the rigid motions.
@@ -36,9 +35,7 @@ class Recovery:
         return sub.loads - np.array([sub.multiply(u) for u in held])
 
     def response(self, pattern: int) -> tuple[np.ndarray, np.ndarray]:
-        """Under one load pattern alone: stacked local B_r u_r with fixed corners, and the corner
-        displacements.
-        """
+        """Under one load pattern: local B_r u_r with fixed corners, and corner displacements."""
         weights = np.eye(self.structure.patterns)[pattern]
         moved = self._prescribed(weights)
         right = [self._forces(c, weights, np.zeros(len(moved)), None) for c in self.classes]
@@ -96,26 +93,18 @@ class Recovery:
         return f
 
     def _torn_response(self, right: list[np.ndarray]) -> list[np.ndarray]:
-        """K_rr^-1 f_r (n_r, members) of the classes under forces (dofs, members): displacements
-        with fixed corners.
-        """
-        return [c.factor.solve(f[c.torn]) if f[c.torn].any()
-                else np.zeros((len(c.torn), f.shape[1]))
-                for c, f in zip(self.classes, right)]
+        """K_rr^-1 f_r (n_r, members) of the classes under forces (dofs, members)."""
+        return [_torn_displacements(c, f[c.torn]) for c, f in zip(self.classes, right)]
 
     def _corner_response(self, right: list[np.ndarray], torn: list[np.ndarray]) -> np.ndarray:
-        """Displacements of the stacked corner dofs under forces on the classes; `torn` is
-        `_torn_response`.
-        """
+        """Displacements of stacked corner dofs under forces with `_torn_response` `torn`."""
         force = np.empty(len(self.coarse.numbers))
         for c, f, u_r in zip(self.classes, right, torn):
             force[c.corners] = (f[c.corner] - c.K_rc.T @ u_r).T.ravel()
         return self.coarse.solve(force)
 
     def forces_on_supports(self, rows: np.ndarray) -> list[np.ndarray]:
-        """B' lambda on the fixed dofs of every local subdomain: contact forces that a support takes
-        directly.
-        """
+        """B' lambda on the fixed dofs of every subdomain: contact forces on its supports."""
         structure = self.structure
         taken = [np.empty(0)] * len(structure.subdomains)
         for c in self.classes:
@@ -123,10 +112,9 @@ class Recovery:
                 if not len(structure.fixed[s]):
                     continue
                 local = structure.rows[s]
-                all_dofs = np.bincount(local.dof.ravel(),
-                                       (local.fixed_part * forces[:, None]).ravel(),
-                                       minlength=structure.subdomains[s].dofs)
-                taken[s] = all_dofs[structure.fixed[s]]
+                parts = (local.fixed_part * forces[:, None]).ravel()
+                dofs = structure.subdomains[s].dofs
+                taken[s] = np.bincount(local.dof.ravel(), parts, dofs)[structure.fixed[s]]
         return taken
 
     def inner_forces(self, fields: list[np.ndarray]) -> list[np.ndarray]:
@@ -140,11 +128,13 @@ class Recovery:
 
 
 def _class_displacements(c: LocalClass, f: np.ndarray, corner: np.ndarray) -> np.ndarray:
-    """(dofs, members) displacements of a class under forces f (dofs, members), given those of the
-    stacked corner dofs.
-    """
+    """(dofs, members) displacements of a class under f (dofs, members), given the corners'."""
     u = np.zeros(f.shape)
     u[c.corner] = corner[c.corners].reshape(len(c.members), -1).T
-    f = f[c.torn] - c.K_rc @ u[c.corner]
-    u[c.torn] = c.factor.solve(f) if f.any() else 0.0
+    u[c.torn] = _torn_displacements(c, f[c.torn] - c.K_rc @ u[c.corner])
     return u
+
+
+def _torn_displacements(c: LocalClass, forces: np.ndarray) -> np.ndarray:
+    """K_rr^-1 times `forces` (n_r, members) on a class, without a solution where they are zero."""
+    return c.factor.solve(forces) if forces.any() else np.zeros_like(forces)

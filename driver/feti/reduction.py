@@ -1,9 +1,7 @@
-"""Stage 4, local part: classes of equal subdomains and the reduction of each to its rows and
-corners.
+"""Stage 4, local: classes of equal subdomains, each reduced to its rows and corners.
 
 K_rr of a class is factorized once; its dual operator B_r K_rr^-1 B_r' and its coupling A to the
-corners are formed explicitly: in 2D these dense matrices are small and their products beat pairs of
-triangular solves.
+corners are explicit: in 2D these dense matrices are small and faster than triangular solves.
 """
 
 import hashlib
@@ -27,8 +25,7 @@ class Factor:
     """Cholesky factorization of a sparse symmetric positive definite matrix by PETSc."""
 
     def __init__(self, matrix):
-        """Factorize `matrix` (scipy CSR, n x n). Raises NoSolution if it is not positive definite.
-        """
+        """Factorize a scipy CSR `matrix` (n, n). Raises NoSolution unless positive definite."""
         self.size = matrix.shape[0]
         if self.size == 0:
             return
@@ -37,8 +34,8 @@ class Factor:
         except PETSc.Error as error:
             if shortage(error):
                 raise
-            raise NoSolution("a subdomain is not held by its corners and supports "
-                             "(zero pivot)") from error
+            reason = "a subdomain is not held by its corners and supports (zero pivot)"
+            raise NoSolution(reason) from error
         negative, zero, _ = self._factor.getFactorMatrix().getInertia()
         if negative or zero:
             raise NoSolution("a subdomain's stiffness is not positive definite; check material and "
@@ -53,8 +50,7 @@ class Factor:
 
 @dataclass
 class LocalClass:
-    """Subdomains with equal matrices. m rows, n_r torn, n_c corner dofs; `members` are local
-    indices.
+    """Subdomains with equal matrices: m rows, n_r torn, n_c corner dofs; local indices `members`.
 
     `rows` and `corners` are the slices of the rank's stacked local rows and corner dofs that belong
     to the members, member after member.
@@ -80,9 +76,7 @@ class LocalClass:
 
 
 def stack(classes: list[LocalClass]) -> None:
-    """Stack the local rows and corner dofs class by class: sets the slices `rows` and `corners` of
-    every class.
-    """
+    """Stack local rows and corner dofs class by class: sets every class's `rows` and `corners`."""
     row = corner = 0
     for c in classes:
         count = len(c.members)
@@ -100,19 +94,17 @@ def group(structure: Substructure, comm) -> list[tuple[list[int], np.ndarray, bo
     """
     keys, patterns = [], {}
     for s, sub in enumerate(structure.subdomains):
-        # subdomains share what the loader has found to be equal
-        same = id(sub.rows), id(sub.columns), id(sub.values)
+        same = id(sub.rows), id(sub.columns), id(sub.values)  # shared if found equal by the loader
         pattern = patterns.get(same) or patterns.setdefault(same, _pattern(sub))
         keys.append(_fingerprint(structure, s, pattern))
-    open_ = list(range(len(keys)))
-    classes = []
+    open_, classes = list(range(len(keys))), []
     while comm.allreduce(len(open_)):
         mine = {}
         for s in open_:
             mine.setdefault(keys[s], s)
         first = {}  # of every key the rank that has its first subdomain
-        for rank, found in enumerate(comm.allgather(list(mine))):
-            for key in found:
+        for rank, present in enumerate(comm.allgather(list(mine))):
+            for key in present:
                 first.setdefault(key, []).append(rank)
         shared = {key: structure.subdomains[s].values for key, s in mine.items()
                   if first[key][0] == comm.rank and len(first[key]) > 1}
@@ -150,13 +142,11 @@ def _pattern(sub: Subdomain) -> bytes:
 
 
 def _fingerprint(structure: Substructure, s: int, pattern: bytes) -> bytes:
-    """Digest that equal subdomains share: dof sets and rows beside the `pattern` of their
-    stiffness.
-    """
+    """Digest that equal subdomains share: dof sets, rows and the `pattern` of the stiffness."""
     rows = structure.rows[s]
     digest = hashlib.sha1(pattern)
-    for part in (structure.fixed[s], structure.corner_dofs[s], rows.dof,
-                 rows.coefficient.round(13)):
+    parts = structure.fixed[s], structure.corner_dofs[s], rows.dof, rows.coefficient.round(13)
+    for part in parts:
         digest.update(part.tobytes())
         digest.update(b"|")
     return digest.digest()
@@ -186,7 +176,6 @@ def reduce_class(structure: Substructure, members: list[int], values: np.ndarray
 
 def constraint_matrix(rows: LocalRows, dofs: int):
     """Unsigned rows of B on one subdomain as scipy CSR, shape (m, dofs)."""
-    m = len(rows.row)
-    entries = (rows.coefficient.ravel(),
-               (np.repeat(np.arange(m), rows.dof.shape[1]), rows.dof.ravel()))
+    m, w = rows.dof.shape
+    entries = rows.coefficient.ravel(), (np.repeat(np.arange(m), w), rows.dof.ravel())
     return coo_matrix(entries, shape=(m, dofs)).tocsr()

@@ -7,12 +7,9 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 
-
 @dataclass
 class RigidMode:
-    """A rigid motion of one body that no support holds: u(x) = a + b (x - center) turned by +90
-    degrees.
-    """
+    """A rigid motion of an unsupported body: u(x) = a + b (x - center) turned by +90 degrees."""
 
     body: int  # number of the body: connected subdomains, in the order of their first one
     members: np.ndarray  # subdomains of the body
@@ -29,21 +26,19 @@ class RigidMode:
 def rigid_modes(skeleton, fixed_keys, corner_keys) -> tuple[list[RigidMode], np.ndarray]:
     """Rigid motions that the supports leave to each body, orthonormal at its coarse dofs."""
     total = int(skeleton.nodes[:, 0].max()) + 1
-    links = coo_matrix((np.ones(len(skeleton.nodes)),
-                        (skeleton.nodes[:, 0], total + skeleton.node_id)),
-                       shape=(total + len(skeleton.gids),) * 2)
+    ends = skeleton.nodes[:, 0], total + skeleton.node_id
+    links = coo_matrix((np.ones(len(ends[0])), ends), shape=(total + len(skeleton.gids),) * 2)
     _, body = connected_components(links, directed=False)
     place = skeleton.place
     modes, columns = [], []
-    # in the order of the first subdomains
-    for number, one in enumerate(dict.fromkeys(body[:total].tolist())):
-        vertices = np.flatnonzero(body[total:] == one)
+    for number, component in enumerate(dict.fromkeys(body[:total].tolist())):  # by first subdomain
+        vertices = np.flatnonzero(body[total:] == component)
         center, size = place[vertices].mean(axis=0), np.ptp(place[vertices], axis=0).max()
         keys = (2 * skeleton.gids[vertices][:, None] + [0, 1]).ravel()
         away = (place[vertices] - center) / size
-        motions = np.stack([np.tile([1.0, 0.0], (len(away), 1)), np.tile([0.0, 1.0],
-                                                                         (len(away), 1)),
-                            np.column_stack([-away[:, 1], away[:, 0]])], axis=2).reshape(-1, 3)
+        along_x, along_y = (np.tile(axis, (len(away), 1)) for axis in np.eye(2))
+        turned = np.column_stack([-away[:, 1], away[:, 0]])
+        motions = np.stack([along_x, along_y, turned], axis=2).reshape(-1, 3)
         held = np.linalg.qr(motions[np.isin(keys, fixed_keys)], mode="r")  # (at most 3, 3)
         _, sizes, basis = np.linalg.svd(held, full_matrices=True)
         rank = int((sizes > 1e-10 * max(1.0, sizes.max(initial=0.0))).sum())
@@ -56,6 +51,6 @@ def rigid_modes(skeleton, fixed_keys, corner_keys) -> tuple[list[RigidMode], np.
         column = np.zeros((len(corner_keys), free.shape[1]))
         column[np.searchsorted(corner_keys, keys[at_corner])] = motions[at_corner] @ free
         columns.append(column)
-        members = np.flatnonzero(body[:total] == one)
+        members = np.flatnonzero(body[:total] == component)
         modes += [RigidMode(number, members, center, c[:2].copy(), c[2] / size) for c in free.T]
     return modes, np.hstack([np.zeros((len(corner_keys), 0)), *columns])

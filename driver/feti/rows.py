@@ -1,5 +1,4 @@
-"""Rows of the constraint matrix B (Haslinger, Vlach, Dostal, SNA'07): their kinds, and those of one
-subdomain.
+"""Rows of the constraint matrix B (Haslinger, Vlach, Dostal, SNA'07): kinds, and local rows.
 
 * gluing: u_c(a, i) - u_c(a, j) = 0 at every interface node a that is no corner (non-redundant, as
   such a node belongs to exactly two subdomains i < j), for every displacement component c that is
@@ -24,16 +23,13 @@ class RowKind(IntEnum):
 
 @dataclass
 class LocalRows:
-    """Constraint rows that act on one subdomain: row r reads sign_r * sum_k coefficient_rk
-    u[dof_rk].
+    """Rows that act on one subdomain: row r reads sign_r * sum_k coefficient_rk u[dof_rk].
 
-    The width w is 2, or what the widest row between bodies needs; shorter rows end with zero
-    coefficients.
+    The width w is 2, or that of the widest row between bodies; shorter rows end with zeros.
     """
 
     row: np.ndarray  # (m,) global dual row
-    # (m,) +1/-1 on gluing rows, 1 on contact rows, 0 where another subdomain owns one
-    sign: np.ndarray
+    sign: np.ndarray  # (m,) +1/-1 on gluing rows, 1 on contact rows, 0 on another subdomain's own
     dof: np.ndarray  # (m, w)
     coefficient: np.ndarray  # (m, w), zero on fixed dofs
     fixed_part: np.ndarray  # (m, w): what was removed from `coefficient` there
@@ -47,8 +43,6 @@ class LocalRows:
 
 
 def contact_row_numbers(contact) -> np.ndarray:
-    """(n + m,) dual rows of a ContactBoundary: the normal ones, then the tangential ones, in the
-    order of its nodes.
-    """
+    """(n + m,) dual rows of a ContactBoundary: normal, then tangential ones, by node."""
     numbers = np.concatenate([contact.normal_row, contact.tangential_row])
     return numbers[numbers >= 0]

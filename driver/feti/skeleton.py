@@ -28,8 +28,7 @@ class Skeleton:
         self.edges = gather(comm, pieces.edges)  # subdomain, gid, gid, label
         self.nodes = gather(comm, pieces.nodes)  # subdomain, gid
         self.xy, self.stiffness = gather(comm, pieces.xy), gather(comm, pieces.stiffness)
-        # gid of every edge's middle, empty with linear elements
-        self.middles = gather(comm, pieces.middles)
+        self.middles = gather(comm, pieces.middles)  # of every edge, empty with linear elements
         self.local, self.starts = pieces.local, pieces.starts
         first = np.searchsorted(self.nodes[:, 0], subdomains[0].index) if subdomains else 0
         self.own = slice(first, first + len(self.local))
@@ -41,26 +40,21 @@ class Skeleton:
         self.by_vertex = np.argsort(self.nodes[:, 1], kind="stable")
         gid = self.nodes[self.by_vertex, 1]
         self._vertex_starts = np.flatnonzero(np.diff(gid, prepend=-1))
-        self.gids, self.count = gid[self._vertex_starts], np.diff(np.append(self._vertex_starts,
-                                                                            len(gid)))
+        self.gids = gid[self._vertex_starts]
+        self.count = np.diff(np.append(self._vertex_starts, len(gid)))
         self.node_id = np.empty(len(gid), np.int64)
         self.node_id[self.by_vertex] = np.repeat(np.arange(len(self.gids)), self.count)
 
     def over_subdomains(self, operation: np.ufunc, values: np.ndarray) -> np.ndarray:
-        """Minimum, maximum or sum of `values` at `nodes` over the subdomains of every vertex of
-        `gids`.
-        """
+        """Minimum, maximum or sum of nodal `values` over the subdomains of each of `gids`."""
         return operation.reduceat(values[self.by_vertex], self._vertex_starts)
 
     def links(self, label: int) -> np.ndarray:
-        """(n, 2) gids of nodes that follow one another along the edges with a label; each pair
-        once.
-        """
+        """(n, 2) gids of nodes that are neighbours along edges with a label; each pair once."""
         here = self.edges[:, 3] == label
         ends = self.edges[here, 1:3]
         if len(self.middles):
-            ends = np.concatenate([np.column_stack([ends[:, k], self.middles[here]]) for k in (0,
-                                                                                               1)])
+            ends = np.column_stack([ends.T.ravel(), np.tile(self.middles[here], 2)])
         return np.unique(ends, axis=0)
 
     @cached_property
@@ -89,18 +83,12 @@ class Skeleton:
         agree(comm, error)
 
     def check_overlap(self, paired: np.ndarray) -> None:
-        """The outline must not cross itself: such a start would penetrate itself.
-
-        Labels `paired` are spared: two bodies that fit may cross by the error of their meshes.
-        """
-        place = self.place
-        ends = np.searchsorted(self.gids,
-                               self.edges[~self.shared & ~np.isin(self.edges[:, 3], paired), 1:3])
-        p, q = place[ends[:, 0]], place[ends[:, 1]]
+        """Refuse an outline that crosses itself, but not where pairs `paired` fit only roughly."""
+        outer = ~self.shared & ~np.isin(self.edges[:, 3], paired)
+        p, q = self.place[np.searchsorted(self.gids, self.edges[outer, 1:3])].swapaxes(0, 1)
         low, high = np.minimum(p, q), np.maximum(p, q)
         order = np.argsort(low[:, 0])
-        # edges that start before this one ends
-        last = np.searchsorted(low[order, 0], high[order, 0], side="right")
+        last = np.searchsorted(low[order, 0], high[order, 0], side="right")  # start before
         for i, (here, stop) in enumerate(zip(order, last)):
             other = order[i + 1 : stop]
             other = other[(low[other, 1] < high[here, 1]) & (high[other, 1] > low[here, 1])]
@@ -114,8 +102,8 @@ class Skeleton:
         other = np.full(len(self.edges), -1)
         order = np.argsort(self.edge_id, kind="stable")
         order = order[self.shared[order]]
-        other[order[0::2]], other[order[1::2]] = self.edges[order[1::2],
-                                                            0], self.edges[order[0::2], 0]
+        other[order[0::2]] = self.edges[order[1::2], 0]
+        other[order[1::2]] = self.edges[order[0::2], 0]
         return other
 
 
@@ -131,10 +119,9 @@ class _Pieces:
                     for sub in subdomains]
         first = np.cumsum([0, *(len(sub.node_gid) for sub in subdomains)])
 
-        def shifted(arrays, shape) -> np.ndarray:
+        def shifted(arrays, *width: int) -> np.ndarray:
             """The subdomains' node numbers, counted on from one subdomain to the next."""
-            return np.concatenate([np.empty(shape, np.int64),
-                                   *(numbers + start for numbers, start in zip(arrays, first))])
+            return joined((n + start for n, start in zip(arrays, first)), np.int64, *width)
 
         def subdomain(arrays) -> np.ndarray:
             """The subdomain that each entry of `arrays` belongs to."""
@@ -142,28 +129,26 @@ class _Pieces:
             return np.repeat(index, [len(array) for array in arrays]).astype(np.int64)
 
         gid = joined([sub.node_gid for sub in subdomains], np.int64)
-        edges, nodes = [outline.edges for outline in outlines], [outline.nodes
-                                                                 for outline in outlines]
-        ends, boundary = shifted(edges, (0, 2)), shifted(nodes, 0)
-        labelled = shifted((sub.edges for sub in subdomains), (0, 2))
+        edges = [outline.edges for outline in outlines]
+        nodes = [outline.nodes for outline in outlines]
+        ends, boundary = shifted(edges, 2), shifted(nodes)
+        labelled = shifted((sub.edges for sub in subdomains), 2)
         labels = joined([sub.edge_label for sub in subdomains], np.int64)
         label = edge_labels(labelled, labels, ends)
         self.edges = np.column_stack([subdomain(edges), np.sort(gid[ends], axis=1), label])
         self.nodes = np.column_stack([subdomain(nodes), gid[boundary]])
-        self.xy = np.concatenate([np.empty((0, 2)), *(sub.xy for sub in subdomains)])[boundary]
-        self.middles = gid[shifted((outline.middles for outline in outlines), 0)]
+        self.xy = joined((sub.xy for sub in subdomains), float, 2)[boundary]
+        self.middles = gid[shifted(outline.middles for outline in outlines)]
         self.local = joined(nodes, np.int64)
         self.starts = np.cumsum([0, *(len(own) for own in nodes)])
-        stiffness = joined([outline.stiffness(sub) for outline, sub in zip(outlines, subdomains)],
-                           float)
+        stiffness = joined(map(Outline.stiffness, outlines, subdomains), float)
         # means over triangles differ by rounding: nine digits make equals equal
         mantissa, exponent = np.frexp(stiffness)
         self.stiffness = np.ldexp(np.round(mantissa * 2.0**30) / 2.0**30, exponent)
 
 
 class Outline:
-    """The boundary of a subdomain in its own numbering: edges (n, 2), nodes (m,), middles of the
-    edges.
+    """The boundary of a subdomain in its own numbering: edges (n, 2), nodes (m,), edge middles.
 
     Subdomains with the same `elements` have the same outline.
     """
@@ -179,9 +164,7 @@ class Outline:
         self._first = np.searchsorted(sub.elements.ravel()[order], self.nodes)
 
     def stiffness(self, sub: Subdomain) -> np.ndarray:
-        """(m,) stiffness of a subdomain at the nodes: the trace of Hooke's law in the stiffest
-        triangle there.
-        """
+        """(m,) stiffness at the nodes: trace of Hooke's law in the stiffest triangle there."""
         trace = np.einsum("tii->t", sub.elasticity)
         return np.maximum.reduceat(trace[self._triangle], self._first)
 
@@ -195,27 +178,25 @@ def boundary_edges(triangles: np.ndarray) -> np.ndarray:
 
 
 def edge_labels(labelled: np.ndarray, labels: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Labels of edges (n, 2), smaller vertex first, from those of the edges `labelled` (m, 2); 0
-    where they are not.
-    """
+    """Labels of edges (n, 2), smaller vertex first, by those of `labelled` (m, 2), else 0."""
     span = 1 + max(labelled.max(initial=0), edges.max(initial=0))
     given = np.sort(labelled, axis=1)
     keys, wanted = given[:, 0] * span + given[:, 1], edges[:, 0] * span + edges[:, 1]
     order = np.argsort(keys)
     place = np.minimum(np.searchsorted(keys[order], wanted), len(order) - 1)
-    return np.where(keys[order[place]] == wanted, labels[order[place]],
-                    0) if len(order) else np.zeros(len(edges), np.int64)
+    if not len(order):
+        return np.zeros(len(edges), np.int64)
+    return np.where(keys[order[place]] == wanted, labels[order[place]], 0)
 
 
 def _crosses(p: np.ndarray, q: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Whether the segment p-q has an inner point in common with the inside of each segment a-b."""
-    # touching ends do not count; rounding of a side is about eps times the squared length of an
-    # edge
+    # touching ends do not count; a side's rounding is about eps times the edge's square
     slack = 1e-12 * np.maximum(((q - p) ** 2).sum(), ((b - a) ** 2).sum(axis=1))
 
     def apart(start, stop, first, second):
         """Whether two points lie on different sides of the line through start and stop."""
-        one, two = cross(stop - start, first - start), cross(stop - start, second - start)
-        return (one > slack) & (two < -slack) | (one < -slack) & (two > slack)
+        a, b = cross(stop - start, first - start), cross(stop - start, second - start)
+        return (a > slack) & (b < -slack) | (a < -slack) & (b > slack)
 
     return apart(p, q, a, b) & apart(a, b, p, q)

@@ -1,5 +1,4 @@
-"""The torn body as a rank knows it: dof sets and rows of its subdomains, and the global numbering.
-"""
+"""The torn body as a rank knows it: its subdomains' dof sets and rows, and global numbers."""
 
 from dataclasses import dataclass
 
@@ -25,8 +24,7 @@ class Substructure:
     coarse_dofs: int
     dual_dofs: int
     row_kind: np.ndarray  # (dual_dofs,) RowKind
-    # (dual_dofs,) power of two near the root of the stiffness that a row sees, relative
-    row_scale: np.ndarray
+    row_scale: np.ndarray  # (dual_dofs,) power of two near the root of a row's relative stiffness
     row_range: tuple[int, int]  # rows owned by this rank
     row_starts: np.ndarray  # per local subdomain: its first row, counted from row_range[0]
     patterns: int

@@ -8,7 +8,6 @@ subdomains share add their terms in that order, too.
 """
 
 import numpy as np
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from .gathering import Gathering, joined
@@ -36,8 +35,8 @@ class DualVectors:
         self._dual = PETSc.Vec().createMPI((self.owned, structure.dual_dofs), comm=comm)
         self._gathered, self._to_rows = _scatter(self._dual, numbers)
         self._local = self._gathered.duplicate()
-        self._slots = _Slots(structure, numbers, order,
-                             comm) if structure.contact.paired.any() else None
+        paired = structure.contact.paired.any()
+        self._slots = _Slots(structure, numbers, order, comm) if paired else None
         # partial sums of a scalar product: the rows of each subdomain, in the order of subdomains
         starts = structure.row_starts
         self._filled = starts < np.append(starts[1:], self.owned)  # reduceat has no empty segments
@@ -45,30 +44,21 @@ class DualVectors:
         self._all_partial = Gathering(comm, self._subdomains)
 
     def dot(self, a: np.ndarray, b: np.ndarray) -> float:
-        """Global scalar product of two dual vectors: partial sums by subdomain, added in their
-        order.
-        """
+        """Global scalar product: partial sums by subdomain, added in their order."""
         partial = np.zeros(self._subdomains)
         if self.owned:
             partial[self._filled] = np.add.reduceat(a * b, self._filled_starts)
         return float(self._all_partial(partial).sum())
 
     def dots(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """(k,) global scalar products of the columns of two blocks (owned, k), added as in `dot`.
-        """
+        """(k,) global scalar products of the columns of blocks (owned, k), added as in `dot`."""
         partial = np.zeros((self._subdomains, a.shape[1]))
         if self.owned:
             partial[self._filled] = np.add.reduceat(a * b, self._filled_starts, axis=0)
         return np.concatenate(self.comm.allgather(partial)).sum(axis=0)
 
-    def minimum(self, value: float) -> float:
-        """The smallest of the ranks' numbers."""
-        return self.comm.allreduce(value, op=MPI.MIN) if self.comm.size > 1 else value
-
     def gather(self, x: np.ndarray) -> np.ndarray:
-        """The rank's stacked local rows of the dual vector x, unsigned; overwritten by the next
-        call.
-        """
+        """The rank's stacked local rows of x, unsigned; overwritten by the next call."""
         self._dual.array[:] = x
         self._to_rows.scatter(self._dual, self._gathered, addv=False, mode="forward")
         return self._gathered.array
@@ -116,9 +106,8 @@ class _Slots:
         """Dual vector of stacked local rows."""
         self._local.array[:] = local
         self._scatter.scatter(self._local, self._vector, addv=False, mode="reverse")
-        if not len(self._starts):
-            return np.zeros(0)
-        return np.add.reduceat(self._vector.array, self._starts)
+        none = not len(self._starts)  # reduceat takes no empty list
+        return np.zeros(0) if none else np.add.reduceat(self._vector.array, self._starts)
 
 
 def _scatter(vector: PETSc.Vec, index: np.ndarray):

@@ -1,6 +1,7 @@
 """Anderson acceleration of fixed-point iterations."""
 
 from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
 
@@ -11,16 +12,14 @@ LIMIT = 40  # iterations at most
 
 
 class Anderson:
-    """Anderson acceleration of a fixed-point map g -> map(g) (D. Anderson, J. ACM 12 (1965)
-    547-560).
+    """Anderson acceleration of a fixed-point map g -> map(g) (J. ACM 12 (1965) 547-560).
 
     `dot` is the global scalar product of two rank's parts; `depth` differences are combined, those
     within `noise` of the others left out, and the part `damping` of the map's own change is taken.
     """
 
     def __init__(self, dot: Callable[[np.ndarray, np.ndarray], float], depth: int = DEPTH,
-                 damping: float = DAMPING,
-                 noise: float = 1e-6):
+                 damping: float = DAMPING, noise: float = 1e-6):
         self.dot, self.depth, self.damping, self.noise = dot, depth, damping, noise
         self.points, self.changes = [], []
 
@@ -30,8 +29,8 @@ class Anderson:
         self.changes.append(mapped - g)
         del self.points[: -self.depth - 1], self.changes[: -self.depth - 1]
         new = g + self.damping * self.changes[-1]
-        moves = [(b - a, d - c) for a, b, c, d in zip(self.points, self.points[1:], self.changes,
-                                                      self.changes[1:])]
+        both = zip(pairwise(self.points), pairwise(self.changes))
+        moves = [(b - a, d - c) for (a, b), (c, d) in both]
         if moves:
             gram = np.array([[self.dot(f, h) for _, h in moves] for _, f in moves])
             right = np.array([self.dot(f, self.changes[-1]) for _, f in moves])
@@ -42,7 +41,6 @@ class Anderson:
 
 def gives_up(changes: list[float]) -> bool:
     """Whether `changes` of an accelerated iteration show no headway, or are too many."""
-    best = int(np.argmin(changes))
     halved = [k for k in range(len(changes)) if changes[k] < 0.5 * min(changes[:k], default=np.inf)]
-    return len(changes) >= LIMIT or len(changes) - 1 - max(best if not halved else halved[-1],
-                                                           0) >= PATIENCE
+    last = halved[-1] if halved else int(np.argmin(changes))
+    return len(changes) >= LIMIT or len(changes) - 1 - last >= PATIENCE

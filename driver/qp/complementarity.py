@@ -1,6 +1,4 @@
-"""Solutions of the dense contact problem with friction (`coulomb`): Newton, Lemke, all states,
-search for others.
-"""
+"""Solutions of the dense contact problem with friction: Newton, Lemke, all states, search."""
 
 import itertools
 
@@ -41,15 +39,13 @@ def newton(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
 
 def settled(problem: CoulombProblem, start: np.ndarray, move: np.ndarray,
             thought: np.ndarray | None = None):
-    """Newton steps from a `start` z that is near a solution: z and its movement; the
-    caller decides what they are worth.
+    """Newton steps from a z near a solution: z and its movement, for the caller to judge.
 
-    `move` is the movement at the start.
+    `move` is the movement at `start`.
 
-    None where few nodes only changing their states, and fewer every time, do not show that it is:
-    compared with the states `thought` (n,), if given, before anything is factorized. Solutions of
-    negative index are left: successive approximations would not stay at them either, and there are
-    others.
+    None where few nodes only changing their states, and fewer every time, do not show that it is
+    near: compared with the states `thought` (n,), if given, before anything is factorized.
+    Solutions of negative index are left: successive approximations would not stay there either.
     """
     x, fewest, states, sign = start, 2 * NEAR, problem.states(start, move), problem.signs(start)
     if thought is not None and np.count_nonzero(states != thought) > NEAR:
@@ -84,8 +80,7 @@ def lemke(problem: CoulombProblem) -> np.ndarray | None:
     39 (1996) 2673-2691, use it in dynamics), unless rounding leads it astray: then another covering
     vector is tried. None if all fail.
 
-    Bodies without support are held by springs, softer every time, whose rest follows: Newton's
-    method from there.
+    Bodies without support are held by springs, ever softer, whose rest follows, before Newton.
     """
     if problem.bilateral:
         return None
@@ -102,8 +97,7 @@ def lemke(problem: CoulombProblem) -> np.ndarray | None:
     cone[np.arange(m), problem.pair] = problem.coefficient * scale[problem.pair] / scale[n:]
     unit, none = np.eye(m), np.zeros((m, m))
     M = np.block([[Cnn, Cnt, -Cnt, np.zeros((n, m))], [Cnt.T, Ctt, -Ctt, unit],
-                  [-Cnt.T, -Ctt, Ctt, unit],
-                  [cone, -unit, -unit, none]])
+                  [-Cnt.T, -Ctt, Ctt, unit], [cone, -unit, -unit, none]])
     offset = np.zeros(m) if problem.offset is None else problem.offset / scale[n:]
     q = np.concatenate([-d[:n], -d[n:], d[n:], offset]) / size
     rng = np.random.default_rng(1)
@@ -114,8 +108,8 @@ def lemke(problem: CoulombProblem) -> np.ndarray | None:
             normal, forth, back, slip = np.split(z, [n, n + m, n + 2 * m])
             sliding = np.where(slip > 0, np.where(forth > back, FORWARD, BACKWARD), STICK)
             states = problem.joined(np.where(normal > 0, STICK, OPEN), sliding)
-            for x in (problem.solution_in(states),
-                      newton(problem, scale * size * np.append(normal, forth - back))):
+            start = scale * size * np.append(normal, forth - back)
+            for x in (problem.solution_in(states), newton(problem, start)):
                 if problem.solves(x):
                     return x
     return None
@@ -134,26 +128,24 @@ def _lemke_on_springs(problem: CoulombProblem) -> np.ndarray | None:
                 continue
             moved = rest + softness * (problem.balance - problem.motions.T @ x) / problem.reach**2
             follows, z = moved if rest is follows else follows, np.append(x, moved)
-            for found in (problem.solution_in(problem.states(z), problem.signs(z)),
-                          newton(problem, z)):
-                if problem.solves(found):
-                    return found
+            exact = problem.solution_in(problem.states(z), problem.signs(z))
+            for solution in (exact, newton(problem, z)):
+                if problem.solves(solution):
+                    return solution
     return next(iter(all_solutions(problem)), None) if problem.n <= FEW else None
 
 
 def _lemke_pivots(M: np.ndarray, q: np.ndarray, cover: np.ndarray) -> np.ndarray | None:
-    """z >= 0 with w = M z + q >= 0, w'z = 0, by Lemke's method with covering vector `cover` > 0;
-    None on a ray.
+    """z >= 0 with w = M z + q >= 0, w'z = 0, by Lemke's method; None on a ray.
 
-    The tableau holds w or z of every row in terms of the nonbasic ones: columns 0..k-1 and the
-    artificial one k.
+    `cover` > 0 is the covering vector. The tableau holds w or z of every row in terms of the
+    nonbasic ones: columns 0..k-1 and the artificial one k.
     """
     k = len(q)
     if q.min(initial=0.0) >= 0:
         return np.zeros(k)
     table = np.column_stack([-M, -cover, q])
-    # w_i is i, z_i is k + i, the artificial one 2 k
-    basic, nonbasic = np.arange(k), np.arange(k, 2 * k + 1)
+    basic, nonbasic = np.arange(k), np.arange(k, 2 * k + 1)  # w_i: i, z_i: k + i, artificial: 2 k
     row, column = int(np.argmin(q / cover)), k
     for _ in range(50 * k):
         _pivot(table, row, column)
@@ -190,12 +182,11 @@ def _pivot(table: np.ndarray, row: int, column: int) -> None:
 
 
 def all_solutions(problem: CoulombProblem) -> list[np.ndarray]:
-    """Every isolated solution, by trying all 4^n states (unilateral contact; 6^n with offsets): for
-    a handful of nodes.
+    """Every isolated solution, by trying all 4^n states (6^n with offsets) of a few nodes.
 
-    Bodies that may rest at many places under the same forces: one of them. A motion that nothing
-    holds in some states, but that keeps nodes from overlapping or sliding the wrong way, ends where
-    it does so in states that hold it.
+    Unilateral contact. Bodies that may rest at many places under the same forces: one of them. A
+    motion that nothing holds in some states, but that keeps nodes from overlapping or sliding the
+    wrong way, ends where it does so in states that hold it.
     """
     solutions = []
     for states in itertools.product(*(problem.choices(node) for node in range(problem.n))):
@@ -205,13 +196,13 @@ def all_solutions(problem: CoulombProblem) -> list[np.ndarray]:
 
 
 def search(problem: CoulombProblem, start: np.ndarray) -> list[np.ndarray]:
-    """Solutions that Newton reaches from `start`, from all sticking, all sliding and all open,
-    Lemke's, and those that Newton reaches from any of these with the state of one node changed. Not
-    necessarily all there are.
+    """Solutions that Newton and Lemke reach from several starts; not necessarily all there are.
+
+    Newton starts from `start`, from all sticking, all sliding and all open, and from each solution
+    with the state of one node changed.
     """
-    whole = [np.full(problem.n, s) for s in (STICK, FORWARD, BACKWARD,
-                                             OPEN)[: 3 if problem.bilateral else 4]]
-    solutions = []
+    alike = (STICK, FORWARD, BACKWARD) if problem.bilateral else (STICK, FORWARD, BACKWARD, OPEN)
+    whole, solutions = [np.full(problem.n, state) for state in alike], []
     for guess in (start, *map(problem.solution_in, whole)):
         _add_solution(problem, solutions, None if guess is None else newton(problem, guess))
     _add_solution(problem, solutions, lemke(problem))
@@ -224,8 +215,7 @@ def search(problem: CoulombProblem, start: np.ndarray) -> list[np.ndarray]:
 
 
 def _neighbours(problem: CoulombProblem, x: np.ndarray):
-    """The vectors that solve the linear systems of states that differ from those of x at one node.
-    """
+    """Solutions of the linear systems of states that differ from those of x at one node."""
     states, sign = problem.states(x), problem.signs(x)
     for i in range(problem.n):
         for state in problem.choices(i):

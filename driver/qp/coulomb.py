@@ -1,8 +1,6 @@
-"""The dense contact problem with friction on a few contact nodes: the law, its states and their
-linear systems.
+"""The dense contact problem with friction on a few nodes: law, states, linear systems.
 
-With the compliance C of the contact nodes, x = (lambda_n, lambda_t) and movements d - C x = (over,
-slip):
+With the contact nodes' compliance C, x = (lambda_n, lambda_t) and movements d - C x = (over, slip):
 
     lambda_n >= 0,  over <= 0,  lambda_n over = 0,      |lambda_t| <= g = c + F lambda_n,
     slip >= 0 where lambda_t = g,  slip <= 0 where lambda_t = -g,  slip = 0 between.
@@ -15,15 +13,13 @@ a linear system (A. Klarbring, in: Contact Mechanics, Plenum 1995, on the 4^n st
 coercive and of degree one, so that for any F there is a solution, and an odd number of them unless
 one sits on the border between states.
 
-Bodies that no support holds add their rigid motions beta as unknowns and their equilibrium as
-equations,
+Bodies that no support holds add rigid motions beta as unknowns and equilibrium as equations,
 
     movements d + R beta - C x,      R'x = L,
 
 with the motions R of the contact rows and the loads' work L on them; C is that of the bodies on
 springs. Then there need be no solution, and the signs of several add up to nothing one knows. A
-motion that no row with force or sticking feels is left as it is: the bodies may rest at many
-places.
+motion that no row with force or sticking feels stays as it is: the bodies may rest at many places.
 """
 
 from dataclasses import dataclass, field
@@ -39,8 +35,7 @@ SLIGHT = 1e-9  # part of a motion's reach below which rows do not feel it
 class State(IntEnum):
     """State of a node: open, or in contact and sticking or sliding by the sign of lambda_t.
 
-    The negative of one in contact: open, and sticking or sliding by the offset of its friction
-    bound alone.
+    The negative of one in contact: open, and sticking or sliding by the friction bound's offset.
     """
 
     OPEN = 0
@@ -49,20 +44,18 @@ class State(IntEnum):
     BACKWARD = 3
 
 
-# plain numbers for comparisons of small arrays
-OPEN, STICK, FORWARD, BACKWARD = (int(state) for state in State)
+OPEN, STICK, FORWARD, BACKWARD = (int(state) for state in State)  # plain numbers are fast
 
 
 @dataclass
 class CoulombProblem:
-    """`compliance` (n + m, n + m) SPD, `load` d (n + m,), `coefficient` F (m,), `pair` (m,),
-    `offset` c >= 0 (m,).
+    """`compliance` (n + m, n + m) SPD, `load` d (n + m,), `coefficient` F (m,), pairs and offset.
 
-    n nodes have a normal row and the m nodes `pair` of them a tangential one. `bilateral`: lambda_n
-    of any sign and over = 0 everywhere, the friction bound is c + F |lambda_n|. `motions` R (n + m,
-    k) and `balance` L (k,) are of bodies without support. Without `offset` c is zero. Solutions are
-    vectors z = (lambda_n, lambda_t, beta) of n + m + k numbers. `latest` is the factorized system
-    of the latest states, by these, shared by all problems that `under` makes.
+    n nodes have a normal row and the m nodes `pair` (m,) of them a tangential one; `offset` c >= 0
+    (m,), None: zero. `bilateral`: lambda_n of any sign and over = 0 everywhere, the friction bound
+    is c + F |lambda_n|. `motions` R (n + m, k) and `balance` L (k,) are of bodies without support.
+    Solutions are vectors z = (lambda_n, lambda_t, beta) of n + m + k numbers. `latest` is the
+    factorized system of the latest states, by these, shared by all problems that `under` makes.
     """
 
     compliance: np.ndarray
@@ -78,14 +71,12 @@ class CoulombProblem:
     def __post_init__(self):
         self.rows, self.m = len(self.load), len(self.pair)
         self.n, self.products = self.rows - self.m, 0
-        # force per length, as the scale of every row
-        self.rigidity = 1.0 / np.diag(self.compliance)
+        self.rigidity = 1.0 / np.diag(self.compliance)  # force per length, the scale of rows
         if self.motions is None:
             self.motions, self.balance = np.zeros((self.rows, 0)), np.zeros(0)
         self.k = self.motions.shape[1]
         reach = np.abs(self.motions).max(axis=0, initial=0.0)
-        # displacement of the contact rows by a unit motion
-        self.reach = np.where(reach > 0, reach, 1.0)
+        self.reach = np.where(reach > 0, reach, 1.0)  # displacement by a unit motion
         self._set_offset(self.offset)
 
     def _set_offset(self, offset: np.ndarray | None) -> None:
@@ -119,8 +110,8 @@ class CoulombProblem:
     # ---- states --------------------------------------------------------------------------------
     def states(self, z: np.ndarray, movement: np.ndarray | None = None) -> np.ndarray:
         """(n,) states that the augmented multipliers x + rigidity * movement fall into."""
-        trial = z[: self.rows] + self.rigidity * (self.movement(z) if movement is None
-                                                  else movement)
+        movement = self.movement(z) if movement is None else movement
+        trial = z[: self.rows] + self.rigidity * movement
         normal, tangential = trial[: self.n], trial[self.n :]
         touching = np.full(self.n, STICK) if self.bilateral else np.where(normal > 0, STICK, OPEN)
         bound = self.coefficient * np.abs(normal)[self.pair]
@@ -131,22 +122,16 @@ class CoulombProblem:
         return self.joined(touching, sliding)
 
     def joined(self, touching: np.ndarray, sliding: np.ndarray) -> np.ndarray:
-        """(n,) states of nodes that are STICK or OPEN as `touching` (n,) says, and stick or slide
-        as `sliding` (m,) does.
-
-        Overwrites `touching`.
-        """
+        """(n,) states by `touching` (n,), STICK or OPEN, overwritten, and `sliding` (m,)."""
         apart = OPEN if self.offset is None else np.where(self.offset > 0, -sliding, OPEN)
         touching[self.pair] = np.where(touching[self.pair] == OPEN, apart, sliding)
         return touching
 
     def states_of(self, x: np.ndarray, signs: np.ndarray) -> np.ndarray:
-        """(n,) states that the multipliers x (n + m,) alone show, with the signs (m,) of those that
-        slide, else 0.
-        """
+        """(n,) states by the multipliers x (n + m,) alone; signs (m,) where they slide, else 0."""
         touching = np.where((x[: self.n] > 0) | self.bilateral, STICK, OPEN)
-        return self.joined(touching,
-                           np.where(signs > 0, FORWARD, np.where(signs < 0, BACKWARD, STICK)))
+        sliding = np.where(signs > 0, FORWARD, np.where(signs < 0, BACKWARD, STICK))
+        return self.joined(touching, sliding)
 
     def choices(self, node: int) -> tuple[int, ...]:
         """The states that a node may be in."""
@@ -161,9 +146,7 @@ class CoulombProblem:
         return np.where(z[: self.n] < 0, -1.0, 1.0) if self.bilateral else np.ones(self.n)
 
     def held(self, states: np.ndarray) -> np.ndarray:
-        """(k, h) orthonormal motions, in units of their reach, that rows in contact or sticking
-        feel.
-        """
+        """(k, h) orthonormal motions, by reach, that rows in contact or sticking feel."""
         if not self.k:
             return np.zeros((0, 0))
         acts = np.concatenate([states > OPEN, np.abs(states[self.pair]) == STICK])
@@ -173,35 +156,30 @@ class CoulombProblem:
     # ---- linear systems ------------------------------------------------------------------------
     def system(self, states: np.ndarray, sign: np.ndarray) -> "StateSystem":
         """The linear system of the given states, with lambda_n of the given signs."""
-        parts = (states, sign, self.coefficient) if self.offset is None else (states, sign,
-                                                                              self.coefficient,
-                                                                              self.offset)
-        key = b"".join(part.tobytes() for part in parts)
+        parts = (states, sign, self.coefficient, self.offset)
+        key = b"".join(part.tobytes() for part in parts if part is not None)
         if key not in self.latest:
             self.latest.clear()
             self.latest[key] = StateSystem(self, states, sign)
         return self.latest[key]
 
     def solution_in(self, states: np.ndarray, sign: np.ndarray | None = None) -> np.ndarray | None:
-        """z of the linear system of `states`, exactly in its states; None if the system is
-        singular.
-        """
-        return self.system(states, np.ones(self.n) if sign is None else sign).solve(self.load,
-                                                                                    self.balance)
+        """z of the linear system of `states`, exactly in them; None if it is singular."""
+        sign = np.ones(self.n) if sign is None else sign
+        return self.system(states, sign).solve(self.load, self.balance)
 
     # ---- the law -------------------------------------------------------------------------------
     def violation(self, z: np.ndarray) -> float:
-        """Largest violation of the law at z, relative to the largest terms of its sums; inf if z is
-        no number.
-        """
+        """Violation of the law at z, relative to the largest terms of its sums; inf for NaN."""
         x, move = z[: self.rows], self.movement(z)
         work = np.abs(self.balance / self.reach).max(initial=0)
-        force = max(np.abs(x).max(initial=0), np.abs(self.rigidity * self.load).max(initial=0),
-                    work)
+        load = np.abs(self.rigidity * self.load).max(initial=0)
+        force = max(np.abs(x).max(initial=0), load, work)
         if not np.isfinite(force) or force == 0:
             return 0.0 if force == 0 else np.inf
         normal, tangential = x[: self.n], x[self.n :]
-        over, slip = (self.rigidity * move)[: self.n], (self.rigidity * move)[self.n :]  # as forces
+        forces = self.rigidity * move
+        over, slip = forces[: self.n], forces[self.n :]
         bound = self.coefficient * np.abs(normal)[self.pair]
         if self.offset is not None:
             bound = self.offset + bound
@@ -215,9 +193,7 @@ class CoulombProblem:
         return z is not None and self.violation(z) <= ROUNDING
 
     def on_springs(self, softness: float, rest: np.ndarray) -> "CoulombProblem":
-        """The bodies held by springs of compliance `softness` per unit reach whose rest are the
-        motions `rest` (k,).
-        """
+        """The bodies on springs of compliance `softness` per unit reach, at rest at `rest` (k,)."""
         turned = softness * self.motions / self.reach**2
         return CoulombProblem(self.compliance + turned @ self.motions.T,
                               self.load + self.motions @ rest + turned @ self.balance,
@@ -245,12 +221,11 @@ class StateSystem:
         self.turn = problem.held(states) / problem.reach[:, None]
         self.soft = np.median(1.0 / problem.rigidity) if problem.k else 1.0
         columns, place = C.compress(free, 1), np.cumsum(touching) - 1
-        # forces (n + m,) that offsets add, and the movement of the free rows that they make
-        self.given = None
+        self.given = None  # forces (n + m,) of offsets and the movement of the free rows by them
         if problem.offset is not None:
-            way = np.where(np.abs(state) == FORWARD, 1.0, -1.0)
-            self.given = np.append(np.zeros(n),
-                                   np.where(np.abs(state) > STICK, way * problem.offset, 0.0))
+            sign = np.where(np.abs(state) == FORWARD, 1.0, -1.0)
+            given = np.where(np.abs(state) > STICK, sign * problem.offset, 0.0)
+            self.given = np.append(np.zeros(n), given)
             self.given_movement = columns.T @ self.given
         transposed = columns.compress(free, 0)  # C is symmetric
         transposed[place[self.node]] += slope[:, None] * columns[self.sliding]
@@ -260,17 +235,15 @@ class StateSystem:
             work[self.node] += slope[:, None] * work[self.sliding]
             border = np.zeros((force.shape[1],) * 2)
             transposed = np.block([[transposed, work[self.free]], [-force[self.free].T, border]])
-        self.factor, self.pivots, failed = (
-            lapack.dgetrf(transposed.T, overwrite_a=True) if len(transposed)
-            else (transposed, np.empty(0, int), 0))
+        self.factor, self.pivots, failed = transposed, np.empty(0, int), 0
+        if len(transposed):
+            self.factor, self.pivots, failed = lapack.dgetrf(transposed.T, overwrite_a=True)
         self.singular = failed != 0
         swaps = np.count_nonzero(self.pivots != np.arange(len(self.pivots)))
         self.index = int(np.prod(np.sign(np.diag(self.factor))) * (-1) ** swaps)
 
     def solve(self, load: np.ndarray, balance: np.ndarray) -> np.ndarray | None:
-        """z under `load` (n + m,) and `balance` (k,), sliding nodes exactly on their bounds; None
-        if there is no one z.
-        """
+        """z under `load` (n + m,), `balance` (k,), sliding on bounds; None without a single z."""
         if self.singular:
             return None
         right = load[self.free]

@@ -30,18 +30,18 @@ def _lanczos(A, v, dot, steps):
 def norm_bound(A, n, *, dot=np.dot, steps=15, seed=0, start=None):
     """Upper bound of ||A|| by Lanczos: (bound, calls of A).
 
-    n is the local length.  The start vector is random from `seed`, or `start` (n,), the rank's
-    part of one.  After k steps theta + |beta_k s_k|, the Ritz value largest in modulus plus its
-    residual (s_k: last component of its eigenvector), proves an eigenvalue nearby but not that it
-    is the last one; on evenly spread spectra it falls short by a few per cent.  The bound is
-    therefore also at least theta / (1 - eps) with the relative error eps that a start vector
-    uniform on the sphere of R^N exceeds with probability LANCZOS_RISK at most, for any SPSD matrix:
+    n is the local length.  The start vector is random from `seed`, or `start` (n,), the rank's part
+    of one.  After k steps theta + |beta_k s_k|, the Ritz value largest in modulus plus its residual
+    (s_k: last component of its eigenvector), proves an eigenvalue nearby but not that it is the
+    last one; on evenly spread spectra it falls short by a few per cent.  The bound is therefore
+    also at least theta / (1 - eps) with the relative error eps that a start vector uniform on the
+    sphere of R^N exceeds with probability LANCZOS_RISK at most, for any SPSD matrix:
 
         LANCZOS_RISK = 1.648 sqrt(N) exp(-sqrt(eps) (2k - 1))
 
-    (J. Kuczynski, H. Wozniakowski, SIAM J. Matrix Anal. Appl. 13 (1992) 1094-1122); eps is
-    not taken above 1/2.  Breakdown (beta_k within rounding of zero) leaves an invariant subspace:
-    theta is exact and returned with its residual only.
+    (J. Kuczynski, H. Wozniakowski, SIAM J. Matrix Anal. Appl. 13 (1992) 1094-1122); eps is not
+    taken above 1/2.  Breakdown (beta_k within rounding of zero) leaves an invariant subspace: theta
+    is exact and returned with its residual only.
     """
     v = np.random.default_rng(seed).standard_normal(n) if start is None else np.array(start, float)
     length = np.sqrt(dot(v, v))

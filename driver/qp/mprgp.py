@@ -21,8 +21,8 @@ SPMD.  Every 1-D array is the local part of a distributed vector, and the only c
 the callables ``dot`` and ``minimum``; every decision is taken on what they returned.  If they give
 the same float to all ranks, all ranks take the same branches.  Local parts may be empty.
 
-One module, of more than 400 lines: the steps share one state, of which x and g always belong
-together, and each decision is argued beside it.
+One module because the steps share one state, of which x and g always belong together, and each
+decision is argued beside it.
 """
 
 from dataclasses import dataclass, replace
@@ -31,30 +31,22 @@ import numpy as np
 
 EPS = np.finfo(float).eps
 
-# Curvature p'Ap within this many roundings of ||A|| p'p cannot be told from zero.
-CURVATURE_ROUNDINGS = 64
-# Products smaller than this have lost digits.
-SMALLEST = np.finfo(float).tiny / EPS
-# A gradient Ax - b is right to this many roundings of ||A|| ||x|| + ||b||.
-GRADIENT_ROUNDINGS = 10
-# A factor 2^40 between bound and norm is no bad estimate any more: it is noise in A.
-MAX_DOUBLINGS = 40
-# So many times the recomputed gradient may refute convergence without having been halved.
-MAX_REFUTATIONS = 3
-# Parts of a CG step that are tried on its projected arc (expansion "cg").
-ARC = (1.0, 1 / 4, 1 / 16)
+CURVATURE_ROUNDINGS = 64  # of ||A|| p'p, below which the curvature p'Ap cannot be told from zero
+SMALLEST = np.finfo(float).tiny / EPS  # products below have lost digits
+GRADIENT_ROUNDINGS = 10  # of ||A|| ||x|| + ||b||: how exact a gradient Ax - b is
+MAX_DOUBLINGS = 40  # a factor 2^40 between bound and norm is no bad estimate, but noise in A
+MAX_REFUTATIONS = 3  # of convergence by a recomputed gradient that has not been halved
+ARC = (1.0, 1 / 4, 1 / 16)  # parts of a CG step tried on its projected arc (expansion "cg")
 
 
 @dataclass(frozen=True)
 class Result:
-    """What mprgp found.
+    """Feasible point x (n,) and gradient A x - b there, local parts, and how mprgp ended.
 
-    x, gradient          local parts (n,): feasible point and A x - b there
     status               "converged" | "iteration limit" | "stagnated" | "indefinite operator"
     reason               one line saying why it stopped
     products             calls of A, all of them counted
-    cg_steps, expansion_steps, proportioning_steps
-    norm_bound           the bound of ||A|| used last (raised if the given one proved too small)
+    norm_bound           the bound of ||A|| used last (raised if the given one was too small)
     residual             ||g^P(x)||
     """
 
@@ -89,8 +81,8 @@ def split_gradient(x, g, lower, upper):
 
 def projected_gradient(x, g, lower, upper):
     """g^P = phi + beta, shape (n,), at the feasible x with gradient g; see split_gradient."""
-    # few of many components
-    projected, met = np.array(g, float), np.flatnonzero((x == lower) | (x == upper))
+    projected = np.array(g, float)
+    met = np.flatnonzero((x == lower) | (x == upper))  # few of many components
     lower, upper = (bound[met] if np.ndim(bound) else bound for bound in (lower, upper))
     projected[met] = split_gradient(x[met], projected[met], lower, upper)[1]
     return projected
@@ -135,8 +127,7 @@ class _Mprgp:
         self.products = 0
         self.counts = {"cg": 0, "expansion": 0, "proportioning": 0}
         self.b_norm = np.sqrt(dot(b, b))
-        # Longest stretch without a better residual that is still looked at kindly: CG may wander
-        # for about as many products as there are unknowns.
+        # products without a better residual: CG may wander for about as many as there are unknowns
         ones = np.ones_like(b)
         self.window = 200 + 2 * min(int(dot(ones, ones)), 1000)
         self.x = self.g = self.p = self.Ap = None
@@ -201,9 +192,10 @@ class _Mprgp:
     def step(self):
         """One step of the algorithm; returns its kind."""
         if not self.is_proportional():
-            released = self.relax is not None and self.relaxed_step(self.x, self.g,
-                                                                    0.5 * self.beta2 / self.bound)
-            return "proportioning" if released else self.proportioning_step()
+            needed = 0.5 * self.beta2 / self.bound
+            if self.relax is None or not self.relaxed_step(self.x, self.g, needed):
+                self.proportioning_step()
+            return "proportioning"
         p, slope = self.direction()
         Ap = self.product(p)
         wish = self.exact_step(p, Ap, slope)
@@ -211,10 +203,12 @@ class _Mprgp:
         length, blocked = _cut_step(ratio, wish, self.minimum)
         self.refuse_endless(length, p, slope)
         if blocked and np.isfinite(wish):
-            needed = max(length * (slope - 0.5 * length * self.curvature),
-                         self.sufficient_decrease())
-            if self.relax is not None and self.relaxed_step(self.x - wish * p, self.g - wish * Ap,
-                                                            needed):
+            half_step = length * (slope - 0.5 * length * self.curvature)
+            # a projected gradient step lowers f by abar (1 - alpha_factor / 2) phi~'phi at least
+            projected = (1 - 0.5 * self.alpha_factor) * self.alpha_factor / self.bound
+            needed = max(half_step, projected * self.reduced_slope)
+            end = (self.x - wish * p, self.g - wish * Ap)
+            if self.relax is not None and self.relaxed_step(*end, needed):
                 return "expansion"
             if self.projected_cg and self.projected_step(p, length, wish, needed):
                 return "expansion"
@@ -279,13 +273,6 @@ class _Mprgp:
         self.go(d, Ad, length, ratio)
         self.decrease += length * (self.beta2 - 0.5 * length * self.curvature)
         self.p = self.Ap = None
-        return "proportioning"
-
-    def sufficient_decrease(self):
-        """abar (1 - alpha_factor/2) phi~'phi, by which a gradient projection step provably lowers
-        f.
-        """
-        return (1 - 0.5 * self.alpha_factor) * self.alpha_factor / self.bound * self.reduced_slope
 
     def projected_step(self, p, length, wish, needed):
         """x <- P(x - a p), on the projected arc of the CG step; returns whether it was taken.
@@ -301,8 +288,7 @@ class _Mprgp:
                    for a in steps)
 
     def relaxed_step(self, y, g, needed):
-        """x <- relax(y, g); returns whether it was taken, which needs the same decrease of f as
-        other steps.
+        """x <- relax(y, g), if f decreases as much as in other steps; returns whether it does.
 
         y is the end of the whole CG step, feasible or not (then its active set follows from the
         block problem instead of a projection), or x itself where components are to be released.
@@ -326,10 +312,10 @@ class _Mprgp:
     def expand(self):
         """x <- P(x - abar phi(x)) from the point the half step has reached.
 
-        With d the step taken, f changes by exactly 1/2 d'(g_old + g_new), and this is <= 0 if
-        abar <= 2/||A||, because -g'd >= d'd/abar.  An increase therefore disproves the norm
-        bound: it is doubled and the step is taken again.  The slack is ||d|| times the rounding
-        error of the two gradients; the old one has gathered one error per recurrence.
+        With d the step taken, f changes by exactly 1/2 d'(g_old + g_new), and this is <= 0 if abar
+        <= 2/||A||, because -g'd >= d'd/abar.  An increase therefore disproves the norm bound: it is
+        doubled and the step is taken again.  The slack is ||d|| times the rounding error of the two
+        gradients; the old one has gathered one error per recurrence.
         """
         x, g, given = self.x, self.g, self.bound
         phi, _ = split_gradient(x, g, self.lower, self.upper)
@@ -355,8 +341,7 @@ class _Mprgp:
     # -- control ------------------------------------------------------------------------------
 
     def refresh(self):
-        """Recomputes a gradient that updates have brought below the rounding of the one they
-        started from.
+        """Recomputes a gradient that updates have brought below the rounding of the first one.
 
         Only where x has become so much smaller since then that this brings digits back. Without
         them the gradient says nothing of x any more, and CG would follow it into underflow.
@@ -396,11 +381,10 @@ class _Mprgp:
     def refuse_stagnation(self):
         """Stops after a long stretch in which neither the residual nor f made headway.
 
-        One CG or gradient step lowers f by ||phi||^2 / (2 ||A||) or more, so a stretch of
-        hundreds of steps that sums up to rounding of f only is spent on rounding errors.  A
-        residual below the rounding of the product that its gradient was updated from hardly
-        knows of x any more: what it gains there, per cent by per cent down to underflow, counts
-        for nothing.
+        One CG or gradient step lowers f by ||phi||^2 / (2 ||A||) or more, so a stretch of hundreds
+        of steps that sums up to rounding of f only is spent on rounding errors.  A residual below
+        the rounding of the product that its gradient was updated from hardly knows of x any more:
+        what it gains there, per cent by per cent down to underflow, counts for nothing.
         """
         if self.trust < self.best and self.residual < 0.99 * self.best:
             self.best, self.best_at, self.decrease = self.residual, self.products, 0.0
@@ -462,8 +446,7 @@ def _checked(b, lower, upper, x0, dot):
     for bad, reason in ((~np.isfinite(b), "b has a value that is not finite"),
                         (np.isnan(lower) | np.isnan(upper), "a bound is NaN"),
                         ((lower > upper) | (lower == np.inf) | (upper == -np.inf),
-                         "the box is empty"),
-                        (np.isnan(x0), "x0 has a NaN"),
+                         "the box is empty"), (np.isnan(x0), "x0 has a NaN"),
                         (np.isinf(start), "x0 has an infinite value inside the box")):
         if _anywhere(bad, dot):
             raise ValueError(reason)
@@ -472,8 +455,7 @@ def _checked(b, lower, upper, x0, dot):
 
 def mprgp(A, b, lower, upper, x0=None, *, tol, norm_bound, gamma=1.0, alpha_factor=1.95,
           preconditioner=None, max_products=10_000, gradient0=None, dot=np.dot, minimum=float,
-          monitor=None,
-          expansion="gradient", scale=None, relax=None):
+          monitor=None, expansion="gradient", scale=None, relax=None):
     """Minimise 1/2 x'Ax - b'x over lower <= x <= upper; returns a Result.
 
     A               callable (n,) -> (n,), symmetric positive (semi)definite; local parts
@@ -495,15 +477,12 @@ def mprgp(A, b, lower, upper, x0=None, *, tol, norm_bound, gamma=1.0, alpha_fact
     expansion       "gradient": half a CG step, then the fixed gradient projection step; "cg": the
                     CG step, or a part of it, projected where that lowers f enough, else as
                     "gradient"
-    scale           (n,) D > 0: the iteration runs in y = x / D, that is with D A D and D b, which
-    makes up for
-                    rows of very different size. `tol` then bounds ||D g^P|| and `norm_bound` ||D A
-                    D||, and Result.residual is ||D g^P||; all else is in x. Powers of two round
-                    nothing.
-    relax           callable (y, g) -> x: from any y (n,) and g = A y - b a feasible x that (nearly)
-    minimises
-                    f over some components, the others being those of y.  Tried in expansion and
-                    proportioning steps, and taken where it lowers f enough
+    scale           (n,) D > 0: the iteration runs in y = x / D, with D A D and D b, which makes up
+                    for rows of very different size. `tol` then bounds ||D g^P||, also
+                    Result.residual, and `norm_bound` ||D A D||. Powers of two round nothing.
+    relax           callable (y, g) -> x: from any y (n,) and g = A y - b a feasible x that nearly
+                    minimises f over some components, the others being those of y. Tried in
+                    expansion and proportioning steps, and taken where it lowers f enough
 
     Products: one for a CG or a proportioning step, two for an expansion step, and one more for each
     point of the arc and of `relax` that was tried in vain.  All iterates are feasible.  Data that
@@ -517,12 +496,11 @@ def mprgp(A, b, lower, upper, x0=None, *, tol, norm_bound, gamma=1.0, alpha_fact
     if not (0 < alpha_factor <= 2 and gamma > 0 and tol >= 0 and max_products >= 1):
         raise ValueError("need 0 < alpha_factor <= 2, gamma > 0, tol >= 0, max_products >= 1")
     if scale is not None and (scale != 1).any():
-        return _unscaled(A, b, lower, upper, x0, scale, dict(
-            tol=tol, norm_bound=norm_bound, gamma=gamma, alpha_factor=alpha_factor,
-            preconditioner=preconditioner,
-            max_products=max_products, gradient0=gradient0, dot=dot, minimum=minimum,
-            monitor=monitor,
-            expansion=expansion, relax=relax))
+        options = dict(tol=tol, norm_bound=norm_bound, gamma=gamma, alpha_factor=alpha_factor,
+                       preconditioner=preconditioner, max_products=max_products, dot=dot,
+                       gradient0=gradient0, minimum=minimum, monitor=monitor, expansion=expansion,
+                       relax=relax)
+        return _unscaled(A, b, lower, upper, x0, scale, options)
     b, lower, upper, x = _checked(b, lower, upper, x0, dot)
     run = _Mprgp(A, b, lower, upper, tol, float(norm_bound), gamma, alpha_factor, preconditioner,
                  max_products, dot, minimum, monitor, expansion == "cg", relax)
@@ -537,12 +515,12 @@ def mprgp(A, b, lower, upper, x0=None, *, tol, norm_bound, gamma=1.0, alpha_fact
 
 def _unscaled(A, b, lower, upper, x0, scale, options):
     """mprgp in the variables y = x / scale, its Result in x."""
-    inner, gradient0, relax = (options[name] for name in ("preconditioner", "gradient0", "relax"))
+    inner, gradient0, relax = map(options.get, ("preconditioner", "gradient0", "relax"))
     if inner is not None:
         options["preconditioner"] = lambda phi, free: inner(phi / scale, free) / scale
     if gradient0 is not None:
         options["gradient0"] = scale * gradient0
-    if options["relax"] is not None:
+    if relax is not None:
         options["relax"] = lambda y, g: relax(scale * y, g / scale) / scale
     scaled = mprgp(lambda y: scale * A(scale * y), scale * b, lower / scale, upper / scale,
                   None if x0 is None else x0 / scale, **options)

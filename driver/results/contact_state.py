@@ -1,10 +1,9 @@
-"""Stage 7: the quantities of the contact nodes in every step, from the multipliers and
-displacements of the ranks.
-"""
+"""Stage 7: quantities of the contact nodes in every step, from the ranks' solutions."""
 
 import numpy as np
 
 from ..contact.states import ContactField
+from ..feti.gathering import gather, joined
 from ..feti.operator import DualOperator
 from ..march.quasistatic import QuasistaticSolver
 from ..march.step import Step
@@ -28,23 +27,19 @@ class ContactState:
         return np.any(self.operator.comm.allgather(own), axis=0)
 
     def _find_terms(self) -> None:
-        """Where the displacements are that meet at the contact nodes: in every subdomain with such
-        a node.
-        """
+        """Find the displacements at the contact nodes in every subdomain with such a node."""
         gids, self._term = np.unique(self.boundary.term_gid, return_inverse=True)
         subs = self.operator.structure.subdomains
-        gid = np.concatenate([np.empty(0, np.int64), *(sub.node_gid for sub in subs)])
+        gid = joined((sub.node_gid for sub in subs), np.int64)
         copies = np.flatnonzero(np.isin(gid, gids))
         start = np.cumsum([0, *(len(sub.node_gid) for sub in subs)])
         owner = np.searchsorted(start, copies, side="right") - 1
         # of the rank: (subdomain, its nodes)
         self._copies = [(s, copies[owner == s] - start[s]) for s in np.unique(owner)]
-        self._copied = np.concatenate(
-            self.operator.comm.allgather(np.searchsorted(gids, gid[copies])))
+        self._copied = gather(self.operator.comm, np.searchsorted(gids, gid[copies]))
 
     def evaluate(self, step: Step, displacements: list[np.ndarray]) -> dict[str, np.ndarray]:
-        """Arrays (n_c,) of every `ContactField` at the end of `step`, status as its code;
-        collective.
+        """Arrays (n_c,) of every `ContactField` at the end of `step`, status as code; collective.
 
         `displacements` (dofs,) of the rank's subdomains. Steps must come in their order: slip is
         counted from the step before.
@@ -69,14 +64,10 @@ class ContactState:
                 ContactField.STATUS: values[3].astype(int)}
 
     def _jump(self, displacements: list[np.ndarray]) -> np.ndarray:
-        """(n_c, 2) displacement of the contact nodes, relative to the other body where there is
-        one.
-        """
+        """(n_c, 2) displacement of the contact nodes, between bodies the jump."""
         b = self.boundary
-        own = [displacements[s].reshape(-1, 2)[node] for s, node in self._copies]
-        copies = np.concatenate([np.empty((0, 2)), *own])
-        # in the order of subdomains on any ranks
-        copies = np.concatenate(self.operator.comm.allgather(copies))
+        own = (displacements[s].reshape(-1, 2)[node] for s, node in self._copies)
+        copies = gather(self.operator.comm, joined(own, float, 2))  # in the order of subdomains
         count = np.bincount(self._copied)
         mean = np.column_stack([np.bincount(self._copied, u) for u in copies.T]) / count[:, None]
         jump = np.zeros((len(b.gid), 2))
@@ -85,9 +76,6 @@ class ContactState:
 
 
 def constrained_keys(structure) -> np.ndarray:
-    """(n,) keys 2 gid + component of the displacements of the rank's subdomains that a support
-    constrains.
-    """
-    keys = [2 * sub.node_gid[sub.dof_node[fixed]] + sub.dof_component[fixed]
-            for sub, fixed in zip(structure.subdomains, structure.fixed) if len(fixed)]
-    return np.concatenate([np.empty(0, np.int64), *keys])
+    """(n,) keys 2 gid + component of the rank's displacements that a support constrains."""
+    return joined((2 * sub.node_gid[sub.dof_node[fixed]] + sub.dof_component[fixed]
+                   for sub, fixed in zip(structure.subdomains, structure.fixed)), np.int64)

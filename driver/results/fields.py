@@ -1,12 +1,11 @@
-"""Stage 7: displacements and stresses of the whole body as VTU files for ParaView, one a step,
-gathered on rank 0.
-"""
+"""Stage 7: displacements and stresses, gathered on rank 0, as a VTU file for ParaView a step."""
 
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import agreed_writes
+from ..feti.gathering import joined
 from ..feti.operator import DualOperator
 from ..files import renamed
 from ..march.step import Step
@@ -35,18 +34,14 @@ class Fields:
                 (directory / FOLDER).mkdir(exist_ok=True)
 
     def add(self, step: Step, displacements: list[np.ndarray], written: bool = False) -> None:
-        """The fields of one step with `displacements` (dofs,) of the rank's subdomains; `written`:
-        the file is there.
-        """
+        """Fields of one step with `displacements` (dofs,) by subdomain; not again if `written`."""
         self.steps.append((step.time, file_name(step.index)))
         if not written:
             self.write(step, displacements)
 
     def write(self, step: Step, displacements: list[np.ndarray],
               indicator: np.ndarray | None = None) -> None:
-        """The file of a step, under whose name it is never there in part; `indicator` (n_t,) on
-        rank 0, if any.
-        """
+        """The file of a step, never there in part; `indicator` (n_t,) on rank 0, if any."""
         mesh = self._mesh_with_fields(step, displacements, indicator)
         with agreed_writes(self.operator.comm):
             if self.root:
@@ -62,20 +57,16 @@ class Fields:
             f"<Collection>\n{sets}</Collection>\n</VTKFile>\n")
 
     def _gather_mesh(self, nodes: int):
-        """On rank 0 points (n, 2), `nodes` of the elements (n_t, nodes) and subdomains (n_t,) of
-        the torn body.
-        """
+        """On rank 0 points (n, 2), elements (n_t, nodes) and subdomains (n_t,) of the torn body."""
         subs = self.operator.structure.subdomains
         drawn = [_drawn(sub) for sub in subs]
-        number = [(np.cumsum(shown) - 1)[sub.elements[:, :nodes]]
-                  for sub, shown in zip(subs, drawn)]
         offset = np.cumsum([0, *(shown.sum() for shown in drawn)])
         xy = [sub.xy[shown] for sub, shown in zip(subs, drawn)]
-        numbers = [own + first for own, first in zip(number, offset)]
+        numbers = [(first + np.cumsum(shown) - 1)[sub.elements[:, :nodes]]
+                   for sub, shown, first in zip(subs, drawn, offset)]
         subdomain = [np.full(len(sub.triangles), sub.index) for sub in subs]
-        parts = self.operator.comm.gather((np.concatenate([np.empty((0, 2)), *xy]),
-                                           np.concatenate([np.empty((0, nodes), int), *numbers]),
-                                           np.concatenate([np.empty(0, int), *subdomain])))
+        parts = self.operator.comm.gather((joined(xy, float, 2), joined(numbers, int, nodes),
+                                           joined(subdomain, int)))
         if not self.root:
             return None
         start = np.cumsum([0, *(len(xy) for xy, _, _ in parts)])
@@ -90,17 +81,15 @@ class Fields:
         subs = self.operator.structure.subdomains
         tensors = [stresses(sub, u, step.weights) for sub, u in zip(subs, displacements)]
         shown = [u.reshape(-1, 2)[_drawn(sub)] for sub, u in zip(subs, displacements)]
-        parts = self.operator.comm.gather((np.concatenate([np.empty((0, 2)), *shown]),
-                                           np.concatenate([np.empty((0, 3)),
-                                                           *(s for s, _ in tensors)]),
-                                           np.concatenate([np.empty(0),
-                                                           *(mises for _, mises in tensors)])))
+        parts = self.operator.comm.gather((joined(shown, float, 2),
+                                           joined((stress for stress, _ in tensors), float, 3),
+                                           joined((mises for _, mises in tensors), float)))
         if not self.root:
             return None
         u, stress, mises = (np.concatenate([part[k] for part in parts]) for k in range(3))
         xy, nodes, subdomain = self.mesh
-        cells = ("triangle",
-                 nodes) if nodes.shape[1] == 3 else ("triangle6", nodes[:, elements.TO_VTK])
+        linear = nodes.shape[1] == 3
+        cells = ("triangle", nodes) if linear else ("triangle6", nodes[:, elements.TO_VTK])
         cell_data = {"stress": [stress], "von_mises": [mises], "subdomain": [subdomain]}
         if indicator is not None:
             cell_data["error_indicator"] = [indicator]

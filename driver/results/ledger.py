@@ -13,12 +13,11 @@ from ..effects import RunFacts
 
 def ledger(solver, sizes: dict, amplitudes: np.ndarray, largest: np.ndarray,
            history: list[dict]) -> dict[str, dict]:
-    """Entry {declared, active, reason, unknowns, seconds} of every effect of the scene that
-    `solver` has marched through.
+    """Entry {declared, active, reason, unknowns, seconds} of every effect of a finished run.
 
-    `sizes` as in summary.json, `amplitudes` (steps + 1, patterns), `largest` (patterns,) the
-    largest nodal value of every pattern, `history` the rows of history.csv, empty if no step was
-    kept.
+    `solver` has marched through it. `sizes` as in summary.json, `amplitudes` (steps + 1, patterns),
+    `largest` (patterns,) the largest nodal value of every pattern, `history` the rows of
+    history.csv, empty if no step was kept.
     """
     contact = solver.operator.structure.contact
     facts = RunFacts(sizes, amplitudes, largest,

@@ -1,12 +1,11 @@
-"""Stage 7: boundary.csv, the edges of the body's outline with their part in the scene and their
-unit traction.
-"""
+"""Stage 7: boundary.csv, the edges of the outline, their part in the scene, unit tractions."""
 
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import agreed_writes
+from ..feti.gathering import joined
 from ..feti.structure import Substructure
 from ..files import write_rows
 from ..scene.manifest import Manifest
@@ -15,19 +14,15 @@ from .tables import BOUNDARY, header
 
 
 def write_outline(path: Path, manifest: Manifest, structure: Substructure, comm) -> None:
-    """Write the table to `path`; collective, rank 0 writes. Raises InputError if it cannot be
-    written.
-    """
+    """Write the table to `path` on rank 0; collective. Raises InputError if that fails."""
     subs = structure.subdomains
     traction = [k for k, pattern in enumerate(manifest.patterns) if pattern["given_on"] == "edges"]
     outline = np.zeros(manifest.nodes, bool)
     outline[structure.outer_edges[:, :2]] = outline[structure.outer_middles] = True
-    gid = np.concatenate([np.empty(0, np.int64), *(sub.node_gid for sub in subs)])
+    gid = joined((sub.node_gid for sub in subs), np.int64)
     near = outline[gid]
-    xy = np.concatenate([np.empty((0, 2)), *(sub.xy for sub in subs)])[near]
-    loads = np.concatenate([np.empty((structure.patterns, 0)), *(sub.loads for sub in subs)],
-                           axis=1)
-    force = loads[traction].sum(axis=0).reshape(-1, 2)[near]
+    xy = joined((sub.xy for sub in subs), float, 2)[near]
+    force = joined((sub.loads[traction].sum(axis=0) for sub in subs), float).reshape(-1, 2)[near]
     parts = comm.gather((gid[near], xy, force, constrained_keys(structure) // 2))
     with agreed_writes(comm):
         if comm.rank == 0:
@@ -35,9 +30,7 @@ def write_outline(path: Path, manifest: Manifest, structure: Substructure, comm)
 
 
 def _rows(manifest: Manifest, structure: Substructure, parts: list[tuple]) -> list[list]:
-    """Rows of the table. `parts`, of every rank: nodes on the outline, their places and forces,
-    constrained nodes.
-    """
+    """Rows of the table from `parts` of every rank, see `_part`."""
     constrained = np.zeros(manifest.nodes, bool)
     place, push = np.zeros((2, manifest.nodes, 2))
     for gid, xy, force, fixed in parts:
@@ -65,8 +58,7 @@ def _rows(manifest: Manifest, structure: Substructure, parts: list[tuple]) -> li
 
 def _edge_tractions(edges: np.ndarray, middles: np.ndarray, place: np.ndarray,
                     push: np.ndarray) -> dict[int, list[float]]:
-    """Mean traction of every outer label, from the nodal forces `push` (nodes, 2) of nodes inside
-    the label.
+    """Mean traction of every outer label, from nodal forces `push` (nodes, 2) inside it.
 
     `edges` (n, 3) have two ends and a label. A node's part of an edge is the integral of its shape
     function: halves, with `middles` (n,) a sixth, a sixth and the rest.

@@ -8,23 +8,21 @@
     dissipated_energy     work that friction has taken since time 0
     displacement          largest |u| of a node
 
-Units: stress; stress x length for the resultants; length; stress x length^2 for the energy.
-Forces and energies are per thickness. All but slip and energy belong to one moment, the end of the
-load history; where the contact (or, without contact, the body) carries nothing then, to the step of
-the largest normal resultant (displacement).
+Units: stress; stress x length for the resultants; length; stress x length^2 for the energy. Forces
+and energies are per thickness. All but slip and energy belong to one moment, the end of the load
+history; where the contact (or, without contact, the body) carries nothing then, to the step of the
+largest normal resultant (displacement).
 
 Counting nodes tells a length by the mesh size only. Near an edge of contact the opening grows like
 r^(3/2) (Johnson, Contact Mechanics, 4.2 and 5.1), so that its power 2/3 is linear in the arc and
-locates the edge; the node next to the edge, whose opening errs most, is left out where there are
-others.
+locates the edge; the node next to it, whose opening errs most, is left out if there are others.
 """
 
 import numpy as np
 
 from ..contact.states import OPEN, SLIP
 
-# resultants below this part of the largest one of the history are what rounding leaves
-NOTHING = 1e-9
+NOTHING = 1e-9  # part of the largest resultant of the history that rounding leaves
 
 
 def quantities(effects, nodes: dict, steps: dict, displacement) -> tuple[dict[str, float], int]:
@@ -37,22 +35,20 @@ def quantities(effects, nodes: dict, steps: dict, displacement) -> tuple[dict[st
     """
     displacement = np.asarray(displacement, float)
     if not effects.contact:
-        at = _moment(displacement)
-        return {"displacement": float(displacement[at])}, at
+        index = _moment(displacement)
+        return {"displacement": float(displacement[index])}, index
     pressure, weight, pieces = -steps["sigma_n"], nodes["weight"], chains(nodes)
     normal = pressure @ weight
-    at = _moment(np.abs(normal))
-    found = {
-        "peak_pressure": max(
-            peak(nodes["arc"][piece], traction(nodes, pressure[at], piece)) for piece in pieces),
-        "normal_resultant": normal[at], "contact_length": contact_length(nodes, pieces, steps, at),
-        "displacement": displacement[at]
-    }
+    index = _moment(np.abs(normal))
+    peaks = [peak(nodes["arc"][piece], traction(nodes, pressure[index], piece)) for piece in pieces]
+    values = {"peak_pressure": max(peaks), "normal_resultant": normal[index],
+              "contact_length": contact_length(nodes, pieces, steps, index),
+              "displacement": displacement[index]}
     if effects.frictional:
-        found |= {"tangential_resultant": steps["sigma_t"][at] @ weight,
-                  "slip": max(longest_way(nodes, piece, steps, at) for piece in pieces),
-                  "dissipated_energy": -((steps["sigma_t"] * steps["slip"]) @ weight).sum()}
-    return {name: float(found[name]) for name in effects.quantities}, at
+        values |= {"tangential_resultant": steps["sigma_t"][index] @ weight,
+                   "slip": max(longest_way(nodes, piece, steps, index) for piece in pieces),
+                   "dissipated_energy": -((steps["sigma_t"] * steps["slip"]) @ weight).sum()}
+    return {name: float(values[name]) for name in effects.quantities}, index
 
 
 def _moment(size: np.ndarray) -> int:
@@ -61,8 +57,7 @@ def _moment(size: np.ndarray) -> int:
 
 
 def chains(nodes: dict) -> list[np.ndarray]:
-    """Indices of the contact nodes of every connected piece of the boundary, in the order of arc.
-    """
+    """Indices of the contact nodes of every connected boundary piece, in the order of arc."""
     arc, xy, label = nodes["arc"], nodes["xy"], nodes["label"]
     along, across = np.diff(arc), np.linalg.norm(np.diff(xy, axis=0), axis=1)
     breaks = (label[1:] != label[:-1]) | (np.abs(along - across) > 1e-6 * across)
@@ -82,13 +77,13 @@ def _beyond(nodes: dict, piece: np.ndarray) -> np.ndarray:
         return np.zeros(2)
     ends = piece[[0, -1]]
     weight, near = nodes["weight"][ends], side[[0, -1]]
-    left = np.where(nodes["paired"][ends], weight - near / 2, 2 * weight - near)
+    beyond = np.where(nodes["paired"][ends], weight - near / 2, 2 * weight - near)
     if nodes["middle"].any():
         beyond = np.where(nodes["paired"][ends], weight - near / 3, 3 * weight - near)
-        left = np.where(nodes["middle"][ends], near, beyond)
-    left[left < 1e-6 * side[[0, -1]]] = 0.0
+        beyond = np.where(nodes["middle"][ends], near, beyond)
+    beyond[beyond < 1e-6 * near] = 0.0
     closing = np.linalg.norm(np.subtract(*nodes["xy"][ends]))
-    return left / 2 if np.allclose(left, closing, rtol=1e-6, atol=0) else left
+    return beyond / 2 if np.allclose(beyond, closing, rtol=1e-6, atol=0) else beyond
 
 
 def traction(nodes: dict, pressure: np.ndarray, piece: np.ndarray) -> np.ndarray:
@@ -98,20 +93,18 @@ def traction(nodes: dict, pressure: np.ndarray, piece: np.ndarray) -> np.ndarray
     O(h) however smooth the pressure is. The line through its neighbours is of second order. With
     quadratic elements so is the node's own: its shape function has no first moment.
     """
-    found = pressure[piece].copy()
+    p, x = pressure[piece].copy(), nodes["arc"][piece]
     if nodes["middle"].any():
-        return found
-    for end, (one, two), edge in zip((0, -1), ((1, 2), (-2, -3)), _beyond(nodes, piece)):
-        if edge == 0 and len(piece) > 3 and min(found[[end, one, two]]) > 0:
-            x = nodes["arc"][piece]
-            slope = (found[one] - found[two]) / (x[one] - x[two])
-            found[end] = max(0.0, found[one] + slope * (x[end] - x[one]))
-    return found
+        return p
+    for end, (near, far), edge in zip((0, -1), ((1, 2), (-2, -3)), _beyond(nodes, piece)):
+        if edge == 0 and len(piece) > 3 and min(p[[end, near, far]]) > 0:
+            slope = (p[near] - p[far]) / (x[near] - x[far])
+            p[end] = max(0.0, p[near] + slope * (x[end] - x[near]))
+    return p
 
 
 def peak(arc: np.ndarray, values: np.ndarray) -> float:
-    """Largest of `values` (k,) over `arc`, of the parabola through it and its neighbours where both
-    are positive.
+    """Largest of `values` (k,) over `arc`, of a parabola where both neighbours are positive.
 
     At an edge of contact, beyond which they vanish, they are not smooth.
     """
@@ -127,62 +120,56 @@ def peak(arc: np.ndarray, values: np.ndarray) -> float:
     return float(y[1] - slope**2 / (4 * bend)) if bend < 0 else float(y[1])
 
 
-def contact_length(nodes: dict, pieces: list[np.ndarray], steps: dict, at: int) -> float:
-    """Length in contact at step `at`; edges between a closed and an open node count in part."""
+def contact_length(nodes: dict, pieces: list[np.ndarray], steps: dict, index: int) -> float:
+    """Length in contact at step `index`; edges between a closed and an open node count in part."""
     total = 0.0
     for piece in pieces:
-        closed = steps["status"][at][piece] != OPEN
+        closed = steps["status"][index][piece] != OPEN
         if len(piece) == 1:
             total += float(nodes["weight"][piece[0]]) * closed[0]
             continue
-        side = np.diff(nodes["arc"][piece])
-        total += float(_beyond(nodes, piece) @ closed[[0, -1]]) + float(
-            side @ (closed[1 :] & closed[:-1]))
-        total += sum(part for _, _, part in edges_of_contact(nodes, piece, steps, at))
+        inside = float(np.diff(nodes["arc"][piece]) @ (closed[1:] & closed[:-1]))
+        total += float(_beyond(nodes, piece) @ closed[[0, -1]]) + inside
+        total += sum(part for _, _, part in edges_of_contact(nodes, piece, steps, index))
     return float(total)
 
 
 def edges_of_contact(nodes: dict, piece: np.ndarray, steps: dict,
-                     at: int) -> list[tuple[int, int, float]]:
-    """Closed node, open node (places in `piece`) and length in contact of every edge between such
-    at step `at`.
-    """
-    x, closed = nodes["arc"][piece], steps["status"][at][piece] != OPEN
-    opening = np.maximum(nodes["gap"] - steps["u_n"][at], 0.0)[piece]
-    pressure = np.maximum(-steps["sigma_n"][at], 0.0)[piece]
-    found = []
+                     index: int) -> list[tuple[int, int, float]]:
+    """Closed node, open node (places in `piece`), length in contact of edges between such."""
+    x, closed = nodes["arc"][piece], steps["status"][index][piece] != OPEN
+    opening = np.maximum(nodes["gap"] - steps["u_n"][index], 0.0)[piece]
+    pressure = np.maximum(-steps["sigma_n"][index], 0.0)[piece]
+    edges = []
     for i in np.flatnonzero(closed[1:] != closed[:-1]):
         if closed[i]:
-            part = _part(x[i:], opening[i:], pressure[: i + 1][::-1], x[: i + 1][::-1], closed[i:])
-            found.append((i, i + 1, part))
+            part = _part(x[i:], opening[i:], pressure[i::-1], x[i::-1], closed[i:])
+            edges.append((i, i + 1, part))
         else:
-            part = _part(-x[i + 1 ::-1], opening[i + 1 ::-1], pressure[i + 1 :], -x[i + 1 :],
-                         closed[i + 1 ::-1])
-            found.append((i + 1, i, part))
-    return found
+            k = i + 1
+            part = _part(-x[k::-1], opening[k::-1], pressure[k:], -x[k:], closed[k::-1])
+            edges.append((k, i, part))
+    return edges
 
 
-def longest_way(nodes: dict, piece: np.ndarray, steps: dict, at: int) -> float:
-    """Longest way that a point of a piece has slid in contact, also at the edges of contact of step
-    `at` between nodes.
+def longest_way(nodes: dict, piece: np.ndarray, steps: dict, index: int) -> float:
+    """Longest way that a point of a piece has slid in contact, also between its nodes.
 
     Slip is often largest at an edge of contact; the last closed node alone would tell it by the
-    mesh size only. What the open node beyond the edge has moved while its neighbour slid counts as
-    far as the edge.
+    mesh size only. What the open node beyond has moved while its neighbour slid counts up to it.
     """
     move, sliding = np.abs(steps["slip"])[:, piece], steps["status"][:, piece] == SLIP
     way = np.where(sliding, move, 0.0).sum(axis=0)
-    found = peak(nodes["arc"][piece], way)
-    for closed, beyond, part in edges_of_contact(nodes, piece, steps, at):
+    longest = peak(nodes["arc"][piece], way)
+    for closed, beyond, part in edges_of_contact(nodes, piece, steps, index):
         with_it = np.where(sliding[:, closed] | sliding[:, beyond], move[:, beyond], 0.0).sum()
         side = abs(nodes["arc"][piece[beyond]] - nodes["arc"][piece[closed]])
-        found = max(found, float(way[closed] + part / side * (with_it - way[closed])))
-    return found
+        longest = max(longest, float(way[closed] + part / side * (with_it - way[closed])))
+    return longest
 
 
 def _part(x, opening, pressure, inward, closed) -> float:
-    """Length from the last closed node x[0] to the edge of contact, at most the distance of the
-    open node x[1].
+    """Length from the last closed node x[0] to the edge of contact, at most to the open x[1].
 
     `x` rises; `opening` and `closed` belong to it; `pressure` over `inward` starts at the closed
     node and goes the other way. With a single open node the pressure, which vanishes like r^(1/2),
@@ -192,8 +179,8 @@ def _part(x, opening, pressure, inward, closed) -> float:
     while stop < len(x) and not closed[stop]:
         stop += 1
     if stop > 2:
-        one, two = (2, 3) if stop > 3 else (1, 2)
-        edge = _zero(x[one], x[two], opening[one] ** (2 / 3), opening[two] ** (2 / 3))
+        i, k = (2, 3) if stop > 3 else (1, 2)
+        edge = _zero(x[i], x[k], opening[i] ** (2 / 3), opening[k] ** (2 / 3))
     elif len(pressure) > 1:
         edge = _zero(inward[0], inward[1], pressure[0] ** 2, pressure[1] ** 2)
     else:
@@ -201,8 +188,6 @@ def _part(x, opening, pressure, inward, closed) -> float:
     return side / 2 if edge is None else float(np.clip(edge - x[0], 0.0, side))
 
 
-def _zero(one: float, two: float, here: float, there: float) -> float | None:
-    """Where the line through (one, here) and (two, there) vanishes on the side of `one`; None if it
-    does not.
-    """
-    return one - here * (two - one) / (there - here) if there > here else None
+def _zero(x0: float, x1: float, y0: float, y1: float) -> float | None:
+    """Where the line through two points vanishes on the side of the first; None if nowhere."""
+    return x0 - y0 * (x1 - x0) / (y1 - y0) if y1 > y0 else None

@@ -1,5 +1,4 @@
-"""Stage 7: the steps of a run at the contact nodes, from which its quantities of interest follow.
-"""
+"""Stage 7: the steps of a run at the contact nodes, for its quantities of interest."""
 
 import numpy as np
 
@@ -21,9 +20,7 @@ class Record:
         self.displacements = []  # the largest of the body, one number a step
 
     def add(self, step: Step) -> tuple[list[np.ndarray], dict[str, np.ndarray]]:
-        """Evaluate one step: displacements (dofs,) of the rank's subdomains and the state of the
-        contact nodes.
-        """
+        """Displacements (dofs,) of the rank's subdomains and the contact nodes' state in a step."""
         fields = self.operator.displacements(step.multipliers, step.weights)
         state = self.contact.evaluate(step, fields)
         for name, column in self.states.items():

@@ -1,5 +1,4 @@
-"""Stage 6, between bodies: contact linearized a second time, about displacements of the problem's
-own solution.
+"""Stage 6, between bodies: contact linearized again, about the problem's own solution.
 
 The distance of two boundaries, the normals and the parts that face each other depend on the
 displacements. The first linearization takes them from the initial geometry. What it neglects is of
@@ -27,21 +26,18 @@ from .record import Record
 
 
 def linearized(problem: Problem, settings: Settings, comm) -> Problem:
-    """The problem with contact between bodies linearized as `settings.linearization` says;
-    collective.
+    """The problem with pairs linearized as `settings.linearization` says; collective.
 
     "updated": about the displacements of a run about the initial geometry, at the step that its
     quantities of interest belong to (the last one, or where contact is lost by then that with the
-    largest normal resultant). Raises InputError where no bodies meet, DriverError where that run
-    fails.
+    largest normal resultant). Raises InputError where no bodies meet, DriverError of that run.
     """
     manifest, structure = problem.manifest, problem.structure
     if settings.linearization == "initial":
         return problem
     if not manifest.contact_pairs:
-        raise InputError(
-            "LINEARIZATION=updated is about contact between bodies: the scene declares no "
-            "contactPair")
+        raise InputError("LINEARIZATION=updated is about contact between bodies: "
+                         "the scene declares no contactPair")
     solver = problem.solver(dataclasses.replace(settings, uniqueness="no"))
     record, steps = Record(problem.operator, solver), []
     try:
@@ -51,7 +47,7 @@ def linearized(problem: Problem, settings: Settings, comm) -> Problem:
     except StepFailed as failure:
         reason = f"with contact as in the initial geometry: {failure}"
         raise error_of(failure.exit_status, reason) from None
-    at = steps[record.quantities()[1]]
-    moved = problem.operator.displacements(at.multipliers, at.weights)
+    step = steps[record.quantities()[1]]
+    moved = problem.operator.displacements(step.multipliers, step.weights)
     structure = build(manifest, structure.subdomains, structure.first, comm, moved)
     return Problem(manifest, structure, DualOperator(structure, comm))

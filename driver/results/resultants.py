@@ -9,8 +9,7 @@ from ..march.step import Step
 
 def resultants(operator: DualOperator, step: Step, inner: list[np.ndarray],
                contact: dict) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Resultants (2,) of loads, support reactions and the obstacles' forces, which add up to zero;
-    and `size`.
+    """Resultants (2,) of loads, reactions and obstacles' forces, which add up to zero; `size`.
 
     `inner` are the forces K u (dofs,) of the rank's subdomains, `contact` the quantities of the
     contact nodes. `size` (2,) is the sum of the absolute values of all these nodal forces: the
@@ -34,5 +33,5 @@ def resultants(operator: DualOperator, step: Step, inner: list[np.ndarray],
     weight = np.where(b.paired, 0.0, b.weight)  # forces between two bodies cancel
     force = ((contact[ContactField.SIGMA_N] * weight)[:, None] * b.normal
              + (contact[ContactField.SIGMA_T] * weight)[:, None] * b.tangent)
-    found = {"load": load, "reaction": reaction, "contact": force.sum(axis=0)}
-    return found, size + np.abs(force).sum(axis=0)
+    forces = {"load": load, "reaction": reaction, "contact": force.sum(axis=0)}
+    return forces, size + np.abs(force).sum(axis=0)

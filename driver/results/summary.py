@@ -48,14 +48,12 @@ class Sizes:
         """Sizes of a torn problem."""
         gluing, normal, tangential = np.bincount(structure.row_kind, minlength=3).tolist()
         return cls(structure.total, structure.primal_dofs, structure.dual_dofs, gluing, normal,
-                   tangential,
-                   structure.coarse_dofs, len(structure.contact.gid))
+                   tangential, structure.coarse_dofs, len(structure.contact.gid))
 
 
 @dataclass
 class Summary:
-    """The entries of summary.json; `parts` of dictionaries are named where their names are fixed.
-    """
+    """The entries of summary.json; `parts` of dictionaries are named where these are fixed."""
 
     scene: str = entry("name of the scene")
     variant: str = entry("its LOADING, if it has any")
@@ -78,15 +76,13 @@ class Summary:
         "cg_steps": "CG steps of MPRGP", "expansion_steps": "expansion steps of MPRGP",
         "proportioning_steps": "proportioning steps of MPRGP",
         "contact_block_products": "products with the contact rows' block alone"})
-    residuals: dict = entry("relative residuals of the KKT conditions, the worst of all steps",
-                            parts={
+    residuals: dict = entry("relative residuals of the KKT conditions, worst of all steps", parts={
         "stationarity": "projected gradient", "gluing": "jump between subdomains",
         "penetration": "into obstacle or other body", "sign": "pulling normal forces",
         "cone": "friction forces above their bound",
-                                "complementarity": "work of gap and lost dissipation",
+        "complementarity": "work of gap and lost dissipation",
         "equilibrium": "forces on bodies that no support holds"})
-    contraction: float = entry(
-        "worst mean ratio of successive changes of the fixed point in a step")
+    contraction: float = entry("worst mean ratio of successive changes of a step's fixed point")
     fallbacks: dict = entry("steps that needed another method, by the method's name")
     uniqueness: dict = entry("whether the steps have other solutions", parts={
         "verdict": "unique, not unique, no second solution found or not examined",
@@ -136,8 +132,8 @@ def summarize(request, problem: Problem, solver: QuasistaticSolver,
               seconds: dict, **optional) -> Summary:
     """The summary of a finished run; collective.
 
-    `request` names the scene, `failure` says why the run did not converge, `memory_mib` is as
-    from `largest_memory`, `seconds` of all stages; `optional` entries as in `Summary`.
+    `request` names the scene, `failure` says why the run did not converge, `memory_mib` is as from
+    `largest_memory`, `seconds` of all stages; `optional` entries as in `Summary`.
     """
     manifest, structure, history = problem.manifest, problem.structure, solver.history
     sizes = Sizes.of(structure)
@@ -145,29 +141,23 @@ def summarize(request, problem: Problem, solver: QuasistaticSolver,
     if failure:
         warnings.append(str(failure))
     if writer.history_rows:
-        quantities, index = writer.record.quantities()
-        optional |= {"quantities": quantities,
-                     "quantities_time": writer.history_rows[index]["time"]}
+        optional["quantities"], index = writer.record.quantities()
+        optional["quantities_time"] = writer.history_rows[index]["time"]
     return Summary(
         scene=request.scene, variant=str(manifest.parameters.get("loading", "")),
         converged=failure is None, reason=str(failure or ""), warnings=warnings,
-        effects=problem.effects.summary,
-        sizes=sizes, steps=history.steps, t_end=manifest.t_end, counts=history.counts,
-        residuals=history.residuals, contraction=history.contraction,
+        effects=problem.effects.summary, sizes=sizes, steps=history.steps, t_end=manifest.t_end,
+        counts=history.counts, residuals=history.residuals, contraction=history.contraction,
         fallbacks={name: len(steps) for name, steps in history.fallbacks.steps.items()},
         uniqueness=solver.uniqueness.summary(), memory_mib=memory_mib,
-        ranks=writer.operator.comm.size,
-        units=manifest.units, amplitudes=manifest.amplitudes,
+        ranks=writer.operator.comm.size, units=manifest.units, amplitudes=manifest.amplitudes,
         parameters={**manifest.parameters, **asdict(settings)}, versions=_versions(),
-        seconds=seconds,
-        effects_ledger=_ledger(problem, sizes, solver, writer),
+        seconds=seconds, effects_ledger=_ledger(problem, sizes, solver, writer),
         balance=writer.balance, dissipated=writer.dissipated, **optional)
 
 
 def write(directory: Path, summary: Summary, comm) -> None:
-    """Write the file into `directory` on rank 0; collective. Raises InputError if it cannot be
-    written.
-    """
+    """Write the file on rank 0; collective. Raises InputError if it cannot be written."""
     with agreed_writes(comm):
         if comm.rank == 0:
             write_json(directory / FILE, summary.entries())
@@ -179,18 +169,16 @@ def largest_memory(comm) -> float:
 
 
 def reference() -> list[dict[str, str]]:
-    """A row {entry, unit, meaning} for every entry: the reference of the documentation; nested
-    names have a dot.
-    """
+    """A row {entry, unit, meaning} an entry, nested ones with a dot, for the documentation."""
     rows = []
     for item in fields(Summary):
-        rows.append({"entry": item.name, "unit": item.metadata["unit"],
-                     "meaning": item.metadata["meaning"]})
+        meanings = {item.name: item.metadata["meaning"]}
         parts = item.metadata["parts"]
         if item.type is Sizes:
             parts = {part.name: part.metadata["meaning"] for part in fields(Sizes)}
-        rows += [{"entry": f"{item.name}.{name}", "unit": item.metadata["unit"], "meaning": meaning}
-                 for name, meaning in parts.items()]
+        meanings |= {f"{item.name}.{name}": meaning for name, meaning in parts.items()}
+        rows += [{"entry": name, "unit": item.metadata["unit"], "meaning": meaning}
+                 for name, meaning in meanings.items()]
     return rows
 
 

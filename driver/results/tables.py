@@ -1,5 +1,4 @@
-"""The columns of the tables that a run leaves: name, unit and meaning, from which headers and their
-reference follow.
+"""Columns of the tables that a run leaves, from which headers and their reference follow.
 
 Units are "1", "length", "stress", "time", or products of these; forces and energies are per
 thickness. A name with {} stands for as many columns as the run has of what the meaning says.
@@ -94,9 +93,7 @@ TABLES = {
 
 
 def header(columns: tuple[Column, ...], **families) -> list[str]:
-    """Names of the columns; `families` has the members of a column with {} by what stands before
-    it, without _.
-    """
+    """Names of the columns; `families` has the members of a column `name`_{} by `name`."""
     names = []
     for column in columns:
         if column.name.endswith("_{}"):
@@ -108,9 +105,7 @@ def header(columns: tuple[Column, ...], **families) -> list[str]:
 
 
 def reference() -> list[dict[str, str]]:
-    """A row {file, column, unit, meaning} for every column of every table: the reference of the
-    documentation.
-    """
+    """A row {file, column, unit, meaning} for every column, for the documentation."""
     return [{"file": file, "column": str(column.name), "unit": column.unit,
              "meaning": column.meaning}
             for file, (_, columns) in TABLES.items() for column in columns]

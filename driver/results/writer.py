@@ -1,5 +1,4 @@
-"""Stage 7: what a run leaves step by step: contact.csv, history.csv, convergence.csv, boundary.csv,
-VTU fields.
+"""Stage 7: what a run leaves step by step: tables of contact, history, convergence; fields.
 
 Fields are gathered on rank 0, which alone writes. Files go to the run's private directory, which
 the command line renames as a whole, so a result directory that is there is complete.
@@ -28,9 +27,7 @@ class Writer:
 
     def __init__(self, directory: Path, manifest: Manifest, operator: DualOperator,
                  solver: QuasistaticSolver, fields: bool):
-        """`fields`: whether VTU files are wanted. Raises InputError if `directory` cannot be
-        written to.
-        """
+        """`fields`: write VTU files. Raises InputError if `directory` cannot be written to."""
         self.directory, self.manifest = directory, manifest
         self.operator, self.solver = operator, solver
         self.record = Record(operator, solver)
@@ -41,17 +38,15 @@ class Writer:
         write_outline(directory / "boundary.csv", manifest, operator.structure, operator.comm)
 
     def add(self, step: Step, replayed: bool = False) -> tuple[dict[str, np.ndarray], float]:
-        """Evaluate and record one step; the state of the contact nodes and the body's energy u' K
-        u.
+        """Record one step; the state of the contact nodes and the body's energy u' K u.
 
-        `replayed`: the step was finished before the run was interrupted, and its fields are
-        written.
+        `replayed`: the step and its fields are those of an interrupted run.
         """
         displacements, state = self.record.add(step)
         inner = self.operator.inner_forces(displacements)
         forces, size = resultants(self.operator, step, inner, state)
-        self.largest_imbalance = max(self.largest_imbalance,
-                                     float(np.abs(sum(forces.values())).max()))
+        imbalance = float(np.abs(sum(forces.values())).max())
+        self.largest_imbalance = max(self.largest_imbalance, imbalance)
         self.largest_forces = max(self.largest_forces, float(size.max()))
         work = state[ContactField.SIGMA_T] * state[ContactField.SLIP]
         self.dissipated += float(-(work * self.contact.boundary.weight).sum())
@@ -70,13 +65,11 @@ class Writer:
     @property
     def files(self) -> list[str]:
         """Files of fields that are written, relative to the directory."""
-        return [] if self.fields is None else [name for _, name in self.fields.steps]
+        return [name for _, name in self.fields.steps] if self.fields else []
 
     @property
     def balance(self) -> float:
-        """Largest sum of the resultants of a step, over the largest sum of the nodal forces'
-        absolute values.
-        """
+        """Largest sum of a step's resultants over the largest sum of nodal forces' sizes."""
         return self.largest_imbalance / self.largest_forces if self.largest_forces > 0 else 0.0
 
     def close(self) -> None:

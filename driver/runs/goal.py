@@ -1,19 +1,15 @@
-"""ACCURACY=1%[,quantity]: choose mesh, steps and tolerances so that a quantity of interest is as
-good as asked for.
+"""ACCURACY=1%[,quantity]: choose mesh, steps and tolerances for the error that is asked for.
 
 The search starts from a mesh eight times coarser than the scene's own and refines. Runs of
 successive meshes are each other's companions (budget.py): nothing is run for the estimate alone but
 cheap things on the second mesh,
 
-steps       5, 10, 20, ... until the part of the time step is below TIME of what is allowed; all of
-            them take their
-            times from one finely sampled history; a single step where the end does not depend on
-            the way to it
+steps       5, 10, 20, ... until the part of the time step is below TIME of what is allowed; their
+            times are from one finely sampled history; one where the end does not depend on the way
 tolerances  RTOL, FRICTION_RTOL start far above what single runs use and are tightened until a
-            hundredth of them would
-            change the quantity by less than ALGEBRAIC of what is allowed, so that nothing is solved
-            beyond the discretization error; with many steps, whose errors add up, they are smaller
-            in proportion
+            hundredth of them would change the quantity by less than ALGEBRAIC of what is allowed,
+            so that nothing is solved beyond the discretization error; with many steps, whose
+            errors add up, they are smaller in proportion
 
 Both are checked again on the last mesh but one.
 
@@ -32,18 +28,8 @@ from pathlib import Path
 from ..effects import Effects
 from ..effects.quasistatic import proportional
 from ..errors import DriverError, InputError, NoSolution, NotConverged, error_of
-from ..estimates.budget import (
-    FORMAL,
-    UNBOUNDED,
-    Part,
-    extrapolate,
-    main_quantity,
-    mesh_knob,
-    name_of,
-    ratio,
-    share,
-    summed,
-)
+from ..estimates.budget import (FORMAL, SOURCES, UNBOUNDED, Part, extrapolate, main_quantity,
+                                mesh_knob, name_of, ratio, share, summed)
 from .request import Request
 
 COARSENING = (8, 4, 2, 1)  # of the scene's own mesh, for the first one that can be had
@@ -59,21 +45,18 @@ class Search:
     """Looks for the settings that meet a request. Collective."""
 
     def __init__(self, levels, settings, asked: float, quantity: str, say=lambda line: None):
-        """`levels`: the scene's; `settings` those that are not chosen; `say` takes lines for the
-        user.
-        """
+        """`levels`: the scene's; `settings` not chosen here; `say` takes lines for the user."""
         self.levels, self.asked, self.say = levels, asked, say
         self.settings = dataclasses.replace(settings, rtol=0.01 * asked, friction_rtol=0.1 * asked,
                                             primal_rtol=0.03 * asked)
         self.first = self._first()
         self.knob = mesh_knob(self.first.parameters)
         if self.knob is None:
-            raise InputError(
-                "no parameter (CELLS, H) sets the mesh size of this scene: ACCURACY has nothing "
-                "to choose")
+            raise InputError("no parameter (CELLS, H) sets the mesh size of this scene: "
+                             "ACCURACY has nothing to choose")
         self.sizes = [self.first.parameters[self.knob]]
         self.effects, self.total = Effects(self.first), self.first.steps
-        self.stride = 1 if not self.effects.quasistatic else SAMPLING * FEWEST
+        self.stride = SAMPLING * FEWEST if self.effects.quasistatic else 1
         self.name = quantity
         self.parts: dict = {}  # by source: {quantity: Part}
 
@@ -95,15 +78,14 @@ class Search:
     # ---- runs ------------------------------------------------------------------------------------
     def _level(self, size, stride=None, settings=None):
         stride = stride or self.stride
-        return self.levels.run(self.scaled(settings or self.settings, stride), stride,
-                               **{self.knob: size})
+        settings = self.scaled(settings or self.settings, stride)
+        return self.levels.run(settings, stride, **{self.knob: size})
 
     def scaled(self, settings, stride: int):
         """Tolerances of a run with many steps: what each step leaves adds up in slip and energy."""
         factor = min(1.0, 5 / (self.total // stride))
-        return dataclasses.replace(settings,
-                                   **{name: max(1e-10, factor * getattr(settings, name))
-                                      for name in TOLERANCES})
+        return dataclasses.replace(settings, **{name: max(1e-10, factor * getattr(settings, name))
+                                                for name in TOLERANCES})
 
     def _values(self, size, stride=None, settings=None) -> dict:
         return self._level(size, stride, settings).values
@@ -114,12 +96,10 @@ class Search:
         return self.total // self.stride
 
     def _choose_steps(self, size, finest: int) -> None:
-        """As few steps as keep the time step's part below TIME of what is allowed, with a stride of
-        `finest` at least.
-        """
+        """As few steps as keep their error below TIME of what is allowed, strides from `finest`."""
         fewest = 2 * self.stride if "time" in self.parts else self.stride
-        strides, runs = [fewest, fewest // 2], [self._values(size, stride)
-                                                for stride in (fewest, fewest // 2)]
+        strides = [fewest, fewest // 2]
+        runs = [self._values(size, stride) for stride in strides]
         while not self._in_time(runs) and strides[-1] > finest:
             strides.append(strides[-1] // 2)
             runs.append(self._values(size, strides[-1]))
@@ -137,12 +117,13 @@ class Search:
         return TIME if self.stride > 1 else LAST
 
     def _in_time(self, runs: list[dict], part: float = TIME) -> bool:
-        """Whether the steps of the last of `runs`, with twice as many steps each, err by a `part`
-        of what is allowed at most; sets their part of the error."""
+        """Whether the time steps of the last run err by a `part` of what is allowed at most.
+
+        Each of `runs` has twice as many steps as the one before; sets their part of the error.
+        """
         last = runs[:-4:-1]
         self.parts["time"] = {q: extrapolate([a[q] - b[q] for a, b in zip(last, last[1:])],
-                                             [2.0] * (len(last) - 1),
-                                             FORMAL["time"], value, True)
+                                             [2.0] * (len(last) - 1), FORMAL["time"], value, True)
                               for q, value in last[0].items()}
         return self.parts["time"][self.name].error <= part * self.asked * abs(last[0][self.name])
 
@@ -160,19 +141,21 @@ class Search:
     def _more_steps(self, size) -> None:
         """More steps, as the mesh of a size tells; raises NotConverged if there are no more."""
         if self.stride == 1:
-            left, value = self.parts["time"][self.name].error, abs(self._values(size)[self.name])
+            error, value = self.parts["time"][self.name].error, abs(self._values(size)[self.name])
             raise NotConverged(
                 f"even {self.total} steps leave the {self._words()} an error of "
-                f"{share(left, value)}: too much of {100 * self.asked:g} %, of which the mesh "
-                f"needs a part; {share(left, LAST * value)} may do")
+                f"{share(error, value)}: too much of {100 * self.asked:g} %, of which the mesh "
+                f"needs a part; {share(error, LAST * value)} may do")
         before = self.stride
         self._choose_steps(size, 1)
         self.stride = min(self.stride, before // 2)
 
     def _enough_steps(self, size) -> bool:
         """Whether the time step's part is small enough on a finer mesh, against half the steps."""
-        return "time" not in self.parts or self._in_time(
-            [self._values(size, 2 * self.stride), self._values(size)], self._time_share)
+        if "time" not in self.parts:
+            return True
+        runs = [self._values(size, 2 * self.stride), self._values(size)]
+        return self._in_time(runs, self._time_share)
 
     def _name(self, values: dict) -> str:
         """The quantity asked for; raises InputError if the scene has no such."""
@@ -185,9 +168,7 @@ class Search:
         return self.name.replace("_", " ")
 
     def _tighten(self, size) -> bool:
-        """Tolerances with a part of the error small enough on the mesh of a size; whether they were
-        changed.
-        """
+        """Tolerances of a part of the error small enough on a mesh; whether they were changed."""
         stride, before = max(self.stride, min(self.total, SAMPLING * FEWEST)), self.settings
         coulomb = self.effects.pressure_bounds_friction
         while True:
@@ -227,26 +208,21 @@ class Search:
     def budget(self) -> dict:
         """Budget of every quantity on the finest mesh."""
         values = self._values(self.sizes[-1])
-        order = [source for source in ("mesh", "time", "friction", "solver")
-                 if source in self.parts]
+        order = [source for source in SOURCES if source in self.parts]
         return {q: summed({source: self.parts[source][q] for source in order}, value)
                 for q, value in values.items()}
 
     def _next(self, entry: dict) -> float:
-        """The next mesh size: its estimate is to use up ROOM of what other parts leave of the
-        request.
-        """
-        size, others = self.sizes[-1], sum(entry[s] for s in ("time", "friction", "solver")
-                                           if s in entry)
-        if entry["mesh"] is None:
-            factor = 2.0
-        else:
-            room = ROOM * max(self.asked * abs(entry["value"]) - others,
-                              0.1 * self.asked * abs(entry["value"]))
+        """The next mesh size: its estimate is to use up ROOM of what other parts leave."""
+        others = sum(entry[s] for s in ("time", "friction", "solver") if s in entry)
+        factor = 2.0
+        if entry["mesh"] is not None:
+            value = abs(entry["value"])
+            room = ROOM * max(self.asked * value - others, 0.1 * self.asked * value)
             order = min(max(entry.get("mesh_order", 1.0), 0.7), FORMAL["mesh"][self.first.element])
-            factor = min(max((entry["mesh"] / room) ** (1 / order), 1.25),
-                         2.0 if len(self.sizes) < 3 else 4.0)
-        return self._finer(size, factor)
+            most = 2.0 if len(self.sizes) < 3 else 4.0
+            factor = min(max((entry["mesh"] / room) ** (1 / order), 1.25), most)
+        return self._finer(self.sizes[-1], factor)
 
     def _finer(self, size, factor):
         """`size` refined by about `factor`, as a number that people would type."""
@@ -256,9 +232,7 @@ class Search:
         return min(math.floor(size / factor * 10**digits + 1e-9) / 10**digits, size)
 
     def run(self):
-        """The run that meets the request. Raises InputError, NoSolution or NotConverged, with the
-        finest run kept.
-        """
+        """Search, leaving the finest run. Raises InputError, NoSolution or NotConverged."""
         self.sizes.append(self._finer(self.sizes[0], 2.0))
         self.name = self._name(self._values(self.sizes[-1]))
         if self._memoryless(self.sizes[-1]):
@@ -270,69 +244,60 @@ class Search:
         while True:
             entry = self._assess()
             self.say(f"{name_of(self.knob, self.sizes[-1])} STEPS={self.steps}: "
-                     f"{self._words()} {entry['value']:.4g}, "
-                     f"estimated error {share(entry['total'], entry['value'])} ("
-                     f"mesh {share(entry['mesh'], entry['value'])})")
+                     f"{self._words()} {entry['value']:.4g}, estimated error "
+                     f"{share(entry['total'], entry['value'])} "
+                     f"(mesh {share(entry['mesh'], entry['value'])})")
             allowed = self.asked * abs(entry["value"])
-            if len(self.sizes) > 2 and entry["total"] is not None and entry["total"] <= allowed:
-                if not self._tighten(self.sizes[-2]) and self._enough_steps(self.sizes[-2]):
-                    entry = self.budget()[self.name]
-                    if entry["total"] <= allowed:
-                        return
+            met = len(self.sizes) > 2 and entry["total"] is not None and entry["total"] <= allowed
+            if met and not self._tighten(self.sizes[-2]) and self._enough_steps(self.sizes[-2]):
+                entry = self.budget()[self.name]
+                met = entry["total"] <= allowed
+                if met:
+                    return
             spent = entry.get("time", 0.0)
             if (len(self.sizes) > 2 and spent > self._time_share * allowed
-                    and entry["mesh"] is not None
-                    and (entry["mesh"] <= allowed or spent > allowed)):
+                and entry["mesh"] is not None and (entry["mesh"] <= allowed or spent > allowed)):
                 self._more_steps(self.sizes[-2])
                 continue
-            # tolerances were tightened
-            if len(self.sizes) > 2 and entry["total"] is not None and entry["total"] <= allowed:
+            if met:  # tolerances were tightened
                 continue
             unsettled = unsettled + 1 if entry["mesh"] is None else 0
             if unsettled > 1:
-                raise NoSolution(
-                    f"the {self._words()} cannot be had to {100 * self.asked:g} %: it grows from "
-                    "mesh to mesh, as at a singular point; ask for another quantity")
+                raise NoSolution(f"the {self._words()} cannot be had to {100 * self.asked:g} %: "
+                                 "it grows from mesh to mesh, as at a singular point; "
+                                 "ask for another quantity")
             size = self._next(entry)
-            vertices = self.levels.problem(**{self.knob: self.sizes[-1]}).manifest.nodes * \
-                ratio(self.knob, self.sizes[-1], size) ** 2
-            if vertices > LARGEST:
-                raise NotConverged(
-                    f"{self._demand(size)}, {vertices:.0f} nodes; reached: "
-                    f"{share(entry['total'], entry['value'])}")
-            self._make(size, entry)
+            self._make(size, share(entry["total"], entry["value"]))
             self.sizes.append(size)
 
-    def _make(self, size, entry: dict) -> None:
+    def _make(self, size, reached: str) -> None:
         """Have the problem of a finer mesh made. Raises NotConverged if it cannot be."""
+        demand = (f"{100 * self.asked:g} % of the {self._words()} would take "
+                  f"{name_of(self.knob, size)}")
+        nodes = self.levels.problem(**{self.knob: self.sizes[-1]}).manifest.nodes
+        vertices = nodes * ratio(self.knob, self.sizes[-1], size) ** 2
+        if vertices > LARGEST:
+            raise NotConverged(f"{demand}, {vertices:.0f} nodes; reached: {reached}")
         try:
             self.levels.problem(**{self.knob: size})
         except InputError as problem:
-            raise NotConverged(
-                f"{self._demand(size)}, which cannot be made ({problem}); "
-                f"reached: {share(entry['total'], entry['value'])}") from None
-
-    def _demand(self, size) -> str:
-        """What the request would take, for a message."""
-        return (f"{100 * self.asked:g} % of the {self._words()} would take "
-                f"{name_of(self.knob, size)}")
+            reason = f"{demand}, which cannot be made ({problem}); reached: {reached}"
+            raise NotConverged(reason) from None
 
     def chosen(self) -> dict[str, str]:
         """The settings as options of the command line."""
-        found = {self.knob.upper(): f"{self.sizes[-1]:g}"}
+        chosen = {self.knob.upper(): f"{self.sizes[-1]:g}"}
         if self.effects.quasistatic:
-            found["STEPS"] = str(self.steps)
+            chosen["STEPS"] = str(self.steps)
         settings = self.scaled(self.settings, self.stride)
         names = [name for name in TOLERANCES if self.effects.frictional or name != "friction_rtol"]
-        return found | {name.upper(): f"{getattr(settings, name):.1g}" for name in names}
+        return chosen | {name.upper(): f"{getattr(settings, name):.1g}" for name in names}
 
 
 # ---- the stage -----------------------------------------------------------------------------------
 
 def run(directory: Path, request: Request, comm) -> tuple[int, str]:
-    """Search and write the results of the run found into `directory`; exit status and reason, on
-    every rank alike.
-    """
+    """Search and write the result into `directory`; exit status and reason, on every rank."""
     from ..estimates.levels import Levels
     from ..options import Settings
 

@@ -44,10 +44,7 @@ def write_answer(work: Path, status: int, reason: str) -> None:
 
 
 def _why_no_answer(done: subprocess.CompletedProcess) -> str:
-    """One line out of what mpirun and its ranks have said.
-
-    A traceback is no user's mistake and is shown whole.
-    """
+    """One line out of what mpirun and its ranks have said; a traceback is shown whole."""
     errors = [line.removeprefix("error: ") for line in done.stderr.splitlines()
               if line.startswith("error: ")]
     if errors:

@@ -48,8 +48,7 @@ class Run:
         for name in sorted(set(given.parameters) & set(freefem.RESERVED)):
             raise InputError(f"{name.upper()} is no parameter of a scene: FreeFEM and the driver "
                              "use the word themselves")
-        names = ("without", "fields", "figures", "quiet", "resume", "adapt", "errors",
-                 "accuracy")
+        names = ("without", "fields", "figures", "quiet", "resume", "adapt", "errors", "accuracy")
         return cls(scene, given["out"] or RESULTS / scene.stem, given["np"], given.settings,
                    given.parameters, **{name: given[name] for name in names})
 
@@ -110,16 +109,14 @@ def _cycle(run: Run, place: Workspace, work: Path, before: list[Path],
            request: Request) -> tuple[int, str]:
     """Export and solve in `work` on the mesh after the cycles `before`; exit status and reason.
 
-    FreeFEM runs again when an interrupted run is resumed: only equal records show that nothing
-    they depend on has changed.
+    FreeFEM runs again on resuming: only equal records show that nothing behind them changed.
     """
     clock = time.perf_counter()
     sizes = before[-1] / adaptivity.STEM if before else None
     freefem.export(run.scene, work / "export", run.parameters, run.ranks, sizes,
                    lambda: launch.preload(solver, run.ranks), run.without)
-    identity = fingerprint(seal.read(work / "export").content,
-                           {**request.settings, "fields": request.fields,
-                            "without": list(request.without)})
+    choices = {"fields": request.fields, "without": list(request.without)}
+    identity = fingerprint(seal.read(work / "export").content, {**request.settings, **choices})
     _resume(run, place, work, identity)
     seconds = {**adaptivity.seconds(before), "export": time.perf_counter() - clock}
     request = dataclasses.replace(request, fingerprint=identity, seconds=seconds)
@@ -132,8 +129,8 @@ def _resume(run: Run, place: Workspace, work: Path, identity: dict) -> None:
     if steps:
         _say(run, f"goes on after step {steps} of an interrupted run; RESUME=no would start over")
     elif misfits:
-        _say(run, "starts over; there is an interrupted run, but "
-                  f"{' and '.join(sorted(misfits))}")
+        reason = " and ".join(sorted(misfits))
+        _say(run, f"starts over; there is an interrupted run, but {reason}")
 
 
 def _complete(run: Run, work: Path, cycles: list[Path]) -> None:

@@ -22,9 +22,7 @@ from .workspace import lock_log
 
 
 class Progress:
-    """Finished steps, residual and remaining time: a bar on a terminal, plain lines elsewhere, all
-    lines in a log.
-    """
+    """Finished steps, residual, remaining time: a bar on a terminal, else lines; a log."""
 
     def __init__(self, total: int, done: int, label: str, quiet: bool, log: Path | None):
         """`done` steps of `total` are those of an interrupted run."""
@@ -40,17 +38,16 @@ class Progress:
 
     def update(self, step) -> None:
         """Report one finished step."""
-        worst, spent = max(step.residuals.values()), time.perf_counter() - self.start
-        line = (f"{self.label}: step {step.index}/{self.total}, "
-                f"{step.fixed_point_iterations} fixed-point iterations, {step.products} products, "
-                f"KKT residual {worst:.1e}")
+        spent, kkt = time.perf_counter() - self.start, f"{max(step.residuals.values()):.1e}"
+        iterations, products = step.fixed_point_iterations, step.products
+        line = (f"{self.label}: step {step.index}/{self.total}, {iterations} fixed-point "
+                f"iterations, {products} products, KKT residual {kkt}")
         self.note(f"{line}, {spent:.2f} s")
+        due = step.index % max(1, self.total // 5) == 0 or step.index == self.total
         if self.bar is not None:
-            self.bar.set_postfix(fixed_point=step.fixed_point_iterations, products=step.products,
-                                 kkt=f"{worst:.1e}")
+            self.bar.set_postfix(fixed_point=iterations, products=products, kkt=kkt)
             self.bar.update()
-        elif not self.quiet and (step.index % max(1, self.total // 5) == 0
-                                 or step.index == self.total):
+        elif due and not self.quiet:
             remaining = spent * (self.total - step.index) / (step.index - self.done)
             print(f"{line}, {remaining:.0f} s left", flush=True)
 
@@ -71,11 +68,8 @@ class Progress:
 def run(directory: Path, request: Request, comm) -> tuple[int, str]:
     """Solve the export in ``directory/export`` and write the results into `directory`.
 
-    `request` holds scene, settings (of options.Settings), fields (bool), quiet (bool), seconds (of
-    the stages before), errors, refine (bool) and fingerprint (see checkpoint). Goes on from a
-    checkpoint in `directory`, if there is one. Collective over `comm`; returns exit status and
-    reason, the same on every rank. Raises DriverError, on all ranks alike, where there is nothing
-    to keep.
+    Goes on from a checkpoint in `directory`, if there is one. Exit status and reason are the same
+    on every rank; collective. Raises DriverError on all ranks where there is nothing to keep.
     """
     lap = Laps(request.seconds)
     seconds, settings = lap.seconds, Settings(**request.settings)
@@ -137,11 +131,9 @@ def _march(directory: Path, request: Request, problem: Problem, solver: Quasista
 def _progress(directory: Path, request: Request, problem: Problem, resumed: int, comm) -> Progress:
     """The report of progress, with its first line."""
     root = comm.rank == 0
-    progress = Progress(problem.manifest.steps, resumed, request.scene,
-                        request.quiet or not root,
+    progress = Progress(problem.manifest.steps, resumed, request.scene, request.quiet or not root,
                         directory / "run.log" if root else None)
-    line = (f"{request.scene} {problem.manifest.parameters} {request.settings} "
-            f"on {comm.size} ranks")
+    line = f"{request.scene} {problem.manifest.parameters} {request.settings} on {comm.size} ranks"
     progress.note(f"{line}, resumed after step {resumed}" if resumed else line)
     return progress
 
@@ -180,8 +172,7 @@ def _budget(directory: Path, request: Request, problem: Problem, writer: Writer)
 
     settings = Settings(**{**request.settings, "uniqueness": "no"})
     levels = Levels(Path(request.script), request.parameters, directory / "companions",
-                    writer.operator.comm,
-                    settings, [Path(place) for place in request.cycles],
+                    writer.operator.comm, settings, [Path(place) for place in request.cycles],
                     request.without)
     try:
         return assess(levels, problem, settings, *writer.record.quantities())

@@ -200,10 +200,7 @@ def _locked(descriptor) -> bool:
 
 
 def lock_log(file) -> None:
-    """Rank 0 locks its log: a killed run is not taken up before its ranks have ended.
-
-    On a file system without locks the log stays without.
-    """
+    """Rank 0 locks its log, if it can: a killed run's ranks end before it is taken up."""
     _locked(file)
 
 
@@ -232,10 +229,10 @@ def _undisturbed():
             signal.raise_signal(number)
 
 
-def _exchange(one: Path, other: Path) -> bool:
+def _exchange(first: Path, second: Path) -> bool:
     """Exchange two directories at once by Linux's renameat2; False where a file system cannot."""
     rename = getattr(ctypes.CDLL(None), "renameat2", None)
     if rename is None:
         return False
-    first, second = os.fsencode(one), os.fsencode(other)
-    return rename(AT_FDCWD, first, AT_FDCWD, second, RENAME_EXCHANGE) == 0
+    paths = os.fsencode(first), os.fsencode(second)
+    return rename(AT_FDCWD, paths[0], AT_FDCWD, paths[1], RENAME_EXCHANGE) == 0
