@@ -1,5 +1,4 @@
-"""Several bodies, most of them held by contact alone: products and times over sizes with H/h kept,
-and on two ranks."""
+"""Several bodies, mostly held by contact alone: products and times over sizes with equal H/h."""
 
 import shutil
 from pathlib import Path
@@ -13,20 +12,18 @@ from .workbench import Workbench, march, on_ranks, timed
 PART = "bodies"
 # scene: parameters of every size, four times the subdomains and half the mesh size from one to the
 # next
-CASES = {
-    "hertz-bodies": [{"subdomains": "12", "h": "0.001"}, {"subdomains": "48", "h": "0.0005"},
-                     {"subdomains": "192", "h": "0.00025"}],
-    "slope": [{"subdomains": cut} for cut in ("4x2", "8x4", "16x8", "32x16")],
-    "stack": [{"subdomains": "9", "h": "0.1"}, {"subdomains": "36", "h": "0.05"},
-              {"subdomains": "144", "h": "0.025"}],
-    "joint": [{"subdomains": "8", "h": "0.8"}, {"subdomains": "32", "h": "0.4"},
-              {"subdomains": "128", "h": "0.2"}]}
+CASES = {"hertz-bodies": [{"subdomains": "12", "h": "0.001"}, {"subdomains": "48", "h": "0.0005"},
+                          {"subdomains": "192", "h": "0.00025"}],
+         "slope": [{"subdomains": cut} for cut in ("4x2", "8x4", "16x8", "32x16")],
+         "stack": [{"subdomains": "9", "h": "0.1"}, {"subdomains": "36", "h": "0.05"},
+                   {"subdomains": "144", "h": "0.025"}],
+         "joint": [{"subdomains": "8", "h": "0.8"}, {"subdomains": "32", "h": "0.4"},
+                   {"subdomains": "128", "h": "0.2"}]}
 RANKS = (1, 2)
 
 
 def measure(bench: Workbench) -> dict:
-    """Products and seconds of the steps of every scene at every size; the second size on one and
-    two ranks.
+    """Products and seconds of the steps at every size; the second size on one and two ranks.
 
     Returns lists of dicts by scene: subdomains, products, iterations, steps, seconds.
     """

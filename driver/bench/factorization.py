@@ -1,5 +1,4 @@
-"""Solver time over one sparse Cholesky factorization and solution of the assembled linear problem
-by MUMPS."""
+"""Solver time over one sparse Cholesky factorization and solution by MUMPS, assembled."""
 
 import dataclasses
 
@@ -20,8 +19,7 @@ ORDERINGS = {"AMD": 0, "SCOTCH": 3, "PORD": 4, "METIS": 5}  # MUMPS ICNTL(7)
 
 
 def assembled(structure):
-    """Stiffness (n, n) of the whole body without supported dofs, as CSR, and its loads (patterns,
-    n); no contact."""
+    """CSR stiffness (n, n) of the whole body without supported dofs, and loads (patterns, n)."""
     size = 2 * (1 + max(int(sub.node_gid.max()) for sub in structure.subdomains))
     free, i, j, values, loads = np.ones(
         size, bool), [], [], [], np.zeros((structure.patterns, size))
@@ -68,8 +66,7 @@ def factorize_and_solve(matrix: PETSc.Mat, right: np.ndarray, ordering: int) -> 
 
 
 def measure(bench: Workbench) -> dict:
-    """Both loadings against the factorization, taken in turn on one core; median seconds for the
-    picture."""
+    """Both loadings and the factorization in turn on one core; median seconds for the picture."""
     problem = bench.problem(SUBDOMAINS)
     K, loads = assembled(problem.structure)
     matrix = petsc_matrix(K)
@@ -103,8 +100,7 @@ def measure(bench: Workbench) -> dict:
 
 
 def _set_up(problem, settings: Settings) -> None:
-    """Substructuring, reduction, norm, preconditioner and contact block anew from the subdomains as
-    read."""
+    """Substructuring, reduction, norm, preconditioner and contact block anew."""
     comm = problem.operator.comm
     structure = build(problem.manifest, problem.structure.subdomains, 0, comm)
     dataclasses.replace(problem, structure=structure,

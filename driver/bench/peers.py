@@ -39,11 +39,10 @@ def measure(bench: Workbench, large: bool = False) -> dict:
         _write_mesh(bench.problem(subdomains).structure, mesh)
         bench.forget(subdomains)
         script = str(Path(__file__).with_name("getfem_model.py"))
-        commands = {
-            "driver": driver("run", "SCENE=model", f"LOADING={LOADING}", f"SUBDOMAINS={subdomains}",
-                             f"STEPS={STEPS}", f"OUT={ours}", "ERRORS=no", "FIELDS=no",
-                             "FIGURES=no", "QUIET=yes"),
-            "GetFEM": [sys.executable, script, str(mesh), str(theirs), str(STEPS), LOADING]}
+        commands = {"driver": driver("run", "SCENE=model", f"LOADING={LOADING}",
+                                     f"SUBDOMAINS={subdomains}", f"STEPS={STEPS}", f"OUT={ours}",
+                                     "ERRORS=no", "FIELDS=no", "FIGURES=no", "QUIET=yes"),
+                    "GetFEM": [sys.executable, script, str(mesh), str(theirs), str(STEPS), LOADING]}
         times = in_turn({name: lambda command=command: child(command)[0]
                          for name, command in commands.items()}, REPEATS if cells < 80 else 1)
         difference = _compare(ours, theirs)

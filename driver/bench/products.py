@@ -1,5 +1,4 @@
-"""Products with F in 20 steps beside the slides' table, and the share of every ingredient by
-leaving it out."""
+"""Products with F in 20 steps beside the slides' table, also without each ingredient."""
 
 from ..studies.table import LOADINGS, ROWS, SLIDES, method_settings
 from .workbench import Workbench, march

@@ -1,5 +1,4 @@
-"""The product with F against what the machine's dense products and memory allow, measured beside
-it."""
+"""The product with F against the machine's dense products and memory, measured beside it."""
 
 import numpy as np
 

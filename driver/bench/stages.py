@@ -32,8 +32,7 @@ def measure(bench: Workbench) -> None:
 
 
 def _scenes(bench: Workbench) -> tuple[Path, Path]:
-    """The model example, whose subdomains are equal, and one in which each has a stiffness of its
-    own."""
+    """The model example with equal subdomains, and one with a stiffness of its own in each."""
     model, graded = freefem.find_scene("model"), bench.folder / "graded.edp"
     before, macro, after = model.read_text().partition("macro young() E //")
     graded.write_text(f"{before}macro young() (E*(1 + x*y)) //{after}")
@@ -44,11 +43,9 @@ def _scenes(bench: Workbench) -> tuple[Path, Path]:
 
 
 def _export(bench: Workbench, model: Path, graded: Path) -> None:
-    """FreeFEM on one and two ranks, with equal subdomains, of which it assembles one, and with a
-    stiffness each.
+    """FreeFEM on one and two ranks, with equal subdomains and with a stiffness each.
 
-    Ranks share the assembly out; starting them under MPI costs the same whatever there is to
-    assemble.
+    It assembles one of equal subdomains. Ranks share the assembly; their start costs the same.
     """
     for scene, subdomains, text, target in ((model, SMALLER, "equal subdomains", ""),
                                             (graded, SUBDOMAINS, "a stiffness each", ">= 1.7")):
@@ -61,8 +58,7 @@ def _export(bench: Workbench, model: Path, graded: Path) -> None:
                          ratios(found[1], found[2]), "", target)
     bench.export(SUBDOMAINS)
     bench.report.add(PART, f"FreeFEM stage, {SUBDOMAINS}, per dof, one core",
-                     1e6 * bench.export_seconds[SUBDOMAINS, 10, 1] / DOFS,
-                     "µs", "<= 12")
+                     1e6 * bench.export_seconds[SUBDOMAINS, 10, 1] / DOFS, "µs", "<= 12")
 
 
 def _fresh_export(bench: Workbench, scene: Path, subdomains: str, ranks: int) -> float:

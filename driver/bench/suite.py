@@ -1,5 +1,4 @@
-"""All parts of the benchmark, or those asked for: report.csv and a picture for parts that have
-one."""
+"""All parts of the benchmark, or those asked for: report.csv and pictures."""
 
 import time
 from pathlib import Path
@@ -24,8 +23,7 @@ def run_bench(pairs: dict[str, str]) -> list[Path]:
 
 
 def _measure(chosen: list[str], large: bool, folder: Path) -> list[Path]:
-    """Measure the parts `chosen`, write report.csv after each, and draw what each leaves in
-    <part>.json."""
+    """Measure the parts `chosen`; report.csv, <part>.json and a picture after each."""
     from ..figures.bench import draw_part
     from . import bodies, factorization, peers, products, ranks, roofline, stages, studies, tao
     from .workbench import Workbench

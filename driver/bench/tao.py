@@ -1,5 +1,4 @@
-"""PETSc's bound-constrained solvers (TAO) on one QP of the model example: products with F until the
-same tolerance."""
+"""PETSc's bound-constrained solvers (TAO) on a QP of the model: products to equal tolerance."""
 
 import numpy as np
 from petsc4py import PETSc
@@ -23,8 +22,7 @@ class Limit(Exception):
 
 
 def problem_of(bench: Workbench, subdomains: str):
-    """Operator, d, bounds of the QP at t = 0.25 with the friction bounds of its solution: mixed
-    contact states."""
+    """Operator, d, bounds and solver of the QP at t = 0.25, where contact states are mixed."""
     problem = bench.problem(subdomains, LOADINGS[1])
     solver = problem.solver(Settings())
     step = next(step for step in solver.steps() if step.index == 5)
@@ -47,11 +45,9 @@ def ours(operator, d, bounds, solver) -> int:
 
 
 def theirs(name: str, operator, d, bounds, bound: float) -> tuple[int, bool]:
-    """Products of a TAO solver from zero until the projected gradient is small, and whether it got
-    there.
+    """Products of a TAO solver from zero, and whether it reached the tolerance.
 
-    TAO's tolerances and first steps are absolute: the problem is scaled to a norm of F and of d of
-    one.
+    TAO's tolerances and first steps are absolute: norms of F and of d are scaled to one.
     """
     size, before, length = len(d), operator.products, np.linalg.norm(d)
     unit, right = length / bound, d / length

@@ -24,8 +24,7 @@ REPEATS = 3
 
 @dataclasses.dataclass
 class Row:
-    """A measured value, its target (such as "<= 3"; empty: none) and the spread (largest -
-    smallest) / median."""
+    """A measured value, target ("<= 3", empty: none), spread (largest - smallest) / median."""
 
     part: str
     name: str
@@ -43,8 +42,7 @@ class Report:
         self.rows: list[Row] = []
 
     def add(self, part: str, name: str, values, unit: str, target: str = "") -> float:
-        """Add the median of `values` (or one number) with `target` "<= number" or ">= number";
-        returns it."""
+        """Add and return the median of `values` with `target` "<= number" or ">= number"."""
         values = np.atleast_1d(values).astype(float)
         value, met, spread = float(np.median(values)), "", ""
         if target:
@@ -81,8 +79,7 @@ class Workbench:
         self.export_seconds = {}
 
     def export(self, subdomains: str, cells: int = 10, ranks: int = 1) -> Path:
-        """Directory of the export of the model example under the monotone loading, timed when it is
-        made."""
+        """Directory of an export of the model, monotone loading, timed when it is made."""
         key = (subdomains, cells, ranks)
         directory = self.exports / f"{subdomains}-{cells}-{ranks}"
         if key not in self.export_seconds:
@@ -93,8 +90,7 @@ class Workbench:
         return directory
 
     def problem(self, subdomains: str, loading: str = "monotone", cells: int = 10):
-        """The Problem of a size under a loading, with its own count of products; operators are kept
-        by size."""
+        """The Problem of a size under a loading with its own count; operators are made once."""
         key = (subdomains, cells)
         if key not in self._problems:
             self._problems[key] = self.assemble(subdomains, cells)
@@ -170,8 +166,7 @@ def ratios(over: list[float], under: list[float]) -> list[float]:
 
 
 def child(command: list[str]) -> tuple[float, float]:
-    """Run a process: its wall seconds and peak memory in MiB. Raises RuntimeError with its last
-    words if it fails."""
+    """Wall seconds and peak memory (MiB) of a process. Raises RuntimeError if it fails."""
     env = {**environment.child_environment(), "PYTHONPATH": environment.python_path()}
     # options of `make bench` are not the child's; compiled modules are kept, as those of installed
     # packages are

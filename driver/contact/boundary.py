@@ -19,8 +19,7 @@ from ..scene.loader import ContactData
 
 @dataclass
 class ClampedContact:
-    """Nodes on contact edges that supports hold in both components: they carry no contact
-    condition.
+    """Nodes on contact edges that supports fix in both components: without contact condition.
 
     Arrays of length n_k; `values` (n_k, 2, patterns) are the prescribed displacements.
     """
@@ -35,9 +34,7 @@ class ClampedContact:
 
 @dataclass
 class Configuration:
-    """Where contact between bodies is linearized: displacements u (k, 2) of the vertices `gid` (k,)
-    of both sides.
-    """
+    """Displacements u (k, 2) of the vertices `gid` (k,), about which pairs are linearized."""
 
     gid: np.ndarray
     u: np.ndarray
@@ -110,8 +107,7 @@ def contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm,
     arc = _arc_lengths(label, gid, xy, skeleton)
     paired = np.isin(label, [one for one, _ in manifest.contact_pairs])
     terms = [
-        tuple(column[~paired] for column in (np.arange(n), gid, np.ones(n), np.zeros(n, bool)))
-    ]
+        tuple(column[~paired] for column in (np.arange(n), gid, np.ones(n), np.zeros(n, bool)))]
     for one, two in manifest.contact_pairs:
         here = np.flatnonzero(label == one)
         weight[here], normal[here], more, (node, *term) = sides.couple(one, two, gid[here])
@@ -138,17 +134,16 @@ def contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm,
 
 def contact_table(c: ContactData, columns: list[str], gid: np.ndarray,
                   xy: np.ndarray) -> np.ndarray:
-    """(n, 7 + columns) contact nodes of one subdomain: label, gid, weight; normal and columns times
-    weight; place.
+    """(n, 7 + columns) contact nodes of one subdomain.
+
+    label, gid, weight; normal and columns times weight; place.
     """
     part = np.column_stack([c.normal, *(c.columns[name] for name in columns)]) * c.weight[:, None]
     return np.column_stack([c.label, gid, c.weight, part, xy])
 
 
 def add_parts(found: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(label, gid) of the nodes of a `contact_table`, where each stands first, and sums of what it
-    has in between.
-    """
+    """(label, gid) of the nodes of a `contact_table`, their first rows, sums of what is between."""
     keys, at, inverse = np.unique(found[:, :2], axis=0, return_index=True, return_inverse=True)
     total = np.zeros((len(keys), found.shape[1] - 4))
     np.add.at(total, inverse, found[:, 2:-2])

@@ -10,9 +10,7 @@ from .rows import ContactRows
 
 @dataclass
 class Scales:
-    """Largest values met so far in a run: what residuals are relative to, also in steps without
-    load.
-    """
+    """Largest values so far in a run: what residuals are relative to, also without load."""
 
     d: float = 0.0  # ||d||
     displacement: float = 0.0

@@ -1,5 +1,4 @@
-"""Effects are rooms: what a scene can declare is one module here and one include in
-edp/lib/effects.
+"""Effects: what a scene can declare is one module here and one include in edp/lib/effects.
 
 A module is imported only for a scene that declares it. Its class `Room`, an `Effect`, overrides
 what the effect adds: to the conditions at the contact nodes, to the start, to what is carried from
@@ -59,9 +58,8 @@ def entry(active: bool | None, reason: str, unknowns: int = 0,
             "seconds": seconds}
 
 
-UNDECLARED = {
-    "declared": False, "active": False, "reason": "not declared", "unknowns": 0, "seconds": 0.0
-}
+UNDECLARED = {"declared": False, "active": False, "reason": "not declared", "unknowns": 0,
+              "seconds": 0.0}
 
 
 # entries of the ledger that are there in every run
@@ -114,9 +112,7 @@ class Effect:
 
     def coefficient_factor(self, nodes: np.ndarray, u_t: np.ndarray,
                            last: np.ndarray) -> np.ndarray:
-        """(j,) factor of the coefficient at contact `nodes` with displacements u_t, and `last` in
-        the step before.
-        """
+        """(j,) factor of the coefficient at displacements u_t, `last` those of the step before."""
         raise NotImplementedError
 
     # ---- what it carries from step to step ------------------------------------------------------
@@ -179,9 +175,7 @@ class Effects:
 
     @property
     def pressure_bounds_friction(self) -> bool:
-        """Whether friction bounds depend on the pressure (Coulomb's law): then a step is a fixed
-        point.
-        """
+        """Whether friction depends on the pressure (Coulomb's law): a step is a fixed point."""
         return "friction" in self
 
     @property
@@ -198,14 +192,12 @@ class Effects:
         return (*names, "displacement")
 
     def distance(self, columns: dict[str, np.ndarray], count: int) -> np.ndarray:
-        """(count,) distance of the contact nodes to what they meet, zero where nothing is declared.
-        """
+        """(count,) distance of the contact nodes to what they meet, zero if none is declared."""
         distance = _sum(room.distance(columns) for room in self)
         return np.zeros(count) if distance is None else distance.copy()
 
     def paired_sides(self, subdomains, fixed, comm, moved=None):
-        """Boundaries of two bodies that meet, None without pairs; collective. See effects/pair.py.
-        """
+        """Boundaries of two bodies that meet (effects/pair.py), None without pairs; collective."""
         sides = (room.paired_sides(subdomains, fixed, comm, moved) for room in self)
         return next((found for found in sides if found is not None), None)
 
@@ -216,9 +208,7 @@ class Effects:
                           self.bilateral)
 
     def initial_displacement(self, contact) -> np.ndarray:
-        """(n_c,) tangential displacement of the contact nodes at time 0, zero where nothing is
-        declared.
-        """
+        """(n_c,) tangential displacement at time 0, zero if none is declared."""
         initial = _sum(room.initial_displacement(contact) for room in self)
         return np.zeros(len(contact.gid)) if initial is None else initial
 
@@ -258,9 +248,7 @@ class Effects:
             room.step_ends(nodes, slip)
 
     def ledger(self, facts: RunFacts) -> dict[str, dict]:
-        """Entry {declared, active, reason, unknowns, seconds} of every effect; the common ones also
-        if undeclared.
-        """
+        """Entries {declared, active, reason, unknowns, seconds}, common effects always included."""
         entries = dict.fromkeys(COMMON, UNDECLARED)
         for room in self:
             for name, found in room.ledger(facts).items():

@@ -1,13 +1,10 @@
-"""Unilateral contact with a rigid obstacle: u_n <= gap, sigma_n <= 0, one of the two with equality
-at every node.
-"""
+"""Unilateral contact with a rigid obstacle: u_n <= gap, sigma_n <= 0, one of them an equality."""
 
 from . import Effect, RunFacts, entry
 
 
 class Room(Effect):
-    """Normal rows at the nodes of the labels in `contact`, their multipliers bounded below by zero.
-    """
+    """Normal rows at the nodes of the contact labels, their multipliers bounded below by zero."""
 
     quantities = ("peak_pressure", "normal_resultant", "contact_length")
 
@@ -16,9 +13,7 @@ class Room(Effect):
         return {"contact": "unilateral"}
 
     def ledger(self, facts: RunFacts) -> dict[str, dict]:
-        """Active where any node touched; the gap counts where any node starts away from its
-        obstacle.
-        """
+        """Active where any node touched; the gap, where any node starts off its obstacle."""
         touched = facts.most("stick", "slip")
         if not facts.steps:
             active, reason = None, "no step was kept"

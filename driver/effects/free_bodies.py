@@ -1,5 +1,4 @@
-"""Bodies without support: can contact hold them, and the rigid motion that follows what it cannot
-hold yet.
+"""Bodies without support: can contact hold them, and how do they move where it cannot yet?
 
 No macro declares them: a scene has them where its supports leave a body a rigid motion. The motion
 is found by the proximal point method: springs hold the bodies (see feti), and their rest position
@@ -25,9 +24,7 @@ class FreeBodies:
     """
 
     def __init__(self, operator, rows: ContactRows, effects, scales: Scales, history):
-        """`history.warnings` get a line where a motion stays undetermined; `effects` are those of
-        the scene.
-        """
+        """`history.warnings` get a line where a motion stays undetermined."""
         self.operator, self.rows, self.effects, self.scales = operator, rows, effects, scales
         self.history = history
 
@@ -55,15 +52,12 @@ class FreeBodies:
         return f"{'body' if len(bodies) == 1 else 'bodies'} {', '.join(map(str, bodies))}"
 
     def why_unbalanced(self, load, x: np.ndarray) -> str:
-        """Why no state of contact and friction was found in which the bodies rest, although rigid
-        ones could.
-        """
+        """Why bodies do not rest in any state of contact and friction although rigid ones could."""
         shares, modes = self._shares(load, x), self.operator.structure.rigid_modes
         worst = [mode for mode, share in zip(modes, shares) if share > 0.1 * shares.max()]
-        return (
-            "no equilibrium was found: contact and friction could hold rigid bodies, but where "
-            f"these ones press and rub, {100 * shares.max():.2g} % of the forces on "
-            f"{self._names(worst)}, which no support holds, stay unbalanced")
+        return ("no equilibrium was found: contact and friction could hold rigid bodies, but where "
+                f"these ones press and rub, {100 * shares.max():.2g} % of the forces on "
+                f"{self._names(worst)}, which no support holds, stay unbalanced")
 
     def _why_no_rest(self) -> str:
         modes = self.operator.structure.rigid_modes
@@ -88,9 +82,7 @@ class FreeBodies:
         return Anderson(np.dot, SECANTS, 1.0, 0.01)
 
     def lead(self, load, x: np.ndarray, secants: Anderson) -> np.ndarray:
-        """As `follow`, with Anderson acceleration: springs know nothing of how contact holds bodies
-        on one another.
-        """
+        """As `follow`, with Anderson acceleration: springs ignore how bodies hold one another."""
         net, _ = self.operator.imbalance(x, load.weights)
         unit, motion = np.sqrt(self.operator.rho), load.weights[self.operator.structure.patterns :]
         return self.shift(load,
@@ -105,8 +97,7 @@ class FreeBodies:
         return moved
 
     def imbalance(self, load, x: np.ndarray, note: bool = False) -> float:
-        """Largest force that rigid motions leave to their springs, relative to the largest forces
-        at work so far.
+        """Largest spring force of the rigid motions relative to the largest forces so far.
 
         `note`: those of this state count from now on.
         """
@@ -120,8 +111,7 @@ class FreeBodies:
         return np.abs(net) / np.where(work > 0, work, 1.0)
 
     def note_loose_motion(self, index: int, x: np.ndarray) -> None:
-        """Warn once if nothing that touches or sticks holds a rigid motion of a body without
-        support.
+        """Warn once if no node that touches or sticks holds a rigid motion.
 
         Such a body is in equilibrium at many places. The motion leaves no row that acts, or only
         those of zero.

@@ -1,6 +1,4 @@
-"""Contact between two bodies on meshes that do not match: mortar coupling with dual multipliers
-(contact/mortar.py).
-"""
+"""Contact between two bodies on non-matching meshes: mortar coupling (contact/mortar.py)."""
 
 import numpy as np
 
@@ -14,9 +12,7 @@ from . import Effect
 
 
 class Room(Effect):
-    """The first label of every pair carries the contact nodes, the second is met by mortar
-    coupling.
-    """
+    """The first label of every pair carries the contact nodes, coupled to the second one."""
 
     def paired_sides(self, subdomains: list[Subdomain], fixed, comm, moved=None) -> "PairSides":
         """The boundaries that meet; see PairSides."""
@@ -39,9 +35,8 @@ class PairSides:
             edges = _outward_edges(sub.triangles)
             label = edge_labels(sub.edges, sub.edge_label, np.sort(edges, axis=1))
             edges, label = edges[np.isin(label, labels)], label[np.isin(label, labels)]
-            bow, u = np.zeros(
-                (len(edges),
-                 2)), np.zeros_like(sub.xy) if moved is None else moved[s].reshape(-1, 2)
+            bow, u = np.zeros((len(edges), 2)), np.zeros_like(sub.xy) if moved is None else moved[
+                s].reshape(-1, 2)
             if n == 3:
                 edges = np.column_stack([edges, sub.middles(edges)])
                 bow = np.column_stack([sub.fields["bow_x"], sub.fields["bow_y"]])[edges[:, 2]]
@@ -51,18 +46,15 @@ class PairSides:
                     u[edges].reshape(-1, 2 * n)
                 ]))
         found = gather(comm, np.concatenate(found))
-        self.label, self.bow, self.gid = found[:,
-                                               0], found[:,
-                                                         1 : 3], found[:,
-                                                                       3 : 3 + n].astype(np.int64)
+        self.label, self.bow, self.gid = found[:, 0], found[:, 1 : 3], found[:, 3 : 3 + n].astype(
+            np.int64)
         self.xy, self.u = (found[:, 3 + k * n : 3 + (k + 2) * n].reshape(-1, n, 2) for k in (1, 3))
         if moved is not None:
             gids, first = np.unique(self.gid, return_index=True)
             self.about = Configuration(gids, self.u.reshape(-1, 2)[first])
 
     def couple(self, one: int, two: int, nodes: np.ndarray):
-        """Weight (n,), normal (n, 2), gap (n,) and terms (node, gid, value, other body) of the
-        nodes of a pair.
+        """Weight (n,), normal (n, 2), gap (n,) and terms (node, gid, value, other body) of nodes.
 
         About a displacement w with the normals n of the displaced boundaries the condition n . [u]
         <= gap has as much room at u = w as there is distance then: gap = distance + n . [w].
@@ -88,9 +80,7 @@ class PairSides:
         return found.weight[at], found.normal[at], gap[at], terms
 
     def _side(self, label: int) -> tuple[mortar.Side, np.ndarray]:
-        """The side as it lies about `about`, with the lengths of the initial geometry; gids of its
-        nodes.
-        """
+        """The side about `about`, with the initial geometry's lengths, and gids of its nodes."""
         here = self.label == label
         gids, first, inverse = np.unique(self.gid[here], return_index=True, return_inverse=True)
         xy, u, bow = self.xy[here], self.u[here].copy(), None
@@ -110,9 +100,7 @@ class PairSides:
 
 
 def _outward_edges(triangles: np.ndarray) -> np.ndarray:
-    """(n, 2) edges of one triangle only, in its (counterclockwise) direction: the body lies on
-    their left.
-    """
+    """(n, 2) edges of one triangle only, counterclockwise: the body lies on their left."""
     edges = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     span = edges.max() + 1
     _, inverse, counts = np.unique(

@@ -17,8 +17,7 @@ class Room(initial_state.Room):
         """Known before the first step only."""
 
     def before_first_step(self, solver) -> None:
-        """Multipliers, motions and tangential displacements of `solver` become those of the
-        equilibrium at time 0.
+        """Multipliers, motions and tangential displacements become those of the equilibrium.
 
         Raises NotConverged where bodies without support do not come to rest, Unfinished where the
         QP fails.

@@ -7,10 +7,9 @@ from . import Effect
 
 
 class Room(Effect):
-    """Factor of the coefficient, tabulated by the scene at equal steps over [0, range] and constant
-    beyond.
+    """Factor of the coefficient, tabulated at equal steps over [0, range], constant beyond.
 
-    `argument` is "slip" (length of the way slid so far) or "displacement" (|u_t|).
+    `argument` is "slip" (accumulated slip) or "displacement" (|u_t|).
     """
 
     changes_coefficient = True

@@ -1,5 +1,4 @@
-"""Picture of the study `effects`: contact tractions with and without each effect, changes and
-costs."""
+"""Picture of the study `effects`: contact tractions without each effect, changes and costs."""
 
 from pathlib import Path
 
@@ -26,8 +25,7 @@ HEADINGS = {  # of the changes at the end of the run
 
 
 def draw(table: Path) -> list[Path]:
-    """Draw ``<scene>.csv`` and ``<scene>-tractions.csv`` of the study; returns the files
-    written."""
+    """Draw ``<scene>.csv`` and ``<scene>-tractions.csv``; returns the files written."""
     variants = read_rows(table)
     curves = _curves(table.with_name(f"{table.stem}-tractions.csv"))
     height = 0.5 * len(variants) + (9.6 if curves else 4.2)
@@ -51,8 +49,7 @@ def _curves(path: Path) -> dict[str, dict]:
 
 
 def _fill(figure: Figure, scene: str, variants: list[dict], curves: dict[str, dict]) -> None:
-    """Contact tractions at the end of the run; below them the changes and costs of every
-    variant."""
+    """Contact tractions at the end of the run above the changes and costs of every variant."""
     matrix = 0.5 * len(variants) + 2
     rows = figure.add_gridspec(2 if curves else 1, 1, height_ratios=[
                                5.2, matrix] if curves else None)
@@ -72,8 +69,7 @@ def _fill(figure: Figure, scene: str, variants: list[dict], curves: dict[str, di
 
 
 def _tractions(panels: list, curves: dict[str, dict], names: list[str]) -> None:
-    """Normal and tangential tractions along the boundary that carries most, at the end of the
-    run."""
+    """Tractions along the boundary that carries most, at the end of the run."""
     full = next(iter(curves.values()))
     load = {b: np.abs(rows["sigma_n"] * rows["weight"]).sum()
             for b, rows in contact_boundaries(full)}

@@ -1,5 +1,4 @@
-"""Pictures of the hard cases' report.csv: a table in colours, case by case, and products along
-sweeps."""
+"""Pictures of the hard cases' report.csv: a coloured table, and products along sweeps."""
 
 import textwrap
 from pathlib import Path
@@ -26,8 +25,7 @@ CELL, LINE, NAME = 1.35, 0.4, 8.2
 
 
 def draw(table: Path) -> list[Path]:
-    """Draw report.csv: report and, if a sweep has several places, sweeps; returns the files
-    written."""
+    """Draw report.csv, and sweeps with several places; returns the files written."""
     rows = [{**row, **{name: float(row[name] or "nan") for name in NUMBERS}}
             for row in read_rows(table)]
     lines = _lines(rows)
@@ -47,8 +45,7 @@ def draw(table: Path) -> list[Path]:
 
 
 def _lines(rows: list[dict]) -> list[tuple[str, list[dict]]]:
-    """Lines of the table: the name of a family without rows, then each of its cases with those of
-    its sizes."""
+    """Lines of the table: a family's name without rows, then its cases with rows by size."""
     families: dict[str, dict] = {}
     for row in rows:
         families.setdefault(row["family"], {}).setdefault(row["case"], []).append(row)

@@ -31,8 +31,7 @@ def loading(figure: Figure, run: Run) -> None:
 
 
 def history(figure: Figure, run: Run) -> None:
-    """Resultant contact forces over time and, with Coulomb friction, fixed-point iterations per
-    step."""
+    """Resultant contact forces over time and, with Coulomb friction, iterations per step."""
     table = run.history
     forces = {"resultant_n": ("normal", RED, "o"), "resultant_t": ("tangential", BLUE, "s")}
     if not run.friction:

@@ -1,5 +1,4 @@
-"""Picture of the slides' table: products with F over the number of subdomains, ours beside
-theirs."""
+"""Picture of the slides' table: products with F over the number of subdomains, beside ours."""
 
 from pathlib import Path
 

@@ -1,5 +1,4 @@
-"""Algorithm: degenerate and ill-conditioned QPs, tolerances and limits that cannot be met, ranks
-without work."""
+"""Algorithm: degenerate, ill-conditioned QPs, limits that cannot be met, idle ranks."""
 
 import numpy as np
 
@@ -12,14 +11,12 @@ FREED = {"PULL": 0, "LIFT": 0, "PRESS": 0}
 
 
 def same_bits(name: str, **options):
-    """Tractions, displacements and counts equal those of the run with other `options` to the last
-    bit."""
+    """Contact quantities and counts equal those of the run with other `options` bit by bit."""
     def check(case: Case, size: dict, outcome: Outcome) -> Check:
         other = reference(case, size, options)
         same = outcome.summary["counts"] == other.summary["counts"] and all(
-            np.array_equal(outcome.contact[name], other.contact[name]) for name in ("u_n", "u_t",
-                                                                                    "sigma_n",
-                                                                                    "sigma_t"))
+            np.array_equal(outcome.contact[name], other.contact[name])
+            for name in ("u_n", "u_t", "sigma_n", "sigma_t"))
         return Check(name, 0.0 if same else np.inf, 1.0)
     return check
 
@@ -38,9 +35,8 @@ CASES = [
          {"HISTORY": "hump", "PULL": 0, "LIFT": 0, "STEPS": 5}, checks=BOTH),
     Case("friction bounds of zero width", "algorithm", BLOCK,
          {"FRICTION": 0, "HISTORY": "reversal"}, checks=BOTH),
-    Case("plain method", "algorithm", BLOCK,
-         {"PRECONDITIONER": "none", "PREDICTOR": "previous",
-             "EXPANSION": "gradient", "INNER_RTOL": 1e-9},
+    Case("plain method", "algorithm", BLOCK, {"PRECONDITIONER": "none", "PREDICTOR": "previous",
+                                              "EXPANSION": "gradient", "INNER_RTOL": 1e-9},
          checks=BOTH),
     Case("stiffness of the halves 1 to 1e10", "algorithm", BLOCK,
          {"JUMP": 1e10, "BOARD": "halves", "FRICTION": 0.3}, checks=(laws(1e-6),)),

@@ -1,5 +1,4 @@
-"""What a hard case is, and how one is run: as a user would run it, in a process of its own with a
-time limit."""
+"""What a hard case is, and how it is run: as a user would, in a process with a time limit."""
 
 import functools
 import json
@@ -24,8 +23,7 @@ KKT = 1e-6  # the largest KKT residual allowed at these tolerances: that of PRIM
 
 @dataclass
 class Outcome:
-    """How a run ended and what it left; `contact` and `history` are columns, those of contact
-    (steps, nodes)."""
+    """Results of a run; `contact` and `history` are columns, those of contact (steps, nodes)."""
 
     status: int  # exit status; -1: killed at the time limit
     message: str  # last line on the error channel
@@ -97,8 +95,7 @@ def run_scene(case: Case, size: dict, directory: Path) -> Outcome:
 
 
 def reference(case: Case, size: dict, options: dict) -> Outcome:
-    """The same run with other options, made once a process and size. ValueError if it does not end
-    well."""
+    """The same run with other options, made once a process. ValueError if it does not end well."""
     given = replace(case, options={**case.options, **options})
     return _reference((given.scene, *sorted(given.arguments(size).items())), given.seconds)
 

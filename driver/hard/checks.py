@@ -1,5 +1,4 @@
-"""Independent answers for the hard cases: the assembled body, closed forms, other runs. And the
-condition estimate.
+"""Independent answers for the hard cases (assembled body, closed forms, runs), and conditions.
 
 A check is a callable (case, size, outcome) -> Check. The assembled body is exported anew and knows
 nothing of corners, gluing or dual rows; its sparse factorization is SuperLU's, where the driver's
@@ -74,8 +73,7 @@ def _same_nodes(body: Assembled, contact: dict) -> np.ndarray:
 
 
 def dense(tolerance: float):
-    """Against the dense fixed point on the assembled body, step by step: displacements and
-    tractions.
+    """Against the dense fixed point on the assembled body, step by step.
 
     Deviations are relative to the largest displacement, between bodies of the bodies, and the
     largest pressure of the run.
@@ -99,8 +97,7 @@ def dense(tolerance: float):
 
 
 def laws(tolerance: float):
-    """The reported contact forces put on the assembled body: do its displacements obey all laws of
-    contact and friction?
+    """Displacements of the assembled body under the reported contact forces obey all laws.
 
     Says everything where answers are unique, and stays right where they are not. Bodies that no
     support holds: the forces must balance, and their rigid motion is fitted to the reported
@@ -123,8 +120,7 @@ def laws(tolerance: float):
         turned = body.B @ body.motions
         u += (turned @ np.linalg.lstsq(turned, (reported - u).T, rcond=None)[0]).T
         work = [(body.motions.T @ (w @ body.loads + body.B.T @ f),
-                 np.abs(body.motions).T @ np.abs(body.B.T @ f))
-                for w, f in zip(history[1:], force)]
+                 np.abs(body.motions).T @ np.abs(body.B.T @ f)) for w, f in zip(history[1:], force)]
         u_n, u_t = np.split(u, 2, axis=1)
         start = contact["u_t"][:1, order] - contact["slip"][:1, order]
         slip = np.diff(np.concatenate([start, u_t]), axis=0)
@@ -145,8 +141,7 @@ def laws(tolerance: float):
 
 
 def _displacement_error(body: Assembled, history: np.ndarray, outcome: Outcome) -> float:
-    """Without contact: largest displacement of the body against the one reported, over all
-    steps."""
+    """Without contact: largest displacement against the reported one, over all steps."""
     far = np.array([np.linalg.norm(body.solve(w).reshape(-1, 2), axis=1).max()
                    for w in history[1:]])
     return ratio(np.abs(far - outcome.history["max_displacement"]).max(), far.max())
@@ -154,8 +149,7 @@ def _displacement_error(body: Assembled, history: np.ndarray, outcome: Outcome) 
 
 def same_as(tolerance: float, length: float = 1.0, stress: float = 1.0, *, options: dict,
             counts: bool = True):
-    """Against the same run with `options`: equal answers but for the units and, if asked, equal
-    iteration counts.
+    """Against the run with `options`: equal answers but for units, equal `counts` if asked.
 
     Lengths (displacements among them) are `length` times, stresses `stress` times those of the
     other run. Deviations are relative to the largest displacement and the largest stress at the
@@ -186,8 +180,7 @@ def holds(what: str, condition):
 
 
 def closed_form(oracle: str, tolerance: float, formula):
-    """Against a closed form: `formula(outcome)` gives pairs (computed, expected) of numbers or
-    arrays."""
+    """Against a closed form: `formula(outcome)` gives pairs (computed, expected)."""
     def check(case: Case, size: dict, outcome: Outcome) -> Check:
         errors = [ratio(np.abs(np.asarray(computed) - expected).max(), np.abs(expected).max())
                   for computed, expected in formula(outcome)]
@@ -225,8 +218,7 @@ def condition(case: Case, size: dict, outcome: Outcome) -> float:
 
 
 def face_condition(operator, preconditioner, free: np.ndarray, steps: int = 80) -> float:
-    """Ratio of the extreme Ritz values of M F on the face `free` (owned,) after `steps` of
-    preconditioned CG.
+    """Ratio of the extreme Ritz values of M F on the face `free` (owned,) from preconditioned CG.
 
     The coefficients of CG make up the Lanczos matrix (Golub, Van Loan, Matrix Computations, 10.2);
     its extreme eigenvalues approach those of M F from inside, so this is a lower bound of the

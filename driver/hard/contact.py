@@ -1,5 +1,4 @@
-"""Contact: nothing touches, everything does, gaps that just close, loads that vanish, reverse and
-alternate."""
+"""Contact: none, all of it, gaps that just close, loads that vanish, reverse and alternate."""
 
 import numpy as np
 

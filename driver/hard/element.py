@@ -1,5 +1,4 @@
-"""Elements: quadratic ones where linear ones have their trials, and in materials that hardly change
-their volume."""
+"""Elements: quadratic ones in trials of the other families and in nearly incompressible bodies."""
 
 from dataclasses import replace
 
@@ -9,9 +8,8 @@ from .checks import dense, holds, laws
 
 TRIALS = {
     geometry: ("subdomains of one element", "subdomains touch in one node", "30 metis subdomains",
-               "aspect ratio 100",
-               "slender body 30:1", "one contact boundary round a convex corner",
-               "slanted contact ends at a roller"),
+               "aspect ratio 100", "slender body 30:1",
+               "one contact boundary round a convex corner", "slanted contact ends at a roller"),
     material: ("E jumps by 1e+06 from subdomain to subdomain", "E jumps by 1e-03 halfway",
                "fibres stiffer by 100"),
     friction: ("F = 1", "everything sticks", "F jumps from 0.1 to 1"),
@@ -26,8 +24,7 @@ def trial(module, name: str) -> Case:
 
 
 def quadratic(case: Case, element: str = "P2") -> Case:
-    """The case with quadratic elements; a vertex has a sixth of an edge where linear ones give it
-    half."""
+    """The case with quadratic elements; a vertex weighs a sixth of an edge, half in linear ones."""
     easy = None if case.easy is None else {**case.easy, "ELEMENT": element}
     # for the same error of pressures
     tight = {"RTOL": case.options["RTOL"] / 3} if "RTOL" in case.options else {}
@@ -49,8 +46,7 @@ def incompressible(value: float, fast=False) -> Case:
 
 
 def locking(value: float) -> Case:
-    """P2 there: the discrete problem is solved, and the run says that its pressures are not to be
-    trusted."""
+    """P2 there: the problem is solved, and the run warns that its pressures are unreliable."""
     return replace(material.poisson(value), name=f"Poisson's ratio {value:g}, P2", family="element",
                    sweep=None, options={"POISSON": value, "ELEMENT": "P2"},
                    easy={"POISSON": 0.277, "ELEMENT": "P2"},

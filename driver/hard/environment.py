@@ -1,5 +1,4 @@
-"""Environment: disks, programs, exports and processes that fail; one line says so, and nothing is
-lost."""
+"""Environment: failing disks, programs, exports, processes; one line says so, no result is lost."""
 
 import contextlib
 import json
@@ -66,15 +65,13 @@ def without(*programs: str):
 
 
 def freefem(script: str):
-    """A run with a shell script in FreeFEM's place; `$freefem` is the real program, `$export` the
-    directory it fills."""
+    """A run with a script for FreeFEM; `$freefem` is the program, `$export` its directory."""
     def perform(case, size, directory):
         with tempfile.TemporaryDirectory() as place:
             path = Path(place) / "FreeFem++"
             path.write_text(f"#!/bin/sh\nfreefem={shlex.quote(program('FreeFem++'))}\n"
                             'for word; do test "$last" = -export && export=$word; '
-                            'last=$word; done\n'
-                            + script)
+                            'last=$word; done\n' + script)
             path.chmod(0o755)
             search = os.pathsep.join([place, os.environ["PATH"]])
             return run_command(_command(case, size, directory), directory, case.seconds,
@@ -101,14 +98,12 @@ def edited(case, size, directory):
         scene = Path(place) / "own.edp"
         shutil.copy(ROOT / "edp" / f"{case.scene}.edp", scene)
         given = Case(case.name, case.family, str(scene), case.options)
-        return freefem(f'"$freefem" "$@"; echo "// more" >> {shlex.quote(str(scene))}\n')(given,
-                                                                                          size,
-                                                                                          directory)
+        return freefem(f'"$freefem" "$@"; echo "// more" >> {shlex.quote(str(scene))}\n')(
+            given, size, directory)
 
 
 def spoiled(spoil):
-    """The solver alone, on an export that `spoil`(directory of the export) has changed since it was
-    sealed."""
+    """The solver alone, on a sealed export that `spoil`(directory of the export) has changed."""
     def perform(case, size, directory):
         from ..scene.freefem import export, find_scene
         from ..scene.seal import read
@@ -146,8 +141,7 @@ def _cut(export: Path) -> None:
 # ---- interruptions -------------------------------------------------------------------------------
 
 def stopped(number: signal.Signals, rank: bool = False):
-    """A run hit by a signal as soon as it has a checkpoint, itself or one of its ranks, and then
-    made again."""
+    """A run that a signal ends, itself or a rank, after its first checkpoint, and made again."""
     def heed_interrupts():
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
@@ -205,14 +199,12 @@ def _refused(name: str, perform, reason: str, fast: bool = False, **options) -> 
 
 CASES = [
     _refused("disk full while FreeFEM writes", mounted("size=24k", "ulimit -f 20"),
-             "No space left|File too large|signal 25",
-             fast=True),
+             "No space left|File too large|signal 25", fast=True),
     _refused("disk full while results are written", mounted("size=1m", "ulimit -f 100"),
              "No space left.*goes on after step|"
              "File too large|signal 25", FIELDS="yes", STEPS=40, CELLS=2),
     _refused("results on a read-only disk", mounted("ro", ": > out && mkdir .out"),
-             "cannot write results.*Read-only|is no directory",
-             fast=True),
+             "cannot write results.*Read-only|is no directory", fast=True),
     _refused("FreeFEM missing", without("FreeFem++"),
              "FreeFem\\+\\+ is not installed; run 'make setup'"),
     _refused("mpirun missing", without("mpirun"),

@@ -1,5 +1,4 @@
-"""Friction: none to much of it, jumping, at full sliding, over many cycles, and beyond
-uniqueness."""
+"""Friction: none to much of it, jumps, full sliding, many cycles, and beyond uniqueness."""
 
 import numpy as np
 
@@ -11,8 +10,10 @@ BOTH = (dense(1e-6), laws(1e-6))
 
 
 def cycle_to_cycle(tolerance: float):
-    """The last cycle of eight steps repeats the one before: nothing drifts. Relative to the run's
-    largest values."""
+    """The last cycle of eight steps repeats the one before: nothing drifts.
+
+    Relative to the run's largest values.
+    """
     def check(case: Case, size: dict, outcome: Outcome) -> Check:
         error = 0.0
         for names in (("u_n", "u_t"), ("sigma_n", "sigma_t")):
@@ -49,8 +50,7 @@ def energy(tolerance: float):
                      tolerance)
 
     def work(force: np.ndarray, displacement: np.ndarray) -> np.ndarray:
-        """(steps,) mean force of every step times its change of displacement, both (steps, n), from
-        zero."""
+        """(steps,) mean forces times changes of displacement, both (steps, n), from zero."""
         force, displacement = (np.vstack([0 * values[:1], values])
                                for values in (force, displacement))
         return (0.5 * (force[1:] + force[:-1]) * np.diff(displacement, axis=0)).sum(axis=1)
@@ -63,15 +63,13 @@ def energy(tolerance: float):
 
 
 def dissipates_the_same(outcome):
-    """Work that friction takes in the last cycles, as history.csv adds it up: the same in each, and
-    not nothing."""
+    """Friction's work in the last cycles, by history.csv: equal and positive."""
     taken = np.diff(outcome.history["dissipated"][7::8])
     yield taken[-2:], np.full(2, taken[-3])
 
 
 def three_solutions(case: Case, size: dict, outcome: Outcome) -> Check:
-    """One contact node, by hand: it may stick, slide with lambda_t = F lambda_n, or be open; all
-    three are to be named."""
+    """By hand: one node sticks, slides with lambda_t = F lambda_n, or is open; all are named."""
     manifest, _ = exported(case, size)
     body = assembled(case, size)
     C, F = body.compliance(), float(body.friction[0])
@@ -86,8 +84,7 @@ def three_solutions(case: Case, size: dict, outcome: Outcome) -> Check:
 
 
 def solutions(number: int):
-    """So many solutions are named for the first step that has several, and their indices add up to
-    one."""
+    """The first step with several solutions names `number`, whose indices add up to one."""
     return holds(f"{number} solutions",
                  lambda o: len(o.summary["uniqueness"]["solutions"]) == number
                  and sum(s["index"] for s in o.summary["uniqueness"]["solutions"]) == 1)
@@ -99,8 +96,7 @@ def states(outcome) -> set:
 
 
 def full_sliding(outcome):
-    """Where all slides one way the tangential force is F times the normal one: the last step of the
-    tutorial."""
+    """Where all slides one way the tangential force is F times the normal one."""
     c, F = outcome.contact, float(outcome.summary["parameters"]["friction"])
     pressed = (c["sigma_n"] * c["weight"]).sum(axis=1)[-1]
     yield abs((c["sigma_t"] * c["weight"]).sum(axis=1)[-1]), F * abs(pressed)
@@ -112,13 +108,11 @@ CASES = [
     Case("no friction", "friction", BLOCK, {"FRICTION": 0}, checks=BOTH, easy={"FRICTION": 0.3},
          ratio=2.0, sweep=("friction coefficient", 0.01)),
     *(Case(f"F = {F:g}", "friction", BLOCK, {"FRICTION": F}, checks=BOTH, easy={"FRICTION": 0.3},
-           sweep=("friction coefficient", F), fast=F == 1)
-      for F in (1e-9, 0.1, 0.3, 1, 2)),
+           sweep=("friction coefficient", F), fast=F == 1) for F in (1e-9, 0.1, 0.3, 1, 2)),
     # the dense fixed point may settle on another solution, or on none: the law says whether this is
     # one
     *(Case(f"F = {F:g}", "friction", BLOCK, {"FRICTION": F}, checks=(laws(1e-6),),
-           easy={"FRICTION": 0.3}, sweep=("friction coefficient", F))
-      for F in (5, 10, 100)),
+           easy={"FRICTION": 0.3}, sweep=("friction coefficient", F)) for F in (5, 10, 100)),
     Case("F jumps from 0.1 to 1", "friction", CYCLES,
          {"CYCLES": 2, "STEPS": 16, "FRICTION": 0.1, "JUMP": 10}, checks=BOTH, fast=True),
     Case("F jumps from 1 to 0", "friction", CYCLES, {

@@ -1,5 +1,4 @@
-"""Geometry: flat elements, slender bodies, subdomains nobody would wish for, contact at corners and
-supports."""
+"""Geometry: flat elements, slender bodies, awkward subdomains, contact at corners and supports."""
 
 from .case import Case
 from .checks import dense, laws
@@ -32,8 +31,7 @@ def aspect(value: float) -> Case:
 
 
 def slender(value: float) -> Case:
-    """A clamped beam `value` times as long as high, lifted at its end and pressed down by a
-    little."""
+    """A clamped beam `value` times as long as high, lifted at its end and pressed down a little."""
     return Case(f"slender body {value:g}:1", "geometry", BLOCK,
                 {"WIDTH": value, "PRESS": 4e9 / value**3, "PULL": 0,
                     "LIFT": 1e9 / value**2, "RTOL": 1e-11},

@@ -26,8 +26,7 @@ def jump(value: float, board: str, fast=False) -> Case:
 
 
 def jump_without_contact(value: float, board: str) -> Case:
-    """The same, out of reach of the foundation: what the jump does to the preconditioned operator
-    alone."""
+    """The same out of reach of the foundation: the jump's effect on the operator alone."""
     where = WHERE[board]
     return Case(f"E jumps by {value:.0e} {where}, no contact", "material", BLOCK,
                 {"JUMP": value, "BOARD": board, "GAP": 1e9, "FRICTION": 0, "STEPS": 1},
@@ -43,8 +42,7 @@ def fibre(stiffness: float) -> Case:
 
 
 def poisson(value: float) -> Case:
-    """P1 near incompressibility: the discrete problem is solved, and the run says that it locks
-    (see element.py)."""
+    """P1 near incompressibility: solved, and the run warns that it locks (see element.py)."""
     return Case(f"Poisson's ratio {value:g}", "material", BLOCK, {"POISSON": value}, checks=BOTH,
                 easy={"POISSON": 0.277}, sweep=("1/(1 - 2 nu)", 1 / (1 - 2 * value)),
                 warning="P1 elements lock.*ELEMENT=P2-mixed" if value > 0.48 else "")

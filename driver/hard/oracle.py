@@ -1,12 +1,10 @@
-"""Dense, slow and certain solvers that tests and the hard cases compare with.  Each checks its own
-answer."""
+"""Dense, slow and certain solvers that tests and hard cases compare with; each checks itself."""
 
 import numpy as np
 
 
 class OracleFailure(AssertionError):
-    """The oracle's own answer does not pass its check: it says nothing about the answer compared
-    with it."""
+    """The oracle's own answer does not pass its check: it says nothing about another answer."""
 
 
 def _require(condition, what: str) -> None:
@@ -83,8 +81,7 @@ def assert_kkt(A, b, lower, upper, x, scale):
 # ------------------------------------------------------------------- the assembled (untorn) problem
 
 class Assembled:
-    """The untorn body: stiffness by vertex number, its supports, and the compliance of its contact
-    nodes.
+    """The untorn body: stiffness by vertex, its supports, and compliance of its contact nodes.
 
     Knows nothing of corners, gluing or dual rows. Free dofs only; dof 2 gid + component.
     """
@@ -96,8 +93,7 @@ class Assembled:
         size = 2 * manifest.nodes
         keys = [2 * sub.node_gid[sub.dof_node] + sub.dof_component for sub in subdomains]
         self.K = sum(coo_matrix((sub.values, (k[sub.rows], k[sub.columns])),
-                                shape=(size, size)).tocsc()
-                     for sub, k in zip(subdomains, keys))
+                                shape=(size, size)).tocsc() for sub, k in zip(subdomains, keys))
         self.loads = np.zeros((len(manifest.patterns), size))
         self.held = np.zeros_like(self.loads)
         used, free = np.zeros(size, bool), np.ones(size, bool)
@@ -119,8 +115,7 @@ class Assembled:
         self._collect_contact(subdomains)
 
     def _free_motions(self, place) -> np.ndarray:
-        """(2 vertices, modes): rigid motions that the supports leave to the bodies; `place` by
-        dof."""
+        """(2 vertices, modes): rigid motions that supports leave free; `place` by dof."""
         from scipy.linalg import null_space
         from scipy.sparse.csgraph import connected_components
 
@@ -169,8 +164,7 @@ class Assembled:
             len(self.gid))  # node, vertex, weight in what meets
 
     def meet(self, contact) -> None:
-        """Conditions of a ContactBoundary in place of the body's own: where bodies meet, rows are
-        mortar jumps.
+        """Take the conditions of a ContactBoundary: where bodies meet, rows are mortar jumps.
 
         The weights of the jumps are then the driver's; stiffness and solution stay independent of
         it.
@@ -181,8 +175,7 @@ class Assembled:
         self.terms = contact.term_node, contact.term_gid, contact.term_value
 
     def solve(self, weights, forces=None):
-        """Displacements (2 vertices,) under sum_k weights_k pattern_k plus nodal `forces`, up to
-        the free `motions`."""
+        """Displacements (2 vertices,) under weighted patterns and nodal `forces`."""
         u = np.asarray(weights) @ self.held
         right = np.asarray(weights) @ self.loads + (0 if forces is None else forces) - self.K @ u
         bordered = np.append(right[self.free], np.zeros(self.motions.shape[1]))
@@ -200,8 +193,7 @@ class Assembled:
         return B
 
     def compliance(self):
-        """C (2 n_c, 2 n_c): displacements n.u, t.u of the contact nodes under unit nodal forces
-        there."""
+        """C (2 n_c, 2 n_c): n.u, t.u of the contact nodes under unit nodal forces there."""
         _require(self.motions.shape[1] == 0,
                  "undefined: a body that no support holds has no compliance")
         B = self.B[:, self.free]
@@ -259,8 +251,7 @@ def coulomb_step(C, d, friction, start):
 
 
 def _assert_coulomb(C, d, friction, x, slack):
-    """Signorini's and Coulomb's conditions at every node, to the relative rounding `slack` of the
-    dense solves."""
+    """Signorini's and Coulomb's conditions at every node, to the relative rounding `slack`."""
     n, move = len(friction), d - C @ x
     size, force = slack * np.abs(d).max(), np.abs(x).max()
     bound = friction * x[:n]
@@ -273,8 +264,7 @@ def _assert_coulomb(C, d, friction, x, slack):
 
 
 def coulomb_history(body: Assembled, amplitudes):
-    """Tractions and displacements of the contact nodes, dict of (steps, n_c): u_n, u_t, sigma_n,
-    sigma_t.
+    """Dict of (steps, n_c): u_n, u_t, sigma_n, sigma_t of the contact nodes.
 
     `amplitudes` (steps + 1, patterns). Stick refers to the tangential displacement of the step
     before.

@@ -1,5 +1,4 @@
-"""Support: bodies that contact alone holds are solved, or refused where it cannot; mechanisms of
-parts are no body's."""
+"""Support: bodies held by contact alone are solved or refused; mechanisms of parts solved."""
 
 from .case import Case
 from .checks import laws
@@ -24,8 +23,7 @@ CASES = [
     Case("floating body pulled up", "support", BLOCK, {
          "HOLD": "none", "PRESS": -1e7}, status=3, reason="no equilibrium"),
     Case("squeezed between walls, friction carries the weight", "support", HELD,
-         {**WALLS, "SQUEEZE": 1e-3, "FRICTION": 0.4}, SIZES,
-         (laws(1e-6),), fast=True),
+         {**WALLS, "SQUEEZE": 1e-3, "FRICTION": 0.4}, SIZES, (laws(1e-6),), fast=True),
     Case("jammed by friction alone", "support", HELD, {
          **WALLS, "FRICTION": 4}, SIZES, (laws(1e-6),)),
     Case("squeezed too little for its weight", "support", HELD,

@@ -1,6 +1,4 @@
-"""The contact part of the dual vectors: dense, in the order of the contact nodes, the same on every
-rank.
-"""
+"""The contact part of the dual vectors: dense, in the order of the contact nodes, on every rank."""
 
 from dataclasses import dataclass
 
@@ -17,11 +15,9 @@ from .step import Load
 
 @dataclass
 class Condensation:
-    """Contact rows in the order of the contact nodes, normal ones first, and their compliance once
-    it is asked for.
+    """Contact rows in the order of the contact nodes, normal ones first, and their compliance.
 
-    `guess` is a dual vector near the solution of the first step. Collective over the operator's
-    communicator.
+    `guess` is a dual vector near the solution of the first step. Collective.
     """
 
     operator: DualProblem
@@ -73,12 +69,11 @@ class Condensation:
 
     def solution(self, load: Load, x: np.ndarray, gradient: np.ndarray,
                  sliding: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-        """Multipliers that solve a step, where contact rows are all there are, by Newton's method,
-        and their gradient.
+        """Multipliers that solve a step, and their gradient, where there are contact rows alone.
 
-        It starts from `guess`, if there is one, and from x, where the tangential rows slide as
-        `sliding` says. It ends exactly in the states that it finds: what it started from leaves no
-        trace. None if it fails.
+        Newton's method from `guess`, if there is one, and from x, where the tangential rows slide
+        as `sliding` says. It ends exactly in the states that it reaches: what it started from
+        leaves no trace. None if it fails.
         """
         problem, start, found = self.problem(load, x, gradient), self.gather(x), None
         if self.guess is not None:
@@ -91,10 +86,10 @@ class Condensation:
         return None if found is None else (self.place(found[0], x), self.place(-found[1], x))
 
     def problem(self, load: Load, x: np.ndarray, gradient: np.ndarray) -> CoulombProblem:
-        """The condensed problem whose load is exact at the dual vector x with zero gradient on the
-        gluing rows.
+        """The condensed problem whose load is exact at the dual vector x.
 
-        Rigid motions of bodies without support are relative to those in `load`.
+        The gradient on the gluing rows is taken as zero. Rigid motions of bodies without support
+        are relative to those in `load`.
         """
         op, balance, rows = self.operator, None, self.rows
         if self._law is None:

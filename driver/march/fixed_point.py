@@ -43,8 +43,7 @@ class FixedPoint:
         self.corrects_motion, self.coupled = False, bool(self.operator.comm.allreduce(int(coupled)))
 
     def find(self, index: int, load: Load, x, gradient, sliding, trace: Trace):
-        """Successive approximations lambda_n -> Phi(lambda_n), each QP solved only as far as it
-        pays.
+        """Successive approximations lambda_n -> Phi(lambda_n), each QP solved as far as it pays.
 
         The first QPs would be solved far beyond the error of their friction bound; each reduces its
         initial residual by `inner_rtol`, and the last one meets the tolerance. Bodies without
@@ -86,9 +85,7 @@ class FixedPoint:
         return self._globalise(index, load, rows.follow(x, sliding), trace)
 
     def _start(self, load: Load, x, gradient, sliding):
-        """Start of the next QP and its gradient: x moved to the friction bound of its own
-        pressures, corrected if so set.
-        """
+        """Start of the next QP, x at the friction bound of its pressures, and its gradient."""
         start, relaxation, before = self.rows.follow(x, sliding), self.qp.relaxation, load.d.copy()
         if self.settings.corrector == "contact":
             if relaxation is not None:
@@ -101,8 +98,7 @@ class FixedPoint:
                               (load.d - before) if self.operator.modes else gradient)
 
     def _correct(self, load: Load, x, gradient):
-        """x with the contact multipliers that solve contact and friction while the gluing ones
-        stay.
+        """x with the contact multipliers that solve contact and friction, gluing ones unchanged.
 
         Successive approximations as in `find`, with F_cc for F, and bodies without support follow
         as soon as these have settled. `gradient` need be right only on the contact rows.
@@ -126,9 +122,7 @@ class FixedPoint:
         return x
 
     def _approximate(self, index, trace, d, x, bound, reduction, coupled=True, gradient=None):
-        """The QP with friction bounds `bound` started from x: its result, and the change of
-        pressures and bounds.
-        """
+        """Result of the QP with friction bounds `bound` from x, change of pressures and bounds."""
         limits = self.rows.limits_at(len(x), bound)
         x, gradient = self.qp.placed(np.minimum(np.maximum(x, limits[0]), limits[1]), d, x,
                                      gradient)
@@ -162,8 +156,7 @@ class FixedPoint:
         raise Unfinished(NoSolution(f"step {index}: {why}"), x, self.operator.apply(x) - load.d)
 
     def _accelerate(self, index: int, load: Load, x, trace: Trace):
-        """Anderson acceleration of the friction bounds and of the motions, as forces of their
-        springs.
+        """Anderson acceleration of friction bounds and of motions, as forces of their springs.
 
         None if it makes no headway.
         """
@@ -189,13 +182,12 @@ class FixedPoint:
         return None
 
     def _condense(self, index: int, load: Load, x, trace: Trace):
-        """A solution of the condensed contact problem, corrected until it is one of the whole; None
-        if none is found.
+        """The condensed contact problem, corrected until it solves the whole; None if it fails.
 
-        Every pass solves for the gluing multipliers with the contact multipliers held. What then is
-        left on the contact rows makes the load of the condensed problem exact for the next pass.
-        What the gluing rows are left with comes back on the contact rows, many times as large: they
-        are solved the more accurately the longer that takes.
+        Every pass solves for the gluing multipliers with the contact multipliers fixed. The
+        residual on the contact rows then makes the load of the condensed problem exact for the next
+        pass. The gluing rows' own residual comes back on the contact rows, many times as large:
+        they are solved the more accurately the longer that takes.
         """
         if self.condensation.n > globalization.CONDENSED_NODES or self.rows.bound_is_given:
             return None

@@ -1,6 +1,4 @@
-"""Stage 6: the QP with given friction bounds, as MPRGP solves it: scaled, preconditioned, relaxed,
-to a tolerance.
-"""
+"""Stage 6: the QP with given friction bounds, solved by MPRGP scaled, preconditioned, relaxed."""
 
 import functools
 
@@ -50,11 +48,10 @@ class FrictionQP:
                           start=start[slice(*structure.row_range)])[0]
 
     def _accelerators(self):
-        """The preconditioner and the relaxation of the contact multipliers that the settings ask
-        for, or None.
+        """Preconditioner and relaxation of the contact multipliers, each None if not asked for.
 
         Without gluing the contact block is the whole operator, and neither deflation nor relaxation
-        has a sense.
+        makes sense.
         """
         settings, op = self.settings, self.operator
         relaxed = "contact" in (settings.expansion, settings.corrector)
@@ -81,8 +78,7 @@ class FrictionQP:
         return self.bound * np.sqrt(self.operator.dot(unscaled, unscaled))
 
     def extent(self, d: np.ndarray) -> float:
-        """||d|| without what is left of gaps that the load alone would not close: they could be any
-        distance.
+        """||d|| without the part of gaps that the load alone would not close: they may be any size.
 
         Bilateral contact closes them all.
         """
@@ -95,9 +91,7 @@ class FrictionQP:
         return self.size(seen)
 
     def placed(self, moved, d, x, gradient):
-        """`moved` and its gradient, which takes a product unless it is x and the gradient there is
-        known.
-        """
+        """`moved` and its gradient, by a product unless it is x, where `gradient` is known."""
         if gradient is None or not self.operator.minimum(float(np.array_equal(moved, x))):
             return moved, self.operator.apply(moved) - d
         return x, gradient

@@ -41,14 +41,11 @@ KEPT = ("counts", "residuals", "steps", "warnings", "contraction", "seconds")
 
 
 class QuasistaticSolver:
-    """Marches through the time steps of one problem. Collective over the operator's communicator.
-    """
+    """Time steps of one problem. Collective over the operator's communicator."""
 
     def __init__(self, operator: DualProblem, effects: Effects, amplitudes: np.ndarray,
                  times: np.ndarray, settings: Settings):
-        """`amplitudes` (steps + 1, patterns): factor of every load pattern at every time of
-        `times`.
-        """
+        """`amplitudes` (steps + 1, patterns): factors of the load patterns at `times`."""
         self.operator, self.settings, self.effects = operator, settings, effects
         self.amplitudes, self.times = amplitudes, times
         contact = operator.structure.contact
@@ -73,9 +70,7 @@ class QuasistaticSolver:
         self.multipliers = self.older = np.zeros(operator.owned)
 
     def _bodies(self):
-        """What bodies without support need; nothing of it is loaded where supports hold all of
-        them.
-        """
+        """What bodies without support need, imported only where there are such bodies."""
         if not self.operator.modes:
             return SupportedBodies()
         from ..effects.free_bodies import FreeBodies
@@ -130,9 +125,7 @@ class QuasistaticSolver:
         return step, error
 
     def load(self, index: int, motion: np.ndarray, u_t: np.ndarray) -> Load:
-        """Load of step `index` from rigid motions `motion` (modes,) and tangential displacements
-        u_t (j,).
-        """
+        """Load of a step from rigid motions (modes,) and tangential displacements u_t (j,)."""
         weights = np.concatenate([self.amplitudes[index], motion])
         d = self.operator.load_response(weights)
         d[self.rows.normal] -= self.rows.gap
@@ -140,8 +133,7 @@ class QuasistaticSolver:
         return Load(weights, d)
 
     def _growth(self, index: int) -> float:
-        """Part of the last change of the multipliers by which a step starts from them, that of the
-        change of the load.
+        """Change of the load over its last change: by it the last change of multipliers goes on.
 
         Exact as long as the response is proportional to the load (a contact zone that is not
         changing under loading); on reversal the step starts from the previous one.
@@ -257,19 +249,14 @@ class QuasistaticSolver:
 
     # ---- checkpoints ---------------------------------------------------------------------------
     def _carried(self) -> dict[str, np.ndarray]:
-        """What friction carries from step to step at the rank's tangential rows, arrays (j,) by
-        name.
-        """
+        """What friction carries between steps at the rank's tangential rows, (j,) by name."""
         nodes = self.rows.tangential_node
         own = {} if self.rows.bound_is_given else {"coefficient": self.rows.coefficient}
-        return {
-            "u_t": self.slip.u_t, **own,
-            **{name: values[nodes] for name, values in self.effects.carried().items()}
-        }
+        return {"u_t": self.slip.u_t, **own,
+                **{name: values[nodes] for name, values in self.effects.carried().items()}}
 
     def snapshot(self) -> dict | None:
-        """All that the next step depends on and that the run reports, for `restore`, on rank 0;
-        collective.
+        """All that the next step depends on and that the run reports, on rank 0; collective.
 
         Arrays follow the global numbering of dual rows and contact nodes, numbers are exact: any
         number of ranks goes on from it with the same bits.
@@ -292,9 +279,8 @@ class QuasistaticSolver:
                                     np.int64), "log_kind": np.array(kind, str),
             "log_residual": np.array(residual, float), "fallbacks": history.fallbacks.steps,
             "history": {name: getattr(history, name) for name in KEPT}, "doubtful": self.doubtful,
-            "uniqueness": {
-                **asdict(self.uniqueness), "several": list(self.uniqueness.several.items())
-            }
+            "uniqueness": {**asdict(self.uniqueness),
+                           "several": list(self.uniqueness.several.items())}
         }
 
     def restore(self, state: dict) -> None:

@@ -45,8 +45,7 @@ class ContactRelaxation:
         left = projected_gradient(start, g, lower, upper)
         scaled = self.scale * block.scatter(left, gradient)
         residual = np.sqrt(self.operator.dot(scaled, scaled))
-        found = mprgp(block.apply,
-                      block.apply(start) - g, lower, upper, start,
+        found = mprgp(block.apply, block.apply(start) - g, lower, upper, start,
                       tol=max(tol, REDUCTION * residual), norm_bound=self.norm_bound,
                       preconditioner=self.deflation.contact, max_products=LIMIT, gradient0=g,
                       expansion="cg", scale=self.contact_scale)
@@ -58,9 +57,7 @@ class ContactRelaxation:
         return self(y, gradient, limits, tol)[0]
 
     def moved(self, x: np.ndarray, before: np.ndarray, gradient: np.ndarray) -> np.ndarray:
-        """The gradient at x, right on the contact rows, from that at `before`, which differs in
-        contact multipliers only.
-        """
+        """Contact rows' gradient at x from that at `before` with other contact multipliers."""
         block = self.deflation.block
         step = block.gather(x) - block.gather(before)
         return block.scatter(block.gather(gradient) + block.apply(step), gradient)

@@ -46,9 +46,7 @@ class Uniqueness:
 
     def examine(self, step: int, problem: CoulombProblem, x: np.ndarray,
                 weight: np.ndarray) -> None:
-        """Look for solutions of `problem` with other forces than x (n + m,); `weight` (n,) of the
-        nodes.
-        """
+        """Look for solutions with other forces than x (n + m,); `weight` (n,) of the nodes."""
         self.examined += 1
         # to rounding, to be told from the others
         mine = complementarity.newton(problem, problem.whole(x))
@@ -78,10 +76,8 @@ class Uniqueness:
     def summary(self) -> dict:
         """Entry of summary.json."""
         first = next(iter(self.several), None)
-        return {
-            "verdict": self.verdict, "steps_examined": self.examined,
-            "steps_not_unique": list(self.several), "solutions": self.several.get(first, [])
-        }
+        return {"verdict": self.verdict, "steps_examined": self.examined,
+                "steps_not_unique": list(self.several), "solutions": self.several.get(first, [])}
 
     def warnings(self) -> list[str]:
         """One line if there are other solutions or they could not be looked for."""

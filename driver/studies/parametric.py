@@ -29,8 +29,10 @@ FIELDS = tuple(name for name in ContactField if name != ContactField.STATUS)
 
 
 def run(directory: Path, request: Request, comm) -> tuple[int, str]:
-    """Solve all values on the ranks of `comm` and write the files; exit status and reason. Raises
-    DriverError."""
+    """Solve all values on the ranks of `comm` and write the files; exit status and reason.
+
+    Raises DriverError.
+    """
     lap = Laps(request.seconds)
     seconds = lap.seconds
     problem = assemble(directory / "export", comm, lap)
@@ -83,8 +85,7 @@ def chain_length(count: int) -> int:
 
 def _outcomes(problem, settings, directory: Path, request: Request, apart: bool,
               comm) -> list["Outcome"]:
-    """All values in their order; if they are solved `apart` the ranks take chains of values in
-    turn, else all ranks each.
+    """All values in their order, solved on all ranks or, if `apart`, in chains on one rank each.
 
     In a chain a value starts near the one before. Chains do not depend on the number of ranks.
     Collective over `comm`. Raises DriverError.
@@ -161,8 +162,7 @@ def _contact_of(name: str, effects, boundary, data, gid: np.ndarray):
 
 @dataclasses.dataclass
 class Outcome:
-    """One value: its row of study.csv, those of history.csv, contact fields (n_c,) and status at
-    the last step."""
+    """One value: its rows of study.csv and history.csv, contact fields (n_c,) at the last step."""
 
     status: int
     reason: str
@@ -173,10 +173,9 @@ class Outcome:
 
 
 def _solve(problem, settings, near: np.ndarray | None) -> tuple[Outcome, np.ndarray | None]:
-    """March through the steps of one value; also returns its multipliers of the first step, as
-    `near` are another value's.
+    """March through the steps of one value; also its multipliers of the first step.
 
-    Where there may be several solutions each value finds its own.
+    `near` are those of another value. Where several solutions may exist each value finds its own.
     """
     operator, solver, first = problem.operator, problem.solver(settings), None
     if solver.largest_friction <= DOUBTFUL_FRICTION:
@@ -216,8 +215,7 @@ def _solve(problem, settings, near: np.ndarray | None) -> tuple[Outcome, np.ndar
 
 
 def _fields(operator, rows, step, u_t: np.ndarray) -> dict[str, np.ndarray]:
-    """Nodal contact quantities from multipliers and gradient alone: at its rows B u = c -
-    gradient."""
+    """Nodal contact quantities from multipliers and gradient: at its rows B u = c - gradient."""
     contact, values = operator.structure.contact, np.zeros((6, len(u_t)))
     values[0, rows.normal_node] = rows.gap - step.gradient[rows.normal]
     values[1, rows.tangential_node] = -step.gradient[rows.tangential]

@@ -1,5 +1,4 @@
-"""Parameter studies: one scene for many values of a friction coefficient, a gap, a load history or
-a step count.
+"""Parameter studies: one scene for many values of a friction coefficient, a gap, a history ...
 
 The body is exported, factorized and, where its contact boundary is small enough, condensed once
 (compliance.py); every value then costs few operations with small matrices. FreeFEM evaluates the

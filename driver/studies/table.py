@@ -59,8 +59,7 @@ def make_table(pairs: dict[str, str]) -> None:
 
 
 def method_settings(method: str) -> dict:
-    """Solver settings of a method: the slides' stopping rules alone, whatever the driver's
-    defaults."""
+    """Solver settings of a method: the slides' stopping rules, not the driver's defaults."""
     return {"rtol": 1e-6, "friction_rtol": 1e-6, "primal_rtol": 1.0, **METHODS[method]}
 
 
