@@ -29,14 +29,15 @@ def _measure(chosen: list[str], large: bool, folder: Path) -> list[Path]:
     from .workbench import Workbench
 
     modules = (products, factorization, peers, tao, roofline, stages, ranks, studies, bodies)
-    parts = {module.PART: module for module in modules}
+    parts = {module.__name__.rpartition(".")[2]: module for module in modules}
+    parts["getfem"] = parts.pop("peers")
     bench, paths, start = Workbench(folder), [folder / "report.csv"], time.perf_counter()
     try:
         for k, name in enumerate(chosen, 1):
             print(f"[{k}/{len(chosen)}] {name}, {time.perf_counter() - start:.0f} s so far",
                   flush=True)
-            options = (large,) if name == "getfem" else ()
-            measured = parts[name].measure(bench, *options)
+            bench.report.part = name
+            measured = parts[name].measure(bench, *[large] if name == "getfem" else [])
             bench.report.write(folder / "report.csv")
             if measured:
                 write_json(folder / f"{name}.json", measured)
