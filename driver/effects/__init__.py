@@ -52,16 +52,13 @@ class RunFacts:
 
 
 def entry(active: bool | None, reason: str, unknowns: int = 0,
-          seconds: float | None = None) -> dict:
-    """Ledger entry of a declared effect; `active` is None where no step was kept."""
-    return {"declared": True, "active": active, "reason": reason, "unknowns": int(unknowns),
+          seconds: float | None = None, declared: bool = True) -> dict:
+    """Ledger entry of an effect; `active` is None where no step was kept."""
+    return {"declared": declared, "active": active, "reason": reason, "unknowns": int(unknowns),
             "seconds": seconds}
 
 
-UNDECLARED = {"declared": False, "active": False, "reason": "not declared", "unknowns": 0,
-              "seconds": 0.0}
-
-
+UNDECLARED = entry(False, "not declared", 0, 0.0, declared=False)
 # entries of the ledger that are there in every run
 COMMON = ("contact", "friction", "gap", "time", "load", "displacement", "body_force")
 
@@ -77,6 +74,8 @@ class Effect:
     changes_coefficient = False  # the friction coefficient depends on the state
     # quantities of interest that it gives sense to, see results/quantities.py
     quantities: tuple[str, ...] = ()
+    # entries of `effects` in summary.json that differ from those of a scene without it
+    summary: dict[str, str | bool] = {}
     # how well the error in the energy norm is known with it, and why no better
     estimates, why = BOUND, ""
 
@@ -85,11 +84,6 @@ class Effect:
         self.name, self.manifest, self.data = name, manifest, manifest.rooms[name]
         kinds = [pattern["kind"] for pattern in manifest.patterns]
         self.patterns = [number for number, kind in enumerate(kinds) if kind == name]
-
-    # ---- what it says in summary.json -----------------------------------------------------------
-    def summary(self) -> dict:
-        """Entries of `effects` in summary.json that differ from those of a scene without it."""
-        return {}
 
     # ---- what it adds to the problem ------------------------------------------------------------
     def distance(self, columns: dict[str, np.ndarray]) -> np.ndarray | None:
@@ -110,8 +104,7 @@ class Effect:
     def before_first_step(self, solver) -> None:
         """Find the state from which the QuasistaticSolver `solver` starts. Raises DriverError."""
 
-    def coefficient_factor(self, nodes: np.ndarray, u_t: np.ndarray,
-                           last: np.ndarray) -> np.ndarray:
+    def coefficient_factor(self, nodes, u_t, last) -> np.ndarray:
         """(j,) factor of the coefficient at displacements u_t, `last` those of the step before."""
         raise NotImplementedError
 
@@ -170,7 +163,7 @@ class Effects:
                    "time": "quasistatic" if self.quasistatic else "static",
                    "body_force": False, "bodies": self.bodies}
         for room in self:
-            entries |= room.summary()
+            entries |= room.summary
         return entries
 
     @property
@@ -181,9 +174,9 @@ class Effects:
     @property
     def estimates(self) -> tuple[str, str]:
         """How well the error in the energy norm is known with these effects, and why no better."""
-        worst = max(self, key=lambda room: (BOUND, ESTIMATE, NONE).index(room.estimates),
-                    default=None)
-        return (worst.estimates, worst.why) if worst else (BOUND, "")
+        known = [(room.estimates, room.why) for room in self]
+        return max(known, key=lambda pair: (BOUND, ESTIMATE, NONE).index(pair[0]),
+                   default=(BOUND, ""))
 
     @property
     def quantities(self) -> tuple[str, ...]:
@@ -199,7 +192,7 @@ class Effects:
     def paired_sides(self, subdomains, fixed, comm, moved=None):
         """Boundaries of two bodies that meet (effects/pair.py), None without pairs; collective."""
         sides = (room.paired_sides(subdomains, fixed, comm, moved) for room in self)
-        return next((found for found in sides if found is not None), None)
+        return next((pair for pair in sides if pair is not None), None)
 
     def contact_law(self, contact) -> ContactLaw:
         """Friction coefficients and bounds at the contact nodes."""
@@ -226,8 +219,7 @@ class Effects:
         for room in self:
             room.before_first_step(solver)
 
-    def coefficient_factor(self, nodes: np.ndarray, u_t: np.ndarray,
-                           last: np.ndarray) -> np.ndarray:
+    def coefficient_factor(self, nodes, u_t, last) -> np.ndarray:
         """(j,) factor of the friction coefficients; see Effect."""
         changing = [room for room in self if room.changes_coefficient]
         return np.prod([room.coefficient_factor(nodes, u_t, last) for room in changing], axis=0)
@@ -251,9 +243,9 @@ class Effects:
         """Entries {declared, active, reason, unknowns, seconds}, common effects always included."""
         entries = dict.fromkeys(COMMON, UNDECLARED)
         for room in self:
-            for name, found in room.ledger(facts).items():
+            for name, own in room.ledger(facts).items():
                 known = entries.get(name, UNDECLARED)
-                entries[name] = found if not known["declared"] or found["active"] else known
+                entries[name] = own if not known["declared"] or own["active"] else known
         return entries
 
 
@@ -264,8 +256,7 @@ def _room(name: str, manifest) -> Effect:
     except ModuleNotFoundError as problem:
         if problem.name != f"{__name__}.{name}":
             raise
-        raise InputError(
-            f"the scene declares {name}, but driver/effects has no module of that name") from None
+        raise InputError(f"the scene declares {name}, which driver/effects lacks") from None
     return module.Room(name, manifest)
 
 

@@ -28,11 +28,6 @@ class FreeBodies:
         self.operator, self.rows, self.effects, self.scales = operator, rows, effects, scales
         self.history = history
 
-    @property
-    def _motions(self) -> list[np.ndarray]:
-        """Displacements of the rank's dual rows under every rigid motion."""
-        return self.operator.motions
-
     def can_rest(self, index: int, weights: np.ndarray) -> np.ndarray:
         """Rigid motion (modes,) that closes gaps until contact balances the loads `weights`.
 
@@ -40,7 +35,7 @@ class FreeBodies:
         """
         op = self.operator
         work, size = op.imbalance(np.zeros(op.owned), weights)
-        motion = rigid_equilibrium(self.rows, np.column_stack(self._motions), work, size, op.comm)
+        motion = rigid_equilibrium(self.rows, np.column_stack(op.motions), work, size, op.comm)
         if motion is None:
             raise NoSolution(f"step {index}: {self._why_no_rest()}")
         return motion
@@ -64,9 +59,8 @@ class FreeBodies:
         how = "contact cannot" if self.effects.contact else "without contact nothing can"
         if self.effects.frictional:
             how = "contact and friction cannot"
-        return (
-            f"no equilibrium: {how} balance the loads on {self._names(modes)}, which no support "
-            "holds: it slides off, tips over or is pulled away; add supports or friction")
+        return (f"no equilibrium: {how} balance the loads on {self._names(modes)}, which no support "
+                "holds: it slides off, tips over or is pulled away; add supports or friction")
 
     def follow(self, load, x: np.ndarray) -> np.ndarray:
         """Rigid motions follow what their springs still carry; d with them.
@@ -85,13 +79,13 @@ class FreeBodies:
         """As `follow`, with Anderson acceleration: springs ignore how bodies hold one another."""
         net, _ = self.operator.imbalance(x, load.weights)
         unit, motion = np.sqrt(self.operator.rho), load.weights[self.operator.structure.patterns :]
-        return self.shift(load,
-                          unit * secants.next(motion / unit, motion / unit + unit * net) - motion)
+        moved = unit * secants.next(motion / unit, motion / unit + unit * net)
+        return self.shift(load, moved - motion)
 
     def shift(self, load, change: np.ndarray) -> np.ndarray:
         """Move by `change` (modes,); d with it. Returns the change of d."""
         load.weights[self.operator.structure.patterns :] += change
-        moved = sum((factor * d for factor, d in zip(change, self._motions)),
+        moved = sum((factor * d for factor, d in zip(change, self.operator.motions)),
                     np.zeros(self.operator.owned))
         load.d += moved
         return moved
@@ -119,12 +113,12 @@ class FreeBodies:
         op, rows = self.operator, self.rows
         if any(LOOSE in line for line in self.history.warnings):
             return
-        motions = self._motions
+        motions = op.motions
         acts = np.zeros(op.owned)
         acts[rows.normal] = rows.bilateral | (x[rows.normal] != 0)
         acts[rows.tangential] = np.abs(x[rows.tangential]) < rows.friction_bound(x)
-        held = np.array([[op.dot(acts * a, b) for b in motions] for a in motions])
+        stiffness = np.array([[op.dot(acts * a, b) for b in motions] for a in motions])
         # squares of roundings
-        if np.linalg.eigvalsh(held)[0] <= 1e-12 * max(op.dot(d, d) for d in motions):
+        if np.linalg.eigvalsh(stiffness)[0] <= 1e-12 * max(op.dot(d, d) for d in motions):
             self.history.warnings.append(
                 f"step {index}: {LOOSE}, and displacements are one answer of many")

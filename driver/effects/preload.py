@@ -9,9 +9,7 @@ from . import initial_state
 class Room(initial_state.Room):
     """Solves one step without friction, whose tangential displacement becomes u_0."""
 
-    def summary(self) -> dict:
-        """The initial state is a preload."""
-        return {"initial": "preload"}
+    summary = {"initial": "preload"}
 
     def initial_displacement(self, contact) -> None:
         """Known before the first step only."""

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from . import friction, geometry, material, scale, support
-from .case import Case
+from .case import BLOCK, Case
 from .checks import dense, holds, laws
 
 TRIALS = {
@@ -28,18 +28,17 @@ def quadratic(case: Case, element: str = "P2") -> Case:
     easy = None if case.easy is None else {**case.easy, "ELEMENT": element}
     # for the same error of pressures
     tight = {"RTOL": case.options["RTOL"] / 3} if "RTOL" in case.options else {}
-    return replace(case, name=f"{case.name}, {element}", family="element",
+    return replace(case, name=f"{case.name}, {element}",
                    options={**case.options, **tight, "ELEMENT": element}, easy=easy, sweep=None,
                    fast=False)
 
 
 def incompressible(value: float, fast=False) -> Case:
     """P2-mixed near incompressibility: solved and not warned of."""
-    unlocked = holds("nothing locks", lambda outcome: not any(
-        "lock" in line for line in outcome.summary["warnings"]))
+    unlocked = holds("nothing locks", lambda run: "lock" not in str(run.summary["warnings"]))
     # stiffness entries of lambda cancel and leave those of mu: rounding grows by their ratio
     close = max(1e-5, 1e-10 / (1 - 2 * value))
-    return Case(f"Poisson's ratio {value:g}, P2-mixed", "element", material.BLOCK,
+    return Case(f"Poisson's ratio {value:g}, P2-mixed", BLOCK,
                 {"POISSON": value, "ELEMENT": "P2-mixed"},
                 checks=(dense(close), laws(close), unlocked),
                 easy={"POISSON": 0.277, "ELEMENT": "P2-mixed"}, fast=fast)
@@ -47,7 +46,7 @@ def incompressible(value: float, fast=False) -> Case:
 
 def locking(value: float) -> Case:
     """P2 there: the problem is solved, and the run warns that its pressures are unreliable."""
-    return replace(material.poisson(value), name=f"Poisson's ratio {value:g}, P2", family="element",
+    return replace(material.poisson(value), name=f"Poisson's ratio {value:g}, P2",
                    sweep=None, options={"POISSON": value, "ELEMENT": "P2"},
                    easy={"POISSON": 0.277, "ELEMENT": "P2"},
                    warning="P2 elements lock.*ELEMENT=P2-mixed")

@@ -144,8 +144,8 @@ class Assembled:
             c = sub.contact
             away = c.column("gap") + c.column("obstacle")
             rough = c.column("friction") + c.column("tresca")
-            for vertex, label, w, n, gap, F in zip(c.node, c.label, c.weight, c.normal, away,
-                                                   rough):
+            nodes = zip(c.node, c.label, c.weight, c.normal, away, rough)
+            for vertex, label, w, n, gap, F in nodes:
                 key = (int(label), int(sub.node_gid[vertex]))
                 parts.setdefault(key, []).append((w, *(w * n), w * gap, w * F, *sub.xy[vertex]))
         free = set(self.free.tolist())
@@ -160,8 +160,8 @@ class Assembled:
         self.xy = np.array([p[0, 5:] for _, p in kept]).reshape(-1, 2)
         self.normal = total[:, 1:3] / np.linalg.norm(total[:, 1:3], axis=1)[:, None]
         self.tangent = np.column_stack([-self.normal[:, 1], self.normal[:, 0]])
-        self.terms = np.arange(len(self.gid)), self.gid, np.ones(
-            len(self.gid))  # node, vertex, weight in what meets
+        # node, vertex, weight in what meets
+        self.terms = np.arange(len(self.gid)), self.gid, np.ones(len(self.gid))
 
     def meet(self, contact) -> None:
         """Take the conditions of a ContactBoundary: where bodies meet, rows are mortar jumps.
@@ -194,8 +194,7 @@ class Assembled:
 
     def compliance(self):
         """C (2 n_c, 2 n_c): n.u, t.u of the contact nodes under unit nodal forces there."""
-        _require(self.motions.shape[1] == 0,
-                 "undefined: a body that no support holds has no compliance")
+        _require(self.motions.shape[1] == 0, "a body that no support holds has no compliance")
         B = self.B[:, self.free]
         C = B @ self._factor.solve(np.ascontiguousarray(B.T))
         return (C + C.T) / 2
@@ -234,8 +233,7 @@ def coulomb_step(C, d, friction, start):
     settle.
     """
     n = len(friction)
-    x, rounding = start, max(1e-13, np.finfo(float).eps * np.linalg.cond(C)
-                             )  # what dense solves are good to
+    x, rounding = start, max(1e-13, np.finfo(float).eps * np.linalg.cond(C))  # of dense solves
     for _ in range(300):
         g = friction * x[:n]
         new = warm_box_qp(C, d, np.concatenate([np.zeros(n), -g]),
@@ -258,8 +256,8 @@ def _assert_coulomb(C, d, friction, x, slack):
     _require(x[:n].min() >= 0 and move[:n].max() <= size, "penetration or tension")
     _require(np.all(np.abs(move[:n])[x[:n] > 0] <= size), "pressure at a distance")
     _require(np.all(np.abs(x[n:]) <= bound + slack * force), "friction above its bound")
-    _require(np.all(np.abs(move[n:])[np.abs(x[n:]) < bound - \
-             slack * force] <= size), "slip below the bound")
+    sticks = np.abs(x[n:]) < bound - slack * force
+    _require(np.all(np.abs(move[n:])[sticks] <= size), "slip below the bound")
     _require(np.all(x[n:] * move[n:] >= -size * force), "friction along the slip")
 
 
