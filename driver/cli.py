@@ -124,6 +124,14 @@ def bench(words: list[str]) -> None:
     _list(run_bench(parse_pairs(words)))
 
 
+def docs(words: list[str]) -> None:
+    """What the documents have from the code and from reference files, renewed."""
+    environment.start_petsc()
+    from .studies.docs import renew
+
+    _list(renew(options.read("docs", parse_pairs(words))["gallery"]))
+
+
 def _list(paths: list[Path]) -> None:
     """The files that were made."""
     for path in paths:
@@ -164,7 +172,7 @@ def _stage(request: Request):
 # ---- entry ---------------------------------------------------------------------------------------
 
 ENTRIES = {entry.__name__: entry for entry in (
-    run, model, table, effects, study, accuracy, bench, hard, saddle, figures, solve)}
+    run, model, table, effects, study, accuracy, bench, hard, saddle, docs, figures, solve)}
 
 
 def main() -> None:

@@ -89,6 +89,7 @@ COMMANDS = {command.name: command for command in (
     Command("hard", "the hard cases, each solved and checked or refused"),
     Command("saddle", "write and draw the FETI-DP saddle-point matrix of a small case", True,
             "the matrix does not depend on {name}"),
+    Command("docs", "renew what the documents take from the code and from reference files"),
     Command("figures", "redraw the figures of finished runs from their files"),
 )}
 
@@ -213,6 +214,8 @@ STUDIES = (
     Option("case", text("text"), "", STUDY, ("hard",), "cases with this text in their names",
            "all"),
     Option("fast", YES_NO, False, STUDY, ("hard",), "only what make test runs, at the first size"),
+    Option("gallery", choice("no", "missing", "yes"), "no", STUDY, ("docs",),
+           "run the scenes and draw their pictures, those that are missing or all"),
     Option("jobs", whole("a number of processes", 1), CORES, STUDY, ("hard",),
            "cases that run at a time", "as many as there are cores"),
 )

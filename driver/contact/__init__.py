@@ -1,0 +1,1 @@
+"""The contact boundary: nodes, gaps and normals, mortar coupling, dual rows, states of nodes."""

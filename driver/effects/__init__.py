@@ -119,6 +119,11 @@ class Effect:
     def step_ends(self, nodes: np.ndarray, slip: np.ndarray) -> None:
         """A step ended in which the contact `nodes` (j,) of the rank have slid by `slip` (j,)."""
 
+    def no_estimate(self, weights: np.ndarray) -> str:
+        """Why the energy norm is infinite under the pattern factors `weights`, empty if it is not.
+        """
+        return ""
+
     # ---- what it says after the run -------------------------------------------------------------
     def ledger(self, facts: RunFacts) -> dict[str, dict]:
         """Entries of the ledger by name: was the effect active, and what did it cost."""
@@ -170,13 +175,6 @@ class Effects:
     def pressure_bounds_friction(self) -> bool:
         """Whether friction depends on the pressure (Coulomb's law): a step is a fixed point."""
         return "friction" in self
-
-    @property
-    def estimates(self) -> tuple[str, str]:
-        """How well the error in the energy norm is known with these effects, and why no better."""
-        known = [(room.estimates, room.why) for room in self]
-        return max(known, key=lambda pair: (BOUND, ESTIMATE, NONE).index(pair[0]),
-                   default=(BOUND, ""))
 
     @property
     def quantities(self) -> tuple[str, ...]:
@@ -238,6 +236,10 @@ class Effects:
         """A step ended; see Effect."""
         for room in self:
             room.step_ends(nodes, slip)
+
+    def no_estimate(self, weights: np.ndarray) -> str:
+        """Why the error in the energy norm has no estimate under the pattern factors `weights`."""
+        return next(filter(None, (room.no_estimate(weights) for room in self)), "")
 
     def ledger(self, facts: RunFacts) -> dict[str, dict]:
         """Entries {declared, active, reason, unknowns, seconds}, common effects always included."""

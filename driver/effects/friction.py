@@ -5,6 +5,19 @@ import numpy as np
 from . import Effect, RunFacts, entry
 
 
+def slip_entry(facts: RunFacts) -> dict:
+    """Ledger entry of a friction law: active where any node slid."""
+    slipped, stuck = facts.most("slip"), facts.most("stick")
+    active, reason = slipped > 0, "nothing touched"
+    if slipped:
+        reason = f"{slipped} nodes slipped at most"
+    elif not facts.steps:
+        active, reason = None, "no step was kept"
+    elif stuck:
+        reason = f"nothing slipped ({stuck} nodes stuck at most)"
+    return entry(active, reason, facts.sizes["dual_tangential"], facts.seconds["friction"])
+
+
 class FrictionLaw(Effect):
     """What all friction laws share: tangential rows, their quantities and their ledger entry."""
 
@@ -12,16 +25,7 @@ class FrictionLaw(Effect):
 
     def ledger(self, facts: RunFacts) -> dict[str, dict]:
         """Active where any node slid."""
-        slipped, stuck = facts.most("slip"), facts.most("stick")
-        active, reason = slipped > 0, "nothing touched"
-        if slipped:
-            reason = f"{slipped} nodes slipped at most"
-        elif not facts.steps:
-            active, reason = None, "no step was kept"
-        elif stuck:
-            reason = f"nothing slipped ({stuck} nodes stuck at most)"
-        rows, seconds = facts.sizes["dual_tangential"], facts.seconds["friction"]
-        return {"friction": entry(active, reason, rows, seconds)}
+        return {"friction": slip_entry(facts)}
 
 
 class Room(FrictionLaw):

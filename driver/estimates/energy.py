@@ -7,6 +7,7 @@ difference between the computed and a recovered stress, which is no bound.
 
 import numpy as np
 
+from ..effects import Effects
 from ..march.step import Step
 from ..scene import elements
 from ..scene.manifest import Manifest
@@ -64,11 +65,8 @@ class EnergyEstimator:
 
     def _estimate(self, step: Step, state: dict) -> Estimate | None:
         """The estimate of one step on rank 0, None elsewhere."""
-        points = [k for k, pattern in enumerate(self.manifest.patterns)
-                  if pattern["given_on"] == "nodes"]
-        if np.any(step.weights[points]):
-            return Estimate(step.index,
-                            reason="under point loads the exact solution has no finite energy")
+        if reason := Effects(self.manifest).no_estimate(step.weights):
+            return Estimate(step.index, reason=reason)
         displacements = self.operator.displacements(step.multipliers, step.weights)
         if self.bound is not None:
             return self.bound.estimate(step, state, displacements)

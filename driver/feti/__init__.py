@@ -1,0 +1,1 @@
+"""FETI-DP: corners, subdomains, local reductions, coarse problem, dual operator, preconditioner."""

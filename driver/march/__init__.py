@@ -1,0 +1,1 @@
+"""Time stepping: QP with given friction bound, fixed point, fallbacks, uniqueness, checkpoints."""

@@ -54,10 +54,14 @@ class Uniqueness:
             mine = problem.whole(x)
         all_of_them = problem.n <= FEW and not problem.bilateral
         self.exhaustive += all_of_them
-        found = complementarity.all_solutions(problem) if all_of_them else complementarity.search(
-            problem, mine)
-        size = max((np.abs(y[: problem.rows]).max() for y in (mine, *found)), default=0.0)
-        others = [y for y in found if np.abs(y[: problem.rows] - mine[: problem.rows]).max(initial=0) > 1e-3 * size]
+        if all_of_them:
+            solutions = complementarity.all_solutions(problem)
+        else:
+            solutions = complementarity.search(problem, mine)
+        forces = np.array([y[: problem.rows] for y in (mine, *solutions)])
+        apart = np.abs(forces[1:] - forces[0]).max(axis=1, initial=0)
+        size = np.abs(forces).max(initial=0.0)
+        others = [y for y, distance in zip(solutions, apart) if distance > 1e-3 * size]
         # the sign of one solution tells of others only where a solution is sure to exist
         if others or size > 0 and not problem.k and complementarity.index(problem, mine) < 0:
             self.several[step] = [_describe(problem, y, weight) for y in (mine, *others)]

@@ -1,0 +1,1 @@
+"""What a run leaves in files: contact quantities, tables, fields, ledger of effects, summary."""

@@ -1,0 +1,1 @@
+"""One run from scene to figures: request, private directory, ranks, search for an accuracy."""
