@@ -144,19 +144,19 @@ def couple(first: Side, second: Side, held: np.ndarray) -> Coupling:
         own, others = _shapes(first.edges.shape[1], xi), _shapes(second.edges.shape[1], eta)
         for k in range(first.edges.shape[1]):  # the multipliers of an edge
             row = rows[e, k]
-            part = share * (stop - start) * ds * sum(dual[e, k, b] * phi
-                                                     for b, phi in enumerate(own))
+            psi = sum(dual[e, k, b] * phi for b, phi in enumerate(own))
+            part = share * (stop - start) * ds * psi
             np.add.at(weight, row, part)
             np.add.at(gap, row, part * distance)
             for side, edges, shapes in ((0, first.edges[e], own), (1, second.edges[o], others)):
                 sign = 1.0 if side == 0 else -1.0
+                sides = np.full(len(row), side)
                 for corner, value in enumerate(shapes):
-                    terms.append((row, np.full(len(row), side), edges[:, corner],
-                                  sign * part * value))
+                    terms.append((row, sides, edges[:, corner], sign * part * value))
     used = (weight > SLIVER * weight.max(initial=0.0)) & ~held
     node, side, of, value = (np.concatenate([t[k] for t in terms]) for k in range(4))
-    return Coupling(np.where(used, weight, 0.0),
-                    np.divide(gap, weight, out=np.zeros(n), where=used), normal,
+    gap = np.divide(gap, weight, out=np.zeros(n), where=used)
+    return Coupling(np.where(used, weight, 0.0), gap, normal,
                     *_merge(node, side, of, value, weight, used))
 
 
@@ -303,7 +303,7 @@ def _project(first: Side, normal: np.ndarray, second: Side, e, o, xi):
     c, d = second.xy[second.edges[o, 0]], second.xy[second.edges[o, 1]]
     eta = np.clip(cross(x - c, n) / cross(d - c, n), 0.0, 1.0)
     distance = ((c + eta[:, None] * (d - c) - x) * n).sum(axis=1)
-    for side, edge, at, sign in ((first, e, xi, -1.0), (second, o, eta, 1.0)):
+    for side, edge, place, sign in ((first, e, xi, -1.0), (second, o, eta, 1.0)):
         if side.bow is not None:
-            distance += sign * 4.0 * at * (1.0 - at) * (side.bow[edge] * n).sum(axis=1)
+            distance += sign * 4.0 * place * (1.0 - place) * (side.bow[edge] * n).sum(axis=1)
     return eta, distance, first.length[e]

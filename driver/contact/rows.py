@@ -119,8 +119,8 @@ class ContactRows:
         if not self.bilateral:
             states[multipliers[self.normal] == 0] = OPEN
         sliding = np.abs(multipliers[self.tangential]) >= self.friction_bound(multipliers)
-        at = np.searchsorted(self.normal_node, self.tangential_node)
-        states[at[sliding & (states[at] == STICK)]] = SLIP
+        place = np.searchsorted(self.normal_node, self.tangential_node)
+        states[place[sliding & (states[place] == STICK)]] = SLIP
         if len(self.tangential) == 0:  # without friction nothing holds a node that touches
             states[states == STICK] = SLIP
         return states

@@ -16,23 +16,18 @@ from .friction_qp import FrictionQP
 from .slip import SlipState
 from .step import WINDOW, Load, Trace, Unfinished
 
-# relative change of pressures and friction bounds below which free bodies follow their springs
-SETTLING = 0.3
+SETTLING = 0.3  # relative change of friction bounds below which free bodies follow their springs
 CORRECTIONS = 30  # friction bounds in the contact problem with F_cc, at most
 CORRECTION = 0.1  # its residual, relative to the whole one before
 BALANCED = 0.1  # its imbalance of bodies without support, relative to the one before
-# relative imbalance after a QP above which the corrector leaves these bodies where they are
-HEADWAY = 1.0
+HEADWAY = 1.0  # growth of this imbalance in a QP above which the corrector moves them no more
 CONDENSED_PASSES = 30  # corrections of a solution of the condensed contact problem
 # tolerance of the gluing multipliers there, relative to ||d|| and ||F|| ||x||: a hundred roundings
 FINEST = 1e-13
 
 
 class FixedPoint:
-    """Finds multipliers that solve the QP with the friction bound of their own pressures.
-
-    Collective.
-    """
+    """Multipliers that solve the QP with the friction bound of their pressures. Collective."""
 
     def __init__(self, qp: FrictionQP, bodies, slip: SlipState, condensation: Condensation):
         """`bodies`: FreeBodies of effects/free_bodies.py, or SupportedBodies."""
@@ -50,14 +45,15 @@ class FixedPoint:
         support move in the same iterations. Starts from and returns multipliers, gradient and the
         rows that slide. Raises Unfinished.
         """
-        settings, rows, free = self.settings, self.rows, self.operator.modes > 0
-        coupled, secants, last, self.corrects_motion = self.coupled, self.bodies.secants(
-        ), np.inf, free
+        settings, rows, coupled = self.settings, self.rows, self.coupled
+        self.corrects_motion = free = self.operator.modes > 0
+        secants, last = self.bodies.secants(), np.inf
         while not trace.fallback:
             trace.iterations += 1
             x, gradient = self._start(load, x, gradient, sliding)
-            bound, reduction = rows.friction_bound(x), self._reduction(
-                trace) if coupled or free else 0.0
+            bound, reduction = rows.friction_bound(x), 0.0
+            if coupled or free:
+                reduction = self._reduction(trace)
             result, change = self._approximate(index, trace, load.d, x, bound, reduction, coupled,
                                                gradient)
             x, gradient = result.x, result.gradient
@@ -70,9 +66,9 @@ class FixedPoint:
                 return x, gradient, sliding
             tired = trace.iterations >= settings.max_fixed_point
             if tired and trace.iterations <= 2 * WINDOW:
-                raise Unfinished(
-                    NotConverged(f"step {index}: no fixed point of the friction bound in "
-                                 f"{trace.iterations} iterations"), x, gradient)
+                error = NotConverged(f"step {index}: no fixed point of the friction bound in "
+                                     f"{trace.iterations} iterations")
+                raise Unfinished(error, x, gradient)
             if loose > settings.friction_rtol and change <= SETTLING * self._norm(x[rows.normal]):
                 # before, friction is too far off to say where to
                 gradient = gradient - self.bodies.lead(load, x, secants)
@@ -93,9 +89,9 @@ class FixedPoint:
             elif self.condensation.whole and not self.rows.bound_is_given:
                 x, gradient = self.qp.placed(start, load.d, x, gradient)
                 return self.condensation.solution(load, x, gradient, sliding) or (x, gradient)
-        # d changes where bodies without support move
-        return self.qp.placed(start, load.d, x, gradient -
-                              (load.d - before) if self.operator.modes else gradient)
+        if self.operator.modes:  # d has changed where bodies without support moved
+            gradient = gradient - (load.d - before)
+        return self.qp.placed(start, load.d, x, gradient)
 
     def _correct(self, load: Load, x, gradient):
         """x with the contact multipliers that solve contact and friction, gluing ones unchanged.
@@ -106,13 +102,13 @@ class FixedPoint:
         rows, qp, aim = self.rows, self.qp, None
         for _ in range(CORRECTIONS):
             limits, bound = rows.limits(self.operator.owned, x), rows.friction_bound(x)
-            left = projected_gradient(x, gradient, *limits)
+            residual = projected_gradient(x, gradient, *limits)
             if aim is None:
-                whole, loose = qp.size(left), self.bodies.imbalance(load, x)
+                whole, loose = qp.size(residual), self.bodies.imbalance(load, x)
                 aim = max(0.5 * qp.tol, CORRECTION * whole)
                 balanced = max(0.5 * self.settings.friction_rtol, BALANCED * loose)
-            left[rows.gluing] = 0.0
-            if whole <= qp.tol or qp.size(left) <= aim:
+            residual[rows.gluing] = 0.0
+            if whole <= qp.tol or qp.size(residual) <= aim:
                 if not self.corrects_motion or self.bodies.imbalance(load, x) <= balanced:
                     break
                 gradient = gradient - self.bodies.follow(load, x)
@@ -124,8 +120,8 @@ class FixedPoint:
     def _approximate(self, index, trace, d, x, bound, reduction, coupled=True, gradient=None):
         """Result of the QP with friction bounds `bound` from x, change of pressures and bounds."""
         limits = self.rows.limits_at(len(x), bound)
-        x, gradient = self.qp.placed(np.minimum(np.maximum(x, limits[0]), limits[1]), d, x,
-                                     gradient)
+        inside = np.minimum(np.maximum(x, limits[0]), limits[1])
+        x, gradient = self.qp.placed(inside, d, x, gradient)
         result = self.qp.solve(index, trace.iterations, d, limits, x, reduction, gradient)
         if not coupled:
             return result, 0.0
@@ -168,10 +164,10 @@ class FixedPoint:
             trace.iterations += 1
             bound = np.maximum(point[:j], 0.0)
             self.bodies.shift(load, softness * point[j:] - load.weights[op.structure.patterns :])
-            result, change = self._approximate(index, trace, load.d, x, bound,
-                                               self._reduction(trace))
-            x, sliding, loose = result.x, rows.sliding(result.x, bound), self.bodies.imbalance(
-                load, result.x)
+            reduction = self._reduction(trace)
+            result, change = self._approximate(index, trace, load.d, x, bound, reduction)
+            x, sliding = result.x, rows.sliding(result.x, bound)
+            loose = self.bodies.imbalance(load, x)
             changes.append(max(change, loose * self._norm(x[rows.normal])))
             if loose <= self.settings.friction_rtol and self._settled(change, result):
                 self.history.fallbacks.note(globalization.ANDERSON, index)
@@ -197,15 +193,15 @@ class FixedPoint:
             trace.iterations += 1
             bound, coefficient = rows.friction_bound(x), rows.coefficient
             qp.tol = aim
-            result = qp.solve(index, trace.iterations, load.d, self.condensation.held(x), x, 0.0)
+            result = qp.solve(index, trace.iterations, load.d, self.condensation.fixing(x), x, 0.0)
             qp.tol = tol
             x = result.x
             self.slip.renew_coefficient(result.gradient)
             change = self._norm(rows.friction_bound(x) - bound, tangential=True)
-            left = projected_gradient(x, result.gradient, *rows.limits_at(len(x), bound))
-            # the gluing rows alone may be left with a residual of tol
+            residual = projected_gradient(x, result.gradient, *rows.limits_at(len(x), bound))
+            # of which the gluing rows alone may have tol
             if (change <= self.settings.friction_rtol * self._norm(x[rows.normal])
-                    and qp.size(left) <= 2 * qp.tol
+                    and qp.size(residual) <= 2 * qp.tol
                     and self.bodies.imbalance(load, x) <= self.settings.friction_rtol):
                 self.history.fallbacks.note(method, index)
                 return x, result.gradient, rows.sliding(x, bound)
@@ -216,13 +212,13 @@ class FixedPoint:
                 problem = self.condensation.problem(load, x, result.gradient)
             except NotConverged:
                 return None
-            found, how = globalization.solve_condensed(problem,
-                                                       problem.whole(self.condensation.gather(x)))
-            if found is None:
+            start = problem.whole(self.condensation.gather(x))
+            solution, solver = globalization.solve_condensed(problem, start)
+            if solution is None:
                 return None
-            method = how if how == globalization.LEMKE else method
-            x = self.condensation.place(found[: problem.rows], x)
-            self.bodies.shift(load, found[problem.rows :])
+            method = solver if solver == globalization.LEMKE else method
+            x = self.condensation.place(solution[: problem.rows], x)
+            self.bodies.shift(load, solution[problem.rows :])
         return None
 
     # ---- norms of values on contact rows -------------------------------------------------------

@@ -20,8 +20,7 @@ from .step import Step
 class Checkpoints:
     """Saves and restores a solver and its finished steps in `directory`; collective.
 
-    Tables, records and estimates are not part of a checkpoint: finished steps are replayed through
-    them.
+    Tables, records and estimates are none of it: finished steps are replayed through them.
     """
 
     def __init__(self, directory: Path, identity: dict, solver: QuasistaticSolver):

@@ -25,8 +25,7 @@ class Step:
     products: int
     contraction: float  # mean ratio of successive changes of the fixed point, NaN if there was one
     residuals: dict
-    # last change of the multipliers, to the friction bound of their own pressures
-    moved: np.ndarray
+    moved: np.ndarray  # last change of the multipliers, to the bound of their own pressures
 
 
 @dataclass
@@ -79,8 +78,7 @@ class Trace:
     iterations: int = 0
     changes: list = field(default_factory=list)
     fallback: bool = False  # successive approximations did not contract
-    # every QP is solved to the tolerance: where multipliers answer violently to residuals
-    exact: bool = False
+    exact: bool = False  # QPs to the tolerance: multipliers answer violently to residuals
 
     @property
     def contraction(self) -> float:
