@@ -60,7 +60,8 @@ class FreeBodies:
         if self.effects.frictional:
             how = "contact and friction cannot"
         return (f"no equilibrium: {how} balance the loads on {self._names(modes)}, which no "
-                "support holds: it slides off, tips over or is pulled away; add supports or friction")
+                "support holds: it slides off, tips over or is pulled away; add supports or "
+                "friction")
 
     def follow(self, load, x: np.ndarray) -> np.ndarray:
         """Rigid motions follow what their springs still carry; d with them.

@@ -120,8 +120,8 @@ def magnification(run: Run) -> float:
     largest = np.linalg.norm(run.last.displacement, axis=1).max()
     if run.scene == "model":
         return 300.0
-    return round_magnification(0.08 * np.ptp(run.last.xy,
-                                             axis=0).max() / largest) if largest else 1.0
+    size = np.ptp(run.last.xy, axis=0).max()
+    return round_magnification(0.08 * size / largest) if largest else 1.0
 
 
 def deformed(figure: Figure, run: Run) -> None:
@@ -131,8 +131,7 @@ def deformed(figure: Figure, run: Run) -> None:
     stress = stress_scale(run, np.percentile(mesh.von_mises, 99.5))
     values = mesh.von_mises * stress.factor
     top = np.percentile(values, 99.5)
-    # Corner singularities grow with refinement; they must not take the colours from the rest of the
-    # body.
+    # corner singularities, which grow with refinement, must not take all colours
     beyond = values.max() > 1.05 * top
     moved = (mesh.xy + times * mesh.displacement) * scale.factor
     limit = top if beyond else values.max() or 1

@@ -83,8 +83,9 @@ def contact_panels(figure: Figure, run: Run, caption: str, panels: tuple) -> Non
     """Stress above displacement for every contact boundary, drawn by the two functions `panels`."""
     boundaries = final_boundaries(run)
     shown = boundaries[:PANELS]
-    names = (("sigma_n",), ("u_n",)) if panels[0] is normal_stress else (
-        ("sigma_t", "bound"), ("u_t",))
+    names = ("sigma_t", "bound"), ("u_t",)
+    if panels[0] is normal_stress:
+        names = ("sigma_n",), ("u_n",)
     arc, stress, length = contact_scales(run, shown, *names)
     handles = {}
     for (_, rows), (above, below) in zip(shown, panel_grid(figure, shown, 2, 11)):
@@ -164,9 +165,8 @@ def contact_status(figure: Figure, run: Run) -> None:
         ends = segment_ends(rows["arc"][:nodes], rows["weight"][:nodes]) * arc.factor
         axes.pcolormesh(ends, np.concatenate([[0.0], times]), codes, vmin=0, vmax=2,
                         cmap=ListedColormap(list(STATUS.values())),
-                        rasterized=nodes * len(times) > 5000,
-                        edgecolors="white" if nodes <= 60 and len(times) <= 60 else "none",
-                        linewidth=0.3)
+                        rasterized=nodes * len(times) > 5000, edgecolors="white" if nodes <= 60
+                        and len(times) <= 60 else "none", linewidth=0.3)
         axes.set(xlabel=rf"arc length along $\Gamma_c$ [{arc.label}]", ylabel="time $t$")
         seen.append(status)
     run_header(figure, run, r"Contact status on $\Gamma_c$ over time",

@@ -104,8 +104,8 @@ def _spread(values: np.ndarray, weight: np.ndarray, share: float) -> tuple[float
     whole = min(values.min(), 0.0), max(values.max(), 0.0)
     order = np.argsort(values)
     along = np.cumsum(weight[order]) / weight.sum()
-    low, high = values[order][np.minimum(np.searchsorted(
-        along, [1 - share, share]), len(values) - 1)]
+    ends = np.minimum(np.searchsorted(along, [1 - share, share]), len(values) - 1)
+    low, high = values[order][ends]
     low, high = min(low, 0.0), max(high, 0.0)
     return (low, high) if whole[1] - whole[0] > 3 * (high - low) else whole
 
@@ -127,8 +127,8 @@ def _changes(axes, variants: list[dict]) -> None:
                       va="center", fontsize=6, color="0.3")
             continue
         for k, value in enumerate(values[i]):
-            axes.text(k, i, change(value).replace(
-                "-", "\N{MINUS SIGN}"), ha="center", va="center", fontsize=7)
+            text = change(value).replace("-", "\N{MINUS SIGN}")
+            axes.text(k, i, text, ha="center", va="center", fontsize=7)
     axes.set_xticks(range(len(HEADINGS)), list(HEADINGS.values()), fontsize=6.5)
     axes.set_yticks(range(len(variants)), [label(variant["without"]) for variant in variants])
     axes.set_xticks(np.arange(-0.5, len(HEADINGS)), minor=True)

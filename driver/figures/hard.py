@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 
 from ..files import read_rows
-from .style import BLUE, GREEN, INK, ORANGE, RED, WIDTH, canvas, write
+from .style import BLUE, GREEN, INK, ORANGE, RED, canvas, write
 
 RESIDUALS = ("stationarity", "gluing", "penetration", "sign",
              "cone", "equilibrium", "complementarity")
@@ -30,17 +30,15 @@ def draw(table: Path) -> list[Path]:
             for row in read_rows(table)]
     lines = _lines(rows)
     width, height = NAME + CELL * len(COLUMNS), LINE * len(lines) + 2.0
-    paths = write(canvas(lambda figure: _table(figure, lines, width, height), height, width,
-                         "none"),
-                  table.parent, "report")
+    figure = canvas(lambda figure: _table(figure, lines, width, height), height, width, "none")
+    paths = write(figure, table.parent, "report")
     names = [name for name in dict.fromkeys(row["sweep"] for row in rows if row["sweep"])
              if len({row["place"] for row in rows if row["sweep"] == name}) > 1]
     if names:
         across = min(3, len(names))
         down = -(-len(names) // across)
-        paths += write(canvas(lambda figure: _sweeps(figure, rows, names, down, across), 5 * down,
-                              WIDTH),
-                       table.parent, "sweeps")
+        figure = canvas(lambda figure: _sweeps(figure, rows, names, down, across), 5 * down)
+        paths += write(figure, table.parent, "sweeps")
     return paths
 
 

@@ -11,9 +11,8 @@ import numpy as np
 from ..errors import InputError
 from ..files import read_table
 
-# of a triangle with six nodes in VTK's order
 TABLES = ("history", "contact", "convergence", "boundary", "adaptivity")
-QUARTERS = [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]
+QUARTERS = [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]  # of a six-node triangle in VTK's order
 
 
 @dataclass
@@ -85,8 +84,8 @@ def read_mesh(path: Path, time: float) -> Mesh:
     """One .vtu of a run."""
     data = meshio.read(path)
     kind, = data.cells_dict
-    nodes, mises = data.cells_dict[kind].astype(
-        np.int64), data.cell_data_dict["von_mises"][kind].ravel()
+    nodes = data.cells_dict[kind].astype(np.int64)
+    mises = data.cell_data_dict["von_mises"][kind].ravel()
     parts = QUARTERS if kind == "triangle6" else [[0, 1, 2]]
     return Mesh(time, data.points[:, :2], nodes[:, parts].reshape(-1, 3),
                 data.point_data["displacement"][:, :2], np.repeat(mises, len(parts)), nodes[:, :3],

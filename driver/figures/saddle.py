@@ -17,8 +17,8 @@ BLOCKS = (("r", "r", "K_{rr}"), ("r", "c", "K_{rc}"), ("c", "r", "K_{cr}"), ("c"
 
 def draw(folder: Path) -> list[Path]:
     """Draw saddle.mtx with the ends of blocks in saddle.json; returns the files written."""
-    matrix, ends = mmread(str(folder / "saddle.mtx")
-                          ), json.loads((folder / "saddle.json").read_text())
+    matrix = mmread(str(folder / "saddle.mtx"))
+    ends = json.loads((folder / "saddle.json").read_text())
     return write(canvas(lambda figure: _fill(figure, matrix, ends), SIDE, SIDE), folder, "saddle")
 
 

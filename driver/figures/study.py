@@ -15,8 +15,8 @@ from .style import BLUE, GREEN, ORANGE, canvas, write
 
 def draw(directory: Path) -> list[Path]:
     """Draw study.csv into ``<directory>/figures``, if a value converged; returns the files."""
-    summary, table = json.loads((directory / "summary.json").read_text()
-                                ), read_table(directory / "study.csv")
+    summary = json.loads((directory / "summary.json").read_text())
+    table = read_table(directory / "study.csv")
     table = select(table, table["converged"] == "yes")
     if not len(table["converged"]):
         return []
