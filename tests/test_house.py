@@ -27,15 +27,8 @@ KNOWN = {
     "order": set(),
     "figures": set(),
     "length": {"driver/qp/mprgp.py", "driver/runs/goal.py"},
-    "width": {
-        "driver/estimates", "driver/results", "driver/scene", "edp", "edp/hard", "edp/lib",
-        "edp/lib/P1", "edp/lib/P2", "edp/lib/P2-mixed", "edp/lib/effects", "edp/lib/given",
-        "tests/scene",
-    },
-    "docstrings": {
-        "driver.runs.goal.Search.steps", "driver.scene.loader.Subdomain.dofs",
-        "driver.scene.records.RecordFile.ended",
-    },
+    "width": set(),
+    "docstrings": set(),
 }
 
 

@@ -1,12 +1,14 @@
-"""What a scene may declare, room by room, written out for FreeFEM: ``rooms/*.idp`` of an export directory.
+"""What a scene may declare, room by room, for FreeFEM: ``rooms/*.idp`` of an export directory.
 
-FreeFEM knows whether a macro is defined (IFMACRO) but cannot list files or count macros: what follows from the list of rooms
-(rooms.py) is written before it starts. Of every room, guarded by the macros that declare it, there are
+FreeFEM knows whether a macro is defined (IFMACRO) but cannot list files or count macros: what
+follows from the list of rooms (rooms.py) is written before it starts. Of every room, guarded by the
+macros that declare it, there are
 
 - ``switches``: what is left out is checked to be there,
 - ``include``: the room itself, what its loads are given on, and what it lacks,
 - ``patterns``: its load patterns, one for each number, in variables ``<room>Pattern<number>``,
-- ``assemble``, ``fix``, ``record``: what these add to a subdomain's loads, supports and record (see loads.idp),
+- ``assemble``, ``fix``, ``record``: what these add to a subdomain's loads, supports and record (see
+  loads.idp),
 - ``columns``, ``evaluate``, ``column-names``: its numbers at the contact nodes (see contact.idp),
 - ``fields``: its numbers at all nodes, ``<room>Fields``,
 - ``manifest``: its entry in the manifest, ``<room>Manifest``,
@@ -25,46 +27,53 @@ QUASISTATIC = "quasistatic"  # what a scene declares by calling quasistatic(T)
 def without_names(without: tuple[str, ...]) -> set[str]:
     """What is left out, with all that needs it; numbered macros as load2.
 
-    Names are those of rooms (``friction``), of one of several loads (``load2``), ``quasistatic`` (one static step at the
-    end time) and ``amplitude2`` (the loads keep the factor of the end time). Raises InputError for any other.
+    Names are those of rooms (``friction``), of one of several loads (``load2``), ``quasistatic``
+    (one static step at the end time) and ``amplitude2`` (the loads keep the factor of the end
+    time). Raises InputError for any other.
     """
-    known = rooms()
-    numbered = {name for room in known if room.numbered for macro in room.macros for name in macro.names}
+    effects = [room.name for room in rooms()]
+    known = {*effects, QUASISTATIC, *(f"amplitude{k}" for k in NUMBERS)}
+    for room in rooms():
+        if room.numbered:
+            known.update(name for macro in room.macros for name in macro.names)
     for name in without:
-        if name not in {room.name for room in known} | numbered | {QUASISTATIC} | {f"amplitude{k}" for k in NUMBERS}:
+        if name not in known:
             raise InputError(f"'{name}' is no effect that can be left out; effects are "
-                             f"{', '.join(room.name for room in known)}, {QUASISTATIC}, and load1, amplitude1, ...")
-    left = set(without)
-    for room in known:  # in which what is needed comes first
-        if left & {name for names in (*room.needs, room.brings) for name in names}:
-            left.add(room.name)
-    return left
+                             f"{', '.join(effects)}, {QUASISTATIC}, and load1, amplitude1, ...")
+    absent = set(without)
+    for room in rooms():  # in which what is needed comes first
+        if absent & {name for names in (*room.needs, room.brings) for name in names}:
+            absent.add(room.name)
+    return absent
 
 
 def write(directory: Path, without: tuple[str, ...] = ()) -> None:
-    """Write the files for a scene of which `without` is left out (see `without_names`, whose errors it raises)."""
-    left = without_names(without)
-    used = [room for room in rooms() if room.name not in left]
-    loads = [_Load(room, k) for room in used if room.given_on for k in NUMBERS if _numbered(room, k) not in left]
+    """Write the files for a scene of which `without` is left out.
+
+    Raises InputError as `without_names`.
+    """
+    absent = without_names(without)
+    used = [room for room in rooms() if room.name not in absent]
+    loads = [_Load(room, k) for room in used if room.given_on for k in NUMBERS
+             if _numbered(room, k) not in absent]
     columns = [room for room in used if room.column]
-    folder = directory / FOLDER
-    folder.mkdir(exist_ok=True)
     files = {
         "switches": _switches(without),
-        "include": [line for room in used for line in _include(room, left)],
+        "include": [line for room in used for line in _include(room, absent)],
         "patterns": [line for load in loads for line in load.declaration()],
         "assemble": [line for load in loads for line in load.call("Assemble")],
         "fix": [line for load in loads for line in load.call("Fix")],
         "record": [line for load in loads for line in load.call("Record")],
-        "columns": [line for room in columns for line in _if(_room(room), f"int {room.prefix}At = contactColumns++;")],
+        "columns": [line for room in columns for line in _column(room)],
         "evaluate": [line for room in columns for line in _evaluate(room)],
-        "column-names": [line for room in columns for line in _if(
-            _room(room), f'json << ({room.prefix}At > 0 ? ", " : "") << "\\"{room.column}\\"";')],
-        "fields": [line for room in used for line in _if(f"{room.prefix}Fields", f"{room.prefix}Fields")],
+        "column-names": [line for room in columns for line in _column_name(room)],
+        "fields": [line for room in used
+                   for line in _if(f"{room.prefix}Fields", f"{room.prefix}Fields")],
         "manifest": [line for room in used for line in _manifest(room)],
-        "amplitudes": [line for k in NUMBERS for line in _if(f"amplitude{k}", (
-            f"if (k == {k}) return amplitude{k}({'timeEnd' if f'amplitude{k}' in left else 't'});"))],
+        "amplitudes": [line for k in NUMBERS for line in _amplitude(k, absent)],
     }
+    folder = directory / FOLDER
+    folder.mkdir(exist_ok=True)
     for name, lines in files.items():
         (folder / f"{name}.idp").write_text("".join(f"{line}\n" for line in lines))
 
@@ -96,37 +105,44 @@ def _declaring(room: Room) -> list[str]:
     return [name for macro in room.macros if macro.name in room.declared_by for name in macro.names]
 
 
-def _asking(room: Room, left: frozenset[str] | set[str] = frozenset()) -> list[str]:
+def _asking(room: Room, absent: set[str]) -> list[str]:
     """The macros that declare a room or one that brings it, without what is left out."""
-    bringing = [other for other in rooms() if room.name in other.brings and other.name not in left]
-    return [name for asked in (room, *bringing) for name in _declaring(asked) if name not in left]
+    bringing = [other for other in rooms()
+                if room.name in other.brings and other.name not in absent]
+    return [name for other in (room, *bringing) for name in _declaring(other)
+            if name not in absent]
 
 
 def _switches(without: tuple[str, ...]) -> list[str]:
+    """Refusal of what is left out but not declared."""
     lines = []
     for name in without:
-        reason = f"refuse(\"{name} is to be left out, but the scene does not declare it\");"
+        reason = f'refuse("{name} is to be left out, but the scene does not declare it");'
+        room = next((room for room in rooms() if room.name == name), None)
         if name == QUASISTATIC:
             lines += [f"if (!isQuasistatic) {reason}", "isQuasistatic = false;"]
+        elif room:
+            lines += _unless_any(_asking(room, set()), reason)
         else:
-            room = next((room for room in rooms() if room.name == name), None)
-            lines += _unless_any(_asking(room) if room else [name], reason)
+            lines += _unless_any([name], reason)
     return lines
 
 
-def _include(room: Room, left: set[str]) -> list[str]:
-    """The room, where one of its macros, or of those of rooms that bring it, is defined and it lacks nothing.
+def _include(room: Room, absent: set[str]) -> list[str]:
+    """The room, where one of its macros, or of those of rooms that bring it, is defined.
 
-    <room>Asked, <room>Lacks and <room>Room are defined as the scene asks for it, something is missing, it is included.
+    <room>Asked is defined where the scene asks for it, <room>Lacks where something is missing,
+    which is refused, and <room>Room where it is included.
     """
     lines = []
     asked, lacks = f"{room.prefix}Asked", f"{room.prefix}Lacks"
-    for macro in _asking(room, left):
+    for macro in _asking(room, absent):
         lines += _if(f"!{asked}", *_if(macro, f"macro {asked}() 1 //"))
     body = [f"macro {_room(room)}() 1 //"]
     if room.given_on:
         given = f"{camel(room.given_on)}Given"
-        body += _if(f"!{given}", f"macro {given}() 1 //", f'include "given/{room.given_on}.idp"')
+        body += _if(f"!{given}", f"macro {given}() 1 //",
+                    f'include "given/{room.given_on}.idp"')
     missing = [line for needed in room.needs for line in _lacks(room, needed, lacks)]
     lines += _if(asked, *missing, *_if(f"!{lacks}", *body, f'include "effects/{room.name}.idp"'))
     for macro in room.macros:
@@ -136,7 +152,7 @@ def _include(room: Room, left: set[str]) -> list[str]:
 
 
 def _lacks(room: Room, needed: tuple[str, ...], lacks: str) -> list[str]:
-    """Refusal of a room where none of the rooms `needed` is included, by the macro that declares it."""
+    """Refusal of a room, by the macro that declares it, where none of `needed` is included."""
     others = [other for other in rooms() if other.name in needed]
     lines = _if(f"!{lacks}", f"macro {lacks}() 1 //")
     for macro in _declaring(room):
@@ -145,24 +161,47 @@ def _lacks(room: Room, needed: tuple[str, ...], lacks: str) -> list[str]:
 
 
 def _refusal(macro: str, room: Room) -> str:
+    """Refusal of a scene that declares `macro` without a room."""
     example = room.example.replace('"', '\\"')
-    return f'refuse("{macro} is declared without {room.name.replace("_", " ")}: add  {example}");'
+    name = room.name.replace("_", " ")
+    return f'refuse("{macro} is declared without {name}: add  {example}");'
+
+
+def _column(room: Room) -> list[str]:
+    """The number of a room's column, where the room is included."""
+    return _if(_room(room), f"int {room.prefix}At = contactColumns++;")
+
+
+def _column_name(room: Room) -> list[str]:
+    """The name of a room's column for the manifest."""
+    return _if(_room(room),
+               f'libJson << ({room.prefix}At > 0 ? ", " : "") << "\\"{room.column}\\"";')
 
 
 def _evaluate(room: Room) -> list[str]:
-    lines = [*_if(f"{room.prefix}Evaluate", f"{room.prefix}Evaluate({room.prefix}At)"),
-             *_if(f"!{room.prefix}Evaluate", f"evaluateColumn({room.prefix}Column, {room.prefix}At)")]
+    """The numbers of a room's column."""
+    column = f"{room.prefix}At"
+    own, common = f"{room.prefix}Evaluate", f"evaluateColumn({room.prefix}Column, {column})"
+    lines = [*_if(own, f"{own}({column})"), *_if(f"!{own}", common)]
     if room.nonnegative:
-        lines.append(f'refuseNegative("{room.column}", {room.prefix}At)')
+        lines.append(f'refuseNegative("{room.column}", {column})')
     return _if(_room(room), *lines)
 
 
+def _amplitude(number: int, absent: set[str]) -> list[str]:
+    """The history of the loads with a number; that of a left-out one rests at the end time."""
+    name = f"amplitude{number}"
+    time = "timeEnd" if name in absent else "libTime"
+    return _if(name, f"if (libNumber == {number}) return {name}({time});")
+
+
 def _manifest(room: Room) -> list[str]:
-    lines = [f'json << comma << endl << "  \\"{room.name}\\": {{"; comma = ",";']
+    """The entry of a room in the manifest."""
+    lines = [f'libJson << libComma << endl << "  \\"{room.name}\\": {{"; libComma = ",";']
     if room.numbered:
         lines.append(f'writeNumbers("{room.name}")')
     lines += _if(f"{room.prefix}Manifest", f"{room.prefix}Manifest")
-    return _if(_room(room), *lines, 'json << "}";')
+    return _if(_room(room), *lines, 'libJson << "}";')
 
 
 class _Load:
@@ -176,7 +215,8 @@ class _Load:
     def declaration(self) -> list[str]:
         """Its pattern, and what is to be prepared once."""
         prepare = f"{self.given_on}Prepare"
-        return _if(self.macro, self.declared, *_if(prepare, f'{prepare}({self.form}, {self.pattern}, "{self.macro}")'))
+        call = f'{prepare}({self.form}, {self.pattern}, "{self.macro}")'
+        return _if(self.macro, self.declared, *_if(prepare, call))
 
     def call(self, what: str) -> list[str]:
         """The macro `what` of what it is given on, if there is one."""

@@ -1,20 +1,25 @@
-"""Lagrange triangles: their nodes, shape functions and what follows from them at places inside a triangle.
+"""Lagrange triangles: nodes, shape functions and what follows at places inside a triangle.
 
-Places are barycentric coordinates l = (l_0, l_1, l_2). Nodes are the vertices, then, with quadratic elements, the
-middles of the sides opposite to them, then, with the bubble of P2-mixed, the centroid c:
+Places are barycentric coordinates l = (l_0, l_1, l_2). Nodes are the vertices, then, with quadratic
+elements, the middles of the sides opposite to them, then, with the bubble of P2-mixed, the
+centroid c:
 
-    phi_i = l_i (2 l_i - 1),    phi_3+i = 4 l_j l_k    (i, j, k different),    less phi(c) phi_6 with phi_6 = 27 l_0 l_1 l_2.
+    phi_i = l_i (2 l_i - 1),    phi_3+i = 4 l_j l_k    (i, j, k different),
+
+less phi(c) phi_6 with phi_6 = 27 l_0 l_1 l_2.
 """
 
 import numpy as np
 
 NODES = {"P1": 3, "P2": 6, "P2-mixed": 7}  # of a triangle
-DEGREE = {"P1": 1, "P2": 2, "P2-mixed": 2}  # a smooth solution's error in the energy norm falls like h to this power
+# a smooth solution's error in the energy norm falls like h to this power
+DEGREE = {"P1": 1, "P2": 2, "P2-mixed": 2}
 CENTER = np.full((1, 3), 1 / 3)
 AT_CENTER = np.array([-1.0, -1, -1, 4, 4, 4]) / 9  # quadratic shape functions at the centroid
 INVERSE_MASS = 12 * (np.eye(3) - 0.25)  # of the hat functions on triangles of area 1
 TO_VTK = [0, 1, 2, 5, 3, 4]  # VTK goes round the sides from vertex 0
-# of degree 4 on triangles of area 1 (Strang, Fix: An Analysis of the Finite Element Method, 1973, table 4.1)
+# of degree 4 on triangles of area 1 (Strang, Fix: An Analysis of the Finite Element Method, 1973,
+# table 4.1)
 _A, _B = 0.445948490915965, 0.091576213509771
 POINTS = np.array([np.roll([1 - 2 * a, a, a], k) for a in (_A, _B) for k in range(3)])
 WEIGHTS = np.repeat([0.223381589678011, 0.109951743655322], 3)
@@ -26,7 +31,7 @@ def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def areas(corner: np.ndarray) -> np.ndarray:
-    """(n_t,) areas of triangles with corners (n_t, 3, 2), negative if these go round clockwise."""
+    """(n_t,) areas of triangles with corners (n_t, 3, 2), negative if these run clockwise."""
     return 0.5 * cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
 
 
@@ -34,26 +39,27 @@ def shapes(nodes: int, places: np.ndarray) -> np.ndarray:
     """(m, nodes) shape functions at places (m, 3)."""
     if nodes == 3:
         return places
-    found = np.column_stack([places * (2 * places - 1), 4 * places[:, [1, 2, 0]] * places[:, [2, 0, 1]]])
+    quadratic = np.column_stack([places * (2 * places - 1),
+                                 4 * places[:, [1, 2, 0]] * places[:, [2, 0, 1]]])
     if nodes == 6:
-        return found
+        return quadratic
     bubble = 27 * places.prod(axis=1)[:, None]
-    return np.column_stack([found - AT_CENTER * bubble, bubble])
+    return np.column_stack([quadratic - AT_CENTER * bubble, bubble])
 
 
 def slopes(nodes: int, places: np.ndarray) -> np.ndarray:
-    """(m, nodes, 3) derivatives of the shape functions by the barycentric coordinates at places (m, 3)."""
+    """(m, nodes, 3) derivatives of the shape functions by l_0, l_1, l_2 at places (m, 3)."""
     if nodes == 3:
         return np.broadcast_to(np.eye(3), (len(places), 3, 3))
-    found = np.zeros((len(places), 6, 3))
+    quadratic = np.zeros((len(places), 6, 3))
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
-        found[:, i, i] = 4 * places[:, i] - 1
-        found[:, 3 + i, j], found[:, 3 + i, k] = 4 * places[:, k], 4 * places[:, j]
+        quadratic[:, i, i] = 4 * places[:, i] - 1
+        quadratic[:, 3 + i, j], quadratic[:, 3 + i, k] = 4 * places[:, k], 4 * places[:, j]
     if nodes == 6:
-        return found
+        return quadratic
     bubble = 27 * (places[:, [1, 2, 0]] * places[:, [2, 0, 1]])[:, None]
-    return np.concatenate([found - AT_CENTER[:, None] * bubble, bubble], axis=1)
+    return np.concatenate([quadratic - AT_CENTER[:, None] * bubble, bubble], axis=1)
 
 
 def mean_strains(corner: np.ndarray, value: np.ndarray) -> np.ndarray:
@@ -62,16 +68,16 @@ def mean_strains(corner: np.ndarray, value: np.ndarray) -> np.ndarray:
 
 
 def linear_strains(corner: np.ndarray, value: np.ndarray) -> np.ndarray:
-    """(n_t, 3 corners, 3) strains as in `strains`, projected to the linear functions of every triangle in L2.
+    """(n_t, 3 corners, 3) strains as in `strains`, in L2 projected to linear functions.
 
-    Of quadratic displacements these are the strains; with a bubble they are what the stress of P2-mixed has for its
-    pressure.
+    Of quadratic displacements these are the strains; with a bubble they are what the stress of
+    P2-mixed has for its pressure.
     """
     return (INVERSE_MASS @ (POINTS.T * WEIGHTS)) @ strains(corner, value, POINTS)
 
 
 def hat_gradients(corner: np.ndarray) -> np.ndarray:
-    """(n_t, 3, 2) gradients of the hat functions of triangles with corners (n_t, 3, 2), counterclockwise."""
+    """(n_t, 3, 2) gradients of the hat functions; corners (n_t, 3, 2) run counterclockwise."""
     edge = corner[:, [2, 0, 1]] - corner[:, [1, 2, 0]]  # edge opposite to each vertex
     double_area = edge[:, 0, 0] * edge[:, 1, 1] - edge[:, 0, 1] * edge[:, 1, 0]
     return np.stack([-edge[:, :, 1], edge[:, :, 0]], axis=2) / double_area[:, None, None]
@@ -82,7 +88,12 @@ def strains(corner: np.ndarray, value: np.ndarray, places: np.ndarray) -> np.nda
 
     `corner` (n_t, 3, 2) vertices, `value` (n_t, nodes, 2) displacements of the nodes.
     """
-    at_corners = value[:, None] if value.shape[1] == 3 else np.einsum("mnc,tnk->tmck", slopes(value.shape[1], places), value)
-    d = np.einsum("tcj,tmck->tmjk", hat_gradients(corner), at_corners)  # d[t, m, j, k] = d u_k / d x_j
-    found = np.stack([d[..., 0, 0], d[..., 1, 1], d[..., 1, 0] + d[..., 0, 1]], axis=-1)
-    return np.broadcast_to(found, (len(corner), len(places), 3))  # constant with linear elements
+    nodes = value.shape[1]
+    if nodes == 3:
+        at_corners = value[:, None]
+    else:
+        at_corners = np.einsum("mnc,tnk->tmck", slopes(nodes, places), value)
+    # d[t, m, j, k] = d u_k / d x_j
+    d = np.einsum("tcj,tmck->tmjk", hat_gradients(corner), at_corners)
+    strain = np.stack([d[..., 0, 0], d[..., 1, 1], d[..., 1, 0] + d[..., 0, 1]], axis=-1)
+    return np.broadcast_to(strain, (len(corner), len(places), 3))  # constant with linear elements

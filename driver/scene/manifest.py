@@ -1,6 +1,7 @@
 """Stage 2: the manifest of an export, in which a scene says what it declared.
 
-It is refused where it was changed since FreeFEM wrote it, and where its words and numbers do not fit together.
+It is refused where it was changed since FreeFEM wrote it, and where its words and numbers do not
+fit together.
 """
 
 import json
@@ -16,15 +17,23 @@ from . import seal as seals
 from .declarations import QUASISTATIC
 from .rooms import EFFECTS, LOADS
 
+KINDS = {"subdomains": int, "blocks": int, "nodes": int, "interface_label": int, "element": str,
+         "plane": str, "material": str, "units": dict, "rooms": dict, "columns": list,
+         "fields": list, "steps": int, "t_end": (int, float), "contact_labels": list,
+         "labels": list, "bodies": int, "patterns": list, "amplitudes": dict, "parameters": dict}
+# words that the stages that follow know; any other would silently count as "not declared"
+WORDS = {"element": tuple(elements.NODES), "plane": ("strain", "stress"),
+         "material": ("isotropic", "general")}
 
 
 @dataclass
 class Manifest:
     """What the scene declared: sizes, rooms (effects), patterns, histories, parameters, units.
 
-    `rooms` holds, by name and in the order of inclusion, what every declared effect says of itself; `columns` are names of
-    the numbers that contact nodes carry, `fields` of those that all nodes do. A pattern has its `kind`, which is the name
-    of its room, what it is `given_on`, and the number of its `amplitude`.
+    `rooms` holds, by name and in the order of inclusion, what every declared effect says of itself;
+    `columns` are names of the numbers that contact nodes carry, `fields` of those that all nodes
+    do. A pattern has its `kind`, which is the name of its room, what it is `given_on`, and the
+    number of its `amplitude`.
     """
 
     directory: Path
@@ -62,43 +71,37 @@ class Manifest:
 
     @property
     def factors(self) -> np.ndarray:
-        """(steps + 1, patterns) factor of every load pattern at the start and after every time step."""
-        found = [self.amplitudes[str(pattern["amplitude"])] for pattern in self.patterns]
-        return np.array(found).reshape(len(found), self.steps + 1).T
+        """(steps + 1, patterns) factor of every load pattern at the start and after every step."""
+        histories = [self.amplitudes[str(pattern["amplitude"])] for pattern in self.patterns]
+        return np.array(histories).reshape(len(histories), self.steps + 1).T
 
 
 def read_manifest(directory: Path, scene: str | None = None) -> Manifest:
-    """Read and check ``manifest.json``; `scene`, if given, is the digest that the scene's text has now.
+    """Read and check ``manifest.json``.
 
-    Raises InputError when it is missing, spoiled, of another text, not JSON, incomplete or not finite.
+    `scene`, if given, is the digest that the scene's text has now. Raises InputError when it is
+    missing, spoiled, of another text, not JSON, incomplete or not finite.
     """
     path = Path(directory) / "manifest.json"
     if not path.exists():
-        raise InputError(f"{path} is missing: the FreeFEM stage did not finish; run the scene again")
+        raise InputError(f"{path} is missing: the FreeFEM stage did not finish; "
+                         "run the scene again")
     seal = seals.read(path.parent, scene)
     content = seals.check(seal, path)
     try:
         raw = json.loads(content[:])
     except (ValueError, RecursionError) as problem:
         raise InputError(f"{path} is not readable ({problem}); run the scene again") from None
-    names = [name for name in Manifest.__dataclass_fields__ if name not in ("directory", "raw", "seal")]
-    missing = [name for name in names if not isinstance(raw, dict) or name not in raw]
+    missing = [name for name in KINDS if not isinstance(raw, dict) or name not in raw]
     if missing:
         raise InputError(f"{path} lacks {', '.join(missing)}; run the scene again")
     manifest = Manifest(directory=Path(directory), raw=raw, seal=seal,
-                        **{name: raw[name] for name in names if name in raw})
+                        **{name: raw[name] for name in KINDS})
     try:
         _check_manifest(manifest)
     except InputError as problem:
         raise InputError(f"{path}: {problem}; run the scene again") from None
     return manifest
-
-
-KINDS = {"subdomains": int, "blocks": int, "nodes": int, "interface_label": int, "element": str, "plane": str,
-         "material": str, "units": dict, "rooms": dict, "columns": list, "fields": list, "steps": int, "t_end": (int, float), "contact_labels": list,
-         "labels": list, "bodies": int, "patterns": list, "amplitudes": dict, "parameters": dict}
-# words that mean something to the stages that follow; any other would silently count as "not declared"
-WORDS = {"element": tuple(elements.NODES), "plane": ("strain", "stress"), "material": ("isotropic", "general")}
 
 
 def _is(value, kind) -> bool:
@@ -107,16 +110,19 @@ def _is(value, kind) -> bool:
 
 
 def _finite(values) -> bool:
-    """A list of finite numbers?"""
-    return isinstance(values, list) and all(_is(v, (int, float)) and abs(v) < math.inf for v in values)
+    """Whether it is a list of finite numbers."""
+    return isinstance(values, list) and all(_is(value, (int, float)) and abs(value) < math.inf
+                                            for value in values)
 
 
 def _check_manifest(manifest: Manifest) -> None:
     for name, kind in KINDS.items():
         if not _is(getattr(manifest, name), kind):
             raise InputError(f"{name} is not of the right type")
-    if min(manifest.subdomains, manifest.blocks, manifest.nodes, manifest.steps, manifest.bodies) <= 0:
-        raise InputError("subdomains, blocks, nodes, steps and bodies must be positive whole numbers")
+    if min(manifest.subdomains, manifest.blocks, manifest.nodes, manifest.steps,
+           manifest.bodies) <= 0:
+        raise InputError("subdomains, blocks, nodes, steps and bodies must be positive whole "
+                         "numbers")
     blocks = len(manifest.seal.files.keys() - {"manifest.json", seals.SHARED})
     if manifest.blocks != blocks:
         raise InputError(f"{manifest.blocks} blocks are declared, {blocks} were sealed")
@@ -126,7 +132,8 @@ def _check_manifest(manifest: Manifest) -> None:
         raise InputError("a label is no whole number")
     for name, words in WORDS.items():
         if getattr(manifest, name) not in words:
-            raise InputError(f"{name} must be one of {', '.join(words)}, not {getattr(manifest, name)!r}")
+            raise InputError(f"{name} must be one of {', '.join(words)}, "
+                             f"not {getattr(manifest, name)!r}")
     _check_rooms(manifest)
     _check_histories(manifest)
 
@@ -138,7 +145,7 @@ def _check_rooms(manifest: Manifest) -> None:
         if not isinstance(content, dict):
             raise InputError(f"the entry of {name} is not of the right type")
     for names in (manifest.columns, manifest.fields):
-        if not all(isinstance(name, str) for name in names) or len(set(names)) < len(names):
+        if not (all(isinstance(name, str) for name in names) and len(set(names)) == len(names)):
             raise InputError("columns and fields must be different names")
     if not isinstance(manifest.contact_pairs, list):
         raise InputError("the labels of pair are not of the right type")
@@ -153,12 +160,14 @@ def _check_histories(manifest: Manifest) -> None:
         if not _finite(history):
             raise InputError(f"amplitude {number} is not finite at every step")
         if len(history) != manifest.steps + 1:
-            raise InputError(f"amplitude {number} has {len(history)} values for {manifest.steps} steps")
+            raise InputError(f"amplitude {number} has {len(history)} values for "
+                             f"{manifest.steps} steps")
     for pattern in manifest.patterns:
         if not isinstance(pattern, dict) or not {"kind", "given_on", "amplitude"} <= set(pattern):
             raise InputError("a load pattern lacks its kind, what it is given on, or amplitude")
         if pattern["kind"] not in manifest.rooms or pattern["given_on"] not in LOADS:
-            raise InputError(f"{pattern['kind']!r} given on {pattern['given_on']!r} is no kind of load pattern")
+            raise InputError(f"{pattern['kind']!r} given on {pattern['given_on']!r} is no kind of "
+                             "load pattern")
         if str(pattern["amplitude"]) not in manifest.amplitudes:
             raise InputError(f"amplitude {pattern['amplitude']} is used but not given")
 

@@ -1,6 +1,7 @@
 """What FreeFEM, or a scene, did wrong: checks of the records of an export, many at once.
 
-Arrays have the records along their first axis. A record that is not sound is refused with its name and the reason.
+Arrays have the records along their first axis. A record that is not sound is refused with its name
+and the reason.
 """
 
 import numpy as np
@@ -17,7 +18,7 @@ class Place:
     """Where records come from, to say which of them is refused."""
 
     def __init__(self, path, first: int | None = None):
-        """`first` is the number of the first subdomain, None where records are of no subdomain."""
+        """`first` is the number of the first subdomain, None where records are of none."""
         self.path, self.first = path, first
 
     def refuse(self, bad: np.ndarray, what: str) -> None:
@@ -32,7 +33,8 @@ class Place:
 def check_head(head: Head, manifest: Manifest, place: Place) -> None:
     """Sizes, before anything is read by them."""
     if head.patterns != len(manifest.patterns):
-        place.refuse([True], f"{head.patterns} load patterns, the manifest has {len(manifest.patterns)}")
+        place.refuse([True], f"{head.patterns} load patterns, "
+                             f"the manifest has {len(manifest.patterns)}")
     check_sizes(head, place)
 
 
@@ -40,20 +42,23 @@ def check_sizes(head: Head, place: Place) -> None:
     """Sizes of a mesh and its stiffness."""
     sound = min(head.nodes, head.triangles, head.edges) > 0 and head.dofs == 2 * head.nodes
     if not sound or min(head.entries, head.fixed, head.contact) < 0:
-        place.refuse([True], f"sizes that make no subdomain ({head.nodes} nodes, {head.triangles} triangles, {head.dofs} dofs)")
+        place.refuse([True], f"sizes that make no subdomain ({head.nodes} nodes, "
+                             f"{head.triangles} triangles, {head.dofs} dofs)")
 
 
 def check_numbers(numbers: np.ndarray, place: Place) -> None:
     """Records (n,) follow one another."""
     wrong = numbers != place.first + np.arange(len(numbers))
     if wrong.any():
-        place.refuse(wrong, f"the record belongs to subdomain {numbers[np.argmax(wrong)]}; blocks were mixed up")
+        place.refuse(wrong, f"the record belongs to subdomain {numbers[np.argmax(wrong)]}; "
+                            "blocks were mixed up")
 
 
 def check_indices(values: np.ndarray, bound: int, what: str, place: Place) -> None:
     """Integers (n, count) are in [0, bound)."""
     if values.size and (values.min() < 0 or values.max() >= bound):
-        place.refuse((values.min(axis=1) < 0) | (values.max(axis=1) >= bound), f"{what} out of range")
+        place.refuse((values.min(axis=1) < 0) | (values.max(axis=1) >= bound),
+                     f"{what} out of range")
 
 
 def check_distinct(gid: np.ndarray, place: Place) -> None:
@@ -63,20 +68,21 @@ def check_distinct(gid: np.ndarray, place: Place) -> None:
 
 
 def at_nodes(values: np.ndarray, nodes: np.ndarray) -> np.ndarray:
-    """(n, ..., m): `values` (n, n_v, m) at `nodes` (n, ...), or (1, ...) where these are the same for all."""
+    """(n, ..., m): `values` (n, n_v, m) at `nodes` (n, ...), or (1, ...): the same for all."""
     start = len(values[0]) * np.arange(len(values)).reshape(-1, *[1] * (nodes.ndim - 1))
     return values.reshape(-1, values.shape[-1])[start + nodes]
 
 
 def check_mesh(xy: np.ndarray, nodes: np.ndarray, place: Place) -> None:
-    """Triangles are not turned; middles of sides, and centroids, are where they are said to be."""
+    """Triangles are not turned; middles of sides, and centroids, are where they belong."""
     corner = at_nodes(xy, nodes[..., :3])
     place.refuse(elements.areas(corner.reshape(-1, 3, 2)).reshape(len(xy), -1) <= 0,
                  "a triangle is flat or turned inside out; the body penetrates itself")
     for k in range(3, nodes.shape[-1]):
         around = corner[:, :, [0, 1, 2] if k == 6 else [(k + 1) % 3, (k + 2) % 3]].mean(axis=2)
         off = np.abs(at_nodes(xy, nodes[..., k]) - around).max(axis=(1, 2))
-        place.refuse(off > 1e-12 * np.ptp(xy, axis=(1, 2)), "the middle of a triangle or of its side is elsewhere")
+        place.refuse(off > 1e-12 * np.ptp(xy, axis=(1, 2)),
+                     "the middle of a triangle or of its side is elsewhere")
 
 
 def check_edges(edges: np.ndarray, nodes: np.ndarray, count: int, place: Place) -> None:
@@ -91,27 +97,35 @@ def check_edges(edges: np.ndarray, nodes: np.ndarray, count: int, place: Place) 
 def check_dofs(coordinate: np.ndarray, is_x: np.ndarray, xy: np.ndarray, place: Place) -> None:
     """FreeFEM numbers the dofs of a vector space node by node, x before y.
 
-    The exported coordinates and components of the dofs are compared with that instead of being trusted.
+    The exported coordinates and components of the dofs are compared with that instead of being
+    trusted.
     """
-    place.refuse((is_x > 0.5) != (np.arange(is_x.shape[1]) % 2 == 0), "dofs are not numbered node by node")
+    place.refuse((is_x > 0.5) != (np.arange(is_x.shape[1]) % 2 == 0),
+                 "dofs are not numbered node by node")
     off = np.abs(coordinate - xy.reshape(len(xy), -1)).max(axis=1)
     place.refuse(off > 1e-12 * np.ptp(xy, axis=(1, 2)), "dof coordinates do not match the nodes")
 
 
 def same_shape(xy: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """(n,) whether places (n, n_v, 2) are `other`, (n, n_v, 2) or (1, n_v, 2), moved, to the rounding of coordinates."""
-    rounding = np.finfo(float).eps * np.maximum(np.abs(xy).max(axis=(1, 2)), np.abs(other).max(axis=(1, 2)))
-    return np.abs((xy - xy[:, :1]) - (other - other[:, :1])).max(axis=(1, 2)) <= 4 * rounding
+    """(n,) whether places (n, n_v, 2) are `other`, (n, n_v, 2) or (1, n_v, 2), moved.
+
+    They may differ by the rounding of coordinates.
+    """
+    largest = np.maximum(np.abs(xy).max(axis=(1, 2)), np.abs(other).max(axis=(1, 2)))
+    off = np.abs((xy - xy[:, :1]) - (other - other[:, :1])).max(axis=(1, 2))
+    return off <= 4 * (np.finfo(float).eps * largest)
 
 
 def check_symmetric(pieces: list[dict], which: list[int], place: Place) -> None:
-    """The stiffness of the pieces `which`, in `rows`, `columns` and `values` (entries,), is symmetric.
+    """The stiffness of the pieces `which` is symmetric.
 
-    Those with the same pattern are looked at together.
+    It is given by `rows`, `columns` and `values` (entries,). Those with the same pattern are looked
+    at together.
     """
     patterns = {}
     for record in which:
-        patterns.setdefault((id(pieces[record]["rows"]), id(pieces[record]["columns"])), []).append(record)
+        pattern = id(pieces[record]["rows"]), id(pieces[record]["columns"])
+        patterns.setdefault(pattern, []).append(record)
     bad = np.zeros(len(pieces), bool)
     for records in patterns.values():
         rows, columns = pieces[records[0]]["rows"], pieces[records[0]]["columns"]
@@ -122,64 +136,83 @@ def check_symmetric(pieces: list[dict], which: list[int], place: Place) -> None:
             order = np.lexsort((columns, rows))
             rows, columns, values = rows[order], columns[order], values[:, order]
         # short integers are sorted without comparisons
-        mirror = np.argsort(columns.astype(np.uint16) if span <= 1 << 16 else columns, kind="stable")
+        keys = columns.astype(np.uint16) if span <= 1 << 16 else columns
+        mirror = np.argsort(keys, kind="stable")
         # assembled from symmetric element matrices: only the order of additions can differ
         off = np.abs(values - values[:, mirror]).max(axis=1) > 1e-12 * np.abs(values).max(axis=1)
         bad[records] = off | (rows != columns[mirror]).any() | (columns != rows[mirror]).any()
     place.refuse(bad, "the stiffness matrix is not symmetric")
 
 
-def check_rigid_motions(pieces: list[dict], xy: np.ndarray, which: list[int], place: Place) -> None:
-    """The pure Neumann stiffness of the pieces `which` resists neither translations nor rotations about a row's own node.
+def check_rigid_motions(pieces: list[dict], xy: np.ndarray, which: list[int],
+                        place: Place) -> None:
+    """The pure Neumann stiffness of the pieces `which` resists no rigid motion.
 
-    Element matrices are positive semidefinite, so the element contributions that were added up to K_ij are at most
-    sqrt(K_ii K_jj) together, and each carries some roundings: a row of K times a motion m is zero to 1e-13 of
-    sum_j sqrt(K_ii K_jj) |m_j|, which leaves some hundred roundings to the products and sums of assembly and of this
-    check.
+    These are translations and rotations about a row's own node. Element matrices are positive
+    semidefinite, so the element contributions that were added up to K_ij are at most
+    sqrt(K_ii K_jj) together, and each carries some roundings: a row of K times a motion m is zero
+    to 1e-13 of sum_j sqrt(K_ii K_jj) |m_j|, which allows some hundred roundings for the products
+    and sums of assembly and of this check.
     """
     bad_diagonal, resists = np.zeros((2, len(pieces)), bool)
     together = max(1, ENTRIES // max((len(pieces[record]["rows"]) for record in which), default=1))
-    for records in (which[k : k + together] for k in range(0, len(which), together)):
-        bad_diagonal[records], resists[records] = _stiff_motions([pieces[record] for record in records], xy[records])
+    for start in range(0, len(which), together):
+        records = which[start : start + together]
+        bad_diagonal[records], resists[records] = _stiff_motions(
+            [pieces[record] for record in records], xy[records])
     place.refuse(bad_diagonal, "a diagonal entry of the stiffness matrix is not positive")
     place.refuse(resists, "the stiffness matrix resists a rigid motion; it is not the body's")
 
 
 def _stiff_motions(pieces: list[dict], xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Of every piece whether its diagonal is not positive, and whether it resists a rigid motion: as one matrix."""
+    """Of every piece whether its diagonal is not positive, and whether it resists a rigid motion.
+
+    The pieces are looked at as one matrix.
+    """
     dofs = xy[0].size
-    rows, columns, values = (_joined([piece[name] for piece in pieces]) for name in ("rows", "columns", "values"))
+    rows = _joined([piece["rows"] for piece in pieces])
+    columns = _joined([piece["columns"] for piece in pieces])
+    values = _joined([piece["values"] for piece in pieces])
     if len(pieces) > 1:
-        start = np.repeat(dofs * np.arange(len(pieces)), [len(piece["rows"]) for piece in pieces])
+        entries = [len(piece["rows"]) for piece in pieces]
+        start = np.repeat(dofs * np.arange(len(pieces)), entries)
         rows, columns = rows + start, columns + start
     diagonal = np.zeros(len(pieces) * dofs)
-    on = np.flatnonzero(rows == columns)
-    diagonal[rows[on]] = values[on]
+    entry = np.flatnonzero(rows == columns)
+    diagonal[rows[entry]] = values[entry]
     root, along_y = np.sqrt(np.abs(diagonal)), columns % 2
     size = root[columns]
     # translations along x and y meet the columns of one component each
     entry = 2 * rows + along_y
-    both = [np.bincount(entry, what, minlength=2 * len(diagonal)).reshape(-1, 2) for what in (values, size)]
-    turn = np.stack([-xy[..., 1], xy[..., 0]], axis=-1).ravel()  # about the origin; taken off is that of the row's own node
+    force, bound = (np.bincount(entry, what, minlength=2 * len(diagonal)).reshape(-1, 2)
+                    for what in (values, size))
+    resists = (np.abs(force) > 1e-13 * root[:, None] * bound).any(axis=1)
+    # rotations about the origin less that of the row's own node
+    turn = np.stack([-xy[..., 1], xy[..., 0]], axis=-1).ravel()
     turned = turn[columns] - turn[rows - rows % 2 + along_y]
-    about = [np.bincount(rows, what, minlength=len(diagonal)) for what in (values * turned, size * np.abs(turned))]
-    resists = (np.abs(both[0]) > 1e-13 * root[:, None] * both[1]).any(axis=1) | (np.abs(about[0]) > 1e-13 * root * about[1])
-    per_piece = lambda flags: flags.reshape(len(pieces), dofs).any(axis=1)
-    return per_piece(diagonal <= 0), per_piece(resists)
+    force, bound = (np.bincount(rows, what, minlength=len(diagonal))
+                    for what in (values * turned, size * np.abs(turned)))
+    resists |= np.abs(force) > 1e-13 * root * bound
+    of_piece = len(pieces), dofs
+    return (diagonal <= 0).reshape(of_piece).any(axis=1), resists.reshape(of_piece).any(axis=1)
 
 
 def _joined(arrays: list[np.ndarray]) -> np.ndarray:
     return np.concatenate(arrays) if len(arrays) > 1 else arrays[0]
 
 
-def check_distributed(loads: np.ndarray, nodes: np.ndarray, moments: np.ndarray, what: str, cancelled, place: Place) -> None:
-    """Moments (n, m, k, 2) by edge or triangle with `nodes` (n or 1, m, k) add up to the nodal loads (n, dofs).
+def check_distributed(loads: np.ndarray, nodes: np.ndarray, moments: np.ndarray, what: str,
+                      cancelled, place: Place) -> None:
+    """Moments (n, m, k, 2) by edge or triangle add up to the nodal loads (n, dofs).
 
-    To rounding times what was `cancelled`, a number or (n,).
+    `nodes` (n or 1, m, k) are those of the edges or triangles. Rounding is allowed, times what was
+    `cancelled`, a number or (n,).
     """
     records, dofs = loads.shape
-    row = np.broadcast_to(nodes, moments.shape[:3]) + (dofs // 2 * np.arange(records))[:, None, None]
-    total = np.column_stack([np.bincount(row.ravel(), moments[..., c].ravel(), records * dofs // 2) for c in (0, 1)])
+    start = (dofs // 2 * np.arange(records))[:, None, None]
+    row = (np.broadcast_to(nodes, moments.shape[:3]) + start).ravel()
+    total = np.column_stack([np.bincount(row, moments[..., c].ravel(), records * dofs // 2)
+                             for c in (0, 1)])
     slack = 1e-12 * (1 + cancelled) * np.abs(loads).max(axis=1)
     place.refuse(np.abs(total.reshape(loads.shape) - loads).max(axis=1) > slack,
                  f"the loads of the {what} do not add up to those of the nodes")
@@ -187,7 +220,8 @@ def check_distributed(loads: np.ndarray, nodes: np.ndarray, moments: np.ndarray,
 
 def check_contact(label: np.ndarray, weight: np.ndarray, labels: list, place: Place) -> None:
     """Contact nodes (n, n_c) have a label out of `labels` and a length."""
-    place.refuse(~np.isin(label, labels), "a contact node has a label that the scene does not declare for contact")
+    place.refuse(~np.isin(label, labels),
+                 "a contact node has a label that the scene does not declare for contact")
     place.refuse(weight <= 0, "a contact node has no length of boundary")
 
 

@@ -1,7 +1,7 @@
-"""Records of an export: counted arrays, one after the other, in the order written by ``edp/lib/export.idp``.
+"""Records of an export: counted arrays in the order in which ``edp/lib/export.idp`` writes them.
 
-Each array is an int64 count followed by its raw int64 or float64 values. Consecutive records with arrays of the same
-sizes are read together, as one array each of shape (records, count).
+Each array is an int64 count followed by its raw int64 or float64 values. Consecutive records with
+arrays of the same sizes are read together, as one array each of shape (records, count).
 """
 
 import itertools
@@ -37,28 +37,34 @@ HEAD = ("head", len(Head._fields), np.int64)
 
 def record_layout(head: Head, manifest: Manifest) -> Layout:
     """The arrays of a record; names of those that belong to a load pattern end with its number."""
-    found = [HEAD, ("gid", head.nodes, np.int64), *places_layout(head), ("edge_label", head.edges, np.int64)]
+    layout = [HEAD, ("gid", head.nodes, np.int64), *places_layout(head),
+              ("edge_label", head.edges, np.int64)]
     if head.entries:
-        found += piece_layout(head, manifest)
-    found += [(("load", k), head.dofs, np.float64) for k in range(head.patterns)]
-    found += [("fixed", head.fixed, np.int64)]
+        layout += piece_layout(head, manifest)
+    layout += [(("load", k), head.dofs, np.float64) for k in range(head.patterns)]
+    layout += [("fixed", head.fixed, np.int64)]
     for k, pattern in enumerate(manifest.patterns):
-        found += [((name, k), count, np.float64) for name, count in pattern_layout(pattern["given_on"], head, manifest)]
-    found += [(("field", name), head.nodes, np.float64) for name in manifest.fields]
+        for name, count in pattern_layout(pattern["given_on"], head, manifest):
+            layout.append(((name, k), count, np.float64))
+    layout += [(("field", name), head.nodes, np.float64) for name in manifest.fields]
     if head.contact:
-        found += [("node", head.contact, np.int64), ("label", head.contact, np.int64)]
-        found += contact_layout(head.contact, manifest)
-    return found
+        layout += [("node", head.contact, np.int64), ("label", head.contact, np.int64)]
+        layout += contact_layout(head.contact, manifest)
+    return layout
 
 
 def pattern_layout(given_on: str, head: Head, manifest: Manifest) -> list[tuple[str, int]]:
-    """Names and counts of what a record holds of a load besides nodal forces: ``edp/lib/given/<given_on>.idp``."""
+    """Names and counts of what a record holds of a load besides nodal forces.
+
+    ``edp/lib/given/<given_on>.idp`` writes them.
+    """
     if given_on == "edges" and manifest.element == "P1":
         return [("edge_load", 4 * head.edges)]
     if given_on == "triangles" and manifest.element == "P1":
         return [(f"body_load_{factor}", 2 * head.triangles) for factor in "1xy"]
     if given_on == "initial_stress":
-        return [(f"suppressed_{row}", _moments(manifest) * head.triangles) for row in ("11", "22", "12")]
+        count = _moments(manifest) * head.triangles
+        return [(f"suppressed_{row}", count) for row in ("11", "22", "12")]
     if given_on == "supports":
         return [("fixed_value", max(1, head.fixed))]
     return []
@@ -72,22 +78,25 @@ def places_layout(head: Head) -> Layout:
 def piece_layout(head: Head, manifest: Manifest) -> Layout:
     """What subdomains cut alike have in common: mesh but for the places, elasticity, stiffness."""
     moments = _moments(manifest) * head.triangles
-    integers = lambda **counts: [(name, count, np.int64) for name, count in counts.items()]
-    numbers = lambda **counts: [(name, count, np.float64) for name, count in counts.items()]
-    return [*integers(elements=elements.NODES[manifest.element] * head.triangles, region=head.triangles, edges=2 * head.edges),
-            *numbers(**dict.fromkeys(moduli(manifest), moments), dof_coordinate=head.dofs, is_x=head.dofs),
-            *integers(rows=head.entries, columns=head.entries), *numbers(values=head.entries)]
+    return [("elements", elements.NODES[manifest.element] * head.triangles, np.int64),
+            ("region", head.triangles, np.int64), ("edges", 2 * head.edges, np.int64),
+            *((name, moments, np.float64) for name in moduli(manifest)),
+            ("dof_coordinate", head.dofs, np.float64), ("is_x", head.dofs, np.float64),
+            ("rows", head.entries, np.int64), ("columns", head.entries, np.int64),
+            ("values", head.entries, np.float64)]
 
 
 def contact_layout(count: int, manifest: Manifest) -> Layout:
     """Numbers of `count` contact nodes: weight, normal and the columns of declared effects."""
-    found = [(name, count, np.float64) for name in ("weight", "normal_x", "normal_y")]
-    return found + [(("column", name), count, np.float64) for name in manifest.columns]
+    layout = [(name, count, np.float64) for name in ("weight", "normal_x", "normal_y")]
+    return layout + [(("column", name), count, np.float64) for name in manifest.columns]
 
 
 def moduli(manifest: Manifest) -> tuple[str, ...]:
-    """Names of the arrays that tell the elasticity."""
-    return ("lambda", "mu") if manifest.material == "isotropic" else ("c11", "c12", "c13", "c22", "c23", "c33")
+    """Names of the arrays that hold the elasticity."""
+    if manifest.material == "isotropic":
+        return ("lambda", "mu")
+    return ("c11", "c12", "c13", "c22", "c23", "c33")
 
 
 def _moments(manifest: Manifest) -> int:
@@ -96,10 +105,11 @@ def _moments(manifest: Manifest) -> int:
 
 
 class RecordFile:
-    """Sequential reader of one sealed file."""
+    """Sequential reader of one sealed file: `position` is the number of words that are read."""
 
     def __init__(self, path: Path, sealed: seal.Seal):
-        self.path, self.at = path, 0
+        """Raises InputError where the file is not what the seal says."""
+        self.path, self.position = path, 0
         content = seal.check(sealed, path)
         if len(content) % 8:
             raise InputError(f"{path} is truncated: its size is not a multiple of 8 bytes")
@@ -107,57 +117,70 @@ class RecordFile:
 
     @property
     def ended(self) -> bool:
-        return self.at == len(self.words)
+        """Whether the last record has been read."""
+        return self.position == len(self.words)
 
     def head(self) -> Head:
         """The head of the record that comes next."""
-        found = self.words[self.at : self.at + 1 + len(Head._fields)].tolist()
-        if len(found) <= len(Head._fields) or found[0] != len(Head._fields):
-            self._refuse_counts(self.words[None, self.at :], [0], [len(Head._fields)])
-        return Head(*found[1:])
+        fields = len(Head._fields)
+        words = self.words[self.position : self.position + 1 + fields].tolist()
+        if len(words) <= fields or words[0] != fields:
+            self._refuse_counts(self.words[None, self.position :], [0], [fields])
+        return Head(*words[1:])
 
     def alike(self, head: Head, layout: Layout) -> int:
-        """How many records that follow have the sizes of the next one, one at least and no more than STACK has room for."""
-        size = _words(layout)
-        most = min(STACK // size + 1, (len(self.words) - self.at) // size)
+        """How many of the next records have the sizes of the first of them.
+
+        That is one at least, and no more than STACK has room for.
+        """
+        size, start = _words(layout), self.position
+        most = min(STACK // size + 1, (len(self.words) - start) // size)
         sizes = np.array([len(head), *head[1:]])
-        differs = lambda heads: (heads[:, [0, *range(2, 1 + len(head))]] != sizes).any(axis=1)
-        if most < 2 or differs(self.words[None, self.at + size : self.at + size + 1 + len(head)])[0]:
+        compared = [0, *range(2, 1 + len(head))]  # all but the number of the subdomain
+
+        def differ(heads: np.ndarray) -> np.ndarray:
+            return (heads[:, compared] != sizes).any(axis=1)
+
+        if most < 2 or differ(self.words[None, start + size : start + size + 1 + len(head)])[0]:
             return 1
-        others = differs(self.words[self.at : self.at + most * size].reshape(most, size)[:, : 1 + len(head)])
+        table = self.words[start : start + most * size].reshape(most, size)
+        others = differ(table[:, : 1 + len(head)])
         return int(np.argmax(others)) if others.any() else most
 
     def stack(self, layout: Layout, records: int = 1) -> dict:
         """The arrays (records, count) of the next records by name; float64 ones must be finite."""
         size = _words(layout)
-        table = self.words[self.at : self.at + records * size]
-        table = table.reshape(records, size) if records > 1 else table[None]  # which may lack its end
+        table = self.words[self.position : self.position + records * size]
+        # a single record may lack its end
+        table = table.reshape(records, size) if records > 1 else table[None]
         counts = [count for _, count, _ in layout]
         starts = [0, *itertools.accumulate(1 + count for count in counts)]
         if table.shape[1] < size or (table[:, starts[:-1]] != counts).any():
             self._refuse_counts(table, starts, counts)
-        # whole numbers are finite as well if they are seen as float64, unless they are absurd or negative
+        # whole numbers seen as float64 are finite as well, unless they are absurd or negative
         finite = np.isfinite(table.view(np.float64)).all()
-        found = {}
+        arrays = {}
         for (name, count, kind), start in zip(layout, starts):
-            found[name] = values = np.array(table[:, start + 1 : start + 1 + count]).view(kind)
+            arrays[name] = values = np.array(table[:, start + 1 : start + 1 + count]).view(kind)
             if not finite and kind is np.float64 and not np.isfinite(values).all():
                 record = int(np.argmin(np.isfinite(values).all(axis=1)))
                 raise InputError(f"{self.path}: a number that is not finite in the array at word "
-                                 f"{self.at + record * size + start + 1}")
-        self.at += records * size
-        return found
+                                 f"{self.position + record * size + start + 1}")
+        self.position += records * size
+        return arrays
 
     def _refuse_counts(self, table: np.ndarray, starts: list[int], counts: list[int]) -> None:
         """Raises InputError for the first array that is not all there, or has another count."""
         for start, count in zip(starts, counts):
             if start + 1 + count > table.shape[1]:
-                raise InputError(f"{self.path} is truncated: {count} more numbers expected at word {self.at + start}")
+                raise InputError(f"{self.path} is truncated: {count} more numbers expected at word "
+                                 f"{self.position + start}")
             wrong = table[:, start] != count
             if wrong.any():
                 record = int(np.argmax(wrong))
+                word = self.position + record * table.shape[1] + start
                 raise InputError(f"{self.path}: an array of {count} numbers expected at word "
-                                 f"{self.at + record * table.shape[1] + start}, found a count of {table[record, start]}")
+                                 f"{word}, found a count of {table[record, start]}")
 
 
 def _words(layout: Layout) -> int:

@@ -11,37 +11,41 @@ Each room is one FreeFEM include. Its head is comment, documentation and metadat
     //
     // Whatever else a reader should know.
 
-The first line is the title. Then come entries, each as often as needed:
+The title ends with the first line that ends with a full stop. Then come entries, each as often as
+needed:
 
-- ``declared by``: a macro that declares the effect and an example of its content; ``load#()`` stands for load1 ... load9.
+- ``declared by``: a macro that declares the effect and an example of its content; ``load#()``
+  stands for load1 ... load9.
 - ``needs``: rooms without which the effect makes no sense (``friction or tresca``: one of them).
 - ``brings``: a room that is included as well, as pairs bring contact.
 - ``after``: a room that comes earlier if both are declared.
-- ``given on``: of a load, what it is given on, a file of ``edp/lib/given``: the room defines the macro ``<room>Form(k)``.
-- ``column``: numbers at the contact nodes: the room defines ``<room>Column`` or ``<room>Evaluate(column)``; ``>= 0`` where
-  negative ones are refused.
+- ``given on``: of a load, what it is given on, a file of ``edp/lib/given``: the room defines the
+  macro ``<room>Form(k)``.
+- ``column``: numbers at the contact nodes: the room defines ``<room>Column`` or
+  ``<room>Evaluate(column)``; ``>= 0`` where negative ones are refused.
 - ``studied``: macros and numbers that may differ between the values of a parameter study.
 
-and, indented, the macros and numbers of the scene that the room reads. Names of a room's own macros begin with its name
-in camel case (`Room.prefix`).
+and, indented, the macros and numbers of the scene that the room reads. Names of a room's own macros
+begin with its name in camel case (`Room.prefix`).
 """
 
 import functools
 import re
-from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 from .. import environment
 
 EFFECTS = environment.LIBRARY / "effects"
-# what loads can be given on: moments by boundary edge, forces by triangle, suppressed stress by triangle, forces at nodes,
-# values of fixed dofs
+# what loads can be given on: moments by boundary edge, forces by triangle, suppressed stress by
+# triangle, forces at nodes, values of fixed dofs
 LOADS = ("edges", "triangles", "initial_stress", "nodes", "supports")
 NUMBERS = range(1, 10)  # of the loads and their amplitudes
+ENTRIES = ("declared by", "needs", "brings", "after", "given on", "column", "studied")
+SINGLE = ("given on", "column")  # entries that stand once at most
 
 
-@dataclass(frozen=True)
-class Macro:
+class Macro(NamedTuple):
     """What a scene may define: a macro, or a number if `arguments` is None, and what it means."""
 
     name: str  # a final # stands for one of NUMBERS
@@ -59,13 +63,12 @@ class Macro:
         return self.name.endswith("#")
 
 
-@dataclass(frozen=True)
-class Room:
+class Room(NamedTuple):
     """The head of a room, entry by entry."""
 
     name: str
     title: str
-    declared_by: dict[str, str]  # examples of contents, by name of the macro; numbered ones end with #
+    declared_by: dict[str, str]  # examples of contents, by name of the macro; numbered: with #
     needs: tuple[tuple[str, ...], ...] = ()  # one out of each
     brings: tuple[str, ...] = ()
     after: tuple[str, ...] = ()
@@ -73,7 +76,7 @@ class Room:
     column: str | None = None
     nonnegative: bool = False  # of the column
     studied: tuple[str, ...] = ()
-    macros: tuple[Macro, ...] = field(default=())
+    macros: tuple[Macro, ...] = ()
     text: str = ""
 
     @property
@@ -85,6 +88,11 @@ class Room:
     def numbered(self) -> bool:
         """Whether the macros that declare it are numbered."""
         return any(name.endswith("#") for name in self.declared_by)
+
+    @property
+    def earlier(self) -> set[str]:
+        """Names of the rooms that come before it."""
+        return {*self.after, *self.brings, *(name for names in self.needs for name in names)}
 
     @property
     def example(self) -> str:
@@ -100,53 +108,74 @@ def camel(name: str) -> str:
     return first + "".join(word.capitalize() for word in others)
 
 
-def read_room(path: Path) -> Room:
-    """The room in a file. Raises ValueError where its head is not of the form above."""
+def head(path: Path) -> list[str]:
+    """Lines of the comment that a FreeFEM file begins with, without its slashes."""
     lines = []
     for line in path.read_text().splitlines():
         if not line.startswith("//"):
             break
         lines.append(line[2:].rstrip())
-    title = lines[0].strip().removeprefix(f"{path.name} - ")
+    return lines
+
+
+def take_title(lines: list[str], name: str) -> str:
+    """Take the title, up to a line that ends with a full stop, off the head of the file `name`."""
+    title = lines.pop(0).strip().removeprefix(f"{name} - ")
+    while lines and lines[0] and not title.endswith("."):
+        title += " " + lines.pop(0).strip()
+    return title
+
+
+def read_room(path: Path) -> Room:
+    """The room in a file. Raises ValueError where its head is not of the form above."""
+    lines = head(path)
+    title = take_title(lines, path.name)
     entries = {}
-    while len(lines) > 1 and (entry := re.fullmatch(r" ([a-z ]+): (.+)", lines[1])):
+    while lines and (entry := re.fullmatch(r" ([a-z ]+): (.+)", lines[0])):
         entries.setdefault(entry[1], []).append(entry[2].strip())
-        del lines[1]
-    unknown = entries.keys() - {"declared by", "needs", "brings", "after", "given on", "column", "studied"}
-    if unknown or "declared by" not in entries or any(len(entries.get(name, ())) > 1 for name in ("given on", "column")):
-        raise ValueError(f"{path}: its head has {', '.join(sorted(unknown)) or 'a wrong number of entries'}")
-    macros, text = read_macros(lines[1:])
+        del lines[0]
+    unknown = entries.keys() - set(ENTRIES)
+    if unknown or "declared by" not in entries or any(len(entries.get(name, ())) > 1
+                                                      for name in SINGLE):
+        raise ValueError(f"{path}: its head has "
+                         f"{', '.join(sorted(unknown)) or 'a wrong number of entries'}")
+    macros, text = read_macros(lines)
     declared_by = {}
     for words in entries["declared by"]:
         name, _, content = re.fullmatch(r"(\w+#?)\(([^)]*)\) ?(.*)", words).groups()
         declared_by[name] = content
     if missing := declared_by.keys() - {macro.name for macro in macros}:
         raise ValueError(f"{path}: its head does not say what {', '.join(sorted(missing))} means")
-    listed = lambda name: tuple(word.strip() for words in entries.get(name, ()) for word in words.split(","))
-    column, _, bound = next(iter(entries.get("column", ())), "").partition(" ")
+
+    def listed(name: str) -> tuple[str, ...]:
+        return tuple(word.strip() for words in entries.get(name, ()) for word in words.split(","))
+
+    column, _, bound = entries.get("column", [""])[0].partition(" ")
     return Room(name=path.stem, title=title, declared_by=declared_by,
-                needs=tuple(tuple(words.split(" or ")) for words in listed("needs")), brings=listed("brings"),
-                after=listed("after"), given_on=next(iter(entries.get("given on", ())), None), column=column or None,
+                needs=tuple(tuple(words.split(" or ")) for words in listed("needs")),
+                brings=listed("brings"), after=listed("after"),
+                given_on=entries.get("given on", [None])[0], column=column or None,
                 nonnegative=bound == ">= 0", studied=listed("studied"), macros=macros, text=text)
 
 
 def read_macros(lines: list[str]) -> tuple[tuple[Macro, ...], str]:
     """Macros and numbers listed in lines of a comment, and the rest of its text.
 
-    An entry is indented by three blanks; its meaning, from column 25 on, may go on over further lines.
+    An entry is indented by three blanks; its meaning, from column 25 on, may go on over further
+    lines.
     """
-    found, rest = [], []
+    entries, rest = [], []
     for line in lines:
         entry = re.fullmatch(r"   (\w.*?)(?:  +(\S.*))?", line)
         if entry:
-            found.append((entry[1], [entry[2] or ""]))
-        elif found and line.startswith(" " * 20):
-            found[-1][1].append(line.strip())
+            entries.append((entry[1], [entry[2] or ""]))
+        elif entries and line.startswith(" " * 20):
+            entries[-1][1].append(line.strip())
         else:
             rest.append(line.strip())
     macros = []
-    for names, text in found:
-        text = " ".join(filter(None, text))
+    for names, meaning in entries:
+        text = " ".join(filter(None, meaning))
         for name, arguments in re.findall(r"(\w+#?)(\([^)]*\))?", names):
             macros.append(Macro(name, arguments[1:-1] if arguments else None, text))
     return tuple(macros), "\n".join(rest).strip()
@@ -154,26 +183,20 @@ def read_macros(lines: list[str]) -> tuple[tuple[Macro, ...], str]:
 
 @functools.cache
 def rooms() -> tuple[Room, ...]:
-    """All rooms in the order of inclusion: what a room needs, brings or comes after first, else by name."""
+    """All rooms in the order of inclusion: what a room comes after first, else by name."""
     known = {path.stem: read_room(path) for path in sorted(EFFECTS.glob("*.idp"))}
-    earlier = {room.name: {*room.after, *room.brings, *(name for names in room.needs for name in names)}
-               for room in known.values()}
-    ordered = []
+    ordered = {}
     while len(ordered) < len(known):
-        ordered.append(next(name for name in known if name not in ordered
-                            and earlier[name] & known.keys() <= set(ordered)))
-    return tuple(known[name] for name in ordered)
+        room = next(room for name, room in known.items() if name not in ordered
+                    and room.earlier & known.keys() <= ordered.keys())
+        ordered[room.name] = room
+    return tuple(ordered.values())
 
 
 @functools.cache
 def general_macros() -> tuple[Macro, ...]:
     """What a scene may define besides effects, as the head of export.idp lists it."""
-    lines = []
-    for line in (environment.LIBRARY / "export.idp").read_text().splitlines():
-        if not line.startswith("//"):
-            break
-        lines.append(line[2:].rstrip())
-    return read_macros(lines)[0]
+    return read_macros(head(environment.LIBRARY / "export.idp"))[0]
 
 
 @functools.cache
@@ -186,4 +209,5 @@ def vocabulary() -> frozenset[str]:
 @functools.cache
 def studied() -> frozenset[str]:
     """What the values of a parameter study may differ in: no stiffness and no load reads it."""
-    return frozenset(name for room in rooms() for name in room.studied) | {f"amplitude{k}" for k in NUMBERS}
+    names = {name for room in rooms() for name in room.studied}
+    return frozenset(names | {f"amplitude{k}" for k in NUMBERS})

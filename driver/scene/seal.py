@@ -1,7 +1,8 @@
 """Seal of an export: sizes and checksums of its files, and which scene they came from.
 
-The driver writes ``seal.json`` once FreeFEM has ended, and every later reader checks what it opens: a file that
-was truncated, changed, exchanged or belongs to another text of the scene is refused with that reason.
+The driver writes ``seal.json`` once FreeFEM has ended, and every later reader checks what it opens:
+a file that was truncated, changed, exchanged or belongs to another text of the scene is refused
+with that reason.
 """
 
 import hashlib
@@ -18,15 +19,16 @@ from ..files import write_json
 
 SHARED = "shared.bin"  # what subdomains have in common, where they do
 CHUNK = 1 << 22  # bytes read at once
-PROBE = 1 << 16  # bytes; FreeFEM's buffers are smaller, so this much is not left after one of its writes has failed
+# bytes; FreeFEM's buffers are smaller, so this much is not free after one of its writes has failed
+PROBE = 1 << 16
 
 
 @dataclass(frozen=True)
 class Seal:
     """What `write` found in an export directory.
 
-    `scene` is the digest of the scene's text, `content` that of manifest and records, the same for any number of
-    blocks; `files` holds (size in bytes, CRC-32) by name.
+    `scene` is the digest of the scene's text, `content` that of manifest and records, the same for
+    any number of blocks; `files` holds (size in bytes, CRC-32) by name.
     """
 
     scene: str
@@ -35,19 +37,20 @@ class Seal:
 
 
 def write(directory: Path, scene: str, names: list[str]) -> Seal:
-    """Seal the manifest and the records `names` that FreeFEM wrote for a scene whose text has the digest `scene`.
+    """Seal the manifest and the records `names` that FreeFEM wrote.
 
-    What the records share is sealed as well, if they do.
+    `scene` is the digest of the scene's text. What the records share is sealed as well, if they do.
 
-    FreeFEM does not tell when its writes fail: room for a little more proves that they did not. Raises OSError if
-    there is none, InputError if a file is missing.
+    FreeFEM does not report writes that fail: room for a little more proves that they did not.
+    Raises OSError if there is none, InputError if a file is missing.
     """
     probe = directory / "probe"
     probe.write_bytes(bytes(PROBE))
     probe.unlink()
     for path in (directory / name for name in ("manifest.json", *names)):
         if not path.is_file():
-            raise InputError(f"{path} is missing: the FreeFEM stage did not finish; run the scene again")
+            raise InputError(f"{path} is missing: the FreeFEM stage did not finish; "
+                             "run the scene again")
     if (directory / SHARED).is_file():
         names = [*names, SHARED]
     records, manifest = hashlib.sha256(), (directory / "manifest.json").read_bytes()
@@ -71,9 +74,10 @@ def _measure(path: Path, *digests) -> tuple[int, int]:
 
 
 def read(directory: Path, scene: str | None = None) -> Seal:
-    """The seal of an export; with `scene`, the digest of the scene's present text, it must be that scene's.
+    """The seal of an export.
 
-    Raises InputError when it is missing, not readable, or of another text.
+    With `scene`, the digest that the scene's text has now, it must be that text's. Raises
+    InputError when it is missing, not readable, or of another text.
     """
     path = directory / "seal.json"
     try:
@@ -81,35 +85,45 @@ def read(directory: Path, scene: str | None = None) -> Seal:
         seal = Seal(str(raw["scene"]), str(raw["content"]),
                     {name: (int(size), int(check)) for name, (size, check) in raw["files"].items()})
     except FileNotFoundError:
-        raise InputError(f"{path} is missing: the FreeFEM stage did not finish; run the scene again") from None
-    except (OSError, ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError) as problem:
+        raise InputError(f"{path} is missing: the FreeFEM stage did not finish; "
+                         "run the scene again") from None
+    except (OSError, ValueError, TypeError, KeyError, AttributeError, OverflowError,
+            RecursionError) as problem:
         raise file_error(problem, f"{path} is not readable; run the scene again") from None
     if scene is not None and scene != seal.scene:
-        raise InputError(f"{directory} is stale: the scene, or a file that it includes, was edited after this export; "
-                         "run the scene again")
+        raise InputError(f"{directory} is stale: the scene, or a file that it includes, was edited "
+                         "after this export; run the scene again")
     return seal
 
 
 def check(seal: Seal, path: Path) -> bytes | mmap.mmap:
-    """Compare a file with the seal of its export; its bytes. Raises InputError with what is wrong with it."""
+    """Bytes of a file, compared with the seal of its export.
+
+    Raises InputError with what is wrong with it.
+    """
+    content = b""
     try:
         with open(path, "rb") as file:
-            content = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) if os.fstat(file.fileno()).st_size else b""
+            if os.fstat(file.fileno()).st_size:
+                content = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
     except FileNotFoundError:
-        raise InputError(f"{path} is missing: the export is incomplete; run the scene again") from None
+        raise InputError(f"{path} is missing: the export is incomplete; "
+                         "run the scene again") from None
     except OSError as problem:
-        raise file_error(problem, f"{path} is not readable ({problem.strerror}); run the scene again") from None
+        raise file_error(problem, f"{path} is not readable ({problem.strerror}); "
+                                  "run the scene again") from None
     if path.name not in seal.files:
         raise InputError(f"{path} is not of this export; run the scene again")
-    found = (len(content), zlib.crc32(content))
-    size, _ = seal.files[path.name]
-    if found == seal.files[path.name]:
+    measured, sealed = (len(content), zlib.crc32(content)), seal.files[path.name]
+    if measured == sealed:
         return content
-    others = [name for name, measured in seal.files.items() if measured == found]
+    others = [name for name, other in seal.files.items() if other == measured]
     if others:
-        raise InputError(f"{path} holds what FreeFEM wrote to {others[0]}: the files were exchanged; run the scene again")
-    if found[0] < size:
-        raise InputError(f"{path} is truncated: {found[0]} of {size} bytes; run the scene again")
-    if found[0] > size:
-        raise InputError(f"{path} goes on after its last record: {found[0]} bytes instead of {size}; run the scene again")
-    raise InputError(f"{path} was changed after FreeFEM wrote it (wrong checksum); run the scene again")
+        reason = f"holds what FreeFEM wrote to {others[0]}: the files were exchanged"
+    elif measured[0] < sealed[0]:
+        reason = f"is truncated: {measured[0]} of {sealed[0]} bytes"
+    elif measured[0] > sealed[0]:
+        reason = f"goes on after its last record: {measured[0]} bytes instead of {sealed[0]}"
+    else:
+        reason = "was changed after FreeFEM wrote it (wrong checksum)"
+    raise InputError(f"{path} {reason}; run the scene again")

@@ -1,4 +1,5 @@
-"""Random input: command-line words, manifests and binary records either work or are refused by a DriverError.
+"""Random input: command-line words, manifests and binary records either work or are refused by a
+DriverError.
 
 Each target has 100 cases here and 2,000 in the long tests.
 """
@@ -25,8 +26,11 @@ pytestmark = pytest.mark.filterwarnings("ignore::RuntimeWarning")  # absurd numb
 
 
 def fuzz(cases: int, strategy, check) -> None:
-    """`check` on examples of `strategy`, the same ones in every run of the tests; none may take 20 seconds."""
-    @settings(max_examples=cases, deadline=None, derandomize=True, database=None, suppress_health_check=list(HealthCheck))
+    """`check` on examples of `strategy`, the same ones in every run of the tests; none may take 20
+    seconds.
+    """
+    @settings(max_examples=cases, deadline=None, derandomize=True, database=None,
+              suppress_health_check=list(HealthCheck))
     @given(strategy)
     def each(example):
         signal.setitimer(signal.ITIMER_REAL, 20)
@@ -48,15 +52,19 @@ def fuzz(cases: int, strategy, check) -> None:
 # ------------------------------------------------------------------------------ command line
 
 SETTINGS = {name: field for name, field in options.Settings.__dataclass_fields__.items()}
-NAMES = st.one_of(st.sampled_from([*SETTINGS, *options.OF_RUNS, "friction", "steps", "subdomains", "export", "sizes", "v"]),
+NAMES = st.one_of(st.sampled_from([*SETTINGS, *options.OF_RUNS, "friction", "steps", "subdomains",
+                                   "export", "sizes", "v"]),
                   st.text(max_size=8))
 NUMBERS = st.one_of(st.floats().map(repr), st.integers().map(str), st.integers(0, 40).map(str),
-                    st.from_regex(r"[+-]?[0-9_]{0,4}[.,]?[0-9_]{0,4}([eEdD][+-]?[0-9]{0,4})?", fullmatch=True))
+                    st.from_regex(r"[+-]?[0-9_]{0,4}[.,]?[0-9_]{0,4}([eEdD][+-]?[0-9]{0,4})?",
+                                  fullmatch=True))
 VALUES = st.one_of(NUMBERS,
-                   st.sampled_from(["yes", "no", "model", "dirichlet", "none", "load", "cg", "4x2", "²", "١٢", "1" * 5000,
-                                             "a" * 5000, "/", "..", "inf", "nan", "0x10", "True", " 1", "1\n"]),
+                   st.sampled_from(["yes", "no", "model", "dirichlet", "none", "load", "cg", "4x2",
+                                    "²", "١٢", "1" * 5000, "a" * 5000, "/", "..", "inf", "nan",
+                                    "0x10", "True", " 1", "1\n"]),
                    st.text(max_size=12))
-WORDS = st.lists(st.one_of(st.builds("{}={}".format, NAMES, VALUES), st.text(max_size=12)), max_size=4)
+WORDS = st.lists(st.one_of(st.builds("{}={}".format, NAMES, VALUES), st.text(max_size=12)),
+                 max_size=4)
 
 
 @CASES
@@ -72,16 +80,21 @@ def test_words(cases):
         for name, value in found.settings.items():
             if SETTINGS[name].type is not str:
                 assert re.fullmatch(r"\+?[0-9.]+([eE][+-]?[0-9]+)?", pairs[name]) and value > 0
-                assert value == float(Fraction(pairs[name])) == (int(value) if SETTINGS[name].type is int else value)
+                assert value == float(Fraction(pairs[name])) == (int(value)
+                                                                 if SETTINGS[name].type is int
+                                                                 else value)
         assert 1 <= found.ranks == int(pairs.get("np", "1")) and pairs.get("np", "1").isascii()
         assert not {"export", "sizes", "v"} & set(found.parameters)
 
     fuzz(cases, WORDS, check)
 
 
-@pytest.mark.parametrize("word", ["NP=1_0", "NP=²", "NP=1000000", "RTOL=1_0e-8", "RTOL=１e-8", "RTOL=0x1p-20",
+@pytest.mark.parametrize("word",
+                         ["NP=1_0", "NP=²", "NP=1000000", "RTOL=1_0e-8", "RTOL=１e-8",
+                          "RTOL=0x1p-20",
                                   "MAX_PRODUCTS=1e3",
-                                  "ADAPT=1000", "EXPORT=/tmp", "V=100", "FRICTION=0.3\n", "NP=" + "1" * 5000])
+                                  "ADAPT=1000", "EXPORT=/tmp", "V=100", "FRICTION=0.3\n", "NP="
+                                  + "1" * 5000])
 def test_words_that_python_or_freefem_would_take_for_something_else(word):
     with pytest.raises(DriverError) as found:
         run.Run.from_pairs(cli.parse_pairs(["SCENE=model", word]))
@@ -97,21 +110,27 @@ def test_names_of_no_scene(word):
 
 # ------------------------------------------------------------------------------------ exports
 
-JSON = st.recursive(st.one_of(st.none(), st.booleans(), st.integers(), st.integers(-3, 12), st.floats(), st.text(max_size=6),
-                              st.sampled_from([2**62, 1e308, -1, "P1", "none", "coulomb", "displacement", "1"])),
+JSON = st.recursive(st.one_of(st.none(), st.booleans(), st.integers(), st.integers(-3, 12),
+                              st.floats(), st.text(max_size=6),
+                              st.sampled_from([2**62, 1e308, -1, "P1", "none", "coulomb",
+                                               "displacement", "1"])),
                     lambda inner: st.one_of(st.lists(inner, max_size=4),
-                                            st.dictionaries(st.text(max_size=6), inner, max_size=3)),
+                                            st.dictionaries(st.text(max_size=6), inner,
+                                                            max_size=3)),
                     max_leaves=6)
 
 
 @pytest.fixture(scope="module")
 def export(exported, tmp_path_factory):
-    """A private copy of a small export with prescribed displacements and a slip law: (directory, manifest, block)."""
+    """A private copy of a small export with prescribed displacements and a slip law: (directory,
+    manifest, block).
+    """
     source, directory = exported("punch", subdomains=2, steps=2), tmp_path_factory.mktemp("fuzz")
     for path in source.iterdir():
         if path.is_file():
             (directory / path.name).write_bytes(path.read_bytes())
-    return directory, (directory / "manifest.json").read_bytes(), (directory / "block-0.bin").read_bytes()
+    manifest, block = directory / "manifest.json", directory / "block-0.bin"
+    return directory, manifest.read_bytes(), block.read_bytes()
 
 
 def read_or_refuse(directory) -> bool:
@@ -139,7 +158,8 @@ def test_changed_files_are_refused_whatever_the_change(cases, export):
     """As sealed: bytes overwritten, taken out or put in anywhere in either file."""
     directory, *content = export
     seal.write(directory, "", ["block-0.bin"])
-    edits = st.tuples(st.integers(0, 1), st.floats(0, 1, exclude_max=True), st.integers(0, 9), st.binary(max_size=9))
+    edits = st.tuples(st.integers(0, 1), st.floats(0, 1, exclude_max=True), st.integers(0, 9),
+                      st.binary(max_size=9))
 
     def check(edit):
         which, place, drop, put = edit
@@ -155,7 +175,8 @@ def test_changed_files_are_refused_whatever_the_change(cases, export):
 
 @CASES
 def test_manifests(cases, export):
-    """Any entry, at any depth, replaced by anything that JSON can hold, and vouched for by a seal."""
+    """Any entry, at any depth, replaced by anything that JSON can hold, and vouched for by a seal.
+    """
     directory, manifest, _ = export
     original = json.loads(manifest)
     names = st.sampled_from([*original, "contact_labels"])
@@ -166,7 +187,11 @@ def test_manifests(cases, export):
         place, key = changed, name
         for pick in keys:
             inner = place.get(key) if isinstance(place, dict) else place[key]
-            inside = list(inner) if isinstance(inner, dict) else list(range(len(inner))) if isinstance(inner, list) else []
+            inside = []
+            if isinstance(inner, dict):
+                inside = list(inner)
+            elif isinstance(inner, list):
+                inside = list(range(len(inner)))
             if not inside:
                 break
             place, key = inner, inside[pick % len(inside)]
@@ -181,12 +206,15 @@ def test_manifests(cases, export):
 
 @CASES
 def test_records(cases, export):
-    """Words of the records overwritten, moved, taken out or put in twice, and vouched for by a seal."""
+    """Words of the records overwritten, moved, taken out or put in twice, and vouched for by a
+    seal.
+    """
     directory, _, block = export
     words = np.frombuffer(block, np.int64)
     wild = st.one_of(st.integers(-3, 40), st.integers(-(2**63), 2**63 - 1),
                      st.floats().map(lambda v: int(np.float64(v).view(np.int64))))
-    edits = st.lists(st.tuples(st.sampled_from(["set", "swap", "drop", "twice"]), st.floats(0, 1, exclude_max=True),
+    edits = st.lists(st.tuples(st.sampled_from(["set", "swap", "drop", "twice"]),
+                               st.floats(0, 1, exclude_max=True),
                                st.integers(1, 40), wild), min_size=1, max_size=3)
 
     def check(example):
@@ -217,7 +245,8 @@ def test_seals(cases, export):
     seal.write(directory, "", ["block-0.bin"])
     whole = json.loads((directory / "seal.json").read_text())
     text = st.one_of(JSON.map(json.dumps), st.binary(max_size=30).map(lambda b: b.decode("latin1")),
-                     st.tuples(st.sampled_from(list(whole)), JSON).map(lambda pair: json.dumps({**whole, pair[0]: pair[1]})))
+                     st.tuples(st.sampled_from(list(whole)),
+                               JSON).map(lambda pair: json.dumps({**whole, pair[0]: pair[1]})))
 
     def check(example):
         (directory / "seal.json").write_text(example, encoding="utf-8", errors="surrogatepass")

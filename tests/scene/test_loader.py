@@ -15,7 +15,8 @@ from driver.scene.manifest import Manifest, read_manifest
 
 YOUNG, POISSON = 21.19e10, 0.277
 # arrays of a record of the model example, in the order of export.idp
-(HEAD, GID, X, Y, LABELS, TRIANGLES, REGION, EDGES, LAMBDA, MU, DOF_COORDINATE, IS_X, ROWS, COLUMNS, VALUES, LOAD, FIXED,
+(HEAD, GID, X, Y, LABELS, TRIANGLES, REGION, EDGES, LAMBDA, MU, DOF_COORDINATE, IS_X, ROWS, COLUMNS,
+ VALUES, LOAD, FIXED,
  EDGE_LOAD, CONTACT) = range(19)
 
 
@@ -43,7 +44,8 @@ def test_rigid_body_motions_cost_nothing(model):
     """Pure Neumann matrix: no support and no penalty may have been assembled into it."""
     for sub in model.subdomains:
         x, y = sub.xy.T
-        for motion in (np.column_stack([1 + 0 * x, 0 * x]), np.column_stack([0 * x, 1 + 0 * x]), np.column_stack([-y, x])):
+        for motion in (np.column_stack([1 + 0 * x, 0 * x]), np.column_stack([0 * x, 1 + 0 * x]),
+                       np.column_stack([-y, x])):
             force = dense(sub) @ motion.ravel()
             # at most 14 products a row, each rounded
             assert np.abs(force).max() <= 1e-13 * np.abs(sub.values).max() * np.abs(motion).max()
@@ -78,14 +80,18 @@ def test_stiffness_equals_an_independent_assembly(built, subdomains):
 
 def test_loads_are_the_integrals_of_the_tractions(model):
     """Resultant of -1e8 on the top (length 2) and of (3e7, 5e7) on the right side (length 1)."""
-    total = sum(np.array([sub.loads[0, 0::2].sum(), sub.loads[0, 1::2].sum()]) for sub in model.subdomains)
-    np.testing.assert_allclose(total, [3e7, 5e7 - 2e8], rtol=1e-13)  # sums of some hundred roundings
+    total = sum(np.array([sub.loads[0, 0::2].sum(), sub.loads[0, 1::2].sum()])
+                for sub in model.subdomains)
+    # sums of some hundred roundings
+    np.testing.assert_allclose(total, [3e7, 5e7 - 2e8], rtol=1e-13)
 
 
 def test_distributed_loads_are_integrals_over_edges_and_triangles(built):
-    """Uneven tractions and body forces: moments against hat functions by Gauss quadrature, exact here to rounding.
+    """Uneven tractions and body forces: moments against hat functions by Gauss quadrature, exact
+    here to rounding.
 
-    On the corner triangle of the top right two loaded edges meet: nodal forces could not tell them apart.
+    On the corner triangle of the top right two loaded edges meet: nodal forces could not tell them
+    apart.
     """
     problem = built("cantilever", reduce=False, cells=3, subdomains="2x1")
     k, w, a, E, nu = 1.3, 0.01, 0.02, 1000.0, 0.3
@@ -105,11 +111,14 @@ def test_distributed_loads_are_integrals_over_edges_and_triangles(built):
             if label in n:
                 t = np.array([s11(x, y) * n[label][0] + s12(x, y) * n[label][1],
                               s12(x, y) * n[label][0] + s11(x, y) * n[label][1]])
-            expected = np.linalg.norm(q - p) * np.array([(t * weight * (1 - at)).sum(axis=1), (t * weight * at).sum(axis=1)])
-            np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13 * 30)  # 30: the largest traction
+            moments = [(t * weight * (1 - at)).sum(axis=1), (t * weight * at).sum(axis=1)]
+            expected = np.linalg.norm(q - p) * np.array(moments)
+            # 30: the largest traction
+            np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13 * 30)
         total = np.zeros_like(sub.xy)
         np.add.at(total, sub.triangles, sub.body_loads[body])
-        np.testing.assert_allclose(total.ravel(), sub.loads[body], rtol=0, atol=1e-12 * np.abs(sub.loads[body]).max())
+        np.testing.assert_allclose(total.ravel(), sub.loads[body], rtol=0,
+                                   atol=1e-12 * np.abs(sub.loads[body]).max())
 
 
 def test_supports_and_contact_are_where_the_scene_says(model):
@@ -122,8 +131,10 @@ def test_supports_and_contact_are_where_the_scene_says(model):
         if c is not None:
             assert sorted(c.node) == bottom.tolist()
             np.testing.assert_allclose(c.normal, np.tile([0, -1], (len(bottom), 1)), atol=1e-15)
-            assert c.weight.sum() == pytest.approx(0.5, rel=1e-14)  # the segments add up to the side's length
-            assert c.columns.keys() == {"friction"} and np.allclose(c.columns["friction"], 0.3, rtol=1e-15)
+            # the segments add up to the side's length
+            assert c.weight.sum() == pytest.approx(0.5, rel=1e-14)
+            assert c.columns.keys() == {"friction"}
+            assert np.allclose(c.columns["friction"], 0.3, rtol=1e-15)
 
 
 def test_export_is_exact_to_the_last_bit(model):
@@ -143,7 +154,8 @@ def test_manifest_numbers_round_trip(exported, value):
 def test_amplitudes_are_those_of_the_slides(exported):
     m = read_manifest(exported(cells=2, subdomains="2x1", loading="nonmonotone", steps=7))
     expected = [-4 * (i / 7) ** 2 + 5 * (i / 7) for i in range(8)]
-    np.testing.assert_allclose(m.amplitudes["1"], expected, rtol=0, atol=4e-16 * 5)  # a few roundings of 5t
+    # a few roundings of 5t
+    np.testing.assert_allclose(m.amplitudes["1"], expected, rtol=0, atol=4e-16 * 5)
     assert m.steps == 7 and m.t_end == 1
 
 
@@ -154,7 +166,7 @@ def test_more_ranks_export_the_same_bytes(exported):
     assert read_manifest(three).blocks == 3
 
 
-# ------------------------------------------------------------ exports changed after they were sealed
+# ----------------------------------------------------------- exports changed after they were sealed
 
 @pytest.fixture
 def sealed(exported, copied):
@@ -201,7 +213,8 @@ def test_exchanged_blocks_are_named(sealed):
         read_problem(sealed, reduce=False)
 
 
-@pytest.mark.parametrize("text", [None, "", "{", "[]", "{}", '{"scene": 1, "content": 2, "files": 3}',
+@pytest.mark.parametrize("text",
+                         [None, "", "{", "[]", "{}", '{"scene": 1, "content": 2, "files": 3}',
                                   '{"scene": "", "content": "", "files": {"manifest.json": [1]}}'])
 def test_seal_that_is_none(sealed, text):
     (sealed / "seal.json").unlink()
@@ -249,13 +262,14 @@ def test_scene_edited_while_freefem_runs(tmp_path, variant, monkeypatch):
         freefem.export(scene, tmp_path / "export", {"cells": "2"})
 
 
-# ----------------------------------------------------- exports that FreeFEM, not the way to here, has spoiled
+# ------------------------------------------- exports that FreeFEM, not the way to here, has spoiled
 
 @pytest.fixture
 def read(read):
     """The session's `read`, after a seal that vouches for whatever is there."""
     def sealed_again(directory, **options):
-        seal.write(directory, "", [f"block-{k}.bin" for k in range(len(list(directory.glob("block-*.bin"))))])
+        seal.write(directory, "",
+                   [f"block-{k}.bin" for k in range(len(list(directory.glob("block-*.bin"))))])
         return read(directory, **options)
 
     return sealed_again
@@ -263,8 +277,11 @@ def read(read):
 
 @pytest.fixture
 def small(exported, copied, variant):
-    """A private copy of a tiny export: two subdomains of 2x2 cells, cut so that each has a stiffness of its own."""
-    scene = variant("halves", ('include "export.idp"', 'macro piece() (x > 1.) //\n\ninclude "export.idp"'))
+    """A private copy of a tiny export: two subdomains of 2x2 cells, cut so that each has a
+    stiffness of its own.
+    """
+    scene = variant("halves",
+                    ('include "export.idp"', 'macro piece() (x > 1.) //\n\ninclude "export.idp"'))
     return copied(exported(scene, cells=3, subdomains="piece", steps=2))
 
 
@@ -292,8 +309,11 @@ def arrays(directory):
 
 
 def starts_of_second(found):
-    """Position of the second record: its head is the first later array of 9 words that starts with 1."""
-    return next(k for k, a in enumerate(found) if k > 2 and len(a) == 9 and a[0] == 1 and a[1] == found[0][1])
+    """Position of the second record: its head is the first later array of 9 words that starts with
+    1.
+    """
+    return next(k for k, a in enumerate(found) if k > 2 and len(a) == 9 and a[0] == 1 and a[1]
+                == found[0][1])
 
 
 def write(directory, records):
@@ -304,7 +324,8 @@ def write(directory, records):
 def spoil(directory, array, change, record=0):
     """Apply `change` to one array of a record, seen as what it holds."""
     records = arrays(directory)
-    real = array in (X, Y, LAMBDA, MU, DOF_COORDINATE, IS_X, VALUES, LOAD, EDGE_LOAD) or array >= CONTACT + 2
+    real = array in (X, Y, LAMBDA, MU, DOF_COORDINATE, IS_X, VALUES, LOAD,
+                     EDGE_LOAD) or array >= CONTACT + 2
     change(records[record][array].view(np.float64 if real else np.int64))
     write(directory, records)
 
@@ -339,7 +360,9 @@ def test_longer_than_its_records(small, read):
     refused(read, small, "after its last record")
 
 
-@pytest.mark.parametrize("array", [X, Y, LAMBDA, MU, DOF_COORDINATE, VALUES, LOAD, EDGE_LOAD, CONTACT + 2, CONTACT + 5])
+@pytest.mark.parametrize("array",
+                         [X, Y, LAMBDA, MU, DOF_COORDINATE, VALUES, LOAD, EDGE_LOAD, CONTACT + 2,
+                          CONTACT + 5])
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_not_finite(small, read, array, bad):
     spoil(small, array, lambda a: a.__setitem__(len(a) // 2, bad), record=1)
@@ -406,7 +429,9 @@ def test_wrong_count_of_any_array(small, read):
     pytest.param(2**40, 1, marks=pytest.mark.slow),
     pytest.param(np.float64(1e300).view(np.int64), 1, marks=pytest.mark.slow)])
 def test_a_wild_word_anywhere_ends_in_no_traceback(small, read, value, apart):
-    """Any word of the file overwritten: the export is refused by an InputError or read, nothing else."""
+    """Any word of the file overwritten: the export is refused by an InputError or read, nothing
+    else.
+    """
     lengths = np.cumsum([0] + [1 + len(a) for record in arrays(small) for a in record])[:-1]
     words = np.fromfile(small / "block-0.bin", np.int64)
     tried, accepted = sorted({*range(0, len(words), apart), *lengths.tolist()}), 0
@@ -426,27 +451,32 @@ def test_a_wild_word_anywhere_ends_in_no_traceback(small, read, value, apart):
 
 # ---------------------------------------------------------------- subdomains that share a stiffness
 
-PLACES = {X: 1, Y: 2}  # where shared.bin has what records have elsewhere: no numbers of nodes and labels of edges
+# where shared.bin has what records have elsewhere: no numbers of nodes and labels of edges
+PLACES = {X: 1, Y: 2}
 OF_SHARED = {**PLACES, **{array: array - 2 for array in range(TRIANGLES, LOAD)}}
 
 
 def spoil_shared(directory, array, change):
     """Apply `change` to one array of shared.bin."""
     found = counted(directory / "shared.bin")
-    change(found[OF_SHARED[array]].view(np.float64 if array in (X, Y, LAMBDA, MU, DOF_COORDINATE, IS_X, VALUES) else np.int64))
-    np.concatenate([word for a in found for word in (np.array([len(a)]), a)]).tofile(directory / "shared.bin")
+    real = array in (X, Y, LAMBDA, MU, DOF_COORDINATE, IS_X, VALUES)
+    change(found[OF_SHARED[array]].view(np.float64 if real else np.int64))
+    np.concatenate([word for a in found
+                    for word in (np.array([len(a)]), a)]).tofile(directory / "shared.bin")
 
 
 def test_shared_stiffness_is_that_of_every_piece(sharing, small, read):
     """The same two halves of the block, once with one stiffness and once with two."""
     one, two = (read(directory, reduce=False).subdomains for directory in (sharing, small))
     for sub, other in zip(one, two):
-        assert sub.values is one[0].values and sub.elements is one[0].elements and sub.elasticity is one[0].elasticity
+        for name in ("values", "elements", "elasticity"):
+            assert getattr(sub, name) is getattr(one[0], name)
         order = [np.flatnonzero(other.node_gid == gid)[0] for gid in sub.node_gid]
         dof = (2 * np.array(order)[:, None] + [0, 1]).ravel()
         expected = dense(other)[np.ix_(dof, dof)]
         assert np.array_equal(sub.xy, other.xy[order])
-        assert np.abs(dense(sub) - expected).max() <= 1e-14 * np.abs(expected).max()  # sums of up to 6, in another order
+        # sums of up to 6, in another order
+        assert np.abs(dense(sub) - expected).max() <= 1e-14 * np.abs(expected).max()
 
 
 def test_shared_file_missing(sharing, read):
@@ -472,9 +502,12 @@ def test_shared_file_truncated_or_longer(sharing, read):
 
 
 @pytest.mark.parametrize("array, place, value, said", [
-    (VALUES, 1, 1.0, "not symmetric"), (VALUES, 0, np.nan, "not finite"), (COLUMNS, 3, 10**6, "out of range"),
-    (TRIANGLES, 0, 9, "out of range"), (EDGES, 0, 9, "ends at no vertex"), (IS_X, 0, 0.0, "node by node"),
-    (LAMBDA, 0, np.inf, "not finite"), (X, 0, 0.1, "do not match"), (DOF_COORDINATE, 0, 0.1, "do not match")])
+    (VALUES, 1, 1.0, "not symmetric"), (VALUES, 0, np.nan, "not finite"),
+    (COLUMNS, 3, 10**6, "out of range"),
+    (TRIANGLES, 0, 9, "out of range"), (EDGES, 0, 9, "ends at no vertex"),
+    (IS_X, 0, 0.0, "node by node"),
+    (LAMBDA, 0, np.inf, "not finite"), (X, 0, 0.1, "do not match"),
+    (DOF_COORDINATE, 0, 0.1, "do not match")])
 def test_shared_array_spoiled(sharing, read, array, place, value, said):
     spoil_shared(sharing, array, lambda a: a.__setitem__(place, value))
     refused(read, sharing, "shared.bin", said)
@@ -482,10 +515,13 @@ def test_shared_array_spoiled(sharing, read, array, place, value, said):
 
 @pytest.mark.parametrize("distance", [1e-3, 1e-11])
 @pytest.mark.parametrize("record", [0, 1])
-def test_vertex_moved_of_a_piece_that_refers_to_the_shared_stiffness(sharing, read, record, distance):
-    """The shared stiffness was checked on its own mesh: 1e-11 is some ten roundings in a rotation."""
+def test_vertex_moved_of_a_piece_that_refers_to_the_shared_stiffness(sharing, read, record,
+                                                                     distance):
+    """The shared stiffness was checked on its own mesh: 1e-11 is some ten roundings in a rotation.
+    """
     words = arrays(sharing)
-    vertex = int(np.flatnonzero((words[record][X].view(float) == 0.5 + record) & (words[record][Y].view(float) == 0.5))[0])
+    x, y = (words[record][array].view(float) for array in (X, Y))
+    vertex = int(np.flatnonzero((x == 0.5 + record) & (y == 0.5))[0])
     words[record][X].view(float)[vertex] += distance
     write(sharing, words)
     refused(read, sharing, f"subdomain {record}", "resists a rigid motion")
@@ -532,13 +568,16 @@ def test_records_are_the_same_read_together_or_one_by_one(exported, monkeypatch)
 
 
 @pytest.mark.parametrize("array, change, said", [
-    (GID, lambda a: a.__setitem__(3, a[0]), "stands twice"), (GID, lambda a: a.__setitem__(0, -1), "node number out of range"),
-    (LOAD - 10, lambda a: a.__setitem__(0, 1.0), "do not add up"), (HEAD, lambda a: a.__setitem__(0, 7), "subdomain 7")])
+    (GID, lambda a: a.__setitem__(3, a[0]), "stands twice"),
+    (GID, lambda a: a.__setitem__(0, -1), "node number out of range"),
+    (LOAD - 10, lambda a: a.__setitem__(0, 1.0), "do not add up"),
+    (HEAD, lambda a: a.__setitem__(0, 7), "subdomain 7")])
 def test_the_record_that_is_refused_is_named(exported, copied, read, array, change, said):
     """One of many that are read together; those that share a stiffness lack ten arrays."""
     directory = copied(exported(cells=2, subdomains="8x4", steps=2))
     found = counted(directory / "block-0.bin")
-    heads = [k for k, a in enumerate(found) if len(a) == 9 and (k == 0 or a[1:5].tolist() == found[0][1:5].tolist())]
+    heads = [k for k, a in enumerate(found) if len(a) == 9
+             and (k == 0 or a[1:5].tolist() == found[0][1:5].tolist())]
     assert len(heads) == 32
     change(found[heads[13] + array].view(float if array > GID else np.int64))
     write(directory, [found])
@@ -571,16 +610,19 @@ def test_vertex_moved(small, read, distance):
 
 def test_what_the_next_subdomain_shares_is_kept_once(small, read):
     one, other = read(small, reduce=False).subdomains
-    assert all(getattr(one, name) is getattr(other, name) for name in ("elements", "rows", "columns", "values"))
+    assert all(getattr(one, name) is getattr(other, name)
+               for name in ("elements", "rows", "columns", "values"))
 
 
 @pytest.mark.parametrize("distance", [1e-3, 1e-11])
 def test_vertex_moved_where_the_stiffness_is_shared(small, read, distance):
-    """Checks of a stiffness that was read before hold for a mesh of the same shape only: 1e-11 is some ten roundings in
+    """Checks of a stiffness that was read before hold for a mesh of the same shape only: 1e-11 is
+    some ten roundings in
     the rotation about a node at a distance of 0.5."""
     vertex = at(arrays(small)[1], 1.5, 0.5)
     spoil(small, X, lambda a: a.__setitem__(vertex, a[vertex] + distance), record=1)
-    spoil(small, DOF_COORDINATE, lambda a: a.__setitem__(2 * vertex, a[2 * vertex] + distance), record=1)
+    spoil(small, DOF_COORDINATE, lambda a: a.__setitem__(2 * vertex, a[2 * vertex] + distance),
+          record=1)
     refused(read, small, "subdomain 1", "resists a rigid motion")
 
 
@@ -596,7 +638,9 @@ def test_pattern_that_differs_where_the_values_are_shared(small, read):
 
 @pytest.mark.parametrize("row, column", [(0, 0), (3, 5), (7, 7)])
 def test_stiffness_that_is_not_the_bodys(small, read, row, column):
-    """A support or a penalty assembled into the matrix, a lost element, a wrong power of ten: symmetric, yet wrong."""
+    """A support or a penalty assembled into the matrix, a lost element, a wrong power of ten:
+    symmetric, yet wrong.
+    """
     pair = [(row, column), (column, row)]
     rows, columns, values = (arrays(small)[0][k] for k in (ROWS, COLUMNS, VALUES))
     there = [k for k in range(len(rows)) if (rows[k], columns[k]) in pair]
@@ -616,13 +660,17 @@ def test_vertex_moved_without_its_dofs(small, read):
     refused(read, small, "dof coordinates do not match")
 
 
-# body numbers of the 5 x 3 vertices: 0..4 at the bottom, 5..9, 10..14 at the top; 15 is used by none
+# body numbers of the 5 x 3 vertices: 0..4 at the bottom, 5..9, 10..14 at the top; 15 is used by
+# none
 @pytest.mark.parametrize("x, y, new", [
     (1, 0.5, 15), (1, 0, 15), (1, 1, 15),  # torn open
     (1, 0.5, 8), (0.5, 1, 13), (0, 0, 4),  # tied to a vertex of the neighbour
-    (0.5, 0.5, 7), (0.5, 0.5, 2), (0.5, 0.5, 5), (0.5, 1, 12), (0, 0, 1)])  # a number twice in one subdomain
+    # a number twice in one subdomain
+    (0.5, 0.5, 7), (0.5, 0.5, 2), (0.5, 0.5, 5), (0.5, 1, 12), (0, 0, 1)])
 def test_renumbered_vertex(small, read, x, y, new):
-    """One vertex of subdomain 0 gets another body number: refused, or dofs would be tied or held wrongly."""
+    """One vertex of subdomain 0 gets another body number: refused, or dofs would be tied or held
+    wrongly.
+    """
     edit(small, nodes=16)
     here = at(arrays(small)[0], x, y)
     spoil(small, GID, lambda a: a.__setitem__(here, new))
@@ -632,14 +680,18 @@ def test_renumbered_vertex(small, read, x, y, new):
 
 @pytest.mark.parametrize("bad", [-1, 9, 2**40])
 def test_boundary_edge_of_no_vertex(small, read, bad):
-    """Edges carry the labels of contact and interfaces: one that joins no vertices is lost silently."""
+    """Edges carry the labels of contact and interfaces: one that joins no vertices is lost
+    silently.
+    """
     spoil(small, EDGES, lambda a: a.__setitem__(3, bad))
     with pytest.raises(InputError):
         read(small, reduce=False)
 
 
 def test_swapped_interface_numbers(small, read):
-    """Two interface vertices exchange their numbers on one side: every edge may still find a partner."""
+    """Two interface vertices exchange their numbers on one side: every edge may still find a
+    partner.
+    """
     record = arrays(small)[0]
     gid, top, middle = record[GID], at(record, 1, 1), at(record, 1, 0.5)
     spoil(small, GID, lambda a: a.__setitem__([top, middle], gid[[middle, top]]))
@@ -684,7 +736,9 @@ def test_manifest_lacks_an_entry(small, read, name):
     refused(read, small, "lacks", name)
 
 
-@pytest.mark.parametrize("name", ["subdomains", "blocks", "nodes", "steps", "rooms", "columns", "patterns", "amplitudes",
+@pytest.mark.parametrize("name",
+                         ["subdomains", "blocks", "nodes", "steps", "rooms", "columns", "patterns",
+                          "amplitudes",
                                   "contact_labels"])
 @pytest.mark.parametrize("value", ["x", [3]])
 def test_manifest_entry_of_the_wrong_type(small, read, name, value):
@@ -695,9 +749,12 @@ def test_manifest_entry_of_the_wrong_type(small, read, name, value):
 
 @pytest.mark.parametrize("changes, word", [
     ({"steps": 3}, "3 steps"), ({"steps": 0}, "positive"), ({"subdomains": 3}, "truncated"),
-    ({"subdomains": 1}, "after its last record"), ({"blocks": 2}, "block"), ({"nodes": 9}, "node number"),
-    ({"amplitudes": {"1": [0, float("nan"), 1]}}, "not finite"), ({"amplitudes": {"1": [0, 1]}}, "2 values"),
-    ({"amplitudes": {}}, "amplitude 1"), ({"patterns": []}, "load patterns"), ({"contact_labels": [1, 77]}, "77"),
+    ({"subdomains": 1}, "after its last record"), ({"blocks": 2}, "block"),
+    ({"nodes": 9}, "node number"),
+    ({"amplitudes": {"1": [0, float("nan"), 1]}}, "not finite"),
+    ({"amplitudes": {"1": [0, 1]}}, "2 values"),
+    ({"amplitudes": {}}, "amplitude 1"), ({"patterns": []}, "load patterns"),
+    ({"contact_labels": [1, 77]}, "77"),
     ({"material": "general"}, "count")])
 def test_manifest_that_does_not_fit_its_records(small, read, changes, word):
     edit(small, **changes)
@@ -711,7 +768,9 @@ def test_a_flag_that_the_scene_does_not_read_is_refused(tmp_path):
         freefem.export(freefem.find_scene("model"), tmp_path, {"frictoin": "0.4"})
 
 
-@pytest.mark.parametrize("asked, word", [({"friction": "0.4"}, "friction=0.3"), ({"loading": "nonmonotone"}, "monotone"),
+@pytest.mark.parametrize("asked, word",
+                         [({"friction": "0.4"}, "friction=0.3"),
+                          ({"loading": "nonmonotone"}, "monotone"),
                                          ({"pressure": "1"}, "does not read")])
 def test_echo_is_compared(exported, asked, word):
     """A scene that drops or changes a value must not go unnoticed."""
@@ -725,21 +784,28 @@ def test_reading_part_of_the_subdomains(exported):
     manifest = read_manifest(exported(ranks=3, cells=2))
     everything = read_subdomains(manifest, 0, 8, MPI.COMM_SELF)
     for start, stop in [(0, 3), (3, 5), (5, 8), (7, 8), (4, 4)]:
-        for sub, other in zip(read_subdomains(manifest, start, stop, MPI.COMM_SELF), everything[start:stop]):
+        for sub, other in zip(read_subdomains(manifest, start, stop, MPI.COMM_SELF),
+                              everything[start:stop]):
             assert sub.index == other.index and np.array_equal(sub.values, other.values)
 
 
 @pytest.mark.parametrize("young, factor", [
-    ("E", lambda x, y: 1.0), ("(x > 1.2 ? 2. : 1.)*E", lambda x, y: 1.0 + (x > 1.2)), ("E*(1 + x)", lambda x, y: 1 + x),
+    ("E", lambda x, y: 1.0), ("(x > 1.2 ? 2. : 1.)*E", lambda x, y: 1.0 + (x > 1.2)),
+    ("E*(1 + x)", lambda x, y: 1 + x),
     ("(x > 1.2 && y < 0.4 ? 1.0001 : 1.)*E", lambda x, y: 1.0 + 1e-4 * (x > 1.2 and y < 0.4))])
 def test_pieces_share_a_stiffness_only_where_it_is_theirs(variant, exported, read, young, factor):
-    """Pieces of a rectangle reuse stiffness and elasticity of piece 0: right for every material, the same on any ranks."""
-    scene = variant(f"young-{abs(hash(young))}", ("macro young() E //", f"macro young() {young} //"))
+    """Pieces of a rectangle reuse stiffness and elasticity of piece 0: right for every material,
+    the same on any ranks.
+    """
+    scene = variant(f"young-{abs(hash(young))}",
+                    ("macro young() E //", f"macro young() {young} //"))
     alone, spread = (exported(scene, ranks=ranks, subdomains="4x2", cells=5) for ranks in (1, 2))
     for sub in read(alone, reduce=False).subdomains:
         found, expected = np.zeros((sub.dofs, sub.dofs)), p1_stiffness(sub, factor)
         found[sub.rows, sub.columns] = sub.values
-        assert np.abs(found - expected).max() <= 1e-12 * np.abs(expected).max()  # rounding of some ten sums
-        shear = [YOUNG / (2 * (1 + POISSON)) * factor(*sub.xy[vertices].mean(axis=0)) for vertices in sub.triangles]
+        # rounding of some ten sums
+        assert np.abs(found - expected).max() <= 1e-12 * np.abs(expected).max()
+        shear = [YOUNG / (2 * (1 + POISSON)) * factor(*sub.xy[vertices].mean(axis=0))
+                 for vertices in sub.triangles]
         np.testing.assert_allclose(sub.elasticity[:, 2, 2], shear, rtol=1e-12)
     assert seal.read(alone).content == seal.read(spread).content

@@ -13,8 +13,8 @@ from driver.feti.compliance import ContactCompliance
 from driver.feti.rows import RowKind, contact_row_numbers
 from driver.files import read_rows
 from driver.scene import freefem
-from driver.scene.freefem import changed_by
 from driver.scene.loader import read_contact
+from driver.scene.script import changed_by
 from driver.studies import parametric, study
 
 # The projected gradient to 1e-11 |d| leaves multipliers good to cond(F) = 3e3 times that, the fixed

@@ -1,0 +1,196 @@
+"""What the driver reads out of a scene's text before FreeFEM runs it, and what it finds after.
+
+FreeFEM takes a misspelt declaration for one that nobody asks for, and a condition on a boundary
+that is not there for none: here both are refused.
+"""
+
+import hashlib
+import re
+from pathlib import Path
+
+from .. import environment
+from ..errors import InputError
+from . import rooms
+from .manifest import Manifest
+
+OWN_FILES = ("scene.idp", "export.idp", "gmsh.idp")  # includes of a scene that declare nothing
+DECLARATION = r"^(?!macro)(?:func )?\w+(?:\[[^\]]*\])? ([^;\n]*)"  # global: type, declarators
+
+
+def text_digest(scene: Path) -> str:
+    """Digest of the scene's script, of the library and of every file that either names in quotes.
+    """
+    digest, known = hashlib.sha256(), set()
+    remaining = [scene, *sorted(environment.LIBRARY.rglob("*.idp"))]
+    while remaining:
+        path = remaining.pop()
+        if path in known:
+            continue
+        known.add(path)
+        content = path.read_bytes()
+        name_and_size = f"{path.name} {len(content)} "
+        digest.update(name_and_size.encode("utf-8", "surrogateescape") + content)
+        if path.suffix in (".edp", ".idp"):
+            quoted = re.findall(r'"([\w./+-]+)"', content.decode("utf-8", "replace"))
+            files = [scene.parent / name for name in quoted]
+            remaining += [file for file in files if len(file.name) < 256 and file.is_file()]
+    return digest.hexdigest()
+
+
+# ---- names that a scene declares -------------------------------------------------------------
+
+def check_names(scene: Path) -> None:
+    """Refuse macros that nothing reads, and macros and functions with names of the library's own.
+
+    FreeFEM would put such a macro into the library's text, and call such a function from there.
+    Variables need no check: FreeFEM refuses a second one, see `taken_name`. Raises InputError.
+    """
+    lines = [line.split("//")[0] for line in scene.read_text(errors="replace").splitlines()]
+    code = "\n".join(lines)
+    if 'include "export.idp"' not in code:
+        return
+    library = "\n".join(path.read_text() for path in environment.LIBRARY.rglob("*.idp"))
+    for number, line in enumerate(lines, 1):
+        macro = re.match(r"\s*macro\s+(\w+)", line)
+        function = re.match(r"\s*func\s+\w+\s+(\w+)", line)
+        if macro and macro[1] not in rooms.vocabulary():
+            if _is_word(macro[1], library) and _is_word(macro[1], _without_texts(library)):
+                raise InputError(own_name(scene, number, macro[1]))
+            if len(re.findall(rf"\b{macro[1]}\b", code)) == 1:
+                raise InputError(f"{scene.name} line {number}: nothing reads the macro {macro[1]}"
+                                 f"{_hint(macro[1])}")
+        elif function and re.search(rf"^func \w+ {function[1]}\(", library, re.MULTILINE):
+            raise InputError(own_name(scene, number, function[1]))
+
+
+def taken_name(scene: Path, name: str) -> str:
+    """Why FreeFEM refuses a variable `name` that a scene and the library both declare."""
+    for number, line in enumerate(scene.read_text(errors="replace").splitlines(), 1):
+        if _is_word(name, line.split("//")[0]):
+            return own_name(scene, number, name)
+    return f"{scene.name}: the name '{name}' is the library's own; choose another"
+
+
+def own_name(scene: Path, line: int, name: str) -> str:
+    """Reason to refuse a name that the library uses itself."""
+    return f"{scene.name} line {line}: the name '{name}' is the library's own; choose another"
+
+
+def declared_by_library(name: str) -> bool:
+    """Whether the library has a global variable, or a function, with this name."""
+    for path in environment.LIBRARY.rglob("*.idp"):
+        code = _without_texts(path.read_text())
+        for declarators in re.findall(DECLARATION, code, re.MULTILINE):
+            if name in declared_names(declarators):
+                return True
+    return False
+
+
+def declared_names(declarators: str) -> list[str]:
+    """Names that a declaration gives after its type: a and d of `a = f(b, c), d(1)`."""
+    nested = re.compile(r"\([^()]*\)|\[[^][]*\]")
+    while nested.search(declarators):
+        declarators = nested.sub("", declarators)
+    return re.findall(r"(?:^|,)\s*&?\s*(\w+)", declarators)
+
+
+def _is_word(name: str, text: str) -> bool:
+    return re.search(rf"\b{name}\b", text) is not None
+
+
+def _without_texts(code: str) -> str:
+    """FreeFEM code without its comments and the content of strings."""
+    code = re.sub(r'"(?:[^"\\\n]|\\.)*"', '""', code)
+    return re.sub(r"//[^\n]*", "", code)
+
+
+def _hint(name: str) -> str:
+    """The declaration that a misspelt one may mean."""
+    import difflib  # takes longer to import than the check takes
+
+    near = difflib.get_close_matches(name, sorted(rooms.vocabulary()), 1)
+    return f"; did you mean {near[0]}?" if near else ""
+
+
+def check_fixed_labels(scene: Path, manifest: Manifest) -> None:
+    """Refuse on(label, ...) for a label, written as a number, that the mesh lacks: InputError.
+
+    FreeFEM ignores such a condition.
+    """
+    for number, line in enumerate(scene.read_text().splitlines(), 1):
+        code = line.split("//")[0]
+        for label in re.findall(r"\bon\(\s*(\d+)\s*,", code):
+            if int(label) not in manifest.labels:
+                raise InputError(
+                    f"{scene.name} line {number}: on({label}, ...) names a label that the mesh "
+                    f"lacks; it has {', '.join(map(str, manifest.labels))}")
+
+
+# ---- what a parameter changes ----------------------------------------------------------------
+
+def changed_by(scene: Path, name: str) -> set[str]:
+    """Declarations of a scene that its parameter `name` reaches through variables and macros.
+
+    Statements that do more than give variables a value count as changed themselves, by their text:
+    what cannot be followed is refused. Raises InputError where the scene has no such parameter.
+    """
+    if name == "steps":
+        return set()
+    macros, statements = _definitions("\n".join(_code(scene)))
+    asks = re.compile(rf'\b(?:physical|whole|choice)\(\s*"{re.escape(name)}"')
+    reached, changed = set(), set()  # names of variables and macros; texts of statements
+
+    def is_touched(text: str) -> bool:
+        return bool(asks.search(text) or reached & set(re.findall(r"\w+", text)))
+
+    size = -1
+    while size < len(reached) + len(changed):
+        size = len(reached) + len(changed)
+        for statement in filter(is_touched, statements):
+            if re.match(r"(?:(?:real|int|bool|string) )?\w+ ?=[^=]", statement):
+                reached |= set(re.findall(r"(\w+) ?=(?!=)", statement))
+            else:
+                changed.add(f"'{statement}'")
+        reached |= {macro for macro, body in macros if is_touched(body)}
+    if not reached | changed:
+        raise InputError(f"{scene.name} reads no parameter {name.upper()} that a study could vary")
+    return changed | (reached & rooms.vocabulary())
+
+
+def _code(script: Path) -> list[str]:
+    """Lines of a script and of what it includes, but for the library's own files."""
+    lines = []
+    for line in script.read_text(errors="replace").splitlines():
+        include = re.match(r'\s*include\s+"([^"]+)"', line)
+        if not include:
+            lines.append(line)
+        elif include[1] not in OWN_FILES:
+            places = [folder / include[1] for folder in (script.parent, environment.LIBRARY)]
+            lines += [more for place in places if place.is_file() for more in _code(place)]
+    return lines
+
+
+def _definitions(text: str) -> tuple[list[tuple[str, str]], list[str]]:
+    """Macros of a script, each with its arguments and content, and its statements."""
+    macro = re.compile(r"\bmacro\s+(\w+)(.*?)//[^\n]*", re.DOTALL)
+    macros = [(definition[1], definition[2]) for definition in macro.finditer(text)]
+    rest = re.sub(r"//[^\n]*", "", macro.sub("", text))
+    statements = []
+    for statement in re.split(r"[;{}]", rest):
+        statements += [" ".join(part.split()) for part in _variables(statement) if part.strip()]
+    return macros, statements
+
+
+def _variables(statement: str) -> list[str]:
+    """A statement; one that declares several variables, `real a = 1, b = 2`, as one for each."""
+    kind = re.match(r"\s*(real|int|bool|string)\s+(?=\w+\s*=)", statement)
+    if not kind:
+        return [statement]
+    parts, depth = [""], 0
+    for letter in statement[kind.end():]:
+        depth += (letter in "([") - (letter in ")]")
+        if letter == "," and depth == 0:
+            parts.append("")
+        else:
+            parts[-1] += letter
+    return [f"{kind[1]} {part}" for part in parts]

@@ -1,0 +1,100 @@
+"""Data of one torn subdomain, as an export holds it."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+
+@dataclass
+class ContactData:
+    """Contact nodes of one subdomain, one entry per node and contact label.
+
+    All arrays have length n_c. `columns` are those that declared effects give their nodes, means
+    over the dual segments. Weights are integrals of the nodes' shape functions over the boundary of
+    this subdomain: of an edge its ends get 1/2 each or, with quadratic elements, 1/6 each and its
+    middle 4/6.
+    """
+
+    node: np.ndarray
+    label: np.ndarray
+    weight: np.ndarray
+    normal: np.ndarray  # (n_c, 2), outward, length 1 on straight parts
+    columns: dict[str, np.ndarray] = field(default_factory=dict)
+
+    def column(self, name: str) -> np.ndarray:
+        """(n_c,) numbers of a column, zero where no effect has declared it."""
+        return self.columns[name] if name in self.columns else np.zeros(len(self.weight))
+
+
+@dataclass
+class Subdomain:
+    """One torn subdomain as exported.
+
+    Its n_v nodes are the vertices of the mesh and, with quadratic elements, the middles of the
+    (straight) edges and, with P2-mixed, the centroids. `dof_node` and `dof_component` give node and
+    displacement component of every dof; `rows`, `columns`, `values` are the pure Neumann stiffness
+    in coordinate form, both triangles. Of `thermal`, `edge_loads` and `body_loads` the keys are the
+    patterns that are given as initial stress, on edges and on triangles.
+    """
+
+    index: int
+    node_gid: np.ndarray  # (n_v,) node numbers in the untorn body
+    xy: np.ndarray  # (n_v, 2)
+    elements: np.ndarray  # (n_t, 3), (n_t, 6) or (n_t, 7) nodes as in elements.py
+    region: np.ndarray  # (n_t,)
+    edges: np.ndarray  # (n_e, 2) vertices of the boundary edges
+    edge_label: np.ndarray  # (n_e,)
+    elasticity: np.ndarray  # (n_t, 3, 3) plane Hooke's law in Voigt form, means over the triangles
+    # (n_t, 3), or (n_t, 3 corners, 3) of quadratic elements: stress of a suppressed strain
+    thermal: dict[int, np.ndarray]
+    # (n_t,) factor of (e11 + e22) in the out-of-plane stress; None where that is zero
+    sigma_zz: np.ndarray | None
+    dof_node: np.ndarray
+    dof_component: np.ndarray
+    rows: np.ndarray
+    columns: np.ndarray
+    values: np.ndarray
+    loads: np.ndarray  # (patterns, dofs)
+    edge_loads: dict[int, np.ndarray]  # (n_e, 2, 2) moments [end, component] against the hats
+    body_loads: dict[int, np.ndarray]  # (n_t, 3, 2) moments [vertex, component] likewise
+    fixed: np.ndarray  # (n_fixed,) Dirichlet dofs
+    fixed_values: np.ndarray  # (patterns, n_fixed); zero for patterns that move no support
+    contact: ContactData | None = None
+    # (n_t, 3 corners, 3, 3) Hooke's law at the corners of quadratic elements
+    corner_elasticity: np.ndarray | None = None
+    # (n_v,) what declared effects give all nodes
+    fields: dict[str, np.ndarray] = field(default_factory=dict)
+
+    @property
+    def dofs(self) -> int:
+        """Number of dofs."""
+        return len(self.dof_node)
+
+    @property
+    def triangles(self) -> np.ndarray:
+        """(n_t, 3) vertices of the triangles."""
+        return self.elements[:, :3]
+
+    @property
+    def vertices(self) -> np.ndarray:
+        """(n_v,) whether a node is a vertex of the mesh."""
+        is_vertex = np.ones(len(self.xy), bool)
+        is_vertex[self.elements[:, 3:]] = False
+        return is_vertex
+
+    def middles(self, edges: np.ndarray) -> np.ndarray:
+        """(n,) nodes in the middle of edges given by their vertices (n, 2).
+
+        There are none with linear elements.
+        """
+        if self.elements.shape[1] == 3:
+            return np.empty(0, np.int64)
+        span = len(self.xy)
+        sides = np.sort(self.triangles[:, [1, 2, 2, 0, 0, 1]].reshape(-1, 2), axis=1) @ [span, 1]
+        keys, first = np.unique(sides, return_index=True)
+        side = first[np.searchsorted(keys, np.sort(edges, axis=1) @ [span, 1])]
+        return self.elements[:, 3:6].ravel()[side]
+
+    def multiply(self, u: np.ndarray) -> np.ndarray:
+        """K u for u of shape (dofs,)."""
+        return np.bincount(self.rows, self.values * u[self.columns], minlength=self.dofs)
