@@ -165,8 +165,8 @@ def contact_status(figure: Figure, run: Run) -> None:
         ends = segment_ends(rows["arc"][:nodes], rows["weight"][:nodes]) * arc.factor
         axes.pcolormesh(ends, np.concatenate([[0.0], times]), codes, vmin=0, vmax=2,
                         cmap=ListedColormap(list(STATUS.values())),
-                        rasterized=nodes * len(times) > 5000, edgecolors="white" if nodes <= 60
-                        and len(times) <= 60 else "none", linewidth=0.3)
+                        rasterized=nodes * len(times) > 5000, linewidth=0.3,
+                        edgecolors="white" if max(nodes, len(times)) <= 60 else "none")
         axes.set(xlabel=rf"arc length along $\Gamma_c$ [{arc.label}]", ylabel="time $t$")
         seen.append(status)
     run_header(figure, run, r"Contact status on $\Gamma_c$ over time",

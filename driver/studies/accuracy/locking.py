@@ -1,4 +1,4 @@
-"""make accuracy PART=locking [OUT=]: convergence of elements that hardly change their volume.
+"""make accuracy PART=locking [OUT=]: how elements converge near incompressibility.
 
 Scene incompressible with Poisson's ratios near 1/2, each element on meshes halved in size; errors
 against the exact solution, relative to it, in L2: of the displacement, of the strain and of the
