@@ -138,7 +138,8 @@ class LoadEffect(Effect):
     def ledger(self, facts: RunFacts) -> dict[str, dict]:
         """Active where any pattern is not zero at every step."""
         active = any(facts.amplitudes[:, k].any() and facts.largest[k] > 0 for k in self.patterns)
-        reason = f"{len(self.patterns)} patterns" if active else "is zero at every step"
+        count = len(self.patterns)
+        reason = f"{count} pattern{'s' if count > 1 else ''}" if active else "is zero at every step"
         return {self.heading: entry(active, reason)}
 
 

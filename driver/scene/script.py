@@ -53,6 +53,9 @@ def check_names(scene: Path) -> None:
     for number, line in enumerate(lines, 1):
         macro = re.match(r"\s*macro\s+(\w+)", line)
         function = re.match(r"\s*func\s+\w+\s+(\w+)", line)
+        if macro and f"{macro[1]}1" in rooms.vocabulary():
+            raise InputError(f"{scene.name} line {number}: {macro[1]} needs a number: "
+                             f"{macro[1]}1 ... {macro[1]}9")
         if macro and macro[1] not in rooms.vocabulary():
             if _is_word(macro[1], library) and _is_word(macro[1], _without_texts(library)):
                 raise InputError(own_name(scene, number, macro[1]))

@@ -56,6 +56,8 @@ def scene(tmp_path):
     (dict(contact="macro pointLoad1() [0.52, 0.5, 1., 0.] //"),
      "no vertex of the mesh at (0.52, 0.5)"),
     (dict(extra='include "gmsh.idp"', body='body = gmshBody("nowhere.geo", 0.1);'), "nowhere.geo"),
+    (dict(contact="macro thermal() 1e-3 //"), "thermal needs a number: thermal1 ... thermal9"),
+    (dict(contact="macro amplitude(t) t //"), "amplitude needs a number"),
 ], ids=lambda value: value if isinstance(value, str) else "")
 def test_bad_scene_is_refused_in_one_line(solved, scene, parts, said):
     run = solved(scene(**parts))
