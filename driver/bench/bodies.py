@@ -1,5 +1,4 @@
-"""Several bodies, most of them held by contact alone: products and times over sizes with H/h kept,
-and on two ranks."""
+"""Several bodies, mostly held by contact alone: products and times over sizes with equal H/h."""
 
 import shutil
 from pathlib import Path
@@ -10,23 +9,19 @@ from ..march.problem import assemble
 from ..scene import freefem
 from .workbench import Workbench, march, on_ranks, timed
 
-PART = "bodies"
 # scene: parameters of every size, four times the subdomains and half the mesh size from one to the
 # next
-CASES = {
-    "hertz-bodies": [{"subdomains": "12", "h": "0.001"}, {"subdomains": "48", "h": "0.0005"},
-                     {"subdomains": "192", "h": "0.00025"}],
-    "slope": [{"subdomains": cut} for cut in ("4x2", "8x4", "16x8", "32x16")],
-    "stack": [{"subdomains": "9", "h": "0.1"}, {"subdomains": "36", "h": "0.05"},
-              {"subdomains": "144", "h": "0.025"}],
-    "joint": [{"subdomains": "8", "h": "0.8"}, {"subdomains": "32", "h": "0.4"},
-              {"subdomains": "128", "h": "0.2"}]}
-RANKS = (1, 2)
+CASES = {"hertz-bodies": [{"subdomains": "12", "h": "0.001"}, {"subdomains": "48", "h": "0.0005"},
+                          {"subdomains": "192", "h": "0.00025"}],
+         "slope": [{"subdomains": cut} for cut in ("4x2", "8x4", "16x8", "32x16")],
+         "stack": [{"subdomains": "9", "h": "0.1"}, {"subdomains": "36", "h": "0.05"},
+                   {"subdomains": "144", "h": "0.025"}],
+         "joint": [{"subdomains": "8", "h": "0.8"}, {"subdomains": "32", "h": "0.4"},
+                   {"subdomains": "128", "h": "0.2"}]}
 
 
 def measure(bench: Workbench) -> dict:
-    """Products and seconds of the steps of every scene at every size; the second size on one and
-    two ranks.
+    """Products and seconds of the steps at every size; the second size on one and two ranks.
 
     Returns lists of dicts by scene: subdomains, products, iterations, steps, seconds.
     """
@@ -34,11 +29,10 @@ def measure(bench: Workbench) -> dict:
     for scene, sizes in CASES.items():
         runs = [_run(bench, scene, parameters) for parameters in sizes]
         growth = runs[-1]["products"] / runs[0]["products"]
-        bench.report.add(PART,
-                         f"{scene}: growth of products to {runs[-1]['subdomains']} subdomains",
-                         growth, "", "<= 2")
-        _ranks(bench, scene, bench.exports / \
-               f"{scene}-{sizes[1]['subdomains']}", runs[1]["products"])
+        text = f"{scene}: growth of products to {runs[-1]['subdomains']} subdomains"
+        bench.add(text, growth, "", "<= 2")
+        export = bench.exports / f"{scene}-{sizes[1]['subdomains']}"
+        _ranks(bench, scene, export, runs[1]["products"])
         shutil.rmtree(bench.exports)
         measured[scene] = runs
     return measured
@@ -55,17 +49,16 @@ def _run(bench: Workbench, scene: str, parameters: dict) -> dict:
            "iterations": history.counts["fixed_point_iterations"], "steps": history.steps,
            "seconds": spent}
     name = f"{scene}, {run['subdomains']} subdomains"
-    bench.report.add(PART, f"{name}: products", run["products"], "")
-    bench.report.add(PART, f"{name}: fixed-point iterations a step",
-                     run["iterations"] / run["steps"], "")
-    bench.report.add(PART, f"{name}: steps", spent, "s")
+    bench.add(f"{name}: products", run["products"])
+    bench.add(f"{name}: fixed-point iterations a step", run["iterations"] / run["steps"])
+    bench.add(f"{name}: steps", spent, "s")
     return run
 
 
 def _ranks(bench: Workbench, scene: str, export: Path, products: int) -> None:
     """Counts, which do not depend on ranks, and the time of the steps."""
-    for ranks in RANKS:
+    for ranks in (1, 2):
         run = on_ranks(bench, export, ranks, 1, "{}")[0]
-        bench.report.add(PART, f"{scene}, {ranks} ranks: steps", run["seconds"]["steps"], "s")
-        bench.report.add(PART, f"{scene}, {ranks} ranks: products other than on one",
-                         abs(run["counts"]["dual_multiplications"] - products), "", "<= 0")
+        bench.add(f"{scene}, {ranks} ranks: steps", run["seconds"]["steps"], "s")
+        others = abs(run["counts"]["dual_multiplications"] - products)
+        bench.add(f"{scene}, {ranks} ranks: products other than on one", others, "", "<= 0")

@@ -1,7 +1,8 @@
-"""Solver time over one sparse Cholesky factorization and solution of the assembled linear problem
-by MUMPS."""
+"""Solver time over one sparse Cholesky factorization and solution by MUMPS, assembled."""
 
 import dataclasses
+import functools
+from statistics import median
 
 import numpy as np
 from petsc4py import PETSc
@@ -12,19 +13,17 @@ from ..feti.operator import DualOperator
 from ..march.tearing import build
 from ..options import Settings
 from ..studies.table import LOADINGS, method_settings
-from .workbench import REPEATS, Workbench, in_turn, march, median, ratios, seconds
+from .workbench import Workbench, in_turn, march, ratios, seconds
 
-PART = "factorization"
 SUBDOMAINS = "64x32"
 ORDERINGS = {"AMD": 0, "SCOTCH": 3, "PORD": 4, "METIS": 5}  # MUMPS ICNTL(7)
 
 
 def assembled(structure):
-    """Stiffness (n, n) of the whole body without supported dofs, as CSR, and its loads (patterns,
-    n); no contact."""
+    """CSR stiffness (n, n) of the whole body without supported dofs, and loads (patterns, n)."""
     size = 2 * (1 + max(int(sub.node_gid.max()) for sub in structure.subdomains))
-    free, i, j, values, loads = np.ones(
-        size, bool), [], [], [], np.zeros((structure.patterns, size))
+    free, loads = np.ones(size, bool), np.zeros((structure.patterns, size))
+    i, j, values = [], [], []
     for sub, fixed in zip(structure.subdomains, structure.fixed):
         number = 2 * sub.node_gid[sub.dof_node] + sub.dof_component
         free[number[fixed]] = False
@@ -44,8 +43,8 @@ def factorize_and_solve(matrix: PETSc.Mat, right: np.ndarray, ordering: int) -> 
 
     Raises RuntimeError if the solution leaves a residual.
     """
-    b, x = PETSc.Vec().createWithArray(right,
-                                       comm=PETSc.COMM_SELF), PETSc.Vec().createSeq(len(right))
+    b = PETSc.Vec().createWithArray(right, comm=PETSc.COMM_SELF)
+    x = PETSc.Vec().createSeq(len(right))
 
     def once():
         pc = PETSc.PC().create(PETSc.COMM_SELF)
@@ -68,8 +67,7 @@ def factorize_and_solve(matrix: PETSc.Mat, right: np.ndarray, ordering: int) -> 
 
 
 def measure(bench: Workbench) -> dict:
-    """Both loadings against the factorization, taken in turn on one core; median seconds for the
-    picture."""
+    """Both loadings and the factorization in turn on one core; median seconds for the picture."""
     problem = bench.problem(SUBDOMAINS)
     K, loads = assembled(problem.structure)
     matrix = petsc_matrix(K)
@@ -83,28 +81,26 @@ def measure(bench: Workbench) -> dict:
         return march(bench.problem(SUBDOMAINS, loading), **settings).seconds
 
     times = in_turn({"set-up": lambda: seconds(lambda: _set_up(problem, Settings(**settings))),
-                     **{loading: lambda loading=loading: steps(loading) for loading in LOADINGS},
-                     "MUMPS": lambda: factorize_and_solve(matrix, loads[0], ORDERINGS[best])},
-                    REPEATS)
+                     **{loading: functools.partial(steps, loading) for loading in LOADINGS},
+                     "MUMPS": lambda: factorize_and_solve(matrix, loads[0], ORDERINGS[best])})
     matrix.destroy()
     for name, values in times.items():
         note = f" ({best} ordering, {K.shape[0]} unknowns)" if name == "MUMPS" else ""
-        bench.report.add(PART, f"{name}, {SUBDOMAINS}{note}", values, "s")
+        bench.add(f"{name}, {SUBDOMAINS}{note}", values, "s")
     both = np.add(*(times[loading] for loading in LOADINGS))
+    set_up = np.array(times["set-up"])
     for name, values, target in (
-            ("two runs (set-up and steps of both loadings)",
-             2 * np.array(times["set-up"]) + both, "<= 3"),
-            ("a study of both loadings (one set-up)", np.array(times["set-up"]) + both, ""),
+            ("two runs (set-up and steps of both loadings)", 2 * set_up + both, "<= 3"),
+            ("a study of both loadings (one set-up)", set_up + both, ""),
             ("steps of both loadings", both, "")):
-        bench.report.add(PART, f"{name} over MUMPS", ratios(values, times["MUMPS"]), "", target)
+        bench.add(f"{name} over MUMPS", ratios(values, times["MUMPS"]), "", target)
     parts = {"set-up, twice": 2 * median(times["set-up"]),
              **{f"20 steps, {loading}": median(times[loading]) for loading in LOADINGS}}
     return {"seconds": parts, "orderings": trials, "subdomains": problem.structure.total}
 
 
 def _set_up(problem, settings: Settings) -> None:
-    """Substructuring, reduction, norm, preconditioner and contact block anew from the subdomains as
-    read."""
+    """Substructuring, reduction, norm, preconditioner and contact block anew."""
     comm = problem.operator.comm
     structure = build(problem.manifest, problem.structure.subdomains, 0, comm)
     dataclasses.replace(problem, structure=structure,

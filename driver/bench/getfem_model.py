@@ -1,14 +1,11 @@
-"""The model example in GetFEM, run as a process of its own:  python3 getfem_model.py MESH.npz
-OUT.npz STEPS LOADING
+"""The model example in GetFEM, as a process: getfem_model.py MESH.npz OUT.npz STEPS LOADING
 
-Settings are those that suit GetFEM best here: nodal (basic) contact brick in small sliding,
-augmented version 1 with r = 50 in units of 1e8 Pa, sliding direction gamma = -1 from the previous
-displacement, MUMPS, the plainest line search, supports by multipliers, the clamped corner left out
-of the contact nodes.
+Settings suit GetFEM best here: nodal (basic) contact brick in small sliding, augmented version 1
+with r = 50 in units of 1e8 Pa, sliding direction gamma = -1 from the previous displacement, MUMPS,
+the plainest line search, supports by multipliers, the clamped corner left out of the contact nodes.
 
 MESH.npz holds xy (n, 2) and triangles (m, 3); OUT.npz gets x (k,) of the contact nodes and the
-nodal forces normal, tangential (k,) in newton per metre, positive when they press and when they
-push along +x.
+nodal forces normal, tangential (k,) in N/m, positive when they press and push along +x.
 """
 
 import sys
@@ -37,8 +34,7 @@ def build(xy: np.ndarray, triangles: np.ndarray):
 
 
 def contact_rows(space):
-    """Normal and tangential rows, one per bottom node that is not clamped, and the x of these
-    nodes."""
+    """Normal and tangential rows of the bottom nodes that are not clamped, and their x."""
     place = space.basic_dof_nodes()
     bottom = np.flatnonzero((place[1] == 0) & (place[0] > 0))[::2]  # dofs go node by node
     bottom = bottom[np.argsort(place[0, bottom])]

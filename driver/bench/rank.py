@@ -1,5 +1,4 @@
-"""One rank of a timed run:  mpirun python3 -m driver.bench.rank EXPORT OUT.json REPEATS [SETTINGS
-as JSON]"""
+"""One rank of a timed run: -m driver.bench.rank EXPORT OUT.json REPEATS [SETTINGS as JSON]"""
 
 import json
 import sys
@@ -57,8 +56,7 @@ def once(directory: Path, settings: dict, comm) -> dict:
 
 
 def main(directory: str, out: str, repeats: str, settings: str = "") -> None:
-    """Repeat the run, with the slides' stopping rules if no settings are given; rank 0 writes all
-    of them."""
+    """Repeat the run, by default with the slides' stopping rules; rank 0 writes all of them."""
     comm, chosen = MPI.COMM_WORLD, json.loads(settings) if settings else method_settings("default")
     runs = [once(Path(directory), chosen, comm) for _ in range(int(repeats))]
     if comm.rank == 0:

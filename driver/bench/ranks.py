@@ -5,10 +5,10 @@ results/reference/scaling.md.
 """
 
 import os
+from statistics import median
 
-from .workbench import REPEATS, Workbench, median, on_ranks, ratios
+from .workbench import REPEATS, Workbench, on_ranks, ratios
 
-PART = "ranks"
 # subdomains, H/h, target: at 512 equal subdomains and where every rank has more to do, with more of
 # them, larger ones or such that have a matrix each
 STRONG = (("32x16", 10, ">= 1.7"), ("64x32", 10, ""), ("32x16", 20, ""), ("512", 10, ""))
@@ -36,7 +36,7 @@ def measure(bench: Workbench) -> dict:
 def _strong(bench: Workbench) -> None:
     """One against two ranks in turn: set-up and steps, without reading."""
     if (os.cpu_count() or 1) < 2:
-        bench.report.skip(PART, "strong scaling needs two cores")
+        bench.skip("strong scaling needs two cores")
         return
     for subdomains, cells, target in STRONG:
         case, times = f"{subdomains}, H/h = {cells}", {1: [], 2: []}
@@ -45,8 +45,8 @@ def _strong(bench: Workbench) -> None:
                 spent = run(bench, subdomains, cells, ranks, 1)[0]["seconds"]
                 values.append(spent["skeleton"] + spent["reduction"] + spent["steps"])
         for ranks, values in times.items():
-            bench.report.add(PART, f"set-up and 20 steps, {case}, {ranks} ranks", values, "s")
-        bench.report.add(PART, f"one rank over two, {case}", ratios(times[1], times[2]), "", target)
+            bench.add(f"set-up and 20 steps, {case}, {ranks} ranks", values, "s")
+        bench.add(f"one rank over two, {case}", ratios(times[1], times[2]), "", target)
 
 
 def _weak(bench: Workbench) -> dict:
@@ -55,11 +55,10 @@ def _weak(bench: Workbench) -> dict:
     for ranks, subdomains in WEAK.items():
         measured = run(bench, subdomains, 10, ranks, 1)[0]
         name = f"weak scaling, {ranks} ranks"
-        bench.report.add(PART, f"{name}: products", measured["counts"]["dual_multiplications"], "")
+        bench.add(f"{name}: products", measured["counts"]["dual_multiplications"])
         for key, text in VOLUME.items():
             volume[text].append(measured["bytes"][key] / ranks / 1e3)
-            bench.report.add(
-                PART, f"{name}: {text}, received per rank and product", volume[text][-1], "kB")
+            bench.add(f"{name}: {text}, received per rank and product", volume[text][-1], "kB")
     return {"ranks": list(WEAK), "volume": volume}
 
 
@@ -72,8 +71,7 @@ def _stages(bench: Workbench) -> dict:
         values = {stage: [r["seconds"][stage] for r in runs] for stage in STAGES[1:]}
         values["export"] = [bench.export_seconds[subdomains, cells, ranks]]
         for stage in STAGES:
-            bench.report.add(
-                PART, f"{stage}, {subdomains}, H/h = {cells}, {ranks} ranks", values[stage], "s")
+            bench.add(f"{stage}, {subdomains}, H/h = {cells}, {ranks} ranks", values[stage], "s")
             if (cells, ranks) == (10, 1):
                 drawn["stages"][stage].append(median(values[stage]))
         if (cells, ranks) == (10, 1):

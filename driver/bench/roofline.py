@@ -1,11 +1,11 @@
-"""The product with F against what the machine's dense products and memory allow, measured beside
-it."""
+"""The product with F against the machine's dense products and memory, measured beside it."""
+
+from statistics import median
 
 import numpy as np
 
-from .workbench import REPEATS, Workbench, in_turn, median, ratios, seconds
+from .workbench import REPEATS, Workbench, in_turn, ratios, seconds
 
-PART = "roofline"
 CASES = {"64x32": {}, "512": {}}  # equal squares; a graph partition, whose matrices all differ
 WORDS = 6_000_000  # of each array of the triad: beyond the caches
 CALLS = 20  # products timed at a time
@@ -57,15 +57,15 @@ def measure(bench: Workbench) -> dict:
         # dense products and the passes over memory follow one another
         bound = [flop * needed["flops"] + byte * needed["bytes"]
                  for flop, byte in zip(times["flop"], times["byte"])]
-        report, label = bench.report, f"{subdomains}, {len(operator.classes)} distinct matrices"
-        report.add(PART, f"product with F, {label}", np.multiply(times["product"], 1e3), "ms")
-        report.add(PART, f"flops of a product, {subdomains}", needed["flops"] / 1e6, "Mflop")
-        report.add(PART, f"bytes of a product, {subdomains}", needed["bytes"] / 1e6, "MB")
-        report.add(PART, f"share of the roofline reached, {label}", ratios(bound, times["product"]),
+        label = f"{subdomains}, {len(operator.classes)} distinct matrices"
+        bench.add(f"product with F, {label}", np.multiply(times["product"], 1e3), "ms")
+        bench.add(f"flops of a product, {subdomains}", needed["flops"] / 1e6, "Mflop")
+        bench.add(f"bytes of a product, {subdomains}", needed["bytes"] / 1e6, "MB")
+        bench.add(f"share of the roofline reached, {label}", ratios(bound, times["product"]),
                    "", ">= 0.5")
         medians = {name: median(values) for name, values in times.items()}
         measured[subdomains] = {**needed, **medians}
     for key, name, unit in (("flop", "dense product rate", "Gflop/s"),
                             ("byte", "memory bandwidth (triad)", "GB/s")):
-        bench.report.add(PART, name, 1e-9 / measured["64x32"][key], unit)
+        bench.add(name, 1e-9 / measured["64x32"][key], unit)
     return measured

@@ -1,5 +1,4 @@
-"""All parts of the benchmark, or those asked for: report.csv and a picture for parts that have
-one."""
+"""All parts of the benchmark, or those asked for: report.csv and pictures."""
 
 import time
 from pathlib import Path
@@ -24,21 +23,21 @@ def run_bench(pairs: dict[str, str]) -> list[Path]:
 
 
 def _measure(chosen: list[str], large: bool, folder: Path) -> list[Path]:
-    """Measure the parts `chosen`, write report.csv after each, and draw what each leaves in
-    <part>.json."""
+    """Measure the parts `chosen`; report.csv, <part>.json and a picture after each."""
     from ..figures.bench import draw_part
     from . import bodies, factorization, peers, products, ranks, roofline, stages, studies, tao
     from .workbench import Workbench
 
     modules = (products, factorization, peers, tao, roofline, stages, ranks, studies, bodies)
-    parts = {module.PART: module for module in modules}
+    parts = {module.__name__.rpartition(".")[2]: module for module in modules}
+    parts["getfem"] = parts.pop("peers")
     bench, paths, start = Workbench(folder), [folder / "report.csv"], time.perf_counter()
     try:
         for k, name in enumerate(chosen, 1):
             print(f"[{k}/{len(chosen)}] {name}, {time.perf_counter() - start:.0f} s so far",
                   flush=True)
-            options = (large,) if name == "getfem" else ()
-            measured = parts[name].measure(bench, *options)
+            bench.report.part = name
+            measured = parts[name].measure(bench, *[large] if name == "getfem" else [])
             bench.report.write(folder / "report.csv")
             if measured:
                 write_json(folder / f"{name}.json", measured)

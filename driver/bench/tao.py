@@ -1,5 +1,6 @@
-"""PETSc's bound-constrained solvers (TAO) on one QP of the model example: products with F until the
-same tolerance."""
+"""PETSc's bound-constrained solvers (TAO) on a QP of the model: products to equal tolerance."""
+
+import functools
 
 import numpy as np
 from petsc4py import PETSc
@@ -10,7 +11,6 @@ from ..qp.mprgp import mprgp, projected_gradient
 from ..studies.table import LOADINGS
 from .workbench import Workbench
 
-PART = "tao"
 SIZES = ("4x2", "8x4", "16x8")
 # not bqpip: it changes F's diagonal, for which products are no use
 SOLVERS = ("bncg", "bqnls", "blmvm", "gpcg", "tron", "bnls", "bntr", "bntl")
@@ -23,8 +23,7 @@ class Limit(Exception):
 
 
 def problem_of(bench: Workbench, subdomains: str):
-    """Operator, d, bounds of the QP at t = 0.25 with the friction bounds of its solution: mixed
-    contact states."""
+    """Operator, d, bounds and solver of the QP at t = 0.25, where contact states are mixed."""
     problem = bench.problem(subdomains, LOADINGS[1])
     solver = problem.solver(Settings())
     step = next(step for step in solver.steps() if step.index == 5)
@@ -37,21 +36,18 @@ def ours(operator, d, bounds, solver) -> int:
     before, tol = operator.products, RTOL * np.linalg.norm(d)
     bound, _ = norm_bound(operator.apply, operator.owned, dot=operator.dot)
     result = mprgp(operator.apply, d, *bounds, np.clip(np.zeros_like(d), *bounds), tol=tol,
-                   norm_bound=bound,
-                   preconditioner=solver.qp.preconditioner, dot=operator.dot, expansion="cg",
-                   relax=lambda y, gradient: solver.qp.relaxation(y, gradient, bounds,
-                                                                  0.5 * tol)[0])
+                   norm_bound=bound, preconditioner=solver.qp.preconditioner, dot=operator.dot,
+                   expansion="cg", relax=functools.partial(solver.qp.relaxation.relaxed,
+                                                           limits=bounds, tol=0.5 * tol))
     if result.status != "converged":
         raise RuntimeError(f"MPRGP ended with {result.status}")
     return operator.products - before
 
 
 def theirs(name: str, operator, d, bounds, bound: float) -> tuple[int, bool]:
-    """Products of a TAO solver from zero until the projected gradient is small, and whether it got
-    there.
+    """Products of a TAO solver from zero, and whether it reached the tolerance.
 
-    TAO's tolerances and first steps are absolute: the problem is scaled to a norm of F and of d of
-    one.
+    TAO's tolerances and first steps are absolute: norms of F and of d are scaled to one.
     """
     size, before, length = len(d), operator.products, np.linalg.norm(d)
     unit, right = length / bound, d / length
@@ -70,8 +66,8 @@ def theirs(name: str, operator, d, bounds, bound: float) -> tuple[int, bool]:
 
     def monitor(tao):
         x, g = tao.getSolution().array_r, tao.getGradient()[0].array_r
-        best[0] = float(np.linalg.norm(projected_gradient(np.clip(x, lower, upper), g, lower,
-                                                          upper)))
+        projected = projected_gradient(np.clip(x, lower, upper), g, lower, upper)
+        best[0] = float(np.linalg.norm(projected))
         if best[0] <= RTOL:
             tao.setConvergedReason(PETSc.TAO.Reason.CONVERGED_USER)
 
@@ -92,8 +88,8 @@ def theirs(name: str, operator, d, bounds, bound: float) -> tuple[int, bool]:
     tao.setType(name)
     tao.setObjectiveGradient(objective_gradient, vec(np.zeros(size)))
     tao.setHessian(lambda tao, x, H, P: None, hessian)
-    tao.setVariableBounds(*(vec(np.clip(bound, PETSc.NINFINITY,
-                                        PETSc.INFINITY)) for bound in (lower, upper)))
+    tao.setVariableBounds(*(vec(np.clip(limit, PETSc.NINFINITY, PETSc.INFINITY))
+                            for limit in (lower, upper)))
     tao.setSolution(vec(np.clip(np.zeros(size), lower, upper)))
     tao.setTolerances(gatol=0.0, grtol=0.0, gttol=0.0)  # the monitor decides
     tao.setMaximumIterations(LIMIT)
@@ -112,28 +108,14 @@ def theirs(name: str, operator, d, bounds, bound: float) -> tuple[int, bool]:
 
 def measure(bench: Workbench) -> dict:
     """Products of every solver, ours beside them."""
-    found = {}
+    products = {}
     for subdomains in SIZES:
         operator, d, bounds, solver = problem_of(bench, subdomains)
-        own, counts = ours(operator, d, bounds, solver), {}
+        own, counts = ours(operator, d, bounds, solver), []
         for name in SOLVERS:
-            counts[name], converged = theirs(name, operator, d, bounds, solver.qp.bound)
-            bench.report.add(PART, f"{name}, {subdomains}" + ", not converged" * (not converged),
-                             counts[name], "")
-        bench.report.add(PART, f"MPRGP, {subdomains}, {len(d)} multipliers", own, "",
-                         f"<= {min(counts.values()) - 1}")
-        found[subdomains] = {"mprgp": own, **counts}
-    return found
-
-
-def draw(figure, found: dict) -> None:
-    """Products of every solver, a group of bars a size."""
-    from ..figures import BLUE, GREEN, ORANGE
-
-    axes, names = figure.subplots(), ["mprgp", *SOLVERS]
-    for k, (colour, (subdomains, counts)) in enumerate(zip((BLUE, ORANGE, GREEN), found.items())):
-        axes.bar([i + 0.27 * (k - 1) for i in range(len(names))], [counts[name] for name in names],
-                 0.25, color=colour, label=f"{subdomains} subdomains")
-    axes.set_xticks(range(len(names)), [name.upper() for name in names])
-    axes.set(yscale="log", ylabel=f"products with $F$ until {RTOL:.0e}")
-    axes.legend(frameon=False)
+            count, converged = theirs(name, operator, d, bounds, solver.qp.bound)
+            bench.add(f"{name}, {subdomains}{'' if converged else ', not converged'}", count)
+            counts.append(count)
+        bench.add(f"MPRGP, {subdomains}, {len(d)} multipliers", own, "", f"<= {min(counts) - 1}")
+        products[subdomains] = [own, *counts]
+    return {"solvers": ["mprgp", *SOLVERS], "products": products, "rtol": RTOL}

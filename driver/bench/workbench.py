@@ -4,7 +4,6 @@ import dataclasses
 import json
 import os
 import shutil
-import statistics
 import subprocess
 import sys
 import time
@@ -20,12 +19,12 @@ from ..options import Settings
 from ..studies.table import LOADINGS
 
 REPEATS = 3
+BARE = ("ERRORS=no", "FIELDS=no", "FIGURES=no", "QUIET=yes")  # a run without extras
 
 
 @dataclasses.dataclass
 class Row:
-    """A measured value, its target (such as "<= 3"; empty: none) and the spread (largest -
-    smallest) / median."""
+    """A measured value, target ("<= 3", empty: none), spread (largest - smallest) / median."""
 
     part: str
     name: str
@@ -39,28 +38,28 @@ class Row:
 class Report:
     """Rows of report.csv, printed as they come."""
 
-    def __init__(self):
-        self.rows: list[Row] = []
+    def __init__(self, part: str = ""):
+        """`part` of the benchmark that is being measured."""
+        self.part, self.rows = part, []
 
-    def add(self, part: str, name: str, values, unit: str, target: str = "") -> float:
-        """Add the median of `values` (or one number) with `target` "<= number" or ">= number";
-        returns it."""
+    def add(self, name: str, values, unit: str = "", target: str = "") -> float:
+        """Add and return the median of `values` with `target` "<= number" or ">= number"."""
         values = np.atleast_1d(values).astype(float)
         value, met, spread = float(np.median(values)), "", ""
         if target:
             relation, limit = target.split()
-            met = "yes" if (value <= float(limit) if relation ==
-                            "<=" else value >= float(limit)) else "no"
+            reached = value <= float(limit) if relation == "<=" else value >= float(limit)
+            met = "yes" if reached else "no"
         if len(values) > 1 and value:
             spread = f"{np.ptp(values) / abs(value):.2f}"
-        self.rows.append(Row(part, name, value, unit, target, met, spread))
+        self.rows.append(Row(self.part, name, value, unit, target, met, spread))
         note = f"   (target {target}: {met})" if target else ""
         print(f"  {name}: {value:.4g} {unit}{note}", flush=True)
         return value
 
-    def skip(self, part: str, reason: str) -> None:
+    def skip(self, reason: str) -> None:
         """A row for what could not be measured, and why."""
-        self.rows.append(Row(part, reason, float("nan"), "", "", "skipped", ""))
+        self.rows.append(Row(self.part, reason, float("nan"), "", "", "skipped", ""))
         print(f"  skipped: {reason}", flush=True)
 
     def write(self, path: Path) -> None:
@@ -75,50 +74,40 @@ class Workbench:
 
     def __init__(self, folder: Path):
         self.folder, self.report = folder, Report()
+        self.add, self.skip = self.report.add, self.report.skip
         self.exports = folder / "exports"
         shutil.rmtree(self.exports, ignore_errors=True)
         self._problems, self._manifests = {}, {}
         self.export_seconds = {}
 
     def export(self, subdomains: str, cells: int = 10, ranks: int = 1) -> Path:
-        """Directory of the export of the model example under the monotone loading, timed when it is
-        made."""
+        """Directory of an export of the model, monotone loading, timed when it is made."""
         key = (subdomains, cells, ranks)
         directory = self.exports / f"{subdomains}-{cells}-{ranks}"
         if key not in self.export_seconds:
-            scene, parameters = freefem.find_scene(
-                "model"), {"subdomains": subdomains, "cells": str(cells)}
+            scene, parameters = freefem.find_scene("model"), _parameters(subdomains, cells)
             self.export_seconds[key] = seconds(
                 lambda: freefem.export(scene, directory, parameters, ranks))
         return directory
 
     def problem(self, subdomains: str, loading: str = "monotone", cells: int = 10):
-        """The Problem of a size under a loading, with its own count of products; operators are kept
-        by size."""
-        key = (subdomains, cells)
-        if key not in self._problems:
-            self._problems[key] = self.assemble(subdomains, cells)
-        if key not in self._manifests:
-            self._manifests[key] = self._loadings(subdomains, cells)
-        problem = self._problems[key]
-        operator = problem.operator.with_contact(problem.structure.contact)
-        return dataclasses.replace(problem, manifest=self._manifests[key][loading],
-                                   operator=operator)
-
-    def assemble(self, subdomains: str, cells: int = 10, lap=lambda stage: None):
-        """Read and reduce the export of a size anew, on this process alone."""
+        """The Problem of a size under a loading with its own count; operators are made once."""
         from mpi4py import MPI
 
         from ..march.problem import assemble
 
-        return assemble(self.export(subdomains, cells), MPI.COMM_SELF, lap)
-
-    def _loadings(self, subdomains: str, cells: int) -> dict:
-        directory = self.exports / f"{subdomains}-{cells}-loadings"
-        parameters = {"subdomains": subdomains, "cells": str(cells)}
-        manifests = freefem.export_study(freefem.find_scene("model"), directory, parameters,
-                                         "loading", list(LOADINGS))
-        return dict(zip(LOADINGS, manifests))
+        key = (subdomains, cells)
+        if key not in self._problems:
+            self._problems[key] = assemble(self.export(subdomains, cells), MPI.COMM_SELF)
+        if key not in self._manifests:
+            manifests = freefem.export_study(
+                freefem.find_scene("model"), self.exports / f"{subdomains}-{cells}-loadings",
+                _parameters(subdomains, cells), "loading", list(LOADINGS))
+            self._manifests[key] = dict(zip(LOADINGS, manifests))
+        problem = self._problems[key]
+        operator = problem.operator.with_contact(problem.structure.contact)
+        return dataclasses.replace(problem, manifest=self._manifests[key][loading],
+                                   operator=operator)
 
     def forget(self, subdomains: str, cells: int = 10) -> None:
         """Free the operator of a size."""
@@ -127,6 +116,10 @@ class Workbench:
     def close(self) -> None:
         """Remove the exports."""
         shutil.rmtree(self.exports, ignore_errors=True)
+
+
+def _parameters(subdomains: str, cells: int) -> dict[str, str]:
+    return {"subdomains": subdomains, "cells": str(cells)}
 
 
 def march(problem, **settings):
@@ -170,8 +163,7 @@ def ratios(over: list[float], under: list[float]) -> list[float]:
 
 
 def child(command: list[str]) -> tuple[float, float]:
-    """Run a process: its wall seconds and peak memory in MiB. Raises RuntimeError with its last
-    words if it fails."""
+    """Wall seconds and peak memory (MiB) of a process. Raises RuntimeError if it fails."""
     env = {**environment.child_environment(), "PYTHONPATH": environment.python_path()}
     # options of `make bench` are not the child's; compiled modules are kept, as those of installed
     # packages are
@@ -205,8 +197,3 @@ def on_ranks(bench: Workbench, export: Path, ranks: int, repeats: int,
 def driver(*words: str) -> list[str]:
     """Command line of the driver with this Python."""
     return [sys.executable, "-m", "driver", *words]
-
-
-def median(values) -> float:
-    """Median of a list."""
-    return statistics.median(values)

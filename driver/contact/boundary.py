@@ -19,8 +19,7 @@ from ..scene.loader import ContactData
 
 @dataclass
 class ClampedContact:
-    """Nodes on contact edges that supports hold in both components: they carry no contact
-    condition.
+    """Nodes on contact edges that supports fix in both components: without contact condition.
 
     Arrays of length n_k; `values` (n_k, 2, patterns) are the prescribed displacements.
     """
@@ -35,9 +34,7 @@ class ClampedContact:
 
 @dataclass
 class Configuration:
-    """Where contact between bodies is linearized: displacements u (k, 2) of the vertices `gid` (k,)
-    of both sides.
-    """
+    """Displacements u (k, 2) of the vertices `gid` (k,), about which pairs are linearized."""
 
     gid: np.ndarray
     u: np.ndarray
@@ -89,29 +86,26 @@ def contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm,
     `effects` are those of the scene, `sides` the boundaries that meet in pairs (effects/pair.py),
     None without pairs.
     """
-    found = [np.empty((0, 7 + len(manifest.columns)))]
+    parts = [np.empty((0, 7 + len(manifest.columns)))]
     for sub in subdomains:
         if sub.contact is not None:
-            node = sub.contact.node
-            found.append(
-                contact_table(sub.contact, manifest.columns, sub.node_gid[node], sub.xy[node]))
-    found = gather(comm, np.concatenate(found))
-    keys, at, total = add_parts(found)
+            gid, xy = sub.node_gid[sub.contact.node], sub.xy[sub.contact.node]
+            parts.append(contact_table(sub.contact, manifest.columns, gid, xy))
+    table = gather(comm, np.concatenate(parts))
+    keys, first, total = add_parts(table)
     label, gid = keys.T.astype(np.int64)
-    xy, weight, n = found[at, -2:], total[:, 0].copy(), len(gid)
+    xy, weight, n = table[first, -2:], total[:, 0].copy(), len(gid)
     normal = total[:, 1:3] / np.linalg.norm(total[:, 1:3], axis=1)[:, None]
     columns = {name: total[:, 3 + k] / weight for k, name in enumerate(manifest.columns)}
     gap = effects.distance(columns, n)
     missing = [wanted for wanted in manifest.contact_labels if wanted not in label]
     if missing:
-        raise InputError(
-            f"no contact node has the label {missing[0]}: the scene declares contact on a label "
-            "that its mesh lacks")
+        raise InputError(f"no contact node has the label {missing[0]}: the scene declares contact "
+                         "on a label that its mesh lacks")
     arc = _arc_lengths(label, gid, xy, skeleton)
     paired = np.isin(label, [one for one, _ in manifest.contact_pairs])
-    terms = [
-        tuple(column[~paired] for column in (np.arange(n), gid, np.ones(n), np.zeros(n, bool)))
-    ]
+    own = np.arange(n), gid, np.ones(n), np.zeros(n, bool)
+    terms = [tuple(column[~paired] for column in own)]
     for one, two in manifest.contact_pairs:
         here = np.flatnonzero(label == one)
         weight[here], normal[here], more, (node, *term) = sides.couple(one, two, gid[here])
@@ -119,11 +113,11 @@ def contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm,
         terms.append((here[node], *term))
     middle = np.isin(gid, skeleton.middles)
     held = held_nodes(gid, fixed)
-    values = fixed[1][np.searchsorted(fixed[0], 2 * gid[held & ~paired][:, None] + [0, 1])]
-    clamped = ClampedContact(gid[held & ~paired],
-                             *(of[held & ~paired] for of in (label, xy, normal, gap)), values)
-    kept = np.flatnonzero(~held & (weight > 0))
-    order = kept[np.lexsort((arc[kept], label[kept]))]
+    here = held & ~paired
+    values = fixed[1][np.searchsorted(fixed[0], 2 * gid[here][:, None] + [0, 1])]
+    clamped = ClampedContact(*(of[here] for of in (gid, label, xy, normal, gap)), values)
+    active = np.flatnonzero(~held & (weight > 0))
+    order = active[np.lexsort((arc[active], label[active]))]
     position = np.full(n, -1)
     position[order] = np.arange(len(order))
     node, gids, value, other = (np.concatenate(column) for column in zip(*terms))
@@ -138,21 +132,20 @@ def contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm,
 
 def contact_table(c: ContactData, columns: list[str], gid: np.ndarray,
                   xy: np.ndarray) -> np.ndarray:
-    """(n, 7 + columns) contact nodes of one subdomain: label, gid, weight; normal and columns times
-    weight; place.
+    """(n, 7 + columns) contact nodes of one subdomain.
+
+    label, gid, weight; normal and columns times weight; place.
     """
     part = np.column_stack([c.normal, *(c.columns[name] for name in columns)]) * c.weight[:, None]
     return np.column_stack([c.label, gid, c.weight, part, xy])
 
 
-def add_parts(found: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(label, gid) of the nodes of a `contact_table`, where each stands first, and sums of what it
-    has in between.
-    """
-    keys, at, inverse = np.unique(found[:, :2], axis=0, return_index=True, return_inverse=True)
-    total = np.zeros((len(keys), found.shape[1] - 4))
-    np.add.at(total, inverse, found[:, 2:-2])
-    return keys, at, total
+def add_parts(table: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(label, gid) of the nodes of a `contact_table`, their first rows, sums of what is between."""
+    keys, first, inverse = np.unique(table[:, :2], axis=0, return_index=True, return_inverse=True)
+    total = np.zeros((len(keys), table.shape[1] - 4))
+    np.add.at(total, inverse, table[:, 2:-2])
+    return keys, first, total
 
 
 def held_nodes(gid: np.ndarray, fixed) -> np.ndarray:
@@ -173,21 +166,21 @@ def _arc_lengths(label, gid, xy, skeleton) -> np.ndarray:
         links = {i: [] for i in nodes}
         for a, b in skeleton.links(one):
             if a not in index or b not in index:
-                raise InputError(
-                    f"a boundary edge of contact label {one} has an end that is no contact node; "
-                    "run the scene again")
+                raise InputError(f"a boundary edge of contact label {one} has an end that is no "
+                                 "contact node; run the scene again")
             links[index[a]].append(index[b])
             links[index[b]].append(index[a])
-        start, left = 0.0, set(nodes)
-        while left:
-            ends = [i for i in left if len(links[i]) == 1]
-            here = min(ends, key=lambda i:
-                       (*xy[i], gid[i])) if ends else min(left, key=lambda i: gid[i])
+        start, remaining = 0.0, set(nodes)
+        while remaining:
+            ends = [i for i in remaining if len(links[i]) == 1]
+            here = min(remaining, key=lambda i: gid[i])
+            if ends:
+                here = min(ends, key=lambda i: (*xy[i], gid[i]))
             while here is not None:
-                left.discard(here)
+                remaining.discard(here)
                 arc[here] = start
-                onward = [i for i in links[here] if i in left]
-                if onward:
-                    start += np.linalg.norm(xy[onward[0]] - xy[here])
-                here = onward[0] if onward else None
+                onward = next((i for i in links[here] if i in remaining), None)
+                if onward is not None:
+                    start += np.linalg.norm(xy[onward] - xy[here])
+                here = onward
     return arc

@@ -1,5 +1,4 @@
-"""Stage 6, bodies without support: can contact hold them at all, and where would rigid bodies come
-to rest?
+"""Stage 6, bodies without support: can contact hold them, and where would they come to rest?
 
 The loads' work on every free rigid motion must be balanced by contact forces inside their cones, a
 linear program in the multipliers:
@@ -27,15 +26,14 @@ def rigid_equilibrium(rows: ContactRows, motions: np.ndarray, work: np.ndarray, 
     `motions` (owned, modes): dual rows' displacement under every rigid motion; `work` (modes,) of
     the loads on them, `size` (modes,) of its terms. Collective; the same answer on every rank.
     """
-    nothing = np.zeros(len(rows.tangential))
-    part = (motions[rows.normal], rows.gap, rows.normal_node, motions[rows.tangential],
-            rows.tangential_node, nothing if rows.coefficient is None else rows.coefficient,
-            nothing if rows.offset is None else rows.offset)
-    parts = comm.gather(part)
+    law = [np.zeros(len(rows.tangential)) if values is None else values
+           for values in (rows.coefficient, rows.offset)]
+    parts = comm.gather((motions[rows.normal], rows.gap, rows.normal_node,
+                         motions[rows.tangential], rows.tangential_node, *law))
     answer = None
     if comm.rank == 0:
-        normal, gap, node, tangential, rubbing, coefficient, offset = (np.concatenate(column)
-                                                                       for column in zip(*parts))
+        columns = map(np.concatenate, zip(*parts))
+        normal, gap, node, tangential, rubbing, coefficient, offset = columns
         one, two = np.argsort(node), np.argsort(rubbing)  # ranks may own nodes in turn
         pair = np.searchsorted(node[one], rubbing[two])
         answer = _solve(normal[one], gap[one], tangential[two], pair, coefficient[two], offset[two],
@@ -54,8 +52,7 @@ def _solve(normal, gap, tangential, pair, coefficient, offset, bilateral, work, 
     reach[reach == 0] = 1.0
     force = np.max(size / reach)
     balance = np.vstack([normal, tangential]).T / reach[:, None]
-    cone = None
-    limit = np.full(j, np.inf)
+    cone, limit = None, np.full(j, np.inf)
     if not coefficient.any():
         limit = offset / force
     else:
@@ -65,13 +62,13 @@ def _solve(normal, gap, tangential, pair, coefficient, offset, bilateral, work, 
     from scipy.optimize import linprog  # slow to import, and only free bodies need it
 
     far = np.abs(gap).max(initial=0.0) or 1.0
-    found = linprog(np.concatenate([gap / far, np.zeros(j)]), A_ub=cone,
-                    b_ub=None if cone is None else np.tile(offset / force, 2), A_eq=balance,
-                    b_eq=work / reach / force, method="highs",
-                    bounds=[(None if bilateral else 0.0, None)] * k + [(-b, b) for b in limit])
-    if found.status == 2:
+    answer = linprog(np.concatenate([gap / far, np.zeros(j)]), A_ub=cone,
+                     b_ub=None if cone is None else np.tile(offset / force, 2), A_eq=balance,
+                     b_eq=work / reach / force, method="highs",
+                     bounds=[(None if bilateral else 0.0, None)] * k + [(-b, b) for b in limit])
+    if answer.status == 2:
         return None
-    if found.status != 0 or not gap.any():
+    if answer.status != 0 or not gap.any():
         # unbounded: bodies overlap everywhere; the steps themselves find the motion
         return np.zeros(len(work))
-    return found.eqlin.marginals * far / reach
+    return answer.eqlin.marginals * far / reach

@@ -10,15 +10,12 @@ from .rows import ContactRows
 
 @dataclass
 class Scales:
-    """Largest values met so far in a run: what residuals are relative to, also in steps without
-    load.
-    """
+    """Largest values so far in a run: what residuals are relative to, also without load."""
 
     d: float = 0.0  # ||d||
     displacement: float = 0.0
     pressure: float = 0.0  # nodal force
-    # (modes,) of the forces on every free rigid motion, absolute values added up
-    work: np.ndarray | float = 0.0
+    work: np.ndarray | float = 0.0  # (modes,) of absolute forces on every free rigid motion
 
 
 def kkt_residuals(rows: ContactRows, multipliers: np.ndarray, gradient: np.ndarray,
@@ -48,12 +45,12 @@ def kkt_residuals(rows: ContactRows, multipliers: np.ndarray, gradient: np.ndarr
     comm.Allreduce(MPI.IN_PLACE, local, op=MPI.MAX)
     gluing, penetration, sign, cone, gap_work, slip_work, force = local.tolist()
     scales.pressure = max(scales.pressure, force)
-    return {
-        "stationarity": _ratio(projected, scales.d), "gluing": _ratio(gluing, scales.displacement),
-        "penetration": _ratio(penetration, scales.displacement),
-        "sign": _ratio(sign, scales.pressure), "cone": _ratio(cone, scales.pressure),
-        "complementarity": _ratio(max(gap_work, slip_work), scales.pressure * scales.displacement)
-    }
+    work = scales.pressure * scales.displacement
+    return {"stationarity": _ratio(projected, scales.d),
+            "gluing": _ratio(gluing, scales.displacement),
+            "penetration": _ratio(penetration, scales.displacement),
+            "sign": _ratio(sign, scales.pressure), "cone": _ratio(cone, scales.pressure),
+            "complementarity": _ratio(max(gap_work, slip_work), work)}
 
 
 def _ratio(value: float, size: float) -> float:

@@ -65,8 +65,7 @@ class Side:
         return np.linalg.norm(self.xy[self.edges[:, 1]] - self.xy[self.edges[:, 0]], axis=1)
 
     def nodal_normals(self) -> np.ndarray:
-        """(n, 2) unit averages of the normals of a vertex's edges, each weighted with the length of
-        the other edge.
+        """(n, 2) unit averages of the edges' normals, each weighted with the other edge's length.
 
         That is the normal of the circle through a vertex and its neighbours: right to second order
         on curves, however lengths change from edge to edge. Weights that grow with the edge's own
@@ -87,11 +86,11 @@ def _unit(vectors: np.ndarray) -> np.ndarray:
 
 
 def sagitta(xy: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """(e,) how far the middles of edges (e, 2), body on their left, lie inside the smooth curve
-    through the vertices.
+    """(e,) distance of the middles of edges (e, 2) from the smooth curve through the vertices.
 
-    The curvature of an edge is that of the circles through its ends and their neighbours, the
-    smaller one; none where they bend to different sides, so that corners stay corners.
+    Positive where the middles are inside, with the body on the left of the edges. The curvature
+    of an edge is that of the circles through its ends and their neighbours, the smaller one;
+    none where they bend to different sides, so that corners stay corners.
     """
     along = xy[edges[:, 1]] - xy[edges[:, 0]]
     length = np.linalg.norm(along, axis=1)
@@ -126,8 +125,7 @@ class Coupling:
 
 
 def couple(first: Side, second: Side, held: np.ndarray) -> Coupling:
-    """Mortar coupling of two sides. Raises InputError if a place of the first faces several of the
-    second.
+    """Mortar coupling of two sides; InputError if a place of the first faces several places.
 
     A node of the first side that a support holds (`held`, (n,) bool) has no displacement to
     constrain: the next node's multiplier on the edge takes its part over, which keeps constant
@@ -146,19 +144,19 @@ def couple(first: Side, second: Side, held: np.ndarray) -> Coupling:
         own, others = _shapes(first.edges.shape[1], xi), _shapes(second.edges.shape[1], eta)
         for k in range(first.edges.shape[1]):  # the multipliers of an edge
             row = rows[e, k]
-            part = share * (stop - start) * ds * sum(dual[e, k, b] * phi
-                                                     for b, phi in enumerate(own))
+            psi = sum(dual[e, k, b] * phi for b, phi in enumerate(own))
+            part = share * (stop - start) * ds * psi
             np.add.at(weight, row, part)
             np.add.at(gap, row, part * distance)
             for side, edges, shapes in ((0, first.edges[e], own), (1, second.edges[o], others)):
                 sign = 1.0 if side == 0 else -1.0
+                sides = np.full(len(row), side)
                 for corner, value in enumerate(shapes):
-                    terms.append((row, np.full(len(row), side), edges[:, corner],
-                                  sign * part * value))
+                    terms.append((row, sides, edges[:, corner], sign * part * value))
     used = (weight > SLIVER * weight.max(initial=0.0)) & ~held
     node, side, of, value = (np.concatenate([t[k] for t in terms]) for k in range(4))
-    return Coupling(np.where(used, weight, 0.0),
-                    np.divide(gap, weight, out=np.zeros(n), where=used), normal,
+    gap = np.divide(gap, weight, out=np.zeros(n), where=used)
+    return Coupling(np.where(used, weight, 0.0), gap, normal,
                     *_merge(node, side, of, value, weight, used))
 
 
@@ -170,21 +168,19 @@ def _shapes(nodes: int, xi: np.ndarray) -> tuple[np.ndarray, ...]:
 
 
 def _heirs(edges: np.ndarray, whole: np.ndarray) -> np.ndarray:
-    """(e, nodes) who takes the part of a held node: the middle, the other end where it has no
-    multiplier.
-    """
+    """(e, nodes) that take a constrained node's part: the middle, or the other end without one."""
     if edges.shape[1] == 2:
         return edges[:, ::-1]
     return np.where(whole[:, None], edges[:, [2, 2, 2]], edges[:, [1, 0, 2]])
 
 
 def _dual_basis(shape: tuple[int, int], e: np.ndarray, start: np.ndarray, stop: np.ndarray):
-    """(edges, nodes, nodes) dual basis of every edge in terms of its shape functions, psi_a = sum_b
-    A_ab phi_b, and whether (edges,) the edge is covered as a whole.
+    """(edges, nodes, nodes) dual basis by shape functions, psi_a = sum_b A_ab phi_b.
 
-    A = D M^-1 with D_aa = int phi_a, M_ab = int phi_a phi_b over the covered part of the edge; of a
-    quadratic edge that is covered in part with the hats for phi, which are those of the ends and
-    half that of the middle.
+    Also whether (edges,) the edge is covered as a whole. A = D M^-1 with D_aa = int phi_a,
+    M_ab = int phi_a phi_b over the covered part of the edge; of a quadratic edge that is
+    covered in part with the hats for phi, which are those of the ends and half that of the
+    middle.
     """
     edges, nodes = shape
     covered = np.bincount(e, stop - start, minlength=edges)
@@ -239,9 +235,7 @@ class Segments:
 
 
 def segments(first: Side, second: Side) -> Segments:
-    """The parts that `couple` integrates over; ends that only rounding and slivers keep apart are
-    made one.
-    """
+    """The parts that `couple` integrates over; ends that only rounding separates are merged."""
     normal = first.nodal_normals()
     e, o, start, stop = _facing_parts(first, normal, second)
     near = 2 * SLIVER
@@ -254,8 +248,7 @@ def segments(first: Side, second: Side) -> Segments:
 
 
 def _facing_parts(first: Side, normal: np.ndarray, second: Side):
-    """Pairs of facing edges and the interval [start, stop] of the first edge that each pair shares.
-    """
+    """Pairs of facing edges and the interval [start, stop] of the first edge that they share."""
     e, o = np.nonzero(first.edge_normal @ second.edge_normal.T < FACING)
     ends = [_foot(first, normal, e, second.xy[second.edges[o, k]]) for k in (0, 1)]
     start, stop = np.clip(np.minimum(*ends), 0.0, 1.0), np.clip(np.maximum(*ends), 0.0, 1.0)
@@ -287,9 +280,7 @@ def _meets(first: Side, normal: np.ndarray, second: Side, e: np.ndarray, o: np.n
 
 
 def _foot(first: Side, normal: np.ndarray, e: np.ndarray, point: np.ndarray) -> np.ndarray:
-    """Coordinate xi on edge e from which the field of normals meets `point`: (point - x(xi)) x
-    n(xi) = 0.
-    """
+    """Coordinate xi on edge e with `point` on its normal: (point - x(xi)) x n(xi) = 0."""
     a, b = first.edges[e, :2].T
     r, t = point - first.xy[a], first.xy[b] - first.xy[a]
     n, change = normal[a], normal[b] - normal[a]
@@ -312,7 +303,7 @@ def _project(first: Side, normal: np.ndarray, second: Side, e, o, xi):
     c, d = second.xy[second.edges[o, 0]], second.xy[second.edges[o, 1]]
     eta = np.clip(cross(x - c, n) / cross(d - c, n), 0.0, 1.0)
     distance = ((c + eta[:, None] * (d - c) - x) * n).sum(axis=1)
-    for side, edge, at, sign in ((first, e, xi, -1.0), (second, o, eta, 1.0)):
+    for side, edge, place, sign in ((first, e, xi, -1.0), (second, o, eta, 1.0)):
         if side.bow is not None:
-            distance += sign * 4.0 * at * (1.0 - at) * (side.bow[edge] * n).sum(axis=1)
+            distance += sign * 4.0 * place * (1.0 - place) * (side.bow[edge] * n).sum(axis=1)
     return eta, distance, first.length[e]

@@ -1,5 +1,4 @@
-"""Contact conditions at the contact nodes: the rows a rank owns, bounds of the multipliers, states
-of the nodes.
+"""Contact conditions at the contact nodes: a rank's rows, bounds of multipliers, node states.
 
 Multipliers are nodal forces on the body: lambda_n >= 0 presses along -n, lambda_t pushes along -t,
 so that sigma_n = -lambda_n / weight and sigma_t = -lambda_t / weight. With r = F lambda - d the
@@ -25,8 +24,7 @@ from .states import OPEN, SLIP, STICK
 
 @dataclass(frozen=True)
 class ContactLaw:
-    """What the declared effects make of the conditions at the contact nodes; None where nothing is
-    declared.
+    """Conditions at the contact nodes by the declared effects; None where nothing is declared.
 
     Arrays of length n_c.
     """
@@ -74,9 +72,7 @@ class ContactRows:
         return self.coefficient is None
 
     def limits(self, size: int, pressure: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Lower and upper bounds of all owned multipliers under nodal pressures `pressure`
-        (owned,).
-        """
+        """Bounds of all owned multipliers under the nodal pressures in `pressure` (owned,)."""
         return self.limits_at(size, self.friction_bound(pressure))
 
     def limits_at(self, size: int, bound: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -95,14 +91,12 @@ class ContactRows:
         return pressed
 
     def sliding(self, x: np.ndarray, bound: np.ndarray) -> np.ndarray:
-        """(j,) sign of the multiplier at tangential rows that are on their bound, 0 at the others.
-        """
+        """(j,) sign of the multiplier at tangential rows on their bound, 0 at the others."""
         multiplier = x[self.tangential]
         return np.where(np.abs(multiplier) >= bound, np.sign(multiplier), 0.0)
 
     def follow(self, x: np.ndarray, sliding: np.ndarray) -> np.ndarray:
-        """x with sliding nodes moved to, and the others cut at, the friction bound of its own
-        pressures.
+        """x with sliding nodes moved to the friction bound of x, and the others cut at it.
 
         If they stayed where they were, sliding nodes would be inside a bound that has grown, and
         the QP would have to find them again one expansion step after the other.
@@ -120,15 +114,13 @@ class ContactRows:
         return _affine(self.coefficient, self.offset, multipliers[self.pair])
 
     def states(self, multipliers: np.ndarray) -> np.ndarray:
-        """(k,) OPEN, STICK or SLIP of the nodes with a normal row, by exact comparison with the
-        bounds.
-        """
+        """(k,) OPEN, STICK or SLIP of the nodes with a normal row, by exact comparison."""
         states = np.full(len(self.normal), STICK)
         if not self.bilateral:
             states[multipliers[self.normal] == 0] = OPEN
         sliding = np.abs(multipliers[self.tangential]) >= self.friction_bound(multipliers)
-        at = np.searchsorted(self.normal_node, self.tangential_node)
-        states[at[sliding & (states[at] == STICK)]] = SLIP
+        place = np.searchsorted(self.normal_node, self.tangential_node)
+        states[place[sliding & (states[place] == STICK)]] = SLIP
         if len(self.tangential) == 0:  # without friction nothing holds a node that touches
             states[states == STICK] = SLIP
         return states

@@ -1,5 +1,4 @@
-"""Effects are rooms: what a scene can declare is one module here and one include in
-edp/lib/effects.
+"""Effects: what a scene can declare is one module here and one include in edp/lib/effects.
 
 A module is imported only for a scene that declares it. Its class `Room`, an `Effect`, overrides
 what the effect adds: to the conditions at the contact nodes, to the start, to what is carried from
@@ -53,17 +52,13 @@ class RunFacts:
 
 
 def entry(active: bool | None, reason: str, unknowns: int = 0,
-          seconds: float | None = None) -> dict:
-    """Ledger entry of a declared effect; `active` is None where no step was kept."""
-    return {"declared": True, "active": active, "reason": reason, "unknowns": int(unknowns),
+          seconds: float | None = None, declared: bool = True) -> dict:
+    """Ledger entry of an effect; `active` is None where no step was kept."""
+    return {"declared": declared, "active": active, "reason": reason, "unknowns": int(unknowns),
             "seconds": seconds}
 
 
-UNDECLARED = {
-    "declared": False, "active": False, "reason": "not declared", "unknowns": 0, "seconds": 0.0
-}
-
-
+UNDECLARED = entry(False, "not declared", 0, 0.0, declared=False)
 # entries of the ledger that are there in every run
 COMMON = ("contact", "friction", "gap", "time", "load", "displacement", "body_force")
 
@@ -79,6 +74,8 @@ class Effect:
     changes_coefficient = False  # the friction coefficient depends on the state
     # quantities of interest that it gives sense to, see results/quantities.py
     quantities: tuple[str, ...] = ()
+    # entries of `effects` in summary.json that differ from those of a scene without it
+    summary: dict[str, str | bool] = {}
     # how well the error in the energy norm is known with it, and why no better
     estimates, why = BOUND, ""
 
@@ -87,11 +84,6 @@ class Effect:
         self.name, self.manifest, self.data = name, manifest, manifest.rooms[name]
         kinds = [pattern["kind"] for pattern in manifest.patterns]
         self.patterns = [number for number, kind in enumerate(kinds) if kind == name]
-
-    # ---- what it says in summary.json -----------------------------------------------------------
-    def summary(self) -> dict:
-        """Entries of `effects` in summary.json that differ from those of a scene without it."""
-        return {}
 
     # ---- what it adds to the problem ------------------------------------------------------------
     def distance(self, columns: dict[str, np.ndarray]) -> np.ndarray | None:
@@ -112,11 +104,8 @@ class Effect:
     def before_first_step(self, solver) -> None:
         """Find the state from which the QuasistaticSolver `solver` starts. Raises DriverError."""
 
-    def coefficient_factor(self, nodes: np.ndarray, u_t: np.ndarray,
-                           last: np.ndarray) -> np.ndarray:
-        """(j,) factor of the coefficient at contact `nodes` with displacements u_t, and `last` in
-        the step before.
-        """
+    def coefficient_factor(self, nodes, u_t, last) -> np.ndarray:
+        """(j,) factor of the coefficient at displacements u_t, `last` those of the step before."""
         raise NotImplementedError
 
     # ---- what it carries from step to step ------------------------------------------------------
@@ -180,14 +169,12 @@ class Effects:
                    "time": "quasistatic" if self.quasistatic else "static",
                    "body_force": False, "bodies": self.bodies}
         for room in self:
-            entries |= room.summary()
+            entries |= room.summary
         return entries
 
     @property
     def pressure_bounds_friction(self) -> bool:
-        """Whether friction bounds depend on the pressure (Coulomb's law): then a step is a fixed
-        point.
-        """
+        """Whether friction depends on the pressure (Coulomb's law): a step is a fixed point."""
         return "friction" in self
 
     @property
@@ -197,16 +184,14 @@ class Effects:
         return (*names, "displacement")
 
     def distance(self, columns: dict[str, np.ndarray], count: int) -> np.ndarray:
-        """(count,) distance of the contact nodes to what they meet, zero where nothing is declared.
-        """
+        """(count,) distance of the contact nodes to what they meet, zero if none is declared."""
         distance = _sum(room.distance(columns) for room in self)
         return np.zeros(count) if distance is None else distance.copy()
 
     def paired_sides(self, subdomains, fixed, comm, moved=None):
-        """Boundaries of two bodies that meet, None without pairs; collective. See effects/pair.py.
-        """
+        """Boundaries of two bodies that meet (effects/pair.py), None without pairs; collective."""
         sides = (room.paired_sides(subdomains, fixed, comm, moved) for room in self)
-        return next((found for found in sides if found is not None), None)
+        return next((pair for pair in sides if pair is not None), None)
 
     def contact_law(self, contact) -> ContactLaw:
         """Friction coefficients and bounds at the contact nodes."""
@@ -215,9 +200,7 @@ class Effects:
                           self.bilateral)
 
     def initial_displacement(self, contact) -> np.ndarray:
-        """(n_c,) tangential displacement of the contact nodes at time 0, zero where nothing is
-        declared.
-        """
+        """(n_c,) tangential displacement at time 0, zero if none is declared."""
         initial = _sum(room.initial_displacement(contact) for room in self)
         return np.zeros(len(contact.gid)) if initial is None else initial
 
@@ -235,8 +218,7 @@ class Effects:
         for room in self:
             room.before_first_step(solver)
 
-    def coefficient_factor(self, nodes: np.ndarray, u_t: np.ndarray,
-                           last: np.ndarray) -> np.ndarray:
+    def coefficient_factor(self, nodes, u_t, last) -> np.ndarray:
         """(j,) factor of the friction coefficients; see Effect."""
         changing = [room for room in self if room.changes_coefficient]
         return np.prod([room.coefficient_factor(nodes, u_t, last) for room in changing], axis=0)
@@ -257,19 +239,16 @@ class Effects:
             room.step_ends(nodes, slip)
 
     def no_estimate(self, weights: np.ndarray) -> str:
-        """Why the error in the energy norm cannot be estimated under the pattern factors `weights`.
-        """
+        """Why the error in the energy norm has no estimate under the pattern factors `weights`."""
         return next(filter(None, (room.no_estimate(weights) for room in self)), "")
 
     def ledger(self, facts: RunFacts) -> dict[str, dict]:
-        """Entry {declared, active, reason, unknowns, seconds} of every effect; the common ones also
-        if undeclared.
-        """
+        """Entries {declared, active, reason, unknowns, seconds}, common effects always included."""
         entries = dict.fromkeys(COMMON, UNDECLARED)
         for room in self:
-            for name, found in room.ledger(facts).items():
+            for name, own in room.ledger(facts).items():
                 known = entries.get(name, UNDECLARED)
-                entries[name] = found if not known["declared"] or found["active"] else known
+                entries[name] = own if not known["declared"] or own["active"] else known
         return entries
 
 
@@ -280,8 +259,7 @@ def _room(name: str, manifest) -> Effect:
     except ModuleNotFoundError as problem:
         if problem.name != f"{__name__}.{name}":
             raise
-        raise InputError(
-            f"the scene declares {name}, but driver/effects has no module of that name") from None
+        raise InputError(f"the scene declares {name}, which driver/effects lacks") from None
     return module.Room(name, manifest)
 
 

@@ -7,7 +7,4 @@ class Room(Effect):
     """Normal multipliers have no bound; friction is bounded by F |lambda_n|."""
 
     bilateral = True
-
-    def summary(self) -> dict:
-        """Contact is bilateral."""
-        return {"contact": "bilateral"}
+    summary = {"contact": "bilateral"}

@@ -7,7 +7,4 @@ class Room(LoadEffect):
     """Patterns given on triangles."""
 
     heading = "body_force"
-
-    def summary(self) -> dict:
-        """Whether there are any."""
-        return {"body_force": True}
+    summary = {"body_force": True}

@@ -9,9 +9,7 @@ from .friction import slip_entry
 class Room(Effect):
     """Adds a part to the friction bound that does not depend on the pressure, as Tresca's does."""
 
-    def summary(self) -> dict:
-        """Friction stays Coulomb's, with cohesion."""
-        return {"cohesion": True}
+    summary = {"cohesion": True}
 
     def friction_offset(self, contact) -> np.ndarray:
         """(n_c,) nodal force: c times the length of the node's dual segment."""

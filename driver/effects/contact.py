@@ -1,33 +1,25 @@
-"""Unilateral contact with a rigid obstacle: u_n <= gap, sigma_n <= 0, one of the two with equality
-at every node.
-"""
+"""Unilateral contact with a rigid obstacle: u_n <= gap, sigma_n <= 0, one of them an equality."""
 
 from . import Effect, RunFacts, entry
 
 
 class Room(Effect):
-    """Normal rows at the nodes of the labels in `contact`, their multipliers bounded below by zero.
-    """
+    """Normal rows at the nodes of the contact labels, their multipliers bounded below by zero."""
 
     quantities = ("peak_pressure", "normal_resultant", "contact_length")
-
-    def summary(self) -> dict:
-        """Contact is unilateral unless another effect says more."""
-        return {"contact": "unilateral"}
+    summary = {"contact": "unilateral"}
 
     def ledger(self, facts: RunFacts) -> dict[str, dict]:
-        """Active where any node touched; the gap counts where any node starts away from its
-        obstacle.
-        """
+        """Active where any node touched; the gap, where any node starts off its obstacle."""
         touched = facts.most("stick", "slip")
+        active, reason = touched > 0, f"{touched} nodes touched at most"
         if not facts.steps:
             active, reason = None, "no step was kept"
-        else:
-            active = touched > 0
-            reason = f"{touched} nodes touched at most" if touched else "nothing touched"
-        found = {"contact": entry(active, reason, facts.sizes["dual_normal"],
-                                  facts.seconds["contact"])}
+        elif not touched:
+            reason = "nothing touched"
+        rows, seconds = facts.sizes["dual_normal"], facts.seconds["contact"]
+        entries = {"contact": entry(active, reason, rows, seconds)}
         if facts.gap:
-            found["gap"] = entry(bool(facts.steps) and active,
-                                 "some node starts away from, or inside, its obstacle")
-        return found
+            reason = "some node starts away from, or inside, its obstacle"
+            entries["gap"] = entry(bool(active), reason)
+        return entries

@@ -1,5 +1,4 @@
-"""Bodies without support: can contact hold them, and the rigid motion that follows what it cannot
-hold yet.
+"""Bodies without support: can contact hold them, and how do they move where it cannot yet?
 
 No macro declares them: a scene has them where its supports leave a body a rigid motion. The motion
 is found by the proximal point method: springs hold the bodies (see feti), and their rest position
@@ -25,16 +24,9 @@ class FreeBodies:
     """
 
     def __init__(self, operator, rows: ContactRows, effects, scales: Scales, history):
-        """`history.warnings` get a line where a motion stays undetermined; `effects` are those of
-        the scene.
-        """
+        """`history.warnings` get a line where a motion stays undetermined."""
         self.operator, self.rows, self.effects, self.scales = operator, rows, effects, scales
         self.history = history
-
-    @property
-    def _motions(self) -> list[np.ndarray]:
-        """Displacements of the rank's dual rows under every rigid motion."""
-        return self.operator.motions
 
     def can_rest(self, index: int, weights: np.ndarray) -> np.ndarray:
         """Rigid motion (modes,) that closes gaps until contact balances the loads `weights`.
@@ -43,7 +35,7 @@ class FreeBodies:
         """
         op = self.operator
         work, size = op.imbalance(np.zeros(op.owned), weights)
-        motion = rigid_equilibrium(self.rows, np.column_stack(self._motions), work, size, op.comm)
+        motion = rigid_equilibrium(self.rows, np.column_stack(op.motions), work, size, op.comm)
         if motion is None:
             raise NoSolution(f"step {index}: {self._why_no_rest()}")
         return motion
@@ -55,24 +47,21 @@ class FreeBodies:
         return f"{'body' if len(bodies) == 1 else 'bodies'} {', '.join(map(str, bodies))}"
 
     def why_unbalanced(self, load, x: np.ndarray) -> str:
-        """Why no state of contact and friction was found in which the bodies rest, although rigid
-        ones could.
-        """
+        """Why bodies do not rest in any state of contact and friction although rigid ones could."""
         shares, modes = self._shares(load, x), self.operator.structure.rigid_modes
         worst = [mode for mode, share in zip(modes, shares) if share > 0.1 * shares.max()]
-        return (
-            "no equilibrium was found: contact and friction could hold rigid bodies, but where "
-            f"these ones press and rub, {100 * shares.max():.2g} % of the forces on "
-            f"{self._names(worst)}, which no support holds, stay unbalanced")
+        return ("no equilibrium was found: contact and friction could hold rigid bodies, but where "
+                f"these ones press and rub, {100 * shares.max():.2g} % of the forces on "
+                f"{self._names(worst)}, which no support holds, stay unbalanced")
 
     def _why_no_rest(self) -> str:
         modes = self.operator.structure.rigid_modes
         how = "contact cannot" if self.effects.contact else "without contact nothing can"
         if self.effects.frictional:
             how = "contact and friction cannot"
-        return (
-            f"no equilibrium: {how} balance the loads on {self._names(modes)}, which no support "
-            "holds: it slides off, tips over or is pulled away; add supports or friction")
+        return (f"no equilibrium: {how} balance the loads on {self._names(modes)}, which no "
+                "support holds: it slides off, tips over or is pulled away; add supports or "
+                "friction")
 
     def follow(self, load, x: np.ndarray) -> np.ndarray:
         """Rigid motions follow what their springs still carry; d with them.
@@ -88,25 +77,22 @@ class FreeBodies:
         return Anderson(np.dot, SECANTS, 1.0, 0.01)
 
     def lead(self, load, x: np.ndarray, secants: Anderson) -> np.ndarray:
-        """As `follow`, with Anderson acceleration: springs know nothing of how contact holds bodies
-        on one another.
-        """
+        """As `follow`, with Anderson acceleration: springs ignore how bodies hold one another."""
         net, _ = self.operator.imbalance(x, load.weights)
         unit, motion = np.sqrt(self.operator.rho), load.weights[self.operator.structure.patterns :]
-        return self.shift(load,
-                          unit * secants.next(motion / unit, motion / unit + unit * net) - motion)
+        moved = unit * secants.next(motion / unit, motion / unit + unit * net)
+        return self.shift(load, moved - motion)
 
     def shift(self, load, change: np.ndarray) -> np.ndarray:
         """Move by `change` (modes,); d with it. Returns the change of d."""
         load.weights[self.operator.structure.patterns :] += change
-        moved = sum((factor * d for factor, d in zip(change, self._motions)),
+        moved = sum((factor * d for factor, d in zip(change, self.operator.motions)),
                     np.zeros(self.operator.owned))
         load.d += moved
         return moved
 
     def imbalance(self, load, x: np.ndarray, note: bool = False) -> float:
-        """Largest force that rigid motions leave to their springs, relative to the largest forces
-        at work so far.
+        """Largest spring force of the rigid motions relative to the largest forces so far.
 
         `note`: those of this state count from now on.
         """
@@ -120,8 +106,7 @@ class FreeBodies:
         return np.abs(net) / np.where(work > 0, work, 1.0)
 
     def note_loose_motion(self, index: int, x: np.ndarray) -> None:
-        """Warn once if nothing that touches or sticks holds a rigid motion of a body without
-        support.
+        """Warn once if no node that touches or sticks holds a rigid motion.
 
         Such a body is in equilibrium at many places. The motion leaves no row that acts, or only
         those of zero.
@@ -129,12 +114,12 @@ class FreeBodies:
         op, rows = self.operator, self.rows
         if any(LOOSE in line for line in self.history.warnings):
             return
-        motions = self._motions
+        motions = op.motions
         acts = np.zeros(op.owned)
         acts[rows.normal] = rows.bilateral | (x[rows.normal] != 0)
         acts[rows.tangential] = np.abs(x[rows.tangential]) < rows.friction_bound(x)
-        held = np.array([[op.dot(acts * a, b) for b in motions] for a in motions])
+        stiffness = np.array([[op.dot(acts * a, b) for b in motions] for a in motions])
         # squares of roundings
-        if np.linalg.eigvalsh(held)[0] <= 1e-12 * max(op.dot(d, d) for d in motions):
+        if np.linalg.eigvalsh(stiffness)[0] <= 1e-12 * max(op.dot(d, d) for d in motions):
             self.history.warnings.append(
                 f"step {index}: {LOOSE}, and displacements are one answer of many")

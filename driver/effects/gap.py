@@ -1,6 +1,4 @@
-"""Distance to the rigid obstacle along the contact normal, or between the sides of a pair beyond
-their geometry.
-"""
+"""Distance to the rigid obstacle along the normal, or of a pair beyond its geometry."""
 
 import numpy as np
 

@@ -1,6 +1,4 @@
-"""A rigid obstacle given by a function phi(x, y), positive outside: phi(x) + grad phi . u >= 0 at
-the contact nodes.
-"""
+"""A rigid obstacle by a function phi(x, y), positive outside: phi(x) + grad phi . u >= 0."""
 
 import numpy as np
 

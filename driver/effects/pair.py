@@ -1,6 +1,4 @@
-"""Contact between two bodies on meshes that do not match: mortar coupling with dual multipliers
-(contact/mortar.py).
-"""
+"""Contact between two bodies on non-matching meshes: mortar coupling (contact/mortar.py)."""
 
 import numpy as np
 
@@ -14,9 +12,7 @@ from . import Effect
 
 
 class Room(Effect):
-    """The first label of every pair carries the contact nodes, the second is met by mortar
-    coupling.
-    """
+    """The first label of every pair carries the contact nodes, coupled to the second one."""
 
     def paired_sides(self, subdomains: list[Subdomain], fixed, comm, moved=None) -> "PairSides":
         """The boundaries that meet; see PairSides."""
@@ -34,85 +30,73 @@ class PairSides:
     def __init__(self, manifest, subdomains: list[Subdomain], fixed, comm, moved=None):
         labels, self.fixed, self.about = np.unique(manifest.contact_pairs), fixed, None
         self.nodes = n = 2 if manifest.element == "P1" else 3  # of an edge
-        found = [np.empty((0, 3 + 5 * n))]
+        parts = [np.empty((0, 3 + 5 * n))]
         for s, sub in enumerate(subdomains if len(labels) else ()):
             edges = _outward_edges(sub.triangles)
             label = edge_labels(sub.edges, sub.edge_label, np.sort(edges, axis=1))
             edges, label = edges[np.isin(label, labels)], label[np.isin(label, labels)]
-            bow, u = np.zeros(
-                (len(edges),
-                 2)), np.zeros_like(sub.xy) if moved is None else moved[s].reshape(-1, 2)
+            bow, u = np.zeros((len(edges), 2)), np.zeros_like(sub.xy)
+            if moved is not None:
+                u = moved[s].reshape(-1, 2)
             if n == 3:
                 edges = np.column_stack([edges, sub.middles(edges)])
                 bow = np.column_stack([sub.fields["bow_x"], sub.fields["bow_y"]])[edges[:, 2]]
-            found.append(
-                np.column_stack([
-                    label, bow, sub.node_gid[edges], sub.xy[edges].reshape(-1, 2 * n),
-                    u[edges].reshape(-1, 2 * n)
-                ]))
-        found = gather(comm, np.concatenate(found))
-        self.label, self.bow, self.gid = found[:,
-                                               0], found[:,
-                                                         1 : 3], found[:,
-                                                                       3 : 3 + n].astype(np.int64)
-        self.xy, self.u = (found[:, 3 + k * n : 3 + (k + 2) * n].reshape(-1, n, 2) for k in (1, 3))
+            places, moves = (of[edges].reshape(-1, 2 * n) for of in (sub.xy, u))
+            parts.append(np.column_stack([label, bow, sub.node_gid[edges], places, moves]))
+        table = gather(comm, np.concatenate(parts))
+        self.label, self.bow, self.gid = table[:, 0], table[:, 1:3], table[:, 3:3 + n].astype(int)
+        self.xy, self.u = (table[:, 3 + k * n:3 + (k + 2) * n].reshape(-1, n, 2) for k in (1, 3))
         if moved is not None:
             gids, first = np.unique(self.gid, return_index=True)
             self.about = Configuration(gids, self.u.reshape(-1, 2)[first])
 
     def couple(self, one: int, two: int, nodes: np.ndarray):
-        """Weight (n,), normal (n, 2), gap (n,) and terms (node, gid, value, other body) of the
-        nodes of a pair.
+        """Weight (n,), normal (n, 2), gap (n,) and terms (node, gid, value, other body) of nodes.
 
         About a displacement w with the normals n of the displaced boundaries the condition n . [u]
         <= gap has as much room at u = w as there is distance then: gap = distance + n . [w].
         """
         (first, gids), (second, others) = self._side(one), self._side(two)
-        found = mortar.couple(first, second, held_nodes(gids, self.fixed))
-        if not found.weight.any():
+        pair = mortar.couple(first, second, held_nodes(gids, self.fixed))
+        if not pair.weight.any():
             raise InputError(
                 f"the boundaries {one} and {two} of a contact pair do not face each other, or a "
                 f"support holds all nodes of {one}: then name {two} first")
-        at = np.searchsorted(gids, nodes)
+        places = np.searchsorted(gids, nodes)
         position = np.full(len(gids), -1)
-        position[at] = np.arange(len(nodes))
-        node_gid = np.where(found.side == 0, gids[np.where(found.side == 0, found.of, 0)],
-                            others[np.where(found.side == 1, found.of, 0)])
-        gap = found.gap
+        position[places] = np.arange(len(nodes))
+        node_gid = np.where(pair.side == 0, gids[np.where(pair.side == 0, pair.of, 0)],
+                            others[np.where(pair.side == 1, pair.of, 0)])
+        gap = pair.gap
         if self.about is not None:
             u = self.about.u[np.searchsorted(self.about.gid, node_gid)]
-            gap = gap + np.bincount(found.node,
-                                    found.value *
-                                    (found.normal[found.node] * u).sum(axis=1), minlength=len(gap))
-        terms = position[found.node], node_gid, found.value, found.side == 1
-        return found.weight[at], found.normal[at], gap[at], terms
+            jump = pair.value * (pair.normal[pair.node] * u).sum(axis=1)
+            gap = gap + np.bincount(pair.node, jump, minlength=len(gap))
+        terms = position[pair.node], node_gid, pair.value, pair.side == 1
+        return pair.weight[places], pair.normal[places], gap[places], terms
 
     def _side(self, label: int) -> tuple[mortar.Side, np.ndarray]:
-        """The side as it lies about `about`, with the lengths of the initial geometry; gids of its
-        nodes.
-        """
+        """The side about `about`, with the initial geometry's lengths, and gids of its nodes."""
         here = self.label == label
         gids, first, inverse = np.unique(self.gid[here], return_index=True, return_inverse=True)
-        xy, u, bow = self.xy[here], self.u[here].copy(), None
+        xy, u = self.xy[here], self.u[here].copy()
         length = np.linalg.norm(xy[:, 1] - xy[:, 0], axis=1)
-        rise = mortar.sagitta(xy[:, : 2].reshape(-1, 2)[first], inverse.reshape(
-            -1, 2)) if self.nodes == 2 else None
-        if self.nodes == 3:  # middles stay on the straight edge between the ends
+        if self.nodes == 2:
+            rise = mortar.sagitta(xy.reshape(-1, 2)[first], inverse.reshape(-1, 2))
+        else:  # middles stay on the straight edge between the ends
             straight = u[:, :2].mean(axis=1)
             bow, u[:, 2] = self.bow[here] + u[:, 2] - straight, straight
         xy = xy + u
         x, y = (xy[:, 1] - xy[:, 0]).T
         normal = np.column_stack([y, -x]) / np.hypot(x, y)[:, None]
-        if rise is not None:
+        if self.nodes == 2:
             bow = rise[:, None] * normal
-        return mortar.Side(
-            xy.reshape(-1, 2)[first], inverse.reshape(-1, self.nodes), normal, bow, length), gids
+        edges = inverse.reshape(-1, self.nodes)
+        return mortar.Side(xy.reshape(-1, 2)[first], edges, normal, bow, length), gids
 
 
 def _outward_edges(triangles: np.ndarray) -> np.ndarray:
-    """(n, 2) edges of one triangle only, in its (counterclockwise) direction: the body lies on
-    their left.
-    """
+    """(n, 2) edges of one triangle only, counterclockwise: the body lies on their left."""
     edges = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     span = edges.max() + 1
     _, inverse, counts = np.unique(

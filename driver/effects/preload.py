@@ -9,16 +9,13 @@ from . import initial_state
 class Room(initial_state.Room):
     """Solves one step without friction, whose tangential displacement becomes u_0."""
 
-    def summary(self) -> dict:
-        """The initial state is a preload."""
-        return {"initial": "preload"}
+    summary = {"initial": "preload"}
 
     def initial_displacement(self, contact) -> None:
         """Known before the first step only."""
 
     def before_first_step(self, solver) -> None:
-        """Multipliers, motions and tangential displacements of `solver` become those of the
-        equilibrium at time 0.
+        """Multipliers, motions and tangential displacements become those of the equilibrium.
 
         Raises NotConverged where bodies without support do not come to rest, Unfinished where the
         QP fails.

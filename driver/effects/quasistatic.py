@@ -9,8 +9,7 @@ class Room(Effect):
     """Matters where the end depends on the way there."""
 
     def ledger(self, facts: RunFacts) -> dict[str, dict]:
-        """With friction the end depends on the way there, unless loads only grow in proportion from
-        nothing.
+        """With friction the end depends on the history, unless loads grow in proportion from zero.
 
         Then every step repeats the first one in another size.
         """
@@ -28,9 +27,7 @@ class Room(Effect):
 
 
 def proportional(amplitudes: np.ndarray) -> bool:
-    """Do all patterns, columns of (steps + 1, patterns), grow from zero by one common factor that
-    never falls?
-    """
+    """Whether all columns of (steps + 1, patterns) grow from zero by one common factor."""
     last = amplitudes[-1]
     size = np.abs(last).max(initial=0.0)
     if size == 0:

@@ -7,13 +7,13 @@ from . import Effect
 
 
 class Room(Effect):
-    """Factor of the coefficient, tabulated by the scene at equal steps over [0, range] and constant
-    beyond.
+    """Factor of the coefficient, tabulated at equal steps over [0, range], constant beyond.
 
-    `argument` is "slip" (length of the way slid so far) or "displacement" (|u_t|).
+    `argument` is "slip" (accumulated slip) or "displacement" (|u_t|).
     """
 
     changes_coefficient = True
+    summary = {"friction": "coulomb-slip-dependent"}
 
     def __init__(self, name: str, manifest):
         super().__init__(name, manifest)
@@ -24,25 +24,20 @@ class Room(Effect):
         except (TypeError, ValueError, KeyError):
             sound = False
         if not (sound and values.ndim == 1 and len(values) > 1 and np.isfinite(values).all()):
-            raise InputError(
-                "slip_law must have argument, a positive range and finite values; run the scene "
-                "again")
-        self.values, self.at = values, np.linspace(0.0, reach, len(values))
-
-    def summary(self) -> dict:
-        """Coulomb friction with a coefficient that depends on slip."""
-        return {"friction": "coulomb-slip-dependent"}
+            raise InputError("slip_law must have argument, a positive range and finite values; run "
+                             "the scene again")
+        self.values, self.arguments = values, np.linspace(0.0, reach, len(values))
 
     def prepare(self, contact) -> None:
         """Nothing has slid."""
         self.accumulated = np.zeros(len(contact.gid))
 
-    def coefficient_factor(self, nodes: np.ndarray, u_t: np.ndarray,
-                           last: np.ndarray) -> np.ndarray:
+    def coefficient_factor(self, nodes, u_t, last) -> np.ndarray:
         """(j,) factors; see Effect."""
-        s = np.abs(u_t) if self.argument == "displacement" else self.accumulated[nodes] + np.abs(u_t
-                                                                                          - last)
-        return np.interp(s, self.at, self.values)
+        if self.argument == "displacement":
+            return np.interp(np.abs(u_t), self.arguments, self.values)
+        slid = self.accumulated[nodes] + np.abs(u_t - last)
+        return np.interp(slid, self.arguments, self.values)
 
     def carried(self) -> dict[str, np.ndarray]:
         """The accumulated slip."""

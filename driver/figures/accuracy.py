@@ -25,8 +25,7 @@ LEAST = 1e-9  # smaller errors are drawn there
 
 @dataclass
 class Point:
-    """A run as the picture needs it; errors are relative, NaN where the sweep has none of its
-    own."""
+    """A run as the picture needs it; relative errors, NaN where the sweep has none of its own."""
 
     sweep: str
     value: float
@@ -52,8 +51,7 @@ def points(table: list[dict], quantity: str) -> list[Point]:
 
 
 def exponent(x: list[float], errors: list[float], span: float) -> float | None:
-    """Least-squares exponent of error over x; None for less than three runs or if x spans less than
-    `span`."""
+    """Least-squares exponent of error over x; None for few runs or where x spans too little."""
     good = [(math.log(a), math.log(e)) for a, e in zip(x, errors) if e > LEAST]
     if len(good) < 3 or np.ptp([a for a, _ in good]) < math.log(span):
         return None
@@ -83,8 +81,7 @@ def compose(runs: list[Point], reference: dict) -> Figure:
 
 
 def _fill(figure: Figure, runs: list[Point], front: list[Point], reference: dict) -> None:
-    """Left the error against the reference, right each sweep's own part; below, the settings of the
-    front."""
+    """Left all errors, right each sweep's own part; below, the settings of the front."""
     grid = figure.add_gridspec(2, 1, height_ratios=[9.2, 0.42 * len(front) + 0.6])
     top = grid[0].subgridspec(2, 2, height_ratios=[9, 1])
     total = figure.add_subplot(top[0, 0])

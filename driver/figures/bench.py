@@ -17,8 +17,7 @@ def draw(report: Path) -> list[Path]:
 
 
 def draw_part(folder: Path, part: str) -> list[Path]:
-    """Draw one part from ``<folder>/<part>.json``; returns the files written, none without that
-    file."""
+    """Draw one part from ``<folder>/<part>.json``, if there is one; returns the files written."""
     data = folder / f"{part}.json"
     if not data.exists():
         return []

@@ -60,8 +60,7 @@ def load_arrows(axes, edges, traction: np.ndarray, label: np.ndarray, size: floa
 
 
 def paint_body(axes, xy: np.ndarray, triangles: np.ndarray, values, **style):
-    """One flat colour a triangle; a bitmap even in the PDF, where 1e5 triangles would choke a
-    reader."""
+    """One flat colour a triangle, as a bitmap: 1e5 triangles in a PDF would choke a reader."""
     return axes.tripcolor(*xy.T, triangles, facecolors=values, rasterized=True, antialiased=False,
                           **style)
 
@@ -117,25 +116,22 @@ def geometry_legend(run: Run, role: np.ndarray) -> list:
 
 
 def magnification(run: Run) -> float:
-    """300 as in the slides for their model example, else what shows the largest displacement as
-    about 8%."""
+    """300 as in the slides for their model, else what shows the largest displacement as 8%."""
     largest = np.linalg.norm(run.last.displacement, axis=1).max()
     if run.scene == "model":
         return 300.0
-    return round_magnification(0.08 * np.ptp(run.last.xy,
-                                             axis=0).max() / largest) if largest else 1.0
+    size = np.ptp(run.last.xy, axis=0).max()
+    return round_magnification(0.08 * size / largest) if largest else 1.0
 
 
 def deformed(figure: Figure, run: Run) -> None:
-    """Magnified deformed body with von Mises stress at the time of the quantities, and the
-    undeformed outline."""
+    """Magnified deformed body with von Mises stress, and the undeformed outline."""
     mesh, times = run.last, magnification(run)
     axes, scale = map_axes(figure, run, mesh.xy)
     stress = stress_scale(run, np.percentile(mesh.von_mises, 99.5))
     values = mesh.von_mises * stress.factor
     top = np.percentile(values, 99.5)
-    # Corner singularities grow with refinement; they must not take the colours from the rest of the
-    # body.
+    # corner singularities, which grow with refinement, must not take all colours
     beyond = values.max() > 1.05 * top
     moved = (mesh.xy + times * mesh.displacement) * scale.factor
     limit = top if beyond else values.max() or 1
@@ -160,7 +156,6 @@ def deformed(figure: Figure, run: Run) -> None:
     largest = f", largest value {values.max():.3g}" if beyond else ""
     bar.set_label(f"von Mises stress [{stress.label}]{largest}")
     size = f"{times:,.0f}".replace(",", "\u2009") if times >= 1 else f"{times:g}"
-    run_header(
-        figure, run, f"Deformed body{run.at(mesh.time)}, displacements magnified {size}×", handles,
-        note)
+    run_header(figure, run, f"Deformed body{run.at(mesh.time)}, displacements magnified {size}×",
+               handles, note)
     shrink_to_body(figure, axes)

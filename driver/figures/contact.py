@@ -19,8 +19,7 @@ def pale(colour: str) -> tuple:
 
 
 def status_names(run: Run) -> dict:
-    """What the legend calls each status; without friction a closed node neither sticks nor
-    slips."""
+    """Name of each status in the legend; without friction a closed node is in contact only."""
     return {"open": "open", "stick": "stick", "slip": "slip" if run.friction else "contact"}
 
 
@@ -69,8 +68,7 @@ def contact_scales(run: Run, shown: list, stresses: tuple, displacements: tuple)
 
 
 def visible(run: Run) -> float:
-    """Displacement that still counts as one: 1% of the body's largest; below it axes would show
-    rounding."""
+    """Smallest displacement worth a scale, 1% of the body's largest: less would show rounding."""
     return 0.01 * run.history["max_displacement"].max()
 
 
@@ -82,12 +80,12 @@ def widen(axes, span: float) -> None:
 
 
 def contact_panels(figure: Figure, run: Run, caption: str, panels: tuple) -> None:
-    """Stress above displacement for every contact boundary; `panels` are the two functions that
-    draw them."""
+    """Stress above displacement for every contact boundary, drawn by the two functions `panels`."""
     boundaries = final_boundaries(run)
     shown = boundaries[:PANELS]
-    names = (("sigma_n",), ("u_n",)) if panels[0] is normal_stress else (
-        ("sigma_t", "bound"), ("u_t",))
+    names = ("sigma_t", "bound"), ("u_t",)
+    if panels[0] is normal_stress:
+        names = ("sigma_n",), ("u_n",)
     arc, stress, length = contact_scales(run, shown, *names)
     handles = {}
     for (_, rows), (above, below) in zip(shown, panel_grid(figure, shown, 2, 11)):
@@ -113,8 +111,7 @@ def normal_stress(axes, rows: dict, arc: np.ndarray, scale: Scale) -> list:
 
 
 def normal_displacement(axes, rows: dict, arc: np.ndarray, scale: Scale) -> list:
-    """u_n and the gap over arc; a gap that opens far beyond u_n is cut rather than flattening
-    u_n."""
+    """u_n and the gap over arc; a gap far beyond u_n is cut rather than flattening u_n."""
     u, gap = rows["u_n"] * scale.factor, rows["gap"] * scale.factor
     closed = rows["status"] != "open"
     matter = np.concatenate([u, gap[closed] if closed.any() else [gap.min()]])
@@ -155,8 +152,7 @@ def contact_tangential(figure: Figure, run: Run) -> None:
 
 
 def contact_status(figure: Figure, run: Run) -> None:
-    """Open, stick and slip over arc and time; the cell of a step covers the time since the step
-    before."""
+    """Open, stick and slip over arc and time; a step's cell covers the time since the last one."""
     boundaries = contact_boundaries(run.contact)
     shown = boundaries[:PANELS]
     (arc, _, _), seen = contact_scales(run, shown, ("sigma_n",), ("u_n",)), []
@@ -169,9 +165,8 @@ def contact_status(figure: Figure, run: Run) -> None:
         ends = segment_ends(rows["arc"][:nodes], rows["weight"][:nodes]) * arc.factor
         axes.pcolormesh(ends, np.concatenate([[0.0], times]), codes, vmin=0, vmax=2,
                         cmap=ListedColormap(list(STATUS.values())),
-                        rasterized=nodes * len(times) > 5000,
-                        edgecolors="white" if nodes <= 60 and len(times) <= 60 else "none",
-                        linewidth=0.3)
+                        rasterized=nodes * len(times) > 5000, linewidth=0.3,
+                        edgecolors="white" if max(nodes, len(times)) <= 60 else "none")
         axes.set(xlabel=rf"arc length along $\Gamma_c$ [{arc.label}]", ylabel="time $t$")
         seen.append(status)
     run_header(figure, run, r"Contact status on $\Gamma_c$ over time",

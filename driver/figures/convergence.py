@@ -18,8 +18,7 @@ KINDS = {"start": (INK, "D", 3.2), "cg": (BLUE, "o", 1.7), "expansion": (ORANGE,
 
 
 def thin_out(table: dict) -> tuple[dict, int]:
-    """Every k-th row and all start rows, with the smallest k that leaves about POINTS others; and
-    k."""
+    """All start rows and every k-th of the others, about POINTS of them; and k."""
     every = max(1, math.ceil(len(table["product"]) / POINTS))
     keep = (np.arange(len(table["product"])) % every == 0) | (table["kind"] == "start")
     return select(table, keep), every

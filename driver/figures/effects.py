@@ -1,5 +1,4 @@
-"""Picture of the study `effects`: contact tractions with and without each effect, changes and
-costs."""
+"""Picture of the study `effects`: contact tractions without each effect, changes and costs."""
 
 from pathlib import Path
 
@@ -26,8 +25,7 @@ HEADINGS = {  # of the changes at the end of the run
 
 
 def draw(table: Path) -> list[Path]:
-    """Draw ``<scene>.csv`` and ``<scene>-tractions.csv`` of the study; returns the files
-    written."""
+    """Draw ``<scene>.csv`` and ``<scene>-tractions.csv``; returns the files written."""
     variants = read_rows(table)
     curves = _curves(table.with_name(f"{table.stem}-tractions.csv"))
     height = 0.5 * len(variants) + (9.6 if curves else 4.2)
@@ -51,8 +49,7 @@ def _curves(path: Path) -> dict[str, dict]:
 
 
 def _fill(figure: Figure, scene: str, variants: list[dict], curves: dict[str, dict]) -> None:
-    """Contact tractions at the end of the run; below them the changes and costs of every
-    variant."""
+    """Contact tractions at the end of the run above the changes and costs of every variant."""
     matrix = 0.5 * len(variants) + 2
     rows = figure.add_gridspec(2 if curves else 1, 1, height_ratios=[
                                5.2, matrix] if curves else None)
@@ -72,8 +69,7 @@ def _fill(figure: Figure, scene: str, variants: list[dict], curves: dict[str, di
 
 
 def _tractions(panels: list, curves: dict[str, dict], names: list[str]) -> None:
-    """Normal and tangential tractions along the boundary that carries most, at the end of the
-    run."""
+    """Tractions along the boundary that carries most, at the end of the run."""
     full = next(iter(curves.values()))
     load = {b: np.abs(rows["sigma_n"] * rows["weight"]).sum()
             for b, rows in contact_boundaries(full)}
@@ -108,8 +104,8 @@ def _spread(values: np.ndarray, weight: np.ndarray, share: float) -> tuple[float
     whole = min(values.min(), 0.0), max(values.max(), 0.0)
     order = np.argsort(values)
     along = np.cumsum(weight[order]) / weight.sum()
-    low, high = values[order][np.minimum(np.searchsorted(
-        along, [1 - share, share]), len(values) - 1)]
+    ends = np.minimum(np.searchsorted(along, [1 - share, share]), len(values) - 1)
+    low, high = values[order][ends]
     low, high = min(low, 0.0), max(high, 0.0)
     return (low, high) if whole[1] - whole[0] > 3 * (high - low) else whole
 
@@ -131,8 +127,8 @@ def _changes(axes, variants: list[dict]) -> None:
                       va="center", fontsize=6, color="0.3")
             continue
         for k, value in enumerate(values[i]):
-            axes.text(k, i, change(value).replace(
-                "-", "\N{MINUS SIGN}"), ha="center", va="center", fontsize=7)
+            text = change(value).replace("-", "\N{MINUS SIGN}")
+            axes.text(k, i, text, ha="center", va="center", fontsize=7)
     axes.set_xticks(range(len(HEADINGS)), list(HEADINGS.values()), fontsize=6.5)
     axes.set_yticks(range(len(variants)), [label(variant["without"]) for variant in variants])
     axes.set_xticks(np.arange(-0.5, len(HEADINGS)), minor=True)

@@ -1,5 +1,4 @@
-"""Pictures of the hard cases' report.csv: a table in colours, case by case, and products along
-sweeps."""
+"""Pictures of the hard cases' report.csv: a coloured table, and products along sweeps."""
 
 import textwrap
 from pathlib import Path
@@ -9,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 
 from ..files import read_rows
-from .style import BLUE, GREEN, INK, ORANGE, RED, WIDTH, canvas, write
+from .style import BLUE, GREEN, INK, ORANGE, RED, canvas, write
 
 RESIDUALS = ("stationarity", "gluing", "penetration", "sign",
              "cone", "equilibrium", "complementarity")
@@ -26,29 +25,25 @@ CELL, LINE, NAME = 1.35, 0.4, 8.2
 
 
 def draw(table: Path) -> list[Path]:
-    """Draw report.csv: report and, if a sweep has several places, sweeps; returns the files
-    written."""
+    """Draw report.csv, and sweeps with several places; returns the files written."""
     rows = [{**row, **{name: float(row[name] or "nan") for name in NUMBERS}}
             for row in read_rows(table)]
     lines = _lines(rows)
     width, height = NAME + CELL * len(COLUMNS), LINE * len(lines) + 2.0
-    paths = write(canvas(lambda figure: _table(figure, lines, width, height), height, width,
-                         "none"),
-                  table.parent, "report")
+    figure = canvas(lambda figure: _table(figure, lines, width, height), height, width, "none")
+    paths = write(figure, table.parent, "report")
     names = [name for name in dict.fromkeys(row["sweep"] for row in rows if row["sweep"])
              if len({row["place"] for row in rows if row["sweep"] == name}) > 1]
     if names:
         across = min(3, len(names))
         down = -(-len(names) // across)
-        paths += write(canvas(lambda figure: _sweeps(figure, rows, names, down, across), 5 * down,
-                              WIDTH),
-                       table.parent, "sweeps")
+        figure = canvas(lambda figure: _sweeps(figure, rows, names, down, across), 5 * down)
+        paths += write(figure, table.parent, "sweeps")
     return paths
 
 
 def _lines(rows: list[dict]) -> list[tuple[str, list[dict]]]:
-    """Lines of the table: the name of a family without rows, then each of its cases with those of
-    its sizes."""
+    """Lines of the table: a family's name without rows, then its cases with rows by size."""
     families: dict[str, dict] = {}
     for row in rows:
         families.setdefault(row["family"], {}).setdefault(row["case"], []).append(row)

@@ -21,8 +21,8 @@ def loading(figure: Figure, run: Run) -> None:
         times = np.linspace(0, run.summary["t_end"], len(values))
         handles += axes.plot(times, values, "-", marker="osD^v"[number % 5], ms=3.2,
                              color=[BLUE, RED, GREEN, ORANGE, INK][number % 5], label=symbol)
-    axes.set(xlabel="time $t$", ylabel=r"amplitude $\varphi$ [–]" if len(
-        histories) == 1 else "amplitude [–]")
+    label = r"amplitude $\varphi$ [–]" if len(histories) == 1 else "amplitude [–]"
+    axes.set(xlabel="time $t$", ylabel=label)
     axes.margins(x=0.02)
     axes.autoscale_view()
     axes.grid(color="0.9", lw=0.5)
@@ -31,8 +31,7 @@ def loading(figure: Figure, run: Run) -> None:
 
 
 def history(figure: Figure, run: Run) -> None:
-    """Resultant contact forces over time and, with Coulomb friction, fixed-point iterations per
-    step."""
+    """Resultant contact forces over time and, with Coulomb friction, iterations per step."""
     table = run.history
     forces = {"resultant_n": ("normal", RED, "o"), "resultant_t": ("tangential", BLUE, "s")}
     if not run.friction:

@@ -20,8 +20,7 @@ def run_header(figure: Figure, run: Run, caption: str, handles: list, note: str 
 
 
 def shrink_to_body(figure: Figure, axes) -> None:
-    """Take from the figure the height that equal scales of x and y leave unused; unused width goes
-    to both sides."""
+    """Cut the height that equal scales of x and y leave unused; spare width goes to both sides."""
     figure.draw_without_rendering()
     slack = axes.get_position(original=True).height - axes.get_position().height
     figure.set_figheight(figure.get_figheight() * (1 - slack))
@@ -39,8 +38,7 @@ def map_axes(figure: Figure, run: Run, xy: np.ndarray):
 
 
 def panel_grid(figure: Figure, boundaries: list, stacked: int, height: float) -> list:
-    """For every boundary a list of `stacked` axes with a common arc axis; at most two boundaries a
-    row."""
+    """For every boundary a list of `stacked` axes with a common arc; two boundaries a row."""
     columns = min(len(boundaries), 2)
     rows = math.ceil(len(boundaries) / columns)
     figure.set_figheight(height * INCH * rows)

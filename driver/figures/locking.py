@@ -1,5 +1,4 @@
-"""Picture of `make accuracy PART=locking`: errors over the mesh size, a column a Poisson's
-ratio."""
+"""Picture of `make accuracy PART=locking`: errors over the mesh size, a column a ratio."""
 
 from pathlib import Path
 

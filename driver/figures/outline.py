@@ -16,8 +16,7 @@ def right_of(start: np.ndarray, end: np.ndarray) -> np.ndarray:
 
 
 def outward_edges(boundary: dict, mesh: Mesh):
-    """Boundary edges as (start, end, outward normal), directed so that the body lies on their
-    left."""
+    """Boundary edges as (start, end, outward normal), the body on their left."""
     start = np.column_stack([boundary["x0"], boundary["y0"]])
     end = np.column_stack([boundary["x1"], boundary["y1"]])
     edges, inside = mesh.rim()
@@ -29,8 +28,7 @@ def outward_edges(boundary: dict, mesh: Mesh):
 
 
 def outer(mesh: Mesh, boundary: dict) -> np.ndarray:
-    """Which edges of mesh.rim() lie on the boundary of a body and not between two subdomains of
-    it."""
+    """Which edges of mesh.rim() lie on the boundary of a body, not between its subdomains."""
     start, end = (np.column_stack([boundary[x], boundary[y]])
                   for x, y in (("x0", "y0"), ("x1", "y1")))
     # middles of whole sides, and of the halves that a quadratic element's side is drawn as

@@ -11,15 +11,13 @@ import numpy as np
 from ..errors import InputError
 from ..files import read_table
 
-# of a triangle with six nodes in VTK's order
 TABLES = ("history", "contact", "convergence", "boundary", "adaptivity")
-QUARTERS = [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]
+QUARTERS = [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]  # of a six-node triangle in VTK's order
 
 
 @dataclass
 class Mesh:
-    """Torn mesh of one step: points (n, 2), triangles (m, 3), displacement (n, 2), von Mises stress
-    (m,).
+    """Torn mesh of one step: points, triangles (m, 3), displacement (n, 2), stress (m,).
 
     Of quadratic elements, vertices `corners` (e, 3), the triangles are the four that the middles of
     their sides make.
@@ -34,8 +32,7 @@ class Mesh:
     degree: int  # of the displacements
 
     def rim(self):
-        """Edges (e, 2) of the subdomain boundaries and, for each, the corner of its triangle
-        inside."""
+        """Edges (e, 2) of the subdomain boundaries and the corner (e,) of each triangle inside."""
         i, j, k = self.triangles.T
         pairs = np.concatenate([np.column_stack(c) for c in ((i, j), (j, k), (k, i))])
         keys = np.sort(pairs, axis=1) @ [len(self.xy), 1]
@@ -46,8 +43,7 @@ class Mesh:
 
 @dataclass
 class Run:
-    """All that the figures are drawn from. Tables are dicts of columns; what a run lacks is
-    None."""
+    """All that the figures are drawn from. Tables are dicts of columns, None where missing."""
 
     summary: dict
     history: dict
@@ -88,8 +84,8 @@ def read_mesh(path: Path, time: float) -> Mesh:
     """One .vtu of a run."""
     data = meshio.read(path)
     kind, = data.cells_dict
-    nodes, mises = data.cells_dict[kind].astype(
-        np.int64), data.cell_data_dict["von_mises"][kind].ravel()
+    nodes = data.cells_dict[kind].astype(np.int64)
+    mises = data.cell_data_dict["von_mises"][kind].ravel()
     parts = QUARTERS if kind == "triangle6" else [[0, 1, 2]]
     return Mesh(time, data.points[:, :2], nodes[:, parts].reshape(-1, 3),
                 data.point_data["displacement"][:, :2], np.repeat(mises, len(parts)), nodes[:, :3],
@@ -120,16 +116,14 @@ def select(table: dict, rows) -> dict:
 
 
 def contact_boundaries(contact: dict) -> list[tuple[int, dict]]:
-    """(label, rows sorted by step and arc) of every contact boundary; one unnamed boundary is label
-    0."""
+    """(label, rows sorted by step and arc) of the contact boundaries; an unnamed one is 0."""
     label = contact.get("boundary", np.zeros(len(contact["step"])))
     order = np.lexsort((contact["arc"], contact["step"]))
     return [(int(b), select(contact, order[label[order] == b])) for b in np.unique(label)]
 
 
 def segment_ends(arc: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """The n+1 ends of the dual segments of n nodes: midpoints inside, the segments' lengths at both
-    ends."""
+    """(n + 1,) ends of the nodes' dual segments: midpoints inside, whole segments at the ends."""
     if len(arc) == 1:
         return arc[0] + weight[0] * np.array([-0.5, 0.5])
     middle = (arc[1:] + arc[:-1]) / 2

@@ -1,5 +1,4 @@
-"""Picture of a FETI-DP saddle-point matrix: its entries, coloured by block, and the blocks'
-names."""
+"""Picture of a FETI-DP saddle-point matrix: its entries, coloured and named by block."""
 
 import json
 from pathlib import Path
@@ -17,10 +16,9 @@ BLOCKS = (("r", "r", "K_{rr}"), ("r", "c", "K_{rc}"), ("c", "r", "K_{cr}"), ("c"
 
 
 def draw(folder: Path) -> list[Path]:
-    """Draw saddle.mtx with the ends of blocks in saddle.json, both in `folder`; returns the files
-    written."""
-    matrix, ends = mmread(str(folder / "saddle.mtx")
-                          ), json.loads((folder / "saddle.json").read_text())
+    """Draw saddle.mtx with the ends of blocks in saddle.json; returns the files written."""
+    matrix = mmread(str(folder / "saddle.mtx"))
+    ends = json.loads((folder / "saddle.json").read_text())
     return write(canvas(lambda figure: _fill(figure, matrix, ends), SIDE, SIDE), folder, "saddle")
 
 
@@ -52,8 +50,7 @@ def _fill(figure: Figure, matrix, ends: dict) -> None:
 
 
 def _names(torn: list[int], corners: int, kinds: list[int]) -> list[tuple[float, str]]:
-    """Middle and name of every group of unknowns; of many subdomains only what is common to
-    them."""
+    """Middle and name of every group of unknowns; of many subdomains only the common groups."""
     names = [((a + b) / 2, name) for a, b, name in zip((corners, *kinds), kinds, NAMES) if b > a]
     if corners > torn[-1]:
         names.append(((torn[-1] + corners) / 2, "$u_c$"))

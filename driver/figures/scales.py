@@ -1,5 +1,4 @@
-"""Units of the axes: factors that bring values between 1 and 1000, and the SI prefix that goes with
-them."""
+"""Units of the axes: factors that bring values between 1 and 1000, with their SI prefixes."""
 
 import math
 from typing import NamedTuple
@@ -20,8 +19,7 @@ PREFIXES = {-9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 
 
 def split_unit(unit: str) -> tuple[int, str | None]:
-    """Exponent and base of an SI unit of length or stress, e.g. (6, "Pa") for MPa; base None for
-    others."""
+    """Exponent and base of an SI length or stress, e.g. (6, "Pa") for MPa; else base None."""
     for base in ("Pa", "m"):
         for exponent, prefix in PREFIXES.items():
             if unit in (prefix + base, prefix.replace("µ", "u") + base):
@@ -30,8 +28,7 @@ def split_unit(unit: str) -> tuple[int, str | None]:
 
 
 def scale_for(unit: str, values) -> Scale:
-    """Scale that brings `values` between 1 and 1000, with an SI prefix if the unit is a known
-    one."""
+    """Scale that brings `values` between 1 and 1000, with an SI prefix if the unit is known."""
     values = np.abs(np.asarray(values, dtype=float))
     peak = values.max(initial=0.0)
     known, base = (split_unit(unit) if unit != "N/m" else (0, "N/m"))

@@ -1,5 +1,4 @@
-"""Picture of `make accuracy PART=stopping`: products and changes of the tractions, a column a
-loading."""
+"""Picture of `make accuracy PART=stopping`: products and changes of tractions by loading."""
 
 from pathlib import Path
 

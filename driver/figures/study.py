@@ -1,5 +1,4 @@
-"""Picture of a parameter study: resultants, pressure, zones and energy over the values, at the last
-step."""
+"""Picture of a parameter study: forces, pressure, zones and energy at the end over the values."""
 
 import json
 from pathlib import Path
@@ -15,10 +14,9 @@ from .style import BLUE, GREEN, ORANGE, canvas, write
 
 
 def draw(directory: Path) -> list[Path]:
-    """Draw study.csv into ``<directory>/figures``; returns the files written, none if no value
-    converged."""
-    summary, table = json.loads((directory / "summary.json").read_text()
-                                ), read_table(directory / "study.csv")
+    """Draw study.csv into ``<directory>/figures``, if a value converged; returns the files."""
+    summary = json.loads((directory / "summary.json").read_text())
+    table = read_table(directory / "study.csv")
     table = select(table, table["converged"] == "yes")
     if not len(table["converged"]):
         return []

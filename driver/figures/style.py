@@ -28,8 +28,7 @@ STYLE = {
 
 def canvas(draw: Callable[[Figure], None], height: float, width: float = WIDTH,
            layout: str = "constrained") -> Figure:
-    """The figure, `width` by `height` centimetres, that `draw(figure)` fills; laid out, not yet
-    written."""
+    """The figure of `width` by `height` centimetres that `draw(figure)` fills, not yet written."""
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(width * INCH, height * INCH), dpi=150, layout=layout)
         FigureCanvasAgg(figure)
@@ -53,8 +52,7 @@ def write(figure: Figure, folder: Path, name: str) -> list[Path]:
 
 def header(figure: Figure, caption: str, identity: str, handles: list,
            handlelength: float = 1.8) -> None:
-    """Title, a line on what is shown, and a legend in as few rows as fit, stacked above the
-    axes."""
+    """Title, a line on what is shown, and a legend in few rows, stacked above the axes."""
     figure.text(0.5, 1, caption, ha="center", va="top", fontsize=10)
     figure.text(0.5, 1, identity, ha="center", va="top", fontsize=8, color="0.35")
     columns = len(handles)

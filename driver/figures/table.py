@@ -1,5 +1,4 @@
-"""Picture of the slides' table: products with F over the number of subdomains, ours beside
-theirs."""
+"""Picture of the slides' table: products with F over the number of subdomains, beside ours."""
 
 from pathlib import Path
 
@@ -19,12 +18,12 @@ def draw(table: Path) -> list[Path]:
 
 def _fill(figure: Figure, table: dict) -> None:
     """One panel a loading."""
-    slides = dict(zip(table["n_s"], range(len(table["n_s"])))
-                  )  # any row of a size: all carry the slides' values
-    slides = select(table, [slides[size] for size in sorted(slides)])
+    # any row of a size: all carry the slides' values
+    rows = {size: row for row, size in enumerate(table["n_s"])}
+    slides = select(table, [rows[size] for size in sorted(rows)])
     for axes, loading in zip(figure.subplots(1, 2, sharey=True), ("monotone", "nonmonotone")):
-        axes.loglog(slides["n_s"],
-                    slides[f"slides_n_m_{loading}"], "o--", color=INK, label="slides")
+        theirs = slides[f"slides_n_m_{loading}"]
+        axes.loglog(slides["n_s"], theirs, "o--", color=INK, label="slides")
         for method, colour, marker in (("plain", GREEN, "s"), ("default", BLUE, "D")):
             own = select(table, table["method"] == method)
             if len(own["n_s"]):

@@ -1,5 +1,4 @@
-"""Hard cases: each is solved and checked against an independent answer, or refused for a stated
-reason.
+"""Hard cases: solved and checked against independent answers, or refused for a stated reason.
 
 `case` says what a case is and runs it as a user would, `checks` compares with answers that owe
 nothing to the solver, `suite` runs all and reports; the cases themselves are data,

@@ -1,5 +1,4 @@
-"""What a hard case is, and how one is run: as a user would run it, in a process of its own with a
-time limit."""
+"""What a hard case is, and how it is run: as a user would, in a process with a time limit."""
 
 import functools
 import json
@@ -16,16 +15,15 @@ from pathlib import Path
 from .. import environment
 from ..files import read_table
 
-# every run of the suite unless a case says otherwise: tight enough that errors are the method's,
-# not the user's
+# of every run unless a case says otherwise: errors shall be the method's, not the user's
 TIGHT = {"RTOL": "1e-10", "FRICTION_RTOL": "1e-8", "PRIMAL_RTOL": "1e-6"}
+BLOCK = "hard/block"  # the scene of most cases
 KKT = 1e-6  # the largest KKT residual allowed at these tolerances: that of PRIMAL_RTOL
 
 
 @dataclass
 class Outcome:
-    """How a run ended and what it left; `contact` and `history` are columns, those of contact
-    (steps, nodes)."""
+    """Results of a run; `contact` and `history` are columns, those of contact (steps, nodes)."""
 
     status: int  # exit status; -1: killed at the time limit
     message: str  # last line on the error channel
@@ -60,7 +58,6 @@ class Case:
     """
 
     name: str
-    family: str
     scene: str
     options: dict = field(default_factory=dict)
     sizes: tuple[dict, ...] = ({"SUBDOMAINS": "4x2", "CELLS": "4"},
@@ -75,6 +72,7 @@ class Case:
     sweep: tuple[str, float] | None = None
     seconds: float = 120.0
     perform: Callable[["Case", dict, Path], Outcome] | None = None
+    family: str = ""  # its module
     fast: bool = False  # its first size is among the default tests
 
     def arguments(self, size: dict) -> dict[str, str]:
@@ -91,24 +89,26 @@ def run_case(case: Case, size: dict, directory: Path) -> Outcome:
 
 def run_scene(case: Case, size: dict, directory: Path) -> Outcome:
     """The plain way: python3 -m driver run SCENE=... in a process of its own."""
-    words = [f"{name}={value}" for name, value in {
-        "SCENE": case.scene, **case.arguments(size)}.items()]
-    return run_command(["run", *words, f"OUT={directory}"], directory, case.seconds)
+    return run_command(run_words(case, size, directory), directory, case.seconds)
+
+
+def run_words(case: Case, size: dict, directory: Path) -> list[str]:
+    """The command line of the plain way."""
+    given = {"SCENE": case.scene, **case.arguments(size), "OUT": directory}
+    return ["run", *(f"{name}={value}" for name, value in given.items())]
 
 
 def reference(case: Case, size: dict, options: dict) -> Outcome:
-    """The same run with other options, made once a process and size. ValueError if it does not end
-    well."""
+    """The same run with other options, made once a process. ValueError if it does not end well."""
     given = replace(case, options={**case.options, **options})
     return _reference((given.scene, *sorted(given.arguments(size).items())), given.seconds)
 
 
-@functools.lru_cache(maxsize=None)
+@functools.cache
 def _reference(run: tuple, limit: float) -> Outcome:
     scene, *pairs = run
     with tempfile.TemporaryDirectory() as folder:
-        outcome = run_scene(Case("", "", scene, dict(pairs), seconds=limit),
-                            {}, Path(folder) / "run")
+        outcome = run_scene(Case("", scene, dict(pairs), seconds=limit), {}, Path(folder) / "run")
     if outcome.status != 0:
         raise ValueError(f"the reference run ended with exit {outcome.status}: {outcome.message}")
     return outcome
@@ -146,8 +146,6 @@ def read_results(outcome: Outcome) -> Outcome:
     if (folder / "summary.json").is_file():
         outcome.summary = json.loads((folder / "summary.json").read_text())
         outcome.history = read_table(folder / "history.csv")
-        if (folder / "contact.csv").is_file():
-            steps = outcome.summary["steps"]
-            table = read_table(folder / "contact.csv")
-            outcome.contact = {name: values.reshape(steps, -1) for name, values in table.items()}
+        steps, table = outcome.summary["steps"], read_table(folder / "contact.csv") or {}
+        outcome.contact = {name: values.reshape(steps, -1) for name, values in table.items()}
     return outcome

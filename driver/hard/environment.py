@@ -1,5 +1,4 @@
-"""Environment: disks, programs, exports and processes that fail; one line says so, and nothing is
-lost."""
+"""Environment: failing disks, programs, exports, processes; one line says so, no result is lost."""
 
 import contextlib
 import json
@@ -11,20 +10,15 @@ import subprocess
 import sys
 import tempfile
 import time
+from dataclasses import replace
 from pathlib import Path
 
 from ..environment import ROOT, program, python_path
 from ..march.checkpoint import NAME
 from ..options import OF_RUNS
 from ..runs.request import Request
-from .case import Case, Check, Outcome, run_command, run_scene
+from .case import BLOCK, Case, Check, Outcome, run_command, run_scene, run_words
 
-SCENE = "hard/block"
-
-
-def _command(case: Case, size: dict, directory: Path) -> list[str]:
-    options = {"SCENE": case.scene, **case.arguments(size), "OUT": directory}
-    return ["run", *(f"{name}={value}" for name, value in options.items())]
 
 
 # ---- what surrounds the run ----------------------------------------------------------------------
@@ -40,11 +34,12 @@ def mounted(how: str, instead: str):
         with tempfile.TemporaryDirectory() as place:
             mount = f"mount -t tmpfs -o {how} none {shlex.quote(place)}"
             own = ["unshare", "-rm", "sh", "-c"]
-            allowed = subprocess.run([*own, mount], stderr=subprocess.DEVNULL).returncode == 0
-            prefix = [*own, f'{mount} && exec "$@"', "sh"] if allowed else [
-                "sh", "-c", f'cd {shlex.quote(place)} && {instead} && cd / && exec "$@"', "sh"]
-            return run_command(_command(case, size, Path(place) / "out"), directory, case.seconds,
-                               prefix)
+            prefix = [*own, f'{mount} && exec "$@"', "sh"]
+            if subprocess.run([*own, mount], stderr=subprocess.DEVNULL).returncode:
+                instead_here = f'cd {shlex.quote(place)} && {instead} && cd / && exec "$@"'
+                prefix = ["sh", "-c", instead_here, "sh"]
+            words = run_words(case, size, Path(place) / "out")
+            return run_command(words, directory, case.seconds, prefix)
 
     return perform
 
@@ -60,25 +55,24 @@ def without(*programs: str):
                     link.symlink_to(path)
             for name in programs:
                 (Path(place) / name).unlink(missing_ok=True)
-            return run_command(_command(case, size, directory), directory, case.seconds, PATH=place)
+            words = run_words(case, size, directory)
+            return run_command(words, directory, case.seconds, PATH=place)
 
     return perform
 
 
 def freefem(script: str):
-    """A run with a shell script in FreeFEM's place; `$freefem` is the real program, `$export` the
-    directory it fills."""
+    """A run with a script for FreeFEM; `$freefem` is the program, `$export` its directory."""
     def perform(case, size, directory):
         with tempfile.TemporaryDirectory() as place:
             path = Path(place) / "FreeFem++"
-            path.write_text(f"#!/bin/sh\nfreefem={shlex.quote(program('FreeFem++'))}\n"
-                            'for word; do test "$last" = -export && export=$word; '
-                            'last=$word; done\n'
+            find = 'for word; do test "$last" = -export && export=$word; last=$word; done'
+            path.write_text(f"#!/bin/sh\nfreefem={shlex.quote(program('FreeFem++'))}\n{find}\n"
                             + script)
             path.chmod(0o755)
             search = os.pathsep.join([place, os.environ["PATH"]])
-            return run_command(_command(case, size, directory), directory, case.seconds,
-                               PATH=search)
+            words = run_words(case, size, directory)
+            return run_command(words, directory, case.seconds, PATH=search)
 
     return perform
 
@@ -89,8 +83,9 @@ def no_package(name: str):
         with tempfile.TemporaryDirectory() as place:
             text = f"raise ModuleNotFoundError('no such package', name={name!r})\n"
             (Path(place) / f"{name}.py").write_text(text)
-            return run_command(_command(case, size, directory), directory, case.seconds,
-                               PYTHONPATH=os.pathsep.join([place, python_path()]))
+            search = os.pathsep.join([place, python_path()])
+            words = run_words(case, size, directory)
+            return run_command(words, directory, case.seconds, PYTHONPATH=search)
 
     return perform
 
@@ -100,15 +95,12 @@ def edited(case, size, directory):
     with tempfile.TemporaryDirectory() as place:
         scene = Path(place) / "own.edp"
         shutil.copy(ROOT / "edp" / f"{case.scene}.edp", scene)
-        given = Case(case.name, case.family, str(scene), case.options)
-        return freefem(f'"$freefem" "$@"; echo "// more" >> {shlex.quote(str(scene))}\n')(given,
-                                                                                          size,
-                                                                                          directory)
+        edit = freefem(f'"$freefem" "$@"; echo "// more" >> {shlex.quote(str(scene))}\n')
+        return edit(replace(case, scene=str(scene)), size, directory)
 
 
 def spoiled(spoil):
-    """The solver alone, on an export that `spoil`(directory of the export) has changed since it was
-    sealed."""
+    """The solver alone, on a sealed export that `spoil`(directory of the export) has changed."""
     def perform(case, size, directory):
         from ..scene.freefem import export, find_scene
         from ..scene.seal import read
@@ -146,13 +138,12 @@ def _cut(export: Path) -> None:
 # ---- interruptions -------------------------------------------------------------------------------
 
 def stopped(number: signal.Signals, rank: bool = False):
-    """A run hit by a signal as soon as it has a checkpoint, itself or one of its ranks, and then
-    made again."""
+    """A run that a signal ends, itself or a rank, after its first checkpoint, and made again."""
     def heed_interrupts():
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
     def perform(case, size, directory):
-        words = [word for word in _command(case, size, directory) if word != "RESUME=no"]
+        words = [word for word in run_words(case, size, directory) if word != "RESUME=no"]
         env = {**os.environ, "PYTHONPATH": python_path()}
         directory.parent.mkdir(parents=True, exist_ok=True)
         with subprocess.Popen([sys.executable, "-m", "driver", *words], cwd=ROOT, env=env,
@@ -199,49 +190,46 @@ def undisturbed(case: Case, size: dict, outcome: Outcome) -> Check:
 
 
 def _refused(name: str, perform, reason: str, fast: bool = False, **options) -> Case:
-    return Case(name, "environment", SCENE, options, status=2, reason=reason, perform=perform,
-                fast=fast)
+    return Case(name, BLOCK, options, status=2, reason=reason, perform=perform, fast=fast)
 
 
 CASES = [
     _refused("disk full while FreeFEM writes", mounted("size=24k", "ulimit -f 20"),
-             "No space left|File too large|signal 25",
-             fast=True),
+             "No space left|File too large|signal 25", fast=True),
     _refused("disk full while results are written", mounted("size=1m", "ulimit -f 100"),
-             "No space left.*goes on after step|"
-             "File too large|signal 25", FIELDS="yes", STEPS=40, CELLS=2),
+             "No space left.*goes on after step|File too large|signal 25", FIELDS="yes", STEPS=40,
+             CELLS=2),
     _refused("results on a read-only disk", mounted("ro", ": > out && mkdir .out"),
-             "cannot write results.*Read-only|is no directory",
-             fast=True),
+             "cannot write results.*Read-only|is no directory", fast=True),
     _refused("FreeFEM missing", without("FreeFem++"),
              "FreeFem\\+\\+ is not installed; run 'make setup'"),
-    _refused("mpirun missing", without("mpirun"),
-             "mpirun is not installed; run 'make setup'", NP=2),
+    _refused("mpirun missing", without("mpirun"), "mpirun is not installed; run 'make setup'",
+             NP=2),
     _refused("petsc4py missing", no_package("petsc4py"),
              "package petsc4py is not installed; run 'make setup'", fast=True),
     _refused("petsc4py missing on ranks", no_package("petsc4py"),
              "package petsc4py is not installed", NP=2),
     _refused("FreeFEM fails", freefem("echo 'Out of bound'; exit 6\n"), "FreeFEM failed.*exit 6"),
-    _refused("FreeFEM is killed", freefem("kill -9 $$\n"),
-             "FreeFEM was killed by signal 9", fast=True),
+    _refused("FreeFEM is killed", freefem("kill -9 $$\n"), "FreeFEM was killed by signal 9",
+             fast=True),
     _refused("FreeFEM writes nothing", freefem("exit 0\n"), "manifest.json is missing"),
-    _refused("FreeFEM loses a block", freefem(
-        '"$freefem" "$@"; rm "$export/block-0.bin"\n'), "block-0.bin is missing"),
+    _refused("FreeFEM loses a block", freefem('"$freefem" "$@"; rm "$export/block-0.bin"\n'),
+             "block-0.bin is missing"),
     _refused("FreeFEM writes half a block",
              freefem('"$freefem" "$@"; truncate -s 4000 "$export/block-0.bin"\n'), "is truncated"),
     _refused("FreeFEM writes half a manifest",
              freefem('"$freefem" "$@"; truncate -s 400 "$export/manifest.json"\n'),
              "manifest.json is not readable"),
     _refused("scene edited while FreeFEM runs", edited, "stale", fast=True),
-    _refused("export with a flipped bit", spoiled(_flip),
-             "was changed after FreeFEM wrote it", fast=True),
+    _refused("export with a flipped bit", spoiled(_flip), "was changed after FreeFEM wrote it",
+             fast=True),
     _refused("export cut in half", spoiled(_cut), "is truncated"),
-    _refused("export without its seal", spoiled(lambda export: (
-        export / "seal.json").unlink()), "seal.json is missing"),
-    Case("interrupted", "environment", SCENE, {"STEPS": 40}, checks=(
+    _refused("export without its seal", spoiled(lambda export: (export / "seal.json").unlink()),
+             "seal.json is missing"),
+    Case("interrupted", BLOCK, {"STEPS": 40}, checks=(
         undisturbed,), perform=stopped(signal.SIGINT)),
-    Case("driver killed", "environment", SCENE, {"STEPS": 40}, checks=(undisturbed,),
+    Case("driver killed", BLOCK, {"STEPS": 40}, checks=(undisturbed,),
          perform=stopped(signal.SIGKILL), fast=True),
-    Case("a rank killed", "environment", SCENE, {"STEPS": 20, "NP": 2}, checks=(undisturbed,),
+    Case("a rank killed", BLOCK, {"STEPS": 20, "NP": 2}, checks=(undisturbed,),
          perform=stopped(signal.SIGKILL, rank=True)),
 ]

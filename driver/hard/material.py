@@ -2,10 +2,9 @@
 
 import math
 
-from .case import Case
+from .case import BLOCK, Case
 from .checks import dense, laws
 
-BLOCK = "hard/block"
 BOTH = (dense(1e-5), laws(1e-5))
 # stiff pieces between compliant ones move nearly rigidly: multipliers answer to the QP's 1e-10
 # times the contrast
@@ -17,8 +16,7 @@ WHERE = {"pieces": "from subdomain to subdomain", "inside": "inside subdomains",
 def jump(value: float, board: str, fast=False) -> Case:
     """Young's modulus jumps by `value` over the chess board `board`."""
     where = WHERE[board]
-    return Case(f"E jumps by {value:.0e} {where}", "material", BLOCK,
-                {"JUMP": value, "BOARD": board},
+    return Case(f"E jumps by {value:.0e} {where}", BLOCK, {"JUMP": value, "BOARD": board},
                 sizes=({"SUBDOMAINS": "4x2", "CELLS": 8 if board == "halves" else 4},
                        {"SUBDOMAINS": "8x4", "CELLS": 4}),
                 checks=LOOSE if abs(math.log10(value)) > 3 else BOTH, easy={"JUMP": 1},
@@ -26,10 +24,9 @@ def jump(value: float, board: str, fast=False) -> Case:
 
 
 def jump_without_contact(value: float, board: str) -> Case:
-    """The same, out of reach of the foundation: what the jump does to the preconditioned operator
-    alone."""
+    """The same out of reach of the foundation: the jump's effect on the operator alone."""
     where = WHERE[board]
-    return Case(f"E jumps by {value:.0e} {where}, no contact", "material", BLOCK,
+    return Case(f"E jumps by {value:.0e} {where}, no contact", BLOCK,
                 {"JUMP": value, "BOARD": board, "GAP": 1e9, "FRICTION": 0, "STEPS": 1},
                 easy={"JUMP": 1}, ratio=2.0, checks=(laws(1e-5),),
                 sweep=(f"jump of E {where}, no contact", value), fast=value == 1e-6)
@@ -37,15 +34,13 @@ def jump_without_contact(value: float, board: str) -> Case:
 
 def fibre(stiffness: float) -> Case:
     """Fibres `stiffness` times as stiff along as across, at 30 degrees."""
-    return Case(f"fibres stiffer by {stiffness:g}", "material", "hard/fibre",
-                {"STIFFNESS": stiffness}, checks=BOTH,
-                easy={"STIFFNESS": 1}, sweep=("stiffness of fibres", stiffness))
+    return Case(f"fibres stiffer by {stiffness:g}", "hard/fibre", {"STIFFNESS": stiffness},
+                checks=BOTH, easy={"STIFFNESS": 1}, sweep=("stiffness of fibres", stiffness))
 
 
 def poisson(value: float) -> Case:
-    """P1 near incompressibility: the discrete problem is solved, and the run says that it locks
-    (see element.py)."""
-    return Case(f"Poisson's ratio {value:g}", "material", BLOCK, {"POISSON": value}, checks=BOTH,
+    """P1 near incompressibility: solved, and the run warns that it locks (see element.py)."""
+    return Case(f"Poisson's ratio {value:g}", BLOCK, {"POISSON": value}, checks=BOTH,
                 easy={"POISSON": 0.277}, sweep=("1/(1 - 2 nu)", 1 / (1 - 2 * value)),
                 warning="P1 elements lock.*ELEMENT=P2-mixed" if value > 0.48 else "")
 

@@ -1,12 +1,10 @@
-"""Dense, slow and certain solvers that tests and the hard cases compare with.  Each checks its own
-answer."""
+"""Dense, slow and certain solvers that tests and hard cases compare with; each checks itself."""
 
 import numpy as np
 
 
 class OracleFailure(AssertionError):
-    """The oracle's own answer does not pass its check: it says nothing about the answer compared
-    with it."""
+    """The oracle's own answer does not pass its check: it says nothing about another answer."""
 
 
 def _require(condition, what: str) -> None:
@@ -83,8 +81,7 @@ def assert_kkt(A, b, lower, upper, x, scale):
 # ------------------------------------------------------------------- the assembled (untorn) problem
 
 class Assembled:
-    """The untorn body: stiffness by vertex number, its supports, and the compliance of its contact
-    nodes.
+    """The untorn body: stiffness by vertex, its supports, and compliance of its contact nodes.
 
     Knows nothing of corners, gluing or dual rows. Free dofs only; dof 2 gid + component.
     """
@@ -96,8 +93,7 @@ class Assembled:
         size = 2 * manifest.nodes
         keys = [2 * sub.node_gid[sub.dof_node] + sub.dof_component for sub in subdomains]
         self.K = sum(coo_matrix((sub.values, (k[sub.rows], k[sub.columns])),
-                                shape=(size, size)).tocsc()
-                     for sub, k in zip(subdomains, keys))
+                                shape=(size, size)).tocsc() for sub, k in zip(subdomains, keys))
         self.loads = np.zeros((len(manifest.patterns), size))
         self.held = np.zeros_like(self.loads)
         used, free = np.zeros(size, bool), np.ones(size, bool)
@@ -119,8 +115,7 @@ class Assembled:
         self._collect_contact(subdomains)
 
     def _free_motions(self, place) -> np.ndarray:
-        """(2 vertices, modes): rigid motions that the supports leave to the bodies; `place` by
-        dof."""
+        """(2 vertices, modes): rigid motions that supports leave free; `place` by dof."""
         from scipy.linalg import null_space
         from scipy.sparse.csgraph import connected_components
 
@@ -149,8 +144,8 @@ class Assembled:
             c = sub.contact
             away = c.column("gap") + c.column("obstacle")
             rough = c.column("friction") + c.column("tresca")
-            for vertex, label, w, n, gap, F in zip(c.node, c.label, c.weight, c.normal, away,
-                                                   rough):
+            nodes = zip(c.node, c.label, c.weight, c.normal, away, rough)
+            for vertex, label, w, n, gap, F in nodes:
                 key = (int(label), int(sub.node_gid[vertex]))
                 parts.setdefault(key, []).append((w, *(w * n), w * gap, w * F, *sub.xy[vertex]))
         free = set(self.free.tolist())
@@ -165,12 +160,11 @@ class Assembled:
         self.xy = np.array([p[0, 5:] for _, p in kept]).reshape(-1, 2)
         self.normal = total[:, 1:3] / np.linalg.norm(total[:, 1:3], axis=1)[:, None]
         self.tangent = np.column_stack([-self.normal[:, 1], self.normal[:, 0]])
-        self.terms = np.arange(len(self.gid)), self.gid, np.ones(
-            len(self.gid))  # node, vertex, weight in what meets
+        # node, vertex, weight in what meets
+        self.terms = np.arange(len(self.gid)), self.gid, np.ones(len(self.gid))
 
     def meet(self, contact) -> None:
-        """Conditions of a ContactBoundary in place of the body's own: where bodies meet, rows are
-        mortar jumps.
+        """Take the conditions of a ContactBoundary: where bodies meet, rows are mortar jumps.
 
         The weights of the jumps are then the driver's; stiffness and solution stay independent of
         it.
@@ -181,8 +175,7 @@ class Assembled:
         self.terms = contact.term_node, contact.term_gid, contact.term_value
 
     def solve(self, weights, forces=None):
-        """Displacements (2 vertices,) under sum_k weights_k pattern_k plus nodal `forces`, up to
-        the free `motions`."""
+        """Displacements (2 vertices,) under weighted patterns and nodal `forces`."""
         u = np.asarray(weights) @ self.held
         right = np.asarray(weights) @ self.loads + (0 if forces is None else forces) - self.K @ u
         bordered = np.append(right[self.free], np.zeros(self.motions.shape[1]))
@@ -200,10 +193,8 @@ class Assembled:
         return B
 
     def compliance(self):
-        """C (2 n_c, 2 n_c): displacements n.u, t.u of the contact nodes under unit nodal forces
-        there."""
-        _require(self.motions.shape[1] == 0,
-                 "undefined: a body that no support holds has no compliance")
+        """C (2 n_c, 2 n_c): n.u, t.u of the contact nodes under unit nodal forces there."""
+        _require(self.motions.shape[1] == 0, "a body that no support holds has no compliance")
         B = self.B[:, self.free]
         C = B @ self._factor.solve(np.ascontiguousarray(B.T))
         return (C + C.T) / 2
@@ -242,8 +233,7 @@ def coulomb_step(C, d, friction, start):
     settle.
     """
     n = len(friction)
-    x, rounding = start, max(1e-13, np.finfo(float).eps * np.linalg.cond(C)
-                             )  # what dense solves are good to
+    x, rounding = start, max(1e-13, np.finfo(float).eps * np.linalg.cond(C))  # of dense solves
     for _ in range(300):
         g = friction * x[:n]
         new = warm_box_qp(C, d, np.concatenate([np.zeros(n), -g]),
@@ -259,22 +249,20 @@ def coulomb_step(C, d, friction, start):
 
 
 def _assert_coulomb(C, d, friction, x, slack):
-    """Signorini's and Coulomb's conditions at every node, to the relative rounding `slack` of the
-    dense solves."""
+    """Signorini's and Coulomb's conditions at every node, to the relative rounding `slack`."""
     n, move = len(friction), d - C @ x
     size, force = slack * np.abs(d).max(), np.abs(x).max()
     bound = friction * x[:n]
     _require(x[:n].min() >= 0 and move[:n].max() <= size, "penetration or tension")
     _require(np.all(np.abs(move[:n])[x[:n] > 0] <= size), "pressure at a distance")
     _require(np.all(np.abs(x[n:]) <= bound + slack * force), "friction above its bound")
-    _require(np.all(np.abs(move[n:])[np.abs(x[n:]) < bound - \
-             slack * force] <= size), "slip below the bound")
+    sticks = np.abs(x[n:]) < bound - slack * force
+    _require(np.all(np.abs(move[n:])[sticks] <= size), "slip below the bound")
     _require(np.all(x[n:] * move[n:] >= -size * force), "friction along the slip")
 
 
 def coulomb_history(body: Assembled, amplitudes):
-    """Tractions and displacements of the contact nodes, dict of (steps, n_c): u_n, u_t, sigma_n,
-    sigma_t.
+    """Dict of (steps, n_c): u_n, u_t, sigma_n, sigma_t of the contact nodes.
 
     `amplitudes` (steps + 1, patterns). Stick refers to the tangential displacement of the step
     before.

@@ -8,6 +8,7 @@ import re
 import shutil
 import time
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,8 +25,8 @@ FAMILIES = options.find("hard", "family").kind.choices
 def cases(family: str | None = None) -> list[Case]:
     """All cases, or those of one family."""
     names = (family,) if family else FAMILIES
-    modules = (importlib.import_module(f"{__package__}.{name}") for name in names)
-    return [case for module in modules for case in module.CASES]
+    modules = {name: importlib.import_module(f"{__package__}.{name}") for name in names}
+    return [replace(case, family=name) for name, module in modules.items() for case in module.CASES]
 
 
 def run_suite(pairs: dict[str, str]) -> list[Path]:
@@ -39,8 +40,8 @@ def run_suite(pairs: dict[str, str]) -> list[Path]:
     shutil.rmtree(folder / "runs", ignore_errors=True)
     rows, clock = [], time.perf_counter()
     with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
-        tasks = [pool.submit(_judge_named, case.family, case.name, size,
-                             folder / "runs") for case, size in chosen]
+        tasks = [pool.submit(_judge_named, case.family, case.name, size, folder / "runs")
+                 for case, size in chosen]
         try:
             for task in tasks:
                 rows.append(task.result())
@@ -132,8 +133,7 @@ def _judge_solved(case: Case, size: dict, outcome: Outcome, row: Row) -> str:
     wrong += [f"{c.error:.1e} off {c.oracle}" for c in checks if not c.error <= c.tolerance]
     if not checks:
         wrong.append("the case names no oracle")
-    if case.warning and not any(re.search(case.warning,
-                                          warning) for warning in summary["warnings"]):
+    if case.warning and not re.search(case.warning, "\n".join(summary["warnings"])):
         wrong.append(f"no warning of '{case.warning}'")
     if case.easy is not None:
         easy = reference(case, size, case.easy).summary["counts"]["dual_multiplications"]

@@ -1,39 +1,31 @@
-"""Support: bodies that contact alone holds are solved, or refused where it cannot; mechanisms of
-parts are no body's."""
+"""Support: bodies held by contact alone are solved or refused; mechanisms of parts solved."""
 
-from .case import Case
-from .checks import laws
+from .case import BLOCK, Case
+from .checks import LAWS
 
-BLOCK, HELD = "hard/block", "hard/held"
+HELD = "hard/held"
 WALLS = {"PLACE": "walls", "STEPS": 2, "UNIQUENESS": "no"}
 SIZES = ({"SUBDOMAINS": 2, "N": 4}, {"SUBDOMAINS": 6, "N": 12})
 
 CASES = [
-    Case("floating body, pressed down", "support", BLOCK, {
-         "HOLD": "none"}, checks=(laws(1e-6),), fast=True),
-    Case("friction alone holds the body sideways", "support", BLOCK,
-         {"HOLD": "none", "PULL": 1e7, "LIFT": 0, "FRICTION": 1}, checks=(laws(1e-6),)),
-    Case("contact alone removes a rigid motion", "support",
-         BLOCK, {"HOLD": "roller"}, checks=(laws(1e-6),)),
-    Case("floating body on a frictionless floor", "support", BLOCK,
+    Case("floating body, pressed down", BLOCK, {"HOLD": "none"}, checks=LAWS, fast=True),
+    Case("friction alone holds the body sideways", BLOCK,
+         {"HOLD": "none", "PULL": 1e7, "LIFT": 0, "FRICTION": 1}, checks=LAWS),
+    Case("contact alone removes a rigid motion", BLOCK, {"HOLD": "roller"}, checks=LAWS),
+    Case("floating body on a frictionless floor", BLOCK,
          {"HOLD": "none", "FRICTION": 0, "PULL": 0, "LIFT": 0},
-         checks=(laws(1e-6),), warning="one answer of many", fast=True),
-    Case("floating body on too little friction", "support", BLOCK,
-         {"HOLD": "none", "FRICTION": 0.15}, status=3,
-         reason="no equilibrium: contact and friction cannot balance", fast=True),
-    Case("floating body pulled up", "support", BLOCK, {
+         checks=LAWS, warning="one answer of many", fast=True),
+    Case("floating body on too little friction", BLOCK, {"HOLD": "none", "FRICTION": 0.15},
+         status=3, reason="no equilibrium: contact and friction cannot balance", fast=True),
+    Case("floating body pulled up", BLOCK, {
          "HOLD": "none", "PRESS": -1e7}, status=3, reason="no equilibrium"),
-    Case("squeezed between walls, friction carries the weight", "support", HELD,
-         {**WALLS, "SQUEEZE": 1e-3, "FRICTION": 0.4}, SIZES,
-         (laws(1e-6),), fast=True),
-    Case("jammed by friction alone", "support", HELD, {
-         **WALLS, "FRICTION": 4}, SIZES, (laws(1e-6),)),
-    Case("squeezed too little for its weight", "support", HELD,
-         {**WALLS, "SQUEEZE": 1e-4, "FRICTION": 0.2}, SIZES, status=3,
-         reason="no equilibrium was found: .* body 1", fast=True),
-    Case("disc that may turn in a groove", "support", HELD,
-         {"PLACE": "groove", "FRICTION": 0, "STEPS": 1}, SIZES, (laws(1e-6),),
-         warning="one answer of many"),
-    Case("disc pushed in a groove", "support", HELD, {
-         "PLACE": "groove", "PUSH": 2e-5, "STEPS": 4}, SIZES, (laws(1e-6),)),
+    Case("squeezed between walls, friction carries the weight", HELD,
+         {**WALLS, "SQUEEZE": 1e-3, "FRICTION": 0.4}, SIZES, LAWS, fast=True),
+    Case("jammed by friction alone", HELD, {**WALLS, "FRICTION": 4}, SIZES, LAWS),
+    Case("squeezed too little for its weight", HELD, {**WALLS, "SQUEEZE": 1e-4, "FRICTION": 0.2},
+         SIZES, status=3, reason="no equilibrium was found: .* body 1", fast=True),
+    Case("disc that may turn in a groove", HELD, {"PLACE": "groove", "FRICTION": 0, "STEPS": 1},
+         SIZES, LAWS, warning="one answer of many"),
+    Case("disc pushed in a groove", HELD, {
+         "PLACE": "groove", "PUSH": 2e-5, "STEPS": 4}, SIZES, LAWS),
 ]

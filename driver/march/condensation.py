@@ -1,6 +1,4 @@
-"""The contact part of the dual vectors: dense, in the order of the contact nodes, the same on every
-rank.
-"""
+"""The contact part of the dual vectors: dense, in the order of the contact nodes, on every rank."""
 
 from dataclasses import dataclass
 
@@ -17,11 +15,9 @@ from .step import Load
 
 @dataclass
 class Condensation:
-    """Contact rows in the order of the contact nodes, normal ones first, and their compliance once
-    it is asked for.
+    """Contact rows in the order of the contact nodes, normal ones first, and their compliance.
 
-    `guess` is a dual vector near the solution of the first step. Collective over the operator's
-    communicator.
+    `guess` is a dual vector near the solution of the first step. Collective.
     """
 
     operator: DualProblem
@@ -36,9 +32,9 @@ class Condensation:
         self.pair = np.searchsorted(normal, tangential)
         self.n, self.m = len(normal), len(tangential)
         number = contact_row_numbers(contact)
-        # places of this rank's rows,
+        # this rank's rows among the contact rows, and their places in its part of a dual vector
         self._owned = np.flatnonzero((number >= first) & (number < last))
-        self._at = number[self._owned] - first  # and where its part of a dual vector has them
+        self._places = number[self._owned] - first
         self._compliance = self._law = None
 
     @property
@@ -48,53 +44,51 @@ class Condensation:
 
     def gather(self, local: np.ndarray) -> np.ndarray:
         """(n + m,) contact part of a dual vector, on every rank."""
-        found, comm = np.zeros(self.n + self.m), self.operator.comm
-        found[self._owned] = local[self._at]
-        return np.sum(comm.allgather(found), axis=0) if comm.size > 1 else found
+        part, comm = np.zeros(self.n + self.m), self.operator.comm
+        part[self._owned] = local[self._places]
+        return np.sum(comm.allgather(part), axis=0) if comm.size > 1 else part
 
     def place(self, x: np.ndarray, into: np.ndarray) -> np.ndarray:
         """The dual vector `into` with its contact part replaced by x (n + m,)."""
         moved = into.copy()
-        moved[self._at] = x[self._owned]
+        moved[self._places] = x[self._owned]
         return moved
 
-    def held(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Limits that hold the contact part of the dual vector x and leave its gluing part free."""
+    def fixing(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Limits that fix the contact part of the dual vector x and leave its gluing part free."""
         lower, upper = np.full(len(x), -np.inf), np.full(len(x), np.inf)
         for rows in (self.rows.normal, self.rows.tangential):
             lower[rows] = upper[rows] = x[rows]
         return lower, upper
 
     def compliance(self) -> np.ndarray:
-        """C (n + m, n + m), found at the first call. Raises NotConverged."""
+        """C (n + m, n + m), computed at the first call. Raises NotConverged."""
         if self._compliance is None:
             self._compliance = contact_compliance(self.operator)
         return self._compliance
 
-    def solution(self, load: Load, x: np.ndarray, gradient: np.ndarray,
-                 sliding: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-        """Multipliers that solve a step, where contact rows are all there are, by Newton's method,
-        and their gradient.
+    def solution(self, load: Load, x, gradient, sliding) -> tuple[np.ndarray, np.ndarray] | None:
+        """Multipliers that solve a step, and their gradient, where there are contact rows alone.
 
-        It starts from `guess`, if there is one, and from x, where the tangential rows slide as
-        `sliding` says. It ends exactly in the states that it finds: what it started from leaves no
-        trace. None if it fails.
+        Newton's method from `guess`, if there is one, and from x, where the tangential rows slide
+        as `sliding` says. It ends exactly in the states that it reaches: what it started from
+        leaves no trace. None if it fails.
         """
-        problem, start, found = self.problem(load, x, gradient), self.gather(x), None
+        problem, start, pair = self.problem(load, x, gradient), self.gather(x), None
         if self.guess is not None:
             near, self.guess = self.gather(self.guess), None
-            found = complementarity.settled(problem, near, problem.movement(near))
-        if found is None:
-            found = complementarity.settled(problem, start, -self.gather(gradient),
-                                            problem.states_of(start, sliding))
+            pair = complementarity.settled(problem, near, problem.movement(near))
+        if pair is None:
+            states = problem.states_of(start, sliding)
+            pair = complementarity.settled(problem, start, -self.gather(gradient), states)
         self.operator.products += problem.products
-        return None if found is None else (self.place(found[0], x), self.place(-found[1], x))
+        return None if pair is None else (self.place(pair[0], x), self.place(-pair[1], x))
 
     def problem(self, load: Load, x: np.ndarray, gradient: np.ndarray) -> CoulombProblem:
-        """The condensed problem whose load is exact at the dual vector x with zero gradient on the
-        gluing rows.
+        """The condensed problem whose load is exact at the dual vector x.
 
-        Rigid motions of bodies without support are relative to those in `load`.
+        The gradient on the gluing rows is taken as zero. Rigid motions of bodies without support
+        are relative to those in `load`.
         """
         op, balance, rows = self.operator, None, self.rows
         if self._law is None:
@@ -104,8 +98,10 @@ class Condensation:
         coefficient, offset = self._tangential(rows.coefficient), None
         if rows.offset is not None:
             offset = self._tangential(rows.offset)
-        d = self.gather(
-            load.d) if self.whole else self.compliance() @ self.gather(x) - self.gather(gradient)
+        if self.whole:
+            d = self.gather(load.d)
+        else:
+            d = self.compliance() @ self.gather(x) - self.gather(gradient)
         if op.modes:
             balance = load.weights[: op.structure.patterns] @ op.rigid_work[0]
         return self._law.under(d, coefficient, balance, offset)

@@ -16,23 +16,18 @@ from .friction_qp import FrictionQP
 from .slip import SlipState
 from .step import WINDOW, Load, Trace, Unfinished
 
-# relative change of pressures and friction bounds below which free bodies follow their springs
-SETTLING = 0.3
+SETTLING = 0.3  # relative change of friction bounds below which free bodies follow their springs
 CORRECTIONS = 30  # friction bounds in the contact problem with F_cc, at most
 CORRECTION = 0.1  # its residual, relative to the whole one before
 BALANCED = 0.1  # its imbalance of bodies without support, relative to the one before
-# relative imbalance after a QP above which the corrector leaves these bodies where they are
-HEADWAY = 1.0
+HEADWAY = 1.0  # growth of this imbalance in a QP above which the corrector moves them no more
 CONDENSED_PASSES = 30  # corrections of a solution of the condensed contact problem
 # tolerance of the gluing multipliers there, relative to ||d|| and ||F|| ||x||: a hundred roundings
 FINEST = 1e-13
 
 
 class FixedPoint:
-    """Finds multipliers that solve the QP with the friction bound of their own pressures.
-
-    Collective.
-    """
+    """Multipliers that solve the QP with the friction bound of their pressures. Collective."""
 
     def __init__(self, qp: FrictionQP, bodies, slip: SlipState, condensation: Condensation):
         """`bodies`: FreeBodies of effects/free_bodies.py, or SupportedBodies."""
@@ -43,22 +38,22 @@ class FixedPoint:
         self.corrects_motion, self.coupled = False, bool(self.operator.comm.allreduce(int(coupled)))
 
     def find(self, index: int, load: Load, x, gradient, sliding, trace: Trace):
-        """Successive approximations lambda_n -> Phi(lambda_n), each QP solved only as far as it
-        pays.
+        """Successive approximations lambda_n -> Phi(lambda_n), each QP solved as far as it pays.
 
         The first QPs would be solved far beyond the error of their friction bound; each reduces its
         initial residual by `inner_rtol`, and the last one meets the tolerance. Bodies without
         support move in the same iterations. Starts from and returns multipliers, gradient and the
         rows that slide. Raises Unfinished.
         """
-        settings, rows, free = self.settings, self.rows, self.operator.modes > 0
-        coupled, secants, last, self.corrects_motion = self.coupled, self.bodies.secants(
-        ), np.inf, free
+        settings, rows, coupled = self.settings, self.rows, self.coupled
+        self.corrects_motion = free = self.operator.modes > 0
+        secants, last = self.bodies.secants(), np.inf
         while not trace.fallback:
             trace.iterations += 1
             x, gradient = self._start(load, x, gradient, sliding)
-            bound, reduction = rows.friction_bound(x), self._reduction(
-                trace) if coupled or free else 0.0
+            bound, reduction = rows.friction_bound(x), 0.0
+            if coupled or free:
+                reduction = self._reduction(trace)
             result, change = self._approximate(index, trace, load.d, x, bound, reduction, coupled,
                                                gradient)
             x, gradient = result.x, result.gradient
@@ -71,9 +66,9 @@ class FixedPoint:
                 return x, gradient, sliding
             tired = trace.iterations >= settings.max_fixed_point
             if tired and trace.iterations <= 2 * WINDOW:
-                raise Unfinished(
-                    NotConverged(f"step {index}: no fixed point of the friction bound in "
-                                 f"{trace.iterations} iterations"), x, gradient)
+                error = NotConverged(f"step {index}: no fixed point of the friction bound in "
+                                     f"{trace.iterations} iterations")
+                raise Unfinished(error, x, gradient)
             if loose > settings.friction_rtol and change <= SETTLING * self._norm(x[rows.normal]):
                 # before, friction is too far off to say where to
                 gradient = gradient - self.bodies.lead(load, x, secants)
@@ -86,9 +81,7 @@ class FixedPoint:
         return self._globalise(index, load, rows.follow(x, sliding), trace)
 
     def _start(self, load: Load, x, gradient, sliding):
-        """Start of the next QP and its gradient: x moved to the friction bound of its own
-        pressures, corrected if so set.
-        """
+        """Start of the next QP, x at the friction bound of its pressures, and its gradient."""
         start, relaxation, before = self.rows.follow(x, sliding), self.qp.relaxation, load.d.copy()
         if self.settings.corrector == "contact":
             if relaxation is not None:
@@ -96,13 +89,12 @@ class FixedPoint:
             elif self.condensation.whole and not self.rows.bound_is_given:
                 x, gradient = self.qp.placed(start, load.d, x, gradient)
                 return self.condensation.solution(load, x, gradient, sliding) or (x, gradient)
-        # d changes where bodies without support move
-        return self.qp.placed(start, load.d, x, gradient -
-                              (load.d - before) if self.operator.modes else gradient)
+        if self.operator.modes:  # d has changed where bodies without support moved
+            gradient = gradient - (load.d - before)
+        return self.qp.placed(start, load.d, x, gradient)
 
     def _correct(self, load: Load, x, gradient):
-        """x with the contact multipliers that solve contact and friction while the gluing ones
-        stay.
+        """x with the contact multipliers that solve contact and friction, gluing ones unchanged.
 
         Successive approximations as in `find`, with F_cc for F, and bodies without support follow
         as soon as these have settled. `gradient` need be right only on the contact rows.
@@ -110,13 +102,13 @@ class FixedPoint:
         rows, qp, aim = self.rows, self.qp, None
         for _ in range(CORRECTIONS):
             limits, bound = rows.limits(self.operator.owned, x), rows.friction_bound(x)
-            left = projected_gradient(x, gradient, *limits)
+            residual = projected_gradient(x, gradient, *limits)
             if aim is None:
-                whole, loose = qp.size(left), self.bodies.imbalance(load, x)
+                whole, loose = qp.size(residual), self.bodies.imbalance(load, x)
                 aim = max(0.5 * qp.tol, CORRECTION * whole)
                 balanced = max(0.5 * self.settings.friction_rtol, BALANCED * loose)
-            left[rows.gluing] = 0.0
-            if whole <= qp.tol or qp.size(left) <= aim:
+            residual[rows.gluing] = 0.0
+            if whole <= qp.tol or qp.size(residual) <= aim:
                 if not self.corrects_motion or self.bodies.imbalance(load, x) <= balanced:
                     break
                 gradient = gradient - self.bodies.follow(load, x)
@@ -126,12 +118,10 @@ class FixedPoint:
         return x
 
     def _approximate(self, index, trace, d, x, bound, reduction, coupled=True, gradient=None):
-        """The QP with friction bounds `bound` started from x: its result, and the change of
-        pressures and bounds.
-        """
+        """Result of the QP with friction bounds `bound` from x, change of pressures and bounds."""
         limits = self.rows.limits_at(len(x), bound)
-        x, gradient = self.qp.placed(np.minimum(np.maximum(x, limits[0]), limits[1]), d, x,
-                                     gradient)
+        inside = np.minimum(np.maximum(x, limits[0]), limits[1])
+        x, gradient = self.qp.placed(inside, d, x, gradient)
         result = self.qp.solve(index, trace.iterations, d, limits, x, reduction, gradient)
         if not coupled:
             return result, 0.0
@@ -162,8 +152,7 @@ class FixedPoint:
         raise Unfinished(NoSolution(f"step {index}: {why}"), x, self.operator.apply(x) - load.d)
 
     def _accelerate(self, index: int, load: Load, x, trace: Trace):
-        """Anderson acceleration of the friction bounds and of the motions, as forces of their
-        springs.
+        """Anderson acceleration of friction bounds and of motions, as forces of their springs.
 
         None if it makes no headway.
         """
@@ -175,10 +164,10 @@ class FixedPoint:
             trace.iterations += 1
             bound = np.maximum(point[:j], 0.0)
             self.bodies.shift(load, softness * point[j:] - load.weights[op.structure.patterns :])
-            result, change = self._approximate(index, trace, load.d, x, bound,
-                                               self._reduction(trace))
-            x, sliding, loose = result.x, rows.sliding(result.x, bound), self.bodies.imbalance(
-                load, result.x)
+            reduction = self._reduction(trace)
+            result, change = self._approximate(index, trace, load.d, x, bound, reduction)
+            x, sliding = result.x, rows.sliding(result.x, bound)
+            loose = self.bodies.imbalance(load, x)
             changes.append(max(change, loose * self._norm(x[rows.normal])))
             if loose <= self.settings.friction_rtol and self._settled(change, result):
                 self.history.fallbacks.note(globalization.ANDERSON, index)
@@ -189,13 +178,12 @@ class FixedPoint:
         return None
 
     def _condense(self, index: int, load: Load, x, trace: Trace):
-        """A solution of the condensed contact problem, corrected until it is one of the whole; None
-        if none is found.
+        """The condensed contact problem, corrected until it solves the whole; None if it fails.
 
-        Every pass solves for the gluing multipliers with the contact multipliers held. What then is
-        left on the contact rows makes the load of the condensed problem exact for the next pass.
-        What the gluing rows are left with comes back on the contact rows, many times as large: they
-        are solved the more accurately the longer that takes.
+        Every pass solves for the gluing multipliers with the contact multipliers fixed. The
+        residual on the contact rows then makes the load of the condensed problem exact for the next
+        pass. The gluing rows' own residual comes back on the contact rows, many times as large:
+        they are solved the more accurately the longer that takes.
         """
         if self.condensation.n > globalization.CONDENSED_NODES or self.rows.bound_is_given:
             return None
@@ -205,15 +193,15 @@ class FixedPoint:
             trace.iterations += 1
             bound, coefficient = rows.friction_bound(x), rows.coefficient
             qp.tol = aim
-            result = qp.solve(index, trace.iterations, load.d, self.condensation.held(x), x, 0.0)
+            result = qp.solve(index, trace.iterations, load.d, self.condensation.fixing(x), x, 0.0)
             qp.tol = tol
             x = result.x
             self.slip.renew_coefficient(result.gradient)
             change = self._norm(rows.friction_bound(x) - bound, tangential=True)
-            left = projected_gradient(x, result.gradient, *rows.limits_at(len(x), bound))
-            # the gluing rows alone may be left with a residual of tol
+            residual = projected_gradient(x, result.gradient, *rows.limits_at(len(x), bound))
+            # of which the gluing rows alone may have tol
             if (change <= self.settings.friction_rtol * self._norm(x[rows.normal])
-                    and qp.size(left) <= 2 * qp.tol
+                    and qp.size(residual) <= 2 * qp.tol
                     and self.bodies.imbalance(load, x) <= self.settings.friction_rtol):
                 self.history.fallbacks.note(method, index)
                 return x, result.gradient, rows.sliding(x, bound)
@@ -224,13 +212,13 @@ class FixedPoint:
                 problem = self.condensation.problem(load, x, result.gradient)
             except NotConverged:
                 return None
-            found, how = globalization.solve_condensed(problem,
-                                                       problem.whole(self.condensation.gather(x)))
-            if found is None:
+            start = problem.whole(self.condensation.gather(x))
+            solution, solver = globalization.solve_condensed(problem, start)
+            if solution is None:
                 return None
-            method = how if how == globalization.LEMKE else method
-            x = self.condensation.place(found[: problem.rows], x)
-            self.bodies.shift(load, found[problem.rows :])
+            method = solver if solver == globalization.LEMKE else method
+            x = self.condensation.place(solution[: problem.rows], x)
+            self.bodies.shift(load, solution[problem.rows :])
         return None
 
     # ---- norms of values on contact rows -------------------------------------------------------

@@ -1,23 +1,21 @@
-"""Stage 6: the QP with given friction bounds, as MPRGP solves it: scaled, preconditioned, relaxed,
-to a tolerance.
-"""
+"""Stage 6: the QP with given friction bounds, solved by MPRGP scaled, preconditioned, relaxed."""
 
 import functools
 
 import numpy as np
 
-from ..feti.contact_block import ContactBlock
-from ..feti.deflation import DeflatedPreconditioner, Deflation
-from ..feti.dual_problem import DualProblem
 from ..contact.kkt import Scales
 from ..contact.rows import ContactRows
 from ..errors import NoSolution, NotConverged
+from ..feti.contact_block import ContactBlock
+from ..feti.deflation import DeflatedPreconditioner, Deflation
+from ..feti.dual_problem import DualProblem
+from ..feti.rows import RowKind
+from ..options import Settings
 from ..qp.lanczos import norm_bound
 from ..qp.mprgp import Result, mprgp, projected_gradient
-from ..options import Settings
 from .relaxation import ContactRelaxation
 from .step import History, Unfinished
-from ..feti.rows import RowKind
 
 
 class FrictionQP:
@@ -50,17 +48,16 @@ class FrictionQP:
                           start=start[slice(*structure.row_range)])[0]
 
     def _accelerators(self):
-        """The preconditioner and the relaxation of the contact multipliers that the settings ask
-        for, or None.
+        """Preconditioner and relaxation of the contact multipliers, each None if not asked for.
 
         Without gluing the contact block is the whole operator, and neither deflation nor relaxation
-        has a sense.
+        makes sense.
         """
         settings, op = self.settings, self.operator
         relaxed = "contact" in (settings.expansion, settings.corrector)
         kinds = np.unique(op.structure.row_kind)
-        coupled = (relaxed or settings.preconditioner
-                   == "deflated") and RowKind.GLUING in kinds and len(kinds) > 1
+        wanted = relaxed or settings.preconditioner == "deflated"
+        coupled = wanted and RowKind.GLUING in kinds and len(kinds) > 1
         local = op.preconditioner() if settings.preconditioner != "none" or coupled else None
         chosen = local if settings.preconditioner != "none" else None
         if not coupled:
@@ -81,8 +78,7 @@ class FrictionQP:
         return self.bound * np.sqrt(self.operator.dot(unscaled, unscaled))
 
     def extent(self, d: np.ndarray) -> float:
-        """||d|| without what is left of gaps that the load alone would not close: they could be any
-        distance.
+        """||d|| without the part of gaps that the load alone would not close: they may be any size.
 
         Bilateral contact closes them all.
         """
@@ -95,9 +91,7 @@ class FrictionQP:
         return self.size(seen)
 
     def placed(self, moved, d, x, gradient):
-        """`moved` and its gradient, which takes a product unless it is x and the gradient there is
-        known.
-        """
+        """`moved` and its gradient, by a product unless it is x, where `gradient` is known."""
         if gradient is None or not self.operator.minimum(float(np.array_equal(moved, x))):
             return moved, self.operator.apply(moved) - d
         return x, gradient
@@ -117,8 +111,8 @@ class FrictionQP:
             relax = functools.partial(self.relaxation.relaxed, limits=limits, tol=0.5 * tol)
 
         def monitor(kind, products, residual):
-            history.log.append((offset + products, index, iteration, kind, residual /
-                                (self.scales.d or 1.0)))
+            relative = residual / (self.scales.d or 1.0)
+            history.log.append((offset + products, index, iteration, kind, relative))
 
         if residual <= self.tol:
             monitor("start", 0, residual)
@@ -126,20 +120,19 @@ class FrictionQP:
                           0, self.bound, residual)
 
         def attempt(x, gradient, relax):
-            found = mprgp(op.apply, d, *limits, x, tol=tol, norm_bound=self.bound,
+            ended = mprgp(op.apply, d, *limits, x, tol=tol, norm_bound=self.bound,
                           preconditioner=self.preconditioner, max_products=settings.max_products,
                           gradient0=gradient, dot=op.dot, minimum=op.minimum, monitor=monitor,
                           scale=self.scale, relax=relax,
                           expansion="gradient" if settings.expansion == "gradient" else "cg")
-            self.bound = found.norm_bound
+            self.bound = ended.norm_bound
             for name in ("cg_steps", "expansion_steps", "proportioning_steps"):
-                history.counts[name] += getattr(found, name)
-            return found
+                history.counts[name] += getattr(ended, name)
+            return ended
 
         result = attempt(x, gradient, relax)
         if result.status == "stagnated" and relax is not None:
-            # steps on the contact rows alone may be all rounding where the stiffness jumps within
-            # subdomains
+            # steps on contact rows may be all rounding where stiffness jumps within subdomains
             offset = op.products
             result = attempt(result.x, op.apply(result.x) - d, None)
         if result.status != "converged":

@@ -1,6 +1,4 @@
-"""An export made ready for time stepping: read, torn, reduced; and solvers of its load history,
-whole or in part.
-"""
+"""An export made ready for time stepping: read, torn, reduced; solvers of its load history."""
 
 import dataclasses
 from pathlib import Path
@@ -31,9 +29,7 @@ class Problem:
         return Effects(self.manifest)
 
     def solver(self, settings: Settings, samples=None) -> QuasistaticSolver:
-        """Solver that steps through the exported times with the indices `samples`, by default all
-        of them.
-        """
+        """Solver that steps through the exported times with indices `samples`, by default all."""
         m = self.manifest
         samples = np.arange(m.steps + 1) if samples is None else samples
         times = np.linspace(0, m.t_end, m.steps + 1)
@@ -42,8 +38,7 @@ class Problem:
 
 
 def assemble(directory: Path, comm, lap=lambda stage: None) -> Problem:
-    """The problem of the export in `directory`; collective. `lap` is called when reading is done.
-    """
+    """The problem of an export; collective. `lap` is called when reading is done."""
     manifest = read_manifest(directory)
     first, last = partition(manifest.subdomains, comm)
     subdomains = read_subdomains(manifest, first, last, comm)

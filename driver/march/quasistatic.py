@@ -33,22 +33,17 @@ from .step import History, Load, Step, StepFailed, Trace, Unfinished
 from .supported import SupportedBodies
 from .uniqueness import Uniqueness, worthwhile
 
-# displacements below this part of ||d|| are what rounding leaves of loads that contact takes
-CANCELLED = 1e-8
+CANCELLED = 1e-8  # part of ||d|| below which displacements are rounding: contact takes the loads
 TIGHTENINGS = 3  # tenfold reductions of the QP tolerance that a step may ask for
-# of a History in a snapshot
-KEPT = ("counts", "residuals", "steps", "warnings", "contraction", "seconds")
+CARRIED = ("counts", "residuals", "steps", "warnings", "contraction", "seconds")  # of a History
 
 
 class QuasistaticSolver:
-    """Marches through the time steps of one problem. Collective over the operator's communicator.
-    """
+    """Time steps of one problem. Collective over the operator's communicator."""
 
     def __init__(self, operator: DualProblem, effects: Effects, amplitudes: np.ndarray,
                  times: np.ndarray, settings: Settings):
-        """`amplitudes` (steps + 1, patterns): factor of every load pattern at every time of
-        `times`.
-        """
+        """`amplitudes` (steps + 1, patterns): factors of the load patterns at `times`."""
         self.operator, self.settings, self.effects = operator, settings, effects
         self.amplitudes, self.times = amplitudes, times
         contact = operator.structure.contact
@@ -67,15 +62,12 @@ class QuasistaticSolver:
         self.largest_friction = operator.comm.allreduce(own, op=MPI.MAX)
         self.uniqueness = Uniqueness(self.largest_friction > 0)
         self.doubtful = False
-        # of bodies that no support holds
+        # of the last step and of the one before: rigid motions (modes,), multipliers (owned,)
         self.motion = self.older_motion = np.zeros(operator.modes)
-        # of the last step and of the one before
         self.multipliers = self.older = np.zeros(operator.owned)
 
     def _bodies(self):
-        """What bodies without support need; nothing of it is loaded where supports hold all of
-        them.
-        """
+        """What bodies without support need, imported only where there are such bodies."""
         if not self.operator.modes:
             return SupportedBodies()
         from ..effects.free_bodies import FreeBodies
@@ -83,10 +75,7 @@ class QuasistaticSolver:
         return FreeBodies(self.operator, self.rows, self.effects, self.scales, self.history)
 
     def steps(self):
-        """Generate the finished `Step`s after those in `history`.
-
-        Raises StepFailed where one has no solution.
-        """
+        """Generate the `Step`s after those in `history`. StepFailed where one has no solution."""
         clock = time.perf_counter()
         if self.history.steps == 0:
             self._start()
@@ -123,16 +112,14 @@ class QuasistaticSolver:
         sliding = self.rows.sliding(last, self.rows.friction_bound(last))
         step, error = self._step(index, load, last + growth * (last - self.older), sliding)
         self.multipliers, self.older = step.multipliers, last
-        self.motion, self.older_motion = step.weights[self.operator.structure.
-                                                      patterns :], self.motion
+        patterns = self.operator.structure.patterns
+        self.motion, self.older_motion = step.weights[patterns :], self.motion
         self.slip.advance(step.gradient)
         self._record(step)
         return step, error
 
     def load(self, index: int, motion: np.ndarray, u_t: np.ndarray) -> Load:
-        """Load of step `index` from rigid motions `motion` (modes,) and tangential displacements
-        u_t (j,).
-        """
+        """Load of a step from rigid motions (modes,) and tangential displacements u_t (j,)."""
         weights = np.concatenate([self.amplitudes[index], motion])
         d = self.operator.load_response(weights)
         d[self.rows.normal] -= self.rows.gap
@@ -140,8 +127,7 @@ class QuasistaticSolver:
         return Load(weights, d)
 
     def _growth(self, index: int) -> float:
-        """Part of the last change of the multipliers by which a step starts from them, that of the
-        change of the load.
+        """Change of the load over its last change: by it the last change of multipliers goes on.
 
         Exact as long as the response is proportional to the load (a contact zone that is not
         changing under loading); on reversal the step starts from the previous one.
@@ -156,16 +142,15 @@ class QuasistaticSolver:
     def _record(self, step: Step) -> None:
         counts, worst = self.history.counts, self.history.residuals
         counts["fixed_point_iterations"] += step.fixed_point_iterations
-        counts[
-            "dual_multiplications"] = self.operator.products - counts["dual_multiplications_setup"]
+        setup = counts["dual_multiplications_setup"]
+        counts["dual_multiplications"] = self.operator.products - setup
         if self.qp.relaxation is not None:
             counts["contact_block_products"] += self.qp.relaxation.products
             self.qp.relaxation.products = 0
         for name, value in step.residuals.items():
             worst[name] = max(worst.get(name, 0.0), value)
         self.history.steps = step.index
-        # which NaN leaves as it is
-        self.history.contraction = max(self.history.contraction, step.contraction)
+        self.history.contraction = max(self.history.contraction, step.contraction)  # unless NaN
 
     # ---- one time step -----------------------------------------------------------------------
     def _step(self, index: int, load: Load, start, sliding) -> tuple[Step, DriverError | None]:
@@ -182,8 +167,8 @@ class QuasistaticSolver:
         x = rows.follow(rows.pressing(start), sliding)
         gradient = op.apply(x) - load.d
         try:
-            x, gradient, moved, residuals = self._tightened(index, load, x, gradient, sliding,
-                                                            trace)
+            start = x, gradient, sliding
+            x, gradient, moved, residuals = self._tightened(index, load, *start, trace)
             self._examine(index, load, x, gradient, trace)
             self.bodies.note_loose_motion(index, x)
         except Unfinished as failure:
@@ -257,19 +242,14 @@ class QuasistaticSolver:
 
     # ---- checkpoints ---------------------------------------------------------------------------
     def _carried(self) -> dict[str, np.ndarray]:
-        """What friction carries from step to step at the rank's tangential rows, arrays (j,) by
-        name.
-        """
+        """What friction carries between steps at the rank's tangential rows, (j,) by name."""
         nodes = self.rows.tangential_node
         own = {} if self.rows.bound_is_given else {"coefficient": self.rows.coefficient}
-        return {
-            "u_t": self.slip.u_t, **own,
-            **{name: values[nodes] for name, values in self.effects.carried().items()}
-        }
+        return {"u_t": self.slip.u_t, **own,
+                **{name: values[nodes] for name, values in self.effects.carried().items()}}
 
     def snapshot(self) -> dict | None:
-        """All that the next step depends on and that the run reports, for `restore`, on rank 0;
-        collective.
+        """All that the next step depends on and that the run reports, on rank 0; collective.
 
         Arrays follow the global numbering of dual rows and contact nodes, numbers are exact: any
         number of ranks goes on from it with the same bits.
@@ -286,21 +266,20 @@ class QuasistaticSolver:
         return {
             "multipliers": multipliers, "older": older, "carried": dict(zip(carried, by_node)),
             "initial": self.initial, "norm_bound": float(self.qp.bound), "products": op.products,
-            "scales": {**asdict(self.scales), "work": np.asarray(self.scales.work)
-                       }, "motion": self.motion, "older_motion": self.older_motion,
-            "log_numbers": np.array([product, step, iteration],
-                                    np.int64), "log_kind": np.array(kind, str),
+            "scales": {**asdict(self.scales), "work": np.asarray(self.scales.work)},
+            "motion": self.motion, "older_motion": self.older_motion,
+            "log_numbers": np.array([product, step, iteration], np.int64),
+            "log_kind": np.array(kind, str),
             "log_residual": np.array(residual, float), "fallbacks": history.fallbacks.steps,
-            "history": {name: getattr(history, name) for name in KEPT}, "doubtful": self.doubtful,
-            "uniqueness": {
-                **asdict(self.uniqueness), "several": list(self.uniqueness.several.items())
-            }
+            "history": {name: getattr(history, name) for name in CARRIED},
+            "doubtful": self.doubtful, "uniqueness": {
+                **asdict(self.uniqueness), "several": list(self.uniqueness.several.items())}
         }
 
     def restore(self, state: dict) -> None:
         """Continue from a `snapshot` of the same problem and settings; the same on every rank."""
-        mine, node, history = slice(
-            *self.operator.structure.row_range), self.rows.tangential_node, self.history
+        mine, node = slice(*self.operator.structure.row_range), self.rows.tangential_node
+        history = self.history
         self.multipliers, self.older = state["multipliers"][mine], state["older"][mine]
         self.motion, self.older_motion = state["motion"], state["older_motion"]
         self.slip.u_t = state["carried"]["u_t"][node]
@@ -312,12 +291,12 @@ class QuasistaticSolver:
         self.qp.bound, self.doubtful = state["norm_bound"], state["doubtful"]
         for name, value in state["scales"].items():
             setattr(self.scales, name, value)
-        self.uniqueness = Uniqueness(
-            **{**state["uniqueness"], "several": dict(state["uniqueness"]["several"])})
+        several = dict(state["uniqueness"]["several"])
+        self.uniqueness = Uniqueness(**state["uniqueness"] | {"several": several})
         self.operator.products = state["products"]
         numbers = state["log_numbers"].tolist()
-        history.log.extend(zip(*numbers, state["log_kind"].tolist(),
-                               state["log_residual"].tolist()))
+        kinds, residuals = state["log_kind"].tolist(), state["log_residual"].tolist()
+        history.log.extend(zip(*numbers, kinds, residuals))
         history.fallbacks.steps = state["fallbacks"]
-        for name in KEPT:
+        for name in CARRIED:
             setattr(history, name, state["history"][name])

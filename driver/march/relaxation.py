@@ -17,10 +17,7 @@ LIMIT = 1000  # products with F_cc
 
 
 class ContactRelaxation:
-    """Minimises over the contact multipliers; counts its `products` with F_cc.
-
-    Collective over `operator.comm`.
-    """
+    """Minimises over the contact multipliers; counts its `products` with F_cc. Collective."""
 
     def __init__(self, operator: DualProblem, deflation: Deflation, norm_bound: float,
                  scale: np.ndarray):
@@ -42,25 +39,22 @@ class ContactRelaxation:
         lower, upper = (block.gather(limit) for limit in limits)
         start = np.clip(before, lower, upper)
         g = g + block.apply(start - before)
-        left = projected_gradient(start, g, lower, upper)
-        scaled = self.scale * block.scatter(left, gradient)
+        projected = projected_gradient(start, g, lower, upper)
+        scaled = self.scale * block.scatter(projected, gradient)
         residual = np.sqrt(self.operator.dot(scaled, scaled))
-        found = mprgp(block.apply,
-                      block.apply(start) - g, lower, upper, start,
+        result = mprgp(block.apply, block.apply(start) - g, lower, upper, start,
                       tol=max(tol, REDUCTION * residual), norm_bound=self.norm_bound,
                       preconditioner=self.deflation.contact, max_products=LIMIT, gradient0=g,
                       expansion="cg", scale=self.contact_scale)
-        self.products += found.products
-        return block.scatter(found.x, y), block.scatter(found.gradient, gradient)
+        self.products += result.products
+        return block.scatter(result.x, y), block.scatter(result.gradient, gradient)
 
     def relaxed(self, y: np.ndarray, gradient: np.ndarray, limits, tol: float) -> np.ndarray:
         """The multipliers alone."""
         return self(y, gradient, limits, tol)[0]
 
     def moved(self, x: np.ndarray, before: np.ndarray, gradient: np.ndarray) -> np.ndarray:
-        """The gradient at x, right on the contact rows, from that at `before`, which differs in
-        contact multipliers only.
-        """
+        """Contact rows' gradient at x from that at `before` with other contact multipliers."""
         block = self.deflation.block
         step = block.gather(x) - block.gather(before)
         return block.scatter(block.gather(gradient) + block.apply(step), gradient)

@@ -20,8 +20,7 @@ from .step import Step
 class Checkpoints:
     """Saves and restores a solver and its finished steps in `directory`; collective.
 
-    Tables, records and estimates are not part of a checkpoint: finished steps are replayed through
-    them.
+    Tables, records and estimates are none of it: finished steps are replayed through them.
     """
 
     def __init__(self, directory: Path, identity: dict, solver: QuasistaticSolver):
@@ -33,9 +32,7 @@ class Checkpoints:
         self.unsaved = []  # the steps since then
 
     def restore(self) -> list[Step]:
-        """The finished steps of a checkpoint, if there is one, whose solver's state the solver
-        takes over.
-        """
+        """The finished steps of a checkpoint, if any; the solver takes over its state."""
         state = self.comm.bcast(checkpoint.read(self.directory) if self.comm.rank == 0 else None)
         if state is None:
             return []
@@ -64,9 +61,7 @@ class Checkpoints:
 
 
 def _gathered(step: Step, solver: QuasistaticSolver) -> dict | None:
-    """A step as numbers and arrays of the whole problem on rank 0, in the numbering of rows and
-    contact nodes.
-    """
+    """A step as numbers and arrays of the whole problem by row and contact node, on rank 0."""
     rows, comm = solver.rows, solver.operator.comm
     parts = comm.gather((step.multipliers, step.moved, rows.normal_node, step.status,
                          rows.tangential_node, step.friction_bound))
@@ -88,9 +83,7 @@ def _scattered(step: dict, solver: QuasistaticSolver) -> Step:
 
 
 def _stacked(steps: list[dict]) -> dict:
-    """Steps by name of their parts: one array (steps, ...) of each that is an array, lists of the
-    others.
-    """
+    """Steps by name of their parts: arrays stacked to (steps, ...), lists of everything else."""
     return {name: np.array([step[name] for step in steps]) if isinstance(part, np.ndarray) else
             [step[name] for step in steps] for name, part in steps[0].items()}
 

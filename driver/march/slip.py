@@ -6,11 +6,9 @@ from ..contact.rows import ContactRows
 
 
 class SlipState:
-    """Tangential displacements `u_t` (j,) of the last step, from which the next one's slip is
-    measured.
+    """Tangential displacements `u_t` (j,) of the last step, from which the next slip is measured.
 
-    Friction coefficients that depend on slip or displacement are renewed in `rows` by the effects
-    that declare so.
+    Friction coefficients that depend on slip or displacement are renewed in `rows`.
     """
 
     def __init__(self, rows: ContactRows, effects, initial: np.ndarray):

@@ -1,6 +1,4 @@
-"""Data of the time stepping: the state at the end of a step, its load, and what a run of steps has
-counted.
-"""
+"""Data of the time stepping: the state after a step, its load, and the counts of a run."""
 
 from dataclasses import dataclass, field
 
@@ -27,15 +25,12 @@ class Step:
     products: int
     contraction: float  # mean ratio of successive changes of the fixed point, NaN if there was one
     residuals: dict
-    # last change of the multipliers, to the friction bound of their own pressures
-    moved: np.ndarray
+    moved: np.ndarray  # last change of the multipliers, to the bound of their own pressures
 
 
 @dataclass
 class Load:
-    """What drives a time step: factors of the load patterns, then of the free rigid motions, and
-    the d they make.
-    """
+    """Factors of the load patterns, then of the free rigid motions, and the d they make."""
 
     weights: np.ndarray
     d: np.ndarray
@@ -58,11 +53,9 @@ class History:
 
 
 class StepFailed(DriverError):
-    """A time step ended without a solution; `exit_status` and message are those of the NoSolution
-    or NotConverged.
+    """A time step ended without a solution, with status and message of the error that says why.
 
-    `step`, if there is one, is the state in which the step was left, which a run may report as not
-    converged.
+    `step`, if there is one, is the unconverged state in which the step was left.
     """
 
     def __init__(self, error: DriverError, step: Step | None = None):
@@ -71,9 +64,7 @@ class StepFailed(DriverError):
 
 
 class Unfinished(Exception):
-    """Raised inside a step that fails with `error`, with multipliers `x` and `gradient` as far as
-    they came.
-    """
+    """A step fails with `error`; the latest multipliers `x` and their `gradient`."""
 
     def __init__(self, error: DriverError, x: np.ndarray, gradient: np.ndarray):
         super().__init__(str(error))
@@ -87,15 +78,13 @@ class Trace:
     iterations: int = 0
     changes: list = field(default_factory=list)
     fallback: bool = False  # successive approximations did not contract
-    # every QP is solved to the tolerance: where multipliers answer violently to residuals
-    exact: bool = False
+    exact: bool = False  # QPs to the tolerance: multipliers answer violently to residuals
 
     @property
     def contraction(self) -> float:
-        """Geometric mean of the ratios of successive changes, over the last `WINDOW` ones; NaN if
-        there are none.
+        """Geometric mean of the ratios of the last `WINDOW` successive changes; NaN without any.
 
-        A QP that is left as it is makes no change, which says nothing of the next one.
+        A QP whose start was its solution makes no change, which says nothing of the next one.
         """
         last = [change for change in self.changes if change > 0][-WINDOW - 1 :]
         return (last[-1] / last[0]) ** (1 / (len(last) - 1)) if len(last) > 1 else np.nan

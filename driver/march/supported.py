@@ -1,5 +1,4 @@
-"""Bodies that supports hold: the interface of effects/free_bodies.py, where nothing is to be done.
-"""
+"""Bodies that supports hold: the interface of effects/free_bodies.py with nothing to do."""
 
 import numpy as np
 

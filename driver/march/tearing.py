@@ -1,6 +1,4 @@
-"""The torn body: interfaces, supports and the contact boundary of all subdomains, and the rows
-between them.
-"""
+"""The torn body: interfaces, supports and contact boundary of all subdomains, and their rows."""
 
 import numpy as np
 

@@ -23,10 +23,7 @@ DOUBTFUL_FRICTION = np.sqrt(3) / 2
 
 
 def worthwhile(choice: str, nodes: int, friction: float, doubtful: bool) -> bool:
-    """Whether a step is to be examined:
-
-    `choice` of the user, or doubt about a problem that is small.
-    """
+    """Whether a step is to be examined: by `choice`, or by doubt about a small problem."""
     if choice != "auto":
         return choice == "yes"
     return nodes <= FEW or nodes <= SMALL and (doubtful or friction > DOUBTFUL_FRICTION)
@@ -36,21 +33,17 @@ def worthwhile(choice: str, nodes: int, friction: float, doubtful: bool) -> bool
 class Uniqueness:
     """What was found out over the steps of a run."""
 
-    # Coulomb friction with a coefficient above zero: only then can there be two solutions
-    frictional: bool
+    frictional: bool  # Coulomb friction with a coefficient above zero: else there is one solution
     examined: int = 0
     exhaustive: int = 0
-    # by step, the followed solution first
-    several: dict[int, list[dict]] = field(default_factory=dict)
+    several: dict[int, list[dict]] = field(default_factory=dict)  # by step, the followed one first
     failure: str = ""
 
     def examine(self, step: int, problem: CoulombProblem, x: np.ndarray,
                 weight: np.ndarray) -> None:
-        """Look for solutions of `problem` with other forces than x (n + m,); `weight` (n,) of the
-        nodes.
-        """
+        """Look for solutions with other forces than x (n + m,); `weight` (n,) of the nodes."""
         self.examined += 1
-        # to rounding, to be told from the others
+        # exact to rounding, to distinguish it from the others
         mine = complementarity.newton(problem, problem.whole(x))
         if mine is None or np.abs(mine[: problem.rows] - x).max() > 1e-2 * np.abs(x).max():
             mine = problem.whole(x)
@@ -64,7 +57,7 @@ class Uniqueness:
         apart = np.abs(forces[1:] - forces[0]).max(axis=1, initial=0)
         size = np.abs(forces).max(initial=0.0)
         others = [y for y, distance in zip(solutions, apart) if distance > 1e-3 * size]
-        # the sign of one solution tells of others only where a solution is sure to exist
+        # the sign of one solution implies others only where a solution is sure to exist
         if others or size > 0 and not problem.k and complementarity.index(problem, mine) < 0:
             self.several[step] = [_describe(problem, y, weight) for y in (mine, *others)]
 
@@ -82,10 +75,8 @@ class Uniqueness:
     def summary(self) -> dict:
         """Entry of summary.json."""
         first = next(iter(self.several), None)
-        return {
-            "verdict": self.verdict, "steps_examined": self.examined,
-            "steps_not_unique": list(self.several), "solutions": self.several.get(first, [])
-        }
+        return {"verdict": self.verdict, "steps_examined": self.examined,
+                "steps_not_unique": list(self.several), "solutions": self.several.get(first, [])}
 
     def warnings(self) -> list[str]:
         """One line if there are other solutions or they could not be looked for."""
@@ -100,7 +91,7 @@ class Uniqueness:
 
 
 def _describe(problem: CoulombProblem, z: np.ndarray, weight: np.ndarray) -> dict:
-    """Numbers that tell one solution from another."""
+    """Numbers that distinguish solutions."""
     states, x = problem.states(z), z[: problem.rows]
     return {"open": int(np.sum(states <= OPEN)), "stick": int(np.sum(states == STICK)),
             "slip": int(np.sum(states > STICK)), "resultant_n": float(-x[: problem.n].sum()),

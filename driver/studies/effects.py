@@ -94,8 +94,8 @@ def run_variant(name: str, without: str, scene: Path, pairs: dict[str, str],
 
 def read_variant(name: str, out: Path) -> Variant:
     """Row and contact tractions of a finished run."""
-    summary, history = json.loads((out / "summary.json").read_text()
-                                  ), files.read_table(out / "history.csv")
+    summary = json.loads((out / "summary.json").read_text())
+    history = files.read_table(out / "history.csv")
     row, tractions = dict.fromkeys(RESPONSE, 0.0), []
     row |= {key: abs(float(history[key][-1]))
             for key in ("resultant_n", "resultant_t", "contact_length", "dissipated",
@@ -121,8 +121,7 @@ def compare(variants: list[Variant]) -> None:
     full = variants[0].row
     for row in (variant.row for variant in variants if variant.row):
         for name in RESPONSE:
-            # what friction leaves at a frictionless contact is rounding: nothing, compared with the
-            # pressures
+            # tangential values of frictionless contact are rounding, nothing beside the pressures
             scale = {"resultant_t": "resultant_n", "peak_tangential": "peak_normal"}.get(name, name)
             size = abs(full[name])
             some = size > 1e-9 * abs(full[scale])

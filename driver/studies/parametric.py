@@ -29,8 +29,10 @@ FIELDS = tuple(name for name in ContactField if name != ContactField.STATUS)
 
 
 def run(directory: Path, request: Request, comm) -> tuple[int, str]:
-    """Solve all values on the ranks of `comm` and write the files; exit status and reason. Raises
-    DriverError."""
+    """Solve all values on the ranks of `comm` and write the files; exit status and reason.
+
+    Raises DriverError.
+    """
     lap = Laps(request.seconds)
     seconds = lap.seconds
     problem = assemble(directory / "export", comm, lap)
@@ -50,8 +52,8 @@ def run(directory: Path, request: Request, comm) -> tuple[int, str]:
         except NotConverged:  # on all ranks
             condensed = False
     lap("condense")
-    outcomes = _outcomes(dataclasses.replace(problem, operator=operator),
-                         settings, directory, request, condensed, comm)
+    problem = dataclasses.replace(problem, operator=operator)
+    outcomes = _outcomes(problem, settings, directory, request, condensed, comm)
     lap("solve")
     seconds["total"] = sum(seconds.values())
     failed = [k for k, outcome in enumerate(outcomes) if outcome.status]
@@ -63,14 +65,13 @@ def run(directory: Path, request: Request, comm) -> tuple[int, str]:
     if comm.rank == 0:
         products = sum(outcome.row["dual_multiplications"] for outcome in outcomes)
         parameters = {n: v for n, v in manifest.parameters.items() if n != request.study}
+        warnings = [f"{name}={value}: {line}" for value, outcome in zip(values, outcomes)
+                    for line in outcome.warnings]
         summary = {"scene": request.scene, "study": request.study, "values": len(outcomes),
-                   "converged": not failed,
-                   "reason": reason, "contact_rows": rows, "condensed": condensed,
-                   "warnings": [f"{name}={value}: {line}"
-                                for value, outcome in zip(values, outcomes)
-                                for line in outcome.warnings],
-                   "counts": {"dual_multiplications": products},
-                   "seconds": seconds, "ranks": comm.size, "units": manifest.units,
+                   "converged": not failed, "reason": reason, "contact_rows": rows,
+                   "condensed": condensed, "warnings": warnings,
+                   "counts": {"dual_multiplications": products}, "seconds": seconds,
+                   "ranks": comm.size, "units": manifest.units,
                    "parameters": {**parameters, **dataclasses.asdict(settings)}}
         _write(directory, request, structure.contact, outcomes, summary)
     return status, reason
@@ -81,10 +82,8 @@ def chain_length(count: int) -> int:
     return min(CHAIN, -(-count // CHAINS))
 
 
-def _outcomes(problem, settings, directory: Path, request: Request, apart: bool,
-              comm) -> list["Outcome"]:
-    """All values in their order; if they are solved `apart` the ranks take chains of values in
-    turn, else all ranks each.
+def _outcomes(problem, settings, directory: Path, request: Request, apart: bool, comm):
+    """All values in their order, solved on all ranks or, if `apart`, in chains on one rank each.
 
     In a chain a value starts near the one before. Chains do not depend on the number of ranks.
     Collective over `comm`. Raises DriverError.
@@ -101,8 +100,8 @@ def _outcomes(problem, settings, directory: Path, request: Request, apart: bool,
             contact = _contact_of(request.study, Effects(value), structure.contact,
                                   *read_contact(folder, value))
             operator, near = problem.operator.with_contact(contact), near if k % chain else None
-            solved[k], near = _solve(dataclasses.replace(
-                problem, manifest=value, operator=operator), settings, near)
+            own = dataclasses.replace(problem, manifest=value, operator=operator)
+            solved[k], near = _solve(own, settings, near)
             _progress(request, comm, k, done, len(mine))
     except DriverError as refused:
         error = refused
@@ -125,9 +124,8 @@ def _check_same(name: str, base, value) -> None:
         raise InputError(f"a study cannot vary {name.upper()}: it changes the scene's effects")
     for part in ("subdomains", "nodes", "patterns", "contact_labels", "material", "plane"):
         if getattr(base, part) != getattr(value, part):
-            raise InputError(
-                f"a study cannot vary {name.upper()}: it changes the scene's "
-                f"{part.replace('_', ' ')}")
+            raise InputError(f"a study cannot vary {name.upper()}: it changes the scene's "
+                             f"{part.replace('_', ' ')}")
 
 
 def _contact_of(name: str, effects, boundary, data, gid: np.ndarray):
@@ -161,8 +159,7 @@ def _contact_of(name: str, effects, boundary, data, gid: np.ndarray):
 
 @dataclasses.dataclass
 class Outcome:
-    """One value: its row of study.csv, those of history.csv, contact fields (n_c,) and status at
-    the last step."""
+    """One value: its rows of study.csv and history.csv, contact fields (n_c,) at the last step."""
 
     status: int
     reason: str
@@ -173,10 +170,9 @@ class Outcome:
 
 
 def _solve(problem, settings, near: np.ndarray | None) -> tuple[Outcome, np.ndarray | None]:
-    """March through the steps of one value; also returns its multipliers of the first step, as
-    `near` are another value's.
+    """March through the steps of one value; also its multipliers of the first step.
 
-    Where there may be several solutions each value finds its own.
+    `near` are those of another value. Where several solutions may exist each value finds its own.
     """
     operator, solver, first = problem.operator, problem.solver(settings), None
     if solver.largest_friction <= DOUBTFUL_FRICTION:
@@ -216,8 +212,7 @@ def _solve(problem, settings, near: np.ndarray | None) -> tuple[Outcome, np.ndar
 
 
 def _fields(operator, rows, step, u_t: np.ndarray) -> dict[str, np.ndarray]:
-    """Nodal contact quantities from multipliers and gradient alone: at its rows B u = c -
-    gradient."""
+    """Nodal contact quantities from multipliers and gradient: at its rows B u = c - gradient."""
     contact, values = operator.structure.contact, np.zeros((6, len(u_t)))
     values[0, rows.normal_node] = rows.gap - step.gradient[rows.normal]
     values[1, rows.tangential_node] = -step.gradient[rows.tangential]
@@ -253,8 +248,8 @@ def _write(directory: Path, request: Request, contact, outcomes: list[Outcome],
     full = next((outcome.row for outcome in outcomes if outcome.history), outcomes[0].row)
     write_table(directory / "study.csv", [{name: value} | dict.fromkeys(full, "") | outcome.row
                                           for value, outcome in zip(values, outcomes)])
-    steps = [{name: value, **row} for value, outcome in zip(values,
-                                                            outcomes) for row in outcome.history]
+    steps = [{name: value, **row} for value, outcome in zip(values, outcomes)
+             for row in outcome.history]
     if steps:
         write_table(directory / "history.csv", steps)
     place = [contact.label, *contact.xy.T, contact.arc, contact.weight]

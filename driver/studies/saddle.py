@@ -87,8 +87,7 @@ def read_structure(scene: Path, parameters: dict[str, str], comm) -> Substructur
 
 
 def write_saddle(scene: Path, parameters: dict[str, str], folder: Path, comm) -> list[Path]:
-    """saddle.mtx with the ends of its blocks, saddle.json, and its picture for a scene; returns the
-    files.
+    """Write saddle.mtx, saddle.json with the ends of its blocks and a picture; the files.
 
     Raises InputError if it is too large.
     """

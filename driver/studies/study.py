@@ -1,5 +1,4 @@
-"""Parameter studies: one scene for many values of a friction coefficient, a gap, a load history or
-a step count.
+"""Parameter studies: one scene for many values of a friction coefficient, a gap, a history ...
 
 The body is exported, factorized and, where its contact boundary is small enough, condensed once
 (compliance.py); every value then costs few operations with small matrices. FreeFEM evaluates the
@@ -82,15 +81,15 @@ def _studied(pairs: dict[str, str]) -> tuple[str, list[str]]:
                if name not in options.OF_RUNS and ("," in text or ":" in text)]
     if len(several) != 1:
         raise InputError("a study needs SCENE= and exactly one parameter with several values: "
-                         "first:last:count or a,b,c"
-                         + f" (here {', '.join(map(str.upper, several)) or 'none'})")
+                         "first:last:count or a,b,c "
+                         f"(here {', '.join(map(str.upper, several)) or 'none'})")
     name = several[0]
     values = pairs[name].split(",")
     if ":" in pairs[name]:
         try:
             first, last, count = pairs[name].split(":")
-            values = [f"{value:.12g}" for value in np.linspace(
-                float(first), float(last), int(count))]
+            spaced = np.linspace(float(first), float(last), int(count))
+            values = [f"{value:.12g}" for value in spaced]
         except ValueError:
             raise InputError(
                 f"{name.upper()}={pairs[name]} is not of the form first:last:count") from None

@@ -30,8 +30,8 @@ SLIDES = {1: (8, 1936, 260, 135, 120, 6515, 5565), 2: (32, 7744, 1096, 136, 121,
           5: (1024, 495616, 73280, 146, 129, 22887, 19659)}
 MISPRINTS = ("The slides print n_p = 30974 for 128 subdomains of 242 dofs (30976), and n_s = 1024 "
              "in the last row, whose n_p and n_d belong to 2048.")
-KEYS = ("n_s", "n_p", "n_d", * \
-        (f"{count}_{loading}" for count in ("it", "n_m") for loading in LOADINGS))
+KEYS = ("n_s", "n_p", "n_d",
+        *(f"{count}_{loading}" for count in ("it", "n_m") for loading in LOADINGS))
 
 
 def make_table(pairs: dict[str, str]) -> None:
@@ -59,8 +59,7 @@ def make_table(pairs: dict[str, str]) -> None:
 
 
 def method_settings(method: str) -> dict:
-    """Solver settings of a method: the slides' stopping rules alone, whatever the driver's
-    defaults."""
+    """Solver settings of a method: the slides' stopping rules, not the driver's defaults."""
     return {"rtol": 1e-6, "friction_rtol": 1e-6, "primal_rtol": 1.0, **METHODS[method]}
 
 

@@ -20,11 +20,11 @@ def bench(tmp_path_factory):
 
 
 def test_targets_and_spread(tmp_path, capsys):
-    report = Report()
-    assert report.add("part", "time", [3.0, 1.0, 2.0], "s", "<= 2") == 2.0
-    report.add("part", "gain", 1.5, "", ">= 1.7")
-    report.add("part", "count", 7, "")
-    report.skip("part", "no peer")
+    report = Report("part")
+    assert report.add("time", [3.0, 1.0, 2.0], "s", "<= 2") == 2.0
+    report.add("gain", 1.5, "", ">= 1.7")
+    report.add("count", 7)
+    report.skip("no peer")
     report.write(tmp_path / "report.csv")
     rows = read_rows(tmp_path / "report.csv")
     assert [row["met"] for row in rows] == ["yes", "no", "", "skipped"]

@@ -16,8 +16,7 @@ from driver.hard.checks import Check, face_condition, holds, laws
 from driver.runs import run
 
 SMALL = {"SUBDOMAINS": "2x1", "CELLS": 2, "STEPS": 2}
-PLAIN = Case("plain", "contact", "hard/block", SMALL,
-             sizes=({}, {"CELLS": 3}), checks=(laws(1e-6),))
+PLAIN = Case("plain", "hard/block", SMALL, sizes=({}, {"CELLS": 3}), checks=(laws(1e-6),))
 FAST = [case for case in suite.cases() if case.fast]
 
 

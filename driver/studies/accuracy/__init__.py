@@ -1,5 +1,4 @@
-"""make accuracy: which part of the error of a scene comes from which setting, and what each digit
-takes.
+"""make accuracy: which error of a scene comes from which setting, and what each digit takes.
 
 `sweeps` plans and runs, `reference` says what the quantities are, `cheapest` judges the runs. Two
 more parts have scenes of their own: `locking`, elements near incompressibility, and `stopping`,

@@ -1,5 +1,4 @@
-"""What each accuracy takes: trusted errors, the Pareto front, the cheapest settings, and their
-tables."""
+"""What each accuracy takes: trusted errors, the Pareto front, the cheapest settings, tables."""
 
 import math
 import statistics
@@ -32,8 +31,7 @@ def trusted(trials: list[Trial], reference: Reference, name: str) -> dict[int, f
 
 
 def front(trials: list[Trial], error: dict[int, float]) -> list[Trial]:
-    """Trials that no other beats in both seconds and the errors of `trusted` (Pareto), fast ones
-    first."""
+    """Trials that no other beats in both seconds and `trusted` errors (Pareto), fast ones first."""
     best, chosen = math.inf, []
     for trial in sorted((t for t in trials if t.values), key=lambda t: t.seconds):
         if error[id(trial)] < WORTH * best:
@@ -73,15 +71,13 @@ def run_rows(trials: list[Trial], known: dict[str, Reference]) -> list[dict]:
             if trial.tight:
                 own = reference.relative(value - trial.tight.values[name])
             row |= {name: value, f"{name}_error": reference.relative(value - reference.value),
-                    f"{name}_trusted": errors[name][id(trial)],
-                    f"{name}_own": own,
+                    f"{name}_trusted": errors[name][id(trial)], f"{name}_own": own,
                     f"{name}_front": int(trial in fronts[name])}
     return table
 
 
 def cheapest_rows(trials: list[Trial], known: dict[str, Reference]) -> list[dict]:
-    """Rows of cheapest.csv: for every quantity and level the fastest setting that reaches it, if
-    one does."""
+    """Rows of cheapest.csv: the fastest setting, if any, for every quantity and level."""
     table = []
     for name, reference in known.items():
         error = trusted(trials, reference, name)

@@ -1,5 +1,4 @@
-"""make accuracy PART=locking [OUT=]: how elements converge in a material that hardly changes its
-volume.
+"""make accuracy PART=locking [OUT=]: how elements converge near incompressibility.
 
 Scene incompressible with Poisson's ratios near 1/2, each element on meshes halved in size; errors
 against the exact solution, relative to it, in L2: of the displacement, of the strain and of the
@@ -50,8 +49,7 @@ def exact(x: np.ndarray, y: np.ndarray, lam: float) -> tuple[np.ndarray, np.ndar
 
 
 def errors(subdomains: list, fields: list) -> np.ndarray:
-    """(3,) relative errors in L2 of displacement, strain and pressure of `fields`, one a
-    subdomain."""
+    """(3,) relative L2 errors of displacement, strain and pressure of `fields` by subdomain."""
     total = np.zeros(6)
     for sub, u in zip(subdomains, fields):
         corner, value = sub.xy[sub.triangles], u.reshape(-1, 2)[sub.elements]

@@ -1,5 +1,4 @@
-"""What the quantities of a scene are: closed forms, else runs that are fine in space and in
-time."""
+"""What the quantities of a scene are: closed forms, else runs fine in space and in time."""
 
 import math
 from dataclasses import dataclass
@@ -29,8 +28,7 @@ class Reference:
 
 
 def hertz(known: dict[str, Reference]) -> dict[str, Reference]:
-    """edp/hertz.edp: Johnson, Contact Mechanics (1985), 4.2(c), at the resultant of the reference
-    runs.
+    """edp/hertz.edp: Johnson, Contact Mechanics (1985), 4.2(c), at the reference runs' resultant.
 
     Half-planes are a disc but for (a/R)^2, of which peak and width lack twice as much
     (tests/scenes/test_scenes_hertz.py); the resultant's error counts half.
@@ -48,8 +46,7 @@ CLOSED_FORMS = {"hertz": hertz}
 
 def references(runs: dict[str, Trial], closed_form=None, element: str = "P1") -> dict[str,
                                                                                       Reference]:
-    """Reference of every quantity that has one: that converges, and on which not all runs agree to
-    rounding.
+    """Reference of every quantity that converges and differs between runs by more than rounding.
 
     Its own error follows from the approach of adaptive meshes, whose cycles lessen the error like a
     halved size, and of doubled steps (budget.extrapolate), plus the product of both corrections.
@@ -61,8 +58,7 @@ def references(runs: dict[str, Trial], closed_form=None, element: str = "P1") ->
         total = finest + most - base
         own = abs((finest - base) * (most - base) / base) if base else 0.0
         for keys, formal, limit in ((("finest", "finer", "coarser"), FORMAL["mesh"][element],
-                                     False),
-                                    (("most", "more", "fewer"), FORMAL["time"], True)):
+                                     False), (("most", "more", "fewer"), FORMAL["time"], True)):
             if keys[0] in value:
                 last, middle, first = (value[key] for key in keys)
                 part = extrapolate([last - middle, middle - first],

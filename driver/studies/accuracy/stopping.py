@@ -3,16 +3,11 @@
 For h = 1/20 to 1/160 of the model example (ROWS as in the slides' table) and both loadings, four
 stopping rules on one dual operator:
 
-classical  every QP to RTOL=1e-6 and the fixed point to FRICTION_RTOL=1e-6, from the multipliers of
-the
-           previous step
-fixed      RTOL=1e-6 FRICTION_RTOL=1e-6, otherwise as runs do: QPs stop when their friction bound is
-worth
-           renewing
+classical  QPs to RTOL=1e-6, the fixed point to FRICTION_RTOL=1e-6, from the previous step
+fixed      the same tolerances, otherwise as runs do: QPs stop when their bound is worth renewing
 budget     RTOL is the next below the largest of TRIALS that moves the contact tractions by less
-than SHARE
-           of the discretization error on the mesh of doubled size (the same tolerance leaves more
-           on a finer mesh), and FRICTION_RTOL a third of that error
+           than SHARE of the discretization error on the mesh of doubled size (the same tolerance
+           leaves more on a finer mesh), and FRICTION_RTOL a third of that error
 reference  RTOL=1e-10: what the others are compared with
 
 The discretization error is the difference of the references on meshes of size 2h and h, which for
@@ -40,8 +35,7 @@ CELLS = 10
 TRIALS = (1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 3e-7)
 SHARE = 1 / 3
 RULES = {"classical": {"rtol": 1e-6, "friction_rtol": 1e-6, "inner_rtol": 1e-9,
-                       "predictor": "previous"},
-         "fixed": {"rtol": 1e-6, "friction_rtol": 1e-6},
+                       "predictor": "previous"}, "fixed": {"rtol": 1e-6, "friction_rtol": 1e-6},
          "reference": {"rtol": 1e-10, "friction_rtol": 1e-9, "primal_rtol": 1e-7}}
 COLUMNS = ("row", "h", "loading", "discretization", "budget_rtol", "budget_friction_rtol",
            "products_classical", "products_fixed", "products_budget", "products_coarse",
@@ -50,8 +44,7 @@ COLUMNS = ("row", "h", "loading", "discretization", "budget_rtol", "budget_frict
 
 @dataclass
 class Tractions:
-    """sigma_n, sigma_t (steps, nodes) at x on dual segments of length `weight`, and the products
-    they took."""
+    """sigma_n, sigma_t (steps, nodes) at x on segments of length `weight`, and their products."""
 
     x: np.ndarray
     weight: np.ndarray
@@ -107,8 +100,8 @@ def choose(coarse: Mesh, reference: Tractions, error: float) -> tuple[float, int
 
 def compare(folder: Path, row: int, loading: str) -> dict:
     """One row of the table."""
-    coarse, fine = (Mesh(folder / "export", loading,
-                    ROWS[row], cells) for cells in (CELLS // 2, CELLS))
+    coarse, fine = (Mesh(folder / "export", loading, ROWS[row], cells)
+                    for cells in (CELLS // 2, CELLS))
     coarse_reference, reference = (mesh.run(**RULES["reference"]) for mesh in (coarse, fine))
     error = reference.distance(coarse_reference)
     rtol, spent = choose(coarse, coarse_reference, error)

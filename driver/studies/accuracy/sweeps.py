@@ -1,5 +1,4 @@
-"""The sweeps of `make accuracy`: which part of the error comes from which setting, and what each
-digit takes.
+"""The sweeps of `make accuracy`: errors by setting, and what each digit takes.
 
     python3 -m driver accuracy SCENE=hertz [EFFORT=quick|full] [REPEATS=3] [QUANTITY=slip] [NP=]
     [OUT=] [...]
@@ -57,8 +56,7 @@ class Effort:
 EFFORTS = {
     "quick": Effort(8_000, 4, (0.25, 0.5, 1, 2, 4), (1e-1, 1e-2, 1e-4), (1e-2, 1e-3, 1e-5), 1),
     "full": Effort(32_000, 5, (0.25, 0.5, 1, 2, 4, 8), (1e-1, 1e-2, 1e-3, 1e-4, 1e-5),
-                   (1e-2, 1e-3, 1e-4, 1e-5, 1e-6), 3),
-}
+                   (1e-2, 1e-3, 1e-4, 1e-5, 1e-6), 3)}
 
 
 class Study:
@@ -93,8 +91,8 @@ class Study:
         if self.mesh_name is None:
             return []
         finer = math.floor(math.log2(max(self.effort.unknowns / self.unknowns, 1e-9)) / 2)
-        halvings, size = range(finer - self.effort.meshes + 1, finer + \
-                               1), self.parameters[self.mesh_name]
+        halvings = range(finer - self.effort.meshes + 1, finer + 1)
+        size = self.parameters[self.mesh_name]
         if self.mesh_name == "h":
             return [size * 2.0**-k for k in halvings]
         return sorted({max(1, round(size * 2.0**k)) for k in halvings})  # a number of cells
@@ -171,8 +169,9 @@ class Study:
             if trial.reason:
                 raise InputError(f"the reference run {trial.label} failed: {trial.reason}")
             _report(trial, "", number, total, clock)
-        closed_form = CLOSED_FORMS.get(
-            self.scene.stem) if self.scene.parent == freefem.SCENES else None
+        closed_form = None
+        if self.scene.parent == freefem.SCENES:
+            closed_form = CLOSED_FORMS.get(self.scene.stem)
         known = references(reference, closed_form, self.element)
         if not known:
             raise InputError("no quantity of this scene converges: nothing to compare with")
@@ -224,9 +223,8 @@ def run_sweeps(pairs: dict[str, str]) -> list[Path]:
     columns = [*RUN_COLUMNS, *(f"{name}{suffix}" for name in known
                                for suffix in ("", "_error", "_trusted", "_own", "_front"))]
     values = [{"scene": name, "quantity": quantity, "value": r.value,
-               "unit": unit(quantity, study.units),
-               "uncertainty": r.uncertainty, "source": r.source, "main": int(quantity == main)}
-              for quantity, r in known.items()]
+               "unit": unit(quantity, study.units), "uncertainty": r.uncertainty,
+               "source": r.source, "main": int(quantity == main)} for quantity, r in known.items()]
     runs = write_table(out / "accuracy.csv", run_rows(trials, known), columns)
     paths = [runs, write_table(out / "cheapest.csv", table, CHEAPEST_COLUMNS),
              write_table(out / "reference.csv", values)]

@@ -54,8 +54,7 @@ class Trial:
     tight: "Trial | None" = None  # the run of the reference that TIGHT names
 
     def add(self, summary: dict) -> None:
-        """Keep the results of a finished run. Of adaptive runs all cycles count, with their
-        estimates."""
+        """Keep the results of a finished run; of adaptive runs all cycles count."""
         seconds = summary["seconds"]
         self.export.append(seconds["export"] + seconds.get("export_cycles", 0.0))
         self.solver.append(seconds["read"] + seconds["setup"] + seconds["solve"]
