@@ -190,3 +190,11 @@ def test_slip_dependent_friction(solved, exported, read, tmp_path_factory, law):
     constant = dense_history(body, m.factors, lambda now, before, way: np.zeros(len(now)))
     assert np.abs(expected["sigma_t"]
                   - constant["sigma_t"]).max() > 0.01 * np.abs(constant["sigma_n"]).max()
+
+
+def test_a_negative_factor_is_refused(solved, tmp_path):
+    text = freefem.find_scene("punch").read_text()
+    path = tmp_path / "negative.edp"
+    path.write_text(text.replace("(1. - weakening*(s)/slipRange)", "(1. - 3.*(s)/slipRange)"))
+    run = solved(path, STEPS=2)
+    assert run.status == 2 and "factor of the friction coefficient is negative" in run.reason
