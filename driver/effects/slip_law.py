@@ -26,10 +26,10 @@ class Room(Effect):
         if not (sound and values.ndim == 1 and len(values) > 1 and np.isfinite(values).all()):
             raise InputError("slip_law must have argument, a positive range and finite values; run "
                              "the scene again")
-        if values.min() < 0:
-            raise InputError(f"the factor of the friction coefficient is negative at {self.argument} "
-                             f"{np.linspace(0.0, reach, len(values))[values.argmin()]:g}")
         self.values, self.arguments = values, np.linspace(0.0, reach, len(values))
+        if values.min() < 0:
+            raise InputError("the factor of the friction coefficient is negative at "
+                             f"{self.argument} {self.arguments[values.argmin()]:g}")
 
     def prepare(self, contact) -> None:
         """Nothing has slid."""
