@@ -128,7 +128,10 @@ def test_bodies_from_gmsh_that_are_moved_keep_their_curves(adapted):
     """The lower disc is turned round after gmsh has made it: where gmsh meshes, the sizes are not
     what belongs there.
     """
-    wanted = lambda x, y: np.maximum(0.002, 0.1 * np.hypot(x, y))
+
+    def wanted(x, y):
+        return np.maximum(0.002, 0.1 * np.hypot(x, y))
+
     first, second = adapted(freefem.find_scene("hertz-bodies"), wanted, h=0.001)
     for label, centre, radius in ((1, 1.0, 1.0), (2, 1.0, 1.0), (11, -1.5, 1.5), (12, -1.5, 1.5)):
         chord = np.linalg.norm(np.diff(edges_of(first, label), axis=1), axis=2).max()
@@ -141,7 +144,10 @@ def test_bodies_from_gmsh_that_are_moved_keep_their_curves(adapted):
 def test_freefem_mesh_keeps_curves_corners_labels_and_regions(adapted, tmp_path):
     scene = tmp_path / "lens.edp"
     scene.write_text(LENS.format())
-    wanted = lambda x, y: np.maximum(0.01, 0.2 * np.hypot(x - 0.3, y + 2))
+
+    def wanted(x, y):
+        return np.maximum(0.01, 0.2 * np.hypot(x - 0.3, y + 2))
+
     first, second = adapted(scene, wanted)
     size = np.concatenate([adaptivity.element_sizes(s.xy, s.triangles) for s in second])
     centre = np.concatenate([s.xy[s.triangles].mean(axis=1) for s in second])
@@ -175,7 +181,9 @@ def test_freefem_mesh_keeps_curves_corners_labels_and_regions(adapted, tmp_path)
 
 
 def test_gmsh_mesh_lies_on_the_geometry(adapted):
-    wanted = lambda x, y: np.maximum(0.004, 0.2 * np.hypot(x, y))
+    def wanted(x, y):
+        return np.maximum(0.004, 0.2 * np.hypot(x, y))
+
     _, second = adapted(freefem.find_scene("hertz"), wanted, h=0.02)
     for label in (1, 2):
         arc = edges_of(second, label)
@@ -257,7 +265,7 @@ def test_figure_of_the_mesh_and_its_error(solved):
     run = solved("pressfit", h=5, adapt=1, errors="energy", fields="yes")
     assert "adaptivity" in figures.wanted(figures.read_run(run.directory))
     drawn = figures.compose("adaptivity", figures.read_run(run.directory))
-    body, error = drawn.axes
+    _, error = drawn.axes
     sizes, relative = error.lines[0].get_data()
     np.testing.assert_allclose(sizes, [row["primal_dofs"] for row in cycles(run)])
     assert relative[-1] == pytest.approx(100 * run.summary["errors"]["energy"]["mesh"]

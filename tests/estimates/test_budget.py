@@ -117,8 +117,11 @@ def test_parts_answer_to_their_own_knob(solved, source, change):
     alone = {"corrector": "none", "expansion": "cg",
              "inner_rtol": 1e-9} if source == "friction" else {}
     plain, other = errors(solved, **alone), errors(solved, **alone, **change)
-    size = lambda found, s: sum(relative(found, s)[name]
+
+    def size(found, s):
+        return sum(relative(found, s)[name]
                                 for name in ("normal_resultant", "dissipated_energy"))
+
     own = size(other, source) / size(plain, source) if size(plain, source) > 0 else np.inf
     assert own < 0.5 if source in ("mesh", "time") else own > 2.0
     for kept in {"mesh", "time"} - {source}:

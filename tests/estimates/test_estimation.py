@@ -165,7 +165,7 @@ EQUILIBRATED = [("model", dict(cells=4, steps=2, loading="nonmonotone")),
 
 @pytest.mark.parametrize("scene, parameters", EQUILIBRATED)
 def test_the_stress_is_in_equilibrium(estimated, scene, parameters):
-    problem, estimator, _ = estimated(scene, **parameters)
+    _, estimator, _ = estimated(scene, **parameters)
     found = check_equilibrium(estimator)
     assert np.abs(found[np.repeat(estimator.body.mesh.boundary, 2)]).max() > 0
 
@@ -175,7 +175,7 @@ def test_contact_tractions_are_in_the_cone(estimated, scene, parameters):
     """At both ends, so everywhere, of each contact edge; by as much as the normals of its ends
     differ it may fail.
     """
-    problem, estimator, _ = estimated(scene, **parameters)
+    _, estimator, _ = estimated(scene, **parameters)
     c = estimator.contact
     moments = c.moments
     value = np.stack([4 * moments[:, 0] - 2 * moments[:, 1],
@@ -197,7 +197,9 @@ def split(tmp_path_factory):
     folder = tmp_path_factory.mktemp("split")
 
     def make(scene, n):
-        here = lambda path: path.read_text().replace("../meshes", str(environment.ROOT / "meshes"))
+        def here(path):
+            return path.read_text().replace("../meshes", str(environment.ROOT / "meshes"))
+
         text = here(SCENES / f"{scene}.edp")
         mesh = f"for (int k = 0; k < bodyCount; ++k) bodies[k] = trunc(bodies[k], 1, split = {n});"
         if "addBody" not in text and "addDiscs" not in text:
@@ -223,7 +225,10 @@ def around(mesh, places):
     deepest inside.
     """
     _, near = cKDTree(mesh.corner.mean(axis=1)).query(places, k=min(20, len(mesh.area)))
-    cross = lambda a, b: a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+
+    def cross(a, b):
+        return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+
     seen = mesh.corner[near] - places[:, None, None]
     depth = np.min([cross(seen[:, :, k], seen[:, :, (k + 1) % 3]) for k in range(3)],
                    axis=0) / mesh.area[near]
@@ -303,7 +308,9 @@ def test_corrected_displacements_do_not_penetrate(estimated, scene, parameters):
         lift = pair.lift(torn, body.stiffness, body.constrained, body.elasticity)
         p, worst, before = pair.parts, [], []
         for s in np.linspace(0, 1, 21):
-            inside = lambda ends: (1 - s) * ends[:, 0] + s * ends[:, 1]
+            def inside(ends):
+                return (1 - s) * ends[:, 0] + s * ends[:, 1]
+
             normal = inside(pair.first.at(pair.normal, p.edge, p.at))
             for found, jump in ((worst, lift.jump), (before, pair._jump(torn))):
                 found.append((inside(jump) * normal).sum(axis=1)
@@ -392,7 +399,9 @@ def test_the_total_between_bodies_is_that_of_its_terms(estimated, scene, paramet
                                atol=1e-12 * np.abs(u).max())
     p, n, normal_work, tangential_work = pair.parts, 400, 0.0, 0.0
     for s in (np.arange(n) + 0.5) / n:
-        inside = lambda ends: (1 - s) * ends[:, 0] + s * ends[:, 1]
+        def inside(ends):
+            return (1 - s) * ends[:, 0] + s * ends[:, 1]
+
         normal, traction, jump, before, bound = (inside(ends) for ends in (
             *(pair.first.at(v, p.edge, p.at) for v in (pair.normal, pair.traction)), lift.jump,
             *(pair.first.at(v, p.edge, p.at) for v in (pair.before, pair.bound))))
@@ -488,9 +497,12 @@ def test_effectivity_where_normals_turn(estimated, split, exported, read, steps_
         s = s[np.arange(len(xy)), edge]
         return pair.first.at(values, edge, s[:, None])[:, 0]
 
-    own, unit = mortar.Side.nodal_normals, lambda v: v / np.linalg.norm(v, axis=1)[:, None]
-    monkeypatch.setattr(mortar.Side,
-                        "nodal_normals", lambda side: unit(along(pair.normal, side.xy)))
+    def normals(side):
+        turned = along(pair.normal, side.xy)
+        return turned / np.linalg.norm(turned, axis=1)[:, None]
+
+    own = mortar.Side.nodal_normals
+    monkeypatch.setattr(mortar.Side, "nodal_normals", normals)
     problem = read(exported(split("pin", 4), h=1))
     monkeypatch.setattr(mortar.Side, "nodal_normals", own)
     fine = problem.structure.contact
@@ -661,7 +673,10 @@ def test_the_duality_gap_is_the_integral_over_the_contact_boundary(estimated):
     c, n = estimator.contact, 2000
     assert (np.diff(np.sign(c.slip[c.node]), axis=1) != 0).any() and c.distance.max() > 0
     at = (np.arange(n) + 0.5) / n
-    along = lambda value: (1 - at) * value[c.node[:, :1]] + at * value[c.node[:, 1:]]
+
+    def along(value):
+        return (1 - at) * value[c.node[:, :1]] + at * value[c.node[:, 1:]]
+
     pressure, shear, bound, distance, slip = map(along,
                                                  (c.pressure, c.shear, c.bound, c.distance, c.slip))
     parts = [(c.length @ term.mean(axis=1))

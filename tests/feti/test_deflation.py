@@ -88,7 +88,7 @@ def test_block_bounds_the_compliance_of_the_glued_body(parts, problem):
     """C = F_cc - F_cg F_gg^-1 F_gc: F_cc - C is semidefinite, and F_cc no more than about 4 C with
     10 cells, less with 4.
     """
-    F, block, _, _ = parts
+    F, _, _, _ = parts
     g = problem.structure.row_kind == RowKind.GLUING
     C = F[np.ix_(~g, ~g)] - F[np.ix_(~g, g)] @ np.linalg.solve(F[np.ix_(g, g)], F[np.ix_(g, ~g)])
     L = np.linalg.cholesky((C + C.T) / 2)
@@ -137,6 +137,8 @@ def test_projection_and_correction(problem, parts):
         for e in unit:
             face.deflate(e, lambda r: seen.append(r) or np.zeros(block.size))
         P, transposed = unit - rest, unit - np.array(seen).T
+        np.testing.assert_allclose(P @ P, P, atol=1e-10)
+        np.testing.assert_allclose(transposed, P.T, atol=1e-10)
         W = spread(deflation.hats.number, face.W, deflation.hats.count)
         assert not W[block.gather(free) == 0].any(), "a hat reaches out of the face"
         F_W = F[np.ix_(block.rows, block.rows)] @ W
@@ -146,7 +148,7 @@ def test_projection_and_correction(problem, parts):
 
 def test_deflated_preconditioner_is_symmetric_positive_definite_and_stays_in_the_face(problem,
                                                                                       parts):
-    F, _, deflation, local = parts
+    _, _, deflation, local = parts
     preconditioner = DeflatedPreconditioner(local, deflation)
     for free in faces(problem.structure):
         P = dense(preconditioner, free)
@@ -216,7 +218,7 @@ def test_relaxation_minimises_over_the_contact_multipliers(problem, parts):
     """Gluing rows stay, bounds hold, and the gradient it returns is that of the point on the
     contact rows.
     """
-    F, block, deflation, _ = parts
+    F, _, deflation, _ = parts
     structure, rng = problem.structure, np.random.default_rng(3)
     scale = structure.row_scale
     relax = ContactRelaxation(problem.operator, deflation,
@@ -229,7 +231,10 @@ def test_relaxation_minimises_over_the_contact_multipliers(problem, parts):
     assert np.array_equal(x[~contact], y[~contact])
     assert np.all(x >= lower) and np.all(x <= upper)
     np.testing.assert_allclose(g[contact], (F @ x - d)[contact], atol=1e-9 * np.abs(d).max())
-    f = lambda x: x @ F @ x / 2 - d @ x
+
+    def f(x):
+        return x @ F @ x / 2 - d @ x
+
     assert f(x) < f(np.clip(y, lower, upper))
     moved = relax.moved(x, np.where(contact, 0.5, x), F @ np.where(contact, 0.5, x) - d)
     np.testing.assert_allclose(moved[contact], (F @ x - d)[contact], atol=1e-9 * np.abs(d).max())

@@ -337,7 +337,7 @@ def test_contraction_is_reported(solved):
 
 def test_no_method_left_is_a_status(monkeypatch):
     """If Newton and Lemke failed too the run would end with exit 3 and say so."""
-    scene, F = three_ways()
+    scene, _ = three_ways()
     monkeypatch.setattr(complementarity, "newton", lambda *a: None)
     monkeypatch.setattr(complementarity, "lemke", lambda *a: None)
     monkeypatch.setattr(anderson.Anderson, "next", lambda self, g, mapped: g + 1.0)

@@ -431,7 +431,10 @@ def test_projected_cg_step_is_taken_only_if_it_lowers_the_objective_enough():
     # from (0.1, 1) the CG step goes to (-4, 3.6); projected to (0, 3.6) f is larger
     A = np.array([[1.0, 0.95], [0.95, 1.0]])
     b, x0 = A @ np.array([-9.0, 10.0]), np.array([0.1, 1.0])
-    f = lambda x: x @ (A @ x) / 2 - b @ x
+
+    def f(x):
+        return x @ (A @ x) / 2 - b @ x
+
     seen = []
     r = mprgp(lambda v: A @ v, b, 0.0, np.inf, x0, tol=1e-10, norm_bound=1.95, expansion="cg",
               monitor=lambda *step: seen.append(step))
@@ -590,7 +593,7 @@ def test_tolerance_below_rounding_stagnates(relative):
         assert found.status in ("stagnated", "converged"), (seed, found)
         assert found.products < 5000
         stagnated += found.status == "stagnated"
-        residual, rounding = residual_of(A, b, lower, upper, found.x)
+        residual, _ = residual_of(A, b, lower, upper, found.x)
         assert residual <= 1e-6 * np.linalg.norm(b)
     assert stagnated >= 5
 
@@ -720,7 +723,10 @@ def test_scale_makes_up_for_rows_of_different_size(expansion):
     plain = mprgp(Operator(A), b, lower, upper, tol=1e-10, norm_bound=1.0, expansion=expansion)
     D = 2.0 ** rng.integers(-10, 11, n)  # powers of two: not a bit may change
     spoilt = A / np.outer(D, D)
-    jacobi = lambda r, free: np.where(free, r / np.diag(spoilt), 0.0)
+
+    def jacobi(r, free):
+        return np.where(free, r / np.diag(spoilt), 0.0)
+
     same = dict(tol=1e-10, norm_bound=1.0, expansion=expansion, scale=D)
     found = mprgp(Operator(spoilt), b / D, lower * D, upper * D, **same)
     assert np.array_equal(found.x / D, plain.x) and found.products == plain.products

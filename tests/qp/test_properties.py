@@ -200,7 +200,7 @@ def test_random_scenes(examples):
     @settings(max_examples=examples, **CALM)
     @given(scenes())
     def check(drawn):
-        scene, friction = drawn
+        scene, _ = drawn
         run = solve(scene, rtol=RTOL, friction_rtol=1e-10)
         assert run.solver.failure is None, str(run.solver.failure)
         assert len(run.steps) == len(scene.amplitudes) - 1

@@ -96,8 +96,13 @@ def test_distributed_loads_are_integrals_over_edges_and_triangles(built):
     problem = built("cantilever", reduce=False, cells=3, subdomains="2x1")
     k, w, a, E, nu = 1.3, 0.01, 0.02, 1000.0, 0.3
     lam, mu = E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
-    s11 = lambda x, y: (2 * lam + 2 * mu) * w * k * np.cos(k * x) * np.cos(k * y)
-    s12 = lambda x, y: mu * (-2 * w * k * np.sin(k * x) * np.sin(k * y) + 2 * a * x)
+
+    def s11(x, y):
+        return (2 * lam + 2 * mu) * w * k * np.cos(k * x) * np.cos(k * y)
+
+    def s12(x, y):
+        return mu * (-2 * w * k * np.sin(k * x) * np.sin(k * y) + 2 * a * x)
+
     n = {1: (0, -1), 2: (1, 0), 3: (0, 1)}
     at, weight = np.polynomial.legendre.leggauss(3)  # FreeFEM's own rule on edges
     at, weight = (1 + at) / 2, weight / 2
@@ -642,7 +647,7 @@ def test_stiffness_that_is_not_the_bodys(small, read, row, column):
     symmetric, yet wrong.
     """
     pair = [(row, column), (column, row)]
-    rows, columns, values = (arrays(small)[0][k] for k in (ROWS, COLUMNS, VALUES))
+    rows, columns = (arrays(small)[0][k] for k in (ROWS, COLUMNS))
     there = [k for k in range(len(rows)) if (rows[k], columns[k]) in pair]
     assert there
     spoil(small, VALUES, lambda a: a.__setitem__(there, a[there] + 1e-9 * np.abs(a).max()))
