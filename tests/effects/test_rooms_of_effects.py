@@ -1,0 +1,60 @@
+"""What single rooms add, asked for directly or by a run that shows nothing else."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from driver.effects import slip_law
+from driver.errors import InputError
+
+LAW = {"argument": "slip", "range": 2.0, "values": [1.0, 0.5, 0.25]}
+
+
+def law(**changes) -> slip_law.Room:
+    """The slip law of a scene with four contact nodes."""
+    manifest = SimpleNamespace(rooms={"slip_law": LAW | changes}, patterns=[])
+    room = slip_law.Room("slip_law", manifest)
+    room.prepare(SimpleNamespace(gid=np.arange(4)))
+    return room
+
+
+def test_slip_accumulates_whatever_its_direction():
+    """Forth by 0.5 and back by 0.5 is a way of 1; the factor at it is the table's middle value."""
+    room, nodes = law(), np.array([1, 3])
+    room.step_ends(nodes, np.array([0.5, 0.25]))
+    room.step_ends(nodes, np.array([-0.5, 0.0]))
+    np.testing.assert_array_equal(room.carried()["accumulated_slip"], [0, 1.0, 0, 0.25])
+    still, back = np.zeros(2), np.array([-1.0, 0.0])
+    np.testing.assert_allclose(room.coefficient_factor(nodes, still, still), [0.5, 0.875])
+    np.testing.assert_allclose(room.coefficient_factor(nodes, back, still), [0.25, 0.875])
+
+
+def test_displacement_counts_from_the_origin():
+    """|u_t| and not the way there; constant beyond the range."""
+    room, nodes = law(argument="displacement"), np.array([0, 2])
+    room.step_ends(nodes, np.array([5.0, 5.0]))
+    u_t = np.array([-0.5, 7.0])
+    np.testing.assert_allclose(room.coefficient_factor(nodes, u_t, np.zeros(2)), [0.75, 0.25])
+
+
+@pytest.mark.parametrize("changes", [{"argument": "time"}, {"range": 0.0}, {"values": [1.0]},
+                                     {"values": [1.0, np.nan]}, {"values": [1.0, -0.1]}])
+def test_laws_that_make_no_sense_are_refused(changes):
+    with pytest.raises(InputError, match="slip_law|negative"):
+        law(**changes)
+
+
+def test_a_preload_is_where_slip_is_measured_from(solved, variant):
+    """Loads that rest from time 0 on: the preloaded body neither slips nor rubs, to the solver's
+    tolerance; without preload it has slid, and rubs, after the first step.
+    """
+    rest = ("macro amplitude1(t)", "macro preload() 1 //\nmacro amplitude1(t) 1. + 0.*")
+    scene = variant("at-rest", rest)
+    preloaded, virgin = (solved(scene, cells=4, steps=2, rtol=1e-11, friction_rtol=1e-10, **without)
+                         for without in ({}, {"without": "preload"}))
+    way, rub = (np.abs(virgin.contact[name][0]).max() for name in ("slip", "sigma_t"))
+    assert np.abs(virgin.contact["u_t"][0]).max() == pytest.approx(way, rel=1e-12) and way > 0
+    assert np.abs(preloaded.contact["u_t"][0]).max() > 0.1 * way
+    assert np.abs(preloaded.contact["slip"]).max() < 1e-7 * way
+    assert np.abs(preloaded.contact["sigma_t"]).max() < 1e-5 * rub
