@@ -48,7 +48,6 @@ from ..scene.manifest import Manifest
 from . import equilibration
 from .contact_tractions import ContactTractions
 from .deviations import Deviations
-from .pair_bound import PairBound
 from .torn_body import Gather, TornBody
 
 SLOWEST = 0.99  # largest rate of the fixed point by which its remaining changes are extrapolated
@@ -132,7 +131,7 @@ class EquilibratedBound:
 
     # ---- displacements ---------------------------------------------------------------------------
     def _fields(self, step: Step, state: dict, contact: ContactTractions,
-                pairs: list[PairBound] | None, displacements: list[np.ndarray]) -> tuple:
+                pairs: list | None, displacements: list[np.ndarray]) -> tuple:
         """Torn displacements on rank 0: computed, and under the nodal forces of t*."""
         multipliers = contact.multipliers(step.multipliers, self.rows)
         forces = self._forces(pairs, state) if self.boundary.paired.any() else None
@@ -180,7 +179,7 @@ class EquilibratedBound:
         return u
 
     def _lifted(self, admissible: np.ndarray,
-                pairs: list[PairBound]) -> tuple[np.ndarray, np.ndarray, float]:
+                pairs: list) -> tuple[np.ndarray, np.ndarray, float]:
         """(vertices, 2) to be added to displacements to make them admissible at pairs, too.
 
         Also the energy norms (n_t,) of what happens inside edges, of displacements and tractions;
@@ -213,10 +212,14 @@ class EquilibratedBound:
         return ContactTractions(self.state, self.operator.structure.outer_edges, state,
                                 values @ now, values @ (now - before))
 
-    def _pairs(self, state: dict) -> list[PairBound] | None:
-        """The contact pairs in one step, on rank 0."""
+    def _pairs(self, state: dict) -> list | None:
+        """The PairBound of every contact pair in one step, on rank 0."""
         if not self.gather.root:
             return None
+        if not self.manifest.contact_pairs:
+            return []
+        from .pair_bound import PairBound
+
         b, body, outer = self.boundary, self.body, self.operator.structure.outer_edges
         values = {"vertex": np.searchsorted(body.gid, b.gid), "weight": b.weight,
                   "own_normal": b.normal_row >= 0, "own_tangential": b.tangential_row >= 0,
@@ -235,7 +238,7 @@ class EquilibratedBound:
                                    self.rows.bilateral, about))
         return pairs
 
-    def _forces(self, pairs: list[PairBound] | None, state: dict) -> list[np.ndarray]:
+    def _forces(self, pairs: list | None, state: dict) -> list[np.ndarray]:
         """Forces (dofs,) by subdomain for t* instead of multipliers, at a vertex's first one."""
         subs = self.operator.structure.subdomains
         nodal = self._nodal_forces(pairs, state) if self.gather.root else None
@@ -250,7 +253,7 @@ class EquilibratedBound:
             start += len(sub.xy)
         return forces
 
-    def _nodal_forces(self, pairs: list[PairBound], state: dict) -> tuple[np.ndarray, np.ndarray]:
+    def _nodal_forces(self, pairs: list, state: dict) -> tuple[np.ndarray, np.ndarray]:
         """Torn vertices (n,) and the forces (n, 2) of `_forces` there, on rank 0."""
         body, b = self.body, self.boundary
         total = np.zeros((len(body.gid), 2))

@@ -2,8 +2,6 @@
 
 import numpy as np
 
-from .pair_bound import continued, slid
-
 
 class ContactTractions:
     """Tractions t* of rigid obstacles in the cone, linear on edges between the computed nodal ones.
@@ -134,3 +132,32 @@ class ContactTractions:
         slip = self.slip[:n]
         slid = np.where(b.tangential_row >= 0, c["bound"] * np.abs(slip) + c["sigma_t"] * slip, 0.0)
         return max(float(b.weight @ (-c["sigma_n"] * self.distance[:n] + slid)), 0.0)
+
+
+def continued(edges: np.ndarray, value: np.ndarray, own: np.ndarray) -> np.ndarray:
+    """Nodal values; where none is `own`, the mean of the neighbours' along the edges (n, 2)."""
+    total, count = np.zeros(len(value)), np.zeros(len(value))
+    for here, there in (edges.T, edges.T[::-1]):
+        np.add.at(total, here, np.where(own[there], value[there], 0.0))
+        np.add.at(count, here, own[there])
+    return np.where(own, value, total / np.maximum(count, 1))
+
+
+def slid(length: np.ndarray, bound: np.ndarray, slip: np.ndarray,
+         bend: np.ndarray | float = 0.0) -> float:
+    """int s |slip| of s and slip (m, 2), linear between the ends of pieces of `length` (m,).
+
+    Slip may change its sign inside a piece; each part by Simpson's rule, exact there. Where normals
+    turn slip has a quadratic part, `bend` (m,) in the middle.
+    """
+    (s0, s1), (d0, d1) = bound.T, slip.T
+    changes = d0 * d1 < 0
+    zero = np.where(changes, d0 / np.where(changes, d0 - d1, 1.0), 1.0)
+
+    def value(x):
+        return (s0 + x * (s1 - s0)) * np.abs(d0 + x * (d1 - d0) + 4 * x * (1 - x) * bend)
+
+    def simpson(a, c):
+        return (c - a) / 6 * (value(a) + 4 * value((a + c) / 2) + value(c))
+
+    return float(length @ (simpson(0.0, zero) + simpson(zero, 1.0)))

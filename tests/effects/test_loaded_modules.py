@@ -8,8 +8,7 @@ from driver.scene.manifest import read_manifest
 
 # what serves something that an elastic cantilever without contact does not declare
 SERVES = {
-    "pairs of bodies": {"driver.contact.mortar", "driver.estimates.pair_bound",
-                        "driver.results.relinearization"},
+    "pairs of bodies": {"driver.contact.mortar", "driver.estimates.pair_bound"},
     "friction": {"driver.qp.complementarity", "driver.march.uniqueness",
                  "driver.march.globalization", "driver.march.condensation"},
     "error estimates": {"driver.estimates.levels", "driver.estimates.energy",
@@ -18,7 +17,7 @@ SERVES = {
 }
 # What is imported all the same; to become empty.
 KNOWN = {
-    "pairs of bodies": SERVES["pairs of bodies"],
+    "pairs of bodies": set(),
     "friction": SERVES["friction"],
     "error estimates": {"driver.estimates.energy", "driver.estimates.equilibration"},
     "accuracy asked for": set(),
