@@ -165,7 +165,8 @@ def _check_histories(manifest: Manifest) -> None:
     for pattern in manifest.patterns:
         if not isinstance(pattern, dict) or not {"kind", "given_on", "amplitude"} <= set(pattern):
             raise InputError("a load pattern lacks its kind, what it is given on, or amplitude")
-        if pattern["kind"] not in manifest.rooms or pattern["given_on"] not in LOADS:
+        # a list, as what is spoiled may be no key of a dictionary
+        if pattern["kind"] not in list(manifest.rooms) or pattern["given_on"] not in LOADS:
             raise InputError(f"{pattern['kind']!r} given on {pattern['given_on']!r} is no kind of "
                              "load pattern")
         if str(pattern["amplitude"]) not in manifest.amplitudes:
