@@ -16,7 +16,7 @@ import numpy as np
 from ..contact.rows import ContactLaw
 from ..errors import InputError
 
-# how well the error in the energy norm is known: the worst of a scene's effects counts
+# how well the error in the energy norm is known with an effect: what its room may say
 BOUND, ESTIMATE, NONE = "bound", "estimate", "none"
 
 

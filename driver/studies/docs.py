@@ -19,7 +19,7 @@ from ..effects import Effect
 from ..results import summary, tables
 from ..runs.run import Run, execute
 from ..scene import freefem
-from ..scene.rooms import Room, general_macros, rooms
+from ..scene.rooms import Room, general_macros, head, rooms
 from ..text import words
 
 ROOT = environment.ROOT
@@ -96,7 +96,7 @@ def _code(names) -> str:
 def calls(name: str) -> str:
     """The calls that the head of a file of edp/lib lists."""
     rows = []
-    for line in _head(environment.LIBRARY / name):
+    for line in head(environment.LIBRARY / name):
         if entry := re.fullmatch(r"   (\S.*?)  +(\S.*)", line):
             rows.append((f"`{entry[1]}`", " ".join(entry[2].split())))
     return markdown(("call", "meaning"), rows)
@@ -177,20 +177,10 @@ def gallery() -> str:
     return "\n".join(f"| {one} | {two} |" for one, two in lines)
 
 
-def _head(path: Path) -> list[str]:
-    """Lines of the comment at the top of a script."""
-    lines = []
-    for line in path.read_text().splitlines():
-        if not line.startswith("//"):
-            break
-        lines.append(line[2:].rstrip())
-    return lines
-
-
 def _about(path: Path) -> str:
     """The first sentence of a scene's comment."""
     lines = []
-    for line in _head(path):
+    for line in head(path):
         if not line or line.startswith("   "):
             break
         lines.append(line.strip())
