@@ -159,7 +159,7 @@ SETTINGS = (
            "QP: projected gradient over the dual load, ||d||"),
     Option("friction_rtol", POSITIVE, 1e-6, SOLVER, SOLVING,
            "fixed point: change of lambda_n over lambda_n"),
-    Option("primal_rtol", POSITIVE, 1e-4, SOLVER, SOLVING, "gluing jump and penetration over the "
+    Option("primal_rtol", POSITIVE, 1e-6, SOLVER, SOLVING, "gluing jump and penetration over the "
            "displacement; where they are larger, the step goes on with a tighter RTOL"),
     Option("max_fixed_point", whole("a whole number", 1), 100, SOLVER, SOLVING,
            "iterations of the fixed point in a time step"),

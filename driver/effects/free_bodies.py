@@ -91,18 +91,15 @@ class FreeBodies:
         load.d += moved
         return moved
 
-    def imbalance(self, load, x: np.ndarray, note: bool = False) -> float:
-        """Largest spring force of the rigid motions relative to the largest forces so far.
+    def imbalance(self, load, x: np.ndarray) -> float:
+        """Largest spring force of the rigid motions relative to the forces on them."""
+        return float(self._shares(load, x).max())
 
-        `note`: those of this state count from now on.
-        """
-        return float(self._shares(load, x, note).max())
-
-    def _shares(self, load, x: np.ndarray, note: bool = False) -> np.ndarray:
+    def _shares(self, load, x: np.ndarray) -> np.ndarray:
         """(modes,) the same of every motion."""
         net, size = self.operator.imbalance(x, load.weights)
-        work = np.maximum(self.scales.work, size)
-        self.scales.work = work if note else self.scales.work
+        self.scales.renew(work=size)
+        work = self.scales.work
         return np.abs(net) / np.where(work > 0, work, 1.0)
 
     def note_loose_motion(self, index: int, x: np.ndarray) -> None:

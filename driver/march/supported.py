@@ -17,7 +17,7 @@ class SupportedBodies:
         """No motion, no change of d."""
         return 0.0
 
-    def imbalance(self, load, x: np.ndarray, note: bool = False) -> float:
+    def imbalance(self, load, x: np.ndarray) -> float:
         """Supports balance everything."""
         return 0.0
 
