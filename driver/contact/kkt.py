@@ -7,10 +7,11 @@ residuals of their complementarity conditions,
     | l_n - P_[0, inf) (l_n + o) |,   | l_t - P_[-g, g] (l_t + s) |,
     l = lambda / f,   o = (u_n - gap) / delta,   s = slip / delta,   g = bound / f,
 
-that is, with rho = f / delta, of lambda - P_K(lambda + rho (B u - c)) relative to f: zero exactly at
-solutions, and never above the lesser of the two factors, however large the friction bound is
-(Facchinei, Pang, Finite-Dimensional Variational Inequalities and Complementarity Problems, 1.5).
-Products such as g |slip| grow with the friction coefficient where nothing is wrong.
+that is, with rho = f / delta, lambda - P_K(lambda + rho (B u - c)) relative to f. They vanish just
+at solutions (Facchinei, Pang, Finite-Dimensional Variational Inequalities and Complementarity
+Problems, Springer 2003, section 1.5), and where a node is on the wrong side of its condition by
+little force or by little way they are as little: products such as g |slip| grow with the friction
+coefficient where nothing is wrong.
 """
 
 from dataclasses import dataclass, field

@@ -36,7 +36,8 @@ class Room(initial_state.Room):
             raise NotConverged(
                 f"preload: no equilibrium of the free bodies in {iteration} iterations")
         solver.multipliers, solver.motion = x, load.weights[op.structure.patterns :]
-        solver.slip.advance(x, result.gradient, load.weights, solver.scales)
+        gradient = result.gradient - solver.bodies.settle(load, x, result.gradient)
+        solver.slip.advance(x, gradient, load.weights, solver.scales)
         u_t = np.zeros(len(solver.initial))
         u_t[rows.tangential_node] = solver.slip.u_t
         solver.initial[:] = np.sum(op.comm.allgather(u_t), axis=0)

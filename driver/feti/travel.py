@@ -16,6 +16,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from .gathering import gather
+from .rigid_modes import RigidMode
 from .rows import RowKind
 
 WORTH = 0.5  # part of the prescribed displacements that may remain, for r to be taken out
@@ -40,6 +41,14 @@ class Bodies:
         motions[:, 0, 0] = motions[:, 1, 1] = 1.0
         motions[:, 0, 2], motions[:, 1, 2] = -away[:, 1], away[:, 0]
         return motions
+
+    def coefficients(self, mode: RigidMode) -> np.ndarray:
+        """(3 bodies,) factors of `rigid` that make a rigid mode of rigid_modes.py."""
+        factors = np.zeros((len(self.size), 3))
+        body = self.number[mode.members[0]]
+        factors[body, :2] = mode.displacement(self.center[body : body + 1])[0]
+        factors[body, 2] = mode.rotation * self.size[body]
+        return factors.ravel()
 
 
 def bodies_of(skeleton) -> Bodies:
@@ -68,10 +77,13 @@ class Travel:
         """The patterns that move any body."""
         return np.flatnonzero(self.motion.any(axis=(1, 2))).tolist()
 
+    def of(self, weights: np.ndarray) -> np.ndarray:
+        """(bodies, 3) motions for pattern factors that may go on with other ones."""
+        return np.tensordot(weights[: len(self.motion)], self.motion, axes=1)
+
     def displacements(self, weights: np.ndarray, subdomains) -> list[np.ndarray]:
         """(dofs,) of every subdomain, for pattern factors that may go on with other ones."""
-        motion = np.tensordot(weights[: len(self.motion)], self.motion, axes=1)
-        fields = []
+        motion, fields = self.of(weights), []
         for sub in subdomains:
             body = self.bodies.number[sub.index]
             moved = motion[body].any()

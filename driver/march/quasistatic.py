@@ -34,6 +34,7 @@ from .supported import SupportedBodies
 from .uniqueness import Uniqueness, worthwhile
 
 CANCELLED = 1e-8  # part of the extent below which deformation is rounding: contact takes the loads
+SETTLINGS = 5  # of bodies without support, whose multipliers follow, in a step
 LAST_PART = 1e-6  # of tolerances, below which tightening must at least halve the residuals
 CARRIED = ("counts", "residuals", "steps", "warnings", "contraction", "seconds")  # of a History
 
@@ -176,7 +177,7 @@ class QuasistaticSolver:
         self.scales.renew(d=load.extent)
         try:
             start = x, moved - load.d, sliding
-            x, gradient, moved, residuals = self._earned(index, load, *start, trace)
+            x, gradient, moved, residuals = self._settled(index, load, *start, trace)
             self._examine(index, load, x, gradient, trace)
             self.bodies.note_loose_motion(index, x)
         except Unfinished as failure:
@@ -187,6 +188,21 @@ class QuasistaticSolver:
         return Step(index, float(self.times[index]), load.weights, x, gradient, rows.states(x),
                     rows.friction_bound(x), trace.iterations, op.products - products,
                     trace.contraction, residuals, moved), error
+
+    def _settled(self, index: int, load: Load, x, gradient, sliding, trace: Trace):
+        """As `_earned`, with bodies without support where their forces move them least."""
+        for _ in range(SETTLINGS):
+            state = self._earned(index, load, x, gradient, sliding, trace)
+            x, gradient, moved, residuals = state
+            change = self.bodies.settle(load, x, gradient)
+            if not self.operator.modes:
+                return state
+            gradient = gradient - change
+            residuals = self._residuals(load, x, gradient)
+            if all(value <= self._asked(name) for name, value in residuals.items()):
+                break
+            sliding = self.rows.sliding(x, self.rows.friction_bound(x))
+        return x, gradient, moved, residuals
 
     def _earned(self, index: int, load: Load, x, gradient, sliding, trace: Trace):
         """Multipliers, gradient, last change and residuals that are as small as asked for.
@@ -294,7 +310,7 @@ class QuasistaticSolver:
             "norm_bound": float(self.qp.bound), "products": op.products,
             "scales": {name: np.asarray(value) for name, value in self.scales.largest.items()},
             "slip_weights": self.slip.weights,
-            "motion": self.motion, "older_motion": self.older_motion,
+            "motion": self.motion, "older_motion": self.older_motion, "placed": self.bodies.placed,
             "log_numbers": np.array([product, step, iteration], np.int64),
             "log_kind": np.array(kind, str),
             "log_residual": np.array(residual, float), "fallbacks": history.fallbacks.steps,
@@ -309,6 +325,7 @@ class QuasistaticSolver:
         history = self.history
         self.multipliers, self.older = state["multipliers"][mine], state["older"][mine]
         self.motion, self.older_motion = state["motion"], state["older_motion"]
+        self.bodies.placed = state["placed"]
         self.slip.elastic = state["carried"]["elastic"][node]
         self.slip.weights = state["slip_weights"]
         if not self.rows.bound_is_given:

@@ -20,7 +20,7 @@ class Record:
         self.displacements = []  # the largest of the body, one number a step
 
     def add(self, step: Step) -> tuple[list[np.ndarray], dict[str, np.ndarray]]:
-        """Displacements (dofs,) of the rank's subdomains, less the travel, and the contact state."""
+        """Displacements (dofs,) of the rank's subdomains, less travel, and the contact state."""
         fields = self.operator.deformations(step.multipliers, step.weights)
         state = self.contact.evaluate(step, fields)
         for name, column in self.states.items():
