@@ -83,8 +83,8 @@ def lemke(problem: CoulombProblem) -> np.ndarray | None:
     J. Numer. Meth. Engng 39 (1996) 2673-2691, use it in dynamics. Where rounding leads it astray
     another covering vector is tried. None if all fail.
 
-    Nothing is proved for bilateral contact, which is refused, nor for bodies without support, of
-    which there need be no solution. These are held by springs, ever softer, whose rest follows, before Newton.
+    Nothing is proved for bilateral contact, which is refused, nor for bodies without support, which
+    need not have a solution. Springs hold these, ever softer, whose rest follows, before Newton.
     """
     if problem.bilateral:
         return None

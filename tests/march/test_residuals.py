@@ -67,8 +67,8 @@ def rows(friction: float) -> ContactRows:
 
 def residuals(friction: float, multipliers, move) -> dict:
     """Residuals of forces and movements (5,) where the deformation is 1e-3."""
-    return kkt_residuals(rows(friction), np.array(multipliers, float), -np.array(move, float), 0.0,
-                         Scales(displacement=1e-3), MPI.COMM_SELF)
+    return kkt_residuals(rows(friction), np.array(multipliers, float), -np.array(move, float),
+                         np.ones(5), Scales(displacement=1e-3), MPI.COMM_SELF)
 
 
 @pytest.mark.parametrize("friction", [0.3, 1e3, 1e12])
