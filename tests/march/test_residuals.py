@@ -200,7 +200,7 @@ def test_least_motion_of_a_free_block(built, steps_of, scene, cut):
     solver, steps = steps_of(problem)
     assert solver.failure is None
     for step in steps:
-        along, down, turned = mean_motion(problem, step)
+        along, down, _ = mean_motion(problem, step)
         assert abs(along) <= 1e-9 * abs(down) and down < 0
 
 
