@@ -17,7 +17,7 @@ from dataclasses import asdict
 import numpy as np
 from mpi4py import MPI
 
-from ..contact.kkt import Scales, kkt_residuals
+from ..contact.kkt import FADED, Scales, kkt_residuals
 from ..contact.rows import contact_rows
 from ..effects import Effects
 from ..errors import DriverError, NotConverged
@@ -35,6 +35,7 @@ from .uniqueness import Uniqueness, worthwhile
 
 CANCELLED = 1e-8  # part of the extent below which deformation is rounding: contact takes the loads
 SETTLINGS = 5  # of bodies without support, whose multipliers follow, in a step
+FORESEEN = 10.0  # times later loads over a step's, if below 1: part of the step's tolerances
 LAST_PART = 1e-6  # of tolerances, below which tightening must at least halve the residuals
 CARRIED = ("counts", "residuals", "steps", "warnings", "contraction", "seconds")  # of a History
 
@@ -65,6 +66,7 @@ class QuasistaticSolver:
         self.largest_friction = operator.comm.allreduce(own, op=MPI.MAX)
         self.uniqueness = Uniqueness(self.largest_friction > 0)
         self.doubtful = False
+        self.loads = [self._size(weights) for weights in amplitudes[1:]]
         # of the last step and of the one before: rigid motions (modes,), multipliers (owned,)
         self.motion = self.older_motion = np.zeros(operator.modes)
         self.multipliers = self.older = np.zeros(operator.owned)
@@ -137,6 +139,12 @@ class QuasistaticSolver:
         d[rows.normal] -= rows.gap
         d[rows.tangential] -= self.slip.elastic
         return Load(weights, d, extent)
+
+    def _size(self, weights: np.ndarray) -> float:
+        """Displacements of the dual rows by pattern factors, travel along contact left out."""
+        d = self.operator.rigid_response(weights)
+        d[self.rows.tangential] = 0.0
+        return self.qp.size(self.operator.elastic_response(weights) + d)
 
     def _growth(self, index: int) -> float:
         """Change of the load over its last change: by it the last change of multipliers goes on.
@@ -213,14 +221,14 @@ class QuasistaticSolver:
         of free bodies below `friction_rtol`. Raises Unfinished where that is not reached.
         """
         qp, settings, best, stop = self.qp, self.settings, np.inf, None
-        of_qp = of_friction = 1.0  # parts of the tolerances
+        of_qp = of_friction = self._foresight(index)  # parts of the tolerances
         while True:
             qp.aim(of_qp)
             try:
                 x, gradient, sliding = self.fixed_point.find(
                     index, load, x, gradient, sliding, trace, of_friction * settings.friction_rtol)
             except Unfinished as failure:
-                if of_qp == 1:
+                if of_qp == 1.0:
                     raise
                 # tighter than rounding allows: what there is may do
                 x, gradient, stop = failure.x, failure.gradient, failure.error
@@ -241,6 +249,18 @@ class QuasistaticSolver:
             of_qp *= tighter
             if max(excess["gluing"], excess["penetration"]) <= 1:  # not QPs alone are to blame
                 of_friction *= tighter
+
+    def _foresight(self, index: int) -> float:
+        """Part of the tolerances, 1 but before loads that are less than a hundredth of the step's.
+
+        Friction carries slip from a step to all later ones: what is nothing to a spike of the load
+        may be more than they bring about. Steps without load ask for nothing.
+        """
+        if not self.largest_friction:
+            return 1.0
+        own, *later = self.loads[index - 1 :]
+        ratio = min((load / own for load in later if load > FADED * own > 0), default=1.0)
+        return min(1.0, FORESEEN * ratio)
 
     def _asked(self, name: str) -> float:
         """The largest residual of this name with which a step has converged."""
