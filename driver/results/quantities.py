@@ -28,8 +28,8 @@ NOTHING = 1e-9  # part of the largest resultant of the history that rounding lea
 def quantities(effects, nodes: dict, steps: dict, displacement) -> tuple[dict[str, float], int]:
     """Values of `effects.quantities` by name, and the index of the step that they belong to.
 
-    `nodes` holds the columns xy (n, 2), arc, weight, gap, label, paired and middle (n,) of the
-    contact nodes, sorted by label and arc; `steps` the columns u_n, slip, sigma_n, sigma_t and
+    `nodes` holds the columns xy (n, 2), arc, weight, gap, chain, paired and middle (n,) of the
+    contact nodes, sorted by chain and arc; `steps` the columns u_n, slip, sigma_n, sigma_t and
     status (steps, n); `displacement` (steps,) the largest displacement in the body. All as in
     contact.csv and history.csv, status as its code.
     """
@@ -58,9 +58,9 @@ def _moment(size: np.ndarray) -> int:
 
 def chains(nodes: dict) -> list[np.ndarray]:
     """Indices of the contact nodes of every connected boundary piece, in the order of arc."""
-    arc, xy, label = nodes["arc"], nodes["xy"], nodes["label"]
+    arc, xy, chain = nodes["arc"], nodes["xy"], nodes["chain"]
     along, across = np.diff(arc), np.linalg.norm(np.diff(xy, axis=0), axis=1)
-    breaks = (label[1:] != label[:-1]) | (np.abs(along - across) > 1e-6 * across)
+    breaks = (chain[1:] != chain[:-1]) | (np.abs(along - across) > 1e-6 * across)
     return np.split(np.arange(len(arc)), np.flatnonzero(breaks) + 1)
 
 
