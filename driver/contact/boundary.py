@@ -53,8 +53,7 @@ class ContactBoundary:
     global dual rows, -1 where a node has none (frictionless contact, or a direction that the
     support fixes). What meets at node i is the sum of value_k u(gid_k) over the terms k with
     node_k = i: its own displacement on a rigid obstacle, a mortar jump where `paired`. `edges` are
-    pairs of nodes, those of `clamped` counted on. `corners` are pairs of nodes at one vertex whose
-    rows depend on one another: see corner_nodes.py.
+    pairs of nodes, those of `clamped` counted on. `corners` (v, 3) as from corner_nodes.py.
     """
 
     gid: np.ndarray
@@ -76,7 +75,7 @@ class ContactBoundary:
     tangential_row: np.ndarray
     edges: np.ndarray  # (e, 2), on rigid obstacles
     clamped: ClampedContact
-    corners: np.ndarray = field(default_factory=lambda: np.empty((0, 2), int))
+    corners: np.ndarray = field(default_factory=lambda: np.empty((0, 3), int))
     about: Configuration | None = None  # of pairs; None: the initial geometry
 
     @property

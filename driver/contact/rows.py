@@ -19,6 +19,7 @@ import numpy as np
 
 from ..feti.rows import RowKind
 from ..feti.structure import Substructure
+from .corner_nodes import CornerNodes, corner_nodes
 from .states import OPEN, SLIP, STICK
 
 
@@ -52,7 +53,8 @@ class ContactRows:
 
     `normal` (k,) with `gap` and `node`; `tangential` (j,) with `pair`, the position of the same
     node's normal row, and `node`. `coefficient` (j,) of friction, and `offset` (j,) of its bound,
-    are None where no declared effect has one.
+    are None where no declared effect has one. `corners` are vertices with two contact nodes, whose
+    states exclude rows: their multipliers are zero. None where there are none.
     """
 
     normal: np.ndarray
@@ -65,6 +67,7 @@ class ContactRows:
     offset: np.ndarray | None
     gluing: np.ndarray
     bilateral: bool
+    corners: CornerNodes | None = None
 
     @property
     def bound_is_given(self) -> bool:
@@ -81,6 +84,9 @@ class ContactRows:
         if not self.bilateral:
             lower[self.normal] = 0.0
         lower[self.tangential], upper[self.tangential] = -bound, bound
+        if self.corners is not None:
+            excluded = self.corners.excluded
+            lower[excluded] = upper[excluded] = 0.0
         return lower, upper
 
     def pressing(self, x: np.ndarray) -> np.ndarray:
@@ -108,7 +114,18 @@ class ContactRows:
         return moved
 
     def friction_bound(self, multipliers: np.ndarray) -> np.ndarray:
-        """(j,) largest friction forces under the pressures in the dual vector `multipliers`."""
+        """(j,) largest friction forces under the pressures in the dual vector `multipliers`.
+
+        Zero where a corner's state excludes friction.
+        """
+        bound = self.law_bound(multipliers)
+        if self.corners is not None:
+            bound = bound.copy()
+            bound[self.corners.without_friction] = 0.0
+        return bound
+
+    def law_bound(self, multipliers: np.ndarray) -> np.ndarray:
+        """(j,) the same by the law alone, whatever the states of corners."""
         if self.coefficient is None:
             return np.zeros(len(self.tangential)) if self.offset is None else self.offset
         return _affine(self.coefficient, self.offset, multipliers[self.pair])
@@ -118,7 +135,7 @@ class ContactRows:
         states = np.full(len(self.normal), STICK)
         if not self.bilateral:
             states[multipliers[self.normal] == 0] = OPEN
-        sliding = np.abs(multipliers[self.tangential]) >= self.friction_bound(multipliers)
+        sliding = np.abs(multipliers[self.tangential]) >= self.law_bound(multipliers)
         place = np.searchsorted(self.normal_node, self.tangential_node)
         states[place[sliding & (states[place] == STICK)]] = SLIP
         if len(self.tangential) == 0:  # without friction nothing holds a node that touches
@@ -133,8 +150,10 @@ def contact_rows(structure: Substructure, law: ContactLaw) -> ContactRows:
     tangential = np.flatnonzero((contact.tangential_row >= start) & (contact.tangential_row < stop))
     coefficient, offset = (None if values is None else values[tangential]
                            for values in (law.coefficient, law.offset))
+    place, bilateral = np.full(len(contact.gid), -1), np.full(len(contact.gid), law.bilateral)
+    place[tangential] = np.arange(len(tangential))
     return ContactRows(contact.normal_row[normal] - start, normal, contact.gap[normal],
                        contact.tangential_row[tangential] - start, tangential,
                        contact.normal_row[tangential] - start, coefficient, offset,
                        np.flatnonzero(structure.row_kind[start : stop] == RowKind.GLUING),
-                       law.bilateral)
+                       law.bilateral, corner_nodes(structure, place, bilateral))

@@ -170,8 +170,11 @@ class EquilibratedBound:
         np.add.at(jump, b.term_node, terms)
         contact.place(jump)
         stiffness = body.stiffness[vertex].max(axis=1, initial=0)
-        moves = ((b.normal_row, b.normal, contact.onto_obstacle(stiffness)),
-                 (b.tangential_row, b.tangent, contact.back_to_stick(stiffness)))
+        onto, back = contact.onto_obstacle(stiffness), contact.back_to_stick(stiffness)
+        corners = b.corners[b.corners[:, 2] > 1, :2]  # both normals at once, where two move freely
+        u[vertex[corners[:, 0]]] += np.linalg.solve(b.normal[corners], onto[corners])
+        onto[corners] = 0.0
+        moves = (b.normal_row, b.normal, onto), (b.tangential_row, b.tangent, back)
         for row, direction, move in moves:
             free = direction * ~body.constrained[vertex]
             square = np.maximum((free**2).sum(axis=1), 1e-300)
@@ -209,8 +212,7 @@ class EquilibratedBound:
         now = step.weights[: len(self.manifest.patterns)]
         before = self.manifest.factors[step.index - 1]
         values = self.boundary.clamped.values
-        return ContactTractions(self.state, self.operator.structure.outer_edges, state,
-                                values @ now, values @ (now - before))
+        return ContactTractions(self.state, state, values @ now, values @ (now - before))
 
     def _pairs(self, state: dict) -> list | None:
         """The PairBound of every contact pair in one step, on rank 0."""
