@@ -31,13 +31,13 @@ def kkt_residuals(rows: ContactRows, multipliers: np.ndarray, gradient: np.ndarr
     move = -gradient
     lambda_n, lambda_t = multipliers[rows.normal], multipliers[rows.tangential]
     bound, slip, over = rows.friction_bound(multipliers), move[rows.tangential], move[rows.normal]
-    one_sided = np.zeros(0) if rows.bilateral else lambda_n
+    bilateral = rows.bilateral
     local = np.array([
         np.abs(move[rows.gluing]).max(initial=0),
-        (np.abs(over) if rows.bilateral else over).max(initial=0),
-        (-one_sided).max(initial=0) + 0.0,  # no -0.0
+        np.where(bilateral, np.abs(over), over).max(initial=0),
+        (-lambda_n[~bilateral]).max(initial=0) + 0.0,  # no -0.0
         (np.abs(lambda_t) - bound).max(initial=0),
-        (np.abs(one_sided * over[: len(one_sided)])).max(initial=0),
+        np.abs(lambda_n * over)[~bilateral].max(initial=0),
         (bound * np.abs(slip) - lambda_t * slip).max(initial=0),
         np.abs(lambda_n).max(initial=0),
     ])

@@ -226,7 +226,7 @@ class EquilibratedBound:
         values = {"vertex": np.searchsorted(body.gid, b.gid), "weight": b.weight,
                   "own_normal": b.normal_row >= 0, "own_tangential": b.tangential_row >= 0,
                   "gap": b.gap, "pressure": -state["sigma_n"], "shear": state["sigma_t"],
-                  "bound": state["bound"], "before": state["u_t"] - state["slip"]}
+                  "bound": state["bound"], "bilateral": self.state.law.bilateral, "before": state["u_t"] - state["slip"]}
         about = None
         if b.about is not None:
             about = np.zeros((len(body.gid), 2))
@@ -236,8 +236,9 @@ class EquilibratedBound:
             first, second = (np.searchsorted(body.gid, outer[outer[:, 2] == label, :2])
                              for label in labels)
             nodes = {name: value[b.label == labels[0]] for name, value in values.items()}
+            bilateral = bool(nodes.pop("bilateral").all())
             pairs.append(PairBound(body.mesh, first, second, nodes, self.state.frictional,
-                                   self.rows.bilateral, about))
+                                   bilateral, about))
         return pairs
 
     def _forces(self, pairs: list | None, state: dict) -> list[np.ndarray]:

@@ -33,7 +33,7 @@ class ContactTractions:
         if contact.frictional:
             self.shear = continued(self.node, sigma_t, self.own_tangential)
             self.shear = np.clip(self.shear, -self.bound, self.bound)
-        self.bilateral = contact.rows.bilateral
+        self.bilateral = contact.law.bilateral
         self.before = state["u_t"] - state["slip"]
         distance = np.maximum(c.gap - (move * c.normal).sum(axis=1), 0.0)
         slip = (step_move * self.tangent[len(b.gid) :]).sum(axis=1)

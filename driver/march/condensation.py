@@ -108,7 +108,7 @@ class Condensation:
         if self._law is None:
             motions = np.column_stack([self.gather(d) for d in op.motions]) if op.modes else None
             self._law = CoulombProblem(self.compliance(), np.zeros(self.n + self.m),
-                                       np.zeros(self.m), self.pair, rows.bilateral, motions)
+                                       np.zeros(self.m), self.pair, self._bilateral(), motions)
         coefficient, offset = self._tangential(rows.coefficient), None
         if rows.offset is not None:
             offset = self._tangential(rows.offset)
@@ -119,6 +119,12 @@ class Condensation:
         if op.modes:
             balance = load.weights[: op.structure.patterns] @ op.rigid_work[0]
         return self._law.under(d, coefficient, balance, offset)
+
+    def _bilateral(self) -> np.ndarray:
+        """(n,) whether contact is bilateral, on every rank."""
+        full = np.zeros(self.operator.owned)
+        full[self.rows.normal] = self.rows.bilateral
+        return self.gather(full)[: self.n] > 0
 
     def _tangential(self, values: np.ndarray) -> np.ndarray:
         """(m,) values (j,) of the rank's tangential rows, on every rank."""

@@ -82,9 +82,10 @@ class FrictionQP:
 
         Bilateral contact closes them all.
         """
-        if self.rows.bilateral or not (self.rows.gap > 0).any():
+        normal, gap = self.rows.normal, np.where(self.rows.bilateral, 0.0, self.rows.gap)
+        if not (gap > 0).any():
             return self.size(d)
-        seen, normal, gap = d.copy(), self.rows.normal, self.rows.gap
+        seen = d.copy()
         reach = np.abs(d[normal] + gap)
         seen[normal] = np.where(gap > 0, np.minimum(np.maximum(d[normal], -reach), reach),
                                 d[normal])

@@ -50,7 +50,7 @@ class Uniqueness:
         mine = complementarity.newton(problem, problem.whole(x))
         if mine is None or np.abs(mine[: problem.rows] - x).max() > 1e-2 * np.abs(x).max():
             mine = problem.whole(x)
-        all_of_them = problem.n <= FEW and not problem.bilateral
+        all_of_them = problem.n <= FEW and not problem.bilateral.any()
         self.exhaustive += all_of_them and whole
         if all_of_them:
             solutions = complementarity.all_solutions(problem)

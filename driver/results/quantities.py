@@ -1,6 +1,7 @@
 """The quantities of interest: few numbers that users read, each with a limit under refinement.
 
-    peak_pressure         largest contact pressure, between nodes by the parabola through three
+    peak_pressure         largest contact pressure, between nodes by the parabola through three; of
+                          bilateral contact the largest |sigma_n|
     normal_resultant      contact pressure summed over the contact boundary
     tangential_resultant  shear traction sigma_t summed over the contact boundary, with its sign
     contact_length        length in contact, its edges located between nodes
@@ -40,7 +41,8 @@ def quantities(effects, nodes: dict, steps: dict, displacement) -> tuple[dict[st
     pressure, weight, pieces = -steps["sigma_n"], nodes["weight"], chains(nodes)
     normal = pressure @ weight
     index = _moment(np.abs(normal))
-    peaks = [peak(nodes["arc"][piece], traction(nodes, pressure[index], piece)) for piece in pieces]
+    size = np.abs(pressure[index])
+    peaks = [peak(nodes["arc"][piece], traction(nodes, size, piece)) for piece in pieces]
     values = {"peak_pressure": max(peaks), "normal_resultant": normal[index],
               "contact_length": contact_length(nodes, pieces, steps, index),
               "displacement": displacement[index]}
