@@ -16,7 +16,7 @@ from ..errors import PARTIAL, InputError, error_of, shortage
 from ..estimates import adaptivity, budget
 from ..march.checkpoint import fingerprint
 from ..options import RESULTS
-from ..scene import freefem, seal
+from ..scene import freefem, grammar, seal
 from ..text import shown
 from . import guard, launch
 from .request import Request
@@ -46,9 +46,11 @@ class Run:
         """A run from NAME=VALUE pairs with lower-case names. Raises InputError."""
         given = options.read("run", pairs)
         scene = freefem.find_scene(given["scene"])
-        for name in sorted(set(given.parameters) & set(freefem.RESERVED)):
-            raise InputError(f"{name.upper()} is no parameter of a scene: FreeFEM and the driver "
-                             "use the word themselves")
+        spelled = grammar.parameters(scene)
+        for name in sorted(given.parameters):
+            if spelled.get(name, name) in grammar.RESERVED:
+                raise InputError(f"{name.upper()} is no parameter of a scene: FreeFEM and the "
+                                 "driver use the word themselves")
         names = ("without", "fields", "figures", "quiet", "resume", "adapt", "errors", "accuracy")
         return cls(scene, given["out"] or RESULTS / scene.stem, given["np"], given.settings,
                    given.parameters, **{name: given[name] for name in names})
