@@ -15,7 +15,7 @@ class CornerStates:
         self.qp, self.corners = fixed_point.qp, fixed_point.rows.corners
         self.index = 0
 
-    def find(self, index: int, load: Load, x, gradient, sliding, trace: Trace):
+    def find(self, index: int, load: Load, x, gradient, sliding, trace: Trace, rtol: float):
         """As FixedPoint.find; states that a violated condition refutes are changed.
 
         Raises Unfinished.
@@ -24,7 +24,8 @@ class CornerStates:
             self.index = index
             self.corners.begin_step()
         while True:
-            x, gradient, sliding = self.fixed_point.find(index, load, x, gradient, sliding, trace)
+            x, gradient, sliding = self.fixed_point.find(index, load, x, gradient, sliding, trace,
+                                                          rtol)
             if not self.corners.switch(x, gradient, self.qp.scale, self.qp.tol,
                                        self.qp.operator.comm):
                 self._note(index)
