@@ -40,6 +40,9 @@ class Row:
     seconds: float = np.nan
     sweep: str = ""
     place: float = np.nan  # in the sweep
+    seed: int = 0  # of a random scene
+    declared: str = ""  # what it declares
+    disagreement: float = np.nan  # of contact forces between cuts, relative
 
     @property
     def kkt(self) -> float:
