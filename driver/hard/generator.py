@@ -106,7 +106,7 @@ class _Writer:
 
     def number(self, value: float) -> str:
         """A number in the scene."""
-        return number_text(float(f"{value:.4g}"))
+        return number_text(float(f"{value:.4g}") + 0.0)  # no -0.0
 
     # ---- material ------------------------------------------------------------------------------
     def material(self) -> None:

@@ -1,5 +1,6 @@
 """What is right about a random scene, by the assembled body: laws, agreement, refusals."""
 
+import re
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from . import laws
+from . import refusal as refusals
 from .case import Outcome
 from .oracle import Assembled
 
@@ -51,12 +53,70 @@ class Problem:
         return max(laws.disagreement(self.body, outcomes[0].contact, other.contact)
                    for other in outcomes[1:])
 
+    @property
+    def contraction(self) -> float:
+        """Below 1 every step has one solution, see `friction_contraction`; infinite if unknown."""
+        own, _ = refusals.largest_friction(self.body, self.manifest)
+        if not own.any():
+            return 0.0
+        if self.body.motions.shape[1] or "slip_law" in self.manifest.rooms:
+            return np.inf
+        return friction_contraction(self.body, own)
+
     def not_unique(self, outcomes: list[Outcome]) -> str:
-        """Why runs may differ, empty if they may not."""
+        """Why runs may end in different solutions, empty if they may not."""
         verdicts = {outcome.summary["uniqueness"]["verdict"] for outcome in outcomes}
-        return "not unique" if "not unique" in verdicts else ""
+        if "not unique" in verdicts:
+            return "not unique by the run's own search: compared by the laws"
+        if self.contraction < 1:
+            return ""
+        return f"uniqueness is not proved: friction {self.contraction:.2g} times the bound"
+
+    def refusal(self, outcomes: list[Outcome]) -> tuple[str, str]:
+        """Status of a scene that all runs refuse with exit 3 or 4, and the argument."""
+        first = outcomes[0]
+        said = f"exit {first.status}: {first.message.partition('; partial')[0]}"
+        steps = [re.search(r"step (\d+)", outcome.message) for outcome in outcomes]
+        if len({step and step[1] for step in steps}) > 1 or not steps[0]:
+            return "FAILED", "cuts refuse different steps: " + "; ".join(
+                outcome.message for outcome in outcomes)
+        step = int(steps[0][1])
+        weights = self.manifest.factors[step]
+        share = refusals.unbalanced(self.body, self.manifest, weights)
+        if share > refusals.SLACK:
+            return "refused", f"{said}; linear program: {share:.1e} of the load stays unbalanced"
+        u_t = self._before(first, step)
+        reason = refusals.no_state(self.body, self.manifest, weights, u_t)
+        if not reason:
+            return "refused", f"{said}; mixed-integer program: no state of the nodes solves it"
+        return "FAILED", f"{said}; not confirmed: {reason}"
+
+    def _before(self, outcome: Outcome, step: int) -> np.ndarray:
+        """(n_c,) tangential displacements before a step, as the run reports them."""
+        body = self.body
+        if step > 1:
+            return laws.Reported.of(body, outcome.contact).u_t[step - 2]
+        return body.columns.get("initial", np.zeros(len(body.gid)))
 
 
-def refusal(problem: Problem, outcomes: list[Outcome]) -> tuple[str, str]:
-    """Status of a refused scene and the argument."""
-    return "FAILED", f"exit {outcomes[0].status}: {outcomes[0].message}"
+def friction_contraction(body: Assembled, coefficient: np.ndarray) -> float:
+    """F sqrt(|(C^-1)_nn| |C_tt|), below which a step with Coulomb friction has one solution.
+
+    For two solutions with forces l, m of a step and d = l - m the conditions of contact and
+    friction give d'Cd <= sum F_i |d_n,i| |(C d)_t,i|, with C the compliance of the contact nodes;
+    and |d_n|^2 <= |(C^-1)_nn| d'Cd, |(C d)_t|^2 <= |C_tt| d'Cd.
+    """
+    n, C = len(body.gid), body.compliance()
+    scale = np.sqrt(np.abs(np.diag(C)))
+    kept = scale > 1e-6 * scale.max()  # supports leave no displacement but rounding in the others
+    C = C[np.ix_(kept, kept)]
+    if np.linalg.cond(C) > 1e12:
+        return np.inf  # nodes with two conditions
+    normal = np.flatnonzero(kept) < n
+    inverse = np.linalg.inv(C)[np.ix_(normal, normal)]
+    root = np.sqrt(coefficient[np.flatnonzero(kept)[normal]])
+    rough = np.sqrt(coefficient[np.flatnonzero(kept)[~normal] - n])
+    largest = (np.linalg.eigvalsh(of).max(initial=0.0) for of in (
+        root[:, None] * inverse * root, rough[:, None] * C[np.ix_(~normal, ~normal)] * rough))
+    return float(np.sqrt(np.prod(list(largest))))
+

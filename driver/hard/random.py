@@ -24,7 +24,8 @@ from .generator import RandomScene, draw
 from .report import Row
 
 CASES = ()  # of this family a seed makes any number
-FAMILY = "random"
+FAMILY, KEPT = "random", "failed"  # name of the family, directory of the scenes that failed
+FAST = 12  # scenes of the default tests
 QUIET = {"fields": "no", "figures": "no", "quiet": "yes", "resume": "no", "errors": "no"}
 LIMIT = 120  # seconds of one run
 LAWS = 1e-6  # largest violation on the assembled body, as of the other families
@@ -46,12 +47,19 @@ class Verdict:
     outcomes: list[Outcome] = field(default_factory=list)
 
 
-def judge(seed: int, folder: Path, kept: Path) -> Row:
+def name(seed: int) -> str:
+    """Name of a scene in the report."""
+    return f"seed {seed}"
+
+
+def judge(seed: int, results: Path) -> Row:
     """Make, run and judge the scene of a seed; never raises for what a scene does.
 
-    `folder` is for its runs, and goes; a scene that fails is left in `kept`.
+    A scene that fails is left in the directory KEPT of `results`.
     """
     clock, scene = time.perf_counter(), draw(seed)
+    folder = results / "runs" / f"random-{seed}"
+    shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     path = folder / f"random-{seed}.edp"
     path.write_text(scene.text)
@@ -59,40 +67,53 @@ def judge(seed: int, folder: Path, kept: Path) -> Row:
         verdict = _verdict(scene, path, folder)
     except Exception:  # pylint: disable=broad-exception-caught  # whatever happened, it is a row
         verdict = Verdict(why=f"the check failed: {_last_line(traceback.format_exc())}")
-    if verdict.status == "FAILED":
-        kept.mkdir(parents=True, exist_ok=True)
-        shutil.copy(path, kept)
     shutil.rmtree(folder)
-    return _row(scene, verdict, time.perf_counter() - clock)
+    return _row(scene, verdict, results, time.perf_counter() - clock)
 
 
-def _row(scene: RandomScene, verdict: Verdict, seconds: float) -> Row:
-    """The line of the report."""
+def died(seed: int, results: Path) -> Row:
+    """The row of a scene of which its process died."""
+    return _row(draw(seed), Verdict(why="the process died"), results, np.nan)
+
+
+def _row(scene: RandomScene, verdict: Verdict, results: Path, seconds: float) -> Row:
+    """The line of the report; a scene that failed is kept with the commands that repeat it."""
     first = verdict.outcomes[0] if verdict.outcomes else None
     cuts = " ".join(cut["subdomains"] for cut in scene.cuts)
-    row = Row(FAMILY, f"seed {scene.seed}", f"SUBDOMAINS={cuts}", "solved or refused",
+    row = Row(FAMILY, name(scene.seed), f"SUBDOMAINS={cuts}", "solved or refused",
               verdict.status, first.status if first else -1, verdict.why,
               seconds=round(seconds, 2))
     row.seed, row.disagreement = scene.seed, verdict.disagreement
-    row.declared = "; ".join(f"{name}: {value}" for name, value in scene.declared.items())
+    row.declared = "; ".join(f"{key}: {value}" for key, value in scene.declared.items())
     if scene.refusal:
         row.expected = "refused (exit 2)"
+    if verdict.status == "FAILED":
+        row.repeat = _keep(scene, results / KEPT)
     if verdict.status == "solved":
-        residuals = [outcome.summary["residuals"] for outcome in verdict.outcomes]
-        for name in residuals[0]:
-            setattr(row, name, max(each[name] for each in residuals))
-        row.kkt_tolerance, row.oracle = KKT, "laws on the assembled body"
-        row.error = verdict.worst / LAWS
-        row.products = first.summary["counts"]["dual_multiplications"]
-        row.fixed_point = first.summary["counts"]["fixed_point_iterations"]
+        _fill_solved(row, verdict)
     return row
 
 
-def command(scene: RandomScene, place: Path, cut: dict[str, str]) -> str:
-    """The command that repeats one run of a scene in the directory `place`."""
-    words = {"scene": os.path.relpath(place / f"random-{scene.seed}.edp"), **scene.options, **cut,
-             **{name.lower(): value for name, value in TIGHT.items()}}
-    return "make run " + " ".join(f"{name.upper()}={value}" for name, value in words.items())
+def _fill_solved(row: Row, verdict: Verdict) -> None:
+    """Largest residuals over the cuts, violation of the laws, counts of the first cut."""
+    residuals = [outcome.summary["residuals"] for outcome in verdict.outcomes]
+    for residual in residuals[0]:
+        setattr(row, residual, max(each[residual] for each in residuals))
+    counts = verdict.outcomes[0].summary["counts"]
+    row.kkt_tolerance, row.oracle, row.error = KKT, "the laws", verdict.worst / LAWS
+    row.products = counts["dual_multiplications"]
+    row.fixed_point = counts["fixed_point_iterations"]
+
+
+def _keep(scene: RandomScene, place: Path) -> str:
+    """Leave the scene in `place`; the commands that repeat its judgement and its runs."""
+    place.mkdir(parents=True, exist_ok=True)
+    path = place / f"random-{scene.seed}.edp"
+    path.write_text(scene.text)
+    tight = {key.lower(): value for key, value in TIGHT.items()}
+    cuts = " or ".join(_named(cut) for cut in scene.cuts)
+    return (f"make hard FAMILY=random SEED={scene.seed} COUNT=1; its runs: make run "
+            f"SCENE={os.path.relpath(path)} {_named({**scene.options, **tight})} {cuts}")
 
 
 # ---- runs ----------------------------------------------------------------------------------------
@@ -163,7 +184,7 @@ def _verdict(scene: RandomScene, path: Path, folder: Path) -> Verdict:
 
     problem = judgement.Problem.of(path, {**scene.options, **scene.cuts[0]})
     if statuses != {0}:
-        verdict.status, verdict.why = judgement.refusal(problem, outcomes)
+        verdict.status, verdict.why = problem.refusal(outcomes)
         return verdict
     _judge_solved(scene, path, folder, verdict, problem)
     return verdict
@@ -196,10 +217,14 @@ def _judge_solved(scene: RandomScene, path: Path, folder: Path, verdict: Verdict
         if not violation <= LAWS:
             wrong.append(f"{_named(cut)}: {law} {violation:.1e}")
     verdict.worst = max(broken.values())
-    doubt = problem.not_unique(verdict.outcomes)
-    verdict.disagreement = problem.disagreement(verdict.outcomes)
-    if not verdict.disagreement <= AGREEMENT and not doubt:
-        wrong.append(f"cuts differ by {verdict.disagreement:.1e} of the largest contact force")
+    verdict.disagreement, doubt = problem.disagreement(verdict.outcomes), ""
+    if not verdict.disagreement <= AGREEMENT:
+        doubt = problem.not_unique(verdict.outcomes)
+        text = f"cuts differ by {verdict.disagreement:.1e} of the largest contact force"
+        if doubt:
+            doubt = f"{text}, each obeys the laws: {doubt}"
+        else:
+            wrong.append(text)
     second = run(scene, path, folder, scene.cuts[1], ranks=2)
     if not same_bits(verdict.outcomes[1], second):
         wrong.append(f"{_named(scene.cuts[1])} NP=2: exit {second.status} "
