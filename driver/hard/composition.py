@@ -67,7 +67,8 @@ class Bodies:
             lines += shape.text(f"Th{k}", "abc"[k], h, size, k)
         if len(self.shapes) > 1:
             return lines + [f"addBody(Th{k})" for k in range(len(self.shapes))]
-        return [*lines, "body = Th0;", *([f"macro piece() ({self.piece}) //"] if self.piece else [])]
+        lines.append("body = Th0;")
+        return lines + ([f"macro piece() ({self.piece}) //"] if self.piece else [])
 
 
 def compose(dice: Dice, quadratic: bool) -> Bodies:

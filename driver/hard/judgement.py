@@ -119,4 +119,3 @@ def friction_contraction(body: Assembled, coefficient: np.ndarray) -> float:
     largest = (np.linalg.eigvalsh(of).max(initial=0.0) for of in (
         root[:, None] * inverse * root, rough[:, None] * C[np.ix_(~normal, ~normal)] * rough))
     return float(np.sqrt(np.prod(list(largest))))
-

@@ -108,8 +108,9 @@ def violations(body: Assembled, manifest, contact: dict, far: float = 0.0) -> di
         "friction bound": ratio((np.abs(sigma_t) - bound).max(initial=0), press),
         "reported bound": ratio((free * np.abs(reported.bound - bound)).max(initial=0),
                                 np.abs(bound).max(initial=press)),
-        "slip along friction": ratio((free * (bound * np.abs(slip) + sigma_t * slip)).max(initial=0),
-                                     deformation * np.abs(bound).max(initial=press)),
+        "slip along friction": ratio(
+            (free * (bound * np.abs(slip) + sigma_t * slip)).max(initial=0),
+            deformation * np.abs(bound).max(initial=press)),
         "balance": max((ratio(net.max(initial=0), largest.max(initial=0)) for net, _ in balance),
                        default=0.0)}
 

@@ -8,7 +8,6 @@ import contextlib
 import os
 import shutil
 import signal
-import tempfile
 import time
 import traceback
 from dataclasses import dataclass, field
@@ -18,7 +17,6 @@ import numpy as np
 
 from .. import environment
 from ..errors import DriverError
-from . import laws
 from .case import KKT, TIGHT, Outcome, read_results
 from .generator import RandomScene, draw
 from .report import Row
@@ -225,15 +223,19 @@ def _judge_solved(scene: RandomScene, path: Path, folder: Path, verdict: Verdict
             doubt = f"{text}, each obeys the laws: {doubt}"
         else:
             wrong.append(text)
-    second = run(scene, path, folder, scene.cuts[1], ranks=2)
-    if not same_bits(verdict.outcomes[1], second):
-        wrong.append(f"{_named(scene.cuts[1])} NP=2: exit {second.status} "
-                     f"{_last_line(second.message or 'other bits than NP=1')}")
+    said = ranks_agree(scene, path, folder, verdict.outcomes[1])
+    if said:
+        wrong.append(f"{_named(scene.cuts[1])} NP=2: {said}")
     verdict.status, verdict.why = ("FAILED", "; ".join(wrong)) if wrong else ("solved", doubt)
 
 
-def same_bits(one: Outcome, other: Outcome) -> bool:
-    """Whether two runs left the same tables, byte by byte."""
-    return one.status == other.status and all(
-        (one.directory / name).read_bytes() == (other.directory / name).read_bytes()
-        for name in ("contact.csv", "history.csv") if (one.directory / name).is_file())
+def ranks_agree(scene: RandomScene, path: Path, folder: Path, alone: Outcome) -> str:
+    """What is wrong with the second cut on two ranks, whose run on one rank is `alone`."""
+    both = run(scene, path, folder, scene.cuts[1], ranks=2)
+    if both.status != alone.status:
+        return f"exit {both.status} {_last_line(both.message)}"
+    tables = [name for name in ("contact.csv", "history.csv")
+              if (alone.directory / name).is_file()]
+    same = all((alone.directory / name).read_bytes() == (both.directory / name).read_bytes()
+               for name in tables)
+    return "" if same else "other bits than with NP=1"
