@@ -47,8 +47,7 @@ class Bodies:
     @property
     def reach(self) -> tuple[tuple[float, float], tuple[float, float]]:
         """Extent in x and y."""
-        places = np.array([place for shape in self.shapes for side in shape.sides
-                           for place in (side.start, side.end)])
+        places = np.vstack([side.places for shape in self.shapes for side in shape.sides])
         return tuple((float(low), float(high)) for low, high in zip(places.min(0), places.max(0)))
 
     @property

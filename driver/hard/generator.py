@@ -47,7 +47,7 @@ def draw(seed: int) -> RandomScene:
     bodies = composition.compose(dice, element != "P1")
     strain = dice.pick(1e-4, 1e-3, 5e-3)
     scene = _Writer(dice, bodies, size, modulus, strain)
-    scene.material()
+    scene.material(element)
     scene.supports_and_loads()
     scene.contact()
     scene.histories()
@@ -60,21 +60,21 @@ def draw(seed: int) -> RandomScene:
         *scene.calls, *bodies.text(size), "", *scene.macros, "", 'include "export.idp"', ""])
     refusal = ""
     if dice.chance(0.02):
-        text, scene.declared["spoilt"], refusal = _spoil(dice, text, scene)
+        text, refusal = _spoil(dice, text, scene)
     declared = {"outline": bodies.name, "labels": bodies.pattern, "element": element,
                 **scene.declared}
     return RandomScene(seed, text, declared, cuts, options, refusal)
 
 
-def _spoil(dice: Dice, text: str, scene: "_Writer") -> tuple[str, str, str]:
-    """The text made bad in some way that it admits; what is wrong and what the refusal says."""
+def _spoil(dice: Dice, text: str, scene: "_Writer") -> tuple[str, str]:
+    """The text made bad in some way that it admits, and what its refusal says."""
     first = scene.bodies.contact[0] if scene.bodies.contact else ""
     ways = [way for way in SPOILT if way[1].format(first=first) in text
             and not (way[3] == "negative" and "friction() 0." in text)]
     if not ways:
-        return text, "", ""
-    what, old, new, refusal = dice.pick(*ways)
-    return text.replace(old.format(first=first), new.format(first=first)), what, refusal
+        return text, ""
+    scene.declared["spoilt"], old, new, refusal = dice.pick(*ways)
+    return text.replace(old.format(first=first), new.format(first=first)), refusal
 
 
 def _cuts(dice: Dice, bodies) -> tuple[dict[str, str], ...]:
@@ -109,10 +109,12 @@ class _Writer:
         return number_text(float(f"{value:.4g}") + 0.0)  # no -0.0
 
     # ---- material ------------------------------------------------------------------------------
-    def material(self) -> None:
+    def material(self, element: str) -> None:
         """One material, a jump inside the body, or one a body."""
         dice, E, count = self.dice, self.number(self.modulus), len(self.bodies.shapes)
         nu = dice.pick(0.0, 0.2, 0.3, 0.3, 0.45)
+        if element == "P2-mixed" and dice.chance(0.4):
+            nu = 0.4999
         jump = dice.pick(*JUMPS) if dice.chance(0.35) else 1.0
         self.declared["jump"] = f"{jump:g}" if jump != 1 else "none"
         self.softest = min(1.0, jump)
@@ -123,6 +125,12 @@ class _Writer:
             axis, (low, high) = dice.pick(("x", self.bodies.reach[0]), ("y", self.bodies.reach[1]))
             place = self.size * (low + dice.number(0.3, 0.7) * (high - low))
             content = f"({axis} < {self.number(place)} ? {E} : {self.number(jump)}*{E})"
+        if element != "P2-mixed" and dice.chance(0.06):
+            self.declared["material"] = "directed"
+            for name, share in (("c11", 1.0), ("c12", 0.2), ("c13", 0.05), ("c22", dice.pick(
+                    0.3, 3.0)), ("c23", 0.0), ("c33", dice.pick(0.1, 0.5))):
+                self.say(f"{name}()", f"({self.number(share)}*{content})")
+            return
         if dice.chance(0.15):
             self.say("planeStress()", "1")
         self.say("young()", content)
@@ -184,13 +192,19 @@ class _Writer:
 
     def _volume(self) -> None:
         """Weight, thermal strain."""
-        dice, free = self.dice, not self.bodies.holds
+        dice, free, sides = self.dice, not self.bodies.holds, self.bodies.loaded
+        stress = self.modulus * self.strain
         if dice.chance(0.5 if free else 0.12) or not self.patterns:
             weight = self.modulus * self.strain / self.size * dice.pick(0.1, 1.0)
             x, y = weight * np.array(self.bodies.press)
             self._load("bodyForce", f"[{self.number(x)}, {self.number(y)}]")
             self.declared["body force"] = "yes"
-        if dice.chance(0.08):
+        if sides and dice.chance(0.04):
+            (x, y), force = np.multiply(sides[0].start, self.size), stress * self.size * 0.1
+            values = (x, y, *(force * np.array(self.bodies.press)))
+            self._load("pointLoad", f"[{', '.join(number_text(v + 0.0) for v in values)}]")
+            self.declared["point load"] = "yes"
+        if dice.chance(0.08) and "material" not in self.declared:
             self._load("thermal", self.number(self.strain * dice.pick(-1.0, 0.3, 1.0)))
             self.declared["thermal"] = "yes"
 
@@ -240,6 +254,16 @@ class _Writer:
     def _gaps(self) -> None:
         """Distances of several scales, the same or one a label."""
         bodies, dice = self.bodies, self.dice
+        if bodies.pattern == "a side" and bodies.press[1] < -0.98 and dice.chance(0.25):
+            # the ground: a plane, or a cylinder from below, a little under the body
+            x, y = (self.size * np.array(bodies.reach)).tolist()
+            ground = self.number(y[0] - dice.pick(0.0, 0.3, -0.2) * self.far)
+            content = f"y - {ground}"
+            if dice.chance(0.4):
+                content += f" + (x - {self.number(sum(x) / 2)})^2*{self.number(1 / self.size)}/10."
+            self.say("obstacle(x, y)", f"({content})")
+            self.declared["gap"] = "obstacle"
+            return
         names, weights = ("none", "tiny", "deformation", "large", "negative", "curved", "mixed"), (
             8, 2, 3, 1, 2, 2, 2)
         gap = dice.pick(*names, weights=weights)

@@ -13,6 +13,9 @@ from .case import Outcome
 from .oracle import Assembled
 
 
+APART = 1e-4  # distance in energy from which solutions are different ones
+
+
 @dataclass
 class Problem:
     """Manifest and assembled body of a scene."""
@@ -64,7 +67,13 @@ class Problem:
         return friction_contraction(self.body, own)
 
     def not_unique(self, outcomes: list[Outcome]) -> str:
-        """Why runs may end in different solutions, empty if they may not."""
+        """Why runs may end in different solutions, empty if they may not.
+
+        Forces that differ where displacements do not are no other solution.
+        """
+        if max(laws.distance(self.body, outcomes[0].contact, other.contact)
+               for other in outcomes[1:]) < APART:
+            return ""
         verdicts = {outcome.summary["uniqueness"]["verdict"] for outcome in outcomes}
         if "not unique" in verdicts:
             return "not unique by the run's own search: compared by the laws"
@@ -76,15 +85,17 @@ class Problem:
         """Status of a scene that all runs refuse with exit 3 or 4, and the argument."""
         first = outcomes[0]
         said = f"exit {first.status}: {first.message.partition('; partial')[0]}"
-        steps = [re.search(r"step (\d+)", outcome.message) for outcome in outcomes]
-        if len({step and step[1] for step in steps}) > 1 or not steps[0]:
+        steps = [_step(outcome.message) for outcome in outcomes]
+        if len(set(steps)) > 1:
             return "FAILED", "cuts refuse different steps: " + "; ".join(
                 outcome.message for outcome in outcomes)
-        step = int(steps[0][1])
+        step = steps[0]
         weights = self.manifest.factors[step]
-        share = refusals.unbalanced(self.body, self.manifest, weights)
+        share = refusals.unbalanced(self.body, self.manifest, weights, rough=step > 0)
         if share > refusals.SLACK:
             return "refused", f"{said}; linear program: {share:.1e} of the load stays unbalanced"
+        if step == 0:
+            return "FAILED", f"{said}; not confirmed: forces without friction balance the loads"
         u_t = self._before(first, step)
         reason = refusals.no_state(self.body, self.manifest, weights, u_t)
         if not reason:
@@ -97,6 +108,11 @@ class Problem:
         if step > 1:
             return laws.Reported.of(body, outcome.contact).u_t[step - 2]
         return body.columns.get("initial", np.zeros(len(body.gid)))
+
+
+def _step(message: str) -> int:
+    """Number of the step that a refusal names, 0 for the preload before the first one."""
+    return int(re.search(r"step (\d+)|preload", message)[1] or 0)
 
 
 def friction_contraction(body: Assembled, coefficient: np.ndarray) -> float:

@@ -128,6 +128,20 @@ def disagreement(body: Assembled, one: dict, other: dict) -> float:
     return ratio(np.abs(first - second).max(initial=0), np.abs(first).max(initial=0))
 
 
+def distance(body: Assembled, one: dict, other: dict) -> float:
+    """Largest distance of the contact forces of two runs in the norm of the energy, relative.
+
+    What differs between conditions at one vertex, or deforms nothing, does not count.
+    """
+    first, second = (Reported.of(body, contact).forces(body) for contact in (one, other))
+
+    def energy(forces: np.ndarray) -> float:
+        moved = [body.B @ body.solve(np.zeros(len(body.loads)), body.B.T @ f) for f in forces]
+        return max(float(f @ u) for f, u in zip(forces, moved))
+
+    return np.sqrt(ratio(energy(first - second), energy(first)))
+
+
 def ratio(part: float, whole: float) -> float:
     """part / whole; where the whole is zero, 0 for nothing and infinity for something."""
     return float(part / whole) if whole > 0 else (0.0 if part == 0 else np.inf)

@@ -76,10 +76,9 @@ def died(seed: int, results: Path) -> Row:
 
 def _row(scene: RandomScene, verdict: Verdict, results: Path, seconds: float) -> Row:
     """The line of the report; a scene that failed is kept with the commands that repeat it."""
-    first = verdict.outcomes[0] if verdict.outcomes else None
     cuts = " ".join(cut["subdomains"] for cut in scene.cuts)
     row = Row(FAMILY, name(scene.seed), f"SUBDOMAINS={cuts}", "solved or refused",
-              verdict.status, first.status if first else -1, verdict.why,
+              verdict.status, _exit(verdict), verdict.why,
               seconds=round(seconds, 2))
     row.seed, row.disagreement = scene.seed, verdict.disagreement
     row.declared = "; ".join(f"{key}: {value}" for key, value in scene.declared.items())
@@ -90,6 +89,12 @@ def _row(scene: RandomScene, verdict: Verdict, results: Path, seconds: float) ->
     if verdict.status == "solved":
         _fill_solved(row, verdict)
     return row
+
+
+def _exit(verdict: Verdict) -> int:
+    """Exit status of the first run that did not converge, 0 if all did, -1 if there is none."""
+    statuses = [outcome.status for outcome in verdict.outcomes]
+    return next(filter(None, statuses), 0 if statuses else -1)
 
 
 def _fill_solved(row: Row, verdict: Verdict) -> None:

@@ -18,8 +18,10 @@ SECONDS = 30.0  # that it may take
 REACH = 100.0  # contact forces and displacements that it looks for, relative to the loads' own
 
 
-def unbalanced(body: Assembled, manifest, weights: np.ndarray) -> float:
+def unbalanced(body: Assembled, manifest, weights: np.ndarray, rough: bool = True) -> float:
     """Least imbalance of any contact forces in their cones, relative to the loads; 0 if none.
+
+    Without friction if not `rough`.
 
     The friction cone is that of the largest coefficient a slip law can give; where contact can
     pull, friction is free, which only makes balance easier.
@@ -34,7 +36,7 @@ def unbalanced(body: Assembled, manifest, weights: np.ndarray) -> float:
     work, force = work / size.max(), size.max()
     moves = (body.B @ body.motions).T  # (modes, 2 n_c): work of unit forces along n and t
     pulls = np.isin(body.label, laws.bilateral_labels(manifest))
-    coefficient, offset = largest_friction(body, manifest)
+    coefficient, offset = (rough * of for of in largest_friction(body, manifest))
     unit = identity(count, format="csr")
     cone = bmat([[diags(coefficient) @ unit, unit], [diags(coefficient) @ unit, -unit]])
     room = np.tile(offset / force, 2)

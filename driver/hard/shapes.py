@@ -39,6 +39,15 @@ class Side:
         size = np.hypot(x, y)
         return np.array([y, -x]) / size if size > 1e-9 else np.zeros(2)
 
+    @property
+    def places(self) -> np.ndarray:
+        """(n, 2) places along the side, its ends first and last."""
+        if self.centre is None:
+            return np.array([self.start, self.end])
+        (x, y), angles = np.subtract(self.start, self.centre), np.linspace(0.0, self.turn, 65)
+        c, s = np.cos(angles), np.sin(angles)
+        return self.centre + np.column_stack([c * x - s * y, s * x + c * y])
+
     def halves(self, share: float, label: int) -> tuple["Side", "Side"]:
         """The side cut at `share` of its length; the second half gets the new `label`."""
         if self.centre is None:

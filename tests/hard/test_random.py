@@ -12,8 +12,8 @@ from driver.hard import generator, judgement, laws, random, refusal, suite
 from driver.hard.shapes import block, disc, lattice, split, with_hole
 
 SEED = 3001
-SEEDS = (3001, 3002, 3005, 3006, 3007, 3008, 3011)
-RANKED = (3005, 3008)  # those that also run on two ranks, which takes a second each
+SEEDS = (3001, 3004, 3006, 3013, 3015, 3016, 3018)
+RANKED = (3004, 3016)  # those that also run on two ranks, which takes a second each
 
 
 # ------------------------------------------------------------------------------ what is drawn
@@ -29,7 +29,7 @@ def test_scenes_cover_what_they_shall():
     seen = {key: {each.get(key) for each in declared} for key in declared[0]}
     assert len(seen["outline"]) >= 15 and len(seen["labels"]) >= 12
     assert seen["element"] == {"P1", "P2", "P2-mixed"}
-    assert len(seen["law"]) == 7 and len(seen["gap"]) == 7
+    assert len(seen["law"]) == 7 and len(seen["gap"]) == 8
     assert {"static", *generator.HISTORIES} == seen["history"]
     assert seen["jump"] >= {"none", "1e+06", "0.001"} and "none" in seen["support"]
     assert sum("spoilt" in each for each in declared) > 0
@@ -49,16 +49,10 @@ def test_outlines_close(shape):
     assert len({side.label for side in shape.sides}) == len(shape.sides)
     green = 0.0
     for side in shape.sides:
-        angles = np.linspace(0.0, side.turn, 2000)
-        x, y = np.array(side.start) if side.centre is None else np.subtract(side.start,
-                                                                            side.centre)
-        if side.centre is None:
-            curve = np.array([side.start, side.end]).T
-        else:
-            curve = np.array([side.centre[0] + np.cos(angles) * x - np.sin(angles) * y,
-                              side.centre[1] + np.sin(angles) * x + np.cos(angles) * y])
+        curve = side.places.T
+        assert np.allclose(curve[:, [0, -1]].T, [side.start, side.end], atol=1e-14)
         green += 0.5 * np.sum(curve[0][:-1] * curve[1][1:] - curve[0][1:] * curve[1][:-1])
-    assert np.isclose(green, shape.area, rtol=1e-5)  # chords of 2000 parts
+    assert np.isclose(green, shape.area, rtol=1e-3)  # chords of arcs
 
 
 # ------------------------------------------------------------------------------ scenes, judged
