@@ -69,7 +69,7 @@ def _released(c: LocalClass) -> np.ndarray:
     """
     moved = np.abs(c.B_c.toarray()).max(axis=0, initial=0) > 0
     S, A = c.S[np.ix_(moved, moved)], c.A[:, moved]
-    S = S + FLOOR * np.diag(np.diag(S))
+    S = S + FLOOR * np.diag(c.corner_stiffness[moved])
     compliance, vectors = np.linalg.eigh(c.F + A @ np.linalg.solve(S, A.T))
     independent = compliance > DEPENDENT * compliance.max(initial=0.0)
     average = np.median(compliance[independent]) if independent.any() else 1.0

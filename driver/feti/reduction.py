@@ -18,6 +18,7 @@ from .rows import LocalRows
 from .schur import Interior
 from .structure import Substructure
 
+LEAST = 0.01  # of K's diagonal: the smallest stiffness of a corner in springs
 SAME = 1e-12  # stiffness entries equal to this, relative to the largest, differ by rounding only
 
 
@@ -69,6 +70,14 @@ class LocalClass:
 
     def __post_init__(self):
         self.A_transposed = np.ascontiguousarray(self.A.T)
+
+    @property
+    def corner_stiffness(self) -> np.ndarray:
+        """(n_c,) the diagonal of S, at least LEAST of K's: S itself may give way to a corner.
+
+        A subdomain that hangs on two corners resists none of their motions across their line.
+        """
+        return np.maximum(np.diag(self.S), LEAST * self.K.diagonal()[self.corner])
 
 
 def stack(classes: list[LocalClass]) -> None:
