@@ -8,41 +8,16 @@ import hashlib
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import lapack
 from scipy.sparse import coo_matrix
 
-from ..errors import NoSolution
 from ..scene.loader import Subdomain
 from .blocks import BLOCK
+from .cholesky import TornFactor
 from .rows import LocalRows
-from .schur import Interior
 from .structure import Substructure
 
 LEAST = 0.01  # of K's diagonal: the smallest stiffness of a corner in springs
 SAME = 1e-12  # stiffness entries equal to this, relative to the largest, differ by rounding only
-
-
-class TornStiffness:
-    """K_rr of a subdomain, its interior i eliminated from the torn dofs t that rows act on.
-
-    `inverse` is S_tt^-1 (n_t, n_t), which is K_rr^-1 on t.
-    """
-
-    def __init__(self, interior: Interior, inner: np.ndarray, seen: np.ndarray, K_it,
-                 inverse: np.ndarray):
-        """`inner` (n_i,) and `seen` (n_t,) are the places of i and t in vectors of torn dofs."""
-        self.interior, self.inner, self.seen = interior, inner, seen
-        self.K_it, self.inverse = K_it, inverse
-
-    def solve(self, right: np.ndarray) -> np.ndarray:
-        """K_rr^-1 times the columns of `right` (n_r, k)."""
-        solution, inside = np.empty_like(right), right[self.inner]
-        forces = right[self.seen]
-        if inside.any():
-            forces = forces - self.K_it.T @ self.interior.solve(inside)
-        solution[self.seen] = self.inverse @ forces
-        solution[self.inner] = self.interior.solve(inside - self.K_it @ solution[self.seen])
-        return solution
 
 
 @dataclass
@@ -57,7 +32,7 @@ class LocalClass:
     torn: np.ndarray  # (n_r,) dofs of X^r
     corner: np.ndarray  # (n_c,) dofs of X^c
     K: np.ndarray  # (dofs, dofs) sparse
-    factor: TornStiffness  # K_rr
+    factor: TornFactor  # of K_rr
     B_r: np.ndarray  # (m, n_r) sparse
     B_c: np.ndarray  # (m, n_c) sparse
     K_rc: np.ndarray  # (n_r, n_c) sparse
@@ -168,35 +143,12 @@ def reduce_class(structure: Substructure, members: list[int], values: np.ndarray
     K = coo_matrix((values, (sub.rows, sub.columns)), shape=(sub.dofs, sub.dofs)).tocsr()
     B = constraint_matrix(rows, sub.dofs)
     B_r, B_c, K_rc = B[:, torn], B[:, corner], K[torn][:, corner]
-    is_seen = np.diff(B_r.tocsc().indptr) > 0
-    inner, seen = np.flatnonzero(~is_seen), np.flatnonzero(is_seen)
-    order = np.concatenate([torn[inner], torn[seen], corner])
-    interior = Interior(K[order][:, order], len(seen) + len(corner))
-    of_seen, schur = slice(len(seen)), interior.schur
-    coupling = schur[of_seen, len(seen) :]
-    inverse = _inverse(schur[of_seen, of_seen])
-    factor = TornStiffness(interior, inner, seen, K[torn[inner]][:, torn[seen]], inverse)
-    del interior.schur
-    B_t = B_r[:, seen]
+    seen = np.diff(B_r.tocsc().indptr) > 0
+    factor, B_t = TornFactor(K, torn, seen), B_r[:, seen]
+    inverse, coupling, S = factor.reduced(K, torn, corner)
     F = B_t @ (B_t @ inverse).T
-    moved = inverse @ coupling
-    A = B_c.toarray() - B_t @ moved
-    S = schur[len(seen) :, len(seen) :] - coupling.T @ moved
-    return LocalClass(members, torn, corner, K, factor, B_r, B_c, K_rc, (F + F.T) / 2, A,
-                      (S + S.T) / 2, shared)
-
-
-def _inverse(schur: np.ndarray) -> np.ndarray:
-    """Inverse of S_tt (n_t, n_t), symmetric to the last bit. Raises NoSolution."""
-    if not schur.size:
-        return np.empty_like(schur)
-    factor, failed = lapack.dpotrf(schur, lower=0, clean=0)
-    # a pivot is what is left of a dof's stiffness when those before it give way
-    rounding = len(schur) * np.finfo(float).eps
-    if failed or np.any(np.diag(factor) ** 2 <= rounding * np.diag(schur)):
-        raise NoSolution("a subdomain is not held by its corners and supports (zero pivot)")
-    upper = np.triu(lapack.dpotri(factor, lower=0, overwrite_c=1)[0])
-    return upper + np.triu(upper, 1).T
+    A = B_c.toarray() - B_t @ coupling
+    return LocalClass(members, torn, corner, K, factor, B_r, B_c, K_rc, (F + F.T) / 2, A, S, shared)
 
 
 def constraint_matrix(rows: LocalRows, dofs: int):
