@@ -31,25 +31,22 @@ NOT_HELD = ("a subdomain is not held by its corners and supports (zero pivot), o
 
 
 class TornFactor:
-    """Factor of K_rr, the stiffness (n_r, n_r) of the torn dofs."""
+    """Factor of K_rr, the stiffness (n_r, n_r) of the torn dofs; made when it is first used."""
 
     def __init__(self, K, torn: np.ndarray, seen: np.ndarray):
         """`K` (dofs, dofs) is CSR, `torn` (n_r,) are the torn dofs, `seen` (n_r,) marks those of t.
-
-        Raises NoSolution unless K_rr is positive definite.
         """
-        self._inner = int((~seen).sum())
+        self._K, self._torn, self._inner = K, torn, int((~seen).sum())
         inner = np.flatnonzero(~seen)
         self._order = np.append(inner[_fill_reducing(K, torn[inner])], np.flatnonzero(seen))
-        place = _places(K, torn[self._order])
-        self._factor = _factorized(_lower(K, place)) if len(torn) else None
+        self._factor = None
 
-    def reduced(self, K, torn: np.ndarray, corner: np.ndarray):
+    def reduced(self, corner: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """K_rr^-1 (n_t, n_t) and K_rr^-1 K_rc (n_t, n_c) on t, and K_cc - K_cr K_rr^-1 K_rc.
 
-        `corner` (n_c,) are the corner dofs, the others as for the factor.
+        `corner` (n_c,) are the corner dofs. Raises NoSolution unless K_rr is positive definite.
         """
-        order = np.append(torn[self._order], corner)
+        K, order = self._K, np.append(self._torn[self._order], corner)
         n_c, size, added = len(corner), len(order), np.zeros(len(order))
         added[size - n_c :] = K.diagonal()[corner]
         lower = _lower(K, _places(K, order), self._inner)
@@ -63,6 +60,9 @@ class TornFactor:
         """K_rr^-1 times the columns of `right` (n_r, k)."""
         if not right.size:
             return np.zeros_like(right)
+        if self._factor is None:
+            place = _places(self._K, self._torn[self._order])
+            self._factor = _factorized(_lower(self._K, place))
         permuted, solution = matrix(right[self._order]), np.empty_like(right)
         cholmod.solve(self._factor, permuted)
         solution[self._order] = np.array(permuted)

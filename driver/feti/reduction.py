@@ -145,7 +145,7 @@ def reduce_class(structure: Substructure, members: list[int], values: np.ndarray
     B_r, B_c, K_rc = B[:, torn], B[:, corner], K[torn][:, corner]
     seen = np.diff(B_r.tocsc().indptr) > 0
     factor, B_t = TornFactor(K, torn, seen), B_r[:, seen]
-    inverse, coupling, S = factor.reduced(K, torn, corner)
+    inverse, coupling, S = factor.reduced(corner)
     F = B_t @ (B_t @ inverse).T
     A = B_c.toarray() - B_t @ coupling
     return LocalClass(members, torn, corner, K, factor, B_r, B_c, K_rc, (F + F.T) / 2, A, S, shared)
