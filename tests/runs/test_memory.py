@@ -18,7 +18,7 @@ from scipy.sparse import identity
 from driver.march import checkpoint
 from driver import environment
 from driver.scene import loader, manifest
-from driver.feti import reduction
+from driver.feti import schur
 from driver.runs import workspace
 from driver.runs.request import Request
 from driver.errors import NO_MEMORY, InputError, shortage
@@ -137,9 +137,9 @@ def test_a_factorization_that_finds_no_memory_does_not_blame_the_supports(monkey
         def setUp(self):
             raise PETSc.Error(55)
 
-    monkeypatch.setattr(reduction.PETSc, "PC", Starved)
+    monkeypatch.setattr(schur.PETSc, "PC", Starved)
     with pytest.raises(PETSc.Error) as problem:
-        reduction.Factor(identity(3, format="csr"))
+        schur.Interior(identity(3, format="csr"), 1)
     assert shortage(problem.value) == NO_MEMORY
 
 
