@@ -10,15 +10,15 @@ import sys
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from mpi4py import MPI
-from petsc4py import PETSc
 from scipy.sparse import identity
 
 from driver.march import checkpoint
 from driver import environment
 from driver.scene import loader, manifest
-from driver.feti import schur
+from driver.feti import cholesky
 from driver.runs import workspace
 from driver.runs.request import Request
 from driver.errors import NO_MEMORY, InputError, shortage
@@ -133,13 +133,13 @@ def test_a_run_without_memory_leaves_nothing_behind(tmp_path):
 
 
 def test_a_factorization_that_finds_no_memory_does_not_blame_the_supports(monkeypatch):
-    class Starved(PETSc.PC):
-        def setUp(self):
-            raise PETSc.Error(55)
+    def starved(*_):
+        raise MemoryError
 
-    monkeypatch.setattr(schur.PETSc, "PC", Starved)
-    with pytest.raises(PETSc.Error) as problem:
-        schur.Interior(identity(3, format="csr"), 1)
+    monkeypatch.setattr(cholesky.cholmod, "numeric", starved)
+    with pytest.raises(MemoryError) as problem:
+        none = np.zeros(3, bool)
+        cholesky.TornFactor(identity(3, format="csr"), np.arange(3), none).reduced(np.arange(0))
     assert shortage(problem.value) == NO_MEMORY
 
 
