@@ -13,6 +13,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from mpi4py import MPI
+from petsc4py import PETSc
 from scipy.sparse import identity
 
 from driver.march import checkpoint
@@ -147,6 +148,7 @@ ALONE = """
 import sys
 sys.path.insert(0, {root!r})
 from mpi4py import MPI
+from petsc4py import PETSc
 from driver import cli
 from driver.errors import InputError
 from driver.runs import launch
