@@ -69,12 +69,13 @@ def kkt_residuals(rows: ContactRows, multipliers: np.ndarray, gradient: np.ndarr
     gluing, over, slip = (_over(move[part], scales.displacement)
                           for part in (rows.gluing, rows.normal, rows.tangential))
     l_n, l_t, g = (_over(values, scales.force) for values in (lambda_n, lambda_t, bound))
-    natural = over if rows.bilateral else l_n - np.maximum(l_n + over, 0)
+    bilateral = rows.bilateral
+    natural = np.where(bilateral, over, l_n - np.maximum(l_n + over, 0))
     rubbing = l_t - np.minimum(np.maximum(l_t + slip, -g), g)
     local = np.array([
         np.abs(gluing).max(initial=0),
-        (np.abs(over) if rows.bilateral else over).max(initial=0),
-        0.0 if rows.bilateral else (-l_n).max(initial=0) + 0.0,  # no -0.0
+        np.where(bilateral, np.abs(over), over).max(initial=0),
+        (-l_n[~bilateral]).max(initial=0) + 0.0,  # no -0.0
         (np.abs(l_t) - g).max(initial=0),
         max(np.abs(natural).max(initial=0), np.abs(rubbing).max(initial=0))])
     local[np.isnan(local)] = np.inf  # which MPI's maximum may lose

@@ -174,8 +174,11 @@ class EquilibratedBound:
         np.add.at(jump, b.term_node, terms)
         contact.place(jump)
         stiffness = body.stiffness[vertex].max(axis=1, initial=0)
-        moves = ((b.normal_row, b.normal, contact.onto_obstacle(stiffness)),
-                 (b.tangential_row, b.tangent, contact.back_to_stick(stiffness)))
+        onto, back = contact.onto_obstacle(stiffness), contact.back_to_stick(stiffness)
+        corners = b.corners[b.corners[:, 2] > 1, :2]  # both normals at once, where two move freely
+        u[vertex[corners[:, 0]]] += np.linalg.solve(b.normal[corners], onto[corners])
+        onto[corners] = 0.0
+        moves = (b.normal_row, b.normal, onto), (b.tangential_row, b.tangent, back)
         for row, direction, move in moves:
             free = direction * ~body.constrained[vertex]
             square = np.maximum((free**2).sum(axis=1), 1e-300)
@@ -213,8 +216,7 @@ class EquilibratedBound:
         now = step.weights[: len(self.manifest.patterns)]
         before = self.manifest.factors[step.index - 1]
         values = self.boundary.clamped.values
-        return ContactTractions(self.state, self.operator.structure.outer_edges, state,
-                                values @ now, values @ (now - before))
+        return ContactTractions(self.state, state, values @ now, values @ (now - before))
 
     def _pairs(self, state: dict) -> list | None:
         """The PairBound of every contact pair in one step, on rank 0."""
@@ -228,7 +230,7 @@ class EquilibratedBound:
         values = {"vertex": np.searchsorted(body.gid, b.gid), "weight": b.weight,
                   "own_normal": b.normal_row >= 0, "own_tangential": b.tangential_row >= 0,
                   "gap": b.gap, "pressure": -state["sigma_n"], "shear": state["sigma_t"],
-                  "bound": state["bound"], "before": state["u_t"] - state["slip"]}
+                  "bound": state["bound"], "bilateral": self.state.law.bilateral, "before": state["u_t"] - state["slip"]}
         about = None
         if b.about is not None:
             about = np.zeros((len(body.gid), 2))
@@ -238,8 +240,9 @@ class EquilibratedBound:
             first, second = (np.searchsorted(body.gid, outer[outer[:, 2] == label, :2])
                              for label in labels)
             nodes = {name: value[b.label == labels[0]] for name, value in values.items()}
+            bilateral = bool(nodes.pop("bilateral").all())
             pairs.append(PairBound(body.mesh, first, second, nodes, self.state.frictional,
-                                   self.rows.bilateral, about))
+                                   bilateral, about))
         return pairs
 
     def _forces(self, pairs: list | None, state: dict) -> list[np.ndarray]:

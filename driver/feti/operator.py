@@ -51,6 +51,8 @@ class DualOperator(DualProblem):
         stack(self.classes)
         self.vectors = DualVectors(structure, self.classes, comm)
         self._F = BlockDiagonal(self.classes, [c.F for c in self.classes], "rows", "rows")
+        for c, block in zip(self.classes, self._F.blocks):
+            c.F = block  # where the product keeps it, and not once more
         self._A = BlockDiagonal(self.classes, [c.A for c in self.classes], "rows", "corners")
         transposed = [c.A_transposed for c in self.classes]
         self._A_transposed = BlockDiagonal(self.classes, transposed, "corners", "rows")

@@ -94,9 +94,8 @@ class FrictionQP:
         """
         rows, comm, seen = self.rows, self.operator.comm, elastic.copy()
         over = elastic[rows.normal] + rigid[rows.normal] - rows.gap
-        if not rows.bilateral:
-            over = np.maximum(over, -np.abs(elastic[rows.normal]))
-        seen[rows.normal] = over
+        least = np.where(rows.bilateral, -np.inf, -np.abs(elastic[rows.normal]))
+        seen[rows.normal] = np.maximum(over, least)
         seen[rows.tangential] -= before
         if self.operator.travels or self.operator.modes:
             far = np.abs(self.scale * np.array([seen, moved])).max(initial=0)

@@ -26,6 +26,7 @@ from ..options import Settings
 from ..qp.mprgp import projected_gradient
 from . import globalization
 from .condensation import Condensation
+from .corner_states import CornerStates
 from .fixed_point import FixedPoint
 from .friction_qp import FrictionQP
 from .slip import SlipState
@@ -62,6 +63,9 @@ class QuasistaticSolver:
         self.bodies = self._bodies()
         self.condensation = Condensation(operator, self.rows)
         self.fixed_point = FixedPoint(self.qp, self.bodies, self.slip, self.condensation)
+        self.corners = self.fixed_point
+        if self.rows.corners is not None:
+            self.corners = CornerStates(self.fixed_point, operator.structure.contact)
         own = 0.0 if self.rows.bound_is_given else float(self.rows.coefficient.max(initial=0))
         self.largest_friction = operator.comm.allreduce(own, op=MPI.MAX)
         self.uniqueness = Uniqueness(self.largest_friction > 0)
@@ -193,8 +197,10 @@ class QuasistaticSolver:
             x, gradient, moved = self._into_cone(load.d, failure.x, failure.gradient, sliding)
             residuals = self._residuals(load, x, gradient)
         self.scales.keep()
+        if rows.corners is not None:
+            x = self.corners.shared(x, gradient)
         return Step(index, float(self.times[index]), load.weights, x, gradient, rows.states(x),
-                    rows.friction_bound(x), trace.iterations, op.products - products,
+                    rows.law_bound(x), trace.iterations, op.products - products,
                     trace.contraction, residuals, moved), error
 
     def _settled(self, index: int, load: Load, x, gradient, sliding, trace: Trace):
@@ -225,7 +231,7 @@ class QuasistaticSolver:
         while True:
             qp.aim(of_qp)
             try:
-                x, gradient, sliding = self.fixed_point.find(
+                x, gradient, sliding = self.corners.find(
                     index, load, x, gradient, sliding, trace, of_friction * settings.friction_rtol)
             except Unfinished as failure:
                 if of_qp == 1.0:
@@ -285,7 +291,7 @@ class QuasistaticSolver:
             return
         contact = self.operator.structure.contact
         search.examine(index, problem, self.condensation.gather(x),
-                       contact.weight[contact.normal_row >= 0])
+                       contact.weight[self.condensation.nodes], self.rows.corners is None)
 
     def _into_cone(self, d, x, gradient, sliding):
         """Multipliers put exactly into the cone of their own pressures, their gradient, the change.
@@ -364,6 +370,7 @@ class QuasistaticSolver:
             "log_kind": np.array(kind, str),
             "log_residual": np.array(residual, float), "fallbacks": history.fallbacks.steps,
             "history": {name: getattr(history, name) for name in CARRIED},
+            "corners": [] if self.rows.corners is None else self.rows.corners.acting.tolist(),
             "doubtful": self.doubtful, "uniqueness": {
                 **asdict(self.uniqueness), "several": list(self.uniqueness.several.items())}
         }
@@ -382,6 +389,9 @@ class QuasistaticSolver:
         for name, values in self.effects.carried().items():
             values[:] = state["carried"][name]
         self.initial[:], self.initial_weights[:] = state["initial"], state["initial_weights"]
+        if self.rows.corners is not None:
+            self.rows.corners.acting = np.array(state["corners"])
+            self.condensation.select()
         self.qp.bound, self.doubtful = state["norm_bound"], state["doubtful"]
         self.scales.largest = dict(state["scales"])
         several = dict(state["uniqueness"]["several"])

@@ -83,10 +83,11 @@ def lemke(problem: CoulombProblem) -> np.ndarray | None:
     J. Numer. Meth. Engng 39 (1996) 2673-2691, use it in dynamics. Where rounding leads it astray
     another covering vector is tried. None if all fail.
 
-    Nothing is proved for bilateral contact, which is refused, nor for bodies without support, which
-    need not have a solution. Springs hold these, ever softer, whose rest follows, before Newton.
+    Nothing is proved for bilateral contact, which is refused, nor for bodies without support, of
+    which there need be no solution. These are held by springs, ever softer, whose rest follows,
+    before Newton.
     """
-    if problem.bilateral:
+    if problem.bilateral.any():
         return None
     if problem.k:
         return _lemke_on_springs(problem)
@@ -226,7 +227,9 @@ def search(problem: CoulombProblem, start: np.ndarray) -> list[np.ndarray]:
     Newton starts from `start`, from all sticking, all sliding and all open, and from each solution
     with the state of one node changed.
     """
-    alike = (STICK, FORWARD, BACKWARD) if problem.bilateral else (STICK, FORWARD, BACKWARD, OPEN)
+    alike = (STICK, FORWARD, BACKWARD)
+    if not problem.bilateral.all():
+        alike += (OPEN,)
     whole, solutions = [np.full(problem.n, state) for state in alike], []
     for guess in (start, *map(problem.solution_in, whole)):
         _add_solution(problem, solutions, None if guess is None else newton(problem, guess))

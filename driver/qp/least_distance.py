@@ -4,7 +4,8 @@
 
 by its dual, a nonnegative least squares problem (C. Lawson, R. Hanson, Solving Least Squares
 Problems, SIAM 1995, chapter 23): with u >= 0 that minimises |E u - f|, E = [-A'; -b'], f = (0, ..,
-0, 1), and its residual r = E u - f the answer is y_j = -r_j / r_(n+1); r = 0: none is feasible.
+0, 1), and its residual r = E u - f the answer is y_j = -r_j / r_(n+1); r = 0 where nothing is
+feasible.
 """
 
 import numpy as np

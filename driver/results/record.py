@@ -33,7 +33,7 @@ class Record:
 
     def quantities(self) -> tuple[dict[str, float], int]:
         """Quantities of interest, and the index in the record of the step that they belong to."""
-        names = ("xy", "arc", "weight", "gap", "label", "paired", "middle")
+        names = ("xy", "arc", "weight", "gap", "chain", "paired", "middle")
         nodes = {name: getattr(self.contact.boundary, name) for name in names}
         steps = {name: np.array(column) for name, column in self.states.items()}
         return quantities(self.effects, nodes, steps, self.displacements)

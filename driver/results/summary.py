@@ -61,7 +61,7 @@ class Summary:
     reason: str = entry("why the run ended early, empty if it did not")
     warnings: list = entry("what to know before the results are used, a sentence each")
     effects: dict = entry("what the scene declares", parts={
-        "contact": "none, unilateral or bilateral",
+        "contact": "none, unilateral, bilateral, or unilateral and bilateral",
         "friction": "none, tresca, coulomb or coulomb-slip-dependent",
         "time": "static or quasistatic",
         "initial": "preload, where the history starts from a preloaded state",
@@ -154,7 +154,7 @@ def summarize(request, problem: Problem, solver: QuasistaticSolver,
     return Summary(
         scene=request.scene, variant=str(manifest.parameters.get("loading", "")),
         converged=failure is None, reason=str(failure or ""), warnings=warnings,
-        effects=problem.effects.summary, sizes=sizes, steps=history.steps, t_end=manifest.t_end,
+        effects=solver.effects.summary, sizes=sizes, steps=history.steps, t_end=manifest.t_end,
         counts=history.counts, residuals=history.residuals, contraction=history.contraction,
         fallbacks={name: len(steps) for name, steps in history.fallbacks.steps.items()},
         uniqueness=solver.uniqueness.summary(), memory_mib=memory_mib,
@@ -195,8 +195,9 @@ def _ledger(problem: Problem, sizes: Sizes, solver: QuasistaticSolver, writer: W
     structure = problem.structure
     largest = np.zeros(structure.patterns)
     for k in range(len(largest)):
-        for values in (*(sub.loads for sub in structure.subdomains), *structure.fixed_values):
-            largest[k] = max(largest[k], np.abs(values[k]).max(initial=0))
+        for sub in structure.subdomains:
+            for values in (sub.loads, sub.fixed_values):
+                largest[k] = max(largest[k], np.abs(values[k]).max(initial=0))
     largest = np.max(writer.operator.comm.allgather(largest), axis=0)
     return ledger(solver, asdict(sizes), problem.manifest.factors, largest, writer.history_rows)
 
