@@ -2,7 +2,7 @@
 
 FreeFEM names the place where it trips, which may be a macro of the library that the scene's own
 words were put into. What it does not say is known from two files that the driver writes (see
-declarations.py): every line of ``rooms/contents.idp`` is about one macro of the scene, and a run
+declarations.py): every line of ``messages/contents.idp`` is about one macro of the scene, and a run
 that is traced names each macro before it evaluates it.
 """
 
@@ -12,8 +12,8 @@ from pathlib import Path
 from .. import environment
 from . import declarations, grammar, rooms, script
 
-COMPILE_ERROR = re.compile(r"Error line number\s*(\d+), in file\s+(macro: \w+ in )?(\S+?), before\s+"
-                           r"token\s*(.*)")
+COMPILE_ERROR = re.compile(r"Error line number\s*(\d+), in file\s+(macro: \w+ in )?(\S+?), "
+                           r"before\s+token\s*(.*)")
 EVALUATING = re.compile(rf"^{declarations.EVALUATING}(.*)$", re.MULTILINE)
 # what a run-time message of FreeFEM means for a scene
 MEANINGS = (
@@ -21,22 +21,23 @@ MEANINGS = (
     (r"Optimized version", "a number that is none (NaN), as from sqrt of a negative one"),
     (r"exec assert", "an assert that does not hold"),
     (r"triangles was reverse", "movemesh turns triangles over or makes them flat"),
-    (r"Error mshptg8_|max nb points", "a mesh without cells: square needs one cell a side at least; "
-                                      "is the element size (H) far too large?"),
+    (r"Error mshptg8_|max nb points", "a mesh without cells: square needs one cell a side at "
+                                      "least; is the element size (H) far too large?"),
     (r"boundary is not closed", "borders that do not close a curve"),
     (r"boundary is crossing", "borders that cross one another"),
     (r"wrong direction", "a border that runs the wrong way round: the body must lie on its left"),
-    (r"mesh generator", "a mesh with triangles that are flat or run clockwise, or with vertices that "
-                        "coincide"),
+    (r"mesh generator", "a mesh with triangles that are flat or run clockwise, or with vertices "
+                        "that coincide"),
     (r"Mesh IO Error|Erreur Lecture", "a mesh file that is damaged or not there"),
-    (r"Strange catch exception", "not enough memory for a mesh of this size: is the element size (H) "
-                                 "far too small, or is CELLS or SUBDOMAINS far too large?"))
+    (r"Strange catch exception", "not enough memory for a mesh of this size: is the element size "
+                                 "(H) far too small, or is CELLS or SUBDOMAINS far too large?"))
 
 
 def library_words() -> list[tuple[str, str]]:
-    """Calls of the vocabulary that are macros: name, and the form that a user writes."""
+    """Macros of scene.idp that a scene calls: name, and the form that a user writes."""
     text = (environment.LIBRARY / "scene.idp").read_text()
-    return re.findall(r"^macro (\w+)(\([^)]+\))", text, re.MULTILINE)
+    return [word for word in re.findall(r"^macro (\w+)(\([^)]+\))", text, re.MULTILINE)
+            if word[0] in grammar.VOCABULARY]
 
 
 def refusal(said: str, scene: Path) -> str:
@@ -47,6 +48,11 @@ def refusal(said: str, scene: Path) -> str:
             if macro.name in rooms.vocabulary() and re.search(rf"(?<![\w.]){label[1]}(?![\w.])",
                                                               macro.content):
                 return f"{source.path.name} line {macro.line}: {macro.name}: {said}"
+    first = re.match(r"\w*", said)[0]
+    if first in rooms.vocabulary():
+        return f"{_place(scene, rf'macro {first}')}: {said}"
+    if re.match(r"(rectangle|units|quasistatic)\b", said):
+        return f"{_uses(scene, first)}: {said}"
     return f"{scene.name}: {said}"
 
 
@@ -95,21 +101,22 @@ def _misunderstood(error: re.Match, lines: list[str], scene: Path, folder: Path)
     """Syntax and types that are not what is expected."""
     number, macro, file, token = error.groups()
     path, token = Path(file), f" before token {error[4].strip()}" if error[4].strip() else ""
-    if path == folder / declarations.FOLDER / "contents.idp":
+    if path == folder / declarations.MESSAGES / "contents.idp":
         name = declarations.content_of(path, int(number))
         return _wrong_content(name, scene)
     wrapper = macro and re.match(r"macro: (\w+)", macro)[1]
     if wrapper in rooms.vocabulary():
         return f"{_place(scene, rf'macro {wrapper}')}: FreeFEM does not understand {wrapper}{token}"
     if wrapper in dict(library_words()):
-        return f"{_uses(scene, wrapper)}: FreeFEM does not understand what {wrapper} is given{token}"
+        return (f"{_uses(scene, wrapper)}: FreeFEM does not understand what {wrapper} is "
+                f"given{token}")
     if path.suffix not in (".edp", ".idp"):  # the end of the file
         path = scene
     said = "syntax error" if "syntax error" in lines else ""
     if not said:
-        types = next((line for line in lines if line.startswith(("error operator", "Impossible"))),
-                     "")
-        said = "; ".join(filter(None, ["values of the wrong kind", types]))
+        types = next((line for line in lines if " exists" in line
+                      or line.startswith(("error operator", "Impossible"))), "")
+        said = types if " exists" in types else f"values of the wrong kind {types}".rstrip()
     if said == "syntax error" and (unfinished := _unfinished(path, int(number))):
         said = f"syntax error; line {unfinished} may lack its ;"
     return f"FreeFEM failed in {path.name} line {number}{token}: {said}"
@@ -143,6 +150,8 @@ def _unknown(name: str, error: re.Match | None, scene: Path) -> str:
         return f"FreeFEM failed in {where}: the name '{name}' is not declared"
     else:
         hint = script.hint(name, [word for word, _ in library_words()])
+        if hint.endswith(f" {name}?"):
+            hint = "; is it a name that belongs in quotes?"
     return f"{_uses(scene, name)}: the name '{name}' is not declared{hint}"
 
 
