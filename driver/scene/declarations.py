@@ -76,7 +76,7 @@ def write(directory: Path, without: tuple[str, ...] = (), traced: bool = False) 
     files = {
         "switches": _switches(without),
         "include": [line for room in used for line in _include(room, absent)],
-        "patterns": [line for load in loads for line in load.declaration()],
+        "patterns": [*(line for load in loads for line in load.declaration()), *_idle(absent)],
         "assemble": [line for load in loads for line in load.call("Assemble")],
         "fix": [line for load in loads for line in load.call("Fix")],
         "record": [line for load in loads for line in load.call("Record")],
@@ -245,6 +245,19 @@ def _amplitude(number: int, absent: set[str]) -> list[str]:
     time = "timeEnd" if name in absent else "libTime"
     return _if(name, f"if (libNumber == {number}) {{", f'evaluating("{name}")',
                f"return {name}({time}); }}")
+
+
+def _idle(absent: set[str]) -> list[str]:
+    """Refusal of amplitudes without a load, unless that is left out."""
+    left_out = {name[-1] for name in absent} | ({*map(str, NUMBERS)} if absent & _all_loads() else
+                                                set())
+    return [line for k in NUMBERS if str(k) not in left_out
+            for line in _if(f"amplitude{k}", f"refuseIdle({k});")]
+
+
+def _all_loads() -> set[str]:
+    """Names of the rooms that give loads."""
+    return {room.name for room in rooms() if room.given_on}
 
 
 def _manifest(room: Room) -> list[str]:

@@ -15,6 +15,10 @@ from . import declarations, grammar, rooms, script
 COMPILE_ERROR = re.compile(r"Error line number\s*(\d+), in file\s+(macro: \w+ in )?(\S+?), "
                            r"before\s+token\s*(.*)")
 EVALUATING = re.compile(rf"^{declarations.EVALUATING}(.*)$", re.MULTILINE)
+MISTAKES = tuple((re.compile(start), words) for start, words in (
+    ("syntax error", "syntax error"),
+    (r"error operator\s+\(", "a call with arguments of a wrong number or kind"),
+    (r"error operator\s+=", "a value of another kind than the variable's")))
 # what a run-time message of FreeFEM means for a scene
 MEANINGS = (
     (r"Div by 0", "a division by zero"),
@@ -26,6 +30,8 @@ MEANINGS = (
     (r"boundary is not closed", "borders that do not close a curve"),
     (r"boundary is crossing", "borders that cross one another"),
     (r"wrong direction", "a border that runs the wrong way round: the body must lie on its left"),
+    (r"Assertion fail", "a mesh that FreeFEM cannot work with: triangles that are flat, vertices "
+                        "that are no numbers or coincide"),
     (r"mesh generator", "a mesh with triangles that are flat or run clockwise, or with vertices "
                         "that coincide"),
     (r"Mesh IO Error|Erreur Lecture", "a mesh file that is damaged or not there"),
@@ -79,13 +85,16 @@ def _compilation(output: str, scene: Path, folder: Path) -> str:
     if mistaken := re.search(r"Error in macro expansion (\w+)", output):
         return _wrong_call(mistaken[1], scene)
     if twice := re.search(r"ERREUR in macro name:(\w+)", output):
+        if re.fullmatch(r"c[123]{2}", twice[1]) and _places(scene, r"macro young\b"):
+            return (f"{_place(scene, rf'macro {twice[1]}')}: young and {twice[1]} are both "
+                    "declared: a material is given by one or the other")
         return f"{_place(scene, rf'macro {twice[1]}', -1)}: the macro {twice[1]} is defined twice"
     error = COMPILE_ERROR.search(output)
     if unknown := re.search(r"The Identifier (\w+) does not exist", output):
         return _unknown(unknown[1], error, scene)
-    if missing := re.search(r"lex: Error input opening file (\S+)", output):
-        return (f"{_place(scene, re.escape(missing[1]))}: the file {missing[1]} that the scene "
-                "includes is not there")
+    if error and "lex: Error input opening file" in output:
+        missing = error[4].strip()
+        return f"{_place(scene, re.escape(missing))}: the included file {missing} is not there"
     lines = [line.strip() for line in output.splitlines() if line.strip()]
     if not error:
         number = re.search(r"current line = (\d+)", output)
@@ -112,19 +121,19 @@ def _misunderstood(error: re.Match, lines: list[str], scene: Path, folder: Path)
                 f"given{token}")
     if path.suffix not in (".edp", ".idp"):  # the end of the file
         path = scene
-    said = "syntax error" if "syntax error" in lines else ""
-    if not said:
-        types = next((line for line in lines if " exists" in line
-                      or line.startswith(("error operator", "Impossible"))), "")
-        said = types if " exists" in types else f"values of the wrong kind {types}".rstrip()
-    if said == "syntax error" and (unfinished := _unfinished(path, int(number))):
+    said = next((words for start, words in MISTAKES if any(map(start.match, lines))), "")
+    said = said or next((line for line in lines if " exists" in line), "values of the wrong kind")
+    if said == "syntax error" and (unfinished := _unfinished(scene, path.name, int(number))):
         said = f"syntax error; line {unfinished} may lack its ;"
     return f"FreeFEM failed in {path.name} line {number}{token}: {said}"
 
 
-def _unfinished(path: Path, number: int) -> int:
-    """The last line of code before a line, macros left out, if it does not end; else 0."""
-    source = next((source for source in grammar.sources(path) if source.path == path), None)
+def _unfinished(scene: Path, name: str, number: int) -> int:
+    """The last line of code before a line of a file, macros left out, if it does not end; else 0.
+    """
+    source = next((source for source in grammar.sources(scene) if source.path.name == name), None)
+    if source is None:
+        return 0
     within = set()
     for macro in grammar.definitions(source):
         within |= set(range(macro.line, macro.line + 1 + macro.content.count("\n")))
@@ -189,19 +198,22 @@ def _execution(output: str, status: int, scene: Path, retrace) -> str:
     if killed:
         said = f"FreeFEM was killed by signal {killed}"
         meaning = meaning or {6: "not enough memory?", 9: "was there enough memory?",
-                              11: "a mesh that is far too fine (H, CELLS, SUBDOMAINS), or values "
-                                  "that are no numbers"}.get(killed, "")
-    reason = f"{meaning} ({said})" if meaning and said else meaning or said or "no message"
+                              11: "a mesh that is far too fine (H, CELLS, SUBDOMAINS) or has "
+                                  "vertices that no triangle uses, or values that are no numbers"
+                              }.get(killed, "")
+    said = said or next((line for line in lines if "current line" not in line), "no message")
+    reason = f"{meaning} ({said})" if meaning else said
     traced = [] if killed in (2, 9, 15) else EVALUATING.findall(retrace())
     bodies, now = traced.count("addBody"), traced[-1] if traced else ""
-    if now in rooms.vocabulary():
+    if now in rooms.vocabulary() and "end" not in traced:
         place = _place(scene, rf"macro {now}")
         return f"{place}: {now} cannot be evaluated: {reason}"
     if bodies and now == "addBody":
         return f"{_uses(scene, 'addBody', bodies - 1)}: this body cannot be made: {reason}"
-    where = f"{scene.name} line {number[1]}" if number and "export" not in traced else scene.name
-    if status in (3, 4, 5) and not said:
-        reason = f"the script ended with exit({status})"
+    where = scene.name
+    if number and ("export" not in traced or now == "end"):
+        files = [source.path.name for source in grammar.sources(scene)]
+        where = " or ".join(f"{name} line {number[1]}" for name in files)
     return f"FreeFEM failed in {where} (exit {status}): {reason}"
 
 
