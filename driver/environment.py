@@ -73,7 +73,8 @@ def check_process() -> None:
     try:
         os.getcwd()
     except FileNotFoundError:
-        raise InputError("the current directory no longer exists: change to one that does") from None
+        raise InputError("the current directory no longer exists: "
+                         "change to one that does") from None
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     if soft < OPEN_FILES <= hard:
         resource.setrlimit(resource.RLIMIT_NOFILE, (OPEN_FILES, hard))
