@@ -55,8 +55,11 @@ def refusal(said: str, scene: Path) -> str:
                                                               macro.content):
                 return f"{source.path.name} line {macro.line}: {macro.name}: {said}"
     first = re.match(r"\w*", said)[0]
-    if first in rooms.vocabulary():
-        return f"{_place(scene, rf'macro {first}')}: {said}"
+    named = [first, *(name for room in rooms.rooms() if room.column == first
+                      for name in room.declared_by)]
+    for name in named:
+        if name in rooms.vocabulary() and _places(scene, rf"macro {name}\b"):
+            return f"{_place(scene, rf'macro {name}')}: {said}"
     if re.match(r"(rectangle|units|quasistatic)\b", said):
         return f"{_uses(scene, first)}: {said}"
     return f"{scene.name}: {said}"
@@ -154,6 +157,9 @@ def _unknown(name: str, error: re.Match | None, scene: Path) -> str:
     elif name in ("c11", "c12", "c13", "c22", "c23", "c33"):
         return (f"{scene.name}: the scene declares no {name}: a material is given by young and "
                 "poisson or by all of c11, c12, c13, c22, c23, c33")
+    elif name in rooms.vocabulary():
+        macro = next(macro for macro in rooms.all_macros() if name in macro.names)
+        return f"{scene.name}: the scene must give {name}: {macro.text}"
     elif not _uses(scene, name, default=""):
         where = f"{Path(error[3]).name} line {error[1]}" if error else scene.name
         return f"FreeFEM failed in {where}: the name '{name}' is not declared"
@@ -206,7 +212,7 @@ def _execution(output: str, status: int, scene: Path, retrace) -> str:
     traced = [] if killed in (2, 9, 15) else EVALUATING.findall(retrace())
     bodies, now = traced.count("addBody"), traced[-1] if traced else ""
     if now in rooms.vocabulary() and "end" not in traced:
-        place = _place(scene, rf"macro {now}")
+        place = _place(scene, rf"macro {now}\b")
         return f"{place}: {now} cannot be evaluated: {reason}"
     if bodies and now == "addBody":
         return f"{_uses(scene, 'addBody', bodies - 1)}: this body cannot be made: {reason}"
