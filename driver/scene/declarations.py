@@ -108,7 +108,7 @@ def _kinds() -> dict[tuple[str, str], str]:
         for name in room.declared_by:
             if room.given_on and as_it_stands.format(name) in source(room):
                 kinds[name] = GIVEN_ON[room.given_on]
-            elif room.column:
+            elif room.column and f"IFMACRO({name}," not in source(room):  # no word is expected
                 kinds[name] = "number"
     kinds |= CONTENTS
     return {(name, macro.arguments): kinds[macro.name] for macro in all_macros()
