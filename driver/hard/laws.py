@@ -10,7 +10,7 @@ import numpy as np
 
 from .oracle import Assembled
 
-FORCES = ("sigma_n", "sigma_t")
+RESTS = 1e-6  # of the deformation: a gap that counts as closed, the accuracy of displacements
 
 
 @dataclass(frozen=True)
@@ -76,6 +76,10 @@ def violations(body: Assembled, manifest, contact: dict, far: float = 0.0) -> di
     Displacements and gaps are relative to the largest displacement of the run, rigid motions that
     no support resists apart, or `far` if that is larger; tractions to its largest one. Bodies that
     no support holds: the forces must balance, and their rigid motion is fitted to the reported one.
+
+    What a support prescribes is no matter of contact. A vertex that rests in a corner, on both of
+    its conditions, does not slide at the end of the step, whatever way it took there: its friction
+    has no direction.
     """
     reported, history = Reported.of(body, contact), manifest.factors
     force = reported.forces(body)
@@ -90,10 +94,13 @@ def violations(body: Assembled, manifest, contact: dict, far: float = 0.0) -> di
     slip = np.diff(np.concatenate([start, u_t]), axis=0)
     press = max(np.abs(reported.sigma_n).max(), np.abs(reported.sigma_t).max())
     bound = bounds(body, manifest, reported, u_t, start)
-    # nodes with friction of their own
-    free = np.isin(2 * body.gid, body.free) & np.isin(2 * body.gid + 1, body.free)
+    held_n, held_t = np.split(supported(body), 2)
     over, sigma_n, sigma_t = u_n - body.gap, reported.sigma_n, reported.sigma_t
-    one_sided = ~np.isin(body.label, bilateral_labels(manifest))
+    one_sided, free = ~pulling(body, manifest), ~held_n & ~held_t
+    over = np.where(held_n, 0.0, over)
+    closed = np.abs(over) <= RESTS * deformation
+    rests = closed & ((closed.astype(int) @ corners(body)) > 0)
+    free = free & ~rests
     balance = [(np.abs(body.motions.T @ (w @ body.loads + body.B.T @ f)),
                 np.abs(body.motions).T @ (np.abs(w) @ np.abs(body.loads)
                                           + np.abs(body.B.T @ f)))
@@ -115,11 +122,21 @@ def violations(body: Assembled, manifest, contact: dict, far: float = 0.0) -> di
                        default=0.0)}
 
 
-def bilateral_labels(manifest) -> list[int]:
-    """Labels whose contact can pull."""
-    if "bilateral" not in manifest.rooms:
-        return []
-    return manifest.rooms["bilateral"].get("labels", manifest.contact_labels)
+def pulling(body: Assembled, manifest) -> np.ndarray:
+    """(n_c,) whether contact at the node can pull."""
+    everywhere = np.full(len(body.gid), "bilateral" in manifest.rooms)
+    return body.columns.get("bilateral", everywhere) != 0
+
+
+def supported(body: Assembled) -> np.ndarray:
+    """(2 n_c,) whether supports leave the node no displacement along n, and along t."""
+    moves = np.abs(body.B[:, body.free]).max(axis=1, initial=0.0)
+    return moves <= 1e-9 * np.abs(body.B).max(axis=1)
+
+
+def corners(body: Assembled) -> np.ndarray:
+    """(n_c, n_c) whether two nodes are different conditions at one vertex."""
+    return (body.gid[:, None] == body.gid) & ~np.eye(len(body.gid), dtype=bool)
 
 
 def disagreement(body: Assembled, one: dict, other: dict) -> float:

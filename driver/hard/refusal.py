@@ -35,7 +35,7 @@ def unbalanced(body: Assembled, manifest, weights: np.ndarray, rough: bool = Tru
         return 0.0
     work, force = work / size.max(), size.max()
     moves = (body.B @ body.motions).T  # (modes, 2 n_c): work of unit forces along n and t
-    pulls = np.isin(body.label, laws.bilateral_labels(manifest))
+    pulls = laws.pulling(body, manifest)
     coefficient, offset = (rough * of for of in largest_friction(body, manifest))
     unit = identity(count, format="csr")
     cone = bmat([[diags(coefficient) @ unit, unit], [diags(coefficient) @ unit, -unit]])
@@ -69,7 +69,7 @@ def no_state(body: Assembled, manifest, weights: np.ndarray, u_t: np.ndarray) ->
     """
     count = len(body.gid)
     coefficient, offset = largest_friction(body, manifest)
-    pulls = np.isin(body.label, laws.bilateral_labels(manifest))
+    pulls = laws.pulling(body, manifest)
     if "slip_law" in manifest.rooms or coefficient[pulls].any():
         return "the law of friction is no linear one"
     if count > NODES:
