@@ -23,6 +23,8 @@ class Reported:
     sigma_n: np.ndarray
     sigma_t: np.ndarray
     bound: np.ndarray
+    weight: np.ndarray
+    gap: np.ndarray
 
     @classmethod
     def of(cls, body: Assembled, contact: dict) -> "Reported":
@@ -107,6 +109,8 @@ def violations(body: Assembled, manifest, contact: dict, far: float = 0.0) -> di
                for w, f in zip(history[1:], force)]
     largest = np.max([size for _, size in balance], axis=0, initial=0.0)
     return {
+        "weight": np.abs(reported.weight / body.weight - 1).max(),
+        "gap": ratio(np.abs(reported.gap - body.gap).max(), deformation),
         "displacement": ratio(np.abs(u - told).max(), deformation),
         "penetration": ratio(np.where(one_sided, over, np.abs(over)).max(initial=0), deformation),
         "tension": ratio((one_sided * sigma_n).max(initial=0), press),
