@@ -103,7 +103,7 @@ def violations(body: Assembled, manifest, contact: dict, far: float = 0.0) -> di
     one_sided, over = ~pulling(body, manifest), np.where(held, 0.0, over)
     closed = np.abs(over) <= RESTS * deformation
     rests = closed & ((closed.astype(int) @ corners(body)) > 0)
-    rubs &= ~rests
+    rubs = rubs & ~rests
     balance = [(np.abs(body.motions.T @ (w @ body.loads + body.B.T @ f)),
                 np.abs(body.motions).T @ (np.abs(w) @ np.abs(body.loads)
                                           + np.abs(body.B.T @ f)))
