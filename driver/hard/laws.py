@@ -96,9 +96,7 @@ def violations(body: Assembled, manifest, contact: dict, far: float = 0.0) -> di
     slip = np.diff(np.concatenate([start, u_t]), axis=0)
     press = max(np.abs(reported.sigma_n).max(), np.abs(reported.sigma_t).max())
     bound = bounds(body, manifest, reported, u_t, start)
-    held = supported(body)
-    # where a support leaves one displacement contact takes it, and no friction is left
-    rubs = np.isin(2 * body.gid, body.free) & np.isin(2 * body.gid + 1, body.free)
+    held, rubs = supported(body), rubbing(body)
     over, sigma_n, sigma_t = u_n - body.gap, reported.sigma_n, reported.sigma_t
     one_sided, over = ~pulling(body, manifest), np.where(held, 0.0, over)
     closed = np.abs(over) <= RESTS * deformation
@@ -137,6 +135,11 @@ def supported(body: Assembled) -> np.ndarray:
     """(n_c,) whether supports leave the node no displacement along n."""
     normal = np.abs(body.B[:len(body.gid)])
     return normal[:, body.free].max(axis=1, initial=0.0) <= 1e-9 * normal.max(axis=1)
+
+
+def rubbing(body: Assembled) -> np.ndarray:
+    """(n_c,) whether the node has friction: supports leave it both displacements, not one."""
+    return np.isin(2 * body.gid, body.free) & np.isin(2 * body.gid + 1, body.free)
 
 
 def corners(body: Assembled) -> np.ndarray:
