@@ -159,8 +159,9 @@ class _Program:
         """Within its bound, on it and against the slip where it slides from `start` (n,)."""
         n, reach = self.count, self.reach * (1.0 + coefficient) + offset
         self._add(1.0, 1.0, stick=1.0, forwards=1.0, backwards=1.0, rests=1.0)
-        self._add(-np.inf, start, C[:, :n], C[:, n:], motions, forwards=-self.reach, rests=-self.reach)
-        self._add(start, np.inf, C[:, :n], C[:, n:], motions, backwards=self.reach, rests=self.reach)
+        far, slip = self.reach, (C[:, :n], C[:, n:], motions)
+        self._add(-np.inf, start, *slip, forwards=-far, rests=-far)
+        self._add(start, np.inf, *slip, backwards=far, rests=far)
         self._add(-np.inf, offset, coefficient, 1.0)
         self._add(-offset, np.inf, -coefficient, 1.0)
         self._add(-np.inf, 2 * reach - offset, -coefficient, 1.0, forwards=2 * reach)
