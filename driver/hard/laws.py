@@ -38,16 +38,22 @@ class Reported:
 
 
 def same_nodes(body: Assembled, contact: dict) -> np.ndarray:
-    """Column of contact.csv for every contact node of the assembled body. Raises ValueError."""
-    label = contact.get("boundary", np.full(contact["x"].shape, body.label[0]))[-1]
-    theirs = np.lexsort((contact["normal_y"][-1], contact["normal_x"][-1], contact["y"][-1],
-                         contact["x"][-1], label))
-    if len(theirs) != len(body.gid):
+    """Column of contact.csv for every contact node of the assembled body. Raises ValueError.
+
+    Of nodes at one place those with the same normal, then label, are the same.
+    """
+    last = {name: contact[name][-1] for name in ("x", "y", "normal_x", "normal_y")}
+    place, normal = (np.column_stack([last[x], last[y]])
+                     for x, y in (("x", "y"), ("normal_x", "normal_y")))
+    label = contact["boundary"][-1] if "boundary" in contact else body.label
+    if len(place) != len(body.gid):
         raise ValueError("contact.csv and the assembled body have different contact nodes")
-    ours = np.lexsort((*body.normal.T[::-1], body.xy[:, 1], body.xy[:, 0], body.label))
-    order = np.empty(len(ours), int)
-    order[ours] = theirs
-    if not np.array_equal(body.xy, np.column_stack([contact["x"][-1], contact["y"][-1]])[order]):
+    likeness = body.normal @ normal.T + 0.1 * (body.label[:, None] == label)
+    likeness[(body.xy[:, None] != place).any(axis=2)] = -np.inf
+    order = likeness.argmax(axis=1)
+    alike = np.einsum("ij,ij->i", body.normal, normal[order])
+    here = likeness[np.arange(len(order)), order] > -np.inf
+    if len(set(order)) < len(order) or not (here & (alike > 1 - 1e-12)).all():
         raise ValueError("contact.csv and the assembled body have different contact nodes")
     return order
 
@@ -79,9 +85,9 @@ def violations(body: Assembled, manifest, contact: dict, far: float = 0.0) -> di
     no support resists apart, or `far` if that is larger; tractions to its largest one. Bodies that
     no support holds: the forces must balance, and their rigid motion is fitted to the reported one.
 
-    What a support prescribes is no matter of contact. A vertex that rests in a corner, on both of
-    its conditions, does not slide at the end of the step, whatever way it took there: its friction
-    has no direction.
+    What a support prescribes is no matter of contact. At a corner friction belongs to the one
+    condition that is closed (contact/corner_nodes.py): a vertex that rests on both does not slide at
+    the end of the step, whatever way it took there, and one that is open has no side to rub on.
     """
     reported, history = Reported.of(body, contact), manifest.factors
     force = reported.forces(body)
@@ -99,9 +105,9 @@ def violations(body: Assembled, manifest, contact: dict, far: float = 0.0) -> di
     held, rubs = supported(body), rubbing(body)
     over, sigma_n, sigma_t = u_n - body.gap, reported.sigma_n, reported.sigma_t
     one_sided, over = ~pulling(body, manifest), np.where(held, 0.0, over)
-    closed = np.abs(over) <= RESTS * deformation
-    rests = closed & ((closed.astype(int) @ corners(body)) > 0)
-    rubs = rubs & ~rests
+    closed, beside = np.abs(over) <= RESTS * deformation, corners(body)
+    alone = closed & ~((closed.astype(int) @ beside) > 0)
+    rubs = rubs & (alone | ~beside.any(axis=1))
     balance = [(np.abs(body.motions.T @ (w @ body.loads + body.B.T @ f)),
                 np.abs(body.motions).T @ (np.abs(w) @ np.abs(body.loads)
                                           + np.abs(body.B.T @ f)))
@@ -109,7 +115,8 @@ def violations(body: Assembled, manifest, contact: dict, far: float = 0.0) -> di
     largest = np.max([size for _, size in balance], axis=0, initial=0.0)
     return {
         "weight": np.abs(reported.weight / body.weight - 1).max(),
-        "gap": ratio(np.abs(reported.gap - body.gap).max(), deformation),
+        "gap": ratio(np.abs(reported.gap - body.gap).max(),
+                     max(deformation, np.abs(body.gap).max())),
         "displacement": ratio(np.abs(u - told).max(), deformation),
         "penetration": ratio(np.where(one_sided, over, np.abs(over)).max(initial=0), deformation),
         "tension": ratio((one_sided * sigma_n).max(initial=0), press),

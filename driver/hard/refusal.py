@@ -76,7 +76,8 @@ def no_state(body: Assembled, manifest, weights: np.ndarray, u_t: np.ndarray) ->
     count = len(body.gid)
     coefficient, offset = largest_friction(body, manifest)
     pulls = laws.pulling(body, manifest)
-    if "slip_law" in manifest.rooms or coefficient[pulls].any():
+    meets = laws.corners(body).any(axis=1)
+    if "slip_law" in manifest.rooms or coefficient[pulls].any() or offset[meets].any():
         return "the law of friction is no linear one"
     if count > NODES:
         return f"{count} contact nodes are too many for the mixed-integer program"
