@@ -49,7 +49,8 @@ def same_nodes(body: Assembled, contact: dict) -> np.ndarray:
     if len(place) != len(body.gid):
         raise ValueError("contact.csv and the assembled body have different contact nodes")
     likeness = body.normal @ normal.T + 0.1 * (body.label[:, None] == label)
-    likeness[(body.xy[:, None] != place).any(axis=2)] = -np.inf
+    apart = np.abs(body.xy[:, None] - place).max(axis=2)
+    likeness[apart > 1e-12 * np.abs(place).max()] = -np.inf
     order = likeness.argmax(axis=1)
     alike = np.einsum("ij,ij->i", body.normal, normal[order])
     here = likeness[np.arange(len(order)), order] > -np.inf
@@ -86,8 +87,8 @@ def violations(body: Assembled, manifest, contact: dict, far: float = 0.0) -> di
     no support holds: the forces must balance, and their rigid motion is fitted to the reported one.
 
     What a support prescribes is no matter of contact. At a corner friction belongs to the one
-    condition that is closed (contact/corner_nodes.py): a vertex that rests on both does not slide at
-    the end of the step, whatever way it took there, and one that is open has no side to rub on.
+    condition that is closed (contact/corner_nodes.py): a vertex that rests on both does not slide
+    at the end of the step, whatever way it took there, and one that is open has no side to rub on.
     """
     reported, history = Reported.of(body, contact), manifest.factors
     force = reported.forces(body)
