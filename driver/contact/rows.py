@@ -51,10 +51,11 @@ def _affine(coefficient, offset, pressure: np.ndarray) -> np.ndarray:
 class ContactRows:
     """The contact rows a rank owns, as positions in its dual vectors.
 
-    `normal` (k,) with `gap`, `node` and whether contact is `bilateral` there; `tangential` (j,) with `pair`, the position of the same
-    node's normal row, and `node`. `coefficient` (j,) of friction, and `offset` (j,) of its bound,
-    are None where no declared effect has one. `corners` are vertices with two contact nodes, whose
-    states exclude rows: their multipliers are zero. None where there are none.
+    `normal` (k,) with `gap`, `node` and whether contact is `bilateral` there; `tangential` (j,)
+    with `pair`, the position of the same node's normal row, and `node`. `coefficient` (j,) of
+    friction, and `offset` (j,) of its bound, are None where no declared effect has one. `corners`
+    are vertices with two contact nodes, whose states exclude rows: their multipliers are zero. None
+    where there are none.
     """
 
     normal: np.ndarray
