@@ -201,7 +201,7 @@ def search(problem: CoulombProblem, start: np.ndarray) -> list[np.ndarray]:
     Newton starts from `start`, from all sticking, all sliding and all open, and from each solution
     with the state of one node changed.
     """
-    alike = (STICK, FORWARD, BACKWARD) if problem.bilateral.all() else (STICK, FORWARD, BACKWARD, OPEN)
+    alike = (STICK, FORWARD, BACKWARD, OPEN)[: 3 if problem.bilateral.all() else 4]
     whole, solutions = [np.full(problem.n, state) for state in alike], []
     for guess in (start, *map(problem.solution_in, whole)):
         _add_solution(problem, solutions, None if guess is None else newton(problem, guess))

@@ -54,8 +54,9 @@ class CoulombProblem:
     n nodes have a normal row and the m nodes `pair` (m,) of them a tangential one; `offset` c >= 0
     (m,), None: zero. `bilateral` (n,), or all alike: lambda_n of any sign and over = 0; the
     friction bound is c + F |lambda_n|. `motions` R (n + m, k) and `balance` L (k,) are of bodies
-    without support. Solutions are vectors z = (lambda_n, lambda_t, beta) of n + m + k numbers. `latest` is the
-    factorized system of the latest states, by these, shared by all problems that `under` makes.
+    without support. Solutions are vectors z = (lambda_n, lambda_t, beta) of n + m + k numbers.
+    `latest` is the factorized system of the latest states, by these, shared by all problems that
+    `under` makes.
     """
 
     compliance: np.ndarray
