@@ -129,7 +129,9 @@ def laws(tolerance: float):
         # nodes with friction of their own
         free = np.isin(2 * body.gid, body.free) & np.isin(2 * body.gid + 1, body.free)
         errors = [*(ratio(np.abs(part).max(), far) for part in np.split(u - reported, 2, axis=1)),
-                  ratio((u_n - body.gap).max(initial=0), far), ratio(sigma_n.max(initial=0), press),
+                  ratio(np.where(body.bilateral, np.abs(u_n - body.gap), u_n - body.gap).max(
+                      initial=0), far),
+                  ratio(sigma_n[:, ~body.bilateral].max(initial=0), press),
                   ratio(np.abs(sigma_n * (u_n - body.gap)).max(), far * press),
                   ratio((np.abs(sigma_t) - bound).max(initial=0), press),
                   ratio((free * (bound * np.abs(slip) + sigma_t * slip)).max(initial=0),

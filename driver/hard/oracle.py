@@ -144,21 +144,23 @@ class Assembled:
             c = sub.contact
             away = c.column("gap") + c.column("obstacle")
             rough = c.column("friction") + c.column("tresca")
-            nodes = zip(c.node, c.label, c.weight, c.normal, away, rough)
-            for vertex, label, w, n, gap, F in nodes:
-                part = int(label), np.array([w, *(w * n), w * gap, w * F, *sub.xy[vertex]])
+            pulls = c.column("bilateral")
+            nodes = zip(c.node, c.label, c.weight, c.normal, away, rough, pulls)
+            for vertex, label, w, n, gap, F, both in nodes:
+                part = int(label), np.array([w, *(w * n), w * gap, w * F, *sub.xy[vertex],
+                                             w * both])
                 parts.setdefault(int(sub.node_gid[vertex]), []).append(part)
         free = set(self.free.tolist())
         kept = [(_majority(group), vertex, np.array([part for _, part in group]))
                 for vertex, of_vertex in parts.items() if free & {2 * vertex, 2 * vertex + 1}
                 for group in _directions(of_vertex)]
         # label, then x: the model's order along the arc
-        kept.sort(key=lambda node: (node[0], *node[2][0, 5:], *node[2][0, 1:3]))
+        kept.sort(key=lambda node: (node[0], *node[2][0, 5:7], *node[2][0, 1:3]))
         self.label, self.gid = np.array([node[:2] for node in kept], int).reshape(-1, 2).T
-        total = np.array([p.sum(axis=0) for _, _, p in kept]).reshape(-1, 7)
-        self.weight = total[:, 0]
+        total = np.array([p.sum(axis=0) for _, _, p in kept]).reshape(-1, 8)
+        self.weight, self.bilateral = total[:, 0], total[:, 7] > 0
         self.gap, self.friction = total[:, 3] / self.weight, total[:, 4] / self.weight
-        self.xy = np.array([p[0, 5:] for _, _, p in kept]).reshape(-1, 2)
+        self.xy = np.array([p[0, 5:7] for _, _, p in kept]).reshape(-1, 2)
         self.normal = total[:, 1:3] / np.linalg.norm(total[:, 1:3], axis=1)[:, None]
         self.tangent = np.column_stack([-self.normal[:, 1], self.normal[:, 0]])
         # node, vertex, weight in what meets
@@ -173,6 +175,7 @@ class Assembled:
         for name in ("gid", "label", "xy", "weight", "gap", "normal", "tangent"):
             setattr(self, name, getattr(contact, name))
         self.friction = contact.columns.get("friction", np.zeros(len(contact.gid)))
+        self.bilateral = contact.columns.get("bilateral", np.zeros(len(contact.gid))) > 0
         self.terms = contact.term_node, contact.term_gid, contact.term_value
 
     def solve(self, weights, forces=None):
