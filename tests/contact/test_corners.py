@@ -209,13 +209,17 @@ def test_mirrored_scene_has_the_mirrored_answer(checked, scene):
 
 def test_bilateral_contact_pulls_as_it_presses(solved, scene):
     """The law is odd: loads of the opposite sign, on a body that nothing else holds."""
-    text = MIRROR.replace("macro support() on(2, u1 = 0., u2 = 0.) //\n", "").replace(
-        "11, 12, 4", "11, 12").replace("(label == 11)", "yes").replace("0.4", "1.").replace(
-        "macro load2() traction(3, -2e-3*side, 5e-4) //\n", "").replace(
-        "traction(3, 1e-3*side, 1e-3*(x*side - 1.2))", "traction(3, side*2e-4, -side*1e-3)").replace(
-        "if (side < 0) body = movemesh(body, [-x, y]);\n", "").replace(
-        "macro amplitude2(t) max(t - 1, 0.) //\n", "")
-    press, pull = (solved(scene("pulled", text), **TIGHT, side=side, steps=2, subdomains=4) for side in (1, -1))
+    text = MIRROR
+    for old, new in (("macro support() on(2, u1 = 0., u2 = 0.) //\n", ""),
+                     ("11, 12, 4", "11, 12"), ("(label == 11)", "yes"), ("0.4", "1."),
+                     ("macro load2() traction(3, -2e-3*side, 5e-4) //\n", ""),
+                     ("macro amplitude2(t) max(t - 1, 0.) //\n", ""),
+                     ("if (side < 0) body = movemesh(body, [-x, y]);\n", ""),
+                     ("1e-3*side, 1e-3*(x*side - 1.2)", "side*2e-4, -side*1e-3")):
+        assert old in text
+        text = text.replace(old, new)
+    pulled = scene("pulled", text)
+    press, pull = (solved(pulled, **TIGHT, side=side, steps=2, subdomains=4) for side in (1, -1))
     assert press.status == pull.status == 0
     assert apart(-by_place(pull), by_place(press)) <= CLOSE
     assert press.summary["quantities"]["peak_pressure"] == pytest.approx(
@@ -269,10 +273,11 @@ def test_more_than_two_directions_are_refused():
 
 # ---- states of corners ---------------------------------------------------------------------------
 
-def corner(alone=False, bilateral=(False, False)) -> CornerNodes:
+def corner(alone=False, bilateral=(False, False), offset=(0.0, 0.0), gap=(0.0, 0.0)):
     """One corner, with dual rows n1, n2, t1, t2."""
     return CornerNodes(np.array([[0, 1]]), np.array([[0, 1]]), np.array([[2, 3]]),
-                       np.array([[0, 1]]), np.array([alone]), np.array([bilateral]))
+                       np.array([[0, 1]]), np.array([alone]), np.array([bilateral]),
+                       np.array([offset]), np.array([gap]))
 
 
 def switched(nodes: CornerNodes, force, over) -> tuple[bool, int]:
@@ -295,6 +300,9 @@ def test_a_corner_takes_the_state_that_its_conditions_ask_for():
     held = corner(bilateral=(True, False))  # never open
     assert switched(held, [0.0, 0.0], [-1e-3, -1e-3]) == (True, FIRST)
     assert switched(held, [0.0, 0.0], [0.0, 1e-3]) == (True, BOTH)
+    assert corner(gap=(1e-3, 0.0)).acting[0] == SECOND  # the side that is nearer
+    given = corner(offset=(1.0, 2.0))  # friction that needs no pressure
+    assert switched(given, [0.0, 0.0], [-1e-3, -1e-3]) == (True, SECOND)
     one = corner(alone=True)
     assert switched(one, [1.0, 0.0], [0.0, 1e-3]) == (True, SECOND)
 
