@@ -199,7 +199,7 @@ class Effects:
         coefficient = _sum(room.friction_coefficient(contact) for room in self)
         pulls = _sum(room.pulls(contact) for room in self)
         return ContactLaw(coefficient, _sum(room.friction_offset(contact) for room in self),
-                          np.zeros(len(contact.gid), bool) if pulls is None else pulls)
+                          np.zeros(len(contact.weight), bool) if pulls is None else pulls)
 
     def initial_displacement(self, contact) -> np.ndarray:
         """(n_c,) tangential displacement at time 0, zero if none is declared."""

@@ -93,7 +93,8 @@ class EquilibratedBound:
     def estimate(self, step: Step, state: dict, displacements: list[np.ndarray]) -> Estimate | None:
         """The estimate of one step on rank 0, None elsewhere.
 
-        `state`: arrays (n_c,) of every `ContactField`, `displacements` (dofs,) by subdomain.
+        `state`: arrays (n_c,) of every `ContactField`, `displacements` (dofs,) by subdomain, less
+        the travel.
         """
         contact, pairs = self._contact(step, state), self._pairs(state)
         fields, balanced = self._fields(step, state, contact, pairs, displacements)
@@ -101,6 +102,9 @@ class EquilibratedBound:
         thermal = self.gather.thermal(step.weights, (3,))
         force = self._body_force(step.weights)
         applied = self._applied(step.weights, contact, pairs)
+        structure = self.operator.structure
+        travel = self.gather.displacements(
+            structure.travel.displacements(step.weights, structure.subdomains))
         if not self.gather.root:
             return None
         body = self.body
@@ -110,8 +114,8 @@ class EquilibratedBound:
         if reason:
             return Estimate(step.index, reason=reason)
         # `_apart` leaves distances and slip of the last displacements in `contact`
-        of_qp = None if moved is None else self._apart(fields - moved, contact)
-        final = self._apart(fields, contact)
+        of_qp = None if moved is None else self._apart(fields - moved + travel, contact)
+        final = self._apart(fields + travel, contact)
         of_qp = of_qp or final
         lift, between, more = self._lifted(final.admissible, pairs)
         gap = contact.duality_gap() + more
@@ -135,14 +139,14 @@ class EquilibratedBound:
         """Torn displacements on rank 0: computed, and under the nodal forces of t*."""
         multipliers = contact.multipliers(step.multipliers, self.rows)
         forces = self._forces(pairs, state) if self.boundary.paired.any() else None
-        balanced = self.operator.displacements(multipliers, step.weights, forces)
+        balanced = self.operator.deformations(multipliers, step.weights, forces)
         return self.gather.displacements(displacements), self.gather.displacements(balanced)
 
     def _moved(self, step: Step) -> np.ndarray | None:
         """Torn displacements by the last change of the friction forces; None if there was none."""
         if not self.operator.comm.allreduce(int(np.count_nonzero(step.moved))):
             return None
-        fields = self.operator.displacements(step.moved, np.zeros(len(step.weights)))
+        fields = self.operator.deformations(step.moved, np.zeros(len(step.weights)))
         return self.gather.displacements(fields)
 
     def _onward(self, step: Step, moved: np.ndarray | None) -> float:

@@ -172,7 +172,7 @@ class Assembled:
         The weights of the jumps are then the driver's; stiffness and solution stay independent of
         it.
         """
-        for name in ("gid", "label", "xy", "weight", "gap", "normal", "tangent"):
+        for name in ("gid", "label", "xy", "weight", "gap", "normal", "tangent", "columns"):
             setattr(self, name, getattr(contact, name))
         self.friction = contact.columns.get("friction", np.zeros(len(contact.gid)))
         self.bilateral = contact.columns.get("bilateral", np.zeros(len(contact.gid))) > 0

@@ -15,7 +15,7 @@ class CornerStates:
         self.qp, self.corners = fixed_point.qp, fixed_point.rows.corners
         self.index = 0
 
-    def find(self, index: int, load: Load, x, gradient, sliding, trace: Trace):
+    def find(self, index: int, load: Load, x, gradient, sliding, trace: Trace, rtol: float):
         """As FixedPoint.find; states that a violated condition refutes are changed.
 
         Raises Unfinished.
@@ -29,7 +29,7 @@ class CornerStates:
             failure = None
             try:
                 x, gradient, sliding = self.fixed_point.find(index, load, x, gradient, sliding,
-                                                             trace)
+                                                             trace, rtol)
             except Unfinished as problem:  # perhaps for want of friction where a side is open
                 failure, x, gradient = problem, problem.x, problem.gradient
             if not self.corners.switch(x, gradient, self.qp.scale, self.qp.tol,

@@ -17,11 +17,12 @@ def build(manifest: Manifest, subdomains: list[Subdomain], first: int, comm,
     """Derive corners, rows and numbering; collective over `comm`.
 
     `moved`: displacements (dofs,) of the subdomains about which contact between bodies is
-    linearized, if not about none. Raises InputError for interfaces that do not conform and for
-    contact labels without nodes.
+    linearized, if not about none. Raises InputError for interfaces that do not conform, bodies
+    that are not connected and contact labels without nodes.
     """
     effects, skeleton = Effects(manifest), Skeleton(manifest, subdomains, comm)
     skeleton.check_conformity(comm)
+    skeleton.check_connected()
     skeleton.check_overlap(np.unique(manifest.contact_pairs))
     fixed = fixed_dofs(manifest, subdomains, comm)
     sides = effects.paired_sides(subdomains, fixed, comm, moved)

@@ -76,12 +76,20 @@ class Summary:
         "cg_steps": "CG steps of MPRGP", "expansion_steps": "expansion steps of MPRGP",
         "proportioning_steps": "proportioning steps of MPRGP",
         "contact_block_products": "products with the contact rows' block alone"})
-    residuals: dict = entry("relative residuals of the KKT conditions, worst of all steps", parts={
-        "stationarity": "projected gradient", "gluing": "jump between subdomains",
-        "penetration": "into obstacle or other body", "sign": "pulling normal forces",
-        "cone": "friction forces above their bound",
-        "complementarity": "work of gap and lost dissipation",
-        "equilibrium": "forces on bodies that no support holds"})
+    residuals: dict = entry(
+        "relative residuals of the KKT conditions, worst of all steps; a step has converged with "
+        "none above PRIMAL_RTOL, equilibrium none above FRICTION_RTOL", parts={
+            "stationarity": "norm of the projected gradient over that of the displacements which "
+                            "the multipliers overcome",
+            "gluing": "jump between subdomains over the largest deformation delta, the "
+                      "displacement of a node less the rigid motion of its body",
+            "penetration": "into obstacle or other body, over delta",
+            "sign": "pulling normal forces over the largest contact force f of a node",
+            "cone": "friction forces above their bound, over f",
+            "complementarity": "natural residuals of contact and friction, abs(lambda - "
+                               "P(lambda + f/delta move)) / f, P the projection on admissible "
+                               "forces, move the penetration or the slip",
+            "equilibrium": "forces on bodies that no support holds, over the sum of their sizes"})
     contraction: float = entry("worst mean ratio of successive changes of a step's fixed point")
     fallbacks: dict = entry("steps that needed another method, by the method's name")
     uniqueness: dict = entry("whether the steps have other solutions", parts={
