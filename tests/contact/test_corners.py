@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from driver.environment import ROOT
 from driver.contact.corner_nodes import BOTH, FIRST, MOST, SECOND, CornerNodes
 from driver.contact.nodes import merge_parts
 from driver.errors import InputError
@@ -16,23 +17,18 @@ CLOSE = 1e-6
 
 FLOOR = """// a block is pressed down, then dragged to the right, away from a wall
 include "scene.idp"
-real F = physical("friction", 0.3), several = physical("several", 1), wall = physical("wall", 0);
-real way = physical("way", 1);
+real F = physical("friction", 0.3), way = physical("way", 1);
 units("1", "1");
 subdomains("3");
 quasistatic(2.);
 body = square(10, 4, [2*x, y]);
-body = change(body, flabel = (label == 1 && several > 1.5 ? 11 + int(x/0.4) : label));
-int[int] meet = [1];
-if (several > 1.5) { meet.resize(5); for (int i = 0; i < 5; ++i) meet[i] = 11 + i; }
-if (wall > 0.5) { meet.resize(meet.n + 1); meet[meet.n - 1] = 4; }
 macro young() 1. //
 macro poisson() 0.3 //
 macro displacement1() on(3, u1 = 0., u2 = -0.01) //
 macro displacement2() on(3, u1 = 0.02*way) //
 macro amplitude1(t) min(t, 1.) //
 macro amplitude2(t) max(t - 1, 0.) //
-macro contact() meet //
+macro contact() 1 //
 macro gap() (x < 1e-9 && y > 1e-9 ? 0.05 : (label == 4 ? 0.05 : 0.)) //
 macro friction() F //
 include "export.idp"
@@ -60,23 +56,36 @@ include "export.idp"
 """
 PAIRS = """// two blocks, the upper one's bottom in one label or two, against one of the lower one
 include "scene.idp"
-real several = physical("several", 1);
 units("1", "1");
 subdomains("3");
 int[int] low = [1, 2, 5, 3], up = [6, 12, 13, 14];
 addBody(square(8, 4, [2*x, y], label = low))
 addBody(change(square(8, 3, [2*x, 1 + y], label = up, region = 1),
-               flabel = (label == 6 && x > 1 && several > 1.5 ? 7 : label)))
-int[int] meet = [6, 5];
-if (several > 1.5) { meet.resize(4); meet[2] = 7; meet[3] = 5; }
+               flabel = (label == 6 && x > 1 ? 6 : label)))
 macro young() 1. //
 macro poisson() 0.3 //
 macro support() on(1, u1 = 0., u2 = 0.) //
 macro load1() traction(13, 3e-4, -1e-3) //
-macro contactPair() meet //
+macro contactPair() 6, 5 //
 macro friction() 0.5 //
 include "export.idp"
 """
+SEVERAL = {  # what makes one label several
+    "floor": (("macro young()", "body = change(body, flabel = (label == 1 ? 11 + int(x/0.4) : label"
+               "));\nmacro young()"), ("contact() 1 ", "contact() 11, 12, 13, 14, 15 ")),
+    "pairs": (("? 6 : label", "? 7 : label"), ("contactPair() 6, 5", "contactPair() 6, 5, 7, 5")),
+    "hole": (("macro young()", "body = change(body, flabel = (label != 5 ? label : (x < -0.49 && "
+              "abs(y) < 0.49 ? 5 : (x > 0.49 && abs(y) < 0.49 ? 7 : (y > 0 ? 6 : 8)))));\n"
+              "macro young()"), ("contact() 5", "contact() 5, 6, 7, 8")),
+}
+
+
+def several(name: str, text: str) -> str:
+    """A scene's text with several labels for one."""
+    for old, new in SEVERAL[name]:
+        assert old in text
+        text = text.replace(old, new)
+    return text
 
 
 @pytest.fixture(scope="session")
@@ -123,10 +132,9 @@ def apart(one, other) -> float:
 
 def test_flat_boundary_does_not_know_its_labels(checked, scene):
     """One label and five, whole and in seven pieces: the same at every node, and quantities."""
-    floor = scene("floor", FLOOR)
-    whole = checked(floor)
-    for options in ({"several": 5}, {"several": 5, "subdomains": 7}):
-        run = checked(floor, **options)
+    whole = checked(scene("floor", FLOOR))
+    for subdomains in (3, 7):
+        run = checked(scene("floors", several("floor", FLOOR)), subdomains=subdomains)
         assert apart(by_place(run), by_place(whole)) <= CLOSE
         for name, value in whole.summary["quantities"].items():
             assert run.summary["quantities"][name] == pytest.approx(value, rel=CLOSE)
@@ -136,9 +144,9 @@ def test_a_wall_that_is_not_touched_changes_no_friction(checked, scene):
     """In full sliding T = F N, with the corner node's part; in the direction away from the wall
     and, as long as the gap is open, towards it.
     """
-    floor = scene("floor", FLOOR)
+    floor = scene("wall", several("floor", FLOOR).replace("contact() ", "contact() 4, "))
     for way, sign in ((1, -1), (-1, 1)):
-        run = checked(floor, wall=1, way=way, several=5)
+        run = checked(floor, way=way)
         last = {name: column[-1] for name, column in run.contact.items()}
         on_floor = np.abs(last["normal_y"] + 1) < 1e-9
         assert (last["sigma_n"][~on_floor] == 0).all() and (last["status"] != "stick").all()
@@ -150,18 +158,19 @@ def test_a_wall_that_is_not_touched_changes_no_friction(checked, scene):
 
 def test_pairs_that_go_on_in_one_another_are_one_boundary(solved, scene):
     """Meshes match: at the vertex where the labels meet both would have the same condition."""
-    pairs = scene("pairs", PAIRS)
-    whole, parts = (solved(pairs, **TIGHT, several=several) for several in (1, 2))
+    whole, parts = (solved(path, **TIGHT) for path in (
+        scene("pair", PAIRS), scene("pairs", several("pairs", PAIRS))))
     assert whole.status == parts.status == 0
     assert apart(by_place(parts), by_place(whole)) <= CLOSE
 
 
 # ---- corners -------------------------------------------------------------------------------------
 
-def test_corner_does_not_know_its_labels(checked):
+def test_corner_does_not_know_its_labels(checked, scene):
     """The square hole round a peg, one label or four, and cuts: forces of both conditions too."""
-    runs = [checked("hard/hole", steps=6, **options) for options in (
-        {"labels": "one"}, {"labels": "four", "subdomains": 7}, {"labels": "one", "subdomains": 1})]
+    four = scene("holes", several("hole", (ROOT / "edp" / "hard" / "hole.edp").read_text()))
+    runs = [checked("hard/hole", steps=6), checked(four, steps=6, subdomains=7),
+            checked("hard/hole", steps=6, subdomains=1)]
     for run in runs[1:]:
         assert apart(by_place(run), by_place(runs[0])) <= CLOSE
     assert runs[0].contact["x"].shape[1] == 20
@@ -173,15 +182,13 @@ def test_corner_does_not_know_its_labels(checked):
 @pytest.mark.parametrize("element", ["P1", "P2"])
 def test_sides_of_a_hole(checked, element):
     """Three sides: the fourth does not exist for the others' corners."""
-    run = checked("hard/hole", steps=6, sides=3, labels="four", element=element)
+    run = checked("hard/hole", steps=6, sides=3, element=element)
     corners = np.abs(run.contact["y"][0] + 0.5) < 1e-9
     assert np.count_nonzero(corners) == 2
 
 
-def test_corner_with_one_free_displacement_has_one_condition(checked, scene, tmp_path):
+def test_corner_with_one_free_displacement_has_one_condition(checked, scene):
     """A wedge whose lower right side moves up and down only: the wall that is reached first."""
-    from driver.environment import ROOT
-
     text = (ROOT / "edp" / "hard" / "wedge.edp").read_text()
     text = text.replace("macro displacement1()", """real right = physical("right", 0.);
 macro support() on(1, u1 = 0.) //
