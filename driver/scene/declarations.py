@@ -118,7 +118,9 @@ def _kinds() -> dict[tuple[str, str], str]:
 def _content(name: str, arguments: str, kind: str) -> list[str]:
     """A macro where its kind is expected, in a function that nothing calls."""
     call = f"{name}({', '.join('0.5' for _ in arguments.split(','))})" if arguments else name
-    return _if(name, f"func int libContent{name}() {KINDS[kind].format(call)}")
+    function = f"func int libContent{name}() {KINDS[kind].format(call)}"
+    # a bare yes, where a room takes it, is no number
+    return _if(name, *(_if(f"!{name},yes", function) if not arguments else [function]))
 
 
 def content_of(path: Path, line: int) -> str:
