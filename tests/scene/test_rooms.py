@@ -143,7 +143,11 @@ def test_a_study_of_a_scene_without_an_effect(tmp_path):
      "bilateral is declared without contact"),
     ((("macro contact() 1 //", "macro contactPair() 1, 3, 2 //"),), "contactPair expects pairs"),
     ((("macro contact() 1 //", "macro contact() 1 //\nmacro contactPair() 1, 3 //"),),
-     "label 1 is declared for contact twice")])
+     "label 1 is declared for contact twice"),
+    ((("macro contact() 1 //", "macro contact() 1, 2, 1 //"),),
+     "label 1 is declared for contact twice"),
+    ((("macro contact() 1 //", "macro contactPair() 1, 3, 3, 1 //"),),
+     "label 3 is declared for contact twice")])
 def test_declarations_that_do_not_fit_together(tmp_path, variant, changes, said):
     scene = variant(f"unfit-{abs(hash(changes))}", *changes)
     with pytest.raises(InputError, match=re.escape(said)):
