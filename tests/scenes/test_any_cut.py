@@ -25,7 +25,7 @@ STEPS = {"steps": 4}
 OPTIONS = {
     "bar": STEPS, "bracket": {**STEPS, "h": 8}, "cohesion": STEPS, "hertz": {"h": 0.004},
     "hertz-bodies": {"h": 0.004}, "joint": {"h": 2, "steps": 5},
-    "mindlin": {"h": 0.004, "steps": 5}, "mindlin-bodies": {"steps": 3, "h": 3e-4}, "model": STEPS,
+    "mindlin": {"h": 0.004, "steps": 5}, "mindlin-bodies": {"steps": 3, "h": 0.05}, "model": STEPS,
     "model-frictionless": STEPS, "model-tresca": STEPS, "patch-bodies": {"h": 0.2},
     "pin": {"h": 1}, "pressfit": {"h": 2}, "punch": {"h": 0.1, "steps": 3},
     "stack": {**STEPS, "h": 0.2}, "thermal": STEPS, "tutorial": {**STEPS, "h": 4},
