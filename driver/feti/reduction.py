@@ -18,6 +18,8 @@ from .factorization import factorized, petsc_matrix, solve_columns
 from .rows import LocalRows
 from .structure import Substructure
 
+SINGULAR = ("stiffness is not positive definite to rounding, which no cut can cause: check whether "
+            "the material varies by many orders of magnitude and triangles are next to degenerate")
 LEAST = 0.01  # of K's diagonal: the smallest stiffness of a corner in springs
 SAME = 1e-12  # stiffness entries equal to this, relative to the largest, differ by rounding only
 
@@ -35,12 +37,10 @@ class Factor:
         except PETSc.Error as error:
             if shortage(error):
                 raise
-            reason = "a subdomain is not held by its corners and supports (zero pivot)"
-            raise NoSolution(reason) from error
+            raise NoSolution(f"a subdomain's {SINGULAR}") from error
         negative, zero, _ = self._factor.getFactorMatrix().getInertia()
         if negative or zero:
-            raise NoSolution("a subdomain's stiffness is not positive definite; check material and "
-                             "supports")
+            raise NoSolution(f"a subdomain's {SINGULAR}")
 
     def solve(self, right: np.ndarray) -> np.ndarray:
         """Solution for the columns of `right`, shape (n, k)."""
