@@ -16,9 +16,10 @@ from scipy.linalg import qr
 from scipy.sparse import coo_matrix, diags
 
 from ..errors import NoSolution
+from .cholesky import SINGULAR
 from .factorization import factorized, petsc_matrix
 from .gathering import Gathering, joined
-from .reduction import SINGULAR, LocalClass
+from .reduction import LocalClass
 from .structure import Substructure, partition
 
 

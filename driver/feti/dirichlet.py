@@ -22,8 +22,9 @@ class DirichletPreconditioner:
     def __init__(self, operator):
         self.vectors = operator.vectors
         general = operator.modes or operator.structure.contact.paired.any()
-        self.schur = [_released(c) if general else _schur(c) for c in operator.classes]
-        self.blocks = BlockDiagonal(operator.classes, self.schur, "rows", "rows")
+        schur = [_released(c) if general else _schur(c) for c in operator.classes]
+        self.blocks = BlockDiagonal(operator.classes, schur, "rows", "rows")
+        self.schur = self.blocks.blocks
 
     def __call__(self, residual: np.ndarray, free: np.ndarray) -> np.ndarray:
         """M residual on the face `free`, zero elsewhere."""

@@ -53,13 +53,13 @@ class Skeleton:
         """Minimum, maximum or sum of nodal `values` over the subdomains of each of `gids`."""
         return operation.reduceat(values[self.by_vertex], self._vertex_starts)
 
-    def links(self, label: int) -> np.ndarray:
-        """(n, 2) gids of nodes that are neighbours along edges with a label; each pair once."""
+    def labelled(self, label: int) -> np.ndarray:
+        """(n, 2) or (n, 3) gids of both ends, and the middle, of the edges with a label."""
         here = self.edges[:, 3] == label
-        ends = self.edges[here, 1:3]
+        gids = self.edges[here, 1:3]
         if len(self.middles):
-            ends = np.column_stack([ends.T.ravel(), np.tile(self.middles[here], 2)])
-        return np.unique(ends, axis=0)
+            gids = np.column_stack([gids, self.middles[here]])
+        return np.unique(gids, axis=0)
 
     @cached_property
     def place(self) -> np.ndarray:

@@ -3,6 +3,7 @@
 import numpy as np
 
 from ..contact.boundary import contact_boundary
+from ..contact.corner_nodes import corner_pairs
 from ..effects import Effects
 from ..feti.numbering import fixed_dofs, number
 from ..feti.skeleton import Skeleton
@@ -26,4 +27,7 @@ def build(manifest: Manifest, subdomains: list[Subdomain], first: int, comm,
     fixed = fixed_dofs(manifest, subdomains, comm)
     sides = effects.paired_sides(subdomains, fixed, comm, moved)
     contact = contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm, sides)
-    return number(manifest, subdomains, first, skeleton, fixed, contact, comm, effects.frictional)
+    structure = number(manifest, subdomains, first, skeleton, fixed, contact, comm,
+                       effects.frictional)
+    contact.corners = corner_pairs(contact, fixed[0])
+    return structure
