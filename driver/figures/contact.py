@@ -8,9 +8,7 @@ from matplotlib.patches import Patch
 from .layout import PANELS, panel_grid, panels_note, run_header
 from .reading import Run, contact_boundaries, segment_ends, select
 from .scales import Scale, length_scale, stress_scale
-from .style import BLUE, INK, ORANGE, RED
-
-STATUS = {"open": "#C8C8C8", "stick": BLUE, "slip": ORANGE}
+from .style import BLUE, INK, RED, STATUS
 
 
 def pale(colour: str) -> tuple:

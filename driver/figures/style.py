@@ -16,6 +16,7 @@ PAD = 0.06  # inches around the title and the legend
 # Okabe and Ito's palette keeps its contrasts for colour-blind readers.
 BLUE, ORANGE, GREEN, RED, INK = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#222222"
 SKY, PURPLE, GREY = "#56B4E9", "#CC79A7", "#777777"
+STATUS = {"open": "#C8C8C8", "stick": BLUE, "slip": ORANGE}  # of contact nodes, in every figure
 
 STYLE = {
     "font.size": 9, "axes.titlesize": 9, "axes.labelsize": 9,

@@ -2,7 +2,8 @@
 
     peak_pressure         largest contact pressure, between nodes by the parabola through three
     normal_resultant      contact pressure summed over the contact boundary
-    tangential_resultant  shear traction sigma_t summed over the contact boundary, with its sign
+    tangential_resultant  shear traction sigma_t summed over the contact boundary, with its sign;
+                          of several boundaries the magnitudes of both are added, see `resultant`
     contact_length        length in contact, its edges located between nodes
     slip                  longest way that a point of the boundary has slid in contact since time 0
     dissipated_energy     work that friction has taken since time 0
@@ -38,17 +39,30 @@ def quantities(effects, nodes: dict, steps: dict, displacement) -> tuple[dict[st
         index = _moment(displacement)
         return {"displacement": float(displacement[index])}, index
     pressure, weight, pieces = -steps["sigma_n"], nodes["weight"], chains(nodes)
-    normal = pressure @ weight
+    normal = resultant(nodes["label"], pressure, weight)
     index = _moment(np.abs(normal))
     peaks = [peak(nodes["arc"][piece], traction(nodes, pressure[index], piece)) for piece in pieces]
     values = {"peak_pressure": max(peaks), "normal_resultant": normal[index],
               "contact_length": contact_length(nodes, pieces, steps, index),
               "displacement": displacement[index]}
     if effects.frictional:
-        values |= {"tangential_resultant": steps["sigma_t"][index] @ weight,
+        values |= {"tangential_resultant": resultant(nodes["label"], steps["sigma_t"][index],
+                                                     weight),
                    "slip": max(longest_way(nodes, piece, steps, index) for piece in pieces),
                    "dissipated_energy": -((steps["sigma_t"] * steps["slip"]) @ weight).sum()}
     return {name: float(values[name]) for name in effects.quantities}, index
+
+
+def resultant(label: np.ndarray, tractions: np.ndarray, weight: np.ndarray):
+    """Integral of nodal `tractions` (..., n); of several boundaries the sizes of theirs, added.
+
+    Directions of different boundaries have nothing to do with each other: forces on the two flanks
+    of a groove must not cancel.
+    """
+    labels = np.unique(label)
+    if len(labels) <= 1:
+        return tractions @ weight
+    return sum(abs(tractions[..., label == one] @ weight[label == one]) for one in labels)
 
 
 def _moment(size: np.ndarray) -> int:

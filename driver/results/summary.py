@@ -115,6 +115,9 @@ class Summary:
         "advice": "what would lower the largest part", "notes": "companions that could not be run"})
     quantities: dict | None = entry("quantities of interest", "see quantities.py", optional=True)
     quantities_time: float | None = entry("the time they belong to", "time", optional=True)
+    boundaries: list | None = entry(
+        "rows of boundaries.csv in the last step, where there is contact", "see boundaries.csv",
+        optional=True)
     resumed_after_step: int | None = entry(
         "finished steps of an interrupted run that were taken up", optional=True)
     accuracy: dict | None = entry("of ACCURACY=", optional=True, parts={
@@ -143,6 +146,9 @@ def summarize(request, problem: Problem, solver: QuasistaticSolver,
     if writer.history_rows:
         optional["quantities"], index = writer.record.quantities()
         optional["quantities_time"] = writer.history_rows[index]["time"]
+        if problem.effects.contact:
+            last = writer.history_rows[-1]["step"]
+            optional["boundaries"] = [row for row in writer.boundary_rows if row["step"] == last]
     return Summary(
         scene=request.scene, variant=str(manifest.parameters.get("loading", "")),
         converged=failure is None, reason=str(failure or ""), warnings=warnings,

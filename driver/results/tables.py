@@ -51,8 +51,10 @@ HISTORY = (
     Column("dual_multiplications", "1", "products with the dual matrix in the step"),
     Column("contraction", "1",
            "mean ratio of successive changes of the fixed point; nan if there was one change"),
-    Column("resultant_n", FORCE, "normal tractions summed over the contact boundary"),
-    Column("resultant_t", FORCE, "shear tractions summed over the contact boundary"),
+    Column("resultant_n", FORCE, "normal tractions summed over the contact boundary; of several "
+           "boundaries the magnitudes added"),
+    Column("resultant_t", FORCE, "shear tractions summed over the contact boundary; of several "
+           "boundaries the magnitudes added"),
     Column("load_x", FORCE, "resultant of the loads"),
     Column("load_y", FORCE, "resultant of the loads"),
     Column("reaction_x", FORCE, "resultant of the support reactions"),
@@ -65,6 +67,19 @@ HISTORY = (
     Column("peak_pressure", "stress", "largest contact pressure of a node"),
     Column("dissipated", ENERGY, "work that friction has taken since time 0"),
     Column("kkt_{}", "1", "relative residual of this part of the KKT conditions"),
+)
+
+BOUNDARIES = (
+    *STEP,
+    Column("boundary", "1", "label of the contact boundary; of a pair the one with contact nodes"),
+    Column("normal_resultant", FORCE, "contact pressure summed over the boundary"),
+    Column("tangential_resultant", FORCE, "shear traction sigma_t summed over the boundary"),
+    Column("force_x", FORCE, "contact force on the body that carries the contact nodes"),
+    Column("force_y", FORCE, "contact force on the body that carries the contact nodes"),
+    Column("peak_pressure", "stress", "largest contact pressure, located between nodes"),
+    Column("contact_length", "length", "length in contact, its edges located between nodes"),
+    Column("slip", "length", "longest way that a point has slid in contact since time 0"),
+    Column("dissipated_energy", ENERGY, "work that friction has taken since time 0"),
 )
 
 CONVERGENCE = (
@@ -87,6 +102,7 @@ BOUNDARY = (
 TABLES = {
     "contact.csv": ("a row per step and contact node", (*CONTACT, LABEL)),
     "history.csv": ("a row per step", HISTORY),
+    "boundaries.csv": ("a row per step and contact boundary", BOUNDARIES),
     "convergence.csv": ("a row per step of the QP solver", CONVERGENCE),
     "boundary.csv": ("a row per edge of the outline", BOUNDARY),
 }

@@ -4,6 +4,7 @@ Fields are gathered on rank 0, which alone writes. Files go to the run's private
 the command line renames as a whole, so a result directory that is there is complete.
 """
 
+import functools
 from pathlib import Path
 
 import numpy as np
@@ -15,11 +16,13 @@ from ..files import write_rows
 from ..march.quasistatic import QuasistaticSolver
 from ..march.step import Step
 from ..scene.manifest import Manifest
+from .boundaries import boundary_rows
 from .fields import Fields
 from .outline import write_outline
+from .quantities import resultant
 from .record import Record
 from .resultants import resultants
-from .tables import CONTACT, CONVERGENCE, HISTORY, LABEL, header
+from .tables import BOUNDARIES, CONTACT, CONVERGENCE, HISTORY, LABEL, header
 
 
 class Writer:
@@ -72,6 +75,13 @@ class Writer:
         """Largest sum of a step's resultants over the largest sum of nodal forces' sizes."""
         return self.largest_imbalance / self.largest_forces if self.largest_forces > 0 else 0.0
 
+    @functools.cached_property
+    def boundary_rows(self) -> list[dict]:
+        """Rows of boundaries.csv; once all steps are recorded."""
+        states = {name: np.array(column) for name, column in self.record.states.items()}
+        times = [(row["step"], row["time"]) for row in self.history_rows]
+        return boundary_rows(self.contact.boundary, states, times, self.record.effects.frictional)
+
     def close(self) -> None:
         """Write the tables. Raises InputError if they cannot be written."""
         with agreed_writes(self.operator.comm):
@@ -82,12 +92,14 @@ class Writer:
     def _history_row(self, step: Step, state: dict, forces: dict) -> dict:
         weight, touching = self.contact.boundary.weight, state[ContactField.STATUS] != OPEN
         sigma_n, sigma_t = state[ContactField.SIGMA_N], state[ContactField.SIGMA_T]
+        label = self.contact.boundary.label
         row = {"step": step.index, "time": step.time}
         row |= {f"amplitude_{number}": history[step.index]
                 for number, history in self.manifest.amplitudes.items()}
         row |= {"fixed_point_iterations": step.fixed_point_iterations,
                 "dual_multiplications": step.products, "contraction": step.contraction,
-                "resultant_n": float(sigma_n @ weight), "resultant_t": float(sigma_t @ weight)}
+                "resultant_n": 0.0 - float(resultant(label, -sigma_n, weight)),
+                "resultant_t": float(resultant(label, sigma_t, weight))}
         row |= {f"{name}_{axis}": float(force[k])
                 for name, force in forces.items() for k, axis in enumerate("xy")}
         counts = np.bincount(state[ContactField.STATUS], minlength=len(STATUS_NAMES))
@@ -116,6 +128,8 @@ class Writer:
         if len(self.contact.boundary.gid):
             columns = header((*CONTACT, LABEL) if labelled else CONTACT)
             write_rows(self.directory / "contact.csv", columns, self._contact_rows(labelled))
+            write_rows(self.directory / "boundaries.csv", header(BOUNDARIES),
+                       (row.values() for row in self.boundary_rows))
         if self.history_rows:
             residuals = [name.removeprefix("kkt_") for name in self.history_rows[0]
                          if name.startswith("kkt_")]

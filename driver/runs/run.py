@@ -16,6 +16,7 @@ from ..errors import PARTIAL, InputError, error_of
 from ..estimates import adaptivity, budget
 from ..march.checkpoint import fingerprint
 from ..options import RESULTS
+from ..results import boundaries
 from ..scene import freefem, seal
 from . import launch
 from .request import Request
@@ -175,6 +176,7 @@ def describe(summary: dict, out: Path) -> str:
              f"force balance {summary['balance']:.1e}",
              f"{_seconds(summary['seconds'])}, results in {os.path.relpath(out)}",
              *never_mattered(summary["effects_ledger"]),
+             *boundaries.describe(summary.get("boundaries", []), summary["units"]),
              *budget.describe(summary.get("errors", {}), summary["units"]),
              *(f"warning: {warning}" for warning in summary["warnings"])]
     return "\n  ".join(lines)

@@ -17,6 +17,7 @@ from ..march.problem import assemble
 from ..march.step import StepFailed
 from ..march.uniqueness import DOUBTFUL_FRICTION
 from ..options import Settings
+from ..results.quantities import resultant
 from ..runs.request import Request
 from ..scene.loader import read_contact
 from ..scene.manifest import read_manifest
@@ -232,8 +233,8 @@ def _quantities(contact, fields: dict) -> dict:
     """Resultants and zones of one step; `work` is what friction dissipates in it."""
     w, touching = contact.weight, fields["status"] != OPEN
     nodes = np.bincount(fields["status"], minlength=3)
-    return {"resultant_n": float(fields["sigma_n"] @ w),
-            "resultant_t": float(fields["sigma_t"] @ w),
+    return {"resultant_n": 0.0 - float(resultant(contact.label, -fields["sigma_n"], w)),
+            "resultant_t": float(resultant(contact.label, fields["sigma_t"], w)),
             "peak_pressure": float(-fields["sigma_n"].min(initial=0)),
             "contact_length": float(w[touching].sum()),
             "largest_slip": float(np.abs(fields["slip"]).max(initial=0)),

@@ -1,0 +1,72 @@
+"""Stage 7: boundaries.csv, what every contact boundary carries in every step.
+
+A boundary is a label that carries contact nodes; of a pair it is the first label, and the force is
+that on its body. Peak, length and slip are located between nodes as those of the whole scene, see
+quantities.py.
+"""
+
+import numpy as np
+
+from ..contact.states import OPEN, SLIP, ContactField
+from ..text import aligned
+from ..units import generic
+from .quantities import chains, contact_length, longest_way, peak, traction
+from .tables import BOUNDARIES
+
+NODES = ("xy", "arc", "weight", "gap", "label", "paired", "middle")
+
+
+def boundary_rows(boundary, states: dict[str, np.ndarray], times: list[tuple[int, float]],
+                  frictional: bool) -> list[dict]:
+    """Rows {column: value} of the table: of every step its boundaries in the order of labels.
+
+    `boundary` is a ContactBoundary; `states` (steps, n_c) by ContactField, status as its code;
+    `times` the number and time of every step. Without friction whatever touches slides.
+    """
+    if not frictional:
+        closed = states[ContactField.STATUS] != OPEN
+        states = states | {ContactField.STATUS: np.where(closed, SLIP, OPEN)}
+    tables = [_one_boundary(boundary, states, np.flatnonzero(boundary.label == label))
+              for label in np.unique(boundary.label)]
+    names = [str(column.name) for column in BOUNDARIES]
+    return [dict(zip(names, (step, time, *table[k])))
+            for k, (step, time) in enumerate(times) for table in tables]
+
+
+def _one_boundary(boundary, states: dict[str, np.ndarray], own: np.ndarray) -> list[tuple]:
+    """Values after step and time, for every step; `own` are the nodes of the boundary."""
+    nodes = {name: getattr(boundary, name)[own] for name in NODES}
+    states = {name: column[:, own] for name, column in states.items()}
+    weight, pieces = nodes["weight"], chains(nodes)
+    normal, tangential = boundary.normal[own], boundary.tangent[own]
+    pressure, shear = -states[ContactField.SIGMA_N], states[ContactField.SIGMA_T]
+    force = (shear * weight) @ tangential - (pressure * weight) @ normal
+    dissipated = np.cumsum(-(shear * states[ContactField.SLIP]) @ weight)
+    rows = []
+    for k in range(len(pressure)):
+        so_far = {name: column[: k + 1] for name, column in states.items()}
+        highest = max(peak(nodes["arc"][piece], traction(nodes, pressure[k], piece))
+                      for piece in pieces)
+        slip = max(longest_way(nodes, piece, so_far, k) for piece in pieces)
+        values = (pressure[k] @ weight, shear[k] @ weight, *force[k], highest,
+                  contact_length(nodes, pieces, states, k), slip, dissipated[k])
+        rows.append((int(nodes["label"][0]), *map(float, values)))
+    return rows
+
+
+def describe(rows: list[dict], units: dict[str, str]) -> list[str]:
+    """Lines of a table with one boundary each, from `boundaries` of summary.json."""
+    if not rows:
+        return []
+    heads = {"force_x": "force x", "force_y": "force y", "normal_resultant": "normal",
+             "tangential_resultant": "tangential", "peak_pressure": "peak pressure",
+             "contact_length": "length", "slip": "slip", "dissipated_energy": "dissipated"}
+    unit = {str(column.name): generic(column.unit, units) for column in BOUNDARIES}
+    table = [["boundary", *(f"{head} [{unit[name]}]" for name, head in heads.items())]]
+    table += [[row["boundary"], *(_number(row[name]) for name in heads)] for row in rows]
+    return aligned(table).splitlines()
+
+
+def _number(value: float) -> str:
+    """Four digits."""
+    return f"{value:.4g}"
