@@ -8,12 +8,12 @@ from matplotlib.figure import Figure
 from .body import deformed, geometry
 from .contact import contact_normal, contact_status, contact_tangential
 from .convergence import adaptivity, convergence
-from .history import history, loading
+from .history import force_displacement, history, loading, loops
 from .reading import Run, read_run
 from .style import canvas, write
 
 FILES = ("geometry", "loading", "deformed", "contact_normal", "contact_tangential",
-         "contact_status", "convergence", "history", "adaptivity")
+         "contact_status", "force_displacement", "history", "convergence", "adaptivity")
 
 
 def wanted(run: Run) -> dict:
@@ -28,8 +28,9 @@ def wanted(run: Run) -> dict:
         contact_normal: touching,
         contact_tangential: touching and run.friction,
         contact_status: touching and run.quasistatic and len(np.unique(run.contact["step"])) > 1,
-        convergence: run.convergence is not None,
+        force_displacement: moving and bool(loops(run)),
         history: touching and moving,
+        convergence: run.convergence is not None,
         adaptivity: (run.adaptivity is not None and run.first is not None
                      and np.isfinite(run.adaptivity["relative"]).all()),
     }

@@ -6,8 +6,10 @@ from matplotlib.ticker import MaxNLocator
 
 from .layout import run_header
 from .reading import Run, select
-from .scales import force_scale
+from .scales import force_scale, length_scale
 from .style import BLUE, GREEN, INCH, INK, ORANGE, RED
+
+CURVES = [BLUE, RED, GREEN, ORANGE, INK]
 
 
 def loading(figure: Figure, run: Run) -> None:
@@ -20,7 +22,7 @@ def loading(figure: Figure, run: Run) -> None:
         symbol = r"$\varphi(t)$" if len(histories) == 1 else rf"$\varphi_{{{name}}}(t)$"
         times = np.linspace(0, run.summary["t_end"], len(values))
         handles += axes.plot(times, values, "-", marker="osD^v"[number % 5], ms=3.2,
-                             color=[BLUE, RED, GREEN, ORANGE, INK][number % 5], label=symbol)
+                             color=CURVES[number % 5], label=symbol)
     label = r"amplitude $\varphi$ [–]" if len(histories) == 1 else "amplitude [–]"
     axes.set(xlabel="time $t$", ylabel=label)
     axes.margins(x=0.02)
@@ -61,3 +63,39 @@ def history(figure: Figure, run: Run) -> None:
     if run.fixed_point:
         caption, note = f"{caption} and fixed-point iterations", f"{total} fixed-point iterations"
     run_header(figure, run, caption, handles, note)
+
+
+def loops(run: Run) -> list[tuple[str, str, dict]]:
+    """(probe, x or y, its rows in time) of probes that feel a force, where they move most."""
+    if run.probes is None:
+        return []
+    found = []
+    for name in dict.fromkeys(run.probes["probe"].tolist()):
+        rows = select(run.probes, run.probes["probe"] == name)
+        axis = max("xy", key=lambda c, rows=rows: np.ptp(rows[f"u_{c}"]))
+        if np.any(rows[f"force_{axis}"]) and np.any(rows[f"u_{axis}"]):
+            found.append((name, axis, rows))
+    return found
+
+
+def force_displacement(figure: Figure, run: Run) -> None:
+    """Force over displacement of every probe that feels a force, along its largest movement."""
+    curves = loops(run)
+    figure.set_figheight(9 * INCH)
+    axes = figure.add_subplot()
+    force = force_scale(run, np.concatenate([rows[f"force_{c}"] for _, c, rows in curves]))
+    length = length_scale(run, np.concatenate([rows[f"u_{c}"] for _, c, rows in curves]))
+    handles = []
+    for number, (name, c, rows) in enumerate(curves):
+        u, f = rows[f"u_{c}"] * length.factor, rows[f"force_{c}"] * force.factor
+        colour = CURVES[number % len(CURVES)]
+        word = name.replace("label", "label ").replace("point", "point ")
+        handles += axes.plot(u, f, "o-", color=colour, ms=2.6, label=f"{word}, ${c}$")
+        axes.plot(u[0], f[0], "o", ms=7, mfc="none", mec=colour, mew=1)
+        axes.plot(u[-1], f[-1], "s", ms=6, mfc="none", mec=colour, mew=1)
+    axes.axhline(0, color="0.45", lw=0.5, zorder=1)
+    axes.axvline(0, color="0.45", lw=0.5, zorder=1)
+    axes.set(xlabel=f"displacement [{length.label}]", ylabel=f"force on the body [{force.label}]")
+    axes.grid(color="0.9", lw=0.5)
+    run_header(figure, run, "Force and displacement", handles,
+               "ring: first step, square: last step")

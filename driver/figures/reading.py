@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import InputError
 from ..files import read_table
 
-TABLES = ("history", "contact", "convergence", "boundary", "adaptivity")
+TABLES = ("history", "contact", "convergence", "boundary", "adaptivity", "probes")
 QUARTERS = [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]  # of a six-node triangle in VTK's order
 
 
@@ -54,6 +54,7 @@ class Run:
     # at the time of the quantities: the end or, where contact is lost by then, its peak
     last: Mesh | None
     adaptivity: dict | None = None
+    probes: dict | None = None
 
     @property
     def quasistatic(self) -> bool:

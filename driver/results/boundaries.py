@@ -8,8 +8,6 @@ quantities.py.
 import numpy as np
 
 from ..contact.states import OPEN, SLIP, ContactField
-from ..text import aligned
-from ..units import generic
 from .quantities import chains, contact_length, longest_way, peak, traction
 from .tables import BOUNDARIES
 
@@ -52,21 +50,3 @@ def _one_boundary(boundary, states: dict[str, np.ndarray], own: np.ndarray) -> l
                   contact_length(nodes, pieces, states, k), slip, dissipated[k])
         rows.append((int(nodes["label"][0]), *map(float, values)))
     return rows
-
-
-def describe(rows: list[dict], units: dict[str, str]) -> list[str]:
-    """Lines of a table with one boundary each, from `boundaries` of summary.json."""
-    if not rows:
-        return []
-    heads = {"force_x": "force x", "force_y": "force y", "normal_resultant": "normal",
-             "tangential_resultant": "tangential", "peak_pressure": "peak pressure",
-             "contact_length": "length", "slip": "slip", "dissipated_energy": "dissipated"}
-    unit = {str(column.name): generic(column.unit, units) for column in BOUNDARIES}
-    table = [["boundary", *(f"{head} [{unit[name]}]" for name, head in heads.items())]]
-    table += [[row["boundary"], *(_number(row[name]) for name in heads)] for row in rows]
-    return aligned(table).splitlines()
-
-
-def _number(value: float) -> str:
-    """Four digits."""
-    return f"{value:.4g}"

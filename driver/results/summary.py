@@ -118,6 +118,8 @@ class Summary:
     boundaries: list | None = entry(
         "rows of boundaries.csv in the last step, where there is contact", "see boundaries.csv",
         optional=True)
+    probes: list | None = entry("rows of probes.csv in the last step, where the scene has probes",
+                                "see probes.csv", optional=True)
     resumed_after_step: int | None = entry(
         "finished steps of an interrupted run that were taken up", optional=True)
     accuracy: dict | None = entry("of ACCURACY=", optional=True, parts={
@@ -146,9 +148,11 @@ def summarize(request, problem: Problem, solver: QuasistaticSolver,
     if writer.history_rows:
         optional["quantities"], index = writer.record.quantities()
         optional["quantities_time"] = writer.history_rows[index]["time"]
+        last = writer.history_rows[-1]["step"]
         if problem.effects.contact:
-            last = writer.history_rows[-1]["step"]
             optional["boundaries"] = [row for row in writer.boundary_rows if row["step"] == last]
+        if writer.probes is not None:
+            optional["probes"] = [row for row in writer.probes.rows if row["step"] == last]
     return Summary(
         scene=request.scene, variant=str(manifest.parameters.get("loading", "")),
         converged=failure is None, reason=str(failure or ""), warnings=warnings,

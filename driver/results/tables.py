@@ -82,6 +82,17 @@ BOUNDARIES = (
     Column("dissipated_energy", ENERGY, "work that friction has taken since time 0"),
 )
 
+PROBES = (
+    *STEP,
+    Column("probe", "1", "point and its number, or label and its number"),
+    Column("x", "length", "place, of a label the middle of its edges"),
+    Column("y", "length", "place, of a label the middle of its edges"),
+    Column("u_x", "length", "displacement, of a label the mean over its edges"),
+    Column("u_y", "length", "displacement, of a label the mean over its edges"),
+    Column("force_x", FORCE, "force on the body through the label, or at the vertex"),
+    Column("force_y", FORCE, "force on the body through the label, or at the vertex"),
+)
+
 CONVERGENCE = (
     Column("product", "1", "products with the dual matrix so far"),
     Column("step", "1", "number of the step"),
@@ -103,6 +114,7 @@ TABLES = {
     "contact.csv": ("a row per step and contact node", (*CONTACT, LABEL)),
     "history.csv": ("a row per step", HISTORY),
     "boundaries.csv": ("a row per step and contact boundary", BOUNDARIES),
+    "probes.csv": ("a row per step and probe", PROBES),
     "convergence.csv": ("a row per step of the QP solver", CONVERGENCE),
     "boundary.csv": ("a row per edge of the outline", BOUNDARY),
 }

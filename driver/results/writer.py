@@ -22,7 +22,7 @@ from .outline import write_outline
 from .quantities import resultant
 from .record import Record
 from .resultants import resultants
-from .tables import BOUNDARIES, CONTACT, CONVERGENCE, HISTORY, LABEL, header
+from .tables import BOUNDARIES, CONTACT, CONVERGENCE, HISTORY, LABEL, PROBES, header
 
 
 class Writer:
@@ -38,6 +38,7 @@ class Writer:
         self.history_rows = []  # {column: value}
         self.largest_imbalance, self.largest_forces, self.dissipated = 0.0, 0.0, 0.0
         self.fields = Fields(directory, manifest.element, operator) if fields else None
+        self.probes = _probes(manifest, operator, self.record.effects)
         write_outline(directory / "boundary.csv", manifest, operator.structure, operator.comm)
 
     def add(self, step: Step, replayed: bool = False) -> tuple[dict[str, np.ndarray], float]:
@@ -54,6 +55,8 @@ class Writer:
         work = state[ContactField.SIGMA_T] * state[ContactField.SLIP]
         self.dissipated += float(-(work * self.contact.boundary.weight).sum())
         self.history_rows.append(self._history_row(step, state, forces))
+        if self.probes is not None:
+            self.probes.add(step, displacements, inner, state)
         if self.fields is not None:
             self.fields.add(step, displacements, replayed)
         energy = float(sum(u @ force for u, force in zip(displacements, inner)))
@@ -136,6 +139,19 @@ class Writer:
             columns = header(HISTORY, amplitude=self.manifest.amplitudes, kkt=residuals)
             rows = ([row[name] for name in columns] for row in self.history_rows)
             write_rows(self.directory / "history.csv", columns, rows)
+        if self.probes is not None:
+            write_rows(self.directory / "probes.csv", header(PROBES),
+                       (row.values() for row in self.probes.rows))
         write_rows(self.directory / "convergence.csv", header(CONVERGENCE), self.solver.history.log)
         if self.fields is not None and self.fields.steps:
             self.fields.write_collection()
+
+
+def _probes(manifest: Manifest, operator: DualOperator, effects):
+    """The probes of the scene, None where it declares none."""
+    room = effects.rooms.get("probe")
+    if room is None:
+        return None
+    from .probes import Probes  # here: most scenes have none
+
+    return Probes(operator, manifest, room)

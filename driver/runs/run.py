@@ -16,7 +16,7 @@ from ..errors import PARTIAL, InputError, error_of
 from ..estimates import adaptivity, budget
 from ..march.checkpoint import fingerprint
 from ..options import RESULTS
-from ..results import boundaries
+from ..results import screen
 from ..scene import freefem, seal
 from . import launch
 from .request import Request
@@ -176,7 +176,8 @@ def describe(summary: dict, out: Path) -> str:
              f"force balance {summary['balance']:.1e}",
              f"{_seconds(summary['seconds'])}, results in {os.path.relpath(out)}",
              *never_mattered(summary["effects_ledger"]),
-             *boundaries.describe(summary.get("boundaries", []), summary["units"]),
+             *screen.boundaries(summary.get("boundaries", []), summary["units"]),
+             *screen.probes(summary.get("probes", []), summary["units"]),
              *budget.describe(summary.get("errors", {}), summary["units"]),
              *(f"warning: {warning}" for warning in summary["warnings"])]
     return "\n  ".join(lines)

@@ -16,7 +16,7 @@ from driver.errors import InputError
 from driver.figures import body, contact, convergence, outline, scales
 
 ALL = ["geometry", "loading", "deformed", "contact_normal", "contact_tangential", "contact_status",
-       "convergence", "history"]
+       "history", "convergence"]
 
 
 # ------------------------------------------------------------------------- a made-up run directory
@@ -506,3 +506,25 @@ def test_resultants_of_mixed_units_are_forces_per_length(tmp_path):
     assert scales.force_scale(run, [5.0]) == (pytest.approx(1.0), "N/mm")  # MPa mm = N/mm
     run.summary["units"] = {"length": "1", "stress": "1"}
     assert scales.force_scale(run, [5.0]) == (1.0, "–")
+
+
+def test_force_over_displacement_of_probes_that_feel_a_force(tmp_path):
+    """Along x, where the label moves between steps, not along y, where it is only pressed in; a
+    point without force has no curve.
+    """
+    directory = make_run(tmp_path, steps=4, units=("mm", "MPa"), products=6)
+    t = np.arange(1, 5) / 4
+    rows = [[k + 1, time, probe, 0, 0, u, -0.5, f, f / 2]
+            for k, time in enumerate(t)
+            for probe, u, f in (("point1", 0.1 * time, 0.0),
+                                ("label3", 0.01 * np.sin(9 * time), 20 * np.cos(9 * time)))]
+    write_table(directory / "probes.csv", "step,time,probe,x,y,u_x,u_y,force_x,force_y", rows)
+    run = figures.read_run(directory)
+    assert "force_displacement" in figures.wanted(run)
+    figure = figures.compose("force_displacement", run)
+    assert legend_words(figure) == ["label 3, $x$"]
+    curve = figure.axes[0].lines[0]
+    assert curve.get_xdata() == pytest.approx(10 * np.sin(9 * t))  # micrometres
+    assert curve.get_ydata() == pytest.approx(20 * np.cos(9 * t))
+    assert figure.axes[0].get_ylabel() == "force on the body [N/mm]"
+    assert overlaps(figure) == [] and outside(figure) == []

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from driver.files import read_table
-from driver.results import boundaries, tables
+from driver.results import screen, tables
 from driver.results.quantities import resultant
 
 DOVETAIL = """include "scene.idp"
@@ -120,7 +120,7 @@ def test_resultants_of_one_boundary_have_a_sign_and_of_several_a_size():
 
 
 def test_the_screen_has_a_line_a_boundary_and_units_of_engineers(tenon):
-    head, *lines = boundaries.describe(tenon.summary["boundaries"], tenon.summary["units"])
+    head, *lines = screen.boundaries(tenon.summary["boundaries"], tenon.summary["units"])
     assert [line.split()[0] for line in lines] == ["9", "21"]
     assert "force x [N/mm]" in head and "dissipated [J/m]" in head
-    assert boundaries.describe([], tenon.summary["units"]) == []
+    assert screen.boundaries([], tenon.summary["units"]) == []
