@@ -81,6 +81,16 @@ def test_forces_of_all_labels_balance(block, cut, element):
     assert found["label31"]["force_y"][-1] == pytest.approx(-12.2)
 
 
+def test_supports_that_meet_in_a_corner_share_its_reaction(block):
+    """The left and the lower side are clamped, the corner counts for both, in equal parts."""
+    _, found = block("corner", more=PROBES, support="on(12, u2 = 0.) + on(7, u1 = 0., u2 = 0.)",
+                     primal_rtol=1e-9, rtol=1e-11)
+    clamped = [found[name] for name in ("label12", "label7")]
+    for axis, pull in (("x", 4.0), ("y", 1.0)):
+        assert sum(probe[f"force_{axis}"][-1] for probe in clamped) == pytest.approx(-pull)
+        assert all(probe[f"force_{axis}"][-1] < 0 for probe in clamped)
+
+
 def test_contact_and_both_sides_of_a_pair(solved, tmp_path):
     """What a pair's first label feels, the second feels with the opposite sign."""
     path = tmp_path / "two.edp"
