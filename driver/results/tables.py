@@ -119,6 +119,25 @@ TABLES = {
     "boundary.csv": ("a row per edge of the outline", BOUNDARY),
 }
 
+# ---- files for ParaView, in the folder of a run --------------------------------------------------
+FIELDS_FOLDER = "fields"
+STRESSES = ("xx", "yy", "zz", "xy")  # components in these files
+
+
+def field_file(index: int) -> str:
+    """The fields of the bodies in a step, 0 for the start."""
+    return f"{FIELDS_FOLDER}/step_{index:04d}.vtu"
+
+
+def contact_file(index: int) -> str:
+    """The lines of the contact boundary in a step."""
+    return f"{FIELDS_FOLDER}/contact_{index:04d}.vtu"
+
+
+def error_file(index: int) -> str:
+    """The error indicator of a step."""
+    return f"{FIELDS_FOLDER}/error_{index:04d}.vtu"
+
 
 def header(columns: tuple[Column, ...], **families) -> list[str]:
     """Names of the columns; `families` has the members of a column `name`_{} by `name`."""

@@ -58,20 +58,19 @@ class Writer:
         if self.probes is not None:
             self.probes.add(step, displacements, inner, state)
         if self.fields is not None:
-            self.fields.add(step, displacements, replayed)
+            self.fields.add(step, displacements, state, replayed)
         energy = float(sum(u @ force for u, force in zip(displacements, inner)))
         return state, self.operator.comm.allreduce(energy)
 
     def indicate(self, step: Step, indicator: np.ndarray) -> None:
-        """Write the fields of a step again, with the error indicator (n_t,) of every triangle."""
+        """Write a file with the error indicator (n_t,) of every triangle in a step."""
         if self.fields is not None:
-            displacements = self.operator.displacements(step.multipliers, step.weights)
-            self.fields.write(step, displacements, indicator)
+            self.fields.indicate(step, indicator)
 
     @property
     def files(self) -> list[str]:
         """Files of fields that are written, relative to the directory."""
-        return [name for _, name in self.fields.steps] if self.fields else []
+        return self.fields.files if self.fields else []
 
     @property
     def balance(self) -> float:
@@ -144,7 +143,7 @@ class Writer:
                        (row.values() for row in self.probes.rows))
         write_rows(self.directory / "convergence.csv", header(CONVERGENCE), self.solver.history.log)
         if self.fields is not None and self.fields.steps:
-            self.fields.write_collection()
+            self.fields.write_collections()
 
 
 def _probes(manifest: Manifest, operator: DualOperator, effects):
