@@ -113,6 +113,16 @@ def test_lines_close_a_ring_and_leave_gaps_between_boundaries(solved):
     assert np.array_equal(*label[data.cells_dict["line"].T])
 
 
+def test_no_line_leads_to_a_clamped_node(solved):
+    """The model's contact boundary begins at its clamped side: the first edge has one contact node.
+    """
+    run = solved("model", cells=3, steps=1, fields="yes")
+    data = meshio.read(run.directory / "fields/contact_0001.vtu")
+    lines = data.cells_dict["line"]
+    assert len(data.points) == 12 and data.points[0, 0] > 0
+    assert np.array_equal(lines.T, [np.arange(11), 1 + np.arange(11)])
+
+
 def test_vtk_itself_reads_the_files(wedge):
     """VTK is no package of the suite; where it is installed it names the components."""
     vtk = pytest.importorskip("vtk")
