@@ -91,6 +91,7 @@ COMMANDS = {command.name: command for command in (
             "the matrix does not depend on {name}"),
     Command("docs", "renew what the documents take from the code and from reference files"),
     Command("figures", "redraw the figures of finished runs from their files"),
+    Command("report", "renew report.html, the page of a finished run or study, from its files"),
 )}
 
 # ---- the table -----------------------------------------------------------------------------------
@@ -120,8 +121,8 @@ RUNS = (
     *(Option("out", path(), RESULTS / folder, FRONT, (command,), "directory of the results")
       for command, folder in (("effects", "effects"), ("bench", "bench"), ("hard", "hard"),
                               ("saddle", "saddle"))),
-    Option("out", path(), None, FRONT, ("figures",), "directory of a finished run or study",
-           "all in results/"),
+    Option("out", path(), None, FRONT, ("figures", "report"),
+           "directory of a finished run or study", "all in results/"),
     Option("resume", YES_NO, True, FRONT, (*SINGLE, "effects"),
            "go on where an interrupted run of the same command has stopped"),
     Option("adapt", whole("a number of refinement cycles", 0, MOST_CYCLES), 0, FRONT,

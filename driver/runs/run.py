@@ -16,6 +16,7 @@ from ..errors import PARTIAL, InputError, error_of
 from ..estimates import adaptivity, budget
 from ..march.checkpoint import fingerprint
 from ..options import RESULTS
+from ..report import run as report
 from ..results import screen
 from ..scene import freefem, seal
 from . import launch
@@ -144,6 +145,7 @@ def _complete(run: Run, work: Path, cycles: list[Path]) -> None:
         from ..figures import draw_run
 
         draw_run(work)
+    report.write(work)
     (work / "export" / "freefem.log").rename(work / "freefem.log")
     shutil.rmtree(work / "export")
 
