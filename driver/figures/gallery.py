@@ -5,14 +5,15 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from .body import deformed, geometry
+from .body import contact_window, contact_zoom, deformed
 from .contact import contact_normal, contact_status, contact_tangential
 from .convergence import adaptivity, convergence
+from .geometry import geometry
 from .history import force_displacement, history, loading, loops
 from .reading import Run, read_run
 from .style import canvas, write
 
-FILES = ("geometry", "loading", "deformed", "contact_normal", "contact_tangential",
+FILES = ("geometry", "loading", "deformed", "contact_zoom", "contact_normal", "contact_tangential",
          "contact_status", "force_displacement", "history", "convergence", "adaptivity")
 
 
@@ -25,6 +26,7 @@ def wanted(run: Run) -> dict:
         geometry: run.boundary is not None and run.first is not None,
         loading: moving,
         deformed: run.last is not None,
+        contact_zoom: contact_window(run) is not None,
         contact_normal: touching,
         contact_tangential: touching and run.friction,
         contact_status: touching and run.quasistatic and len(np.unique(run.contact["step"])) > 1,

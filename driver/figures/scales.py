@@ -46,7 +46,17 @@ def force_scale(run: Run, values) -> Scale:
     return scale_for(spelt(1, 1, run.summary["units"]), values)
 
 
-def round_magnification(raw: float) -> float:
-    """The number among 1, 2, 3, 5 times a power of ten that is nearest to `raw` on a log scale."""
-    power = 10.0 ** math.floor(math.log10(raw))
-    return min((m * power for m in (1, 2, 3, 5, 10)), key=lambda m: abs(math.log(m / raw)))
+def energy_scale(run: Run, values) -> Scale:
+    """Scale of energies per unit of thickness."""
+    return scale_for(spelt(1, 2, run.summary["units"]), values)
+
+
+def round_magnification(wish: float, limit: float = math.inf) -> float:
+    """The number among 1, 2, 3, 5 times a power of ten nearest to `wish` on a log scale.
+
+    Not above `limit`, but at least 1.
+    """
+    target = max(min(wish, limit), 1.0)
+    power = 10.0 ** math.floor(math.log10(target))
+    steps = [step * power for step in (1, 2, 3, 5, 10) if step * power <= max(limit, 1.0)]
+    return min(steps, key=lambda step: abs(math.log(step / target)))

@@ -95,6 +95,8 @@ class Summary:
                         parts={"length": "m, mm, ...", "stress": "Pa, MPa, ..."})
     amplitudes: dict = entry(
         "factors of the loads at the start and after every step, by number of the load")
+    loads: list = entry("resultant of every load at amplitude 1: effect, number of the amplitude, "
+                        "force", "stress length")
     parameters: dict = entry("parameters of the scene and options of the solver")
     versions: dict = entry("of Python, numpy and PETSc")
     seconds: dict = entry("wall time of the stages", "s", parts={
@@ -161,6 +163,7 @@ def summarize(request, problem: Problem, solver: QuasistaticSolver,
         fallbacks={name: len(steps) for name, steps in history.fallbacks.steps.items()},
         uniqueness=solver.uniqueness.summary(), memory_mib=memory_mib,
         ranks=writer.operator.comm.size, units=manifest.units, amplitudes=manifest.amplitudes,
+        loads=_loads(problem),
         parameters={**manifest.parameters, **asdict(settings)}, versions=_versions(),
         seconds=seconds, effects_ledger=_ledger(problem, sizes, solver, writer),
         balance=writer.balance, dissipated=writer.dissipated, **optional)
@@ -190,6 +193,18 @@ def reference() -> list[dict[str, str]]:
         rows += [{"entry": name, "unit": item.metadata["unit"], "meaning": meaning}
                  for name, meaning in meanings.items()]
     return rows
+
+
+def _loads(problem: Problem) -> list[dict]:
+    """Entry `loads`; collective."""
+    subs = problem.structure.subdomains
+    own = np.zeros((len(subs), problem.structure.patterns, 2))
+    for s, sub in enumerate(subs):
+        for k, load in enumerate(sub.loads):
+            own[s, k] = np.bincount(sub.dof_component, load, minlength=2)
+    total = np.concatenate(problem.operator.comm.allgather(own)).sum(axis=0)
+    return [{"effect": pattern["kind"], "number": pattern["amplitude"], "force": force.tolist()}
+            for pattern, force in zip(problem.manifest.patterns, total)]
 
 
 def _ledger(problem: Problem, sizes: Sizes, solver: QuasistaticSolver, writer: Writer) -> dict:

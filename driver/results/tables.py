@@ -108,6 +108,10 @@ BOUNDARY = (
     Column("role", "1", "pair, contact, support, load or free"),
     Column("traction_x", "stress", "traction of the label at amplitude 1"),
     Column("traction_y", "stress", "traction of the label at amplitude 1"),
+    Column("fixed_x", "1", "1 where a support holds this component on the whole label"),
+    Column("fixed_y", "1", "1 where a support holds this component on the whole label"),
+    Column("moved_x", "length", "displacement that is prescribed there at amplitude 1"),
+    Column("moved_y", "length", "displacement that is prescribed there at amplitude 1"),
 )
 
 TABLES = {
