@@ -137,6 +137,8 @@ RUNS = (
            "estimate the errors of all quantities, that in the energy norm alone, or none"),
     Option("fields", YES_NO, True, Reader.OUTPUT, SINGLE, "write the fields for ParaView"),
     Option("figures", YES_NO, True, Reader.FIGURES, (*SINGLE, "study"), "draw the figures"),
+    Option("animate", YES_NO, False, Reader.FIGURES, SINGLE,
+           "an animation of deformation and contact status (figures/animation.gif)"),
     Option("quiet", YES_NO, False, Reader.OUTPUT, (*SINGLE, "study"), "no progress on the screen"),
 )
 

@@ -64,17 +64,28 @@ def deformed(figure: Figure, run: Run) -> None:
     draw_deformed(figure, run, run.last, magnification(run))
 
 
-def draw_deformed(figure: Figure, run: Run, mesh: Mesh, times: float,
-                  top: float | None = None) -> None:
-    """The picture of one step, magnified `times`; `top` is the highest stress of the colours."""
+def draw_deformed(figure: Figure, run: Run, mesh: Mesh, times: float, top: float | None = None,
+                  box: np.ndarray | None = None, more=None) -> None:
+    """The picture of one step, magnified `times`.
+
+    `top` is the highest stress of the colours and `box` (2, 2) the lower and upper ends of what is
+    shown, by default those of the step. `more`(axes, run, mesh, moved) draws and gives legend
+    entries.
+    """
     axes, scale = map_axes(figure, run, mesh.xy)
     size = np.ptp(mesh.xy, axis=0).max() * scale.factor
     moved = (mesh.xy + times * mesh.displacement) * scale.factor
     handles = _outline(axes, run, mesh, moved, scale.factor)
     if (rows := rigid_rows(run, mesh.time)) is not None:
         draw_obstacle(axes, rows, size, scale.factor)
+    handles += more(axes, run, mesh, moved) if more else []
     axes.autoscale_view()
-    wide = np.ptp(moved[:, 0]) > 1.3 * np.ptp(moved[:, 1])
+    if box is not None:
+        low, high = box * scale.factor
+        axes.update_datalim([low - 0.05 * size, high + 0.05 * size])
+        axes.autoscale_view()
+    extent = np.ptp(moved if box is None else box, axis=0)
+    wide = extent[0] > 1.3 * extent[1]
     _stress(figure, axes, run, mesh, moved, wide, top)
     title = f"Deformed {_plural(mesh)}{run.at(mesh.time)}, {_magnified(times)}"
     run_header(figure, run, title, handles, _overlapping(run))
@@ -167,7 +178,7 @@ def contact_zoom(figure: Figure, run: Run) -> None:
     moved = (mesh.xy + mesh.displacement) * scale.factor
     if (rows := rigid_rows(run, mesh.time)) is not None:
         draw_obstacle(axes, rows, width * scale.factor, scale.factor)
-    handles = _status_nodes(axes, run, mesh, moved)
+    handles = status_nodes(axes, run, mesh, moved)
     if mesh.body.max() > 0 and run.boundary:
         rim = moved[mesh.rim()[0][outer(mesh, run.boundary)]]
         axes.add_collection(LineCollection(rim, colors=RED, linewidths=0.9))
@@ -179,16 +190,18 @@ def contact_zoom(figure: Figure, run: Run) -> None:
     shrink_to_body(figure, axes)
 
 
-def _status_nodes(axes, run: Run, mesh: Mesh, moved: np.ndarray) -> list:
+def status_nodes(axes, run: Run, mesh: Mesh, moved: np.ndarray) -> list:
     """The contact nodes in the colours of their status; legend entries."""
+    if run.contact is None:
+        return []
     times = run.contact["time"]
     rows = select(run.contact, times == times[np.abs(times - mesh.time).argmin()])
     places = np.column_stack([rows["x"], rows["y"]])
     node = cKDTree(mesh.xy).query(places)[1]
-    handles = []
+    started = mesh.time >= times.min() * (1 - 1e-9)
     for status, colour in STATUS.items():
-        own = rows["status"] == status
-        if own.any():
-            handles += axes.plot(*moved[node[own]].T, "o", ms=4, mew=0.5, mec="white", color=colour,
-                                 zorder=4, label=status_name(status, run.friction))
-    return handles
+        own = (rows["status"] == status) & started
+        axes.plot(*moved[node[own]].T, "o", ms=4, mew=0.5, mec="white", color=colour, zorder=4)
+    shown = [status for status in STATUS if (run.contact["status"] == status).any()]
+    return [Line2D([], [], ls="", marker="o", ms=5, color=STATUS[status],
+                   label=status_name(status, run.friction)) for status in shown]

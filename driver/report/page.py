@@ -70,9 +70,10 @@ def folded(title: str, content: str) -> str:
 
 
 def picture(path: Path, caption: str) -> str:
-    """A PNG file inside the page."""
+    """A PNG or GIF file inside the page."""
+    kind = path.suffix.removeprefix(".")
     data = base64.b64encode(path.read_bytes()).decode()
-    return (f'<figure><img alt="{escape(caption)}" src="data:image/png;base64,{data}">'
+    return (f'<figure><img alt="{escape(caption)}" src="data:image/{kind};base64,{data}">'
             f"<figcaption>{escape(caption)}</figcaption></figure>")
 
 

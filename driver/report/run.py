@@ -11,7 +11,8 @@ from . import page
 
 CAPTIONS = {
     "geometry": "Geometry, boundary conditions, loads and subdomains",
-    "deformed": "Deformed body", "contact_zoom": "Deformed body at the contact",
+    "deformed": "Deformed body", "animation": "Deformation and contact status over time",
+    "contact_zoom": "Deformed body at the contact",
     "contact_normal": "Normal traction and displacement on the contact boundary",
     "contact_tangential": "Shear traction, friction bound and displacement",
     "contact_status": "Contact status over time", "force_displacement": "Force and displacement",
@@ -99,9 +100,9 @@ def _rows(summary: dict, key: str, first: str, columns: tuple) -> str:
 
 
 def pictures(folder: Path) -> list[str]:
-    """All PNG files of a folder, those of runs in their order."""
+    """All PNG files and animations of a folder, those of runs in their order."""
     order = list(CAPTIONS)
-    paths = sorted(folder.glob("*.png"), key=lambda path: (
+    paths = sorted([*folder.glob("*.png"), *folder.glob("*.gif")], key=lambda path: (
         order.index(path.stem) if path.stem in order else len(order), path.stem))
     return [page.picture(path, CAPTIONS.get(path.stem, path.stem.replace("_", " ")))
             for path in paths]

@@ -36,6 +36,7 @@ class Run:
     without: tuple[str, ...] = ()
     fields: bool = True
     figures: bool = True
+    animate: bool = False
     quiet: bool = False
     resume: bool = True
     adapt: int = 0
@@ -50,7 +51,10 @@ class Run:
         for name in sorted(set(given.parameters) & set(freefem.RESERVED)):
             raise InputError(f"{name.upper()} is no parameter of a scene: FreeFEM and the driver "
                              "use the word themselves")
-        names = ("without", "fields", "figures", "quiet", "resume", "adapt", "errors", "accuracy")
+        if given["animate"] and not given["fields"]:
+            raise InputError("ANIMATE=yes needs the fields: leave FIELDS=no out")
+        names = ("without", "fields", "figures", "animate", "quiet", "resume", "adapt", "errors",
+                 "accuracy")
         return cls(scene, given["out"] or RESULTS / scene.stem, given["np"], given.settings,
                    given.parameters, **{name: given[name] for name in names})
 
@@ -145,6 +149,10 @@ def _complete(run: Run, work: Path, cycles: list[Path]) -> None:
         from ..figures import draw_run
 
         draw_run(work)
+    if run.animate:
+        from ..figures.animation import draw_animation
+
+        draw_animation(work)
     report.write(work)
     (work / "export" / "freefem.log").rename(work / "freefem.log")
     shutil.rmtree(work / "export")

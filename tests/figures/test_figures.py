@@ -10,10 +10,11 @@ import meshio
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from PIL import Image
 
 from driver import figures
 from driver.errors import InputError
-from driver.figures import body, contact, convergence, obstacle, outline, scales
+from driver.figures import animation, body, contact, convergence, obstacle, outline, redraw, scales
 
 ALL = ["geometry", "loading", "deformed", "contact_normal", "contact_tangential", "contact_status",
        "history", "convergence"]
@@ -610,3 +611,26 @@ def test_hertz_has_its_ellipse(tmp_path):
     assert (contact.hertz(rows) @ rows["weight"]) == pytest.approx(true @ rows["weight"], rel=1e-2)
     run = figures.read_run(make_run(tmp_path, steps=2, scene="edp/hertz.edp", products=6))
     assert "Hertz, same force and length" in legend_words(figures.compose("contact_normal", run))
+
+
+def test_the_animation_has_a_frame_a_step_all_alike(tmp_path):
+    """The start and three steps in one box; the last frame is no longer the first."""
+    directory = make_run(tmp_path, steps=3, scene="own", products=6)
+    path = animation.draw_animation(directory)
+    with Image.open(path) as picture:
+        assert picture.n_frames == 4
+        first = np.asarray(picture.convert("RGB"), int)
+        picture.seek(3)
+        last = np.asarray(picture.convert("RGB"), int)
+    assert first.shape == last.shape and (first != last).any(axis=2).mean() > 0.1
+    assert path in redraw.redraw(directory)
+
+
+def test_long_histories_are_thinned_and_runs_without_fields_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(animation, "MOST", 3)
+    directory = make_run(tmp_path, steps=5, products=6)
+    with Image.open(animation.draw_animation(directory)) as picture:
+        assert picture.n_frames == 4  # start, 1, 3 and 5
+    (directory / "fields.pvd").unlink()
+    with pytest.raises(InputError, match="FIELDS=yes"):
+        animation.draw_animation(directory)
