@@ -17,6 +17,7 @@ from ..files import write_json
 from ..march.problem import Problem
 from ..march.quasistatic import QuasistaticSolver
 from ..options import Settings
+from . import omissions
 from .ledger import ledger
 from .writer import Writer
 
@@ -144,7 +145,9 @@ def summarize(request, problem: Problem, solver: QuasistaticSolver,
     """
     manifest, structure, history = problem.manifest, problem.structure, solver.history
     sizes = Sizes.of(structure)
-    warnings = [*history.warnings, *history.fallbacks.warnings(), *solver.uniqueness.warnings()]
+    warnings = [*history.warnings, *history.fallbacks.warnings(), *solver.uniqueness.warnings(),
+                *omissions.warnings(structure.contact, problem.effects.rooms,
+                                    writer.record.displacements, settings)]
     if failure:
         warnings.append(str(failure))
     if writer.history_rows:

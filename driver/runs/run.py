@@ -189,7 +189,7 @@ def describe(summary: dict, out: Path) -> str:
              *screen.boundaries(summary.get("boundaries", []), summary["units"]),
              *screen.probes(summary.get("probes", []), summary["units"]),
              *budget.describe(summary.get("errors", {}), summary["units"]),
-             *(f"warning: {warning}" for warning in summary["warnings"])]
+             *screen.warnings(summary["warnings"])]
     return "\n  ".join(lines)
 
 

@@ -60,7 +60,8 @@ def write(directory: Path, without: tuple[str, ...] = ()) -> None:
     files = {
         "switches": _switches(without),
         "include": [line for room in used for line in _include(room, absent)],
-        "patterns": [line for load in loads for line in load.declaration()],
+        "patterns": [*(line for load in loads for line in load.declaration()),
+                     *(line for k in NUMBERS for line in _driven(k) if not without)],
         "assemble": [line for load in loads for line in load.call("Assemble")],
         "fix": [line for load in loads for line in load.call("Fix")],
         "record": [line for load in loads for line in load.call("Record")],
@@ -186,6 +187,13 @@ def _evaluate(room: Room) -> list[str]:
     if room.nonnegative:
         lines.append(f'refuseNegative("{room.column}", {column})')
     return _if(_room(room), *lines)
+
+
+def _driven(number: int) -> list[str]:
+    """Refusal of a history that nothing follows."""
+    name, drives = f"amplitude{number}", [room for room in rooms() if room.given_on]
+    names = ", ".join(next(iter(room.declared_by)).replace("#", str(number)) for room in drives)
+    return _if(name, f'needDriven({number}, "{names}");')
 
 
 def _amplitude(number: int, absent: set[str]) -> list[str]:

@@ -55,6 +55,7 @@ def export(scene: Path, directory: Path, parameters: dict[str, str], ranks: int 
     meanwhile; OSError if the disk is full.
     """
     script.check_names(scene)
+    script.check_statements(scene)
     text = text_digest(scene)
     directory.mkdir(parents=True, exist_ok=True)
     declarations.write(directory, without)

@@ -66,6 +66,25 @@ def check_names(scene: Path) -> None:
             raise InputError(own_name(scene, number, function[1]))
 
 
+def check_statements(scene: Path) -> None:
+    """Refuse what FreeFEM takes without effect, or refuses in words of its own. Raises InputError.
+    """
+    text = scene.read_text(errors="replace")
+    for number, line in enumerate(text.splitlines(), 1):
+        if re.search(r"\baddBody\s*\(\s*rectangle\s*\(", line.split("//")[0]):
+            raise InputError(
+                f"{scene.name} line {number}: rectangle(...) is the only body of a scene and stands "
+                "alone; one of several is addBody(square(nx, ny, [x0 + (x1 - x0)*x, "
+                "y0 + (y1 - y0)*y]))")
+    for name, body in _definitions(text)[0]:
+        unknown = re.search(r"\bu[12]\b", _without_texts(body))
+        if re.fullmatch(r"(load|bodyForce)\d", name) and unknown:
+            raise InputError(
+                f"{scene.name}: {name} contains {unknown[0]}, the unknown displacement: a load is "
+                "given and such a term (a spring, a Robin condition) would be left out; write loads "
+                "with v1 and v2 alone, or a spring as a thin soft body")
+
+
 def taken_name(scene: Path, name: str) -> str:
     """Why FreeFEM refuses a variable `name` that a scene and the library both declare."""
     for number, line in enumerate(scene.read_text(errors="replace").splitlines(), 1):
