@@ -296,7 +296,7 @@ def _check_names(command: Command, known: dict[str, Option], pairs: dict[str, st
 def usage() -> str:
     """The commands and their options as text, for `make help`."""
     groups = {"mesh options": MESHES, "solver options": SETTINGS}
-    lines = []
+    lines = [f"contact suite {environment.version()}", ""]
     for command in COMMANDS.values():
         known = options_of(command.name).values()
         words = [_word(option) if option.required else f"[{_word(option)}]" for option in known

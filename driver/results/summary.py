@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..environment import version
 from ..errors import DriverError, agreed_writes
 from ..feti.structure import Substructure
 from ..files import write_json
@@ -99,7 +100,7 @@ class Summary:
     loads: list = entry("resultant of every load at amplitude 1: effect, number of the amplitude, "
                         "force", "stress length")
     parameters: dict = entry("parameters of the scene and options of the solver")
-    versions: dict = entry("of Python, numpy and PETSc")
+    versions: dict = entry("of the suite, Python, numpy and PETSc")
     seconds: dict = entry("wall time of the stages", "s", parts={
         "export": "FreeFEM", "read": "reading its export", "setup": "reduction to the interfaces",
         "solve": "all time steps, those before an interruption included",
@@ -224,5 +225,5 @@ def _ledger(problem: Problem, sizes: Sizes, solver: QuasistaticSolver, writer: W
 def _versions() -> dict:
     from petsc4py import PETSc
 
-    return {"python": sys.version.split()[0], "numpy": np.__version__,
+    return {"suite": version(), "python": sys.version.split()[0], "numpy": np.__version__,
             "petsc": ".".join(map(str, PETSc.Sys.getVersion()))}
