@@ -37,6 +37,6 @@ def _overlaps(b: ContactBoundary) -> list[str]:
             macro = "pairGap" if b.paired[own].any() else "gap"
             said.append(
                 f"contact label {label} starts up to {-b.gap[own].min():.3g} inside what it meets, "
-                f"at ({place[0]:.3g}, {place[1]:.3g}), and is pushed out as in a press fit; if that "
-                f"is meant declare macro {macro}() 0. //, else mend the geometry")
+                f"at ({place[0]:.3g}, {place[1]:.3g}), and is pushed out as in a press fit; if "
+                f"that is meant declare macro {macro}() 0. //, else mend the geometry")
     return said

@@ -73,16 +73,16 @@ def check_statements(scene: Path) -> None:
     for number, line in enumerate(text.splitlines(), 1):
         if re.search(r"\baddBody\s*\(\s*rectangle\s*\(", line.split("//")[0]):
             raise InputError(
-                f"{scene.name} line {number}: rectangle(...) is the only body of a scene and stands "
-                "alone; one of several is addBody(square(nx, ny, [x0 + (x1 - x0)*x, "
+                f"{scene.name} line {number}: rectangle(...) is the only body of a scene and "
+                "stands alone; one of several is addBody(square(nx, ny, [x0 + (x1 - x0)*x, "
                 "y0 + (y1 - y0)*y]))")
     for name, body in _definitions(text)[0]:
         unknown = re.search(r"\bu[12]\b", _without_texts(body))
         if re.fullmatch(r"(load|bodyForce)\d", name) and unknown:
             raise InputError(
                 f"{scene.name}: {name} contains {unknown[0]}, the unknown displacement: a load is "
-                "given and such a term (a spring, a Robin condition) would be left out; write loads "
-                "with v1 and v2 alone, or a spring as a thin soft body")
+                "given and such a term (a spring, a Robin condition) would be left out; write "
+                "loads with v1 and v2 alone, or a spring as a thin soft body")
 
 
 def taken_name(scene: Path, name: str) -> str:
