@@ -8,7 +8,6 @@ missing dependency; 3 no (unique) solution the method can vouch for; 4 not conve
 """
 
 import argparse
-import os
 import sys
 from pathlib import Path
 
@@ -21,6 +20,7 @@ from .runs import run as runs
 from .runs.request import Request
 from .runs.run import Run, describe, execute
 from .scene import freefem
+from .text import shown
 
 LOADINGS = ("monotone", "nonmonotone")  # of the model example
 
@@ -152,7 +152,7 @@ def _leave(paths: list[Path]) -> None:
 def _list(paths: list[Path]) -> None:
     """The files that were made."""
     for path in paths:
-        print(os.path.relpath(path))
+        print(shown(path))
 
 
 # ---- ranks ---------------------------------------------------------------------------------------

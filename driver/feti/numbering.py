@@ -14,6 +14,7 @@ from .gathering import gather
 from .rigid_modes import rigid_modes
 from .rows import LocalRows, RowKind
 from .structure import Substructure
+from .travel import separated
 
 
 def fixed_dofs(manifest: Manifest, subdomains: list[Subdomain],
@@ -36,6 +37,7 @@ def number(manifest, subdomains, first, skeleton, fixed, contact, comm, friction
     `fixed` as `fixed_dofs` returns it, `contact` the ContactBoundary, which gets its row numbers,
     `frictional` whether its nodes have tangential rows.
     """
+    fixed, travel = separated(skeleton, subdomains, fixed, comm)
     corners, fixed_keys = corner_vertices(skeleton), fixed[0]
     owner = skeleton.over_subdomains(np.minimum, skeleton.nodes[:, 0])
     corner_keys = (2 * corners[:, None] + [0, 1]).ravel()
@@ -77,7 +79,8 @@ def number(manifest, subdomains, first, skeleton, fixed, contact, comm, friction
     return Substructure(subdomains, first, manifest.subdomains, *local,
                         coarse_dofs=len(corner_keys), dual_dofs=len(order), row_kind=kind[order],
                         row_scale=row_scale, row_range=row_range, row_starts=row_starts,
-                        patterns=len(manifest.patterns), contact=contact, rigid_modes=modes,
+                        patterns=len(manifest.patterns), travel=travel,
+                        contact=contact, rigid_modes=modes,
                         rigid_corners=at_corners, outer_edges=skeleton.edges[outer][:, 1:],
                         outer_middles=middles, primal_dofs=primal)
 

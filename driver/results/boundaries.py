@@ -11,31 +11,33 @@ from ..contact.states import OPEN, SLIP, ContactField
 from .quantities import chains, contact_length, longest_way, peak, traction
 from .tables import BOUNDARIES
 
-NODES = ("xy", "arc", "weight", "gap", "label", "paired", "middle")
+NODES = ("xy", "arc", "chain", "weight", "gap", "paired", "middle")
 
 
-def boundary_rows(boundary, states: dict[str, np.ndarray], times: list[tuple[int, float]],
-                  frictional: bool) -> list[dict]:
+def boundary_rows(record, states: dict[str, np.ndarray],
+                  times: list[tuple[int, float]]) -> list[dict]:
     """Rows {column: value} of the table: of every step its boundaries in the order of labels.
 
-    `boundary` is a ContactBoundary; `states` (steps, n_c) by ContactField, status as its code;
+    `record` is the Record of the steps; `states` (steps, n_c) by ContactField, status as its code;
     `times` the number and time of every step. Without friction whatever touches slides.
     """
-    if not frictional:
+    if not record.effects.frictional:
         closed = states[ContactField.STATUS] != OPEN
         states = states | {ContactField.STATUS: np.where(closed, SLIP, OPEN)}
-    tables = [_one_boundary(boundary, states, np.flatnonzero(boundary.label == label))
-              for label in np.unique(boundary.label)]
+    tables = [_one_boundary(record.contact.boundary, states, int(label), share)
+              for label, share in zip(record.labels, record.shares)]
     names = [str(column.name) for column in BOUNDARIES]
     return [dict(zip(names, (step, time, *table[k])))
             for k, (step, time) in enumerate(times) for table in tables]
 
 
-def _one_boundary(boundary, states: dict[str, np.ndarray], own: np.ndarray) -> list[tuple]:
-    """Values after step and time, for every step; `own` are the nodes of the boundary."""
+def _one_boundary(boundary, states: dict[str, np.ndarray], label: int,
+                  share: np.ndarray) -> list[tuple]:
+    """Values after step and time, for every step; `share` (n_c,) of the label in the nodes."""
+    own = np.flatnonzero(share)
     nodes = {name: getattr(boundary, name)[own] for name in NODES}
-    states = {name: column[:, own] for name, column in states.items()}
-    weight, pieces = nodes["weight"], chains(nodes)
+    nodes["weight"] = weight = nodes["weight"] * share[own]
+    states, pieces = {name: column[:, own] for name, column in states.items()}, chains(nodes)
     normal, tangential = boundary.normal[own], boundary.tangent[own]
     pressure, shear = -states[ContactField.SIGMA_N], states[ContactField.SIGMA_T]
     force = (shear * weight) @ tangential - (pressure * weight) @ normal
@@ -43,10 +45,10 @@ def _one_boundary(boundary, states: dict[str, np.ndarray], own: np.ndarray) -> l
     rows = []
     for k in range(len(pressure)):
         so_far = {name: column[: k + 1] for name, column in states.items()}
-        highest = max(peak(nodes["arc"][piece], traction(nodes, pressure[k], piece))
+        highest = max(peak(nodes["arc"][piece], traction(nodes, np.abs(pressure[k]), piece))
                       for piece in pieces)
         slip = max(longest_way(nodes, piece, so_far, k) for piece in pieces)
         values = (pressure[k] @ weight, shear[k] @ weight, *force[k], highest,
                   contact_length(nodes, pieces, states, k), slip, dissipated[k])
-        rows.append((int(nodes["label"][0]), *map(float, values)))
+        rows.append((label, *map(float, values)))
     return rows

@@ -60,7 +60,8 @@ class Fields:
             written: bool = False) -> None:
         """Fields of one step; not again if `written`.
 
-        `displacements` (dofs,) by subdomain, `state` of the contact nodes as ContactState has it.
+        `displacements` (dofs,) by subdomain less the travel, `state` of the contact nodes as
+        ContactState has it.
         """
         self.steps.append((step.time, step.index))
         if written:
@@ -68,7 +69,8 @@ class Fields:
         subs = self.operator.structure.subdomains
         stress = [stresses(sub, u, step.weights) for sub, u in zip(subs, displacements)]
         corners = [corner_stresses(sub, u, step.weights) for sub, u in zip(subs, displacements)]
-        shown = [u.reshape(-1, 2)[_drawn(sub)] for sub, u in zip(subs, displacements)]
+        whole = self.operator.with_travel(displacements, step.weights)
+        shown = [u.reshape(-1, 2)[_drawn(sub)] for sub, u in zip(subs, whole)]
         parts = self.operator.comm.gather((joined(shown, float, 2), joined(stress, float, 4),
                                            joined(corners, float, 3, 4)))
         with agreed_writes(self.operator.comm):

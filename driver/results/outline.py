@@ -69,7 +69,9 @@ def _rows(manifest: Manifest, structure: Substructure, parts: list[tuple]) -> li
 
 def _moves(structure: Substructure) -> np.ndarray:
     """(n,) prescribed displacements at amplitude 1, in the order of `constrained_keys`."""
-    return joined((values.sum(axis=0) for values in structure.fixed_values), float)
+    travel = structure.travel.displacements(np.ones(structure.patterns), structure.subdomains)
+    return joined((values.sum(axis=0) + whole[fixed] for values, whole, fixed in zip(
+        structure.fixed_values, travel, structure.fixed)), float)
 
 
 def _edge_tractions(edges: np.ndarray, middles: np.ndarray, place: np.ndarray,

@@ -41,8 +41,9 @@ class Probes:
 
     def add(self, step: Step, displacements: list[np.ndarray], inner: list[np.ndarray],
             state: dict) -> None:
-        """Evaluate a step; arguments as in resultants.py."""
-        structure = self.operator.structure
+        """Evaluate a step; arguments as in resultants.py, displacements less the travel."""
+        structure, whole = self.operator.structure, self.operator.with_travel(displacements,
+                                                                              step.weights)
         reactions, loads = [], []
         forces = self.operator.forces_on_supports(step.multipliers)
         for s, sub in enumerate(structure.subdomains):
@@ -55,7 +56,7 @@ class Probes:
         for probe in (*self.labels, *self.points):
             own = np.zeros((len(structure.subdomains), 2, 2))
             for s in range(len(structure.subdomains)):
-                own[s] = probe.evaluate(s, displacements[s], reactions[s], loads[s], step.weights)
+                own[s] = probe.evaluate(s, whole[s], reactions[s], loads[s], step.weights)
             # summed in the order of the subdomains on any number of ranks
             u, force = np.concatenate(self.operator.comm.allgather(own)).sum(axis=0)
             force = force + self._contact(probe.label, state)

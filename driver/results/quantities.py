@@ -1,6 +1,7 @@
 """The quantities of interest: few numbers that users read, each with a limit under refinement.
 
-    peak_pressure         largest contact pressure, between nodes by the parabola through three
+    peak_pressure         largest contact pressure, between nodes by the parabola through three; of
+                          bilateral contact the largest |sigma_n|
     normal_resultant      contact pressure summed over the contact boundary
     tangential_resultant  shear traction sigma_t summed over the contact boundary, with its sign;
                           of several boundaries the magnitudes of both are added, see `resultant`
@@ -29,8 +30,8 @@ NOTHING = 1e-9  # part of the largest resultant of the history that rounding lea
 def quantities(effects, nodes: dict, steps: dict, displacement) -> tuple[dict[str, float], int]:
     """Values of `effects.quantities` by name, and the index of the step that they belong to.
 
-    `nodes` holds the columns xy (n, 2), arc, weight, gap, label, paired and middle (n,) of the
-    contact nodes, sorted by label and arc; `steps` the columns u_n, slip, sigma_n, sigma_t and
+    `nodes` holds the columns xy (n, 2), arc, weight, gap, chain, paired and middle (n,) of the
+    contact nodes, sorted by chain and arc; `steps` the columns u_n, slip, sigma_n, sigma_t and
     status (steps, n); `displacement` (steps,) the largest displacement in the body. All as in
     contact.csv and history.csv, status as its code.
     """
@@ -39,30 +40,32 @@ def quantities(effects, nodes: dict, steps: dict, displacement) -> tuple[dict[st
         index = _moment(displacement)
         return {"displacement": float(displacement[index])}, index
     pressure, weight, pieces = -steps["sigma_n"], nodes["weight"], chains(nodes)
-    normal = resultant(nodes["label"], pressure, weight)
+    shares = nodes.get("shares", np.ones((1, len(weight))))
+    normal = resultant(shares, pressure, weight)
     index = _moment(np.abs(normal))
-    peaks = [peak(nodes["arc"][piece], traction(nodes, pressure[index], piece)) for piece in pieces]
+    size = np.abs(pressure[index])
+    peaks = [peak(nodes["arc"][piece], traction(nodes, size, piece)) for piece in pieces]
     values = {"peak_pressure": max(peaks), "normal_resultant": normal[index],
               "contact_length": contact_length(nodes, pieces, steps, index),
               "displacement": displacement[index]}
     if effects.frictional:
-        values |= {"tangential_resultant": resultant(nodes["label"], steps["sigma_t"][index],
-                                                     weight),
+        values |= {"tangential_resultant": resultant(shares, steps["sigma_t"][index], weight),
                    "slip": max(longest_way(nodes, piece, steps, index) for piece in pieces),
                    "dissipated_energy": -((steps["sigma_t"] * steps["slip"]) @ weight).sum()}
     return {name: float(values[name]) for name in effects.quantities}, index
 
 
-def resultant(label: np.ndarray, tractions: np.ndarray, weight: np.ndarray):
+def resultant(shares: np.ndarray, tractions: np.ndarray, weight: np.ndarray):
     """Integral of nodal `tractions` (..., n); of several boundaries the sizes of theirs, added.
+
+    `shares` (boundaries, n) are those of the boundaries in the nodes, see shares.py.
 
     Directions of different boundaries have nothing to do with each other: forces on the two flanks
     of a groove must not cancel.
     """
-    labels = np.unique(label)
-    if len(labels) <= 1:
+    if len(shares) <= 1:
         return tractions @ weight
-    return sum(abs(tractions[..., label == one] @ weight[label == one]) for one in labels)
+    return sum(abs(tractions @ (weight * share)) for share in shares)
 
 
 def _moment(size: np.ndarray) -> int:
@@ -72,9 +75,9 @@ def _moment(size: np.ndarray) -> int:
 
 def chains(nodes: dict) -> list[np.ndarray]:
     """Indices of the contact nodes of every connected boundary piece, in the order of arc."""
-    arc, xy, label = nodes["arc"], nodes["xy"], nodes["label"]
+    arc, xy, chain = nodes["arc"], nodes["xy"], nodes["chain"]
     along, across = np.diff(arc), np.linalg.norm(np.diff(xy, axis=0), axis=1)
-    breaks = (label[1:] != label[:-1]) | (np.abs(along - across) > 1e-6 * across)
+    breaks = (chain[1:] != chain[:-1]) | (np.abs(along - across) > 1e-6 * across)
     return np.split(np.arange(len(arc)), np.flatnonzero(breaks) + 1)
 
 

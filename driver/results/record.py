@@ -8,6 +8,7 @@ from ..march.quasistatic import QuasistaticSolver
 from ..march.step import Step
 from .contact_state import ContactState
 from .quantities import quantities
+from .shares import label_shares
 
 
 class Record:
@@ -16,23 +17,26 @@ class Record:
     def __init__(self, operator: DualOperator, solver: QuasistaticSolver):
         self.operator, self.effects = operator, solver.effects
         self.contact = ContactState(operator, solver)
+        self.labels, self.shares = label_shares(operator.structure)
         self.states = {name: [] for name in ContactField}  # one array (n_c,) a step
         self.displacements = []  # the largest of the body, one number a step
 
     def add(self, step: Step) -> tuple[list[np.ndarray], dict[str, np.ndarray]]:
-        """Displacements (dofs,) of the rank's subdomains and the contact nodes' state in a step."""
-        fields = self.operator.displacements(step.multipliers, step.weights)
+        """Displacements (dofs,) of the rank's subdomains, less travel, and the contact state."""
+        fields = self.operator.deformations(step.multipliers, step.weights)
         state = self.contact.evaluate(step, fields)
         for name, column in self.states.items():
             column.append(state[name])
-        squares = np.concatenate([np.zeros(2), *fields]).reshape(-1, 2) ** 2
+        whole = self.operator.with_travel(fields, step.weights)
+        squares = np.concatenate([np.zeros(2), *whole]).reshape(-1, 2) ** 2
         largest = float(np.sqrt(squares.sum(axis=1).max()))
         self.displacements.append(max(self.operator.comm.allgather(largest)))
         return fields, state
 
     def quantities(self) -> tuple[dict[str, float], int]:
         """Quantities of interest, and the index in the record of the step that they belong to."""
-        names = ("xy", "arc", "weight", "gap", "label", "paired", "middle")
+        names = ("xy", "arc", "weight", "gap", "chain", "paired", "middle")
         nodes = {name: getattr(self.contact.boundary, name) for name in names}
+        nodes["shares"] = self.shares
         steps = {name: np.array(column) for name, column in self.states.items()}
         return quantities(self.effects, nodes, steps, self.displacements)

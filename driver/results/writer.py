@@ -82,7 +82,7 @@ class Writer:
         """Rows of boundaries.csv; once all steps are recorded."""
         states = {name: np.array(column) for name, column in self.record.states.items()}
         times = [(row["step"], row["time"]) for row in self.history_rows]
-        return boundary_rows(self.contact.boundary, states, times, self.record.effects.frictional)
+        return boundary_rows(self.record, states, times)
 
     def close(self) -> None:
         """Write the tables. Raises InputError if they cannot be written."""
@@ -94,14 +94,13 @@ class Writer:
     def _history_row(self, step: Step, state: dict, forces: dict) -> dict:
         weight, touching = self.contact.boundary.weight, state[ContactField.STATUS] != OPEN
         sigma_n, sigma_t = state[ContactField.SIGMA_N], state[ContactField.SIGMA_T]
-        label = self.contact.boundary.label
         row = {"step": step.index, "time": step.time}
         row |= {f"amplitude_{number}": history[step.index]
                 for number, history in self.manifest.amplitudes.items()}
         row |= {"fixed_point_iterations": step.fixed_point_iterations,
                 "dual_multiplications": step.products, "contraction": step.contraction,
-                "resultant_n": 0.0 - float(resultant(label, -sigma_n, weight)),
-                "resultant_t": float(resultant(label, sigma_t, weight))}
+                "resultant_n": 0.0 - float(resultant(self.record.shares, -sigma_n, weight)),
+                "resultant_t": float(resultant(self.record.shares, sigma_t, weight))}
         row |= {f"{name}_{axis}": float(force[k])
                 for name, force in forces.items() for k, axis in enumerate("xy")}
         counts = np.bincount(state[ContactField.STATUS], minlength=len(STATUS_NAMES))

@@ -13,14 +13,30 @@ macros that declare it, there are
 - ``fields``: its numbers at all nodes, ``<room>Fields``,
 - ``manifest``: its entry in the manifest, ``<room>Manifest``,
 - ``amplitudes``: the histories.
+
+Besides, for messages (see explain.py): ``contents``, which has every macro of the scene stand once
+where its kind is expected, on a line of its own, and ``trace``, the macro evaluating(name), which
+says what follows in a run that is traced.
 """
 
 from pathlib import Path
 
 from ..errors import InputError
-from .rooms import NUMBERS, Room, camel, rooms
+from .rooms import NUMBERS, Room, all_macros, camel, rooms
 
 FOLDER = "rooms"
+EVALUATING = "evaluating: "  # said in a traced run before a macro of the scene is evaluated
+# what a macro of a kind is put into; nothing of it is executed
+KINDS = {"number": "{{ real libValue = {0}; }}", "labels": "{{ int[int] libValue = [{0}]; }}",
+         "form": "{{ varf libValue([u1, u2], [v1, v2]) = {0}; }}",
+         "vector": "{{ real libValue = ({0})'*[1., 1.]; }}",
+         "list": "{{ real[int] libValue = {0}; }}"}
+GIVEN_ON = {"edges": "form", "supports": "form", "triangles": "vector", "initial_stress": "number",
+            "nodes": "list"}
+CONTENTS = {"support": "form", "contact": "labels", "contactPair": "labels",
+            "contactNormal": "vector", "young": "number", "poisson": "number", "piece": "number",
+            "slipFactor": "number", "displacementFactor": "number", "amplitude#": "number",
+            **{f"c{k}": "number" for k in (11, 12, 13, 22, 23, 33)}}
 QUASISTATIC = "quasistatic"  # what a scene declares by calling quasistatic(T)
 
 
@@ -47,8 +63,8 @@ def without_names(without: tuple[str, ...]) -> set[str]:
     return absent
 
 
-def write(directory: Path, without: tuple[str, ...] = ()) -> None:
-    """Write the files for a scene of which `without` is left out.
+def write(directory: Path, without: tuple[str, ...] = (), traced: bool = False) -> None:
+    """Write the files for a scene of which `without` is left out; `traced`: to explain a failure.
 
     Raises InputError as `without_names`.
     """
@@ -72,11 +88,37 @@ def write(directory: Path, without: tuple[str, ...] = ()) -> None:
                    for line in _if(f"{room.prefix}Fields", f"{room.prefix}Fields")],
         "manifest": [line for room in used for line in _manifest(room)],
         "amplitudes": [line for k in NUMBERS for line in _amplitude(k, absent)],
+        "contents": [line for name, kind in _kinds().items() for line in _content(*name, kind)],
+        "trace": [f'macro evaluating(name) cerr << "{EVALUATING}" << name << endl; //' if traced
+                  else "macro evaluating(name) //"],
     }
     folder = directory / FOLDER
     folder.mkdir(exist_ok=True)
     for name, lines in files.items():
         (folder / f"{name}.idp").write_text("".join(f"{line}\n" for line in lines))
+
+
+def _kinds() -> dict[tuple[str, str], str]:
+    """What macros expect, by name and arguments."""
+    kinds = {}
+    for room in rooms():
+        for name in room.declared_by:
+            if room.given_on or room.column:
+                kinds[name] = GIVEN_ON[room.given_on] if room.given_on else "number"
+    kinds |= CONTENTS
+    return {(name, macro.arguments): kinds[macro.name] for macro in all_macros()
+            if macro.name in kinds for name in macro.names}
+
+
+def _content(name: str, arguments: str, kind: str) -> list[str]:
+    """A macro where its kind is expected, in a function that nothing calls."""
+    call = f"{name}({', '.join('0.5' for _ in arguments.split(','))})" if arguments else name
+    return _if(name, f"func int libContent{name}() {KINDS[kind].format(call)}")
+
+
+def content_of(path: Path, line: int) -> str:
+    """The macro that a line of ``contents.idp`` is about."""
+    return path.read_text().splitlines()[line - 1].split("libContent")[1].split("(")[0]
 
 
 def _if(macro: str, *lines: str) -> list[str]:
@@ -183,7 +225,9 @@ def _evaluate(room: Room) -> list[str]:
     """The numbers of a room's column."""
     column = f"{room.prefix}At"
     own, common = f"{room.prefix}Evaluate", f"evaluateColumn({room.prefix}Column, {column})"
-    lines = [*_if(own, f"{own}({column})"), *_if(f"!{own}", common)]
+    declaring = [name for macro in _declaring(room) for name in _if(macro, f'evaluating("{macro}")')]
+    lines = [*declaring, *_if(own, f"{own}({column})"), *_if(f"!{own}", common),
+             f'refuseInfinite("{room.column}", {column})']
     if room.nonnegative:
         lines.append(f'refuseNegative("{room.column}", {column})')
     return _if(_room(room), *lines)
@@ -200,7 +244,8 @@ def _amplitude(number: int, absent: set[str]) -> list[str]:
     """The history of the loads with a number; that of a left-out one rests at the end time."""
     name = f"amplitude{number}"
     time = "timeEnd" if name in absent else "libTime"
-    return _if(name, f"if (libNumber == {number}) return {name}({time});")
+    return _if(name, f"if (libNumber == {number}) {{", f'evaluating("{name}")',
+               f"return {name}({time}); }}")
 
 
 def _manifest(room: Room) -> list[str]:
@@ -218,7 +263,7 @@ class _Load:
     def __init__(self, room: Room, k: int):
         self.macro, self.given_on = _numbered(room, k), camel(room.given_on)
         self.form, self.pattern = f"{room.prefix}Form({k})", f"{room.prefix}Pattern{k}"
-        self.declared = f'int {self.pattern} = declare("{room.name}", "{room.given_on}", {k});'
+        self.declared = f'int {self.pattern} = declare("{room.name}", "{room.given_on}", {k}, "{self.macro}");'
 
     def declaration(self) -> list[str]:
         """Its pattern, and what is to be prepared once."""
@@ -229,4 +274,5 @@ class _Load:
     def call(self, what: str) -> list[str]:
         """The macro `what` of what it is given on, if there is one."""
         name = f"{self.given_on}{what}"
-        return _if(self.macro, *_if(name, f"{name}({self.form}, {self.pattern})"))
+        return _if(self.macro, *_if(name, f'evaluating("{self.macro}")',
+                                    f"{name}({self.form}, {self.pattern})"))

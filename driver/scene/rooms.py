@@ -199,11 +199,15 @@ def general_macros() -> tuple[Macro, ...]:
     return read_macros(head(environment.LIBRARY / "export.idp"))[0]
 
 
+def all_macros() -> list[Macro]:
+    """What a scene may define, general or of rooms."""
+    return [*general_macros(), *(macro for room in rooms() for macro in room.macros)]
+
+
 @functools.cache
 def vocabulary() -> frozenset[str]:
     """All macros and numbers of a scene that the library reads."""
-    macros = [*general_macros(), *(macro for room in rooms() for macro in room.macros)]
-    return frozenset(name for macro in macros for name in macro.names)
+    return frozenset(name for macro in all_macros() for name in macro.names)
 
 
 @functools.cache
