@@ -93,7 +93,7 @@ def _rows(summary: dict, key: str, first: str, columns: tuple) -> str:
     """Table of entries of the summary that are rows of a table of `columns`."""
     shown = [column for column in columns if column.name not in ("step", "time")]
     unit = {column.name: generic(column.unit, summary["units"]) for column in shown}
-    head = [f"{c.name.replace('_', ' ')}{f' [{unit[c.name]}]' if unit[c.name] else ''}"
+    head = [f"{c.name.replace('_', ' ')} [{unit[c.name]}]".removesuffix(" []").removesuffix(" [1]")
             for c in shown]
     head[0] = first
     return page.table(head, [[row[c.name] for c in shown] for row in summary.get(key, [])])

@@ -52,6 +52,6 @@ def _table(first: str, rows: list[dict], columns: tuple, units: dict[str, str]) 
         return []
     unit = {str(column.name): generic(column.unit, units) for column in columns}
     names = [name for name in HEADS if name in unit]
-    table = [[first, *(f"{HEADS[name]} [{unit[name]}]" for name in names)]]
+    table = [[first, *(f"{HEADS[name]} [{unit[name]}]".removesuffix(" [1]") for name in names)]]
     table += [[row[first], *(f"{row[name]:.4g}" for name in names)] for row in rows]
     return aligned(table).splitlines()

@@ -74,16 +74,8 @@ def _macro_fault(name: str, code: str, library: str) -> str:
 
 
 def check_statements(scene: Path) -> None:
-    """Refuse what FreeFEM takes without effect, or refuses in words of its own. Raises InputError.
-    """
-    text = scene.read_text(errors="replace")
-    for number, line in enumerate(text.splitlines(), 1):
-        if re.search(r"\baddBody\s*\(\s*rectangle\s*\(", line.split("//")[0]):
-            raise InputError(
-                f"{scene.name} line {number}: rectangle(...) is the only body of a scene and "
-                "stands alone; one of several is addBody(square(nx, ny, [x0 + (x1 - x0)*x, "
-                "y0 + (y1 - y0)*y]))")
-    for name, body in _definitions(text)[0]:
+    """Refuse terms of loads that FreeFEM takes without effect. Raises InputError."""
+    for name, body in _definitions(scene.read_text(errors="replace"))[0]:
         unknown = re.search(r"\bu[12]\b", _without_texts(body))
         if re.fullmatch(r"(load|bodyForce)\d", name) and unknown:
             raise InputError(

@@ -114,9 +114,50 @@ def test_a_scene_without_contact_has_no_boundaries(solved):
 def test_resultants_of_one_boundary_have_a_sign_and_of_several_a_size():
     forces = np.array([[1.0, 2.0, -5.0], [3.0, 0.0, -1.0]])
     weight = np.ones(3)
-    assert resultant(np.array([4, 4, 4]), forces, weight).tolist() == [-2, 2]
-    assert resultant(np.array([4, 4, 9]), forces, weight).tolist() == [8, 4]
-    assert resultant(np.array([], int), np.empty(0), np.empty(0)) == 0
+    assert resultant(np.ones((1, 3)), forces, weight).tolist() == [-2, 2]
+    assert resultant(np.array([[1.0, 1, 0], [0, 0, 1]]), forces, weight).tolist() == [8, 4]
+    assert resultant(np.array([[1.0, 0.5, 0], [0, 0.5, 1]]), forces, weight).tolist() == [6, 4]
+    assert resultant(np.empty((0, 0)), np.empty(0), np.empty(0)) == 0
+
+
+FLOOR = """include "scene.idp"
+units("m", "Pa");
+subdomains("{cut}");
+// three labels on a straight floor, the middle one a single edge
+border first(t = 0, 1) {{ x = 1.2*t; y = 0; label = 8; }}
+border second(t = 0, 1) {{ x = 1.2 + 0.2*t; y = 0; label = 5; }}
+border third(t = 0, 1) {{ x = 1.4 + 0.6*t; y = 0; label = {last}; }}
+border right(t = 0, 1) {{ x = 2; y = t; label = 2; }}
+border top(t = 0, 1) {{ x = 2 - 2*t; y = 1; label = 3; }}
+border left(t = 0, 1) {{ x = 0; y = 1 - t; label = 4; }}
+body = buildmesh(first(6) + second(1) + third(3) + right(5) + top(10) + left(5));
+macro young() 1e3 //
+macro poisson() 0. //
+macro support() on(4, u1 = 0.) //
+macro load1() traction(3, 0., -2.) //
+macro contact() 8, 5, {last} //
+macro friction() 0.3 //
+include "export.idp"
+"""
+
+
+@pytest.mark.parametrize("element, cut", [("P1", 1), ("P1", 4), ("P2", 3)])
+def test_labels_that_go_on_in_one_another_share_their_nodes(solved, tmp_path, element, cut):
+    """Under uniform pressure 2 without Poisson's effect each label carries 2 x its length, however
+    short it is: a node between two labels counts for both by its dual segment. The ends of an open
+    chain of linear elements have half a segment, which the uniform pressure does not notice.
+    """
+    path = tmp_path / "floor.edp"
+    path.write_text(FLOOR.format(cut=cut, last=7))
+    run = solved(path, element=element, rtol=1e-12, primal_rtol=1e-9, friction_rtol=1e-9)
+    table = columns(run)
+    assert np.array_equal(table["boundary"][-1], [5, 7, 8])
+    lengths = np.array([0.2, 0.6, 1.2])
+    assert table["normal_resultant"][-1] == pytest.approx(2 * lengths, rel=1e-6)
+    assert table["force_y"][-1] == pytest.approx(2 * lengths, rel=1e-6)
+    assert table["contact_length"][-1] == pytest.approx(lengths, rel=1e-9)
+    assert table["peak_pressure"][-1] == pytest.approx([2, 2, 2], rel=1e-5)
+    assert run.summary["quantities"]["normal_resultant"] == pytest.approx(4, rel=1e-6)
 
 
 def test_the_screen_has_a_line_a_boundary_and_units_of_engineers(tenon):

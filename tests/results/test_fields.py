@@ -11,7 +11,7 @@ from driver.files import read_table
 
 @pytest.fixture(scope="module", params=["P1", "P2"])
 def wedge(request, solved):
-    return solved("wedge", element=request.param, steps=2, h=8, fields="yes", rtol=1e-11,
+    return solved("wedge", element=request.param, steps=2, h=8, subdomains=6, fields="yes", rtol=1e-11,
                   primal_rtol=1e-8)
 
 

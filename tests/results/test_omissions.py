@@ -94,13 +94,6 @@ def test_coarse_tolerances(run_of):
     assert any(warning.startswith("RTOL=0.5 is so coarse") for warning in warnings)
 
 
-def test_several_bodies_are_no_rectangle(run_of):
-    run = run_of('include "scene.idp"\naddBody(rectangle(0., 1., 0., 1.))\n'
-                 'include "export.idp"\n')
-    assert run.status == 2 and "own.edp line 2: rectangle(...) is the only body" in run.reason
-    assert "addBody(square(" in run.reason
-
-
 def test_repeated_warnings_are_one_line():
     said = [*(f"step {k}: residual {10.0 ** -k:.1e} above 1e-04" for k in (1, 2, 5)), "locking",
             *(f"step {k}: slides" for k in range(1, 40))]
