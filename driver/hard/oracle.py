@@ -100,7 +100,9 @@ class Assembled:
         for sub, k in zip(subdomains, keys):
             used[k] = True
             free[k[sub.fixed]] = False
-            self.held[:, k[sub.fixed]] = sub.fixed_values
+            known = self.held[:, k[sub.fixed]]  # a vertex of two boundaries has what moves it
+            self.held[:, k[sub.fixed]] = np.where(np.abs(sub.fixed_values) > np.abs(known),
+                                                  sub.fixed_values, known)
             for total, load in zip(self.loads, sub.loads):
                 np.add.at(total, k, load)
         self.free = np.flatnonzero(free & used)

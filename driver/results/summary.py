@@ -224,8 +224,9 @@ def _ledger(problem: Problem, sizes: Sizes, solver: QuasistaticSolver, writer: W
     structure = problem.structure
     largest = np.zeros(structure.patterns)
     for k in range(len(largest)):
-        for values in (*(sub.loads for sub in structure.subdomains), *structure.fixed_values):
-            largest[k] = max(largest[k], np.abs(values[k]).max(initial=0))
+        for sub in structure.subdomains:
+            for values in (sub.loads, sub.fixed_values):
+                largest[k] = max(largest[k], np.abs(values[k]).max(initial=0))
     largest = np.max(writer.operator.comm.allgather(largest), axis=0)
     return ledger(solver, asdict(sizes), problem.manifest.factors, largest, writer.history_rows)
 

@@ -46,7 +46,7 @@ def run_of(solved, tmp_path):
 
 
 @pytest.mark.parametrize("more, words", [
-    (LOAD + "macro amplitude2(t) t //", "amplitude2 is declared, but nothing that follows it"),
+    (LOAD + "macro amplitude2(t) t //", "amplitude2 multiplies nothing"),
     ("macro load1() int1d(Ti, 3)(2.*u2*v2) - int1d(Ti, 3)(v1) //", "u2, the unknown"),
     ("macro pull() int1d(Ti, 3)(u1*v1) //\nmacro load3() pull //", None)])
 def test_histories_and_terms_without_effect_are_refused(run_of, more, words):
