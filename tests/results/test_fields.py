@@ -11,8 +11,8 @@ from driver.files import read_table
 
 @pytest.fixture(scope="module", params=["P1", "P2"])
 def wedge(request, solved):
-    return solved("wedge", element=request.param, steps=2, h=8, subdomains=6, fields="yes", rtol=1e-11,
-                  primal_rtol=1e-8)
+    return solved("wedge", element=request.param, steps=2, h=8, subdomains=6, fields="yes",
+                  rtol=1e-11, primal_rtol=1e-8)
 
 
 def test_step_0_is_the_undeformed_body_and_times_are_named(wedge):
