@@ -3,6 +3,8 @@
 import ctypes
 import mmap
 import os
+import re
+import resource
 import shutil
 import signal
 import subprocess
@@ -17,6 +19,7 @@ LIBRARY = ROOT / "edp" / "lib"
 PR_SET_PDEATHSIG = 1  # of Linux's prctl: the signal that a process gets when its parent ends
 BLAS_BUFFER = 2**27  # bytes that OpenBLAS asks for at its first product
 PETSC_ROOM = 150 * 2**20  # bytes of address space that PETSc, MPI and their libraries take at least
+OPEN_FILES = 256  # that MPI, FreeFEM and matplotlib may need to have open together
 AGAIN = 0.01  # seconds after which a lost interrupt comes once more
 PATIENCE = 10  # seconds that an interrupted child has to end by itself
 # Open MPI looks for fast networks and starts a daemon even for a single process, which takes longer
@@ -25,7 +28,14 @@ ALONE = {"OMPI_MCA_pml": "ob1", "OMPI_MCA_btl": "self", "OMPI_MCA_ess_singleton_
          "OMPI_MCA_orte_create_session_dirs": "0"}
 LEFT_BEHIND = ("OMPI_MCA_ess", "OMPI_MCA_pmix")  # what it then sets itself in the environment
 LAUNCHED = ("OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK", "SLURM_PROCID")  # set by launchers
+EVERY_STEP = "DRIVER_EVERY_STEP"  # set where each step is to be printed, not some of them
 SET_UP = "run 'make setup' (apt packages: see apt-packages.txt)"
+
+
+def version() -> str:
+    """The suite's version, which stands in pyproject.toml."""
+    text = (ROOT / "pyproject.toml").read_text()
+    return re.search(r'^version = "([^"]+)"', text, re.MULTILINE)[1]
 
 
 def start_petsc() -> None:
@@ -64,6 +74,21 @@ def _find_petsc() -> None:
     packages = Path(os.environ.get("PETSC_DIR", "/usr/lib/petsc")) / "lib/python3/dist-packages"
     if packages.is_dir() and str(packages) not in sys.path:
         sys.path.append(str(packages))
+
+
+def check_process() -> None:
+    """Refuse to start where MPI would fail with a page of its own words. Raises InputError."""
+    try:
+        os.getcwd()
+    except FileNotFoundError:
+        raise InputError("the current directory no longer exists: "
+                         "change to one that does") from None
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if soft < OPEN_FILES <= hard:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (OPEN_FILES, hard))
+    elif soft < OPEN_FILES:
+        raise InputError(f"only {soft} files may be open at a time: raise the limit, "
+                         f"ulimit -n {OPEN_FILES}")
 
 
 def heed_interrupts() -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 from .. import environment
 from ..errors import InputError
 from . import grammar, rooms
+from .grammar import declared_names
 from .manifest import Manifest
 
 OWN_FILES = ("scene.idp", "export.idp", "gmsh.idp")  # includes of a scene that declare nothing
@@ -73,6 +74,17 @@ def _macro_fault(name: str, code: str, library: str) -> str:
     return ""
 
 
+def check_statements(scene: Path) -> None:
+    """Refuse terms of loads that FreeFEM takes without effect. Raises InputError."""
+    for name, body in _definitions(scene.read_text(errors="replace"))[0]:
+        unknown = re.search(r"\bu[12]\b", _without_texts(body))
+        if re.fullmatch(r"(load|bodyForce)\d", name) and unknown:
+            raise InputError(
+                f"{scene.name}: {name} contains {unknown[0]}, the unknown displacement: a load is "
+                "given and such a term (a spring, a Robin condition) would be left out; write "
+                "loads with v1 and v2 alone, or a spring as a thin soft body")
+
+
 def taken_name(scene: Path, name: str) -> str:
     """Why FreeFEM refuses a variable `name` that a scene and the library both declare."""
     for source in grammar.sources(scene):
@@ -95,14 +107,6 @@ def declared_by_library(name: str) -> bool:
             if name in declared_names(declarators):
                 return True
     return False
-
-
-def declared_names(declarators: str) -> list[str]:
-    """Names that a declaration gives after its type: a and d of `a = f(b, c), d(1)`."""
-    nested = re.compile(r"\([^()]*\)|\[[^][]*\]")
-    while nested.search(declarators):
-        declarators = nested.sub("", declarators)
-    return re.findall(r"(?:^|,)\s*&?\s*(\w+)", declarators)
 
 
 def _is_word(name: str, text: str) -> bool:
