@@ -202,32 +202,33 @@ class CornerNodes:
         return BOTH
 
     # ---- how forces are shared -------------------------------------------------------------------
-    def shared(self, x: np.ndarray, gradient: np.ndarray, rows, contact, tol: float) -> np.ndarray:
+    def shared(self, x: np.ndarray, gradient: np.ndarray, rows, contact, scale: np.ndarray,
+               tol: float) -> np.ndarray:
         """x with the same forces at corners that have just been reached, friction's part in them.
 
         Each node rubs against the slip that brought it there, at its bound. `rows` are the
-        ContactRows, slip beyond `tol` counts.
+        ContactRows, `scale` (owned,) times slip beyond `tol` counts.
         """
         shared = x.copy()
         arrived = (self.acting == BOTH) & (self.normal[:, 0] >= 0) & (self.tangential >= 0).all(1)
         for v in np.flatnonzero(arrived):
             n, t = self.normal[v], self.tangential[v]
-            slip = -gradient[t]
+            slip = -gradient[t] * scale[t]
             sign = np.where(np.abs(slip) > tol, np.sign(slip), 0.0)
-            if not sign.any():
+            if not sign.any() or (x[n] == 0).any():
                 continue
             here, node = self.in_tangential[v], self.nodes[v]
             F = np.zeros(2) if rows.coefficient is None else rows.coefficient[here]
             c = np.zeros(2) if rows.offset is None else rows.offset[here]
-            pulls, touches = np.where(x[n] < 0, -1.0, 1.0), x[n] != 0
+            pulls = np.where(x[n] < 0, -1.0, 1.0)
             normal, tangent = contact.normal[node], contact.tangent[node]
             rays = normal + (sign * F * pulls)[:, None] * tangent
-            force = x[n] @ normal - (sign * c * touches) @ tangent
+            force = x[n] @ normal - (sign * c) @ tangent
             if abs(np.linalg.det(rays)) < DEPENDENT:
                 continue
             pressures = np.linalg.solve(rays.T, force)
             if (pressures * pulls >= 0).all():
-                shared[n], shared[t] = pressures, sign * (F * np.abs(pressures) + c * touches)
+                shared[n], shared[t] = pressures, sign * (F * np.abs(pressures) + c)
         return shared
 
 

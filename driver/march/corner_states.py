@@ -6,6 +6,8 @@ import numpy as np
 from .fixed_point import FixedPoint
 from .step import Load, Trace, Unfinished
 
+NOISE = 10.0  # of the QP's tolerance: slip beyond that a corner has made
+
 
 class CornerStates:
     """Finds a step's fixed point as FixedPoint does, and which nodes of corners act. Collective."""
@@ -43,11 +45,8 @@ class CornerStates:
 
     def shared(self, x: np.ndarray, gradient: np.ndarray) -> np.ndarray:
         """Multipliers (owned,) with friction's part of the forces at corners just reached."""
-        rows, scales = self.fixed_point.rows, self.qp.scales
-        moved = np.abs(np.append(gradient[rows.tangential], self.fixed_point.slip.u_t))
-        size = max(scales.displacement, -self.qp.operator.minimum(-moved.max(initial=0.0)))
-        tol = self.fixed_point.settings.primal_rtol * size
-        return self.corners.shared(x, gradient, rows, self.contact, tol)
+        return self.corners.shared(x, gradient, self.fixed_point.rows, self.contact, self.qp.scale,
+                                   NOISE * self.qp.tol)
 
     def _note(self, index: int) -> None:
         """Warn where no state was right."""
