@@ -3,10 +3,9 @@
 
 import numpy as np
 
+from ..contact.corner_nodes import NOISE
 from .fixed_point import FixedPoint
 from .step import Load, Trace, Unfinished
-
-NOISE = 10.0  # of the QP's tolerance: slip beyond that a corner has made
 
 
 class CornerStates:
@@ -34,8 +33,8 @@ class CornerStates:
                                                              trace, rtol)
             except Unfinished as problem:  # perhaps for want of friction where a side is open
                 failure, x, gradient = problem, problem.x, problem.gradient
-            if not self.corners.switch(x, gradient, self.qp.scale, self.qp.tol,
-                                       self.qp.operator.comm):
+            if not self.corners.switch(x, gradient, self.fixed_point.rows, self.qp.scale,
+                                       self.qp.tol, self.qp.operator.comm):
                 if failure is not None:
                     raise failure
                 self._note(index)
@@ -45,7 +44,7 @@ class CornerStates:
 
     def shared(self, x: np.ndarray, gradient: np.ndarray) -> np.ndarray:
         """Multipliers (owned,) with friction's part of the forces at corners just reached."""
-        return self.corners.shared(x, gradient, self.fixed_point.rows, self.contact, self.qp.scale,
+        return self.corners.shared(x, gradient, self.fixed_point.rows, self.qp.scale,
                                    NOISE * self.qp.tol)
 
     def _note(self, index: int) -> None:
