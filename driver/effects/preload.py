@@ -24,7 +24,7 @@ class Room(initial_state.Room):
         x, without_friction = np.zeros(op.owned), np.zeros(len(rows.tangential))
         load = solver.load(0, solver.motion, np.zeros(op.owned))
         solver.scales.renew(d=load.extent)
-        solver.qp.aim(1.0, load, x)
+        solver.qp.aim(1.0)
         for iteration in range(1, settings.max_fixed_point + 1):
             limits = rows.limits_at(op.owned, without_friction)
             result = solver.qp.solve(0, iteration, load.d, limits, np.clip(x, *limits), 0.0)

@@ -236,3 +236,11 @@ def test_lemke_does_not_cycle(n):
     M, q = np.eye(n) + 2 * np.roll(np.eye(n), 1, axis=1), -np.ones(n)
     z = complementarity._lemke_pivots(M, q, np.ones(n))
     np.testing.assert_allclose(z, 1 / 3, rtol=1e-12)  # the P-matrix has this solution alone
+
+
+def test_wide_gaps_hide_no_violation():
+    """The force of a node that overlaps by 1e-9 counts, although another one is open by 1."""
+    load = np.array([1e-9, -1.0, 0.0, 0.5])
+    problem = CoulombProblem(np.eye(4), load, np.full(2, 0.3), np.arange(2))
+    assert problem.violation(np.zeros(4)) == 1.0
+    assert problem.solves(np.array([1e-9, 0.0, 0.0, 0.0]))
