@@ -36,6 +36,7 @@ from .uniqueness import Uniqueness, worthwhile
 
 CANCELLED = 1e-8  # part of the extent below which deformation is rounding: contact takes the loads
 SETTLINGS = 5  # of bodies without support, whose multipliers follow, in a step
+NOTHING = 1e-9  # part of a load below which another one is none
 FORESEEN = 10.0  # times later loads over a step's, if below 1: part of the step's tolerances
 LAST_PART = 1e-6  # of tolerances, below which tightening must at least halve the residuals
 CARRIED = ("counts", "residuals", "steps", "warnings", "contraction", "seconds")  # of a History
@@ -205,13 +206,11 @@ class QuasistaticSolver:
 
     def _settled(self, index: int, load: Load, x, gradient, sliding, trace: Trace):
         """As `_earned`, with bodies without support where their forces move them least."""
-        for _ in range(SETTLINGS):
-            state = self._earned(index, load, x, gradient, sliding, trace)
-            x, gradient, moved, residuals = state
-            change = self.bodies.settle(load, x, gradient)
-            if not self.operator.modes:
-                return state
-            gradient = gradient - change
+        for left in range(SETTLINGS, -1, -1):
+            x, gradient, moved, residuals = self._earned(index, load, x, gradient, sliding, trace)
+            if not self.operator.modes or not left:
+                break
+            gradient = gradient - self.bodies.settle(load, x, gradient)
             residuals = self._residuals(load, x, gradient)
             if all(value <= self._asked(name) for name, value in residuals.items()):
                 break
@@ -257,7 +256,7 @@ class QuasistaticSolver:
                 of_friction *= tighter
 
     def _foresight(self, index: int) -> float:
-        """Part of the tolerances, 1 but before loads that are less than a hundredth of the step's.
+        """Part of the tolerances, 1 but before loads that are less than a tenth of the step's.
 
         Friction carries slip from a step to all later ones: what is nothing to a spike of the load
         may be more than they bring about. Steps without load ask for nothing.
@@ -265,8 +264,8 @@ class QuasistaticSolver:
         if not self.largest_friction:
             return 1.0
         own, *later = self.loads[index - 1 :]
-        ratio = min((load / own for load in later if load > FADED * own > 0), default=1.0)
-        return min(1.0, FORESEEN * ratio)
+        ratio = min((load / own for load in later if load > NOTHING * own > 0), default=1.0)
+        return min(1.0, FORESEEN * max(ratio, FADED))
 
     def _asked(self, name: str) -> float:
         """The largest residual of this name with which a step has converged."""
