@@ -181,6 +181,7 @@ def main() -> None:
     parser.add_argument("words", nargs="*", help="NAME=VALUE options, or directories for figures")
     given = parser.parse_args()
     try:
+        environment.check_process()
         ENTRIES[given.command](given.words)
     except DriverError as problem:
         report_error(problem)

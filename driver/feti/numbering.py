@@ -21,14 +21,21 @@ def fixed_dofs(manifest: Manifest, subdomains: list[Subdomain],
                comm) -> tuple[np.ndarray, np.ndarray]:
     """Sorted keys 2 gid + component of all fixed dofs of the body, and their values (n, patterns).
 
-    Gathered, as a subdomain that touches a support in a vertex may not know of it.
+    Gathered, as a subdomain that touches a support in a vertex may not know of it. Where boundaries
+    meet, one may fix a dof and the other displace it: subdomains that know the first alone have
+    zeros, so the larger value is what the untorn body has.
     """
     keys, values = [np.empty(0, np.int64)], [np.empty((0, len(manifest.patterns)))]
     for sub in subdomains:
         keys.append(2 * sub.node_gid[sub.dof_node[sub.fixed]] + sub.dof_component[sub.fixed])
         values.append(sub.fixed_values.T)
-    keys, first = np.unique(gather(comm, np.concatenate(keys)), return_index=True)
-    return keys, gather(comm, np.concatenate(values))[first]
+    keys, values = gather(comm, np.concatenate(keys)), gather(comm, np.concatenate(values))
+    order = np.argsort(keys, kind="stable")
+    keys, first = np.unique(keys[order], return_index=True)
+    if not len(keys):
+        return keys, values
+    low, high = (extreme.reduceat(values[order], first) for extreme in (np.minimum, np.maximum))
+    return keys, np.where(high >= -low, high, low)
 
 
 def number(manifest, subdomains, first, skeleton, fixed, contact, comm, frictional) -> Substructure:

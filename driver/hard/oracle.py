@@ -100,7 +100,9 @@ class Assembled:
         for sub, k in zip(subdomains, keys):
             used[k] = True
             free[k[sub.fixed]] = False
-            self.held[:, k[sub.fixed]] = sub.fixed_values
+            known = self.held[:, k[sub.fixed]]  # a vertex of two boundaries has what moves it
+            self.held[:, k[sub.fixed]] = np.where(np.abs(sub.fixed_values) > np.abs(known),
+                                                  sub.fixed_values, known)
             for total, load in zip(self.loads, sub.loads):
                 np.add.at(total, k, load)
         self.free = np.flatnonzero(free & used)
@@ -159,6 +161,7 @@ class Assembled:
         self.gap, self.friction = (sum((self.columns.get(name, 0.0) for name in pair),
                                        np.zeros(len(kept)))
                                    for pair in (("gap", "obstacle"), ("friction", "tresca")))
+        self.bilateral = self.columns.get("bilateral", np.zeros(len(kept))) > 0
         self.xy = np.array([p[0, last:] for _, _, p in kept]).reshape(-1, 2)
         self.normal = total[:, 1:3] / np.linalg.norm(total[:, 1:3], axis=1)[:, None]
         self.tangent = np.column_stack([-self.normal[:, 1], self.normal[:, 0]])
@@ -174,6 +177,7 @@ class Assembled:
         for name in ("gid", "label", "xy", "weight", "gap", "normal", "tangent", "columns"):
             setattr(self, name, getattr(contact, name))
         self.friction = contact.columns.get("friction", np.zeros(len(contact.gid)))
+        self.bilateral = contact.columns.get("bilateral", np.zeros(len(contact.gid))) > 0
         self.terms = contact.term_node, contact.term_gid, contact.term_value
 
     def solve(self, weights, forces=None):

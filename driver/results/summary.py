@@ -79,8 +79,8 @@ class Summary:
     residuals: dict = entry(
         "relative residuals of the KKT conditions, worst of all steps; a step has converged with "
         "none above PRIMAL_RTOL, equilibrium none above FRICTION_RTOL", parts={
-            "stationarity": "norm of the projected gradient over that of the displacements which "
-                            "the multipliers overcome",
+            "stationarity": "norm of the contact forces that the preconditioner finds missing by "
+                            "the projected gradient, over that of all contact forces",
             "gluing": "jump between subdomains over the largest deformation delta, the "
                       "displacement of a node less the rigid motion of its body",
             "penetration": "into obstacle or other body, over delta",
@@ -195,8 +195,9 @@ def _ledger(problem: Problem, sizes: Sizes, solver: QuasistaticSolver, writer: W
     structure = problem.structure
     largest = np.zeros(structure.patterns)
     for k in range(len(largest)):
-        for values in (*(sub.loads for sub in structure.subdomains), *structure.fixed_values):
-            largest[k] = max(largest[k], np.abs(values[k]).max(initial=0))
+        for sub in structure.subdomains:
+            for values in (sub.loads, sub.fixed_values):
+                largest[k] = max(largest[k], np.abs(values[k]).max(initial=0))
     largest = np.max(writer.operator.comm.allgather(largest), axis=0)
     return ledger(solver, asdict(sizes), problem.manifest.factors, largest, writer.history_rows)
 

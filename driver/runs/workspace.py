@@ -152,6 +152,9 @@ class Workspace:
         `out` by now.
         """
         name, descriptor = self._held[self.path]
+        if not os.path.samestat(os.lstat(name), os.fstat(descriptor)):
+            raise InputError(f"{name} has been exchanged by somebody while the run worked there: "
+                             "choose OUT in a directory that others cannot write to")
         with _undisturbed():
             os.fchmod(descriptor, 0o777 & ~_umask())
             wanted, out = out, _free(out)

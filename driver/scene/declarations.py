@@ -14,17 +14,17 @@ macros that declare it, there are
 - ``manifest``: its entry in the manifest, ``<room>Manifest``,
 - ``amplitudes``: the histories.
 
-Besides, for messages (see explain.py): ``contents``, which has every macro of the scene stand once
-where its kind is expected, on a line of its own, and ``trace``, the macro evaluating(name), which
-says what follows in a run that is traced.
+Besides, ``messages/*.idp`` (see explain.py): ``contents``, which has every macro of the scene stand
+once where its kind is expected, on a line of its own, and ``trace``, the macro evaluating(name),
+which says what follows in a run that is traced.
 """
 
 from pathlib import Path
 
 from ..errors import InputError
-from .rooms import NUMBERS, Room, all_macros, camel, rooms
+from .rooms import NUMBERS, Room, all_macros, camel, rooms, source
 
-FOLDER = "rooms"
+FOLDER, MESSAGES = "rooms", "messages"
 EVALUATING = "evaluating: "  # said in a traced run before a macro of the scene is evaluated
 # what a macro of a kind is put into; nothing of it is executed
 KINDS = {"number": "{{ real libValue = {0}; }}", "labels": "{{ int[int] libValue = [{0}]; }}",
@@ -76,7 +76,7 @@ def write(directory: Path, without: tuple[str, ...] = (), traced: bool = False) 
     files = {
         "switches": _switches(without),
         "include": [line for room in used for line in _include(room, absent)],
-        "patterns": [line for load in loads for line in load.declaration()],
+        "patterns": [*(line for load in loads for line in load.declaration()), *_idle(absent)],
         "assemble": [line for load in loads for line in load.call("Assemble")],
         "fix": [line for load in loads for line in load.call("Fix")],
         "record": [line for load in loads for line in load.call("Record")],
@@ -87,23 +87,30 @@ def write(directory: Path, without: tuple[str, ...] = (), traced: bool = False) 
                    for line in _if(f"{room.prefix}Fields", f"{room.prefix}Fields")],
         "manifest": [line for room in used for line in _manifest(room)],
         "amplitudes": [line for k in NUMBERS for line in _amplitude(k, absent)],
+    }
+    messages = {
         "contents": [line for name, kind in _kinds().items() for line in _content(*name, kind)],
         "trace": [f'macro evaluating(name) cerr << "{EVALUATING}" << name << endl; //' if traced
                   else "macro evaluating(name) //"],
     }
-    folder = directory / FOLDER
-    folder.mkdir(exist_ok=True)
-    for name, lines in files.items():
-        (folder / f"{name}.idp").write_text("".join(f"{line}\n" for line in lines))
+    for folder, contents in ((FOLDER, files), (MESSAGES, messages)):
+        (directory / folder).mkdir(exist_ok=True)
+        for name, lines in contents.items():
+            text = "".join(f"{line}\n" for line in lines)
+            (directory / folder / f"{name}.idp").write_text(text)
 
 
 def _kinds() -> dict[tuple[str, str], str]:
     """What macros expect, by name and arguments."""
     kinds = {}
     for room in rooms():
+        as_it_stands = f"macro {room.prefix}Form(k) {{0}}k //"
         for name in room.declared_by:
-            if room.given_on or room.column:
-                kinds[name] = GIVEN_ON[room.given_on] if room.given_on else "number"
+            if room.given_on and as_it_stands.format(name) in source(room):
+                kinds[name] = GIVEN_ON[room.given_on]
+            elif room.column and f"IFMACRO({name}," not in source(room):
+                # the room takes no word, such as yes, besides numbers
+                kinds[name] = "number"
     kinds |= CONTENTS
     return {(name, macro.arguments): kinds[macro.name] for macro in all_macros()
             if macro.name in kinds for name in macro.names}
@@ -112,6 +119,7 @@ def _kinds() -> dict[tuple[str, str], str]:
 def _content(name: str, arguments: str, kind: str) -> list[str]:
     """A macro where its kind is expected, in a function that nothing calls."""
     call = f"{name}({', '.join('0.5' for _ in arguments.split(','))})" if arguments else name
+    # not nested in a second IFMACRO, within which FreeFEM counts lines otherwise
     return _if(name, f"func int libContent{name}() {KINDS[kind].format(call)}")
 
 
@@ -224,7 +232,8 @@ def _evaluate(room: Room) -> list[str]:
     """The numbers of a room's column."""
     column = f"{room.prefix}At"
     own, common = f"{room.prefix}Evaluate", f"evaluateColumn({room.prefix}Column, {column})"
-    declaring = [name for macro in _declaring(room) for name in _if(macro, f'evaluating("{macro}")')]
+    declaring = [line for macro in _declaring(room)
+                 for line in _if(macro, f'evaluating("{macro}")')]
     lines = [*declaring, *_if(own, f"{own}({column})"), *_if(f"!{own}", common),
              f'refuseInfinite("{room.column}", {column})']
     if room.nonnegative:
@@ -238,6 +247,19 @@ def _amplitude(number: int, absent: set[str]) -> list[str]:
     time = "timeEnd" if name in absent else "libTime"
     return _if(name, f"if (libNumber == {number}) {{", f'evaluating("{name}")',
                f"return {name}({time}); }}")
+
+
+def _idle(absent: set[str]) -> list[str]:
+    """Refusal of amplitudes without a load, unless that is left out."""
+    left_out = {name[-1] for name in absent} | ({*map(str, NUMBERS)} if absent & _all_loads() else
+                                                set())
+    return [line for k in NUMBERS if str(k) not in left_out
+            for line in _if(f"amplitude{k}", f"refuseIdle({k});")]
+
+
+def _all_loads() -> set[str]:
+    """Names of the rooms that give loads."""
+    return {room.name for room in rooms() if room.given_on}
 
 
 def _manifest(room: Room) -> list[str]:
@@ -255,7 +277,8 @@ class _Load:
     def __init__(self, room: Room, k: int):
         self.macro, self.given_on = _numbered(room, k), camel(room.given_on)
         self.form, self.pattern = f"{room.prefix}Form({k})", f"{room.prefix}Pattern{k}"
-        self.declared = f'int {self.pattern} = declare("{room.name}", "{room.given_on}", {k}, "{self.macro}");'
+        words = f'"{room.name}", "{room.given_on}", {k}, "{self.macro}"'
+        self.declared = f"int {self.pattern} = declare({words});"
 
     def declaration(self) -> list[str]:
         """Its pattern, and what is to be prepared once."""
@@ -266,5 +289,5 @@ class _Load:
     def call(self, what: str) -> list[str]:
         """The macro `what` of what it is given on, if there is one."""
         name = f"{self.given_on}{what}"
-        return _if(self.macro, *_if(name, f'evaluating("{self.macro}")',
-                                    f"{name}({self.form}, {self.pattern})"))
+        call = f"{name}({self.form}, {self.pattern})"
+        return _if(self.macro, *_if(name, f'evaluating("{self.macro}")', call))

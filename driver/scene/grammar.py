@@ -22,6 +22,7 @@ BUILT_IN = frozenset("""
     atan2 atof atoi boundingbox ceil change cos dist dx dy exec exit floor getline int1d int2d
     intalledges labels max metisdual min movemesh mpirank mpisize on qf1pE qf1pElump qf1pTlump qf2pT
     readmesh restrict rint round sin sqrt square trunc""".split())
+VOCABULARY = ("traction", "pressure", "addBody")  # macros of scene.idp
 MACRO = re.compile(r"[ \t]*macro[ \t]+(\w+)[ \t]*(?:\(([^()]*)\))?(.*)")
 AFTER_MACRO = re.compile(r"[ \t]*(?:macro|NewMacro|include|IFMACRO|ENDIFMACRO)\b")
 DECLARATION = re.compile(r"(?:real|int|bool|string|complex|mesh|matrix|varf|border|fespace|"
@@ -54,7 +55,8 @@ def read(path: Path) -> str:
     except OSError as problem:
         raise InputError(f"the scene {path} cannot be read: {problem.strerror}") from None
     if content.startswith((b"\xff\xfe", b"\xfe\xff")) or b"\0" in content:
-        raise InputError(f"{path.name} is no text that FreeFEM reads: save it as plain text (UTF-8)")
+        raise InputError(f"{path.name} is no text that FreeFEM reads: save it as plain text "
+                         "(UTF-8)")
     if content.startswith(b"\xef\xbb\xbf"):
         raise InputError(f"{path.name} begins with a byte order mark, which FreeFEM does not read: "
                          "save it as UTF-8 without BOM")
@@ -111,6 +113,9 @@ def check(scene: Path) -> None:
                 raise InputError(f"{source.path.name} line {definition.line}: {reason}")
         _check_parameters(source)
         for line, name in _declared(source):
+            if name in VOCABULARY:
+                raise InputError(f"{source.path.name} line {line}: the name '{name}' is the "
+                                 "library's own; choose another")
             if name in BUILT_IN:
                 raise InputError(f"{source.path.name} line {line}: the name '{name}' is FreeFEM's "
                                  "own, with which the library works; choose another")
@@ -197,8 +202,6 @@ def _check_parameters(source: Source) -> None:
 
 def _declared(source: Source) -> list[tuple[int, str]]:
     """Global names that a file declares, each with its line."""
-    from .script import declared_names
-
     found, depth = [], 0
     for number, line in enumerate(source.lines, 1):
         code = re.sub(r'"[^"\n]*"', '""', line.split("//")[0])
@@ -208,3 +211,11 @@ def _declared(source: Source) -> list[tuple[int, str]]:
                     found += [(number, name) for name in declared_names(declaration[1])]
         depth = max(0, depth + code.count("{") - code.count("}"))
     return found
+
+
+def declared_names(declarators: str) -> list[str]:
+    """Names that a declaration gives after its type: a and d of `a = f(b, c), d(1)`."""
+    nested = re.compile(r"\([^()]*\)|\[[^][]*\]")
+    while nested.search(declarators):
+        declarators = nested.sub("", declarators)
+    return re.findall(r"(?:^|,)\s*&?\s*(\w+)", declarators)

@@ -158,6 +158,11 @@ def read_room(path: Path) -> Room:
                 nonnegative=bound == ">= 0", studied=listed("studied"), macros=macros, text=text)
 
 
+def source(room: Room) -> str:
+    """Text of the file of a room."""
+    return (EFFECTS / f"{room.name}.idp").read_text()
+
+
 def read_macros(lines: list[str]) -> tuple[tuple[Macro, ...], str]:
     """Macros and numbers listed in lines of a comment, and the rest of its text.
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from .. import environment
 from ..errors import InputError
 from . import grammar, rooms
+from .grammar import declared_names
 from .manifest import Manifest
 
 OWN_FILES = ("scene.idp", "export.idp", "gmsh.idp")  # includes of a scene that declare nothing
@@ -95,14 +96,6 @@ def declared_by_library(name: str) -> bool:
             if name in declared_names(declarators):
                 return True
     return False
-
-
-def declared_names(declarators: str) -> list[str]:
-    """Names that a declaration gives after its type: a and d of `a = f(b, c), d(1)`."""
-    nested = re.compile(r"\([^()]*\)|\[[^][]*\]")
-    while nested.search(declarators):
-        declarators = nested.sub("", declarators)
-    return re.findall(r"(?:^|,)\s*&?\s*(\w+)", declarators)
 
 
 def _is_word(name: str, text: str) -> bool:
