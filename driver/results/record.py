@@ -8,6 +8,7 @@ from ..march.quasistatic import QuasistaticSolver
 from ..march.step import Step
 from .contact_state import ContactState
 from .quantities import quantities
+from .shares import label_shares
 
 
 class Record:
@@ -16,6 +17,7 @@ class Record:
     def __init__(self, operator: DualOperator, solver: QuasistaticSolver):
         self.operator, self.effects = operator, solver.effects
         self.contact = ContactState(operator, solver)
+        self.labels, self.shares = label_shares(operator.structure)
         self.states = {name: [] for name in ContactField}  # one array (n_c,) a step
         self.displacements = []  # the largest of the body, one number a step
 
@@ -35,5 +37,6 @@ class Record:
         """Quantities of interest, and the index in the record of the step that they belong to."""
         names = ("xy", "arc", "weight", "gap", "chain", "paired", "middle")
         nodes = {name: getattr(self.contact.boundary, name) for name in names}
+        nodes["shares"] = self.shares
         steps = {name: np.array(column) for name, column in self.states.items()}
         return quantities(self.effects, nodes, steps, self.displacements)

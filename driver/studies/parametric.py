@@ -18,6 +18,8 @@ from ..march.problem import assemble
 from ..march.step import StepFailed
 from ..march.uniqueness import DOUBTFUL_FRICTION
 from ..options import Settings
+from ..results.quantities import resultant
+from ..results.shares import label_shares
 from ..runs.request import Request
 from ..scene.loader import read_contact
 from ..scene.manifest import read_manifest
@@ -188,11 +190,13 @@ def _solve(problem, settings, near: np.ndarray | None) -> tuple[Outcome, np.ndar
         solver.condensation.guess = near
     history, fields, u_t, failure = [], {}, solver.initial, None
 
+    shares = label_shares(operator.structure)[1]
+
     def add(step) -> None:
         nonlocal fields, u_t
         fields = _fields(operator, solver.rows, step, u_t)
         u_t = fields["u_t"]
-        row = _quantities(operator.structure.contact, fields)
+        row = _quantities(operator.structure.contact, shares, fields)
         dissipated = row.pop("work") + (history[-1]["dissipated"] if history else 0.0)
         history.append({"step": step.index, "time": step.time, **row, "dissipated": dissipated,
                         "fixed_point_iterations": step.fixed_point_iterations,
@@ -237,12 +241,15 @@ def _fields(operator, rows, step, u_t: np.ndarray) -> dict[str, np.ndarray]:
             "sigma_t": force_t / w + 0.0, "bound": bound / w, "status": status.astype(int)}
 
 
-def _quantities(contact, fields: dict) -> dict:
-    """Resultants and zones of one step; `work` is what friction dissipates in it."""
+def _quantities(contact, shares: np.ndarray, fields: dict) -> dict:
+    """Resultants and zones of one step; `work` is what friction dissipates in it.
+
+    `shares` of labels in nodes as from shares.py.
+    """
     w, touching = contact.weight, fields["status"] != OPEN
     nodes = np.bincount(fields["status"], minlength=3)
-    return {"resultant_n": float(fields["sigma_n"] @ w),
-            "resultant_t": float(fields["sigma_t"] @ w),
+    return {"resultant_n": 0.0 - float(resultant(shares, -fields["sigma_n"], w)),
+            "resultant_t": float(resultant(shares, fields["sigma_t"], w)),
             "peak_pressure": float(-fields["sigma_n"].min(initial=0)),
             "contact_length": float(w[touching].sum()),
             "largest_slip": float(np.abs(fields["slip"]).max(initial=0)),

@@ -109,7 +109,7 @@ def test_what_is_not_declared_cannot_be_left_out(tmp_path, scene, without, said)
 def test_pairs_bring_contact(exported, tmp_path):
     assert list(read_manifest(exported("joint", h=3)).rooms)[:3] == ["contact", "friction", "pair"]
     freefem.export(freefem.find_scene("joint"), tmp_path, {"h": "3"}, without=("contact",))
-    assert list(read_manifest(tmp_path).rooms) == ["traction", "quasistatic"]
+    assert list(read_manifest(tmp_path).rooms) == ["probe", "traction", "quasistatic"]
 
 
 def test_a_study_of_a_scene_without_an_effect(tmp_path):
