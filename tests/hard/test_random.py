@@ -122,6 +122,30 @@ def test_laws_notice_what_is_wrong(problem, tmp_path):
     assert np.isclose(laws.disagreement(right.body, outcome.contact, other), 1e-3, rtol=1e-6)
 
 
+PAIR = """
+include "scene.idp"
+int[int] sides = [11, 12, 13, 14];
+addBody(square(3, 3, [x, y]))
+addBody(square(3, 4, [1 + x, {low} + y], label = sides))
+macro young() 1. //
+macro poisson() 0.3 //
+macro load1() traction(4, 1e-3, -1e-3) + traction(13, 0., -1e-3) //
+macro support() on(12, u1 = 0.) //
+macro contact() 1, 11 //
+macro contactPair() 14, 2 //
+macro tresca() 1e-4 //
+include "export.idp"
+"""
+
+
+@pytest.mark.parametrize("low, shares", [(0.0, True), (0.1, False)])
+def test_bodies_that_share_forces(low, shares, tmp_path):
+    """Two blocks side by side on one floor do, on floors of their own they do not."""
+    path = tmp_path / "pair.edp"
+    path.write_text(PAIR.format(low=low))
+    assert judgement.shares_forces(judgement.Problem.of(path, {}).body) == shares
+
+
 def test_small_friction_is_proved_unique(problem):
     """The bound scales with F; a body that friction alone holds has none."""
     held, *_ = problem(CLAMPED, friction="0.02")
