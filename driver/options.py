@@ -159,12 +159,13 @@ MESHES = (
 # numerical options of the solver, each with a default that suits most runs; tolerances are relative
 SETTINGS = (
     Option("rtol", POSITIVE, 1e-8, SOLVER, SOLVING,
-           "QP: projected gradient over the displacements that multipliers overcome, at first"),
+           "QP: projected gradient over the displacements that multipliers overcome"),
     Option("friction_rtol", POSITIVE, 1e-6, SOLVER, SOLVING,
            "fixed point: change of lambda_n over lambda_n; balance of bodies without support"),
-    Option("primal_rtol", POSITIVE, 1e-6, SOLVER, SOLVING, "all residuals in summary.json, relative "
-           "to deformations and forces; where one is larger, the step goes on with tighter RTOL "
-           "and FRICTION_RTOL, and ends with status 4 if that does not lower it"),
+    Option("primal_rtol", POSITIVE, 1e-6, SOLVER, SOLVING,
+           "all residuals in summary.json, relative to deformations and forces; where one is "
+           "larger, the step goes on with tighter RTOL and FRICTION_RTOL, and ends with status 4 "
+           "if that does not lower it"),
     Option("max_fixed_point", whole("a whole number", 1), 100, SOLVER, SOLVING,
            "iterations of the fixed point in a time step"),
     Option("max_products", whole("a whole number", 1), 200_000, SOLVER, SOLVING,

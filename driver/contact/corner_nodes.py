@@ -30,6 +30,7 @@ import numpy as np
 from ..errors import InputError
 
 MOST = 6  # changes of a corner's state in one step
+SLIGHT = 1e-9  # relative difference of gaps that counts as none
 DEPENDENT = 1e-8  # singular value below which rows of length one depend on one another
 
 
@@ -103,7 +104,9 @@ class CornerNodes:
 
     `nodes` (v, 2) are contact nodes; `normal`, `tangential` (v, 2) positions in the rank's dual
     vectors, -1 where it owns none; `in_normal`, `in_tangential` (v, 2) likewise in ContactRows.
-    `alone` (v,): one displacement is free, and one condition acts. `bilateral` (v, 2).
+    `alone` (v,): one displacement is free, and one condition acts. `bilateral` (v, 2). `offset`
+    (v, 2): friction forces that need no pressure. `gap` (v, 2): a corner starts with the side that
+    is nearer, alike distances with both.
     """
 
     nodes: np.ndarray
@@ -112,11 +115,17 @@ class CornerNodes:
     in_tangential: np.ndarray
     alone: np.ndarray
     bilateral: np.ndarray
+    offset: np.ndarray
+    gap: np.ndarray
     acting: np.ndarray = field(init=False)
     switches: np.ndarray = field(init=False)
 
     def __post_init__(self):
-        self.acting = np.where(self.alone, FIRST, BOTH)
+        first, second = self.gap.T
+        alike = np.abs(first - second) <= SLIGHT * np.abs(self.gap).max()
+        nearer = np.where(alike, BOTH, np.where(first < second, FIRST, SECOND))
+        self.acting = np.where(self.alone & (nearer == BOTH), FIRST,
+                               np.where(self.bilateral.any(axis=1) & ~self.alone, BOTH, nearer))
         self.begin_step()
 
     def begin_step(self) -> None:
@@ -177,8 +186,12 @@ class CornerNodes:
         bilateral = self.bilateral[v]
         if self.acting[v] == BOTH:
             opened = ~bilateral & (force == 0) & (over < -tol)
-            if opened.all() or not opened.any():
+            if not opened.any():
                 return BOTH
+            if opened.all():  # only what rubs without pressure matters
+                opened = self.offset[v] < self.offset[v].max()
+                return BOTH if not opened.any() and not self.offset[v].any() else (
+                    SECOND if opened[0] else FIRST)
             return SECOND if opened[0] else FIRST
         own = 0 if self.acting[v] == FIRST else 1
         missed = over[1 - own]
@@ -218,11 +231,11 @@ class CornerNodes:
         return shared
 
 
-def corner_nodes(structure, in_tangential: np.ndarray, bilateral: np.ndarray) -> CornerNodes | None:
+def corner_nodes(structure, in_tangential: np.ndarray, law) -> CornerNodes | None:
     """The corners of a Substructure; None, which costs nothing, where there are none.
 
-    `in_tangential` (n_c,): places of the nodes' tangential rows among the rank's, or -1;
-    `bilateral` (n_c,).
+    `in_tangential` (n_c,): places of the nodes' tangential rows among the rank's, or -1; `law`: the
+    ContactLaw.
     """
     contact, (start, stop) = structure.contact, structure.row_range
     if not len(contact.corners):
@@ -233,5 +246,6 @@ def corner_nodes(structure, in_tangential: np.ndarray, bilateral: np.ndarray) ->
     def owned(rows: np.ndarray) -> np.ndarray:
         return np.where((rows >= start) & (rows < stop), rows - start, -1)
 
+    offset = np.zeros(len(contact.gid)) if law.offset is None else law.offset
     return CornerNodes(nodes, owned(normal), owned(tangential), in_tangential[nodes], rank == 1,
-                       bilateral[nodes])
+                       law.bilateral[nodes], offset[nodes], contact.gap[nodes])

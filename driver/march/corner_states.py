@@ -4,7 +4,7 @@
 import numpy as np
 
 from .fixed_point import FixedPoint
-from .step import Load, Trace
+from .step import Load, Trace, Unfinished
 
 
 class CornerStates:
@@ -21,13 +21,21 @@ class CornerStates:
         Raises Unfinished.
         """
         if self.index != index:
+            if self.index == 0:  # a preload may have changed states
+                self.fixed_point.condensation.select()
             self.index = index
             self.corners.begin_step()
         while True:
-            x, gradient, sliding = self.fixed_point.find(index, load, x, gradient, sliding, trace,
-                                                          rtol)
+            failure = None
+            try:
+                x, gradient, sliding = self.fixed_point.find(index, load, x, gradient, sliding,
+                                                             trace, rtol)
+            except Unfinished as problem:  # perhaps for want of friction where a side is open
+                failure, x, gradient = problem, problem.x, problem.gradient
             if not self.corners.switch(x, gradient, self.qp.scale, self.qp.tol,
                                        self.qp.operator.comm):
+                if failure is not None:
+                    raise failure
                 self._note(index)
                 return x, gradient, sliding
             self.fixed_point.condensation.select()

@@ -81,8 +81,8 @@ class Summary:
     residuals: dict = entry(
         "relative residuals of the KKT conditions, worst of all steps; a step has converged with "
         "none above PRIMAL_RTOL, equilibrium none above FRICTION_RTOL", parts={
-            "stationarity": "norm of the projected gradient over that of the displacements which "
-                            "the multipliers overcome",
+            "stationarity": "norm of the contact forces that the preconditioner finds missing by "
+                            "the projected gradient, over that of all contact forces",
             "gluing": "jump between subdomains over the largest deformation delta, the "
                       "displacement of a node less the rigid motion of its body",
             "penetration": "into obstacle or other body, over delta",

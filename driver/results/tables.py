@@ -24,7 +24,8 @@ STEP = (Column("step", "1", "number of the step, from 1"),
 
 CONTACT = (
     *STEP,
-    Column("node", "1", "number of the contact node, from 0, sorted by boundary and arc"),
+    Column("node", "1", "number of the contact node, from 0, in the order of boundaries and arc; "
+           "two at a corner, with a normal each"),
     Column("x", "length", "coordinate of the node"),
     Column("y", "length", "coordinate of the node"),
     Column("arc", "length", "arc length along the boundary"),
@@ -42,7 +43,8 @@ CONTACT = (
     Column(ContactField.BOUND, "stress", "largest shear traction that friction can hold"),
     Column(ContactField.STATUS, "1", f"{', '.join(STATUS_NAMES)}"),
 )
-LABEL = Column("boundary", "1", "label of the contact boundary, where there are several")
+LABEL = Column("boundary", "1", "label of the contact boundary, where there are several; at a node "
+               "in which one goes on in another that of the longer part")
 
 HISTORY = (
     *STEP,

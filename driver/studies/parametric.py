@@ -158,15 +158,11 @@ def _places(boundary, read) -> np.ndarray:
 
     Of two nodes at a corner that which faces the same way.
     """
-    def keys(of, paired):
-        """Vertex, and the label of a pair."""
-        return zip(of.gid.tolist(), np.where(paired, of.label, 0).tolist())
-
     vertices = {}
-    for place, key in enumerate(keys(read, read.family > 0)):
+    for place, key in enumerate(zip(read.gid.tolist(), read.family.tolist())):
         vertices.setdefault(key, []).append(place)
     places = np.full(len(boundary.gid), -1)
-    for node, key in enumerate(keys(boundary, boundary.paired)):
+    for node, key in enumerate(zip(boundary.gid.tolist(), boundary.family.tolist())):
         places[node] = max(vertices.get(key, [-1]),
                            key=lambda place: read.normal[place] @ boundary.normal[node])
     return places
