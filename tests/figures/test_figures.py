@@ -356,7 +356,7 @@ def test_foundation_under_a_round_body_is_as_flat_as_its_gap_says():
     ends, size = circle(1, angle), 2.0
     contact = {"x": ends[:, 0], "y": ends[:, 1], "normal_x": ends[:, 0], "normal_y": ends[:, 1],
                "gap": -1 / np.sin(angle) - 1,  # along the normal, down to y = -1
-               "arc": angle}
+               "arc": 1 + angle}
     axes = Figure().add_subplot()
     obstacle.draw_obstacle(axes, contact, size, 1.0, 0.016 * size)
     line, marks = (np.array(c.get_segments()) for c in axes.collections)
