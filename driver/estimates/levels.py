@@ -97,7 +97,12 @@ class Levels:
         """The run with `settings` on every `stride`-th time. Raises DriverError if it fails."""
         key = (*dataclasses.astuple(settings), stride, *sorted(changes.items()))
         if key not in self.runs:
-            self.runs[key] = self._run(self.problem(**changes), settings, stride)
+            try:
+                self.runs[key] = self._run(self.problem(**changes), settings, stride)
+            except DriverError as failure:
+                self.runs[key] = failure
+        if isinstance(self.runs[key], DriverError):
+            raise self.runs[key]
         return self.runs[key]
 
     def _run(self, problem: Problem, settings: Settings, stride: int) -> Level:

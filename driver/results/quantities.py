@@ -5,7 +5,7 @@
     tangential_resultant  shear traction sigma_t summed over the contact boundary, with its sign
     contact_length        length in contact, its edges located between nodes
     slip                  longest way that a point of the boundary has slid in contact since time 0
-    dissipated_energy     work that friction has taken since time 0
+    dissipated_energy     work that friction has taken since time 0 (dissipation.py)
     displacement          largest |u| of a node
 
 Units: stress; stress x length for the resultants; length; stress x length^2 for the energy. Forces
@@ -30,8 +30,9 @@ def quantities(effects, nodes: dict, steps: dict, displacement) -> tuple[dict[st
 
     `nodes` holds the columns xy (n, 2), arc, weight, gap, label, paired and middle (n,) of the
     contact nodes, sorted by label and arc; `steps` the columns u_n, slip, sigma_n, sigma_t and
-    status (steps, n); `displacement` (steps,) the largest displacement in the body. All as in
-    contact.csv and history.csv, status as its code.
+    status (steps, n) and, with friction, its `work` (steps,) from dissipation.py; `displacement`
+    (steps,) the largest displacement in the body. All as in contact.csv and history.csv, status as
+    its code.
     """
     displacement = np.asarray(displacement, float)
     if not effects.contact:
@@ -47,7 +48,7 @@ def quantities(effects, nodes: dict, steps: dict, displacement) -> tuple[dict[st
     if effects.frictional:
         values |= {"tangential_resultant": steps["sigma_t"][index] @ weight,
                    "slip": max(longest_way(nodes, piece, steps, index) for piece in pieces),
-                   "dissipated_energy": -((steps["sigma_t"] * steps["slip"]) @ weight).sum()}
+                   "dissipated_energy": steps["work"].sum()}
     return {name: float(values[name]) for name in effects.quantities}, index
 
 

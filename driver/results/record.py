@@ -7,6 +7,7 @@ from ..feti.operator import DualOperator
 from ..march.quasistatic import QuasistaticSolver
 from ..march.step import Step
 from .contact_state import ContactState
+from .dissipation import Dissipation, start
 from .quantities import quantities
 
 
@@ -18,6 +19,12 @@ class Record:
         self.contact = ContactState(operator, solver)
         self.states = {name: [] for name in ContactField}  # one array (n_c,) a step
         self.displacements = []  # the largest of the body, one number a step
+        self.work = []  # of friction, one number a step
+        b = self.contact.boundary
+        self.dissipation = None
+        if self.effects.frictional:
+            bound = start(self.effects, solver.law, b.weight)
+            self.dissipation = Dissipation(b.weight, b.gap, bound)
 
     def add(self, step: Step) -> tuple[list[np.ndarray], dict[str, np.ndarray]]:
         """Displacements (dofs,) of the rank's subdomains and the contact nodes' state in a step."""
@@ -25,6 +32,7 @@ class Record:
         state = self.contact.evaluate(step, fields)
         for name, column in self.states.items():
             column.append(state[name])
+        self.work.append(self.dissipation.add(step.time, state) if self.dissipation else 0.0)
         squares = np.concatenate([np.zeros(2), *fields]).reshape(-1, 2) ** 2
         largest = float(np.sqrt(squares.sum(axis=1).max()))
         self.displacements.append(max(self.operator.comm.allgather(largest)))
@@ -35,4 +43,5 @@ class Record:
         names = ("xy", "arc", "weight", "gap", "label", "paired", "middle")
         nodes = {name: getattr(self.contact.boundary, name) for name in names}
         steps = {name: np.array(column) for name, column in self.states.items()}
+        steps["work"] = np.array(self.work)
         return quantities(self.effects, nodes, steps, self.displacements)

@@ -38,6 +38,7 @@ FEWEST = 4  # a fourth of the scene's own steps is where their choice starts
 TIME, ALGEBRAIC, ROOM = 0.35, 0.05, 0.85
 LAST = 0.7  # of what is allowed may be the time step's part where there are no more steps to take
 LARGEST = 300_000  # vertices; twice as many unknowns
+RETRIES = (1.0, 0.1, 0.01)  # factors of the tolerances of a run that failed
 TOLERANCES = ("rtol", "friction_rtol", "primal_rtol")
 
 
@@ -49,7 +50,7 @@ class Search:
         self.levels, self.asked, self.say = levels, asked, say
         self.settings = dataclasses.replace(settings, rtol=0.01 * asked, friction_rtol=0.1 * asked,
                                             primal_rtol=0.03 * asked)
-        self.first = self._first()
+        self.coarsening, self.first = self._first()
         self.knob = mesh_knob(self.first.parameters)
         if self.knob is None:
             raise InputError("no parameter (CELLS, H) sets the mesh size of this scene: "
@@ -60,8 +61,8 @@ class Search:
         self.name = quantity
         self.parts: dict = {}  # by source: {quantity: Part}
 
-    def _first(self):
-        """Manifest of the coarsest mesh."""
+    def _first(self) -> tuple:
+        """Part of the scene's own mesh that the coarsest has, and its manifest."""
         for factor in COARSENING:
             try:
                 manifest = self.levels.problem(coarsening=factor).manifest
@@ -73,19 +74,22 @@ class Search:
             if knob:  # the same mesh under its own name
                 key = ((knob, manifest.parameters[knob]),)
                 self.levels.problems[key] = self.levels.problems[(("coarsening", factor),)]
-            return manifest
+            return factor, manifest
 
     # ---- runs ------------------------------------------------------------------------------------
     def _level(self, size, stride=None, settings=None):
         stride = stride or self.stride
         settings = self.scaled(settings or self.settings, stride)
-        return self.levels.run(settings, stride, **{self.knob: size})
+        for factor in RETRIES:  # loose tolerances can miss the balance of a body that slides
+            try:
+                return self.levels.run(_tightened(settings, factor), stride, **{self.knob: size})
+            except DriverError:
+                if factor == RETRIES[-1]:
+                    raise
 
     def scaled(self, settings, stride: int):
         """Tolerances of a run with many steps: what each step leaves adds up in slip and energy."""
-        factor = min(1.0, 5 / (self.total // stride))
-        return dataclasses.replace(settings, **{name: max(1e-10, factor * getattr(settings, name))
-                                                for name in TOLERANCES})
+        return _tightened(settings, min(1.0, 5 / (self.total // stride)))
 
     def _values(self, size, stride=None, settings=None) -> dict:
         return self._level(size, stride, settings).values
@@ -136,7 +140,7 @@ class Search:
         return not effects.frictional or (
             "preload" not in effects
             and effects.homogeneous(contact, effects.initial_displacement(contact))
-            and proportional(problem.manifest.factors) and self.name != "dissipated_energy")
+            and proportional(problem.manifest.factors))
 
     def _more_steps(self, size) -> None:
         """More steps, as the mesh of a size tells; raises NotConverged if there are no more."""
@@ -212,6 +216,18 @@ class Search:
         return {q: summed({source: self.parts[source][q] for source in order}, value)
                 for q, value in values.items()}
 
+    def _skip_unsolved(self) -> None:
+        """Refine the first mesh until the scene can be solved on it, up to its own mesh."""
+        while True:
+            try:
+                self._level(self.sizes[0])
+                return
+            except DriverError:
+                if self.coarsening <= 1:
+                    raise
+                self.coarsening /= 2
+                self.sizes[0] = self._finer(self.sizes[0], 2.0)
+
     def _next(self, entry: dict) -> float:
         """The next mesh size: its estimate is to use up ROOM of what other parts leave."""
         others = sum(entry[s] for s in ("time", "friction", "solver") if s in entry)
@@ -233,6 +249,7 @@ class Search:
 
     def run(self):
         """Search, leaving the finest run. Raises InputError, NoSolution or NotConverged."""
+        self._skip_unsolved()
         self.sizes.append(self._finer(self.sizes[0], 2.0))
         self.name = self._name(self._values(self.sizes[-1]))
         if self._memoryless(self.sizes[-1]):
@@ -292,6 +309,12 @@ class Search:
         settings = self.scaled(self.settings, self.stride)
         names = [name for name in TOLERANCES if self.effects.frictional or name != "friction_rtol"]
         return chosen | {name.upper(): f"{getattr(settings, name):.1g}" for name in names}
+
+
+def _tightened(settings, factor: float):
+    """Settings with all tolerances multiplied by a factor."""
+    return dataclasses.replace(settings, **{name: max(1e-10, factor * getattr(settings, name))
+                                            for name in TOLERANCES})
 
 
 # ---- the stage -----------------------------------------------------------------------------------
