@@ -31,7 +31,7 @@ from .friction_qp import FrictionQP
 from .slip import SlipState
 from .step import History, Load, Step, StepFailed, Trace, Unfinished
 from .supported import SupportedBodies
-from .uniqueness import Uniqueness, worthwhile
+from .uniqueness import CHANGING, Uniqueness, worthwhile
 
 CANCELLED = 1e-8  # part of ||d|| below which displacements are rounding: contact takes the loads
 TIGHTENINGS = 3  # tenfold reductions of the QP tolerance that a step may ask for
@@ -205,6 +205,9 @@ class QuasistaticSolver:
         if not search.frictional or search.failure:
             return
         if not worthwhile(choice, nodes, self.largest_friction, self.doubtful):
+            return
+        if self.effects.coefficient_changes:
+            search.failure = CHANGING
             return
         if nodes > globalization.CONDENSED_NODES:
             search.failure = f"{nodes} contact nodes, more than {globalization.CONDENSED_NODES}"

@@ -5,8 +5,14 @@ Coulomb's law it has one solution where the coefficient is small; how small depe
 on the mesh (J. Haslinger, R. Kucera, O. Vlach, Bifurcations in contact problems with local Coulomb
 friction, ENUMATH 2007). On the condensed contact rows other solutions are looked for, all of them
 where the nodes are few.
+
+There is a proof that a step has one solution without friction, and where the nodes are so few that
+all their states were tried: if none has a singular linear system, which may hide solutions that are
+not isolated. Coefficients that depend on slip or displacement are other ones at other solutions,
+which are not looked for.
 """
 
+import itertools
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -20,6 +26,9 @@ SMALL = 64  # contact nodes up to which a doubtful step is examined without bein
 # (C. Eck, J. Jarusek, Math. Models Meth. Appl. Sci. 8 (1998) 445-468); this is its least value,
 # that of nu = 0
 DOUBTFUL_FRICTION = np.sqrt(3) / 2
+SINGULAR = 1e-10  # ratio of the least to the largest pivot of a system that may be singular
+CHANGING = ("friction changes with slip or displacement, and with it the problem that other "
+            "solutions would have to solve")
 
 
 def worthwhile(choice: str, nodes: int, friction: float, doubtful: bool) -> bool:
@@ -48,9 +57,9 @@ class Uniqueness:
         if mine is None or np.abs(mine[: problem.rows] - x).max() > 1e-2 * np.abs(x).max():
             mine = problem.whole(x)
         all_of_them = problem.n <= FEW and not problem.bilateral
-        self.exhaustive += all_of_them
         if all_of_them:
             solutions = complementarity.all_solutions(problem)
+            self.exhaustive += _regular(problem)
         else:
             solutions = complementarity.search(problem, mine)
         forces = np.array([y[: problem.rows] for y in (mine, *solutions)])
@@ -88,6 +97,16 @@ class Uniqueness:
             lines.append(f"step {step}{others}: the solution is not unique; followed is the first "
                          f"of: {named}")
         return lines
+
+
+def _regular(problem: CoulombProblem) -> bool:
+    """Whether no linear system of any states is singular, so that all solutions are isolated."""
+    for states in itertools.product(*(problem.choices(node) for node in range(problem.n))):
+        system = problem.system(np.array(states), np.ones(problem.n))
+        pivots = np.abs(np.diag(system.factor))
+        if system.singular or len(pivots) and pivots.min() <= SINGULAR * pivots.max():
+            return False
+    return True
 
 
 def _describe(problem: CoulombProblem, z: np.ndarray, weight: np.ndarray) -> dict:

@@ -146,7 +146,8 @@ def _lemke_pivots(M: np.ndarray, q: np.ndarray, cover: np.ndarray) -> np.ndarray
         return np.zeros(k)
     table = np.column_stack([-M, -cover, q])
     basic, nonbasic = np.arange(k), np.arange(k, 2 * k + 1)  # w_i: i, z_i: k + i, artificial: 2 k
-    row, column = int(np.argmin(q / cover)), k
+    # of equal ones the last, as if q were perturbed by powers of a small number: see `_least`
+    row, column = k - 1 - int(np.argmin((q / cover)[::-1])), k
     for _ in range(50 * k):
         _pivot(table, row, column)
         leaving = basic[row]
@@ -164,8 +165,26 @@ def _lemke_pivots(M: np.ndarray, q: np.ndarray, cover: np.ndarray) -> np.ndarray
         ratio = np.where(able, table[:, -1] / np.where(able, entry, 1.0), np.inf)
         ties = np.flatnonzero(ratio <= ratio.min() + 1e-13)
         artificial = ties[basic[ties] == 2 * k]
-        row = int(artificial[0] if len(artificial) else ties[np.argmax(entry[ties])])
+        row = int(artificial[0]) if len(artificial) else _least(table, basic, nonbasic, ties, column)
     return None
+
+
+def _least(table, basic, nonbasic, ties: np.ndarray, column: int) -> int:
+    """Of the rows `ties` the one to pivot on by the lexicographic rule, which excludes cycling.
+
+    The right-hand side is perturbed by powers of a small number, so that there are no ties: rows of
+    the inverse basis, which are the columns of the w, are compared from the first to the last
+    (Cottle, Pang, Stone, section 4.9).
+    """
+    entry = table[:, column]
+    for number in range(len(basic)):
+        if len(ties) == 1:
+            break
+        place = np.flatnonzero(nonbasic == number)
+        inverse = table[ties, place[0]] if len(place) else (basic[ties] == number).astype(float)
+        ratio = inverse / entry[ties]
+        ties = ties[ratio <= ratio.min() + 1e-12 * np.abs(ratio).max()]
+    return int(ties[0])
 
 
 def _pivot(table: np.ndarray, row: int, column: int) -> None:

@@ -85,7 +85,7 @@ class Summary:
     contraction: float = entry("worst mean ratio of successive changes of a step's fixed point")
     fallbacks: dict = entry("steps that needed another method, by the method's name")
     uniqueness: dict = entry("whether the steps have other solutions", parts={
-        "verdict": "unique, not unique, no second solution found or not examined",
+        "verdict": "unique (proved), not unique, no second solution found or not examined",
         "steps_examined": "number of steps that were examined",
         "steps_not_unique": "numbers of the steps",
         "solutions": "those of the first such step, the one that is followed first"})
