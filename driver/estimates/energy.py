@@ -37,6 +37,12 @@ class EnergyEstimator:
         if self.largest is None or energy > (1 + 1e-9) * self.largest[0]:
             self.largest = self.last
 
+    @property
+    def considered(self) -> list[tuple[Step, dict]]:
+        """The last step and that with most energy, if another one, with their contact states."""
+        kept = [k for k in (self.last, self.largest) if k is not None]
+        return [(step, state) for _, step, state in {k[1].index: k for k in kept}.values()]
+
     def estimates(self) -> list[tuple[Step, Estimate]]:
         """Of the last step and that with most energy, if another one; the same on all ranks.
 

@@ -7,12 +7,11 @@ friction, ENUMATH 2007). On the condensed contact rows other solutions are looke
 where the nodes are few.
 
 There is a proof that a step has one solution without friction, and where the nodes are so few that
-all their states were tried: if none has a singular linear system, which may hide solutions that are
+all their states were tried: if no singular linear system among theirs may hide solutions that are
 not isolated. Coefficients that depend on slip or displacement are other ones at other solutions,
 which are not looked for.
 """
 
-import itertools
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -26,7 +25,6 @@ SMALL = 64  # contact nodes up to which a doubtful step is examined without bein
 # (C. Eck, J. Jarusek, Math. Models Meth. Appl. Sci. 8 (1998) 445-468); this is its least value,
 # that of nu = 0
 DOUBTFUL_FRICTION = np.sqrt(3) / 2
-SINGULAR = 1e-10  # ratio of the least to the largest pivot of a system that may be singular
 CHANGING = ("friction changes with slip or displacement, and with it the problem that other "
             "solutions would have to solve")
 
@@ -59,7 +57,7 @@ class Uniqueness:
         all_of_them = problem.n <= FEW and not problem.bilateral
         if all_of_them:
             solutions = complementarity.all_solutions(problem)
-            self.exhaustive += _regular(problem)
+            self.exhaustive += complementarity.all_isolated(problem)
         else:
             solutions = complementarity.search(problem, mine)
         forces = np.array([y[: problem.rows] for y in (mine, *solutions)])
@@ -97,16 +95,6 @@ class Uniqueness:
             lines.append(f"step {step}{others}: the solution is not unique; followed is the first "
                          f"of: {named}")
         return lines
-
-
-def _regular(problem: CoulombProblem) -> bool:
-    """Whether no linear system of any states is singular, so that all solutions are isolated."""
-    for states in itertools.product(*(problem.choices(node) for node in range(problem.n))):
-        system = problem.system(np.array(states), np.ones(problem.n))
-        pivots = np.abs(np.diag(system.factor))
-        if system.singular or len(pivots) and pivots.min() <= SINGULAR * pivots.max():
-            return False
-    return True
 
 
 def _describe(problem: CoulombProblem, z: np.ndarray, weight: np.ndarray) -> dict:

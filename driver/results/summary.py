@@ -101,6 +101,7 @@ class Summary:
         "export": "FreeFEM", "read": "reading its export", "setup": "reduction to the interfaces",
         "solve": "all time steps, those before an interruption included",
         "output": "contact quantities and fields",
+        "validity": "checks of the model's assumptions",
         "energy_error": "error in the energy norm", "estimates": "error budget", "total": "the sum",
         "export_cycles": "FreeFEM in refinement cycles",
         "solve_cycles": "all else in refinement cycles"})
@@ -117,6 +118,15 @@ class Summary:
     quantities_time: float | None = entry("the time they belong to", "time", optional=True)
     resumed_after_step: int | None = entry(
         "finished steps of an interrupted run that were taken up", optional=True)
+    validity: dict | None = entry("whether the assumptions of the model hold", optional=True, parts={
+        "largest_strain": "largest principal strain of a triangle",
+        "largest_rotation": "largest rotation of a triangle, in rad, less that of a free body",
+        "largest_normal_error": "distance of closed nodes from what they meet, at displaced places "
+                                "and as used, over the contact length",
+        "normal_turn": "angle between the normals there and as used, in rad",
+        "overlaps": "[label, label, depth over the body's size] of boundaries without declared "
+                    "contact that penetrate",
+        "verdict": "ok, questionable or invalid", "reason": "why, where and what to do"})
     accuracy: dict | None = entry("of ACCURACY=", optional=True, parts={
         "quantity": "whose error was asked for", "asked": "relative error asked for",
         "reached": "estimated relative error", "settings": "options that give the same run by hand",
@@ -138,6 +148,9 @@ def summarize(request, problem: Problem, solver: QuasistaticSolver,
     manifest, structure, history = problem.manifest, problem.structure, solver.history
     sizes = Sizes.of(structure)
     warnings = [*history.warnings, *history.fallbacks.warnings(), *solver.uniqueness.warnings()]
+    if optional.get("validity") and optional["validity"]["verdict"] != "ok":
+        doubt = optional["validity"]
+        warnings.append(f"results are {doubt['verdict']}: {doubt['reason']}")
     if failure:
         warnings.append(str(failure))
     if writer.history_rows:

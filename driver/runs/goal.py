@@ -352,6 +352,7 @@ def run(directory: Path, request: Request, comm) -> tuple[int, str]:
 def _write(directory: Path, request: Request, search: Search, status: int, reason: str,
            clock: float) -> None:
     """Results of the finest run, as an ordinary run leaves them."""
+    from ..estimates import validity
     from ..results import summary
     from ..results.writer import Writer
 
@@ -359,8 +360,10 @@ def _write(directory: Path, request: Request, search: Search, status: int, reaso
     comm, level = levels.comm, search._level(search.sizes[-1])
     problem = _as_asked(search, levels.problem(**size))
     writer = Writer(directory, problem.manifest, problem.operator, level.solver, request.fields)
-    for step in level.steps:
-        writer.add(step)
+    states, energies = zip(*(writer.add(step) for step in level.steps))
+    checked = {len(states) - 1, max(range(len(states)), key=energies.__getitem__)}
+    valid = validity.assess(problem, writer.contact,
+                            [(level.steps[k], states[k]) for k in sorted(checked)])
     writer.close()
     budget, chosen = search.budget(), search.chosen()
     entry = budget[search.name]
@@ -375,7 +378,8 @@ def _write(directory: Path, request: Request, search: Search, status: int, reaso
     seconds = {"read": 0.0, **levels.seconds, "output": now - begun, "total": now - clock}
     summary.write(directory, summary.summarize(
         request, problem, level.solver, failure, search.scaled(search.settings, search.stride),
-        writer, summary.largest_memory(comm), seconds, errors=errors, accuracy=accuracy), comm)
+        writer, summary.largest_memory(comm), seconds, errors=errors, validity=valid,
+        accuracy=accuracy), comm)
     if comm.rank == 0:
         (directory / "run.log").write_text(json.dumps(accuracy) + "\n")
         levels.place(**size).rename(directory / "export")

@@ -5,7 +5,7 @@ import time
 from pathlib import Path
 
 from ..errors import DriverError, agreed_writes
-from ..estimates import adaptivity, soundness
+from ..estimates import adaptivity, soundness, validity
 from ..estimates.energy import EnergyEstimator, report
 from ..march.problem import Problem, assemble
 from ..march.quasistatic import QuasistaticSolver
@@ -85,10 +85,12 @@ def run(directory: Path, request: Request, comm) -> tuple[int, str]:
     seconds["output"] -= solver.history.seconds - before  # of this process
     seconds["solve"] = solver.history.seconds  # of all steps
     errors = _errors(directory, request, problem, failure, writer, estimator, lap)
+    valid = validity.assess(problem, writer.contact, estimator.considered)
+    lap("validity")
     seconds["total"] = sum(seconds.values())
     writer.close()
     content = summary.summarize(request, problem, solver, failure, settings, writer, memory,
-                                seconds, resumed_after_step=resumed, errors=errors)
+                                seconds, resumed_after_step=resumed, errors=errors, validity=valid)
     summary.write(directory, content, comm)
     return (failure.exit_status, str(failure)) if failure else (0, "")
 

@@ -354,14 +354,18 @@ def test_no_method_left_is_a_status(monkeypatch):
 
 # --------------------------------------------------------------------------- what counts as a proof
 
-def test_a_singular_state_proves_nothing():
-    """F = 1 makes over = (1 - F) lambda_n vanish while the node slides: a line of solutions may lie
-    there, which trying all states does not see.
+def test_a_line_of_solutions_is_not_overlooked():
+    """F = 1 makes over = d_n - (1 - F) lambda_n = d_n for all pressures while the node slides: with
+    d_n = 0 those up to 0.2 all solve; none with 1, and F = 0.5 has no singular state.
     """
-    for coefficient, verdict in ((0.5, "unique"), (1.0, "no second solution found")):
-        problem, found = one_node(coefficient, (1.0, 0.2)), Uniqueness(True)
-        found.examine(1, problem, lemke(problem), np.ones(1))
-        assert found.verdict == verdict
+    assert complementarity.all_isolated(one_node(0.5, (0.0, 0.2)))
+    assert complementarity.all_isolated(one_node(1.0, (1.0, 0.2)))
+    line = one_node(1.0, (0.0, 0.2))
+    assert not complementarity.all_isolated(line)
+    # in the middle of the line, from where no end of it may be seen
+    found = Uniqueness(True)
+    found.examine(1, line, np.array([0.1, 0.1]), np.ones(1))
+    assert found.verdict != "unique"
 
 
 def test_friction_that_falls_with_slip_is_not_called_unique(solved, tmp_path):

@@ -73,3 +73,11 @@ def test_what_sticks_takes_nothing():
     of = Dissipation(np.ones(1), np.zeros(1), np.zeros(1))
     one = {C.U_N: 0.0, C.SLIP: 1e-9, C.BOUND: 3.0, C.SIGMA_T: -2.9}
     assert of.add(1.0, {name: np.array([value]) for name, value in one.items()}) == 0.0
+
+
+def test_what_opens_counts_until_it_does():
+    """Pressure falls from 1 to zero at 0.6, between two of 4 steps, while the node slides on."""
+    times = np.linspace(0, 1, 5)[1:]
+    work = march(times, lambda t: max(0.0, 1 - t / 0.6), lambda t: t, start=F,
+                 opening=lambda t: max(t - 0.6, 0.0))
+    assert work == pytest.approx(2 * F * 0.6 / 2, rel=1e-12)

@@ -6,7 +6,7 @@ Rates in h and in the time step against it.
 import numpy as np
 import pytest
 
-E, NU, F, P, A = 1000.0, 0.3, 0.3, 10.0, 0.02
+E, NU, F, P, A = 1000.0, 0.3, 0.3, 1.0, 0.002
 LAMBDA, MU = E * NU / ((1 + NU) * (1 - 2 * NU)), E / (2 * (1 + NU))
 M = LAMBDA + 2 * MU
 
