@@ -166,7 +166,8 @@ def _lemke_pivots(M: np.ndarray, q: np.ndarray, cover: np.ndarray) -> np.ndarray
         ratio = np.where(able, table[:, -1] / np.where(able, entry, 1.0), np.inf)
         ties = np.flatnonzero(ratio <= ratio.min() + 1e-13)
         artificial = ties[basic[ties] == 2 * k]
-        row = int(artificial[0]) if len(artificial) else _least(table, basic, nonbasic, ties, column)
+        row = int(artificial[0]) if len(artificial) else _least(table, basic, nonbasic, ties,
+                                                                column)
     return None
 
 
@@ -216,7 +217,7 @@ def all_solutions(problem: CoulombProblem) -> list[np.ndarray]:
 
 
 def all_isolated(problem: CoulombProblem) -> bool:
-    """Whether no states of a few nodes have a whole line of solutions, of which trying all is blind.
+    """Whether no states of a few nodes have a line of solutions, to which trying all is blind.
 
     Unilateral contact. Where the linear system of states is singular and has solutions, a linear
     program decides whether one of them obeys the law's inequalities.
@@ -237,8 +238,8 @@ def _obeys_somewhere(problem: CoulombProblem, states, z, directions) -> bool:
     for line in directions.T:
         slopes.append(_slack(problem, states, z + line) - rest)  # the law is affine in a state
     size = max(np.abs(rest).max(initial=0.0), np.abs(problem.rigidity * problem.load).max())
-    answer = linprog(np.zeros(len(slopes)), A_ub=-np.array(slopes).T / size, b_ub=rest / size + SLACK,
-                     bounds=(None, None))
+    answer = linprog(np.zeros(len(slopes)), A_ub=-np.array(slopes).T / size,
+                     b_ub=rest / size + SLACK, bounds=(None, None))
     return answer.status != 2  # infeasible
 
 

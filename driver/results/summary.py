@@ -118,7 +118,7 @@ class Summary:
     quantities_time: float | None = entry("the time they belong to", "time", optional=True)
     resumed_after_step: int | None = entry(
         "finished steps of an interrupted run that were taken up", optional=True)
-    validity: dict | None = entry("whether the assumptions of the model hold", optional=True, parts={
+    validity: dict | None = entry("whether the model's assumptions hold", optional=True, parts={
         "largest_strain": "largest principal strain of a triangle",
         "largest_rotation": "largest rotation of a triangle, in rad, less that of a free body",
         "largest_normal_error": "distance of closed nodes from what they meet, at displaced places "

@@ -83,9 +83,9 @@ class Search:
         for factor in RETRIES:  # loose tolerances can miss the balance of a body that slides
             try:
                 return self.levels.run(_tightened(settings, factor), stride, **{self.knob: size})
-            except DriverError:
-                if factor == RETRIES[-1]:
-                    raise
+            except DriverError as failure:
+                error = failure
+        raise error
 
     def scaled(self, settings, stride: int):
         """Tolerances of a run with many steps: what each step leaves adds up in slip and energy."""
