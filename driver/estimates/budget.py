@@ -219,8 +219,9 @@ def describe_energy(entry: dict) -> list[str]:
         return [f"no error in the energy norm: {entry['reason']}"]
     if "total" not in entry:
         return []
-    mesh, solver, friction, total = (share(entry[name], entry["norm"])
-                                     for name in ("mesh", "solver", "friction", "total"))
-    parts = f"mesh {mesh}, solver {solver}, friction {friction}"
+    mesh, solver, friction, correction, total = (
+        share(entry[name], entry["norm"])
+        for name in ("mesh", "solver", "friction", "correction", "total"))
+    parts = f"mesh {mesh}, solver {solver}, friction {friction}, correction {correction}"
     bound = "at most" if entry["kind"] == "equilibrated" else "about"
     return [f"error of the last step in the energy norm: {bound} {total} ({parts})"]

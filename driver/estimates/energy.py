@@ -11,9 +11,11 @@ from ..march.step import Step
 from ..scene import elements
 from ..scene.manifest import Manifest
 from . import recovery
-from .bound import EquilibratedBound, Estimate
+from .bound import EXCLUDED, EquilibratedBound, Estimate
 from .torn_body import Gather, gather_body
 
+WHY = ("an estimate by smoothed stresses, no bound: stresses in equilibrium are made of the degree "
+       "that bounds linear elements only")
 NOTHING = 1e-6  # relative displacements below this are what tolerances leave
 
 
@@ -118,7 +120,9 @@ def report(estimates: list[tuple[Step, Estimate]], kind: str) -> dict:
         if e.reason:
             entries.append({"step": e.step, "reason": e.reason})
             continue
-        names = ("mesh", "solver", "friction", "total", "norm")
+        names = ("mesh", "solver", "friction", "correction", "total", "norm")
         entries.append({"step": e.step, **{name: float(getattr(e, name)) for name in names},
                         "relative": float(e.total / e.norm) if e.norm > 0 else 0.0})
-    return {"kind": kind, **entries[0], **({"largest": entries[1]} if len(entries) > 1 else {})}
+    named = {"excluded": list(EXCLUDED)} if kind == "equilibrated" else {"why": WHY}
+    return {"kind": kind, **entries[0], **({"largest": entries[1]} if len(entries) > 1 else {}),
+            **named}
