@@ -18,11 +18,15 @@ from ..options import Settings
 from ..results.record import Record
 from ..results.relinearization import linearized
 from ..scene import freefem
-from .budget import (FORMAL, UNBOUNDED, Part, advice, coarser, extrapolate, mesh_knob, name_of,
-                     ratio, summed)
+from .between_steps import departures
+from .budget import (UNBOUNDED, Part, advice, coarser, extrapolate, formal_order, mesh_knob,
+                     name_of, ratio, summed)
 
 # a loose fixed point may stop where a much tighter one does: the companion's is this at most
 SETTLED = 1e-7
+FEW = 4  # steps below which coarser times tell nothing
+FINER = 4  # times as many steps then, also where steps miss what a history does
+UNTRIED = "no run with more steps to compare with"
 TIGHTER = 100.0  # tolerances of the companions that tell what those of the run leave
 
 
@@ -212,16 +216,38 @@ class Companions:
         runs = [(self.values, self._values(self.meshes[1]))] if len(self.meshes) > 1 else []
         if len(self.meshes) > 2:
             runs.append([self._values(mesh, self._stride(2)) for mesh in self.meshes[1:]])
-        return self._parts(runs, self.ratios, FORMAL["mesh"][self.manifest.element], UNBOUNDED)
+        return self._parts("mesh", runs, self.ratios)
 
     def _time(self) -> dict[str, Part]:
-        """Every second and fourth time; without friction only the instant counts."""
+        """Every second and fourth time; without friction only the instant counts.
+
+        Where there are few steps, or so few would miss what the history does, twice and four times
+        as many.
+        """
+        steps = self.manifest.steps
+        if self.effects.frictional and (steps < FEW or departures(self.manifest, FEW)):
+            return self._more_time()
         strides = [1, 2, 4] if self.effects.frictional else [1, 2]
-        strides = [stride for stride in strides if stride <= self.manifest.steps]
+        strides = [stride for stride in strides if stride <= steps]
         values = [self._values(self.base, stride) for stride in strides]
-        counts = [len(samples(self.manifest.steps, stride)) - 1 for stride in strides]
+        counts = [len(samples(steps, stride)) - 1 for stride in strides]
         ratios = [a / b for a, b in zip(counts, counts[1:])]
-        return self._parts(list(zip(values, values[1:])), ratios, FORMAL["time"])
+        return self._parts("time", list(zip(values, values[1:])), ratios)
+
+    def _more_time(self) -> dict[str, Part]:
+        """From runs with more steps: their distance, and what the finest errs by itself."""
+        mesh = {**self.base, "sampling": FINER}
+        try:
+            self.levels.problem(**mesh)
+        except DriverError as problem:
+            self.notes.append(f"companion with {FINER * self.manifest.steps} steps: {problem}")
+            return dict.fromkeys(self.values, Part(None, note=UNTRIED))
+        values = [self._values(mesh, stride) for stride in (1, 2, 4)]
+        if None in values:
+            return dict.fromkeys(self.values, Part(None, note=UNTRIED))
+        parts = self._parts("time", list(zip(values, values[1:])), [2.0, 2.0])
+        return {name: Part(abs(values[2][name] - values[0][name]) + part.error, part.order)
+                for name, part in parts.items()}
 
     def _algebraic(self, first: dict, then: dict) -> dict[str, Part]:
         """What settings `then` change in a run with those of `first`."""
@@ -233,13 +259,13 @@ class Companions:
             return dict.fromkeys(self.values, unknown)
         return {name: Part(abs(before[name] - after[name])) for name in self.values}
 
-    def _parts(self, runs: list, ratios: list[float], formal: float,
-               unbounded=()) -> dict[str, Part]:
+    def _parts(self, source: str, runs: list, ratios: list[float]) -> dict[str, Part]:
         """Parts from pairs of finer and coarser runs, finest first, up to one that failed."""
         good = [pair for k, pair in enumerate(runs)
                 if not any(run is None for before in runs[: k + 1] for run in before)]
         return {name: extrapolate([fine[name] - coarse[name] for fine, coarse in good], ratios,
-                                  formal, value, name not in unbounded)
+                                  formal_order(source, self.manifest.element, name), value,
+                                  source == "time" or name not in UNBOUNDED)
                 for name, value in self.values.items()}
 
 

@@ -22,7 +22,7 @@ import numpy as np
 
 from ..contact.states import OPEN, SLIP
 
-NOTHING = 1e-9  # part of the largest resultant of the history that rounding leaves
+NOTHING = 1e-5  # part of the largest resultant of the history that tolerances leave
 
 
 def quantities(effects, nodes: dict, steps: dict, displacement) -> tuple[dict[str, float], int]:

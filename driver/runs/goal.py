@@ -28,8 +28,8 @@ from pathlib import Path
 from ..effects import Effects
 from ..effects.quasistatic import proportional
 from ..errors import DriverError, InputError, NoSolution, NotConverged, error_of
-from ..estimates.budget import (FORMAL, SOURCES, UNBOUNDED, Part, extrapolate, main_quantity,
-                                mesh_knob, name_of, ratio, share, summed)
+from ..estimates.budget import (FORMAL, SOURCES, UNBOUNDED, Part, extrapolate, formal_order,
+                                main_quantity, mesh_knob, name_of, ratio, share, summed, vanishing)
 from .request import Request
 
 COARSENING = (8, 4, 2, 1)  # of the scene's own mesh, for the first one that can be had
@@ -102,7 +102,7 @@ class Search:
     def _choose_steps(self, size, finest: int) -> None:
         """As few steps as keep their error below TIME of what is allowed, strides from `finest`."""
         fewest = 2 * self.stride if "time" in self.parts else self.stride
-        strides = [fewest, fewest // 2]
+        strides = [fewest, max(1, fewest // 2)]
         runs = [self._values(size, stride) for stride in strides]
         while not self._in_time(runs) and strides[-1] > finest:
             strides.append(strides[-1] // 2)
@@ -127,7 +127,8 @@ class Search:
         """
         last = runs[:-4:-1]
         self.parts["time"] = {q: extrapolate([a[q] - b[q] for a, b in zip(last, last[1:])],
-                                             [2.0] * (len(last) - 1), FORMAL["time"], value, True)
+                                             [2.0] * (len(last) - 1),
+                                             formal_order("time", "", q), value, True)
                               for q, value in last[0].items()}
         return self.parts["time"][self.name].error <= part * self.asked * abs(last[0][self.name])
 
@@ -156,7 +157,7 @@ class Search:
 
     def _enough_steps(self, size) -> bool:
         """Whether the time step's part is small enough on a finer mesh, against half the steps."""
-        if "time" not in self.parts:
+        if "time" not in self.parts or self.stride == self.total:
             return True
         runs = [self._values(size, 2 * self.stride), self._values(size)]
         return self._in_time(runs, self._time_share)
@@ -203,7 +204,7 @@ class Search:
         sizes = self.sizes[:-4:-1]
         runs = [self._values(size) for size in sizes]
         ratios = [ratio(self.knob, b, a) for a, b in zip(sizes, sizes[1:])]
-        formal = FORMAL["mesh"][self.first.element] if len(runs) > 2 else 1.0
+        formal = FORMAL["mesh"][self.first.element]
         self.parts["mesh"] = {q: extrapolate([a[q] - b[q] for a, b in zip(runs, runs[1:])], ratios,
                                              formal, value,
                                              q not in UNBOUNDED) for q, value in runs[0].items()}
@@ -254,6 +255,9 @@ class Search:
         self.name = self._name(self._values(self.sizes[-1]))
         if self._memoryless(self.sizes[-1]):
             self.stride = self.total
+            if self.effects.frictional:  # all that depends on the way grows in proportion
+                none = dict.fromkeys(self._values(self.sizes[-1]), Part(0.0))
+                self.parts["time"] = none
         self._tighten(self.sizes[-1])
         if self.stride < self.total:
             self._choose_steps(self.sizes[-1], SAMPLING)
@@ -264,6 +268,7 @@ class Search:
                      f"{self._words()} {entry['value']:.4g}, estimated error "
                      f"{share(entry['total'], entry['value'])} "
                      f"(mesh {share(entry['mesh'], entry['value'])})")
+            self._refuse_zero()
             allowed = self.asked * abs(entry["value"])
             met = len(self.sizes) > 2 and entry["total"] is not None and entry["total"] <= allowed
             if met and not self._tighten(self.sizes[-2]) and self._enough_steps(self.sizes[-2]):
@@ -286,6 +291,16 @@ class Search:
             size = self._next(entry)
             self._make(size, share(entry["total"], entry["value"]))
             self.sizes.append(size)
+
+    def _refuse_zero(self) -> None:
+        """Raise NoSolution where the quantity is zero: it has no relative error to be met."""
+        budget = self.budget()
+        values, errors = ({name: entry[key] for name, entry in budget.items()}
+                          for key in ("value", "total"))
+        if self.name in vanishing(values, errors):
+            raise NoSolution(f"the {self._words()} is zero but for its error of "
+                             f"{errors[self.name] or 0.0:.1g} (by symmetry, or as nothing slides): "
+                             "it has no relative error to be met; ask for another quantity")
 
     def _make(self, size, reached: str) -> None:
         """Have the problem of a finer mesh made. Raises NotConverged if it cannot be."""

@@ -5,7 +5,7 @@ import time
 from pathlib import Path
 
 from ..errors import DriverError, agreed_writes
-from ..estimates import adaptivity, soundness, validity
+from ..estimates import adaptivity, between_steps, soundness, validity
 from ..estimates.energy import EnergyEstimator, report
 from ..march.problem import Problem, assemble
 from ..march.quasistatic import QuasistaticSolver
@@ -125,6 +125,8 @@ def _march(directory: Path, request: Request, problem: Problem, solver: Quasista
         if failure.step is not None:
             add(failure.step)
     history.warnings += soundness.warnings(problem, estimator.largest and estimator.largest[1])
+    if problem.effects.frictional:  # else the end does not depend on the way
+        history.warnings += between_steps.warnings(problem.manifest)
     with agreed_writes(comm):
         progress.close(str(failure or "converged"))
     return resumed, before, failure
