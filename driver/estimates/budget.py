@@ -14,18 +14,21 @@ p above           trusted as little as below, down to the first order; rest foll
 p below 1         error = S SLOW rest, at the observed order, however slow
 turning back      error = S times the larger of first and |q1 - q2| / (s - 1)
 no decrease       twice the sum of the differences; a pressure, the only quantity that may be
-                  without limit, gets none below the order DOUBTFUL
-two meshes        error = 2 first
+                  without limit, gets none below the order DOUBTFUL, and at an end of contact none
+                  where it changes by more than STILL
+two meshes        error = PAIR first
 
-with S, FLOOR, SLOW chosen on synthetic sequences, sums of two powers of h and of a disorder of
+with FLOOR, SLOW, PAIR chosen on synthetic sequences, sums of two powers of h and of a disorder of
 order 1 to 1.5 (tests/estimates/test_budget.py): 95 to 99 of 100 errors are covered, and the median
-of error over truth is 2.5 to 3.5. The same holds for time steps.
+of error over truth is 2.5 to 3.5; S by quantity (CAUTION) on 397 triples of meshes of shipped
+scenes, of which 96 of 100 hold with a median of 3.8. The same holds for time steps.
 
 mesh      the same run on meshes with elements 2 and 4 times as long, or of the cycles before
           (ADAPT)
 time      on the finer one of these meshes, every second and every fourth time of the load history
 friction  there at every fourth time: FRICTION_RTOL against a hundredth of it, both with RTOL/100
-solver    likewise RTOL (MPRGP, gluing) against a hundredth of it
+solver    likewise RTOL (MPRGP, gluing) against a hundredth of it; both times the ratios of steps
+          and of element sizes, by which a run adds up more and answers more to its tolerances
 
 What the run does not have has no part: time in a static scene, or where the end of the history does
 not depend on the way to it (no friction); the fixed point without Coulomb friction.
@@ -40,10 +43,15 @@ import numpy as np
 # kinks where contact begins and ends (Moussaoui, Khodja, Comm. PDE 17 (1992) 805-826)
 FORMAL = {"mesh": {"P1": 2.0, "P2": 3.0, "P2-mixed": 3.0}, "time": 1.0}
 SECOND_ORDER = ("dissipated_energy",)  # in time, by the trapezoid of its friction bound
-SAFETY, FLOOR, SLOW = 1.75, 0.8, 1.5
+SAFETY, FLOOR, SLOW, PAIR = 1.75, 0.8, 1.5, 4.0
+# of the mesh's part, by quantity: what about 95 of 100 take, or all but one, on 397 triples of
+# meshes of shipped scenes
+CAUTION = {"peak_pressure": 2.0, "normal_resultant": 2.0, "tangential_resultant": 1.25,
+           "contact_length": 1.75, "slip": 1.25, "dissipated_energy": 1.5, "displacement": 1.4}
 SLOWEST = 0.02  # an observed order below this is no convergence
-DOUBTFUL = 0.5  # nor is one below this of a quantity that may have no limit
+DOUBTFUL = 0.3  # nor is one below this of a quantity that may have no limit
 WANDER = 0.02  # relative spread below which values that do not converge visibly just wander
+STILL = 1e-3  # the same at places where there may be no limit
 ALONE = "no coarser run to compare with"
 SINGULAR = "does not converge under refinement, it may be singular"
 VANISHED = 1e-6  # of what its unit suggests: a quantity that is zero but for tolerances
@@ -95,16 +103,20 @@ def observed_order(d1: float, d2: float, r: float, s: float) -> float:
 
 
 def extrapolate(changes: list[float], ratios: list[float], formal: float, value: float,
-                limit: bool = False) -> Part:
+                limit: bool = False, singular: bool = False, safety: float = SAFETY) -> Part:
     """Error of a `value` from its changes q0 - q1, q1 - q2 (up to two) between sizes in `ratios`.
 
     `limit`: there is a limit in any case, so that changes that grow only tell that it is not near.
+    `singular`: the value belongs to a place where it may be infinite, and has an error only where
+    it hardly changes.
     """
     if not changes:
         return Part(None, note=ALONE)
     d1, r = abs(changes[0]), ratios[0]
     if len(changes) == 1:
-        return Part(2 * d1 / (r - 1))
+        if singular and d1 > STILL * abs(value):
+            return Part(None, note=SINGULAR)
+        return Part(PAIR * d1 / (r - 1))
     d2, s = abs(changes[1]), ratios[1]
     if d1 == d2 == 0:
         return Part(0.0)
@@ -113,17 +125,17 @@ def extrapolate(changes: list[float], ratios: list[float], formal: float, value:
     first = d1 / (r - 1), d2 / (s - 1)  # errors at the first order
     spread = max(first) if turned else d1 + d2
     unlimited = not limit and not turned and spread > WANDER * abs(value)
-    if unlimited and order < DOUBTFUL:
+    if singular and d1 + d2 > STILL * abs(value) or unlimited and order < DOUBTFUL:
         return Part(None, note=SINGULAR)
     if turned:
-        return Part(SAFETY * spread, order)
+        return Part(safety * spread, order)
     if order < SLOWEST:
         return Part(2 * spread)
     p = order if order <= formal else max(1.0, 2 * formal - order)
     rest = d2 / ((s**p - 1) * r**p)  # = d1/(r^p - 1), but where p was changed
     if order < 1:
-        return Part(SAFETY * SLOW * rest, order)
-    return Part(SAFETY * max(rest, FLOOR * first[0]), order)
+        return Part(safety * SLOW * rest, order)
+    return Part(safety * max(rest, FLOOR * first[0]), order)
 
 
 # ---- the budget of a run -------------------------------------------------------------------------
@@ -165,8 +177,10 @@ def mesh_knob(parameters: dict) -> str | None:
 
 
 def coarser(knob: str, size: float) -> float | None:
-    """The mesh size twice as coarse (CELLS: rounded down), None where there is none."""
-    return 2 * size if knob == "h" else size // 2 or None
+    """The mesh size twice as coarse (CELLS: rounded up), None where there is none."""
+    if knob == "h":
+        return 2 * size
+    return (size + 1) // 2 if size > 1 else None
 
 
 def ratio(knob: str, coarse: float, fine: float) -> float:

@@ -8,7 +8,7 @@ from ..march.quasistatic import QuasistaticSolver
 from ..march.step import Step
 from .contact_state import ContactState
 from .dissipation import Dissipation, start
-from .quantities import quantities
+from .quantities import quantities, singular_places
 
 
 class Record:
@@ -40,8 +40,20 @@ class Record:
 
     def quantities(self) -> tuple[dict[str, float], int]:
         """Quantities of interest, and the index in the record of the step that they belong to."""
+        return quantities(self.effects, *self._columns(), self.displacements)
+
+    def singular_places(self) -> tuple[str, ...]:
+        """Names of the quantities whose values belong to places where they may be infinite."""
+        if not self.effects.contact:
+            return ()
+        return singular_places(*self._columns(), self.quantities()[1])
+
+    def _columns(self) -> tuple[dict, dict]:
+        """Columns of the nodes and of the steps, as quantities.py takes them."""
         names = ("xy", "arc", "weight", "gap", "label", "paired", "middle")
         nodes = {name: getattr(self.contact.boundary, name) for name in names}
+        fixed = self.contact.constrained * np.abs(self.contact.boundary.tangent)
+        nodes["mirrored"] = fixed.max(axis=1, initial=0.0) > 0.99
         steps = {name: np.array(column) for name, column in self.states.items()}
         steps["work"] = np.array(self.work)
-        return quantities(self.effects, nodes, steps, self.displacements)
+        return nodes, steps

@@ -28,8 +28,9 @@ from pathlib import Path
 from ..effects import Effects
 from ..effects.quasistatic import proportional
 from ..errors import DriverError, InputError, NoSolution, NotConverged, error_of
-from ..estimates.budget import (FORMAL, SOURCES, UNBOUNDED, Part, extrapolate, formal_order,
-                                main_quantity, mesh_knob, name_of, ratio, share, summed, vanishing)
+from ..estimates.budget import (CAUTION, FORMAL, SOURCES, UNBOUNDED, Part, extrapolate,
+                                formal_order, main_quantity, mesh_knob, name_of, ratio, share,
+                                summed, vanishing)
 from .request import Request
 
 COARSENING = (8, 4, 2, 1)  # of the scene's own mesh, for the first one that can be had
@@ -203,11 +204,13 @@ class Search:
         """Budget of the quantity on the finest mesh."""
         sizes = self.sizes[:-4:-1]
         runs = [self._values(size) for size in sizes]
+        singular = self._level(sizes[0]).singular
         ratios = [ratio(self.knob, b, a) for a, b in zip(sizes, sizes[1:])]
         formal = FORMAL["mesh"][self.first.element]
         self.parts["mesh"] = {q: extrapolate([a[q] - b[q] for a, b in zip(runs, runs[1:])], ratios,
                                              formal, value,
-                                             q not in UNBOUNDED) for q, value in runs[0].items()}
+                                             q not in UNBOUNDED, q in singular, CAUTION[q])
+                              for q, value in runs[0].items()}
         return self.budget()[self.name]
 
     def budget(self) -> dict:

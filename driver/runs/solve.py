@@ -179,6 +179,7 @@ def _budget(directory: Path, request: Request, problem: Problem, writer: Writer)
                     writer.operator.comm, settings, [Path(place) for place in request.cycles],
                     request.without)
     try:
-        return assess(levels, problem, settings, *writer.record.quantities())
+        return assess(levels, problem, settings, *writer.record.quantities(),
+                      writer.record.singular_places())
     finally:
         levels.close()
