@@ -116,5 +116,11 @@ def text(shown: str) -> Kind:
 
 
 def path(shown: str = "directory") -> Kind:
-    """A file or directory."""
-    return Kind(shown, lambda name, value: Path(value))
+    """A file or directory; ~ is the home directory, which shells leave alone in OUT=~/results."""
+    def read(name: str, value: str) -> Path:
+        try:
+            return Path(value).expanduser()
+        except RuntimeError:
+            raise InputError(f"{name}={value}: there is no such home directory") from None
+
+    return Kind(shown, read)

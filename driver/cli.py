@@ -8,7 +8,6 @@ missing dependency; 3 no (unique) solution the method can vouch for; 4 not conve
 """
 
 import argparse
-import os
 import sys
 from pathlib import Path
 
@@ -20,6 +19,7 @@ from .runs import run as runs
 from .runs.request import Request
 from .runs.run import Run, describe, execute
 from .scene import freefem
+from .text import shown
 
 LOADINGS = ("monotone", "nonmonotone")  # of the model example
 
@@ -134,7 +134,7 @@ def docs(words: list[str]) -> None:
 def _list(paths: list[Path]) -> None:
     """The files that were made."""
     for path in paths:
-        print(os.path.relpath(path))
+        print(shown(path))
 
 
 # ---- ranks ---------------------------------------------------------------------------------------
@@ -181,6 +181,7 @@ def main() -> None:
     parser.add_argument("words", nargs="*", help="NAME=VALUE options, or directories for figures")
     given = parser.parse_args()
     try:
+        environment.check_process()
         ENTRIES[given.command](given.words)
     except DriverError as problem:
         report_error(problem)

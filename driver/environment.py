@@ -3,6 +3,7 @@
 import ctypes
 import mmap
 import os
+import resource
 import shutil
 import signal
 import subprocess
@@ -17,6 +18,7 @@ LIBRARY = ROOT / "edp" / "lib"
 PR_SET_PDEATHSIG = 1  # of Linux's prctl: the signal that a process gets when its parent ends
 BLAS_BUFFER = 2**27  # bytes that OpenBLAS asks for at its first product
 PETSC_ROOM = 150 * 2**20  # bytes of address space that PETSc, MPI and their libraries take at least
+OPEN_FILES = 256  # that MPI, FreeFEM and matplotlib may need to have open together
 AGAIN = 0.01  # seconds after which a lost interrupt comes once more
 PATIENCE = 10  # seconds that an interrupted child has to end by itself
 # Open MPI looks for fast networks and starts a daemon even for a single process, which takes longer
@@ -64,6 +66,21 @@ def _find_petsc() -> None:
     packages = Path(os.environ.get("PETSC_DIR", "/usr/lib/petsc")) / "lib/python3/dist-packages"
     if packages.is_dir() and str(packages) not in sys.path:
         sys.path.append(str(packages))
+
+
+def check_process() -> None:
+    """Refuse to start where MPI would fail with a page of its own words. Raises InputError."""
+    try:
+        os.getcwd()
+    except FileNotFoundError:
+        raise InputError("the current directory no longer exists: "
+                         "change to one that does") from None
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if soft < OPEN_FILES <= hard:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (OPEN_FILES, hard))
+    elif soft < OPEN_FILES:
+        raise InputError(f"only {soft} files may be open at a time: raise the limit, "
+                         f"ulimit -n {OPEN_FILES}")
 
 
 def heed_interrupts() -> None:

@@ -141,7 +141,7 @@ RUNS = (
 
 # numerical parameters of scenes, which FreeFEM checks
 MESHES = (
-    Option("subdomains", text("NxM|n|piece"), None, EXPORT, MESHING, "structured cut, number of "
+    Option("subdomains", text("NxM|n|auto|piece"), None, EXPORT, MESHING, "structured cut, number of "
            "parts by the graph partitioner, or parts as the scene numbers them", "the scene's"),
     Option("cells", text("n"), None, EXPORT, MESHING,
            "cells along a subdomain's side; of scenes on rectangles", "the scene's"),
@@ -156,11 +156,12 @@ MESHES = (
 # numerical options of the solver, each with a default that suits most runs; tolerances are relative
 SETTINGS = (
     Option("rtol", POSITIVE, 1e-8, SOLVER, SOLVING,
-           "QP: projected gradient over the dual load, ||d||"),
+           "QP: projected gradient over the displacements that multipliers overcome, at first"),
     Option("friction_rtol", POSITIVE, 1e-6, SOLVER, SOLVING,
-           "fixed point: change of lambda_n over lambda_n"),
-    Option("primal_rtol", POSITIVE, 1e-4, SOLVER, SOLVING, "gluing jump and penetration over the "
-           "displacement; where they are larger, the step goes on with a tighter RTOL"),
+           "fixed point: change of lambda_n over lambda_n; balance of bodies without support"),
+    Option("primal_rtol", POSITIVE, 1e-6, SOLVER, SOLVING, "all residuals in summary.json, relative "
+           "to deformations and forces; where one is larger, the step goes on with tighter RTOL "
+           "and FRICTION_RTOL, and ends with status 4 if that does not lower it"),
     Option("max_fixed_point", whole("a whole number", 1), 100, SOLVER, SOLVING,
            "iterations of the fixed point in a time step"),
     Option("max_products", whole("a whole number", 1), 200_000, SOLVER, SOLVING,
@@ -210,10 +211,14 @@ STUDIES = (
     Option("large", YES_NO, False, STUDY, ("bench",),
            "GetFEM at h = 1/160 and 1/320 too, which takes half an hour"),
     Option("family", several("material", "geometry", "contact", "friction", "scale", "support",
-                             "bodies", "element", "algorithm", "environment"), None, STUDY,
-           ("hard",), "families of cases", "all"),
+                             "bodies", "element", "algorithm", "environment", "random"), None,
+           STUDY, ("hard",), "families of cases; random: scenes drawn from seeds", "all"),
     Option("case", text("text"), "", STUDY, ("hard",), "cases with this text in their names",
            "all"),
+    Option("seed", whole("a whole number", 0), 1, STUDY, ("hard",),
+           "FAMILY=random: the first seed"),
+    Option("count", whole("a number of scenes", 1), 200, STUDY, ("hard",),
+           "FAMILY=random: how many scenes, with one seed after the other"),
     Option("fast", YES_NO, False, STUDY, ("hard",), "only what make test runs, at the first size"),
     Option("gallery", choice("no", "missing", "yes"), "no", STUDY, ("docs",),
            "run the scenes and draw their pictures, those that are missing or all"),

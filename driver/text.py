@@ -1,6 +1,8 @@
 """Text for people: aligned columns, relative numbers, names."""
 
 import math
+import os
+from pathlib import Path
 
 
 def aligned(rows: list[list], sides: str = "") -> str:
@@ -19,6 +21,14 @@ def aligned(rows: list[list], sides: str = "") -> str:
 def words(name: str) -> str:
     """A column's name as words."""
     return name.replace("_", " ")
+
+
+def shown(path: Path) -> str:
+    """A path as seen from the current directory, absolute where that no longer exists."""
+    try:
+        return os.path.relpath(path)
+    except FileNotFoundError:
+        return str(path)
 
 
 def percent(share: float) -> str:

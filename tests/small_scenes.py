@@ -146,7 +146,9 @@ class Scene:
             parameters={})
 
     def _columns(self) -> list[str]:
-        return ["gap", "tresca" if (self.effects or {}).get("friction") == "tresca" else "friction"]
+        effects = self.effects or {}
+        names = ["gap", "tresca" if effects.get("friction") == "tresca" else "friction"]
+        return names + (["bilateral"] if effects.get("contact") == "bilateral" else [])
 
     def subdomains(self) -> list[Subdomain]:
         return [self._subdomain(s) for s in range(int(self.body.part.max()) + 1)]
@@ -211,7 +213,7 @@ class Scene:
         n = np.array([normal[v] / np.linalg.norm(normal[v]) for v in vertex])
         return ContactData(vertex, np.full(len(vertex), self.contact),
                            np.array([weight[v] for v in vertex]), n,
-                           dict(zip(self._columns(), (spread(self.gap), spread(self.friction)))))
+                           dict(zip(self._columns(), (spread(self.gap), spread(self.friction), spread(1.0)))))
 
 
 @dataclass

@@ -8,13 +8,14 @@ value at the node (not at the ends of a boundary of linear elements). Any force 
 by a displacement of the same nodes, of bounded norm: the inf-sup condition (see mortar.py).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from ..errors import InputError
 from ..feti.gathering import gather
-from ..scene.loader import ContactData
+from .chains import chains
+from .nodes import contact_table, merge_parts
 
 
 @dataclass
@@ -48,14 +49,16 @@ class ContactBoundary:
     `gap` is the distance to what the node meets: the column of that name, plus that of the two
     bodies of a pair.
 
-    Ordered by label, then along the arc. `normal_row` and `tangential_row` are global dual rows, -1
-    where a node has none (frictionless contact, or a direction that the support fixes). What meets
-    at node i is the sum of value_k u(gid_k) over the terms k with node_k = i: its own displacement
-    on a rigid obstacle, a mortar jump where `paired`.
+    Ordered by `chain`, then along the arc: see chains.py. `normal_row` and `tangential_row` are
+    global dual rows, -1 where a node has none (frictionless contact, or a direction that the
+    support fixes). What meets at node i is the sum of value_k u(gid_k) over the terms k with
+    node_k = i: its own displacement on a rigid obstacle, a mortar jump where `paired`. `edges` are
+    pairs of nodes, those of `clamped` counted on. `corners` (v, 3) as from corner_nodes.py.
     """
 
     gid: np.ndarray
     label: np.ndarray
+    chain: np.ndarray
     xy: np.ndarray
     arc: np.ndarray
     weight: np.ndarray
@@ -70,7 +73,9 @@ class ContactBoundary:
     term_other: np.ndarray  # the term belongs to the other body
     normal_row: np.ndarray
     tangential_row: np.ndarray
+    edges: np.ndarray  # (e, 2), on rigid obstacles
     clamped: ClampedContact
+    corners: np.ndarray = field(default_factory=lambda: np.empty((0, 3), int))
     about: Configuration | None = None  # of pairs; None: the initial geometry
 
     @property
@@ -84,103 +89,53 @@ def contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm,
     """Contact nodes of all subdomains, the parts of a node's dual segment added up.
 
     `effects` are those of the scene, `sides` the boundaries that meet in pairs (effects/pair.py),
-    None without pairs.
+    None without pairs. Raises InputError for contact on a label without nodes.
     """
     parts = [np.empty((0, 7 + len(manifest.columns)))]
     for sub in subdomains:
         if sub.contact is not None:
             gid, xy = sub.node_gid[sub.contact.node], sub.xy[sub.contact.node]
             parts.append(contact_table(sub.contact, manifest.columns, gid, xy))
-    table = gather(comm, np.concatenate(parts))
-    keys, first, total = add_parts(table)
-    label, gid = keys.T.astype(np.int64)
-    xy, weight, n = table[first, -2:], total[:, 0].copy(), len(gid)
-    normal = total[:, 1:3] / np.linalg.norm(total[:, 1:3], axis=1)[:, None]
-    columns = {name: total[:, 3 + k] / weight for k, name in enumerate(manifest.columns)}
-    gap = effects.distance(columns, n)
-    missing = [wanted for wanted in manifest.contact_labels if wanted not in label]
+    nodes = merge_parts(gather(comm, np.concatenate(parts)), manifest.columns,
+                        manifest.contact_pairs)
+    known = {label for label, _ in nodes.members}
+    missing = [wanted for wanted in manifest.contact_labels if wanted not in known]
     if missing:
         raise InputError(f"no contact node has the label {missing[0]}: the scene declares contact "
                          "on a label that its mesh lacks")
-    arc = _arc_lengths(label, gid, xy, skeleton)
-    paired = np.isin(label, [one for one, _ in manifest.contact_pairs])
-    own = np.arange(n), gid, np.ones(n), np.zeros(n, bool)
+    along = chains(nodes, skeleton)
+    paired, n = nodes.family > 0, len(nodes.gid)
+    own = np.arange(n), nodes.gid, np.ones(n), np.zeros(n, bool)
     terms = [tuple(column[~paired] for column in own)]
-    for one, two in manifest.contact_pairs:
-        here = np.flatnonzero(label == one)
-        weight[here], normal[here], more, (node, *term) = sides.couple(one, two, gid[here])
+    gap = effects.distance(nodes.columns, n)
+    for k, (one, two) in enumerate(manifest.contact_pairs):
+        here = np.flatnonzero(nodes.family == k + 1)
+        nodes.weight[here], nodes.normal[here], more, (node, *term) = sides.couple(
+            one, two, nodes.gid[here])
         gap[here] += more
         terms.append((here[node], *term))
-    middle = np.isin(gid, skeleton.middles)
-    held = held_nodes(gid, fixed)
-    here = held & ~paired
-    values = fixed[1][np.searchsorted(fixed[0], 2 * gid[here][:, None] + [0, 1])]
-    clamped = ClampedContact(*(of[here] for of in (gid, label, xy, normal, gap)), values)
-    active = np.flatnonzero(~held & (weight > 0))
-    order = active[np.lexsort((arc[active], label[active]))]
+    held = held_nodes(nodes.gid, fixed)
+    lost = np.flatnonzero(held & ~paired)
+    unused = held | (nodes.weight <= 0)
+    order = along.order[~unused[along.order]]
     position = np.full(n, -1)
-    position[order] = np.arange(len(order))
+    position[order], position[lost] = np.arange(len(order)), len(order) + np.arange(len(lost))
     node, gids, value, other = (np.concatenate(column) for column in zip(*terms))
-    node = position[node]
-    none, used = np.full(len(order), -1), node >= 0
-    columns = {name: of[order] for name, of in columns.items()}
-    fields = (*(of[order] for of in (gid, label, xy, arc, weight, normal)), columns, gap[order],
-              paired[order], middle[order])
-    terms = (of[used] for of in (node, gids, value, other))
-    return ContactBoundary(*fields, *terms, none, none.copy(), clamped, sides and sides.about)
-
-
-def contact_table(c: ContactData, columns: list[str], gid: np.ndarray,
-                  xy: np.ndarray) -> np.ndarray:
-    """(n, 7 + columns) contact nodes of one subdomain.
-
-    label, gid, weight; normal and columns times weight; place.
-    """
-    part = np.column_stack([c.normal, *(c.columns[name] for name in columns)]) * c.weight[:, None]
-    return np.column_stack([c.label, gid, c.weight, part, xy])
-
-
-def add_parts(table: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(label, gid) of the nodes of a `contact_table`, their first rows, sums of what is between."""
-    keys, first, inverse = np.unique(table[:, :2], axis=0, return_index=True, return_inverse=True)
-    total = np.zeros((len(keys), table.shape[1] - 4))
-    np.add.at(total, inverse, table[:, 2:-2])
-    return keys, first, total
+    used = ~unused[node]
+    terms = position[node[used]], gids[used], value[used], other[used]
+    values = fixed[1][np.searchsorted(fixed[0], 2 * nodes.gid[lost][:, None] + [0, 1])]
+    clamped = ClampedContact(*(of[lost] for of in (nodes.gid, nodes.label, nodes.xy, nodes.normal,
+                                                   gap)), values)
+    none = np.full(len(order), -1)
+    return ContactBoundary(
+        *(of[order] for of in (nodes.gid, nodes.label, along.number, nodes.xy, along.arc,
+                               nodes.weight, nodes.normal)),
+        {name: of[order] for name, of in nodes.columns.items()}, gap[order], paired[order],
+        np.isin(nodes.gid[order], skeleton.middles), *terms, none, none.copy(),
+        position[along.edges[~paired[along.edges].any(axis=1)]], clamped,
+        about=sides and sides.about)
 
 
 def held_nodes(gid: np.ndarray, fixed) -> np.ndarray:
     """True where both displacement components of a vertex are fixed."""
     return np.isin(2 * gid, fixed[0]) & np.isin(2 * gid + 1, fixed[0])
-
-
-def _arc_lengths(label, gid, xy, skeleton) -> np.ndarray:
-    """Arc length of every contact node along its label's chain of edges; pieces follow one another.
-
-    A piece starts at its end with the smaller x (then y), a closed piece at its node with the
-    smallest gid.
-    """
-    arc = np.zeros(len(gid))
-    for one in np.unique(label):
-        nodes = np.flatnonzero(label == one)
-        index = {g: i for i, g in zip(nodes, gid[nodes])}
-        links = {i: [] for i in nodes}
-        for a, b in skeleton.links(one):
-            if a not in index or b not in index:
-                raise InputError(f"a boundary edge of contact label {one} has an end that is no "
-                                 "contact node; run the scene again")
-            links[index[a]].append(index[b])
-            links[index[b]].append(index[a])
-        start, remaining = 0.0, set(nodes)
-        while remaining:
-            ends = [i for i in remaining if len(links[i]) == 1]
-            here = min(remaining, key=lambda i: gid[i])
-            if ends:
-                here = min(ends, key=lambda i: (*xy[i], gid[i]))
-            while here is not None:
-                remaining.discard(here)
-                arc[here] = start
-                onward = next((i for i in links[here] if i in remaining), None)
-                if onward is not None:
-                    start += np.linalg.norm(xy[onward] - xy[here])
-                here = onward
-    return arc

@@ -9,10 +9,14 @@ column j of G' being the motion of the contact rows under rigid motion j. Withou
 is no equilibrium whatever the bodies deform; with one its dual variables are the rigid motion that
 closes the gaps first. Compare Haslinger, Kucera, Sassi: floating bodies; for the static theorem
 Kanno (2011), ch. 1.
+
+Where contact is bilateral lambda_n = p - q with p, q >= 0, and F |lambda_n| becomes F (p + q). That
+admits friction under p = q, without pressure, which one node has not. But nodes that press and pull
+against one another have it: the answer "cannot" stays certain.
 """
 
 import numpy as np
-from scipy.sparse import bmat, csr_matrix, diags, identity
+from scipy.sparse import bmat, csr_matrix, diags, hstack, identity
 
 from .rows import ContactRows
 
@@ -28,21 +32,22 @@ def rigid_equilibrium(rows: ContactRows, motions: np.ndarray, work: np.ndarray, 
     """
     law = [np.zeros(len(rows.tangential)) if values is None else values
            for values in (rows.coefficient, rows.offset)]
-    parts = comm.gather((motions[rows.normal], rows.gap, rows.normal_node,
+    parts = comm.gather((motions[rows.normal], rows.gap, rows.normal_node, rows.bilateral,
                          motions[rows.tangential], rows.tangential_node, *law))
     answer = None
     if comm.rank == 0:
         columns = map(np.concatenate, zip(*parts))
-        normal, gap, node, tangential, rubbing, coefficient, offset = columns
+        normal, gap, node, bilateral, tangential, rubbing, coefficient, offset = columns
         one, two = np.argsort(node), np.argsort(rubbing)  # ranks may own nodes in turn
-        pair = np.searchsorted(node[one], rubbing[two])
+        pair, pulls = np.searchsorted(node[one], rubbing[two]), np.flatnonzero(bilateral[one])
         answer = _solve(normal[one], gap[one], tangential[two], pair, coefficient[two], offset[two],
-                        rows.bilateral, work, size)
+                        pulls, work, size)
     return comm.bcast(answer)
 
 
-def _solve(normal, gap, tangential, pair, coefficient, offset, bilateral, work, size):
-    """The linear program, scaled to forces and motions of order one."""
+def _solve(normal, gap, tangential, pair, coefficient, offset, pulls, work, size):
+    """The linear program, scaled to forces and motions of order one; `pulls`: bilateral nodes."""
+    normal, gap = np.vstack([normal, -normal[pulls]]), np.append(gap, -gap[pulls])
     k, j = len(normal), len(tangential)
     reach = np.abs(np.vstack([normal, tangential])).max(axis=0, initial=0.0)
     if not size.any():
@@ -56,7 +61,8 @@ def _solve(normal, gap, tangential, pair, coefficient, offset, bilateral, work, 
     if not coefficient.any():
         limit = offset / force
     else:
-        pick = csr_matrix((np.ones(j), (np.arange(j), pair)), shape=(j, k))
+        pick = csr_matrix((np.ones(j), (np.arange(j), pair)), shape=(j, k - len(pulls)))
+        pick = hstack([pick, pick[:, pulls]]).tocsr()
         cone = bmat([[-diags(coefficient) @ pick, identity(j)],
                      [-diags(coefficient) @ pick, -identity(j)]]).tocsr()
     from scipy.optimize import linprog  # slow to import, and only free bodies need it
@@ -65,7 +71,7 @@ def _solve(normal, gap, tangential, pair, coefficient, offset, bilateral, work, 
     answer = linprog(np.concatenate([gap / far, np.zeros(j)]), A_ub=cone,
                      b_ub=None if cone is None else np.tile(offset / force, 2), A_eq=balance,
                      b_eq=work / reach / force, method="highs",
-                     bounds=[(None if bilateral else 0.0, None)] * k + [(-b, b) for b in limit])
+                     bounds=[(0.0, None)] * k + [(-b, b) for b in limit])
     if answer.status == 2:
         return None
     if answer.status != 0 or not gap.any():

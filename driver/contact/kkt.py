@@ -1,58 +1,87 @@
-"""Relative KKT residuals of a time step at the contact and gluing rows."""
+"""Relative KKT residuals of a time step at the contact and gluing rows.
 
-from dataclasses import dataclass
+Displacements are relative to delta, the largest deformation (rigid motions of bodies left out),
+forces to f, the largest contact force of a node. Contact and friction are measured by the natural
+residuals of their complementarity conditions,
+
+    | l_n - P_[0, inf) (l_n + o) |,   | l_t - P_[-g, g] (l_t + s) |,
+    l = lambda / f,   o = (u_n - gap) / delta,   s = slip / delta,   g = bound / f,
+
+that is, with rho = f / delta, lambda - P_K(lambda + rho (B u - c)) relative to f. They vanish just
+at solutions (Facchinei, Pang, Finite-Dimensional Variational Inequalities and Complementarity
+Problems, Springer 2003, section 1.5), and where a node is on the wrong side of its condition by
+little force or by little way they are as little: products such as g |slip| grow with the friction
+coefficient where nothing is wrong.
+"""
+
+from dataclasses import dataclass, field
 
 import numpy as np
 from mpi4py import MPI
 
 from .rows import ContactRows
 
+FADED = 1e-6  # part of the largest value of the history below which a step's own is rounding
+
 
 @dataclass
 class Scales:
-    """Largest values so far in a run: what residuals are relative to, also without load."""
+    """What residuals of a step are relative to: the step's own values, no less than `FADED` times
+    the largest so far in the run, which says something of a step without load, too.
+    """
 
-    d: float = 0.0  # ||d||
-    displacement: float = 0.0
-    pressure: float = 0.0  # nodal force
+    d: float = 0.0  # norm of the displacements that the QP has to overcome
+    displacement: float = 0.0  # largest deformation
+    force: float = 0.0  # largest contact force of a node
     work: np.ndarray | float = 0.0  # (modes,) of absolute forces on every free rigid motion
+    largest: dict = field(default_factory=dict)  # of these so far, by name
+
+    def renew(self, **values) -> None:
+        """The step's own values by name; the same again replace them."""
+        for name, value in values.items():
+            largest = np.maximum(self.largest.get(name, 0.0), value)
+            setattr(self, name, np.maximum(value, FADED * largest))
+
+    def keep(self) -> None:
+        """The step is over: its values count for those to come."""
+        for name in ("d", "displacement", "force", "work"):
+            self.largest[name] = np.maximum(self.largest.get(name, 0.0), getattr(self, name))
 
 
 def kkt_residuals(rows: ContactRows, multipliers: np.ndarray, gradient: np.ndarray,
                   projected: float, scales: Scales, comm) -> dict[str, float]:
     """Relative KKT residuals of one time step, the largest over the contact and gluing rows.
 
-    gluing, penetration: relative to the largest displacement; sign, cone: relative to the largest
-    nodal pressure; complementarity: pressure times distance, and friction's lost dissipation g
-    |slip| - lambda_t slip, relative to the product of both; stationarity: norm `projected` of the
-    projected gradient relative to ||d||. Updates the largest pressure in `scales`. Collective over
+    gluing, penetration: relative to the deformation; sign, cone: relative to the largest contact
+    force; complementarity: the larger of the natural residuals; stationarity: norm `projected` of
+    the projected gradient relative to `scales.d`. Renews the force in `scales`. Collective over
     `comm`.
     """
     move = -gradient
     lambda_n, lambda_t = multipliers[rows.normal], multipliers[rows.tangential]
-    bound, slip, over = rows.friction_bound(multipliers), move[rows.tangential], move[rows.normal]
-    one_sided = np.zeros(0) if rows.bilateral else lambda_n
+    force = max(np.abs(lambda_n).max(initial=0), np.abs(lambda_t).max(initial=0))
+    force = comm.allreduce(float(force) if np.isfinite(force) else np.inf, op=MPI.MAX)
+    scales.renew(force=force)
+    bound = rows.friction_bound(multipliers)
+    gluing, over, slip = (_over(move[part], scales.displacement)
+                          for part in (rows.gluing, rows.normal, rows.tangential))
+    l_n, l_t, g = (_over(values, scales.force) for values in (lambda_n, lambda_t, bound))
+    bilateral = rows.bilateral
+    natural = np.where(bilateral, over, l_n - np.maximum(l_n + over, 0))
+    rubbing = l_t - np.minimum(np.maximum(l_t + slip, -g), g)
     local = np.array([
-        np.abs(move[rows.gluing]).max(initial=0),
-        (np.abs(over) if rows.bilateral else over).max(initial=0),
-        (-one_sided).max(initial=0) + 0.0,  # no -0.0
-        (np.abs(lambda_t) - bound).max(initial=0),
-        (np.abs(one_sided * over[: len(one_sided)])).max(initial=0),
-        (bound * np.abs(slip) - lambda_t * slip).max(initial=0),
-        np.abs(lambda_n).max(initial=0),
-    ])
+        np.abs(gluing).max(initial=0),
+        np.where(bilateral, np.abs(over), over).max(initial=0),
+        (-l_n[~bilateral]).max(initial=0) + 0.0,  # no -0.0
+        (np.abs(l_t) - g).max(initial=0),
+        max(np.abs(natural).max(initial=0), np.abs(rubbing).max(initial=0))])
     local[np.isnan(local)] = np.inf  # which MPI's maximum may lose
     comm.Allreduce(MPI.IN_PLACE, local, op=MPI.MAX)
-    gluing, penetration, sign, cone, gap_work, slip_work, force = local.tolist()
-    scales.pressure = max(scales.pressure, force)
-    work = scales.pressure * scales.displacement
-    return {"stationarity": _ratio(projected, scales.d),
-            "gluing": _ratio(gluing, scales.displacement),
-            "penetration": _ratio(penetration, scales.displacement),
-            "sign": _ratio(sign, scales.pressure), "cone": _ratio(cone, scales.pressure),
-            "complementarity": _ratio(max(gap_work, slip_work), work)}
+    names = "gluing", "penetration", "sign", "cone", "complementarity"
+    stationarity = float(_over(np.array(projected), scales.d))
+    return {"stationarity": stationarity, **dict(zip(names, local.tolist()))}
 
 
-def _ratio(value: float, size: float) -> float:
-    """value / size; where `size` is zero 1 for a positive value, else 0."""
-    return float(value / size) if size > 0 else float(value > 0)
+def _over(values: np.ndarray, size: float) -> np.ndarray:
+    """values / size; where `size` is zero the signs of the values."""
+    return values / size if size > 0 else np.sign(values)

@@ -19,6 +19,7 @@ import numpy as np
 
 from ..feti.rows import RowKind
 from ..feti.structure import Substructure
+from .corner_nodes import CornerNodes, corner_nodes
 from .states import OPEN, SLIP, STICK
 
 
@@ -29,9 +30,9 @@ class ContactLaw:
     Arrays of length n_c.
     """
 
-    coefficient: np.ndarray | None = None  # of friction
-    offset: np.ndarray | None = None  # nodal force that the friction bound has without pressure
-    bilateral: bool = False  # contact pulls as well
+    coefficient: np.ndarray | None  # of friction
+    offset: np.ndarray | None  # nodal force that the friction bound has without pressure
+    bilateral: np.ndarray  # bool: contact pulls as well
 
     def friction_bound(self, pressure: np.ndarray) -> np.ndarray:
         """(n_c,) largest friction forces under nodal pressures (n_c,), forces of any sign."""
@@ -50,9 +51,11 @@ def _affine(coefficient, offset, pressure: np.ndarray) -> np.ndarray:
 class ContactRows:
     """The contact rows a rank owns, as positions in its dual vectors.
 
-    `normal` (k,) with `gap` and `node`; `tangential` (j,) with `pair`, the position of the same
-    node's normal row, and `node`. `coefficient` (j,) of friction, and `offset` (j,) of its bound,
-    are None where no declared effect has one.
+    `normal` (k,) with `gap`, `node` and whether contact is `bilateral` there; `tangential` (j,)
+    with `pair`, the position of the same node's normal row, and `node`. `coefficient` (j,) of
+    friction, and `offset` (j,) of its bound, are None where no declared effect has one. `corners`
+    are vertices with two contact nodes, whose states exclude rows: their multipliers are zero. None
+    where there are none.
     """
 
     normal: np.ndarray
@@ -64,7 +67,8 @@ class ContactRows:
     coefficient: np.ndarray | None
     offset: np.ndarray | None
     gluing: np.ndarray
-    bilateral: bool
+    bilateral: np.ndarray
+    corners: CornerNodes | None = None
 
     @property
     def bound_is_given(self) -> bool:
@@ -78,16 +82,17 @@ class ContactRows:
     def limits_at(self, size: int, bound: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The same under the friction bounds `bound` (j,)."""
         lower, upper = np.full(size, -np.inf), np.full(size, np.inf)
-        if not self.bilateral:
-            lower[self.normal] = 0.0
+        lower[self.normal[~self.bilateral]] = 0.0
         lower[self.tangential], upper[self.tangential] = -bound, bound
+        if self.corners is not None:
+            excluded = self.corners.excluded
+            lower[excluded] = upper[excluded] = 0.0
         return lower, upper
 
     def pressing(self, x: np.ndarray) -> np.ndarray:
         """x without the pulling normal multipliers that contact has not, unless it is bilateral."""
-        pressed = x.copy()
-        if not self.bilateral:
-            pressed[self.normal] = np.maximum(x[self.normal], 0.0)
+        pressed, unilateral = x.copy(), self.normal[~self.bilateral]
+        pressed[unilateral] = np.maximum(x[unilateral], 0.0)
         return pressed
 
     def sliding(self, x: np.ndarray, bound: np.ndarray) -> np.ndarray:
@@ -108,7 +113,18 @@ class ContactRows:
         return moved
 
     def friction_bound(self, multipliers: np.ndarray) -> np.ndarray:
-        """(j,) largest friction forces under the pressures in the dual vector `multipliers`."""
+        """(j,) largest friction forces under the pressures in the dual vector `multipliers`.
+
+        Zero where a corner's state excludes friction.
+        """
+        bound = self.law_bound(multipliers)
+        if self.corners is not None:
+            bound = bound.copy()
+            bound[self.corners.without_friction] = 0.0
+        return bound
+
+    def law_bound(self, multipliers: np.ndarray) -> np.ndarray:
+        """(j,) the same by the law alone, whatever the states of corners."""
         if self.coefficient is None:
             return np.zeros(len(self.tangential)) if self.offset is None else self.offset
         return _affine(self.coefficient, self.offset, multipliers[self.pair])
@@ -116,9 +132,8 @@ class ContactRows:
     def states(self, multipliers: np.ndarray) -> np.ndarray:
         """(k,) OPEN, STICK or SLIP of the nodes with a normal row, by exact comparison."""
         states = np.full(len(self.normal), STICK)
-        if not self.bilateral:
-            states[multipliers[self.normal] == 0] = OPEN
-        sliding = np.abs(multipliers[self.tangential]) >= self.friction_bound(multipliers)
+        states[(multipliers[self.normal] == 0) & ~self.bilateral] = OPEN
+        sliding = np.abs(multipliers[self.tangential]) >= self.law_bound(multipliers)
         place = np.searchsorted(self.normal_node, self.tangential_node)
         states[place[sliding & (states[place] == STICK)]] = SLIP
         if len(self.tangential) == 0:  # without friction nothing holds a node that touches
@@ -133,8 +148,10 @@ def contact_rows(structure: Substructure, law: ContactLaw) -> ContactRows:
     tangential = np.flatnonzero((contact.tangential_row >= start) & (contact.tangential_row < stop))
     coefficient, offset = (None if values is None else values[tangential]
                            for values in (law.coefficient, law.offset))
+    place = np.full(len(contact.gid), -1)
+    place[tangential] = np.arange(len(tangential))
     return ContactRows(contact.normal_row[normal] - start, normal, contact.gap[normal],
                        contact.tangential_row[tangential] - start, tangential,
                        contact.normal_row[tangential] - start, coefficient, offset,
                        np.flatnonzero(structure.row_kind[start : stop] == RowKind.GLUING),
-                       law.bilateral)
+                       law.bilateral[normal], corner_nodes(structure, place, law.bilateral))

@@ -70,7 +70,6 @@ class Effect:
     """
 
     frictional = False  # adds tangential rows
-    bilateral = False  # contact pulls as well
     changes_coefficient = False  # the friction coefficient depends on the state
     # quantities of interest that it gives sense to, see results/quantities.py
     quantities: tuple[str, ...] = ()
@@ -97,6 +96,9 @@ class Effect:
 
     def friction_offset(self, contact) -> np.ndarray | None:
         """(n_c,) nodal force of the friction bound that needs no pressure."""
+
+    def pulls(self, contact) -> np.ndarray | None:
+        """(n_c,) whether contact pulls as well: the node does not lift off."""
 
     def initial_displacement(self, contact) -> np.ndarray | None:
         """(n_c,) tangential displacement at time 0."""
@@ -152,7 +154,6 @@ class Effects:
         self.contact = bool(manifest.contact_labels)
         self.frictional = any(room.frictional for room in self)
         self.coefficient_changes = any(room.changes_coefficient for room in self)
-        self.bilateral = any(room.bilateral for room in self)
         self.quasistatic = manifest.quasistatic
         self.bodies = manifest.bodies
 
@@ -196,8 +197,9 @@ class Effects:
     def contact_law(self, contact) -> ContactLaw:
         """Friction coefficients and bounds at the contact nodes."""
         coefficient = _sum(room.friction_coefficient(contact) for room in self)
+        pulls = _sum(room.pulls(contact) for room in self)
         return ContactLaw(coefficient, _sum(room.friction_offset(contact) for room in self),
-                          self.bilateral)
+                          np.zeros(len(contact.weight), bool) if pulls is None else pulls)
 
     def initial_displacement(self, contact) -> np.ndarray:
         """(n_c,) tangential displacement at time 0, zero if none is declared."""

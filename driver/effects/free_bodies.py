@@ -6,14 +6,17 @@ moves by what they carry in every iteration of the friction bound until they car
 """
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from ..contact.equilibrium import rigid_equilibrium
 from ..contact.kkt import Scales
 from ..contact.rows import ContactRows
 from ..errors import NoSolution
 from ..qp.anderson import Anderson
+from ..qp.least_distance import least_distance
 
 SECANTS = 5  # of the rigid motions' response that are combined
+WEAK = 1e-4  # part of a motion that rows feel, whose square resists it: below all tolerances
 LOOSE = "nothing that touches or sticks holds a rigid motion of a body without support"
 
 
@@ -27,6 +30,8 @@ class FreeBodies:
         """`history.warnings` get a line where a motion stays undetermined."""
         self.operator, self.rows, self.effects, self.scales = operator, rows, effects, scales
         self.history = history
+        # (bodies, 3) rigid part of the displacements at the end of the last step
+        self.placed = np.zeros((len(operator.structure.travel.bodies.size), 3))
 
     def can_rest(self, index: int, weights: np.ndarray) -> np.ndarray:
         """Rigid motion (modes,) that closes gaps until contact balances the loads `weights`.
@@ -91,19 +96,58 @@ class FreeBodies:
         load.d += moved
         return moved
 
-    def imbalance(self, load, x: np.ndarray, note: bool = False) -> float:
-        """Largest spring force of the rigid motions relative to the largest forces so far.
+    def imbalance(self, load, x: np.ndarray) -> float:
+        """Largest spring force of the rigid motions relative to the forces on them."""
+        return float(self._shares(load, x).max())
 
-        `note`: those of this state count from now on.
-        """
-        return float(self._shares(load, x, note).max())
-
-    def _shares(self, load, x: np.ndarray, note: bool = False) -> np.ndarray:
+    def _shares(self, load, x: np.ndarray) -> np.ndarray:
         """(modes,) the same of every motion."""
         net, size = self.operator.imbalance(x, load.weights)
-        work = np.maximum(self.scales.work, size)
-        self.scales.work = work if note else self.scales.work
+        self.scales.renew(work=size)
+        work = self.scales.work
         return np.abs(net) / np.where(work > 0, work, 1.0)
+
+    # ---- what contact and friction leave undetermined -------------------------------------------
+    def settle(self, load, x: np.ndarray, gradient: np.ndarray) -> np.ndarray:
+        """Move bodies as little over the step as its forces allow; returns the change of d.
+
+        Among the rigid motions with the same forces the one of least int |u - u_0|^2 is taken, u_0
+        the displacements at the end of the step before: contact that presses and nodes that stick
+        stay where they are, open ones apart, and nodes slide on in their direction or not at all.
+        It depends on no cut, start or number of ranks. Motions that rows hardly feel count as free
+        (a polygon in a polygon hardly resists turning): multipliers may have to follow. Collective.
+        """
+        op, parts = self.operator, self.operator.rigid_parts
+        placed = (parts.coefficients(op.deformations(x, load.weights))
+                  + op.structure.travel.of(load.weights))
+        turn = np.array([parts.bodies.coefficients(mode) for mode in op.structure.rigid_modes]).T
+        gram = block_diag(*parts.gram)
+        # motions whitened: |z|^2 is the square of int |motion|^2
+        whiten = np.linalg.inv(np.linalg.cholesky(turn.T @ gram @ turn)).T
+        aim = -whiten.T @ turn.T @ gram @ (placed - self.placed).ravel()
+        rows = op.comm.gather(self._conditions(x, gradient))
+        change = np.zeros(op.modes)
+        if op.comm.rank == 0:
+            held, limited, room = (np.concatenate(part) for part in zip(*rows))
+            change = whiten @ _least(held @ whiten, limited @ whiten, room, aim)
+        change = op.comm.bcast(change)
+        self.placed = placed + (turn @ change).reshape(placed.shape)
+        return self.shift(load, change)
+
+    def _conditions(self, x: np.ndarray, gradient: np.ndarray):
+        """What rigid motions do at the rank's contact rows: (h, modes) at those that may not move,
+        (m, modes) at those that may move by no more than (m,).
+        """
+        rows, motions = self.rows, np.column_stack(self.operator.motions)
+        normal, rub = motions[rows.normal], motions[rows.tangential]
+        over, slip = -gradient[rows.normal], -gradient[rows.tangential]
+        bound, way = rows.friction_bound(x), np.sign(x[rows.tangential])
+        presses = (x[rows.normal] != 0) | rows.bilateral
+        sticks = np.abs(x[rows.tangential]) < bound
+        slides = ~sticks & (bound > 0)
+        return (np.concatenate([normal[presses], rub[sticks]]),
+                np.concatenate([normal[~presses], -way[slides, None] * rub[slides]]),
+                np.maximum(np.concatenate([-over[~presses], (way * slip)[slides]]), 0.0))
 
     def note_loose_motion(self, index: int, x: np.ndarray) -> None:
         """Warn once if no node that touches or sticks holds a rigid motion.
@@ -123,3 +167,15 @@ class FreeBodies:
         if np.linalg.eigvalsh(stiffness)[0] <= 1e-12 * max(op.dot(d, d) for d in motions):
             self.history.warnings.append(
                 f"step {index}: {LOOSE}, and displacements are one answer of many")
+
+
+def _least(held: np.ndarray, limited: np.ndarray, room: np.ndarray,
+           aim: np.ndarray) -> np.ndarray:
+    """z (modes,) nearest to `aim` with `held` z = 0 and `limited` z <= `room`, none negative."""
+    reach = np.abs(np.vstack([held, limited])).max(initial=0.0)
+    _, sizes, basis = np.linalg.svd(np.vstack([held, np.zeros((1, len(aim)))]))
+    free = basis[np.count_nonzero(sizes > WEAK * reach * np.sqrt(len(held) + 1)) :]
+    aim, limited = free @ aim, limited @ free.T
+    moved = least_distance(limited, room - limited @ aim)
+    # no motion at all is feasible, but for rounding
+    return free.T @ (np.zeros(len(aim)) if moved is None else aim + moved)

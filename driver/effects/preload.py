@@ -22,9 +22,9 @@ class Room(initial_state.Room):
         """
         op, rows, settings = solver.operator, solver.rows, solver.settings
         x, without_friction = np.zeros(op.owned), np.zeros(len(rows.tangential))
-        load = solver.load(0, solver.motion, without_friction)
-        solver.scales.d = solver.qp.extent(load.d)
-        solver.qp.tol = settings.rtol * solver.scales.d
+        load = solver.load(0, solver.motion, np.zeros(op.owned))
+        solver.scales.renew(d=load.extent)
+        solver.qp.aim(1.0, load, x)
         limits = rows.limits_at(op.owned, without_friction)
         for iteration in range(1, settings.max_fixed_point + 1):
             result = solver.qp.solve(0, iteration, load.d, limits, x, 0.0)
@@ -36,7 +36,9 @@ class Room(initial_state.Room):
             raise NotConverged(
                 f"preload: no equilibrium of the free bodies in {iteration} iterations")
         solver.multipliers, solver.motion = x, load.weights[op.structure.patterns :]
-        solver.slip.u_t = -result.gradient[rows.tangential]
+        gradient = result.gradient - solver.bodies.settle(load, x, result.gradient)
+        solver.slip.advance(x, gradient, load.weights, solver.scales)
         u_t = np.zeros(len(solver.initial))
         u_t[rows.tangential_node] = solver.slip.u_t
         solver.initial[:] = np.sum(op.comm.allgather(u_t), axis=0)
+        solver.initial_weights[:] = load.weights[: op.structure.patterns]

@@ -100,7 +100,8 @@ class EquilibratedBound:
     def estimate(self, step: Step, state: dict, displacements: list[np.ndarray]) -> Estimate | None:
         """The estimate of one step on rank 0, None elsewhere.
 
-        `state`: arrays (n_c,) of every `ContactField`, `displacements` (dofs,) by subdomain.
+        `state`: arrays (n_c,) of every `ContactField`, `displacements` (dofs,) by subdomain, less
+        the travel.
         """
         contact, pairs = self._contact(step, state), self._pairs(state)
         fields, balanced = self._fields(step, state, contact, pairs, displacements)
@@ -108,6 +109,9 @@ class EquilibratedBound:
         thermal = self.gather.thermal(step.weights, (3,))
         force = self._body_force(step.weights)
         applied = self._applied(step.weights, contact, pairs)
+        structure = self.operator.structure
+        travel = self.gather.displacements(
+            structure.travel.displacements(step.weights, structure.subdomains))
         if not self.gather.root:
             return None
         body = self.body
@@ -117,8 +121,8 @@ class EquilibratedBound:
         if reason:
             return Estimate(step.index, reason=reason)
         # `_apart` leaves distances and slip of the last displacements in `contact`
-        of_qp = None if moved is None else self._apart(fields - moved, contact)
-        final = self._apart(fields, contact)
+        of_qp = None if moved is None else self._apart(fields - moved + travel, contact)
+        final = self._apart(fields + travel, contact)
         of_qp = of_qp or final
         lift, bumps, between, more = self._lifted(final.admissible, pairs)
         apart = body.norm(final.stress + body.stress(lift[body.vertex]))
@@ -146,14 +150,14 @@ class EquilibratedBound:
         """Torn displacements on rank 0: computed, and under the nodal forces of t*."""
         multipliers = contact.multipliers(step.multipliers, self.rows)
         forces = self._forces(pairs, state) if self.boundary.paired.any() else None
-        balanced = self.operator.displacements(multipliers, step.weights, forces)
+        balanced = self.operator.deformations(multipliers, step.weights, forces)
         return self.gather.displacements(displacements), self.gather.displacements(balanced)
 
     def _moved(self, step: Step) -> np.ndarray | None:
         """Torn displacements by the last change of the friction forces; None if there was none."""
         if not self.operator.comm.allreduce(int(np.count_nonzero(step.moved))):
             return None
-        fields = self.operator.displacements(step.moved, np.zeros(len(step.weights)))
+        fields = self.operator.deformations(step.moved, np.zeros(len(step.weights)))
         return self.gather.displacements(fields)
 
     def _onward(self, step: Step, moved: np.ndarray | None) -> float:
@@ -181,8 +185,11 @@ class EquilibratedBound:
         np.add.at(jump, b.term_node, terms)
         contact.place(jump)
         stiffness = body.stiffness[vertex].max(axis=1, initial=0)
-        moves = ((b.normal_row, b.normal, contact.onto_obstacle(stiffness)),
-                 (b.tangential_row, b.tangent, contact.back_to_stick(stiffness)))
+        onto, back = contact.onto_obstacle(stiffness), contact.back_to_stick(stiffness)
+        corners = b.corners[b.corners[:, 2] > 1, :2]  # both normals at once, where two move freely
+        u[vertex[corners[:, 0]]] += np.linalg.solve(b.normal[corners], onto[corners])
+        onto[corners] = 0.0
+        moves = (b.normal_row, b.normal, onto), (b.tangential_row, b.tangent, back)
         for row, direction, move in moves:
             free = direction * ~body.constrained[vertex]
             square = np.maximum((free**2).sum(axis=1), 1e-300)
@@ -221,8 +228,7 @@ class EquilibratedBound:
         now = step.weights[: len(self.manifest.patterns)]
         before = self.manifest.factors[step.index - 1]
         values = self.boundary.clamped.values
-        return ContactTractions(self.state, self.operator.structure.outer_edges, state,
-                                values @ now, values @ (now - before))
+        return ContactTractions(self.state, state, values @ now, values @ (now - before))
 
     def _pairs(self, state: dict) -> list | None:
         """The PairBound of every contact pair in one step, on rank 0."""
@@ -236,7 +242,7 @@ class EquilibratedBound:
         values = {"vertex": np.searchsorted(body.gid, b.gid), "weight": b.weight,
                   "own_normal": b.normal_row >= 0, "own_tangential": b.tangential_row >= 0,
                   "gap": b.gap, "pressure": -state["sigma_n"], "shear": state["sigma_t"],
-                  "bound": state["bound"], "before": state["u_t"] - state["slip"]}
+                  "bound": state["bound"], "bilateral": self.state.law.bilateral, "before": state["u_t"] - state["slip"]}
         about = None
         if b.about is not None:
             about = np.zeros((len(body.gid), 2))
@@ -246,8 +252,9 @@ class EquilibratedBound:
             first, second = (np.searchsorted(body.gid, outer[outer[:, 2] == label, :2])
                              for label in labels)
             nodes = {name: value[b.label == labels[0]] for name, value in values.items()}
+            bilateral = bool(nodes.pop("bilateral").all())
             pairs.append(PairBound(body.mesh, first, second, nodes, self.state.frictional,
-                                   self.rows.bilateral, about))
+                                   bilateral, about))
         return pairs
 
     def _forces(self, pairs: list | None, state: dict) -> list[np.ndarray]:

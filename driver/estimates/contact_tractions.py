@@ -10,19 +10,18 @@ class ContactTractions:
     traction of its own in a direction that a support holds, and takes its neighbours' mean.
     """
 
-    def __init__(self, contact, outer_edges: np.ndarray, state: dict, move: np.ndarray,
-                 step_move: np.ndarray):
+    def __init__(self, contact, state: dict, move: np.ndarray, step_move: np.ndarray):
         """`contact` is a results.ContactState, `state` its quantities at the end of the step.
 
-        `outer_edges` (n, 3): vertex, vertex, label; `move`, `step_move` (n_k, 2): displacement of
-        the clamped nodes and its change in the step.
+        `move`, `step_move` (n_k, 2): displacement of the clamped nodes and its change in the step.
         """
         b, c = contact.boundary, contact.boundary.clamped
         self.boundary, self.constrained, self.computed = b, contact.constrained, state
-        self.gid, self.label = np.concatenate([b.gid, c.gid]), np.concatenate([b.label, c.label])
+        self.gid = np.concatenate([b.gid, c.gid])
         self.xy, self.normal = np.concatenate([b.xy, c.xy]), np.concatenate([b.normal, c.normal])
         self.tangent = np.column_stack([-self.normal[:, 1], self.normal[:, 0]])
-        self.node, self.length = self._edges(outer_edges)
+        self.node = b.edges
+        self.length = np.linalg.norm(self.xy[self.node[:, 0]] - self.xy[self.node[:, 1]], axis=1)
         none, zero = np.zeros(len(c.gid), bool), np.zeros(len(c.gid))
         self.own_normal, self.own_tangential = (np.concatenate([(rows >= 0) & ~b.paired, none])
                                                 for rows in (b.normal_row, b.tangential_row))
@@ -34,24 +33,13 @@ class ContactTractions:
         if contact.frictional:
             self.shear = continued(self.node, sigma_t, self.own_tangential)
             self.shear = np.clip(self.shear, -self.bound, self.bound)
-        self.bilateral = contact.rows.bilateral
+        self.bilateral = contact.law.bilateral
         self.before = state["u_t"] - state["slip"]
         distance = np.maximum(c.gap - (move * c.normal).sum(axis=1), 0.0)
         slip = (step_move * self.tangent[len(b.gid) :]).sum(axis=1)
         self.distance = np.concatenate([np.zeros(len(b.gid)), distance])
         self.slip = np.concatenate([np.zeros(len(b.gid)), slip])
         self.moments = self._moments()
-
-    def _edges(self, outer_edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Contact edges as pairs of nodes (n, 2), and their lengths (n,)."""
-        span = outer_edges[:, :2].max() + 1
-        keys = self.label * span + self.gid
-        order = np.argsort(keys)
-        clamped = np.ones(len(self.boundary.clamped.gid), bool)
-        rigid = self.label[np.r_[~self.boundary.paired, clamped]]
-        edges = outer_edges[np.isin(outer_edges[:, 2], rigid)]
-        node = order[np.searchsorted(keys[order], edges[:, 2:] * span + edges[:, :2])]
-        return node, np.linalg.norm(self.xy[node[:, 0]] - self.xy[node[:, 1]], axis=1)
 
     def _moments(self) -> np.ndarray:
         """(n, 2, 2) moments [edge, end, component] of t* against the hats.
@@ -111,7 +99,9 @@ class ContactTractions:
         n, c = len(self.boundary.gid), self.computed
         slip = self.slip[:n]
         missed = (c["bound"] + c["sigma_t"] * np.sign(slip)) * self.boundary.weight  # work per slip
-        move = np.where((stiffness * np.abs(slip) <= missed) & self.own_tangential[:n], -slip, 0.0)
+        able = self.own_tangential[:n].copy()
+        able[self.boundary.corners[:, :2]] = False  # where another condition stands in the way
+        move = np.where((stiffness * np.abs(slip) <= missed) & able, -slip, 0.0)
         self.slip[:n] += move
         return move
 

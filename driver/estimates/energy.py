@@ -67,7 +67,7 @@ class EnergyEstimator:
         """The estimate of one step on rank 0, None elsewhere."""
         if reason := Effects(self.manifest).no_estimate(step.weights):
             return Estimate(step.index, reason=reason)
-        displacements = self.operator.displacements(step.multipliers, step.weights)
+        displacements = self.operator.deformations(step.multipliers, step.weights)
         if self.bound is not None:
             return self.bound.estimate(step, state, displacements)
         if self.quadratic:

@@ -70,10 +70,10 @@ class Curve:
         return ((off - foot) * turned).sum(axis=1), turned
 
 
-def obstacle(foot: np.ndarray, normal: np.ndarray) -> Curve | None:
+def obstacle(foot: np.ndarray, normal: np.ndarray, joined=True) -> Curve | None:
     """The curve through feet (k, 2) in their order; `normal` (k, 2) points to the obstacle.
 
-    None where fewer than two feet follow one another.
+    `joined` (k - 1,): whether the nodes of neighbouring feet are neighbours on the boundary. None where fewer than two feet follow one another.
     """
     if len(foot) < 2:
         return None
@@ -84,7 +84,7 @@ def obstacle(foot: np.ndarray, normal: np.ndarray) -> Curve | None:
     sense = np.sign(np.einsum("sk,sk->s", along, tangent[:-1] + tangent[1:]).sum()) or 1.0
     tangent = sense * tangent
     cosine = np.minimum((along * tangent[:-1]).sum(axis=1), (along * tangent[1:]).sum(axis=1))
-    good = (length > 1e-12 * max(length.max(), 1e-300)) & (cosine > FOLDED)
+    good = (length > 1e-12 * max(length.max(), 1e-300)) & (cosine > FOLDED) & joined
     if not good.any():
         return None
     away = -sense * np.column_stack([-along[:, 1], along[:, 0]])

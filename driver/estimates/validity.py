@@ -104,9 +104,10 @@ class Validity:
     # ---- a step ----------------------------------------------------------------------------------
     def check(self, step, state: dict) -> None:
         """Check a step with the `state` of its contact nodes, arrays (n_c,) by ContactField."""
-        fields = self.problem.operator.displacements(step.multipliers, step.weights)
+        operator = self.problem.operator
+        fields = operator.deformations(step.multipliers, step.weights)
         self._check_deformation(step, fields)
-        place, moved = self._outline(fields)
+        place, moved = self._outline(operator.with_travel(fields, step.weights))
         if place is None:
             return
         if len(self.boundary.gid):
@@ -160,9 +161,10 @@ class Validity:
     # ---- contact ---------------------------------------------------------------------------------
     def _check_contact(self, step, state: dict, place, moved) -> None:
         b, closed = self.boundary, state[ContactField.STATUS] != OPEN
-        others = dict(self.problem.manifest.contact_pairs)
-        for label in np.unique(b.label).tolist():
-            here = np.flatnonzero(b.label == label)
+        pairs = self.problem.manifest.contact_pairs
+        groups = [np.flatnonzero((b.chain == chain) & ~b.paired) for chain in np.unique(b.chain)]
+        groups += [np.flatnonzero((b.label == label) & b.paired) for label in np.unique(b.label)]
+        for here in groups:
             touching = here[closed[here]]
             length = b.weight[touching].sum()
             if not len(touching):
@@ -170,7 +172,8 @@ class Validity:
             used = (b.gap - state[ContactField.U_N])[touching]
             xy, u = b.xy[touching], moved[b.gid[touching]]
             if b.paired[here[0]]:
-                true, normal = self._from_other(others[label], xy, u, place, moved, used, touching)
+                others = [two for one, two in pairs if one == b.label[here[0]]]
+                true, normal = self._from_other(others, xy, u, place, moved, touching)
             else:
                 true, normal = self._from_obstacle(here, xy + u)
             if true is None:
@@ -184,16 +187,19 @@ class Validity:
     def _from_obstacle(self, here: np.ndarray, displaced: np.ndarray):
         """Distances and normals at displaced places from the obstacle of the nodes `here`."""
         b = self.boundary
+        along = np.linalg.norm(np.diff(b.xy[here], axis=0), axis=1)
+        joined_up = np.abs(np.diff(b.arc[here]) - along) <= 1e-6 * along
         curve = true_distance.obstacle(b.xy[here] + b.gap[here, None] * b.normal[here],
-                                       b.normal[here])
+                                       b.normal[here], joined_up)
         return (None, None) if curve is None else curve.distance(displaced)
 
-    def _from_other(self, label: int, xy, u, place, moved, used, touching):
-        """The same from the boundary `label` of the other body, compared as the mortar sees it.
+    def _from_other(self, labels: list, xy, u, place, moved, touching):
+        """The same from the boundaries `labels` of other bodies, compared as the mortar sees it.
 
         What polygons lack of curved boundaries is there before any load and does not count.
         """
-        start, end, _ = self.structure.outer_edges[self.structure.outer_edges[:, 2] == label].T
+        edges = self.structure.outer_edges
+        start, end, _ = edges[np.isin(edges[:, 2], labels)].T
         own = self.boundary.normal[touching]
         _, near = true_distance.nearest((place[start] + place[end]) / 2, xy, xy)
         outward = (place[end] - place[start])[:, ::-1] * [1, -1]  # of edges with the body left

@@ -17,18 +17,27 @@ STEP = 4  # padded sizes are multiples of this
 
 
 class BlockDiagonal:
-    """y_s = x_s M_s for the members s of all classes; x and y stacked class by class."""
+    """y_s = x_s M_s for the members s of all classes; x and y stacked class by class.
+
+    `blocks` are the matrices of the classes as they are kept here.
+    """
 
     def __init__(self, classes: list, matrices: list[np.ndarray], source: str, target: str):
         """`matrices` (m, n) of every class; `source`, `target` name its slices of x and y."""
         self.shared = [(len(c.members), getattr(c, source), getattr(c, target), M)
                        for c, M in zip(classes, matrices) if c.shared and M.size]
-        alone = {}
-        for c, M in zip(classes, matrices):
+        alone, first = {}, {}
+        for k, (c, M) in enumerate(zip(classes, matrices)):
             if not c.shared and M.size:
                 padded = tuple(-(-size // STEP) * STEP for size in M.shape)
-                alone.setdefault(padded, []).extend(_members(c, M, source, target))
-        self.padded = [_Padded(shape, members) for shape, members in sorted(alone.items())]
+                members = alone.setdefault(padded, [])
+                first[k] = padded, len(members)
+                members += _members(c, M, source, target)
+        kept = {shape: _Padded(shape, members) for shape, members in sorted(alone.items())}
+        self.padded, self.blocks = list(kept.values()), list(matrices)
+        for k, (shape, place) in first.items():
+            rows, columns = matrices[k].shape
+            self.blocks[k] = kept[shape].matrices[place, :rows, :columns]
 
     def multiply(self, x: np.ndarray, y: np.ndarray, add: bool = False) -> None:
         """Overwrite y, or add to it. Blocks without rows or columns leave y as it is."""

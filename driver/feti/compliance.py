@@ -54,9 +54,11 @@ class ContactCompliance(DualProblem):
         super().__init__(_on_contact_rows(structure, rows), len(rows), MPI.COMM_SELF)
         patterns = np.eye(structure.patterns)
         loads = np.column_stack([np.empty((structure.dual_dofs, 0)), *(
-            np.concatenate(operator.comm.allgather(operator.load_response(weights)))
+            np.concatenate(operator.comm.allgather(operator.elastic_response(weights)))
             for weights in patterns)])
         self.C, self.d, self._moved, self._loaded = _eliminated(operator, rows, loads)
+        self.travels = {k: np.concatenate(operator.comm.allgather(moved))[rows]
+                        for k, moved in operator.travels.items()}
         nothing = np.zeros(operator.owned)
         for k, weights in enumerate(patterns):
             self._loaded[k] += operator.coarse_displacements(nothing, weights)
@@ -80,13 +82,15 @@ class ContactCompliance(DualProblem):
         """Scalar product."""
         return float(a @ b)
 
-    def load_response(self, weights: np.ndarray) -> np.ndarray:
-        """d_C for the load sum_k weights_k f_k."""
+    def elastic_response(self, weights: np.ndarray) -> np.ndarray:
+        """d_C for the load sum_k weights_k f_k, without any rigid motion."""
         return weights @ self.d
 
-    def corner_displacement(self, multipliers: np.ndarray, weights: np.ndarray) -> float:
-        """Largest displacement of a corner."""
-        return float(np.abs(weights @ self._loaded + self._moved @ multipliers).max(initial=0.0))
+    def deformation(self, multipliers: np.ndarray, weights: np.ndarray) -> float:
+        """Largest displacement of a corner, or of a contact node by contact forces."""
+        corner = weights @ self._loaded + self._moved @ multipliers
+        return float(max(np.abs(corner).max(initial=0.0),
+                         np.abs(self.C @ multipliers).max(initial=0.0)))
 
     def preconditioner(self) -> "FaceInverse":
         """The inverse of C on a face."""

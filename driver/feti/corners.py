@@ -1,4 +1,23 @@
-"""Corners: the vertices whose displacements are the primal unknowns of FETI-DP."""
+"""Corners: the vertices whose displacements are the primal unknowns of FETI-DP.
+
+They are chosen such that no matrix of a subdomain, and not the coarse problem either, can be
+singular by the way a body is cut, whatever its supports are. A *component* is a part of a subdomain
+whose triangles edges connect; a subdomain may have several. A *chain* is an interface between two
+components, cut at the corners. Then
+
+(1) every chain holds two corners, and both lie in both components: a vertex inside a chain has two
+    boundary edges in each of its two subdomains, so one component on each side;
+(2) every component holds two corners, SPREAD of its size apart.
+
+K_rr is positive definite: a displacement without energy is one rigid motion in each component, as
+it is one in each triangle and those that share an edge share two points; by (2) it vanishes at two
+points, so everywhere. The distance bounds its condition number by that of the triangles.
+
+The kernel of S_cc is that of the glued body: corner displacements without energy extend to one
+rigid motion of each component, which its two corners determine; by (1) components that share an
+edge share this motion. Bodies are connected by edges (Skeleton.check_connected), so each moves as
+a whole: the kernel are the rigid motions that its supports leave to it, none if it is supported.
+"""
 
 import numpy as np
 from scipy.sparse import coo_matrix
@@ -6,6 +25,7 @@ from scipy.sparse.csgraph import connected_components
 
 from .skeleton import Skeleton
 
+SPREAD = 0.25  # of a component's size: the least extent of its corners
 JUMP = 10.0  # of the stiffness from one vertex to the next, from which on it asks for a corner
 
 
@@ -14,8 +34,8 @@ def corner_vertices(skeleton: Skeleton) -> np.ndarray:
 
     A vertex of a subdomain's boundary is a corner of the subdomain when its two boundary edges
     differ in neighbour or label, when it is shared by three or more subdomains, and where its
-    stiffness jumps along an interface. Interfaces that then hold less than two corners could act as
-    a hinge: the farthest-point rule gives them the missing ones.
+    stiffness jumps along an interface. Chains that then hold less than two corners, and components
+    whose corners lie close together, get the missing ones by the farthest-point rule.
     """
     neighbour = skeleton.neighbour()
     kind = np.where(neighbour >= 0, neighbour, -1 - skeleton.edges[:, 3])
@@ -29,7 +49,7 @@ def corner_vertices(skeleton: Skeleton) -> np.ndarray:
     corners = np.union1d(gid[start][mixed | (degree != 2)], skeleton.gids[skeleton.count > 2])
     corners = np.union1d(corners, _jumps(skeleton, neighbour))
     corners = np.union1d(corners, _farthest_points(skeleton, neighbour, corners))
-    return np.union1d(corners, _missing_corners(skeleton, corners))
+    return np.union1d(corners, _spread(skeleton, corners))
 
 
 def _jumps(skeleton: Skeleton, neighbour: np.ndarray) -> np.ndarray:
@@ -51,16 +71,28 @@ def _jumps(skeleton: Skeleton, neighbour: np.ndarray) -> np.ndarray:
     return ends[jump, stiffness[jump].argmax(axis=1)]
 
 
-def _missing_corners(skeleton: Skeleton, corners: np.ndarray) -> np.ndarray:
-    """Corners for subdomains with less than two: an undivided body with one label all round."""
-    has = np.bincount(skeleton.nodes[np.isin(skeleton.nodes[:, 1], corners), 0],
-                      minlength=int(skeleton.nodes[:, 0].max()) + 1)
+def _spread(skeleton: Skeleton, corners: np.ndarray) -> np.ndarray:
+    """Corners for components whose corners are less than SPREAD of their size apart, or missing."""
+    vertices = len(skeleton.gids)
+    component = skeleton.edges[:, 0] * (skeleton.component.max() + 1) + skeleton.component
+    vertex = np.searchsorted(skeleton.gids, skeleton.edges[:, 1:3].T.ravel())
+    component, vertex = np.divmod(np.unique(np.tile(component, 2) * vertices + vertex), vertices)
+    start = np.flatnonzero(np.diff(component, prepend=-1))
+    is_corner, place = np.isin(skeleton.gids, corners)[vertex], skeleton.place[vertex]
+
+    def extent(places: np.ndarray) -> np.ndarray:
+        """Diagonals of the components' boxes around their `places`; NaN are none."""
+        return np.linalg.norm(np.fmax.reduceat(places, start) - np.fmin.reduceat(places, start),
+                              axis=1)
+
+    held = extent(np.where(is_corner[:, None], place, np.nan))
     added = []
-    for weak in np.flatnonzero(has < 2):
-        mine = np.flatnonzero(skeleton.nodes[:, 0] == weak)
-        first = mine[np.linalg.norm(skeleton.xy[mine] - skeleton.xy[mine[0]], axis=1).argmax()]
-        second = mine[np.linalg.norm(skeleton.xy[mine] - skeleton.xy[first], axis=1).argmax()]
-        added += [skeleton.nodes[first, 1], skeleton.nodes[second, 1]]
+    for weak in np.flatnonzero(~(held >= SPREAD * extent(place))):
+        mine = slice(start[weak], start[weak + 1] if weak + 1 < len(start) else None)
+        xy, known = place[mine], np.flatnonzero(is_corner[mine])
+        first = known[0] if len(known) else np.linalg.norm(xy - xy[0], axis=1).argmax()
+        second = np.linalg.norm(xy - xy[first], axis=1).argmax()
+        added += [skeleton.gids[vertex[mine][k]] for k in (first, second)]
     return np.array(added, np.int64)
 
 

@@ -37,7 +37,7 @@ DEPENDENT = 1e-4  # squared sine below which a restricted hat counts as a combin
 
 @dataclass
 class Hats:
-    """Piecewise linear tractions between the contact corners of a label, a row between two of them.
+    """Piecewise linear tractions between the contact corners of a chain, a row between two of them.
 
     `number` (n, 2) are the hats at the n contact rows and `value` (n, 2) their tractions there;
     `weight` (n,) turns tractions into nodal forces, more of them where the body is stiffer.
@@ -65,20 +65,20 @@ class Hats:
 
 
 def traction_hats(structure: Substructure, rows: np.ndarray, comm) -> Hats:
-    """Hats on the contact `rows` with tops at every label's corners, ends and stiffness jumps."""
+    """Hats on the contact `rows` with tops at every chain's corners, ends and stiffness jumps."""
     contact = structure.contact
     row, node = _row_nodes(structure)
     position = np.searchsorted(rows, row)
     corner = np.isin(contact.gid, _corner_vertices(structure, comm))
     number, value, count = np.zeros((len(rows), 2), int), np.zeros((len(rows), 2)), 0
     for kind in np.unique(structure.row_kind[row]):
-        for label in np.unique(contact.label):
-            of_label = contact.label[node] == label
-            here = np.flatnonzero((structure.row_kind[row] == kind) & of_label)
-            arc, on_label = contact.arc[node[here]], contact.label == label
-            ends = [contact.arc[on_label].min(), contact.arc[on_label].max()]
+        for chain in np.unique(contact.chain):
+            on_chain = contact.chain == chain
+            here = np.flatnonzero((structure.row_kind[row] == kind) & on_chain[node])
+            arc = contact.arc[node[here]]
+            ends = [contact.arc[on_chain].min(), contact.arc[on_chain].max()]
             jumps = _jumps(arc, structure.row_scale[row[here]])
-            knots = np.unique(np.concatenate([contact.arc[corner & on_label], ends, jumps]))
+            knots = np.unique(np.concatenate([contact.arc[corner & on_chain], ends, jumps]))
             left = np.searchsorted(knots[1:-1], arc, side="right")
             right = np.minimum(left + 1, len(knots) - 1)
             share = (arc - knots[left]) / np.where(right > left, knots[right] - knots[left], 1.0)

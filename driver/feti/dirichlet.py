@@ -22,8 +22,9 @@ class DirichletPreconditioner:
     def __init__(self, operator):
         self.vectors = operator.vectors
         general = operator.modes or operator.structure.contact.paired.any()
-        self.schur = [_released(c) if general else _schur(c) for c in operator.classes]
-        self.blocks = BlockDiagonal(operator.classes, self.schur, "rows", "rows")
+        schur = [_released(c) if general else _schur(c) for c in operator.classes]
+        self.blocks = BlockDiagonal(operator.classes, schur, "rows", "rows")
+        self.schur = self.blocks.blocks
 
     def __call__(self, residual: np.ndarray, free: np.ndarray) -> np.ndarray:
         """M residual on the face `free`, zero elsewhere."""
@@ -69,7 +70,7 @@ def _released(c: LocalClass) -> np.ndarray:
     """
     moved = np.abs(c.B_c.toarray()).max(axis=0, initial=0) > 0
     S, A = c.S[np.ix_(moved, moved)], c.A[:, moved]
-    S = S + FLOOR * np.diag(np.diag(S))
+    S = S + FLOOR * np.diag(c.corner_stiffness[moved])
     compliance, vectors = np.linalg.eigh(c.F + A @ np.linalg.solve(S, A.T))
     independent = compliance > DEPENDENT * compliance.max(initial=0.0)
     average = np.median(compliance[independent]) if independent.any() else 1.0

@@ -21,7 +21,8 @@ class DualProblem(ABC):
     Of bodies that no support holds, nothing by default: `modes` is the number of their rigid
     motions, `motions` (owned,) each the displacements of the dual rows under them, `rho` (modes,)
     the compliances of the springs that hold them and `rigid_work` (2, patterns, modes) the work of
-    the load patterns on them, and that of its absolute values.
+    the load patterns on them, and that of its absolute values. `travels` holds by load pattern the
+    displacements (owned,) of the dual rows by the rigid motion that supports prescribe, where any.
     """
 
     contact_rows_only = False
@@ -30,12 +31,13 @@ class DualProblem(ABC):
     products = 0
     modes = 0
     motions: list[np.ndarray]
+    travels: dict[int, np.ndarray]
     rho: np.ndarray
     rigid_work: np.ndarray
 
     def __init__(self, structure: Substructure, owned: int, comm):
         self.structure, self.owned, self.comm = structure, owned, comm
-        self.motions, self.rho = [], np.zeros(0)
+        self.motions, self.travels, self.rho = [], {}, np.zeros(0)
         self.rigid_work = np.zeros((2, structure.patterns, 0))
 
     @abstractmethod
@@ -51,12 +53,23 @@ class DualProblem(ABC):
         return self.comm.allreduce(value, op=MPI.MIN) if self.comm.size > 1 else value
 
     @abstractmethod
+    def elastic_response(self, weights: np.ndarray) -> np.ndarray:
+        """B w (owned,) by the load sum_k weights_k f_k, without any rigid motion."""
+
+    def rigid_response(self, weights: np.ndarray) -> np.ndarray:
+        """B r (owned,) by the travel of the patterns and the motions that their factors go on with.
+        """
+        factors = [(weights[k], moved) for k, moved in self.travels.items()]
+        factors += zip(weights[self.structure.patterns :], self.motions)
+        return sum((w * moved for w, moved in factors), np.zeros(self.owned))
+
     def load_response(self, weights: np.ndarray) -> np.ndarray:
-        """d (owned,) for the load sum_k weights_k f_k."""
+        """d (owned,) for the load sum_k weights_k f_k, rigid motions included."""
+        return self.elastic_response(weights) + self.rigid_response(weights)
 
     @abstractmethod
-    def corner_displacement(self, multipliers: np.ndarray, weights: np.ndarray) -> float:
-        """Largest displacement of a corner, a cheap measure of the body's motion; collective."""
+    def deformation(self, multipliers: np.ndarray, weights: np.ndarray) -> float:
+        """Largest displacement of a node relative to the rigid motion of its body; collective."""
 
     @abstractmethod
     def preconditioner(self):

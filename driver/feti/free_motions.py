@@ -46,7 +46,7 @@ def spring_compliances(classes: list[LocalClass], vectors: DualVectors,
         return np.zeros(0)
     local = np.zeros(len(vectors.sign))
     for c in classes:
-        held = np.linalg.solve(c.S + np.diag(np.diag(c.S)), c.A.T)
+        held = np.linalg.solve(c.S + np.diag(c.corner_stiffness), c.A.T)
         local[c.rows] = np.tile(np.diag(c.F) + np.einsum("ij,ji->i", c.A, held), len(c.members))
     compliance, rho = vectors.assemble(local), np.zeros(len(motions))
     for k, moved in enumerate(motions):

@@ -14,20 +14,28 @@ from .gathering import gather
 from .rigid_modes import rigid_modes
 from .rows import LocalRows, RowKind
 from .structure import Substructure
+from .travel import separated
 
 
 def fixed_dofs(manifest: Manifest, subdomains: list[Subdomain],
                comm) -> tuple[np.ndarray, np.ndarray]:
     """Sorted keys 2 gid + component of all fixed dofs of the body, and their values (n, patterns).
 
-    Gathered, as a subdomain that touches a support in a vertex may not know of it.
+    Gathered, as a subdomain that touches a support in a vertex may not know of it. Where boundaries
+    meet, one may fix a dof and the other displace it: subdomains that know the first alone have
+    zeros, so the larger value is what the untorn body has.
     """
     keys, values = [np.empty(0, np.int64)], [np.empty((0, len(manifest.patterns)))]
     for sub in subdomains:
         keys.append(2 * sub.node_gid[sub.dof_node[sub.fixed]] + sub.dof_component[sub.fixed])
         values.append(sub.fixed_values.T)
-    keys, first = np.unique(gather(comm, np.concatenate(keys)), return_index=True)
-    return keys, gather(comm, np.concatenate(values))[first]
+    keys, values = gather(comm, np.concatenate(keys)), gather(comm, np.concatenate(values))
+    order = np.argsort(keys, kind="stable")
+    keys, first = np.unique(keys[order], return_index=True)
+    if not len(keys):
+        return keys, values
+    low, high = (extreme.reduceat(values[order], first) for extreme in (np.minimum, np.maximum))
+    return keys, np.where(high >= -low, high, low)
 
 
 def number(manifest, subdomains, first, skeleton, fixed, contact, comm, frictional) -> Substructure:
@@ -36,6 +44,7 @@ def number(manifest, subdomains, first, skeleton, fixed, contact, comm, friction
     `fixed` as `fixed_dofs` returns it, `contact` the ContactBoundary, which gets its row numbers,
     `frictional` whether its nodes have tangential rows.
     """
+    fixed, travel = separated(skeleton, subdomains, fixed, comm)
     corners, fixed_keys = corner_vertices(skeleton), fixed[0]
     owner = skeleton.over_subdomains(np.minimum, skeleton.nodes[:, 0])
     corner_keys = (2 * corners[:, None] + [0, 1]).ravel()
@@ -77,7 +86,8 @@ def number(manifest, subdomains, first, skeleton, fixed, contact, comm, friction
     return Substructure(subdomains, first, manifest.subdomains, *local,
                         coarse_dofs=len(corner_keys), dual_dofs=len(order), row_kind=kind[order],
                         row_scale=row_scale, row_range=row_range, row_starts=row_starts,
-                        patterns=len(manifest.patterns), contact=contact, rigid_modes=modes,
+                        patterns=len(manifest.patterns), travel=travel,
+                        contact=contact, rigid_modes=modes,
                         rigid_corners=at_corners, outer_edges=skeleton.edges[outer][:, 1:],
                         outer_middles=middles, primal_dofs=primal)
 

@@ -22,7 +22,6 @@ wherever it lives, and the (small) coarse problem is assembled and solved on eve
 """
 
 import numpy as np
-from mpi4py import MPI
 
 from ..errors import NoSolution, agree
 from . import free_motions
@@ -32,7 +31,9 @@ from .dirichlet import DirichletPreconditioner
 from .dual_problem import DualProblem
 from .recovery import Recovery
 from .reduction import LocalClass, group, reduce_class, stack
+from .rigid_parts import RigidParts
 from .structure import Substructure
+from .travel import rows_moved
 from .vectors import DualVectors
 
 
@@ -50,6 +51,8 @@ class DualOperator(DualProblem):
         stack(self.classes)
         self.vectors = DualVectors(structure, self.classes, comm)
         self._F = BlockDiagonal(self.classes, [c.F for c in self.classes], "rows", "rows")
+        for c, block in zip(self.classes, self._F.blocks):
+            c.F = block  # where the product keeps it, and not once more
         self._A = BlockDiagonal(self.classes, [c.A for c in self.classes], "rows", "corners")
         transposed = [c.A_transposed for c in self.classes]
         self._A_transposed = BlockDiagonal(self.classes, transposed, "corners", "rows")
@@ -62,14 +65,17 @@ class DualOperator(DualProblem):
         self._motion_columns = np.array(self.motions).reshape(self.modes, self.owned).T
         self.rho = self.coarse.rho = free_motions.spring_compliances(self.classes, self.vectors,
                                                                      self.motions)
-        # d and the stacked corner displacements under every load pattern, then rigid motion
+        self.travels = {k: rows_moved(structure, self.classes, self.vectors, k)
+                        for k in structure.travel.patterns}
+        # B w and the stacked corner displacements under every load pattern, then rigid motion
         self._loaded = [self._response(k) for k in range(structure.patterns)]
         corners = structure.rigid_corners[self.coarse.numbers]
         self._loaded += [(d, corners[:, k]) for k, d in enumerate(self.motions)]
         self.rigid_work = free_motions.work_of_loads(structure, comm)
+        self.rigid_parts = RigidParts(structure, comm)
 
     def _response(self, pattern: int) -> tuple[np.ndarray, np.ndarray]:
-        """d = B u (owned,) and stacked corner displacements under one load pattern alone."""
+        """B w (owned,) and stacked corner displacements under one load pattern alone."""
         rows, corner = self._recovery.response(pattern)
         self._A_transposed.multiply(corner, rows, add=True)
         return self.vectors.assemble(rows * self.vectors.sign), corner
@@ -95,9 +101,10 @@ class DualOperator(DualProblem):
         """The Dirichlet preconditioner of F."""
         return DirichletPreconditioner(self)
 
-    def load_response(self, weights: np.ndarray) -> np.ndarray:
-        """d for the load sum_k weights_k f_k, which may go on with factors of rigid motions."""
-        return sum((w * d for w, (d, _) in zip(weights, self._loaded)), np.zeros(self.owned))
+    def elastic_response(self, weights: np.ndarray) -> np.ndarray:
+        """B w (owned,) for the load sum_k weights_k f_k, without any rigid motion."""
+        loaded = zip(weights[: self.structure.patterns], self._loaded)
+        return sum((w * d for w, (d, _) in loaded), np.zeros(self.owned))
 
     def imbalance(self, multipliers: np.ndarray,
                   weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -115,25 +122,37 @@ class DualOperator(DualProblem):
                 "dot": 8 * others}
 
     # ---- displacements and forces of the subdomains ------------------------------------------
-    def corner_displacement(self, multipliers: np.ndarray, weights: np.ndarray) -> float:
-        """Largest displacement of a corner."""
-        corner = self._corner_displacements(self._signed_rows(multipliers), weights)
-        return self.comm.allreduce(float(np.abs(corner).max(initial=0)), op=MPI.MAX)
+    def deformation(self, multipliers: np.ndarray, weights: np.ndarray) -> float:
+        """Largest displacement of a node relative to the rigid motion of its body; collective."""
+        return self.rigid_parts.deformation(self.deformations(multipliers, weights))
 
     def coarse_displacements(self, multipliers: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """(coarse dofs,) displacements of the corners, on every rank."""
         corner = self._corner_displacements(self._signed_rows(multipliers), weights)
         return self.coarse.whole(corner)
 
-    def displacements(self, multipliers: np.ndarray, weights: np.ndarray,
-                      forces: list | None = None) -> list[np.ndarray]:
-        """Displacements (dofs,) of every local subdomain for given multipliers and pattern factors.
+    def deformations(self, multipliers: np.ndarray, weights: np.ndarray,
+                     forces: list | None = None) -> list[np.ndarray]:
+        """Displacements w (dofs,) of every local subdomain less the travel, see travel.py.
 
-        `forces`: a (dofs,) array for every local subdomain that acts besides the patterns.
+        For given multipliers and pattern factors. `forces`: a (dofs,) array for every local
+        subdomain that acts besides the patterns.
         """
         rows = self._signed_rows(multipliers)
         corner = self._corner_displacements(rows, weights) if forces is None else None
         return self._recovery.displacements(rows, weights, forces, corner)
+
+    def displacements(self, multipliers: np.ndarray, weights: np.ndarray,
+                      forces: list | None = None) -> list[np.ndarray]:
+        """The same with the travel: all of u."""
+        return self.with_travel(self.deformations(multipliers, weights, forces), weights)
+
+    def with_travel(self, fields: list[np.ndarray], weights: np.ndarray) -> list[np.ndarray]:
+        """`fields` (dofs,) of the local subdomains, moved as supports carry their bodies."""
+        if not self.travels:
+            return fields
+        moved = self.structure.travel.displacements(weights, self.structure.subdomains)
+        return [u + r for u, r in zip(fields, moved)]
 
     def forces_on_supports(self, multipliers: np.ndarray) -> list[np.ndarray]:
         """B' lambda on the fixed dofs of every subdomain: contact forces on its supports."""

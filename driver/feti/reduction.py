@@ -8,44 +8,16 @@ import hashlib
 from dataclasses import dataclass
 
 import numpy as np
-from petsc4py import PETSc
 from scipy.sparse import coo_matrix
 
-from ..errors import NoSolution, shortage
 from ..scene.loader import Subdomain
 from .blocks import BLOCK
-from .factorization import factorized, petsc_matrix, solve_columns
+from .cholesky import TornFactor
 from .rows import LocalRows
 from .structure import Substructure
 
+LEAST = 0.01  # of K's diagonal: the smallest stiffness of a corner in springs
 SAME = 1e-12  # stiffness entries equal to this, relative to the largest, differ by rounding only
-
-
-class Factor:
-    """Cholesky factorization of a sparse symmetric positive definite matrix by PETSc."""
-
-    def __init__(self, matrix):
-        """Factorize a scipy CSR `matrix` (n, n). Raises NoSolution unless positive definite."""
-        self.size = matrix.shape[0]
-        if self.size == 0:
-            return
-        try:
-            self._factor = factorized(petsc_matrix(matrix))
-        except PETSc.Error as error:
-            if shortage(error):
-                raise
-            reason = "a subdomain is not held by its corners and supports (zero pivot)"
-            raise NoSolution(reason) from error
-        negative, zero, _ = self._factor.getFactorMatrix().getInertia()
-        if negative or zero:
-            raise NoSolution("a subdomain's stiffness is not positive definite; check material and "
-                             "supports")
-
-    def solve(self, right: np.ndarray) -> np.ndarray:
-        """Solution for the columns of `right`, shape (n, k)."""
-        if self.size == 0 or right.shape[1] == 0:
-            return np.zeros_like(right)
-        return solve_columns(self._factor, right)
 
 
 @dataclass
@@ -60,7 +32,7 @@ class LocalClass:
     torn: np.ndarray  # (n_r,) dofs of X^r
     corner: np.ndarray  # (n_c,) dofs of X^c
     K: np.ndarray  # (dofs, dofs) sparse
-    factor: Factor  # K_rr
+    factor: TornFactor  # of K_rr
     B_r: np.ndarray  # (m, n_r) sparse
     B_c: np.ndarray  # (m, n_c) sparse
     K_rc: np.ndarray  # (n_r, n_c) sparse
@@ -73,6 +45,14 @@ class LocalClass:
 
     def __post_init__(self):
         self.A_transposed = np.ascontiguousarray(self.A.T)
+
+    @property
+    def corner_stiffness(self) -> np.ndarray:
+        """(n_c,) the diagonal of S, at least LEAST of K's: S itself may give way to a corner.
+
+        A subdomain that hangs on two corners resists none of their motions across their line.
+        """
+        return np.maximum(np.diag(self.S), LEAST * self.K.diagonal()[self.corner])
 
 
 def stack(classes: list[LocalClass]) -> None:
@@ -162,16 +142,13 @@ def reduce_class(structure: Substructure, members: list[int], values: np.ndarray
     torn = np.flatnonzero(is_torn)
     K = coo_matrix((values, (sub.rows, sub.columns)), shape=(sub.dofs, sub.dofs)).tocsr()
     B = constraint_matrix(rows, sub.dofs)
-    B_r, B_c = B[:, torn], B[:, corner]
-    K_r = K[torn]
-    K_rc, factor = K_r[:, corner], Factor(K_r[:, torn])
-    solved = factor.solve(np.hstack([B_r.T.toarray(), K_rc.toarray()]))
-    m = len(rows.row)
-    F = B_r @ solved[:, :m]
-    A = B_c.toarray() - B_r @ solved[:, m:]
-    S = K[corner][:, corner].toarray() - K_rc.T @ solved[:, m:]
-    return LocalClass(members, torn, corner, K, factor, B_r, B_c, K_rc, (F + F.T) / 2, A,
-                      (S + S.T) / 2, shared)
+    B_r, B_c, K_rc = B[:, torn], B[:, corner], K[torn][:, corner]
+    seen = np.diff(B_r.tocsc().indptr) > 0
+    factor, B_t = TornFactor(K, torn, seen), B_r[:, seen]
+    inverse, coupling, S = factor.reduced(corner)
+    F = B_t @ (B_t @ inverse).T
+    A = B_c.toarray() - B_t @ coupling
+    return LocalClass(members, torn, corner, K, factor, B_r, B_c, K_rc, (F + F.T) / 2, A, S, shared)
 
 
 def constraint_matrix(rows: LocalRows, dofs: int):

@@ -8,6 +8,8 @@ are distributed over ranks.
 from functools import cached_property
 
 import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from ..errors import InputError, agree
 from ..scene.elements import cross
@@ -29,6 +31,8 @@ class Skeleton:
         self.nodes = gather(comm, pieces.nodes)  # subdomain, gid
         self.xy, self.stiffness = gather(comm, pieces.xy), gather(comm, pieces.stiffness)
         self.middles = gather(comm, pieces.middles)  # of every edge, empty with linear elements
+        # of every edge the component of its subdomain, see Outline; numbered in every subdomain
+        self.component = gather(comm, pieces.component)
         self.local, self.starts = pieces.local, pieces.starts
         first = np.searchsorted(self.nodes[:, 0], subdomains[0].index) if subdomains else 0
         self.own = slice(first, first + len(self.local))
@@ -49,13 +53,13 @@ class Skeleton:
         """Minimum, maximum or sum of nodal `values` over the subdomains of each of `gids`."""
         return operation.reduceat(values[self.by_vertex], self._vertex_starts)
 
-    def links(self, label: int) -> np.ndarray:
-        """(n, 2) gids of nodes that are neighbours along edges with a label; each pair once."""
+    def labelled(self, label: int) -> np.ndarray:
+        """(n, 2) or (n, 3) gids of both ends, and the middle, of the edges with a label."""
         here = self.edges[:, 3] == label
-        ends = self.edges[here, 1:3]
+        gids = self.edges[here, 1:3]
         if len(self.middles):
-            ends = np.column_stack([ends.T.ravel(), np.tile(self.middles[here], 2)])
-        return np.unique(ends, axis=0)
+            gids = np.column_stack([gids, self.middles[here]])
+        return np.unique(gids, axis=0)
 
     @cached_property
     def place(self) -> np.ndarray:
@@ -82,6 +86,23 @@ class Skeleton:
                                "subdomains")
         agree(comm, error)
 
+    def check_connected(self) -> None:
+        """Refuse bodies parts of which share vertices only, as such parts hinge on one another."""
+        component = self.edges[:, 0] * (self.component.max() + 1) + self.component
+        names, component = np.unique(component, return_inverse=True)
+        sides = component[self._sides]
+        graph = coo_matrix((np.ones(len(sides)), sides.T), shape=(len(names),) * 2)
+        part = np.tile(connected_components(graph, directed=False)[1][component], 2)
+        vertex = np.searchsorted(self.gids, self.edges[:, 1:3].T.ravel())
+        order = np.lexsort((part, vertex))
+        vertex, part = vertex[order], part[order]
+        hinges = vertex[1:][(vertex[1:] == vertex[:-1]) & (part[1:] != part[:-1])]
+        if len(hinges):
+            x, y = self.place[hinges[0]]
+            raise InputError(f"parts of a body share no edge but only the vertex at ({x:g}, {y:g}),"
+                             " on which they hinge: connect them by edges, or give each by "
+                             "addBody(mesh)")
+
     def check_overlap(self, paired: np.ndarray) -> None:
         """Refuse an outline that crosses itself, but not where pairs `paired` fit only roughly."""
         outer = ~self.shared & ~np.isin(self.edges[:, 3], paired)
@@ -100,11 +121,15 @@ class Skeleton:
     def neighbour(self) -> np.ndarray:
         """For every boundary edge the subdomain on its other side, or -1."""
         other = np.full(len(self.edges), -1)
-        order = np.argsort(self.edge_id, kind="stable")
-        order = order[self.shared[order]]
-        other[order[0::2]] = self.edges[order[1::2], 0]
-        other[order[1::2]] = self.edges[order[0::2], 0]
+        one, two = self._sides.T
+        other[one], other[two] = self.edges[two, 0], self.edges[one, 0]
         return other
+
+    @cached_property
+    def _sides(self) -> np.ndarray:
+        """(n, 2) the two of `edges` that every shared edge is."""
+        order = np.argsort(self.edge_id, kind="stable")
+        return order[self.shared[order]].reshape(-1, 2)
 
 
 class _Pieces:
@@ -136,6 +161,7 @@ class _Pieces:
         labels = joined([sub.edge_label for sub in subdomains], np.int64)
         label = edge_labels(labelled, labels, ends)
         self.edges = np.column_stack([subdomain(edges), np.sort(gid[ends], axis=1), label])
+        self.component = joined((outline.component for outline in outlines), np.int64)
         self.nodes = np.column_stack([subdomain(nodes), gid[boundary]])
         self.xy = joined((sub.xy for sub in subdomains), float, 2)[boundary]
         self.middles = gid[shifted(outline.middles for outline in outlines)]
@@ -150,11 +176,15 @@ class _Pieces:
 class Outline:
     """The boundary of a subdomain in its own numbering: edges (n, 2), nodes (m,), edge middles.
 
-    Subdomains with the same `elements` have the same outline.
+    `component` (n,) numbers the components of the subdomain at its edges: triangles that edges
+    connect. Subdomains with the same `elements` have the same outline.
     """
 
     def __init__(self, sub: Subdomain):
-        self.edges = boundary_edges(sub.triangles)
+        self.edges, triangle, inner = _edges(sub.triangles)
+        count = len(sub.triangles)
+        graph = coo_matrix((np.ones(len(inner)), inner.T), shape=(count, count))
+        self.component = connected_components(graph, directed=False)[1][triangle]
         self.middles = sub.middles(self.edges)
         self.nodes = np.union1d(self.edges, self.middles)
         order = np.argsort(sub.elements, axis=None, kind="stable")
@@ -169,12 +199,20 @@ class Outline:
         return np.maximum.reduceat(trace[self._triangle], self._first)
 
 
-def boundary_edges(triangles: np.ndarray) -> np.ndarray:
-    """(n, 2) edges that belong to one triangle only, smaller vertex first."""
+def _edges(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Edges (n, 2) of one triangle only, smaller vertex first, and that triangle (n,).
+
+    Last (k, 2) the triangles that inner edges connect.
+    """
     edges = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
     span = edges.max() + 1
-    keys, counts = np.unique(edges[:, 0] * span + edges[:, 1], return_counts=True)
-    return np.column_stack(np.divmod(keys[counts == 1], span))
+    key = edges[:, 0] * span + edges[:, 1]
+    order = np.argsort(key, kind="stable")
+    key, triangle = key[order], order // 3
+    same = key[1:] == key[:-1]  # as the next one
+    alone = ~(np.append(same, False) | np.append(False, same))
+    outer = np.column_stack(np.divmod(key[alone], span))
+    return outer, triangle[alone], np.column_stack([triangle[:-1][same], triangle[1:][same]])
 
 
 def edge_labels(labelled: np.ndarray, labels: np.ndarray, edges: np.ndarray) -> np.ndarray:

@@ -7,6 +7,7 @@ import numpy as np
 from ..scene.loader import Subdomain
 from .rigid_modes import RigidMode
 from .rows import LocalRows
+from .travel import Travel
 
 
 @dataclass
@@ -17,7 +18,7 @@ class Substructure:
     first: int  # index of the rank's first subdomain
     total: int
     fixed: list[np.ndarray]  # per subdomain: Dirichlet dofs, those marked by a neighbour included
-    fixed_values: list[np.ndarray]  # per subdomain: (patterns, n_fixed)
+    fixed_values: list[np.ndarray]  # per subdomain: (patterns, n_fixed), less the travel
     corner_dofs: list[np.ndarray]  # per subdomain: local dofs that are primal
     corner_global: list[np.ndarray]  # per subdomain: their numbers in the coarse problem
     rows: list[LocalRows]
@@ -28,6 +29,7 @@ class Substructure:
     row_range: tuple[int, int]  # rows owned by this rank
     row_starts: np.ndarray  # per local subdomain: its first row, counted from row_range[0]
     patterns: int
+    travel: Travel  # rigid motions of whole bodies that supports prescribe
     contact: object  # ContactBoundary of contact/boundary.py
     rigid_modes: list[RigidMode]  # of bodies whose supports, if any, leave them free
     rigid_corners: np.ndarray  # (coarse_dofs, modes) orthonormal: the modes at the coarse dofs

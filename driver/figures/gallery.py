@@ -5,15 +5,13 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from ..files import FIGURES
 from .body import deformed, geometry
 from .contact import contact_normal, contact_status, contact_tangential
 from .convergence import adaptivity, convergence
 from .history import history, loading
 from .reading import Run, read_run
 from .style import canvas, write
-
-FILES = ("geometry", "loading", "deformed", "contact_normal", "contact_tangential",
-         "contact_status", "convergence", "history", "adaptivity")
 
 
 def wanted(run: Run) -> dict:
@@ -52,7 +50,7 @@ def draw_run(directory: Path) -> list[Path]:
     folder = directory / "figures"
     folder.mkdir(exist_ok=True)
     names = list(wanted(run))
-    for name in set(FILES) - set(names):
+    for name in set(FIGURES) - set(names):
         for kind in ("png", "pdf"):
             (folder / f"{name}.{kind}").unlink(missing_ok=True)
     return [path for name in names for path in write(compose(name, run), folder, name)]

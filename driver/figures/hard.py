@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 
 from ..files import read_rows
+from . import drawn
 from .style import BLUE, GREEN, INK, ORANGE, RED, canvas, write
 
 RESIDUALS = ("stationarity", "gluing", "penetration", "sign",
@@ -25,20 +26,29 @@ CELL, LINE, NAME = 1.35, 0.4, 8.2
 
 
 def draw(table: Path) -> list[Path]:
-    """Draw report.csv, and sweeps with several places; returns the files written."""
+    """Draw report.csv, sweeps with several places, random scenes; returns the files written."""
     rows = [{**row, **{name: float(row[name] or "nan") for name in NUMBERS}}
             for row in read_rows(table)]
+    scenes = [row for row in rows if row["family"] == drawn.FAMILY]
+    made = drawn.draw(scenes, table.parent) if scenes else []
+    if len(scenes) < len(rows):
+        made += _draw_cases([row for row in rows if row["family"] != drawn.FAMILY], table.parent)
+    return made
+
+
+def _draw_cases(rows: list[dict], folder: Path) -> list[Path]:
+    """The table and the sweeps."""
     lines = _lines(rows)
     width, height = NAME + CELL * len(COLUMNS), LINE * len(lines) + 2.0
     figure = canvas(lambda figure: _table(figure, lines, width, height), height, width, "none")
-    paths = write(figure, table.parent, "report")
+    paths = write(figure, folder, "report")
     names = [name for name in dict.fromkeys(row["sweep"] for row in rows if row["sweep"])
              if len({row["place"] for row in rows if row["sweep"] == name}) > 1]
     if names:
         across = min(3, len(names))
         down = -(-len(names) // across)
         figure = canvas(lambda figure: _sweeps(figure, rows, names, down, across), 5 * down)
-        paths += write(figure, table.parent, "sweeps")
+        paths += write(figure, folder, "sweeps")
     return paths
 
 

@@ -63,8 +63,10 @@ def assembled(case: Case, size: dict) -> Assembled:
 def _same_nodes(body: Assembled, contact: dict) -> np.ndarray:
     """Column of contact.csv for every contact node of the assembled body."""
     label = contact.get("boundary", np.full(contact["x"].shape, body.label[0]))[-1]
-    theirs = np.lexsort((contact["y"][-1], contact["x"][-1], label))
-    ours = np.lexsort((body.xy[:, 1], body.xy[:, 0], body.label))
+    names = "normal_y", "normal_x", "y", "x"  # at a corner two nodes differ in their normals alone
+    theirs = np.lexsort([*(np.round(contact[name][-1], 6) for name in names[:2]),
+                         *(contact[name][-1] for name in names[2:]), label])
+    ours = np.lexsort([*np.round(body.normal, 6).T[::-1], *body.xy.T[::-1], body.label])
     order = np.empty(len(ours), int)
     order[ours] = theirs
     if not np.array_equal(body.xy, np.column_stack([contact["x"][-1], contact["y"][-1]])[order]):

@@ -100,7 +100,9 @@ class Assembled:
         for sub, k in zip(subdomains, keys):
             used[k] = True
             free[k[sub.fixed]] = False
-            self.held[:, k[sub.fixed]] = sub.fixed_values
+            known = self.held[:, k[sub.fixed]]  # a vertex of two boundaries has what moves it
+            self.held[:, k[sub.fixed]] = np.where(np.abs(sub.fixed_values) > np.abs(known),
+                                                  sub.fixed_values, known)
             for total, load in zip(self.loads, sub.loads):
                 np.add.at(total, k, load)
         self.free = np.flatnonzero(free & used)
@@ -146,18 +148,19 @@ class Assembled:
             rough = c.column("friction") + c.column("tresca")
             nodes = zip(c.node, c.label, c.weight, c.normal, away, rough)
             for vertex, label, w, n, gap, F in nodes:
-                key = (int(label), int(sub.node_gid[vertex]))
-                parts.setdefault(key, []).append((w, *(w * n), w * gap, w * F, *sub.xy[vertex]))
+                part = int(label), np.array([w, *(w * n), w * gap, w * F, *sub.xy[vertex]])
+                parts.setdefault(int(sub.node_gid[vertex]), []).append(part)
         free = set(self.free.tolist())
-        kept = [(key, np.array(p)) for key, p in parts.items()
-                if free & {2 * key[1], 2 * key[1] + 1}]
+        kept = [(_majority(group), vertex, np.array([part for _, part in group]))
+                for vertex, of_vertex in parts.items() if free & {2 * vertex, 2 * vertex + 1}
+                for group in _directions(of_vertex)]
         # label, then x: the model's order along the arc
-        kept.sort(key=lambda pair: (pair[0][0], *pair[1][0, 5:]))
-        self.label, self.gid = np.array([key for key, _ in kept], int).reshape(-1, 2).T
-        total = np.array([p.sum(axis=0) for _, p in kept]).reshape(-1, 7)
+        kept.sort(key=lambda node: (node[0], *node[2][0, 5:], *node[2][0, 1:3]))
+        self.label, self.gid = np.array([node[:2] for node in kept], int).reshape(-1, 2).T
+        total = np.array([p.sum(axis=0) for _, _, p in kept]).reshape(-1, 7)
         self.weight = total[:, 0]
         self.gap, self.friction = total[:, 3] / self.weight, total[:, 4] / self.weight
-        self.xy = np.array([p[0, 5:] for _, p in kept]).reshape(-1, 2)
+        self.xy = np.array([p[0, 5:] for _, _, p in kept]).reshape(-1, 2)
         self.normal = total[:, 1:3] / np.linalg.norm(total[:, 1:3], axis=1)[:, None]
         self.tangent = np.column_stack([-self.normal[:, 1], self.normal[:, 0]])
         # node, vertex, weight in what meets
@@ -169,7 +172,7 @@ class Assembled:
         The weights of the jumps are then the driver's; stiffness and solution stay independent of
         it.
         """
-        for name in ("gid", "label", "xy", "weight", "gap", "normal", "tangent"):
+        for name in ("gid", "label", "xy", "weight", "gap", "normal", "tangent", "columns"):
             setattr(self, name, getattr(contact, name))
         self.friction = contact.columns.get("friction", np.zeros(len(contact.gid)))
         self.terms = contact.term_node, contact.term_gid, contact.term_value
@@ -198,6 +201,27 @@ class Assembled:
         B = self.B[:, self.free]
         C = B @ self._factor.solve(np.ascontiguousarray(B.T))
         return (C + C.T) / 2
+
+
+def _directions(parts: list) -> list[list]:
+    """Parts (label, numbers) of a vertex in groups whose normals enclose at most 34 degrees."""
+    groups = []
+    for part in parts:
+        for group in groups:
+            (x, y), (p, q) = part[1][1:3], group[0][1][1:3]
+            if abs(np.degrees(np.arctan2(x * q - y * p, x * p + y * q))) <= 34:
+                group.append(part)
+                break
+        else:
+            groups.append([part])
+    return groups
+
+
+def _majority(parts: list) -> int:
+    """The label with most of a node's boundary, of equal ones the smallest."""
+    length = {label: sum(numbers[0] for other, numbers in parts if other == label)
+              for label, _ in parts}
+    return min(length, key=lambda label: (-round(length[label] / max(length.values()), 6), label))
 
 
 # -------------------------------------------------------- quasistatic contact with Coulomb friction

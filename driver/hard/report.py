@@ -40,6 +40,10 @@ class Row:
     seconds: float = np.nan
     sweep: str = ""
     place: float = np.nan  # in the sweep
+    seed: int = 0  # of a random scene
+    declared: str = ""  # what it declares
+    disagreement: float = np.nan  # of contact forces between cuts, relative
+    repeat: str = ""  # command that repeats a failed random scene
 
     @property
     def kkt(self) -> float:
@@ -52,7 +56,8 @@ def line(row: Row) -> str:
     """A case at one size for the screen."""
     start = f"{row.status:8s} {row.family}: {row.case} [{row.size}]"
     if row.status != "solved":
-        return f"{start}: exit {row.exit}, {row.why}"
+        again = f"; repeat: {row.repeat}" if row.repeat else ""
+        return f"{start}: exit {row.exit}, {row.why}{again}"
     ratio = f" ({row.iterations_ratio:.2g} of easy)" if np.isfinite(row.iterations_ratio) else ""
     return (f"{start}: KKT {row.kkt:.1e}, {row.error:.2g} of the tolerance off {row.oracle}, "
             f"{row.products} products{ratio}")

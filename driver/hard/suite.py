@@ -7,7 +7,9 @@ import os
 import re
 import shutil
 import time
+from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,6 +17,7 @@ import numpy as np
 
 from .. import options
 from ..errors import DriverError, InputError
+from . import random
 from .case import Case, Outcome, reference, run_case
 from .oracle import OracleFailure
 from .report import Row, line, write
@@ -35,48 +38,104 @@ def run_suite(pairs: dict[str, str]) -> list[Path]:
     Raises InputError for options that `make hard` does not have, and DriverError if a case ends in
     neither of the two ways.
     """
-    chosen, folder, jobs = _chosen(pairs)
+    tasks, folder, jobs = _chosen(pairs)
     folder.mkdir(parents=True, exist_ok=True)
-    shutil.rmtree(folder / "runs", ignore_errors=True)
+    for earlier in ("runs", random.KEPT):
+        shutil.rmtree(folder / earlier, ignore_errors=True)
     rows, clock = [], time.perf_counter()
-    with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
-        tasks = [pool.submit(_judge_named, case.family, case.name, size, folder / "runs")
-                 for case, size in chosen]
-        try:
-            for task in tasks:
-                rows.append(task.result())
-                print(line(rows[-1]), flush=True)
-        # an interrupt: what runs is ended by it too, what waits must not begin
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+    for row in _judged(tasks, folder, jobs):
+        rows.append(row)
+        print(line(row), flush=True)
     shutil.rmtree(folder / "runs", ignore_errors=True)
     write(folder / "report.csv", rows)
     from ..figures.hard import draw
 
     made = [folder / "report.csv", *draw(folder / "report.csv")]
     failed = [row for row in rows if row.status == "FAILED"]
-    ended = {name: sum(row.status == name for row in rows) for name in ("solved", "refused")}
-    spent = time.perf_counter() - clock
-    print(f"{len({row.case for row in rows})} cases at {len(rows)} sizes: {ended['solved']} solved "
-          f"and checked, {ended['refused']} refused as they must be, {len(failed)} failed; "
-          f"{spent:.0f} s")
+    print(f"{_summary(rows)}; {time.perf_counter() - clock:.0f} s")
     if failed:
         raise DriverError(
             f"{len(failed)} hard cases failed, see {os.path.relpath(folder / 'report.csv')}")
     return made
 
 
+def _summary(rows: list[Row]) -> str:
+    """How many cases and random scenes ended how."""
+    drawn = [row for row in rows if row.family == random.FAMILY]
+    parts = []
+    for some, what in (([row for row in rows if row.family != random.FAMILY], "cases"),
+                       (drawn, "random scenes")):
+        ended = {name: sum(row.status == name for row in some)
+                 for name in ("solved", "refused", "FAILED")}
+        sizes = "" if some is drawn else f" at {len(some)} sizes"
+        if some:
+            parts.append(f"{len({row.case for row in some})} {what}{sizes}: {ended['solved']} "
+                         f"solved and checked, {ended['refused']} refused as they must be, "
+                         f"{ended['FAILED']} failed")
+    return "; ".join(parts)
+
+
 def _chosen(pairs: dict[str, str]):
-    """Cases with their sizes, result directory and number of jobs from the options."""
+    """Cases with their sizes and seeds, result directory and number of jobs from the options."""
     given = options.read("hard", pairs)
-    fast = given["fast"]
-    chosen = [(case, size) for family in given["family"] or FAMILIES for case in cases(family)
+    fast, families = given["fast"], given["family"] or FAMILIES
+    chosen = [(case, size) for family in families for case in cases(family)
               if given["case"] in case.name and (case.fast or not fast)
               for size in (case.sizes[:1] if fast else case.sizes)]
+    if random.FAMILY in families:
+        count = min(given["count"], random.FAST) if fast else given["count"]
+        chosen += [(random.FAMILY, seed) for seed in range(given["seed"], given["seed"] + count)
+                   if given["case"] in random.name(seed)]
     if not chosen:
         raise InputError(f"no hard case has '{given['case']}' in its name")
     return chosen, given["out"].absolute(), given["jobs"]
+
+
+# ---- the processes -------------------------------------------------------------------------------
+
+def _judged(tasks: list, folder: Path, jobs: int) -> Iterator[Row]:
+    """Rows of all tasks in their order.
+
+    Where a process dies, those of its tasks that may have been running are run alone.
+    """
+    while tasks:
+        with _pool(min(jobs, len(tasks))) as pool:
+            futures = [_submitted(pool, task, folder) for task in tasks]
+            try:
+                while futures:
+                    row = futures[0].result()
+                    futures.pop(0)
+                    tasks = tasks[1:]
+                    yield row
+            except BrokenProcessPool:
+                pass
+            # an interrupt: what runs is ended by it too, what waits must not begin
+            except BaseException:
+                pool.shutdown(wait=False, cancel_futures=True)
+                raise
+        if tasks:
+            yield _alone(tasks[0], folder)
+            tasks = tasks[1:]
+
+
+def _pool(jobs: int) -> ProcessPoolExecutor:
+    return ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn"))
+
+
+def _submitted(pool: ProcessPoolExecutor, task: tuple, folder: Path):
+    case, size = task
+    if case == random.FAMILY:
+        return pool.submit(random.judge, size, folder)
+    return pool.submit(_judge_named, case.family, case.name, size, folder / "runs")
+
+
+def _alone(task: tuple, folder: Path) -> Row:
+    """The row of a task in a process of its own, which may die of it."""
+    with _pool(1) as pool:
+        try:
+            return _submitted(pool, task, folder).result()
+        except BrokenProcessPool:
+            return random.died(task[1], folder)
 
 
 # ---- one case ------------------------------------------------------------------------------------

@@ -11,8 +11,10 @@ import hashlib
 import io
 import json
 import os
+import re
 import shutil
 import sys
+import zipfile
 import zlib
 from pathlib import Path
 
@@ -22,6 +24,7 @@ from ..environment import ROOT
 from ..files import renamed
 
 NAME = "checkpoint.bin"
+FIELDS = re.compile(r"fields/\w+\.vtu")  # files beside it that a checkpoint may name
 END = b"</VTKFile>\n"
 # of the wall time that checkpoints may take: one follows after every step that pays for it
 SHARE = 0.02
@@ -69,8 +72,8 @@ def _with_array(entry: dict, arrays: dict):
 
 
 def read(directory: Path) -> dict | None:
-    """The state kept in `directory`; None if there is none, or one that is damaged or lacks files
-    of fields.
+    """The state kept in `directory`; None if there is none, or one that is damaged, lacks files of
+    fields or names files elsewhere.
 
     Raises OSError if memory is too short to see.
     """
@@ -82,18 +85,24 @@ def read(directory: Path) -> dict | None:
             arrays = {name: kept[name] for name in kept.files}
         state = json.loads(arrays["text"].tobytes(),
                            object_hook=lambda entry: _with_array(entry, arrays))
-        return state if all(_ends(directory / name) for name in state["files"]) else None
+        whole = isinstance(steps(state), int) and isinstance(state["fingerprint"], dict)
+        return state if whole and all(_ends(directory, name) for name in state["files"]) else None
     except OSError as problem:
         if problem.errno == errno.ENOMEM:  # not what an error that is being handled was about
             raise
         return None
+    except (ValueError, LookupError, TypeError, zipfile.BadZipFile):  # not written by `write`
+        return None
 
 
-def _ends(path: Path) -> bool:
-    """Whether a file of fields has its last line; a power failure may have taken it. Raises OSError
-    if it is empty.
+def _ends(directory: Path, name: str) -> bool:
+    """Whether `name` is a file of fields that has its last line; a power failure may have taken it.
+
+    Raises OSError if it is empty or a link.
     """
-    with open(path, "rb") as file:
+    if not FIELDS.fullmatch(name):
+        return False
+    with open(os.open(directory / name, os.O_RDONLY | os.O_NOFOLLOW), "rb") as file:
         file.seek(-len(END), os.SEEK_END)
         return file.read() == END
 

@@ -8,7 +8,6 @@ from ..qp import complementarity
 from ..qp.coulomb import CoulombProblem
 from ..feti.compliance import contact_compliance
 from ..feti.dual_problem import DualProblem
-from ..feti.rows import contact_row_numbers
 from ..contact.rows import ContactRows
 from .step import Load
 
@@ -17,7 +16,8 @@ from .step import Load
 class Condensation:
     """Contact rows in the order of the contact nodes, normal ones first, and their compliance.
 
-    `guess` is a dual vector near the solution of the first step. Collective.
+    Without those that the states of corners exclude: `nodes` (n,) have a normal row. `guess` is a
+    dual vector near the solution of the first step. Collective.
     """
 
     operator: DualProblem
@@ -25,17 +25,27 @@ class Condensation:
     guess: np.ndarray | None = None
 
     def __post_init__(self):
-        structure = self.operator.structure
+        self._compliance = None
+        self.select()
+
+    def select(self) -> None:
+        """Take the rows that the present states of corners leave."""
+        structure, corners = self.operator.structure, self.rows.corners
         contact, (first, last) = structure.contact, structure.row_range
-        normal, tangential = (np.flatnonzero(r >= 0)
-                              for r in (contact.normal_row, contact.tangential_row))
-        self.pair = np.searchsorted(normal, tangential)
-        self.n, self.m = len(normal), len(tangential)
-        number = contact_row_numbers(contact)
+        rows = [contact.normal_row >= 0, contact.tangential_row >= 0]
+        if corners is not None:
+            known = np.concatenate(rows)
+            rows = [have & acts for have, acts in zip(rows, corners.act(len(contact.gid)))]
+            self._acting = np.concatenate(rows)[known]
+        self.nodes, tangential = map(np.flatnonzero, rows)
+        self.pair = np.searchsorted(self.nodes, tangential)
+        self.n, self.m = len(self.nodes), len(tangential)
+        number = np.concatenate([contact.normal_row[self.nodes],
+                                 contact.tangential_row[tangential]])
         # this rank's rows among the contact rows, and their places in its part of a dual vector
         self._owned = np.flatnonzero((number >= first) & (number < last))
         self._places = number[self._owned] - first
-        self._compliance = self._law = None
+        self._selected = self._law = None
 
     @property
     def whole(self) -> bool:
@@ -65,7 +75,11 @@ class Condensation:
         """C (n + m, n + m), computed at the first call. Raises NotConverged."""
         if self._compliance is None:
             self._compliance = contact_compliance(self.operator)
-        return self._compliance
+        if self._selected is None:
+            self._selected = self._compliance
+            if self.rows.corners is not None:
+                self._selected = self._compliance[np.ix_(self._acting, self._acting)]
+        return self._selected
 
     def solution(self, load: Load, x, gradient, sliding) -> tuple[np.ndarray, np.ndarray] | None:
         """Multipliers that solve a step, and their gradient, where there are contact rows alone.
@@ -94,7 +108,7 @@ class Condensation:
         if self._law is None:
             motions = np.column_stack([self.gather(d) for d in op.motions]) if op.modes else None
             self._law = CoulombProblem(self.compliance(), np.zeros(self.n + self.m),
-                                       np.zeros(self.m), self.pair, rows.bilateral, motions)
+                                       np.zeros(self.m), self.pair, self._bilateral(), motions)
         coefficient, offset = self._tangential(rows.coefficient), None
         if rows.offset is not None:
             offset = self._tangential(rows.offset)
@@ -105,6 +119,12 @@ class Condensation:
         if op.modes:
             balance = load.weights[: op.structure.patterns] @ op.rigid_work[0]
         return self._law.under(d, coefficient, balance, offset)
+
+    def _bilateral(self) -> np.ndarray:
+        """(n,) whether contact is bilateral, on every rank."""
+        full = np.zeros(self.operator.owned)
+        full[self.rows.normal] = self.rows.bilateral
+        return self.gather(full)[: self.n] > 0
 
     def _tangential(self, values: np.ndarray) -> np.ndarray:
         """(m,) values (j,) of the rank's tangential rows, on every rank."""

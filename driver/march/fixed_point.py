@@ -12,7 +12,7 @@ from ..qp.anderson import Anderson, gives_up
 from ..qp.mprgp import projected_gradient
 from . import globalization
 from .condensation import Condensation
-from .friction_qp import FrictionQP
+from .friction_qp import FINEST, FrictionQP
 from .slip import SlipState
 from .step import WINDOW, Load, Trace, Unfinished
 
@@ -22,8 +22,6 @@ CORRECTION = 0.1  # its residual, relative to the whole one before
 BALANCED = 0.1  # its imbalance of bodies without support, relative to the one before
 HEADWAY = 1.0  # growth of this imbalance in a QP above which the corrector moves them no more
 CONDENSED_PASSES = 30  # corrections of a solution of the condensed contact problem
-# tolerance of the gluing multipliers there, relative to ||d|| and ||F|| ||x||: a hundred roundings
-FINEST = 1e-13
 
 
 class FixedPoint:
@@ -35,16 +33,19 @@ class FixedPoint:
         self.operator, self.rows = qp.operator, qp.rows
         self.settings, self.history = qp.settings, qp.history
         coupled = len(self.rows.tangential) > 0 and not self.rows.bound_is_given
-        self.corrects_motion, self.coupled = False, bool(self.operator.comm.allreduce(int(coupled)))
+        self.corrects_motion, self.rtol = False, self.settings.friction_rtol
+        self.coupled = bool(self.operator.comm.allreduce(int(coupled)))
 
-    def find(self, index: int, load: Load, x, gradient, sliding, trace: Trace):
+    def find(self, index: int, load: Load, x, gradient, sliding, trace: Trace, rtol: float):
         """Successive approximations lambda_n -> Phi(lambda_n), each QP solved as far as it pays.
 
         The first QPs would be solved far beyond the error of their friction bound; each reduces its
         initial residual by `inner_rtol`, and the last one meets the tolerance. Bodies without
-        support move in the same iterations. Starts from and returns multipliers, gradient and the
-        rows that slide. Raises Unfinished.
+        support move in the same iterations. `rtol` is the relative change of pressures and friction
+        bounds, and the imbalance of bodies, to be reached. Starts from and returns multipliers,
+        gradient and the rows that slide. Raises Unfinished.
         """
+        self.rtol = rtol
         settings, rows, coupled = self.settings, self.rows, self.coupled
         self.corrects_motion = free = self.operator.modes > 0
         secants, last = self.bodies.secants(), np.inf
@@ -62,14 +63,14 @@ class FixedPoint:
                 return x, gradient, sliding
             loose = self.bodies.imbalance(load, x)
             trace.changes.append(max(change, loose * self._norm(x[rows.normal])))
-            if loose <= settings.friction_rtol and self._settled(change, result):
+            if loose <= self.rtol and self._settled(change, result):
                 return x, gradient, sliding
             tired = trace.iterations >= settings.max_fixed_point
             if tired and trace.iterations <= 2 * WINDOW:
                 error = NotConverged(f"step {index}: no fixed point of the friction bound in "
                                      f"{trace.iterations} iterations")
                 raise Unfinished(error, x, gradient)
-            if loose > settings.friction_rtol and change <= SETTLING * self._norm(x[rows.normal]):
+            if loose > self.rtol and change <= SETTLING * self._norm(x[rows.normal]):
                 # before, friction is too far off to say where to
                 gradient = gradient - self.bodies.lead(load, x, secants)
             # for given gluing multipliers bodies may move too far, and back again after the next QP
@@ -106,7 +107,7 @@ class FixedPoint:
             if aim is None:
                 whole, loose = qp.size(residual), self.bodies.imbalance(load, x)
                 aim = max(0.5 * qp.tol, CORRECTION * whole)
-                balanced = max(0.5 * self.settings.friction_rtol, BALANCED * loose)
+                balanced = max(0.5 * self.rtol, BALANCED * loose)
             residual[rows.gluing] = 0.0
             if whole <= qp.tol or qp.size(residual) <= aim:
                 if not self.corrects_motion or self.bodies.imbalance(load, x) <= balanced:
@@ -134,7 +135,7 @@ class FixedPoint:
         return 0.0 if trace.exact else self.settings.inner_rtol
 
     def _settled(self, change: float, result) -> bool:
-        return (change <= self.settings.friction_rtol * self._norm(result.x[self.rows.normal])
+        return (change <= self.rtol * self._norm(result.x[self.rows.normal])
                 and result.residual <= self.qp.tol)
 
     # ---- where they do not contract ------------------------------------------------------------
@@ -145,7 +146,7 @@ class FixedPoint:
             solution = self._condense(index, load, x, trace)
         if solution is not None:
             return solution
-        unbalanced = self.bodies.imbalance(load, x) > self.settings.friction_rtol
+        unbalanced = self.bodies.imbalance(load, x) > self.rtol
         why = self.bodies.why_unbalanced(load, x) if unbalanced else (
             "the fixed point for the friction bound does not contract, and no other method found "
             "a solution; the friction coefficient is beyond the range of a unique one")
@@ -169,7 +170,7 @@ class FixedPoint:
             x, sliding = result.x, rows.sliding(result.x, bound)
             loose = self.bodies.imbalance(load, x)
             changes.append(max(change, loose * self._norm(x[rows.normal])))
-            if loose <= self.settings.friction_rtol and self._settled(change, result):
+            if loose <= self.rtol and self._settled(change, result):
                 self.history.fallbacks.note(globalization.ANDERSON, index)
                 return x, result.gradient, sliding
             net, _ = op.imbalance(x, load.weights)
@@ -200,9 +201,9 @@ class FixedPoint:
             change = self._norm(rows.friction_bound(x) - bound, tangential=True)
             residual = projected_gradient(x, result.gradient, *rows.limits_at(len(x), bound))
             # of which the gluing rows alone may have tol
-            if (change <= self.settings.friction_rtol * self._norm(x[rows.normal])
+            if (change <= self.rtol * self._norm(x[rows.normal])
                     and qp.size(residual) <= 2 * qp.tol
-                    and self.bodies.imbalance(load, x) <= self.settings.friction_rtol):
+                    and self.bodies.imbalance(load, x) <= self.rtol):
                 self.history.fallbacks.note(method, index)
                 return x, result.gradient, rows.sliding(x, bound)
             aim = max(0.3 * aim, min(tol, FINEST * max(qp.scales.d, qp.largest(x))))

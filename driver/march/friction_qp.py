@@ -3,6 +3,7 @@
 import functools
 
 import numpy as np
+from mpi4py import MPI
 
 from ..contact.kkt import Scales
 from ..contact.rows import ContactRows
@@ -15,7 +16,9 @@ from ..options import Settings
 from ..qp.lanczos import norm_bound
 from ..qp.mprgp import Result, mprgp, projected_gradient
 from .relaxation import ContactRelaxation
-from .step import History, Unfinished
+from .step import History, Load, Unfinished
+
+FINEST = 1e-13  # of ||d|| and ||F|| ||x||, a thousand roundings: no tolerance is below
 
 
 class FrictionQP:
@@ -77,18 +80,34 @@ class FrictionQP:
         unscaled = x / self.scale
         return self.bound * np.sqrt(self.operator.dot(unscaled, unscaled))
 
-    def extent(self, d: np.ndarray) -> float:
-        """||d|| without the part of gaps that the load alone would not close: they may be any size.
+    def extent(self, elastic: np.ndarray, rigid: np.ndarray, before: np.ndarray,
+               moved: np.ndarray) -> float:
+        """Norm of the displacements that multipliers have to overcome, in MPRGP's scale.
 
-        Bilateral contact closes them all.
+        `elastic` B w (owned,) by the loads, `rigid` B r (owned,) by motions of whole bodies over
+        the step, `before` (j,) the elastic tangential displacements of the step before. Left out is
+        what may be of any size and is not overcome: openings beyond the load's own response, unless
+        contact is bilateral, and travel beyond all of this and what multipliers near those of the
+        step bring about, `moved` (owned,): the body slides.
         """
-        if self.rows.bilateral or not (self.rows.gap > 0).any():
-            return self.size(d)
-        seen, normal, gap = d.copy(), self.rows.normal, self.rows.gap
-        reach = np.abs(d[normal] + gap)
-        seen[normal] = np.where(gap > 0, np.minimum(np.maximum(d[normal], -reach), reach),
-                                d[normal])
+        rows, comm, seen = self.rows, self.operator.comm, elastic.copy()
+        over = elastic[rows.normal] + rigid[rows.normal] - rows.gap
+        least = np.where(rows.bilateral, -np.inf, -np.abs(elastic[rows.normal]))
+        seen[rows.normal] = np.maximum(over, least)
+        seen[rows.tangential] -= before
+        if self.operator.travels or self.operator.modes:
+            far = np.abs(self.scale * np.array([seen, moved])).max(initial=0)
+            limit = comm.allreduce(float(far), op=MPI.MAX) / self.scale[rows.tangential]
+            seen[rows.tangential] += np.clip(rigid[rows.tangential], -limit, limit)
         return self.size(seen)
+
+    def aim(self, part: float, load: Load, x: np.ndarray) -> None:
+        """Tolerance of the QPs to come: the step's, times `part`, but no less than rounding.
+
+        x (owned,) are multipliers near the solution. Collective.
+        """
+        finest = FINEST * max(load.extent, self.largest(x))
+        self.tol = max(part * self.settings.rtol * self.scales.d, finest)
 
     def placed(self, moved, d, x, gradient):
         """`moved` and its gradient, by a product unless it is x, where `gradient` is known."""

@@ -26,6 +26,7 @@ from ..options import Settings
 from ..qp.mprgp import projected_gradient
 from . import globalization
 from .condensation import Condensation
+from .corner_states import CornerStates
 from .fixed_point import FixedPoint
 from .friction_qp import FrictionQP
 from .slip import SlipState
@@ -33,8 +34,9 @@ from .step import History, Load, Step, StepFailed, Trace, Unfinished
 from .supported import SupportedBodies
 from .uniqueness import CHANGING, Uniqueness, worthwhile
 
-CANCELLED = 1e-8  # part of ||d|| below which displacements are rounding: contact takes the loads
-TIGHTENINGS = 3  # tenfold reductions of the QP tolerance that a step may ask for
+CANCELLED = 1e-8  # part of the extent below which deformation is rounding: contact takes the loads
+SETTLINGS = 5  # of bodies without support, whose multipliers follow, in a step
+LAST_PART = 1e-6  # of tolerances, below which tightening must at least halve the residuals
 CARRIED = ("counts", "residuals", "steps", "warnings", "contraction", "seconds")  # of a History
 
 
@@ -50,14 +52,19 @@ class QuasistaticSolver:
         effects.prepare(contact)
         self.law = effects.contact_law(contact)
         self.rows = contact_rows(operator.structure, self.law)
+        # tangential displacement at time 0 (n_c,), and the pattern factors whose travel it holds
         self.initial = effects.initial_displacement(contact)
-        self.slip = SlipState(self.rows, effects, self.initial)
+        self.initial_weights = np.zeros(operator.structure.patterns)
+        self.slip = SlipState(operator, self.rows, effects, self.initial)
         self.history, self.scales = History(), Scales()
         self.qp = FrictionQP(operator, self.rows, settings, self.scales, self.history)
         self.history.counts["dual_multiplications_setup"] = operator.products
         self.bodies = self._bodies()
         self.condensation = Condensation(operator, self.rows)
         self.fixed_point = FixedPoint(self.qp, self.bodies, self.slip, self.condensation)
+        self.corners = self.fixed_point
+        if self.rows.corners is not None:
+            self.corners = CornerStates(self.fixed_point, operator.structure.contact)
         own = 0.0 if self.rows.bound_is_given else float(self.rows.coefficient.max(initial=0))
         self.largest_friction = operator.comm.allreduce(own, op=MPI.MAX)
         self.uniqueness = Uniqueness(self.largest_friction > 0)
@@ -107,24 +114,33 @@ class QuasistaticSolver:
         if index == 1 and not self.motion.any():
             self.motion = rest
         last, growth = self.multipliers, self._growth(index)
-        load = self.load(index, self.motion + growth * (self.motion - self.older_motion),
-                         self.slip.u_t)
         sliding = self.rows.sliding(last, self.rows.friction_bound(last))
-        step, error = self._step(index, load, last + growth * (last - self.older), sliding)
+        start = self.rows.pressing(last + growth * (last - self.older))
+        motion = self.motion + growth * (self.motion - self.older_motion)
+        step, error = self._step(index, motion, self.rows.follow(start, sliding), sliding)
         self.multipliers, self.older = step.multipliers, last
         patterns = self.operator.structure.patterns
         self.motion, self.older_motion = step.weights[patterns :], self.motion
-        self.slip.advance(step.gradient)
+        slip = self.slip.advance(step.multipliers, step.gradient, step.weights, self.scales)
+        self.effects.step_ends(self.rows.tangential_node, slip)
         self._record(step)
         return step, error
 
-    def load(self, index: int, motion: np.ndarray, u_t: np.ndarray) -> Load:
-        """Load of a step from rigid motions (modes,) and tangential displacements u_t (j,)."""
+    def load(self, index: int, motion: np.ndarray, moved: np.ndarray) -> Load:
+        """Load of a step from rigid motions (modes,); `moved` (owned,) is F x for its start x.
+
+        Motions of whole bodies, prescribed or free, come into the slip by their increments.
+        """
+        op, rows = self.operator, self.rows
         weights = np.concatenate([self.amplitudes[index], motion])
-        d = self.operator.load_response(weights)
-        d[self.rows.normal] -= self.rows.gap
-        d[self.rows.tangential] -= u_t
-        return Load(weights, d)
+        d, rigid = op.elastic_response(weights), np.zeros(op.owned)
+        rigid[rows.normal] = op.rigid_response(weights)[rows.normal]
+        rigid[rows.tangential] = op.rigid_response(weights - self.slip.weights)[rows.tangential]
+        extent = self.qp.extent(d, rigid, self.slip.elastic, moved)
+        d += rigid
+        d[rows.normal] -= rows.gap
+        d[rows.tangential] -= self.slip.elastic
+        return Load(weights, d, extent)
 
     def _growth(self, index: int) -> float:
         """Change of the load over its last change: by it the last change of multipliers goes on.
@@ -153,50 +169,82 @@ class QuasistaticSolver:
         self.history.contraction = max(self.history.contraction, step.contraction)  # unless NaN
 
     # ---- one time step -----------------------------------------------------------------------
-    def _step(self, index: int, load: Load, start, sliding) -> tuple[Step, DriverError | None]:
-        """One time step, with a tighter QP tolerance until displacements are good to `primal_rtol`.
+    def _step(self, index: int, motion, x, sliding) -> tuple[Step, DriverError | None]:
+        """One time step from rigid motions and multipliers with rows that slide.
 
-        The tolerance on the projected gradient is relative to ||d||, the displacements of the body
-        without contact and glue, which may be far larger than those of the solution. The error
-        tells why a step was left unfinished.
+        The error tells why it was left unfinished.
         """
         op, rows = self.operator, self.rows
-        self.scales.d = max(self.scales.d, self.qp.extent(load.d))
-        self.qp.tol = self.settings.rtol * self.scales.d
         products, trace, error = op.products, Trace(), None
-        x = rows.follow(rows.pressing(start), sliding)
-        gradient = op.apply(x) - load.d
+        moved = op.apply(x)
+        load = self.load(index, motion, moved)
+        self.scales.renew(d=load.extent)
         try:
-            start = x, gradient, sliding
-            x, gradient, moved, residuals = self._tightened(index, load, *start, trace)
+            start = x, moved - load.d, sliding
+            x, gradient, moved, residuals = self._settled(index, load, *start, trace)
             self._examine(index, load, x, gradient, trace)
             self.bodies.note_loose_motion(index, x)
         except Unfinished as failure:
             error, sliding = failure.error, rows.sliding(failure.x, rows.friction_bound(failure.x))
             x, gradient, moved = self._into_cone(load.d, failure.x, failure.gradient, sliding)
             residuals = self._residuals(load, x, gradient)
+        self.scales.keep()
+        if rows.corners is not None:
+            x = self.corners.shared(x, gradient)
         return Step(index, float(self.times[index]), load.weights, x, gradient, rows.states(x),
-                    rows.friction_bound(x), trace.iterations, op.products - products,
+                    rows.law_bound(x), trace.iterations, op.products - products,
                     trace.contraction, residuals, moved), error
 
-    def _tightened(self, index: int, load: Load, x, gradient, sliding, trace: Trace):
-        """Multipliers, gradient, last change and residuals of the fixed point; see `_step`.
+    def _settled(self, index: int, load: Load, x, gradient, sliding, trace: Trace):
+        """As `_earned`, with bodies without support where their forces move them least."""
+        for _ in range(SETTLINGS):
+            state = self._earned(index, load, x, gradient, sliding, trace)
+            x, gradient, moved, residuals = state
+            change = self.bodies.settle(load, x, gradient)
+            if not self.operator.modes:
+                return state
+            gradient = gradient - change
+            residuals = self._residuals(load, x, gradient)
+            if all(value <= self._asked(name) for name, value in residuals.items()):
+                break
+            sliding = self.rows.sliding(x, self.rows.friction_bound(x))
+        return x, gradient, moved, residuals
 
-        Raises Unfinished.
+    def _earned(self, index: int, load: Load, x, gradient, sliding, trace: Trace):
+        """Multipliers, gradient, last change and residuals that are as small as asked for.
+
+        What the QP and the fixed point stop at is relative to displacements that may be far larger
+        than those of the solution (without gluing the body would hang on its corners); so both are
+        tightened until the residuals of the solution itself are below `primal_rtol`, the imbalance
+        of free bodies below `friction_rtol`. Raises Unfinished where that is not reached.
         """
-        for _ in range(TIGHTENINGS + 1):
-            x, gradient, sliding = self.fixed_point.find(index, load, x, gradient, sliding, trace)
+        qp, settings, best = self.qp, self.settings, np.inf
+        of_qp = of_friction = 1.0  # parts of the tolerances
+        while True:
+            qp.aim(of_qp, load, x)
+            x, gradient, sliding = self.corners.find(index, load, x, gradient, sliding, trace,
+                                                     of_friction * settings.friction_rtol)
             x, gradient, moved = self._into_cone(load.d, x, gradient, sliding)
             residuals = self._residuals(load, x, gradient)
-            poor = max(residuals["gluing"], residuals["penetration"])
-            if poor <= self.settings.primal_rtol:
-                break
-            self.qp.tol *= 0.1
-        else:
-            self.history.warnings.append(
-                f"step {index}: gluing or penetration residual {poor:.1e} above "
-                f"{self.settings.primal_rtol:.0e} although MPRGP was tightened")
-        return x, gradient, moved, residuals
+            excess = {name: value / self._asked(name) for name, value in residuals.items()}
+            name = max(excess, key=excess.get)
+            worst = excess[name]
+            if worst <= 1:
+                return x, gradient, moved, residuals
+            if of_qp <= LAST_PART and worst > 0.5 * best:
+                raise Unfinished(NotConverged(
+                    f"step {index}: the {name} residual stays at {residuals[name]:.1e}, above what "
+                    "was asked for, although QPs and fixed point were solved as far as rounding "
+                    "allows"), x, gradient)
+            best, tighter = min(best, worst), min(0.1, 0.3 / worst)
+            of_qp *= tighter
+            if max(excess["gluing"], excess["penetration"]) <= 1:  # not QPs alone are to blame
+                of_friction *= tighter
+
+    def _asked(self, name: str) -> float:
+        """The largest residual of this name with which a step has converged."""
+        settings = self.settings
+        return settings.friction_rtol if name == "equilibrium" else settings.primal_rtol
 
     def _examine(self, index: int, load: Load, x, gradient, trace: Trace) -> None:
         """Look for other solutions of the step where there is reason to; see `uniqueness`."""
@@ -219,7 +267,7 @@ class QuasistaticSolver:
             return
         contact = self.operator.structure.contact
         search.examine(index, problem, self.condensation.gather(x),
-                       contact.weight[contact.normal_row >= 0])
+                       contact.weight[self.condensation.nodes], self.rows.corners is None)
 
     def _into_cone(self, d, x, gradient, sliding):
         """Multipliers put exactly into the cone of their own pressures, their gradient, the change.
@@ -234,13 +282,12 @@ class QuasistaticSolver:
         """KKT residuals of the step's state."""
         op = self.operator
         projected = projected_gradient(x, gradient, *self.rows.limits(op.owned, x))
-        self.scales.displacement = max(self.scales.displacement,
-                                       op.corner_displacement(x, load.weights),
-                                       CANCELLED * self.scales.d)
+        self.scales.renew(displacement=max(op.deformation(x, load.weights),
+                                           CANCELLED * load.extent))
         residuals = kkt_residuals(self.rows, x, gradient, self.qp.size(projected), self.scales,
                                   op.comm)
         if op.modes:
-            residuals["equilibrium"] = self.bodies.imbalance(load, x, note=True)
+            residuals["equilibrium"] = self.bodies.imbalance(load, x)
         return residuals
 
     # ---- checkpoints ---------------------------------------------------------------------------
@@ -248,7 +295,7 @@ class QuasistaticSolver:
         """What friction carries between steps at the rank's tangential rows, (j,) by name."""
         nodes = self.rows.tangential_node
         own = {} if self.rows.bound_is_given else {"coefficient": self.rows.coefficient}
-        return {"u_t": self.slip.u_t, **own,
+        return {"elastic": self.slip.elastic, **own,
                 **{name: values[nodes] for name, values in self.effects.carried().items()}}
 
     def snapshot(self) -> dict | None:
@@ -268,13 +315,16 @@ class QuasistaticSolver:
         product, step, iteration, kind, residual = zip(*history.log) if history.log else ((),) * 5
         return {
             "multipliers": multipliers, "older": older, "carried": dict(zip(carried, by_node)),
-            "initial": self.initial, "norm_bound": float(self.qp.bound), "products": op.products,
-            "scales": {**asdict(self.scales), "work": np.asarray(self.scales.work)},
-            "motion": self.motion, "older_motion": self.older_motion,
+            "initial": self.initial, "initial_weights": self.initial_weights,
+            "norm_bound": float(self.qp.bound), "products": op.products,
+            "scales": {name: np.asarray(value) for name, value in self.scales.largest.items()},
+            "slip_weights": self.slip.weights,
+            "motion": self.motion, "older_motion": self.older_motion, "placed": self.bodies.placed,
             "log_numbers": np.array([product, step, iteration], np.int64),
             "log_kind": np.array(kind, str),
             "log_residual": np.array(residual, float), "fallbacks": history.fallbacks.steps,
             "history": {name: getattr(history, name) for name in CARRIED},
+            "corners": [] if self.rows.corners is None else self.rows.corners.acting.tolist(),
             "doubtful": self.doubtful, "uniqueness": {
                 **asdict(self.uniqueness), "several": list(self.uniqueness.several.items())}
         }
@@ -285,15 +335,19 @@ class QuasistaticSolver:
         history = self.history
         self.multipliers, self.older = state["multipliers"][mine], state["older"][mine]
         self.motion, self.older_motion = state["motion"], state["older_motion"]
-        self.slip.u_t = state["carried"]["u_t"][node]
+        self.bodies.placed = state["placed"]
+        self.slip.elastic = state["carried"]["elastic"][node]
+        self.slip.weights = state["slip_weights"]
         if not self.rows.bound_is_given:
             self.rows.coefficient = state["carried"]["coefficient"][node]
         for name, values in self.effects.carried().items():
             values[:] = state["carried"][name]
-        self.initial[:] = state["initial"]
+        self.initial[:], self.initial_weights[:] = state["initial"], state["initial_weights"]
+        if self.rows.corners is not None:
+            self.rows.corners.acting = np.array(state["corners"])
+            self.condensation.select()
         self.qp.bound, self.doubtful = state["norm_bound"], state["doubtful"]
-        for name, value in state["scales"].items():
-            setattr(self.scales, name, value)
+        self.scales.largest = dict(state["scales"])
         several = dict(state["uniqueness"]["several"])
         self.uniqueness = Uniqueness(**state["uniqueness"] | {"several": several})
         self.operator.products = state["products"]

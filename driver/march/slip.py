@@ -2,29 +2,58 @@
 
 import numpy as np
 
+from ..contact.kkt import Scales
 from ..contact.rows import ContactRows
+from ..feti.dual_problem import DualProblem
+
+FAR = 1e4  # travel over a step, relative to the deformation, that costs slip four digits
 
 
 class SlipState:
-    """Tangential displacements `u_t` (j,) of the last step, from which the next slip is measured.
+    """Tangential displacements of the last step, from which the next slip is measured.
 
-    Friction coefficients that depend on slip or displacement are renewed in `rows`.
+    They are `elastic` (j,) and those of the rigid motions of whole bodies, prescribed and free,
+    with the factors `weights` (patterns + modes,): kept apart, since increments of motions are
+    exact where their sums have lost the digits of the deformation. Friction coefficients that
+    depend on slip or displacement are renewed in `rows`.
     """
 
-    def __init__(self, rows: ContactRows, effects, initial: np.ndarray):
+    def __init__(self, operator: DualProblem, rows: ContactRows, effects, initial: np.ndarray):
         """`initial` (n_c,): tangential displacement of the contact nodes at time 0."""
-        self.rows, self.effects, self.coefficient = rows, effects, rows.coefficient
-        self.u_t = initial[rows.tangential_node]
+        self.operator, self.rows, self.effects = operator, rows, effects
+        self.coefficient = rows.coefficient
+        self.elastic = initial[rows.tangential_node]
+        self.weights = np.zeros(operator.structure.patterns + operator.modes)
+
+    @property
+    def u_t(self) -> np.ndarray:
+        """(j,) tangential displacements at the end of the last step."""
+        return self.elastic + self._carried(self.weights)
+
+    def _carried(self, weights: np.ndarray) -> np.ndarray:
+        """(j,) tangential displacements by rigid motions with the factors `weights`."""
+        return self.operator.rigid_response(weights)[self.rows.tangential]
 
     def renew_coefficient(self, gradient: np.ndarray) -> None:
         """Friction coefficients at the tangential displacements of the latest iterate."""
         if self.effects.coefficient_changes:
-            u_t = self.u_t - gradient[self.rows.tangential]
-            factor = self.effects.coefficient_factor(self.rows.tangential_node, u_t, self.u_t)
+            last = self.u_t
+            u_t = last - gradient[self.rows.tangential]
+            factor = self.effects.coefficient_factor(self.rows.tangential_node, u_t, last)
             self.rows.coefficient = self.coefficient * factor
 
-    def advance(self, gradient: np.ndarray) -> None:
-        """A step ends with this gradient."""
-        slip = -gradient[self.rows.tangential]
-        self.u_t = self.u_t + slip
-        self.effects.step_ends(self.rows.tangential_node, slip)
+    def advance(self, x: np.ndarray, gradient: np.ndarray, weights: np.ndarray,
+                scales: Scales) -> np.ndarray:
+        """A step ends with multipliers x, their gradient and the factors `weights`; collective.
+
+        Returns its slip (j,). Travel that has taken digits of it costs a product to bring them
+        back.
+        """
+        op, slip = self.operator, -gradient[self.rows.tangential]
+        carried = self._carried(weights - self.weights)
+        self.elastic = self.elastic + slip - carried
+        if op.minimum(-float(np.abs(carried).max(initial=0))) < -FAR * scales.displacement:
+            moved = op.elastic_response(weights) - op.apply(x)
+            self.elastic = moved[self.rows.tangential]
+        self.weights = weights.copy()
+        return slip

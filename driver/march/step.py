@@ -30,10 +30,14 @@ class Step:
 
 @dataclass
 class Load:
-    """Factors of the load patterns, then of the free rigid motions, and the d they make."""
+    """Factors of the load patterns, then of the free rigid motions, and the d they make.
+
+    `extent` is what multipliers have to overcome, see FrictionQP.extent.
+    """
 
     weights: np.ndarray
     d: np.ndarray
+    extent: float
 
 
 @dataclass

@@ -6,6 +6,8 @@ import numpy as np
 class SupportedBodies:
     """No rigid motion is free: every equilibrium is the elastic body's own."""
 
+    placed = np.zeros((0, 3))  # see FreeBodies
+
     def can_rest(self, index: int, weights: np.ndarray) -> np.ndarray:
         """No motion (0,)."""
         return np.zeros(0)
@@ -17,8 +19,12 @@ class SupportedBodies:
         """No motion, no change of d."""
         return 0.0
 
-    def imbalance(self, load, x: np.ndarray, note: bool = False) -> float:
+    def imbalance(self, load, x: np.ndarray) -> float:
         """Supports balance everything."""
+        return 0.0
+
+    def settle(self, load, x: np.ndarray, gradient: np.ndarray) -> float:
+        """Nothing to move, no change of d."""
         return 0.0
 
     def note_loose_motion(self, index: int, x: np.ndarray) -> None:

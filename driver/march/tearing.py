@@ -3,6 +3,7 @@
 import numpy as np
 
 from ..contact.boundary import contact_boundary
+from ..contact.corner_nodes import corner_pairs
 from ..effects import Effects
 from ..feti.numbering import fixed_dofs, number
 from ..feti.skeleton import Skeleton
@@ -16,13 +17,17 @@ def build(manifest: Manifest, subdomains: list[Subdomain], first: int, comm,
     """Derive corners, rows and numbering; collective over `comm`.
 
     `moved`: displacements (dofs,) of the subdomains about which contact between bodies is
-    linearized, if not about none. Raises InputError for interfaces that do not conform and for
-    contact labels without nodes.
+    linearized, if not about none. Raises InputError for interfaces that do not conform, bodies
+    that are not connected and contact labels without nodes.
     """
     effects, skeleton = Effects(manifest), Skeleton(manifest, subdomains, comm)
     skeleton.check_conformity(comm)
+    skeleton.check_connected()
     skeleton.check_overlap(np.unique(manifest.contact_pairs))
     fixed = fixed_dofs(manifest, subdomains, comm)
     sides = effects.paired_sides(subdomains, fixed, comm, moved)
     contact = contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm, sides)
-    return number(manifest, subdomains, first, skeleton, fixed, contact, comm, effects.frictional)
+    structure = number(manifest, subdomains, first, skeleton, fixed, contact, comm,
+                       effects.frictional)
+    contact.corners = corner_pairs(contact, fixed[0])
+    return structure

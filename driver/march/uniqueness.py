@@ -47,17 +47,20 @@ class Uniqueness:
     failure: str = ""
 
     def examine(self, step: int, problem: CoulombProblem, x: np.ndarray,
-                weight: np.ndarray) -> None:
-        """Look for solutions with other forces than x (n + m,); `weight` (n,) of the nodes."""
+                weight: np.ndarray, whole: bool = True) -> None:
+        """Look for solutions with other forces than x (n + m,); `weight` (n,) of the nodes.
+
+        `whole`: whether the problem has all states of all nodes, not one of those of corners.
+        """
         self.examined += 1
         # exact to rounding, to distinguish it from the others
         mine = complementarity.newton(problem, problem.whole(x))
         if mine is None or np.abs(mine[: problem.rows] - x).max() > 1e-2 * np.abs(x).max():
             mine = problem.whole(x)
-        all_of_them = problem.n <= FEW and not problem.bilateral
+        all_of_them = problem.n <= FEW and not problem.bilateral.any()
         if all_of_them:
             solutions = complementarity.all_solutions(problem)
-            self.exhaustive += complementarity.all_isolated(problem)
+            self.exhaustive += whole and complementarity.all_isolated(problem)
         else:
             solutions = complementarity.search(problem, mine)
         forces = np.array([y[: problem.rows] for y in (mine, *solutions)])

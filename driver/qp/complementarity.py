@@ -11,6 +11,7 @@ MANY = 9  # solutions after which no more are looked for
 NEWTON_STEPS = 50
 NEAR = 10  # nodes whose states differ from a solution's at most for a start to be near it
 A_FEW = 4  # nodes that may change their states again and again before Newton's method settles
+TIE = 1e-13  # relative difference of ratios that is rounding
 COVERS = 4  # covering vectors Lemke's method tries
 SLACK = 1e-9  # relative violation of an inequality that is rounding
 FEW = 4  # contact nodes up to which all 4^n states are tried
@@ -75,15 +76,19 @@ def lemke(problem: CoulombProblem) -> np.ndarray | None:
         0 <= lambda_n | -over >= 0,             0 <= a | s - slip >= 0,
         0 <= s | c + F lambda_n - a - b >= 0,   0 <= b | s + slip >= 0.
 
-    Its matrix is copositive, and z'Mz = 0 <= Mz has solutions (0, 0, 0, s) only, at which q'z = c's
-    >= 0: so Lemke's method ends in a solution (R. Cottle, J.-S. Pang, R. Stone, The Linear
-    Complementarity Problem, section 4.4; as D. Stewart and J. Trinkle, Int. J. Numer. Meth. Engng
-    39 (1996) 2673-2691, use it in dynamics), unless rounding leads it astray: then another covering
-    vector is tried. None if all fail.
+    With C positive definite z'Mz = x'Cx + s'F lambda_n >= 0 on z >= 0: M is copositive. Where z'Mz
+    = 0 <= Mz, x = 0, so that a = b and F lambda_n - a - b = -2 a >= 0: z = (0, 0, 0, s), at which
+    q'z = c's >= 0. For such M and q Lemke's method does not end on a ray (R. Cottle, J.-S. Pang, R.
+    Stone, The Linear Complementarity Problem, theorem 4.4.13), and lexicographic pivots exclude
+    cycles (ibid., 4.9): in exact arithmetic it ends in a solution. D. Stewart and J. Trinkle, Int.
+    J. Numer. Meth. Engng 39 (1996) 2673-2691, use it in dynamics. Where rounding leads it astray
+    another covering vector is tried. None if all fail.
 
-    Bodies without support are held by springs, ever softer, whose rest follows, before Newton.
+    Nothing is proved for bilateral contact, which is refused, nor for bodies without support, of
+    which there need be no solution. These are held by springs, ever softer, whose rest follows,
+    before Newton.
     """
-    if problem.bilateral:
+    if problem.bilateral.any():
         return None
     if problem.k:
         return _lemke_on_springs(problem)
@@ -140,15 +145,16 @@ def _lemke_pivots(M: np.ndarray, q: np.ndarray, cover: np.ndarray) -> np.ndarray
     """z >= 0 with w = M z + q >= 0, w'z = 0, by Lemke's method; None on a ray.
 
     `cover` > 0 is the covering vector. The tableau holds w or z of every row in terms of the
-    nonbasic ones: columns 0..k-1 and the artificial one k.
+    nonbasic ones: columns 0..k-1 and the artificial one k. Pivots are lexicographic: of the rows
+    with the least ratio the one is taken that q + (e, e^2, ..), for all small e > 0, singles out.
     """
     k = len(q)
     if q.min(initial=0.0) >= 0:
         return np.zeros(k)
     table = np.column_stack([-M, -cover, q])
     basic, nonbasic = np.arange(k), np.arange(k, 2 * k + 1)  # w_i: i, z_i: k + i, artificial: 2 k
-    # of equal ones the last, as if q were perturbed by powers of a small number: see `_least`
-    row, column = k - 1 - int(np.argmin((q / cover)[::-1])), k
+    ratio = q / cover
+    row, column = int(np.flatnonzero(ratio <= ratio.min() + TIE)[-1]), k
     for _ in range(50 * k):
         _pivot(table, row, column)
         leaving = basic[row]
@@ -160,32 +166,32 @@ def _lemke_pivots(M: np.ndarray, q: np.ndarray, cover: np.ndarray) -> np.ndarray
         partner = leaving + k if leaving < k else leaving - k
         column = int(np.flatnonzero(nonbasic == partner)[0])
         entry = table[:, column]
-        able = entry > 1e-11 * np.abs(entry).max()
-        if not able.any():
+        able = np.flatnonzero(entry > 1e-11 * np.abs(entry).max())
+        if not len(able):
             return None
-        ratio = np.where(able, table[:, -1] / np.where(able, entry, 1.0), np.inf)
-        ties = np.flatnonzero(ratio <= ratio.min() + 1e-13)
+        ties = _least_of(able, table[able, -1] / entry[able])
         artificial = ties[basic[ties] == 2 * k]
-        row = int(artificial[0]) if len(artificial) else _least(table, basic, nonbasic, ties,
-                                                                column)
+        row = int(artificial[0] if len(artificial) else
+                  _lexicographic(table, basic, nonbasic, ties, entry))
     return None
 
 
-def _least(table, basic, nonbasic, ties: np.ndarray, column: int) -> int:
-    """Of the rows `ties` the one to pivot on by the lexicographic rule, which excludes cycling.
+def _least_of(rows: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Those of `rows` with the least of the `values`, to rounding."""
+    return rows[values <= values.min() + TIE * max(1.0, abs(values.min()))]
 
-    The right-hand side is perturbed by powers of a small number, so that there are no ties: rows of
-    the inverse basis, which are the columns of the w, are compared from the first to the last
-    (Cottle, Pang, Stone, section 4.9).
+
+def _lexicographic(table: np.ndarray, basic: np.ndarray, nonbasic: np.ndarray, ties: np.ndarray,
+                   entry: np.ndarray) -> int:
+    """Of the rows `ties` that whose row of B^-1, the columns of w in the tableau, over `entry` is
+    lexicographically least.
     """
-    entry = table[:, column]
-    for number in range(len(basic)):
+    place = {int(variable): column for column, variable in enumerate(nonbasic)}
+    for w in range(len(basic)):
         if len(ties) == 1:
             break
-        place = np.flatnonzero(nonbasic == number)
-        inverse = table[ties, place[0]] if len(place) else (basic[ties] == number).astype(float)
-        ratio = inverse / entry[ties]
-        ties = ties[ratio <= ratio.min() + 1e-12 * np.abs(ratio).max()]
+        column = table[ties, place[w]] if w in place else (basic[ties] == w).astype(float)
+        ties = _least_of(ties, column / entry[ties])
     return int(ties[0])
 
 
@@ -265,7 +271,9 @@ def search(problem: CoulombProblem, start: np.ndarray) -> list[np.ndarray]:
     Newton starts from `start`, from all sticking, all sliding and all open, and from each solution
     with the state of one node changed.
     """
-    alike = (STICK, FORWARD, BACKWARD) if problem.bilateral else (STICK, FORWARD, BACKWARD, OPEN)
+    alike = (STICK, FORWARD, BACKWARD)
+    if not problem.bilateral.all():
+        alike += (OPEN,)
     whole, solutions = [np.full(problem.n, state) for state in alike], []
     for guess in (start, *map(problem.solution_in, whole)):
         _add_solution(problem, solutions, None if guess is None else newton(problem, guess))

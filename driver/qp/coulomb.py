@@ -54,17 +54,18 @@ class CoulombProblem:
     """`compliance` (n + m, n + m) SPD, `load` d (n + m,), `coefficient` F (m,), pairs and offset.
 
     n nodes have a normal row and the m nodes `pair` (m,) of them a tangential one; `offset` c >= 0
-    (m,), None: zero. `bilateral`: lambda_n of any sign and over = 0 everywhere, the friction bound
-    is c + F |lambda_n|. `motions` R (n + m, k) and `balance` L (k,) are of bodies without support.
-    Solutions are vectors z = (lambda_n, lambda_t, beta) of n + m + k numbers. `latest` is the
-    factorized system of the latest states, by these, shared by all problems that `under` makes.
+    (m,), None: zero. `bilateral` (n,), or all alike: lambda_n of any sign and over = 0; the
+    friction bound is c + F |lambda_n|. `motions` R (n + m, k) and `balance` L (k,) are of bodies
+    without support. Solutions are vectors z = (lambda_n, lambda_t, beta) of n + m + k numbers.
+    `latest` is the factorized system of the latest states, by these, shared by all problems that
+    `under` makes.
     """
 
     compliance: np.ndarray
     load: np.ndarray
     coefficient: np.ndarray
     pair: np.ndarray
-    bilateral: bool = False
+    bilateral: np.ndarray | bool = False
     motions: np.ndarray | None = None
     balance: np.ndarray | None = None
     offset: np.ndarray | None = None
@@ -73,6 +74,7 @@ class CoulombProblem:
     def __post_init__(self):
         self.rows, self.m = len(self.load), len(self.pair)
         self.n, self.products = self.rows - self.m, 0
+        self.bilateral = np.broadcast_to(self.bilateral, self.n)
         self.rigidity = 1.0 / np.diag(self.compliance)  # force per length, the scale of rows
         if self.motions is None:
             self.motions, self.balance = np.zeros((self.rows, 0)), np.zeros(0)
@@ -115,7 +117,7 @@ class CoulombProblem:
         movement = self.movement(z) if movement is None else movement
         trial = z[: self.rows] + self.rigidity * movement
         normal, tangential = trial[: self.n], trial[self.n :]
-        touching = np.full(self.n, STICK) if self.bilateral else np.where(normal > 0, STICK, OPEN)
+        touching = np.where((normal > 0) | self.bilateral, STICK, OPEN)
         bound = self.coefficient * np.abs(normal)[self.pair]
         if self.offset is not None:
             bound = self.offset + np.where(touching[self.pair] == OPEN, 0.0, bound)
@@ -141,11 +143,11 @@ class CoulombProblem:
         states = (OPEN, STICK, FORWARD, BACKWARD) if len(where) else (OPEN, STICK)
         if self.offset is not None and (self.offset[where] > 0).any():
             states = (-STICK, -FORWARD, -BACKWARD, *states[1:])
-        return tuple(state for state in states if state > OPEN) if self.bilateral else states
+        return tuple(state for state in states if state > OPEN) if self.bilateral[node] else states
 
     def signs(self, z: np.ndarray) -> np.ndarray:
-        """(n,) signs of lambda_n, all +1 in unilateral contact."""
-        return np.where(z[: self.n] < 0, -1.0, 1.0) if self.bilateral else np.ones(self.n)
+        """(n,) signs of lambda_n, +1 in unilateral contact."""
+        return np.where(self.bilateral & (z[: self.n] < 0), -1.0, 1.0)
 
     def held(self, states: np.ndarray) -> np.ndarray:
         """(k, h) orthonormal motions, by reach, that rows in contact or sticking feel."""
@@ -185,7 +187,7 @@ class CoulombProblem:
         bound = self.coefficient * np.abs(normal)[self.pair]
         if self.offset is not None:
             bound = self.offset + bound
-        natural = over if self.bilateral else normal - np.maximum(normal + over, 0)
+        natural = np.where(self.bilateral, over, normal - np.maximum(normal + over, 0))
         rub = tangential - np.clip(tangential + slip, -bound, bound)
         net = (self.balance - self.motions.T @ x) / self.reach
         return float(max(np.abs(part).max(initial=0) for part in (natural, rub, net)) / force)

@@ -16,9 +16,21 @@ class ContactState:
         self.operator, self.rows, self.law = operator, solver.rows, solver.law
         self.boundary = operator.structure.contact
         self.frictional = solver.effects.frictional
-        self.u_t = solver.initial  # tangential displacement at the end of the step before
+        self.solver = solver
+        # of the step before: tangential displacement less travel, and pattern factors of that
+        self._elastic = self._weights = None
         self.constrained = self._constrained()
         self._find_terms()
+        self._travel = self._travel_at_nodes()
+
+    def _travel_at_nodes(self) -> np.ndarray:
+        """(patterns, n_c, 2) displacements, between bodies jumps, by the travel of the patterns."""
+        structure = self.operator.structure
+        travel = np.zeros((structure.patterns, len(self.boundary.gid), 2))
+        for k in structure.travel.patterns:
+            unit = np.eye(structure.patterns)[k]
+            travel[k] = self._jump(structure.travel.displacements(unit, structure.subdomains))
+        return travel
 
     def _constrained(self) -> np.ndarray:
         """(n_c, 2): displacement components of the contact nodes that a support constrains."""
@@ -41,8 +53,8 @@ class ContactState:
     def evaluate(self, step: Step, displacements: list[np.ndarray]) -> dict[str, np.ndarray]:
         """Arrays (n_c,) of every `ContactField` at the end of `step`, status as code; collective.
 
-        `displacements` (dofs,) of the rank's subdomains. Steps must come in their order: slip is
-        counted from the step before.
+        `displacements` (dofs,) of the rank's subdomains, less the travel. Steps must come in their
+        order: slip is counted from the step before.
         """
         b, rows, n = self.boundary, self.rows, len(self.boundary.gid)
         values = np.zeros((4, n))  # lambda_n, lambda_t, bound, status
@@ -55,13 +67,25 @@ class ContactState:
             alone = b.tangential_row < 0
             values[2, alone] = self.law.friction_bound(values[0])[alone]
         u = self._jump(displacements)
-        u_n, u_t = (u * b.normal).sum(axis=1), (u * b.tangent).sum(axis=1)
-        slip, self.u_t = u_t - self.u_t, u_t
+        u_n, elastic = (u * b.normal).sum(axis=1), (u * b.tangent).sum(axis=1)
+        weights = step.weights[: len(self._travel)]
+        carried = np.tensordot(weights, self._travel, axes=1)
+        u_n, u_t = u_n + (carried * b.normal).sum(axis=1), elastic + self._carried_t(weights)
+        if self._weights is None:
+            self._weights = self.solver.initial_weights
+            self._elastic = self.solver.initial - self._carried_t(self._weights)
+        slip = elastic - self._elastic + self._carried_t(weights - self._weights)
+        self._elastic, self._weights = elastic, weights
         return {ContactField.U_N: u_n, ContactField.U_T: u_t, ContactField.SLIP: slip,
                 ContactField.SIGMA_N: 0.0 - values[0] / b.weight,
                 ContactField.SIGMA_T: 0.0 - values[1] / b.weight,
                 ContactField.BOUND: values[2] / b.weight,
                 ContactField.STATUS: values[3].astype(int)}
+
+    def _carried_t(self, weights: np.ndarray) -> np.ndarray:
+        """(n_c,) tangential displacements by travel with pattern factors `weights`."""
+        carried = np.tensordot(weights, self._travel, axes=1)
+        return (carried * self.boundary.tangent).sum(axis=1)
 
     def _jump(self, displacements: list[np.ndarray]) -> np.ndarray:
         """(n_c, 2) displacement of the contact nodes, between bodies the jump."""

@@ -34,7 +34,7 @@ class Fields:
                 (directory / FOLDER).mkdir(exist_ok=True)
 
     def add(self, step: Step, displacements: list[np.ndarray], written: bool = False) -> None:
-        """Fields of one step with `displacements` (dofs,) by subdomain; not again if `written`."""
+        """Fields of one step with `displacements` (dofs,) less travel; not again if `written`."""
         self.steps.append((step.time, file_name(step.index)))
         if not written:
             self.write(step, displacements)
@@ -80,7 +80,8 @@ class Fields:
 
         subs = self.operator.structure.subdomains
         tensors = [stresses(sub, u, step.weights) for sub, u in zip(subs, displacements)]
-        shown = [u.reshape(-1, 2)[_drawn(sub)] for sub, u in zip(subs, displacements)]
+        whole = self.operator.with_travel(displacements, step.weights)
+        shown = [u.reshape(-1, 2)[_drawn(sub)] for sub, u in zip(subs, whole)]
         parts = self.operator.comm.gather((joined(shown, float, 2),
                                            joined((stress for stress, _ in tensors), float, 3),
                                            joined((mises for _, mises in tensors), float)))

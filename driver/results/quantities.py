@@ -1,6 +1,7 @@
 """The quantities of interest: few numbers that users read, each with a limit under refinement.
 
-    peak_pressure         largest contact pressure, between nodes by the parabola through three
+    peak_pressure         largest contact pressure, between nodes by the parabola through three; of
+                          bilateral contact the largest |sigma_n|
     normal_resultant      contact pressure summed over the contact boundary
     tangential_resultant  shear traction sigma_t summed over the contact boundary, with its sign
     contact_length        length in contact, its edges located between nodes
@@ -30,8 +31,8 @@ NOTHING = 1e-5  # part of the largest resultant of the history that tolerances l
 def quantities(effects, nodes: dict, steps: dict, displacement) -> tuple[dict[str, float], int]:
     """Values of `effects.quantities` by name, and the index of the step that they belong to.
 
-    `nodes` holds the columns xy (n, 2), arc, weight, gap, label, paired and middle (n,) of the
-    contact nodes, sorted by label and arc; `steps` the columns u_n, slip, sigma_n, sigma_t and
+    `nodes` holds the columns xy (n, 2), arc, weight, gap, chain, paired and middle (n,) of the
+    contact nodes, sorted by chain and arc; `steps` the columns u_n, slip, sigma_n, sigma_t and
     status (steps, n) and, with friction, its `work` (steps,) from dissipation.py; `displacement`
     (steps,) the largest displacement in the body. All as in contact.csv and history.csv, status as
     its code.
@@ -43,7 +44,8 @@ def quantities(effects, nodes: dict, steps: dict, displacement) -> tuple[dict[st
     pressure, weight, pieces = -steps["sigma_n"], nodes["weight"], chains(nodes)
     normal = pressure @ weight
     index = _moment(np.abs(normal))
-    peaks = [peak(nodes["arc"][piece], traction(nodes, pressure[index], piece)) for piece in pieces]
+    size = np.abs(pressure[index])
+    peaks = [peak(nodes["arc"][piece], traction(nodes, size, piece)) for piece in pieces]
     values = {"peak_pressure": max(peaks), "normal_resultant": normal[index],
               "contact_length": contact_length(nodes, pieces, steps, index),
               "displacement": displacement[index]}
@@ -82,9 +84,9 @@ def _moment(size: np.ndarray) -> int:
 
 def chains(nodes: dict) -> list[np.ndarray]:
     """Indices of the contact nodes of every connected boundary piece, in the order of arc."""
-    arc, xy, label = nodes["arc"], nodes["xy"], nodes["label"]
+    arc, xy, chain = nodes["arc"], nodes["xy"], nodes["chain"]
     along, across = np.diff(arc), np.linalg.norm(np.diff(xy, axis=0), axis=1)
-    breaks = (label[1:] != label[:-1]) | (np.abs(along - across) > 1e-6 * across)
+    breaks = (chain[1:] != chain[:-1]) | (np.abs(along - across) > 1e-6 * across)
     return np.split(np.arange(len(arc)), np.flatnonzero(breaks) + 1)
 
 

@@ -27,13 +27,14 @@ class Record:
             self.dissipation = Dissipation(b.weight, b.gap, bound)
 
     def add(self, step: Step) -> tuple[list[np.ndarray], dict[str, np.ndarray]]:
-        """Displacements (dofs,) of the rank's subdomains and the contact nodes' state in a step."""
-        fields = self.operator.displacements(step.multipliers, step.weights)
+        """Displacements (dofs,) of the rank's subdomains, less travel, and the contact state."""
+        fields = self.operator.deformations(step.multipliers, step.weights)
         state = self.contact.evaluate(step, fields)
         for name, column in self.states.items():
             column.append(state[name])
         self.work.append(self.dissipation.add(step.time, state) if self.dissipation else 0.0)
-        squares = np.concatenate([np.zeros(2), *fields]).reshape(-1, 2) ** 2
+        whole = self.operator.with_travel(fields, step.weights)
+        squares = np.concatenate([np.zeros(2), *whole]).reshape(-1, 2) ** 2
         largest = float(np.sqrt(squares.sum(axis=1).max()))
         self.displacements.append(max(self.operator.comm.allgather(largest)))
         return fields, state
@@ -50,7 +51,7 @@ class Record:
 
     def _columns(self) -> tuple[dict, dict]:
         """Columns of the nodes and of the steps, as quantities.py takes them."""
-        names = ("xy", "arc", "weight", "gap", "label", "paired", "middle")
+        names = ("xy", "arc", "weight", "gap", "chain", "paired", "middle")
         nodes = {name: getattr(self.contact.boundary, name) for name in names}
         fixed = self.contact.constrained * np.abs(self.contact.boundary.tangent)
         nodes["mirrored"] = fixed.max(axis=1, initial=0.0) > 0.99

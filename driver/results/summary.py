@@ -61,7 +61,7 @@ class Summary:
     reason: str = entry("why the run ended early, empty if it did not")
     warnings: list = entry("what to know before the results are used, a sentence each")
     effects: dict = entry("what the scene declares", parts={
-        "contact": "none, unilateral or bilateral",
+        "contact": "none, unilateral, bilateral, or unilateral and bilateral",
         "friction": "none, tresca, coulomb or coulomb-slip-dependent",
         "time": "static or quasistatic",
         "initial": "preload, where the history starts from a preloaded state",
@@ -76,12 +76,20 @@ class Summary:
         "cg_steps": "CG steps of MPRGP", "expansion_steps": "expansion steps of MPRGP",
         "proportioning_steps": "proportioning steps of MPRGP",
         "contact_block_products": "products with the contact rows' block alone"})
-    residuals: dict = entry("relative residuals of the KKT conditions, worst of all steps", parts={
-        "stationarity": "projected gradient", "gluing": "jump between subdomains",
-        "penetration": "into obstacle or other body", "sign": "pulling normal forces",
-        "cone": "friction forces above their bound",
-        "complementarity": "work of gap and lost dissipation",
-        "equilibrium": "forces on bodies that no support holds"})
+    residuals: dict = entry(
+        "relative residuals of the KKT conditions, worst of all steps; a step has converged with "
+        "none above PRIMAL_RTOL, equilibrium none above FRICTION_RTOL", parts={
+            "stationarity": "norm of the projected gradient over that of the displacements which "
+                            "the multipliers overcome",
+            "gluing": "jump between subdomains over the largest deformation delta, the "
+                      "displacement of a node less the rigid motion of its body",
+            "penetration": "into obstacle or other body, over delta",
+            "sign": "pulling normal forces over the largest contact force f of a node",
+            "cone": "friction forces above their bound, over f",
+            "complementarity": "natural residuals of contact and friction, abs(lambda - "
+                               "P(lambda + f/delta move)) / f, P the projection on admissible "
+                               "forces, move the penetration or the slip",
+            "equilibrium": "forces on bodies that no support holds, over the sum of their sizes"})
     contraction: float = entry("worst mean ratio of successive changes of a step's fixed point")
     fallbacks: dict = entry("steps that needed another method, by the method's name")
     uniqueness: dict = entry("whether the steps have other solutions", parts={
@@ -159,7 +167,7 @@ def summarize(request, problem: Problem, solver: QuasistaticSolver,
     return Summary(
         scene=request.scene, variant=str(manifest.parameters.get("loading", "")),
         converged=failure is None, reason=str(failure or ""), warnings=warnings,
-        effects=problem.effects.summary, sizes=sizes, steps=history.steps, t_end=manifest.t_end,
+        effects=solver.effects.summary, sizes=sizes, steps=history.steps, t_end=manifest.t_end,
         counts=history.counts, residuals=history.residuals, contraction=history.contraction,
         fallbacks={name: len(steps) for name, steps in history.fallbacks.steps.items()},
         uniqueness=solver.uniqueness.summary(), memory_mib=memory_mib,
@@ -200,8 +208,9 @@ def _ledger(problem: Problem, sizes: Sizes, solver: QuasistaticSolver, writer: W
     structure = problem.structure
     largest = np.zeros(structure.patterns)
     for k in range(len(largest)):
-        for values in (*(sub.loads for sub in structure.subdomains), *structure.fixed_values):
-            largest[k] = max(largest[k], np.abs(values[k]).max(initial=0))
+        for sub in structure.subdomains:
+            for values in (sub.loads, sub.fixed_values):
+                largest[k] = max(largest[k], np.abs(values[k]).max(initial=0))
     largest = np.max(writer.operator.comm.allgather(largest), axis=0)
     return ledger(solver, asdict(sizes), problem.manifest.factors, largest, writer.history_rows)
 

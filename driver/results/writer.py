@@ -57,7 +57,7 @@ class Writer:
     def indicate(self, step: Step, indicator: np.ndarray) -> None:
         """Write the fields of a step again, with the error indicator (n_t,) of every triangle."""
         if self.fields is not None:
-            displacements = self.operator.displacements(step.multipliers, step.weights)
+            displacements = self.operator.deformations(step.multipliers, step.weights)
             self.fields.write(step, displacements, indicator)
 
     @property

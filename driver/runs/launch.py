@@ -31,8 +31,11 @@ def solve(work: Path, request: Request, ranks: int, stage) -> tuple[int, str]:
         answer = json.loads((work / ANSWER).read_text())
     except FileNotFoundError:
         raise InputError(_why_no_answer(done)) from None
-    if done.returncode == 0:  # else a rank was killed after the work was done: mpirun's own words
+    if done.returncode == 0:
         sys.stderr.write(done.stderr)
+    else:  # a rank died when the results were there
+        with open(work / "run.log", "a") as log:
+            log.write(done.stderr)
     for name in (NAME, ANSWER):
         (work / name).unlink()
     return answer["status"], answer["reason"]

@@ -6,20 +6,21 @@
 
 import dataclasses
 import json
-import os
 import shutil
+import sys
 import time
 from pathlib import Path
 
 from .. import options
-from ..errors import PARTIAL, InputError, error_of
+from ..errors import PARTIAL, InputError, error_of, shortage
 from ..estimates import adaptivity, budget
 from ..march.checkpoint import fingerprint
 from ..options import RESULTS
-from ..scene import freefem, seal
-from . import launch
+from ..scene import freefem, grammar, seal
+from ..text import shown
+from . import guard, launch
 from .request import Request
-from .workspace import Workspace
+from .workspace import Workspace, unconverged
 
 
 @dataclasses.dataclass
@@ -45,9 +46,11 @@ class Run:
         """A run from NAME=VALUE pairs with lower-case names. Raises InputError."""
         given = options.read("run", pairs)
         scene = freefem.find_scene(given["scene"])
-        for name in sorted(set(given.parameters) & set(freefem.RESERVED)):
-            raise InputError(f"{name.upper()} is no parameter of a scene: FreeFEM and the driver "
-                             "use the word themselves")
+        spelled = grammar.parameters(scene)
+        for name in sorted(given.parameters):
+            if spelled.get(name, name) in grammar.RESERVED:
+                raise InputError(f"{name.upper()} is no parameter of a scene: FreeFEM and the "
+                                 "driver use the word themselves")
         names = ("without", "fields", "figures", "quiet", "resume", "adapt", "errors", "accuracy")
         return cls(scene, given["out"] or RESULTS / scene.stem, given["np"], given.settings,
                    given.parameters, **{name: given[name] for name in names})
@@ -72,8 +75,12 @@ def search():
 # ---- the stages of a run -------------------------------------------------------------------------
 
 def execute(run: Run) -> dict:
-    """Export, solve, draw; the summary. Raises DriverError; `run.out` changes only as a whole."""
-    with Workspace(run.out.absolute()) as place:
+    """Export, solve, draw; the summary. Raises DriverError; `run.out` changes only as a whole.
+
+    Where something else than results has come to be at `run.out` meanwhile, it becomes a place
+    beside that.
+    """
+    with Workspace(run.out) as place:
         cycles = _refine(run, place)
         if run.accuracy:
             status, reason = launch.solve(place.path, Request.of(run), run.ranks, search)
@@ -85,7 +92,8 @@ def execute(run: Run) -> dict:
         _complete(run, place.path, cycles)
         out = _publish(place, converged=not status)
         if status:
-            raise error_of(status, f"{reason}{PARTIAL}{os.path.relpath(out)}")
+            raise error_of(status, f"{reason}{PARTIAL}{shown(out)}")
+        run.out = out
         return json.loads((out / "summary.json").read_text())
 
 
@@ -140,20 +148,30 @@ def _complete(run: Run, work: Path, cycles: list[Path]) -> None:
         for cycle in cycles:
             shutil.rmtree(cycle)
     if run.figures:
+        _draw(work)
+    (work / "export" / "freefem.log").rename(work / "freefem.log")
+    for folder in ("export", "companions"):  # the latter if a rank has died over the estimates
+        shutil.rmtree(work / folder, ignore_errors=True)
+
+
+def _draw(work: Path) -> None:
+    """Draw the figures; where that fails a line says so, and the results stay."""
+    try:
         from ..figures import draw_run
 
         draw_run(work)
-    (work / "export" / "freefem.log").rename(work / "freefem.log")
-    shutil.rmtree(work / "export")
+    except Exception as problem:  # whatever it is, the results stand
+        reason = shortage(problem) or " ".join(str(problem).split()) or type(problem).__name__
+        print(f"warning: the figures could not be drawn: {reason}; 'make figures' draws them from "
+              "the results", file=sys.stderr)
 
 
 def _publish(place: Workspace, converged: bool) -> Path:
     """Where the results are now: partial ones do not replace those of a converged run."""
-    out, earlier = place.out, place.out / "summary.json"
-    if not converged and earlier.is_file() and json.loads(earlier.read_text())["converged"]:
-        out = out.with_name(f"{out.name}-unconverged")
-    place.publish(out)
-    return out
+    out = place.out
+    if not converged and guard.converged(out):
+        out = unconverged(out)
+    return place.publish(out)
 
 
 def _say(run: Run, line: str) -> None:
@@ -173,7 +191,7 @@ def describe(summary: dict, out: Path) -> str:
              f"{counts['fixed_point_iterations']} fixed-point iterations, "
              f"{counts['dual_multiplications']} products with F, largest KKT residual {worst:.1e}, "
              f"force balance {summary['balance']:.1e}",
-             f"{_seconds(summary['seconds'])}, results in {os.path.relpath(out)}",
+             f"{_seconds(summary['seconds'])}, results in {shown(out)}",
              *never_mattered(summary["effects_ledger"]),
              *budget.describe(summary.get("errors", {}), summary["units"]),
              *(f"warning: {warning}" for warning in summary["warnings"])]

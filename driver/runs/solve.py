@@ -2,9 +2,10 @@
 
 import sys
 import time
+import traceback
 from pathlib import Path
 
-from ..errors import DriverError, agreed_writes
+from ..errors import DriverError, agreed_writes, shortage
 from ..estimates import adaptivity, between_steps, soundness, validity
 from ..estimates.energy import EnergyEstimator, report
 from ..march.problem import Problem, assemble
@@ -17,8 +18,11 @@ from ..results.relinearization import linearized
 from ..results.writer import Writer
 from ..scene import elements
 from ..timing import Laps
+from . import launch
 from .request import Request
 from .workspace import lock_log
+
+NO_ESTIMATES = "not all errors could be estimated"  # a warning, with the reason
 
 
 class Progress:
@@ -84,15 +88,25 @@ def run(directory: Path, request: Request, comm) -> tuple[int, str]:
     lap("output")
     seconds["output"] -= solver.history.seconds - before  # of this process
     seconds["solve"] = solver.history.seconds  # of all steps
-    errors = _errors(directory, request, problem, failure, writer, estimator, lap)
-    valid = validity.assess(problem, writer.contact, estimator.considered)
+    valid, doubt = _validity(directory, problem, writer, estimator)
     lap("validity")
-    seconds["total"] = sum(seconds.values())
+    status, reason = (failure.exit_status, str(failure)) if failure else (0, "")
     writer.close()
-    content = summary.summarize(request, problem, solver, failure, settings, writer, memory,
-                                seconds, resumed_after_step=resumed, errors=errors, validity=valid)
-    summary.write(directory, content, comm)
-    return (failure.exit_status, str(failure)) if failure else (0, "")
+
+    def leave(errors: dict | None, warning: str) -> None:
+        spent = {**seconds, "total": sum(seconds.values())}
+        content = summary.summarize(request, problem, solver, failure, settings, writer, memory,
+                                    spent, resumed_after_step=resumed, errors=errors,
+                                    validity=valid)
+        content.warnings += filter(None, [doubt, warning])
+        summary.write(directory, content, comm)
+
+    if comm.size > 1 and _may_fail(request):  # one rank's failure would end them all
+        leave(None, f"{NO_ESTIMATES}: a rank of the solver failed")
+        if comm.rank == 0:
+            launch.write_answer(directory, status, reason)
+    leave(*_estimated(directory, request, problem, failure, writer, estimator, lap))
+    return status, reason
 
 
 def _march(directory: Path, request: Request, problem: Problem, solver: QuasistaticSolver,
@@ -142,23 +156,58 @@ def _progress(directory: Path, request: Request, problem: Problem, resumed: int,
     return progress
 
 
-def _errors(directory: Path, request: Request, problem: Problem, failure: DriverError | None,
-            writer: Writer, estimator: EnergyEstimator, lap: Laps) -> dict | None:
-    """Entry `errors` of the summary as far as `request` asks for it; collective."""
+def _validity(directory: Path, problem: Problem, writer: Writer,
+              estimator: EnergyEstimator) -> tuple[dict | None, str]:
+    """Entry `validity` of the summary and a warning if it could not be made; collective."""
+    try:
+        return validity.assess(problem, writer.contact, estimator.considered), ""
+    except Exception as trouble:  # whatever it is, the results stand
+        if problem.operator.comm.size > 1:
+            raise
+        with open(directory / "run.log", "a") as log:
+            traceback.print_exc(file=log)
+        return None, f"validity was not checked: {' '.join(str(trouble).split())}"
+
+
+def _may_fail(request: Request) -> bool:
+    """Whether there are error estimates that the results can do without."""
+    return request.errors != "no" and not request.refine
+
+
+def _estimated(directory: Path, request: Request, *parts) -> tuple[dict | None, str]:
+    """Entry `errors` of the summary and a warning if it could not be made; see `_estimate`."""
+    errors = {}
+    try:
+        _estimate(errors, directory, request, *parts)
+        return errors or None, ""
+    except Exception as problem:  # whatever it is, the results stand
+        comm = parts[0].operator.comm
+        if not _may_fail(request) or comm.size > 1 and not isinstance(problem, DriverError):
+            raise
+        if comm.rank == 0 and not isinstance(problem, DriverError):
+            with open(directory / "run.log", "a") as log:
+                traceback.print_exc(file=log)
+        reason = shortage(problem) or " ".join(str(problem).split()) or type(problem).__name__
+        return errors or None, f"{NO_ESTIMATES}: {reason}"
+
+
+def _estimate(errors: dict, directory: Path, request: Request, problem: Problem,
+              failure: DriverError | None, writer: Writer, estimator: EnergyEstimator,
+              lap: Laps) -> None:
+    """Fill the entry `errors` of the summary as far as `request` asks for it; collective."""
     if request.errors == "no" or failure and failure.exit_status == 3:
-        return None
+        return
     estimates = estimator.estimates()
     for step, estimate in estimates:
         if estimate.indicator is not None:
             writer.indicate(step, estimate.indicator)
-    errors = {"energy": report(estimates, estimator.kind)}
+    errors["energy"] = report(estimates, estimator.kind)
     if request.refine:
         _next_mesh(directory, estimator, estimates)
     lap("energy_error")
     if request.errors == "yes" and not failure:
         errors |= _budget(directory, request, problem, writer)
         lap("estimates")
-    return errors
 
 
 def _next_mesh(directory: Path, estimator: EnergyEstimator, estimates: list) -> None:

@@ -8,6 +8,7 @@ The locks are on directories themselves and on rank 0's log, so that nothing has
 or removed beside them. The package filelock locks only files, which it empties.
 """
 
+import contextlib
 import ctypes
 import errno
 import fcntl
@@ -15,12 +16,14 @@ import os
 import re
 import shutil
 import signal
+import sys
 import time
-from contextlib import contextmanager
 from pathlib import Path
 
 from ..errors import InputError, NoSolution, NotConverged, file_error, write_error
 from ..march import checkpoint
+from ..text import shown
+from . import guard
 
 AT_FDCWD, RENAME_EXCHANGE = -100, 2  # of Linux
 PATIENCE = 10  # seconds for the ranks of a killed run to end
@@ -32,22 +35,29 @@ class Workspace:
 
     As a context: a file error inside becomes an InputError, and the directory is removed at the end
     unless the run was stopped and another one could go on from what is there.
+
+    Private directories that are not this user's, or hold what no run writes, are left alone. Where
+    other users could put something else in the place of a directory, the directories are reached by
+    their descriptors.
     """
 
     def __init__(self, out: Path):
-        """Raises InputError if results cannot be written to `out`, an absolute path."""
-        self.out, self._locks = out, {}
-        _check(out)
+        """Raises InputError if results cannot be written to `out`."""
+        self.out, self.abandoned = _checked(out), []
+        self._held = {}  # by path: name and descriptor
+        self._made = []  # directories above `out` that were not there
         try:
             self._take_back()
-            self.abandoned = [path for path in self._private() if self._lock(path)]
+            self.abandoned += filter(None, map(self._hold, self._private()))
             for path in list(self.abandoned):
-                if not _has_checkpoint(path):
+                if guard.foreign(path, unfinished=True):
+                    self._release(path)
+                elif not _has_checkpoint(path):
                     self._remove(path)
             self.path = self._create()
         except OSError as problem:
-            self._unlock_all()
-            message = f"cannot write results to {out.parent}: {problem.strerror}"
+            self._release_all()
+            message = f"cannot write results to {self.out.parent}: {problem.strerror}"
             raise file_error(problem, message) from None
 
     def __enter__(self) -> "Workspace":
@@ -60,7 +70,7 @@ class Workspace:
             if not outlook:
                 self._remove(self.path)
         finally:
-            self._unlock_all()
+            self._release_all()
         if stopped and issubclass(kind, OSError):
             raise InputError(f"{write_error(problem)}{outlook}") from None
         if outlook and issubclass(kind, (InputError, KeyboardInterrupt)):
@@ -75,33 +85,37 @@ class Workspace:
 
     def _create(self) -> Path:
         """A new directory, locked before another run can take it for a killed one's."""
+        self._made += [path for path in self.out.parents if not path.exists()]
         self.out.parent.mkdir(parents=True, exist_ok=True)
         for number in range(os.getpid(), os.getpid() + ATTEMPTS):
-            path = self.out.with_name(f".{self.out.name}.{number}")
+            name = self.out.with_name(f".{self.out.name}.{number}")
             try:
-                path.mkdir()
+                name.mkdir(0o700)
             except FileExistsError:
                 continue
-            if self._lock(path):
+            if path := self._hold(name):
                 return path
         raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
 
     # ---- what earlier runs have left -------------------------------------------------------------
     def _private(self, kind: str = "") -> list[Path]:
-        """Private directories of runs to `out`; `kind` "old\\.": results between two renames."""
+        """Names of private directories of runs to `out`; `kind` "old\\.": results between two
+        renames.
+        """
         pattern = re.compile(rf"\.{re.escape(self.out.name)}\.{kind}\d+")
         if not self.out.parent.is_dir():
             return []
-        return sorted(path for path in self.out.parent.iterdir()
-                      if pattern.fullmatch(path.name) and path.is_dir())
+        return sorted(path for path in self.out.parent.iterdir() if pattern.fullmatch(path.name))
 
     def _take_back(self) -> None:
         """A result whose successor was killed between two renames has its private name only."""
-        for path in self._private(r"old\."):
+        for name in self._private(r"old\."):
+            if not guard.is_own(name) or guard.foreign(name):
+                continue
             if self.out.exists():
-                shutil.rmtree(path, ignore_errors=True)
+                shutil.rmtree(name, ignore_errors=True)
             else:
-                path.rename(self.out)
+                name.rename(self.out)
 
     def take_up(self, stage: Path, identity: dict, resume: bool) -> tuple[int, set[str]]:
         """Copy to `stage` the checkpoint with this fingerprint that came farthest.
@@ -131,58 +145,124 @@ class Workspace:
         return max(steps.values(), default=0), misfits
 
     # ---- the end of a run ------------------------------------------------------------------------
-    def publish(self, out: Path) -> None:
-        """Put the finished directory in the place of an older one and remove abandoned ones."""
+    def publish(self, out: Path) -> Path:
+        """Put the finished directory in the place of an older one and remove abandoned ones.
+
+        Returns its new place: one beside `out`, which is said, if something else than a run is at
+        `out` by now.
+        """
+        name, descriptor = self._held[self.path]
+        if not os.path.samestat(os.lstat(name), os.fstat(descriptor)):
+            raise InputError(f"{name} has been exchanged by somebody while the run worked there: "
+                             "choose OUT in a directory that others cannot write to")
         with _undisturbed():
-            for name in (checkpoint.NAME, f".{checkpoint.NAME}"):
-                (self.path / name).unlink(missing_ok=True)
+            os.fchmod(descriptor, 0o777 & ~_umask())
+            wanted, out = out, _free(out)
             if not out.exists():
-                self.path.rename(out)
-            elif not _exchange(self.path, out):
+                name.rename(out)
+            elif _exchange(name, out):
+                shutil.rmtree(name, ignore_errors=True)
+            else:
                 old = out.with_name(f".{out.name}.old.{os.getpid()}")
                 out.rename(old)
-                self.path.rename(out)
+                name.rename(out)
                 shutil.rmtree(old, ignore_errors=True)
+            for file in (checkpoint.NAME, f".{checkpoint.NAME}"):
+                (out / file).unlink(missing_ok=True)
+            self._release(self.path)
         for path in list(self.abandoned):
             self._remove(path)
+        if out != wanted:
+            print(f"{shown(wanted)} holds something else than results by now and stays as it is: "
+                  f"the results are in {shown(out)}", file=sys.stderr)
+        return out
+
+    # ---- directories that are held ---------------------------------------------------------------
+    def _hold(self, name: Path) -> Path | None:
+        """Lock a directory; its path, None if it is another user's or the run there is alive."""
+        descriptor = guard.open_own(name)
+        if descriptor is None:
+            return None
+        if not _locked(descriptor):
+            os.close(descriptor)
+            return None
+        path = name
+        if guard.is_shared(name.parent):
+            path = Path(f"/proc/{os.getpid()}/fd/{descriptor}")
+        self._held[path] = name, descriptor
+        return path
 
     def _remove(self, path: Path) -> None:
         """Remove a directory and free its lock."""
-        shutil.rmtree(path, ignore_errors=True)
+        if path in self._held:
+            name, _ = self._held[path]
+            for entry in os.scandir(path):
+                if entry.is_dir(follow_symlinks=False):
+                    shutil.rmtree(entry.path, ignore_errors=True)
+                else:
+                    os.unlink(entry.path)
+            with contextlib.suppress(OSError):  # published, or no longer there
+                name.rmdir()
+            self._release(path)
+
+    def _release(self, path: Path) -> None:
+        """Free the lock of a directory and leave it alone."""
         if path in self.abandoned:
             self.abandoned.remove(path)
-        if path in self._locks:
-            os.close(self._locks.pop(path))
+        os.close(self._held.pop(path)[1])
 
-    # ---- locks -----------------------------------------------------------------------------------
-    def _lock(self, path: Path) -> bool:
-        """Lock a directory; False if the run that works there is alive."""
-        try:
-            descriptor = os.open(path, os.O_RDONLY)
-        except OSError:
-            return False
-        if not _locked(descriptor):
-            os.close(descriptor)
-            return False
-        self._locks[path] = descriptor
-        return True
-
-    def _unlock_all(self) -> None:
-        while self._locks:
-            os.close(self._locks.popitem()[1])
+    def _release_all(self) -> None:
+        while self._held:
+            os.close(self._held.popitem()[1][1])
+        for path in self._made:
+            with contextlib.suppress(OSError):  # no longer empty
+                path.rmdir()
 
 
-def _check(out: Path) -> None:
-    """A run replaces its whole directory: it must be new, empty, or hold an earlier run."""
+def _checked(out: Path) -> Path:
+    """`out` without links. Raises InputError where a run may not put its results.
+
+    A run replaces its whole directory: it must be new, empty, or hold an earlier run; so must the
+    one for results that have not converged.
+    """
+    place = out
     try:
-        if not out.name or out.exists() and not out.is_dir():
-            raise InputError(f"OUT={out} is no directory that results can be written to")
-        if out.is_dir() and any(out.iterdir()) and not (out / "summary.json").is_file():
-            raise InputError(f"OUT={out} holds files but no earlier run; choose another directory "
-                             "or empty it")
-    except (OSError, ValueError) as problem:
-        message = f"OUT={out} is no directory that results can be written to ({problem})"
+        if ";" in str(out):
+            raise ValueError("has a semicolon in its name, which FreeFEM does not take")
+        resolved = guard.resolve(out.absolute())
+        reason = guard.obstacle(resolved)
+        if not reason:
+            place = unconverged(resolved)
+            reason = guard.obstacle(place)
+    except OSError as problem:
+        message = f"OUT={place}: cannot write results there ({problem.strerror})"
         raise file_error(problem, message) from None
+    except ValueError as problem:
+        reason = str(problem)
+    if reason:
+        raise InputError(f"OUT={place} {reason}")
+    return resolved
+
+
+def unconverged(out: Path) -> Path:
+    """Where results go that have not converged, if `out` holds some that have."""
+    return out.with_name(f"{out.name}-unconverged")
+
+
+def _free(out: Path) -> Path:
+    """`out`, or a name beside it where something else than a run has come to be there."""
+    place, number = out, 1
+    while guard.obstacle(place):
+        number += 1
+        place = out.with_name(f"{out.name}-{number}")
+    return place
+
+
+def _umask() -> int:
+    """The user's umask, which can only be read by setting it."""
+    mask = os.umask(0o077)
+    os.umask(mask)
+    return mask
 
 
 def _has_checkpoint(path: Path) -> bool:
@@ -215,7 +295,7 @@ def _ended(path: Path) -> bool:
     return False
 
 
-@contextmanager
+@contextlib.contextmanager
 def _undisturbed():
     """Hold back interrupts, and the alarm that repeats them, until the block is done."""
     held, numbers = [], (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)

@@ -13,14 +13,30 @@ macros that declare it, there are
 - ``fields``: its numbers at all nodes, ``<room>Fields``,
 - ``manifest``: its entry in the manifest, ``<room>Manifest``,
 - ``amplitudes``: the histories.
+
+Besides, ``messages/*.idp`` (see explain.py): ``contents``, which has every macro of the scene stand
+once where its kind is expected, on a line of its own, and ``trace``, the macro evaluating(name),
+which says what follows in a run that is traced.
 """
 
 from pathlib import Path
 
 from ..errors import InputError
-from .rooms import NUMBERS, Room, camel, rooms
+from .rooms import NUMBERS, Room, all_macros, camel, rooms, source
 
-FOLDER = "rooms"
+FOLDER, MESSAGES = "rooms", "messages"
+EVALUATING = "evaluating: "  # said in a traced run before a macro of the scene is evaluated
+# what a macro of a kind is put into; nothing of it is executed
+KINDS = {"number": "{{ real libValue = {0}; }}", "labels": "{{ int[int] libValue = [{0}]; }}",
+         "form": "{{ varf libValue([u1, u2], [v1, v2]) = {0}; }}",
+         "vector": "{{ real libValue = ({0})'*[1., 1.]; }}",
+         "list": "{{ real[int] libValue = {0}; }}"}
+GIVEN_ON = {"edges": "form", "supports": "form", "triangles": "vector", "initial_stress": "number",
+            "nodes": "list"}
+CONTENTS = {"support": "form", "contact": "labels", "contactPair": "labels",
+            "contactNormal": "vector", "young": "number", "poisson": "number", "piece": "number",
+            "slipFactor": "number", "displacementFactor": "number", "amplitude#": "number",
+            **{f"c{k}": "number" for k in (11, 12, 13, 22, 23, 33)}}
 QUASISTATIC = "quasistatic"  # what a scene declares by calling quasistatic(T)
 
 
@@ -47,8 +63,8 @@ def without_names(without: tuple[str, ...]) -> set[str]:
     return absent
 
 
-def write(directory: Path, without: tuple[str, ...] = ()) -> None:
-    """Write the files for a scene of which `without` is left out.
+def write(directory: Path, without: tuple[str, ...] = (), traced: bool = False) -> None:
+    """Write the files for a scene of which `without` is left out; `traced`: to explain a failure.
 
     Raises InputError as `without_names`.
     """
@@ -60,7 +76,7 @@ def write(directory: Path, without: tuple[str, ...] = ()) -> None:
     files = {
         "switches": _switches(without),
         "include": [line for room in used for line in _include(room, absent)],
-        "patterns": [line for load in loads for line in load.declaration()],
+        "patterns": [*(line for load in loads for line in load.declaration()), *_idle(absent)],
         "assemble": [line for load in loads for line in load.call("Assemble")],
         "fix": [line for load in loads for line in load.call("Fix")],
         "record": [line for load in loads for line in load.call("Record")],
@@ -72,10 +88,44 @@ def write(directory: Path, without: tuple[str, ...] = ()) -> None:
         "manifest": [line for room in used for line in _manifest(room)],
         "amplitudes": [line for k in NUMBERS for line in _amplitude(k, absent)],
     }
-    folder = directory / FOLDER
-    folder.mkdir(exist_ok=True)
-    for name, lines in files.items():
-        (folder / f"{name}.idp").write_text("".join(f"{line}\n" for line in lines))
+    messages = {
+        "contents": [line for name, kind in _kinds().items() for line in _content(*name, kind)],
+        "trace": [f'macro evaluating(name) cerr << "{EVALUATING}" << name << endl; //' if traced
+                  else "macro evaluating(name) //"],
+    }
+    for folder, contents in ((FOLDER, files), (MESSAGES, messages)):
+        (directory / folder).mkdir(exist_ok=True)
+        for name, lines in contents.items():
+            text = "".join(f"{line}\n" for line in lines)
+            (directory / folder / f"{name}.idp").write_text(text)
+
+
+def _kinds() -> dict[tuple[str, str], str]:
+    """What macros expect, by name and arguments."""
+    kinds = {}
+    for room in rooms():
+        as_it_stands = f"macro {room.prefix}Form(k) {{0}}k //"
+        for name in room.declared_by:
+            if room.given_on and as_it_stands.format(name) in source(room):
+                kinds[name] = GIVEN_ON[room.given_on]
+            elif room.column:
+                kinds[name] = "number"
+    kinds |= CONTENTS
+    return {(name, macro.arguments): kinds[macro.name] for macro in all_macros()
+            if macro.name in kinds for name in macro.names}
+
+
+def _content(name: str, arguments: str, kind: str) -> list[str]:
+    """A macro where its kind is expected, in a function that nothing calls."""
+    call = f"{name}({', '.join('0.5' for _ in arguments.split(','))})" if arguments else name
+    function = f"func int libContent{name}() {KINDS[kind].format(call)}"
+    # a bare yes, where a room takes it, is no number
+    return _if(name, *(_if(f"!{name},yes", function) if not arguments else [function]))
+
+
+def content_of(path: Path, line: int) -> str:
+    """The macro that a line of ``contents.idp`` is about."""
+    return path.read_text().splitlines()[line - 1].split("libContent")[1].split("(")[0]
 
 
 def _if(macro: str, *lines: str) -> list[str]:
@@ -182,7 +232,10 @@ def _evaluate(room: Room) -> list[str]:
     """The numbers of a room's column."""
     column = f"{room.prefix}At"
     own, common = f"{room.prefix}Evaluate", f"evaluateColumn({room.prefix}Column, {column})"
-    lines = [*_if(own, f"{own}({column})"), *_if(f"!{own}", common)]
+    declaring = [line for macro in _declaring(room)
+                 for line in _if(macro, f'evaluating("{macro}")')]
+    lines = [*declaring, *_if(own, f"{own}({column})"), *_if(f"!{own}", common),
+             f'refuseInfinite("{room.column}", {column})']
     if room.nonnegative:
         lines.append(f'refuseNegative("{room.column}", {column})')
     return _if(_room(room), *lines)
@@ -192,7 +245,21 @@ def _amplitude(number: int, absent: set[str]) -> list[str]:
     """The history of the loads with a number; that of a left-out one rests at the end time."""
     name = f"amplitude{number}"
     time = "timeEnd" if name in absent else "libTime"
-    return _if(name, f"if (libNumber == {number}) return {name}({time});")
+    return _if(name, f"if (libNumber == {number}) {{", f'evaluating("{name}")',
+               f"return {name}({time}); }}")
+
+
+def _idle(absent: set[str]) -> list[str]:
+    """Refusal of amplitudes without a load, unless that is left out."""
+    left_out = {name[-1] for name in absent} | ({*map(str, NUMBERS)} if absent & _all_loads() else
+                                                set())
+    return [line for k in NUMBERS if str(k) not in left_out
+            for line in _if(f"amplitude{k}", f"refuseIdle({k});")]
+
+
+def _all_loads() -> set[str]:
+    """Names of the rooms that give loads."""
+    return {room.name for room in rooms() if room.given_on}
 
 
 def _manifest(room: Room) -> list[str]:
@@ -210,7 +277,8 @@ class _Load:
     def __init__(self, room: Room, k: int):
         self.macro, self.given_on = _numbered(room, k), camel(room.given_on)
         self.form, self.pattern = f"{room.prefix}Form({k})", f"{room.prefix}Pattern{k}"
-        self.declared = f'int {self.pattern} = declare("{room.name}", "{room.given_on}", {k});'
+        words = f'"{room.name}", "{room.given_on}", {k}, "{self.macro}"'
+        self.declared = f"int {self.pattern} = declare({words});"
 
     def declaration(self) -> list[str]:
         """Its pattern, and what is to be prepared once."""
@@ -221,4 +289,5 @@ class _Load:
     def call(self, what: str) -> list[str]:
         """The macro `what` of what it is given on, if there is one."""
         name = f"{self.given_on}{what}"
-        return _if(self.macro, *_if(name, f"{name}({self.form}, {self.pattern})"))
+        call = f"{name}({self.form}, {self.pattern})"
+        return _if(self.macro, *_if(name, f'evaluating("{self.macro}")', call))

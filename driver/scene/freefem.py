@@ -1,20 +1,16 @@
 """Stage 1: run a scene through FreeFEM, which meshes, assembles and exports its subdomains."""
 
 import contextlib
-import re
 import subprocess
 from pathlib import Path
 
 from .. import environment
 from ..errors import InputError
-from . import declarations, elements, rooms, script, seal
+from . import declarations, elements, explain, grammar, rooms, script, seal
 from .manifest import Manifest, read_manifest
 from .script import text_digest
 
 SCENES = environment.ROOT / "edp"
-# flags that mean something to FreeFEM itself, or that `export` sets
-RESERVED = ("export", "sizes", "f", "v", "nw", "ns", "ne", "cd", "log", "wait", "nowait", "glut",
-            "fglut", "version")
 
 
 def scenes() -> dict[str, str]:
@@ -54,14 +50,15 @@ def export(scene: Path, directory: Path, parameters: dict[str, str], ranks: int 
     script fails, if what it parsed differs from what was asked, and if the scene was edited
     meanwhile; OSError if the disk is full.
     """
+    grammar.check(scene)
     script.check_names(scene)
     text = text_digest(scene)
     directory.mkdir(parents=True, exist_ok=True)
-    declarations.write(directory, without)
-    if sizes:
-        _run(scene, scene, directory, {**parameters, "sizes": str(sizes)}, ranks, meanwhile)
-    else:
-        _run(scene, scene, directory, parameters, ranks, meanwhile)
+    given = {**parameters, "sizes": str(sizes)} if sizes else parameters
+    _run(scene, scene, directory, given, ranks, meanwhile, without)
+    if not (directory / "manifest.json").exists():
+        raise InputError(f'{scene.name} does not come to its last line, include "export.idp": '
+                         "FreeFEM ended without an error and left no manifest.json")
     seal.write(directory, text, [f"block-{k}.bin" for k in range(ranks)])
     manifest = read_manifest(directory, text_digest(scene))
     _check_echo(manifest, parameters)
@@ -87,8 +84,7 @@ def export_study(scene: Path, directory: Path, parameters: dict[str, str], name:
         place.mkdir(parents=True)
     text, loop = text_digest(scene), directory / "study.edp"
     loop.write_text(_loop(scene, name, values))
-    declarations.write(directory, without)
-    _run(loop, scene, directory, {**parameters, name: values[0]}, 1, meanwhile)
+    _run(loop, scene, directory, {**parameters, name: values[0]}, 1, meanwhile, without)
     for place in places:
         seal.write(place, text, ["contact.bin"])
     manifests = [read_manifest(place) for place in places]
@@ -108,8 +104,8 @@ def _loop(scene: Path, name: str, values: list[str]) -> str:
 
 
 def _run(program: Path, scene: Path, directory: Path, parameters: dict[str, str], ranks: int,
-         meanwhile=nothing) -> None:
-    """Run the script `program` in the scene's folder.
+         meanwhile=nothing, without: tuple[str, ...] = ()) -> None:
+    """Run the script `program` in the scene's folder, after writing what it is to include.
 
     Raises InputError with what FreeFEM said if it fails, and for unknown elements.
     """
@@ -118,74 +114,39 @@ def _run(program: Path, scene: Path, directory: Path, parameters: dict[str, str]
         raise InputError(f"ELEMENT must be one of {', '.join(elements.NODES)}, not '{element}'")
     if ";" in str(directory):
         raise InputError(f"FreeFEM takes no folder with a semicolon in its name: {directory}")
-    if ranks > 1:
-        command = [*environment.mpirun(ranks), environment.program("FreeFem++-mpi")]
-    else:
+    spelled = grammar.parameters(scene)
+    words = [word for name, value in parameters.items()
+             for word in (f"-{spelled.get(name, name)}", value)]
+
+    def start(ranks: int, meanwhile=nothing, traced: bool = False) -> subprocess.CompletedProcess:
+        declarations.write(directory, without, traced)
         command = [environment.program("FreeFem++")]
-    command += ["-nw", "-ns", "-v", "0", str(program), "-export", str(directory)]
-    for name, value in parameters.items():
-        command += [f"-{name}", value]
-    env = environment.child_environment(ranks > 1, element)
-    env["FF_INCLUDEPATH"] = f"{directory.absolute()};{env['FF_INCLUDEPATH']}"
-    done = environment.run_child(command, meanwhile, env=env, stdout=subprocess.PIPE,
-                                 stderr=subprocess.STDOUT, text=True, errors="replace",
-                                 cwd=scene.parent)
+        if ranks > 1:
+            command = [*environment.mpirun(ranks), environment.program("FreeFem++-mpi")]
+        command += ["-nw", "-ns", "-v", "0", str(program), "-export", str(directory), *words]
+        env = environment.child_environment(ranks > 1, element)
+        # for shells that FreeFEM starts (gmsh.idp)
+        env |= {"EXPORT_DIRECTORY": str(directory), "SIZE_FIELD": parameters.get("sizes", "")}
+        env["FF_INCLUDEPATH"] = f"{directory.absolute()};{env['FF_INCLUDEPATH']}"
+        return environment.run_child(command, meanwhile, env=env, stdout=subprocess.PIPE,
+                                     stderr=subprocess.STDOUT, text=True, errors="replace",
+                                     cwd=scene.parent)
+
+    done = start(ranks, meanwhile)
     (directory / "freefem.log").write_text(done.stdout)
     if done.returncode != 0:
-        raise InputError(_explain(done.stdout, done.returncode, scene))
-
-
-# ---- what FreeFEM says when it fails ---------------------------------------------------------
-
-COMPILE_ERROR = re.compile(r"Error line number\s*(\d+), in file (\S+?), before\s+token\s*(.*)")
-
-
-def _explain(output: str, status: int, scene: Path) -> str:
-    """One line out of FreeFEM's output: its message and the script line."""
-    refused = re.search(r"scene error: (.*)", output)
-    if refused:
-        return f"{scene.name}: {refused[1]}"
-    if status < 0 or status > 128:  # by itself or, as mpirun reports it, one of its ranks
-        signal = -status if status < 0 else status - 128
-        return f"FreeFEM was killed by signal {signal} while running {scene.name}"
-    taken = re.search(r"(?:The identifier )?(\w+) (?:exists\b|is not a Polymorphic id)", output)
-    if taken and script.declared_by_library(taken[1]):
-        return script.taken_name(scene, taken[1])
-    lines = [line.strip() for line in output.splitlines() if line.strip()]
-    if COMPILE_ERROR.search(output):
-        return _explain_compilation(output, lines, scene)
-    number = re.search(r"current line = (\d+)", output)
-    where = f"{scene.name} line {number[1]}" if number else scene.name
-    end = _first(lines, "current line")
-    messages = [line for line in lines[max(0, end - 2):end] if not line.startswith("-")]
-    messages += [line for line in lines if line.startswith("Exec error")][:1]
-    said = "; ".join(dict.fromkeys(messages)) or "no message"
-    return f"FreeFEM failed in {where} (exit {status}): {said}"
-
-
-def _explain_compilation(output: str, lines: list[str], scene: Path) -> str:
-    """One line of what FreeFEM says of a script that it does not understand."""
-    number, file, token = COMPILE_ERROR.search(output).groups()
-    error = _first(lines, "Error line number")
-    around = [line for line in lines[max(0, error - 3):error] + lines[error + 1:error + 2]
-              if "current line" not in line]
-    name = Path(file).name if file.endswith((".edp", ".idp")) else scene.name
-    return (f"FreeFEM failed in {name} line {number} before token {token.strip()}: "
-            f"{'; '.join(around) or 'syntax error'}")
-
-
-def _first(lines: list[str], words: str) -> int:
-    """Number of the first line with these words; of the end if there is none."""
-    return next((number for number, line in enumerate(lines) if words in line), len(lines))
+        raise InputError(explain.failure(done.stdout, done.returncode, scene, directory.absolute(),
+                                         lambda: start(1, traced=True).stdout))
 
 
 def _check_echo(manifest: Manifest, parameters: dict[str, str]) -> None:
     """Refuse what the scene read otherwise than asked: FreeFEM ignores a flag that nothing reads.
     """
+    read = {name.lower(): value for name, value in manifest.parameters.items()}
     for name, asked in parameters.items():
-        if name not in manifest.parameters:
+        if name not in read:
             raise InputError(f"the scene does not read the parameter '{name}'")
-        echo = manifest.parameters[name]
+        echo = read[name]
         try:
             same = echo == asked if isinstance(echo, str) else float(asked) == float(echo)
         except ValueError:

@@ -163,8 +163,10 @@ class _Pieces:
         nodes = stack["elements"].reshape(len(xy), head.triangles, -1)
         edges = stack["edges"].reshape(len(xy), head.edges, 2)
         _check_mesh(stack, head, nodes, edges, xy, place)
-        arrays = {"elements": nodes, "edges": edges, "rows": stack["rows"],
-                  "columns": stack["columns"], "values": stack["values"]}
+        # whole numbers of 4 bytes hold any piece, and half the memory
+        rows, columns = (stack[name].astype(np.int32) for name in ("rows", "columns"))
+        arrays = {"elements": nodes, "edges": edges, "rows": rows, "columns": columns,
+                  "values": stack["values"]}
         arrays = {name: _kept_once(values, self.last and self.last[name])
                   for name, values in arrays.items()}
         arrays |= {"region": stack["region"], **_elasticity(stack, self.manifest)}
@@ -206,8 +208,9 @@ def _kept_once(values: np.ndarray, last: np.ndarray | None) -> list[np.ndarray]:
 
     `last`, if any, comes before the first.
     """
-    bits = values.view(np.int64)
-    same = [last is not None and np.array_equal(bits[0], last.view(np.int64))]
+    word = f"i{values.itemsize}"
+    bits = values.view(word)
+    same = [last is not None and np.array_equal(bits[0], last.view(word))]
     if len(values) > 1:
         same += (bits[1:] == bits[:-1]).all(axis=tuple(range(1, values.ndim))).tolist()
     arrays = []

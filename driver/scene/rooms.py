@@ -158,6 +158,11 @@ def read_room(path: Path) -> Room:
                 nonnegative=bound == ">= 0", studied=listed("studied"), macros=macros, text=text)
 
 
+def source(room: Room) -> str:
+    """Text of the file of a room."""
+    return (EFFECTS / f"{room.name}.idp").read_text()
+
+
 def read_macros(lines: list[str]) -> tuple[tuple[Macro, ...], str]:
     """Macros and numbers listed in lines of a comment, and the rest of its text.
 
@@ -199,11 +204,15 @@ def general_macros() -> tuple[Macro, ...]:
     return read_macros(head(environment.LIBRARY / "export.idp"))[0]
 
 
+def all_macros() -> list[Macro]:
+    """What a scene may define, general or of rooms."""
+    return [*general_macros(), *(macro for room in rooms() for macro in room.macros)]
+
+
 @functools.cache
 def vocabulary() -> frozenset[str]:
     """All macros and numbers of a scene that the library reads."""
-    macros = [*general_macros(), *(macro for room in rooms() for macro in room.macros)]
-    return frozenset(name for macro in macros for name in macro.names)
+    return frozenset(name for macro in all_macros() for name in macro.names)
 
 
 @functools.cache

@@ -10,7 +10,8 @@ from pathlib import Path
 
 from .. import environment
 from ..errors import InputError
-from . import rooms
+from . import grammar, rooms
+from .grammar import declared_names
 from .manifest import Manifest
 
 OWN_FILES = ("scene.idp", "export.idp", "gmsh.idp")  # includes of a scene that declare nothing
@@ -45,32 +46,40 @@ def check_names(scene: Path) -> None:
     FreeFEM would put such a macro into the library's text, and call such a function from there.
     Variables need no check: FreeFEM refuses a second one, see `taken_name`. Raises InputError.
     """
-    lines = [line.split("//")[0] for line in scene.read_text(errors="replace").splitlines()]
-    code = "\n".join(lines)
+    files = grammar.sources(scene)
+    code = "\n".join(line.split("//")[0] for source in files for line in source.lines)
     if 'include "export.idp"' not in code:
         return
     library = "\n".join(path.read_text() for path in environment.LIBRARY.rglob("*.idp"))
-    for number, line in enumerate(lines, 1):
-        macro = re.match(r"\s*macro\s+(\w+)", line)
-        function = re.match(r"\s*func\s+\w+\s+(\w+)", line)
-        if macro and f"{macro[1]}1" in rooms.vocabulary():
-            raise InputError(f"{scene.name} line {number}: {macro[1]} needs a number: "
-                             f"{macro[1]}1 ... {macro[1]}9")
-        if macro and macro[1] not in rooms.vocabulary():
-            if _is_word(macro[1], library) and _is_word(macro[1], _without_texts(library)):
-                raise InputError(own_name(scene, number, macro[1]))
-            if len(re.findall(rf"\b{macro[1]}\b", code)) == 1:
-                raise InputError(f"{scene.name} line {number}: nothing reads the macro {macro[1]}"
-                                 f"{_hint(macro[1])}")
-        elif function and re.search(rf"^func \w+ {function[1]}\(", library, re.MULTILINE):
-            raise InputError(own_name(scene, number, function[1]))
+    for source in files:
+        for macro in grammar.definitions(source):
+            if reason := _macro_fault(macro.name, code, library):
+                raise InputError(f"{source.path.name} line {macro.line}: {reason}")
+        for number, line in enumerate(source.lines, 1):
+            function = re.match(r"\s*func\s+\w+\s+(\w+)", line)
+            if function and re.search(rf"^func \w+ {function[1]}\(", library, re.MULTILINE):
+                raise InputError(own_name(source.path, number, function[1]))
+
+
+def _macro_fault(name: str, code: str, library: str) -> str:
+    """Why a scene with this code may not define a macro; empty if it may."""
+    if f"{name}1" in rooms.vocabulary():
+        return f"{name} needs a number: {name}1 ... {name}9"
+    if name in rooms.vocabulary():
+        return ""
+    if _is_word(name, library) and _is_word(name, _without_texts(library)):
+        return f"the name '{name}' is the library's own; choose another"
+    if len(re.findall(rf"\b{name}\b", code)) == 1:
+        return f"nothing reads the macro {name}{hint(name)}"
+    return ""
 
 
 def taken_name(scene: Path, name: str) -> str:
     """Why FreeFEM refuses a variable `name` that a scene and the library both declare."""
-    for number, line in enumerate(scene.read_text(errors="replace").splitlines(), 1):
-        if _is_word(name, line.split("//")[0]):
-            return own_name(scene, number, name)
+    for source in grammar.sources(scene):
+        for number, line in enumerate(source.lines, 1):
+            if _is_word(name, line.split("//")[0]):
+                return own_name(source.path, number, name)
     return f"{scene.name}: the name '{name}' is the library's own; choose another"
 
 
@@ -89,14 +98,6 @@ def declared_by_library(name: str) -> bool:
     return False
 
 
-def declared_names(declarators: str) -> list[str]:
-    """Names that a declaration gives after its type: a and d of `a = f(b, c), d(1)`."""
-    nested = re.compile(r"\([^()]*\)|\[[^][]*\]")
-    while nested.search(declarators):
-        declarators = nested.sub("", declarators)
-    return re.findall(r"(?:^|,)\s*&?\s*(\w+)", declarators)
-
-
 def _is_word(name: str, text: str) -> bool:
     return re.search(rf"\b{name}\b", text) is not None
 
@@ -107,11 +108,11 @@ def _without_texts(code: str) -> str:
     return re.sub(r"//[^\n]*", "", code)
 
 
-def _hint(name: str) -> str:
-    """The declaration that a misspelt one may mean."""
+def hint(name: str, words=()) -> str:
+    """The declaration, or one of other `words`, that a misspelt one may mean."""
     import difflib  # takes longer to import than the check takes
 
-    near = difflib.get_close_matches(name, sorted(rooms.vocabulary()), 1)
+    near = difflib.get_close_matches(name, sorted({*rooms.vocabulary(), *words}), 1)
     return f"; did you mean {near[0]}?" if near else ""
 
 
@@ -120,12 +121,14 @@ def check_fixed_labels(scene: Path, manifest: Manifest) -> None:
 
     FreeFEM ignores such a condition.
     """
-    for number, line in enumerate(scene.read_text().splitlines(), 1):
+    places = [(source.path.name, number, line) for source in grammar.sources(scene)
+              for number, line in enumerate(source.lines, 1)]
+    for name, number, line in places:
         code = line.split("//")[0]
         for label in re.findall(r"\bon\(\s*(\d+)\s*,", code):
             if int(label) not in manifest.labels:
                 raise InputError(
-                    f"{scene.name} line {number}: on({label}, ...) names a label that the mesh "
+                    f"{name} line {number}: on({label}, ...) names a label that the mesh "
                     f"lacks; it has {', '.join(map(str, manifest.labels))}")
 
 

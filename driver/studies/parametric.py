@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
+from ..contact.nodes import contact_table, merge_parts
 from ..contact.states import OPEN, STATUS_NAMES, ContactField
 from ..effects import Effects
 from ..errors import DriverError, InputError, NotConverged, agree
@@ -99,7 +100,7 @@ def _outcomes(problem, settings, directory: Path, request: Request, apart: bool,
             value = read_manifest(folder)
             _check_same(request.study, problem.manifest, value)
             contact = _contact_of(request.study, Effects(value), structure.contact,
-                                  *read_contact(folder, value))
+                                  *read_contact(folder, value), value.contact_pairs)
             operator, near = problem.operator.with_contact(contact), near if k % chain else None
             own = dataclasses.replace(problem, manifest=value, operator=operator)
             solved[k], near = _solve(own, settings, near)
@@ -129,33 +130,45 @@ def _check_same(name: str, base, value) -> None:
                              f"{part.replace('_', ' ')}")
 
 
-def _contact_of(name: str, effects, boundary, data, gid: np.ndarray):
+def _contact_of(name: str, effects, boundary, data, gid: np.ndarray, pairs: list):
     """The contact boundary with the columns of one value, read as `data` at the nodes `gid`.
 
     Nodes, weights and normals of all values are those of the first (study.idp): that later ones
     keep them is what freefem.export_study sees to.
     """
-    span = boundary.gid.max(initial=0) + 1
-    known, read = boundary.label * span + boundary.gid, data.label * span + gid
-    order = np.argsort(known)
-    at = np.minimum(np.searchsorted(known, read, sorter=order), len(known) - 1)
-    here = (known[order[at]] == read) & (gid < span)  # others are held by supports
-    columns = np.column_stack([np.ones(len(gid)), data.normal, *data.columns.values()])
-    parts = (columns * data.weight[:, None])[here]
-    total = np.column_stack([np.bincount(order[at[here]], part, minlength=len(known))
-                             for part in parts.T])
-    weight, normal = total[:, 0], total[:, 1:3]
+    table = contact_table(data, list(data.columns), gid, np.zeros((len(gid), 2)))
+    read = merge_parts(table, list(data.columns), pairs)
+    place = _places(boundary, read)
     rigid = ~boundary.paired  # between two bodies weight, normal and gap follow from both sides
-    if not (np.all(weight > 0) and np.allclose(weight[rigid], boundary.weight[rigid], rtol=1e-9)
-            and np.allclose((normal / np.linalg.norm(normal, axis=1)[:, None])[rigid],
-                            boundary.normal[rigid], atol=1e-9)):
+    if not ((place >= 0).all()
+            and np.allclose(read.weight[place][rigid], boundary.weight[rigid], rtol=1e-9)
+            and np.allclose(read.normal[place][rigid], boundary.normal[rigid], atol=1e-9)):
         raise InputError(f"a study cannot vary {name.upper()}: it moves or turns the contact "
                          "boundary")
-    columns = dict(zip(data.columns, (total[:, 3:] / weight[:, None]).T))
-    gap = effects.distance(columns, len(weight))
+    columns = {column: values[place] for column, values in read.columns.items()}
+    gap = effects.distance(columns, len(place))
     if gap[~rigid].any():
         raise InputError(f"a study cannot vary {name.upper()} in a scene that declares pairGap")
     return dataclasses.replace(boundary, columns=columns, gap=np.where(rigid, gap, boundary.gap))
+
+
+def _places(boundary, read) -> np.ndarray:
+    """(n_c,) places among the nodes `read` of those of the boundary, -1 where there is none.
+
+    Of two nodes at a corner that which faces the same way.
+    """
+    def keys(of, paired):
+        """Vertex, and the label of a pair."""
+        return zip(of.gid.tolist(), np.where(paired, of.label, 0).tolist())
+
+    vertices = {}
+    for place, key in enumerate(keys(read, read.family > 0)):
+        vertices.setdefault(key, []).append(place)
+    places = np.full(len(boundary.gid), -1)
+    for node, key in enumerate(keys(boundary, boundary.paired)):
+        places[node] = max(vertices.get(key, [-1]),
+                           key=lambda place: read.normal[place] @ boundary.normal[node])
+    return places
 
 
 @dataclasses.dataclass

@@ -13,7 +13,6 @@ contact data and histories of all values in one process that assembles nothing. 
 """
 
 import json
-import os
 import shutil
 import time
 from pathlib import Path
@@ -28,6 +27,7 @@ from ..runs.request import Request
 from ..runs.run import Run
 from ..runs.workspace import Workspace
 from ..scene import freefem
+from ..text import shown
 
 SHOWN = 3  # warnings on the screen
 
@@ -50,7 +50,7 @@ def make_study(pairs: dict[str, str]) -> tuple[dict, Path]:
     pairs = {**pairs, name: values[0]}
     options.read("study", pairs)
     run = Run.from_pairs(pairs)
-    out = (run.out if "out" in pairs else RESULTS / "study" / f"{run.scene.stem}-{name}").absolute()
+    out = (run.out if "out" in pairs else RESULTS / "study" / f"{run.scene.stem}-{name}")
     with Workspace(out) as place:
         clock, work = time.perf_counter(), place.path
         freefem.export_study(
@@ -69,9 +69,9 @@ def make_study(pairs: dict[str, str]) -> tuple[dict, Path]:
             draw(work)
         for folder in ("export", "values"):
             shutil.rmtree(work / folder)
-        place.publish(out)
+        out = place.publish(place.out)
     if status:
-        raise error_of(status, f"{reason}; the study is kept in {os.path.relpath(out)}")
+        raise error_of(status, f"{reason}; the study is kept in {shown(out)}")
     return json.loads((out / "summary.json").read_text()), out
 
 
@@ -109,7 +109,7 @@ def describe(summary: dict, out: Path) -> str:
             f"{counts['dual_multiplications']} products\n"
             f"  {s['total']:.2f} s (FreeFEM {s['export']:.2f}, setup "
             f"{s['read'] + s['setup']:.2f}, condensation {s['condense']:.2f}, solve "
-            f"{s['solve']:.2f}), results in {os.path.relpath(out)}{warnings}")
+            f"{s['solve']:.2f}), results in {shown(out)}{warnings}")
 
 
 def _first(warnings: list[str]) -> list[str]:

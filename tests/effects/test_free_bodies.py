@@ -267,11 +267,12 @@ def test_equilibrium_does_not_depend_on_which_rank_owns_a_node(friction, carried
 
     def part(own):
         zero = np.zeros(len(own))
-        return normal[own], zero, own, tangential[own], own, bound[own], zero
+        one_sided = np.zeros(len(own), bool)
+        return normal[own], zero, own, one_sided, tangential[own], own, bound[own], zero
 
     rows = SimpleNamespace(normal=np.arange(count), tangential=np.arange(count), gap=None,
                            normal_node=None,
-                           tangential_node=None, coefficient=None, offset=None, bilateral=False)
+                           tangential_node=None, coefficient=None, offset=None, bilateral=None)
     for owned in ([np.arange(count)], [np.arange(0, count, 2), np.arange(1, count, 2)]):
         found = rigid_equilibrium(rows, normal, work, size,
                                   RanksInTurn([part(own) for own in owned]))

@@ -266,9 +266,10 @@ def test_an_interrupt_while_publishing_waits(tmp_path, monkeypatch, atomic, numb
     """At the moment when an older result might have its private name only."""
     out = tmp_path / "out"
     out.mkdir()
-    (out / "summary.json").write_text("old")
+    summary = '{"scene": "%s", "units": {}, "seconds": {}}'
+    (out / "summary.json").write_text(summary % "old")
     place = workspace.Workspace(out)
-    (place.path / "summary.json").write_text("new")
+    (place.path / "summary.json").write_text(summary % "new")
     exchange = workspace._exchange
 
     def interrupted(*paths):
@@ -283,7 +284,7 @@ def test_an_interrupt_while_publishing_waits(tmp_path, monkeypatch, atomic, numb
             place.publish(out)
     finally:
         signal.signal(number, before)
-    assert (out / "summary.json").read_text() == "new" and hidden(tmp_path) == []
+    assert (out / "summary.json").read_text() == summary % "new" and hidden(tmp_path) == []
 
 
 def test_checkpoints_of_another_state_of_the_code_are_refused(tmp_path, monkeypatch):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from driver.hard.oracle import box_qp
+from driver.qp import complementarity
 from driver.qp.complementarity import all_solutions, index, lemke, newton, search, settled
 from driver.qp.coulomb import CoulombProblem
 
@@ -218,3 +219,13 @@ def test_states_of_multipliers():
     x, signs = np.array([0.0, 2.0, 0.0, 1.0, -3.0, 0.0]), np.array([1.0, -1.0, 1.0])
     assert problem.states_of(x, signs).tolist() == [-2, 3, 0]
     assert problem.states_of(x, 0 * signs).tolist() == [-1, 1, 0]
+
+
+@pytest.mark.parametrize("n", [3, 5, 7])
+def test_lemke_does_not_cycle(n):
+    """Kostreva's matrix with equal right-hand sides, where every ratio test has ties: taking the
+    first of them goes round in circles (M. Kostreva, Math. Programming 16 (1979) 127-130).
+    """
+    M, q = np.eye(n) + 2 * np.roll(np.eye(n), 1, axis=1), -np.ones(n)
+    z = complementarity._lemke_pivots(M, q, np.ones(n))
+    np.testing.assert_allclose(z, 1 / 3, rtol=1e-12)  # the P-matrix has this solution alone

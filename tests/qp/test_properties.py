@@ -204,7 +204,7 @@ def test_random_scenes(examples):
         run = solve(scene, rtol=RTOL, friction_rtol=1e-10)
         assert run.solver.failure is None, str(run.solver.failure)
         assert len(run.steps) == len(scene.amplitudes) - 1
-        dense, allowed = DenseScene(run), LEFT * run.solver.scales.d
+        dense, allowed = DenseScene(run), LEFT * run.solver.scales.largest["d"]
         assert_obeys(scene, dense, run.steps, allowed)
         if scene.effects.get("contact") == "bilateral" or scene.effects.get("friction") == "tresca":
             return
@@ -233,5 +233,5 @@ def test_bilateral_contact_closes_gaps_without_load():
     scene.effects, scene.gap, scene.amplitudes = {"contact": "bilateral"}, 1e-3, np.zeros((2, 2))
     run = solve(scene, rtol=RTOL)
     assert run.solver.failure is None, str(run.solver.failure)
-    assert_obeys(scene, DenseScene(run), run.steps, LEFT * run.solver.scales.d)
+    assert_obeys(scene, DenseScene(run), run.steps, LEFT * run.solver.scales.largest["d"])
     assert np.abs(run.steps[0].multipliers).max() > 0

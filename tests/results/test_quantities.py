@@ -22,7 +22,7 @@ def line(x, closed, pressure, opening, **more):
     weight = (np.r_[side, 0] + np.r_[0, side]) / 2
     nodes = {"xy": np.column_stack([x, 0 * x]), "arc": x - x[0], "weight": weight,
              "gap": np.zeros(len(x)),
-             "label": np.ones(len(x), int), "paired": np.zeros(len(x), bool),
+             "chain": np.ones(len(x), int), "paired": np.zeros(len(x), bool),
              "middle": np.zeros(len(x), bool)}
     steps = {"u_n": -opening, "slip": 0 * x, "sigma_n": -pressure, "sigma_t": 0 * x,
              "status": np.where(closed, STICK, OPEN), "work": 0 * x}
@@ -101,7 +101,7 @@ def test_ring_and_separate_pieces():
     one = np.ones(12)
     ring = {"xy": np.column_stack([np.cos(angle), np.sin(angle)]), "arc": side * np.arange(12),
             "weight": side * one,
-            "gap": 0 * one, "label": one, "paired": one < 0, "middle": one < 0}
+            "gap": 0 * one, "chain": one, "paired": one < 0, "middle": one < 0}
     steps = {"u_n": 0 * one, "slip": 0 * one, "sigma_n": -one, "sigma_t": 0 * one,
              "status": STICK * one}
     assert values(ring,

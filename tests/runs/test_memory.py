@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -18,7 +19,7 @@ from scipy.sparse import identity
 from driver.march import checkpoint
 from driver import environment
 from driver.scene import loader, manifest
-from driver.feti import reduction
+from driver.feti import cholesky
 from driver.runs import workspace
 from driver.runs.request import Request
 from driver.errors import NO_MEMORY, InputError, shortage
@@ -133,13 +134,13 @@ def test_a_run_without_memory_leaves_nothing_behind(tmp_path):
 
 
 def test_a_factorization_that_finds_no_memory_does_not_blame_the_supports(monkeypatch):
-    class Starved(PETSc.PC):
-        def setUp(self):
-            raise PETSc.Error(55)
+    def starved(*_):
+        raise MemoryError
 
-    monkeypatch.setattr(reduction.PETSc, "PC", Starved)
-    with pytest.raises(PETSc.Error) as problem:
-        reduction.Factor(identity(3, format="csr"))
+    monkeypatch.setattr(cholesky.cholmod, "numeric", starved)
+    with pytest.raises(MemoryError) as problem:
+        none = np.zeros(3, bool)
+        cholesky.TornFactor(identity(3, format="csr"), np.arange(3), none).reduced(np.arange(0))
     assert shortage(problem.value) == NO_MEMORY
 
 
@@ -147,6 +148,7 @@ ALONE = """
 import sys
 sys.path.insert(0, {root!r})
 from mpi4py import MPI
+from petsc4py import PETSc
 from driver import cli
 from driver.errors import InputError
 from driver.runs import launch

@@ -85,18 +85,23 @@ def test_an_elimination_that_leaves_a_residual_is_refused():
         factor.solve(np.array([[1.0], [0.0]]))
 
 
-def test_condensed_corner_displacement(built):
+def test_condensed_deformation(built):
+    """Corners move as in the whole problem, contact nodes by contact forces as without loads."""
     problem = built(subdomains="4x2", cells=4)
     F, gluing = problem.F, problem.structure.row_kind == RowKind.GLUING
     condensed, weights = ContactCompliance(problem.operator), np.ones(1)
-    whole = np.random.default_rng(8).standard_normal(len(gluing))
-    d = problem.operator.load_response(weights)
-    whole[gluing] = np.linalg.solve(F[gluing][:, gluing], d[gluing] - \
-                                    F[gluing][:, ~gluing] @ whole[~gluing])
-    expected = problem.operator.corner_displacement(whole, weights)
+    whole, loads = np.random.default_rng(8).standard_normal(len(gluing)), []
     contact = contact_row_numbers(problem.structure.contact)
-    assert condensed.corner_displacement(
-        whole[contact], weights) == pytest.approx(expected, rel=1e-8)
+    for d in (problem.operator.load_response(weights), np.zeros(len(gluing))):
+        right = d[gluing] - F[gluing][:, ~gluing] @ whole[~gluing]
+        whole[gluing] = np.linalg.solve(F[gluing][:, gluing], right)
+        loads.append(whole.copy())
+    corners = np.abs(problem.operator.coarse_displacements(loads[0], weights)).max()
+    nodes = np.abs((F @ loads[1])[contact]).max()
+    assert condensed.deformation(whole[contact], weights) == pytest.approx(
+        max(corners, nodes), rel=1e-8)
+    assert condensed.deformation(0 * whole[contact], weights) == pytest.approx(np.abs(
+        weights @ condensed._loaded).max(), rel=1e-12)
 
 
 def test_friction_values_agree_with_single_runs(made, solved):

@@ -1,0 +1,237 @@
+"""Corners: two contact nodes at one vertex, whose rows depend on one another.
+
+On a rigid corner a vertex has two contact conditions and two of friction, four rows on at most two
+displacements; where a support leaves it one, two normal rows act on the same. Only sums of their
+multipliers are determined. So each corner is in a state that leaves as many multipliers free as
+there are displacements, and holds the others at zero:
+
+    first, second   one of the two nodes acts, with its contact and friction; the other one is open
+    both            both press, neither rubs: the vertex stands, and what holds it is contact's
+
+Together the states hold every force that the two laws admit between contact with either side: where
+F is so small that a vertex does not jam, tan(angle between the normals) F < 1, the cones of the
+states side by side are the sum of the cones of both nodes. With fixed multipliers that are not
+free F is regular on every face, so that nothing is regularized or dropped.
+
+A state is right if the excluded condition is not penetrated and none of both has opened. `switch`
+looks after each fixed point of the friction bound and moves on to the state that the violation asks
+for. A corner that has changed its state `MOST` times in a step stays where both press, without
+friction, which a convex problem describes, and the run says so.
+
+Where a vertex arrives at its corner both sides have rubbed on the way. The force is then `shared`
+so that each obeys Coulomb's law with that slip; displacements do not feel how it is shared.
+"""
+
+from dataclasses import dataclass, field
+from enum import IntEnum
+
+import numpy as np
+
+from ..errors import InputError
+
+MOST = 6  # changes of a corner's state in one step
+DEPENDENT = 1e-8  # singular value below which rows of length one depend on one another
+
+
+class Acting(IntEnum):
+    """Which of the two nodes of a corner act."""
+
+    BOTH = 0
+    FIRST = 1
+    SECOND = 2
+
+
+BOTH, FIRST, SECOND = Acting
+
+
+def corner_pairs(contact, fixed_keys: np.ndarray) -> np.ndarray:
+    """(v, 3) pairs of contact nodes with dependent rows, and how many of these are independent.
+
+    `fixed_keys` are 2 gid + component of the displacements that supports fix. Raises InputError
+    where more than two nodes depend on one another.
+    """
+    gids, count = np.unique(contact.gid[contact.normal_row >= 0], return_counts=True)
+    pairs = []
+    for gid in gids[count > 1]:
+        nodes = np.flatnonzero((contact.gid == gid) & (contact.normal_row >= 0))
+        rows = [_rows(contact, node, fixed_keys) for node in nodes]
+        if _rank(rows) == sum(map(len, rows)):
+            continue
+        couples = [(i, k, _rank([rows[i], rows[k]])) for i in range(len(nodes)) for k in range(i)]
+        dependent = [(k, i, rank) for i, k, rank in couples
+                     if rank < len(rows[i]) + len(rows[k])]
+        if len(nodes) > 2 and len(dependent) != 1:
+            x, y = contact.xy[nodes[0]]
+            raise InputError(f"contact at ({x:g}, {y:g}): more than two conditions meet there on "
+                             "what can move; declare contact on less of the boundary")
+        pairs += [(nodes[k], nodes[i], rank) for k, i, rank in dependent]
+    return np.array(pairs, int).reshape(-1, 3)
+
+
+def _rows(contact, node: int, fixed_keys: np.ndarray) -> list[dict[int, float]]:
+    """The rows of a node: coefficients by displacement, fixed ones left out."""
+    terms = np.flatnonzero(contact.term_node == node)
+    directions = [contact.normal[node]]
+    if contact.tangential_row[node] >= 0:
+        directions.append(contact.tangent[node])
+    rows = []
+    for direction in directions:
+        row = {}
+        for gid, value in zip(contact.term_gid[terms], contact.term_value[terms]):
+            for c in (0, 1):
+                row[2 * gid + c] = row.get(2 * gid + c, 0.0) + value * direction[c]
+        rows.append({key: value for key, value in row.items() if key not in fixed_keys})
+    return rows
+
+
+def _rank(of_nodes: list[list[dict[int, float]]]) -> int:
+    """Number of independent rows."""
+    rows = [row for rows in of_nodes for row in rows]
+    keys = {key: place for place, key in enumerate(sorted(set().union(*rows)))}
+    matrix = np.zeros((len(rows), len(keys)))
+    for number, row in enumerate(rows):
+        for key, value in row.items():
+            matrix[number, keys[key]] = value
+    size = np.linalg.norm(matrix, axis=1)
+    matrix /= np.where(size > 0, size, 1.0)[:, None]
+    return int(np.count_nonzero(np.linalg.svd(matrix, compute_uv=False) > DEPENDENT))
+
+
+@dataclass
+class CornerNodes:
+    """The states of all v corners, the same on every rank, and the rows of those the rank owns.
+
+    `nodes` (v, 2) are contact nodes; `normal`, `tangential` (v, 2) positions in the rank's dual
+    vectors, -1 where it owns none; `in_normal`, `in_tangential` (v, 2) likewise in ContactRows.
+    `alone` (v,): one displacement is free, and one condition acts. `bilateral` (v, 2).
+    """
+
+    nodes: np.ndarray
+    normal: np.ndarray
+    tangential: np.ndarray
+    in_tangential: np.ndarray
+    alone: np.ndarray
+    bilateral: np.ndarray
+    acting: np.ndarray = field(init=False)
+    switches: np.ndarray = field(init=False)
+
+    def __post_init__(self):
+        self.acting = np.where(self.alone, FIRST, BOTH)
+        self.begin_step()
+
+    def begin_step(self) -> None:
+        """States may change again."""
+        self.switches = np.zeros(len(self.nodes), int)
+
+    @property
+    def _excluded(self) -> tuple[np.ndarray, np.ndarray]:
+        """(v, 2) nodes whose normal rows, and whose tangential rows, are excluded."""
+        normal = self.acting[:, None] == [SECOND, FIRST]
+        return normal, normal | (self.acting == BOTH)[:, None]
+
+    @property
+    def excluded(self) -> np.ndarray:
+        """Positions of the excluded rows in the rank's dual vectors."""
+        normal, tangential = self._excluded
+        rows = np.concatenate([self.normal[normal], self.tangential[tangential]])
+        return rows[rows >= 0]
+
+    @property
+    def without_friction(self) -> np.ndarray:
+        """Positions of the excluded tangential rows among those of ContactRows."""
+        rows = self.in_tangential[self._excluded[1]]
+        return rows[rows >= 0]
+
+    def act(self, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Whether (count,) contact nodes have a normal, and a tangential row that acts."""
+        acts = np.ones((2, count), bool)
+        for of, excluded in zip(acts, self._excluded):
+            of[self.nodes[excluded]] = False
+        return acts[0], acts[1]
+
+    # ---- which state is right --------------------------------------------------------------------
+    def switch(self, x: np.ndarray, gradient: np.ndarray, scale: np.ndarray, tol: float,
+               comm) -> bool:
+        """Whether a corner has changed its state at multipliers x, where F x - d is `gradient`.
+
+        `scale` (owned,) times displacements over `tol` count. Collective.
+        """
+        wanted = np.zeros(len(self.nodes), int)
+        for v in np.flatnonzero(self.normal[:, 0] >= 0):
+            rows = self.normal[v]
+            wanted[v] = self._wanted(v, x[rows], -gradient[rows] * scale[rows], tol)
+        wanted = np.sum(comm.allgather(wanted), axis=0)
+        changed = (wanted != self.acting) & (self.switches < MOST)
+        self.switches[changed] += 1
+        stuck = changed & (self.switches == MOST) & ~self.alone
+        self.acting = np.where(stuck, BOTH, np.where(changed, wanted, self.acting))
+        return bool(changed.any())
+
+    @property
+    def undecided(self) -> np.ndarray:
+        """(v,) whether a corner has changed its state so often that it stays as it is."""
+        return self.switches >= MOST
+
+    def _wanted(self, v: int, force: np.ndarray, over: np.ndarray, tol: float) -> Acting:
+        """State of corner v with normal forces (2,), at the movements (2,) beyond the gaps."""
+        bilateral = self.bilateral[v]
+        if self.acting[v] == BOTH:
+            opened = ~bilateral & (force == 0) & (over < -tol)
+            if opened.all() or not opened.any():
+                return BOTH
+            return SECOND if opened[0] else FIRST
+        own = 0 if self.acting[v] == FIRST else 1
+        missed = over[1 - own]
+        if max(missed, abs(missed) * bilateral[1 - own]) <= tol:
+            return self.acting[v]
+        if self.alone[v] or force[own] == 0 and not bilateral[own]:
+            return SECOND if own == 0 else FIRST
+        return BOTH
+
+    # ---- how forces are shared -------------------------------------------------------------------
+    def shared(self, x: np.ndarray, gradient: np.ndarray, rows, contact, tol: float) -> np.ndarray:
+        """x with the same forces at corners that have just been reached, friction's part in them.
+
+        Each node rubs against the slip that brought it there, at its bound. `rows` are the
+        ContactRows, slip beyond `tol` counts.
+        """
+        shared = x.copy()
+        arrived = (self.acting == BOTH) & (self.normal[:, 0] >= 0) & (self.tangential >= 0).all(1)
+        for v in np.flatnonzero(arrived):
+            n, t = self.normal[v], self.tangential[v]
+            slip = -gradient[t]
+            sign = np.where(np.abs(slip) > tol, np.sign(slip), 0.0)
+            if not sign.any():
+                continue
+            here, node = self.in_tangential[v], self.nodes[v]
+            F = np.zeros(2) if rows.coefficient is None else rows.coefficient[here]
+            c = np.zeros(2) if rows.offset is None else rows.offset[here]
+            pulls, touches = np.where(x[n] < 0, -1.0, 1.0), x[n] != 0
+            normal, tangent = contact.normal[node], contact.tangent[node]
+            rays = normal + (sign * F * pulls)[:, None] * tangent
+            force = x[n] @ normal - (sign * c * touches) @ tangent
+            if abs(np.linalg.det(rays)) < DEPENDENT:
+                continue
+            pressures = np.linalg.solve(rays.T, force)
+            if (pressures * pulls >= 0).all():
+                shared[n], shared[t] = pressures, sign * (F * np.abs(pressures) + c * touches)
+        return shared
+
+
+def corner_nodes(structure, in_tangential: np.ndarray, bilateral: np.ndarray) -> CornerNodes | None:
+    """The corners of a Substructure; None, which costs nothing, where there are none.
+
+    `in_tangential` (n_c,): places of the nodes' tangential rows among the rank's, or -1;
+    `bilateral` (n_c,).
+    """
+    contact, (start, stop) = structure.contact, structure.row_range
+    if not len(contact.corners):
+        return None
+    nodes, rank = contact.corners[:, :2], contact.corners[:, 2]
+    normal, tangential = contact.normal_row[nodes], contact.tangential_row[nodes]
+
+    def owned(rows: np.ndarray) -> np.ndarray:
+        return np.where((rows >= start) & (rows < stop), rows - start, -1)
+
+    return CornerNodes(nodes, owned(normal), owned(tangential), in_tangential[nodes], rank == 1,
+                       bilateral[nodes])

@@ -1,0 +1,110 @@
+"""Contact nodes from the parts of their dual segments: one for every direction, not every label.
+
+FreeFEM gives each subdomain's part of a dual segment by label, on either side of a sharp corner
+one. Where the boundary goes on smoothly, or is a polygon for a smooth curve, all parts of a vertex
+make one node: its weight is their sum, its normal and its columns are their means, as within a
+label. What comes out does not know where a label, or a subdomain, ends. Where the contact normals
+turn by more than `TURN` they are conditions of their own, on displacements in two directions.
+
+`TURN` is 34 degrees: the polygon of a circle, whose vertices turn by 360/n, is smooth from eleven
+sides on; angles that are drawn on purpose (36, 40, 45, 60, 90 degrees, the corners of regular
+polygons up to ten sides) are corners, and none of them, nor 30, is so near that rounding decides.
+At a corner of 34 degrees a node with the mean normal errs by a twentieth, 1 - cos(17 degrees), in
+how far either side may move, which halves with every other halving of a smooth curve's sides.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import InputError
+from ..scene.loader import ContactData
+
+TURN = np.cos(np.deg2rad(34.0))  # least cosine between the normals of one node
+ALIKE = 1e-6  # relative difference of lengths that rounding may leave
+
+
+@dataclass
+class Nodes:
+    """Contact nodes of the whole body, in no particular order; arrays of length n.
+
+    `label` is that of the longest part of the dual segment, of equal ones the smallest;
+    `family` (n,) is 0 on rigid obstacles, between bodies the number of the pair, from 1 on.
+    `members` are the nodes at a vertex on a label, by (label, gid).
+    """
+
+    gid: np.ndarray
+    label: np.ndarray
+    family: np.ndarray
+    xy: np.ndarray
+    weight: np.ndarray
+    normal: np.ndarray
+    columns: dict[str, np.ndarray]
+    members: dict[tuple[int, int], list[int]]
+
+
+def contact_table(c: ContactData, columns: list[str], gid: np.ndarray,
+                  xy: np.ndarray) -> np.ndarray:
+    """(n, 7 + columns) parts of dual segments: of one subdomain, or all of them.
+
+    label, gid, weight; normal and columns times weight; place.
+    """
+    part = np.column_stack([c.normal, *(c.columns[name] for name in columns)]) * c.weight[:, None]
+    return np.column_stack([c.label, gid, c.weight, part, xy])
+
+
+def families(labels: np.ndarray, pairs: list) -> np.ndarray:
+    """(n,) 0 for labels on rigid obstacles, for the first label of pair k its number k + 1."""
+    family = np.zeros(len(labels), np.int64)
+    for k, (first, _) in enumerate(pairs):
+        family[labels == first] = k + 1
+    return family
+
+
+def merge_parts(table: np.ndarray, columns: list[str], pairs: list) -> Nodes:
+    """The nodes of a `contact_table`; `columns` are the names of its columns, `pairs` the labels.
+
+    Raises InputError where a vertex has more than two directions on rigid obstacles.
+    """
+    label, gid = table[:, :2].T.astype(np.int64)
+    node, family = _node_of_parts(label, gid, families(label, pairs), table)
+    count = int(node.max(initial=-1)) + 1
+    total = np.zeros((count, table.shape[1] - 4))
+    np.add.at(total, node, table[:, 2:-2])
+    _, first = np.unique(node, return_index=True)
+    weight = total[:, 0].copy()
+    keys, share = np.unique(np.column_stack([node, label]), axis=0, return_inverse=True)
+    share = np.bincount(share, table[:, 2], len(keys))
+    of_node, of_label = keys.T
+    longest = np.zeros(count)
+    np.maximum.at(longest, of_node, share)
+    able = share >= (1 - ALIKE) * longest[of_node]
+    reported = np.full(count, np.iinfo(np.int64).max)
+    np.minimum.at(reported, of_node[able], of_label[able])
+    members = {}
+    for of, one in keys.tolist():
+        members.setdefault((one, int(gid[first[of]])), []).append(of)
+    return Nodes(gid[first], reported, family[first], table[first, -2:], weight,
+                 total[:, 1:3] / np.linalg.norm(total[:, 1:3], axis=1)[:, None],
+                 {name: total[:, 3 + k] / weight for k, name in enumerate(columns)}, members)
+
+
+def _node_of_parts(label, gid, family, table):
+    """(parts,) numbers of the nodes that parts belong to, and their families."""
+    _, first, vertex = np.unique(np.column_stack([family, gid]), axis=0, return_index=True,
+                                 return_inverse=True)
+    normal = table[:, 3:5] / np.linalg.norm(table[:, 3:5], axis=1)[:, None]
+    apart = (normal * normal[first[vertex]]).sum(axis=1) < TURN
+    node = 2 * vertex
+    for kinked in np.unique(vertex[apart & (family == 0)]):
+        parts = np.flatnonzero(vertex == kinked)
+        # in an order that does not depend on the cut
+        parts = parts[np.lexsort((np.arctan2(*normal[parts].T), label[parts]))]
+        other = (normal[parts] * normal[parts[0]]).sum(axis=1) < TURN
+        beside = normal[parts[other]]
+        if (beside @ beside[0] < TURN).any():
+            x, y = table[parts[0], -2:]
+            raise InputError(f"contact at ({x:g}, {y:g}): more than two directions meet there, on "
+                             "two displacements; declare contact on less of the boundary")
+        node[parts[other]] += 1
+    return np.unique(node, return_inverse=True)[1], family

@@ -1,0 +1,149 @@
+"""Sparse Cholesky factors of subdomains, those dofs last that rows act on, and corners.
+
+With the interior dofs i, the torn dofs t that rows act on and the corner dofs c in this order, and
+alpha > 0 added to the diagonal at c, where K alone may be singular,
+
+        [ L_ii             ]     L_tt L_tt' = S_tt,     L_ct L_tt' = S_ct,
+    L = [ L_ti  L_tt       ],
+        [ L_ci  L_ct  L_cc ]     L_cc L_cc' - alpha = S_cc - S_ct S_tt^-1 S_tc,
+
+where S is what eliminating i leaves of K. So K_rr^-1 on t and what couples t and c come from the
+last rows of one factor and dense algebra; solutions for every dof of t would take a pass through
+the factor each. CHOLMOD factorizes (Chen, Davis, Hager, Rajamanickam, ACM Trans. Math. Softw. 35
+(2008)), by its bindings in cvxopt.
+
+CHOLMOD sorts any order again so that children precede their parents in the elimination tree (each
+dof's parent is the next one that its column of L reaches). The last dofs keep their places if the
+tree ends in the chain of them with all others below its first: entries that are zero say so.
+"""
+
+import numpy as np
+from cvxopt import amd, cholmod, matrix, spmatrix
+from scipy.linalg import lapack, solve_triangular
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from ..errors import NoSolution
+
+cholmod.options.update(supernodal=2, nmethods=1)  # L L'; the given order and no other
+NOT_HELD = ("a subdomain is not held by its corners and supports (zero pivot), or its stiffness is "
+            "not positive definite; check material and supports")
+
+
+class TornFactor:
+    """Factor of K_rr, the stiffness (n_r, n_r) of the torn dofs; made when it is first used."""
+
+    def __init__(self, K, torn: np.ndarray, seen: np.ndarray):
+        """`K` (dofs, dofs) is CSR, `torn` (n_r,) are the torn dofs, `seen` (n_r,) marks those of t.
+        """
+        self._K, self._torn, self._inner = K, torn, int((~seen).sum())
+        inner = np.flatnonzero(~seen)
+        self._order = np.append(inner[_fill_reducing(K, torn[inner])], np.flatnonzero(seen))
+        self._factor = None
+
+    def reduced(self, corner: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """K_rr^-1 (n_t, n_t) and K_rr^-1 K_rc (n_t, n_c) on t, and K_cc - K_cr K_rr^-1 K_rc.
+
+        `corner` (n_c,) are the corner dofs. Raises NoSolution unless K_rr is positive definite.
+        """
+        K, order = self._K, np.append(self._torn[self._order], corner)
+        n_c, size, added = len(corner), len(order), np.zeros(len(order))
+        added[size - n_c :] = K.diagonal()[corner]
+        lower = _lower(K, _places(K, order), self._inner)
+        L = _last_rows(_factorized(lower, added), size - self._inner)
+        n_t = len(L) - n_c
+        L_tt, L_ct, L_cc = L[:n_t, :n_t], L[n_t:, :n_t], L[n_t:, n_t:]
+        schur = L_cc @ L_cc.T - np.diag(added[size - n_c :])
+        return _inverse(L_tt), _backward(L_tt, L_ct.T), (schur + schur.T) / 2
+
+    def solve(self, right: np.ndarray) -> np.ndarray:
+        """K_rr^-1 times the columns of `right` (n_r, k)."""
+        if not right.size:
+            return np.zeros_like(right)
+        if self._factor is None:
+            place = _places(self._K, self._torn[self._order])
+            self._factor = _factorized(_lower(self._K, place))
+        permuted, solution = matrix(right[self._order]), np.empty_like(right)
+        cholmod.solve(self._factor, permuted)
+        solution[self._order] = np.array(permuted)
+        return solution
+
+
+def _factorized(lower: spmatrix, extra: np.ndarray | None = None):
+    """CHOLMOD's factor of a matrix, `extra` (n,) added to its diagonal. Raises NoSolution."""
+    diagonal = np.array(matrix(lower[:: lower.size[0] + 1])).ravel()
+    if extra is not None:
+        diagonal += extra
+        lower[:: lower.size[0] + 1] = matrix(diagonal)
+    factor = cholmod.symbolic(lower, p=matrix(range(len(diagonal))))
+    try:
+        cholmod.numeric(lower, factor)
+    except ArithmeticError:
+        raise NoSolution(NOT_HELD) from None
+    # a pivot is what is left of a dof's stiffness when those before it give way
+    pivots = np.array(cholmod.diag(factor)).ravel() ** 2
+    if not np.all(pivots > len(pivots) * np.finfo(float).eps * diagonal):
+        raise NoSolution(NOT_HELD)
+    return factor
+
+
+def _last_rows(factor, count: int) -> np.ndarray:
+    """The lower triangle (count, count) at the end of a factor, which is used up."""
+    if not count:
+        return np.empty((0, 0))
+    return np.array(matrix(cholmod.getfactor(factor)[-count:, -count:]))
+
+
+def _backward(L: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """L^-T times `right` (n, k), L (n, n) lower triangular."""
+    if not right.size:
+        return np.zeros(right.shape)
+    return solve_triangular(L, right, lower=True, trans="T", check_finite=False)
+
+
+def _inverse(L: np.ndarray) -> np.ndarray:
+    """(L L')^-1 (n, n), symmetric to the last bit."""
+    if not L.size:
+        return np.empty((0, 0))
+    lower = np.tril(lapack.dpotri(L, lower=1)[0])
+    return lower + np.tril(lower, -1).T
+
+
+def _places(K, order: np.ndarray) -> np.ndarray:
+    """(dofs,) the place of every dof of `K` in `order`, -1 where it has none."""
+    place = np.full(K.shape[0], -1)
+    place[order] = np.arange(len(order))
+    return place
+
+
+def _fill_reducing(K, dofs: np.ndarray) -> np.ndarray:
+    """Order of `dofs` (n,) that keeps the factor of their part of `K` sparse."""
+    if not len(dofs):
+        return np.empty(0, int)
+    return np.array(amd.order(_lower(K, _places(K, dofs)))).ravel()
+
+
+def _lower(K, place: np.ndarray, inner: int | None = None) -> spmatrix:
+    """The lower triangle of `K`, a dof's row and column at its `place` (dofs,), -1 for none.
+
+    With entries, if only zeros, that keep all dofs after the first `inner` in their places.
+    """
+    row, column = place.repeat(np.diff(K.indptr)), place[K.indices]
+    inside = (column >= 0) & (row >= column)
+    row, column, values, n = row[inside], column[inside], K.data[inside], int(place.max()) + 1
+    if inner is not None and inner < n:
+        last = np.concatenate([_roots(row, column, inner), np.arange(inner, n - 1)])
+        parent = np.maximum(inner, last + 1)
+        row, column = np.append(row, parent), np.append(column, last)
+        values = np.append(values, np.zeros(len(last)))
+    return spmatrix(values, row, column, (n, n))
+
+
+def _roots(row: np.ndarray, column: np.ndarray, inner: int) -> np.ndarray:
+    """The last of every connected part of the first `inner` dofs of a matrix with these entries."""
+    among = row < inner
+    graph = coo_matrix((np.ones(among.sum()), (row[among], column[among])), shape=(inner, inner))
+    _, part = connected_components(graph, directed=False)
+    last = np.full(part.max(initial=-1) + 1, -1)
+    np.maximum.at(last, part, np.arange(inner))
+    return last

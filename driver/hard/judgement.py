@@ -1,0 +1,137 @@
+"""What is right about a random scene, by the assembled body: laws, agreement, refusals."""
+
+import re
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from . import laws
+from . import refusal as refusals
+from .case import Outcome
+from .oracle import Assembled
+
+
+APART = 1e-4  # distance in energy from which solutions are different ones
+
+
+@dataclass
+class Problem:
+    """Manifest and assembled body of a scene."""
+
+    manifest: object
+    body: Assembled
+
+    @classmethod
+    def of(cls, script: Path, parameters: dict[str, str]) -> "Problem":
+        """Export the scene anew and assemble it."""
+        from mpi4py import MPI
+
+        from ..march.tearing import build
+        from ..scene import freefem
+        from ..scene.loader import read_subdomains
+        from ..scene.manifest import read_manifest
+
+        with tempfile.TemporaryDirectory() as folder:
+            freefem.export(script, Path(folder), parameters)
+            manifest = read_manifest(Path(folder))
+            subdomains = read_subdomains(manifest, 0, manifest.subdomains, MPI.COMM_SELF)
+        body = Assembled(manifest, subdomains)
+        if manifest.contact_labels:
+            body.meet(build(manifest, subdomains, 0, MPI.COMM_SELF).contact)
+        return cls(manifest, body)
+
+    def worst(self, outcome: Outcome) -> tuple[str, float]:
+        """The law that a run violates most, and by how much."""
+        if not outcome.contact:
+            return "no contact node", 0.0
+        broken = laws.violations(self.body, self.manifest, outcome.contact)
+        return max(broken.items(), key=lambda item: item[1])
+
+    def disagreement(self, outcomes: list[Outcome]) -> float:
+        """Largest difference of contact forces between any run and the first."""
+        if not outcomes[0].contact:
+            return 0.0
+        return max(laws.disagreement(self.body, outcomes[0].contact, other.contact)
+                   for other in outcomes[1:])
+
+    @property
+    def contraction(self) -> float:
+        """Below 1 every step has one solution, see `friction_contraction`; infinite if unknown."""
+        own, _ = refusals.largest_friction(self.body, self.manifest)
+        if not own.any():
+            return 0.0
+        if self.body.motions.shape[1] or "slip_law" in self.manifest.rooms:
+            return np.inf
+        return friction_contraction(self.body, own)
+
+    def not_unique(self, outcomes: list[Outcome]) -> str:
+        """Why runs may end in different solutions, empty if they may not.
+
+        Forces that differ where displacements do not are no other solution.
+        """
+        if max(laws.distance(self.body, outcomes[0].contact, other.contact)
+               for other in outcomes[1:]) < APART:
+            return ""
+        verdicts = {outcome.summary["uniqueness"]["verdict"] for outcome in outcomes}
+        if "not unique" in verdicts:
+            return "not unique by the run's own search: compared by the laws"
+        if self.contraction < 1:
+            return ""
+        return f"uniqueness is not proved: friction {self.contraction:.2g} times the bound"
+
+    def refusal(self, outcomes: list[Outcome]) -> tuple[str, str]:
+        """Status of a scene that all runs refuse with exit 3 or 4, and the argument."""
+        first = outcomes[0]
+        said = f"exit {first.status}: {first.message.partition('; partial')[0]}"
+        steps = [_step(outcome.message) for outcome in outcomes]
+        if len(set(steps)) > 1:
+            return "FAILED", "cuts refuse different steps: " + "; ".join(
+                outcome.message for outcome in outcomes)
+        step = steps[0]
+        weights = self.manifest.factors[step]
+        share = refusals.unbalanced(self.body, self.manifest, weights, rough=step > 0)
+        if share > refusals.SLACK:
+            return "refused", f"{said}; linear program: {share:.1e} of the load stays unbalanced"
+        if step == 0:
+            return "FAILED", f"{said}; not confirmed: forces without friction balance the loads"
+        u_t = self._before(first, step)
+        reason = refusals.no_state(self.body, self.manifest, weights, u_t)
+        if not reason:
+            return "refused", f"{said}; mixed-integer program: no state of the nodes solves it"
+        return "FAILED", f"{said}; not confirmed: {reason}"
+
+    def _before(self, outcome: Outcome, step: int) -> np.ndarray:
+        """(n_c,) tangential displacements before a step, as the run reports them."""
+        body = self.body
+        if step > 1:
+            return laws.Reported.of(body, outcome.contact).u_t[step - 2]
+        return body.columns.get("initial", np.zeros(len(body.gid)))
+
+
+def _step(message: str) -> int:
+    """Number of the step that a refusal names, 0 for the preload before the first one."""
+    return int(re.search(r"step (\d+)|preload", message)[1] or 0)
+
+
+def friction_contraction(body: Assembled, coefficient: np.ndarray) -> float:
+    """F sqrt(|(C^-1)_nn| |C_tt|), below which a step with Coulomb friction has one solution.
+
+    For two solutions with forces l, m of a step and d = l - m the conditions of contact and
+    friction give d'Cd <= sum F_i |d_n,i| |(C d)_t,i|, with C the compliance of the contact nodes;
+    and |d_n|^2 <= |(C^-1)_nn| d'Cd, |(C d)_t|^2 <= |C_tt| d'Cd.
+    """
+    n, C = len(body.gid), body.compliance()
+    scale = np.sqrt(np.abs(np.diag(C)))
+    kept = scale > 1e-6 * scale.max()  # supports leave no displacement but rounding in the others
+    C = C[np.ix_(kept, kept)]
+    if np.linalg.cond(C) > 1e12:
+        return np.inf  # nodes with two conditions
+    normal = np.flatnonzero(kept) < n
+    inverse = np.linalg.inv(C)[np.ix_(normal, normal)]
+    root = np.sqrt(coefficient[np.flatnonzero(kept)[normal]])
+    rough = np.sqrt(coefficient[np.flatnonzero(kept)[~normal] - n])
+    largest = (np.linalg.eigvalsh(of).max(initial=0.0) for of in (
+        root[:, None] * inverse * root, rough[:, None] * C[np.ix_(~normal, ~normal)] * rough))
+    return float(np.sqrt(np.prod(list(largest))))

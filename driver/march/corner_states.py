@@ -1,0 +1,51 @@
+"""The states of corners (contact/corner_nodes.py) in a time step: fixed points until each is right.
+"""
+
+import numpy as np
+
+from .fixed_point import FixedPoint
+from .step import Load, Trace
+
+
+class CornerStates:
+    """Finds a step's fixed point as FixedPoint does, and which nodes of corners act. Collective."""
+
+    def __init__(self, fixed_point: FixedPoint, contact):
+        self.fixed_point, self.contact = fixed_point, contact
+        self.qp, self.corners = fixed_point.qp, fixed_point.rows.corners
+        self.index = 0
+
+    def find(self, index: int, load: Load, x, gradient, sliding, trace: Trace, rtol: float):
+        """As FixedPoint.find; states that a violated condition refutes are changed.
+
+        Raises Unfinished.
+        """
+        if self.index != index:
+            self.index = index
+            self.corners.begin_step()
+        while True:
+            x, gradient, sliding = self.fixed_point.find(index, load, x, gradient, sliding, trace,
+                                                          rtol)
+            if not self.corners.switch(x, gradient, self.qp.scale, self.qp.tol,
+                                       self.qp.operator.comm):
+                self._note(index)
+                return x, gradient, sliding
+            self.fixed_point.condensation.select()
+            trace.changes, trace.fallback, trace.exact = [], False, False
+
+    def shared(self, x: np.ndarray, gradient: np.ndarray) -> np.ndarray:
+        """Multipliers (owned,) with friction's part of the forces at corners just reached."""
+        rows, scales = self.fixed_point.rows, self.qp.scales
+        moved = np.abs(np.append(gradient[rows.tangential], self.fixed_point.slip.u_t))
+        size = max(scales.displacement, -self.qp.operator.minimum(-moved.max(initial=0.0)))
+        tol = self.fixed_point.settings.primal_rtol * size
+        return self.corners.shared(x, gradient, rows, self.contact, tol)
+
+    def _note(self, index: int) -> None:
+        """Warn where no state was right."""
+        for node in self.corners.nodes[self.corners.undecided, 0]:
+            x, y = self.contact.xy[node]
+            line = (f"step {index}: at the corner ({x:g}, {y:g}) neither side alone holds with its "
+                    "friction; its conditions hold without friction")
+            if line not in self.qp.history.warnings:
+                self.qp.history.warnings.append(line)

@@ -1,0 +1,246 @@
+"""What FreeFEM says when it fails, in one line of a user's words, with the line of the user's file.
+
+FreeFEM names the place where it trips, which may be a macro of the library that the scene's own
+words were put into. What it does not say is known from two files that the driver writes (see
+declarations.py): every line of ``messages/contents.idp`` is about one macro of the scene, and a run
+that is traced names each macro before it evaluates it.
+"""
+
+import re
+from pathlib import Path
+
+from .. import environment
+from . import declarations, grammar, rooms, script
+
+COMPILE_ERROR = re.compile(r"Error line number\s*(\d+), in file\s+(macro: \w+ in )?(\S+?), "
+                           r"before\s+token\s*(.*)")
+EVALUATING = re.compile(rf"^{declarations.EVALUATING}(.*)$", re.MULTILINE)
+MISTAKES = tuple((re.compile(start), words) for start, words in (
+    ("syntax error", "syntax error"),
+    (r"error operator\s+\(", "a call with arguments of a wrong number or kind"),
+    (r"error operator\s+=", "a value of another kind than the variable's")))
+# what a run-time message of FreeFEM means for a scene
+MEANINGS = (
+    (r"Div by 0", "a division by zero"),
+    (r"Optimized version", "a number that is none (NaN), as from sqrt of a negative one"),
+    (r"exec assert", "an assert that does not hold"),
+    (r"triangles was reverse", "movemesh turns triangles over or makes them flat"),
+    (r"Error mshptg8_|max nb points", "a mesh without cells: square needs one cell a side at "
+                                      "least; is the element size (H) far too large?"),
+    (r"boundary is not closed", "borders that do not close a curve"),
+    (r"boundary is crossing", "borders that cross one another"),
+    (r"wrong direction", "a border that runs the wrong way round: the body must lie on its left"),
+    (r"Assertion fail", "a mesh that FreeFEM cannot work with: triangles that are flat, vertices "
+                        "that are no numbers or coincide"),
+    (r"mesh generator", "a mesh with triangles that are flat or run clockwise, or with vertices "
+                        "that coincide"),
+    (r"Mesh IO Error|Erreur Lecture", "a mesh file that is damaged or not there"),
+    (r"Strange catch exception", "not enough memory for a mesh of this size: is the element size "
+                                 "(H) far too small, or is CELLS or SUBDOMAINS far too large?"))
+
+
+def library_words() -> list[tuple[str, str]]:
+    """Macros of scene.idp that a scene calls: name, and the form that a user writes."""
+    text = (environment.LIBRARY / "scene.idp").read_text()
+    return [word for word in re.findall(r"^macro (\w+)(\([^)]+\))", text, re.MULTILINE)
+            if word[0] in grammar.VOCABULARY]
+
+
+def refusal(said: str, scene: Path) -> str:
+    """What the library refuses, with the line of a label that the mesh lacks."""
+    label = re.search(r"no boundary with label (-?\d+)", said)
+    for source in grammar.sources(scene) if label else ():
+        for macro in grammar.definitions(source):
+            if macro.name in rooms.vocabulary() and re.search(rf"(?<![\w.]){label[1]}(?![\w.])",
+                                                              macro.content):
+                return f"{source.path.name} line {macro.line}: {macro.name}: {said}"
+    first = re.match(r"\w*", said)[0]
+    named = [first, *(name for room in rooms.rooms() if room.column == first
+                      for name in room.declared_by)]
+    for name in named:
+        if name in rooms.vocabulary() and _places(scene, rf"macro {name}\b"):
+            return f"{_place(scene, rf'macro {name}')}: {said}"
+    if re.match(r"(rectangle|units|quasistatic)\b", said):
+        return f"{_uses(scene, first)}: {said}"
+    return f"{scene.name}: {said}"
+
+
+def failure(output: str, status: int, scene: Path, folder: Path, retrace) -> str:
+    """One line out of FreeFEM's output.
+
+    `folder` has the files that the driver wrote; `retrace()` runs the scene once more, traced, and
+    returns the output.
+    """
+    if refused := re.search(r"scene error: (.*)", output):
+        return refusal(refused[1], scene)
+    taken = re.search(r"(?:The identifier )?(\w+) (?:exists\b|is not a Polymorphic id)", output)
+    if taken and script.declared_by_library(taken[1]):
+        return script.taken_name(scene, taken[1])
+    if COMPILE_ERROR.search(output) or "Compile error" in output:
+        return _compilation(output, scene, folder)
+    return _execution(output, status, scene, retrace)
+
+
+# ---- while FreeFEM reads the scene ---------------------------------------------------------------
+
+def _compilation(output: str, scene: Path, folder: Path) -> str:
+    """What FreeFEM does not understand."""
+    if mistaken := re.search(r"Error in macro expansion (\w+)", output):
+        return _wrong_call(mistaken[1], scene)
+    if twice := re.search(r"ERREUR in macro name:(\w+)", output):
+        if re.fullmatch(r"c[123]{2}", twice[1]) and _places(scene, r"macro young\b"):
+            return (f"{_place(scene, rf'macro {twice[1]}')}: young and {twice[1]} are both "
+                    "declared: a material is given by one or the other")
+        return f"{_place(scene, rf'macro {twice[1]}', -1)}: the macro {twice[1]} is defined twice"
+    error = COMPILE_ERROR.search(output)
+    if unknown := re.search(r"The Identifier (\w+) does not exist", output):
+        return _unknown(unknown[1], error, scene)
+    if error and "lex: Error input opening file" in output:
+        missing = error[4].strip()
+        return f"{_place(scene, re.escape(missing))}: the included file {missing} is not there"
+    lines = [line.strip() for line in output.splitlines() if line.strip()]
+    if not error:
+        number = re.search(r"current line = (\d+)", output)
+        said = next((line for line in lines if line.startswith("Compile error")), "no message")
+        said = said.removeprefix("Compile error :").strip()
+        if "macro usage" in said or "End of String" in output:
+            said = "a parenthesis or a quote is not closed here or above"
+        return f"FreeFEM failed in {scene.name} line {number[1] if number else 1}: {said}"
+    return _misunderstood(error, lines, scene, folder)
+
+
+def _misunderstood(error: re.Match, lines: list[str], scene: Path, folder: Path) -> str:
+    """Syntax and types that are not what is expected."""
+    number, macro, file, token = error.groups()
+    path, token = Path(file), f" before token {error[4].strip()}" if error[4].strip() else ""
+    if path == folder / declarations.MESSAGES / "contents.idp":
+        name = declarations.content_of(path, int(number))
+        return _wrong_content(name, scene)
+    wrapper = macro and re.match(r"macro: (\w+)", macro)[1]
+    if wrapper in rooms.vocabulary():
+        return f"{_place(scene, rf'macro {wrapper}')}: FreeFEM does not understand {wrapper}{token}"
+    if wrapper in dict(library_words()):
+        return (f"{_uses(scene, wrapper)}: FreeFEM does not understand what {wrapper} is "
+                f"given{token}")
+    if path.suffix not in (".edp", ".idp"):  # the end of the file
+        path = scene
+    said = next((words for start, words in MISTAKES if any(map(start.match, lines))), "")
+    said = said or next((line for line in lines if " exists" in line), "values of the wrong kind")
+    if said == "syntax error" and (unfinished := _unfinished(scene, path.name, int(number))):
+        said = f"syntax error; line {unfinished} may lack its ;"
+    return f"FreeFEM failed in {path.name} line {number}{token}: {said}"
+
+
+def _unfinished(scene: Path, name: str, number: int) -> int:
+    """The last line of code before a line of a file, macros left out, if it does not end; else 0.
+    """
+    source = next((source for source in grammar.sources(scene) if source.path.name == name), None)
+    if source is None:
+        return 0
+    within = set()
+    for macro in grammar.definitions(source):
+        within |= set(range(macro.line, macro.line + 1 + macro.content.count("\n")))
+    for at in range(number - 1, 0, -1):
+        code = source.lines[at - 1].split("//")[0].strip()
+        if code and at not in within and not re.match(r"(END)?IFMACRO|include|load", code):
+            return 0 if code.endswith((";", "}", "{", ",")) or "addBody" in code else at
+    return 0
+
+
+def _unknown(name: str, error: re.Match | None, scene: Path) -> str:
+    """A name that means nothing: a typing error, or an include that is missing."""
+    hint = ""
+    if name in ("gmshBody", "gmshNumber"):
+        hint = '; it needs  include "gmsh.idp"  after scene.idp'
+    elif name == "t":
+        hint = "; the time is the argument of an amplitude: macro amplitude1(t) ... //"
+    elif name in ("c11", "c12", "c13", "c22", "c23", "c33"):
+        return (f"{scene.name}: the scene declares no {name}: a material is given by young and "
+                "poisson or by all of c11, c12, c13, c22, c23, c33")
+    elif name in rooms.vocabulary():
+        macro = next(macro for macro in rooms.all_macros() if name in macro.names)
+        return f"{scene.name}: the scene must give {name}: {macro.text}"
+    elif not _uses(scene, name, default=""):
+        where = f"{Path(error[3]).name} line {error[1]}" if error else scene.name
+        return f"FreeFEM failed in {where}: the name '{name}' is not declared"
+    else:
+        hint = script.hint(name, [word for word, _ in library_words()])
+        if hint.endswith(f" {name}?"):
+            hint = "; is it a name that belongs in quotes?"
+    return f"{_uses(scene, name)}: the name '{name}' is not declared{hint}"
+
+
+def _wrong_call(name: str, scene: Path) -> str:
+    """A macro that is called with another number of arguments than it has."""
+    form = dict(library_words()).get(name)
+    place = _uses(scene, name)
+    return f"{place}: {name} is called with a wrong number of arguments" + (
+        f": it is {name}{form}" if form else "")
+
+
+def _wrong_content(name: str, scene: Path) -> str:
+    """A macro whose content is of another kind than the library takes."""
+    macro = next(macro for macro in rooms.all_macros() if name in macro.names)
+    given = next((" ".join(each.content.split()) for source in grammar.sources(scene)
+                  for each in grammar.definitions(source) if each.name == name), "")
+    return (f"{_place(scene, rf'macro {name}')}: the macro {name} cannot be  {given}: it expects "
+            f"{macro.text}")
+
+
+# ---- while FreeFEM runs the scene ----------------------------------------------------------------
+
+def _execution(output: str, status: int, scene: Path, retrace) -> str:
+    """What ended the script."""
+    lines = [line.strip() for line in output.splitlines() if line.strip()]
+    killed = -status if status < 0 else status - 128 if status > 128 else 0
+    said = "; ".join(dict.fromkeys(line for line in lines
+                                   if line.startswith(("Exec error", "Error", "Fatal error"))))
+    number = re.search(r"current line = (\d+)", output)
+    if "dlerror" in output:
+        plugin = re.search(r"dlerror : (\S+?)\.so", output)
+        name = plugin[1] if plugin else ""
+        return f"{_place(scene, rf'load.*{name}')}: FreeFEM has no plugin {name}"
+    meaning = next((words for pattern, words in MEANINGS if re.search(pattern, output)), "")
+    if killed:
+        said = f"FreeFEM was killed by signal {killed}"
+        meaning = meaning or {6: "not enough memory?", 9: "was there enough memory?",
+                              11: "a mesh that is far too fine (H, CELLS, SUBDOMAINS) or has "
+                                  "vertices that no triangle uses, or values that are no numbers"
+                              }.get(killed, "")
+    said = said or next((line for line in lines if "current line" not in line), "no message")
+    reason = f"{meaning} ({said})" if meaning else said
+    traced = [] if killed in (2, 9, 15) else EVALUATING.findall(retrace())
+    bodies, now = traced.count("addBody"), traced[-1] if traced else ""
+    if now in rooms.vocabulary() and "end" not in traced:
+        place = _place(scene, rf"macro {now}\b")
+        return f"{place}: {now} cannot be evaluated: {reason}"
+    if bodies and now == "addBody":
+        return f"{_uses(scene, 'addBody', bodies - 1)}: this body cannot be made: {reason}"
+    where = scene.name
+    if number and ("export" not in traced or now == "end"):
+        files = [source.path.name for source in grammar.sources(scene)]
+        where = " or ".join(f"{name} line {number[1]}" for name in files)
+    return f"FreeFEM failed in {where} (exit {status}): {reason}"
+
+
+# ---- places in the scene -------------------------------------------------------------------------
+
+def _places(scene: Path, pattern: str) -> list[str]:
+    """File and line of every line of the scene's code that a pattern is in."""
+    return [f"{source.path.name} line {number}" for source in grammar.sources(scene)
+            for number, line in enumerate(source.lines, 1)
+            if re.search(pattern, line.split("//")[0])]
+
+
+def _place(scene: Path, pattern: str, which: int = 0) -> str:
+    """One of these places; the scene's name if there is none."""
+    places = _places(scene, pattern)
+    return places[which] if places else scene.name
+
+
+def _uses(scene: Path, name: str, which: int = 0, default: str | None = None) -> str:
+    """A line where a name is used."""
+    places = _places(scene, rf"\b{name}\b")
+    if not places:
+        return scene.name if default is None else default
+    return places[min(which, len(places) - 1)]

@@ -1,0 +1,221 @@
+"""What a scene's text shows to be wrong before FreeFEM reads it: macros, names, characters.
+
+FreeFEM reports such mistakes where it trips over them, which may be a line of the library, or not
+at all. The scene's own includes are looked at as well.
+"""
+
+import re
+from pathlib import Path
+from typing import NamedTuple
+
+from .. import environment, options
+from ..errors import InputError
+from . import rooms
+
+# flags that mean something to FreeFEM itself, or that `export` sets
+RESERVED = ("export", "sizes", "f", "v", "nw", "ns", "ne", "cd", "log", "wait", "nowait", "glut",
+            "fglut", "version")
+OF_LIBRARY = ("subdomains", "steps", "element", "sampling", "coarsening")  # which it reads itself
+# names of FreeFEM that the library uses: with another meaning they would spoil its results
+BUILT_IN = frozenset("""
+    x y N area hTriangle lenEdge nTonEdge pi P0 P1 P2 P1dc1 P2dc P1edge P2b ARGV abs adaptmesh
+    atan2 atof atoi boundingbox ceil change cos dist dx dy exec exit floor getline int1d int2d
+    intalledges labels max metisdual min movemesh mpirank mpisize on qf1pE qf1pElump qf1pTlump qf2pT
+    readmesh restrict rint round sin sqrt square trunc""".split())
+VOCABULARY = ("traction", "pressure", "addBody")  # macros of scene.idp
+MACRO = re.compile(r"[ \t]*macro[ \t]+(\w+)[ \t]*(?:\(([^()]*)\))?(.*)")
+AFTER_MACRO = re.compile(r"[ \t]*(?:macro|NewMacro|include|IFMACRO|ENDIFMACRO)\b")
+DECLARATION = re.compile(r"(?:real|int|bool|string|complex|mesh|matrix|varf|border|fespace|"
+                         r"func\s+\w+)(?:\s*\[[^\]]*\])?\s+([^;]*)")
+PARAMETER = re.compile(r'\b(?:physical|whole|choice)\s*\(\s*"([^"]*)"')
+
+
+class Source(NamedTuple):
+    """A file of a scene: its path, and its lines without block comments."""
+
+    path: Path
+    lines: list[str]
+
+
+class Definition(NamedTuple):
+    """A macro of a scene; `arguments` is None if it is defined without parentheses."""
+
+    path: Path
+    line: int
+    name: str
+    arguments: str | None
+    content: str
+    ended: bool
+
+
+def read(path: Path) -> str:
+    """Text of a scene. Raises InputError if it cannot be read or is none."""
+    try:
+        content = path.read_bytes()
+    except OSError as problem:
+        raise InputError(f"the scene {path} cannot be read: {problem.strerror}") from None
+    if content.startswith((b"\xff\xfe", b"\xfe\xff")) or b"\0" in content:
+        raise InputError(f"{path.name} is no text that FreeFEM reads: save it as plain text "
+                         "(UTF-8)")
+    if content.startswith(b"\xef\xbb\xbf"):
+        raise InputError(f"{path.name} begins with a byte order mark, which FreeFEM does not read: "
+                         "save it as UTF-8 without BOM")
+    return content.decode("utf-8", "replace")
+
+
+def sources(scene: Path) -> list[Source]:
+    """The scene and what it includes, but for files of the library. Raises InputError."""
+    found, remaining = [], [scene]
+    while remaining:
+        path = remaining.pop(0)
+        blank = re.sub(r"/\*.*?\*/", lambda comment: "\n" * comment[0].count("\n"), read(path),
+                       flags=re.DOTALL)
+        found.append(Source(path, blank.splitlines()))
+        for line in found[-1].lines:
+            include = re.match(r'\s*include\s+"([^"]+)"', line)
+            place = include and scene.parent / include[1]
+            if (place and place.is_file() and place not in [source.path for source in found]
+                    and not (environment.LIBRARY / include[1]).exists()):
+                remaining.append(place)
+    return found
+
+
+def definitions(source: Source) -> list[Definition]:
+    """The macros of a file, in order."""
+    found, number = [], 0
+    while number < len(source.lines):
+        start, head = number, MACRO.match(source.lines[number])
+        number += 1
+        if not head:
+            continue
+        content, end, _ = head[3].partition("//")
+        while not end and number < len(source.lines) and not AFTER_MACRO.match(
+                source.lines[number]):
+            more, end, _ = source.lines[number].partition("//")
+            content += f"\n{more}"
+            number += 1
+        found.append(Definition(source.path, start + 1, head[1], head[2], content.strip(),
+                                bool(end) or "EndMacro" in content))
+    return found
+
+
+def check(scene: Path) -> None:
+    """Refuse what can be seen to be wrong. Raises InputError with the file and its line."""
+    files = sources(scene)
+    if not any(line.split("//")[0].strip() for source in files for line in source.lines):
+        raise InputError(f"{scene.name} is empty: see edp/tutorial.edp for how to write a scene")
+    _check_includes(files)
+    for source in files:
+        _check_characters(source)
+        _check_bodies(source)
+        for definition in definitions(source):
+            if reason := _fault(definition):
+                raise InputError(f"{source.path.name} line {definition.line}: {reason}")
+        _check_parameters(source)
+        for line, name in _declared(source):
+            if name in VOCABULARY:
+                raise InputError(f"{source.path.name} line {line}: the name '{name}' is the "
+                                 "library's own; choose another")
+            if name in BUILT_IN:
+                raise InputError(f"{source.path.name} line {line}: the name '{name}' is FreeFEM's "
+                                 "own, with which the library works; choose another")
+
+
+def _check_includes(files: list[Source]) -> None:
+    """Every file of the vocabulary once, scene.idp before all else."""
+    known = {}
+    for source in files:
+        for number, line in enumerate(source.lines, 1):
+            include = re.match(r'\s*include\s+"(scene|export|gmsh)\.idp"', line)
+            if include and (first := known.setdefault(include[1], number)) != number:
+                raise InputError(f"{source.path.name} line {number}: {include[1]}.idp is included "
+                                 f"a second time, after line {first}")
+    if "export" in known and "scene" not in known:
+        raise InputError(f"{files[0].path.name} does not include scene.idp: its first line must be "
+                         ' include "scene.idp"')
+
+
+def _check_characters(source: Source) -> None:
+    for number, line in enumerate(source.lines, 1):
+        for letter in line.split("//")[0]:
+            if not letter.isascii():
+                raise InputError(f"{source.path.name} line {number}: '{letter}' stands outside a "
+                                 "comment, where FreeFEM reads plain ASCII only")
+
+
+def _check_bodies(source: Source) -> None:
+    for number, line in enumerate(source.lines, 1):
+        if re.search(r"(\baddBody\s*\(|=)\s*rectangle\s*\(", line.split("//")[0]):
+            raise InputError(f"{source.path.name} line {number}: rectangle(...) declares the only "
+                             "body itself and is no mesh; several bodies are given by "
+                             "addBody(square(n, m, [x0 + a*x, y0 + b*y]))")
+
+
+def _fault(definition: Definition) -> str:
+    """What is wrong with a macro; empty if nothing is seen to be."""
+    name, content = definition.name, definition.content
+    if not definition.ended:
+        return f"the macro {name} does not end: a macro ends with //"
+    macro = next((macro for macro in rooms.all_macros() if name in macro.names), None)
+    if macro is None or macro.arguments is None:
+        return ""
+    wanted, given = (len(re.findall(r"\w+", words or ""))
+                     for words in (macro.arguments, definition.arguments))
+    if wanted != given and (given or wanted):
+        form = f"macro {name}({macro.arguments}) ... //"
+        return (f"{name} has {wanted or 'no'} argument{'' if wanted == 1 else 's'}, not "
+                f"{given or 'none'}: {form}")
+    if not content and not macro.text.startswith("any content"):
+        return f"the macro {name} is empty: it expects {macro.text}"
+    return _unbalanced(name, content)
+
+
+def _unbalanced(name: str, content: str) -> str:
+    """Which bracket of a macro has no partner; empty if all have."""
+    pairs, opened = {")": "(", "]": "[", "}": "{"}, []
+    for letter in re.sub(r'"[^"\n]*"', "", content):
+        if letter in pairs.values():
+            opened.append(letter)
+        elif letter in pairs and (not opened or opened.pop() != pairs[letter]):
+            return f"a '{letter}' too many, or the wrong one, in the macro {name}"
+    return opened and f"a '{opened[-1]}' is not closed in the macro {name}" or ""
+
+
+def parameters(scene: Path) -> dict[str, str]:
+    """Names of the parameters that a scene reads, as it spells them, by their small letters."""
+    return {name.lower(): name for source in sources(scene) for line in source.lines
+            for name in PARAMETER.findall(line.split("//")[0])}
+
+
+def _check_parameters(source: Source) -> None:
+    """Names of parameters are those that a user can set on the command line."""
+    for number, line in enumerate(source.lines, 1):
+        for name in PARAMETER.findall(line.split("//")[0]):
+            place = f"{source.path.name} line {number}: "
+            if not re.fullmatch("[A-Za-z][A-Za-z0-9_]*", name):
+                raise InputError(f"{place}'{name}' cannot name a parameter: it needs letters, "
+                                 "digits and _, as in slip_range")
+            if name in (*RESERVED, *OF_LIBRARY) or name.lower() in options.OF_RUNS:
+                raise InputError(f"{place}a parameter cannot be called {name}: the word has a "
+                                 "meaning for the driver or FreeFEM; choose another")
+
+
+def _declared(source: Source) -> list[tuple[int, str]]:
+    """Global names that a file declares, each with its line."""
+    found, depth = [], 0
+    for number, line in enumerate(source.lines, 1):
+        code = re.sub(r'"[^"\n]*"', '""', line.split("//")[0])
+        if depth == 0 and not MACRO.match(line):
+            for statement in code.split(";"):
+                if declaration := DECLARATION.match(statement.strip()):
+                    found += [(number, name) for name in declared_names(declaration[1])]
+        depth = max(0, depth + code.count("{") - code.count("}"))
+    return found
+
+
+def declared_names(declarators: str) -> list[str]:
+    """Names that a declaration gives after its type: a and d of `a = f(b, c), d(1)`."""
+    nested = re.compile(r"\([^()]*\)|\[[^][]*\]")
+    while nested.search(declarators):
+        declarators = nested.sub("", declarators)
+    return re.findall(r"(?:^|,)\s*&?\s*(\w+)", declarators)

@@ -1,0 +1,59 @@
+"""Sparse Cholesky factors of subdomains: against dense algebra, for any pattern of the interior.
+
+Matrices are random and well conditioned (diagonal 0.5 above a Gram matrix), so that dense and
+sparse factors agree to some hundred roundings.
+"""
+
+import numpy as np
+import pytest
+from scipy.sparse import csr_matrix, eye, random
+
+from driver.errors import NoSolution
+from driver.feti.cholesky import TornFactor
+
+ROUNDING = 1e-12
+
+
+def torn(seed: int):
+    """A random stiffness, shuffled torn dofs of which some are seen, corners, fixed dofs."""
+    rng = np.random.default_rng(seed)
+    size = int(rng.integers(4, 150))
+    A = random(size, size, rng.choice([0.005, 0.02, 0.1]), random_state=seed)
+    K = (A @ A.T + 0.5 * eye(size)).tocsr()
+    dofs = rng.permutation(size)
+    corner, rest = np.sort(dofs[: size // 8]), np.sort(dofs[size // 8 : -1])
+    return K, rest, rng.random(len(rest)) < rng.choice([0.0, 0.1, 0.5, 1.0]), corner
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_blocks_are_those_of_dense_algebra(seed):
+    """Sparse patterns have interiors in many parts, interface dofs apart, and none of either."""
+    K, dofs, seen, corner = torn(seed)
+    factor, dense = TornFactor(K, dofs, seen), K.toarray()
+    inverse = np.linalg.inv(dense[np.ix_(dofs, dofs)])
+    K_rc = dense[np.ix_(dofs, corner)]
+    on_seen, coupling, schur = factor.reduced(corner)
+    assert np.abs(on_seen - inverse[np.ix_(seen, seen)]).max(initial=0) < ROUNDING
+    assert np.abs(coupling - (inverse @ K_rc)[seen]).max(initial=0) < ROUNDING
+    wanted = dense[np.ix_(corner, corner)] - K_rc.T @ inverse @ K_rc
+    assert np.abs(schur - wanted).max(initial=0) < ROUNDING
+    assert np.array_equal(on_seen, on_seen.T) and np.array_equal(schur, schur.T)
+    right = np.random.default_rng(seed).standard_normal((len(dofs), 3))
+    assert np.abs(factor.solve(right) - inverse @ right).max(initial=0) < ROUNDING
+
+
+def test_corners_that_alone_leave_a_body_loose_are_no_obstacle():
+    """A bar of two nodes, both corners: nothing is torn, and S is the singular stiffness itself."""
+    K = csr_matrix([[1.0, -1.0], [-1.0, 1.0]])
+    none = np.empty(0, int)
+    _, _, schur = TornFactor(K, none, np.empty(0, bool)).reduced(np.arange(2))
+    assert np.abs(schur - K.toarray()).max() < 1e-15
+
+
+@pytest.mark.parametrize("K", [[[1.0, -1.0], [-1.0, 1.0]], [[1.0, 2.0], [2.0, 1.0]],
+                               [[1.0, 0.0], [0.0, 0.0]], [[-1.0, 0.0], [0.0, 1.0]]])
+@pytest.mark.parametrize("seen", [[False, False], [False, True], [True, True]])
+def test_singular_and_indefinite_stiffness_is_refused(K, seen):
+    """Free motions, negative and missing stiffness, inside and where rows act."""
+    with pytest.raises(NoSolution, match="positive definite"):
+        TornFactor(csr_matrix(K), np.arange(2), np.array(seen)).reduced(np.empty(0, int))

@@ -1,0 +1,251 @@
+"""Cuts that nobody would wish for: corners, local matrices and the coarse problem stay regular.
+
+Bodies are cut triangle by triangle: into single triangles, separate pieces, rings, islands, chains
+and parts that touch in a vertex.
+"""
+
+import numpy as np
+import pytest
+from conftest import Problem
+from mpi4py import MPI
+from scipy.linalg import subspace_angles
+from scipy.sparse import coo_matrix, csr_matrix
+from scipy.sparse.csgraph import connected_components
+from small_scenes import LEFT, TOP, Body, Scene, grown, rectangle
+from test_operator import check_compliance
+
+from driver.errors import InputError
+from driver.feti import coarse
+from driver.feti.corners import corner_vertices
+from driver.feti.dirichlet import DirichletPreconditioner
+from driver.feti.operator import DualOperator
+from driver.feti.skeleton import Skeleton
+from driver.march.tearing import build
+
+NOBODY = 77  # a label that no edge has
+
+
+# ------------------------------------------------------------------------------ bodies and cuts
+
+def block(rng):
+    """A distorted block, 2 x 1, with the labels of its sides."""
+    xy, triangles, outline = rectangle(9, 5)
+    return _distorted(rng, xy, outline), triangles, outline
+
+
+def plate(rng):
+    """A distorted plate with a hole in the middle, another in a corner and one label all round."""
+    xy, triangles, _ = rectangle(10, 6)
+    x, y = xy[triangles].mean(axis=1).T
+    hole = (abs(x - 1) < 0.4) & (abs(y - 0.5) < 1 / 6) | (abs(x - 0.3) < 0.1) & (y > 4 / 6)
+    triangles = triangles[~hole]
+    kept, triangles = np.unique(triangles, return_inverse=True)
+    triangles = triangles.reshape(-1, 3)
+    outline = _rim(triangles)
+    return _distorted(rng, xy[kept], outline), triangles, outline
+
+
+def _rim(triangles):
+    """(n, 3) the boundary of a mesh, with the label TOP all round."""
+    once, count = np.unique(sides(triangles)[0], axis=0, return_counts=True)
+    return np.column_stack([once[count == 1], np.full((count == 1).sum(), TOP)])
+
+
+def _distorted(rng, xy, outline):
+    """Places of vertices, those inside moved by a tenth of a cell."""
+    inside = np.ones(len(xy), bool)
+    inside[outline[:, :2]] = False
+    xy[inside] += rng.uniform(-0.02, 0.02, (inside.sum(), 2))
+    return xy
+
+
+def sides(triangles):
+    """(3 n, 2) sides, smaller vertex first, and the triangle of each."""
+    ends = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    return ends, np.repeat(np.arange(len(triangles)), 3)
+
+
+def _mixed(rng, xy, triangles):
+    """Pieces that have grown, every fifth triangle dealt to another one."""
+    part = grown(triangles, 7, rng)
+    return np.where(rng.random(len(part)) < 0.2, rng.permutation(part), part)
+
+
+CUTS = {
+    "single triangles": lambda rng, c, t: np.arange(len(c)),
+    "dealt to 2": lambda rng, c, t: rng.integers(2, size=len(c)),
+    "dealt to 5": lambda rng, c, t: rng.integers(5, size=len(c)),
+    "dealt to 40": lambda rng, c, t: rng.integers(40, size=len(c)),
+    "chess board": lambda rng, c, t: np.floor(4 * c).sum(axis=1) % 2,
+    "fine chess board": lambda rng, c, t: np.floor(c * [4.5, 5]).sum(axis=1) % 2,
+    "stripes of two": lambda rng, c, t: np.floor(5 * c[:, 0]) % 2,
+    "island": lambda rng, c, t: np.linalg.norm(c - [1.4, 0.4], axis=1) < 0.25,
+    "rings": lambda rng, c, t: np.floor(5 * np.linalg.norm(c - [0.9, 0.45], axis=1)),
+    "half rings": lambda rng, c, t: (np.floor(5 * np.linalg.norm(c - [0.9, 0.1], axis=1))
+                                     + 20 * (c[:, 0] > 0.9)),
+    "chains": lambda rng, c, t: np.floor(10 * c[:, 1]),
+    "one triangle out": lambda rng, c, t: np.arange(len(c)) == rng.integers(len(c)),
+    "one at the rim out": lambda rng, c, t: np.arange(len(c)) == c[:, 0].argmax(),
+    "grown": lambda rng, c, t: grown(t, 9, rng),
+    "grown, then mixed": _mixed,
+    "whole": lambda rng, c, t: np.zeros(len(c)),
+}
+
+
+def scene(shape, cut, seed, support=LEFT) -> Scene:
+    """A body in a cut, held at the label `support`; what it presses with does not matter here."""
+    rng = np.random.default_rng(seed)
+    xy, triangles, outline = shape(rng)
+    part = CUTS[cut](rng, xy[triangles].mean(axis=1), triangles)
+    part = np.unique(part, return_inverse=True)[1]
+    angle = rng.uniform(0, 2 * np.pi) * rng.integers(2)
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    body = Body(xy @ turn.T, triangles, outline, part, np.ones(len(part)), 0.3)
+    return Scene(body, [{TOP: (0.0, -1.0)}], np.array([[0.0], [1.0]]), support=support,
+                 contact=int(outline[0, 2]))
+
+
+def torn(given: Scene) -> Problem:
+    """Subdomains, structure and dual operator of a scene."""
+    manifest, subdomains = given.manifest(), given.subdomains()
+    structure = build(manifest, subdomains, 0, MPI.COMM_SELF)
+    return Problem(manifest, subdomains, structure, DualOperator(structure, MPI.COMM_SELF))
+
+
+every_cut = pytest.mark.parametrize("cut", CUTS)
+every_shape = pytest.mark.parametrize("shape", [block, plate])
+seeds = pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow)
+                                              for k in range(1, 6))])
+
+
+def components(triangles) -> np.ndarray:
+    """(n,) the part of the mesh, connected by edges, that every triangle belongs to."""
+    ends, triangle = sides(triangles)
+    name = np.unique(ends, axis=0, return_inverse=True)[1]
+    count = len(triangles)
+    links = coo_matrix((np.ones(len(name)), (triangle, count + name)),
+                       shape=(count + name.max() + 1,) * 2)
+    return connected_components(links, directed=False)[1][:count]
+
+
+# ------------------------------------------------------------------------------ corners
+
+@every_cut
+@every_shape
+@seeds
+def test_components_have_corners_far_apart(cut, shape, seed):
+    """Every part connected by edges has two, and any two neighbours have two in common."""
+    given = scene(shape, cut, seed)
+    subdomains, body = given.subdomains(), given.body
+    skeleton = Skeleton(given.manifest(), subdomains, MPI.COMM_SELF)
+    corners = corner_vertices(skeleton)
+    owner = np.empty(len(body.triangles), int)
+    for s in range(len(subdomains)):
+        mine = np.flatnonzero(body.part == s)
+        owner[mine] = 1000 * s + components(body.triangles[mine])
+    ends, triangle = sides(body.triangles)
+    held = {}
+    for name in np.unique(owner):
+        vertices = np.unique(body.triangles[owner == name])
+        held[name] = np.intersect1d(vertices, corners)
+        assert len(held[name]) >= 2
+        size, extent = (np.linalg.norm(np.ptp(body.xy[v], axis=0)) for v in (vertices, held[name]))
+        assert extent >= 0.25 * size
+    edge = np.unique(ends, axis=0, return_inverse=True)[1]
+    order = np.argsort(edge, kind="stable")
+    inner = edge[order][1:] == edge[order][:-1]
+    across = owner[triangle[order]]
+    for one, two in zip(across[:-1][inner], across[1:][inner]):
+        assert one == two or len(np.intersect1d(held[one], held[two])) >= 2
+
+
+@every_cut
+@every_shape
+@seeds
+def test_local_matrices_are_positive_definite(cut, shape, seed):
+    """K_rr without any support, with a condition number that the number of triangles bounds.
+
+    Worst is a chain of n triangles held at its ends, a beam whose compliance grows with n^4; the
+    elements' own condition number is below 100 here. A rigid motion or a hinge would give 1/eps.
+    """
+    problem = torn(scene(shape, cut, seed, support=NOBODY))
+    for c in problem.operator.classes:
+        if len(c.torn):
+            values = np.linalg.eigvalsh(c.K[c.torn][:, c.torn].toarray())
+            longest = np.bincount(components(problem.subdomains[c.members[0]].triangles)).max()
+            assert values[0] * min(100 * longest**4, 1e6) > values[-1]
+
+
+@every_cut
+@every_shape
+@seeds
+@pytest.mark.parametrize("support", [LEFT, NOBODY])
+def test_kernel_of_the_coarse_problem_are_the_free_motions(cut, shape, seed, support):
+    """No more and no less; pinning as many dofs leaves a regular matrix."""
+    problem = torn(scene(shape, cut, seed, support))
+    operator, motions = problem.operator, problem.structure.rigid_corners
+    S = coarse._assembled(problem.structure, operator.classes, MPI.COMM_SELF).toarray()
+    supported = any(len(fixed) for fixed in problem.structure.fixed)
+    free = 0 if supported else 3
+    assert motions.shape == (len(S), free)
+    values = np.linalg.eigvalsh(S)
+    # S_cc inherits the rounding of K_rr^-1; motions of chains are as soft as those of beams
+    assert np.abs(values[:free]).max(initial=0) < 1e-9 * values[-1]
+    assert values[free] > 1e-6 * values[-1]
+    if free:
+        kernel = np.linalg.eigh(S)[1][:, :free]
+        assert subspace_angles(kernel, motions).max() < 1e-6
+        pinned = operator.coarse._pinned(csr_matrix(S)).toarray()
+        assert np.linalg.eigvalsh(pinned)[0] > 1e-7 * values[-1]
+
+
+@every_cut
+@every_shape
+@seeds
+def test_condensed_operator_does_not_know_the_cut(cut, shape, seed):
+    """Contact rows see the compliance of the assembled body, whatever it was cut into."""
+    given = scene(shape, cut, seed)
+    if shape is plate:  # one label all round: hold it at a contact-free part of it
+        given = _held_at_a_hole(given)
+    check_compliance(torn(given))
+
+
+def _held_at_a_hole(given: Scene) -> Scene:
+    """The same with the label NOBODY, now a support, at the edges of the middle hole."""
+    outline = given.body.outline.copy()
+    centre = given.body.xy[outline[:, :2]].mean(axis=1)
+    near = np.linalg.norm(centre - given.body.xy[outline[:, :2]].mean(axis=(0, 1)), axis=1)
+    outline[near < np.sort(near)[6], 2] = NOBODY
+    given.body.outline, given.support = outline, NOBODY
+    return given
+
+
+@every_cut
+@every_shape
+@seeds
+def test_springs_and_preconditioner_need_no_stiff_corners(cut, shape, seed):
+    """Bodies without support: springs of a contact row's size, a preconditioner on any face."""
+    problem = torn(scene(shape, cut, seed, support=NOBODY))
+    operator = problem.operator
+    # ten over the stiffness of a row, which is E = 1 or less where two corners hold the whole body;
+    # a corner without stiffness would give 1/eps
+    rho = operator.rho / problem.structure.coarse_dofs
+    assert len(rho) == 3 and np.all((rho > 1) & (rho < 1e4))
+    precondition = DirichletPreconditioner(operator)
+    columns = np.column_stack([precondition(e, np.ones(len(e), bool))
+                               for e in np.eye(problem.structure.dual_dofs)])
+    values = np.linalg.eigvalsh((columns + columns.T) / 2)
+    assert np.abs(columns - columns.T).max() < 1e-9 * values[-1]
+    assert values[0] > 1e-9 * values[-1]
+
+
+def test_parts_that_hinge_on_a_vertex_are_refused():
+    """Two squares that share a corner, in one subdomain or in two: a mechanism, said where."""
+    xy, triangles, _ = rectangle(4, 2)
+    x, y = xy[triangles].mean(axis=1).T
+    triangles = triangles[(x < 1) == (y < 0.5)]
+    for part in (np.zeros(len(triangles), int), (xy[triangles].mean(axis=1)[:, 0] > 1) * 1):
+        body = Body(xy, triangles, _rim(triangles), part, np.ones(len(part)), 0.3)
+        given = Scene(body, [{}], np.zeros((2, 1)), contact=TOP)
+        with pytest.raises(InputError, match=r"only the vertex at \(1, 0.5\), on which they hinge"):
+            build(given.manifest(), given.subdomains(), 0, MPI.COMM_SELF)

@@ -1,0 +1,200 @@
+"""Random scenes: one a seed, solved or refused rightly; what goes wrong is noticed."""
+
+import os
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from driver.errors import DriverError
+from driver.files import read_rows
+from driver.hard import generator, judgement, laws, random, refusal, suite
+from driver.hard.shapes import block, disc, lattice, split, with_hole
+
+SEED = 3001
+SEEDS = (3001, 3004, 3006, 3013, 3015, 3016, 3018)
+RANKED = (3004, 3016)  # those that also run on two ranks, which takes a second each
+
+
+# ------------------------------------------------------------------------------ what is drawn
+
+def test_a_seed_draws_one_scene():
+    assert generator.draw(5).text == generator.draw(5).text
+    assert len({generator.draw(seed).text.partition("\n")[2] for seed in range(30)}) == 30
+
+
+def test_scenes_cover_what_they_shall():
+    """Among a few hundred scenes every outline, law, support, gap, history and element occurs."""
+    declared = [generator.draw(seed).declared for seed in range(400)]
+    seen = {key: {each.get(key) for each in declared} for key in declared[0]}
+    assert len(seen["outline"]) >= 15 and len(seen["labels"]) >= 12
+    assert seen["element"] == {"P1", "P2", "P2-mixed"}
+    assert len(seen["law"]) == 7 and len(seen["gap"]) == 8
+    assert {"static", *generator.HISTORIES} == seen["history"]
+    assert seen["jump"] >= {"none", "1e+06", "0.001"} and "none" in seen["support"]
+    assert sum("spoilt" in each for each in declared) > 0
+
+
+@pytest.mark.parametrize("shape", [
+    split(block(0.0, 0.0, 2.0, 1.0), 1, 0.4),
+    split(split(lattice(block(0.0, 0.0, 2.0, 1.0), (6, 3), 2.0), 1, 0.4), 2, 0.5),
+    with_hole(block(0.0, 0.0, 2.0, 1.0), 1.0, 0.5, 0.2, 91, 2), disc(0.0, 0.0, 1.0)],
+    ids=lambda shape: shape.name)
+def test_outlines_close(shape):
+    """Sides follow one another around the body and around its hole; the area is that inside."""
+    for outline in ([side for side in shape.sides if not side.hole],
+                    [side for side in shape.sides if side.hole]):
+        for side, following in zip(outline, outline[1:] + outline[:1]):
+            assert side.end == following.start
+    assert len({side.label for side in shape.sides}) == len(shape.sides)
+    green = 0.0
+    for side in shape.sides:
+        curve = side.places.T
+        assert np.allclose(curve[:, [0, -1]].T, [side.start, side.end], atol=1e-14)
+        green += 0.5 * np.sum(curve[0][:-1] * curve[1][1:] - curve[0][1:] * curve[1][:-1])
+    assert np.isclose(green, shape.area, rtol=1e-3)  # chords of arcs
+
+
+# ------------------------------------------------------------------------------ scenes, judged
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_fast(seed, tmp_path, monkeypatch):
+    if seed not in RANKED:
+        monkeypatch.setattr(random, "ranks_agree", lambda *_: "")
+    row = random.judge(seed, tmp_path)
+    assert row.status in ("solved", "refused"), row.why
+
+
+@pytest.mark.slow  # two hundred scenes of several runs each
+def test_many(tmp_path):
+    suite.run_suite({"family": "random", "seed": "5000", "count": "200", "out": str(tmp_path)})
+    rows = read_rows(tmp_path / "report.csv")
+    assert sum(row["status"] == "solved" for row in rows) >= 0.7 * len(rows)
+
+
+BLOCK = """
+include "scene.idp"
+real F = physical("friction", 0.3), push = physical("push", 0.2);
+subdomains("4");
+body = square(6, 3, [2*x, y]);
+quasistatic(1.);
+macro young() 1. //
+macro poisson() 0.3 //
+{support}
+macro load1() traction(3, push*1e-3, -1e-3) //
+macro amplitude1(t) t //
+macro contact() 1 //
+macro friction() F //
+include "export.idp"
+"""
+
+
+@pytest.fixture
+def problem(tmp_path):
+    """problem(support, NAME=value): the scene above, its Problem and its path."""
+    def make(support="", **parameters):
+        path = tmp_path / "block.edp"
+        path.write_text(BLOCK.format(support=support))
+        given = {"steps": "2", **parameters}
+        return judgement.Problem.of(path, given), path, given
+    return make
+
+
+def _scene(given) -> generator.RandomScene:
+    return generator.RandomScene(0, "", {}, ({"subdomains": "1"}, {"subdomains": "3"}), given)
+
+
+CLAMPED = "macro support() on(4, u1 = 0., u2 = 0.) //"
+
+
+def test_laws_notice_what_is_wrong(problem, tmp_path):
+    """Forces off by a thousandth, a slip that is turned around, pressure where it is open."""
+    right, path, given = problem(CLAMPED)
+    outcome = random.run(_scene(given), path, tmp_path, {"subdomains": "3"})
+    assert outcome.status == 0, outcome.message
+    assert right.worst(outcome)[1] <= random.LAWS
+    spoilt = {"sigma_n": 1.001, "sigma_t": 0.99, "u_t": 1.001, "bound": 1.001}
+    for column, factor in spoilt.items():
+        contact = {**outcome.contact, column: factor * outcome.contact[column]}
+        assert right.worst(replace(outcome, contact=contact))[1] > random.LAWS, column
+    other = {**outcome.contact, "sigma_n": outcome.contact["sigma_n"] * (1 + 1e-3)}
+    assert np.isclose(laws.disagreement(right.body, outcome.contact, other), 1e-3, rtol=1e-6)
+
+
+def test_small_friction_is_proved_unique(problem):
+    """The bound scales with F; a body that friction alone holds has none."""
+    held, *_ = problem(CLAMPED, friction="0.02")
+    assert 0 < held.contraction < 1
+    more, *_ = problem(CLAMPED, friction="0.2")
+    assert np.isclose(more.contraction, 10 * held.contraction, rtol=1e-9)
+    free, *_ = problem()
+    assert free.contraction == np.inf
+
+
+@pytest.mark.parametrize("push, holds", [("0.29", True), ("0.31", False)])
+def test_refusals_are_confirmed(problem, push, holds):
+    """A block that is pushed slides away from F = 0.3 times its pressure on."""
+    free, *_ = problem(push=push)
+    weights, start = free.manifest.factors[-1], np.zeros(len(free.body.gid))
+    share = refusal.unbalanced(free.body, free.manifest, weights)
+    assert (share <= refusal.SLACK) == holds
+    reason = refusal.no_state(free.body, free.manifest, weights, start)
+    assert ("has a solution" in reason) == holds
+
+
+def test_a_wrong_refusal_is_noticed(problem):
+    """Of a scene that has a solution no refusal is confirmed."""
+    held, *_ = problem(CLAMPED)
+    outcome = random.Outcome(3, "step 1: no equilibrium", 0.0, None)
+    status, why = held.refusal([outcome, outcome])
+    assert status == "FAILED" and "has a solution" in why
+
+
+# ------------------------------------------------------------------------------ what goes wrong
+
+def test_a_crash_is_a_row(monkeypatch, tmp_path):
+    """A traceback fails the scene, which is kept with the command that repeats it."""
+    def crash(*_):
+        raise ZeroDivisionError("of the test")
+
+    monkeypatch.setattr("driver.runs.run.execute", crash)
+    row = random.judge(SEED, tmp_path)
+    assert row.status == "FAILED" and "ZeroDivisionError: of the test" in row.why
+    assert f"FAMILY=random SEED={SEED} COUNT=1" in row.repeat
+    kept = tmp_path / random.KEPT / f"random-{SEED}.edp"
+    assert kept.read_text() == generator.draw(SEED).text and kept.name in row.repeat
+
+
+def test_a_status_of_its_own_is_noticed(monkeypatch, tmp_path):
+    """Cuts that end differently fail a scene."""
+    statuses = iter((0, 4, 0))
+
+    def end(scene, path, folder, cut, ranks=1):
+        return random.Outcome(next(statuses), "of the test", 0.0, folder)
+
+    monkeypatch.setattr(random, "run", end)
+    row = random.judge(SEED, tmp_path)
+    assert row.status == "FAILED" and "exit 4 of the test" in row.why
+
+
+def test_a_run_that_takes_too_long_is_noticed(monkeypatch, tmp_path):
+    monkeypatch.setattr(random, "LIMIT", 0.01)
+    row = random.judge(SEED, tmp_path)
+    assert row.status == "FAILED" and "not finished" in row.why
+
+
+def test_a_process_that_dies_is_a_row(monkeypatch, tmp_path):
+    """The others go on."""
+    def submit(pool, task, folder):
+        if task[1] == SEED + 1:
+            return pool.submit(os._exit, 1)
+        return pool.submit(random.died, task[1], folder)
+
+    monkeypatch.setattr(suite, "_submitted", submit)
+    with pytest.raises(DriverError, match="3 hard cases failed"):
+        suite.run_suite({"family": "random", "seed": str(SEED), "count": "3", "jobs": "1",
+                         "out": str(tmp_path)})
+    rows = read_rows(tmp_path / "report.csv")
+    assert [row["seed"] for row in rows] == [str(SEED + k) for k in range(3)]
+    assert all(row["why"] == "the process died" for row in rows)
+    assert (tmp_path / "random.png").stat().st_size > 0

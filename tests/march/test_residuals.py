@@ -1,0 +1,231 @@
+"""What residuals mean, that a step converges only with those that were asked for, and that they
+and the tolerances see deformations and forces instead of motions, travel and spikes.
+"""
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from driver.contact.kkt import FADED, Scales, kkt_residuals
+from driver.contact.rows import ContactRows
+from driver.march import quasistatic
+from driver.options import Settings
+
+PAD = """include "scene.idp"
+real D = physical("drag", 1.), P = physical("press", 1e-4), A = physical("angle", 0.);
+units("m", "Pa");
+subdomains("3x1");
+quasistatic(1.);
+rectangle(0., 2., 0., 1.);
+macro young() 1e9 //
+macro poisson() 0.3 //
+macro displacement1() on(3, u1 = -A*(y - 1.), u2 = -P + A*(x - 1.)) //
+macro amplitude1(t) min(1., 2.*t) //
+macro displacement2() on(3, u1 = D) //
+macro amplitude2(t) max(0., 2.*t - 1.) //
+macro contact() 1 //
+macro friction() 0.3 //
+include "export.idp"
+"""
+BLOCK = """include "scene.idp"
+real push = physical("push", 0.), wall = physical("wall", 1.);
+units("m", "Pa");
+subdomains("4x2");
+quasistatic(1.);
+rectangle(0., 2., 0., 1.);
+macro young() 1e6 //
+macro poisson() 0.3 //
+macro load1() traction(3, 0., -1e3*(1. + 0.5*x)) + traction(2, -push, 0.) //
+macro amplitude1(t) (t < 0.6 ? t : 1.2 - t) //
+macro contact() 1, 4 //
+macro gap() (label == 4 ? wall : 0.) //
+include "export.idp"
+"""
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    """scene(name, text): path of a scene."""
+    folder = tmp_path_factory.mktemp("residuals")
+
+    def write(name: str, text: str):
+        path = folder / f"{name}.edp"
+        path.write_text(text)
+        return path
+
+    return write
+
+
+# ---- residuals -----------------------------------------------------------------------------------
+
+def rows(friction: float) -> ContactRows:
+    """Two contact nodes with friction and a gluing row."""
+    index = np.arange(2)
+    return ContactRows(index, index, np.zeros(2), index + 2, index, index,
+                       np.full(2, friction), None, np.array([4]), False)
+
+
+def residuals(friction: float, multipliers, move) -> dict:
+    """Residuals of forces and movements (5,) where the deformation is 1e-3."""
+    return kkt_residuals(rows(friction), np.array(multipliers, float), -np.array(move, float), 0.0,
+                         Scales(displacement=1e-3), MPI.COMM_SELF)
+
+
+@pytest.mark.parametrize("friction", [0.3, 1e3, 1e12])
+def test_residuals_do_not_grow_with_friction(friction):
+    """A node that sticks with a slip of a millionth of the deformation is off by a millionth."""
+    got = residuals(friction, [2e5, 1e5, 1e4, -2e4, 0.0], [0, 0, 1e-9, -1e-9, 0])
+    assert got["complementarity"] == pytest.approx(1e-6, rel=1e-9)
+    assert max(value for name, value in got.items() if name != "complementarity") == 0
+
+
+@pytest.mark.parametrize("multipliers, move, name, size", [
+    ([2e5, 0, 0, 0, 0], [0, 1e-6, 0, 0, 0], "penetration", 1e-3),  # of an open node
+    ([2e5, 1e5, 0, 0, 0], [0, -1e-4, 0, 0, 0], "complementarity", 0.1),  # presses from afar
+    ([2e5, 1e-3, 0, 0, 0], [0, -1e-4, 0, 0, 0], "complementarity", 5e-9),  # but hardly
+    ([2e5, -2e4, 0, 0, 0], [0, 0, 0, 0, 0], "sign", 0.1),
+    ([2e5, 1e5, 0, 4e4, 0], [0, 0, 0, 1e-5, 0], "cone", 0.05),
+    ([2e5, 1e5, 6e4, 0, 0], [0, 0, -1e-4, 0, 0], "complementarity", 0.1),  # slides backward
+    ([2e5, 1e5, 6e4, 0, 0], [0, 0, 1e5, 0, 0], "complementarity", 0.0),  # any way forward
+    ([2e5, 1e5, 0, 0, 0], [0, 0, 0, 0, -2e-5], "gluing", 2e-2)])
+def test_residuals_by_hand(multipliers, move, name, size):
+    """Each condition violated alone, by `size` of the largest force or the deformation."""
+    assert residuals(0.3, multipliers, move)[name] == pytest.approx(size, rel=1e-12, abs=1e-18)
+
+
+def test_scales_are_those_of_the_step():
+    """After a spike the step's own values count, down to a millionth of the spike's."""
+    scales = Scales()
+    scales.renew(d=1e6)
+    scales.keep()
+    scales.renew(d=3.0)
+    assert scales.d == 3.0
+    scales.renew(d=0.0)
+    assert scales.d == FADED * 1e6
+
+
+# ---- convergence is earned -----------------------------------------------------------------------
+
+@pytest.mark.parametrize("asked", [1e-4, 1e-6, 1e-9])
+def test_what_was_asked_for_is_reached(built, steps_of, asked):
+    solver, steps = steps_of(built(loading="nonmonotone", cells=4, steps=5), primal_rtol=asked)
+    assert solver.failure is None and len(steps) == 5
+    assert max(max(step.residuals.values()) for step in steps) <= asked
+
+
+@pytest.mark.parametrize("friction", ["1e9", "1e12"])
+def test_huge_friction_converges_in_the_same_residuals(solved, friction):
+    """All nodes stick: the answer is that of any large coefficient, and residuals say so."""
+    words = {"loading": "nonmonotone", "cells": 4, "steps": 3, "uniqueness": "no"}
+    huge, large = (solved(friction=F, **words) for F in (friction, "1e3"))
+    assert huge.status == large.status == 0
+    assert max(huge.summary["residuals"].values()) <= Settings().primal_rtol
+    peak = np.abs(large.contact["sigma_n"]).max()
+    for name in ("sigma_n", "sigma_t"):
+        assert np.abs(huge.contact[name] - large.contact[name]).max() <= 1e-4 * peak
+
+
+def test_a_residual_that_stays_ends_with_status_4(built, steps_of, monkeypatch):
+    """Gluing that no tolerance mends: not converged, with the residual named."""
+    honest = quasistatic.kkt_residuals
+    monkeypatch.setattr(quasistatic, "kkt_residuals",
+                        lambda *data: honest(*data) | {"gluing": 1e-3})
+    solver, steps = steps_of(built(loading="nonmonotone", cells=4, steps=5))
+    assert solver.failure.exit_status == 4 and len(steps) == 1
+    assert "gluing residual stays at 1.0e-03" in str(solver.failure)
+
+
+# ---- deformation, not motion ---------------------------------------------------------------------
+
+def tractions(outcome) -> np.ndarray:
+    """Tractions of all nodes and steps."""
+    return np.stack([outcome.contact["sigma_n"], outcome.contact["sigma_t"]])
+
+
+@pytest.mark.parametrize("drag", ["1e4", "1e8"])
+def test_dragging_far_changes_no_traction(solved, scene, drag):
+    """In full sliding tractions do not depend on the way, which is 1e4 to 1e12 of the press."""
+    # tolerances a hundredth of the difference that is allowed
+    path, words = scene("pad", PAD), {"cells": 4, "steps": 6, "friction_rtol": 1e-8,
+                                      "primal_rtol": 1e-8}
+    near, far = (solved(scene=path, drag=way, **words) for way in ("1", drag))
+    assert near.status == far.status == 0
+    peak = np.abs(near.contact["sigma_n"]).max()
+    assert np.abs(tractions(far) - tractions(near)).max() <= 1e-6 * peak
+    assert (near.contact["status"][-1] != "stick").all()
+    # three steps of the drag; strains add less than a thousandth of a press each
+    np.testing.assert_allclose(far.contact["slip"][-1], float(drag) / 3, rtol=1e-15, atol=1e-7)
+    np.testing.assert_allclose(far.summary["quantities"]["displacement"], float(drag), rtol=1e-3)
+
+
+def test_there_and_back(solved, scene):
+    """A pad carried away and back again before it presses is where it was: slip by increments."""
+    text = PAD.replace("min(1., 2.*t)", "(t < 0.5 ? 0. : 2.*t - 1.)")
+    text = text.replace("max(0., 2.*t - 1.)", "(t < 0.4 ? sin(pi*t/0.4) : 0.)")
+    path = scene("back", text)
+    still, carried = (solved(scene=path, drag=way, cells=4, steps=10) for way in ("0", "1e8"))
+    assert still.status == carried.status == 0
+    peak = np.abs(still.contact["sigma_n"]).max()
+    assert peak > 0
+    assert np.abs(tractions(carried) - tractions(still)).max() <= 1e-6 * peak
+
+
+def test_travel_is_taken_out_whole(built, scene):
+    """Strains under a prescribed rigid motion are zero, also where it turns; displacements are not.
+    """
+    problem = built(scene=scene("turned", PAD), cells=3, angle=0.3, press=2.0, drag=5.0)
+    operator, weights = problem.operator, np.array([1.0, 1.0])
+    nothing = np.zeros(operator.owned)
+    assert max(np.abs(u).max() for u in operator.deformations(nothing, weights)) <= 1e-14 * 5
+    for sub, u in zip(problem.structure.subdomains, operator.displacements(nothing, weights)):
+        x, y = sub.xy.T
+        expected = np.column_stack([5 - 0.3 * (y - 1), -2 + 0.3 * (x - 1)])
+        np.testing.assert_allclose(u.reshape(-1, 2), expected, atol=1e-13)
+
+
+# ---- bodies without support ----------------------------------------------------------------------
+
+def mean_motion(problem, step) -> np.ndarray:
+    """(3,) int R . u over the body, R along x, along y and turning about its centre."""
+    parts = problem.operator.rigid_parts
+    return parts.coefficients(problem.operator.deformations(step.multipliers, step.weights))[0]
+
+
+@pytest.mark.parametrize("cut", ["1x1", "4x2", "3"])
+def test_least_motion_of_a_free_block(built, steps_of, scene, cut):
+    """Nothing holds the block along a floor without friction: on average it does not move there,
+    however it is cut, and the wall that it does not reach changes nothing.
+    """
+    problem = built(scene=scene("block", BLOCK), cells=4, subdomains=cut, steps=4)
+    solver, steps = steps_of(problem)
+    assert solver.failure is None
+    for step in steps:
+        along, down, turned = mean_motion(problem, step)
+        assert abs(along) <= 1e-9 * abs(down) and down < 0
+
+
+def test_least_motion_is_seen_by_its_integral(built, steps_of, scene):
+    """The first component of `mean_motion` by an own sum over the triangles."""
+    problem = built(scene=scene("block", BLOCK), cells=4, subdomains="3", steps=4)
+    _, steps = steps_of(problem)
+    total = area = 0.0
+    fields = problem.operator.displacements(steps[-1].multipliers, steps[-1].weights)
+    for sub, u in zip(problem.structure.subdomains, fields):
+        corner = sub.xy[sub.triangles]
+        sizes = np.abs(np.linalg.det(corner[:, 1:] - corner[:, :1])) / 2
+        total += sizes @ u.reshape(-1, 2)[sub.triangles].mean(axis=1)
+        area += sizes.sum()
+    assert np.abs(total[0]) <= 1e-9 * np.abs(total[1]) and total[1] < 0
+    assert area == pytest.approx(2.0)
+
+
+def test_a_pushed_block_stays_where_it_was_left(built, steps_of, scene):
+    """The wall stops it; without load nothing pulls it back, nor up to where it started from."""
+    text = BLOCK.replace("t < 0.6 ? t : 1.2 - t", "t < 0.6 ? t : 1.5*(1. - t)")
+    problem = built(scene=scene("pushed", text), cells=4, steps=4, push=100.0, wall=1e-3)
+    solver, steps = steps_of(problem)
+    assert solver.failure is None
+    motion = np.array([mean_motion(problem, step) for step in steps])
+    assert np.all(motion[:, 0] < -0.7e-3)
+    assert np.abs(steps[-1].multipliers).max() <= 1e-6 * np.abs(steps[-2].multipliers).max()
+    assert motion[-1, 0] == pytest.approx(motion[-2, 0], rel=1e-9)

@@ -1,0 +1,226 @@
+"""Mistakes in scenes: one line with the line of the user's file, in the user's words.
+
+What the text alone shows is said without FreeFEM. The rest is told by how FreeFEM fails.
+"""
+
+import re
+
+import pytest
+
+from driver.errors import InputError
+from driver.scene import declarations, explain, freefem, grammar, script
+from driver.scene.rooms import all_macros
+
+SCENE = """include "scene.idp"
+real F = physical("friction", 0.3);
+units("mm", "MPa");
+subdomains("2x1");
+rectangle(0., 2., 0., 1.);
+quasistatic(1.);
+macro young() 1000. //
+macro poisson() 0.3 //
+macro support() on(4, u1 = 0., u2 = 0.) //
+macro load1() traction(3, 2., -10.) //
+macro amplitude1(t) t //
+macro contact() 1 //
+macro friction() F //
+include "export.idp"
+"""
+SMALL = {"cells": "2", "steps": "2"}
+
+
+@pytest.fixture
+def said(tmp_path):
+    """said((old, new), ...): the message for the scene with its text changed."""
+    def check(*changes, parameters=None) -> str:
+        text = SCENE
+        for old, new in changes:
+            assert old in text
+            text = text.replace(old, new, 1)
+        path = tmp_path / "mine.edp"
+        path.write_text(text)
+        with pytest.raises(InputError) as refusal:
+            freefem.export(path, tmp_path / "export", SMALL if parameters is None else parameters)
+        message = str(refusal.value)
+        assert "\n" not in message and str(tmp_path) not in message
+        return message
+
+    return check
+
+
+def place(message: str) -> int:
+    """The line that a message names, of the user's file."""
+    return int(re.search(r"mine.edp line (\d+)", message)[1])
+
+
+def line_of(text: str) -> int:
+    """The line of the scene with some text."""
+    return next(number for number, line in enumerate(SCENE.splitlines(), 1) if text in line)
+
+
+# ---- what the text shows -------------------------------------------------------------------------
+
+@pytest.fixture
+def without_freefem(monkeypatch):
+    """Nothing is started."""
+    monkeypatch.setattr(freefem.environment, "run_child", None)
+
+
+NAMED = ["young", "poisson", "support", "load1", "amplitude1", "contact", "friction"]
+
+
+@pytest.mark.usefixtures("without_freefem")
+@pytest.mark.parametrize("name", NAMED)
+def test_a_macro_that_does_not_end(said, name):
+    line = SCENE.splitlines()[line_of(f"macro {name}") - 1]
+    message = said((line, line.removesuffix("//")))
+    assert name in message and "//" in message and place(message) == line_of(f"macro {name}")
+
+
+@pytest.mark.usefixtures("without_freefem")
+@pytest.mark.parametrize("old, new, words", [
+    ("-10.) //", "-10. //", "load1"), ("u2 = 0.) //", "u2 = 0.)) //", "support"),
+    ("amplitude1(t) t", "amplitude1() 1.", "amplitude1(t)"),
+    ("amplitude1(t) t", "amplitude1(t, s) t", "amplitude1(t)"),
+    ("amplitude1(t) t", "amplitude1 t", "amplitude1(t)"),
+    ("young() 1000.", "young(x) x", "young()"), ("contact() 1", "contact() ", "label"),
+    ("rectangle(0., 2., 0., 1.);", "addBody(rectangle(0., 2., 0., 1.))", "addBody(square"),
+    ("rectangle(0., 2., 0., 1.);", "body = rectangle(0., 2., 0., 1.);", "square"),
+    ('physical("friction"', 'physical("out"', "out"),
+    ('physical("friction"', 'physical("rtol"', "rtol"),
+    ('physical("friction"', 'physical("steps"', "steps"),
+    ('physical("friction"', 'physical("my friction"', "my friction"),
+    ("real F", "real x = 1.; real F", "'x'"), ("real F", "real area = 1.; real F", "'area'"),
+    ("real F", "int[int] traction(3); real F", "'traction'"),
+    ('units("mm"', 'units("µm"', "µ"), ("MPa", "MPä", "ä"),
+    ('include "export.idp"', 'include "export.idp"\ninclude "export.idp"', "second time"),
+])
+def test_what_the_text_shows(said, old, new, words):
+    message = said((old, new))
+    extra = new.count("\n")  # the second of two includes is the one too many
+    assert words in message and place(message) == line_of(old) + extra
+
+
+@pytest.mark.usefixtures("without_freefem")
+@pytest.mark.parametrize("content, words", [
+    (b"", "empty"), (b"// nothing\n/* real a;\n*/\n", "empty"), (bytes(range(256)), "text"),
+    (b"\xef\xbb\xbf" + SCENE.encode(), "byte order mark"), (SCENE.encode("utf-16"), "text"),
+    (SCENE.replace('include "scene.idp"', "").encode(), "scene.idp")])
+def test_files_that_are_no_scene(tmp_path, content, words):
+    path = tmp_path / "mine.edp"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=words):
+        freefem.export(path, tmp_path / "export", {})
+    assert not (tmp_path / "export").exists()
+
+
+def test_every_shipped_scene_passes():
+    for path in (*freefem.SCENES.glob("*.edp"), *freefem.SCENES.glob("hard/*.edp")):
+        grammar.check(path)
+
+
+def test_what_is_no_mistake(tmp_path):
+    """Comments in any encoding, macros over several lines, code that is commented out."""
+    path = tmp_path / "mine.edp"
+    text = SCENE.replace("2., -10.", "2.,\n    -10.").replace(
+        "real F", "/* macro load1() traction(3,\n*/\nfunc real g(real x, real N) { real y = x; "
+        "return y; }\nreal F")
+    path.write_bytes("// Körper\n".encode("latin1") + text.replace("\n", "\r\n").encode())
+    freefem.export(path, tmp_path / "export", SMALL)
+
+
+def test_parameters_may_have_capitals(tmp_path):
+    path = tmp_path / "mine.edp"
+    path.write_text(SCENE.replace('physical("friction"', 'physical("E_Modul"'))
+    manifest = freefem.export(path, tmp_path / "export", {**SMALL, "e_modul": "0.7"})
+    assert manifest.parameters["E_Modul"] == 0.7
+
+
+def test_names_of_freefem_are_what_the_library_has_undeclared():
+    """Every name of a value or function that the library reads and nowhere declares is known."""
+    code = "\n".join(script._without_texts(path.read_text())
+                     for path in freefem.environment.LIBRARY.rglob("*.idp"))
+    for name in ("x", "y", "N", "area", "hTriangle", "lenEdge", "nTonEdge", "pi", "P1dc1", "P2dc"):
+        assert re.search(rf"\b{name}\b", code) and name in grammar.BUILT_IN
+
+
+# ---- what FreeFEM trips over ---------------------------------------------------------------------
+
+@pytest.mark.parametrize("old, new, words", [
+    ("traction(3, 2., -10.)", "100.", "load1"),  # the wrong kind
+    ("contact() 1", 'contact() "bottom"', "contact"),
+    ("traction(3, 2., -10.)", "traction(3, -10.)", "traction(label, px, py)"),
+    ("traction(3, 2., -10.)", "tracton(3, 2., -10.)", "did you mean traction"),
+    ("traction(3, 2., -10.)", "traction(3, 2., q)", "'q'"),
+    ("amplitude1(t) t", "amplitude1(s) t", "argument of an amplitude"),
+    ("quasistatic(1.)", "quasistatic()", "arguments"),
+    # numbers that are none
+    ("-10.)", "1./0.)", "load1"), ("-10.)", "1e400)", "load1"), ("-10.)", "sqrt(-x - 1))", "load1"),
+    ("amplitude1(t) t", "amplitude1(t) sqrt(t - 0.5)", "amplitude1"),
+    ("amplitude1(t) t", "amplitude1(t) 1./(t - 0.5)", "amplitude1"),
+    ("young() 1000.", "young() 0./0.", "young"), ("young() 1000.", "young() 1e400", "young"),
+    ("poisson() 0.3", "poisson() 0.5", "poisson"),
+    ("friction() F", "friction() sqrt(x - 1)", "friction"), ("() F", "() 1e400", "friction"),
+    # what has no meaning together
+    ("macro friction() F //", "macro friction() F // \nmacro pairGap() 0.1 //", "contactPair"),
+    ("macro friction() F //", "macro friction() F // \nmacro amplitude3(t) t //", "amplitude3"),
+    ("u2 = 0.) //", "u2 = 0.1) //", "displacement1"), ("traction(3,", "traction(33,", "33"),
+    ("contact() 1", "contact() 11", "11"),
+    ("macro poisson() 0.3 //", "macro c11() 1. // \nmacro poisson() 0.3 //", "young and c11"),
+    ("rectangle(0., 2., 0., 1.);", "rectangle(0., 2., 0., 1.); rectangle(0., 1., 0., 1.);",
+     "twice"),
+    ("rectangle(0., 2., 0., 1.);", "rectangle(0., 1e400, 0., 1.);", "finite"),
+])
+def test_what_freefem_trips_over(said, old, new, words):
+    message = said((old, new))
+    assert words in message
+    assert place(message) == line_of(old) + ("// \nmacro a" in new or "// \nmacro pairG" in new)
+
+
+def test_a_statement_without_its_end_is_found(said):
+    """FreeFEM names the next statement, which comes behind all macros."""
+    assert f"line {line_of('quasistatic')} may lack its ;" in said(("(1.);", "(1.)"))
+
+
+BODY = ("rectangle(0., 2., 0., 1.);", "{}")
+
+
+@pytest.mark.parametrize("text, words", [
+    ("body = square(2, 2); body = movemesh(body, [x, y*1e-8]);", "nearly flat"),
+    ("body = square(2, 2); body = movemesh(body, [x, y + 2*(y < 0.7)*(y > 0.2)]);", "movemesh"),
+    ("addBody(square(2, 2)) addBody(square(int(1/5), 1))", "far too large"),
+    ("border a(t=0, 1) { x = t; y = t*t; label = 1; } body = buildmesh(a(5));", "close a curve"),
+    ('body = readmesh("none.msh");', "mesh file"), ("", "rectangle(...)")])
+def test_bodies_that_are_none(said, text, words):
+    assert words in said((BODY[0], text), parameters={})
+
+
+@pytest.mark.parametrize("name, value", [
+    ("subdomains", "999999x999999"), ("subdomains", "4294967297"), ("cells", "1000000"),
+    ("steps", "1000000000")])
+def test_absurd_numbers_are_refused_at_once(said, name, value):
+    assert name in said(parameters={**SMALL, name: value})
+
+
+@pytest.mark.parametrize("code", ["exit(0);\n", ""])
+def test_a_scene_that_exports_nothing(said, code):
+    assert "export.idp" in said(('include "export.idp"\n', code))
+
+
+def test_errors_behind_the_export_are_not_a_macros(said):
+    message = said(('include "export.idp"\n', 'include "export.idp"\nreal a = 1./0.;\n'))
+    assert place(message) == line_of("export.idp") + 1 and "amplitude" not in message
+
+
+def test_every_macro_with_a_kind_is_put_where_it_is_expected(tmp_path):
+    """Names that the scene and the rooms have in common with the table of kinds."""
+    declarations.write(tmp_path)
+    text = (tmp_path / declarations.MESSAGES / "contents.idp").read_text()
+    known = {name for macro in all_macros() for name in macro.names}
+    checked = set(re.findall(r"libContent(\w+)\(", text))
+    assert checked <= known and {"load1", "load9", "gap", "friction", "c33", "support"} <= checked
+
+
+def test_traces_name_what_is_evaluated():
+    output = "evaluating: load1\nevaluating: young\n"
+    assert explain.EVALUATING.findall(output) == ["load1", "young"]

@@ -1,0 +1,124 @@
+"""The answer does not depend on the cut: every scene that ships in 1 to 16 subdomains and more.
+
+By default a sample; `make test-long` runs all scenes, hard ones included, with P1 and P2.
+
+What may differ: a QP leaves a residual of RTOL ||d|| in displacements that are larger than those
+under contact, and forces differ by that times the stiffness: ||d|| is up to 1e3 times the
+displacement of a glued body in contact, forces react up to 1e2 times as strongly where contact
+changes. FORCES allows this with RTOL = 1e-11. Displacements may jump by PRIMAL_RTOL at every
+interface on the way, of which there are fewer than 10: DISPLACEMENTS.
+"""
+
+import re
+
+import numpy as np
+import pytest
+
+from driver import environment
+from driver.scene import freefem
+
+TIGHT = {"rtol": 1e-11, "friction_rtol": 1e-10, "primal_rtol": 1e-7}
+FORCES, DISPLACEMENTS = 1e-6, 1e-6
+EDP = environment.ROOT / "edp"
+# coarse meshes and few steps; scenes that are not named here have no steps to choose
+STEPS = {"steps": 4}
+OPTIONS = {
+    "bar": STEPS, "bracket": {**STEPS, "h": 8}, "cohesion": STEPS, "hertz": {"h": 0.004},
+    "hertz-bodies": {"h": 0.004}, "joint": {"h": 2, "steps": 5},
+    "mindlin": {"h": 0.004, "steps": 5}, "mindlin-bodies": {"steps": 3, "h": 3e-4}, "model": STEPS,
+    "model-frictionless": STEPS, "model-tresca": STEPS, "patch-bodies": {"h": 0.2},
+    "pin": {"h": 1}, "pressfit": {"h": 2}, "punch": {"h": 0.1, "steps": 3},
+    "stack": {**STEPS, "h": 0.2}, "thermal": STEPS, "tutorial": {**STEPS, "h": 4},
+    "wedge": {**STEPS, "h": 5}, "zones": STEPS, "hard/block": STEPS, "hard/cycles": STEPS,
+    "hard/fibre": STEPS, "hard/held": {**STEPS, "n": 6}, "hard/pair": {**STEPS, "h": 0.25},
+    "hard/pieces": {**STEPS, "nx": 8, "ny": 4}, "hard/slope": {**STEPS, "n": 6},
+    "hard/tower": STEPS, "hard/wedge": {**STEPS, "n": 6},
+}
+SCENES = sorted(path.relative_to(EDP).with_suffix("").as_posix()
+                for path in (*EDP.glob("*.edp"), *EDP.glob("hard/*.edp")))
+
+
+@pytest.fixture(scope="module")
+def one_mesh(tmp_path_factory):
+    """one_mesh(scene): path of the scene on one mesh for all cuts.
+
+    A rectangle is meshed anew for every number of subdomains; here it becomes a body of 4 rows of
+    cells.
+    """
+    folder = tmp_path_factory.mktemp("one-mesh")
+
+    def make(name: str):
+        path = freefem.find_scene(name)
+        text = path.read_text().replace('include "model-body.idp"',
+                                        (EDP / "lib" / "model-body.idp").read_text())
+        sides = re.search(r"^ *rectangle\(([^;]*)\);", text, re.MULTILINE)
+        if not sides:
+            return path
+        x0, x1, y0, y1 = (f"({side.strip()})" for side in sides[1].split(","))
+        mesh = (f"body = square(max(2., round(4*({x1} - {x0})/({y1} - {y0}))), 4,\n"
+                f"  [{x0} + ({x1} - {x0})*x, {y0} + ({y1} - {y0})*y]);")
+        turned = r"{ real turn = (\1)*pi/180; body = movemesh(body,\n" \
+                 r"  [cos(turn)*x - sin(turn)*y, sin(turn)*x + cos(turn)*y]); }"
+        text = re.sub(r"rotate\(([^;]*)\);", turned, text.replace(sides[0], mesh))
+        made = folder / f"{name.replace('/', '-')}.edp"
+        made.write_text(text)
+        return made
+
+    return make
+
+
+def assert_same(found, expected, where):
+    """Contact forces and displacements of two runs, step by step, node by node; else quantities."""
+    assert (found.status, found.reason) == (0, ""), where
+    assert found.summary["steps"] == expected.summary["steps"], where
+    if not expected.contact:
+        for name, value in expected.summary["quantities"].items():
+            assert found.summary["quantities"][name] == pytest.approx(value, rel=FORCES), where
+        return
+    (one, place), (other, same_place) = map(_ordered, (found, expected))
+    np.testing.assert_allclose(place, same_place, atol=1e-9 * np.abs(place).max(), err_msg=where)
+    forces, others = one["weight"] * one["sigma"], other["weight"] * other["sigma"]
+    assert np.abs(forces - others).max() < FORCES * np.abs(others).max(), where
+    if any("one answer of many" in line for line in expected.summary["warnings"]):
+        return
+    largest, expected_largest = (run.history["max_displacement"] for run in (found, expected))
+    allowed = DISPLACEMENTS * expected_largest.max()
+    assert np.abs(largest - expected_largest).max() < allowed, where
+    assert np.abs(one["u"] - other["u"]).max() < allowed, where
+
+
+def _ordered(run):
+    """Columns with the nodes in an order that the cut does not change, and the nodes' places.
+
+    `sigma` and `u` (2, steps, nodes) are normal and tangential.
+    """
+    c = run.contact
+    order = np.lexsort([np.round(c[name][0], 9) for name in ("normal_x", "y", "x")])
+    columns = {name: np.array([c[f"{name}_n"], c[f"{name}_t"]])[:, :, order]
+               for name in ("sigma", "u")}
+    place = np.column_stack([c["x"][0], c["y"][0]])[order]
+    return columns | {"weight": c["weight"][:, order]}, place
+
+
+def compare(solved, scene, options, cuts) -> None:
+    """The scene in `cuts` against the first of them."""
+    runs = [solved(scene, subdomains=cut, **TIGHT, **options) for cut in cuts]
+    for cut, run in zip(cuts, runs):
+        assert_same(run, runs[0], f"SUBDOMAINS={cut}")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("element", ["P1", "P2"])
+@pytest.mark.parametrize("scene", SCENES)
+def test_every_cut_gives_the_same_answer(solved, one_mesh, scene, element):
+    compare(solved, one_mesh(scene), {"element": element, **OPTIONS.get(scene, {})}, range(1, 17))
+
+
+@pytest.mark.parametrize("scene, options, cuts", [
+    ("hard/pair", {}, (1, 6, 8)),  # upper pieces on two corners of a horizontal line
+    ("hard/tower", {"element": "P2"}, (1, 5, 9)),
+    ("hard/pieces", {"element": "P2-mixed"}, (1, 7)),
+    ("model", {}, (3, 16, 64)),  # 64 triangles: one each
+], ids=lambda value: value if isinstance(value, str) else "")
+def test_a_sample_of_cuts(solved, one_mesh, scene, options, cuts):
+    compare(solved, one_mesh(scene), {**options, **OPTIONS[scene], "steps": 2}, cuts)
