@@ -19,7 +19,7 @@ from ..results.record import Record
 from ..results.relinearization import linearized
 from ..scene import freefem
 from .between_steps import departures
-from .budget import (CAUTION, SAFETY, UNBOUNDED, Part, advice, coarser, extrapolate,
+from .budget import (CAUTION, OF_TIME, UNBOUNDED, Part, advice, coarser, extrapolate,
                      formal_order, mesh_knob, name_of, ratio, summed)
 
 # a loose fixed point may stop where a much tighter one does: the companion's is this at most
@@ -169,10 +169,12 @@ class Companions:
         return [{}, *({self.knob: size} for size in sizes[1:])], ratios
 
     def _adapted(self) -> tuple[list[dict], list[float]]:
-        """Meshes of the last two cycles but one; the elements' length follows from their number."""
+        """Meshes of the last two cycles but one; a cycle lessens errors like a halved size.
+
+        It does so where a uniform mesh does not: the number of its elements would say too little.
+        """
         meshes = [{}, *({"cycle": k} for k in reversed(range(len(self.levels.cycles))))][:3]
-        count = [self.levels.problem(**mesh).manifest.nodes for mesh in meshes]
-        return meshes, [max(1.1, (a / b) ** 0.5) for a, b in zip(count, count[1:])]
+        return meshes, [2.0] * (len(meshes) - 1)
 
     def _meshed(self, size: float) -> bool:
         """Whether the scene can be had at a mesh size; if not, a note says why."""
@@ -286,7 +288,7 @@ class Companions:
                                   formal_order(source, self.manifest.element, name), value,
                                   source == "time" or name not in UNBOUNDED,
                                   source == "mesh" and name in self.singular,
-                                  CAUTION[name] if source == "mesh" else SAFETY)
+                                  CAUTION[name] if source == "mesh" else OF_TIME)
                 for name, value in self.values.items()}
 
 
