@@ -141,7 +141,8 @@ RUNS = (
 
 # numerical parameters of scenes, which FreeFEM checks
 MESHES = (
-    Option("subdomains", text("NxM|n|auto|piece"), None, EXPORT, MESHING, "structured cut, number of "
+    Option("subdomains", text("NxM|n|auto|piece"), None, EXPORT, MESHING,
+           "structured cut, number of "
            "parts by the graph partitioner, or parts as the scene numbers them", "the scene's"),
     Option("cells", text("n"), None, EXPORT, MESHING,
            "cells along a subdomain's side; of scenes on rectangles", "the scene's"),
@@ -159,7 +160,8 @@ SETTINGS = (
            "QP: projected gradient over the displacements that multipliers overcome, at first"),
     Option("friction_rtol", POSITIVE, 1e-6, SOLVER, SOLVING,
            "fixed point: change of lambda_n over lambda_n; balance of bodies without support"),
-    Option("primal_rtol", POSITIVE, 1e-6, SOLVER, SOLVING, "all residuals in summary.json, relative "
+    Option("primal_rtol", POSITIVE, 1e-6, SOLVER, SOLVING,
+           "all residuals in summary.json, relative "
            "to deformations and forces; where one is larger, the step goes on with tighter RTOL "
            "and FRICTION_RTOL, and ends with status 4 if that does not lower it"),
     Option("max_fixed_point", whole("a whole number", 1), 100, SOLVER, SOLVING,

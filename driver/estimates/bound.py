@@ -242,7 +242,8 @@ class EquilibratedBound:
         values = {"vertex": np.searchsorted(body.gid, b.gid), "weight": b.weight,
                   "own_normal": b.normal_row >= 0, "own_tangential": b.tangential_row >= 0,
                   "gap": b.gap, "pressure": -state["sigma_n"], "shear": state["sigma_t"],
-                  "bound": state["bound"], "bilateral": self.state.law.bilateral, "before": state["u_t"] - state["slip"]}
+                  "bound": state["bound"], "bilateral": self.state.law.bilateral,
+                  "before": state["u_t"] - state["slip"]}
         about = None
         if b.about is not None:
             about = np.zeros((len(body.gid), 2))

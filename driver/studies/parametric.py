@@ -194,7 +194,8 @@ def _solve(problem, settings, near: np.ndarray | None) -> tuple[Outcome, np.ndar
     history, fields, u_t, failure = [], {}, solver.initial, None
     contact = operator.structure.contact
     friction = Dissipation(contact.weight, contact.gap,
-                           start(solver.effects, solver.law, contact.weight))
+                           start(solver.effects, solver.law, contact.weight,
+                                 solver.amplitudes))
 
     def add(step) -> None:
         nonlocal fields, u_t
