@@ -19,7 +19,7 @@ SPREAD := -n auto --maxprocesses 8 --dist loadfile
 UNASKED := missing-function-docstring,missing-class-docstring,unused-argument
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-long check figures $(COMMANDS) $(SCENES)
+.PHONY: help setup demo test test-long check figures report $(COMMANDS) $(SCENES)
 
 help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' Makefile | expand -t 12
@@ -50,5 +50,5 @@ $(filter-out $(COMMANDS),$(SCENES)):
 	@$(DRIVER) run SCENE=$@ $(GIVEN)
 
 FINISHED = $(sort $(patsubst %/summary.json,%,$(wildcard results/*/summary.json)))
-figures:
-	@$(DRIVER) figures $(or $(OUT),$(FINISHED))
+figures report:
+	@$(DRIVER) $@ $(or $(OUT),$(FINISHED))

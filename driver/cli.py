@@ -14,6 +14,7 @@ from pathlib import Path
 from . import environment, options
 from .arguments import parse_pairs
 from .errors import DriverError, InputError, report_error, shortage, write_error
+from .report import study as study_page
 from .runs import launch
 from .runs import run as runs
 from .runs.request import Request
@@ -66,6 +67,14 @@ def figures(words: list[str]) -> None:
         print(*redraw(Path(word)), sep="\n")
 
 
+def report(words: list[str]) -> None:
+    """Renew the pages of finished runs and studies from their files."""
+    if not words:
+        raise InputError("no finished run to report on; 'make run SCENE=model' leaves one in "
+                         "results/model")
+    _list([study_page.write(Path(word)) for word in words])
+
+
 # ---- studies -------------------------------------------------------------------------------------
 
 def study(words: list[str]) -> None:
@@ -73,7 +82,9 @@ def study(words: list[str]) -> None:
     from .studies.study import describe as describe_study
     from .studies.study import make_study
 
-    print(describe_study(*make_study(parse_pairs(words))))
+    summary, out = make_study(parse_pairs(words))
+    study_page.write(out)
+    print(describe_study(summary, out))
 
 
 def table(words: list[str]) -> None:
@@ -87,14 +98,14 @@ def effects(words: list[str]) -> None:
     """What each declared effect of a scene changes and costs."""
     from .studies.effects import run_effects
 
-    _list(run_effects(parse_pairs(words)))
+    _leave(run_effects(parse_pairs(words)))
 
 
 def accuracy(words: list[str]) -> None:
     """What accuracy costs: sweeps of every numerical choice, or PART=locking, PART=stopping."""
     from .studies.accuracy import run_accuracy
 
-    _list(run_accuracy(parse_pairs(words)))
+    _leave(run_accuracy(parse_pairs(words)))
 
 
 def saddle(words: list[str]) -> None:
@@ -113,14 +124,14 @@ def hard(words: list[str]) -> None:
     """The hard cases: each solved and checked, or refused for a stated reason."""
     from .hard.suite import run_suite
 
-    _list(run_suite(parse_pairs(words)))
+    _leave(run_suite(parse_pairs(words)))
 
 
 def bench(words: list[str]) -> None:
     """What a run costs, beside the slides, other programs and the machine's limits."""
     from .bench.suite import run_bench
 
-    _list(run_bench(parse_pairs(words)))
+    _leave(run_bench(parse_pairs(words)))
 
 
 def docs(words: list[str]) -> None:
@@ -129,6 +140,13 @@ def docs(words: list[str]) -> None:
     from .studies.docs import renew
 
     _list(renew(options.read("docs", parse_pairs(words))["gallery"]))
+
+
+def _leave(paths: list[Path]) -> None:
+    """The files of a study, and the page that is made of them."""
+    folders = {path.parent.parent if path.parent.name == "figures" else path.parent
+               for path in paths}
+    _list([*paths, *map(study_page.write, sorted(folders))])
 
 
 def _list(paths: list[Path]) -> None:
@@ -171,7 +189,7 @@ def _stage(request: Request):
 # ---- entry ---------------------------------------------------------------------------------------
 
 ENTRIES = {entry.__name__: entry for entry in (
-    run, model, table, effects, study, accuracy, bench, hard, saddle, docs, figures, solve)}
+    run, model, table, effects, study, accuracy, bench, hard, saddle, docs, figures, report, solve)}
 
 
 def main() -> None:

@@ -3,6 +3,7 @@
 import ctypes
 import mmap
 import os
+import re
 import resource
 import shutil
 import signal
@@ -27,7 +28,14 @@ ALONE = {"OMPI_MCA_pml": "ob1", "OMPI_MCA_btl": "self", "OMPI_MCA_ess_singleton_
          "OMPI_MCA_orte_create_session_dirs": "0"}
 LEFT_BEHIND = ("OMPI_MCA_ess", "OMPI_MCA_pmix")  # what it then sets itself in the environment
 LAUNCHED = ("OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK", "SLURM_PROCID")  # set by launchers
+EVERY_STEP = "DRIVER_EVERY_STEP"  # set where each step is to be printed, not some of them
 SET_UP = "run 'make setup' (apt packages: see apt-packages.txt)"
+
+
+def version() -> str:
+    """The suite's version, which stands in pyproject.toml."""
+    text = (ROOT / "pyproject.toml").read_text()
+    return re.search(r'^version = "([^"]+)"', text, re.MULTILINE)[1]
 
 
 def start_petsc() -> None:

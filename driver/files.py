@@ -5,8 +5,9 @@ import json
 from contextlib import contextmanager
 from pathlib import Path
 
-FIGURES = ("geometry", "loading", "deformed", "contact_normal", "contact_tangential",
-           "contact_status", "convergence", "history", "adaptivity")  # of a run
+FIGURES = ("geometry", "loading", "deformed", "contact_zoom", "contact_normal",
+           "contact_tangential", "contact_status", "force_displacement", "history", "convergence",
+           "adaptivity")  # of a run
 
 
 @contextmanager

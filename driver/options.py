@@ -91,6 +91,7 @@ COMMANDS = {command.name: command for command in (
             "the matrix does not depend on {name}"),
     Command("docs", "renew what the documents take from the code and from reference files"),
     Command("figures", "redraw the figures of finished runs from their files"),
+    Command("report", "renew report.html, the page of a finished run or study, from its files"),
 )}
 
 # ---- the table -----------------------------------------------------------------------------------
@@ -120,8 +121,8 @@ RUNS = (
     *(Option("out", path(), RESULTS / folder, FRONT, (command,), "directory of the results")
       for command, folder in (("effects", "effects"), ("bench", "bench"), ("hard", "hard"),
                               ("saddle", "saddle"))),
-    Option("out", path(), None, FRONT, ("figures",), "directory of a finished run or study",
-           "all in results/"),
+    Option("out", path(), None, FRONT, ("figures", "report"),
+           "directory of a finished run or study", "all in results/"),
     Option("resume", YES_NO, True, FRONT, (*SINGLE, "effects"),
            "go on where an interrupted run of the same command has stopped"),
     Option("adapt", whole("a number of refinement cycles", 0, MOST_CYCLES), 0, FRONT,
@@ -136,13 +137,14 @@ RUNS = (
            "estimate the errors of all quantities, that in the energy norm alone, or none"),
     Option("fields", YES_NO, True, Reader.OUTPUT, SINGLE, "write the fields for ParaView"),
     Option("figures", YES_NO, True, Reader.FIGURES, (*SINGLE, "study"), "draw the figures"),
+    Option("animate", YES_NO, False, Reader.FIGURES, SINGLE,
+           "an animation of deformation and contact status (figures/animation.gif)"),
     Option("quiet", YES_NO, False, Reader.OUTPUT, (*SINGLE, "study"), "no progress on the screen"),
 )
 
 # numerical parameters of scenes, which FreeFEM checks
 MESHES = (
-    Option("subdomains", text("NxM|n|auto|piece"), None, EXPORT, MESHING,
-           "structured cut, number of "
+    Option("subdomains", text("NxM|n|auto|piece"), None, EXPORT, MESHING, "structured cut, number of "
            "parts by the graph partitioner, or parts as the scene numbers them", "the scene's"),
     Option("cells", text("n"), None, EXPORT, MESHING,
            "cells along a subdomain's side; of scenes on rectangles", "the scene's"),
@@ -157,13 +159,13 @@ MESHES = (
 # numerical options of the solver, each with a default that suits most runs; tolerances are relative
 SETTINGS = (
     Option("rtol", POSITIVE, 1e-8, SOLVER, SOLVING,
-           "QP: projected gradient over the displacements that multipliers overcome, at first"),
+           "QP: projected gradient over the displacements that multipliers overcome"),
     Option("friction_rtol", POSITIVE, 1e-6, SOLVER, SOLVING,
            "fixed point: change of lambda_n over lambda_n; balance of bodies without support"),
     Option("primal_rtol", POSITIVE, 1e-6, SOLVER, SOLVING,
-           "all residuals in summary.json, relative "
-           "to deformations and forces; where one is larger, the step goes on with tighter RTOL "
-           "and FRICTION_RTOL, and ends with status 4 if that does not lower it"),
+           "all residuals in summary.json, relative to deformations and forces; where one is "
+           "larger, the step goes on with tighter RTOL and FRICTION_RTOL, and ends with status 4 "
+           "if that does not lower it"),
     Option("max_fixed_point", whole("a whole number", 1), 100, SOLVER, SOLVING,
            "iterations of the fixed point in a time step"),
     Option("max_products", whole("a whole number", 1), 200_000, SOLVER, SOLVING,
@@ -301,7 +303,7 @@ def _check_names(command: Command, known: dict[str, Option], pairs: dict[str, st
 def usage() -> str:
     """The commands and their options as text, for `make help`."""
     groups = {"mesh options": MESHES, "solver options": SETTINGS}
-    lines = []
+    lines = [f"contact suite {environment.version()}", ""]
     for command in COMMANDS.values():
         known = options_of(command.name).values()
         words = [_word(option) if option.required else f"[{_word(option)}]" for option in known

@@ -213,7 +213,7 @@ class Scene:
         n = np.array([normal[v] / np.linalg.norm(normal[v]) for v in vertex])
         return ContactData(vertex, np.full(len(vertex), self.contact),
                            np.array([weight[v] for v in vertex]), n,
-                           dict(zip(self._columns(), (spread(self.gap), spread(self.friction), spread(1.0)))))
+                           dict(zip(self._columns(), map(spread, (self.gap, self.friction, 1.0)))))
 
 
 @dataclass

@@ -65,7 +65,8 @@ class ContactBoundary:
     normal: np.ndarray
     columns: dict[str, np.ndarray]
     gap: np.ndarray
-    paired: np.ndarray  # the node meets another body
+    family: np.ndarray  # 0 on rigid obstacles, else from 1 on the number of those in `meeting`
+    meeting: list[list[tuple[int, int]]]  # pairs of labels, together where they are one boundary
     middle: np.ndarray  # the node is the middle of an edge
     term_node: np.ndarray
     term_gid: np.ndarray
@@ -77,6 +78,11 @@ class ContactBoundary:
     clamped: ClampedContact
     corners: np.ndarray = field(default_factory=lambda: np.empty((0, 3), int))
     about: Configuration | None = None  # of pairs; None: the initial geometry
+
+    @property
+    def paired(self) -> np.ndarray:
+        """(n_c,) whether the node meets another body."""
+        return self.family > 0
 
     @property
     def tangent(self) -> np.ndarray:
@@ -108,10 +114,10 @@ def contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm,
     own = np.arange(n), nodes.gid, np.ones(n), np.zeros(n, bool)
     terms = [tuple(column[~paired] for column in own)]
     gap = effects.distance(nodes.columns, n)
-    for k, (one, two) in enumerate(manifest.contact_pairs):
+    for k, pairs in enumerate(nodes.meeting):
         here = np.flatnonzero(nodes.family == k + 1)
         nodes.weight[here], nodes.normal[here], more, (node, *term) = sides.couple(
-            one, two, nodes.gid[here])
+            pairs, nodes.gid[here])
         gap[here] += more
         terms.append((here[node], *term))
     held = held_nodes(nodes.gid, fixed)
@@ -130,8 +136,9 @@ def contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm,
     return ContactBoundary(
         *(of[order] for of in (nodes.gid, nodes.label, along.number, nodes.xy, along.arc,
                                nodes.weight, nodes.normal)),
-        {name: of[order] for name, of in nodes.columns.items()}, gap[order], paired[order],
-        np.isin(nodes.gid[order], skeleton.middles), *terms, none, none.copy(),
+        {name: of[order] for name, of in nodes.columns.items()}, gap[order],
+        nodes.family[order], nodes.meeting, np.isin(nodes.gid[order], skeleton.middles), *terms,
+        none, none.copy(),
         position[along.edges[~paired[along.edges].any(axis=1)]], clamped,
         about=sides and sides.about)
 

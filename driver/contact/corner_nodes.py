@@ -30,6 +30,8 @@ import numpy as np
 from ..errors import InputError
 
 MOST = 6  # changes of a corner's state in one step
+NOISE = 10.0  # times the tolerance of displacements: slip of a corner beyond that counts
+SLIGHT = 1e-9  # relative difference of gaps that counts as none
 DEPENDENT = 1e-8  # singular value below which rows of length one depend on one another
 
 
@@ -103,7 +105,9 @@ class CornerNodes:
 
     `nodes` (v, 2) are contact nodes; `normal`, `tangential` (v, 2) positions in the rank's dual
     vectors, -1 where it owns none; `in_normal`, `in_tangential` (v, 2) likewise in ContactRows.
-    `alone` (v,): one displacement is free, and one condition acts. `bilateral` (v, 2).
+    `alone` (v,): one displacement is free, and one condition acts. `bilateral` (v, 2). `offset`
+    (v, 2): friction forces that need no pressure. `gap` (v, 2): a corner starts with the side that
+    is nearer, alike distances with both.
     """
 
     nodes: np.ndarray
@@ -112,11 +116,18 @@ class CornerNodes:
     in_tangential: np.ndarray
     alone: np.ndarray
     bilateral: np.ndarray
+    offset: np.ndarray
+    gap: np.ndarray
+    directions: np.ndarray  # (v, 2, 2) normals
     acting: np.ndarray = field(init=False)
     switches: np.ndarray = field(init=False)
 
     def __post_init__(self):
-        self.acting = np.where(self.alone, FIRST, BOTH)
+        first, second = self.gap.T
+        alike = np.abs(first - second) <= SLIGHT * np.abs(self.gap).max()
+        nearer = np.where(alike, BOTH, np.where(first < second, FIRST, SECOND))
+        self.acting = np.where(self.alone & (nearer == BOTH), FIRST,
+                               np.where(self.bilateral.any(axis=1) & ~self.alone, BOTH, nearer))
         self.begin_step()
 
     def begin_step(self) -> None:
@@ -150,16 +161,23 @@ class CornerNodes:
         return acts[0], acts[1]
 
     # ---- which state is right --------------------------------------------------------------------
-    def switch(self, x: np.ndarray, gradient: np.ndarray, scale: np.ndarray, tol: float,
+    def switch(self, x: np.ndarray, gradient: np.ndarray, rows, scale: np.ndarray, tol: float,
                comm) -> bool:
         """Whether a corner has changed its state at multipliers x, where F x - d is `gradient`.
 
-        `scale` (owned,) times displacements over `tol` count. Collective.
+        `rows` are the ContactRows; `scale` (owned,) times displacements over `tol` count.
+        Collective.
         """
         wanted = np.zeros(len(self.nodes), int)
         for v in np.flatnonzero(self.normal[:, 0] >= 0):
-            rows = self.normal[v]
-            wanted[v] = self._wanted(v, x[rows], -gradient[rows] * scale[rows], tol)
+            n = self.normal[v]
+            wanted[v] = self._wanted(v, x[n], -gradient[n] * scale[n], tol)
+            if wanted[v] == self.acting[v] == BOTH:
+                # friction on the way would have stopped it short of one side
+                parts = self._parts(v, x, gradient, rows, scale, NOISE * tol)
+                missed = np.zeros(2, bool) if parts is None else parts[0] * x[n] < 0
+                wanted[v] = BOTH if missed.all() or not missed.any() else (
+                    SECOND if missed[0] else FIRST)
         wanted = np.sum(comm.allgather(wanted), axis=0)
         changed = (wanted != self.acting) & (self.switches < MOST)
         self.switches[changed] += 1
@@ -177,8 +195,12 @@ class CornerNodes:
         bilateral = self.bilateral[v]
         if self.acting[v] == BOTH:
             opened = ~bilateral & (force == 0) & (over < -tol)
-            if opened.all() or not opened.any():
+            if not opened.any():
                 return BOTH
+            if opened.all():  # only what rubs without pressure matters
+                opened = self.offset[v] < self.offset[v].max()
+                return BOTH if not opened.any() and not self.offset[v].any() else (
+                    SECOND if opened[0] else FIRST)
             return SECOND if opened[0] else FIRST
         own = 0 if self.acting[v] == FIRST else 1
         missed = over[1 - own]
@@ -189,40 +211,49 @@ class CornerNodes:
         return BOTH
 
     # ---- how forces are shared -------------------------------------------------------------------
-    def shared(self, x: np.ndarray, gradient: np.ndarray, rows, contact, tol: float) -> np.ndarray:
+    def shared(self, x: np.ndarray, gradient: np.ndarray, rows, scale: np.ndarray,
+               tol: float) -> np.ndarray:
         """x with the same forces at corners that have just been reached, friction's part in them.
 
         Each node rubs against the slip that brought it there, at its bound. `rows` are the
-        ContactRows, slip beyond `tol` counts.
+        ContactRows, `scale` (owned,) times slip beyond `tol` counts.
         """
         shared = x.copy()
-        arrived = (self.acting == BOTH) & (self.normal[:, 0] >= 0) & (self.tangential >= 0).all(1)
-        for v in np.flatnonzero(arrived):
+        for v in np.flatnonzero((self.acting == BOTH) & (self.normal[:, 0] >= 0)):
             n, t = self.normal[v], self.tangential[v]
-            slip = -gradient[t]
-            sign = np.where(np.abs(slip) > tol, np.sign(slip), 0.0)
-            if not sign.any():
-                continue
-            here, node = self.in_tangential[v], self.nodes[v]
-            F = np.zeros(2) if rows.coefficient is None else rows.coefficient[here]
-            c = np.zeros(2) if rows.offset is None else rows.offset[here]
-            pulls, touches = np.where(x[n] < 0, -1.0, 1.0), x[n] != 0
-            normal, tangent = contact.normal[node], contact.tangent[node]
-            rays = normal + (sign * F * pulls)[:, None] * tangent
-            force = x[n] @ normal - (sign * c * touches) @ tangent
-            if abs(np.linalg.det(rays)) < DEPENDENT:
-                continue
-            pressures = np.linalg.solve(rays.T, force)
-            if (pressures * pulls >= 0).all():
-                shared[n], shared[t] = pressures, sign * (F * np.abs(pressures) + c * touches)
+            parts = self._parts(v, x, gradient, rows, scale, tol)
+            if parts is not None and (parts[0] * x[n] >= 0).all():
+                shared[n], shared[t] = parts
         return shared
 
+    def _parts(self, v: int, x, gradient, rows, scale, tol):
+        """Pressures and friction forces (2,) each of corner v where both nodes press.
 
-def corner_nodes(structure, in_tangential: np.ndarray, bilateral: np.ndarray) -> CornerNodes | None:
+        None where it has not arrived in this step.
+        """
+        n, t = self.normal[v], self.tangential[v]
+        if (t < 0).any() or (x[n] == 0).any():
+            return None
+        slip = -gradient[t] * scale[t]
+        sign, here = np.where(np.abs(slip) > tol, np.sign(slip), 0.0), self.in_tangential[v]
+        if not sign.any():
+            return None
+        F = np.zeros(2) if rows.coefficient is None else rows.coefficient[here]
+        c = np.zeros(2) if rows.offset is None else rows.offset[here]
+        normal = self.directions[v]
+        tangent = np.column_stack([-normal[:, 1], normal[:, 0]])
+        rays = normal + (sign * F * np.sign(x[n]))[:, None] * tangent
+        if abs(np.linalg.det(rays)) < DEPENDENT:
+            return None
+        pressures = np.linalg.solve(rays.T, x[n] @ normal - (sign * c) @ tangent)
+        return pressures, sign * (F * np.abs(pressures) + c)
+
+
+def corner_nodes(structure, in_tangential: np.ndarray, law) -> CornerNodes | None:
     """The corners of a Substructure; None, which costs nothing, where there are none.
 
-    `in_tangential` (n_c,): places of the nodes' tangential rows among the rank's, or -1;
-    `bilateral` (n_c,).
+    `in_tangential` (n_c,): places of the nodes' tangential rows among the rank's, or -1; `law`: the
+    ContactLaw.
     """
     contact, (start, stop) = structure.contact, structure.row_range
     if not len(contact.corners):
@@ -233,5 +264,7 @@ def corner_nodes(structure, in_tangential: np.ndarray, bilateral: np.ndarray) ->
     def owned(rows: np.ndarray) -> np.ndarray:
         return np.where((rows >= start) & (rows < stop), rows - start, -1)
 
+    offset = np.zeros(len(contact.gid)) if law.offset is None else law.offset
     return CornerNodes(nodes, owned(normal), owned(tangential), in_tangential[nodes], rank == 1,
-                       bilateral[nodes])
+                       law.bilateral[nodes], offset[nodes], contact.gap[nodes],
+                       contact.normal[nodes])

@@ -33,6 +33,8 @@ class Scales:
     d: float = 0.0  # norm of the displacements that the QP has to overcome
     displacement: float = 0.0  # largest deformation
     force: float = 0.0  # largest contact force of a node
+    pressing: float = 0.0  # norm of all contact forces
+    forces: float = 0.0  # norm of all multipliers
     work: np.ndarray | float = 0.0  # (modes,) of absolute forces on every free rigid motion
     largest: dict = field(default_factory=dict)  # of these so far, by name
 
@@ -44,20 +46,21 @@ class Scales:
 
     def keep(self) -> None:
         """The step is over: its values count for those to come."""
-        for name in ("d", "displacement", "force", "work"):
+        for name in ("d", "displacement", "force", "pressing", "forces", "work"):
             self.largest[name] = np.maximum(self.largest.get(name, 0.0), getattr(self, name))
 
 
 def kkt_residuals(rows: ContactRows, multipliers: np.ndarray, gradient: np.ndarray,
-                  projected: float, scales: Scales, comm) -> dict[str, float]:
+                  stiffer: np.ndarray, scales: Scales, comm) -> dict[str, float]:
     """Relative KKT residuals of one time step, the largest over the contact and gluing rows.
 
     gluing, penetration: relative to the deformation; sign, cone: relative to the largest contact
-    force; complementarity: the larger of the natural residuals; stationarity: norm `projected` of
-    the projected gradient relative to `scales.d`. Renews the force in `scales`. Collective over
-    `comm`.
+    force; complementarity: the larger of the natural residuals. Movements count by `stiffer`
+    (owned,), the root of the rows' stiffness over that of the softest: where it jumps, stiff parts
+    deform by little, and a way that is nothing to the soft ones decides on their contact. Renews
+    the force in `scales`. Collective over `comm`.
     """
-    move = -gradient
+    move = -gradient * stiffer
     lambda_n, lambda_t = multipliers[rows.normal], multipliers[rows.tangential]
     force = max(np.abs(lambda_n).max(initial=0), np.abs(lambda_t).max(initial=0))
     force = comm.allreduce(float(force) if np.isfinite(force) else np.inf, op=MPI.MAX)
@@ -78,8 +81,7 @@ def kkt_residuals(rows: ContactRows, multipliers: np.ndarray, gradient: np.ndarr
     local[np.isnan(local)] = np.inf  # which MPI's maximum may lose
     comm.Allreduce(MPI.IN_PLACE, local, op=MPI.MAX)
     names = "gluing", "penetration", "sign", "cone", "complementarity"
-    stationarity = float(_over(np.array(projected), scales.d))
-    return {"stationarity": stationarity, **dict(zip(names, local.tolist()))}
+    return dict(zip(names, local.tolist()))
 
 
 def _over(values: np.ndarray, size: float) -> np.ndarray:

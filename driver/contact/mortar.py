@@ -124,15 +124,22 @@ class Coupling:
     value: np.ndarray
 
 
-def couple(first: Side, second: Side, held: np.ndarray) -> Coupling:
+def meets(first: np.ndarray, second: np.ndarray, pairs: list) -> np.ndarray:
+    """(e, o) whether edges with labels `first` (e,), `second` (o,) are to meet."""
+    return np.any([np.outer(first == one, second == two) for one, two in pairs], axis=0)
+
+
+def couple(first: Side, second: Side, held: np.ndarray, able: np.ndarray | None = None) -> Coupling:
     """Mortar coupling of two sides; InputError if a place of the first faces several places.
+
+    Edges meet where `able` (e, o) says so, by default all.
 
     A node of the first side that a support holds (`held`, (n,) bool) has no displacement to
     constrain: the next node's multiplier on the edge takes its part over, which keeps constant
     stress exact and the rows independent.
     """
     normal = first.nodal_normals()
-    e, o, start, stop = _facing_parts(first, normal, second)
+    e, o, start, stop = _facing_parts(first, normal, second, able)
     n, (dual, whole) = len(first.xy), _dual_basis(first.edges.shape, e, start, stop)
     heir = _heirs(first.edges, whole)
     rows = np.where(held[first.edges], heir, first.edges)
@@ -234,10 +241,10 @@ class Segments:
     facing: np.ndarray
 
 
-def segments(first: Side, second: Side) -> Segments:
+def segments(first: Side, second: Side, able: np.ndarray | None = None) -> Segments:
     """The parts that `couple` integrates over; ends that only rounding separates are merged."""
     normal = first.nodal_normals()
-    e, o, start, stop = _facing_parts(first, normal, second)
+    e, o, start, stop = _facing_parts(first, normal, second, able)
     near = 2 * SLIVER
     follows = np.r_[False, (e[1:] == e[:-1]) & (np.abs(start[1:] - stop[:-1]) < near)]
     start = np.where(start < near, 0.0, start)
@@ -247,9 +254,10 @@ def segments(first: Side, second: Side) -> Segments:
     return Segments(e, o, np.column_stack([start, stop]), np.column_stack(facing))
 
 
-def _facing_parts(first: Side, normal: np.ndarray, second: Side):
+def _facing_parts(first: Side, normal: np.ndarray, second: Side, able: np.ndarray | None):
     """Pairs of facing edges and the interval [start, stop] of the first edge that they share."""
-    e, o = np.nonzero(first.edge_normal @ second.edge_normal.T < FACING)
+    facing = first.edge_normal @ second.edge_normal.T < FACING
+    e, o = np.nonzero(facing if able is None else facing & able)
     ends = [_foot(first, normal, e, second.xy[second.edges[o, k]]) for k in (0, 1)]
     start, stop = np.clip(np.minimum(*ends), 0.0, 1.0), np.clip(np.maximum(*ends), 0.0, 1.0)
     keep = stop - start > SLIVER

@@ -29,8 +29,9 @@ class Nodes:
     """Contact nodes of the whole body, in no particular order; arrays of length n.
 
     `label` is that of the longest part of the dual segment, of equal ones the smallest;
-    `family` (n,) is 0 on rigid obstacles, between bodies the number of the pair, from 1 on.
-    `members` are the nodes at a vertex on a label, by (label, gid).
+    `family` (n,) is 0 on rigid obstacles, between bodies the number of those `meeting`, from 1 on:
+    the pairs of labels that are one boundary. `members` are the nodes at a vertex on a label, by
+    (label, gid).
     """
 
     gid: np.ndarray
@@ -40,6 +41,7 @@ class Nodes:
     weight: np.ndarray
     normal: np.ndarray
     columns: dict[str, np.ndarray]
+    meeting: list[list[tuple[int, int]]]
     members: dict[tuple[int, int], list[int]]
 
 
@@ -53,12 +55,20 @@ def contact_table(c: ContactData, columns: list[str], gid: np.ndarray,
     return np.column_stack([c.label, gid, c.weight, part, xy])
 
 
-def families(labels: np.ndarray, pairs: list) -> np.ndarray:
-    """(n,) 0 for labels on rigid obstacles, for the first label of pair k its number k + 1."""
-    family = np.zeros(len(labels), np.int64)
-    for k, (first, _) in enumerate(pairs):
-        family[labels == first] = k + 1
-    return family
+def _meeting(label, gid, normal, pairs: list) -> list[list[tuple[int, int]]]:
+    """The `pairs`, those together whose first labels go on in one another at a vertex.
+
+    There the conditions of either would nearly repeat, between meshes that match exactly.
+    """
+    root = list(range(len(pairs)))
+    for k, (one, _) in enumerate(pairs):
+        for i, (other, _) in enumerate(pairs[:k]):
+            here, there = np.flatnonzero(label == one), np.flatnonzero(label == other)
+            _, a, b = np.intersect1d(gid[here], gid[there], return_indices=True)
+            if ((normal[here[a]] * normal[there[b]]).sum(axis=1) >= TURN).any():
+                root = [root[i] if r == root[k] else r for r in root]
+    return [[tuple(pair) for pair, r in zip(pairs, root) if r == one]
+            for one in dict.fromkeys(root)]
 
 
 def merge_parts(table: np.ndarray, columns: list[str], pairs: list) -> Nodes:
@@ -67,7 +77,11 @@ def merge_parts(table: np.ndarray, columns: list[str], pairs: list) -> Nodes:
     Raises InputError where a vertex has more than two directions on rigid obstacles.
     """
     label, gid = table[:, :2].T.astype(np.int64)
-    node, family = _node_of_parts(label, gid, families(label, pairs), table)
+    normal = table[:, 3:5] / np.linalg.norm(table[:, 3:5], axis=1)[:, None]
+    meeting, family = _meeting(label, gid, normal, pairs), np.zeros(len(table), np.int64)
+    for k, together in enumerate(meeting):
+        family[np.isin(label, [first for first, _ in together])] = k + 1
+    node = _node_of_parts(label, gid, family, normal, table[:, -2:])
     count = int(node.max(initial=-1)) + 1
     total = np.zeros((count, table.shape[1] - 4))
     np.add.at(total, node, table[:, 2:-2])
@@ -86,14 +100,14 @@ def merge_parts(table: np.ndarray, columns: list[str], pairs: list) -> Nodes:
         members.setdefault((one, int(gid[first[of]])), []).append(of)
     return Nodes(gid[first], reported, family[first], table[first, -2:], weight,
                  total[:, 1:3] / np.linalg.norm(total[:, 1:3], axis=1)[:, None],
-                 {name: total[:, 3 + k] / weight for k, name in enumerate(columns)}, members)
+                 {name: total[:, 3 + k] / weight for k, name in enumerate(columns)}, meeting,
+                 members)
 
 
-def _node_of_parts(label, gid, family, table):
-    """(parts,) numbers of the nodes that parts belong to, and their families."""
+def _node_of_parts(label, gid, family, normal, xy) -> np.ndarray:
+    """(parts,) numbers of the nodes that parts belong to."""
     _, first, vertex = np.unique(np.column_stack([family, gid]), axis=0, return_index=True,
                                  return_inverse=True)
-    normal = table[:, 3:5] / np.linalg.norm(table[:, 3:5], axis=1)[:, None]
     apart = (normal * normal[first[vertex]]).sum(axis=1) < TURN
     node = 2 * vertex
     for kinked in np.unique(vertex[apart & (family == 0)]):
@@ -103,8 +117,8 @@ def _node_of_parts(label, gid, family, table):
         other = (normal[parts] * normal[parts[0]]).sum(axis=1) < TURN
         beside = normal[parts[other]]
         if (beside @ beside[0] < TURN).any():
-            x, y = table[parts[0], -2:]
+            x, y = xy[parts[0]]
             raise InputError(f"contact at ({x:g}, {y:g}): more than two directions meet there, on "
                              "two displacements; declare contact on less of the boundary")
         node[parts[other]] += 1
-    return np.unique(node, return_inverse=True)[1], family
+    return np.unique(node, return_inverse=True)[1]

@@ -154,4 +154,4 @@ def contact_rows(structure: Substructure, law: ContactLaw) -> ContactRows:
                        contact.tangential_row[tangential] - start, tangential,
                        contact.normal_row[tangential] - start, coefficient, offset,
                        np.flatnonzero(structure.row_kind[start : stop] == RowKind.GLUING),
-                       law.bilateral[normal], corner_nodes(structure, place, law.bilateral))
+                       law.bilateral[normal], corner_nodes(structure, place, law))

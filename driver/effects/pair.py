@@ -50,15 +50,19 @@ class PairSides:
             gids, first = np.unique(self.gid, return_index=True)
             self.about = Configuration(gids, self.u.reshape(-1, 2)[first])
 
-    def couple(self, one: int, two: int, nodes: np.ndarray):
+    def couple(self, pairs: list[tuple[int, int]], nodes: np.ndarray):
         """Weight (n,), normal (n, 2), gap (n,) and terms (node, gid, value, other body) of nodes.
+
+        `pairs` are labels whose first ones make one boundary.
 
         About a displacement w with the normals n of the displaced boundaries the condition n . [u]
         <= gap has as much room at u = w as there is distance then: gap = distance + n . [w].
         """
-        (first, gids), (second, others) = self._side(one), self._side(two)
-        pair = mortar.couple(first, second, held_nodes(gids, self.fixed))
+        (first, gids, one), (second, others, two) = map(self._side, zip(*pairs))
+        pair = mortar.couple(first, second, held_nodes(gids, self.fixed),
+                             mortar.meets(one, two, pairs))
         if not pair.weight.any():
+            one, two = pairs[0]
             raise InputError(
                 f"the boundaries {one} and {two} of a contact pair do not face each other, or a "
                 f"support holds all nodes of {one}: then name {two} first")
@@ -75,9 +79,12 @@ class PairSides:
         terms = position[pair.node], node_gid, pair.value, pair.side == 1
         return pair.weight[places], pair.normal[places], gap[places], terms
 
-    def _side(self, label: int) -> tuple[mortar.Side, np.ndarray]:
-        """The side about `about`, with the initial geometry's lengths, and gids of its nodes."""
-        here = self.label == label
+    def _side(self, labels: tuple[int, ...]) -> tuple[mortar.Side, np.ndarray, np.ndarray]:
+        """The side about `about`, with the initial geometry's lengths.
+
+        Also gids of its nodes, labels of its edges.
+        """
+        here = np.isin(self.label, labels)
         gids, first, inverse = np.unique(self.gid[here], return_index=True, return_inverse=True)
         xy, u = self.xy[here], self.u[here].copy()
         length = np.linalg.norm(xy[:, 1] - xy[:, 0], axis=1)
@@ -92,7 +99,8 @@ class PairSides:
         if self.nodes == 2:
             bow = rise[:, None] * normal
         edges = inverse.reshape(-1, self.nodes)
-        return mortar.Side(xy.reshape(-1, 2)[first], edges, normal, bow, length), gids
+        side = mortar.Side(xy.reshape(-1, 2)[first], edges, normal, bow, length)
+        return side, gids, self.label[here]
 
 
 def _outward_edges(triangles: np.ndarray) -> np.ndarray:

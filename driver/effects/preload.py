@@ -24,14 +24,16 @@ class Room(initial_state.Room):
         x, without_friction = np.zeros(op.owned), np.zeros(len(rows.tangential))
         load = solver.load(0, solver.motion, np.zeros(op.owned))
         solver.scales.renew(d=load.extent)
-        solver.qp.aim(1.0, load, x)
-        limits = rows.limits_at(op.owned, without_friction)
+        solver.qp.aim(1.0)
         for iteration in range(1, settings.max_fixed_point + 1):
-            result = solver.qp.solve(0, iteration, load.d, limits, x, 0.0)
+            limits = rows.limits_at(op.owned, without_friction)
+            result = solver.qp.solve(0, iteration, load.d, limits, np.clip(x, *limits), 0.0)
             x = result.x
-            if solver.bodies.imbalance(load, x) <= settings.friction_rtol:
+            if solver.bodies.imbalance(load, x) > settings.friction_rtol:
+                solver.bodies.follow(load, x)
+            elif rows.corners is None or not rows.corners.switch(
+                    x, result.gradient, rows, solver.qp.scale, solver.qp.tol, op.comm):
                 break
-            solver.bodies.follow(load, x)
         else:
             raise NotConverged(
                 f"preload: no equilibrium of the free bodies in {iteration} iterations")

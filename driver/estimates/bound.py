@@ -234,28 +234,30 @@ class EquilibratedBound:
         """The PairBound of every contact pair in one step, on rank 0."""
         if not self.gather.root:
             return None
-        if not self.manifest.contact_pairs:
+        if not self.boundary.meeting:
             return []
+        from ..contact.mortar import meets
         from .pair_bound import PairBound
 
         b, body, outer = self.boundary, self.body, self.operator.structure.outer_edges
         values = {"vertex": np.searchsorted(body.gid, b.gid), "weight": b.weight,
+                  "bilateral": self.state.law.bilateral,
                   "own_normal": b.normal_row >= 0, "own_tangential": b.tangential_row >= 0,
                   "gap": b.gap, "pressure": -state["sigma_n"], "shear": state["sigma_t"],
-                  "bound": state["bound"], "bilateral": self.state.law.bilateral,
-                  "before": state["u_t"] - state["slip"]}
+                  "bound": state["bound"], "before": state["u_t"] - state["slip"]}
         about = None
         if b.about is not None:
             about = np.zeros((len(body.gid), 2))
             about[np.searchsorted(body.gid, b.about.gid)] = b.about.u
         pairs = []
-        for labels in self.manifest.contact_pairs:
-            first, second = (np.searchsorted(body.gid, outer[outer[:, 2] == label, :2])
-                             for label in labels)
-            nodes = {name: value[b.label == labels[0]] for name, value in values.items()}
+        for k, together in enumerate(b.meeting):
+            sides = [outer[np.isin(outer[:, 2], labels)] for labels in zip(*together)]
+            first, second = (np.searchsorted(body.gid, side[:, :2]) for side in sides)
+            able = meets(*(side[:, 2] for side in sides), together)
+            nodes = {name: value[b.family == k + 1] for name, value in values.items()}
             bilateral = bool(nodes.pop("bilateral").all())
-            pairs.append(PairBound(body.mesh, first, second, nodes, self.state.frictional,
-                                   bilateral, about))
+            pairs.append(PairBound(body.mesh, first, second, nodes, able,
+                                   self.state.frictional, bilateral, about))
         return pairs
 
     def _forces(self, pairs: list | None, state: dict) -> list[np.ndarray]:

@@ -38,6 +38,8 @@ import dataclasses
 
 import numpy as np
 
+from ..units import spelt
+
 # orders of the elements for functionals, and of the implicit Euler method. Functionals gain twice
 # the order in the energy norm: 1 with linear elements, with quadratic ones 3/2, as stresses have
 # kinks where contact begins and ends (Moussaoui, Khodja, Comm. PDE 17 (1992) 805-826)
@@ -217,12 +219,8 @@ SOURCES = {"mesh": "mesh", "time": "time step", "friction": "friction's fixed po
 
 
 def unit(name: str, units: dict) -> str:
-    """Unit of a quantity in the scene's units."""
-    stress, length = UNITS[name]
-    parts = [units["stress"]] if stress else []
-    if length:
-        parts.append(units["length"] + ("²" if length == 2 else ""))
-    return " ".join(part for part in parts if part[0] != "1") or "1"
+    """Unit of a quantity in the scene's units, as engineers spell it."""
+    return spelt(*UNITS[name], units)
 
 
 def share(error: float | None, value: float) -> str:

@@ -68,11 +68,21 @@ class EnergyEstimator:
         if reason := Effects(self.manifest).no_estimate(step.weights):
             return Estimate(step.index, reason=reason)
         displacements = self.operator.deformations(step.multipliers, step.weights)
+        if self.bound is not None and self._changes_kind():
+            return Estimate(step.index, reason="where bilateral and unilateral contact meet "
+                            "tractions between their nodes have no single sign")
         if self.bound is not None:
             return self.bound.estimate(step, state, displacements)
         if self.quadratic:
             return self._recover_quadratic(step, displacements)
         return self._recover(step, displacements)
+
+    def _changes_kind(self) -> bool:
+        """Whether a contact edge lies between a bilateral and a unilateral node."""
+        b, bilateral = self.contact.boundary, self.contact.law.bilateral
+        edges = b.edges[(b.edges < len(bilateral)).all(axis=1)]
+        return bool((bilateral[edges[:, 0]] != bilateral[edges[:, 1]]).any() or any(
+            len(np.unique(bilateral[b.family == k + 1])) > 1 for k in range(len(b.meeting))))
 
     def _recover_quadratic(self, step: Step, displacements: list[np.ndarray]) -> Estimate | None:
         """As `_recover`, for stresses that are linear on the triangles."""

@@ -91,16 +91,18 @@ class PairBound:
     """Tractions t* and admissible displacements of one contact pair in one step; on rank 0."""
 
     def __init__(self, mesh: Mesh, first: np.ndarray, second: np.ndarray, nodes: dict,
-                 frictional: bool, bilateral: bool, about: np.ndarray | None = None):
+                 able: np.ndarray, frictional: bool, bilateral: bool,
+                 about: np.ndarray | None = None):
         """`first`, `second` (e, 2): vertices of the boundary edges of both sides.
 
         `nodes`: arrays over the pair's contact nodes: vertex, weight, own_normal, own_tangential
         (whether it has such a row), gap, pressure, shear, bound, before (tangential jump at the end
-        of the step before). `about` (vertices, 2): displacements of the linearization, or None.
+        of the step before). `able` (e, o): which edges are to meet. `about` (vertices, 2):
+        displacements of the linearization, or None.
         """
         self.mesh, self.frictional, self.bilateral = mesh, frictional, bilateral
         self.first, self.second = (_Boundary.of(mesh, side, about) for side in (first, second))
-        self.parts = mortar.segments(self.first.side, self.second.side)
+        self.parts = mortar.segments(self.first.side, self.second.side, able)
         self.normal = self.first.side.nodal_normals()
         self.tangent = _turned(self.normal)
         n, edges = len(self.first.vertex), self.first.side.edges

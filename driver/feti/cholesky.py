@@ -26,8 +26,8 @@ from scipy.sparse.csgraph import connected_components
 from ..errors import NoSolution
 
 cholmod.options.update(supernodal=2, nmethods=1)  # L L'; the given order and no other
-NOT_HELD = ("a subdomain is not held by its corners and supports (zero pivot), or its stiffness is "
-            "not positive definite; check material and supports")
+SINGULAR = ("stiffness is not positive definite to rounding, which no cut can cause: check whether "
+            "the material varies by many orders of magnitude and triangles are next to degenerate")
 
 
 class TornFactor:
@@ -79,11 +79,11 @@ def _factorized(lower: spmatrix, extra: np.ndarray | None = None):
     try:
         cholmod.numeric(lower, factor)
     except ArithmeticError:
-        raise NoSolution(NOT_HELD) from None
+        raise NoSolution(f"a subdomain's {SINGULAR}") from None
     # a pivot is what is left of a dof's stiffness when those before it give way
     pivots = np.array(cholmod.diag(factor)).ravel() ** 2
     if not np.all(pivots > len(pivots) * np.finfo(float).eps * diagonal):
-        raise NoSolution(NOT_HELD)
+        raise NoSolution(f"a subdomain's {SINGULAR}")
     return factor
 
 

@@ -5,7 +5,9 @@ corners) as its kernel; springs of small stiffness 1/rho hold them (see free_mot
 
     S_rho^-1 = P S_cc^+ P + rho Q Q',   P = I - Q Q'.
 
-S_cc^+ comes from a matrix in which as many dofs are pinned as there are motions.
+S_cc^+ comes from a matrix in which as many dofs are pinned as there are motions: where the motions
+are independent at the pinned dofs, as QR with pivoting chooses them, only u = 0 has no energy. That
+there are no other motions follows from the choice of corners (corners.py).
 """
 
 import numpy as np
@@ -14,6 +16,7 @@ from scipy.linalg import qr
 from scipy.sparse import coo_matrix, diags
 
 from ..errors import NoSolution
+from .cholesky import SINGULAR
 from .factorization import factorized, petsc_matrix
 from .gathering import Gathering, joined
 from .reduction import LocalClass
@@ -26,7 +29,7 @@ class CoarseProblem:
     Corner dofs are stacked class by class as `LocalClass.corners` says; `numbers` are their numbers
     in the coarse problem. `factor_entries` is the number of entries of the factor, `foreign` that
     of corner dofs on other ranks. `rho` (modes,) are the springs' compliances, zero until they are
-    set. Raises NoSolution if the structure is a mechanism.
+    set. Raises NoSolution if S_cc is singular but for them.
     """
 
     def __init__(self, structure: Substructure, classes: list[LocalClass], comm):
@@ -45,14 +48,13 @@ class CoarseProblem:
             self._factorize(_assembled(structure, classes, comm))
 
     def _factorize(self, S) -> None:
-        """Factorize S_cc (CSR), pinned where bodies are free. Raises NoSolution of a mechanism."""
+        """Factorize S_cc (CSR), pinned where bodies are free. Raises NoSolution if singular."""
         matrix = petsc_matrix(self._pinned(S))
         mumps = factorized(matrix, "mumps")
         checked = mumps.getFactorMatrix()
         negative, _, _ = checked.getInertia()
         if negative or checked.getMumpsInfog(28):
-            raise NoSolution("the structure is a mechanism: parts of a body can move without "
-                             "deforming, hinged on single points")
+            raise NoSolution(f"the coarse problem's {SINGULAR}")
         self.factor_entries = checked.getMumpsInfog(29)
         # MUMPS vouches for the matrix; CHOLMOD's triangular solves are several times faster
         self._factor = factorized(matrix, "cholmod")

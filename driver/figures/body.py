@@ -1,161 +1,207 @@
-"""Pictures of the whole body: its parts and loads, and its deformation."""
+"""The deformed bodies with their stress, as a whole and at the contact where that is small.
 
-import math
+Displacements are magnified where they are small, but not so far that bodies that touch would run
+through each other or through an obstacle in the picture: gaps are not magnified. The von Mises
+stress is that of the averaged stresses at the nodes.
+"""
+
+from dataclasses import replace
 
 import numpy as np
 from matplotlib.collections import LineCollection
-from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from scipy.spatial import cKDTree
 
-from .layout import run_header, map_axes, shrink_to_body
-from .outline import bodies, outer, outward_edges, right_of, sample
-from .reading import Run, select
+from .layout import map_axes, run_header, shrink_to_body
+from .obstacle import draw_obstacle, pieces, rigid_rows
+from .outline import outer
+from .reading import Mesh, Run, select
 from .scales import round_magnification, stress_scale
-from .style import BLUE, GREEN, INK, RED
+from .style import INK, RED, STATUS, status_name
 
-TINTS = ["#F1F1EC", "#DDE8F0", "#F3E6D8"]  # of bodies
-ROLES = {"free": INK, "support": BLUE, "load": RED, "contact": GREEN, "pair": GREEN}
-
-
-def hatch(axes, start, end, normal, size: float, colour) -> None:
-    """Short slanted marks outside some edges."""
-    points, edge = sample(start, end, 0.028 * size)
-    out = normal[edge]
-    tips = points + 0.034 * size * (out + np.column_stack([-out[:, 1], out[:, 0]])) / math.sqrt(2)
-    axes.add_collection(LineCollection(
-        np.stack([points, tips], axis=1), colors=colour, linewidths=0.6))
-    axes.update_datalim(tips)
+SHOWN = 0.08  # largest displacement in the picture over the body's size
+SLENDER = 0.25  # or over its smallest side, whichever is less
+LARGE = 0.03  # displacements of this part of the size are shown as they are
+OVERLAP = 0.01  # of the size: bodies may run so far through each other in the picture
+SMALL = 0.12  # a contact of this part of the size has a picture of its own
+ROOM = 3.0  # width of that picture over the length of the contact
 
 
-def foundation(axes, contact: dict, start, end, size: float, factor: float) -> None:
-    """The rigid foundation: the contact boundary moved outward by its gap and by a little more,
-    hatched."""
-    nodes = cKDTree(np.column_stack([contact["x"], contact["y"]]) * factor)
-    # Without the little more the foundation would hide the contact boundary where the gap is zero.
-    away = contact["gap"] * factor + 0.016 * size
-    shift = away[:, None] * np.column_stack([contact["normal_x"], contact["normal_y"]])
-    start, end = (p + shift[nodes.query(p)[1]] for p in (start, end))
-    axes.add_collection(LineCollection(np.stack([start, end], axis=1), colors=INK, linewidths=0.8))
-    hatch(axes, start, end, right_of(start, end), size, INK)
+def magnification(run: Run, mesh: Mesh | None = None, size: float | None = None) -> float:
+    """300 as in the slides for their model, else what shows displacements, at least 1.
 
-
-def load_arrows(axes, edges, traction: np.ndarray, label: np.ndarray, size: float) -> None:
-    """Tractions as arrows that end on the body when they push and start on it when they pull."""
-    start, end, normal = edges
-    longest = np.linalg.norm(traction, axis=1).max()
-    for name in np.unique(label):
-        own = np.flatnonzero(label == name)
-        points, edge = sample(start[own], end[own], 0.075 * size)
-        edge = own[edge]
-        arrow = 0.16 * size * traction[edge] / longest
-        points = points + 0.012 * size * normal[edge]
-        pushes = np.sum(arrow * normal[edge], axis=1) < 0
-        tails = np.where(pushes[:, None], points - arrow, points)
-        axes.quiver(*tails.T, *arrow.T, angles="xy", scale_units="xy", scale=1, color=RED,
-                    units="inches",
-                    width=0.014, headwidth=4.5, headlength=6, headaxislength=5.5, zorder=3)
-        axes.update_datalim(np.concatenate([tails, tails + arrow]))
-
-
-def paint_body(axes, xy: np.ndarray, triangles: np.ndarray, values, **style):
-    """One flat colour a triangle, as a bitmap: 1e5 triangles in a PDF would choke a reader."""
-    return axes.tripcolor(*xy.T, triangles, facecolors=values, rasterized=True, antialiased=False,
-                          **style)
-
-
-def geometry(figure: Figure, run: Run) -> None:
-    """Body, parts of its boundary, loads at amplitude one, rigid foundation and subdomains."""
-    mesh, boundary, role = run.first, run.boundary, run.boundary["role"]
-    axes, scale = map_axes(figure, run, mesh.xy)
-    xy, size = mesh.xy * scale.factor, np.ptp(mesh.xy, axis=0).max() * scale.factor
-    start, end, normal = outward_edges(boundary, mesh)
-    start, end = start * scale.factor, end * scale.factor
-    body = bodies(mesh, boundary)
-    paint_body(axes, xy, mesh.triangles, body % len(TINTS),
-               cmap=ListedColormap(TINTS), vmin=0, vmax=len(TINTS) - 1)
-    inner = LineCollection(xy[mesh.rim()[0]], colors="0.62", linewidths=0.35, rasterized=True)
-    axes.add_collection(inner)
-    for name, colour in ROLES.items():
-        own = role == name
-        if own.any():
-            lines = np.stack([start[own], end[own]], axis=1)
-            axes.add_collection(LineCollection(lines, colors=colour, capstyle="round", zorder=2.5,
-                                               linewidths=1 if name == "free" else 2.2))
-    part = {n: (start[role == n], end[role == n], normal[role == n]) for n in ROLES}
-    if (role == "support").any():
-        hatch(axes, *part["support"], size, BLUE)
-    if (role == "contact").any() and run.contact:
-        last = run.contact["step"] == run.contact["step"].max()
-        foundation(axes, select(run.contact, last), *part["contact"][:2], size, scale.factor)
-    traction = np.column_stack([boundary["traction_x"], boundary["traction_y"]])[role == "load"]
-    if np.any(traction):
-        load_arrows(axes, part["load"], traction, boundary["label"][role == "load"], size)
-    axes.autoscale_view()
-    longest = np.linalg.norm(traction, axis=1).max(initial=0)
-    stress = stress_scale(run, longest)
-    arrow = ""
-    if longest:
-        arrow = rf"longest arrow {longest * stress.factor:.3g} {stress.label} at $\varphi = 1$"
-    run_header(figure, run, "Geometry, boundary conditions and subdomains",
-               geometry_legend(run, role), arrow)
-    shrink_to_body(figure, axes)
-
-
-def geometry_legend(run: Run, role: np.ndarray) -> list:
-    """Legend entries for the boundary parts that occur."""
-    names = {"support": r"$\Gamma_u$ support", "load": r"$\Gamma_p$ traction",
-             "contact": r"$\Gamma_c$ contact, rigid foundation",
-             "pair": r"$\Gamma_c$ contact of two bodies", "free": "free"}
-    handles = [Line2D([], [], color=ROLES[n], lw=1 if n == "free" else 2.2, label=text)
-               for n, text in names.items() if (role == n).any()]
-    if run.summary["sizes"]["subdomains"] > 1:
-        handles.append(Line2D([], [], color="0.62", lw=0.6, label="subdomains"))
-    return handles
-
-
-def magnification(run: Run) -> float:
-    """300 as in the slides for their model, else what shows the largest displacement as 8%."""
-    largest = np.linalg.norm(run.last.displacement, axis=1).max()
+    `size` of the picture, by default the body's.
+    """
+    mesh = mesh or run.last
+    size = size or np.ptp(mesh.xy, axis=0).max()
     if run.scene == "model":
         return 300.0
-    size = np.ptp(run.last.xy, axis=0).max()
-    return round_magnification(0.08 * size / largest) if largest else 1.0
+    largest = np.linalg.norm(mesh.displacement, axis=1).max()
+    if largest == 0 or largest > LARGE * size:
+        return 1.0
+    shown = min(SHOWN * size, SLENDER * np.ptp(mesh.xy, axis=0).min())
+    return round_magnification(shown / largest, _without_overlap(run, mesh.time, size))
+
+
+def _without_overlap(run: Run, time: float, size: float) -> float:
+    """The magnification at which contact nodes run OVERLAP through what they meet, or closed ones
+    stand so far away from it.
+    """
+    if run.contact is None:
+        return np.inf
+    times = run.contact["time"]
+    rows = select(run.contact, times == times[np.abs(times - time).argmin()])
+    towards, closed = rows["u_n"] > 0, rows["status"] != "open"
+    room = rows["gap"][towards] + OVERLAP * size
+    limit = np.maximum(room / rows["u_n"][towards], 1.0).min(initial=np.inf)
+    gap = np.abs(rows["gap"][closed]).max(initial=0)
+    return float(min(limit, 1 + OVERLAP * size / gap if gap > 0 else np.inf))
 
 
 def deformed(figure: Figure, run: Run) -> None:
-    """Magnified deformed body with von Mises stress, and the undeformed outline."""
-    mesh, times = run.last, magnification(run)
+    """Deformed bodies with von Mises stress, obstacles, and the undeformed outline."""
+    draw_deformed(figure, run, run.last, magnification(run))
+
+
+def draw_deformed(figure: Figure, run: Run, mesh: Mesh, times: float, top: float | None = None,
+                  box: np.ndarray | None = None, more=None) -> None:
+    """The picture of one step, magnified `times`.
+
+    `top` is the highest stress of the colours and `box` (2, 2) the lower and upper ends of what is
+    shown, by default those of the step. `more`(axes, run, mesh, moved) draws and gives legend
+    entries.
+    """
     axes, scale = map_axes(figure, run, mesh.xy)
-    stress = stress_scale(run, np.percentile(mesh.von_mises, 99.5))
-    values = mesh.von_mises * stress.factor
-    top = np.percentile(values, 99.5)
-    # corner singularities, which grow with refinement, must not take all colours
-    beyond = values.max() > 1.05 * top
+    size = np.ptp(mesh.xy, axis=0).max() * scale.factor
     moved = (mesh.xy + times * mesh.displacement) * scale.factor
-    limit = top if beyond else values.max() or 1
-    picture = paint_body(axes, moved, mesh.triangles, values, cmap="viridis", vmin=0, vmax=limit)
-    handles, note = [], ""
-    if run.boundary:
-        b = {n: run.boundary[n] * scale.factor for n in ("x0", "y0", "x1", "y1")}
-        outline = np.stack([np.column_stack([b["x0"], b["y0"]]),
-                           np.column_stack([b["x1"], b["y1"]])], axis=1)
-        axes.add_collection(LineCollection(outline, colors=INK, linewidths=0.7))
-        handles.append(Line2D([], [], color=INK, lw=0.7, label="undeformed outline"))
-        # where they touch, the colours alone may not distinguish them
-        if bodies(mesh, run.boundary).max() > 0:
-            rim = moved[mesh.rim()[0][outer(mesh, run.boundary)]]
-            axes.add_collection(LineCollection(rim, colors=RED, linewidths=0.9))
-            handles.append(Line2D([], [], color=RED, lw=0.9, label="bodies"))
-            note = "gaps are not magnified: bodies overlap in the picture alone"
+    handles = _outline(axes, run, mesh, moved, scale.factor)
+    if (rows := rigid_rows(run, mesh.time)) is not None:
+        draw_obstacle(axes, rows, size, scale.factor)
+    handles += more(axes, run, mesh, moved) if more else []
     axes.autoscale_view()
-    wide = np.ptp(moved[:, 0]) > 1.3 * np.ptp(moved[:, 1])
+    if box is not None:
+        low, high = box * scale.factor
+        axes.update_datalim([low - 0.05 * size, high + 0.05 * size])
+        axes.autoscale_view()
+    extent = np.ptp(moved if box is None else box, axis=0)
+    wide = extent[0] > 1.3 * extent[1]
+    _stress(figure, axes, run, mesh, moved, wide, top)
+    title = f"Deformed {_plural(mesh)}{run.at(mesh.time)}, {_magnified(times)}"
+    run_header(figure, run, title, handles, _overlapping(run))
+    shrink_to_body(figure, axes)
+
+
+def _plural(mesh: Mesh) -> str:
+    return "bodies" if mesh.body.max() > 0 else "body"
+
+
+def _magnified(times: float) -> str:
+    """Words for the magnification."""
+    if times == 1:
+        return "displacements to scale"
+    return f"displacements magnified {times:,.0f}×".replace(",", "\u2009")
+
+
+def _overlapping(run: Run) -> str:
+    """What the run says of bodies that run through each other where no contact is declared."""
+    names = run.summary.get("validity", {}).get("overlaps", [])
+    if not names:
+        return ""
+    return "bodies overlap without declared contact: " + ", ".join(map(str, names))
+
+
+def _outline(axes, run: Run, mesh: Mesh, moved: np.ndarray, factor: float) -> list:
+    """The undeformed outline and, of several bodies, the deformed one; legend entries."""
+    if not run.boundary:
+        return []
+    b = {n: run.boundary[n] * factor for n in ("x0", "y0", "x1", "y1")}
+    lines = np.stack([np.column_stack([b["x0"], b["y0"]]), np.column_stack([b["x1"], b["y1"]])],
+                     axis=1)
+    axes.add_collection(LineCollection(lines, colors=INK, linewidths=0.5))
+    handles = [Line2D([], [], color=INK, lw=0.5, label="undeformed outline")]
+    if mesh.body.max() > 0:  # where they touch, the colours alone may not distinguish them
+        rim = moved[mesh.rim()[0][outer(mesh, run.boundary)]]
+        axes.add_collection(LineCollection(rim, colors=RED, linewidths=0.9))
+        handles.append(Line2D([], [], color=RED, lw=0.9, label="bodies"))
+    return handles
+
+
+def _stress(figure: Figure, axes, run: Run, mesh: Mesh, moved: np.ndarray, wide: bool,
+            top: float | None = None) -> None:
+    """Von Mises stress in colours, and their bar; singularities must not take all of them."""
+    stress = stress_scale(run, np.percentile(mesh.von_mises, 99.5) if top is None else top)
+    values = mesh.von_mises * stress.factor
+    limit = np.percentile(values, 99.5) if top is None else top * stress.factor
+    beyond = values.max() > 1.05 * limit
+    limit = limit if beyond or top is not None else values.max()
+    # as a bitmap: 1e5 triangles in a PDF would choke a reader
+    picture = axes.tripcolor(*moved.T, mesh.triangles, values, shading="gouraud", rasterized=True,
+                             cmap="viridis", vmin=0, vmax=limit or 1, zorder=0.5)
     bar = figure.colorbar(picture, ax=axes, location="bottom" if wide else "right", aspect=40,
                           pad=0.02, extend="max" if beyond else "neither")
     largest = f", largest value {values.max():.3g}" if beyond else ""
     bar.set_label(f"von Mises stress [{stress.label}]{largest}")
-    size = f"{times:,.0f}".replace(",", "\u2009") if times >= 1 else f"{times:g}"
-    run_header(figure, run, f"Deformed body{run.at(mesh.time)}, displacements magnified {size}×",
-               handles, note)
+
+
+# ---- at the contact ------------------------------------------------------------------------------
+
+def contact_window(run: Run) -> tuple[np.ndarray, float] | None:
+    """Middle (2,) and width of the picture of a contact that is small, None if there is none.
+
+    Of several pieces of the boundary it is the one with the largest normal force.
+    """
+    if run.contact is None or run.last is None:
+        return None
+    times = run.contact["time"]
+    rows = select(run.contact, times == times[np.abs(times - run.last.time).argmin()])
+    force = -rows["sigma_n"] * rows["weight"]
+    piece = max(pieces(rows), key=lambda own: force[own].sum())
+    closed = piece[rows["status"][piece] != "open"]
+    if not len(closed):
+        return None
+    xy = np.column_stack([rows["x"], rows["y"]])[closed]
+    size = np.ptp(run.last.xy, axis=0).max()
+    length = max(np.ptp(xy, axis=0).max(), rows["weight"][closed].sum())
+    if length > SMALL * size:
+        return None
+    width = ROOM * length if len(closed) > 2 else max(ROOM * length, SMALL * size)
+    return (xy.min(axis=0) + xy.max(axis=0)) / 2, width
+
+
+def contact_zoom(figure: Figure, run: Run) -> None:
+    """Deformed bodies at a small contact, with the status of its nodes."""
+    mesh, (middle, width) = run.last, contact_window(run)
+    near = np.abs(mesh.xy - middle).max(axis=1) < width
+    local = replace(mesh, triangles=mesh.triangles[near[mesh.triangles].any(axis=1)])
+    axes, scale = map_axes(figure, run, middle + width * np.array([[-0.5], [0.5]]))
+    moved = (mesh.xy + mesh.displacement) * scale.factor
+    if (rows := rigid_rows(run, mesh.time)) is not None:
+        draw_obstacle(axes, rows, width * scale.factor, scale.factor)
+    handles = status_nodes(axes, run, mesh, moved)
+    if mesh.body.max() > 0 and run.boundary:
+        rim = moved[mesh.rim()[0][outer(mesh, run.boundary)]]
+        axes.add_collection(LineCollection(rim, colors=RED, linewidths=0.9))
+    _stress(figure, axes, run, local, moved, True, float(mesh.von_mises[near].max()))
+    x, y = (middle + mesh.displacement[near].mean(axis=0)) * scale.factor
+    half = width * scale.factor / 2
+    axes.set(xlim=(x - half, x + half), ylim=(y - 0.55 * half, y + 0.55 * half))
+    run_header(figure, run, f"The contact{run.at(mesh.time)}, displacements to scale", handles)
     shrink_to_body(figure, axes)
+
+
+def status_nodes(axes, run: Run, mesh: Mesh, moved: np.ndarray) -> list:
+    """The contact nodes in the colours of their status; legend entries."""
+    if run.contact is None:
+        return []
+    times = run.contact["time"]
+    rows = select(run.contact, times == times[np.abs(times - mesh.time).argmin()])
+    places = np.column_stack([rows["x"], rows["y"]])
+    node = cKDTree(mesh.xy).query(places)[1]
+    started = mesh.time >= times.min() * (1 - 1e-9)
+    for status, colour in STATUS.items():
+        own = (rows["status"] == status) & started
+        axes.plot(*moved[node[own]].T, "o", ms=4, mew=0.5, mec="white", color=colour, zorder=4)
+    shown = [status for status in STATUS if (run.contact["status"] == status).any()]
+    return [Line2D([], [], ls="", marker="o", ms=5, color=STATUS[status],
+                   label=status_name(status, run.friction)) for status in shown]

@@ -8,19 +8,16 @@ from matplotlib.patches import Patch
 from .layout import PANELS, panel_grid, panels_note, run_header
 from .reading import Run, contact_boundaries, segment_ends, select
 from .scales import Scale, length_scale, stress_scale
-from .style import BLUE, INK, ORANGE, RED
+from .style import BLUE, INK, RED, STATUS, status_name
 
-STATUS = {"open": "#C8C8C8", "stick": BLUE, "slip": ORANGE}
+
+# scenes whose pressure is Hertz's
+LINE_CONTACTS = ("hertz", "hertz-bodies", "mindlin", "mindlin-bodies")
 
 
 def pale(colour: str) -> tuple:
     """A tint light enough to carry curves."""
     return tuple(0.72 + 0.28 * c for c in to_rgb(colour))
-
-
-def status_names(run: Run) -> dict:
-    """Name of each status in the legend; without friction a closed node is in contact only."""
-    return {"open": "open", "stick": "stick", "slip": "slip" if run.friction else "contact"}
 
 
 def shade_zones(axes, rows: dict, factor: float) -> None:
@@ -35,8 +32,8 @@ def shade_zones(axes, rows: dict, factor: float) -> None:
 
 def zone_handles(run: Run, status: np.ndarray, tint) -> list:
     """Legend patches for the statuses that occur; a frictionless closed node is one kind."""
-    names = status_names(run)
-    return [Patch(facecolor=tint(colour), edgecolor="0.5", lw=0.4, label=names[s])
+    return [Patch(facecolor=tint(colour), edgecolor="0.5", lw=0.4,
+                  label=status_name(s, run.friction))
             for s, colour in STATUS.items() if (status == s).any()]
 
 
@@ -89,6 +86,8 @@ def contact_panels(figure: Figure, run: Run, caption: str, panels: tuple) -> Non
     arc, stress, length = contact_scales(run, shown, *names)
     handles = {}
     for (_, rows), (above, below) in zip(shown, panel_grid(figure, shown, 2, 11)):
+        if run.scene in LINE_CONTACTS:
+            rows["theory"] = hertz(rows)
         for axes, draw, scale in ((above, panels[0], stress), (below, panels[1], length)):
             shade_zones(axes, rows, arc.factor)
             lines = draw(axes, rows, rows["arc"] * arc.factor, scale)
@@ -103,11 +102,28 @@ def contact_panels(figure: Figure, run: Run, caption: str, panels: tuple) -> Non
                [*handles.values(), *zone_handles(run, status, pale)], panels_note(boundaries))
 
 
+def hertz(rows: dict) -> np.ndarray:
+    """(n,) sigma_n of Hertz's line contact, p = p_0 sqrt(1 - (s/a)^2), with the force P of the
+    boundary's nodes and their length in contact 2a: p_0 = 2 P / (pi a).
+    """
+    force, closed = -rows["sigma_n"] * rows["weight"], rows["status"] != "open"
+    if not closed.any():
+        return np.zeros(len(force))
+    half = rows["weight"][closed].sum() / 2
+    middle = force @ rows["arc"] / force.sum()
+    shape = np.sqrt(np.maximum(0.0, 1 - ((rows["arc"] - middle) / half) ** 2))
+    return -2 * force.sum() / (np.pi * half) * shape
+
+
 def normal_stress(axes, rows: dict, arc: np.ndarray, scale: Scale) -> list:
     """sigma_n over arc."""
     axes.set_ylabel(rf"$\sigma_n$ [{scale.label}]")
-    return axes.plot(arc, rows["sigma_n"] * scale.factor, color=RED, label=r"stress $\sigma_n$",
-                     **curve_style(len(arc)))
+    lines = axes.plot(arc, rows["sigma_n"] * scale.factor, color=RED, label=r"stress $\sigma_n$",
+                      **curve_style(len(arc)))
+    if rows.get("theory") is not None:
+        lines += axes.plot(arc, rows["theory"] * scale.factor, color=INK, lw=0.9, ls=(0, (1, 1)),
+                           label="Hertz, same force and length")
+    return lines
 
 
 def normal_displacement(axes, rows: dict, arc: np.ndarray, scale: Scale) -> list:

@@ -6,10 +6,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ..files import FIGURES
-from .body import deformed, geometry
+from .body import contact_window, contact_zoom, deformed
 from .contact import contact_normal, contact_status, contact_tangential
 from .convergence import adaptivity, convergence
-from .history import history, loading
+from .geometry import geometry
+from .history import force_displacement, history, loading, loops
 from .reading import Run, read_run
 from .style import canvas, write
 
@@ -23,11 +24,13 @@ def wanted(run: Run) -> dict:
         geometry: run.boundary is not None and run.first is not None,
         loading: moving,
         deformed: run.last is not None,
+        contact_zoom: contact_window(run) is not None,
         contact_normal: touching,
         contact_tangential: touching and run.friction,
         contact_status: touching and run.quasistatic and len(np.unique(run.contact["step"])) > 1,
-        convergence: run.convergence is not None,
+        force_displacement: moving and bool(loops(run)),
         history: touching and moving,
+        convergence: run.convergence is not None,
         adaptivity: (run.adaptivity is not None and run.first is not None
                      and np.isfinite(run.adaptivity["relative"]).all()),
     }

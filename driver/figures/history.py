@@ -6,8 +6,10 @@ from matplotlib.ticker import MaxNLocator
 
 from .layout import run_header
 from .reading import Run, select
-from .scales import force_scale
+from .scales import energy_scale, force_scale, length_scale
 from .style import BLUE, GREEN, INCH, INK, ORANGE, RED
+
+CURVES = [BLUE, RED, GREEN, ORANGE, INK]
 
 
 def loading(figure: Figure, run: Run) -> None:
@@ -20,7 +22,7 @@ def loading(figure: Figure, run: Run) -> None:
         symbol = r"$\varphi(t)$" if len(histories) == 1 else rf"$\varphi_{{{name}}}(t)$"
         times = np.linspace(0, run.summary["t_end"], len(values))
         handles += axes.plot(times, values, "-", marker="osD^v"[number % 5], ms=3.2,
-                             color=[BLUE, RED, GREEN, ORANGE, INK][number % 5], label=symbol)
+                             color=CURVES[number % 5], label=symbol)
     label = r"amplitude $\varphi$ [–]" if len(histories) == 1 else "amplitude [–]"
     axes.set(xlabel="time $t$", ylabel=label)
     axes.margins(x=0.02)
@@ -31,33 +33,81 @@ def loading(figure: Figure, run: Run) -> None:
 
 
 def history(figure: Figure, run: Run) -> None:
-    """Resultant contact forces over time and, with Coulomb friction, iterations per step."""
+    """Contact forces, length in contact, work of friction; iterations of the fixed point small."""
     table = run.history
     forces = {"resultant_n": ("normal", RED, "o"), "resultant_t": ("tangential", BLUE, "s")}
     if not run.friction:
         del forces["resultant_t"]
-    figure.set_figheight((11 if run.fixed_point else 7) * INCH)
-    panels = figure.subplots(2 if run.fixed_point else 1, sharex=True, squeeze=False)[:, 0]
+    heights = [3, 2, 2, 0.8] if run.fixed_point else [3, 2, 2] if run.friction else [3, 2]
+    figure.set_figheight((3.4 + 1.35 * sum(heights)) * INCH)
+    panels = figure.subplots(len(heights), sharex=True, height_ratios=heights)
     scale = force_scale(run, np.concatenate([table[n] for n in forces]))
     handles = []
     for name, (word, colour, marker) in forces.items():
         handles += panels[0].plot(table["time"], table[name] * scale.factor, marker=marker, ms=3,
                                   color=colour, label=f"{word} resultant")
     panels[0].axhline(0, color="0.45", lw=0.5, zorder=1)
-    panels[0].set_ylabel(f"contact force [{scale.label}]")
+    panels[0].set_ylabel(f"contact force\n[{scale.label}]")
+    _over_time(panels[1], table, "contact_length", length_scale, run, "length in\ncontact")
+    if run.friction:
+        _over_time(panels[2], table, "dissipated", energy_scale, run, "work of\nfriction")
     if run.fixed_point:
         solved = select(table, table["step"] > 0)
         width = 0.7 * np.diff(solved["time"], prepend=0.0).min()
-        panels[1].bar(solved["time"], solved["fixed_point_iterations"], width, color="0.55")
-        panels[1].set_ylabel("fixed-point iterations")
-        panels[1].yaxis.set_major_locator(MaxNLocator(6, integer=True))
+        panels[3].bar(solved["time"], solved["fixed_point_iterations"], width, color="0.7")
+        panels[3].set_ylabel("iterations", fontsize=7, color="0.4")
+        panels[3].tick_params(axis="y", labelsize=7, labelcolor="0.4")
+        panels[3].yaxis.set_major_locator(MaxNLocator(2, integer=True))
     for axes in panels:
         axes.grid(color="0.9", lw=0.5)
         axes.set_axisbelow(True)
     panels[-1].set_xlabel("time $t$")
     figure.align_ylabels()
     total = int(table["fixed_point_iterations"].sum())
-    caption, note = r"Resultant forces on $\Gamma_c$", ""
-    if run.fixed_point:
-        caption, note = f"{caption} and fixed-point iterations", f"{total} fixed-point iterations"
-    run_header(figure, run, caption, handles, note)
+    note = f"{total} iterations of the fixed point" if run.fixed_point else ""
+    run_header(figure, run, r"Forces and zones on $\Gamma_c$ over time", handles, note)
+
+
+def _over_time(axes, table: dict, column: str, scale_of, run: Run, name: str) -> None:
+    """A column of history.csv in a panel of its own."""
+    scale = scale_of(run, table[column])
+    axes.plot(table["time"], table[column] * scale.factor, "o-", ms=3, color=INK)
+    axes.set_ylabel(f"{name}\n[{scale.label}]")
+    axes.yaxis.set_major_locator(MaxNLocator(4))
+    axes.set_ylim(bottom=0)
+
+
+def loops(run: Run) -> list[tuple[str, str, dict]]:
+    """(probe, x or y, its rows in time) of probes that feel a force, where they move most."""
+    if run.probes is None:
+        return []
+    found = []
+    for name in dict.fromkeys(run.probes["probe"].tolist()):
+        rows = select(run.probes, run.probes["probe"] == name)
+        axis = max("xy", key=lambda c, rows=rows: np.ptp(rows[f"u_{c}"]))
+        if np.any(rows[f"force_{axis}"]) and np.any(rows[f"u_{axis}"]):
+            found.append((name, axis, rows))
+    return found
+
+
+def force_displacement(figure: Figure, run: Run) -> None:
+    """Force over displacement of every probe that feels a force, along its largest movement."""
+    curves = loops(run)
+    figure.set_figheight(9 * INCH)
+    axes = figure.add_subplot()
+    force = force_scale(run, np.concatenate([rows[f"force_{c}"] for _, c, rows in curves]))
+    length = length_scale(run, np.concatenate([rows[f"u_{c}"] for _, c, rows in curves]))
+    handles = []
+    for number, (name, c, rows) in enumerate(curves):
+        u, f = rows[f"u_{c}"] * length.factor, rows[f"force_{c}"] * force.factor
+        colour = CURVES[number % len(CURVES)]
+        word = name.replace("label", "label ").replace("point", "point ")
+        handles += axes.plot(u, f, "o-", color=colour, ms=2.6, label=f"{word}, ${c}$")
+        axes.plot(u[0], f[0], "o", ms=7, mfc="none", mec=colour, mew=1)
+        axes.plot(u[-1], f[-1], "s", ms=6, mfc="none", mec=colour, mew=1)
+    axes.axhline(0, color="0.45", lw=0.5, zorder=1)
+    axes.axvline(0, color="0.45", lw=0.5, zorder=1)
+    axes.set(xlabel=f"displacement [{length.label}]", ylabel=f"force on the body [{force.label}]")
+    axes.grid(color="0.9", lw=0.5)
+    run_header(figure, run, "Force and displacement", handles,
+               "ring: first step, square: last step")

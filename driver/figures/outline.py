@@ -1,8 +1,6 @@
 """Geometry of boundary edges: their direction, the chains they form, points spread along them."""
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from .reading import Mesh
@@ -35,20 +33,6 @@ def outer(mesh: Mesh, boundary: dict) -> np.ndarray:
     middles = np.concatenate([start + part * (end - start) for part in (0.25, 0.5, 0.75)])
     off, nearest = cKDTree(middles).query(mesh.xy[mesh.rim()[0]].mean(axis=1))
     return off < 0.05 * np.tile(np.linalg.norm(end - start, axis=1), 3)[nearest]
-
-
-def bodies(mesh: Mesh, boundary: dict) -> np.ndarray:
-    """(m,) number of the body that each triangle belongs to, from 0."""
-    inner = mesh.rim()[0][~outer(mesh, boundary)]
-    joined = [mesh.triangles[:, :2], mesh.triangles[:, 1:]]
-    if len(inner):  # sides of two subdomains that lie on each other
-        near = 1e-9 * np.ptp(mesh.xy, axis=0).max()
-        twins = cKDTree(mesh.xy[inner].mean(axis=1)).query_pairs(near, output_type="ndarray")
-        joined.append(inner[twins, 0])
-    first, second = np.concatenate(joined).T
-    graph = coo_matrix((np.ones(len(first)), (first, second)), (len(mesh.xy),) * 2)
-    component = connected_components(graph, directed=False)[1][mesh.triangles[:, 0]]
-    return np.unique(component, return_inverse=True)[1]
 
 
 def chains(start: np.ndarray, end: np.ndarray) -> list[list[int]]:

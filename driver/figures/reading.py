@@ -11,16 +11,16 @@ import numpy as np
 from ..errors import InputError
 from ..files import read_table
 
-TABLES = ("history", "contact", "convergence", "boundary", "adaptivity")
+TABLES = ("history", "contact", "convergence", "boundary", "adaptivity", "probes")
 QUARTERS = [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]  # of a six-node triangle in VTK's order
 
 
 @dataclass
 class Mesh:
-    """Torn mesh of one step: points, triangles (m, 3), displacement (n, 2), stress (m,).
+    """Torn mesh of one step: points, triangles (m, 3), displacement (n, 2), averaged stress (n,).
 
     Of quadratic elements, vertices `corners` (e, 3), the triangles are the four that the middles of
-    their sides make.
+    their sides make. `body` and `region` (m,) are numbers.
     """
 
     time: float
@@ -28,6 +28,8 @@ class Mesh:
     triangles: np.ndarray
     displacement: np.ndarray
     von_mises: np.ndarray
+    body: np.ndarray
+    region: np.ndarray
     corners: np.ndarray
     degree: int  # of the displacements
 
@@ -54,6 +56,7 @@ class Run:
     # at the time of the quantities: the end or, where contact is lost by then, its peak
     last: Mesh | None
     adaptivity: dict | None = None
+    probes: dict | None = None
 
     @property
     def quasistatic(self) -> bool:
@@ -85,11 +88,24 @@ def read_mesh(path: Path, time: float) -> Mesh:
     data = meshio.read(path)
     kind, = data.cells_dict
     nodes = data.cells_dict[kind].astype(np.int64)
-    mises = data.cell_data_dict["von_mises"][kind].ravel()
+    if "stress" not in data.point_data:
+        raise InputError(f"{path} was written by an earlier version: run the scene again")
+    xx, yy, zz, xy = data.point_data["stress"].T
+    mises = np.sqrt(0.5 * ((xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2) + 3 * xy**2)
     parts = QUARTERS if kind == "triangle6" else [[0, 1, 2]]
+    body, region = (np.repeat(data.cell_data_dict[name][kind].ravel(), len(parts))
+                    for name in ("body", "region"))
     return Mesh(time, data.points[:, :2], nodes[:, parts].reshape(-1, 3),
-                data.point_data["displacement"][:, :2], np.repeat(mises, len(parts)), nodes[:, :3],
+                data.point_data["displacement"][:, :2], mises, body, region, nodes[:, :3],
                 2 if kind == "triangle6" else 1)
+
+
+def field_files(directory: Path) -> list[tuple[float, Path]]:
+    """Time and file of every step that fields.pvd names, in their order."""
+    if not (directory / "fields.pvd").exists():
+        return []
+    return [(float(entry.get("timestep")), directory / entry.get("file"))
+            for entry in ElementTree.parse(directory / "fields.pvd").iter("DataSet")]
 
 
 def read_run(directory: Path) -> Run:
@@ -99,13 +115,10 @@ def read_run(directory: Path) -> Run:
             raise InputError(f"{directory} holds no {name}: run the scene before drawing it")
     summary = json.loads((directory / "summary.json").read_text())
     first = last = None
-    if (directory / "fields.pvd").exists():
-        sets = [(float(d.get("timestep")), directory / d.get("file"))
-                for d in ElementTree.parse(directory / "fields.pvd").iter("DataSet")]
-        if sets:
-            wanted = summary.get("quantities_time", max(sets)[0])
-            nearest = min(sets, key=lambda entry: abs(entry[0] - wanted))
-            first, last = (read_mesh(path, time) for time, path in (min(sets), nearest))
+    if sets := field_files(directory):
+        wanted = summary.get("quantities_time", max(sets)[0])
+        nearest = min(sets, key=lambda entry: abs(entry[0] - wanted))
+        first, last = (read_mesh(path, time) for time, path in (min(sets), nearest))
     tables = {name: read_table(directory / f"{name}.csv") for name in TABLES}
     return Run(summary, first=first, last=last, **tables)
 

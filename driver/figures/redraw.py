@@ -5,7 +5,7 @@ import json
 from pathlib import Path
 
 from ..errors import InputError
-from . import accuracy, bench, effects, hard, locking, saddle, stopping, study, table
+from . import accuracy, animation, bench, effects, hard, locking, saddle, stopping, study, table
 from .gallery import draw_run
 
 TABLES = {  # first column of a study's table: what draws it
@@ -22,7 +22,8 @@ def redraw(directory: Path) -> list[Path]:
     summary = directory / "summary.json"
     if summary.is_file():
         draw = study.draw if "study" in json.loads(summary.read_text()) else draw_run
-        return draw(directory)
+        animated = (directory / "figures" / animation.NAME).exists()
+        return [*draw(directory), *([animation.draw_animation(directory)] if animated else [])]
     paths = []
     for path in sorted(directory.glob("*.csv")):
         with open(path) as file:

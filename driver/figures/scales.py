@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..units import PREFIXES, split_unit, spelt
 from .reading import Run
 
 
@@ -15,23 +16,11 @@ class Scale(NamedTuple):
     label: str
 
 
-PREFIXES = {-9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
-
-
-def split_unit(unit: str) -> tuple[int, str | None]:
-    """Exponent and base of an SI length or stress, e.g. (6, "Pa") for MPa; else base None."""
-    for base in ("Pa", "m"):
-        for exponent, prefix in PREFIXES.items():
-            if unit in (prefix + base, prefix.replace("µ", "u") + base):
-                return exponent, base
-    return 0, None
-
-
 def scale_for(unit: str, values) -> Scale:
     """Scale that brings `values` between 1 and 1000, with an SI prefix if the unit is known."""
     values = np.abs(np.asarray(values, dtype=float))
     peak = values.max(initial=0.0)
-    known, base = (split_unit(unit) if unit != "N/m" else (0, "N/m"))
+    known, base = split_unit(unit)
     thousands = 3 * math.floor(math.log10(peak * 10**known) / 3 + 1e-12) if peak > 0 else known
     if base:
         exponent = min(max(thousands, -9), 9)
@@ -54,16 +43,20 @@ def stress_scale(run: Run, values) -> Scale:
 
 def force_scale(run: Run, values) -> Scale:
     """Scale of resultants of tractions over a line, force per unit of thickness."""
-    length, stress = run.summary["units"]["length"], run.summary["units"]["stress"]
-    (a, metre), (b, pascal) = split_unit(length), split_unit(stress)
-    if metre != "m" or pascal != "Pa":
-        product = "·".join(u for u in (stress, length) if u not in ("", "1", "-"))
-        return scale_for(product, values)
-    scale = scale_for("N/m", np.asarray(values) * 10.0 ** (a + b))
-    return Scale(scale.factor * 10.0 ** (a + b), scale.label)
+    return scale_for(spelt(1, 1, run.summary["units"]), values)
 
 
-def round_magnification(raw: float) -> float:
-    """The number among 1, 2, 3, 5 times a power of ten that is nearest to `raw` on a log scale."""
-    power = 10.0 ** math.floor(math.log10(raw))
-    return min((m * power for m in (1, 2, 3, 5, 10)), key=lambda m: abs(math.log(m / raw)))
+def energy_scale(run: Run, values) -> Scale:
+    """Scale of energies per unit of thickness."""
+    return scale_for(spelt(1, 2, run.summary["units"]), values)
+
+
+def round_magnification(wish: float, limit: float = math.inf) -> float:
+    """The number among 1, 2, 3, 5 times a power of ten nearest to `wish` on a log scale.
+
+    Not above `limit`, but at least 1.
+    """
+    target = max(min(wish, limit), 1.0)
+    power = 10.0 ** math.floor(math.log10(target))
+    steps = [step * power for step in (1, 2, 3, 5, 10) if step * power <= max(limit, 1.0)]
+    return min(steps, key=lambda step: abs(math.log(step / target)))

@@ -9,8 +9,9 @@ from matplotlib.figure import Figure
 from ..files import read_table
 from ..text import words
 from .reading import select
+from ..units import spelt
 from .scales import scale_for
-from .style import BLUE, GREEN, ORANGE, canvas, write
+from .style import BLUE, ORANGE, STATUS, canvas, write
 
 
 def draw(directory: Path) -> list[Path]:
@@ -37,15 +38,15 @@ def _fill(figure: Figure, summary: dict, table: dict) -> None:
         axes.set_ylabel(f"{what} [{scale.label}]" if unit else what)
         axes.margins(x=0.05 if numbers else 0.3)
 
-    length, stress = summary["units"]["length"], summary["units"]["stress"]
+    units = summary["units"]
     forces, peak, zones, energy = figure.subplots(2, 2, sharex=True).ravel()
-    plot(forces, "contact force", f"{stress}·{length}",
+    plot(forces, "contact force", spelt(1, 1, units),
          {"pressing, $-R_n$": (-table["resultant_n"], BLUE),
           "friction, $R_t$": (table["resultant_t"], ORANGE)})
-    plot(peak, "largest pressure", stress, {"": (table["peak_pressure"], BLUE)})
-    plot(zones, "contact nodes", "", {zone: (table[f"nodes_{zone}"], colour) for zone, colour in
-                                      (("stick", GREEN), ("slip", ORANGE), ("open", BLUE))})
-    plot(energy, "dissipated energy", f"{stress}·{length}²", {"": (table["dissipated"], ORANGE)})
+    plot(peak, "largest pressure", units["stress"], {"": (table["peak_pressure"], BLUE)})
+    plot(zones, "contact nodes", "", {zone: (table[f"nodes_{zone}"], colour)
+                                      for zone, colour in STATUS.items()})
+    plot(energy, "dissipated energy", spelt(1, 2, units), {"": (table["dissipated"], ORANGE)})
     for axes in (forces, zones):
         axes.legend(frameon=False)
     for axes in (zones, energy):

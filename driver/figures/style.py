@@ -12,10 +12,12 @@ from ..files import renamed
 INCH = 1 / 2.54  # inches in a centimetre
 WIDTH = 16  # centimetres
 PAD = 0.06  # inches around the title and the legend
+DPI = 200  # of bitmaps
 
 # Okabe and Ito's palette keeps its contrasts for colour-blind readers.
 BLUE, ORANGE, GREEN, RED, INK = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#222222"
 SKY, PURPLE, GREY = "#56B4E9", "#CC79A7", "#777777"
+STATUS = {"open": "#C8C8C8", "stick": BLUE, "slip": ORANGE}  # of contact nodes, in every figure
 
 STYLE = {
     "font.size": 9, "axes.titlesize": 9, "axes.labelsize": 9,
@@ -26,11 +28,16 @@ STYLE = {
 }
 
 
+def status_name(status: str, friction: bool) -> str:
+    """A status in a legend; without friction a closed node is in contact only."""
+    return "contact" if status != "open" and not friction else status
+
+
 def canvas(draw: Callable[[Figure], None], height: float, width: float = WIDTH,
            layout: str = "constrained") -> Figure:
     """The figure of `width` by `height` centimetres that `draw(figure)` fills, not yet written."""
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(width * INCH, height * INCH), dpi=150, layout=layout)
+        figure = Figure(figsize=(width * INCH, height * INCH), dpi=DPI, layout=layout)
         FigureCanvasAgg(figure)
         draw(figure)
         figure.draw_without_rendering()
@@ -42,7 +49,7 @@ def canvas(draw: Callable[[Figure], None], height: float, width: float = WIDTH,
 def write(figure: Figure, folder: Path, name: str) -> list[Path]:
     """Write ``<folder>/<name>.png`` and ``.pdf``; returns their paths."""
     paths = []
-    for kind, dpi, metadata in (("png", 150, {}), ("pdf", 300, {"CreationDate": None})):
+    for kind, dpi, metadata in (("png", DPI, {}), ("pdf", 300, {"CreationDate": None})):
         path = folder / f"{name}.{kind}"
         with renamed(path) as hidden, matplotlib.rc_context(STYLE):
             figure.savefig(hidden, format=kind, dpi=dpi, metadata=metadata)

@@ -16,6 +16,7 @@ from ..scene import freefem
 from ..scene.loader import read_subdomains
 from ..scene.manifest import read_manifest
 from .case import Case, Check, Outcome, reference
+from .laws import ratio, same_nodes, violations
 from .oracle import Assembled, coulomb_history
 
 
@@ -60,20 +61,6 @@ def assembled(case: Case, size: dict) -> Assembled:
     return _assembled(*_exports(case, size))
 
 
-def _same_nodes(body: Assembled, contact: dict) -> np.ndarray:
-    """Column of contact.csv for every contact node of the assembled body."""
-    label = contact.get("boundary", np.full(contact["x"].shape, body.label[0]))[-1]
-    names = "normal_y", "normal_x", "y", "x"  # at a corner two nodes differ in their normals alone
-    theirs = np.lexsort([*(np.round(contact[name][-1], 6) for name in names[:2]),
-                         *(contact[name][-1] for name in names[2:]), label])
-    ours = np.lexsort([*np.round(body.normal, 6).T[::-1], *body.xy.T[::-1], body.label])
-    order = np.empty(len(ours), int)
-    order[ours] = theirs
-    if not np.array_equal(body.xy, np.column_stack([contact["x"][-1], contact["y"][-1]])[order]):
-        raise ValueError("contact.csv and the assembled body have different contact nodes")
-    return order
-
-
 def dense(tolerance: float):
     """Against the dense fixed point on the assembled body, step by step.
 
@@ -84,7 +71,7 @@ def dense(tolerance: float):
         manifest, _ = exported(case, size)
         body, error = assembled(case, size), 0.0
         expected = coulomb_history(body, manifest.factors)
-        order = _same_nodes(body, outcome.contact)
+        order = same_nodes(body, outcome.contact)
         for names in (("u_n", "u_t"), ("sigma_n", "sigma_t")):
             largest = max(np.abs(expected[name]).max() for name in names)
             # jumps, where nothing slides those of rounding
@@ -100,41 +87,15 @@ def dense(tolerance: float):
 def laws(tolerance: float):
     """Displacements of the assembled body under the reported contact forces obey all laws.
 
-    Says everything where answers are unique, and stays right where they are not. Bodies that no
-    support holds: the forces must balance, and their rigid motion is fitted to the reported
-    displacements. Deviations of displacements and gaps are relative to the largest displacement of
-    the run, those of tractions to its largest pressure.
+    Says everything where answers are unique, and stays right where they are not; see `violations`.
     """
     def check(case: Case, size: dict, outcome: Outcome) -> Check:
         manifest, _ = exported(case, size)
-        body, contact = assembled(case, size), outcome.contact
-        history = manifest.factors
-        if not contact:
-            error = _displacement_error(body, history, outcome)
+        body = assembled(case, size)
+        if not outcome.contact:
+            error = _displacement_error(body, manifest.factors, outcome)
             return Check("laws on the assembled body", error, tolerance)
-        order = _same_nodes(body, contact)
-        far, press = outcome.history["max_displacement"].max(), np.abs(contact["sigma_n"]).max()
-        u_n, u_t, sigma_n, sigma_t, slip = (contact[name][:, order] for name in (
-            "u_n", "u_t", "sigma_n", "sigma_t", "slip"))
-        start, reported = u_t[:1] - slip[:1], np.concatenate([u_n, u_t], axis=1)
-        force = np.concatenate([sigma_n * body.weight, sigma_t * body.weight], axis=1)
-        u = np.array([body.B @ body.solve(w, body.B.T @ f) for w, f in zip(history[1:], force)])
-        turned = body.B @ body.motions
-        u += (turned @ np.linalg.lstsq(turned, (reported - u).T, rcond=None)[0]).T
-        work = [(body.motions.T @ (w @ body.loads + body.B.T @ f),
-                 np.abs(body.motions).T @ np.abs(body.B.T @ f)) for w, f in zip(history[1:], force)]
-        u_n, u_t = np.split(u, 2, axis=1)
-        slip = np.diff(np.concatenate([start, u_t]), axis=0)
-        bound = body.friction * np.abs(sigma_n)
-        # nodes with friction of their own
-        free = np.isin(2 * body.gid, body.free) & np.isin(2 * body.gid + 1, body.free)
-        errors = [*(ratio(np.abs(part).max(), far) for part in np.split(u - reported, 2, axis=1)),
-                  ratio((u_n - body.gap).max(initial=0), far), ratio(sigma_n.max(initial=0), press),
-                  ratio(np.abs(sigma_n * (u_n - body.gap)).max(), far * press),
-                  ratio((np.abs(sigma_t) - bound).max(initial=0), press),
-                  ratio((free * (bound * np.abs(slip) + sigma_t * slip)).max(initial=0),
-                        far * press),
-                  *(ratio(np.abs(net).max(initial=0), size.max(initial=0)) for net, size in work)]
+        errors = violations(body, manifest, outcome.contact).values()
         return Check("laws on the assembled body", float(max(errors)), tolerance)
     return check
 
@@ -188,11 +149,6 @@ def closed_form(oracle: str, tolerance: float, formula):
                   for computed, expected in formula(outcome)]
         return Check(oracle, float(max(errors)), tolerance)
     return check
-
-
-def ratio(part: float, whole: float) -> float:
-    """part / whole; where the whole is zero, 0 for nothing and infinity for something."""
-    return float(part / whole) if whole > 0 else (0.0 if part == 0 else np.inf)
 
 
 def condition(case: Case, size: dict, outcome: Outcome) -> float:

@@ -40,6 +40,12 @@ class Bodies:
     piece: str = ""
 
     @property
+    def loose(self) -> bool:
+        """Whether friction alone may have to hold a body in some direction."""
+        held = {hold.label // 100 for hold in self.holds if hold.kind != "roller"}
+        return len(held) < len(self.shapes)
+
+    @property
     def title(self) -> str:
         """What there is in words."""
         return f"{self.name}: {self.pattern}"
@@ -201,7 +207,7 @@ def _press(dice: Dice, shape: Shape, touching: list[int]) -> np.ndarray:
 
 def _holds(dice: Dice, rest: list[Side], holes: list[Side]) -> list[Hold]:
     """Supports of one body among the sides `rest`, those to press first, and holes."""
-    kind = dice.pick("clamped", "moved", "roller", "none", "hole", weights=(5, 4, 2, 2, 1))
+    kind = dice.pick("clamped", "moved", "roller", "none", "hole", weights=(6, 5, 2, 2, 1))
     if kind == "hole" and holes:
         return [Hold("clamped", side.label) for side in holes]
     if not rest or kind == "none":
@@ -284,8 +290,10 @@ def _corner(dice: Dice, quadratic: bool) -> Bodies:
     left = block(0.0, h, a, dice.number(0.6, 1.0), 101)
     third = _meshed(dice, block(a, h, small * b, small, 201), quadratic)
     holds, contact = _base_hold(dice, 1)
-    if dice.chance(0.6):
+    if dice.chance(0.8):
         holds.append(Hold("clamped", 131))
+    if dice.chance(0.4):
+        holds.append(Hold("moved", 221))
     shapes, pairs = [base, left, third], [(101, 22), (201, 21), (231, 111)]
     loaded = [third.sides[2], third.sides[1], left.sides[2]]
     return _several(dice, "three blocks", "a body in a corner of two", shapes, quadratic, contact,

@@ -177,7 +177,7 @@ class _Writer:
         dice, sides = self.dice, self.bodies.loaded
         stress = self.modulus * self.strain * min(1.0, max(self.softest, 1e-3)) ** 0.5
         if sides and (not moved or dice.chance(0.2)):
-            sign = -1.0 if dice.chance(0.06) else 1.0
+            sign = -1.0 if dice.chance(0.02 if self.bodies.loose else 0.08) else 1.0
             x, y = sign * stress * dice.pick(0.3, 1.0) * np.array(self.bodies.press)
             term = f"traction({sides[0].label}, {self.number(x)}, {self.number(y)})"
             if dice.chance(0.15):
@@ -185,7 +185,8 @@ class _Writer:
             self._load("load", term)
         if sides and dice.chance(0.6):
             # bodies that friction alone holds are pushed little
-            share = dice.pick(0.02, 0.1, 0.3) if not self.bodies.holds else dice.pick(0.1, 0.5, 1.0)
+            shares = (0.01, 0.03, 0.1) if self.bodies.loose else (0.1, 0.5, 1.0)
+            share = dice.pick(*shares)
             x, y = stress * share * np.array(self._across())
             side = dice.pick(*sides)
             self._load("load", f"traction({side.label}, {self.number(x)}, {self.number(y)})")
@@ -218,7 +219,8 @@ class _Writer:
             self.say("contactPair()", ", ".join(f"{a}, {b}" for a, b in bodies.pairs))
         self._gaps()
         law = dice.pick("frictionless", "coulomb", "coulomb by label", "tresca", "cohesion",
-                        "slip law", "displacement law", weights=(3, 8, 4, 2, 1.5, 1.5, 0.7))
+                        "slip law", "displacement law",
+                        weights=(1 if bodies.loose else 3, 8, 4, 2, 1.5, 1.5, 0.7))
         self.declared["law"] = law
         stress = self.modulus * self.strain
         if law == "tresca":
@@ -304,6 +306,8 @@ class _Writer:
         used = []
         for number, kind in enumerate(self.patterns, 1):
             names = ("ramp", "early", "constant") if kind == "bodyForce" else tuple(HISTORIES)
+            if self.bodies.loose and dice.chance(0.8):  # which a load that turns round would lift
+                names = tuple(name for name in names if name not in ("reversal", "spike", "late"))
             used.append(dice.pick(*names))
             self.say(f"amplitude{number}(t)", HISTORIES[used[-1]])
         self.declared["history"] = used[0] if used else "static"

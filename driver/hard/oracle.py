@@ -114,7 +114,7 @@ class Assembled:
         held = self.K[self.free][:, self.free]
         self._factor = splu(bmat([[held, border], [border.T, None]]).tocsc()
                             if border.shape[1] else held.tocsc())
-        self._collect_contact(subdomains)
+        self._collect_contact(manifest.columns, subdomains)
 
     def _free_motions(self, place) -> np.ndarray:
         """(2 vertices, modes): rigid motions that supports leave free; `place` by dof."""
@@ -138,29 +138,31 @@ class Assembled:
             columns.append(rigid @ kernel)
         return np.hstack(columns)
 
-    def _collect_contact(self, subdomains):
-        parts = {}
+    def _collect_contact(self, names, subdomains):
+        parts, last = {}, 3 + len(names)
         for sub in subdomains:
             if sub.contact is None:
                 continue
             c = sub.contact
-            away = c.column("gap") + c.column("obstacle")
-            rough = c.column("friction") + c.column("tresca")
-            nodes = zip(c.node, c.label, c.weight, c.normal, away, rough)
-            for vertex, label, w, n, gap, F in nodes:
-                part = int(label), np.array([w, *(w * n), w * gap, w * F, *sub.xy[vertex]])
+            columns = np.column_stack([c.normal, *(c.columns[name] for name in names)])
+            for vertex, label, w, column in zip(c.node, c.label, c.weight, columns):
+                part = int(label), np.array([w, *(w * column), *sub.xy[vertex]])
                 parts.setdefault(int(sub.node_gid[vertex]), []).append(part)
         free = set(self.free.tolist())
         kept = [(_majority(group), vertex, np.array([part for _, part in group]))
                 for vertex, of_vertex in parts.items() if free & {2 * vertex, 2 * vertex + 1}
                 for group in _directions(of_vertex)]
         # label, then x: the model's order along the arc
-        kept.sort(key=lambda node: (node[0], *node[2][0, 5:], *node[2][0, 1:3]))
+        kept.sort(key=lambda node: (node[0], *node[2][0, last:], *node[2][0, 1:3]))
         self.label, self.gid = np.array([node[:2] for node in kept], int).reshape(-1, 2).T
-        total = np.array([p.sum(axis=0) for _, _, p in kept]).reshape(-1, 7)
+        total = np.array([p.sum(axis=0) for _, _, p in kept]).reshape(-1, last + 2)
         self.weight = total[:, 0]
-        self.gap, self.friction = total[:, 3] / self.weight, total[:, 4] / self.weight
-        self.xy = np.array([p[0, 5:] for _, _, p in kept]).reshape(-1, 2)
+        self.columns = {name: total[:, 3 + k] / self.weight for k, name in enumerate(names)}
+        self.gap, self.friction = (sum((self.columns.get(name, 0.0) for name in pair),
+                                       np.zeros(len(kept)))
+                                   for pair in (("gap", "obstacle"), ("friction", "tresca")))
+        self.bilateral = self.columns.get("bilateral", np.zeros(len(kept))) > 0
+        self.xy = np.array([p[0, last:] for _, _, p in kept]).reshape(-1, 2)
         self.normal = total[:, 1:3] / np.linalg.norm(total[:, 1:3], axis=1)[:, None]
         self.tangent = np.column_stack([-self.normal[:, 1], self.normal[:, 0]])
         # node, vertex, weight in what meets
@@ -175,6 +177,7 @@ class Assembled:
         for name in ("gid", "label", "xy", "weight", "gap", "normal", "tangent", "columns"):
             setattr(self, name, getattr(contact, name))
         self.friction = contact.columns.get("friction", np.zeros(len(contact.gid)))
+        self.bilateral = contact.columns.get("bilateral", np.zeros(len(contact.gid))) > 0
         self.terms = contact.term_node, contact.term_gid, contact.term_value
 
     def solve(self, weights, forces=None):

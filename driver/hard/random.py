@@ -27,7 +27,7 @@ FAST = 12  # scenes of the default tests
 QUIET = {"fields": "no", "figures": "no", "quiet": "yes", "resume": "no", "errors": "no"}
 LIMIT = 120  # seconds of one run
 LAWS = 1e-6  # largest violation on the assembled body, as of the other families
-AGREEMENT = 1e-5  # of contact forces between cuts
+AGREEMENT = 1e-4  # of contact forces between cuts: a node is stiffer than its body, KKT times 100
 
 
 class TooLong(Exception):

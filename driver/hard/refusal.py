@@ -15,7 +15,9 @@ from .oracle import Assembled
 SLACK = 1e-6  # share of the forces that must stay unbalanced at least
 NODES = 40  # most contact nodes of the mixed-integer program
 SECONDS = 30.0  # that it may take
-REACH = 100.0  # contact forces and displacements that it looks for, relative to the loads' own
+# contact forces and displacements that it looks for, relative to the loads' own: far enough that a
+# solution is not missed, near enough that rounding of the binaries does not open closed nodes
+REACHES = 100.0, 3000.0
 
 
 def unbalanced(body: Assembled, manifest, weights: np.ndarray, rough: bool = True) -> float:
@@ -35,7 +37,7 @@ def unbalanced(body: Assembled, manifest, weights: np.ndarray, rough: bool = Tru
         return 0.0
     work, force = work / size.max(), size.max()
     moves = (body.B @ body.motions).T  # (modes, 2 n_c): work of unit forces along n and t
-    pulls = np.isin(body.label, laws.bilateral_labels(manifest))
+    pulls = laws.pulling(body, manifest)
     coefficient, offset = (rough * of for of in largest_friction(body, manifest))
     unit = identity(count, format="csr")
     cone = bmat([[diags(coefficient) @ unit, unit], [diags(coefficient) @ unit, -unit]])
@@ -54,11 +56,15 @@ def unbalanced(body: Assembled, manifest, weights: np.ndarray, rough: bool = Tru
 
 
 def largest_friction(body: Assembled, manifest) -> tuple[np.ndarray, np.ndarray]:
-    """(n_c,) largest coefficient that a slip law can give, and bound that needs no pressure."""
+    """(n_c,) largest coefficient that a slip law can give, and bound that needs no pressure.
+
+    Zero where nothing rubs.
+    """
     zero = np.zeros(len(body.gid))
     factor = max(manifest.rooms["slip_law"]["values"]) if "slip_law" in manifest.rooms else 1.0
     offset = body.columns.get("cohesion", zero) + body.columns.get("tresca", zero)
-    return factor * body.columns.get("friction", zero), offset * body.weight
+    rubs = laws.rubbing(body)
+    return rubs * factor * body.columns.get("friction", zero), rubs * offset * body.weight
 
 
 def no_state(body: Assembled, manifest, weights: np.ndarray, u_t: np.ndarray) -> str:
@@ -69,8 +75,9 @@ def no_state(body: Assembled, manifest, weights: np.ndarray, u_t: np.ndarray) ->
     """
     count = len(body.gid)
     coefficient, offset = largest_friction(body, manifest)
-    pulls = np.isin(body.label, laws.bilateral_labels(manifest))
-    if "slip_law" in manifest.rooms or coefficient[pulls].any():
+    pulls = laws.pulling(body, manifest)
+    meets = laws.corners(body).any(axis=1)
+    if "slip_law" in manifest.rooms or coefficient[pulls].any() or offset[meets].any():
         return "the law of friction is no linear one"
     if count > NODES:
         return f"{count} contact nodes are too many for the mixed-integer program"
@@ -81,28 +88,32 @@ def no_state(body: Assembled, manifest, weights: np.ndarray, u_t: np.ndarray) ->
     size = np.abs(turned).max(axis=0, initial=0.0)
     size[size == 0] = 1.0
     load = body.motions.T @ (weights @ body.loads) / force / size
-    program = _Program(count, len(size))
-    program.balance((turned / size).T, load)
-    program.contact(C[:count] * force / near, turned[:count] / size, (body.gap - loaded[:count])
-                    / near, pulls)
-    program.friction(C[count:] * force / near, turned[count:] / size, (u_t - loaded[count:]) / near,
-                     coefficient, offset / force)
-    status = program.solve(pulls)
-    if status == 2:
-        return ""
-    return "the mixed-integer program has a solution" if status == 0 else (
-        "the mixed-integer program was not decided in time")
+    room = np.where(laws.supported(body), np.inf, (body.gap - loaded[:count]) / near)
+    for reach in REACHES:
+        program = _Program(count, len(size), reach)
+        program.balance((turned / size).T, load)
+        program.contact(C[:count] * force / near, turned[:count] / size, room, pulls)
+        program.corners(laws.corners(body))
+        program.friction(C[count:] * force / near, turned[count:] / size,
+                         (u_t - loaded[count:]) / near, coefficient, offset / force)
+        status = program.solve(pulls)
+        if status != 2:
+            return "the mixed-integer program has a solution" if status == 0 else (
+                "the mixed-integer program was not decided in time")
+    return ""
 
 
 class _Program:
     """Forces and displacements in units of order one.
 
     Unknowns: forces on the body along n (n,) and t (n,), rigid motions, and binaries: the node is
-    open, sticks, slides forwards, backwards (n,) each.
+    open, sticks, slides forwards, backwards, rests in a corner (n,) each.
     """
 
-    def __init__(self, count: int, modes: int):
-        self.count, self.modes = count, modes
+    STATES = "open", "stick", "forwards", "backwards", "rests"
+
+    def __init__(self, count: int, modes: int, reach: float):
+        self.count, self.modes, self.reach = count, modes, reach
         self.rows, self.low, self.high = [], [], []
 
     def _add(self, low, high, normal=0.0, tangential=0.0, motions=None, **states) -> None:
@@ -112,14 +123,14 @@ class _Program:
                  for value in (normal, tangential)]
         parts.append(np.zeros((n, self.modes)) if motions is None else motions)
         parts += [np.diag(states.get(name, 0.0) * np.ones(n))
-                  for name in ("open", "stick", "forwards", "backwards")]
+                  for name in self.STATES]
         self.rows.append(np.hstack(parts))
         self.low.append(low * np.ones(n))
         self.high.append(high * np.ones(n))
 
     def balance(self, turned: np.ndarray, load: np.ndarray) -> None:
         """Forces balance the load (modes,) on every rigid motion."""
-        self.rows.append(np.hstack([turned, np.zeros((self.modes, self.modes + 4 * self.count))]))
+        self.rows.append(np.hstack([turned, np.zeros((self.modes, self.modes + 5 * self.count))]))
         self.low.append(-load)
         self.high.append(-load)
 
@@ -127,17 +138,31 @@ class _Program:
         """u_n <= gap, and equal or without force: `room` (n,) is what the load leaves of the gap.
         """
         n = self.count
-        self._add(-REACH, np.inf, normal=1.0, open=-REACH)
+        self._add(-self.reach, np.inf, normal=1.0, open=-self.reach)
         self._add(-np.inf, room, C[:, :n], C[:, n:], motions)
-        self._add(room, np.inf, C[:, :n], C[:, n:], motions, open=REACH)
+        self._add(np.where(np.isinf(room), -np.inf, room), np.inf, C[:, :n], C[:, n:], motions,
+                  open=self.reach)
         self._add(-np.inf, np.where(pulls, 0.0, 1.0), open=1.0)
+
+    def corners(self, others: np.ndarray) -> None:
+        """Only nodes at a vertex with another one, `others` (n, n), rest there, if both close."""
+        self._add(-np.inf, others.any(axis=1).astype(float), rests=1.0)
+        self._add(-np.inf, 1.0, rests=1.0, open=1.0)
+        n = self.count
+        for i, k in zip(*np.nonzero(others)):
+            row = np.zeros((1, 7 * n + self.modes))
+            row[0, [6 * n + self.modes + i, 2 * n + self.modes + k]] = 1.0
+            self.rows.append(row)
+            self.low.append(np.array([-np.inf]))
+            self.high.append(np.array([1.0]))
 
     def friction(self, C: np.ndarray, motions, start: np.ndarray, coefficient, offset) -> None:
         """Within its bound, on it and against the slip where it slides from `start` (n,)."""
-        n, reach = self.count, REACH * (1.0 + coefficient) + offset
-        self._add(1.0, 1.0, stick=1.0, forwards=1.0, backwards=1.0)
-        self._add(-np.inf, start, C[:, :n], C[:, n:], motions, forwards=-REACH)
-        self._add(start, np.inf, C[:, :n], C[:, n:], motions, backwards=REACH)
+        n, reach = self.count, self.reach * (1.0 + coefficient) + offset
+        self._add(1.0, 1.0, stick=1.0, forwards=1.0, backwards=1.0, rests=1.0)
+        far, slip = self.reach, (C[:, :n], C[:, n:], motions)
+        self._add(-np.inf, start, *slip, forwards=-far, rests=-far)
+        self._add(start, np.inf, *slip, backwards=far, rests=far)
         self._add(-np.inf, offset, coefficient, 1.0)
         self._add(-offset, np.inf, -coefficient, 1.0)
         self._add(-np.inf, 2 * reach - offset, -coefficient, 1.0, forwards=2 * reach)
@@ -146,11 +171,11 @@ class _Program:
     def solve(self, pulls: np.ndarray) -> int:
         """0 if there is a solution, 2 if there is none, else undecided."""
         n, m = self.count, self.modes
-        lower = np.concatenate([np.full(n, -REACH), np.full(n + m, -np.inf), np.zeros(4 * n)])
-        upper = np.concatenate([np.where(pulls, REACH, 0.0), np.full(n + m, np.inf),
-                                np.ones(4 * n)])
+        lower = np.concatenate([np.full(n, -self.reach), np.full(n + m, -np.inf), np.zeros(5 * n)])
+        upper = np.concatenate([np.where(pulls, self.reach, 0.0), np.full(n + m, np.inf),
+                                np.ones(5 * n)])
         constraints = LinearConstraint(csr_matrix(np.vstack(self.rows)),
                                        np.concatenate(self.low), np.concatenate(self.high))
-        return milp(np.zeros(6 * n + m), integrality=np.arange(6 * n + m) >= 2 * n + m,
+        return milp(np.zeros(7 * n + m), integrality=np.arange(7 * n + m) >= 2 * n + m,
                     bounds=Bounds(lower, upper), constraints=constraints,
                     options={"time_limit": SECONDS}).status

@@ -38,6 +38,7 @@ class Condensation:
             rows = [have & acts for have, acts in zip(rows, corners.act(len(contact.gid)))]
             self._acting = np.concatenate(rows)[known]
         self.nodes, tangential = map(np.flatnonzero, rows)
+        self._rubbing = np.isin(self.rows.tangential_node, tangential)  # of the rank's rows
         self.pair = np.searchsorted(self.nodes, tangential)
         self.n, self.m = len(self.nodes), len(tangential)
         number = np.concatenate([contact.normal_row[self.nodes],
@@ -93,10 +94,16 @@ class Condensation:
             near, self.guess = self.gather(self.guess), None
             pair = complementarity.settled(problem, near, problem.movement(near))
         if pair is None:
-            states = problem.states_of(start, sliding)
+            states = problem.states_of(start, sliding[self._rubbing])
             pair = complementarity.settled(problem, start, -self.gather(gradient), states)
         self.operator.products += problem.products
-        return None if pair is None else (self.place(pair[0], x), self.place(-pair[1], x))
+        if pair is None:
+            return None
+        x = self.place(pair[0], x)
+        if self.rows.corners is not None:  # what they exclude moves, too
+            x[self.rows.corners.excluded] = 0.0
+            return x, self.operator.apply(x) - load.d
+        return x, self.place(-pair[1], x)
 
     def problem(self, load: Load, x: np.ndarray, gradient: np.ndarray) -> CoulombProblem:
         """The condensed problem whose load is exact at the dual vector x.

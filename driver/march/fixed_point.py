@@ -12,7 +12,7 @@ from ..qp.anderson import Anderson, gives_up
 from ..qp.mprgp import projected_gradient
 from . import globalization
 from .condensation import Condensation
-from .friction_qp import FINEST, FrictionQP
+from .friction_qp import FrictionQP
 from .slip import SlipState
 from .step import WINDOW, Load, Trace, Unfinished
 
@@ -22,6 +22,8 @@ CORRECTION = 0.1  # its residual, relative to the whole one before
 BALANCED = 0.1  # its imbalance of bodies without support, relative to the one before
 HEADWAY = 1.0  # growth of this imbalance in a QP above which the corrector moves them no more
 CONDENSED_PASSES = 30  # corrections of a solution of the condensed contact problem
+# tolerance of the gluing multipliers there, relative to ||d|| and ||F|| ||x||: a hundred roundings
+FINEST = 1e-13
 
 
 class FixedPoint:

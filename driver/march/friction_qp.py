@@ -16,9 +16,9 @@ from ..options import Settings
 from ..qp.lanczos import norm_bound
 from ..qp.mprgp import Result, mprgp, projected_gradient
 from .relaxation import ContactRelaxation
-from .step import History, Load, Unfinished
+from .step import History, Unfinished
 
-FINEST = 1e-13  # of ||d|| and ||F|| ||x||, a thousand roundings: no tolerance is below
+FINEST = 1e-14  # of the displacements to be overcome: no tolerance is tightened below
 
 
 class FrictionQP:
@@ -34,6 +34,8 @@ class FrictionQP:
         self.scales, self.history = scales, history
         structure = operator.structure
         self.scale = structure.row_scale[slice(*structure.row_range)]
+        # root of the stiffness of the rows over that of the softest
+        self.stiffer = self.scale / structure.row_scale.min(initial=1.0)
         self.bound = self._bound_norm()
         self.preconditioner, self.relaxation = self._accelerators()
         self.tol = 0.0
@@ -101,13 +103,11 @@ class FrictionQP:
             seen[rows.tangential] += np.clip(rigid[rows.tangential], -limit, limit)
         return self.size(seen)
 
-    def aim(self, part: float, load: Load, x: np.ndarray) -> None:
-        """Tolerance of the QPs to come: the step's, times `part`, but no less than rounding.
-
-        x (owned,) are multipliers near the solution. Collective.
+    def aim(self, part: float) -> None:
+        """Tolerance of the QPs to come: the step's, or `part` of it, but then not below rounding.
         """
-        finest = FINEST * max(load.extent, self.largest(x))
-        self.tol = max(part * self.settings.rtol * self.scales.d, finest)
+        own = self.settings.rtol * self.scales.d
+        self.tol = max(part * own, min(own, FINEST * self.scales.d))
 
     def placed(self, moved, d, x, gradient):
         """`moved` and its gradient, by a product unless it is x, where `gradient` is known."""

@@ -69,7 +69,7 @@ def settled(problem: CoulombProblem, start: np.ndarray, move: np.ndarray,
 
 
 def lemke(problem: CoulombProblem) -> np.ndarray | None:
-    """A solution by complementary pivots, for any friction coefficient; unilateral contact only.
+    """A solution by complementary pivots, in unilateral contact for any friction coefficient.
 
     With lambda_t = a - b and the size s of the slip the law is the linear complementarity problem
 
@@ -84,41 +84,71 @@ def lemke(problem: CoulombProblem) -> np.ndarray | None:
     J. Numer. Meth. Engng 39 (1996) 2673-2691, use it in dynamics. Where rounding leads it astray
     another covering vector is tried. None if all fail.
 
-    Nothing is proved for bilateral contact, which is refused, nor for bodies without support, of
-    which there need be no solution. These are held by springs, ever softer, whose rest follows,
-    before Newton.
+    Bilateral lambda_n are eliminated by over = 0, and with 0 <= p | p - lambda_n >= 0, which makes
+    p the positive part, F |lambda_n| = F (2 p - lambda_n). That matrix is not copositive: for
+    bilateral contact nothing is proved, nor for bodies without support, of which there need be no
+    solution. These are held by springs, ever softer, whose rest follows, before Newton.
     """
-    if problem.bilateral.any():
-        return None
     if problem.k:
         return _lemke_on_springs(problem)
-    n, m = problem.n, problem.m
     scale = np.sqrt(problem.rigidity)  # unknowns x / scale: any units, rows of like size
-    C, d = problem.compliance * np.outer(scale, scale), problem.load * scale
-    size = np.abs(d).max(initial=0)
+    size = np.abs(problem.load * scale).max(initial=0)
     if size == 0:
-        return np.zeros(n + m)
-    Cnn, Cnt, Ctt = C[:n, :n], C[:n, n:], C[n:, n:]
-    cone = np.zeros((m, n))
-    cone[np.arange(m), problem.pair] = problem.coefficient * scale[problem.pair] / scale[n:]
-    unit, none = np.eye(m), np.zeros((m, m))
-    M = np.block([[Cnn, Cnt, -Cnt, np.zeros((n, m))], [Cnt.T, Ctt, -Ctt, unit],
-                  [-Cnt.T, -Ctt, Ctt, unit], [cone, -unit, -unit, none]])
-    offset = np.zeros(m) if problem.offset is None else problem.offset / scale[n:]
-    q = np.concatenate([-d[:n], -d[n:], d[n:], offset]) / size
+        return np.zeros(problem.rows)
+    M, q, multipliers = _complementary(problem, scale, size)
     rng = np.random.default_rng(1)
     for attempt in range(COVERS):
         cover = np.ones(len(q)) if attempt == 0 else rng.uniform(0.5, 1.5, len(q))
         z = _lemke_pivots(M, q, cover)
         if z is not None:
-            normal, forth, back, slip = np.split(z, [n, n + m, n + 2 * m])
-            sliding = np.where(slip > 0, np.where(forth > back, FORWARD, BACKWARD), STICK)
-            states = problem.joined(np.where(normal > 0, STICK, OPEN), sliding)
-            start = scale * size * np.append(normal, forth - back)
-            for x in (problem.solution_in(states), newton(problem, start)):
-                if problem.solves(x):
-                    return x
+            x, slip = multipliers(z)
+            sliding = np.where(slip > 0, np.where(x[problem.n :] > 0, FORWARD, BACKWARD), STICK)
+            touching = np.where((x[: problem.n] > 0) | problem.bilateral, STICK, OPEN)
+            states, start = problem.joined(touching, sliding), scale * size * x
+            exact = problem.solution_in(states, problem.signs(start))
+            for solution in (exact, newton(problem, start)):
+                if problem.solves(solution):
+                    return solution
     return None
+
+
+def _complementary(problem: CoulombProblem, scale: np.ndarray, size: float):
+    """M, q of the problem of `lemke`, and how to read x (n + m,) and slip (m,) out of its z.
+
+    Multipliers are over `scale` (n + m,) and over `size`.
+    """
+    n, m, rows = problem.n, problem.m, np.arange(problem.rows)
+    C, d = problem.compliance * np.outer(scale, scale), problem.load * scale
+    pulls, rest = np.flatnonzero(problem.bilateral), rows[np.append(~problem.bilateral, [True] * m)]
+    k, u = len(pulls), len(rest) - m
+    # lambda_n = given - answer @ those of the rest
+    right = np.column_stack([d[pulls], C[pulls][:, rest]])
+    solved = np.linalg.solve(C[np.ix_(pulls, pulls)], right)
+    given, answer = solved[:, 0], solved[:, 1:]
+    d, C = d[rest] - C[rest][:, pulls] @ given, C[np.ix_(rest, rest)] - C[rest][:, pulls] @ answer
+    factor = np.zeros((m, n))
+    factor[np.arange(m), problem.pair] = problem.coefficient * scale[problem.pair] / scale[n:]
+    alike, differ = factor[:, rest[:u]], factor[:, pulls]
+    Cnn, Cnt, Ctt, unit = C[:u, :u], C[:u, u:], C[u:, u:], np.eye(m)
+    of_normal, of_tangential = answer[:, :u], answer[:, u:]
+    rub, none = differ @ of_tangential, np.zeros((m, m))
+    apart, aside = np.zeros((u, k)), np.zeros((m, k))
+    M = np.block([
+        [Cnn, Cnt, -Cnt, np.zeros((u, m)), apart], [Cnt.T, Ctt, -Ctt, unit, aside],
+        [-Cnt.T, -Ctt, Ctt, unit, aside],
+        [alike + differ @ of_normal, rub - unit, -rub - unit, none, 2 * differ],
+        [of_normal, of_tangential, -of_tangential, aside.T, np.eye(k)]])
+    offset = np.zeros(m) if problem.offset is None else problem.offset / scale[n:]
+    q = np.concatenate([-d[:u], -d[u:], d[u:], offset - differ @ given, -given]) / size
+
+    def multipliers(z):
+        normal, forth, back, slip, _ = np.split(z, np.cumsum([u, m, m, m]))
+        x = np.zeros(n + m)
+        x[rest] = np.append(normal, forth - back)
+        x[pulls] = given / size - answer @ x[rest]
+        return x, slip
+
+    return M, q, multipliers
 
 
 def _lemke_on_springs(problem: CoulombProblem) -> np.ndarray | None:

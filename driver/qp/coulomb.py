@@ -174,10 +174,16 @@ class CoulombProblem:
 
     # ---- the law -------------------------------------------------------------------------------
     def violation(self, z: np.ndarray) -> float:
-        """Violation of the law at z, relative to the largest terms of its sums; inf for NaN."""
+        """Violation of the law at z, relative to the largest force; inf for NaN.
+
+        Forces are those at z, of overlaps that the load alone would make, and of motions. Openings
+        may be of any size and take no force.
+        """
         x, move = z[: self.rows], self.movement(z)
         work = np.abs(self.balance / self.reach).max(initial=0)
-        load = np.abs(self.rigidity * self.load).max(initial=0)
+        overlap = self.load[: self.n]
+        overlap = np.where(self.bilateral, np.abs(overlap), np.maximum(overlap, 0.0))
+        load = (self.rigidity[: self.n] * overlap).max(initial=0)
         force = max(np.abs(x).max(initial=0), load, work)
         if not np.isfinite(force) or force == 0:
             return 0.0 if force == 0 else np.inf

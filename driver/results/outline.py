@@ -23,7 +23,11 @@ def write_outline(path: Path, manifest: Manifest, structure: Substructure, comm)
     near = outline[gid]
     xy = joined((sub.xy for sub in subs), float, 2)[near]
     force = joined((sub.loads[traction].sum(axis=0) for sub in subs), float).reshape(-1, 2)[near]
-    parts = comm.gather((gid[near], xy, force, constrained_keys(structure) // 2))
+    sides = joined((sub.node_gid[sub.triangles[:, [0, 1, 1, 2, 2, 0]]].reshape(-1, 2)
+                    for sub in subs), np.int64, 2)  # counterclockwise
+    sides = sides[outline[sides].all(axis=1)] @ [manifest.nodes, 1]
+    parts = comm.gather((gid[near], xy, force, constrained_keys(structure), _moves(structure),
+                         sides))
     with agreed_writes(comm):
         if comm.rank == 0:
             write_rows(path, header(BOUNDARY), _rows(manifest, structure, parts))
@@ -31,51 +35,88 @@ def write_outline(path: Path, manifest: Manifest, structure: Substructure, comm)
 
 def _rows(manifest: Manifest, structure: Substructure, parts: list[tuple]) -> list[list]:
     """Rows of the table from `parts` of every rank, see `_part`."""
-    constrained = np.zeros(manifest.nodes, bool)
-    place, push = np.zeros((2, manifest.nodes, 2))
-    for gid, xy, force, fixed in parts:
-        place[gid], constrained[fixed] = xy, True
+    place, push, fixed, moved = np.zeros((4, manifest.nodes, 2))
+    for gid, xy, force, keys, moves, _ in parts:
+        place[gid] = xy
+        fixed.ravel()[keys], moved.ravel()[keys] = 1, moves
         np.add.at(push, gid, force)
-    traction = _edge_tractions(structure.outer_edges, structure.outer_middles, place, push)
+    edges = structure.outer_edges.copy()
+    sides = np.concatenate([part[-1] for part in parts])
+    turned = ~np.isin(edges[:, :2] @ [manifest.nodes, 1], sides)
+    edges[turned, :2] = edges[turned, 1::-1]
+    traction = _edge_tractions(edges, structure.outer_middles, place, push)
     paired = {label for pair in manifest.contact_pairs for label in pair}
-    start, end, label = structure.outer_edges.T
-    supported = constrained[start] & constrained[end]
+    start, end, label = edges.T
+    whole = {name: fixed[edges[label == name, :2]].min(axis=(0, 1))
+             for name in np.unique(label).tolist()}  # a support holds a label, not its neighbours
+    motion = (moved[start] + moved[end]) / 2
     rows = []
-    for p, q, edge, support in zip(place[start].tolist(), place[end].tolist(), label.tolist(),
-                                   supported):
-        pull = traction.get(edge, [0.0, 0.0])
+    for p, q, edge, move, pull in zip(place[start].tolist(), place[end].tolist(), label.tolist(),
+                                      motion, traction.tolist()):
+        held = whole[edge]
         if edge in paired:
             role = "pair"
         elif edge in manifest.contact_labels:
             role = "contact"
-        elif support:
+        elif held.any():
             role = "support"
         else:
             role = "load" if any(pull) else "free"
-        rows.append([*p, *q, edge, role, *pull])
+        rows.append([*p, *q, edge, role, *pull, *held.astype(int).tolist(),
+                     *(held * move).tolist()])
     return rows
 
 
-def _edge_tractions(edges: np.ndarray, middles: np.ndarray, place: np.ndarray,
-                    push: np.ndarray) -> dict[int, list[float]]:
-    """Mean traction of every outer label, from nodal forces `push` (nodes, 2) inside it.
+def _moves(structure: Substructure) -> np.ndarray:
+    """(n,) prescribed displacements at amplitude 1, in the order of `constrained_keys`."""
+    travel = structure.travel.displacements(np.ones(structure.patterns), structure.subdomains)
+    return joined((values.sum(axis=0) + whole[fixed] for values, whole, fixed in zip(
+        structure.fixed_values, travel, structure.fixed)), float)
 
-    `edges` (n, 3) have two ends and a label. A node's part of an edge is the integral of its shape
-    function: halves, with `middles` (n,) a sixth, a sixth and the rest.
+
+def _edge_tractions(edges: np.ndarray, middles: np.ndarray, place: np.ndarray,
+                    push: np.ndarray) -> np.ndarray:
+    """(n, 2) tractions of the outer edges, means of their label from nodal forces inside it.
+
+    `edges` (n, 3) have two ends and a label, `push` (nodes, 2) are the forces. A node's part of an
+    edge is the integral of its shape function: halves, with `middles` (n,) a sixth, a sixth and the
+    rest. Of a curved label it is the mean of pressure and shear, where these vary less.
     """
-    size = np.linalg.norm(place[edges[:, 0]] - place[edges[:, 1]], axis=1)
+    along = place[edges[:, 1]] - place[edges[:, 0]]
+    size = np.linalg.norm(along, axis=1)
+    outward = np.column_stack([along[:, 1], -along[:, 0]])
     nodes, parts = edges[:, :2], [0.5, 0.5]
     if len(middles):
         nodes, parts = np.column_stack([edges[:, :2], middles]), [1 / 6, 1 / 6, 4 / 6]
     length = np.bincount(nodes.ravel(), np.outer(size, parts).ravel(), len(place))
+    normal = np.column_stack([np.bincount(nodes.ravel(), np.outer(c, parts).ravel(), len(place))
+                              for c in outward.T])
     first = np.full(len(place), np.iinfo(np.int64).max)
     last = np.full(len(place), np.iinfo(np.int64).min)
     np.minimum.at(first, nodes, edges[:, 2:])
     np.maximum.at(last, nodes, edges[:, 2:])
-    inside, mean = np.flatnonzero(first == last), {}
-    for label in np.unique(first[inside]).tolist():
-        own = inside[first[inside] == label]
-        mean[label] = push[own].sum(axis=0) / length[own].sum()
-    largest = max((np.abs(f).max() for f in mean.values()), default=0.0)
-    return {label: np.where(np.abs(f) > 1e-9 * largest, f, 0.0).tolist()
-            for label, f in mean.items()}
+    inside, traction = np.flatnonzero(first == last), np.zeros((len(edges), 2))
+    for label in np.unique(first[inside]):
+        own, here = inside[first[inside] == label], edges[:, 2] == label
+        frame = outward[here] / size[here, None]
+        traction[here] = _mean_traction(push[own], length[own], normal[own], frame)
+    largest = np.abs(traction).max(initial=0)
+    return np.where(np.abs(traction) > 1e-9 * largest, traction, 0.0)
+
+
+def _mean_traction(push: np.ndarray, length: np.ndarray, normal: np.ndarray,
+                   outward: np.ndarray) -> np.ndarray:
+    """(k, 2) tractions on edges with normals `outward` (k, 2), from nodes' forces (j, 2) with the
+    lengths (j,) of their parts and normals (j, 2) of any length.
+    """
+    mean = push.sum(axis=0) / length.sum()
+    unit = normal / np.linalg.norm(normal, axis=1, keepdims=True)
+    turned = np.column_stack([-unit[:, 1], unit[:, 0]])
+    local = np.column_stack([(push * unit).sum(axis=1), (push * turned).sum(axis=1)])
+    follows = local.sum(axis=0) / length.sum()
+    spread = [((of / length[:, None] - m) ** 2).sum(axis=1) @ length
+              for of, m in ((push, mean), (local, follows))]
+    if spread[1] < 0.5 * spread[0] and spread[0] > 1e-12 * (push**2).sum() / length.sum():
+        return (follows[0] * outward
+                + follows[1] * np.column_stack([-outward[:, 1], outward[:, 0]]))
+    return np.tile(mean, (len(outward), 1))

@@ -3,7 +3,8 @@
     peak_pressure         largest contact pressure, between nodes by the parabola through three; of
                           bilateral contact the largest |sigma_n|
     normal_resultant      contact pressure summed over the contact boundary
-    tangential_resultant  shear traction sigma_t summed over the contact boundary, with its sign
+    tangential_resultant  shear traction sigma_t summed over the contact boundary, with its sign;
+                          of several boundaries the magnitudes of both are added, see `resultant`
     contact_length        length in contact, its edges located between nodes
     slip                  longest way that a point of the boundary has slid in contact since time 0
     dissipated_energy     work that friction has taken since time 0 (dissipation.py)
@@ -42,7 +43,8 @@ def quantities(effects, nodes: dict, steps: dict, displacement) -> tuple[dict[st
         index = _moment(displacement)
         return {"displacement": float(displacement[index])}, index
     pressure, weight, pieces = -steps["sigma_n"], nodes["weight"], chains(nodes)
-    normal = pressure @ weight
+    shares = nodes.get("shares", np.ones((1, len(weight))))
+    normal = resultant(shares, pressure, weight)
     index = _moment(np.abs(normal))
     size = np.abs(pressure[index])
     peaks = [peak(nodes["arc"][piece], traction(nodes, size, piece)) for piece in pieces]
@@ -50,10 +52,23 @@ def quantities(effects, nodes: dict, steps: dict, displacement) -> tuple[dict[st
               "contact_length": contact_length(nodes, pieces, steps, index),
               "displacement": displacement[index]}
     if effects.frictional:
-        values |= {"tangential_resultant": steps["sigma_t"][index] @ weight,
+        values |= {"tangential_resultant": resultant(shares, steps["sigma_t"][index], weight),
                    "slip": max(longest_way(nodes, piece, steps, index) for piece in pieces),
                    "dissipated_energy": steps["work"].sum()}
     return {name: float(values[name]) for name in effects.quantities}, index
+
+
+def resultant(shares: np.ndarray, tractions: np.ndarray, weight: np.ndarray):
+    """Integral of nodal `tractions` (..., n); of several boundaries the sizes of theirs, added.
+
+    `shares` (boundaries, n) are those of the boundaries in the nodes, see shares.py.
+
+    Directions of different boundaries have nothing to do with each other: forces on the two flanks
+    of a groove must not cancel.
+    """
+    if len(shares) <= 1:
+        return tractions @ weight
+    return sum(abs(tractions @ (weight * share)) for share in shares)
 
 
 def singular_places(nodes: dict, steps: dict, index: int) -> tuple[str, ...]:

@@ -9,6 +9,7 @@ from ..march.step import Step
 from .contact_state import ContactState
 from .dissipation import Dissipation, start
 from .quantities import quantities, singular_places
+from .shares import label_shares
 
 
 class Record:
@@ -17,6 +18,7 @@ class Record:
     def __init__(self, operator: DualOperator, solver: QuasistaticSolver):
         self.operator, self.effects = operator, solver.effects
         self.contact = ContactState(operator, solver)
+        self.labels, self.shares = label_shares(operator.structure)
         self.states = {name: [] for name in ContactField}  # one array (n_c,) a step
         self.displacements = []  # the largest of the body, one number a step
         self.work = []  # of friction, one number a step
@@ -53,6 +55,7 @@ class Record:
         """Columns of the nodes and of the steps, as quantities.py takes them."""
         names = ("xy", "arc", "weight", "gap", "chain", "paired", "middle")
         nodes = {name: getattr(self.contact.boundary, name) for name in names}
+        nodes["shares"] = self.shares
         fixed = self.contact.constrained * np.abs(self.contact.boundary.tangent)
         nodes["mirrored"] = fixed.max(axis=1, initial=0.0) > 0.99
         steps = {name: np.array(column) for name, column in self.states.items()}

@@ -11,12 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
+from ..environment import version
 from ..errors import DriverError, agreed_writes
 from ..feti.structure import Substructure
 from ..files import write_json
 from ..march.problem import Problem
 from ..march.quasistatic import QuasistaticSolver
 from ..options import Settings
+from . import omissions
 from .ledger import ledger
 from .writer import Writer
 
@@ -79,8 +81,8 @@ class Summary:
     residuals: dict = entry(
         "relative residuals of the KKT conditions, worst of all steps; a step has converged with "
         "none above PRIMAL_RTOL, equilibrium none above FRICTION_RTOL", parts={
-            "stationarity": "norm of the projected gradient over that of the displacements which "
-                            "the multipliers overcome",
+            "stationarity": "norm of the contact forces that the preconditioner finds missing by "
+                            "the projected gradient, over that of all contact forces",
             "gluing": "jump between subdomains over the largest deformation delta, the "
                       "displacement of a node less the rigid motion of its body",
             "penetration": "into obstacle or other body, over delta",
@@ -103,8 +105,10 @@ class Summary:
                         parts={"length": "m, mm, ...", "stress": "Pa, MPa, ..."})
     amplitudes: dict = entry(
         "factors of the loads at the start and after every step, by number of the load")
+    loads: list = entry("resultant of every load at amplitude 1: effect, number of the amplitude, "
+                        "force", "stress length")
     parameters: dict = entry("parameters of the scene and options of the solver")
-    versions: dict = entry("of Python, numpy and PETSc")
+    versions: dict = entry("of the suite, Python, numpy and PETSc")
     seconds: dict = entry("wall time of the stages", "s", parts={
         "export": "FreeFEM", "read": "reading its export", "setup": "reduction to the interfaces",
         "solve": "all time steps, those before an interruption included",
@@ -124,6 +128,11 @@ class Summary:
         "advice": "what would lower the largest part", "notes": "companions that could not be run"})
     quantities: dict | None = entry("quantities of interest", "see quantities.py", optional=True)
     quantities_time: float | None = entry("the time they belong to", "time", optional=True)
+    boundaries: list | None = entry(
+        "rows of boundaries.csv in the last step, where there is contact", "see boundaries.csv",
+        optional=True)
+    probes: list | None = entry("rows of probes.csv in the last step, where the scene has probes",
+                                "see probes.csv", optional=True)
     resumed_after_step: int | None = entry(
         "finished steps of an interrupted run that were taken up", optional=True)
     validity: dict | None = entry("whether the model's assumptions hold", optional=True, parts={
@@ -155,7 +164,9 @@ def summarize(request, problem: Problem, solver: QuasistaticSolver,
     """
     manifest, structure, history = problem.manifest, problem.structure, solver.history
     sizes = Sizes.of(structure)
-    warnings = [*history.warnings, *history.fallbacks.warnings(), *solver.uniqueness.warnings()]
+    warnings = [*history.warnings, *history.fallbacks.warnings(), *solver.uniqueness.warnings(),
+                *omissions.warnings(structure.contact, problem.effects.rooms,
+                                    writer.record.displacements, settings)]
     if optional.get("validity") and optional["validity"]["verdict"] != "ok":
         doubt = optional["validity"]
         warnings.append(f"results are {doubt['verdict']}: {doubt['reason']}")
@@ -164,6 +175,11 @@ def summarize(request, problem: Problem, solver: QuasistaticSolver,
     if writer.history_rows:
         optional["quantities"], index = writer.record.quantities()
         optional["quantities_time"] = writer.history_rows[index]["time"]
+        last = writer.history_rows[-1]["step"]
+        if problem.effects.contact:
+            optional["boundaries"] = [row for row in writer.boundary_rows if row["step"] == last]
+        if writer.probes is not None:
+            optional["probes"] = [row for row in writer.probes.rows if row["step"] == last]
     return Summary(
         scene=request.scene, variant=str(manifest.parameters.get("loading", "")),
         converged=failure is None, reason=str(failure or ""), warnings=warnings,
@@ -172,6 +188,7 @@ def summarize(request, problem: Problem, solver: QuasistaticSolver,
         fallbacks={name: len(steps) for name, steps in history.fallbacks.steps.items()},
         uniqueness=solver.uniqueness.summary(), memory_mib=memory_mib,
         ranks=writer.operator.comm.size, units=manifest.units, amplitudes=manifest.amplitudes,
+        loads=_loads(problem),
         parameters={**manifest.parameters, **asdict(settings)}, versions=_versions(),
         seconds=seconds, effects_ledger=_ledger(problem, sizes, solver, writer),
         balance=writer.balance, dissipated=writer.dissipated, **optional)
@@ -203,6 +220,18 @@ def reference() -> list[dict[str, str]]:
     return rows
 
 
+def _loads(problem: Problem) -> list[dict]:
+    """Entry `loads`; collective."""
+    subs = problem.structure.subdomains
+    own = np.zeros((len(subs), problem.structure.patterns, 2))
+    for s, sub in enumerate(subs):
+        for k, load in enumerate(sub.loads):
+            own[s, k] = np.bincount(sub.dof_component, load, minlength=2)
+    total = np.concatenate(problem.operator.comm.allgather(own)).sum(axis=0)
+    return [{"effect": pattern["kind"], "number": pattern["amplitude"], "force": force.tolist()}
+            for pattern, force in zip(problem.manifest.patterns, total)]
+
+
 def _ledger(problem: Problem, sizes: Sizes, solver: QuasistaticSolver, writer: Writer) -> dict:
     """Which declared effects mattered and what they cost; collective."""
     structure = problem.structure
@@ -218,5 +247,5 @@ def _ledger(problem: Problem, sizes: Sizes, solver: QuasistaticSolver, writer: W
 def _versions() -> dict:
     from petsc4py import PETSc
 
-    return {"python": sys.version.split()[0], "numpy": np.__version__,
+    return {"suite": version(), "python": sys.version.split()[0], "numpy": np.__version__,
             "petsc": ".".join(map(str, PETSc.Sys.getVersion()))}

@@ -24,7 +24,8 @@ STEP = (Column("step", "1", "number of the step, from 1"),
 
 CONTACT = (
     *STEP,
-    Column("node", "1", "number of the contact node, from 0, sorted by boundary and arc"),
+    Column("node", "1", "number of the contact node, from 0, in the order of boundaries and arc; "
+           "two at a corner, with a normal each"),
     Column("x", "length", "coordinate of the node"),
     Column("y", "length", "coordinate of the node"),
     Column("arc", "length", "arc length along the boundary"),
@@ -42,7 +43,8 @@ CONTACT = (
     Column(ContactField.BOUND, "stress", "largest shear traction that friction can hold"),
     Column(ContactField.STATUS, "1", f"{', '.join(STATUS_NAMES)}"),
 )
-LABEL = Column("boundary", "1", "label of the contact boundary, where there are several")
+LABEL = Column("boundary", "1", "label of the contact boundary, where there are several; at a node "
+               "in which one goes on in another that of the longer part")
 
 HISTORY = (
     *STEP,
@@ -51,8 +53,10 @@ HISTORY = (
     Column("dual_multiplications", "1", "products with the dual matrix in the step"),
     Column("contraction", "1",
            "mean ratio of successive changes of the fixed point; nan if there was one change"),
-    Column("resultant_n", FORCE, "normal tractions summed over the contact boundary"),
-    Column("resultant_t", FORCE, "shear tractions summed over the contact boundary"),
+    Column("resultant_n", FORCE, "normal tractions summed over the contact boundary; of several "
+           "boundaries the magnitudes added"),
+    Column("resultant_t", FORCE, "shear tractions summed over the contact boundary; of several "
+           "boundaries the magnitudes added"),
     Column("load_x", FORCE, "resultant of the loads"),
     Column("load_y", FORCE, "resultant of the loads"),
     Column("reaction_x", FORCE, "resultant of the support reactions"),
@@ -65,6 +69,30 @@ HISTORY = (
     Column("peak_pressure", "stress", "largest contact pressure of a node"),
     Column("dissipated", ENERGY, "work that friction has taken since time 0"),
     Column("kkt_{}", "1", "relative residual of this part of the KKT conditions"),
+)
+
+BOUNDARIES = (
+    *STEP,
+    Column("boundary", "1", "label of the contact boundary; of a pair the one with contact nodes"),
+    Column("normal_resultant", FORCE, "contact pressure summed over the boundary"),
+    Column("tangential_resultant", FORCE, "shear traction sigma_t summed over the boundary"),
+    Column("force_x", FORCE, "contact force on the body that carries the contact nodes"),
+    Column("force_y", FORCE, "contact force on the body that carries the contact nodes"),
+    Column("peak_pressure", "stress", "largest contact pressure, located between nodes"),
+    Column("contact_length", "length", "length in contact, its edges located between nodes"),
+    Column("slip", "length", "longest way that a point has slid in contact since time 0"),
+    Column("dissipated_energy", ENERGY, "work that friction has taken since time 0"),
+)
+
+PROBES = (
+    *STEP,
+    Column("probe", "1", "point and its number, or label and its number"),
+    Column("x", "length", "place, of a label the middle of its edges"),
+    Column("y", "length", "place, of a label the middle of its edges"),
+    Column("u_x", "length", "displacement, of a label the mean over its edges"),
+    Column("u_y", "length", "displacement, of a label the mean over its edges"),
+    Column("force_x", FORCE, "force on the body through the label, or at the vertex"),
+    Column("force_y", FORCE, "force on the body through the label, or at the vertex"),
 )
 
 CONVERGENCE = (
@@ -82,14 +110,39 @@ BOUNDARY = (
     Column("role", "1", "pair, contact, support, load or free"),
     Column("traction_x", "stress", "traction of the label at amplitude 1"),
     Column("traction_y", "stress", "traction of the label at amplitude 1"),
+    Column("fixed_x", "1", "1 where a support holds this component on the whole label"),
+    Column("fixed_y", "1", "1 where a support holds this component on the whole label"),
+    Column("moved_x", "length", "displacement that is prescribed there at amplitude 1"),
+    Column("moved_y", "length", "displacement that is prescribed there at amplitude 1"),
 )
 
 TABLES = {
     "contact.csv": ("a row per step and contact node", (*CONTACT, LABEL)),
     "history.csv": ("a row per step", HISTORY),
+    "boundaries.csv": ("a row per step and contact boundary", BOUNDARIES),
+    "probes.csv": ("a row per step and probe", PROBES),
     "convergence.csv": ("a row per step of the QP solver", CONVERGENCE),
     "boundary.csv": ("a row per edge of the outline", BOUNDARY),
 }
+
+# ---- files for ParaView, in the folder of a run --------------------------------------------------
+FIELDS_FOLDER = "fields"
+STRESSES = ("xx", "yy", "zz", "xy")  # components in these files
+
+
+def field_file(index: int) -> str:
+    """The fields of the bodies in a step, 0 for the start."""
+    return f"{FIELDS_FOLDER}/step_{index:04d}.vtu"
+
+
+def contact_file(index: int) -> str:
+    """The lines of the contact boundary in a step."""
+    return f"{FIELDS_FOLDER}/contact_{index:04d}.vtu"
+
+
+def error_file(index: int) -> str:
+    """The error indicator of a step."""
+    return f"{FIELDS_FOLDER}/error_{index:04d}.vtu"
 
 
 def header(columns: tuple[Column, ...], **families) -> list[str]:

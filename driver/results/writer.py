@@ -4,6 +4,7 @@ Fields are gathered on rank 0, which alone writes. Files go to the run's private
 the command line renames as a whole, so a result directory that is there is complete.
 """
 
+import functools
 from pathlib import Path
 
 import numpy as np
@@ -15,11 +16,13 @@ from ..files import write_rows
 from ..march.quasistatic import QuasistaticSolver
 from ..march.step import Step
 from ..scene.manifest import Manifest
+from .boundaries import boundary_rows
 from .fields import Fields
 from .outline import write_outline
+from .quantities import resultant
 from .record import Record
 from .resultants import resultants
-from .tables import CONTACT, CONVERGENCE, HISTORY, LABEL, header
+from .tables import BOUNDARIES, CONTACT, CONVERGENCE, HISTORY, LABEL, PROBES, header
 
 
 class Writer:
@@ -35,6 +38,7 @@ class Writer:
         self.history_rows = []  # {column: value}
         self.largest_imbalance, self.largest_forces = 0.0, 0.0
         self.fields = Fields(directory, manifest.element, operator) if fields else None
+        self.probes = _probes(manifest, operator, self.record.effects)
         write_outline(directory / "boundary.csv", manifest, operator.structure, operator.comm)
 
     def add(self, step: Step, replayed: bool = False) -> tuple[dict[str, np.ndarray], float]:
@@ -49,21 +53,22 @@ class Writer:
         self.largest_imbalance = max(self.largest_imbalance, imbalance)
         self.largest_forces = max(self.largest_forces, float(size.max()))
         self.history_rows.append(self._history_row(step, state, forces))
+        if self.probes is not None:
+            self.probes.add(step, displacements, inner, state)
         if self.fields is not None:
-            self.fields.add(step, displacements, replayed)
+            self.fields.add(step, displacements, state, replayed)
         energy = float(sum(u @ force for u, force in zip(displacements, inner)))
         return state, self.operator.comm.allreduce(energy)
 
     def indicate(self, step: Step, indicator: np.ndarray) -> None:
-        """Write the fields of a step again, with the error indicator (n_t,) of every triangle."""
+        """Write a file with the error indicator (n_t,) of every triangle in a step."""
         if self.fields is not None:
-            displacements = self.operator.deformations(step.multipliers, step.weights)
-            self.fields.write(step, displacements, indicator)
+            self.fields.indicate(step, indicator)
 
     @property
     def files(self) -> list[str]:
         """Files of fields that are written, relative to the directory."""
-        return [name for _, name in self.fields.steps] if self.fields else []
+        return self.fields.files if self.fields else []
 
     @property
     def dissipated(self) -> float:
@@ -74,6 +79,13 @@ class Writer:
     def balance(self) -> float:
         """Largest sum of a step's resultants over the largest sum of nodal forces' sizes."""
         return self.largest_imbalance / self.largest_forces if self.largest_forces > 0 else 0.0
+
+    @functools.cached_property
+    def boundary_rows(self) -> list[dict]:
+        """Rows of boundaries.csv; once all steps are recorded."""
+        states = {name: np.array(column) for name, column in self.record.states.items()}
+        times = [(row["step"], row["time"]) for row in self.history_rows]
+        return boundary_rows(self.record, states, times)
 
     def close(self) -> None:
         """Write the tables. Raises InputError if they cannot be written."""
@@ -90,7 +102,8 @@ class Writer:
                 for number, history in self.manifest.amplitudes.items()}
         row |= {"fixed_point_iterations": step.fixed_point_iterations,
                 "dual_multiplications": step.products, "contraction": step.contraction,
-                "resultant_n": float(sigma_n @ weight), "resultant_t": float(sigma_t @ weight)}
+                "resultant_n": 0.0 - float(resultant(self.record.shares, -sigma_n, weight)),
+                "resultant_t": float(resultant(self.record.shares, sigma_t, weight))}
         row |= {f"{name}_{axis}": float(force[k])
                 for name, force in forces.items() for k, axis in enumerate("xy")}
         counts = np.bincount(state[ContactField.STATUS], minlength=len(STATUS_NAMES))
@@ -119,12 +132,27 @@ class Writer:
         if len(self.contact.boundary.gid):
             columns = header((*CONTACT, LABEL) if labelled else CONTACT)
             write_rows(self.directory / "contact.csv", columns, self._contact_rows(labelled))
+            write_rows(self.directory / "boundaries.csv", header(BOUNDARIES),
+                       (row.values() for row in self.boundary_rows))
         if self.history_rows:
             residuals = [name.removeprefix("kkt_") for name in self.history_rows[0]
                          if name.startswith("kkt_")]
             columns = header(HISTORY, amplitude=self.manifest.amplitudes, kkt=residuals)
             rows = ([row[name] for name in columns] for row in self.history_rows)
             write_rows(self.directory / "history.csv", columns, rows)
+        if self.probes is not None:
+            write_rows(self.directory / "probes.csv", header(PROBES),
+                       (row.values() for row in self.probes.rows))
         write_rows(self.directory / "convergence.csv", header(CONVERGENCE), self.solver.history.log)
         if self.fields is not None and self.fields.steps:
-            self.fields.write_collection()
+            self.fields.write_collections()
+
+
+def _probes(manifest: Manifest, operator: DualOperator, effects):
+    """The probes of the scene, None where it declares none."""
+    room = effects.rooms.get("probe")
+    if room is None:
+        return None
+    from .probes import Probes  # here: most scenes have none
+
+    return Probes(operator, manifest, room)

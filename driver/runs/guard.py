@@ -13,8 +13,10 @@ from pathlib import Path
 from ..files import FIGURES
 
 # of results, relative to their directory; a dot in front while a file is being written
-RESULTS = (r"summary\.json", r"(contact|history|convergence|boundary|adaptivity|study)\.csv",
-           r"(run|freefem)\.log", r"fields\.pvd", r"fields/step_\d+\.vtu",
+RESULTS = (r"summary\.json",
+           r"(contact|history|convergence|boundary|boundaries|probes|adaptivity|study)\.csv",
+           r"(run|freefem)\.log", r"(fields|contact|error)\.pvd",
+           r"fields/(step|contact|error)_\d+\.vtu", r"report\.html", r"figures/animation\.gif",
            rf"figures/({'|'.join(FIGURES)}|study)\.(png|pdf)",
            r"checkpoint\.bin")  # of a run that was killed while it removed it
 # of a run that is not finished, besides: what its stages hand on

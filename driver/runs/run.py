@@ -16,6 +16,8 @@ from ..errors import PARTIAL, InputError, error_of, shortage
 from ..estimates import adaptivity, budget
 from ..march.checkpoint import fingerprint
 from ..options import RESULTS
+from ..report import run as report
+from ..results import screen
 from ..scene import freefem, grammar, seal
 from ..text import shown
 from . import guard, launch
@@ -35,6 +37,7 @@ class Run:
     without: tuple[str, ...] = ()
     fields: bool = True
     figures: bool = True
+    animate: bool = False
     quiet: bool = False
     resume: bool = True
     adapt: int = 0
@@ -51,7 +54,10 @@ class Run:
             if spelled.get(name, name) in grammar.RESERVED:
                 raise InputError(f"{name.upper()} is no parameter of a scene: FreeFEM and the "
                                  "driver use the word themselves")
-        names = ("without", "fields", "figures", "quiet", "resume", "adapt", "errors", "accuracy")
+        if given["animate"] and not given["fields"]:
+            raise InputError("ANIMATE=yes needs the fields: leave FIELDS=no out")
+        names = ("without", "fields", "figures", "animate", "quiet", "resume", "adapt", "errors",
+                 "accuracy")
         return cls(scene, given["out"] or RESULTS / scene.stem, given["np"], given.settings,
                    given.parameters, **{name: given[name] for name in names})
 
@@ -149,17 +155,38 @@ def _complete(run: Run, work: Path, cycles: list[Path]) -> None:
             shutil.rmtree(cycle)
     if run.figures:
         _draw(work)
+    if run.animate:
+        _animate(work)
+    report.write(work)
     (work / "export" / "freefem.log").rename(work / "freefem.log")
     for folder in ("export", "companions"):  # the latter if a rank has died over the estimates
         shutil.rmtree(work / folder, ignore_errors=True)
 
 
 def _draw(work: Path) -> None:
-    """Draw the figures; where that fails a line says so, and the results stay."""
-    try:
+    """The figures."""
+    def draw():
         from ..figures import draw_run
 
         draw_run(work)
+
+    _try(draw)
+
+
+def _animate(work: Path) -> None:
+    """The animation."""
+    def draw():
+        from ..figures.animation import draw_animation
+
+        draw_animation(work)
+
+    _try(draw)
+
+
+def _try(draw) -> None:
+    """Draw; where that fails a line says so, and the results stay."""
+    try:
+        draw()
     except Exception as problem:  # whatever it is, the results stand
         reason = shortage(problem) or " ".join(str(problem).split()) or type(problem).__name__
         print(f"warning: the figures could not be drawn: {reason}; 'make figures' draws them from "
@@ -193,8 +220,10 @@ def describe(summary: dict, out: Path) -> str:
              f"force balance {summary['balance']:.1e}",
              f"{_seconds(summary['seconds'])}, results in {shown(out)}",
              *never_mattered(summary["effects_ledger"]),
+             *screen.boundaries(summary.get("boundaries", []), summary["units"]),
+             *screen.probes(summary.get("probes", []), summary["units"]),
              *budget.describe(summary.get("errors", {}), summary["units"]),
-             *(f"warning: {warning}" for warning in summary["warnings"])]
+             *screen.warnings(summary["warnings"])]
     return "\n  ".join(lines)
 
 

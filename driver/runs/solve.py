@@ -1,10 +1,12 @@
 """The SPMD part of a run: loader, operator, time stepping and results on one communicator."""
 
+import os
 import sys
 import time
 import traceback
 from pathlib import Path
 
+from ..environment import EVERY_STEP
 from ..errors import DriverError, agreed_writes, shortage
 from ..estimates import adaptivity, between_steps, soundness, validity
 from ..estimates.energy import EnergyEstimator, report
@@ -47,7 +49,8 @@ class Progress:
         line = (f"{self.label}: step {step.index}/{self.total}, {iterations} fixed-point "
                 f"iterations, {products} products, KKT residual {kkt}")
         self.note(f"{line}, {spent:.2f} s")
-        due = step.index % max(1, self.total // 5) == 0 or step.index == self.total
+        due = (step.index % max(1, self.total // 5) == 0 or step.index == self.total
+               or EVERY_STEP in os.environ)
         if self.bar is not None:
             self.bar.set_postfix(fixed_point=iterations, products=products, kkt=kkt)
             self.bar.update()

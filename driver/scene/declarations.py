@@ -108,7 +108,8 @@ def _kinds() -> dict[tuple[str, str], str]:
         for name in room.declared_by:
             if room.given_on and as_it_stands.format(name) in source(room):
                 kinds[name] = GIVEN_ON[room.given_on]
-            elif room.column:
+            elif room.column and f"IFMACRO({name}," not in source(room):
+                # the room takes no word, such as yes, besides numbers
                 kinds[name] = "number"
     kinds |= CONTENTS
     return {(name, macro.arguments): kinds[macro.name] for macro in all_macros()
@@ -118,9 +119,8 @@ def _kinds() -> dict[tuple[str, str], str]:
 def _content(name: str, arguments: str, kind: str) -> list[str]:
     """A macro where its kind is expected, in a function that nothing calls."""
     call = f"{name}({', '.join('0.5' for _ in arguments.split(','))})" if arguments else name
-    function = f"func int libContent{name}() {KINDS[kind].format(call)}"
-    # a bare yes, where a room takes it, is no number
-    return _if(name, *(_if(f"!{name},yes", function) if not arguments else [function]))
+    # not nested in a second IFMACRO, within which FreeFEM counts lines otherwise
+    return _if(name, f"func int libContent{name}() {KINDS[kind].format(call)}")
 
 
 def content_of(path: Path, line: int) -> str:

@@ -74,6 +74,17 @@ def _macro_fault(name: str, code: str, library: str) -> str:
     return ""
 
 
+def check_statements(scene: Path) -> None:
+    """Refuse terms of loads that FreeFEM takes without effect. Raises InputError."""
+    for name, body in _definitions(scene.read_text(errors="replace"))[0]:
+        unknown = re.search(r"\bu[12]\b", _without_texts(body))
+        if re.fullmatch(r"(load|bodyForce)\d", name) and unknown:
+            raise InputError(
+                f"{scene.name}: {name} contains {unknown[0]}, the unknown displacement: a load is "
+                "given and such a term (a spring, a Robin condition) would be left out; write "
+                "loads with v1 and v2 alone, or a spring as a thin soft body")
+
+
 def taken_name(scene: Path, name: str) -> str:
     """Why FreeFEM refuses a variable `name` that a scene and the library both declare."""
     for source in grammar.sources(scene):

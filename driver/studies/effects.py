@@ -39,7 +39,7 @@ TRACTIONS = ("variant", "boundary", "step", "arc", "weight",
 def variants(manifest: Manifest) -> dict[str, str]:
     """Name of every declared effect and the word of WITHOUT that leaves it out."""
     names = {words(room): room for room in manifest.rooms
-             if room not in (*DRIVES, "pair", QUASISTATIC)}  # pairs go with contact
+             if room not in (*DRIVES, "pair", "probe", QUASISTATIC)}  # pairs: with contact
     macros = {room.name: next(iter(room.declared_by)).removesuffix("#") for room in rooms()}
     if len(manifest.patterns) > 1:
         for pattern in manifest.patterns:

@@ -19,6 +19,8 @@ from ..march.step import StepFailed
 from ..march.uniqueness import DOUBTFUL_FRICTION
 from ..options import Settings
 from ..results.dissipation import Dissipation, start
+from ..results.quantities import resultant
+from ..results.shares import label_shares
 from ..runs.request import Request
 from ..scene.loader import read_contact
 from ..scene.manifest import read_manifest
@@ -157,15 +159,11 @@ def _places(boundary, read) -> np.ndarray:
 
     Of two nodes at a corner that which faces the same way.
     """
-    def keys(of, paired):
-        """Vertex, and the label of a pair."""
-        return zip(of.gid.tolist(), np.where(paired, of.label, 0).tolist())
-
     vertices = {}
-    for place, key in enumerate(keys(read, read.family > 0)):
+    for place, key in enumerate(zip(read.gid.tolist(), read.family.tolist())):
         vertices.setdefault(key, []).append(place)
     places = np.full(len(boundary.gid), -1)
-    for node, key in enumerate(keys(boundary, boundary.paired)):
+    for node, key in enumerate(zip(boundary.gid.tolist(), boundary.family.tolist())):
         places[node] = max(vertices.get(key, [-1]),
                            key=lambda place: read.normal[place] @ boundary.normal[node])
     return places
@@ -197,11 +195,13 @@ def _solve(problem, settings, near: np.ndarray | None) -> tuple[Outcome, np.ndar
                            start(solver.effects, solver.law, contact.weight,
                                  solver.amplitudes))
 
+    shares = label_shares(operator.structure)[1]
+
     def add(step) -> None:
         nonlocal fields, u_t
         fields = _fields(operator, solver.rows, step, u_t)
         u_t = fields["u_t"]
-        row = _quantities(contact, fields)
+        row = _quantities(contact, shares, fields)
         dissipated = friction.add(step.time, fields)
         dissipated += history[-1]["dissipated"] if history else 0.0
         history.append({"step": step.index, "time": step.time, **row, "dissipated": dissipated,
@@ -247,12 +247,12 @@ def _fields(operator, rows, step, u_t: np.ndarray) -> dict[str, np.ndarray]:
             "sigma_t": force_t / w + 0.0, "bound": bound / w, "status": status.astype(int)}
 
 
-def _quantities(contact, fields: dict) -> dict:
-    """Resultants and zones of one step."""
+def _quantities(contact, shares: np.ndarray, fields: dict) -> dict:
+    """Resultants and zones of one step; `shares` of labels in nodes as from shares.py."""
     w, touching = contact.weight, fields["status"] != OPEN
     nodes = np.bincount(fields["status"], minlength=3)
-    return {"resultant_n": float(fields["sigma_n"] @ w),
-            "resultant_t": float(fields["sigma_t"] @ w),
+    return {"resultant_n": 0.0 - float(resultant(shares, -fields["sigma_n"], w)),
+            "resultant_t": float(resultant(shares, fields["sigma_t"], w)),
             "peak_pressure": float(-fields["sigma_n"].min(initial=0)),
             "contact_length": float(w[touching].sum()),
             "largest_slip": float(np.abs(fields["slip"]).max(initial=0)),

@@ -14,6 +14,7 @@ from pathlib import Path
 from .. import options
 from ..files import write_json, write_table
 from ..options import RESULTS, Settings
+from ..report import study as report
 from ..runs.run import Run, execute
 from ..text import aligned
 
@@ -54,7 +55,7 @@ def make_table(pairs: dict[str, str]) -> None:
     table = [row for row in rows if row]
     path = write_table(folder / "table.csv", table)
     print(_text(table))
-    for path in (path, *draw(path)):
+    for path in (path, *draw(path), report.write(folder)):
         print(os.path.relpath(path))
 
 

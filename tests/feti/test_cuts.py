@@ -65,6 +65,13 @@ def sides(triangles):
     return ends, np.repeat(np.arange(len(triangles)), 3)
 
 
+def _ring_around_halves(c):
+    """A ring of cells around two triangles in the middle, all its corners on its inner side."""
+    x, y = np.abs(c - [1, 0.5]).T
+    core, ring = (x < 0.12) & (y < 0.11), (x < 0.34) & (y < 0.31)
+    return np.where(core, np.cumsum(core), np.where(ring, 8, 9))
+
+
 def _mixed(rng, xy, triangles):
     """Pieces that have grown, every fifth triangle dealt to another one."""
     part = grown(triangles, 7, rng)
@@ -83,6 +90,7 @@ CUTS = {
     "rings": lambda rng, c, t: np.floor(5 * np.linalg.norm(c - [0.9, 0.45], axis=1)),
     "half rings": lambda rng, c, t: (np.floor(5 * np.linalg.norm(c - [0.9, 0.1], axis=1))
                                      + 20 * (c[:, 0] > 0.9)),
+    "ring around halves": lambda rng, c, t: _ring_around_halves(c),
     "chains": lambda rng, c, t: np.floor(10 * c[:, 1]),
     "one triangle out": lambda rng, c, t: np.arange(len(c)) == rng.integers(len(c)),
     "one at the rim out": lambda rng, c, t: np.arange(len(c)) == c[:, 0].argmax(),

@@ -252,9 +252,11 @@ def check_compliance(problem):
     modelling error.
     """
     body, contact = Assembled(problem.manifest, problem.subdomains), problem.structure.contact
-    nodes = list(zip(body.label, body.gid))
-    at = np.array([nodes.index(node) for node in zip(contact.label, contact.gid)])
-    assert sorted(at) == list(range(len(nodes)))
+    # a node at a corner of the body stands there once for each of its normals
+    apart = np.linalg.norm(contact.normal[:, None] - body.normal, axis=2)
+    apart[contact.gid[:, None] != body.gid] = np.inf
+    at = apart.argmin(axis=1)
+    assert sorted(at) == list(range(len(body.gid)))
     rows, at = np.concatenate([contact.normal_row,
                                contact.tangential_row]), np.concatenate([at, len(at) + at])
     rows, at = rows[rows >= 0], at[rows >= 0]

@@ -10,13 +10,14 @@ import meshio
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from PIL import Image
 
 from driver import figures
 from driver.errors import InputError
-from driver.figures import body, contact, convergence, outline, scales
+from driver.figures import animation, body, contact, convergence, obstacle, outline, redraw, scales
 
 ALL = ["geometry", "loading", "deformed", "contact_normal", "contact_tangential", "contact_status",
-       "convergence", "history"]
+       "history", "convergence"]
 
 
 # ------------------------------------------------------------------------- a made-up run directory
@@ -52,14 +53,14 @@ def write_fields(directory: Path, times, subdomains, cells) -> None:
         x, y = xy.T
         u = 1e-3 * t * np.column_stack([0.35 * x - 0.1 * x * y,
                                        0.25 * np.maximum(x - 1.4, 0) ** 1.5 - 0.3 * y])
-        cx, cy = xy[triangles].mean(axis=1).T
-        mises = 1e8 * t * (0.8 + 0.3 * np.sin(3 * cx) * cy + 0.12 / \
-                           np.hypot(cx, cy - 1) + 0.1 / np.hypot(cx, cy))
+        mises = 1e8 * t * (0.8 + 0.3 * np.sin(3 * x) * y + 0.12 / (0.02 + np.hypot(x, y - 1))
+                           + 0.1 / (0.02 + np.hypot(x, y)))
+        stress = np.column_stack([mises, 0 * x, 0 * x, 0 * x])  # of which it is von Mises's
         name = f"fields/step_{step:04d}.vtu"
         meshio.Mesh(np.column_stack([x, y, 0 * x]), [("triangle", triangles)],
-                    point_data={"displacement": np.column_stack([u, 0 * x])},
-                    cell_data={"stress": [np.tile(mises[:, None], 3)], "von_mises": [mises],
-                               "subdomain": [owner]}).write(directory / name)
+                    point_data={"displacement": np.column_stack([u, 0 * x]), "stress": stress},
+                    cell_data={"subdomain": [owner], "body": [0 * owner],
+                               "region": [0 * owner]}).write(directory / name)
         entries.append(f'<DataSet timestep="{t}" group="" part="0" file="{name}"/>')
     text = '<VTKFile type="Collection" version="0.1"><Collection>' + \
         "".join(entries) + "</Collection></VTKFile>"
@@ -77,8 +78,11 @@ def write_boundary(directory: Path, n: int, roles: dict) -> None:
         pull = (0, 0)
         if roles[label] == "load":
             pull = {3: (0.0, -1e8), 2: (3e7, 5e7)}.get(label, pull)
-        rows += [(*p, *q, label, roles[label], *pull) for p, q in zip(line, line[1:])]
-    write_table(directory / "boundary.csv", "x0,y0,x1,y1,label,role,traction_x,traction_y", rows)
+        held = int(roles[label] == "support")
+        rows += [(*p, *q, label, roles[label], *pull, held, held, 0, 0)
+                 for p, q in zip(line, line[1:])]
+    write_table(directory / "boundary.csv", "x0,y0,x1,y1,label,role,traction_x,traction_y,"
+                "fixed_x,fixed_y,moved_x,moved_y", rows)
 
 
 def contact_rows(times, nodes: int, friction: bool, labels: int):
@@ -138,12 +142,12 @@ def make_run(directory: Path, *, nodes=21, steps=20, friction="coulomb", contact
         "t_end": 1, "amplitudes": {"1": (5 * times - 4 * times**2).tolist(), "2": times.tolist()},
         "sizes": {"subdomains": math.prod(subdomains)}}))
     rows = [(s, t, -4 * t**2 + 5 * t, t, 6 * (s > 0), 250, -1.2e8 * t * touching, 2e7 * t * (1 - t),
-             0, 0, 0, 1e-3)
+             0, 0, 0, 1e-3, 1.5, 1e4 * t)
             for s, t in enumerate(times)]
     write_table(directory / "history.csv",
                 "step,time,amplitude_1,amplitude_2,fixed_point_iterations,"
                 "dual_multiplications,resultant_n,resultant_t,nodes_open,nodes_stick,nodes_slip,"
-                "max_displacement", rows)
+                "max_displacement,contact_length,dissipated", rows)
     if touching:
         write_table(directory / "contact.csv",
                     "step,time,node,boundary,x,y,arc,weight,normal_x,normal_y,gap,u_n,"
@@ -336,20 +340,6 @@ def test_marks_are_spread_evenly_over_unequal_edges():
     assert np.allclose(gaps, np.pi / 31, rtol=0.01)
 
 
-def test_bodies_are_parted_by_their_boundaries_and_not_by_subdomains(run):
-    """A line of contact through the middle of the block makes two bodies of it, whose sizes are
-    equal."""
-    mesh, boundary = run.first, run.boundary
-    assert not outline.bodies(mesh, boundary).any()
-    y = np.linspace(0, 1, 11)  # the ends of the mesh's edges there
-    cut = {"x0": np.ones(10), "y0": y[:-1], "x1": np.ones(10), "y1": y[1:]}
-    boundary = {name: np.append(boundary[name], values) for name, values in cut.items()}
-    found = outline.bodies(mesh, boundary)
-    left = mesh.xy[mesh.triangles].mean(axis=1)[:, 0] < 1
-    assert set(found[left]) != set(found[~left]) and len(
-        set(found[left])) == len(set(found[~left])) == 1
-
-
 def test_pictures_show_the_time_of_the_quantities(tmp_path):
     """Where contact is lost at the end, that is the time of its largest resultant."""
     directory = make_run(tmp_path / "run", steps=4, products=6)
@@ -365,9 +355,10 @@ def test_foundation_under_a_round_body_is_as_flat_as_its_gap_says():
     angle = np.linspace(-0.7, -0.3, 9) * np.pi
     ends, size = circle(1, angle), 2.0
     contact = {"x": ends[:, 0], "y": ends[:, 1], "normal_x": ends[:, 0], "normal_y": ends[:, 1],
-               "gap": -1 / np.sin(angle) - 1}  # along the normal, down to y = -1
+               "gap": -1 / np.sin(angle) - 1,  # along the normal, down to y = -1
+               "arc": 1 + angle}
     axes = Figure().add_subplot()
-    body.foundation(axes, contact, ends[:-1], ends[1:], size, 1.0)
+    obstacle.draw_obstacle(axes, contact, size, 1.0, 0.016 * size)
     line, marks = (np.array(c.get_segments()) for c in axes.collections)
     # the rest by which the foundation is set off is taken along the normal
     assert np.allclose(line[:, 0, 1], -1 + 0.016 * size * np.sin(angle[:-1]))
@@ -395,21 +386,22 @@ def test_history_may_start_at_step_one_and_have_empty_cells(tmp_path):
      "history.csv").write_text("\n".join([first + ",contraction", *(row + "," for row in rows)]))
     run = figures.read_run(directory)
     assert np.all(np.isnan(run.history["contraction"])) and run.history["step"][0] == 1
-    assert len(figures.compose("history", run).axes[1].patches) == 3
+    assert len(figures.compose("history", run).axes[-1].patches) == 3
 
 
 def test_deformed_body_is_magnified_as_in_the_slides(run, drawn):
     figure = drawn["deformed"]
     assert "300×" in words(figure) and "[MPa]" in words(figure) and "$t = 1$" in words(figure)
     largest = run.last.xy + 300 * run.last.displacement
-    paths = figure.axes[0].collections[0].get_paths()
-    assert np.allclose(max(p.vertices[:, 0].max() for p in paths), largest[:, 0].max())
+    shown = figure.axes[0].collections[-1]._triangulation
+    assert np.allclose([shown.x.max(), shown.y.min()], [largest[:, 0].max(), largest[:, 1].min()])
 
 
 @pytest.mark.parametrize("raw, chosen",
-                         [(1.0, 1), (8.9, 10), (4.4, 5), (230.0, 200), (0.031, 0.03)])
+                         [(1.0, 1), (8.9, 10), (4.4, 5), (230.0, 200), (0.031, 1)])
 def test_magnification_is_round(raw, chosen):
     assert scales.round_magnification(raw) == pytest.approx(chosen)
+    assert scales.round_magnification(raw, 4.9) == pytest.approx(min(chosen, 3))
 
 
 def test_other_scenes_choose_their_magnification(tmp_path):
@@ -485,10 +477,14 @@ def test_thinned_convergence_keeps_starts_and_counts_everything(tmp_path):
 
 def test_history_shows_forces_per_thickness_and_iterations(drawn):
     figure = drawn["history"]
-    forces, iterations = figure.axes
-    assert forces.get_ylabel() == "contact force [MN/m]"
+    forces, length, work, iterations = figure.axes
+    assert forces.get_ylabel() == "contact force\n[MN/m]"
+    assert length.get_ylabel() == "length in\ncontact\n[m]"
+    assert work.get_ylabel() == "work of\nfriction\n[kJ/m]"
+    heights = [axes.get_position().height for axes in figure.axes]
+    assert heights[0] > 3 * heights[-1]  # physics first
     assert [p.get_height() for p in iterations.patches] == [6] * 20
-    assert "120 fixed-point iterations" in words(figure)
+    assert "120 iterations of the fixed point" in words(figure)
 
 
 @pytest.mark.parametrize("unit, peak, label, shown", [
@@ -503,6 +499,141 @@ def test_scales(unit, peak, label, shown):
 
 def test_resultants_of_mixed_units_are_forces_per_length(tmp_path):
     run = figures.read_run(make_run(tmp_path, steps=2, units=("mm", "MPa"), products=6))
-    assert scales.force_scale(run, [5.0]) == (pytest.approx(1.0), "kN/m")  # MPa mm = N/mm = kN/m
+    assert scales.force_scale(run, [5.0]) == (pytest.approx(1.0), "N/mm")  # MPa mm = N/mm
     run.summary["units"] = {"length": "1", "stress": "1"}
     assert scales.force_scale(run, [5.0]) == (1.0, "–")
+
+
+def test_force_over_displacement_of_probes_that_feel_a_force(tmp_path):
+    """Along x, where the label moves between steps, not along y, where it is only pressed in; a
+    point without force has no curve.
+    """
+    directory = make_run(tmp_path, steps=4, units=("mm", "MPa"), products=6)
+    t = np.arange(1, 5) / 4
+    rows = [[k + 1, time, probe, 0, 0, u, -0.5, f, f / 2]
+            for k, time in enumerate(t)
+            for probe, u, f in (("point1", 0.1 * time, 0.0),
+                                ("label3", 0.01 * np.sin(9 * time), 20 * np.cos(9 * time)))]
+    write_table(directory / "probes.csv", "step,time,probe,x,y,u_x,u_y,force_x,force_y", rows)
+    run = figures.read_run(directory)
+    assert "force_displacement" in figures.wanted(run)
+    figure = figures.compose("force_displacement", run)
+    assert legend_words(figure) == ["label 3, $x$"]
+    curve = figure.axes[0].lines[0]
+    assert curve.get_xdata() == pytest.approx(10 * np.sin(9 * t))  # micrometres
+    assert curve.get_ydata() == pytest.approx(20 * np.cos(9 * t))
+    assert figure.axes[0].get_ylabel() == "force on the body [N/mm]"
+    assert overlaps(figure) == [] and outside(figure) == []
+
+
+# ------------------------------------------------------------- geometry and deformation, in detail
+
+def moved_run(tmp_path, changes: dict, **summary):
+    """A made-up run whose columns of boundary.csv at label 4 are changed."""
+    directory = make_run(tmp_path / "run", steps=2, products=6, scene="own")
+    names, *rows = csv.reader((directory / "boundary.csv").read_text().splitlines())
+    for row in rows:
+        if row[names.index("label")] == "4":
+            for name, value in changes.items():
+                row[names.index(name)] = value
+    write_table(directory / "boundary.csv", ",".join(names), rows)
+    text = json.loads((directory / "summary.json").read_text())
+    (directory / "summary.json").write_text(json.dumps(text | summary))
+    return figures.read_run(directory)
+
+
+@pytest.mark.parametrize("changes, words_of_legend", [
+    ({}, r"$\Gamma_u$ support"), ({"fixed_y": 0}, r"$\Gamma_u$ roller"),
+    ({"moved_x": 1e-3}, r"$\Gamma_u$ moved"),
+    ({"fixed_x": 0, "moved_y": -1e-3}, r"$\Gamma_u$ moved in one direction")])
+def test_supports_rollers_and_moved_supports_look_different(tmp_path, changes, words_of_legend):
+    figure = figures.compose("geometry", moved_run(tmp_path, changes))
+    assert words_of_legend in legend_words(figure)
+    assert ("moved by up to 1 mm" in words(figure)) == any("moved" in name for name in changes)
+
+
+def test_labels_loads_and_weight_are_on_the_picture(tmp_path):
+    run = moved_run(tmp_path, {"traction_x": 2e7, "traction_y": 0},
+                    loads=[{"effect": "body_force", "number": 2, "force": [0.0, -5.0]}])
+    figure = figures.compose("geometry", run)
+    assert {text.get_text() for text in figure.axes[0].texts} == {"1", "2", "3", "4"}
+    assert "body force" in legend_words(figure)
+    arrows = [c for c in figure.axes[0].collections if hasattr(c, "U")]
+    assert len(arrows) == 4  # top, right side, the supported left side, weight
+    down = arrows[-1]
+    assert np.all(down.U == 0) and np.all(down.V < 0)
+
+
+def test_arrows_along_a_boundary_do_not_stand_on_each_other(tmp_path):
+    run = moved_run(tmp_path, {"traction_y": -1e8})
+    arrows = [c for c in figures.compose("geometry", run).axes[0].collections if hasattr(c, "U")]
+    shear = next(c for c in arrows if np.all(np.abs(c.U) < 1e-9) and np.all(c.X < 0))
+    ends = np.sort(np.stack([shear.Y, shear.Y + shear.V]), axis=0)
+    order = np.argsort(ends[0])
+    assert np.all(ends[0][order][1:] > ends[1][order][:-1])
+
+
+def test_magnification_respects_gaps_and_large_displacements(tmp_path):
+    """Closed nodes on a gap of 1 mm under a body of 2 m: (s - 1) 1 mm stay below a hundredth of
+    the size; displacements of a tenth of the size are to scale.
+    """
+    run = figures.read_run(make_run(tmp_path, steps=2, scene="own", products=6))
+    free = body.magnification(run)
+    assert free > 21
+    closed = run.contact["status"] != "open"
+    run.contact["gap"] = np.where(closed, 1e-3, 1.0)
+    run.contact["u_n"] = np.where(closed, 1e-3, 0.0)
+    assert body.magnification(run) == 20
+    for name in ("gap", "u_n"):  # a press fit would seem to part
+        run.contact[name] = np.where(closed, -1e-3, run.contact[name])
+    assert body.magnification(run) == 20
+    run.last.displacement *= 0.2 / np.linalg.norm(run.last.displacement, axis=1).max()
+    assert body.magnification(run) == 1
+    assert "displacements to scale" in words(figures.compose("deformed", run))
+
+
+def test_a_small_contact_has_a_picture_to_scale(tmp_path):
+    run = figures.read_run(make_run(tmp_path, steps=2, scene="own", products=6))
+    assert body.contact_window(run) is None
+    far = np.abs(run.contact["arc"] - 1.0) > 0.1
+    run.contact["status"] = np.where(far, "open", run.contact["status"])
+    middle, width = body.contact_window(run)
+    assert 0.2 < width < 1 and middle == pytest.approx([1.0, 0.0], abs=0.1)
+    figure = figures.compose("contact_zoom", run)
+    assert np.ptp(figure.axes[0].get_xlim()) == pytest.approx(width, rel=1e-6)
+    assert overlaps(figure) == [] and outside(figure) == []
+
+
+def test_hertz_has_its_ellipse(tmp_path):
+    """Its force is that of the nodes: 2 P / (pi a) is the peak of an ellipse with P and a."""
+    arc = np.linspace(0, 2, 401)
+    true = -np.sqrt(np.maximum(0, 1 - ((arc - 1) / 0.5) ** 2))
+    rows = {"arc": arc, "weight": np.full(401, 0.005), "sigma_n": true,
+            "status": np.where(true < 0, "slip", "open")}
+    assert contact.hertz(rows) == pytest.approx(true, abs=0.05)  # half an edge at either end
+    assert (contact.hertz(rows) @ rows["weight"]) == pytest.approx(true @ rows["weight"], rel=1e-2)
+    run = figures.read_run(make_run(tmp_path, steps=2, scene="edp/hertz.edp", products=6))
+    assert "Hertz, same force and length" in legend_words(figures.compose("contact_normal", run))
+
+
+def test_the_animation_has_a_frame_a_step_all_alike(tmp_path):
+    """The start and three steps in one box; the last frame is no longer the first."""
+    directory = make_run(tmp_path, steps=3, scene="own", products=6)
+    path = animation.draw_animation(directory)
+    with Image.open(path) as picture:
+        assert picture.n_frames == 4
+        first = np.asarray(picture.convert("RGB"), int)
+        picture.seek(3)
+        last = np.asarray(picture.convert("RGB"), int)
+    assert first.shape == last.shape and (first != last).any(axis=2).mean() > 0.1
+    assert path in redraw.redraw(directory)
+
+
+def test_long_histories_are_thinned_and_runs_without_fields_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(animation, "MOST", 3)
+    directory = make_run(tmp_path, steps=5, products=6)
+    with Image.open(animation.draw_animation(directory)) as picture:
+        assert picture.n_frames == 4  # start, 1, 3 and 5
+    (directory / "fields.pvd").unlink()
+    with pytest.raises(InputError, match="FIELDS=yes"):
+        animation.draw_animation(directory)

@@ -42,6 +42,39 @@ macro gap() (label == 4 ? wall : 0.) //
 include "export.idp"
 """
 
+SHEAR = """include "scene.idp"
+units("1", "1");
+subdomains("4x2");
+rectangle(0., 2., 0., 1.);
+quasistatic(1.);
+macro c11() 1. //
+macro c22() 1. //
+macro c12() 0.3 //
+macro c33() 0.35e-6 //
+macro c13() 0. //
+macro c23() 0. //
+macro support() on(4, u1 = 0., u2 = 0.) //
+macro load1() traction(3, 0., -1e-3) + traction(2, 3e-4, 1e-4) //
+macro amplitude1(t) t //
+macro contact() 1 //
+macro friction() 0.3 //
+include "export.idp"
+"""
+SPIKE = """include "scene.idp"
+units("1", "1");
+subdomains("2x1");
+rectangle(0., 2., 0., 1.);
+quasistatic(1.);
+macro young() 1. //
+macro poisson() 0.3 //
+macro support() on(4, u1 = 0., u2 = 0.) //
+macro load1() traction(3, 0., -1e-3) + traction(2, 4e-4, 2e-4) //
+macro amplitude1(t) (abs(t - 0.5) < 0.01 ? 1e6 : t) //
+macro contact() 1 //
+macro friction() 0.3 //
+include "export.idp"
+"""
+
 
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory):
@@ -67,8 +100,8 @@ def rows(friction: float) -> ContactRows:
 
 def residuals(friction: float, multipliers, move) -> dict:
     """Residuals of forces and movements (5,) where the deformation is 1e-3."""
-    return kkt_residuals(rows(friction), np.array(multipliers, float), -np.array(move, float), 0.0,
-                         Scales(displacement=1e-3), MPI.COMM_SELF)
+    return kkt_residuals(rows(friction), np.array(multipliers, float), -np.array(move, float),
+                         np.ones(5), Scales(displacement=1e-3), MPI.COMM_SELF)
 
 
 @pytest.mark.parametrize("friction", [0.3, 1e3, 1e12])
@@ -133,6 +166,61 @@ def test_a_residual_that_stays_ends_with_status_4(built, steps_of, monkeypatch):
     solver, steps = steps_of(built(loading="nonmonotone", cells=4, steps=5))
     assert solver.failure.exit_status == 4 and len(steps) == 1
     assert "gluing residual stays at 1.0e-03" in str(solver.failure)
+
+
+# settings that leave a tenth and less of what the defaults leave
+TIGHT = {"rtol": 1e-12, "friction_rtol": 1e-9, "primal_rtol": 1e-7}
+
+
+def apart(rough, fine) -> float:
+    """Largest difference of tractions in the last step, over their largest."""
+    rough, fine = (tractions(outcome)[:, -1] for outcome in (rough, fine))
+    return np.abs(rough - fine).max() / np.abs(fine).max()
+
+
+def test_forces_are_right_in_a_nearly_singular_material(solved, scene):
+    """Shear a million times as soft: displacements are shear alone and say nothing of tractions.
+
+    The residual in forces is 1e-6 of their norm; a node's error may be ten times that.
+    """
+    rough, fine = (solved(scene=scene("shear", SHEAR), cells=4, steps=2, **words)
+                   for words in ({}, TIGHT))
+    assert rough.status == fine.status == 0
+    assert apart(rough, fine) <= 1e-5
+
+
+def test_stiff_parts_know_whether_they_slide(solved):
+    """E jumps by 1e6: slip that is nothing to the soft parts decides on friction of the stiff ones.
+    """
+    words = {"jump": "1e6", "subdomains": "4x2", "cells": 4, "steps": 4}
+    rough, fine = (solved(scene="hard/block", **words, **more) for more in ({}, TIGHT))
+    assert rough.status == fine.status == 0
+    assert apart(rough, fine) <= 1e-4
+
+
+def test_a_spike_spoils_no_later_step(solved, scene):
+    """Slip that friction keeps from a spike of 1e6 is a millionth of it too much for its own
+    tolerance, and as large as all that follows: so the spike's step is solved further.
+    """
+    rough, fine = (solved(scene=scene("spike", SPIKE), cells=6, steps=6, **words)
+                   for words in ({}, TIGHT))
+    assert rough.status == fine.status == 0
+    largest = np.abs(rough.contact["sigma_n"]).max(axis=1)
+    assert largest[2] > 1e5 * largest[-1]
+    assert apart(rough, fine) <= 1e-3
+
+
+def test_steps_before_smaller_loads_are_solved_further(built, steps_of):
+    """By ten times what the loads differ; those of zero and those to come that are larger do not
+    count, nor anything without friction.
+    """
+    solver, _ = steps_of(built(loading="nonmonotone", cells=4, steps=5))
+    solver.loads = [1.0, 1e4, 2.0, 1.0, 0.0]
+    assert [solver._foresight(step) for step in range(1, 6)] == pytest.approx([1, 1e-3, 1, 1, 1])
+    solver.loads = [1e8, 1.0, 0.0]
+    assert solver._foresight(1) == pytest.approx(1e-5)
+    solver.largest_friction = 0.0
+    assert solver._foresight(1) == 1
 
 
 # ---- deformation, not motion ---------------------------------------------------------------------
@@ -200,7 +288,7 @@ def test_least_motion_of_a_free_block(built, steps_of, scene, cut):
     solver, steps = steps_of(problem)
     assert solver.failure is None
     for step in steps:
-        along, down, turned = mean_motion(problem, step)
+        along, down, _ = mean_motion(problem, step)
         assert abs(along) <= 1e-9 * abs(down) and down < 0
 
 

@@ -80,6 +80,7 @@ CASES = {
     "quadratic": ("ELEMENT=P2", "CELLS=2", "FIELDS=yes", "ERRORS=energy"),
     "slip law": ("SCENE=punch", "LOADING=", "CELLS="),
     "several boundaries": ("SCENE=bracket", "LOADING=", "CELLS=", "H=8", "SUBDOMAINS=4"),
+    "corners": ("SCENE=hard/hole", "LOADING=", "CELLS="),
     "floating stack": ("SCENE=stack", "LOADING=", "CELLS=", "H=0.25", "SUBDOMAINS=3")}
 
 

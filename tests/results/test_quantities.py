@@ -196,3 +196,46 @@ def test_outline_with_roles_and_tractions(solved, element):
         # sums of some ten nodal forces over sums of as many lengths
         assert float(row["traction_x"]) == pytest.approx(x, rel=1e-13)
         assert float(row["traction_y"]) == pytest.approx(y, rel=1e-13)
+        held = str(int(role == "support"))
+        assert [row["fixed_x"], row["fixed_y"], row["moved_x"]] == [held, held, "0.0"]
+    loads = solved("model", STEPS=2, CELLS=3, ELEMENT=element).summary["loads"]
+    assert {load["effect"] for load in loads} == {"traction"}
+    total = np.sum([load["force"] for load in loads], axis=0)
+    assert total == pytest.approx([3e7, 5e7 - 2e8], rel=1e-9)  # the top is 2 long, the side 1
+
+
+RING = """include "scene.idp"
+units("m", "Pa");
+subdomains("3");
+border outer(t = 0, 2*pi) { x = cos(t); y = sin(t); label = 7; }
+border inner(t = 0, 2*pi) { x = 0.5*cos(t); y = 0.5*sin(t); label = 3; }
+body = buildmesh(outer(40) + inner(-24));
+macro young() 1e3 //
+macro poisson() 0.3 //
+macro load1() pressure(7, 2.) //
+macro displacement2() on(3, u1 = 0.001, u2 = 0.) //
+include "export.idp"
+"""
+
+
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_outline_of_a_ring_under_pressure(solved, tmp_path, element):
+    """The traction follows the normal, edge by edge, and the body is on the left of every edge."""
+    path = tmp_path / "ring.edp"
+    path.write_text(RING)
+    with open(solved(path, ELEMENT=element).directory / "boundary.csv", newline="") as file:
+        rows = [{name: value if name == "role" else float(value) for name, value in row.items()}
+                for row in csv.DictReader(file)]
+    assert len(rows) == 64
+    for row in rows:
+        along = np.array([row["x1"] - row["x0"], row["y1"] - row["y0"]])
+        out = np.array([along[1], -along[0]]) / np.linalg.norm(along)
+        middle = np.array([row["x0"] + row["x1"], row["y0"] + row["y1"]]) / 2
+        if row["label"] == 7:
+            assert out @ middle > 0.9 and row["role"] == "load"
+            # nodal forces of a polygon are 2 cos(pi/40) times the length: 3e-3 less
+            assert [row["traction_x"], row["traction_y"]] == pytest.approx(-2 * out, abs=0.01)
+        else:
+            assert out @ middle < -0.4 and row["role"] == "support"
+            assert [row["fixed_x"], row["fixed_y"]] == [1, 1]
+            assert [row["moved_x"], row["moved_y"]] == [0.001, 0]

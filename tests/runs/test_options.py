@@ -71,7 +71,7 @@ def test_commands_are_entries_and_targets():
     assert set(cli.ENTRIES) == {*options.COMMANDS, "solve"}
     makefile = (environment.ROOT / "Makefile").read_text()
     targets = re.search("^COMMANDS := (.*)$", makefile, re.MULTILINE)[1].split()
-    assert {*targets, "figures"} == set(options.COMMANDS)
+    assert {*targets, "figures", "report"} == set(options.COMMANDS)
 
 
 def test_help_names_every_option_and_loads_nothing_heavy():

@@ -25,12 +25,13 @@ STEPS = {"steps": 4}
 OPTIONS = {
     "bar": STEPS, "bracket": {**STEPS, "h": 8}, "cohesion": STEPS, "hertz": {"h": 0.004},
     "hertz-bodies": {"h": 0.004}, "joint": {"h": 2, "steps": 5},
-    "mindlin": {"h": 0.004, "steps": 5}, "mindlin-bodies": {"steps": 3, "h": 3e-4}, "model": STEPS,
+    "mindlin": {"h": 0.004, "steps": 5}, "mindlin-bodies": {"steps": 3, "h": 0.05}, "model": STEPS,
     "model-frictionless": STEPS, "model-tresca": STEPS, "patch-bodies": {"h": 0.2},
     "pin": {"h": 1}, "pressfit": {"h": 2}, "punch": {"h": 0.1, "steps": 3},
     "stack": {**STEPS, "h": 0.2}, "thermal": STEPS, "tutorial": {**STEPS, "h": 4},
     "wedge": {**STEPS, "h": 5}, "zones": STEPS, "hard/block": STEPS, "hard/cycles": STEPS,
-    "hard/fibre": STEPS, "hard/held": {**STEPS, "n": 6}, "hard/pair": {**STEPS, "h": 0.25},
+    "hard/fibre": STEPS, "hard/held": {**STEPS, "n": 6}, "hard/hole": STEPS,
+    "hard/pair": {**STEPS, "h": 0.25},
     "hard/pieces": {**STEPS, "nx": 8, "ny": 4}, "hard/slope": {**STEPS, "n": 6},
     "hard/tower": STEPS, "hard/wedge": {**STEPS, "n": 6},
 }
@@ -100,11 +101,12 @@ def _ordered(run):
     return columns | {"weight": c["weight"][:, order]}, place
 
 
-def compare(solved, scene, options, cuts) -> None:
-    """The scene in `cuts` against the first of them."""
+def compare(solved, scene, options, cuts) -> list:
+    """Runs of the scene in `cuts`, each compared with the first."""
     runs = [solved(scene, subdomains=cut, **TIGHT, **options) for cut in cuts]
     for cut, run in zip(cuts, runs):
         assert_same(run, runs[0], f"SUBDOMAINS={cut}")
+    return runs
 
 
 @pytest.mark.slow
@@ -114,11 +116,41 @@ def test_every_cut_gives_the_same_answer(solved, one_mesh, scene, element):
     compare(solved, one_mesh(scene), {"element": element, **OPTIONS.get(scene, {})}, range(1, 17))
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("element", ["P1", "P2", "P2-mixed"])
+@pytest.mark.parametrize("scene, options, cuts", [
+    ("bracket", {}, (1, "3x7", "10x10", 100)),  # a body with a hole
+    ("pin", {}, (1, "1x3", "6x5", 60)),
+    ("stack", {}, (1, "4x3", 40, 60)),
+    ("hard/tower", {}, (1, "3x1", 80)),
+    *(("hard/pieces", {"layout": layout}, (1, "piece", 60))
+      for layout in ("island", "chess", "stripes", "sizes", "elements", "scattered")),
+], ids=lambda value: value if isinstance(value, str) else value.get("layout", "")
+    if isinstance(value, dict) else "")
+def test_hundreds_of_subdomains_and_odd_ones(solved, one_mesh, scene, options, cuts, element):
+    compare(solved, one_mesh(scene), {"element": element, **OPTIONS[scene], **options}, cuts)
+
+
 @pytest.mark.parametrize("scene, options, cuts", [
     ("hard/pair", {}, (1, 6, 8)),  # upper pieces on two corners of a horizontal line
     ("hard/tower", {"element": "P2"}, (1, 5, 9)),
-    ("hard/pieces", {"element": "P2-mixed"}, (1, 7)),
-    ("model", {}, (3, 16, 64)),  # 64 triangles: one each
+    ("hard/pieces", {"element": "P2-mixed", "layout": "scattered"}, (1, 7, "piece")),
+    ("model", {}, (3, 60, 64)),  # of 64 triangles
 ], ids=lambda value: value if isinstance(value, str) else "")
 def test_a_sample_of_cuts(solved, one_mesh, scene, options, cuts):
-    compare(solved, one_mesh(scene), {**options, **OPTIONS[scene], "steps": 2}, cuts)
+    runs = compare(solved, one_mesh(scene), {**options, **OPTIONS[scene], "steps": 2}, cuts)
+    if scene == "model":  # METIS alone fills 6 of 60 parts
+        assert [run.summary["sizes"]["subdomains"] for run in runs] == list(cuts)
+
+
+@pytest.mark.parametrize("number", ["-1", "sqrt(-1. - x)", "1e9*x"])
+def test_numbers_of_subdomains_that_cannot_be_meant_are_refused(solved, variant, number):
+    last = 'include "export.idp"'
+    scene = variant(f"piece{len(number)}", (last, f"macro piece() ({number}) //\n{last}"))
+    refused = solved(scene, subdomains="piece", cells=2)
+    assert refused.status == 2 and "piece must number the subdomains 0, 1, 2" in refused.reason
+
+
+def test_more_subdomains_than_triangles_are_refused(solved, one_mesh):
+    refused = solved(one_mesh("model"), subdomains=65)
+    assert refused.status == 2 and "65 subdomains of 64 triangles" in refused.reason

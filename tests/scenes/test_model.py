@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from driver.hard.oracle import Assembled, coulomb_history, box_qp
 
-from driver.scene.kinematics import stresses
+from driver.scene.kinematics import corner_stresses, stresses, von_mises
 
 LOADINGS = ["monotone", "nonmonotone"]
 # Measured against the oracle, the error of sigma_t (the most sensitive field) is 4e3 (4x2) to 5e4
@@ -100,17 +100,20 @@ def test_constant_strain_gives_hookes_stress(built):
     """
     young, nu, (a, b, c) = 21.19e10, 0.277, (1e-3, -2e-4, 5e-4)
     lam, mu = young * nu / ((1 + nu) * (1 - 2 * nu)), young / (2 * (1 + nu))
-    expected = np.array([(lam + 2 * mu) * a + lam * b, lam * a + (lam + 2 * mu) * b, mu * c])
     zz = lam * (a + b)
-    tensor = np.array([[expected[0], expected[2], 0], [expected[2], expected[1], 0], [0, 0, zz]])
+    expected = np.array([(lam + 2 * mu) * a + lam * b, lam * a + (lam + 2 * mu) * b, zz, mu * c])
+    tensor = np.array([[expected[0], mu * c, 0], [mu * c, expected[1], 0], [0, 0, zz]])
     deviator = tensor - np.eye(3) * np.trace(tensor) / 3
     for sub in built(reduce=False, cells=4).subdomains[:3]:
         x, y = sub.xy.T
-        stress, mises = stresses(sub, np.column_stack([a * x + 0.2 * c * y,
-                                                       b * y + 0.8 * c * x]).ravel(), np.ones(1))
+        u = np.column_stack([a * x + 0.2 * c * y, b * y + 0.8 * c * x]).ravel()
+        stress = stresses(sub, u, np.ones(1))
         # gradients on cells of size 1/8 lose three digits
         np.testing.assert_allclose(stress, np.tile(expected, (len(stress), 1)), rtol=1e-12)
-        np.testing.assert_allclose(mises, np.sqrt(1.5 * (deviator**2).sum()), rtol=1e-12)
+        corners = corner_stresses(sub, u, np.ones(1))
+        np.testing.assert_allclose(corners, np.tile(expected, (len(stress), 3, 1)), rtol=1e-12)
+        np.testing.assert_allclose(von_mises(stress), np.sqrt(1.5 * (deviator**2).sum()),
+                                   rtol=1e-12)
 
 
 # ------------------------------------------------------------------------ laws of the solution

@@ -1,0 +1,53 @@
+"""Deformation, stress and contact status over time as animation.gif (ANIMATE=yes)."""
+
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from ..errors import InputError
+from ..files import renamed
+from .body import draw_deformed, magnification, status_nodes
+from .reading import Run, field_files, read_mesh, read_run
+from .style import canvas
+
+NAME = "animation.gif"
+DPI = 100
+MOST = 60  # frames; of longer histories every k-th step, the last one included
+DURATION, PAUSE = 4.0, 1.0  # seconds of the whole, and of the last frame
+
+
+def draw_animation(directory: Path) -> Path:
+    """Write ``<directory>/figures/animation.gif`` and return its path.
+
+    Raises InputError for a run without fields.
+    """
+    directory = Path(directory)
+    files = field_files(directory)
+    if not files:
+        raise InputError(f"{directory} has no fields to animate: FIELDS=yes writes them")
+    run = read_run(directory)
+    every = -(-(len(files) - 1) // MOST)
+    meshes = [read_mesh(path, time) for time, path in [*files[:0:-every], files[0]][::-1]]
+    times = min(magnification(run, mesh) for mesh in meshes[1:])
+    top = max(np.percentile(mesh.von_mises, 99.5) for mesh in meshes)
+    moved = np.concatenate([mesh.xy + times * mesh.displacement for mesh in meshes])
+    box = np.array([moved.min(axis=0), moved.max(axis=0)])
+    frames = [_frame(run, mesh, times, float(top), box) for mesh in meshes]
+    (directory / "figures").mkdir(exist_ok=True)
+    path = directory / "figures" / NAME
+    each = round(1000 * DURATION / len(frames))
+    with renamed(path) as hidden:
+        frames[0].save(hidden, format="GIF", save_all=True, append_images=frames[1:], loop=0,
+                       duration=[*[each] * (len(frames) - 1), round(1000 * PAUSE)])
+    return path
+
+
+def _frame(run: Run, mesh, times: float, top: float, box: np.ndarray) -> Image.Image:
+    """The picture of one step."""
+    figure = canvas(lambda figure: draw_deformed(figure, run, mesh, times, top, box,
+                                                 status_nodes), 12)
+    figure.set_dpi(DPI)
+    figure.canvas.draw()
+    picture = Image.fromarray(np.asarray(figure.canvas.buffer_rgba())).convert("RGB")
+    return picture.quantize(colors=256)

@@ -1,0 +1,207 @@
+"""The scene as a picture: bodies and materials, supports, loads, obstacles, labels, subdomains."""
+
+import numpy as np
+from matplotlib.collections import LineCollection
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from .layout import map_axes, run_header, shrink_to_body
+from .obstacle import draw_obstacle, hatch, rigid_rows
+from .outline import chains, outward_edges, sample
+from .reading import Run
+from .scales import Scale, length_scale, stress_scale
+from .style import BLUE, GREEN, GREY, INK, PURPLE, RED
+
+TINTS = ["#F1F1EC", "#DDE8F0", "#F3E6D8", "#E4EEDD", "#EFE1EC", "#E3E3E3"]  # of bodies, materials
+LINES = {"free": INK, "support": BLUE, "load": RED, "contact": GREEN, "pair": GREEN}
+ARROW, SHORTEST = 0.16, 0.2  # longest arrow over the body's size, shortest one over the longest
+MOST_LABELS = 30
+
+
+def geometry(figure: Figure, run: Run) -> None:
+    """Body, parts of its boundary, loads at amplitude one, obstacles and subdomains."""
+    mesh, boundary, role = run.first, run.boundary, run.boundary["role"]
+    axes, scale = map_axes(figure, run, mesh.xy)
+    xy, size = mesh.xy * scale.factor, np.ptp(mesh.xy, axis=0).max() * scale.factor
+    edges = tuple(part * f for part, f in zip(outward_edges(boundary, mesh),
+                                              (scale.factor, scale.factor, 1)))
+    handles = _bodies(axes, run, xy)
+    axes.add_collection(LineCollection(xy[mesh.rim()[0]], colors="0.62", linewidths=0.35,
+                                       rasterized=True))
+    for name, colour in LINES.items():
+        own = role == name
+        lines = np.stack([edges[0][own], edges[1][own]], axis=1)
+        axes.add_collection(LineCollection(lines, colors=colour, capstyle="round", zorder=2.5,
+                                           linewidths=1 if name == "free" else 2.2))
+    handles += _boundary_handles(role)
+    handles += _supports(axes, boundary, edges, size)
+    if (rows := rigid_rows(run, 0.0)) is not None:
+        # without the little more the obstacle would hide the contact boundary where the gap is zero
+        draw_obstacle(axes, rows, size, scale.factor, 0.016 * size)
+    traction = np.column_stack([boundary["traction_x"], boundary["traction_y"]])
+    _load_arrows(axes, edges, traction, boundary["label"], size)
+    handles += _weight(axes, run, xy, size)
+    _label_numbers(axes, boundary, edges, size)
+    if run.summary["sizes"]["subdomains"] > 1:
+        handles.append(Line2D([], [], color="0.62", lw=0.6, label="subdomains"))
+    axes.autoscale_view()
+    run_header(figure, run, "Geometry, boundary conditions and subdomains", handles,
+               _note(run, boundary, traction))
+    shrink_to_body(figure, axes)
+
+
+def _bodies(axes, run: Run, xy: np.ndarray) -> list:
+    """Bodies in pale colours, or materials where regions differ; legend entries of these."""
+    mesh, handles = run.first, []
+    names, kind = np.unique(mesh.region, return_inverse=True)
+    if len(names) > 1:
+        handles = [Patch(facecolor=TINTS[k % len(TINTS)], edgecolor="0.5", lw=0.4,
+                         label=f"region {name:g}") for k, name in enumerate(names)][:6]
+    else:
+        kind = mesh.body
+    axes.tripcolor(*xy.T, mesh.triangles, facecolors=(kind % len(TINTS)).astype(float),
+                   cmap=ListedColormap(TINTS), vmin=0, vmax=len(TINTS) - 1, rasterized=True,
+                   antialiased=False)
+    return handles
+
+
+def _boundary_handles(role: np.ndarray) -> list:
+    """Legend entries for the parts of the boundary that occur."""
+    names = {"load": r"$\Gamma_p$ traction", "contact": r"$\Gamma_c$ contact, rigid obstacle",
+             "pair": r"$\Gamma_c$ contact of bodies", "free": "free"}
+    return [Line2D([], [], color=LINES[n], lw=1 if n == "free" else 2.2, label=text)
+            for n, text in names.items() if (role == n).any()]
+
+
+def _supports(axes, boundary: dict, edges: tuple, size: float) -> list:
+    """Hatches where both components are held, circles for rollers; violet where they move."""
+    start, end, normal = edges
+    held = np.column_stack([boundary["fixed_x"], boundary["fixed_y"]]) > 0
+    moved = np.any([boundary["moved_x"], boundary["moved_y"]], axis=0)
+    kinds = {"both": held.all(axis=1), "one": held.any(axis=1) & ~held.all(axis=1)}
+    handles = []
+    for moves, colour in ((False, BLUE), (True, PURPLE)):
+        for kind, here in kinds.items():
+            own = here & (moved == moves)
+            if not own.any():
+                continue
+            lines = np.stack([start[own], end[own]], axis=1)
+            axes.add_collection(LineCollection(lines, colors=colour, linewidths=2.2, zorder=2.6))
+            if kind == "both":
+                hatch(axes, start[own], end[own], normal[own], size, colour)
+                text = r"$\Gamma_u$ moved" if moves else r"$\Gamma_u$ support"
+                handles.append(Line2D([], [], color=colour, lw=2.2, label=text))
+                continue
+            points, edge = sample(start[own], end[own], 0.05 * size)
+            axes.plot(*(points + 0.015 * size * normal[own][edge]).T, "o", ms=3.4, mew=0.8,
+                      mfc="white", mec=colour, zorder=2.7)
+            text = r"$\Gamma_u$ moved in one direction" if moves else r"$\Gamma_u$ roller"
+            handles.append(Line2D([], [], color=colour, lw=2.2, marker="o", ms=3.4, mfc="white",
+                                  label=text))
+    if moved.any():
+        _motion_arrows(axes, boundary, edges, moved, size)
+    return handles
+
+
+def _motion_arrows(axes, boundary: dict, edges: tuple, moved: np.ndarray, size: float) -> None:
+    """An arrow in the middle of every label that moves, in its direction, all of one length."""
+    start, end, normal = edges
+    for name in np.unique(boundary["label"][moved]):
+        own = np.flatnonzero(moved & (boundary["label"] == name))
+        motion = np.array([boundary[c][own].mean() for c in ("moved_x", "moved_y")])
+        if not motion.any():
+            continue
+        points, edge = sample(start[own], end[own], np.inf)
+        arrow = 0.12 * size * motion / np.linalg.norm(motion)
+        outside = normal[own[edge[0]]]
+        base = points[0] + 0.05 * size * outside
+        if arrow @ outside < 0:
+            base = base - arrow
+        _quiver(axes, base[None], arrow[None], PURPLE)
+
+
+def _load_arrows(axes, edges: tuple, traction: np.ndarray, label: np.ndarray,
+                 size: float) -> None:
+    """Tractions as arrows that end on the body when they push and start on it when they pull.
+
+    Arrows along the boundary stand one behind the other, never on each other.
+    """
+    start, end, normal = edges
+    force = np.linalg.norm(traction, axis=1)
+    longest = force.max(initial=0)
+    for name in np.unique(label[force > 0]):
+        own = np.flatnonzero(label == name)
+        length = ARROW * size * max(force[own].max() / longest, SHORTEST)
+        arrows = length * traction[own] / force[own].max()
+        along = np.abs((_turned(normal[own]) * arrows).sum(axis=1)).max()
+        points, edge = sample(start[own], end[own], max(0.075 * size, 1.25 * along))
+        out, arrows = normal[own[edge]], arrows[edge]
+        across = (out * arrows).sum(axis=1)[:, None]
+        points = points + 0.012 * size * out
+        tails = np.where(across < -0.2 * length, points - arrows, points)
+        tails = np.where(np.abs(across) <= 0.2 * length, points - arrows / 2, tails)
+        _quiver(axes, tails, arrows, RED)
+
+
+def _turned(vectors: np.ndarray) -> np.ndarray:
+    """(n, 2) vectors turned by +90 degrees."""
+    return np.column_stack([-vectors[:, 1], vectors[:, 0]])
+
+
+def _quiver(axes, tails: np.ndarray, arrows: np.ndarray, colour: str) -> None:
+    axes.quiver(*tails.T, *arrows.T, angles="xy", scale_units="xy", scale=1, color=colour,
+                units="inches", width=0.014, headwidth=4.5, headlength=6, headaxislength=5.5,
+                zorder=3)
+    axes.update_datalim(np.concatenate([tails, tails + arrows]))
+
+
+def _weight(axes, run: Run, xy: np.ndarray, size: float) -> list:
+    """An arrow in every body in the direction of the body forces at amplitude one."""
+    force = np.sum([load["force"] for load in run.summary.get("loads", [])
+                    if load["effect"] == "body_force"] or [[0.0, 0.0]], axis=0)
+    if not force.any():
+        return []
+    arrow = 0.1 * size * force / np.linalg.norm(force)
+    middles = np.array([xy[run.first.triangles[run.first.body == body]].mean(axis=(0, 1))
+                        for body in np.unique(run.first.body)])
+    _quiver(axes, middles - arrow / 2, np.tile(arrow, (len(middles), 1)), GREY)
+    return [Line2D([], [], color=GREY, marker=r"$\downarrow$", ls="none", ms=7,
+                   label="body force")]
+
+
+def _label_numbers(axes, boundary: dict, edges: tuple, size: float) -> None:
+    """The number of every label beside the middle of its longest piece, inside the body."""
+    start, end, normal = edges
+    names = np.unique(boundary["label"])
+    for name in names if len(names) <= MOST_LABELS else ():
+        own = np.flatnonzero(boundary["label"] == name)
+        groups = [own[chain] for chain in chains(start[own], end[own])]
+        longest = max(groups, key=lambda group: np.linalg.norm(end[group] - start[group],
+                                                               axis=1).sum())
+        points, edge = sample(start[longest], end[longest], np.inf)
+        at = longest[edge[0]]
+        colour = LINES[str(boundary["role"][at])]
+        place = points[0] - 0.032 * size * normal[at]
+        axes.text(*place, f"{name:g}", color=colour, fontsize=7, ha="center", va="center",
+                  zorder=4, bbox={"boxstyle": "round,pad=0.12", "fc": "white", "ec": "none",
+                                  "alpha": 0.75})
+
+
+def _note(run: Run, boundary: dict, traction: np.ndarray) -> str:
+    """Length of the longest arrow, and the largest prescribed displacement."""
+    words = []
+    if longest := np.linalg.norm(traction, axis=1).max(initial=0):
+        stress = stress_scale(run, longest)
+        words.append(rf"longest arrow {_said(longest, stress)} at $\varphi = 1$")
+    moved = np.hypot(boundary["moved_x"], boundary["moved_y"]).max(initial=0)
+    if moved:
+        length = length_scale(run, moved)
+        words.append(f"moved by up to {_said(moved, length)}")
+    return ", ".join(words)
+
+
+def _said(value: float, scale: Scale) -> str:
+    """A value with its unit, if it has one."""
+    return f"{value * scale.factor:.3g} {scale.label}".removesuffix(" –")

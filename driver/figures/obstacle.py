@@ -1,0 +1,74 @@
+"""What a body meets, as contact.csv tells it: the obstacle's points beside the contact nodes."""
+
+import math
+
+import numpy as np
+from matplotlib.collections import LineCollection
+
+from .outline import right_of, sample
+from .reading import Run, select
+from .style import INK
+
+FAR = 0.35  # of the body's size; obstacles farther away are not drawn
+BREAK = 0.5  # relative difference of distance and arc where a new piece begins
+
+
+def hatch(axes, start, end, normal, size: float, colour) -> None:
+    """Short slanted marks outside some edges."""
+    points, edge = sample(start, end, 0.028 * size)
+    out = normal[edge]
+    tips = points + 0.034 * size * (out + np.column_stack([-out[:, 1], out[:, 0]])) / math.sqrt(2)
+    axes.add_collection(LineCollection(
+        np.stack([points, tips], axis=1), colors=colour, linewidths=0.6))
+    axes.update_datalim(tips)
+
+
+def rigid_rows(run: Run, time: float) -> dict | None:
+    """Rows of contact.csv at a time that belong to rigid obstacles; None where there are none."""
+    if run.contact is None or run.boundary is None:
+        return None
+    times = run.contact["time"]
+    rows = select(run.contact, times == times[np.abs(times - time).argmin()])
+    rigid = np.unique(run.boundary["label"][run.boundary["role"] == "contact"])
+    if "boundary" in rows:
+        rows = select(rows, np.isin(rows["boundary"], rigid))
+    elif not len(rigid):
+        return None
+    return rows if len(rows["x"]) else None
+
+
+def pieces(rows: dict) -> list[np.ndarray]:
+    """Indices of the contact nodes of every connected piece, in the order of arc.
+
+    Nodes follow one another if they are as far apart as their arcs are, whatever their labels.
+    """
+    order = np.argsort(rows["node"] if "node" in rows else rows["arc"], kind="stable")
+    xy = np.column_stack([rows["x"], rows["y"]])[order]
+    away = np.linalg.norm(np.diff(xy, axis=0), axis=1)
+    apart = np.abs(away - np.abs(np.diff(rows["arc"][order]))) > BREAK * away
+    return np.split(order, np.flatnonzero(apart) + 1)
+
+
+def draw_obstacle(axes, rows: dict, size: float, factor: float, away: float = 0.0) -> None:
+    """The surface of the rigid obstacles, hatched, `away` outside of where it is.
+
+    `rows` are those of `rigid_rows`, `size` and `away` lengths of the picture.
+    """
+    normal = np.column_stack([rows["normal_x"], rows["normal_y"]])
+    gap = rows["gap"] * factor
+    surface = np.column_stack([rows["x"], rows["y"]]) * factor + (gap + away)[:, None] * normal
+    for piece in pieces(rows):
+        near = piece[np.abs(gap[piece]) < FAR * size]
+        if not len(near):
+            continue
+        points = surface[near]
+        if len(near) == 1:
+            along = np.column_stack([-normal[near][:, 1], normal[near][:, 0]]) * 0.05 * size
+            points = np.concatenate([points - along, points + along])
+        start, end = points[:-1], points[1:]
+        out = right_of(start, end)
+        middle = (normal[near][:-1] + normal[near][1:]) / 2 if len(near) > 1 else normal[near]
+        out = np.where((out * middle).sum(axis=1, keepdims=True) < 0, -out, out)
+        axes.add_collection(LineCollection(np.stack([start, end], axis=1), colors=INK,
+                                           linewidths=0.8))
+        hatch(axes, start, end, out, size, INK)

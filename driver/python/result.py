@@ -1,0 +1,104 @@
+"""driver.open: the files of a finished run as dictionaries and numpy arrays."""
+
+import functools
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InputError
+from ..files import read_table
+from ..results.tables import STRESSES, field_file
+
+WHOLE = ("step", "node", "boundary", "label")  # columns of whole numbers
+COMPONENTS = STRESSES
+
+
+@dataclass(frozen=True)
+class Fields:
+    """Fields of one step: n nodes, m triangles, lengths and stresses in the scene's units.
+
+    Nodes on common sides of subdomains are there once for each. With quadratic elements `triangles`
+    holds the corners and `elements` all six nodes, in VTK's order. Components of stresses are
+    COMPONENTS; those at nodes are averages, those of triangles means.
+    """
+
+    step: int
+    time: float
+    nodes: np.ndarray  # (n, 2)
+    triangles: np.ndarray  # (m, 3)
+    elements: np.ndarray  # (m, 3) or (m, 6)
+    displacement: np.ndarray  # (n, 2)
+    stress: np.ndarray  # (n, 4)
+    triangle_stress: np.ndarray  # (m, 4)
+    von_mises: np.ndarray  # (m,)
+    subdomain: np.ndarray  # (m,)
+    body: np.ndarray  # (m,)
+    region: np.ndarray  # (m,)
+
+    def __getitem__(self, name: str):
+        """A field by its name."""
+        return getattr(self, name)
+
+
+class Result:
+    """A finished run; tables are dictionaries of columns, empty where the run has no such table."""
+
+    def __init__(self, directory, text: str = ""):
+        """`text` is what the run printed. Raises InputError where there is no finished run."""
+        self.directory, self.text = Path(directory), text
+        try:
+            self.summary = json.loads((self.directory / "summary.json").read_text())
+        except FileNotFoundError:
+            raise InputError(f"{directory} holds no finished run (no summary.json)") from None
+        except (OSError, ValueError) as problem:
+            raise InputError(f"{directory}/summary.json is not readable ({problem})") from None
+
+    def __repr__(self) -> str:
+        converged = "" if self.summary["converged"] else ", not converged"
+        return f"<Result {self.summary['scene']}{converged}: {self.directory}>"
+
+    @functools.cached_property
+    def contact(self) -> dict[str, np.ndarray]:
+        """contact.csv: columns (steps x nodes,) by name."""
+        return self._table("contact")
+
+    @functools.cached_property
+    def history(self) -> dict[str, np.ndarray]:
+        """history.csv: columns (steps,) by name."""
+        return self._table("history")
+
+    @functools.cached_property
+    def boundaries(self) -> dict[str, np.ndarray]:
+        """boundaries.csv: columns (steps x boundaries,) by name."""
+        return self._table("boundaries")
+
+    @functools.cached_property
+    def probes(self) -> dict[str, np.ndarray]:
+        """probes.csv: columns (steps x probes,) by name."""
+        return self._table("probes")
+
+    def fields(self, step: int = -1) -> Fields:
+        """Fields at the end of `step`; 0 is the start, -1 the last. Raises InputError."""
+        step = self.summary["steps"] + 1 + step if step < 0 else step
+        path = self.directory / field_file(step)
+        if not path.is_file():
+            raise InputError(f"{self.directory} has no fields of step {step}: the run has "
+                             f"{self.summary['steps']} steps, and FIELDS=no writes none")
+        import meshio
+
+        data = meshio.read(path)
+        kind, = data.cells_dict
+        elements = data.cells_dict[kind].astype(np.int64)
+        cells = {name: parts[0] for name, parts in data.cell_data.items()}
+        times = np.append(0.0, self.history["time"])
+        return Fields(step, float(times[step]), data.points[:, :2], elements[:, :3], elements,
+                      data.point_data["displacement"][:, :2], data.point_data["stress"],
+                      cells["stress"], cells["von_mises"], cells["subdomain"], cells["body"],
+                      cells["region"])
+
+    def _table(self, name: str) -> dict[str, np.ndarray]:
+        columns = read_table(self.directory / f"{name}.csv") or {}
+        return {column: values.astype(int) if column in WHOLE else values
+                for column, values in columns.items()}

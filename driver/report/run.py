@@ -1,0 +1,133 @@
+"""The page of a run: verdict, quantities with errors, boundaries, probes, figures, settings."""
+
+import json
+from pathlib import Path
+
+from ..estimates import budget
+from ..files import renamed
+from ..results.tables import BOUNDARIES, PROBES
+from ..units import generic
+from . import page
+
+CAPTIONS = {
+    "geometry": "Geometry, boundary conditions, loads and subdomains",
+    "deformed": "Deformed body", "animation": "Deformation and contact status over time",
+    "contact_zoom": "Deformed body at the contact",
+    "contact_normal": "Normal traction and displacement on the contact boundary",
+    "contact_tangential": "Shear traction, friction bound and displacement",
+    "contact_status": "Contact status over time", "force_displacement": "Force and displacement",
+    "loading": "History of loading", "history": "Contact forces over time",
+    "convergence": "Convergence of the solver", "adaptivity": "Adaptive refinement",
+}
+SETTINGS = ("subdomains", "primal_dofs", "dual_dofs", "contact_nodes")
+HEADS = {"total": "estimated error", "mesh": "of it mesh", "time": "time step",
+         "friction": "fixed point", "solver": "solver"}
+KINDS = {"ok": "good", "questionable": "doubtful", "invalid": "bad"}  # of validity's verdict
+
+
+def write(directory: Path) -> Path:
+    """Write the page of the run in `directory` and return its path. Raises OSError."""
+    summary = json.loads((directory / "summary.json").read_text())
+    title = " ".join(filter(None, (summary["scene"], summary["variant"])))
+    path = directory / page.FILE
+    with renamed(path) as hidden:
+        hidden.write_text(page.page(title, [
+            *_verdict(summary), page.section("Quantities", *_quantities(summary)),
+            page.section("Contact boundaries, last step",
+                         _rows(summary, "boundaries", "boundary", BOUNDARIES)),
+            page.section("Probes, last step", _rows(summary, "probes", "probe", PROBES)),
+            page.section("Warnings", page.bullets(summary["warnings"])),
+            page.section("Figures", *pictures(directory / "figures")),
+            page.section("The run", *_settings(summary))]), encoding="utf-8")
+    return path
+
+
+def _verdict(summary: dict) -> list[str]:
+    """Whether the results may be used, and the validity and uniqueness behind it."""
+    if not summary["converged"]:
+        return [page.verdict(f"Not converged: {summary['reason']}", "bad")]
+    validity, worst = summary.get("validity", {}), max(summary["residuals"].values(), default=0)
+    words = f"Converged in {summary['steps']} step{'s' if summary['steps'] > 1 else ''}"
+    words += f", largest relative residual {worst:.1e}, balance of forces {summary['balance']:.1e}"
+    count = len(summary["warnings"])
+    if count:
+        words += f"; {count} warning{'s' if count > 1 else ''}, see below"
+    kind = "doubtful" if count else "good"
+    if validity:
+        kind = max(kind, KINDS.get(validity["verdict"], "doubtful"),
+                   key=list(page.COLOURS).index)
+        reason = validity.get("reason", "")
+        words += f". Small strains and linearized contact: {validity['verdict']}"
+        words += f", {reason}" if reason else ""
+    parts = [page.verdict(f"{words}.", kind)]
+    if summary["uniqueness"].get("verdict", "not examined") != "not examined":
+        parts.append(page.paragraph(f"Uniqueness: {summary['uniqueness']['verdict']}."))
+    return parts
+
+
+def _quantities(summary: dict) -> list[str]:
+    """Table of the quantities of interest with the parts of their errors, and the energy norm."""
+    errors, units = summary.get("errors", {}), summary["units"]
+    entries = errors.get("quantities") or {name: {"value": value} for name, value
+                                           in summary.get("quantities", {}).items()}
+    sources = [s for s in ("total", *budget.SOURCES) if any(s in e for e in entries.values())]
+    zero = budget.vanishing({name: entry["value"] for name, entry in entries.items()})
+    rows = []
+    for name, entry in entries.items():
+        shares = [budget.share(entry[s], entry["value"]) if s in entry else "" for s in sources]
+        if name in zero:
+            shares = ["about 0", *[""] * (len(sources) - 1)][: len(sources)]
+        rows.append([name.replace("_", " "), entry["value"], budget.unit(name, units), *shares])
+    time = summary.get("quantities_time")
+    when = "" if time in (None, summary["t_end"]) else (
+        f"At t = {time:g}, where they are largest: by the end contact is lost.")
+    notes = [entry["note"] for entry in entries.values() if "note" in entry]
+    return [page.paragraph(when),
+            page.table(["quantity", "value", "unit", *map(HEADS.get, sources)], rows),
+            page.bullets([*dict.fromkeys(notes), *errors.get("notes", [])]),
+            page.paragraph(errors.get("advice", "")),
+            *map(page.paragraph, budget.describe_energy(errors.get("energy", {})))]
+
+
+def _rows(summary: dict, key: str, first: str, columns: tuple) -> str:
+    """Table of entries of the summary that are rows of a table of `columns`."""
+    shown = [column for column in columns if column.name not in ("step", "time")]
+    unit = {column.name: generic(column.unit, summary["units"]) for column in shown}
+    head = [f"{c.name.replace('_', ' ')} [{unit[c.name]}]".removesuffix(" []").removesuffix(" [1]")
+            for c in shown]
+    head[0] = first
+    return page.table(head, [[row[c.name] for c in shown] for row in summary.get(key, [])])
+
+
+def pictures(folder: Path) -> list[str]:
+    """All PNG files and animations of a folder, those of runs in their order."""
+    order = list(CAPTIONS)
+    paths = sorted([*folder.glob("*.png"), *folder.glob("*.gif")], key=lambda path: (
+        order.index(path.stem) if path.stem in order else len(order), path.stem))
+    return [page.picture(path, CAPTIONS.get(path.stem, path.stem.replace("_", " ")))
+            for path in paths]
+
+
+def _settings(summary: dict) -> list[str]:
+    """Parameters, effects, sizes, times and versions."""
+    seconds = {f"{name.replace('_', ' ')}": value for name, value in summary["seconds"].items()}
+    effects = [[name.replace("_", " "), page.plain(value)]
+               for name, value in summary["effects"].items()]
+    sizes = [[name.replace("_", " "), summary["sizes"][name]] for name in SETTINGS]
+    counts = [[name.replace("_", " "), value] for name, value in summary["counts"].items()]
+    ledger = [[name.replace("_", " "), entry["reason"]]
+              for name, entry in summary["effects_ledger"].items() if entry["declared"]]
+    return [
+        page.table(["effect", ""], effects), page.folded("What they did", page.table(
+            ["effect", "in this run"], ledger)),
+        page.folded("Parameters and options", page.table(
+            ["name", "value"], [[name, page.plain(value)]
+                                for name, value in summary["parameters"].items()])),
+        page.folded("Sizes and work", page.table(["", ""], [
+            *sizes, *counts, ["ranks", summary["ranks"]],
+            ["memory [MiB]", summary["memory_mib"]]])),
+        page.folded("Residuals", page.table(["condition", "relative"], [
+            [name, value] for name, value in summary["residuals"].items()])),
+        page.folded("Seconds", page.table(["stage", "s"], list(map(list, seconds.items())))),
+        page.paragraph("Versions: " + ", ".join(f"{name} {version}" for name, version
+                                                in summary["versions"].items()))]

@@ -1,0 +1,54 @@
+"""Stage 7: boundaries.csv, what every contact boundary carries in every step.
+
+A boundary is a label that carries contact nodes; of a pair it is the first label, and the force is
+that on its body. Where labels go on in one another see shares.py. Peak, length and slip are located
+between nodes as those of the whole scene, see quantities.py.
+"""
+
+import numpy as np
+
+from ..contact.states import OPEN, SLIP, ContactField
+from .quantities import chains, contact_length, longest_way, peak, traction
+from .tables import BOUNDARIES
+
+NODES = ("xy", "arc", "chain", "weight", "gap", "paired", "middle")
+
+
+def boundary_rows(record, states: dict[str, np.ndarray],
+                  times: list[tuple[int, float]]) -> list[dict]:
+    """Rows {column: value} of the table: of every step its boundaries in the order of labels.
+
+    `record` is the Record of the steps; `states` (steps, n_c) by ContactField, status as its code;
+    `times` the number and time of every step. Without friction whatever touches slides.
+    """
+    if not record.effects.frictional:
+        closed = states[ContactField.STATUS] != OPEN
+        states = states | {ContactField.STATUS: np.where(closed, SLIP, OPEN)}
+    tables = [_one_boundary(record.contact.boundary, states, int(label), share)
+              for label, share in zip(record.labels, record.shares)]
+    names = [str(column.name) for column in BOUNDARIES]
+    return [dict(zip(names, (step, time, *table[k])))
+            for k, (step, time) in enumerate(times) for table in tables]
+
+
+def _one_boundary(boundary, states: dict[str, np.ndarray], label: int,
+                  share: np.ndarray) -> list[tuple]:
+    """Values after step and time, for every step; `share` (n_c,) of the label in the nodes."""
+    own = np.flatnonzero(share)
+    nodes = {name: getattr(boundary, name)[own] for name in NODES}
+    nodes["weight"] = weight = nodes["weight"] * share[own]
+    states, pieces = {name: column[:, own] for name, column in states.items()}, chains(nodes)
+    normal, tangential = boundary.normal[own], boundary.tangent[own]
+    pressure, shear = -states[ContactField.SIGMA_N], states[ContactField.SIGMA_T]
+    force = (shear * weight) @ tangential - (pressure * weight) @ normal
+    dissipated = np.cumsum(-(shear * states[ContactField.SLIP]) @ weight)
+    rows = []
+    for k in range(len(pressure)):
+        so_far = {name: column[: k + 1] for name, column in states.items()}
+        highest = max(peak(nodes["arc"][piece], traction(nodes, np.abs(pressure[k]), piece))
+                      for piece in pieces)
+        slip = max(longest_way(nodes, piece, so_far, k) for piece in pieces)
+        values = (pressure[k] @ weight, shear[k] @ weight, *force[k], highest,
+                  contact_length(nodes, pieces, states, k), slip, dissipated[k])
+        rows.append((label, *map(float, values)))
+    return rows

@@ -1,0 +1,61 @@
+"""Stage 7: the contact boundary as lines for ParaView, a VTU file a step; of pairs the first side.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from ..contact.states import ContactField
+from ..feti.structure import Substructure
+from ..files import renamed
+from .quantities import chains
+from .tables import contact_file
+
+
+class ContactLines:
+    """Writes contact quantities on the edges between contact nodes."""
+
+    def __init__(self, directory: Path, structure: Substructure, root: bool):
+        """`root`: whether this rank writes."""
+        self.directory, self.boundary = directory, structure.contact
+        self.lines = _lines(structure) if root else None
+
+    def write(self, index: int, moved: np.ndarray, state: dict) -> None:
+        """The file of step `index`; `moved` (nodes, 2) are displacements, `state` as ContactState.
+
+        Gap is the distance at the start, as in contact.csv, opening what is left of it.
+        """
+        import meshio
+
+        b = self.boundary
+        data = {"displacement": moved[b.gid], "normal": b.normal,
+                "pressure": -state[ContactField.SIGMA_N] + 0.0,
+                "shear": state[ContactField.SIGMA_T], "gap": b.gap,
+                "opening": b.gap - state[ContactField.U_N], "slip": state[ContactField.SLIP],
+                "status": state[ContactField.STATUS].astype(int), "boundary": b.label.astype(int)}
+        data = {name: np.column_stack([values, np.zeros(len(values))]) if values.ndim == 2
+                else values for name, values in data.items()}
+        cells = [("line", self.lines)]
+        if not len(self.lines):
+            cells = [("vertex", np.arange(len(b.gid))[:, None])]
+        with renamed(self.directory / contact_file(index)) as hidden:
+            meshio.Mesh(np.column_stack([b.xy, np.zeros(len(b.gid))]), cells,
+                        point_data=data).write(hidden)
+
+
+def _lines(structure: Substructure) -> np.ndarray:
+    """(k, 2) contact nodes at the ends of edges, of quadratic elements of their halves."""
+    b, edges, middles = structure.contact, structure.outer_edges, structure.outer_middles
+    nodes = {name: getattr(b, name) for name in ("arc", "xy", "chain")}
+    pieces = chains(nodes)
+    pairs = [np.column_stack([piece[:-1], piece[1:]]) for piece in pieces]
+    # that closes a ring
+    pairs += [piece[[[0, -1]]] for piece in pieces if len(piece) > 2]
+    pairs = np.concatenate(pairs)
+    sides = edges[:, :2]
+    if len(middles):
+        sides = np.concatenate([np.column_stack([end, middles]) for end in sides.T])
+    span = max(sides.max(), b.gid.max()) + 1
+    known = np.isin(np.sort(b.gid[pairs], axis=1) @ [span, 1],
+                    np.sort(sides, axis=1) @ [span, 1])
+    return np.unique(np.sort(pairs[known], axis=1), axis=0)

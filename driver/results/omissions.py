@@ -1,0 +1,42 @@
+"""What a run says of things that a scene leaves out silently and that are seldom meant."""
+
+import numpy as np
+
+from ..contact.boundary import ContactBoundary
+from ..options import Settings
+
+COARSE = 0.01  # RTOL beyond which forces are guesses; FRICTION_RTOL: ten times that
+OVERLAP, FACETS = 1e-3, 0.05  # of the boundary's size, of a dual segment: what facets may overlap
+
+
+def warnings(boundary: ContactBoundary, declared, displacements: list[float],
+             settings: Settings) -> list[str]:
+    """A sentence for each; `declared` are the names of the declared effects, `displacements` the
+    largest of every step.
+    """
+    said = []
+    if displacements and not any(displacements):
+        said.append("nothing moves: no load, prescribed displacement or overlap acts on the bodies")
+    if "gap" not in declared and len(boundary.gid):
+        said += _overlaps(boundary)
+    for name, limit in (("rtol", COARSE), ("friction_rtol", 10 * COARSE)):
+        if getattr(settings, name) > limit:
+            said.append(f"{name.upper()}={getattr(settings, name):g} is so coarse that forces and "
+                        f"zones are guesses; {limit:g} is the most that makes sense")
+    return said
+
+
+def _overlaps(b: ContactBoundary) -> list[str]:
+    """Of every boundary that starts inside what it meets, beyond what facets of curves do."""
+    said, size = [], float(np.linalg.norm(np.ptp(b.xy, axis=0)))
+    for label in np.unique(b.label):
+        own = b.label == label
+        deep = -(b.gap[own] + FACETS * b.weight[own])
+        if deep.max() > 0 and -b.gap[own].min() > OVERLAP * size:
+            place = b.xy[own][np.argmin(b.gap[own])]
+            macro = "pairGap" if b.paired[own].any() else "gap"
+            said.append(
+                f"contact label {label} starts up to {-b.gap[own].min():.3g} inside what it meets, "
+                f"at ({place[0]:.3g}, {place[1]:.3g}), and is pushed out as in a press fit; if "
+                f"that is meant declare macro {macro}() 0. //, else mend the geometry")
+    return said

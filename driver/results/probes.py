@@ -1,0 +1,240 @@
+"""Stage 7: probes.csv, displacements and forces where a scene asks for them.
+
+A label's displacement is the mean over its edges; its force is what acts on the body through it:
+tractions, support reactions, point loads, contact. Where labels meet, a node's reaction goes to
+those that the support names as a whole (all their nodes are constrained in that direction), in
+equal parts, and at a support that is a point to all labels there; so the forces of all labels add
+up to those of the scene. A point's force is the reaction and the point load at its vertex.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..contact.states import ContactField
+from ..errors import InputError
+from ..feti.operator import DualOperator
+from ..march.step import Step
+from ..scene import elements
+from .contact_state import constrained_keys
+from .tables import PROBES
+
+OUTSIDE = 0.25  # of an element's height; nearer ones belong to a curved side that chords cut off
+MEANS = {2: (1 / 2, 1 / 2), 3: (1 / 6, 1 / 6, 4 / 6)}  # of shape functions of an edge's nodes
+
+
+class Probes:
+    """Evaluates the probes of a scene, step by step; collective."""
+
+    def __init__(self, operator: DualOperator, manifest, probe):
+        """`probe` is the room. Raises InputError for a point that lies outside the body."""
+        self.operator, self.pairs = operator, manifest.contact_pairs
+        self.nodal = [k for k, pattern in enumerate(manifest.patterns)
+                      if pattern["given_on"] == "nodes"]
+        shares = _Shares(operator)
+        edges = [k for k, pattern in enumerate(manifest.patterns)
+                 if pattern["given_on"] == "edges"]
+        self.labels = [_Label(label, operator, shares, edges) for label in probe.labels]
+        self.points = [_Point(number, xy, operator)
+                       for number, xy in enumerate(probe.points, 1)]
+        self.rows = []  # {column: value}
+
+    def add(self, step: Step, displacements: list[np.ndarray], inner: list[np.ndarray],
+            state: dict) -> None:
+        """Evaluate a step; arguments as in resultants.py, displacements less the travel."""
+        structure, whole = self.operator.structure, self.operator.with_travel(displacements,
+                                                                              step.weights)
+        reactions, loads = [], []
+        forces = self.operator.forces_on_supports(step.multipliers)
+        for s, sub in enumerate(structure.subdomains):
+            load = step.weights[: structure.patterns] @ sub.loads
+            reaction, fixed = np.zeros(sub.dofs), structure.fixed[s]
+            if len(fixed):
+                reaction[fixed] = (inner[s] - load)[fixed] + forces[s]
+            reactions.append(reaction)
+            loads.append(step.weights[self.nodal] @ sub.loads[self.nodal])
+        for probe in (*self.labels, *self.points):
+            own = np.zeros((len(structure.subdomains), 2, 2))
+            for s in range(len(structure.subdomains)):
+                own[s] = probe.evaluate(s, whole[s], reactions[s], loads[s], step.weights)
+            # summed in the order of the subdomains on any number of ranks
+            u, force = np.concatenate(self.operator.comm.allgather(own)).sum(axis=0)
+            force = force + self._contact(probe.label, state)
+            values = (step.index, step.time, probe.name, *map(float, (*probe.xy, *u, *force)))
+            self.rows.append(dict(zip((str(column.name) for column in PROBES), values)))
+
+    def _contact(self, label: int | None, state: dict) -> np.ndarray:
+        """(2,) contact force on the body through a label, on either side of a pair."""
+        b = self.operator.structure.contact
+        force = (state[ContactField.SIGMA_N][:, None] * b.normal
+                 + state[ContactField.SIGMA_T][:, None] * b.tangent) * b.weight[:, None]
+        met = [first for first, second in self.pairs if second == label]
+        return force[b.label == label].sum(axis=0) - force[np.isin(b.label, met)].sum(axis=0)
+
+
+class _Shares:
+    """Which part of the reaction at a node belongs to which label, see above; collective."""
+
+    def __init__(self, operator: DualOperator):
+        structure = operator.structure
+        self.constrained = np.unique(np.concatenate(
+            operator.comm.allgather(constrained_keys(structure))))
+        edges, middles = structure.outer_edges, structure.outer_middles
+        self.nodes = {}  # gids of every label
+        for label in np.unique(edges[:, 2]).tolist():
+            own = edges[:, 2] == label
+            self.nodes[label] = np.unique(np.concatenate([
+                edges[own, :2].ravel(), middles[own] if len(middles) else []]).astype(np.int64))
+        self.supported = {label: [self._held(nodes, c) for c in (0, 1)]
+                          for label, nodes in self.nodes.items()}
+
+    def _held(self, nodes: np.ndarray, component: int) -> bool:
+        return bool(np.isin(2 * nodes + component, self.constrained).all())
+
+    def of(self, label: int, gids: np.ndarray, component: int) -> np.ndarray:
+        """(n,) part of a label in the nodal reactions of a direction at the nodes `gids` (n,)."""
+        meeting = [np.isin(gids, nodes) for nodes in self.nodes.values()]
+        whole = np.sum([here for here, name in zip(meeting, self.nodes)
+                        if self.supported[name][component]] or [0 * gids], axis=0)
+        every = np.sum(meeting, axis=0)
+        here = np.isin(gids, self.nodes[label])
+        if self.supported[label][component]:
+            return here / np.maximum(whole, 1)
+        return np.where(whole > 0, 0.0, here / np.maximum(every, 1))
+
+
+@dataclass
+class _Edges:
+    """Edges of a label in a subdomain: their numbers, nodes (n, 2 or 3) and lengths (n,)."""
+
+    number: np.ndarray
+    nodes: np.ndarray
+    length: np.ndarray
+
+
+class _Label:
+    """A probed label."""
+
+    def __init__(self, label: int, operator: DualOperator, shares: _Shares, patterns: list[int]):
+        """`patterns` are those given on edges."""
+        self.label, self.name = label, f"label{label}"
+        subs = operator.structure.subdomains
+        self.subs, self.edges = subs, [_edges_of(sub, label) for sub in subs]
+        self.share = [self._part(sub, shares) for sub in subs]
+        self.tractions = [_tractions(sub, edges, patterns)
+                          for sub, edges in zip(subs, self.edges)]
+        middle = np.array([_integral(edges, sub.xy) for edges, sub in zip(self.edges, subs)])
+        length = np.array([edges.length.sum() for edges in self.edges])
+        gathered = operator.comm.allgather((middle.reshape(-1, 2), length))
+        self.length = np.concatenate([part for _, part in gathered]).sum()
+        self.xy = np.concatenate([part for part, _ in gathered]).sum(axis=0) / self.length
+
+    def _part(self, sub, shares: _Shares) -> np.ndarray:
+        """(dofs,) of a subdomain: part of the label in the reaction."""
+        gids, parts = sub.node_gid[sub.dof_node], np.zeros(sub.dofs)
+        for component in (0, 1):
+            own = sub.dof_component == component
+            parts[own] = shares.of(self.label, gids[own], component)
+        return parts
+
+    def evaluate(self, s: int, u, reaction, load, weights) -> tuple[np.ndarray, np.ndarray]:
+        """Contributions (2,) of the rank's subdomain s to displacement and force."""
+        force = _by_component(self.subs[s], (reaction + load) * self.share[s])
+        force = force + weights[: len(self.tractions[s])] @ self.tractions[s]
+        return _integral(self.edges[s], u.reshape(-1, 2)) / self.length, force
+
+
+class _Point:
+    """A probed point."""
+
+    label = None
+
+    def __init__(self, number: int, xy: np.ndarray, operator: DualOperator):
+        self.name, self.xy, self.subs = f"point{number}", xy, operator.structure.subdomains
+        first = operator.structure.first
+        # nodes there, of every subdomain
+        self.near = [np.linalg.norm(sub.xy - xy, axis=1) <= 1e-9 * np.ptp(sub.xy, axis=0).max()
+                     for sub in self.subs]
+        found = [(*_nearest(sub, xy), first + s) for s, sub in enumerate(self.subs)]
+        places = [place for part in operator.comm.allgather(found) for place in part]
+        depth = max(place[0] for place in places)
+        if depth < -OUTSIDE:
+            raise InputError(f"the probe at ({xy[0]:g}, {xy[1]:g}) lies outside the body")
+        depth = min(depth, -1e-9)  # on common sides any subdomain is as good: the first one
+        _, self.triangle, self.place, owner = next(p for p in places if p[0] >= depth)
+        self.own = owner - first
+
+    def evaluate(self, s: int, u, reaction, load, _weights) -> tuple[np.ndarray, np.ndarray]:
+        """Contributions (2,) of the rank's subdomain s to displacement and force."""
+        sub, moved = self.subs[s], np.zeros(2)
+        if s == self.own:
+            nodes = sub.elements[self.triangle]
+            moved = elements.shapes(len(nodes), self.place[None])[0] @ u.reshape(-1, 2)[nodes]
+        return moved, _by_component(sub, (reaction + load) * self.near[s][sub.dof_node])
+
+
+def _nearest(sub, xy: np.ndarray) -> tuple[float, int, np.ndarray]:
+    """Smallest coordinate, triangle, coordinates (3,) of the triangle that a place is deepest in.
+
+    Coordinates are barycentric.
+    """
+    corner = sub.xy[sub.triangles]
+    edge = corner[:, [2, 0, 1]] - corner[:, [1, 2, 0]]  # opposite to each vertex
+    parts = elements.cross(edge, xy - corner[:, [1, 2, 0]])
+    parts = parts / parts.sum(axis=1, keepdims=True)
+    triangle = int(np.argmax(parts.min(axis=1)))
+    return float(parts[triangle].min()), triangle, parts[triangle]
+
+
+def _edges_of(sub, label: int) -> _Edges:
+    """The edges of a label in a subdomain."""
+    own = np.flatnonzero(sub.edge_label == label)
+    nodes = sub.edges[own]
+    length = np.linalg.norm(np.subtract(*sub.xy[nodes.T]), axis=1)
+    middles = sub.middles(nodes) if len(own) else []
+    return _Edges(own, np.column_stack([nodes, middles]) if len(middles) else nodes, length)
+
+
+def _tractions(sub, edges: _Edges, patterns: list[int]) -> np.ndarray:
+    """(all patterns, 2) resultants over the edges of the `patterns` that are given on edges.
+
+    With quadratic elements only nodal forces are known. A middle's belongs to its edge; of a
+    vertex every edge that is loaded gets what a constant traction would give, a fourth of its
+    middle's, and an equal part of the rest.
+    """
+    total = np.zeros((len(sub.loads), 2))
+    if not len(edges.number):
+        return total
+    if sub.elements.shape[1] == 3:
+        for k, moments in sub.edge_loads.items():
+            total[k] = moments[edges.number].sum(axis=(0, 1))
+        return total
+    middles = sub.middles(sub.edges)
+    own = np.isin(np.arange(len(middles)), edges.number)
+    for k in patterns:
+        force = np.zeros((len(sub.xy), 2))
+        force[sub.dof_node, sub.dof_component] = sub.loads[k]
+        loaded = force[middles].any(axis=1)
+        guess, known, count = force[middles] / 4, np.zeros_like(force), np.zeros(len(force))
+        for ends in sub.edges.T:
+            np.add.at(known, ends, guess)
+            np.add.at(count, ends, loaded)
+        rest = (force - known) / np.maximum(count, 1)[:, None]
+        mine = own & loaded
+        total[k] = force[middles[mine]].sum(axis=0)
+        for ends in sub.edges[mine].T:
+            total[k] += (guess[mine] + rest[ends]).sum(axis=0)
+    return total
+
+
+def _integral(edges: _Edges, values: np.ndarray) -> np.ndarray:
+    """(2,) integral of nodal values (n_v, 2) over the edges."""
+    if not len(edges.number):
+        return np.zeros(2)
+    means = np.tensordot(MEANS[edges.nodes.shape[1]], values[edges.nodes], axes=(0, 1))
+    return edges.length @ means
+
+
+def _by_component(sub, values: np.ndarray) -> np.ndarray:
+    """(2,) sums of values (dofs,) by component."""
+    return np.bincount(sub.dof_component, values, minlength=2)

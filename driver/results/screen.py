@@ -1,0 +1,57 @@
+"""What a finished run prints about contact boundaries and probes, from its summary."""
+
+import re
+
+from ..text import aligned
+from ..units import generic
+from .tables import BOUNDARIES, PROBES
+
+NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(\.\d*)?([eE][-+]?\d+)?")
+LONG = 60  # characters; longer lists of steps are left to summary.json
+HEADS = {"force_x": "force x", "force_y": "force y", "u_x": "u x", "u_y": "u y",
+         "normal_resultant": "normal", "tangential_resultant": "tangential",
+         "peak_pressure": "peak pressure", "contact_length": "length", "slip": "slip",
+         "dissipated_energy": "dissipated"}
+
+
+def boundaries(rows: list[dict], units: dict[str, str]) -> list[str]:
+    """Lines of a table with a contact boundary each, from `boundaries` of summary.json."""
+    return _table("boundary", rows, BOUNDARIES, units)
+
+
+def probes(rows: list[dict], units: dict[str, str]) -> list[str]:
+    """Lines of a table with a probe each, from `probes` of summary.json."""
+    return _table("probe", rows, PROBES, units)
+
+
+def warnings(sentences: list[str]) -> list[str]:
+    """Warnings as lines; those that differ in the number of the step alone are one, counted."""
+    steps: dict[str, list[str]] = {}
+    for sentence in sentences:
+        step = re.match(r"step (\d+): ", sentence)
+        steps.setdefault(NUMBER.sub("#", sentence), []).append(step[1] if step else "")
+    lines, seen = [], set()
+    for sentence in sentences:
+        kind = NUMBER.sub("#", sentence)
+        if kind in seen:
+            continue
+        seen.add(kind)
+        more = len(steps[kind]) - 1
+        again = ""
+        if more:
+            others = ", ".join(filter(None, steps[kind][1:]))
+            shown = f", steps {others}" if others and len(others) < LONG else ""
+            again = f" (and {more} more like it{shown})"
+        lines.append(f"warning: {sentence}{again}")
+    return lines
+
+
+def _table(first: str, rows: list[dict], columns: tuple, units: dict[str, str]) -> list[str]:
+    """A line a row, under a head with units; none without rows."""
+    if not rows:
+        return []
+    unit = {str(column.name): generic(column.unit, units) for column in columns}
+    names = [name for name in HEADS if name in unit]
+    table = [[first, *(f"{HEADS[name]} [{unit[name]}]".removesuffix(" [1]") for name in names)]]
+    table += [[row[first], *(f"{row[name]:.4g}" for name in names)] for row in rows]
+    return aligned(table).splitlines()

@@ -1,0 +1,35 @@
+"""Stage 7: which part of a contact node belongs to which label.
+
+Where labels go on in one another, their common vertex is one contact node, which reports one label
+but carries the dual segments of both: its forces are divided as the lengths of its segment are, so
+that those of a label do not depend on where others end.
+"""
+
+import numpy as np
+
+from ..feti.structure import Substructure
+
+
+def label_shares(structure: Substructure) -> tuple[np.ndarray, np.ndarray]:
+    """Labels (l,) of the contact boundary, and their shares (l, n_c) in each node, which sum to
+    one.
+    """
+    b, outer = structure.contact, structure.outer_edges
+    ends = b.edges[(b.edges >= 0).all(axis=1)]  # on rigid obstacles, whose labels may go on
+    gid, place = np.concatenate([b.gid, b.clamped.gid]), np.concatenate([b.xy, b.clamped.xy])
+    span = max(outer[:, :2].max(initial=0), gid.max(initial=0)) + 1
+    keys = np.sort(outer[:, :2], axis=1) @ [span, 1]
+    order = np.argsort(keys, kind="stable")
+    found = np.searchsorted(keys[order], np.sort(gid[ends], axis=1) @ [span, 1])
+    label = outer[order[found], 2]
+    labels = np.unique(np.concatenate([b.label, label])).astype(int)
+    plain = (labels[:, None] == b.label).astype(float)
+    if len(labels) < 2:
+        return labels, plain
+    length, total = np.linalg.norm(np.subtract(*place[ends.T]), axis=1), np.zeros((len(labels),
+                                                                                   len(gid)))
+    for end in ends.T:
+        np.add.at(total, (np.searchsorted(labels, label), end), length)
+    total = total[:, : len(b.gid)]
+    whole = total.sum(axis=0)
+    return labels, np.where(whole > 0, total / np.maximum(whole, 1e-300), plain)

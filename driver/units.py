@@ -1,0 +1,43 @@
+"""Units as engineers spell them: a stress times a length is N/m, times an area J/m.
+
+Forces and energies are per thickness, the thickness in the scene's unit of length: MPa and mm make
+N/mm. Values are in the scene's own units and stay as they are; only the names are spelt here.
+"""
+
+# powers of ten of SI prefixes; mu is spelt u as well
+PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G", 12: "T"}
+BASES = ("Pa", "N/m", "N/mm", "J/m", "N", "J", "m")
+NONE = ("", "1", "-")  # of a scene without units
+
+
+def split_unit(unit: str) -> tuple[int, str | None]:
+    """Exponent and base of a unit with an SI prefix, (6, "Pa") of MPa; base None of any other."""
+    for base in BASES:
+        for exponent, prefix in PREFIXES.items():
+            if unit in (prefix + base, prefix.replace("µ", "u") + base):
+                return exponent, base
+    return 0, None
+
+
+def spelt(stress: int, length: int, units: dict[str, str]) -> str:
+    """The unit stress^`stress` length^`length` in the scene's `units`; "1" where it has none.
+
+    Where that is no SI unit, as of psi, the names stand side by side.
+    """
+    a, pascal = split_unit(units["stress"])
+    b, metre = split_unit(units["length"])
+    if stress == 1 and length in (1, 2) and (pascal, metre) == ("Pa", "m"):
+        prefix = PREFIXES.get(a + 2 * b)  # of stress length^2: N, or energy in J over m
+        if prefix is not None:
+            return f"{prefix}N/{units['length']}" if length == 1 else f"{prefix}J/m"
+    parts = [units["stress"]] if stress and units["stress"] not in NONE else []
+    if length and units["length"] not in NONE:
+        parts.append(units["length"] + {1: "", 2: "²"}[length])
+    return "·".join(parts) or "1"
+
+
+def generic(unit: str, units: dict[str, str]) -> str:
+    """The unit of a column ("stress length", see results/tables.py) in the scene's `units`."""
+    powers = {"stress": (1, 0), "length": (0, 1), "stress length": (1, 1),
+              "stress length^2": (1, 2)}
+    return spelt(*powers[unit], units) if unit in powers else ""

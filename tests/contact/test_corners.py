@@ -1,0 +1,325 @@
+"""Contact labels that meet: one node where the boundary goes on, two conditions at a corner."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from driver.environment import ROOT
+from driver.contact.corner_nodes import BOTH, FIRST, MOST, SECOND, CornerNodes
+from driver.contact.nodes import merge_parts
+from driver.errors import InputError
+from driver.hard.case import TIGHT, Case
+from driver.hard.checks import laws
+
+# the fixed point ends at 1e-8 of the pressures: two runs differ by some of that
+CLOSE = 1e-6
+
+FLOOR = """// a block is pressed down, then dragged to the right, away from a wall
+include "scene.idp"
+real F = physical("friction", 0.3), way = physical("way", 1);
+units("1", "1");
+subdomains("3");
+quasistatic(2.);
+body = square(10, 4, [2*x, y]);
+macro young() 1. //
+macro poisson() 0.3 //
+macro displacement1() on(3, u1 = 0., u2 = -0.01) //
+macro displacement2() on(3, u1 = 0.02*way) //
+macro amplitude1(t) min(t, 1.) //
+macro amplitude2(t) max(t - 1, 0.) //
+macro contact() 1 //
+macro gap() (x < 1e-9 && y > 1e-9 ? 0.05 : (label == 4 ? 0.05 : 0.)) //
+macro friction() F //
+include "export.idp"
+"""
+MIRROR = """// a block in a corner, part of its floor bilateral, and its mirror image
+include "scene.idp"
+real F = physical("friction", 0.4), side = physical("side", 1);
+units("1", "1");
+subdomains("3");
+quasistatic(2.);
+body = square(8, 4, [2*x, y]);
+body = change(body, flabel = (label == 1 ? (x < 0.75 ? 11 : 12) : label));
+if (side < 0) body = movemesh(body, [-x, y]);
+macro young() 1. //
+macro poisson() 0.3 //
+macro support() on(2, u1 = 0., u2 = 0.) //
+macro load1() traction(3, 1e-3*side, 1e-3*(x*side - 1.2)) //
+macro load2() traction(3, -2e-3*side, 5e-4) //
+macro amplitude1(t) min(t, 1.) //
+macro amplitude2(t) max(t - 1, 0.) //
+macro contact() 11, 12, 4 //
+macro bilateral() (label == 11) //
+macro friction() F //
+include "export.idp"
+"""
+PAIRS = """// two blocks, the upper one's bottom in one label or two, against one of the lower one
+include "scene.idp"
+units("1", "1");
+subdomains("3");
+int[int] low = [1, 2, 5, 3], up = [6, 12, 13, 14];
+addBody(square(8, 4, [2*x, y], label = low))
+addBody(change(square(8, 3, [2*x, 1 + y], label = up, region = 1),
+               flabel = (label == 6 && x > 1 ? 6 : label)))
+macro young() 1. //
+macro poisson() 0.3 //
+macro support() on(1, u1 = 0., u2 = 0.) //
+macro load1() traction(13, 3e-4, -1e-3) //
+macro contactPair() 6, 5 //
+macro friction() 0.5 //
+include "export.idp"
+"""
+SEVERAL = {  # what makes one label several
+    "floor": (("macro young()", "body = change(body, flabel = (label == 1 ? 11 + int(x/0.4) : label"
+               "));\nmacro young()"), ("contact() 1 ", "contact() 11, 12, 13, 14, 15 ")),
+    "pairs": (("? 6 : label", "? 7 : label"), ("contactPair() 6, 5", "contactPair() 6, 5, 7, 5")),
+    "hole": (("macro young()", "body = change(body, flabel = (label != 5 ? label : (x < -0.49 && "
+              "abs(y) < 0.49 ? 5 : (x > 0.49 && abs(y) < 0.49 ? 7 : (y > 0 ? 6 : 8)))));\n"
+              "macro young()"), ("contact() 5", "contact() 5, 6, 7, 8")),
+}
+
+
+def several(name: str, text: str) -> str:
+    """A scene's text with several labels for one."""
+    for old, new in SEVERAL[name]:
+        assert old in text
+        text = text.replace(old, new)
+    return text
+
+
+@pytest.fixture(scope="session")
+def scene(tmp_path_factory):
+    """scene(name, text): path of a scene."""
+    folder = tmp_path_factory.mktemp("corners")
+
+    def make(name: str, text: str):
+        (folder / f"{name}.edp").write_text(text)
+        return folder / f"{name}.edp"
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def checked(solved):
+    """checked(scene, NAME=value, ...): a run to tight tolerances that obeys all laws."""
+
+    def get(path, **options):
+        run = solved(path, **TIGHT, **options)
+        assert run.status == 0, run.reason
+        check = laws(CLOSE)(Case("", str(path), options), {}, run)
+        assert check.error <= CLOSE
+        return run
+
+    return get
+
+
+def by_place(run, names=("u_n", "u_t", "sigma_n", "sigma_t", "slip"), mirrored=False):
+    """(steps, nodes, names) in an order that knows places and normals, but not labels."""
+    c = run.contact
+    x, normal = (-c[name] if mirrored else c[name] for name in ("x", "normal_x"))
+    keys = (*np.round([normal[0], c["normal_y"][0]], 6), c["y"][0], np.round(x[0], 9))
+    return np.stack([c[name] for name in names], axis=2)[:, np.lexsort(keys)]
+
+
+def apart(one, other) -> float:
+    """Largest difference of displacements, or tractions, relative to the largest of them."""
+    parts = [(one[..., columns], other[..., columns]) for columns in ([0, 1, 4], [2, 3])]
+    return max(np.abs(a - b).max() / np.abs(b).max() for a, b in parts)
+
+
+# ---- labels that go on in one another -----------------------------------------------------------
+
+def test_flat_boundary_does_not_know_its_labels(checked, scene):
+    """One label and five, whole and in seven pieces: the same at every node, and quantities."""
+    whole = checked(scene("floor", FLOOR))
+    for subdomains in (3, 7):
+        run = checked(scene("floors", several("floor", FLOOR)), subdomains=subdomains)
+        assert apart(by_place(run), by_place(whole)) <= CLOSE
+        for name, value in whole.summary["quantities"].items():
+            assert run.summary["quantities"][name] == pytest.approx(value, rel=CLOSE)
+
+
+def test_a_wall_that_is_not_touched_changes_no_friction(checked, scene):
+    """In full sliding T = F N, with the corner node's part; in the direction away from the wall
+    and, as long as the gap is open, towards it.
+    """
+    floor = scene("wall", several("floor", FLOOR).replace("contact() ", "contact() 4, "))
+    for way, sign in ((1, -1), (-1, 1)):
+        run = checked(floor, way=way)
+        last = {name: column[-1] for name, column in run.contact.items()}
+        on_floor = np.abs(last["normal_y"] + 1) < 1e-9
+        assert (last["sigma_n"][~on_floor] == 0).all() and (last["status"] != "stick").all()
+        normal, tangential = ((last[name] * last["weight"])[on_floor].sum()
+                              for name in ("sigma_n", "sigma_t"))
+        assert tangential == pytest.approx(-sign * 0.3 * normal, rel=1e-9)
+        assert np.count_nonzero(last["x"] ** 2 + last["y"] ** 2 == 0) == 2
+
+
+def test_pairs_that_go_on_in_one_another_are_one_boundary(solved, scene):
+    """Meshes match: at the vertex where the labels meet both would have the same condition."""
+    whole, parts = (solved(path, **TIGHT) for path in (
+        scene("pair", PAIRS), scene("pairs", several("pairs", PAIRS))))
+    assert whole.status == parts.status == 0
+    assert apart(by_place(parts), by_place(whole)) <= CLOSE
+
+
+# ---- corners -------------------------------------------------------------------------------------
+
+def test_corner_does_not_know_its_labels(checked, scene):
+    """The square hole round a peg, one label or four, and cuts: forces of both conditions too."""
+    four = scene("holes", several("hole", (ROOT / "edp" / "hard" / "hole.edp").read_text()))
+    runs = [checked("hard/hole", steps=6), checked(four, steps=6, subdomains=7),
+            checked("hard/hole", steps=6, subdomains=1)]
+    for run in runs[1:]:
+        assert apart(by_place(run), by_place(runs[0])) <= CLOSE
+    assert runs[0].contact["x"].shape[1] == 20
+    statuses = runs[0].contact["status"]
+    at = np.abs(np.abs(runs[0].contact["x"][0]) + np.abs(runs[0].contact["y"][0]) - 1) < 1e-9
+    assert (statuses[:, at] != "open").any() and (statuses[:, at] == "open").any()
+
+
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_sides_of_a_hole(checked, element):
+    """Three sides: the fourth does not exist for the others' corners."""
+    run = checked("hard/hole", steps=6, sides=3, element=element)
+    corners = np.abs(run.contact["y"][0] + 0.5) < 1e-9
+    assert np.count_nonzero(corners) == 2
+
+
+def test_corner_with_one_free_displacement_has_one_condition(checked, scene):
+    """A wedge whose lower right side moves up and down only: the wall that is reached first."""
+    text = (ROOT / "edp" / "hard" / "wedge.edp").read_text()
+    text = text.replace("macro displacement1()", """real right = physical("right", 0.);
+macro support() on(1, u1 = 0.) //
+macro gap() (label == 1 ? right : 0.001) //
+macro displacement1()""").replace("u1 = drag", "u1 = 0.")
+    wedge = scene("held", text)
+    for right, first in ((0.0, 1), (0.002, 4)):
+        run = checked(wedge, right=right, steps=2, n=4)
+        last = {name: column[-1] for name, column in run.contact.items()}
+        tip = last["x"] ** 2 + last["y"] ** 2 < 1e-18
+        touched = tip & (last["sigma_n"] < 0)
+        assert tip.sum() == 2 and last["boundary"][touched].tolist() == [first]
+        assert last["u_n"][touched] == pytest.approx(last["gap"][touched], abs=1e-9)
+
+
+def test_mirrored_scene_has_the_mirrored_answer(checked, scene):
+    """Corner, bilateral and unilateral boundary, friction: x turns, and with it t."""
+    block = scene("mirror", MIRROR)
+    one = by_place(checked(block))
+    other = by_place(checked(block, side=-1, subdomains=5), mirrored=True)
+    assert apart(other * [1, -1, 1, -1, -1], one) <= CLOSE
+    effects = checked(block).summary["effects"]
+    assert effects["contact"] == "unilateral and bilateral"
+
+
+def test_bilateral_contact_pulls_as_it_presses(solved, scene):
+    """The law is odd: loads of the opposite sign, on a body that nothing else holds."""
+    text = MIRROR
+    for old, new in (("macro support() on(2, u1 = 0., u2 = 0.) //\n", ""),
+                     ("11, 12, 4", "11, 12"), ("(label == 11)", "yes"), ("0.4", "1."),
+                     ("macro load2() traction(3, -2e-3*side, 5e-4) //\n", ""),
+                     ("macro amplitude2(t) max(t - 1, 0.) //\n", ""),
+                     ("if (side < 0) body = movemesh(body, [-x, y]);\n", ""),
+                     ("1e-3*side, 1e-3*(x*side - 1.2)", "side*2e-4, -side*1e-3")):
+        assert old in text
+        text = text.replace(old, new)
+    pulled = scene("pulled", text)
+    press, pull = (solved(pulled, **TIGHT, side=side, steps=2, subdomains=4) for side in (1, -1))
+    assert press.status == pull.status == 0
+    assert apart(-by_place(pull), by_place(press)) <= CLOSE
+    assert press.summary["quantities"]["peak_pressure"] == pytest.approx(
+        pull.summary["quantities"]["peak_pressure"], rel=CLOSE)
+
+
+# ---- nodes from parts ----------------------------------------------------------------------------
+
+def polygon(sides: int, label, cut) -> np.ndarray:
+    """Parts of the dual segments of a regular polygon; `label`, `cut` of edge k."""
+    angle = 2 * np.pi * np.arange(sides) / sides
+    normal = np.column_stack([np.cos(angle), np.sin(angle)])
+    rows = [(label(k), end % sides, 0.5, *(0.5 * normal[k]), 0.5 * k, 0.0, 0.0)
+            for k in range(sides) for end in (k, k + 1)]
+    return np.array(sorted(rows, key=lambda row: cut(row[1])))
+
+
+@pytest.mark.parametrize("sides, count", [(4, 8), (6, 12), (8, 16), (10, 20), (11, 11), (12, 12),
+                                          (40, 40)])
+def test_polygon_of_a_circle_has_a_node_at_each_vertex(sides, count):
+    """From eleven sides on; the corners of others have two. Labels and cuts make no difference."""
+    rng = np.random.default_rng(sides)
+    order = rng.permutation(sides)
+    tables = [polygon(sides, lambda k: 1, lambda vertex: vertex),
+              polygon(sides, lambda k: 1 + k % 3, lambda vertex: order[int(vertex)])]
+    nodes = [merge_parts(table, ["gap"], []) for table in tables]
+    for found in nodes:
+        assert len(found.gid) == count
+        assert found.weight == pytest.approx(np.full(count, 1.0 if count == sides else 0.5))
+    kept = [{(gid, *np.round(normal, 9)): gap for gid, normal, gap in
+             zip(found.gid, found.normal, found.columns["gap"])} for found in nodes]
+    assert kept[0].keys() == kept[1].keys()
+    assert all(kept[0][key] == pytest.approx(kept[1][key]) for key in kept[0])
+
+
+def test_reported_label_is_that_of_the_longest_part():
+    """Of parts that only rounding tells apart the smallest label's."""
+    rows = [(7, 0, 0.6, 0.6, 0.0, 0, 0), (3, 0, 0.4, 0.4, 0.0, 0, 0),
+            (7, 1, 0.5 + 1e-13, 0.5, 0.0, 0, 0), (3, 1, 0.5, 0.5, 0.0, 0, 0)]
+    for turn in (1, -1):
+        assert merge_parts(np.array(rows[::turn]), [], []).label.tolist() == [7, 3]
+
+
+def test_more_than_two_directions_are_refused():
+    """Three conditions act on two displacements."""
+    angles = np.deg2rad([0, 120, 240])
+    rows = [(k, 0, 1.0, np.cos(a), np.sin(a), 0, 0) for k, a in enumerate(angles)]
+    with pytest.raises(InputError, match="more than two directions"):
+        merge_parts(np.array(rows), [], [])
+
+
+# ---- states of corners ---------------------------------------------------------------------------
+
+def corner(alone=False, bilateral=(False, False), offset=(0.0, 0.0), gap=(0.0, 0.0)):
+    """One corner, with dual rows n1, n2, t1, t2."""
+    return CornerNodes(np.array([[0, 1]]), np.array([[0, 1]]), np.array([[2, 3]]),
+                       np.array([[0, 1]]), np.array([alone]), np.array([bilateral]),
+                       np.array([offset]), np.array([gap]), -np.eye(2)[None])
+
+
+def switched(nodes: CornerNodes, force, over) -> tuple[bool, int]:
+    """Whether the state changes under normal forces and movements beyond the gap; the new one."""
+    law = SimpleNamespace(coefficient=None, offset=None)
+    alone = SimpleNamespace(allgather=lambda value: [value])
+    x, gradient = np.append(force, [0.0, 0.0]), -np.append(over, [0.0, 0.0])
+    return nodes.switch(x, gradient, law, np.ones(4), 1e-9, alone), int(nodes.acting[0])
+
+
+def test_a_corner_takes_the_state_that_its_conditions_ask_for():
+    nodes = corner()
+    assert nodes.excluded.tolist() == [2, 3]
+    assert switched(nodes, [1.0, 1.0], [0.0, 0.0]) == (False, BOTH)
+    assert switched(nodes, [1.0, 0.0], [0.0, -1e-3]) == (True, FIRST)
+    assert nodes.excluded.tolist() == [1, 3]
+    assert switched(nodes, [1.0, 0.0], [0.0, -1e-3]) == (False, FIRST)
+    assert switched(nodes, [1.0, 0.0], [0.0, 1e-3]) == (True, BOTH)
+    assert switched(nodes, [0.0, 1.0], [-1e-3, 0.0]) == (True, SECOND)
+    assert switched(nodes, [0.0, 0.0], [1e-3, -1e-3]) == (True, FIRST)
+    held = corner(bilateral=(True, False))  # never open
+    assert switched(held, [0.0, 0.0], [-1e-3, -1e-3]) == (True, FIRST)
+    assert switched(held, [0.0, 0.0], [0.0, 1e-3]) == (True, BOTH)
+    assert corner(gap=(1e-3, 0.0)).acting[0] == SECOND  # the side that is nearer
+    given = corner(offset=(1.0, 2.0))  # friction that needs no pressure
+    assert switched(given, [0.0, 0.0], [-1e-3, -1e-3]) == (True, SECOND)
+    one = corner(alone=True)
+    assert switched(one, [1.0, 0.0], [0.0, 1e-3]) == (True, SECOND)
+
+
+def test_a_corner_that_circles_ends_where_both_press():
+    nodes, changes = corner(), 0
+    violation = {BOTH: ([1.0, 0.0], [0.0, -1.0]), FIRST: ([1.0, 0.0], [0.0, 1.0])}
+    while switched(nodes, *violation[nodes.acting[0]])[0]:
+        changes += 1
+    assert changes == MOST and nodes.acting[0] == BOTH and nodes.undecided[0]
+    nodes.begin_step()
+    assert not nodes.undecided[0]

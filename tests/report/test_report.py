@@ -1,0 +1,147 @@
+"""The page of a run or study: whole, by itself, and saying what its files say."""
+
+import json
+import re
+import shutil
+from html.parser import HTMLParser
+
+import pytest
+
+from driver import cli
+from driver.errors import InputError
+from driver.files import write_table
+from driver.report import run as single
+from driver.report import study
+
+EMPTY = {"img", "meta", "br"}  # elements without an end
+PNG = bytes.fromhex("89504e470d0a1a0a0000000d49484452000000010000000108060000001f15c489"
+                    "0000000d49444154789c6360606060000000050001a5f645400000000049454e44ae426082")
+
+
+class Page(HTMLParser):
+    """Text, tables and pictures of a page whose elements are closed in their order."""
+
+    def __init__(self, path):
+        super().__init__()
+        self.open, self.links, self.text, self.rows = [], [], [], []
+        self.feed(path.read_text())
+        self.close()
+        assert not self.open
+
+    def handle_starttag(self, tag, attrs):
+        self.links += [value for name, value in attrs if name in ("src", "href", "data")]
+        if tag not in EMPTY:
+            self.open.append(tag)
+        if tag == "tr":
+            self.rows.append([])
+        if tag in ("td", "th"):
+            self.rows[-1].append("")
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.text.append(data)
+        if self.open and self.open[-1] in ("td", "th"):
+            self.rows[-1][-1] += data
+
+    @property
+    def words(self) -> str:
+        return " ".join(" ".join(self.text).split())
+
+
+@pytest.fixture(scope="module")
+def finished(solved):
+    """A run that every page is made of: two boundaries, a warning-free end, errors."""
+    return solved("bracket", steps=2, h=10, errors="energy")
+
+
+def test_every_run_leaves_a_page_by_itself(finished):
+    path = finished.directory / "report.html"
+    text, page = path.read_text(), Page(path)
+    assert 'name="viewport"' in text and '<meta charset="utf-8">' in text
+    assert not re.search(r"https?://|<script|@import|url\(", text)
+    assert all(link.startswith("data:image/png;base64,") for link in page.links)
+    assert "Converged in 2 steps" in page.words
+    values = {row[0]: row[1:3] for row in page.rows if len(row) > 2}
+    for name, value in finished.summary["quantities"].items():
+        assert values[name.replace("_", " ")][0] == f"{value:.4g}"
+    assert values["normal resultant"][1] == "N/mm" and values["dissipated energy"][1] == "J/m"
+    assert "energy norm" in page.words
+
+
+def test_boundaries_and_figures_are_on_the_page(finished, tmp_path):
+    copy = shutil.copytree(finished.directory, tmp_path / "run")
+    (copy / "figures").mkdir(exist_ok=True)
+    for name in ("history", "geometry", "unheard_of"):
+        (copy / "figures" / f"{name}.png").write_bytes(PNG)
+    page = Page(single.write(copy))
+    assert len(page.links) == 3
+    text = (copy / "report.html").read_text()
+    assert text.index("Geometry, boundary") < text.index("Contact forces over time") < text.index(
+        "unheard of")
+    head = next(row for row in page.rows if row[0] == "boundary")
+    assert "force x [N/mm]" in head
+    labels = [row[0] for row in page.rows[page.rows.index(head) + 1:][:2]]
+    assert labels == [str(row["boundary"]) for row in finished.summary["boundaries"]]
+
+
+@pytest.mark.parametrize("change, words, colour", [
+    ({"converged": False, "reason": "too <few> iterations"}, "Not converged: too <few> iterations",
+     "bad"),
+    ({"warnings": ["elements lock & more"]}, "1 warning, see below", "doubtful"),
+    ({"validity": {"verdict": "ok"}, "warnings": []}, "contact: ok", "good"),
+    ({"validity": {"verdict": "invalid", "reason": "rotation 0.8"}}, "invalid, rotation 0.8",
+     "bad")])
+def test_the_verdict_comes_first_and_in_its_colour(finished, tmp_path, change, words, colour):
+    copy = shutil.copytree(finished.directory, tmp_path / "run")
+    (copy / "summary.json").write_text(json.dumps(finished.summary | {"warnings": []} | change))
+    page = Page(single.write(copy))
+    assert words in page.words and page.words.index(words) < page.words.index("Quantities")
+    assert single.page.COLOURS[colour] in (copy / "report.html").read_text().split("Quantities")[0]
+
+
+def test_a_study_is_judged_by_its_table(tmp_path):
+    write_table(tmp_path / "report.csv", [
+        {"case": "<a>", "status": "solved", "seconds": "1.5"},
+        {"case": "b", "status": "refused", "seconds": ""},
+        {"case": "c", "status": "FAILED", "seconds": "2"}])
+    write_table(tmp_path / "contact.csv", [{"status": "open", "x": "1"}])
+    (tmp_path / "report.png").write_bytes(PNG)
+    page = Page(study.write(tmp_path))
+    assert "report: of 3 1 solved, 1 refused as it should be, 1 not." in page.words
+    assert "contact:" not in page.words and len(page.links) == 1
+    assert ["<a>", "solved", "1.5"] in page.rows
+
+
+def test_effects_that_are_needed_are_no_failure(tmp_path):
+    """Left out, a support or friction may leave no solution: that is what the study shows."""
+    write_table(tmp_path / "slope.csv", [{"without": "", "status": "0"},
+                                         {"without": "friction", "status": "3"}])
+    page = Page(study.write(tmp_path))
+    assert "slope: of 2 1 converged, 1 without a solution." in page.words
+    assert single.page.COLOURS["good"] in (tmp_path / "report.html").read_text()
+
+
+def test_nothing_to_report_on_is_refused(tmp_path, command_here):
+    with pytest.raises(InputError, match="no finished run"):
+        study.write(tmp_path)
+    done = command_here("report", str(tmp_path))
+    assert done.returncode == 2 and "no finished run" in done.stderr
+    assert command_here("report").returncode == 2
+
+
+def test_the_command_renews_pages(finished, tmp_path, capsys):
+    copy = shutil.copytree(finished.directory, tmp_path / "run")
+    (copy / "report.html").write_text("old")
+    cli.report([str(copy)])
+    assert capsys.readouterr().out.strip().endswith("report.html")
+    assert "Converged" in Page(copy / "report.html").words
+
+
+def test_the_page_of_a_parameter_study(tmp_path, command_here):
+    done = command_here("study", "SCENE=model", "FRICTION=0.1,0.3", "CELLS=2", "STEPS=2",
+                        "FIGURES=no", "QUIET=yes", f"OUT={tmp_path / 'out'}")
+    assert done.returncode == 0, done.stderr
+    page = Page(tmp_path / "out" / "report.html")
+    assert "study of friction" in page.words and "study: of 2 2 converged." in page.words

@@ -1,0 +1,178 @@
+"""Fields for ParaView: what the files hold, read by meshio and, where it is installed, by VTK."""
+
+import re
+
+import meshio
+import numpy as np
+import pytest
+
+from driver.files import read_table
+
+
+@pytest.fixture(scope="module", params=["P1", "P2"])
+def wedge(request, solved):
+    return solved("wedge", element=request.param, steps=2, h=8, subdomains=6, fields="yes",
+                  rtol=1e-11, primal_rtol=1e-8)
+
+
+def test_step_0_is_the_undeformed_body_and_times_are_named(wedge):
+    text = (wedge.directory / "fields.pvd").read_text()
+    assert re.findall(r'timestep="([^"]+)".*?file="([^"]+)"', text) == [
+        (f"{0.5 * k!r}", f"fields/step_{k:04d}.vtu") for k in range(3)]
+    start = meshio.read(wedge.directory / "fields/step_0000.vtu")
+    assert not start.point_data["displacement"].any() and not start.cell_data["von_mises"][0].any()
+    end = meshio.read(wedge.directory / "fields/step_0002.vtu")
+    assert set(start.point_data) == set(end.point_data) == {"displacement", "stress"}
+    assert set(start.cell_data) == set(end.cell_data) == {"stress", "von_mises", "subdomain",
+                                                          "body", "region"}
+
+
+def test_bodies_and_subdomains(wedge):
+    """Two bodies, one above the other; each subdomain belongs to one of them."""
+    data = meshio.read(wedge.directory / "fields/step_0001.vtu")
+    kind, = data.cells_dict
+    middle = data.points[data.cells_dict[kind][:, :3]].mean(axis=1)
+    body, subdomain = (data.cell_data[name][0] for name in ("body", "subdomain"))
+    assert sorted(np.unique(body)) == [0, 1]
+    assert middle[body == 0][:, 1].mean() < middle[body == 1][:, 1].mean()
+    for number in np.unique(subdomain):
+        assert len(np.unique(body[subdomain == number])) == 1
+    assert len(np.unique(subdomain)) == wedge.summary["sizes"]["subdomains"]
+
+
+def test_averaged_stress_is_continuous_in_a_body_and_keeps_means(wedge):
+    """Copies of a node have the same value; of linear elements a node's is the mean by area."""
+    data = meshio.read(wedge.directory / "fields/step_0002.vtu")
+    kind, = data.cells_dict
+    nodes, body = data.cells_dict[kind], data.cell_data["body"][0]
+    at_nodes, mean = data.point_data["stress"], data.cell_data["stress"][0]
+    assert at_nodes.shape[1] == mean.shape[1] == 4
+    owner = np.zeros(len(data.points), int)
+    owner[nodes] = body[:, None]
+    place = np.column_stack([np.round(data.points[:, :2], 9), owner])
+    _, first, inverse = np.unique(place, axis=0, return_index=True, return_inverse=True)
+    assert len(first) < len(place)
+    inverse = inverse.ravel()
+    assert np.array_equal(at_nodes, at_nodes[first][inverse])
+    if kind == "triangle":
+        a, b, c = (data.points[nodes[:, k], :2] for k in range(3))
+        area = np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]) / 2
+        total, weight = np.zeros((len(first), 4)), np.zeros(len(first))
+        np.add.at(total, inverse[nodes], (area[:, None] * mean)[:, None])
+        np.add.at(weight, inverse[nodes], area[:, None])
+        np.testing.assert_allclose(at_nodes[first], total / weight[:, None],
+                                   atol=1e-12 * abs(mean).max())
+
+
+def test_a_uniform_stress_is_the_same_everywhere(solved):
+    """Patch test at an angle: nodes, triangles and the closed form; s33 = nu (s11 + s22)."""
+    for element in ("P1", "P2"):
+        run = solved("patch", element=element, cells=3, fields="yes", rtol=1e-12)
+        data = meshio.read(run.directory / "fields/step_0001.vtu")
+        stress = data.point_data["stress"]
+        pressure = -run.contact["sigma_n"].mean()
+        expected = np.zeros(4)
+        expected[1], nu = -pressure, stress[0, 2] / stress[0, :2].sum()
+        expected[2] = -nu * pressure
+        assert 0.1 < nu < 0.5
+        np.testing.assert_allclose(stress, np.tile(expected, (len(stress), 1)),
+                                   atol=1e-8 * pressure)
+
+
+def test_contact_lines_hold_what_contact_csv_says(wedge):
+    table = read_table(wedge.directory / "contact.csv")
+    for step in (1, 2):
+        data = meshio.read(wedge.directory / f"fields/contact_{step:04d}.vtu")
+        own = {name: column[table["step"] == step] for name, column in table.items()}
+        order = np.lexsort((own["node"],))
+        assert np.array_equal(data.points[:, 0], own["x"][order])
+        for name, column, sign in (("pressure", "sigma_n", -1), ("shear", "sigma_t", 1),
+                                   ("gap", "gap", 1), ("slip", "slip", 1)):
+            assert np.array_equal(data.point_data[name], sign * own[column][order])
+        names = np.array(["open", "stick", "slip"])
+        assert np.array_equal(names[data.point_data["status"]], own["status"][order])
+        assert np.allclose(data.point_data["opening"], own["gap"] - own["u_n"])
+        lines = data.cells_dict["line"]
+        assert len(lines) == len(data.points) - 1  # an open chain
+        assert np.array_equal(lines.T, [np.arange(len(lines)), 1 + np.arange(len(lines))])
+    assert (wedge.directory / "contact.pvd").read_text().count("contact_000") == 2
+
+
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_lines_go_on_from_label_to_label_and_round_corners(solved, tmp_path, element):
+    """A floor of two labels and a wall of a third: one line along each, whichever label the node
+    between the first two reports; the corner is there twice, once for each direction.
+    """
+    path = tmp_path / "corner.edp"
+    path.write_text("""include "scene.idp"
+units("m", "Pa");
+subdomains("3");
+int[int] sides = [8, 5, 3, 4];
+mesh block = square(6, 4, [2.*x, y], label = sides);
+func int half(int l, real px) { return (l == 8 && px > 1.) ? 7 : l; }
+body = change(block, flabel = half(label, x));
+macro young() 1e3 //
+macro poisson() 0.3 //
+macro support() on(4, u1 = 0., u2 = 0.) //
+macro load1() traction(3, 0.5, -1.) //
+macro contact() 8, 7, 5 //
+include "export.idp"
+""")
+    run = solved(path, element=element, fields="yes")
+    assert run.status == 0, run.reason
+    data = meshio.read(run.directory / "fields/contact_0001.vtu")
+    lines = data.cells_dict["line"]
+    ends = data.points[lines]
+    length = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
+    first = 2 / 6 * (1 if element == "P1" else 0.5)  # from the clamped corner to the first node
+    assert length.sum() == pytest.approx(3 - first)
+    assert np.count_nonzero(np.abs(data.points - [2, 0, 0]).max(axis=1) < 1e-12) == 2
+
+
+def test_lines_close_a_ring_and_leave_gaps_between_boundaries(solved):
+    ring = solved("pressfit", fields="yes", h=4)
+    data = meshio.read(ring.directory / "fields/contact_0001.vtu")
+    lines = data.cells_dict["line"]
+    held = len(np.unique(lines))
+    assert held == len(data.points)
+    assert len(lines) in (len(data.points), len(data.points) - 1)
+    length = np.linalg.norm(np.subtract(*data.points[lines.T]), axis=1)
+    assert length.max() < 3 * np.median(length)
+    two = solved("bracket", fields="yes", steps=1, h=8)
+    data = meshio.read(two.directory / "fields/contact_0001.vtu")
+    label = data.point_data["boundary"]
+    assert np.array_equal(*label[data.cells_dict["line"].T])
+
+
+def test_no_line_leads_to_a_clamped_node(solved):
+    """The model's contact boundary begins at its clamped side: the first edge has one contact node.
+    """
+    run = solved("model", cells=3, steps=1, fields="yes")
+    data = meshio.read(run.directory / "fields/contact_0001.vtu")
+    lines = data.cells_dict["line"]
+    assert len(data.points) == 12 and data.points[0, 0] > 0
+    assert np.array_equal(lines.T, [np.arange(11), 1 + np.arange(11)])
+
+
+def test_vtk_itself_reads_the_files(wedge):
+    """VTK is no package of the suite; where it is installed it names the components."""
+    vtk = pytest.importorskip("vtk")
+    for name in ("fields/step_0002.vtu", "fields/contact_0002.vtu"):
+        reader = vtk.vtkXMLUnstructuredGridReader()
+        reader.SetFileName(str(wedge.directory / name))
+        reader.Update()
+        grid = reader.GetOutput()
+        assert reader.GetErrorCode() == 0 and grid.GetNumberOfPoints() > 0
+        points = grid.GetPointData()
+        assert points.GetArray("displacement").GetNumberOfComponents() == 3
+        if name.startswith("fields/step"):
+            for data in (points, grid.GetCellData()):
+                stress = data.GetArray("stress")
+                assert [stress.GetComponentName(k) for k in range(4)] == ["xx", "yy", "zz", "xy"]
+
+
+def test_names_of_components_are_in_the_file(wedge):
+    """meshio reads past them."""
+    text = (wedge.directory / "fields/step_0001.vtu").read_bytes()
+    names = b'ComponentName0="xx" ComponentName1="yy" ComponentName2="zz" ComponentName3="xy"'
+    assert text.count(b'Name="stress" ' + names) == 2

@@ -1,0 +1,103 @@
+"""What a scene leaves out silently is said: loads that are not there, overlaps, coarse tolerances;
+and warnings that repeat are counted.
+"""
+
+import pytest
+
+from driver.results import screen
+
+BLOCK = """include "scene.idp"
+units("mm", "MPa");
+subdomains("2");
+body = square(8, 4, [2.*x, y]);
+quasistatic(1.);
+macro young() 1e3 //
+macro poisson() 0.3 //
+macro support() on(4, u1 = 0., u2 = 0.) //
+{more}
+include "export.idp"
+"""
+LOAD = "macro load1() traction(3, 0., -1.) //\n"
+BLOCKS = """include "scene.idp"
+units("mm", "MPa");
+subdomains("2");
+addBody(square(8, 4, [2.*x, y]))
+int[int] sides = [11, 12, 13, 14];
+addBody(square(6, 4, [2.*x, {bottom} + y], label = sides))
+macro young() 1e3 //
+macro poisson() 0.3 //
+macro support() on(1, u1 = 0., u2 = 0.) + on(13, u1 = 0.) //
+macro load1() traction(13, 0., -1.) //
+macro contactPair() 11, 3 //
+{more}
+include "export.idp"
+"""
+
+
+@pytest.fixture
+def run_of(solved, tmp_path):
+    """run_of(text, **options): a run of a scene of this text."""
+    def get(text: str, **options):
+        path = tmp_path / "own.edp"
+        path.write_text(text)
+        return solved(path, **options)
+
+    return get
+
+
+@pytest.mark.parametrize("more, words", [
+    (LOAD + "macro amplitude2(t) t //", "amplitude2 multiplies nothing"),
+    ("macro load1() int1d(Ti, 3)(2.*u2*v2) - int1d(Ti, 3)(v1) //", "u2, the unknown"),
+    ("macro pull() int1d(Ti, 3)(u1*v1) //\nmacro load3() pull //", None)])
+def test_histories_and_terms_without_effect_are_refused(run_of, more, words):
+    """The last one hides its term behind a macro of its own; there the run says that nothing moves.
+    """
+    run = run_of(BLOCK.format(more=more), steps=1)
+    if words:
+        assert run.status == 2 and words in run.reason
+    else:
+        assert any("nothing moves" in warning for warning in run.summary["warnings"])
+
+
+@pytest.mark.parametrize("more, quiet", [
+    ("macro contact() 1 //", False), ("macro load1() traction(3, 0., 0.) //", False),
+    (LOAD + "macro amplitude1(t) 0.*t //", False), (LOAD, True)])
+def test_a_scene_in_which_nothing_moves_says_so(run_of, more, quiet):
+    warnings = run_of(BLOCK.format(more=more), steps=2).summary["warnings"]
+    assert any("nothing moves" in warning for warning in warnings) != quiet
+
+
+@pytest.mark.parametrize("bottom, more, said", [
+    ("0.95", "", "contact label 11 starts up to 0.05 inside"),
+    ("0.95", "macro pairGap() 0. //", ""), ("0.9999", "", ""), ("1.", "", "")])
+def test_bodies_that_overlap_at_the_start(run_of, bottom, more, said):
+    warnings = run_of(BLOCKS.format(bottom=bottom, more=more)).summary["warnings"]
+    assert any("inside what it meets" in warning for warning in warnings) == bool(said)
+    assert not said or any(said in warning and "pairGap" in warning for warning in warnings)
+
+
+def test_an_obstacle_that_starts_inside_the_body(run_of):
+    more = LOAD + "macro contact() 1 //\nmacro obstacle(x, y) (y - 0.1) //"
+    warnings = run_of(BLOCK.format(more=more), steps=1).summary["warnings"]
+    assert any("0.1 inside what it meets" in warning and "gap()" in warning
+               for warning in warnings)
+
+
+def test_curved_boundaries_that_fit_are_not_complained_of(solved):
+    for scene in ("hertz-bodies", "pin"):
+        warnings = solved(scene, h={"hertz-bodies": 0.008, "pin": 2}[scene]).summary["warnings"]
+        assert not any("inside" in warning for warning in warnings)
+
+
+def test_coarse_tolerances(run_of):
+    warnings = run_of(BLOCK.format(more=LOAD), rtol=0.5, steps=1).summary["warnings"]
+    assert any(warning.startswith("RTOL=0.5 is so coarse") for warning in warnings)
+
+
+def test_repeated_warnings_are_one_line():
+    said = [*(f"step {k}: residual {10.0 ** -k:.1e} above 1e-04" for k in (1, 2, 5)), "locking",
+            *(f"step {k}: slides" for k in range(1, 40))]
+    lines = screen.warnings(said)
+    assert lines == [
+        "warning: step 1: residual 1.0e-01 above 1e-04 (and 2 more like it, steps 2, 5)",
+        "warning: locking", "warning: step 1: slides (and 38 more like it)"]

@@ -1,0 +1,155 @@
+"""Probes: places and labels where a scene asks for displacements and forces."""
+
+import numpy as np
+import pytest
+
+from driver.effects import Effects
+from driver.errors import InputError
+from driver.files import read_table
+
+BLOCK = """include "scene.idp"
+units("mm", "MPa");
+subdomains("{cut}");
+int[int] sides = [7, 5, 31, 12];
+body = square(6, 4, [3.*x, 2.*y], label = sides);
+quasistatic(1.);
+macro young() 100. //
+macro poisson() 0.25 //
+macro support() on(12, u1 = 0.) + {support} //
+macro load1() traction(5, 2., 0.5) //
+macro amplitude1(t) t //
+{more}
+include "export.idp"
+"""
+PROBES = """macro probeLabels() [5, 12, 7, 31] //
+macro probePoints() [3., 1., 1.1, 0.7, 0., 0.] //"""
+
+
+@pytest.fixture(scope="module")
+def block(solved, tmp_path_factory):
+    """block(cut, more, **options): outcome of a run, and its probes by name, columns (steps,)."""
+    folder = tmp_path_factory.mktemp("scenes")
+
+    def get(name: str, cut="1", more=PROBES, support="on(7, u2 = 0.)", **options):
+        path = folder / f"{name}.edp"
+        path.write_text(BLOCK.format(cut=cut, more=more, support=support))
+        run = solved(path, steps=2, **options)
+        table = read_table(run.directory / "probes.csv") if not run.status else None
+        return run, {probe: {key: column[table["probe"] == probe] for key, column in table.items()}
+                     for probe in np.unique(table["probe"])} if table else None
+
+    return get
+
+
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_uniform_tension_is_reproduced_at_any_place(block, element):
+    """Rollers left and below, tension 2 and no shear: u = (s (1 - nu^2)/E x, -nu (1 + nu) s/E y)
+    is linear, so that every element has it exactly.
+    """
+    run, found = block("tension", element=element, more=PROBES
+                       + "\nmacro load2() traction(5, 0., -0.5) //\nmacro amplitude2(t) t //")
+    stretch, thinning = 2 * (1 - 0.25**2) / 100, -2 * 0.25 * 1.25 / 100
+    for name, (x, y) in {"point1": (3, 1), "point2": (1.1, 0.7), "point3": (0, 0),
+                         "label5": (3, 1), "label31": (1.5, 2), "label12": (0, 1)}.items():
+        probe = found[name]
+        assert [probe["x"][0], probe["y"][0]] == pytest.approx([x, y], abs=1e-12)
+        for t, k in ((0.5, 0), (1.0, 1)):
+            assert probe["u_x"][k] == pytest.approx(stretch * x * t, abs=1e-8)
+            assert probe["u_y"][k] == pytest.approx(thinning * y * t, abs=1e-8)
+    force = {name: [probe["force_x"][-1], probe["force_y"][-1]] for name, probe in found.items()}
+    assert force["label5"] == pytest.approx([4, 0], abs=1e-9)
+    assert force["label12"] == pytest.approx([-4, 0], abs=1e-6)
+    assert force["label7"] == pytest.approx([0, 0], abs=1e-6)
+    assert run.summary["probes"][0]["probe"] == "label5"
+
+
+@pytest.mark.parametrize("cut, element", [("1", "P1"), ("3", "P1"), ("4", "P2")])
+def test_forces_of_all_labels_balance(block, cut, element):
+    """With contact below: tractions, reactions and contact forces of the four labels, which meet
+    in corners, add up to nothing, direction by direction; the cut does not matter.
+    """
+    more = ("macro contact() 7 //\nmacro friction() 0.3 //\nmacro load2() pressure(31, 4.) //\n"
+            "macro pointLoad3() [0., 1., 0.3, 0.2, 3., 2., 0.1, -0.4] //\n" + PROBES)
+    _, found = block(f"balance-{cut}", cut, more, support="on(12, u2 = 0.)",
+                     primal_rtol=1e-9, rtol=1e-11, element=element)
+    labels = [probe for name, probe in found.items() if name.startswith("label")]
+    for axis in ("x", "y"):
+        total = np.sum([probe[f"force_{axis}"] for probe in labels], axis=0)
+        assert abs(total).max() < 1e-6
+    assert found["label7"]["force_y"][-1] > 6
+    # pressure 4 x 3 and half of the point load in the corner of 5 and 31
+    assert found["label31"]["force_y"][-1] == pytest.approx(-12.2)
+
+
+def test_supports_that_meet_in_a_corner_share_its_reaction(block):
+    """The left and the lower side are clamped, the corner counts for both, in equal parts."""
+    _, found = block("corner", more=PROBES, support="on(12, u2 = 0.) + on(7, u1 = 0., u2 = 0.)",
+                     primal_rtol=1e-9, rtol=1e-11)
+    clamped = [found[name] for name in ("label12", "label7")]
+    for axis, pull in (("x", 4.0), ("y", 1.0)):
+        assert sum(probe[f"force_{axis}"][-1] for probe in clamped) == pytest.approx(-pull)
+        assert all(probe[f"force_{axis}"][-1] < 0 for probe in clamped)
+
+
+def test_contact_and_both_sides_of_a_pair(solved, tmp_path):
+    """What a pair's first label feels, the second feels with the opposite sign."""
+    path = tmp_path / "two.edp"
+    path.write_text("""include "scene.idp"
+units("m", "Pa");
+subdomains("4");
+addBody(square(5, 3, [2.*x, y]))
+int[int] sides = [11, 12, 13, 14];
+addBody(square(4, 3, [0.3 + 1.2*x, 1. + y], label = sides))
+macro young() 1e3 //
+macro poisson() 0.3 //
+macro support() on(1, u1 = 0., u2 = 0.) //
+macro displacement1() on(13, u1 = 0.01, u2 = -0.05) //
+macro contactPair() 11, 3 //
+macro friction() 0.5 //
+macro probeLabels() [11, 3, 13, 1] //
+include "export.idp"
+""")
+    run = solved(path)
+    found = {row["probe"]: np.array([row["force_x"], row["force_y"]])
+             for row in run.summary["probes"]}
+    scale = np.linalg.norm(found["label13"])
+    assert found["label13"][1] < 0 < found["label11"][1]
+    assert abs(found["label11"] + found["label3"]).max() <= 1e-12 * scale
+    assert abs(found["label11"] + found["label13"]).max() < 1e-5 * scale
+    assert abs(found["label3"] + found["label1"]).max() < 1e-5 * scale
+    own, = run.summary["boundaries"]
+    assert [own["force_x"], own["force_y"]] == pytest.approx(found["label11"], rel=1e-12)
+
+
+def test_the_number_of_ranks_does_not_matter(block):
+    one, four = (block("ranks", "3", np=ranks)[0].directory / "probes.csv" for ranks in (1, 2))
+    assert one.read_bytes() == four.read_bytes()
+
+
+@pytest.mark.parametrize("more, reason", [
+    ("macro probePoints() [9., 1.] //", "(9, 1) lies outside the body"),
+    ("macro probePoints() [1., 1., 2.] //", "not 3 numbers"),
+    ("macro probeLabels() [8] //", "8")])
+def test_probes_that_cannot_be_meant_are_refused(block, more, reason):
+    run, _ = block(f"refused-{abs(hash(reason))}", more=more)
+    assert run.status == 2 and reason in run.reason
+
+
+def test_places_of_a_spoiled_manifest_are_refused(built):
+    manifest = built("patch", reduce=False).manifest
+    for data in ({"labels": [], "points": [1.0]}, {"labels": [99], "points": []}, {},
+                 {"labels": [], "points": [1.0, float("nan")]}):
+        with pytest.raises(InputError):
+            Effects(_with(manifest, data))
+
+
+def _with(manifest, data):
+    import dataclasses
+
+    return dataclasses.replace(manifest, rooms={**manifest.rooms, "probe": data})
+
+
+def test_a_scene_without_probes_pays_nothing(loaded):
+    modules, out = loaded("patch")
+    assert not {"driver.results.probes", "driver.effects.probe"} & modules
+    assert not (out / "probes.csv").exists()
