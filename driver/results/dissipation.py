@@ -83,9 +83,15 @@ class Dissipation:
         return np.where(falls, parts, UNKNOWN)
 
 
-def start(effects, law, weight: np.ndarray) -> np.ndarray | None:
+def start(effects, law, weight: np.ndarray, amplitudes: np.ndarray) -> np.ndarray | None:
     """(n,) friction bounds at time 0 as `Dissipation` takes them, of a run with `effects`.
 
-    `law` is the ContactLaw of the nodes, which carry nothing at time 0 unless there is a preload.
+    `law` is the ContactLaw of the nodes, `amplitudes` (steps + 1, patterns) are the factors of the
+    loads. The nodes carry nothing at time 0 unless there is a preload, or loads that stand there
+    while others begin to grow.
     """
-    return None if "preload" in effects else law.friction_bound(np.zeros(len(weight))) / weight
+    begin, first = amplitudes[:2]
+    stands = begin.any() and not np.array_equal(begin, first)
+    if "preload" in effects or stands:
+        return None
+    return law.friction_bound(np.zeros(len(weight))) / weight

@@ -192,7 +192,8 @@ def _solve(problem, settings, near: np.ndarray | None) -> tuple[Outcome, np.ndar
     history, fields, u_t, failure = [], {}, solver.initial, None
     contact = operator.structure.contact
     friction = Dissipation(contact.weight, contact.gap,
-                           start(solver.effects, solver.law, contact.weight))
+                           start(solver.effects, solver.law, contact.weight,
+                                 solver.amplitudes))
 
     shares = label_shares(operator.structure)[1]
 
