@@ -30,6 +30,7 @@ import numpy as np
 from ..errors import InputError
 
 MOST = 6  # changes of a corner's state in one step
+NOISE = 10.0  # times the tolerance of displacements: slip of a corner beyond that counts
 SLIGHT = 1e-9  # relative difference of gaps that counts as none
 DEPENDENT = 1e-8  # singular value below which rows of length one depend on one another
 
@@ -117,6 +118,7 @@ class CornerNodes:
     bilateral: np.ndarray
     offset: np.ndarray
     gap: np.ndarray
+    directions: np.ndarray  # (v, 2, 2) normals
     acting: np.ndarray = field(init=False)
     switches: np.ndarray = field(init=False)
 
@@ -159,16 +161,23 @@ class CornerNodes:
         return acts[0], acts[1]
 
     # ---- which state is right --------------------------------------------------------------------
-    def switch(self, x: np.ndarray, gradient: np.ndarray, scale: np.ndarray, tol: float,
+    def switch(self, x: np.ndarray, gradient: np.ndarray, rows, scale: np.ndarray, tol: float,
                comm) -> bool:
         """Whether a corner has changed its state at multipliers x, where F x - d is `gradient`.
 
-        `scale` (owned,) times displacements over `tol` count. Collective.
+        `rows` are the ContactRows; `scale` (owned,) times displacements over `tol` count.
+        Collective.
         """
         wanted = np.zeros(len(self.nodes), int)
         for v in np.flatnonzero(self.normal[:, 0] >= 0):
-            rows = self.normal[v]
-            wanted[v] = self._wanted(v, x[rows], -gradient[rows] * scale[rows], tol)
+            n = self.normal[v]
+            wanted[v] = self._wanted(v, x[n], -gradient[n] * scale[n], tol)
+            if wanted[v] == self.acting[v] == BOTH:
+                # friction on the way would have stopped it short of one side
+                parts = self._parts(v, x, gradient, rows, scale, NOISE * tol)
+                missed = np.zeros(2, bool) if parts is None else parts[0] * x[n] < 0
+                wanted[v] = BOTH if missed.all() or not missed.any() else (
+                    SECOND if missed[0] else FIRST)
         wanted = np.sum(comm.allgather(wanted), axis=0)
         changed = (wanted != self.acting) & (self.switches < MOST)
         self.switches[changed] += 1
@@ -202,33 +211,42 @@ class CornerNodes:
         return BOTH
 
     # ---- how forces are shared -------------------------------------------------------------------
-    def shared(self, x: np.ndarray, gradient: np.ndarray, rows, contact, tol: float) -> np.ndarray:
+    def shared(self, x: np.ndarray, gradient: np.ndarray, rows, scale: np.ndarray,
+               tol: float) -> np.ndarray:
         """x with the same forces at corners that have just been reached, friction's part in them.
 
         Each node rubs against the slip that brought it there, at its bound. `rows` are the
-        ContactRows, slip beyond `tol` counts.
+        ContactRows, `scale` (owned,) times slip beyond `tol` counts.
         """
         shared = x.copy()
-        arrived = (self.acting == BOTH) & (self.normal[:, 0] >= 0) & (self.tangential >= 0).all(1)
-        for v in np.flatnonzero(arrived):
+        for v in np.flatnonzero((self.acting == BOTH) & (self.normal[:, 0] >= 0)):
             n, t = self.normal[v], self.tangential[v]
-            slip = -gradient[t]
-            sign = np.where(np.abs(slip) > tol, np.sign(slip), 0.0)
-            if not sign.any():
-                continue
-            here, node = self.in_tangential[v], self.nodes[v]
-            F = np.zeros(2) if rows.coefficient is None else rows.coefficient[here]
-            c = np.zeros(2) if rows.offset is None else rows.offset[here]
-            pulls, touches = np.where(x[n] < 0, -1.0, 1.0), x[n] != 0
-            normal, tangent = contact.normal[node], contact.tangent[node]
-            rays = normal + (sign * F * pulls)[:, None] * tangent
-            force = x[n] @ normal - (sign * c * touches) @ tangent
-            if abs(np.linalg.det(rays)) < DEPENDENT:
-                continue
-            pressures = np.linalg.solve(rays.T, force)
-            if (pressures * pulls >= 0).all():
-                shared[n], shared[t] = pressures, sign * (F * np.abs(pressures) + c * touches)
+            parts = self._parts(v, x, gradient, rows, scale, tol)
+            if parts is not None and (parts[0] * x[n] >= 0).all():
+                shared[n], shared[t] = parts
         return shared
+
+    def _parts(self, v: int, x, gradient, rows, scale, tol):
+        """Pressures and friction forces (2,) each of corner v where both nodes press.
+
+        None where it has not arrived in this step.
+        """
+        n, t = self.normal[v], self.tangential[v]
+        if (t < 0).any() or (x[n] == 0).any():
+            return None
+        slip = -gradient[t] * scale[t]
+        sign, here = np.where(np.abs(slip) > tol, np.sign(slip), 0.0), self.in_tangential[v]
+        if not sign.any():
+            return None
+        F = np.zeros(2) if rows.coefficient is None else rows.coefficient[here]
+        c = np.zeros(2) if rows.offset is None else rows.offset[here]
+        normal = self.directions[v]
+        tangent = np.column_stack([-normal[:, 1], normal[:, 0]])
+        rays = normal + (sign * F * np.sign(x[n]))[:, None] * tangent
+        if abs(np.linalg.det(rays)) < DEPENDENT:
+            return None
+        pressures = np.linalg.solve(rays.T, x[n] @ normal - (sign * c) @ tangent)
+        return pressures, sign * (F * np.abs(pressures) + c)
 
 
 def corner_nodes(structure, in_tangential: np.ndarray, law) -> CornerNodes | None:
@@ -248,4 +266,5 @@ def corner_nodes(structure, in_tangential: np.ndarray, law) -> CornerNodes | Non
 
     offset = np.zeros(len(contact.gid)) if law.offset is None else law.offset
     return CornerNodes(nodes, owned(normal), owned(tangential), in_tangential[nodes], rank == 1,
-                       law.bilateral[nodes], offset[nodes], contact.gap[nodes])
+                       law.bilateral[nodes], offset[nodes], contact.gap[nodes],
+                       contact.normal[nodes])

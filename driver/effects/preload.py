@@ -32,7 +32,7 @@ class Room(initial_state.Room):
             if solver.bodies.imbalance(load, x) > settings.friction_rtol:
                 solver.bodies.follow(load, x)
             elif rows.corners is None or not rows.corners.switch(
-                    x, result.gradient, solver.qp.scale, solver.qp.tol, op.comm):
+                    x, result.gradient, rows, solver.qp.scale, solver.qp.tol, op.comm):
                 break
         else:
             raise NotConverged(

@@ -5,8 +5,9 @@ polygon with the step's loads, supports that move as the P1 function says, gap a
 along contact edges, slip counted from the computed displacement of the step before, and Tresca
 friction with the bound s that the computed pressures give (F |sigma_n| at the nodes for Coulomb,
 linear in between). Errors of earlier steps, of the boundary's geometry and of loads that are not
-linear on an edge or constant on a third of a triangle are not part of it; how well s fits its own
-pressures is the friction part.
+linear on an edge or constant on a third of a triangle, of material and thermal strain that vary
+inside a triangle are not part of it (`EXCLUDED`); how well s fits its own pressures is the friction
+part.
 
 The bound. v is the computed displacement made admissible: averaged over subdomains, pushed out of
 the obstacle. sigma* is in equilibrium with the loads and with contact tractions t* inside the cone
@@ -16,7 +17,8 @@ the obstacle. sigma* is in equilibrium with the loads and with contact tractions
     A^2 = int (sigma* - sigma(v)) : C^-1 (sigma* - sigma(v)),
     B = int_contact -t*_n (gap - v_n) + s |slip| + t*_t slip,
 
-which is at most the square root A^2 + 2 B of twice the duality gap (for B = 0 it is Prager and
+to which ||v - u_h|| is added, the distance to the displacements that the run reports. ||u - v|| is
+at most the square root A^2 + 2 B of twice the duality gap (for B = 0 it is Prager and
 Synge's theorem). t* is linear between the computed nodal tractions and so in the cone. Its moments
 are those of the consistent, not of the lumped boundary mass: sigma* starts from the torn
 displacements under these nodal forces. FETI-DP keeps every vertex in equilibrium under any
@@ -50,6 +52,10 @@ from .contact_tractions import ContactTractions
 from .deviations import Deviations
 from .torn_body import Gather, TornBody
 
+EXCLUDED = ("errors of earlier steps", "curved boundaries",
+            "loads and supports that are not linear on an edge",
+            "material and thermal strain that vary inside a triangle",
+            "the error of the friction bound itself")
 SLOWEST = 0.99  # largest rate of the fixed point by which its remaining changes are extrapolated
 ROUNDING = 1e-6  # part of the largest edge moment below which a reaction in a point counts as none
 
@@ -65,6 +71,7 @@ class Estimate:
     mesh: float = 0.0
     solver: float = 0.0
     friction: float = 0.0
+    correction: float = 0.0
     total: float = 0.0
     norm: float = 0.0
     indicator: np.ndarray | None = None  # (n_t,) share of every triangle of the torn body in `mesh`
@@ -117,7 +124,10 @@ class EquilibratedBound:
         of_qp = None if moved is None else self._apart(fields - moved + travel, contact)
         final = self._apart(fields + travel, contact)
         of_qp = of_qp or final
-        lift, between, more = self._lifted(final.admissible, pairs)
+        lift, bumps, between, more = self._lifted(final.admissible, pairs)
+        apart = body.norm(final.stress + body.stress(lift[body.vertex]))
+        correction = apart + float(np.sqrt((bumps**2).sum()))
+        between += bumps
         gap = contact.duality_gap() + more
         shift = base - elastic + thermal - body.stress(lift[body.vertex])  # consistent forces'
         mean = self.deviations.mean(deviation)
@@ -130,7 +140,8 @@ class EquilibratedBound:
         return Estimate(step.index, mesh=_root(share.sum(), max(gap - final.nodal_gap, 0.0)),
                         solver=_root(body.norm(of_qp.stress) ** 2, of_qp.nodal_gap) + unbalanced,
                         friction=_root(jump, max(final.nodal_gap - of_qp.nodal_gap, 0.0)) + onward,
-                        total=_root(whole.sum(), gap) + unbalanced + onward,
+                        correction=correction,
+                        total=_root(whole.sum(), gap) + unbalanced + onward + correction,
                         norm=body.norm(elastic), indicator=np.sqrt(share))
 
     # ---- displacements ---------------------------------------------------------------------------
@@ -186,20 +197,21 @@ class EquilibratedBound:
         return u
 
     def _lifted(self, admissible: np.ndarray,
-                pairs: list) -> tuple[np.ndarray, np.ndarray, float]:
+                pairs: list) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
         """(vertices, 2) to be added to displacements to make them admissible at pairs, too.
 
-        Also the energy norms (n_t,) of what happens inside edges, of displacements and tractions;
-        and the pairs' share of the duality gap.
+        Also the energy norms (n_t,) of what happens inside edges, of displacements and of
+        tractions; and the pairs' share of the duality gap.
         """
         body, u = self.body, admissible.copy()
-        gap, between = 0.0, np.zeros(len(body.torn))
+        gap, bumps, between = 0.0, np.zeros(len(body.torn)), np.zeros(len(body.torn))
         for pair in pairs:
             lift = pair.lift(u, body.stiffness, body.constrained, body.elasticity)
             u += lift.vertex
-            between += lift.bumps + pair.remainder(body.compliance)
+            bumps += lift.bumps
+            between += pair.remainder(body.compliance)
             gap += lift.gap
-        return u - admissible, between, gap
+        return u - admissible, bumps, between, gap
 
     # ---- tractions -------------------------------------------------------------------------------
     def _body_force(self, weights: np.ndarray) -> np.ndarray | None:

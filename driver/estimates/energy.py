@@ -11,9 +11,11 @@ from ..march.step import Step
 from ..scene import elements
 from ..scene.manifest import Manifest
 from . import recovery
-from .bound import EquilibratedBound, Estimate
+from .bound import EXCLUDED, EquilibratedBound, Estimate
 from .torn_body import Gather, gather_body
 
+WHY = ("an estimate by smoothed stresses, no bound: stresses in equilibrium are made of the degree "
+       "that bounds linear elements only")
 NOTHING = 1e-6  # relative displacements below this are what tolerances leave
 
 
@@ -36,6 +38,12 @@ class EnergyEstimator:
         self.last = (energy, step, state)
         if self.largest is None or energy > (1 + 1e-9) * self.largest[0]:
             self.largest = self.last
+
+    @property
+    def considered(self) -> list[tuple[Step, dict]]:
+        """The last step and that with most energy, if another one, with their contact states."""
+        kept = [k for k in (self.last, self.largest) if k is not None]
+        return [(step, state) for _, step, state in {k[1].index: k for k in kept}.values()]
 
     def estimates(self) -> list[tuple[Step, Estimate]]:
         """Of the last step and that with most energy, if another one; the same on all ranks.
@@ -122,7 +130,9 @@ def report(estimates: list[tuple[Step, Estimate]], kind: str) -> dict:
         if e.reason:
             entries.append({"step": e.step, "reason": e.reason})
             continue
-        names = ("mesh", "solver", "friction", "total", "norm")
+        names = ("mesh", "solver", "friction", "correction", "total", "norm")
         entries.append({"step": e.step, **{name: float(getattr(e, name)) for name in names},
                         "relative": float(e.total / e.norm) if e.norm > 0 else 0.0})
-    return {"kind": kind, **entries[0], **({"largest": entries[1]} if len(entries) > 1 else {})}
+    named = {"excluded": list(EXCLUDED)} if kind == "equilibrated" else {"why": WHY}
+    return {"kind": kind, **entries[0], **({"largest": entries[1]} if len(entries) > 1 else {}),
+            **named}

@@ -18,11 +18,17 @@ from ..options import Settings
 from ..results.record import Record
 from ..results.relinearization import linearized
 from ..scene import freefem
-from .budget import (FORMAL, UNBOUNDED, Part, advice, coarser, extrapolate, mesh_knob, name_of,
-                     ratio, summed)
+from .between_steps import departures
+from .budget import (CAUTION, OF_TIME, UNBOUNDED, Part, advice, coarser, extrapolate,
+                     formal_order, mesh_knob, name_of, ratio, summed)
 
 # a loose fixed point may stop where a much tighter one does: the companion's is this at most
 SETTLED = 1e-7
+FEW = 4  # steps below which coarser times tell nothing
+FINER = 4  # times as many steps then, also where steps miss what a history does
+ROUNDING = 1e-9  # relative change of a largest displacement that a support prescribes
+UNSEEN = 1e-3  # by how much others may exceed it, relative
+UNTRIED = "no run with more steps to compare with"
 TIGHTER = 100.0  # tolerances of the companions that tell what those of the run leave
 
 
@@ -40,6 +46,7 @@ class Level:
     products: int
     solver: QuasistaticSolver
     steps: list  # its `Step`s
+    singular: tuple  # quantities at places where they may be infinite
 
 
 class Levels:
@@ -97,7 +104,12 @@ class Levels:
         """The run with `settings` on every `stride`-th time. Raises DriverError if it fails."""
         key = (*dataclasses.astuple(settings), stride, *sorted(changes.items()))
         if key not in self.runs:
-            self.runs[key] = self._run(self.problem(**changes), settings, stride)
+            try:
+                self.runs[key] = self._run(self.problem(**changes), settings, stride)
+            except DriverError as failure:
+                self.runs[key] = failure
+        if isinstance(self.runs[key], DriverError):
+            raise self.runs[key]
         return self.runs[key]
 
     def _run(self, problem: Problem, settings: Settings, stride: int) -> Level:
@@ -112,7 +124,7 @@ class Levels:
             products = problem.operator.products - before
             self.products += products
             self.seconds["solve"] += time.perf_counter() - clock
-        return Level(*record.quantities(), products, solver, steps)
+        return Level(*record.quantities(), products, solver, steps, record.singular_places())
 
     def close(self) -> None:
         """Remove what is left of the exports."""
@@ -123,8 +135,13 @@ class Levels:
 class Companions:
     """Runs beside one run, and what each part of its error follows from."""
 
-    def __init__(self, levels: Levels, problem: Problem, settings: Settings, values: dict, at: int):
-        """`values`: quantities of the run of `problem` with `settings`, at step index `at`."""
+    def __init__(self, levels: Levels, problem: Problem, settings: Settings, values: dict, at: int,
+                 singular=()):
+        """`values`: quantities of the run of `problem` with `settings`, at step index `at`.
+
+        `singular`: those that belong to a place where they may be infinite.
+        """
+        self.singular = singular
         self.levels, self.manifest, self.settings = levels, problem.manifest, settings
         self.values, self.at, self.effects = values, at, problem.effects
         levels.problems[()] = problem
@@ -152,10 +169,12 @@ class Companions:
         return [{}, *({self.knob: size} for size in sizes[1:])], ratios
 
     def _adapted(self) -> tuple[list[dict], list[float]]:
-        """Meshes of the last two cycles but one; the elements' length follows from their number."""
+        """Meshes of the last two cycles but one; a cycle lessens errors like a halved size.
+
+        It does so where a uniform mesh does not: the number of its elements would say too little.
+        """
         meshes = [{}, *({"cycle": k} for k in reversed(range(len(self.levels.cycles))))][:3]
-        count = [self.levels.problem(**mesh).manifest.nodes for mesh in meshes]
-        return meshes, [max(1.1, (a / b) ** 0.5) for a, b in zip(count, count[1:])]
+        return meshes, [2.0] * (len(meshes) - 1)
 
     def _meshed(self, size: float) -> bool:
         """Whether the scene can be had at a mesh size; if not, a note says why."""
@@ -207,44 +226,83 @@ class Companions:
         runs = [(self.values, self._values(self.meshes[1]))] if len(self.meshes) > 1 else []
         if len(self.meshes) > 2:
             runs.append([self._values(mesh, self._stride(2)) for mesh in self.meshes[1:]])
-        return self._parts(runs, self.ratios, FORMAL["mesh"][self.manifest.element], UNBOUNDED)
+        parts = self._parts("mesh", runs, self.ratios)
+        value, part = self.values["displacement"], parts["displacement"]
+        unseen = part.error is not None and part.error <= ROUNDING * value
+        if unseen and self.meshes[0] != self.base:
+            # that of a support: no mesh tells when a place between the supports moves by more
+            parts["displacement"] = Part(UNSEEN * value)
+        return parts
 
     def _time(self) -> dict[str, Part]:
-        """Every second and fourth time; without friction only the instant counts."""
+        """Every second and fourth time; without friction only the instant counts.
+
+        Where there are few steps, or so few would miss what the history does, twice and four times
+        as many.
+        """
+        steps = self.manifest.steps
+        if self.effects.frictional and (steps < FEW or departures(self.manifest, FEW)):
+            return self._more_time()
         strides = [1, 2, 4] if self.effects.frictional else [1, 2]
-        strides = [stride for stride in strides if stride <= self.manifest.steps]
+        strides = [stride for stride in strides if stride <= steps]
         values = [self._values(self.base, stride) for stride in strides]
-        counts = [len(samples(self.manifest.steps, stride)) - 1 for stride in strides]
+        counts = [len(samples(steps, stride)) - 1 for stride in strides]
         ratios = [a / b for a, b in zip(counts, counts[1:])]
-        return self._parts(list(zip(values, values[1:])), ratios, FORMAL["time"])
+        return self._parts("time", list(zip(values, values[1:])), ratios)
+
+    def _more_time(self) -> dict[str, Part]:
+        """From runs with more steps: their distance, and what the finest errs by itself."""
+        mesh = {**self.base, "sampling": FINER}
+        try:
+            self.levels.problem(**mesh)
+        except DriverError as problem:
+            self.notes.append(f"companion with {FINER * self.manifest.steps} steps: {problem}")
+            return dict.fromkeys(self.values, Part(None, note=UNTRIED))
+        values = [self._values(mesh, stride) for stride in (1, 2, 4)]
+        if None in values:
+            return dict.fromkeys(self.values, Part(None, note=UNTRIED))
+        parts = self._parts("time", list(zip(values, values[1:])), [2.0, 2.0])
+        return {name: Part(abs(values[2][name] - values[0][name]) + part.error, part.order)
+                for name, part in parts.items()}
 
     def _algebraic(self, first: dict, then: dict) -> dict[str, Part]:
-        """What settings `then` change in a run with those of `first`."""
-        loose = dataclasses.replace(self.settings, **first)
-        before, after = (self._values(self.base, self._stride(4), settings)
+        """What settings `then` change in a run with those of `first`.
+
+        On the coarser mesh and in fewer steps they change less: what each step leaves adds up, and
+        contact forces answer to a residual like the condition of their problem, one over the size
+        of elements.
+        """
+        loose, stride = dataclasses.replace(self.settings, **first), self._stride(4)
+        scale = stride * (self.ratios[0] if self.base else 1.0)
+        before, after = (self._values(self.base, stride, settings)
                          for settings in (loose, dataclasses.replace(loose, **then)))
         if before is None or after is None:
             unknown = Part(None, note="the companion with tighter tolerances failed")
             return dict.fromkeys(self.values, unknown)
-        return {name: Part(abs(before[name] - after[name])) for name in self.values}
+        return {name: Part(scale * abs(before[name] - after[name])) for name in self.values}
 
-    def _parts(self, runs: list, ratios: list[float], formal: float,
-               unbounded=()) -> dict[str, Part]:
+    def _parts(self, source: str, runs: list, ratios: list[float]) -> dict[str, Part]:
         """Parts from pairs of finer and coarser runs, finest first, up to one that failed."""
         good = [pair for k, pair in enumerate(runs)
                 if not any(run is None for before in runs[: k + 1] for run in before)]
         return {name: extrapolate([fine[name] - coarse[name] for fine, coarse in good], ratios,
-                                  formal, value, name not in unbounded)
+                                  formal_order(source, self.manifest.element, name), value,
+                                  source == "time" or name not in UNBOUNDED,
+                                  source == "mesh" and name in self.singular,
+                                  CAUTION[name] if source == "mesh" else OF_TIME)
                 for name, value in self.values.items()}
 
 
-def assess(levels: Levels, problem: Problem, settings: Settings, values: dict, at: int) -> dict:
+def assess(levels: Levels, problem: Problem, settings: Settings, values: dict, at: int,
+           singular=()) -> dict:
     """The error budget of a run with quantities `values` at the step with index `at`.
+
+    `singular`: those that belong to a place where they may be infinite.
 
     {"quantities": ..., "advice": ..., "notes": ...}: errors are absolute, `relative` is the total
     relative to the value; None where a part is not known. Collective.
     """
-    companions = Companions(levels, problem, settings, values, at)
+    companions = Companions(levels, problem, settings, values, at, singular)
     parts = companions.parts()
     budget = {name: summed({source: part[name] for source, part in parts.items()}, value)
               for name, value in values.items()}

@@ -13,8 +13,11 @@ PANELS = 4  # contact boundaries that fit in one figure
 
 
 def run_header(figure: Figure, run: Run, caption: str, handles: list, note: str = "") -> None:
-    """Title, identity of the run and legend, stacked above the axes."""
+    """Title with doubts about the run, its identity and a legend, stacked above the axes."""
     state = "" if run.summary["converged"] else " (not converged)"
+    verdict = run.summary.get("validity", {}).get("verdict", "ok")
+    if verdict != "ok":
+        state += f" ({verdict}: see the warnings)"
     identity = ", ".join(w for w in (f"scene {run.scene}", run.summary.get("variant"), note) if w)
     header(figure, caption + state, identity, handles)
 

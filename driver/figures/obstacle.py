@@ -10,7 +10,7 @@ from .reading import Run, select
 from .style import INK
 
 FAR = 0.35  # of the body's size; obstacles farther away are not drawn
-BREAK = 4.0  # times the usual distance of nodes: a new piece of the boundary begins
+BREAK = 0.5  # relative difference of distance and arc where a new piece begins
 
 
 def hatch(axes, start, end, normal, size: float, colour) -> None:
@@ -38,15 +38,14 @@ def rigid_rows(run: Run, time: float) -> dict | None:
 
 
 def pieces(rows: dict) -> list[np.ndarray]:
-    """Indices of the contact nodes of every connected piece, in the order of arc."""
-    label = rows.get("boundary", np.zeros(len(rows["x"])))
-    order = np.lexsort((rows["arc"], label))
+    """Indices of the contact nodes of every connected piece, in the order of arc.
+
+    Nodes follow one another if they are as far apart as their arcs are, whatever their labels.
+    """
+    order = np.argsort(rows["node"] if "node" in rows else rows["arc"], kind="stable")
     xy = np.column_stack([rows["x"], rows["y"]])[order]
     away = np.linalg.norm(np.diff(xy, axis=0), axis=1)
-    along = np.abs(np.diff(rows["arc"][order]))
-    apart = (np.diff(label[order]) != 0) | (away > BREAK * np.maximum(along, 1e-300))
-    usual = np.median(away) if len(away) else 0.0
-    apart |= away > 20 * BREAK * usual
+    apart = np.abs(away - np.abs(np.diff(rows["arc"][order]))) > BREAK * away
     return np.split(order, np.flatnonzero(apart) + 1)
 
 

@@ -13,6 +13,7 @@ from .case import Outcome
 from .oracle import Assembled
 
 
+SHARED = "displacements agree; uniqueness of forces fails where bodies meet in one place"
 APART = 1e-4  # distance in energy from which solutions are different ones
 
 
@@ -67,13 +68,14 @@ class Problem:
         return friction_contraction(self.body, own)
 
     def not_unique(self, outcomes: list[Outcome]) -> str:
-        """Why runs may end in different solutions, empty if they may not.
+        """Why runs may end in different forces, empty if they may not.
 
-        Forces that differ where displacements do not are no other solution.
+        Forces that differ where displacements do not are no other solution, unless bodies that
+        meet in one place can hand them on to one another in a circle.
         """
         if max(laws.distance(self.body, outcomes[0].contact, other.contact)
                for other in outcomes[1:]) < APART:
-            return ""
+            return SHARED if shares_forces(self.body) else ""
         verdicts = {outcome.summary["uniqueness"]["verdict"] for outcome in outcomes}
         if "not unique" in verdicts:
             return "not unique by the run's own search: compared by the laws"
@@ -108,6 +110,21 @@ class Problem:
         if step > 1:
             return laws.Reported.of(body, outcome.contact).u_t[step - 2]
         return body.columns.get("initial", np.zeros(len(body.gid)))
+
+
+def shares_forces(body: Assembled) -> bool:
+    """Whether rows of contact depend on one another beyond those of one vertex.
+
+    So it is where two blocks that touch stand on one floor: their corners and the floor stop two
+    displacements by three conditions. Conditions of one vertex count as what they span.
+    """
+    rows, kept = body.B[:, body.free], []
+    scale = np.abs(rows).max()
+    for vertex in np.unique(body.gid):
+        own = rows[np.tile(body.gid == vertex, 2)]
+        _, size, basis = np.linalg.svd(own, full_matrices=False)
+        kept.append(basis[size > 1e-9 * scale])
+    return np.linalg.matrix_rank(np.vstack(kept), tol=1e-9) < sum(map(len, kept))
 
 
 def _step(message: str) -> int:

@@ -54,7 +54,7 @@ def same_nodes(body: Assembled, contact: dict) -> np.ndarray:
     order = likeness.argmax(axis=1)
     alike = np.einsum("ij,ij->i", body.normal, normal[order])
     here = likeness[np.arange(len(order)), order] > -np.inf
-    if len(set(order)) < len(order) or not (here & (alike > 1 - 1e-12)).all():
+    if len(set(order)) < len(order) or not (here & (alike > 1 - 1e-9)).all():
         raise ValueError("contact.csv and the assembled body have different contact nodes")
     return order
 

@@ -3,6 +3,7 @@
 
 import numpy as np
 
+from ..contact.corner_nodes import NOISE
 from .fixed_point import FixedPoint
 from .step import Load, Trace, Unfinished
 
@@ -32,8 +33,8 @@ class CornerStates:
                                                              trace, rtol)
             except Unfinished as problem:  # perhaps for want of friction where a side is open
                 failure, x, gradient = problem, problem.x, problem.gradient
-            if not self.corners.switch(x, gradient, self.qp.scale, self.qp.tol,
-                                       self.qp.operator.comm):
+            if not self.corners.switch(x, gradient, self.fixed_point.rows, self.qp.scale,
+                                       self.qp.tol, self.qp.operator.comm):
                 if failure is not None:
                     raise failure
                 self._note(index)
@@ -43,11 +44,8 @@ class CornerStates:
 
     def shared(self, x: np.ndarray, gradient: np.ndarray) -> np.ndarray:
         """Multipliers (owned,) with friction's part of the forces at corners just reached."""
-        rows, scales = self.fixed_point.rows, self.qp.scales
-        moved = np.abs(np.append(gradient[rows.tangential], self.fixed_point.slip.u_t))
-        size = max(scales.displacement, -self.qp.operator.minimum(-moved.max(initial=0.0)))
-        tol = self.fixed_point.settings.primal_rtol * size
-        return self.corners.shared(x, gradient, rows, self.contact, tol)
+        return self.corners.shared(x, gradient, self.fixed_point.rows, self.qp.scale,
+                                   NOISE * self.qp.tol)
 
     def _note(self, index: int) -> None:
         """Warn where no state was right."""

@@ -5,6 +5,11 @@ Coulomb's law it has one solution where the coefficient is small; how small depe
 on the mesh (J. Haslinger, R. Kucera, O. Vlach, Bifurcations in contact problems with local Coulomb
 friction, ENUMATH 2007). On the condensed contact rows other solutions are looked for, all of them
 where the nodes are few.
+
+There is a proof that a step has one solution without friction, and where the nodes are so few that
+all their states were tried: if no singular linear system among theirs may hide solutions that are
+not isolated. Coefficients that depend on slip or displacement are other ones at other solutions,
+which are not looked for.
 """
 
 from dataclasses import dataclass, field
@@ -20,6 +25,8 @@ SMALL = 64  # contact nodes up to which a doubtful step is examined without bein
 # (C. Eck, J. Jarusek, Math. Models Meth. Appl. Sci. 8 (1998) 445-468); this is its least value,
 # that of nu = 0
 DOUBTFUL_FRICTION = np.sqrt(3) / 2
+CHANGING = ("friction changes with slip or displacement, and with it the problem that other "
+            "solutions would have to solve")
 
 
 def worthwhile(choice: str, nodes: int, friction: float, doubtful: bool) -> bool:
@@ -51,9 +58,9 @@ class Uniqueness:
         if mine is None or np.abs(mine[: problem.rows] - x).max() > 1e-2 * np.abs(x).max():
             mine = problem.whole(x)
         all_of_them = problem.n <= FEW and not problem.bilateral.any()
-        self.exhaustive += all_of_them and whole
         if all_of_them:
             solutions = complementarity.all_solutions(problem)
+            self.exhaustive += whole and complementarity.all_isolated(problem)
         else:
             solutions = complementarity.search(problem, mine)
         forces = np.array([y[: problem.rows] for y in (mine, *solutions)])

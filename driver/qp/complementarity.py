@@ -13,6 +13,7 @@ NEAR = 10  # nodes whose states differ from a solution's at most for a start to 
 A_FEW = 4  # nodes that may change their states again and again before Newton's method settles
 TIE = 1e-13  # relative difference of ratios that is rounding
 COVERS = 4  # covering vectors Lemke's method tries
+SLACK = 1e-9  # relative violation of an inequality that is rounding
 FEW = 4  # contact nodes up to which all 4^n states are tried
 SPRINGS = 6  # softnesses of the springs that hold bodies without support for it
 
@@ -250,6 +251,49 @@ def all_solutions(problem: CoulombProblem) -> list[np.ndarray]:
         z = problem.solution_in(np.array(states))
         _add_solution(problem, solutions, z if problem.solves(z) else None)
     return solutions
+
+
+def all_isolated(problem: CoulombProblem) -> bool:
+    """Whether no states of a few nodes have a line of solutions, to which trying all is blind.
+
+    Unilateral contact. Where the linear system of states is singular and has solutions, a linear
+    program decides whether one of them obeys the law's inequalities.
+    """
+    for states in itertools.product(*(problem.choices(node) for node in range(problem.n))):
+        states = np.array(states)
+        family = problem.system(states, np.ones(problem.n)).family(problem.load, problem.balance)
+        if family is not None and _obeys_somewhere(problem, states, *family):
+            return False
+    return True
+
+
+def _obeys_somewhere(problem: CoulombProblem, states, z, directions) -> bool:
+    """Whether z + directions t is in the states for some t."""
+    from scipy.optimize import linprog  # slow to import, and hardly any system is singular
+
+    rest, slopes = _slack(problem, states, z), []
+    for line in directions.T:
+        slopes.append(_slack(problem, states, z + line) - rest)  # the law is affine in a state
+    size = max(np.abs(rest).max(initial=0.0), np.abs(problem.rigidity * problem.load).max())
+    answer = linprog(np.zeros(len(slopes)), A_ub=-np.array(slopes).T / size,
+                     b_ub=rest / size + SLACK, bounds=(None, None))
+    return answer.status != 2  # infeasible
+
+
+def _slack(problem: CoulombProblem, states, z) -> np.ndarray:
+    """What the inequalities of the states leave at z, forces: all >= 0 where it is in them."""
+    x, forces = z[: problem.rows], problem.rigidity * problem.movement(z)
+    n, state = problem.n, states[problem.pair]
+    bound = problem.coefficient * x[: n][problem.pair]
+    if problem.offset is not None:
+        bound = bound + problem.offset
+    normal = np.where(states > OPEN, x[: n], -forces[: n])
+    slip, t = forces[n :], x[n :]
+    forth = np.where(np.abs(state) == STICK, bound - t, np.where(np.abs(state) == FORWARD, slip,
+                                                                 -slip))
+    back = np.where(np.abs(state) == STICK, bound + t, forth)
+    slides = state != OPEN  # an open node without an offset is free
+    return np.concatenate([normal, forth[slides], back[slides]])
 
 
 def search(problem: CoulombProblem, start: np.ndarray) -> list[np.ndarray]:

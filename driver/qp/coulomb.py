@@ -30,6 +30,8 @@ from scipy.linalg import lapack
 
 ROUNDING = 1e-9  # relative violation of the law that rounding of small dense systems may leave
 ROUNDED = 1e-5  # part of any load that counts as a force: times ROUNDING that of rounding
+SINGULAR = 1e-10  # ratio of the least to the largest pivot of a system that may be singular
+CONSISTENT = 1e-6  # relative residual below which a singular system may have solutions
 SLIGHT = 1e-9  # part of a motion's reach below which rows do not feel it
 
 
@@ -256,17 +258,50 @@ class StateSystem:
         """z under `load` (n + m,), `balance` (k,), sliding on bounds; None without a single z."""
         if self.singular:
             return None
+        right = self._right(load, balance)
+        if len(right):
+            right, _ = lapack.dgetrs(self.factor, self.pivots, right)
+        z = self._whole(right) if self.given is None else self._whole(right) + self._offsets
+        return z if np.isfinite(z).all() else None
+
+    def _whole(self, unknowns: np.ndarray) -> np.ndarray:
+        """z of the unknowns of the linear system, without offsets."""
+        z = np.zeros(self.rows + self.turn.shape[0])
+        z[self.free] = unknowns[: len(self.free)]
+        z[self.sliding] = self.bound * np.abs(z[self.node])
+        z[self.rows :] = self.turn @ unknowns[len(self.free) :]
+        return z
+
+    @property
+    def _offsets(self) -> np.ndarray:
+        return np.append(self.given, np.zeros(self.turn.shape[0]))
+
+    def _right(self, load: np.ndarray, balance: np.ndarray) -> np.ndarray:
+        """Right-hand side of the system under `load` (n + m,) and `balance` (k,)."""
         right = load[self.free]
         if self.given is not None:
             right, balance = right - self.given_movement, balance - self.motions.T @ self.given
         if len(balance):
             right = np.append(right, self.soft * (self.turn.T @ balance))
-        if len(right):
-            right, _ = lapack.dgetrs(self.factor, self.pivots, right)
-        z = np.zeros(self.rows + len(balance))
-        z[self.free] = right[: len(self.free)]
-        z[self.sliding] = self.bound * np.abs(z[self.node])
-        if self.given is not None:
-            z[: self.rows] += self.given
-        z[self.rows :] = self.turn @ right[len(self.free) :]
-        return z if np.isfinite(z).all() else None
+        return right
+
+    def family(self, load: np.ndarray, balance: np.ndarray) -> tuple | None:
+        """z and directions (n + m + k, d) that solve a singular system, None if nothing does.
+
+        A regular system has no directions, and no z here. Unilateral contact.
+        """
+        pivots = np.abs(np.diag(self.factor))
+        if not len(pivots) or pivots.min() > SINGULAR * pivots.max() and not self.singular:
+            return None
+        matrix = (np.tril(self.factor, -1) + np.eye(len(pivots))) @ np.triu(self.factor)
+        for row, other in reversed(list(enumerate(self.pivots))):
+            matrix[[row, other]] = matrix[[other, row]]
+        right = self._right(load, balance)
+        left, sizes, basis = np.linalg.svd(matrix)
+        kept = sizes > SINGULAR * sizes[0]
+        nearest = basis[kept].T @ ((left.T @ right)[kept] / sizes[kept])
+        if np.linalg.norm(matrix @ nearest - right) > CONSISTENT * np.linalg.norm(right):
+            return None
+        directions = np.column_stack([self._whole(line) for line in basis[~kept]])
+        z = self._whole(nearest)
+        return z if self.given is None else z + self._offsets, directions

@@ -9,10 +9,10 @@ from . import page
 from . import run as single
 
 SHOWN = 200  # rows of a table; the file has all
-# words of a column: those that are as they should be with what they mean, and the bad ones
-JUDGED = {"met": ({"yes": "met"}, {"no"}), "converged": ({"yes": "converged"}, {"no"}),
-          "status": ({"solved": "solved", "refused": "refused as it should be",
-                      "0": "converged"}, {"FAILED", "2", "3", "4"})}
+# column, its words that are as they should be with what they mean, and its bad words
+JUDGED = (("met", {"yes": "met"}, {"no"}), ("converged", {"yes": "converged"}, {"no"}),
+          ("status", {"solved": "solved", "refused": "refused as it should be"}, {"FAILED"}),
+          ("status", {"0": "converged", "2": "refused", "3": "without a solution"}, {"4"}))
 
 
 def write(directory: Path) -> Path:
@@ -45,7 +45,7 @@ def write(directory: Path) -> Path:
 
 def _judgement(path: Path, rows: list[dict]) -> str:
     """How many rows of a table are as they should be; nothing for tables that judge nothing."""
-    for column, (good, bad) in JUDGED.items():
+    for column, good, bad in JUDGED:
         texts = [row[column] for row in rows if row.get(column)]
         if not texts or not set(texts) <= {*good, *bad}:
             continue

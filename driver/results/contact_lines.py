@@ -8,6 +8,7 @@ import numpy as np
 from ..contact.states import ContactField
 from ..feti.structure import Substructure
 from ..files import renamed
+from .quantities import chains
 from .tables import contact_file
 
 
@@ -44,20 +45,17 @@ class ContactLines:
 
 def _lines(structure: Substructure) -> np.ndarray:
     """(k, 2) contact nodes at the ends of edges, of quadratic elements of their halves."""
-    b, edges = structure.contact, structure.outer_edges
+    b, edges, middles = structure.contact, structure.outer_edges, structure.outer_middles
+    nodes = {name: getattr(b, name) for name in ("arc", "xy", "chain")}
+    pieces = chains(nodes)
+    pairs = [np.column_stack([piece[:-1], piece[1:]]) for piece in pieces]
+    # that closes a ring
+    pairs += [piece[[[0, -1]]] for piece in pieces if len(piece) > 2]
+    pairs = np.concatenate(pairs)
     sides = edges[:, :2]
-    label = edges[:, 2]
-    if len(structure.outer_middles):
-        middles = structure.outer_middles
-        sides = np.concatenate([np.column_stack([sides[:, 0], middles]),
-                                np.column_stack([middles, sides[:, 1]])])
-        label = np.concatenate([label, label])
-    own = np.isin(label, b.label)
-    sides, label = sides[own], label[own]
-    span = max(edges[:, :2].max(), structure.outer_middles.max(initial=0), b.gid.max()) + 1
-    keys = b.label * span + b.gid
-    order = np.argsort(keys)
-    wanted = label[:, None] * span + sides
-    place = np.minimum(np.searchsorted(keys[order], wanted), len(keys) - 1)
-    found = keys[order][place] == wanted
-    return np.unique(np.sort(order[place][found.all(axis=1)], axis=1), axis=0)
+    if len(middles):
+        sides = np.concatenate([np.column_stack([end, middles]) for end in sides.T])
+    span = max(sides.max(), b.gid.max()) + 1
+    known = np.isin(np.sort(b.gid[pairs], axis=1) @ [span, 1],
+                    np.sort(sides, axis=1) @ [span, 1])
+    return np.unique(np.sort(pairs[known], axis=1), axis=0)

@@ -7,7 +7,7 @@
                           of several boundaries the magnitudes of both are added, see `resultant`
     contact_length        length in contact, its edges located between nodes
     slip                  longest way that a point of the boundary has slid in contact since time 0
-    dissipated_energy     work that friction has taken since time 0
+    dissipated_energy     work that friction has taken since time 0 (dissipation.py)
     displacement          largest |u| of a node
 
 Units: stress; stress x length for the resultants; length; stress x length^2 for the energy. Forces
@@ -24,7 +24,9 @@ import numpy as np
 
 from ..contact.states import OPEN, SLIP
 
-NOTHING = 1e-9  # part of the largest resultant of the history that rounding leaves
+END = 2  # nodes that count as the end of a boundary
+NEARLY = 0.5  # part of the largest pressure that may exceed it on a finer mesh
+NOTHING = 1e-5  # part of the largest resultant of the history that tolerances leave
 
 
 def quantities(effects, nodes: dict, steps: dict, displacement) -> tuple[dict[str, float], int]:
@@ -32,8 +34,9 @@ def quantities(effects, nodes: dict, steps: dict, displacement) -> tuple[dict[st
 
     `nodes` holds the columns xy (n, 2), arc, weight, gap, chain, paired and middle (n,) of the
     contact nodes, sorted by chain and arc; `steps` the columns u_n, slip, sigma_n, sigma_t and
-    status (steps, n); `displacement` (steps,) the largest displacement in the body. All as in
-    contact.csv and history.csv, status as its code.
+    status (steps, n) and, with friction, its `work` (steps, n) from dissipation.py; `displacement`
+    (steps,) the largest displacement in the body. All as in contact.csv and history.csv, status as
+    its code.
     """
     displacement = np.asarray(displacement, float)
     if not effects.contact:
@@ -51,7 +54,7 @@ def quantities(effects, nodes: dict, steps: dict, displacement) -> tuple[dict[st
     if effects.frictional:
         values |= {"tangential_resultant": resultant(shares, steps["sigma_t"][index], weight),
                    "slip": max(longest_way(nodes, piece, steps, index) for piece in pieces),
-                   "dissipated_energy": -((steps["sigma_t"] * steps["slip"]) @ weight).sum()}
+                   "dissipated_energy": steps["work"].sum()}
     return {name: float(values[name]) for name in effects.quantities}, index
 
 
@@ -66,6 +69,27 @@ def resultant(shares: np.ndarray, tractions: np.ndarray, weight: np.ndarray):
     if len(shares) <= 1:
         return tractions @ weight
     return sum(abs(tractions @ (weight * share)) for share in shares)
+
+
+def singular_places(nodes: dict, steps: dict, index: int) -> tuple[str, ...]:
+    """Quantities that may be infinite: a largest pressure where contact reaches the boundary's end.
+
+    `nodes` as above and `mirrored` (n,), where a support lets nodes move along the normal alone, as
+    in a plane of symmetry. Under the edge of a punch, where a body ends on another or beside a
+    clamped corner pressures grow like a negative power of the distance, or like none: meshes hardly
+    tell which, nor on which of them an end begins to exceed the rest.
+    """
+    pressure, status = -steps["sigma_n"][index], steps["status"][index]
+    largest, at_end = pressure.max(initial=0.0), 0.0
+    near = END * (2 if nodes["middle"].any() else 1)
+    for piece in chains(nodes):
+        if _is_ring(nodes, piece):
+            continue
+        p = traction(nodes, pressure, piece)
+        for end, outer in ((0, slice(near)), (-1, slice(-near, None))):
+            if status[piece[end]] != OPEN and not nodes["mirrored"][piece[end]]:
+                at_end = max(at_end, p[outer].max())
+    return ("peak_pressure",) if at_end > NEARLY * largest else ()
 
 
 def _moment(size: np.ndarray) -> int:
@@ -101,6 +125,12 @@ def _beyond(nodes: dict, piece: np.ndarray) -> np.ndarray:
     beyond[beyond < 1e-6 * near] = 0.0
     closing = np.linalg.norm(np.subtract(*nodes["xy"][ends]))
     return beyond / 2 if np.allclose(beyond, closing, rtol=1e-6, atol=0) else beyond
+
+
+def _is_ring(nodes: dict, piece: np.ndarray) -> bool:
+    """Whether the last node of a piece is the neighbour of its first."""
+    side, closing = np.diff(nodes["arc"][piece]), np.subtract(*nodes["xy"][piece[[0, -1]]])
+    return len(piece) > 2 and float(np.linalg.norm(closing)) < 1.5 * side.max()
 
 
 def traction(nodes: dict, pressure: np.ndarray, piece: np.ndarray) -> np.ndarray:

@@ -7,7 +7,8 @@ from ..feti.operator import DualOperator
 from ..march.quasistatic import QuasistaticSolver
 from ..march.step import Step
 from .contact_state import ContactState
-from .quantities import quantities
+from .dissipation import Dissipation, start
+from .quantities import quantities, singular_places
 from .shares import label_shares
 
 
@@ -20,6 +21,12 @@ class Record:
         self.labels, self.shares = label_shares(operator.structure)
         self.states = {name: [] for name in ContactField}  # one array (n_c,) a step
         self.displacements = []  # the largest of the body, one number a step
+        self.work = []  # of friction, one array (n_c,) a step
+        b = self.contact.boundary
+        self.dissipation = None
+        if self.effects.frictional:
+            bound = start(self.effects, solver.law, b.weight, solver.amplitudes)
+            self.dissipation = Dissipation(b.weight, b.gap, bound)
 
     def add(self, step: Step) -> tuple[list[np.ndarray], dict[str, np.ndarray]]:
         """Displacements (dofs,) of the rank's subdomains, less travel, and the contact state."""
@@ -27,6 +34,8 @@ class Record:
         state = self.contact.evaluate(step, fields)
         for name, column in self.states.items():
             column.append(state[name])
+        if self.dissipation:
+            self.work.append(self.dissipation.add(step.time, state))
         whole = self.operator.with_travel(fields, step.weights)
         squares = np.concatenate([np.zeros(2), *whole]).reshape(-1, 2) ** 2
         largest = float(np.sqrt(squares.sum(axis=1).max()))
@@ -35,8 +44,21 @@ class Record:
 
     def quantities(self) -> tuple[dict[str, float], int]:
         """Quantities of interest, and the index in the record of the step that they belong to."""
+        return quantities(self.effects, *self._columns(), self.displacements)
+
+    def singular_places(self) -> tuple[str, ...]:
+        """Names of the quantities whose values belong to places where they may be infinite."""
+        if not self.effects.contact:
+            return ()
+        return singular_places(*self._columns(), self.quantities()[1])
+
+    def _columns(self) -> tuple[dict, dict]:
+        """Columns of the nodes and of the steps, as quantities.py takes them."""
         names = ("xy", "arc", "weight", "gap", "chain", "paired", "middle")
         nodes = {name: getattr(self.contact.boundary, name) for name in names}
         nodes["shares"] = self.shares
+        fixed = self.contact.constrained * np.abs(self.contact.boundary.tangent)
+        nodes["mirrored"] = fixed.max(axis=1, initial=0.0) > 0.99
         steps = {name: np.array(column) for name, column in self.states.items()}
-        return quantities(self.effects, nodes, steps, self.displacements)
+        steps["work"] = np.array(self.work)
+        return nodes, steps

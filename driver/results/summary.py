@@ -95,7 +95,7 @@ class Summary:
     contraction: float = entry("worst mean ratio of successive changes of a step's fixed point")
     fallbacks: dict = entry("steps that needed another method, by the method's name")
     uniqueness: dict = entry("whether the steps have other solutions", parts={
-        "verdict": "unique, not unique, no second solution found or not examined",
+        "verdict": "unique (proved), not unique, no second solution found or not examined",
         "steps_examined": "number of steps that were examined",
         "steps_not_unique": "numbers of the steps",
         "solutions": "those of the first such step, the one that is followed first"})
@@ -113,6 +113,7 @@ class Summary:
         "export": "FreeFEM", "read": "reading its export", "setup": "reduction to the interfaces",
         "solve": "all time steps, those before an interruption included",
         "output": "contact quantities and fields",
+        "validity": "checks of the model's assumptions",
         "energy_error": "error in the energy norm", "estimates": "error budget", "total": "the sum",
         "export_cycles": "FreeFEM in refinement cycles",
         "solve_cycles": "all else in refinement cycles"})
@@ -122,7 +123,7 @@ class Summary:
         "resultant of all forces, the largest of the steps, over the sum of their absolute values")
     dissipated: float = entry("work that friction has taken", "stress length^2")
     errors: dict | None = entry("estimated errors", optional=True, parts={
-        "energy": "in the energy norm: kind, step, its parts, total, norm, relative, largest",
+        "energy": "in the energy norm: kind, step, parts, total, norm, relative, largest, excluded",
         "quantities": "budget of every quantity: value, its parts, total, relative",
         "advice": "what would lower the largest part", "notes": "companions that could not be run"})
     quantities: dict | None = entry("quantities of interest", "see quantities.py", optional=True)
@@ -134,6 +135,15 @@ class Summary:
                                 "see probes.csv", optional=True)
     resumed_after_step: int | None = entry(
         "finished steps of an interrupted run that were taken up", optional=True)
+    validity: dict | None = entry("whether the model's assumptions hold", optional=True, parts={
+        "largest_strain": "largest principal strain of a triangle",
+        "largest_rotation": "largest rotation of a triangle, in rad, less that of a free body",
+        "largest_normal_error": "distance of closed nodes from what they meet, at displaced places "
+                                "and as used, over the contact length",
+        "normal_turn": "angle between the normals there and as used, in rad",
+        "overlaps": "[label, label, depth over the body's size] of boundaries without declared "
+                    "contact that penetrate",
+        "verdict": "ok, questionable or invalid", "reason": "why, where and what to do"})
     accuracy: dict | None = entry("of ACCURACY=", optional=True, parts={
         "quantity": "whose error was asked for", "asked": "relative error asked for",
         "reached": "estimated relative error", "settings": "options that give the same run by hand",
@@ -157,6 +167,9 @@ def summarize(request, problem: Problem, solver: QuasistaticSolver,
     warnings = [*history.warnings, *history.fallbacks.warnings(), *solver.uniqueness.warnings(),
                 *omissions.warnings(structure.contact, problem.effects.rooms,
                                     writer.record.displacements, settings)]
+    if optional.get("validity") and optional["validity"]["verdict"] != "ok":
+        doubt = optional["validity"]
+        warnings.append(f"results are {doubt['verdict']}: {doubt['reason']}")
     if failure:
         warnings.append(str(failure))
     if writer.history_rows:

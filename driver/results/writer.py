@@ -36,7 +36,7 @@ class Writer:
         self.record = Record(operator, solver)
         self.contact = self.record.contact
         self.history_rows = []  # {column: value}
-        self.largest_imbalance, self.largest_forces, self.dissipated = 0.0, 0.0, 0.0
+        self.largest_imbalance, self.largest_forces = 0.0, 0.0
         self.fields = Fields(directory, manifest.element, operator) if fields else None
         self.probes = _probes(manifest, operator, self.record.effects)
         write_outline(directory / "boundary.csv", manifest, operator.structure, operator.comm)
@@ -52,8 +52,6 @@ class Writer:
         imbalance = float(np.abs(sum(forces.values())).max())
         self.largest_imbalance = max(self.largest_imbalance, imbalance)
         self.largest_forces = max(self.largest_forces, float(size.max()))
-        work = state[ContactField.SIGMA_T] * state[ContactField.SLIP]
-        self.dissipated += float(-(work * self.contact.boundary.weight).sum())
         self.history_rows.append(self._history_row(step, state, forces))
         if self.probes is not None:
             self.probes.add(step, displacements, inner, state)
@@ -71,6 +69,11 @@ class Writer:
     def files(self) -> list[str]:
         """Files of fields that are written, relative to the directory."""
         return self.fields.files if self.fields else []
+
+    @property
+    def dissipated(self) -> float:
+        """Work that friction has taken in the steps so far."""
+        return float(np.sum(self.record.work))
 
     @property
     def balance(self) -> float:

@@ -28,8 +28,9 @@ from pathlib import Path
 from ..effects import Effects
 from ..effects.quasistatic import proportional
 from ..errors import DriverError, InputError, NoSolution, NotConverged, error_of
-from ..estimates.budget import (FORMAL, SOURCES, UNBOUNDED, Part, extrapolate, main_quantity,
-                                mesh_knob, name_of, ratio, share, summed)
+from ..estimates.budget import (CAUTION, FORMAL, SOURCES, UNBOUNDED, Part, extrapolate,
+                                formal_order, main_quantity, mesh_knob, name_of, ratio, share,
+                                summed, vanishing)
 from .request import Request
 
 COARSENING = (8, 4, 2, 1)  # of the scene's own mesh, for the first one that can be had
@@ -38,6 +39,7 @@ FEWEST = 4  # a fourth of the scene's own steps is where their choice starts
 TIME, ALGEBRAIC, ROOM = 0.35, 0.05, 0.85
 LAST = 0.7  # of what is allowed may be the time step's part where there are no more steps to take
 LARGEST = 300_000  # vertices; twice as many unknowns
+RETRIES = (1.0, 0.1, 0.01)  # factors of the tolerances of a run that failed
 TOLERANCES = ("rtol", "friction_rtol", "primal_rtol")
 
 
@@ -49,7 +51,7 @@ class Search:
         self.levels, self.asked, self.say = levels, asked, say
         self.settings = dataclasses.replace(settings, rtol=0.01 * asked, friction_rtol=0.1 * asked,
                                             primal_rtol=0.03 * asked)
-        self.first = self._first()
+        self.coarsening, self.first = self._first()
         self.knob = mesh_knob(self.first.parameters)
         if self.knob is None:
             raise InputError("no parameter (CELLS, H) sets the mesh size of this scene: "
@@ -60,8 +62,8 @@ class Search:
         self.name = quantity
         self.parts: dict = {}  # by source: {quantity: Part}
 
-    def _first(self):
-        """Manifest of the coarsest mesh."""
+    def _first(self) -> tuple:
+        """Part of the scene's own mesh that the coarsest has, and its manifest."""
         for factor in COARSENING:
             try:
                 manifest = self.levels.problem(coarsening=factor).manifest
@@ -73,19 +75,22 @@ class Search:
             if knob:  # the same mesh under its own name
                 key = ((knob, manifest.parameters[knob]),)
                 self.levels.problems[key] = self.levels.problems[(("coarsening", factor),)]
-            return manifest
+            return factor, manifest
 
     # ---- runs ------------------------------------------------------------------------------------
     def _level(self, size, stride=None, settings=None):
         stride = stride or self.stride
         settings = self.scaled(settings or self.settings, stride)
-        return self.levels.run(settings, stride, **{self.knob: size})
+        for factor in RETRIES:  # loose tolerances can miss the balance of a body that slides
+            try:
+                return self.levels.run(_tightened(settings, factor), stride, **{self.knob: size})
+            except DriverError as failure:
+                error = failure
+        raise error
 
     def scaled(self, settings, stride: int):
         """Tolerances of a run with many steps: what each step leaves adds up in slip and energy."""
-        factor = min(1.0, 5 / (self.total // stride))
-        return dataclasses.replace(settings, **{name: max(1e-10, factor * getattr(settings, name))
-                                                for name in TOLERANCES})
+        return _tightened(settings, min(1.0, 5 / (self.total // stride)))
 
     def _values(self, size, stride=None, settings=None) -> dict:
         return self._level(size, stride, settings).values
@@ -98,7 +103,7 @@ class Search:
     def _choose_steps(self, size, finest: int) -> None:
         """As few steps as keep their error below TIME of what is allowed, strides from `finest`."""
         fewest = 2 * self.stride if "time" in self.parts else self.stride
-        strides = [fewest, fewest // 2]
+        strides = [fewest, max(1, fewest // 2)]
         runs = [self._values(size, stride) for stride in strides]
         while not self._in_time(runs) and strides[-1] > finest:
             strides.append(strides[-1] // 2)
@@ -123,7 +128,8 @@ class Search:
         """
         last = runs[:-4:-1]
         self.parts["time"] = {q: extrapolate([a[q] - b[q] for a, b in zip(last, last[1:])],
-                                             [2.0] * (len(last) - 1), FORMAL["time"], value, True)
+                                             [2.0] * (len(last) - 1),
+                                             formal_order("time", "", q), value, True)
                               for q, value in last[0].items()}
         return self.parts["time"][self.name].error <= part * self.asked * abs(last[0][self.name])
 
@@ -136,7 +142,7 @@ class Search:
         return not effects.frictional or (
             "preload" not in effects
             and effects.homogeneous(contact, effects.initial_displacement(contact))
-            and proportional(problem.manifest.factors) and self.name != "dissipated_energy")
+            and proportional(problem.manifest.factors))
 
     def _more_steps(self, size) -> None:
         """More steps, as the mesh of a size tells; raises NotConverged if there are no more."""
@@ -152,7 +158,7 @@ class Search:
 
     def _enough_steps(self, size) -> bool:
         """Whether the time step's part is small enough on a finer mesh, against half the steps."""
-        if "time" not in self.parts:
+        if "time" not in self.parts or self.stride == self.total:
             return True
         runs = [self._values(size, 2 * self.stride), self._values(size)]
         return self._in_time(runs, self._time_share)
@@ -198,11 +204,13 @@ class Search:
         """Budget of the quantity on the finest mesh."""
         sizes = self.sizes[:-4:-1]
         runs = [self._values(size) for size in sizes]
+        singular = self._level(sizes[0]).singular
         ratios = [ratio(self.knob, b, a) for a, b in zip(sizes, sizes[1:])]
-        formal = FORMAL["mesh"][self.first.element] if len(runs) > 2 else 1.0
+        formal = FORMAL["mesh"][self.first.element]
         self.parts["mesh"] = {q: extrapolate([a[q] - b[q] for a, b in zip(runs, runs[1:])], ratios,
                                              formal, value,
-                                             q not in UNBOUNDED) for q, value in runs[0].items()}
+                                             q not in UNBOUNDED, q in singular, CAUTION[q])
+                              for q, value in runs[0].items()}
         return self.budget()[self.name]
 
     def budget(self) -> dict:
@@ -211,6 +219,18 @@ class Search:
         order = [source for source in SOURCES if source in self.parts]
         return {q: summed({source: self.parts[source][q] for source in order}, value)
                 for q, value in values.items()}
+
+    def _skip_unsolved(self) -> None:
+        """Refine the first mesh until the scene can be solved on it, up to its own mesh."""
+        while True:
+            try:
+                self._level(self.sizes[0])
+                return
+            except DriverError:
+                if self.coarsening <= 1:
+                    raise
+                self.coarsening /= 2
+                self.sizes[0] = self._finer(self.sizes[0], 2.0)
 
     def _next(self, entry: dict) -> float:
         """The next mesh size: its estimate is to use up ROOM of what other parts leave."""
@@ -233,10 +253,14 @@ class Search:
 
     def run(self):
         """Search, leaving the finest run. Raises InputError, NoSolution or NotConverged."""
+        self._skip_unsolved()
         self.sizes.append(self._finer(self.sizes[0], 2.0))
         self.name = self._name(self._values(self.sizes[-1]))
         if self._memoryless(self.sizes[-1]):
             self.stride = self.total
+            if self.effects.frictional:  # all that depends on the way grows in proportion
+                none = dict.fromkeys(self._values(self.sizes[-1]), Part(0.0))
+                self.parts["time"] = none
         self._tighten(self.sizes[-1])
         if self.stride < self.total:
             self._choose_steps(self.sizes[-1], SAMPLING)
@@ -247,6 +271,7 @@ class Search:
                      f"{self._words()} {entry['value']:.4g}, estimated error "
                      f"{share(entry['total'], entry['value'])} "
                      f"(mesh {share(entry['mesh'], entry['value'])})")
+            self._refuse_zero()
             allowed = self.asked * abs(entry["value"])
             met = len(self.sizes) > 2 and entry["total"] is not None and entry["total"] <= allowed
             if met and not self._tighten(self.sizes[-2]) and self._enough_steps(self.sizes[-2]):
@@ -270,6 +295,16 @@ class Search:
             self._make(size, share(entry["total"], entry["value"]))
             self.sizes.append(size)
 
+    def _refuse_zero(self) -> None:
+        """Raise NoSolution where the quantity is zero: it has no relative error to be met."""
+        budget = self.budget()
+        values, errors = ({name: entry[key] for name, entry in budget.items()}
+                          for key in ("value", "total"))
+        if self.name in vanishing(values, errors):
+            raise NoSolution(f"the {self._words()} is zero but for its error of "
+                             f"{errors[self.name] or 0.0:.1g} (by symmetry, or as nothing slides): "
+                             "it has no relative error to be met; ask for another quantity")
+
     def _make(self, size, reached: str) -> None:
         """Have the problem of a finer mesh made. Raises NotConverged if it cannot be."""
         demand = (f"{100 * self.asked:g} % of the {self._words()} would take "
@@ -292,6 +327,12 @@ class Search:
         settings = self.scaled(self.settings, self.stride)
         names = [name for name in TOLERANCES if self.effects.frictional or name != "friction_rtol"]
         return chosen | {name.upper(): f"{getattr(settings, name):.1g}" for name in names}
+
+
+def _tightened(settings, factor: float):
+    """Settings with all tolerances multiplied by a factor."""
+    return dataclasses.replace(settings, **{name: max(1e-10, factor * getattr(settings, name))
+                                            for name in TOLERANCES})
 
 
 # ---- the stage -----------------------------------------------------------------------------------
@@ -329,6 +370,7 @@ def run(directory: Path, request: Request, comm) -> tuple[int, str]:
 def _write(directory: Path, request: Request, search: Search, status: int, reason: str,
            clock: float) -> None:
     """Results of the finest run, as an ordinary run leaves them."""
+    from ..estimates import validity
     from ..results import summary
     from ..results.writer import Writer
 
@@ -336,8 +378,10 @@ def _write(directory: Path, request: Request, search: Search, status: int, reaso
     comm, level = levels.comm, search._level(search.sizes[-1])
     problem = _as_asked(search, levels.problem(**size))
     writer = Writer(directory, problem.manifest, problem.operator, level.solver, request.fields)
-    for step in level.steps:
-        writer.add(step)
+    states, energies = zip(*(writer.add(step) for step in level.steps))
+    checked = {len(states) - 1, max(range(len(states)), key=energies.__getitem__)}
+    valid = validity.assess(problem, writer.contact,
+                            [(level.steps[k], states[k]) for k in sorted(checked)])
     writer.close()
     budget, chosen = search.budget(), search.chosen()
     entry = budget[search.name]
@@ -352,7 +396,8 @@ def _write(directory: Path, request: Request, search: Search, status: int, reaso
     seconds = {"read": 0.0, **levels.seconds, "output": now - begun, "total": now - clock}
     summary.write(directory, summary.summarize(
         request, problem, level.solver, failure, search.scaled(search.settings, search.stride),
-        writer, summary.largest_memory(comm), seconds, errors=errors, accuracy=accuracy), comm)
+        writer, summary.largest_memory(comm), seconds, errors=errors, validity=valid,
+        accuracy=accuracy), comm)
     if comm.rank == 0:
         (directory / "run.log").write_text(json.dumps(accuracy) + "\n")
         levels.place(**size).rename(directory / "export")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ..environment import EVERY_STEP
 from ..errors import DriverError, agreed_writes, shortage
-from ..estimates import adaptivity, soundness
+from ..estimates import adaptivity, between_steps, soundness, validity
 from ..estimates.energy import EnergyEstimator, report
 from ..march.problem import Problem, assemble
 from ..march.quasistatic import QuasistaticSolver
@@ -91,14 +91,17 @@ def run(directory: Path, request: Request, comm) -> tuple[int, str]:
     lap("output")
     seconds["output"] -= solver.history.seconds - before  # of this process
     seconds["solve"] = solver.history.seconds  # of all steps
+    valid, doubt = _validity(directory, problem, writer, estimator)
+    lap("validity")
     status, reason = (failure.exit_status, str(failure)) if failure else (0, "")
     writer.close()
 
     def leave(errors: dict | None, warning: str) -> None:
         spent = {**seconds, "total": sum(seconds.values())}
         content = summary.summarize(request, problem, solver, failure, settings, writer, memory,
-                                    spent, resumed_after_step=resumed, errors=errors)
-        content.warnings += filter(None, [warning])
+                                    spent, resumed_after_step=resumed, errors=errors,
+                                    validity=valid)
+        content.warnings += filter(None, [doubt, warning])
         summary.write(directory, content, comm)
 
     if comm.size > 1 and _may_fail(request):  # one rank's failure would end them all
@@ -139,6 +142,8 @@ def _march(directory: Path, request: Request, problem: Problem, solver: Quasista
         if failure.step is not None:
             add(failure.step)
     history.warnings += soundness.warnings(problem, estimator.largest and estimator.largest[1])
+    if problem.effects.frictional:  # else the end does not depend on the way
+        history.warnings += between_steps.warnings(problem.manifest)
     with agreed_writes(comm):
         progress.close(str(failure or "converged"))
     return resumed, before, failure
@@ -152,6 +157,19 @@ def _progress(directory: Path, request: Request, problem: Problem, resumed: int,
     line = f"{request.scene} {problem.manifest.parameters} {request.settings} on {comm.size} ranks"
     progress.note(f"{line}, resumed after step {resumed}" if resumed else line)
     return progress
+
+
+def _validity(directory: Path, problem: Problem, writer: Writer,
+              estimator: EnergyEstimator) -> tuple[dict | None, str]:
+    """Entry `validity` of the summary and a warning if it could not be made; collective."""
+    try:
+        return validity.assess(problem, writer.contact, estimator.considered), ""
+    except Exception as trouble:  # whatever it is, the results stand
+        if problem.operator.comm.size > 1:
+            raise
+        with open(directory / "run.log", "a") as log:
+            traceback.print_exc(file=log)
+        return None, f"validity was not checked: {' '.join(str(trouble).split())}"
 
 
 def _may_fail(request: Request) -> bool:
@@ -213,6 +231,7 @@ def _budget(directory: Path, request: Request, problem: Problem, writer: Writer)
                     writer.operator.comm, settings, [Path(place) for place in request.cycles],
                     request.without)
     try:
-        return assess(levels, problem, settings, *writer.record.quantities())
+        return assess(levels, problem, settings, *writer.record.quantities(),
+                      writer.record.singular_places())
     finally:
         levels.close()

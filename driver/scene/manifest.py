@@ -56,6 +56,7 @@ class Manifest:
     patterns: list
     amplitudes: dict
     parameters: dict
+    between: dict = field(repr=False, default_factory=dict)  # amplitudes, several in a step
     seal: seals.Seal | None = field(repr=False, default=None)
     raw: dict = field(repr=False, default_factory=dict)
 
@@ -96,6 +97,7 @@ def read_manifest(directory: Path, scene: str | None = None) -> Manifest:
     if missing:
         raise InputError(f"{path} lacks {', '.join(missing)}; run the scene again")
     manifest = Manifest(directory=Path(directory), raw=raw, seal=seal,
+                        between=raw.get("between", {}),
                         **{name: raw[name] for name in KINDS})
     try:
         _check_manifest(manifest)
@@ -162,6 +164,12 @@ def _check_histories(manifest: Manifest) -> None:
         if len(history) != manifest.steps + 1:
             raise InputError(f"amplitude {number} has {len(history)} values for "
                              f"{manifest.steps} steps")
+    sound = isinstance(manifest.between, dict) and all(
+        number in manifest.amplitudes and _finite(history)
+        and len(history) % manifest.steps == 1 % manifest.steps
+        for number, history in manifest.between.items())
+    if not sound:
+        raise InputError("an amplitude between the steps is not finite or of the wrong length")
     for pattern in manifest.patterns:
         if not isinstance(pattern, dict) or not {"kind", "given_on", "amplitude"} <= set(pattern):
             raise InputError("a load pattern lacks its kind, what it is given on, or amplitude")

@@ -18,6 +18,7 @@ from ..march.problem import assemble
 from ..march.step import StepFailed
 from ..march.uniqueness import DOUBTFUL_FRICTION
 from ..options import Settings
+from ..results.dissipation import Dissipation, start
 from ..results.quantities import resultant
 from ..results.shares import label_shares
 from ..runs.request import Request
@@ -189,6 +190,10 @@ def _solve(problem, settings, near: np.ndarray | None) -> tuple[Outcome, np.ndar
     if solver.largest_friction <= DOUBTFUL_FRICTION:
         solver.condensation.guess = near
     history, fields, u_t, failure = [], {}, solver.initial, None
+    contact = operator.structure.contact
+    friction = Dissipation(contact.weight, contact.gap,
+                           start(solver.effects, solver.law, contact.weight,
+                                 solver.amplitudes))
 
     shares = label_shares(operator.structure)[1]
 
@@ -196,8 +201,9 @@ def _solve(problem, settings, near: np.ndarray | None) -> tuple[Outcome, np.ndar
         nonlocal fields, u_t
         fields = _fields(operator, solver.rows, step, u_t)
         u_t = fields["u_t"]
-        row = _quantities(operator.structure.contact, shares, fields)
-        dissipated = row.pop("work") + (history[-1]["dissipated"] if history else 0.0)
+        row = _quantities(contact, shares, fields)
+        dissipated = float(friction.add(step.time, fields).sum())
+        dissipated += history[-1]["dissipated"] if history else 0.0
         history.append({"step": step.index, "time": step.time, **row, "dissipated": dissipated,
                         "fixed_point_iterations": step.fixed_point_iterations,
                         "dual_multiplications": step.products, "kkt": max(step.residuals.values())})
@@ -242,10 +248,7 @@ def _fields(operator, rows, step, u_t: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def _quantities(contact, shares: np.ndarray, fields: dict) -> dict:
-    """Resultants and zones of one step; `work` is what friction dissipates in it.
-
-    `shares` of labels in nodes as from shares.py.
-    """
+    """Resultants and zones of one step; `shares` of labels in nodes as from shares.py."""
     w, touching = contact.weight, fields["status"] != OPEN
     nodes = np.bincount(fields["status"], minlength=3)
     return {"resultant_n": 0.0 - float(resultant(shares, -fields["sigma_n"], w)),
@@ -253,8 +256,7 @@ def _quantities(contact, shares: np.ndarray, fields: dict) -> dict:
             "peak_pressure": float(-fields["sigma_n"].min(initial=0)),
             "contact_length": float(w[touching].sum()),
             "largest_slip": float(np.abs(fields["slip"]).max(initial=0)),
-            **{f"nodes_{name}": int(nodes[k]) for k, name in enumerate(STATUS_NAMES)},
-            "work": float(-(fields["sigma_t"] * fields["slip"]) @ w)}
+            **{f"nodes_{name}": int(nodes[k]) for k, name in enumerate(STATUS_NAMES)}}
 
 
 def _write(directory: Path, request: Request, contact, outcomes: list[Outcome],

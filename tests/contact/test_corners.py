@@ -284,14 +284,15 @@ def corner(alone=False, bilateral=(False, False), offset=(0.0, 0.0), gap=(0.0, 0
     """One corner, with dual rows n1, n2, t1, t2."""
     return CornerNodes(np.array([[0, 1]]), np.array([[0, 1]]), np.array([[2, 3]]),
                        np.array([[0, 1]]), np.array([alone]), np.array([bilateral]),
-                       np.array([offset]), np.array([gap]))
+                       np.array([offset]), np.array([gap]), -np.eye(2)[None])
 
 
 def switched(nodes: CornerNodes, force, over) -> tuple[bool, int]:
     """Whether the state changes under normal forces and movements beyond the gap; the new one."""
+    law = SimpleNamespace(coefficient=None, offset=None)
     alone = SimpleNamespace(allgather=lambda value: [value])
     x, gradient = np.append(force, [0.0, 0.0]), -np.append(over, [0.0, 0.0])
-    return nodes.switch(x, gradient, np.ones(4), 1e-9, alone), int(nodes.acting[0])
+    return nodes.switch(x, gradient, law, np.ones(4), 1e-9, alone), int(nodes.acting[0])
 
 
 def test_a_corner_takes_the_state_that_its_conditions_ask_for():

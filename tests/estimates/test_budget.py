@@ -17,13 +17,42 @@ def part(values, ratios=(2.0, 2.0), formal=2.0, **more):
     return budget.extrapolate(changes, list(ratios), formal, values[0], **more)
 
 
-@pytest.mark.parametrize("order", [0.5, 1.0, 1.5, 2.0])
+@pytest.mark.parametrize("order", [0.05, 0.1, 0.2, 0.5, 1.0, 1.5, 2.0])
 @pytest.mark.parametrize("ratios", [(2.0, 2.0), (2.5, 2.0), (2.0, 3.0)])
 def test_a_power_of_h_is_found_and_its_error_covered(order, ratios):
     sizes = np.cumprod([0.1, *ratios])
-    found = part(3.0 + 0.7 * sizes**order, ratios)
+    found = part(3.0 + 0.7 * sizes**order, ratios, limit=True)
     assert found.order == pytest.approx(order, rel=1e-6)
-    assert found.error == pytest.approx(1.25 * 0.7 * 0.1**order, rel=1e-6)
+    true = 0.7 * 0.1**order
+    # the floor counts a second order as a first: (r^2 - 1)/(r - 1) = r + 1 times as much
+    most = budget.SAFETY * max(budget.SLOW, budget.FLOOR * (ratios[0] + 1))
+    assert 1.2 * true <= found.error <= most * true * (1 + 1e-9)
+
+
+def sequences(count, disorder, orders):
+    """Values on three meshes, finest first, of functions whose limit is zero.
+
+    A power of h, another of higher order and any sign, and a disorder as of zones that end between
+    nodes.
+    """
+    rng = np.random.default_rng(1)
+    for _ in range(count):
+        p = rng.uniform(*orders)
+        more = p + rng.uniform(0.3, 2.0), rng.choice([-1, 1]) * 10 ** rng.uniform(-1.5, 0.5)
+        wobble = disorder * 10 ** rng.uniform(-1.5, 0.0) * rng.uniform(-1, 1, 3)
+        h = np.array([0.25, 0.5, 1.0]) * 10 ** rng.uniform(-1.5, 0.0)
+        yield h**p + more[1] * h ** more[0] + wobble * h ** rng.uniform(1.0, 1.5)
+
+
+@pytest.mark.parametrize("disorder, orders, least", [
+    (0.0, (0.5, 2.0), 0.97), (0.5, (0.5, 2.0), 0.95), (0.5, (0.8, 1.6), 0.95),
+    (0.0, (0.3, 1.0), 0.94)])
+def test_claims_cover_errors_that_are_no_powers(disorder, orders, least):
+    """Calibration of the factors: see the module. One in 100 below half of the truth at most."""
+    ratio = np.array([part(q, limit=True).error / abs(q[0])
+                      for q in sequences(3000, disorder, orders)])
+    assert np.mean(ratio >= 1) >= least and np.mean(ratio < 0.5) <= 0.02
+    assert np.median(ratio) <= 4
 
 
 def test_values_that_turn_back_are_as_uncertain_as_the_larger_change():
@@ -35,7 +64,7 @@ def test_values_that_turn_back_are_as_uncertain_as_the_larger_change():
 
 def test_two_levels_are_trusted_less_than_three():
     values = 3.0 + 0.7 * np.array([0.1, 0.2, 0.4]) ** 2
-    assert part(values[:2]).error == pytest.approx(3 * 0.7 * 0.1**2, rel=1e-9)
+    assert part(values[:2]).error > part(values).error
     assert part(values[:1]).error is None
 
 
@@ -45,6 +74,13 @@ def test_what_grows_without_limit_gets_no_error():
         found = part(values)
         assert found.error is None and "singular" in found.note
     assert part(h**-0.5, limit=True).error is not None  # time steps: not near the limit yet
+
+
+def test_a_value_at_a_place_that_may_be_singular_must_hardly_change():
+    """Whatever order three meshes seem to have: weak singularities show on finer ones."""
+    h = np.array([0.1, 0.2, 0.4])
+    assert part(1 + h**1.5, singular=True).error is None
+    assert part(1 + 0.003 * h**1.5, singular=True).error > 0
 
 
 def test_an_accidentally_small_change_is_not_believed():

@@ -212,10 +212,21 @@ def split(tmp_path_factory):
     return make
 
 
-def true_error(coarse, fine):
-    """Energy norm of the difference of the displacements of two estimators on nested meshes."""
+def reported(estimator):
+    """Torn displacements as the run reports them, not made admissible."""
+    step = estimator.last[1]
+    return estimator.gather.displacements(
+        estimator.operator.displacements(step.multipliers, step.weights))
+
+
+def true_error(coarse, fine, field=None):
+    """Energy norm of the difference of the displacements of two estimators on nested meshes.
+
+    `field`: of the coarse one, by default those made admissible.
+    """
     one, two = coarse.body, fine.body
-    apart = two.strain(fine.kinematic) - one.strain(coarse.kinematic)[around(
+    field = coarse.kinematic if field is None else field
+    apart = two.strain(fine.kinematic) - one.strain(field)[around(
         one.mesh, two.mesh.corner.mean(axis=1))]
     return np.sqrt(np.einsum("ti,tij,tj,t->", apart, two.elasticity, apart, two.mesh.area))
 
@@ -257,8 +268,12 @@ def test_effectivity_against_a_nested_mesh(estimated, split, scene, parameters, 
         coarse = estimated(split(scene, 1), **parameters)
         same = coarse[0].structure.contact if coarse[0].structure.contact.paired.any() else None
         fine = estimated(split(scene, finer), gap=same, **parameters)
-    error = true_error(coarse[1], fine[1])
-    assert error <= coarse[2].total <= 2 * error
+    # of what the run reports and of what the bound is made with
+    own, error = true_error(coarse[1], fine[1], reported(coarse[1])), true_error(coarse[1], fine[1])
+    bound = coarse[2].total - coarse[2].correction
+    assert error <= bound <= 2 * error and own <= coarse[2].total <= 2.5 * own
+    # the correction is the distance between the two
+    assert own <= error + 1.01 * coarse[2].correction
     assert fine[2].total < coarse[2].total
 
 
@@ -341,7 +356,8 @@ def test_the_bound_between_bodies_holds_far_from_the_solution(estimated, tmp_pat
         _, estimator, found = estimated(scene, h=0.25, change=change)
         error = true_error(estimator, fine)
         assert true_error(sound[1], fine) < error <= found.total
-        assert found.total <= 2 * error
+        # what corrects the displacements is far from zero here, and counts on its own
+        assert found.total - found.correction <= 2 * error
 
 
 def test_fields_on_a_fan_against_many_points():
@@ -425,8 +441,8 @@ def test_the_total_between_bodies_is_that_of_its_terms(estimated, scene, paramet
     square = sum(recovery.linear_energy(body.mesh.area / 3, body.compliance, apart[:, k])
                  for k in range(3))
     square = ((np.sqrt(square) + lift.bumps + remainder) ** 2).sum()
-    assert found.total == pytest.approx(np.sqrt(square) / 2 + np.sqrt(square / 4 + lift.gap),
-                                        rel=1e-4)
+    assert found.total - found.correction == pytest.approx(
+        np.sqrt(square) / 2 + np.sqrt(square / 4 + lift.gap), rel=1e-4)
 
 
 def test_remainders_of_tractions_have_a_stress(rng=np.random.default_rng(5)):
@@ -518,7 +534,8 @@ def test_effectivity_where_normals_turn(estimated, split, exported, read, steps_
     reference.kinematic = gather.displacements(
         problem.operator.displacements(step.multipliers, step.weights))
     error = true_error(estimator, reference)
-    assert error <= found.total <= 1.5 * error
+    # on curves the jump is closed inside edges: the correction is as large as the bow of an edge
+    assert error <= found.total and found.total - found.correction <= 1.5 * error
 
 
 def exact_cantilever(x, y):
@@ -619,7 +636,8 @@ def test_the_friction_part_is_the_way_to_the_fixed_point(estimated):
     step = estimator.last[1]
     onward = np.sqrt(step.moved @ problem.operator.apply(step.moved)) / (1 - step.contraction)
     # of a sum 1e4 times as large
-    assert found.total - expected_total(estimator) == pytest.approx(onward, rel=1e-3)
+    rest = found.total - found.correction - expected_total(estimator)
+    assert rest == pytest.approx(onward, rel=1e-3)
 
 
 def stir(step, solver):
@@ -642,7 +660,7 @@ def test_the_bound_holds_far_from_the_solution(estimated):
     error = true_error(estimator, fine)
     undisturbed = true_error(estimated("model-tresca", cells=4, steps=1)[1], fine)
     assert error > 1.2 * undisturbed
-    assert error <= found.total <= found.mesh + found.solver
+    assert error <= found.total <= found.mesh + found.solver + found.correction
     assert found.solver > 0.5 * found.mesh
 
 
@@ -652,7 +670,10 @@ def test_the_total_is_that_of_its_stress_and_displacements(estimated):
     """
     _, estimator, found = estimated("model-tresca", cells=4, steps=1, change=stir)
     # vertices are out of balance by rounding
-    assert found.total == pytest.approx(expected_total(estimator), rel=1e-6)
+    body = estimator.body
+    apart = body.norm(body.stress(estimator.kinematic - reported(estimator)))
+    assert apart > 0.1 * found.total
+    assert found.total == pytest.approx(expected_total(estimator) + apart, rel=1e-6)
 
 
 def expected_total(estimator):
@@ -768,7 +789,8 @@ def test_the_summary_and_the_field_agree(solved):
     run = solved("model", loading="nonmonotone", cells=3, steps=4, fields="yes", errors="energy")
     found = run.summary["errors"]["energy"]
     assert found["kind"] == "equilibrated" and found["step"] == 4
-    assert found["total"] <= found["mesh"] + found["solver"] + found["friction"]
+    assert found["total"] <= sum(found[name] for name in ("mesh", "solver", "friction",
+                                                          "correction"))
     assert found["relative"] == pytest.approx(found["total"] / found["norm"])
     # phi_2 is largest at t = 0.625
     assert found["largest"]["step"] == 2 and found["largest"]["norm"] > found["norm"]

@@ -8,6 +8,7 @@ from small_scenes import BOTTOM, LEFT, TOP, Body, Scene, solve
 
 from driver.qp import complementarity, coulomb
 from driver.march import globalization
+from driver.march.uniqueness import Uniqueness
 from driver.qp import anderson
 from driver.qp.complementarity import (
     all_solutions,
@@ -349,3 +350,55 @@ def test_no_method_left_is_a_status(monkeypatch):
     scene.tractions = [{TOP: np.array([0.0, -1e-3])}]
     run = solve(scene)
     assert run.solver.failure.exit_status == 3 and "step 1" in str(run.solver.failure)
+
+
+# --------------------------------------------------------------------------- what counts as a proof
+
+def test_a_line_of_solutions_is_not_overlooked():
+    """F = 1 makes over = d_n - (1 - F) lambda_n = d_n for all pressures while the node slides: with
+    d_n = 0 those up to 0.2 all solve; none with 1, and F = 0.5 has no singular state.
+    """
+    assert complementarity.all_isolated(one_node(0.5, (0.0, 0.2)))
+    assert complementarity.all_isolated(one_node(1.0, (1.0, 0.2)))
+    line = one_node(1.0, (0.0, 0.2))
+    assert not complementarity.all_isolated(line)
+    # in the middle of the line, from where no end of it may be seen
+    found = Uniqueness(True)
+    found.examine(1, line, np.array([0.1, 0.1]), np.ones(1))
+    assert found.verdict != "unique"
+
+
+def test_friction_that_falls_with_slip_is_not_called_unique(solved, tmp_path):
+    """A pad whose friction falls to a fifth over 1e-6 sticks in one node and slides in three;
+    another solution slides everywhere, that of the fifth.
+    """
+    script = tmp_path / "falling.edp"
+    script.write_text('''include "scene.idp"
+units("m", "Pa");
+subdomains("1x1");
+rectangle(0., 1., 0., 1.);
+macro young() 1e9 //
+macro poisson() 0.3 //
+real slipRange = 1e-6;
+macro displacement1() on(3, u1 = 4e-5, u2 = -1e-4) //
+macro contact() 1 //
+macro friction() 0.5 //
+macro slipFactor(s) max(0.2, 1. - 0.8*s/1e-6) //
+include "export.idp"
+''')
+    for choice in ("auto", "yes"):
+        summary = solved(str(script), cells=3, uniqueness=choice).summary
+        assert summary["uniqueness"]["verdict"] == "not examined"
+        assert any("changes with slip" in line for line in summary["warnings"])
+
+
+def test_lemke_does_not_cycle_where_everything_ties():
+    """Loads of a few equal numbers on equal nodes: all ratios tie. A solution of any friction."""
+    for nodes in (2, 4, 6):
+        for F in (0.5, 2.0, 8.0):
+            C = np.eye(2 * nodes) + 0.5 * np.eye(2 * nodes, k=nodes) + 0.5 * np.eye(2 * nodes,
+                                                                                   k=-nodes)
+            for d in ((1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (0.0, 1.0)):
+                problem = CoulombProblem(C, np.repeat(d, nodes), np.full(nodes, F),
+                                         np.arange(nodes))
+                assert problem.solves(lemke(problem))

@@ -114,6 +114,15 @@ def test_a_study_is_judged_by_its_table(tmp_path):
     assert ["<a>", "solved", "1.5"] in page.rows
 
 
+def test_effects_that_are_needed_are_no_failure(tmp_path):
+    """Left out, a support or friction may leave no solution: that is what the study shows."""
+    write_table(tmp_path / "slope.csv", [{"without": "", "status": "0"},
+                                         {"without": "friction", "status": "3"}])
+    page = Page(study.write(tmp_path))
+    assert "slope: of 2 1 converged, 1 without a solution." in page.words
+    assert single.page.COLOURS["good"] in (tmp_path / "report.html").read_text()
+
+
 def test_nothing_to_report_on_is_refused(tmp_path, command_here):
     with pytest.raises(InputError, match="no finished run"):
         study.write(tmp_path)

@@ -98,6 +98,37 @@ def test_contact_lines_hold_what_contact_csv_says(wedge):
     assert (wedge.directory / "contact.pvd").read_text().count("contact_000") == 2
 
 
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_lines_go_on_from_label_to_label_and_round_corners(solved, tmp_path, element):
+    """A floor of two labels and a wall of a third: one line along each, whichever label the node
+    between the first two reports; the corner is there twice, once for each direction.
+    """
+    path = tmp_path / "corner.edp"
+    path.write_text("""include "scene.idp"
+units("m", "Pa");
+subdomains("3");
+int[int] sides = [8, 5, 3, 4];
+mesh block = square(6, 4, [2.*x, y], label = sides);
+func int half(int l, real px) { return (l == 8 && px > 1.) ? 7 : l; }
+body = change(block, flabel = half(label, x));
+macro young() 1e3 //
+macro poisson() 0.3 //
+macro support() on(4, u1 = 0., u2 = 0.) //
+macro load1() traction(3, 0.5, -1.) //
+macro contact() 8, 7, 5 //
+include "export.idp"
+""")
+    run = solved(path, element=element, fields="yes")
+    assert run.status == 0, run.reason
+    data = meshio.read(run.directory / "fields/contact_0001.vtu")
+    lines = data.cells_dict["line"]
+    ends = data.points[lines]
+    length = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
+    first = 2 / 6 * (1 if element == "P1" else 0.5)  # from the clamped corner to the first node
+    assert length.sum() == pytest.approx(3 - first)
+    assert np.count_nonzero(np.abs(data.points - [2, 0, 0]).max(axis=1) < 1e-12) == 2
+
+
 def test_lines_close_a_ring_and_leave_gaps_between_boundaries(solved):
     ring = solved("pressfit", fields="yes", h=4)
     data = meshio.read(ring.directory / "fields/contact_0001.vtu")

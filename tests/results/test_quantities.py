@@ -25,8 +25,8 @@ def line(x, closed, pressure, opening, **more):
              "chain": np.ones(len(x), int), "paired": np.zeros(len(x), bool),
              "middle": np.zeros(len(x), bool)}
     steps = {"u_n": -opening, "slip": 0 * x, "sigma_n": -pressure, "sigma_t": 0 * x,
-             "status": np.where(closed, STICK, OPEN)}
-    return nodes, {name: (more[name] if name in more else value)[None]
+             "status": np.where(closed, STICK, OPEN), "work": 0 * x}
+    return nodes, {name: more.get(name, value)[None]
                    for name, value in steps.items()}
 
 
@@ -130,6 +130,7 @@ def test_slip_counts_in_contact_only_and_moment_is_that_of_load():
     steps["status"][0], steps["status"][1:] = SLIP, STICK
     steps["status"][2] = OPEN
     steps["sigma_n"][:] *= np.array([1.0, 2.0, 0.0])[:, None]
+    steps["work"] = np.array([0.1, 0.2, 0.0])
     found, at = q.quantities(declared("friction"), nodes, steps, np.ones(3))
     assert at == 1 and found["normal_resultant"] == pytest.approx(2.0)
     assert found["slip"] == pytest.approx(0.5) and found["dissipated_energy"] == pytest.approx(0.3)

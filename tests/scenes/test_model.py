@@ -430,3 +430,20 @@ def test_large_friction_is_solved(solved, friction):
     # lost dissipation is reported against the pressure, friction forces are up to F times that
     assert residuals.pop("complementarity") <= 1e-4 * max(1, friction)
     assert max(residuals.values()) <= 1e-4
+
+
+# -------------------------------------------------------------------------- work of friction
+
+def test_dissipated_energy_is_of_second_order_in_the_step(solved):
+    # the rule of the implicit Euler method errs by 18, 9, 5 % with 10, 20, 40 steps
+    lost = {steps: solved("model", loading="nonmonotone", steps=steps).summary["dissipated"]
+            for steps in (10, 20, 80)}
+    assert lost[10] == pytest.approx(lost[80], rel=0.01)
+    assert lost[20] == pytest.approx(lost[80], rel=0.005)
+
+
+def test_dissipated_energy_of_proportional_loading_needs_one_step(solved):
+    one, many = (solved("model", loading="monotone", steps=steps, rtol=1e-10, friction_rtol=1e-10)
+                 for steps in (1, 8))
+    # what tolerances of 1e-10 leave, in sums over steps
+    assert one.summary["dissipated"] == pytest.approx(many.summary["dissipated"], rel=1e-6)

@@ -122,8 +122,8 @@ def test_study_of_a_known_solution(swept):
     known = {row["quantity"]: row for row in read_rows(swept / "reference.csv")}
     table = read_rows(swept / "accuracy.csv")
     assert {row["sweep"] for row in table} == set(SWEEPS) == set(picture.SWEEPS)
-    # the reference covers the exact work that friction takes, 2 W/2 (see the scene), within its own
-    # stated error
+    # the reference covers the exact work that friction takes (see the scene), within its own stated
+    # error
     from test_scenes_zones import DISSIPATED
 
     energy = known["dissipated_energy"]
@@ -131,9 +131,8 @@ def test_study_of_a_known_solution(swept):
     value, uncertainty = float(energy["value"]), float(energy["uncertainty"])
     assert abs(value - DISSIPATED) < 1.2 * uncertainty * value
     steps = [row for row in table if row["sweep"] == "steps"]
-    # W (1 + 1/n): the part that n steps have of their own
-    own = [float(row["dissipated_energy_own"]) for row in steps]
-    assert own[0] > own[1] > own[2] > 0
+    # all grows in proportion: any number of steps gives the same work but for tolerances of 1e-6
+    assert all(float(row["dissipated_energy_own"]) < 1e-4 for row in steps)
     for row in table:
         least, median, most = (float(row[f"seconds_solver{name}"])
                                for name in ("_least", "", "_most"))

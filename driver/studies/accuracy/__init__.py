@@ -1,8 +1,8 @@
 """make accuracy: which error of a scene comes from which setting, and what each digit takes.
 
-`sweeps` plans and runs, `reference` says what the quantities are, `cheapest` judges the runs. Two
-more parts have scenes of their own: `locking`, elements near incompressibility, and `stopping`,
-tolerances from the error budget.
+`sweeps` plans and runs, `reference` says what the quantities are, `cheapest` judges the runs. Three
+more parts have scenes of their own: `locking`, elements near incompressibility, `stopping`,
+tolerances from the error budget, and `coverage`, whether claimed errors hold.
 """
 
 from pathlib import Path
@@ -10,7 +10,8 @@ from pathlib import Path
 from ... import environment, options
 from ...errors import InputError
 
-UNREAD = {"sweeps": ("rows",), "locking": ("rows",), "stopping": ()}
+UNREAD = {"sweeps": ("rows",), "locking": ("rows", "scene"), "stopping": ("scene",),
+          "coverage": ("rows",)}
 
 
 def run_accuracy(pairs: dict[str, str]) -> list[Path]:
@@ -21,12 +22,19 @@ def run_accuracy(pairs: dict[str, str]) -> list[Path]:
     given = options.read("accuracy", pairs)
     part = given["part"]
     for name in pairs:
-        if name in UNREAD[part] or part != "sweeps" and name not in ("part", "out", "rows"):
+        if name in UNREAD[part] or part != "sweeps" and name not in ("part", "out", "rows",
+                                                                          "scene"):
             raise InputError(f"PART={part} does not read {name.upper()}")
     if part == "sweeps":
         from .sweeps import run_sweeps
 
         return run_sweeps(pairs)
+    if part == "coverage":
+        from .coverage import run_coverage
+
+        out = given["out"] or options.RESULTS / "accuracy" / part
+        out.mkdir(parents=True, exist_ok=True)
+        return run_coverage(out, given["scene"])
     environment.start_petsc()
     from .locking import run_locking
     from .stopping import run_stopping

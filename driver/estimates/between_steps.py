@@ -1,0 +1,90 @@
+"""What load histories do between the steps: kinks and pulses that steps miss.
+
+Steps follow straight lines from one of their ends to the next. Where a history departs from them by
+more than `NOTICEABLE` of its largest value, the step before does not know of the load that the
+scene declares: an extreme is cut off, a pulse is not there.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+NOTICEABLE = 0.01
+SHARP = 8.0  # a turn that is so many times as large as the median one is a kink
+MOST = 20  # times the steps, up to which a number is looked for that has kinks at its ends
+CLOSE = 0.02  # part of a step by which a kink may miss its end
+
+
+@dataclass
+class Departure:
+    """Largest departure of a history from the steps, relative to its largest value."""
+
+    amplitude: str
+    size: float
+    step: int
+    time: float
+    kinks: np.ndarray  # times
+
+
+def departures(manifest, stride: int = 1) -> list[Departure]:
+    """Of the histories that depart noticeably from every `stride`-th step, counted from the last.
+    """
+    found = []
+    for number, history in manifest.between.items():
+        fine, steps = np.array(history), manifest.steps
+        per_step = (len(fine) - 1) // steps
+        times = np.linspace(0.0, manifest.t_end, len(fine))
+        ends = np.unique(np.r_[0, np.arange(len(fine) - 1, -1, -per_step * stride)])
+        straight = np.interp(times, times[ends], fine[ends])
+        away, largest = np.abs(fine - straight), np.abs(fine).max()
+        k = int(away.argmax())
+        if largest > 0 and away[k] > NOTICEABLE * largest:
+            found.append(Departure(number, float(away[k] / largest), k // per_step + 1,
+                                   float(times[k]), _kinks(times, fine)))
+    return found
+
+
+def _kinks(times: np.ndarray, fine: np.ndarray) -> np.ndarray:
+    """Times at which a history turns sharply, where the lines before and after it meet."""
+    slope = np.diff(fine) / np.diff(times)
+    turn = np.abs(np.diff(slope))
+    largest = turn.max(initial=0.0)
+    sharp = (turn > 0.05 * largest) & (turn > SHARP * np.median(turn))
+    kinks, k = [], 0
+    places = np.flatnonzero(sharp)
+    while k < len(places):
+        first = last = places[k]
+        while k + 1 < len(places) and places[k + 1] == last + 1:
+            k += 1
+            last = places[k]
+        before, after = slope[first], slope[last + 1]
+        if last - first < 3 and before != after:
+            # through the points before the first and after the last sharp turn
+            a, b = first, last + 2
+            kinks.append((fine[b] - fine[a] + before * times[a] - after * times[b])
+                         / (before - after))
+        k += 1
+    return np.array(kinks)
+
+
+def steps_at(kinks: np.ndarray, steps: int, t_end: float) -> int | None:
+    """The least number of steps, `steps` or more, that end at all kinks; None up to MOST times."""
+    for n in range(steps, MOST * steps + 1):
+        place = kinks * n / t_end
+        if len(kinks) and np.abs(place - np.round(place)).max() <= CLOSE:
+            return n
+    return None
+
+
+def warnings(manifest) -> list[str]:
+    """A line for every history that the steps do not follow."""
+    lines = []
+    for d in departures(manifest):
+        better = steps_at(d.kinks, manifest.steps, manifest.t_end)
+        remedy = f"STEPS={2 * manifest.steps} follows it better"
+        if better is not None:
+            remedy = f"STEPS={better} has a step end at every kink"
+        lines.append(f"amplitude {d.amplitude} departs by {100 * d.size:.0f} % of its largest "
+                     f"value from the steps, most in step {d.step} at time {d.time:.4g}: "
+                     f"they miss what it does there; {remedy}")
+    return lines

@@ -1,0 +1,299 @@
+"""Whether the assumptions of a run hold: small strains, small rotations, linear contact.
+
+Checked are the last step and that with most energy, at the displaced places:
+
+strain    largest principal strain of a triangle's mean. Linear strains lack half the square of the
+          displacement gradient: their relative error is about half of the strain
+rotation  largest rotation of a triangle, less that of its body where no support fixes it. It counts
+          1 - cos as strain, and turns loads and normals that stay as they were. Both are infinite
+          at sharp corners: the verdict asks whether they are too large on more than `SPOT` of a
+          body's area
+normals   of closed nodes: distance from the obstacle or the other body, measured at the displaced
+          places, less the distance that the contact conditions used, over the contact length; and
+          the angle between the normal there and the one that was used (`normal_turn`)
+overlaps  boundaries without declared contact that penetrate, of two bodies or of one, by more than
+          `TOUCH` of the smaller body's size; a gap that lets an obstacle reach through the body
+
+Limits: up to QUESTIONABLE errors of displacements and tractions from this stay within about a tenth
+(strain 0.1: 5 %; rotation 0.1: 0.5 % of all lengths and as much again as strain; a surface that
+is off by 1 % of the contact length is a load of about that strain; a normal off by 0.1 gives a
+tenth of the pressure as shear). Beyond INVALID they may be anything.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from ..contact.states import OPEN, ContactField
+from ..feti.gathering import gather, joined
+from ..scene import elements
+from . import true_distance
+
+QUESTIONABLE = {"largest_strain": 0.1, "largest_rotation": 0.1, "largest_normal_error": 0.01,
+                "normal_turn": 0.1, "overlaps": 0.0, "gap": 0.5}
+INVALID = {"largest_strain": 0.3, "largest_rotation": 0.35, "largest_normal_error": 0.1,
+           "normal_turn": 0.35, "overlaps": 0.02, "gap": 2.0}
+SPOT = 1e-2
+TOUCH = 1e-3  # part of a body's size by which bodies may overlap unnoticed
+MEASURES = ("largest_strain", "largest_rotation")
+VERDICTS = ("ok", "questionable", "invalid")
+WORDS = {
+    "largest_strain": ("the strain is {:.2g}", "strains are taken for small",
+                       "smaller loads, or a code for finite strains"),
+    "largest_rotation": ("the body turns by {:.2g} rad", "rotations are taken for small",
+                         "smaller loads, or a code for large rotations"),
+    "largest_normal_error": ("a node in contact is off the surface that it meets by {:.2g} of the "
+                             "contact length", "contact is linear about the place before the load",
+                             "{remedy}"),
+    "normal_turn": ("a node in contact meets a surface that is turned by {:.2g} rad against the "
+                    "normal that was used", "contact is linear about the place before the load",
+                    "{remedy}"),
+    "overlaps": ("{labels} overlap by {:.2g} of the body's size",
+                 "contact is not declared there", "declare contact there, or smaller loads"),
+    "gap": ("the obstacle reaches through the body by {:.2g} of its size",
+            "contact starts with that much to be pushed out", "look at sign and unit of the gap")}
+
+
+@dataclass
+class Worst:
+    """Largest value of a measure, and where: place (2,), step, words about it."""
+
+    value: float = 0.0
+    place: tuple = ()
+    step: int = 0
+    more: dict = field(default_factory=dict)
+
+
+class Validity:
+    """Checks steps of one solved problem. Collective; rank 0 compares boundaries."""
+
+    def __init__(self, problem, contact):
+        """`problem` a march.Problem, `contact` its ContactState."""
+        self.problem, self.structure = problem, problem.structure
+        self.comm, self.boundary = problem.operator.comm, contact.boundary
+        self.worst = {name: Worst() for name in QUESTIONABLE}
+        self.overlaps = {}  # largest part of the size by pair of labels
+        self.outline = np.zeros(problem.manifest.nodes, bool)
+        ends = self.structure.outer_edges[:, :2]
+        self.outline[ends] = self.outline[self.structure.outer_middles] = True
+        self.outline[self.boundary.gid] = True
+        self.member, self.body = self._bodies()
+        self.parts = {name: np.zeros(2) for name in MEASURES}  # of a body's area beyond the limits
+
+    def _bodies(self) -> tuple[np.ndarray, np.ndarray]:
+        """Numbers of the bodies of all subdomains (total,) and nodes (nodes,)."""
+        subs = self.structure.subdomains
+        part = [np.column_stack([np.full(len(sub.node_gid), sub.index), sub.node_gid])
+                for sub in subs] if self.problem.manifest.bodies > 1 else []
+        links = gather(self.comm, joined(part, np.int64, 2))
+        total, nodes = self.structure.total, self.problem.manifest.nodes
+        number = np.zeros(total + nodes, int)
+        if len(links):
+            graph = coo_matrix((np.ones(len(links)), (links[:, 0], total + links[:, 1])),
+                               shape=(total + nodes,) * 2)
+            number = connected_components(graph, directed=False)[1]
+        return number[:total], number[total:]
+
+    def note(self, name: str, value: float, place, step: int, **more) -> None:
+        """Keep the largest value of a measure."""
+        if value > self.worst[name].value:
+            self.worst[name] = Worst(float(value), tuple(map(float, place)), step, more)
+
+    # ---- a step ----------------------------------------------------------------------------------
+    def check(self, step, state: dict) -> None:
+        """Check a step with the `state` of its contact nodes, arrays (n_c,) by ContactField."""
+        operator = self.problem.operator
+        fields = operator.deformations(step.multipliers, step.weights)
+        self._check_deformation(step, fields)
+        place, moved = self._outline(operator.with_travel(fields, step.weights))
+        if place is None:
+            return
+        if len(self.boundary.gid):
+            self._check_contact(step, state, place, moved)
+        self._check_overlaps(step, place, moved)
+
+    def _check_deformation(self, step, fields) -> None:
+        """Strains and rotations of all triangles."""
+        loose = {s for mode in self.structure.rigid_modes if mode.rotation for s in mode.members}
+        parts, turning = [], np.zeros((2, self.structure.total))  # by subdomain: turns, areas
+        for sub, u in zip(self.structure.subdomains, fields):
+            strain, turn = _deformation(sub, u)
+            area = elements.areas(sub.xy[sub.triangles])
+            turning[:, sub.index] = turn @ area, area.sum()
+            parts.append((sub, area, strain, turn))
+        turning = np.array([np.bincount(self.member, of)[self.member]
+                            for of in self.comm.allreduce(turning)])
+        own, over = [], np.zeros((2, 2, self.structure.total))  # areas beyond the limits
+        for sub, area, strain, turn in parts:
+            # of a body that turns as a whole no support says which way is right
+            mean = turning[0, sub.index] / turning[1, sub.index] if sub.index in loose else 0.0
+            for m, values in enumerate((strain, np.abs(turn - mean))):
+                name, k = MEASURES[m], values.argmax()
+                center = sub.xy[sub.triangles[k]].mean(axis=0)
+                own.append((name, float(values[k]), center.tolist()))
+                for g, limits in enumerate((QUESTIONABLE, INVALID)):
+                    over[m, g, sub.index] = area[values > limits[name]].sum()
+        for name, value, center in (row for rows in self.comm.allgather(own) for row in rows):
+            self.note(name, value, center, step.index)
+        over = self.comm.allreduce(over)
+        for m, name in enumerate(MEASURES):
+            for g in (0, 1):
+                share = np.bincount(self.member, over[m, g])[self.member] / turning[1]
+                self.parts[name][g] = max(self.parts[name][g], share.max())
+
+    def _outline(self, fields) -> tuple:
+        """Places and displacements (nodes, 2) of the nodes of the outline on rank 0, else None."""
+        subs = self.structure.subdomains
+        near = [self.outline[sub.node_gid] for sub in subs]
+        own = (joined((sub.node_gid[n] for sub, n in zip(subs, near)), np.int64),
+               joined((sub.xy[n] for sub, n in zip(subs, near)), float, 2),
+               joined((u.reshape(-1, 2)[n] for u, n in zip(fields, near)), float, 2))
+        everyone = self.comm.gather(own)
+        if everyone is None:
+            return None, None
+        place, moved = np.zeros((2, len(self.outline), 2))
+        for gid, xy, u in everyone:
+            place[gid], moved[gid] = xy, u
+        return place, moved
+
+    # ---- contact ---------------------------------------------------------------------------------
+    def _check_contact(self, step, state: dict, place, moved) -> None:
+        b, closed = self.boundary, state[ContactField.STATUS] != OPEN
+        pairs = self.problem.manifest.contact_pairs
+        groups = [np.flatnonzero((b.chain == chain) & ~b.paired) for chain in np.unique(b.chain)]
+        groups += [np.flatnonzero((b.label == label) & b.paired) for label in np.unique(b.label)]
+        for here in groups:
+            touching = here[closed[here]]
+            length = b.weight[touching].sum()
+            if not len(touching):
+                continue
+            used = (b.gap - state[ContactField.U_N])[touching]
+            xy, u = b.xy[touching], moved[b.gid[touching]]
+            if b.paired[here[0]]:
+                others = [two for one, two in pairs if one == b.label[here[0]]]
+                true, normal = self._from_other(others, xy, u, place, moved, touching)
+            else:
+                true, normal = self._from_obstacle(here, xy + u)
+            if true is None:
+                continue
+            turn = np.arccos(np.clip(-(normal * b.normal[touching]).sum(axis=1), -1.0, 1.0))
+            error = np.abs(true - used) / length
+            for name, values in (("largest_normal_error", error), ("normal_turn", turn)):
+                k = int(values.argmax())
+                self.note(name, values[k], xy[k], step.index, paired=bool(b.paired[here[0]]))
+
+    def _from_obstacle(self, here: np.ndarray, displaced: np.ndarray):
+        """Distances and normals at displaced places from the obstacle of the nodes `here`."""
+        b = self.boundary
+        along = np.linalg.norm(np.diff(b.xy[here], axis=0), axis=1)
+        joined_up = np.abs(np.diff(b.arc[here]) - along) <= 1e-6 * along
+        curve = true_distance.obstacle(b.xy[here] + b.gap[here, None] * b.normal[here],
+                                       b.normal[here], joined_up)
+        return (None, None) if curve is None else curve.distance(displaced)
+
+    def _from_other(self, labels: list, xy, u, place, moved, touching):
+        """The same from the boundaries `labels` of other bodies, compared as the mortar sees it.
+
+        What polygons lack of curved boundaries is there before any load and does not count.
+        """
+        edges = self.structure.outer_edges
+        start, end, _ = edges[np.isin(edges[:, 2], labels)].T
+        own = self.boundary.normal[touching]
+        _, near = true_distance.nearest((place[start] + place[end]) / 2, xy, xy)
+        outward = (place[end] - place[start])[:, ::-1] * [1, -1]  # of edges with the body left
+        back = (outward * own[near]).sum(axis=1) > 0
+        start, end = np.where(back, end, start), np.where(back, start, end)
+        now = true_distance.polygon(place[start] + moved[start], place[end] + moved[end])
+        true, normal = now.distance(xy + u)
+        if self.boundary.about is None:
+            before, _ = true_distance.polygon(place[start], place[end]).distance(xy)
+            true = true - before + self.boundary.gap[touching]
+        return true, normal
+
+    # ---- overlaps --------------------------------------------------------------------------------
+    def _check_overlaps(self, step, place, moved) -> None:
+        edges = self.structure.outer_edges
+        start, end = (place + moved)[edges[:, :2]].transpose(1, 0, 2)
+        body = self.body[edges[:, 0]]
+        pairs = {frozenset(pair) for pair in self.problem.manifest.contact_pairs}
+        size = {k: np.ptp(place[edges[body == k, 0]], axis=0).max() for k in np.unique(body)}
+        for one in size:
+            for two in size:
+                if one == two:
+                    continue
+                mine, theirs = np.flatnonzero(body == one), np.flatnonzero(body == two)
+                low, high = start[theirs].min(axis=0), start[theirs].max(axis=0)
+                mine = mine[((start[mine] > low) & (start[mine] < high)).all(axis=1)]
+                mine = mine[true_distance.inside(start[mine], start[theirs], end[theirs])]
+                if len(mine):
+                    depth, near = true_distance.nearest(start[mine], start[theirs], end[theirs])
+                    self._note_depth(step, mine, theirs[near], depth / min(size[one], size[two]),
+                                     pairs, start)
+        cut = true_distance.crossings(start, end, edges[:, :2])
+        for i, k in cut[body[cut[:, 0]] == body[cut[:, 1]]]:
+            depth = np.linalg.norm(end[i] - start[i]) / size[body[i]]
+            self._note_depth(step, np.array([i]), np.array([k]), np.array([depth]), pairs, start)
+        if len(self.boundary.gid):
+            k = int(self.boundary.gap.argmin())
+            whole = size[self.body[self.boundary.gid[k]]]
+            self.note("gap", -self.boundary.gap[k] / whole, self.boundary.xy[k], step.index)
+
+    def _note_depth(self, step, mine, theirs, depth, pairs, start) -> None:
+        """Depths of vertices (edges `mine` start there) behind the edges `theirs`."""
+        edges = self.structure.outer_edges
+        for i, k, value in zip(mine, theirs, depth):
+            labels = edges[(edges[:, :2] == edges[i, 0]).any(axis=1), 2]
+            if value <= TOUCH or any(frozenset((a, edges[k, 2])) in pairs for a in labels):
+                continue
+            two = tuple(sorted((int(edges[i, 2]), int(edges[k, 2]))))
+            self.overlaps[two] = max(self.overlaps.get(two, 0.0), float(value))
+            self.note("overlaps", value, start[i], step.index,
+                      labels=f"boundaries {two[0]} and {two[1]}")
+
+    # ---- the verdict -----------------------------------------------------------------------------
+    def summary(self) -> dict:
+        """Entry `validity` of summary.json; the same on all ranks, collective."""
+        worst = self.comm.bcast(self.worst)
+        overlaps = self.comm.bcast([[*labels, depth] for labels, depth in self.overlaps.items()])
+        grade = {name: int(w.value > QUESTIONABLE[name]) + int(w.value > INVALID[name])
+                 for name, w in worst.items()}
+        grade |= {name: int((self.parts[name] > SPOT).sum()) for name in MEASURES}
+        excess = {name: w.value / (QUESTIONABLE[name] or TOUCH) for name, w in worst.items()}
+        name = max(grade, key=lambda name: (grade[name], excess[name]))
+        entry = {measure: worst[measure].value for measure in
+                 ("largest_strain", "largest_rotation", "largest_normal_error", "normal_turn")}
+        entry |= {"overlaps": overlaps, "verdict": VERDICTS[grade[name]], "reason": ""}
+        if grade[name]:
+            entry["reason"] = self._reason(name, worst[name])
+        return entry
+
+    def _reason(self, name: str, worst: Worst) -> str:
+        """What is wrong, where, what was taken for granted and what to do."""
+        what, granted, remedy = WORDS[name]
+        remedies = "smaller loads, or start from a place nearer to the final one"
+        if worst.more.get("paired") and self.boundary.about is None:
+            remedies = "LINEARIZATION=updated, or smaller loads"
+        what = what.format(worst.value, **worst.more)
+        x, y = worst.place
+        return (f"{what} at ({x:.4g}, {y:.4g}) in step {worst.step}, but {granted}: "
+                f"{remedy.format(remedy=remedies)}")
+
+
+def _deformation(sub, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(n_t,) largest principal strain, by size, and rotation of the triangles' linear parts."""
+    gradient = np.einsum("tcj,tck->tjk", elements.hat_gradients(sub.xy[sub.triangles]),
+                         u.reshape(-1, 2)[sub.triangles])  # [t, j, k] = d u_k / d x_j
+    e11, e22 = gradient[:, 0, 0], gradient[:, 1, 1]
+    shear = (gradient[:, 0, 1] + gradient[:, 1, 0]) / 2
+    strain = np.abs(e11 + e22) / 2 + np.hypot((e11 - e22) / 2, shear)
+    return strain, (gradient[:, 0, 1] - gradient[:, 1, 0]) / 2
+
+
+def assess(problem, contact, considered: list[tuple]) -> dict:
+    """Entry `validity` for steps (step, state of the contact nodes); collective."""
+    checks = Validity(problem, contact)
+    for step, state in considered:
+        checks.check(step, state)
+    return checks.summary()

@@ -1,0 +1,66 @@
+"""Load histories between the steps: kinks and pulses that steps miss, and where to put steps."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from driver.estimates import between_steps
+
+
+def manifest(history, steps, t_end=1.0):
+    times = np.linspace(0.0, t_end, 16 * steps + 1)
+    return SimpleNamespace(steps=steps, t_end=t_end, between={"1": [history(t) for t in times]})
+
+
+def kink(t):
+    return t / 0.33 if t < 0.33 else 1 - 0.7 * (t - 0.33) / 0.67
+
+
+def pulse(t):
+    return max(0.0, 1 - abs(t - 0.47) / 0.08)
+
+
+@pytest.mark.parametrize("history, steps, step, better", [
+    (kink, 7, 3, 100), (lambda t: 1 - abs(2 * t - 1), 5, 3, 6), (pulse, 5, 3, 100),
+    (lambda t: max(0.0, t - 0.9) / 0.1, 5, 5, 10)])
+def test_what_steps_miss_is_named_with_steps_that_do_not(history, steps, step, better):
+    line, = between_steps.warnings(manifest(history, steps))
+    assert f"most in step {step}" in line
+    offered = int(line.split("STEPS=")[1].split()[0])
+    # kinks are located between samples by the lines on both sides: to a part of a sample
+    assert abs(offered - better) <= 0.06 * better
+    assert not between_steps.warnings(manifest(history, better))
+
+
+def test_smooth_histories_and_kinks_at_steps_are_no_reason_to_warn():
+    assert not between_steps.warnings(manifest(lambda t: -4 * t**2 + 5 * t, 20))
+    assert not between_steps.warnings(manifest(lambda t: 1 - abs(2 * t - 1), 20))
+    assert not between_steps.warnings(manifest(lambda t: t, 1))
+    # but fewer steps would miss them
+    assert between_steps.departures(manifest(lambda t: 1 - abs(2 * t - 1), 20), stride=4)
+    line, = between_steps.warnings(manifest(lambda t: -4 * t**2 + 5 * t, 5))
+    assert "STEPS=10 follows it better" in line
+
+
+def test_time_share_of_one_step_and_of_a_missed_pulse(solved, variant):
+    """One step of a history that comes back tells nothing of the way; its share says so."""
+    quantities = solved("model", loading="nonmonotone", cells=4, steps=1,
+                        errors="yes").summary["errors"]["quantities"]
+    true = solved("model", loading="nonmonotone", cells=4, steps=40).summary["quantities"]
+    for name in ("dissipated_energy", "slip"):
+        entry = quantities[name]
+        assert entry["time"] >= abs(entry["value"] - true[name]), name
+    # the load comes and goes between the first two of four steps
+    missed = variant("pulse", ("-4*t^2 + 5*t", "max(0., 1 - abs(t - 0.37)/0.1)"))
+    run = solved(missed, loading="nonmonotone", cells=4, steps=4, errors="yes")
+    assert any("they miss what it does there" in line for line in run.summary["warnings"])
+    entry = run.summary["errors"]["quantities"]["dissipated_energy"]
+    true = solved(missed, loading="nonmonotone", cells=4, steps=100).summary["quantities"]
+    assert entry["time"] >= abs(entry["value"] - true["dissipated_energy"])
+
+
+def test_proportional_loading_has_no_share_of_time(solved):
+    for entry in solved("model", loading="monotone", cells=4, steps=1,
+                        errors="yes").summary["errors"]["quantities"].values():
+        assert entry["time"] <= 1e-5 * abs(entry["value"])

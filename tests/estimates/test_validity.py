@@ -1,0 +1,179 @@
+"""Whether the assumptions of a run hold: distances at displaced places, strains, overlaps, words."""
+
+import numpy as np
+import pytest
+
+from driver.estimates import true_distance
+from driver.estimates.validity import INVALID, QUESTIONABLE
+
+HEAD = '''include "scene.idp"
+units("mm", "MPa");
+subdomains("2x2");
+'''
+BLOCK = HEAD + '''rectangle(0., 40., 0., 20.);
+real push = physical("push", 100.), reach = physical("reach", 0.);
+macro young() 210e3 //
+macro poisson() 0.3 //
+macro support() on(4, u1 = 0., u2 = 0.) //
+macro load1() traction(3, 0., -push) //
+macro contact() 1 //
+macro gap() reach //
+include "export.idp"
+'''
+HOOK = '''include "scene.idp"
+units("mm", "MPa");
+subdomains("6");
+quasistatic(1.);
+real push = physical("push", 3.), R = 2.;
+real h = meshSize(0.5);
+border bottom(t=0, 20) { x = t; y = 0; label = 1; }
+border nose1(t=0, 1) { x = 20 + t; y = -1.2*t; label = 6; }
+border nose2(t=0, 1) { x = 21 + t; y = -1.2*(1 - t); label = 2; }
+border tip(t=0, 2) { x = 22; y = t; label = 3; }
+border top(t=22, 0) { x = t; y = 2; label = 4; }
+border root(t=2, 0) { x = 0; y = t; label = 5; }
+body = buildmesh(bottom(20/h) + nose1(2/h) + nose2(2/h) + tip(2/h) + top(22/h) + root(2/h));
+macro young() 2200. //
+macro poisson() 0.38 //
+macro displacement1() on(5, u1 = push, u2 = 0.) //
+macro amplitude1(t) t //
+macro contact() 2 //
+macro obstacle(x, y) (sqrt((x-23.5)^2 + (y+2.5)^2) - R) //
+macro friction() 0.2 //
+include "export.idp"
+'''
+PLATES = '''include "scene.idp"
+units("mm", "MPa");
+subdomains("4");
+real down = physical("down", 0.5);
+int[int] low = [11, 12, 13, 14], high = [21, 22, 23, 24];
+addBody(square(8, 2, [8*x, 2*y], label = low))
+addBody(square(6, 2, [1 + 6*x, 2.4 + 2*y], label = high))
+macro young() 1000. //
+macro poisson() 0.3 //
+macro support() on(11, u1 = 0., u2 = 0.) //
+macro displacement1() on(23, u1 = 0., u2 = -down) //
+include "export.idp"
+'''
+
+
+@pytest.fixture(scope="module")
+def verdict(solved, tmp_path_factory):
+    """verdict(text, **options): entry `validity` of a run, its warnings and its status."""
+    folder = tmp_path_factory.mktemp("validity")
+
+    def get(text, **options):
+        path = folder / f"scene{abs(hash(text))}.edp"
+        path.write_text(text)
+        run = solved(str(path), **options)
+        return run.summary["validity"], run.summary["warnings"], run.status
+
+    return get
+
+
+# ------------------------------------------------------------------------------ distances, overlaps
+
+@pytest.mark.parametrize("sense", [1, -1])
+def test_distance_from_a_circle_by_its_feet(sense):
+    """Feet of a body round a pin, or of a pin: exact on the feet, fourth order between them, third
+    beyond their ends.
+    """
+    R, angle = 2.0, np.linspace(0.2, 1.4, 13)
+    ray = np.column_stack([np.cos(angle), np.sin(angle)])
+    curve = true_distance.obstacle(R * ray, -sense * ray)  # normals point to the obstacle
+
+    def error(at, away):
+        place = (R + away) * np.column_stack([np.cos(at), np.sin(at)])
+        distance, normal = curve.distance(place)
+        assert np.all((normal * place).sum(axis=1) * sense > 0)  # to the body
+        return np.abs(distance - sense * away).max()
+
+    assert error(np.linspace(0.2, 1.4, 100), 0.0) < R * 0.1**4
+    assert error(np.linspace(0.2, 1.4, 100), 0.1) < R * 0.1**3
+    beyond = np.array([0.1, 1.5])
+    assert error(beyond, 0.0) < R * 0.1**3
+
+
+def test_feet_that_do_not_follow_one_another_make_no_curve():
+    foot = np.array([[0.0, 0.0], [1.0, 0.0], [0.5, 0.0]])
+    curve = true_distance.obstacle(foot, np.tile([0.0, -1.0], (3, 1)))
+    assert len(curve.start) == 1
+    assert true_distance.obstacle(foot[:1], foot[:1]) is None
+
+
+def test_points_in_polygons_and_crossing_edges():
+    corner = np.array([[0.0, 0], [2, 0], [2, 1], [0, 1]])
+    start, end = corner, np.roll(corner, -1, axis=0)
+    assert true_distance.inside(np.array([[1, 0.5], [3, 0.5], [1, 1.5]]), start, end).tolist() == [
+        True, False, False]
+    depth, edge = true_distance.nearest(np.array([[1, 0.9]]), start, end)
+    assert depth[0] == pytest.approx(0.1) and edge[0] == 2
+    ends = np.array([[0, 1], [1, 2], [2, 3], [3, 0]])
+    assert len(true_distance.crossings(start, end, ends)) == 0
+    bow = corner[[0, 2, 1, 3]]
+    assert true_distance.crossings(bow, np.roll(bow, -1, axis=0), ends).tolist() in ([[0, 2]],
+                                                                                    [[2, 0]])
+
+
+# ------------------------------------------------------------------------------ runs
+
+def test_a_stiff_block_is_ok(verdict):
+    entry, warnings, status = verdict(BLOCK)
+    assert entry["verdict"] == "ok" and entry["reason"] == "" and status == 0
+    assert not any("results are" in line for line in warnings)
+    # an elastic block under 100 MPa: strains of its size over E
+    assert 100 / 210e3 / 2 < entry["largest_strain"] < 20 * 100 / 210e3
+
+
+def test_strains_grow_with_the_load_until_they_are_large(verdict):
+    """Linear: a load 1e6 times as large has 1e6 times the strains, the same tractions and no
+    meaning.
+    """
+    small, _, _ = verdict(BLOCK)
+    large, warnings, status = verdict(BLOCK, push=1e8)
+    assert status == 0 and large["verdict"] == "invalid"
+    assert large["largest_strain"] == pytest.approx(1e6 * small["largest_strain"], rel=1e-3)
+    line, = (line for line in warnings if "results are invalid" in line)
+    assert "in step 1" in line and " at (" in line and "smaller loads" in line
+
+
+def test_a_gap_of_the_wrong_unit_is_said(verdict):
+    entry, _, status = verdict(BLOCK, reach=-1e6)
+    assert entry["verdict"] == "invalid" and status == 0
+
+
+def test_a_hook_past_a_ramp_leaves_the_obstacle_that_it_met(verdict):
+    """Pushed by 3 mm round a radius of 2 mm: linear contact has no idea of the ramp any more."""
+    entry, warnings, status = verdict(HOOK)
+    assert status == 0 and entry["verdict"] == "invalid"
+    assert entry["largest_normal_error"] > INVALID["largest_normal_error"]
+    assert any("off the surface" in line for line in warnings)
+    entry, _, _ = verdict(HOOK, push=0.3)  # it touches after 0.24 mm
+    assert entry["largest_normal_error"] < QUESTIONABLE["largest_normal_error"]
+
+
+def test_bodies_through_each_other_are_named(verdict):
+    entry, warnings, status = verdict(PLATES)
+    assert status == 0
+    # the corners are 0.1 deep in a plate of length 6, but for the plate's own change of shape
+    (one, two, depth), = [row for row in entry["overlaps"] if row[:2] == [13, 21]]
+    assert depth == pytest.approx(0.1 / 6, rel=0.3)
+    assert any("boundaries" in line and "overlap" in line for line in warnings)
+    entry, _, _ = verdict(PLATES, down=0.39)
+    assert entry["overlaps"] == [] and entry["verdict"] == "ok"
+
+
+def test_rigid_motion_of_a_free_body_is_no_strain(solved):
+    """The blocks of hard/slope glide down as a whole."""
+    run = solved("slope")
+    entry = run.summary["validity"]
+    assert entry["verdict"] == "ok" and entry["largest_strain"] < 1e-5
+
+
+@pytest.mark.parametrize("scene", ["bar", "hertz-bodies", "pin", "pressfit", "stack", "tutorial",
+                                   "wedge", "zones"])
+def test_scenes_that_ship_are_ok(solved, scene):
+    entry = solved(scene).summary["validity"]
+    assert entry["verdict"] == "ok"
+    # rounding or, on curved boundaries, slip times slope: no part of what polygons lack of curves
+    assert entry["largest_normal_error"] < 1e-3

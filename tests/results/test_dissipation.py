@@ -1,0 +1,89 @@
+"""Work of friction in time steps of any length, against integrals of s |du_t| by hand."""
+
+import numpy as np
+import pytest
+
+from driver.contact.states import ContactField as C
+from driver.results.dissipation import Dissipation
+
+F = 0.3
+
+
+def march(times, pressure, u_t, gap=0.0, opening=None, start=0.0):
+    """Work over `times` of a sliding node of weight 2 with these histories, functions of time."""
+    of = Dissipation(np.array([2.0]), np.array([gap]), None if start is None else np.array([start]))
+    total, last = 0.0, u_t(0.0)
+    for time in times:
+        p, moved = pressure(time), u_t(time) - last
+        away = opening(time) if opening else 0.0
+        state = {C.U_N: gap - away, C.SLIP: moved, C.BOUND: F * p,
+                 C.SIGMA_T: -F * p * np.sign(moved)}
+        total += of.add(time, {name: np.array([value]) for name, value in state.items()}).sum()
+        last = u_t(time)
+    return total
+
+
+@pytest.mark.parametrize("steps", [1, 2, 7])
+def test_proportional_loading_is_exact_with_any_number_of_steps(steps):
+    times = np.linspace(0, 1, steps + 1)[1:]
+    assert march(times, lambda t: 10 * t, lambda t: 4 * t) == pytest.approx(2 * F * 20, rel=1e-14)
+
+
+def test_constant_pressure_from_a_preload_is_exact():
+    assert march([0.4, 1.0], lambda t: 10, lambda t: -t, start=None) == pytest.approx(2 * F * 10)
+
+
+def test_second_order_in_the_step():
+    def error(steps):
+        # int F (1 + t^2) dt over [0, 1] = 4/3 F
+        times = np.linspace(0, 1, steps + 1)[1:]
+        return march(times, lambda t: 1 + t**2, lambda t: t, start=F) / (2 * F * 4 / 3) - 1
+
+    assert error(8) / error(16) == pytest.approx(4.0, rel=0.05)
+
+
+@pytest.mark.parametrize("steps", [3, 4, 7, 40])
+def test_touching_and_opening_inside_a_step(steps):
+    """A node comes at a constant rate, touches at 0.45, leaves at 0.85, and slides all the way.
+
+    Pressure is linear in time on both sides, so that only the step in which it turns errs.
+    """
+    def pressure(t):
+        return max(0.0, min(t - 0.45, 0.85 - t))
+
+    def opening(t):
+        return max(0.45 - t, t - 0.85, 0.0)
+
+    times = np.linspace(0, 1, steps + 1)[1:]
+    work = march(times, pressure, lambda t: t, gap=0.45, opening=opening)
+    step = 1 / steps
+    # area of the triangle; the trapezoid cuts at most a triangle step x step/2 off its tip, and
+    # where that turns in the last step before the opening, half of step x step/2 is not known
+    assert abs(work - 2 * F * 0.04) <= 2 * F * step**2 / 2 + 1e-12
+
+
+def test_touching_counts_from_the_moment_of_touch():
+    times = np.linspace(0, 1, 5)[1:]  # touches at 0.6, between 0.5 and 0.75
+    work = march(times, lambda t: max(0.0, t - 0.6), lambda t: 3 * t, gap=0.6,
+                 opening=lambda t: max(0.6 - t, 0.0))
+    assert work == pytest.approx(2 * F * 3 * 0.4**2 / 2, rel=1e-12)
+
+
+def test_what_sticks_takes_nothing():
+    of = Dissipation(np.ones(1), np.zeros(1), np.zeros(1))
+    one = {C.U_N: 0.0, C.SLIP: 1e-9, C.BOUND: 3.0, C.SIGMA_T: -2.9}
+    assert of.add(1.0, {name: np.array([value]) for name, value in one.items()}) == 0.0
+
+
+def test_what_opens_counts_until_it_does():
+    """Pressure falls from 1 to zero at 0.6, between two of 4 steps, while the node slides on."""
+    times = np.linspace(0, 1, 5)[1:]
+    work = march(times, lambda t: max(0.0, 1 - t / 0.6), lambda t: t, start=F,
+                 opening=lambda t: max(t - 0.6, 0.0))
+    assert work == pytest.approx(2 * F * 0.6 / 2, rel=1e-12)
+
+
+def test_loads_that_stand_from_the_start_press_in_the_first_step_already(solved):
+    """The wedge is driven under a load that does not change: as much work in few steps."""
+    few, many = (solved("wedge", h=4, steps=steps).summary["dissipated"] for steps in (4, 16))
+    assert few == pytest.approx(many, rel=2e-3)  # with half of the first step's: 12 % less
