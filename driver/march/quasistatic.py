@@ -17,7 +17,7 @@ from dataclasses import asdict
 import numpy as np
 from mpi4py import MPI
 
-from ..contact.kkt import Scales, kkt_residuals
+from ..contact.kkt import FADED, Scales, kkt_residuals
 from ..contact.rows import contact_rows
 from ..effects import Effects
 from ..errors import DriverError, NotConverged
@@ -294,23 +294,26 @@ class QuasistaticSolver:
         """Norm of the contact forces that the preconditioner finds missing, over that of all.
 
         The inverse of F, for which it stands, makes stiff parts of the body count by their
-        stiffness. Without forces at the contact all multipliers count; without a preconditioner it
-        is the projected gradient relative to what the QP's tolerance is.
+        stiffness. Where contact forces are nothing beside the body's, these count by FADED: its
+        multipliers, and the least forces that make the displacements to be overcome. Without a
+        preconditioner it is the projected gradient relative to what the QP's tolerance is.
         """
-        op, rows, qp = self.operator, self.rows, self.qp
+        op, rows, qp, scales = self.operator, self.rows, self.qp, self.scales
         limits = rows.limits(op.owned, x)
         projected = projected_gradient(x, gradient, *limits)
         if qp.preconditioner is None:
-            return qp.size(projected) / (self.scales.d or 1.0)
+            return qp.size(projected) / (scales.d or 1.0)
         # with the rows that would leave their bounds
         free = (x != limits[0]) & (x != limits[1]) | (projected != 0)
         missing = qp.preconditioner(np.where(free, projected, 0.0), free)
         contact = np.ones(op.owned)
         contact[rows.gluing] = 0.0
-        self.scales.renew(pressing=np.sqrt(op.dot(contact * x, x)), forces=np.sqrt(op.dot(x, x)))
-        if self.scales.pressing > 0:
-            return np.sqrt(op.dot(contact * missing, missing)) / self.scales.pressing
-        return np.sqrt(op.dot(missing, missing)) / (self.scales.forces or 1.0)
+        if not op.dot(contact, contact):
+            contact[:] = 1.0
+        scales.renew(pressing=np.sqrt(op.dot(contact * x, x)), forces=np.sqrt(op.dot(x, x)))
+        others = max(scales.forces, scales.largest.get("forces", 0.0), scales.d / qp.bound)
+        size = max(scales.pressing, FADED * others)
+        return np.sqrt(op.dot(contact * missing, missing)) / (size or 1.0)
 
     # ---- checkpoints ---------------------------------------------------------------------------
     def _carried(self) -> dict[str, np.ndarray]:
