@@ -144,7 +144,8 @@ RUNS = (
 
 # numerical parameters of scenes, which FreeFEM checks
 MESHES = (
-    Option("subdomains", text("NxM|n|auto|piece"), None, EXPORT, MESHING, "structured cut, number of "
+    Option("subdomains", text("NxM|n|auto|piece"), None, EXPORT, MESHING,
+           "structured cut, number of "
            "parts by the graph partitioner, or parts as the scene numbers them", "the scene's"),
     Option("cells", text("n"), None, EXPORT, MESHING,
            "cells along a subdomain's side; of scenes on rectangles", "the scene's"),

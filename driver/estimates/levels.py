@@ -228,7 +228,8 @@ class Companions:
             runs.append([self._values(mesh, self._stride(2)) for mesh in self.meshes[1:]])
         parts = self._parts("mesh", runs, self.ratios)
         value, part = self.values["displacement"], parts["displacement"]
-        if part.error is not None and part.error <= ROUNDING * value and self.meshes[0] != self.base:
+        unseen = part.error is not None and part.error <= ROUNDING * value
+        if unseen and self.meshes[0] != self.base:
             # that of a support: no mesh tells when a place between the supports moves by more
             parts["displacement"] = Part(UNSEEN * value)
         return parts

@@ -73,7 +73,8 @@ class Curve:
 def obstacle(foot: np.ndarray, normal: np.ndarray, joined=True) -> Curve | None:
     """The curve through feet (k, 2) in their order; `normal` (k, 2) points to the obstacle.
 
-    `joined` (k - 1,): whether the nodes of neighbouring feet are neighbours on the boundary. None where fewer than two feet follow one another.
+    `joined` (k - 1,): whether the nodes of neighbouring feet are neighbours on the boundary. None
+    where fewer than two feet follow one another.
     """
     if len(foot) < 2:
         return None

@@ -45,12 +45,8 @@ class Dissipation:
         if start is not None:
             self.last = Moment(0.0, start, np.maximum(gap, 0.0))
 
-    def add(self, time: float, state: dict) -> float:
-        """Work of friction in the step that ends at `time`, in stress x length^2; see `density`."""
-        return float(self.density(time, state) @ self.weight)
-
-    def density(self, time: float, state: dict) -> np.ndarray:
-        """(n,) work per length in the step that ends at `time`, in stress x length.
+    def add(self, time: float, state: dict) -> np.ndarray:
+        """(n,) work of friction at the nodes in the step that ends at `time`, stress x length^2.
 
         `state`: arrays (n,) of every `ContactField` at its end.
         """
@@ -70,7 +66,7 @@ class Dissipation:
         # what opens is on no bound any more: it slid the way it went
         way = np.where(opens, np.abs(slip), np.where(slides, -np.sign(sigma_t) * slip, 0.0))
         self.before, self.last = last, now
-        return part * way * (last.bound + bound) / 2
+        return part * way * (last.bound + bound) / 2 * self.weight
 
     def _until_zero(self, time: float, name: str) -> np.ndarray:
         """(n,) part of the step to `time` after which a quantity has fallen to zero.
@@ -87,9 +83,15 @@ class Dissipation:
         return np.where(falls, parts, UNKNOWN)
 
 
-def start(effects, law, weight: np.ndarray) -> np.ndarray | None:
+def start(effects, law, weight: np.ndarray, amplitudes: np.ndarray) -> np.ndarray | None:
     """(n,) friction bounds at time 0 as `Dissipation` takes them, of a run with `effects`.
 
-    `law` is the ContactLaw of the nodes, which carry nothing at time 0 unless there is a preload.
+    `law` is the ContactLaw of the nodes, `amplitudes` (steps + 1, patterns) are the factors of the
+    loads. The nodes carry nothing at time 0 unless there is a preload, or loads that stand there
+    while others begin to grow.
     """
-    return None if "preload" in effects else law.friction_bound(np.zeros(len(weight))) / weight
+    begin, first = amplitudes[:2]
+    stands = begin.any() and not np.array_equal(begin, first)
+    if "preload" in effects or stands:
+        return None
+    return law.friction_bound(np.zeros(len(weight))) / weight

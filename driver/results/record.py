@@ -21,11 +21,11 @@ class Record:
         self.labels, self.shares = label_shares(operator.structure)
         self.states = {name: [] for name in ContactField}  # one array (n_c,) a step
         self.displacements = []  # the largest of the body, one number a step
-        self.densities, self.work = [], []  # of friction's work: (n_c,), one number a step
+        self.work = []  # of friction, one array (n_c,) a step
         b = self.contact.boundary
         self.dissipation = None
         if self.effects.frictional:
-            bound = start(self.effects, solver.law, b.weight)
+            bound = start(self.effects, solver.law, b.weight, solver.amplitudes)
             self.dissipation = Dissipation(b.weight, b.gap, bound)
 
     def add(self, step: Step) -> tuple[list[np.ndarray], dict[str, np.ndarray]]:
@@ -34,11 +34,8 @@ class Record:
         state = self.contact.evaluate(step, fields)
         for name, column in self.states.items():
             column.append(state[name])
-        density = np.zeros(len(state[ContactField.SLIP]))
         if self.dissipation:
-            density = self.dissipation.density(step.time, state)
-        self.densities.append(density)
-        self.work.append(float(density @ self.contact.boundary.weight))
+            self.work.append(self.dissipation.add(step.time, state))
         whole = self.operator.with_travel(fields, step.weights)
         squares = np.concatenate([np.zeros(2), *whole]).reshape(-1, 2) ** 2
         largest = float(np.sqrt(squares.sum(axis=1).max()))
