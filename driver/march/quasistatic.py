@@ -17,14 +17,14 @@ from dataclasses import asdict
 import numpy as np
 from mpi4py import MPI
 
-from ..contact.kkt import FADED, Scales, kkt_residuals
+from ..contact.kkt import Scales, kkt_residuals
 from ..contact.rows import contact_rows
 from ..effects import Effects
 from ..errors import DriverError, NotConverged
 from ..feti.dual_problem import DualProblem
 from ..options import Settings
 from ..qp.mprgp import projected_gradient
-from . import globalization
+from . import globalization, outlook
 from .condensation import Condensation
 from .corner_states import CornerStates
 from .fixed_point import FixedPoint
@@ -36,8 +36,6 @@ from .uniqueness import CHANGING, Uniqueness, worthwhile
 
 CANCELLED = 1e-8  # part of the extent below which deformation is rounding: contact takes the loads
 SETTLINGS = 5  # of bodies without support, whose multipliers follow, in a step
-NOTHING = 1e-9  # part of a load below which another one is none
-FORESEEN = 10.0  # times later loads over a step's, if below 1: part of the step's tolerances
 LAST_PART = 1e-6  # of tolerances, below which tightening must at least halve the residuals
 CARRIED = ("counts", "residuals", "steps", "warnings", "contraction", "seconds")  # of a History
 
@@ -116,7 +114,9 @@ class QuasistaticSolver:
             raise StepFailed(problem) from None
         if index == 1 and not self.motion.any():
             self.motion = rest
-        last, growth = self.multipliers, self._growth(index)
+        last, growth = self.multipliers, 0.0
+        if self.settings.predictor == "load":
+            growth = outlook.growth(self.amplitudes, index)
         sliding = self.rows.sliding(last, self.rows.friction_bound(last))
         start = self.rows.pressing(last + growth * (last - self.older))
         motion = self.motion + growth * (self.motion - self.older_motion)
@@ -150,19 +150,6 @@ class QuasistaticSolver:
         d = self.operator.rigid_response(weights)
         d[self.rows.tangential] = 0.0
         return self.qp.size(self.operator.elastic_response(weights) + d)
-
-    def _growth(self, index: int) -> float:
-        """Change of the load over its last change: by it the last change of multipliers goes on.
-
-        Exact as long as the response is proportional to the load (a contact zone that is not
-        changing under loading); on reversal the step starts from the previous one.
-        """
-        if self.settings.predictor == "previous" or index < 2:
-            return 0.0
-        older, last, new = self.amplitudes[index - 2 : index + 1]
-        before, now = last - older, new - last
-        size = before @ before
-        return min(max(now @ before / size, 0.0), 2.0) if size > 0 else 0.0
 
     def _record(self, step: Step) -> None:
         counts, worst = self.history.counts, self.history.residuals
@@ -226,7 +213,9 @@ class QuasistaticSolver:
         of free bodies below `friction_rtol`. Raises Unfinished where that is not reached.
         """
         qp, settings, best, stop = self.qp, self.settings, np.inf, None
-        of_qp = of_friction = self._foresight(index)  # parts of the tolerances
+        of_qp = of_friction = 1.0  # parts of the tolerances
+        if self.largest_friction:
+            of_qp = of_friction = outlook.foresight(self.loads, index)
         while True:
             qp.aim(of_qp)
             try:
@@ -252,18 +241,6 @@ class QuasistaticSolver:
             of_qp *= tighter
             if max(excess["gluing"], excess["penetration"]) <= 1:  # not QPs alone are to blame
                 of_friction *= tighter
-
-    def _foresight(self, index: int) -> float:
-        """Part of the tolerances, 1 but before loads that are less than a tenth of the step's.
-
-        Friction carries slip from a step to all later ones: what is nothing to a spike of the load
-        may be more than they bring about. Steps without load ask for nothing.
-        """
-        if not self.largest_friction:
-            return 1.0
-        own, *later = self.loads[index - 1 :]
-        least = min((load / own for load in later if load > NOTHING * own > 0), default=1.0)
-        return min(1.0, FORESEEN * max(least, FADED))
 
     def _asked(self, name: str) -> float:
         """The largest residual of this name with which a step has converged."""
