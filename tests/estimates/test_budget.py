@@ -162,7 +162,8 @@ def test_parts_answer_to_their_own_knob(solved, source, change):
     own = size(other, source) / size(plain, source) if size(plain, source) > 0 else np.inf
     assert own < 0.5 if source in ("mesh", "time") else own > 2.0
     for kept in {"mesh", "time"} - {source}:
-        assert size(other, kept) == pytest.approx(size(plain, kept), rel=0.5), kept
+        # a disturbance may make a sequence of three turn back, which is another rule
+        assert 0.2 < size(other, kept) / size(plain, kept) < 5, kept
     for kept in {"friction", "solver"} - {source}:
         assert size(other, kept) < 0.01 * (size(plain, "mesh") + size(plain, "time")), kept
 
