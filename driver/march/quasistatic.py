@@ -206,9 +206,9 @@ class QuasistaticSolver:
 
     def _settled(self, index: int, load: Load, x, gradient, sliding, trace: Trace):
         """As `_earned`, with bodies without support where their forces move them least."""
-        for left in range(SETTLINGS, -1, -1):
+        for left in range(SETTLINGS if self.operator.modes else 0, -1, -1):
             x, gradient, moved, residuals = self._earned(index, load, x, gradient, sliding, trace)
-            if not self.operator.modes or not left:
+            if not left:
                 break
             gradient = gradient - self.bodies.settle(load, x, gradient)
             residuals = self._residuals(load, x, gradient)
@@ -232,11 +232,10 @@ class QuasistaticSolver:
             try:
                 x, gradient, sliding = self.corners.find(
                     index, load, x, gradient, sliding, trace, of_friction * settings.friction_rtol)
-            except Unfinished as failure:
+            except Unfinished as failed:
                 if of_qp == 1.0:
                     raise
-                # tighter than rounding allows: what there is may do
-                x, gradient, stop = failure.x, failure.gradient, failure.error
+                x, gradient, stop = failed.x, failed.gradient, failed.error  # it may do
                 sliding = self.rows.sliding(x, self.rows.friction_bound(x))
             x, gradient, moved = self._into_cone(load.d, x, gradient, sliding)
             residuals = self._residuals(load, x, gradient)
@@ -248,8 +247,7 @@ class QuasistaticSolver:
             if stop or of_qp <= LAST_PART and worst > 0.5 * best:
                 raise Unfinished(NotConverged(
                     f"step {index}: the {name} residual stays at {residuals[name]:.1e}, above the "
-                    f"{self._asked(name):.0e} that was asked for: QPs and fixed point cannot be "
-                    "solved any further"), x, gradient)
+                    f"{self._asked(name):.0e} that was asked for"), x, gradient)
             best, tighter = min(best, worst), min(0.1, 0.3 / worst)
             of_qp *= tighter
             if max(excess["gluing"], excess["penetration"]) <= 1:  # not QPs alone are to blame
@@ -264,8 +262,8 @@ class QuasistaticSolver:
         if not self.largest_friction:
             return 1.0
         own, *later = self.loads[index - 1 :]
-        ratio = min((load / own for load in later if load > NOTHING * own > 0), default=1.0)
-        return min(1.0, FORESEEN * max(ratio, FADED))
+        least = min((load / own for load in later if load > NOTHING * own > 0), default=1.0)
+        return min(1.0, FORESEEN * max(least, FADED))
 
     def _asked(self, name: str) -> float:
         """The largest residual of this name with which a step has converged."""
@@ -307,11 +305,10 @@ class QuasistaticSolver:
     def _residuals(self, load: Load, x, gradient) -> dict:
         """KKT residuals of the step's state."""
         op = self.operator
-        self.scales.renew(displacement=max(op.deformation(x, load.weights),
-                                           CANCELLED * load.extent))
-        residuals = {"stationarity": self._missing(x, gradient),
-                     **kkt_residuals(self.rows, x, gradient, self.qp.stiffer, self.scales,
-                                     op.comm)}
+        deformation = max(op.deformation(x, load.weights), CANCELLED * load.extent)
+        self.scales.renew(displacement=deformation)
+        kkt = kkt_residuals(self.rows, x, gradient, self.qp.stiffer, self.scales, op.comm)
+        residuals = {"stationarity": self._missing(x, gradient), **kkt}
         if op.modes:
             residuals["equilibrium"] = self.bodies.imbalance(load, x)
         return residuals
@@ -403,5 +400,4 @@ class QuasistaticSolver:
         kinds, residuals = state["log_kind"].tolist(), state["log_residual"].tolist()
         history.log.extend(zip(*numbers, kinds, residuals))
         history.fallbacks.steps = state["fallbacks"]
-        for name in CARRIED:
-            setattr(history, name, state["history"][name])
+        vars(history).update(state["history"])

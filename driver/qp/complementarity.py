@@ -119,7 +119,8 @@ def _complementary(problem: CoulombProblem, scale: np.ndarray, size: float):
     """
     n, m, rows = problem.n, problem.m, np.arange(problem.rows)
     C, d = problem.compliance * np.outer(scale, scale), problem.load * scale
-    pulls, rest = np.flatnonzero(problem.bilateral), rows[np.append(~problem.bilateral, [True] * m)]
+    pulls = np.flatnonzero(problem.bilateral)
+    rest = rows[np.append(~problem.bilateral, np.ones(m, bool))]
     k, u = len(pulls), len(rest) - m
     # lambda_n = given - answer @ those of the rest
     right = np.column_stack([d[pulls], C[pulls][:, rest]])

@@ -11,6 +11,7 @@ from ..contact.states import OPEN, SLIP, ContactField
 from .quantities import chains, contact_length, longest_way, peak, traction
 from .tables import BOUNDARIES
 
+WORK = "work"  # of friction, beside the names of ContactField
 NODES = ("xy", "arc", "chain", "weight", "gap", "paired", "middle")
 
 
@@ -24,6 +25,8 @@ def boundary_rows(record, states: dict[str, np.ndarray],
     if not record.effects.frictional:
         closed = states[ContactField.STATUS] != OPEN
         states = states | {ContactField.STATUS: np.where(closed, SLIP, OPEN)}
+    work = np.array(record.work) if record.work else np.zeros(states[ContactField.SLIP].shape)
+    states = states | {WORK: work}
     tables = [_one_boundary(record.contact.boundary, states, int(label), share)
               for label, share in zip(record.labels, record.shares)]
     names = [str(column.name) for column in BOUNDARIES]
@@ -41,7 +44,7 @@ def _one_boundary(boundary, states: dict[str, np.ndarray], label: int,
     normal, tangential = boundary.normal[own], boundary.tangent[own]
     pressure, shear = -states[ContactField.SIGMA_N], states[ContactField.SIGMA_T]
     force = (shear * weight) @ tangential - (pressure * weight) @ normal
-    dissipated = np.cumsum(-(shear * states[ContactField.SLIP]) @ weight)
+    dissipated = np.cumsum(states[WORK] @ share[own])
     rows = []
     for k in range(len(pressure)):
         so_far = {name: column[: k + 1] for name, column in states.items()}

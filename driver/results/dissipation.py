@@ -45,8 +45,8 @@ class Dissipation:
         if start is not None:
             self.last = Moment(0.0, start, np.maximum(gap, 0.0))
 
-    def add(self, time: float, state: dict) -> float:
-        """Work of friction in the step that ends at `time`, in stress x length^2.
+    def add(self, time: float, state: dict) -> np.ndarray:
+        """(n,) work of friction at the nodes in the step that ends at `time`, stress x length^2.
 
         `state`: arrays (n,) of every `ContactField` at its end.
         """
@@ -66,7 +66,7 @@ class Dissipation:
         # what opens is on no bound any more: it slid the way it went
         way = np.where(opens, np.abs(slip), np.where(slides, -np.sign(sigma_t) * slip, 0.0))
         self.before, self.last = last, now
-        return float((part * way * (last.bound + bound) / 2) @ self.weight)
+        return part * way * (last.bound + bound) / 2 * self.weight
 
     def _until_zero(self, time: float, name: str) -> np.ndarray:
         """(n,) part of the step to `time` after which a quantity has fallen to zero.

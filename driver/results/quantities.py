@@ -34,7 +34,7 @@ def quantities(effects, nodes: dict, steps: dict, displacement) -> tuple[dict[st
 
     `nodes` holds the columns xy (n, 2), arc, weight, gap, chain, paired and middle (n,) of the
     contact nodes, sorted by chain and arc; `steps` the columns u_n, slip, sigma_n, sigma_t and
-    status (steps, n) and, with friction, its `work` (steps,) from dissipation.py; `displacement`
+    status (steps, n) and, with friction, its `work` (steps, n) from dissipation.py; `displacement`
     (steps,) the largest displacement in the body. All as in contact.csv and history.csv, status as
     its code.
     """

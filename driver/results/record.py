@@ -21,7 +21,7 @@ class Record:
         self.labels, self.shares = label_shares(operator.structure)
         self.states = {name: [] for name in ContactField}  # one array (n_c,) a step
         self.displacements = []  # the largest of the body, one number a step
-        self.work = []  # of friction, one number a step
+        self.work = []  # of friction, one array (n_c,) a step
         b = self.contact.boundary
         self.dissipation = None
         if self.effects.frictional:
@@ -34,7 +34,8 @@ class Record:
         state = self.contact.evaluate(step, fields)
         for name, column in self.states.items():
             column.append(state[name])
-        self.work.append(self.dissipation.add(step.time, state) if self.dissipation else 0.0)
+        if self.dissipation:
+            self.work.append(self.dissipation.add(step.time, state))
         whole = self.operator.with_travel(fields, step.weights)
         squares = np.concatenate([np.zeros(2), *whole]).reshape(-1, 2) ** 2
         largest = float(np.sqrt(squares.sum(axis=1).max()))

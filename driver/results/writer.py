@@ -73,7 +73,7 @@ class Writer:
     @property
     def dissipated(self) -> float:
         """Work that friction has taken in the steps so far."""
-        return sum(self.record.work)
+        return float(np.sum(self.record.work))
 
     @property
     def balance(self) -> float:

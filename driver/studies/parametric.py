@@ -202,7 +202,7 @@ def _solve(problem, settings, near: np.ndarray | None) -> tuple[Outcome, np.ndar
         fields = _fields(operator, solver.rows, step, u_t)
         u_t = fields["u_t"]
         row = _quantities(contact, shares, fields)
-        dissipated = friction.add(step.time, fields)
+        dissipated = float(friction.add(step.time, fields).sum())
         dissipated += history[-1]["dissipated"] if history else 0.0
         history.append({"step": step.index, "time": step.time, **row, "dissipated": dissipated,
                         "fixed_point_iterations": step.fixed_point_iterations,

@@ -10,7 +10,7 @@ from driver.feti.numbering import fixed_dofs
 
 
 def subdomain(nodes, fixed, values):
-    """Nodes with their numbers in the body, dofs numbered node by node, values (patterns, fixed)."""
+    """Nodes with their numbers in the body, dofs node by node, values (patterns, fixed)."""
     dof = np.arange(2 * len(nodes))
     return SimpleNamespace(node_gid=np.array(nodes), dof_node=dof // 2, dof_component=dof % 2,
                            fixed=np.array(fixed), fixed_values=np.array(values, float))

@@ -11,7 +11,7 @@ from driver.files import read_rows
 from driver.hard import generator, judgement, laws, random, refusal, suite
 from driver.hard.shapes import block, disc, lattice, split, with_hole
 
-SEED = 3010  # the scenes of the default tests begin here
+SEED = 3007  # the scenes of the default tests begin here
 RANKED = (3011, 3016)  # of them those that also run on two ranks, which takes a second each
 
 

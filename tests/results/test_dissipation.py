@@ -18,7 +18,7 @@ def march(times, pressure, u_t, gap=0.0, opening=None, start=0.0):
         away = opening(time) if opening else 0.0
         state = {C.U_N: gap - away, C.SLIP: moved, C.BOUND: F * p,
                  C.SIGMA_T: -F * p * np.sign(moved)}
-        total += of.add(time, {name: np.array([value]) for name, value in state.items()})
+        total += of.add(time, {name: np.array([value]) for name, value in state.items()}).sum()
         last = u_t(time)
     return total
 
