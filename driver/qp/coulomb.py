@@ -29,6 +29,7 @@ import numpy as np
 from scipy.linalg import lapack
 
 ROUNDING = 1e-9  # relative violation of the law that rounding of small dense systems may leave
+ROUNDED = 1e-5  # part of any load that counts as a force: times ROUNDING that of rounding
 SINGULAR = 1e-10  # ratio of the least to the largest pivot of a system that may be singular
 CONSISTENT = 1e-6  # relative residual below which a singular system may have solutions
 SLIGHT = 1e-9  # part of a motion's reach below which rows do not feel it
@@ -177,13 +178,14 @@ class CoulombProblem:
         """Violation of the law at z, relative to the largest force; inf for NaN.
 
         Forces are those at z, of overlaps that the load alone would make, and of motions. Openings
-        may be of any size and take no force.
+        may be of any size and take no force: they count by what their rounding is worth.
         """
         x, move = z[: self.rows], self.movement(z)
         work = np.abs(self.balance / self.reach).max(initial=0)
         overlap = self.load[: self.n]
         overlap = np.where(self.bilateral, np.abs(overlap), np.maximum(overlap, 0.0))
-        load = (self.rigidity[: self.n] * overlap).max(initial=0)
+        load = max((self.rigidity[: self.n] * overlap).max(initial=0),
+                   ROUNDED * np.abs(self.rigidity * self.load).max(initial=0))
         force = max(np.abs(x).max(initial=0), load, work)
         if not np.isfinite(force) or force == 0:
             return 0.0 if force == 0 else np.inf
