@@ -117,8 +117,8 @@ class Search:
         """Part of what is allowed that the time step may take."""
         return TIME if self.stride > 1 else LAST
 
-    def _in_time(self, runs: list[dict], part: float = TIME) -> bool:
-        """Whether the time steps of the last run err by a `part` of what is allowed at most.
+    def _in_time(self, runs: list[dict]) -> bool:
+        """Whether the time steps of the last run err by TIME of what is allowed at most.
 
         Each of `runs` has twice as many steps as the one before; sets their part of the error.
         """
@@ -127,7 +127,7 @@ class Search:
                                              [2.0] * (len(last) - 1),
                                              formal_order("time", "", q), value, True)
                               for q, value in last[0].items()}
-        return self.parts["time"][self.name].error <= part * self.asked * abs(last[0][self.name])
+        return self.parts["time"][self.name].error <= TIME * self.asked * abs(last[0][self.name])
 
     def _memoryless(self, size) -> bool:
         """Whether one step gives the quantity because the end does not depend on the way to it."""
@@ -152,12 +152,10 @@ class Search:
         self._choose_steps(size, 1)
         self.stride = min(self.stride, before // 2)
 
-    def _enough_steps(self, size) -> bool:
-        """Whether the time step's part is small enough on a finer mesh, against half the steps."""
-        if "time" not in self.parts or self.stride == self.total:
-            return True
-        runs = [self._values(size, 2 * self.stride), self._values(size)]
-        return self._in_time(runs, self._time_share)
+    def _renew_time(self, size) -> None:
+        """The time step's part of the error on a finer mesh, against half the steps."""
+        if "time" in self.parts and self.stride < self.total:
+            self._in_time([self._values(size, 2 * self.stride), self._values(size)])
 
     def _name(self, values: dict) -> str:
         """The quantity asked for; raises InputError if the scene has no such."""
@@ -270,7 +268,8 @@ class Search:
             self._refuse_zero()
             allowed = self.asked * abs(entry["value"])
             met = len(self.sizes) > 2 and entry["total"] is not None and entry["total"] <= allowed
-            if met and not self._tighten(self.sizes[-2]) and self._enough_steps(self.sizes[-2]):
+            if met and not self._tighten(self.sizes[-2]):
+                self._renew_time(self.sizes[-2])
                 entry = self.budget()[self.name]
                 met = entry["total"] <= allowed
                 if met:
