@@ -32,7 +32,7 @@ from .friction_qp import FrictionQP
 from .slip import SlipState
 from .step import History, Load, Step, StepFailed, Trace, Unfinished
 from .supported import SupportedBodies
-from .uniqueness import CHANGING, Uniqueness, worthwhile
+from .uniqueness import CHANGING, Uniqueness, too_many, worthwhile
 
 CANCELLED = 1e-8  # part of the extent below which deformation is rounding: contact takes the loads
 SETTLINGS = 5  # of bodies without support, whose multipliers follow, in a step
@@ -255,11 +255,8 @@ class QuasistaticSolver:
             return
         if not worthwhile(choice, nodes, self.largest_friction, self.doubtful):
             return
-        if self.effects.coefficient_changes:
-            search.failure = CHANGING
-            return
-        if nodes > globalization.CONDENSED_NODES:
-            search.failure = f"{nodes} contact nodes, more than {globalization.CONDENSED_NODES}"
+        search.failure = CHANGING if self.effects.coefficient_changes else too_many(nodes)
+        if search.failure:
             return
         try:
             problem = self.condensation.problem(load, x, gradient)
