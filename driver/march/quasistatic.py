@@ -291,23 +291,22 @@ class QuasistaticSolver:
         """Norm of the contact forces that the preconditioner finds missing, over that of all.
 
         The inverse of F, for which it stands, makes stiff parts of the body count by their
-        stiffness. Without forces at the contact all multipliers count; without a preconditioner it
-        is the projected gradient relative to what the QP's tolerance is.
+        stiffness. Where nothing presses, gluing forces may be rounding as well (a body that expands
+        freely); then, and without a preconditioner, it is the projected gradient relative to what
+        the QP's tolerance is.
         """
         op, rows, qp = self.operator, self.rows, self.qp
         limits = rows.limits(op.owned, x)
         projected = projected_gradient(x, gradient, *limits)
-        if qp.preconditioner is None:
+        contact = np.ones(op.owned)
+        contact[rows.gluing] = 0.0
+        self.scales.renew(pressing=np.sqrt(op.dot(contact * x, x)))
+        if qp.preconditioner is None or self.scales.pressing == 0:
             return qp.size(projected) / (self.scales.d or 1.0)
         # with the rows that would leave their bounds
         free = (x != limits[0]) & (x != limits[1]) | (projected != 0)
         missing = qp.preconditioner(np.where(free, projected, 0.0), free)
-        contact = np.ones(op.owned)
-        contact[rows.gluing] = 0.0
-        self.scales.renew(pressing=np.sqrt(op.dot(contact * x, x)), forces=np.sqrt(op.dot(x, x)))
-        if self.scales.pressing > 0:
-            return np.sqrt(op.dot(contact * missing, missing)) / self.scales.pressing
-        return np.sqrt(op.dot(missing, missing)) / (self.scales.forces or 1.0)
+        return np.sqrt(op.dot(contact * missing, missing)) / self.scales.pressing
 
     # ---- checkpoints ---------------------------------------------------------------------------
     def _carried(self) -> dict[str, np.ndarray]:
