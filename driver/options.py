@@ -145,8 +145,8 @@ RUNS = (
 # numerical parameters of scenes, which FreeFEM checks
 MESHES = (
     Option("subdomains", text("NxM|n|auto|piece"), None, EXPORT, MESHING,
-           "structured cut, number of "
-           "parts by the graph partitioner, or parts as the scene numbers them", "the scene's"),
+           "structured cut, number of parts by the graph partitioner, a number that suits the size "
+           "(auto), or parts as the scene numbers them", "the scene's, else auto"),
     Option("cells", text("n"), None, EXPORT, MESHING,
            "cells along a subdomain's side; of scenes on rectangles", "the scene's"),
     Option("h", text("length"), None, EXPORT, MESHING,

@@ -34,7 +34,6 @@ class Scales:
     displacement: float = 0.0  # largest deformation
     force: float = 0.0  # largest contact force of a node
     pressing: float = 0.0  # norm of all contact forces
-    forces: float = 0.0  # norm of all multipliers
     work: np.ndarray | float = 0.0  # (modes,) of absolute forces on every free rigid motion
     largest: dict = field(default_factory=dict)  # of these so far, by name
 
@@ -46,7 +45,7 @@ class Scales:
 
     def keep(self) -> None:
         """The step is over: its values count for those to come."""
-        for name in ("d", "displacement", "force", "pressing", "forces", "work"):
+        for name in ("d", "displacement", "force", "pressing", "work"):
             self.largest[name] = np.maximum(self.largest.get(name, 0.0), getattr(self, name))
 
 

@@ -16,6 +16,9 @@ from .rows import RowKind
 from .structure import Substructure
 from .vectors import DualVectors
 
+# displacement of a row under a motion of norm one at the corners, up to which it is rounding: a disc
+# that turns in its hole
+STILL = 1e-9
 SOFTNESS = 10.0  # of the springs: rho in units of (number of corner dofs) / (stiffness of one)
 
 
@@ -50,7 +53,8 @@ def spring_compliances(classes: list[LocalClass], vectors: DualVectors,
         local[c.rows] = np.tile(np.diag(c.F) + np.einsum("ij,ji->i", c.A, held), len(c.members))
     compliance, rho = vectors.assemble(local), np.zeros(len(motions))
     for k, moved in enumerate(motions):
-        stiffness = np.divide(moved**2, compliance, out=np.zeros(vectors.owned), where=moved != 0)
+        stiffness = np.divide(moved**2, compliance, out=np.zeros(vectors.owned),
+                              where=np.abs(moved) > STILL)
         rows = vectors.dot(np.sign(stiffness), np.sign(stiffness))
         rho[k] = SOFTNESS * rows / vectors.dot(stiffness, np.ones(vectors.owned)) if rows else 0.0
     return np.where(rho > 0, rho, rho.max() or 1.0)

@@ -105,10 +105,11 @@ def _magnified(times: float) -> str:
 
 def _overlapping(run: Run) -> str:
     """What the run says of bodies that run through each other where no contact is declared."""
-    names = run.summary.get("validity", {}).get("overlaps", [])
-    if not names:
+    overlaps = run.summary.get("validity", {}).get("overlaps", [])
+    if not overlaps:
         return ""
-    return "bodies overlap without declared contact: " + ", ".join(map(str, names))
+    one, other, _ = max(overlaps, key=lambda overlap: overlap[2])
+    return f"boundaries {one} and {other} overlap: no contact is declared there"
 
 
 def _outline(axes, run: Run, mesh: Mesh, moved: np.ndarray, factor: float) -> list:

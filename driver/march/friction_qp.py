@@ -55,14 +55,15 @@ class FrictionQP:
     def _accelerators(self):
         """Preconditioner and relaxation of the contact multipliers, each None if not asked for.
 
-        Without gluing the contact block is the whole operator, and neither deflation nor relaxation
-        makes sense.
+        Without gluing the contact block is the whole operator: deflation and relaxation only make
+        sense where they let bodies without support settle.
         """
         settings, op = self.settings, self.operator
         relaxed = "contact" in (settings.expansion, settings.corrector)
         kinds = np.unique(op.structure.row_kind)
         wanted = relaxed or settings.preconditioner == "deflated"
-        coupled = wanted and RowKind.GLUING in kinds and len(kinds) > 1
+        beside_contact = RowKind.GLUING in kinds or op.modes > 0
+        coupled = wanted and beside_contact and np.any(kinds != RowKind.GLUING)
         local = op.preconditioner() if settings.preconditioner != "none" or coupled else None
         chosen = local if settings.preconditioner != "none" else None
         if not coupled:

@@ -32,7 +32,7 @@ from .friction_qp import FrictionQP
 from .slip import SlipState
 from .step import History, Load, Step, StepFailed, Trace, Unfinished
 from .supported import SupportedBodies
-from .uniqueness import CHANGING, Uniqueness, worthwhile
+from .uniqueness import CHANGING, Uniqueness, too_many, worthwhile
 
 CANCELLED = 1e-8  # part of the extent below which deformation is rounding: contact takes the loads
 SETTLINGS = 5  # of bodies without support, whose multipliers follow, in a step
@@ -255,11 +255,8 @@ class QuasistaticSolver:
             return
         if not worthwhile(choice, nodes, self.largest_friction, self.doubtful):
             return
-        if self.effects.coefficient_changes:
-            search.failure = CHANGING
-            return
-        if nodes > globalization.CONDENSED_NODES:
-            search.failure = f"{nodes} contact nodes, more than {globalization.CONDENSED_NODES}"
+        search.failure = CHANGING if self.effects.coefficient_changes else too_many(nodes)
+        if search.failure:
             return
         try:
             problem = self.condensation.problem(load, x, gradient)
@@ -294,26 +291,26 @@ class QuasistaticSolver:
         """Norm of the contact forces that the preconditioner finds missing, over that of all.
 
         The inverse of F, for which it stands, makes stiff parts of the body count by their
-        stiffness. Where contact forces are nothing beside the body's, these count by FADED: its
-        multipliers, and the least forces that make the displacements to be overcome. Without a
-        preconditioner it is the projected gradient relative to what the QP's tolerance is.
+        stiffness. Contact forces that are nothing beside the body's count by FADED times these: its
+        multipliers, and the least forces that make the displacements to be overcome. Where nothing
+        presses, gluing forces may be rounding as well (a body that expands freely); then, and
+        without a preconditioner, it is the projected gradient relative to what the QP's tolerance
+        is.
         """
         op, rows, qp, scales = self.operator, self.rows, self.qp, self.scales
         limits = rows.limits(op.owned, x)
         projected = projected_gradient(x, gradient, *limits)
-        if qp.preconditioner is None:
+        contact = np.ones(op.owned)
+        contact[rows.gluing] = 0.0
+        scales.renew(pressing=np.sqrt(op.dot(contact * x, x)), forces=np.sqrt(op.dot(x, x)))
+        if qp.preconditioner is None or scales.pressing == 0:
             return qp.size(projected) / (scales.d or 1.0)
         # with the rows that would leave their bounds
         free = (x != limits[0]) & (x != limits[1]) | (projected != 0)
         missing = qp.preconditioner(np.where(free, projected, 0.0), free)
-        contact = np.ones(op.owned)
-        contact[rows.gluing] = 0.0
-        if not op.dot(contact, contact):
-            contact[:] = 1.0
-        scales.renew(pressing=np.sqrt(op.dot(contact * x, x)), forces=np.sqrt(op.dot(x, x)))
         others = max(scales.forces, scales.largest.get("forces", 0.0), scales.d / qp.bound)
-        size = max(scales.pressing, FADED * others)
-        return np.sqrt(op.dot(contact * missing, missing)) / (size or 1.0)
+        return (np.sqrt(op.dot(contact * missing, missing))
+                / max(scales.pressing, FADED * others))
 
     # ---- checkpoints ---------------------------------------------------------------------------
     def _carried(self) -> dict[str, np.ndarray]:

@@ -19,6 +19,7 @@ import numpy as np
 from ..qp import complementarity
 from ..qp.complementarity import FEW
 from ..qp.coulomb import OPEN, STICK, CoulombProblem
+from .globalization import CONDENSED_NODES
 
 SMALL = 64  # contact nodes up to which a doubtful step is examined without being asked for
 # Plane problems of a half-plane are known to have a solution up to F = sqrt(3 - 4 nu) / (2 - 2 nu)
@@ -34,6 +35,13 @@ def worthwhile(choice: str, nodes: int, friction: float, doubtful: bool) -> bool
     if choice != "auto":
         return choice == "yes"
     return nodes <= FEW or nodes <= SMALL and (doubtful or friction > DOUBTFUL_FRICTION)
+
+
+def too_many(nodes: int) -> str:
+    """Why so many contact nodes are not examined, empty if they are."""
+    if nodes <= CONDENSED_NODES:
+        return ""
+    return f"{nodes} contact nodes, more than {CONDENSED_NODES}"
 
 
 @dataclass

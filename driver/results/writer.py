@@ -64,6 +64,9 @@ class Writer:
         """Write a file with the error indicator (n_t,) of every triangle in a step."""
         if self.fields is not None:
             self.fields.indicate(step, indicator)
+            with agreed_writes(self.operator.comm):
+                if self.operator.comm.rank == 0:
+                    self.fields.write_collections()  # once more: the tables may be there already
 
     @property
     def files(self) -> list[str]:

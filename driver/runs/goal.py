@@ -20,18 +20,14 @@ may agree by accident. It is meant to be met in at least 95 of 100 cases.
 """
 
 import dataclasses
-import json
 import math
-import time
-from pathlib import Path
 
 from ..effects import Effects
 from ..effects.quasistatic import proportional
-from ..errors import DriverError, InputError, NoSolution, NotConverged, error_of
+from ..errors import DriverError, InputError, NoSolution, NotConverged
 from ..estimates.budget import (CAUTION, FORMAL, SOURCES, UNBOUNDED, Part, extrapolate,
                                 formal_order, main_quantity, mesh_knob, name_of, ratio, share,
                                 summed, vanishing)
-from .request import Request
 
 COARSENING = (8, 4, 2, 1)  # of the scene's own mesh, for the first one that can be had
 SAMPLING = 32  # times of the load history per step of the scene
@@ -121,8 +117,8 @@ class Search:
         """Part of what is allowed that the time step may take."""
         return TIME if self.stride > 1 else LAST
 
-    def _in_time(self, runs: list[dict], part: float = TIME) -> bool:
-        """Whether the time steps of the last run err by a `part` of what is allowed at most.
+    def _in_time(self, runs: list[dict]) -> bool:
+        """Whether the time steps of the last run err by TIME of what is allowed at most.
 
         Each of `runs` has twice as many steps as the one before; sets their part of the error.
         """
@@ -131,7 +127,7 @@ class Search:
                                              [2.0] * (len(last) - 1),
                                              formal_order("time", "", q), value, True)
                               for q, value in last[0].items()}
-        return self.parts["time"][self.name].error <= part * self.asked * abs(last[0][self.name])
+        return self.parts["time"][self.name].error <= TIME * self.asked * abs(last[0][self.name])
 
     def _memoryless(self, size) -> bool:
         """Whether one step gives the quantity because the end does not depend on the way to it."""
@@ -156,12 +152,10 @@ class Search:
         self._choose_steps(size, 1)
         self.stride = min(self.stride, before // 2)
 
-    def _enough_steps(self, size) -> bool:
-        """Whether the time step's part is small enough on a finer mesh, against half the steps."""
-        if "time" not in self.parts or self.stride == self.total:
-            return True
-        runs = [self._values(size, 2 * self.stride), self._values(size)]
-        return self._in_time(runs, self._time_share)
+    def _renew_time(self, size) -> None:
+        """The time step's part of the error on a finer mesh, against half the steps."""
+        if "time" in self.parts and self.stride < self.total:
+            self._in_time([self._values(size, 2 * self.stride), self._values(size)])
 
     def _name(self, values: dict) -> str:
         """The quantity asked for; raises InputError if the scene has no such."""
@@ -274,7 +268,8 @@ class Search:
             self._refuse_zero()
             allowed = self.asked * abs(entry["value"])
             met = len(self.sizes) > 2 and entry["total"] is not None and entry["total"] <= allowed
-            if met and not self._tighten(self.sizes[-2]) and self._enough_steps(self.sizes[-2]):
+            if met and not self._tighten(self.sizes[-2]):
+                self._renew_time(self.sizes[-2])
                 entry = self.budget()[self.name]
                 met = entry["total"] <= allowed
                 if met:
@@ -333,82 +328,3 @@ def _tightened(settings, factor: float):
     """Settings with all tolerances multiplied by a factor."""
     return dataclasses.replace(settings, **{name: max(1e-10, factor * getattr(settings, name))
                                             for name in TOLERANCES})
-
-
-# ---- the stage -----------------------------------------------------------------------------------
-
-def run(directory: Path, request: Request, comm) -> tuple[int, str]:
-    """Search and write the result into `directory`; exit status and reason, on every rank."""
-    from ..estimates.levels import Levels
-    from ..options import Settings
-
-    clock = time.perf_counter()
-    root = comm.rank == 0
-    settings = Settings(**{"uniqueness": "no", **request.settings})
-    levels = Levels(Path(request.script), {**request.parameters, "sampling": str(SAMPLING)},
-                    directory / "levels", comm, settings, without=request.without)
-
-    def say(line: str) -> None:
-        if root and not request.quiet:
-            print(f"{request.scene}: {line}", flush=True)
-
-    status, reason, search = 0, "", None
-    try:
-        search = Search(levels, settings, *request.accuracy, say)
-        search.run()
-    except DriverError as problem:
-        status, reason = problem.exit_status, str(problem)
-    try:
-        if search is not None and "mesh" in search.parts:
-            _write(directory, request, search, status, reason, clock)
-    finally:
-        comm.barrier()
-        levels.close()
-    return status, reason
-
-
-def _write(directory: Path, request: Request, search: Search, status: int, reason: str,
-           clock: float) -> None:
-    """Results of the finest run, as an ordinary run leaves them."""
-    from ..estimates import validity
-    from ..results import summary
-    from ..results.writer import Writer
-
-    begun, size, levels = time.perf_counter(), {search.knob: search.sizes[-1]}, search.levels
-    comm, level = levels.comm, search._level(search.sizes[-1])
-    problem = _as_asked(search, levels.problem(**size))
-    writer = Writer(directory, problem.manifest, problem.operator, level.solver, request.fields)
-    states, energies = zip(*(writer.add(step) for step in level.steps))
-    checked = {len(states) - 1, max(range(len(states)), key=energies.__getitem__)}
-    valid = validity.assess(problem, writer.contact,
-                            [(level.steps[k], states[k]) for k in sorted(checked)])
-    writer.close()
-    budget, chosen = search.budget(), search.chosen()
-    entry = budget[search.name]
-    settings = " ".join(f"{name}={value}" for name, value in chosen.items())
-    advice = (f"{search.name.replace('_', ' ')} to {share(entry['total'], entry['value'])}, "
-              f"asked for {100 * search.asked:g} %; the same settings by hand: {settings}")
-    errors = {"quantities": budget, "notes": [], "advice": advice}
-    accuracy = {"quantity": search.name, "asked": search.asked, "reached": entry["relative"],
-                "settings": chosen, "levels": len(search.sizes), "products": levels.products}
-    failure = error_of(status, reason) if status else None
-    now = time.perf_counter()
-    seconds = {"read": 0.0, **levels.seconds, "output": now - begun, "total": now - clock}
-    summary.write(directory, summary.summarize(
-        request, problem, level.solver, failure, search.scaled(search.settings, search.stride),
-        writer, summary.largest_memory(comm), seconds, errors=errors, validity=valid,
-        accuracy=accuracy), comm)
-    if comm.rank == 0:
-        (directory / "run.log").write_text(json.dumps(accuracy) + "\n")
-        levels.place(**size).rename(directory / "export")
-
-
-def _as_asked(search: Search, problem):
-    """The problem with the manifest of a run that has the chosen number of steps."""
-    manifest = problem.manifest
-    parameters = {name: value for name, value in manifest.parameters.items()
-                  if name not in ("sampling", "coarsening")}
-    return dataclasses.replace(problem, manifest=dataclasses.replace(
-        manifest, steps=search.steps, parameters={**parameters, "steps": search.steps},
-        amplitudes={name: values[:: search.stride]
-                    for name, values in manifest.amplitudes.items()}))

@@ -73,7 +73,7 @@ def solver():
 
 def search():
     """Stage: the search for settings that reach an accuracy."""
-    from .goal import run
+    from .search import run
 
     return run
 

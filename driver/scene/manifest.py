@@ -164,8 +164,12 @@ def _check_histories(manifest: Manifest) -> None:
         if len(history) != manifest.steps + 1:
             raise InputError(f"amplitude {number} has {len(history)} values for "
                              f"{manifest.steps} steps")
+    strange = sorted(set(manifest.between) - set(manifest.amplitudes)) if isinstance(
+        manifest.between, dict) else []
+    if strange:
+        raise InputError(f"amplitude {strange[0]} has values between the steps alone")
     sound = isinstance(manifest.between, dict) and all(
-        number in manifest.amplitudes and _finite(history)
+        _finite(history)
         and len(history) % manifest.steps == 1 % manifest.steps
         for number, history in manifest.between.items())
     if not sound:

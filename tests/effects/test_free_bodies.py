@@ -277,3 +277,29 @@ def test_equilibrium_does_not_depend_on_which_rank_owns_a_node(friction, carried
         found = rigid_equilibrium(rows, normal, work, size,
                                   RanksInTurn([part(own) for own in owned]))
         assert (found is not None) == carried
+
+
+RING = """include "scene.idp"
+border hole(t=2*pi, 0) { x = cos(t); y = sin(t); label = 1; }
+border rim(t=0, 2*pi) { x = 2*cos(t); y = 2*sin(t); label = 2; }
+border disc(t=0, 2*pi) { x = cos(t); y = sin(t); label = 3; }
+addBody(buildmesh(rim(24) + hole(16)))
+addBody(buildmesh(disc(16)))
+macro young() 1. //
+macro poisson() 0.3 //
+macro support() on(2, u1 = 0., u2 = 0.) //
+macro bodyForce1() [0., -1e-3] //
+macro contactPair() 3, 1 //
+include "export.idp"
+"""
+
+
+def test_a_motion_that_only_rounding_resists_is_held_like_the_others(built, tmp_path):
+    """A disc turns in a hole without friction: its rows move by rounding, no measure of stiffness.
+
+    Springs by that would be softer than all others by thirty digits, and F lost in rounding.
+    """
+    scene = tmp_path / "ring.edp"
+    scene.write_text(RING)
+    rho = built(str(scene), subdomains=2).operator.rho
+    assert len(rho) == 3 and rho.max() < 10 * rho.min()

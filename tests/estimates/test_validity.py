@@ -1,4 +1,4 @@
-"""Whether the assumptions of a run hold: distances at displaced places, strains, overlaps, words."""
+"""Whether the assumptions of a run hold: distances at displaced places, strains, overlaps."""
 
 import numpy as np
 import pytest

@@ -637,3 +637,11 @@ def test_long_histories_are_thinned_and_runs_without_fields_refused(tmp_path, mo
     (directory / "fields.pvd").unlink()
     with pytest.raises(InputError, match="FIELDS=yes"):
         animation.draw_animation(directory)
+
+
+def test_bodies_that_do_overlap_are_named(tmp_path):
+    """The pair that overlaps most, as `validity` in summary.json has it."""
+    run = figures.read_run(make_run(tmp_path, steps=2, scene="own", products=6))
+    assert "overlap" not in words(figures.compose("deformed", run))
+    run.summary["validity"] = {"overlaps": [[4, 7, 0.01], [2, 9, 0.03]]}
+    assert "boundaries 2 and 9 overlap" in words(figures.compose("deformed", run))

@@ -27,7 +27,7 @@ OWN = ("seconds", "memory_mib", "ranks", "resumed_after_step")
 def listing(out: Path) -> dict:
     """Content of every file that holds results."""
     found = {str(path.relative_to(out)): path.read_bytes() for path in sorted(out.rglob("*"))
-             if path.is_file() and path.suffix != ".log"}
+             if path.is_file() and path.suffix not in (".log", ".html")}  # times are in these
     summary = json.loads(found.pop("summary.json"))
     ledger = {name: {k: v for k, v in entry.items() if k != "seconds"}
               for name, entry in summary.pop("effects_ledger").items()}

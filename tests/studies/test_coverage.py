@@ -1,0 +1,58 @@
+"""make accuracy PART=coverage: how claims are judged, and that they hold in 95 of 100 cases."""
+
+import csv
+import statistics
+
+import pytest
+
+from driver.environment import ROOT
+from driver.errors import InputError
+from driver.studies.accuracy import coverage, run_accuracy
+
+REFERENCE = ROOT / "results" / "reference" / "coverage.csv"
+
+
+def read(path):
+    with open(path, newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def check(rows):
+    """The aims: 95 % hold, 1 % at most below half of the truth, median overestimate 4."""
+    judged = [row for row in rows if row["judged"] == "yes"]
+    assert len({(row["scene"], row["setting"]) for row in judged}) >= 60
+    assert len({row["scene"] for row in judged}) >= 20
+    held = [row["held"] == "yes" for row in judged]
+    assert sum(held) >= 0.95 * len(judged)
+    ratio = [float(row["ratio"]) for row in judged if row["ratio"]]
+    half = [row for row in judged if row["held"] == "no" and float(row["ratio"]) < 0.5]
+    assert len(half) <= 0.01 * len(judged), half
+    assert statistics.median(ratio) <= 4.0
+
+
+def test_the_reference_table_meets_the_aims():
+    check(read(REFERENCE))
+
+
+@pytest.mark.slow  # 66 runs and their references: minutes
+def test_claims_hold_in_the_runs_of_the_table(tmp_path):
+    run_accuracy({"part": "coverage", "out": str(tmp_path)})
+    check(read(tmp_path / "coverage.csv"))
+    assert (tmp_path / "coverage.png").stat().st_size > 0
+
+
+def test_a_claim_is_judged_where_its_reference_is_better():
+    entry = {"value": 1.1, "total": 0.05}
+    row = coverage._verdict(entry, 1.0, 0.001, zero=False)
+    assert row["judged"] == "yes" and row["held"] == "no"
+    assert row["ratio"] == pytest.approx(0.5)
+    assert coverage._verdict({**entry, "total": 0.12}, 1.0, 0.001, zero=False)["held"] == "yes"
+    # the reference may be off by as much as the difference
+    assert coverage._verdict(entry, 1.0, 0.06, zero=False)["judged"] == "no"
+    assert coverage._verdict({**entry, "total": None}, 1.0, 0.0, zero=False)["judged"] == "no"
+    assert coverage._verdict({"value": 1.0, "total": 0.0}, 1.0, 0.0, zero=False)["judged"] == "no"
+
+
+def test_mistakes():
+    with pytest.raises(InputError, match="PART=coverage has no runs of nowhere"):
+        coverage.run_coverage(ROOT, "nowhere")
