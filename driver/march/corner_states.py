@@ -26,6 +26,7 @@ class CornerStates:
                 self.fixed_point.condensation.select()
             self.index = index
             self.corners.begin_step()
+        start = x, load.weights[self.qp.operator.structure.patterns :].copy(), sliding
         while True:
             failure = None
             try:
@@ -39,8 +40,16 @@ class CornerStates:
                     raise failure
                 self._note(index)
                 return x, gradient, sliding
+            if failure is not None:  # bodies may be anywhere, under any force
+                x, gradient, sliding = self._anew(load, *start)
             self.fixed_point.condensation.select()
             trace.changes, trace.fallback, trace.exact = [], False, False
+
+    def _anew(self, load: Load, x, motion, sliding):
+        """The start again: multipliers x, their gradient at rigid motions (modes,), `sliding`."""
+        patterns = self.qp.operator.structure.patterns
+        self.fixed_point.bodies.shift(load, motion - load.weights[patterns:])
+        return x, self.qp.operator.apply(x) - load.d, sliding
 
     def shared(self, x: np.ndarray, gradient: np.ndarray) -> np.ndarray:
         """Multipliers (owned,) with friction's part of the forces at corners just reached."""

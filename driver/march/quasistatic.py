@@ -29,7 +29,7 @@ from .condensation import Condensation
 from .corner_states import CornerStates
 from .fixed_point import FixedPoint
 from .friction_qp import FrictionQP
-from .slip import SlipState
+from .slip import FAR, SlipState
 from .step import History, Load, Step, StepFailed, Trace, Unfinished
 from .supported import SupportedBodies
 from .uniqueness import CHANGING, Uniqueness, worthwhile
@@ -225,7 +225,7 @@ class QuasistaticSolver:
         tightened until the residuals of the solution itself are below `primal_rtol`, the imbalance
         of free bodies below `friction_rtol`. Raises Unfinished where that is not reached.
         """
-        qp, settings, best, stop = self.qp, self.settings, np.inf, None
+        op, qp, settings, best, stop = self.operator, self.qp, self.settings, np.inf, None
         of_qp = of_friction = self._foresight(index)  # parts of the tolerances
         while True:
             qp.aim(of_qp)
@@ -237,6 +237,8 @@ class QuasistaticSolver:
                     raise
                 x, gradient, stop = failed.x, failed.gradient, failed.error  # it may do
                 sliding = self.rows.sliding(x, self.rows.friction_bound(x))
+            if op.modes and op.minimum(-load.farthest) < -FAR * self.scales.displacement:
+                gradient = None  # it has followed bodies that went so far: their rounding is in it
             x, gradient, moved = self._into_cone(load.d, x, gradient, sliding)
             residuals = self._residuals(load, x, gradient)
             excess = {name: value / self._asked(name) for name, value in residuals.items()}
