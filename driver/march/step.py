@@ -83,11 +83,15 @@ class StepFailed(DriverError):
 
 
 class Unfinished(Exception):
-    """A step fails with `error`; the latest multipliers `x` and their `gradient`."""
+    """A step fails with `error`; the latest multipliers `x` and their `gradient`.
 
-    def __init__(self, error: DriverError, x: np.ndarray, gradient: np.ndarray):
+    `final`: whatever their residuals say, they are no solution.
+    """
+
+    def __init__(self, error: DriverError, x: np.ndarray, gradient: np.ndarray,
+                 final: bool = False):
         super().__init__(str(error))
-        self.error, self.x, self.gradient = error, x, gradient
+        self.error, self.x, self.gradient, self.final = error, x, gradient, final
 
 
 @dataclass
