@@ -114,7 +114,7 @@ class QuasistaticSolver:
             rest = self.bodies.can_rest(index, self.amplitudes[index])
         except DriverError as problem:
             raise StepFailed(problem) from None
-        if index == 1 and not self.motion.any():
+        if not any(self.loads[: index - 1]) and not self.motion.any():  # the first load
             self.motion = rest
         last, growth = self.multipliers, self._growth(index)
         sliding = self.rows.sliding(last, self.rows.friction_bound(last))
