@@ -13,6 +13,8 @@ from driver.contact.sharing import least_friction
 from driver.errors import InputError
 from driver.hard.case import TIGHT, Case
 from driver.hard.checks import laws
+from driver.march.corner_states import CornerStates
+from driver.march.step import Unfinished
 
 # the fixed point ends at 1e-8 of the pressures: two runs differ by some of that
 CLOSE = 1e-6
@@ -279,8 +281,8 @@ def test_friction_drags_corners_from_side_to_side(checked, scene, options):
     before, rest = text.split("border holeLeft")
     rest = rest.split("body = ")[1]
     text = before + POLYGON + "body = " + rest
-    for old, new in ((" + holeLeft(n) + holeTop(n)\n                 + holeRight(n) + holeBottom(n)",
-                      " + hole(-int(sides))"), ("2e-3, -1e-3)", "pull, shear)")):
+    sides = " + holeLeft(n) + holeTop(n)\n                 + holeRight(n) + holeBottom(n)"
+    for old, new in ((sides, " + hole(-int(sides))"), ("2e-3, -1e-3)", "pull, shear)")):
         assert text.count(old) == 1
         text = text.replace(old, new)
     polygon_scene = scene("polygon", text)
@@ -399,6 +401,17 @@ def test_a_corner_that_no_state_holds_is_undecided():
     assert changes == MOST and nodes.undecided[0]
     nodes.begin_step()
     assert not nodes.undecided[0]
+
+
+def test_a_step_with_an_undecided_corner_names_it():
+    """Whatever the residuals of what its state leaves: exit status 4."""
+    nodes = corner()
+    nodes.undecided[:] = True
+    states = object.__new__(CornerStates)
+    states.corners, states.contact = nodes, SimpleNamespace(xy=np.array([[2.0, 0.5]]))
+    with pytest.raises(Unfinished, match=r"step 3: .* at the corner \(2, 0.5\)") as caught:
+        states._refuse(3, np.zeros(4), np.zeros(4))  # pylint: disable=protected-access
+    assert caught.value.final and caught.value.error.exit_status == 4
 
 
 def test_least_friction_shares_a_force():
