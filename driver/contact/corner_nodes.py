@@ -7,6 +7,8 @@ there are displacements, and holds the others at zero:
 
     first, second   one of the two nodes acts, with its contact and friction; the other one is open
     both            both press, neither rubs: the vertex stands, and what holds it is contact's
+    standing        both conditions are equations, whatever force they take, as long as the laws of
+                    both sides, with friction, can make it up between them (sharing.py)
 
 Together the states hold every force that the two laws admit between contact with either side: where
 F is so small that a vertex does not jam, tan(angle between the normals) F < 1, the cones of the
@@ -15,8 +17,9 @@ free F is regular on every face, so that nothing is regularized or dropped.
 
 A state is right if the excluded condition is not penetrated and none of both has opened. `switch`
 looks after each fixed point of the friction bound and moves on to the state that the violation asks
-for. A corner that has changed its state `MOST` times in a step stays where both press, without
-friction, which a convex problem describes, and the run says so.
+for. Where friction drags a vertex from one side to the other, one side alone violates the other and
+both without friction open again: a corner that returns to `both` stands instead. One that has
+changed its state `MOST` times in a step and is still not right is `undecided`: no solution.
 
 Where a vertex arrives at its corner both sides have rubbed on the way. The force is then `shared`
 so that each obeys Coulomb's law with that slip; displacements do not feel how it is shared.
@@ -28,8 +31,10 @@ from enum import IntEnum
 import numpy as np
 
 from ..errors import InputError
+from .sharing import least_friction
 
-MOST = 6  # changes of a corner's state in one step
+MOST = 12  # changes of a corner's state in one step
+AGAIN = 2  # changes after which it stands where both would press
 NOISE = 10.0  # times the tolerance of displacements: slip of a corner beyond that counts
 SLIGHT = 1e-9  # relative difference of gaps that counts as none
 DEPENDENT = 1e-8  # singular value below which rows of length one depend on one another
@@ -41,9 +46,10 @@ class Acting(IntEnum):
     BOTH = 0
     FIRST = 1
     SECOND = 2
+    STANDING = 3
 
 
-BOTH, FIRST, SECOND = Acting
+BOTH, FIRST, SECOND, STANDING = Acting
 
 
 def corner_pairs(contact, fixed_keys: np.ndarray) -> np.ndarray:
@@ -133,12 +139,18 @@ class CornerNodes:
     def begin_step(self) -> None:
         """States may change again."""
         self.switches = np.zeros(len(self.nodes), int)
+        self.undecided = np.zeros(len(self.nodes), bool)  # wrong states that do not change any more
+
+    @property
+    def standing(self) -> np.ndarray:
+        """Positions of the normal rows that are equations in the rank's dual vectors."""
+        return self.normal[self.acting == STANDING].ravel()
 
     @property
     def _excluded(self) -> tuple[np.ndarray, np.ndarray]:
         """(v, 2) nodes whose normal rows, and whose tangential rows, are excluded."""
         normal = self.acting[:, None] == [SECOND, FIRST]
-        return normal, normal | (self.acting == BOTH)[:, None]
+        return normal, normal | np.isin(self.acting, [BOTH, STANDING])[:, None]
 
     @property
     def excluded(self) -> np.ndarray:
@@ -171,6 +183,9 @@ class CornerNodes:
         wanted = np.zeros(len(self.nodes), int)
         for v in np.flatnonzero(self.normal[:, 0] >= 0):
             n = self.normal[v]
+            if self.acting[v] == STANDING:
+                wanted[v] = self._stands(v, x, rows)
+                continue
             wanted[v] = self._wanted(v, x[n], -gradient[n] * scale[n], tol)
             if wanted[v] == self.acting[v] == BOTH:
                 # friction on the way would have stopped it short of one side
@@ -179,16 +194,21 @@ class CornerNodes:
                 wanted[v] = BOTH if missed.all() or not missed.any() else (
                     SECOND if missed[0] else FIRST)
         wanted = np.sum(comm.allgather(wanted), axis=0)
-        changed = (wanted != self.acting) & (self.switches < MOST)
+        again = (wanted == BOTH) & (self.acting != BOTH) & (self.switches >= AGAIN)
+        wanted[again & ~self.alone] = STANDING
+        wrong = wanted != self.acting
+        changed = wrong & (self.switches < MOST)
         self.switches[changed] += 1
-        stuck = changed & (self.switches == MOST) & ~self.alone
-        self.acting = np.where(stuck, BOTH, np.where(changed, wanted, self.acting))
+        self.undecided = wrong & ~changed
+        self.acting = np.where(changed, wanted, self.acting)
         return bool(changed.any())
 
-    @property
-    def undecided(self) -> np.ndarray:
-        """(v,) whether a corner has changed its state so often that it stays as it is."""
-        return self.switches >= MOST
+    def _stands(self, v: int, x: np.ndarray, rows) -> Acting:
+        """State of a standing corner v: the side that would be left if both cannot hold it."""
+        if self._shared_at_rest(v, x, rows) is not None:
+            return STANDING
+        force = x[self.normal[v]]
+        return FIRST if force[0] >= force[1] else SECOND
 
     def _wanted(self, v: int, force: np.ndarray, over: np.ndarray, tol: float) -> Acting:
         """State of corner v with normal forces (2,), at the movements (2,) beyond the gaps."""
@@ -219,12 +239,28 @@ class CornerNodes:
         ContactRows, `scale` (owned,) times slip beyond `tol` counts.
         """
         shared = x.copy()
+        for v in np.flatnonzero((self.acting == STANDING) & (self.normal[:, 0] >= 0)):
+            parts, t = self._shared_at_rest(v, x, rows), self.tangential[v]
+            if parts is not None:
+                shared[self.normal[v]], shared[t[t >= 0]] = parts[0], parts[1][t >= 0]
         for v in np.flatnonzero((self.acting == BOTH) & (self.normal[:, 0] >= 0)):
             n, t = self.normal[v], self.tangential[v]
             parts = self._parts(v, x, gradient, rows, scale, tol)
             if parts is not None and (parts[0] * x[n] >= 0).all():
                 shared[n], shared[t] = parts
         return shared
+
+    def _law(self, v: int, rows) -> tuple[np.ndarray, np.ndarray]:
+        """Coefficient and offset (2,) each of the friction bounds of corner v, 0 without friction.
+        """
+        here = self.in_tangential[v]
+        return tuple(np.zeros(2) if values is None else np.where(here >= 0, values[here], 0.0)
+                     for values in (rows.coefficient, rows.offset))
+
+    def _shared_at_rest(self, v: int, x: np.ndarray, rows):
+        """Pressures and friction forces (2,) each that hold the standing corner v, or None."""
+        return least_friction(x[self.normal[v]] @ self.directions[v], self.directions[v],
+                              *self._law(v, rows), self.bilateral[v])
 
     def _parts(self, v: int, x, gradient, rows, scale, tol):
         """Pressures and friction forces (2,) each of corner v where both nodes press.
@@ -235,12 +271,10 @@ class CornerNodes:
         if (t < 0).any() or (x[n] == 0).any():
             return None
         slip = -gradient[t] * scale[t]
-        sign, here = np.where(np.abs(slip) > tol, np.sign(slip), 0.0), self.in_tangential[v]
+        sign = np.where(np.abs(slip) > tol, np.sign(slip), 0.0)
         if not sign.any():
             return None
-        F = np.zeros(2) if rows.coefficient is None else rows.coefficient[here]
-        c = np.zeros(2) if rows.offset is None else rows.offset[here]
-        normal = self.directions[v]
+        (F, c), normal = self._law(v, rows), self.directions[v]
         tangent = np.column_stack([-normal[:, 1], normal[:, 0]])
         rays = normal + (sign * F * np.sign(x[n]))[:, None] * tangent
         if abs(np.linalg.det(rays)) < DEPENDENT:

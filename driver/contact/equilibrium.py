@@ -32,7 +32,7 @@ def rigid_equilibrium(rows: ContactRows, motions: np.ndarray, work: np.ndarray, 
     """
     law = [np.zeros(len(rows.tangential)) if values is None else values
            for values in (rows.coefficient, rows.offset)]
-    parts = comm.gather((motions[rows.normal], rows.gap, rows.normal_node, rows.bilateral,
+    parts = comm.gather((motions[rows.normal], rows.gap, rows.normal_node, rows.pulls,
                          motions[rows.tangential], rows.tangential_node, *law))
     answer = None
     if comm.rank == 0:

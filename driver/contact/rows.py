@@ -51,7 +51,7 @@ def _affine(coefficient, offset, pressure: np.ndarray) -> np.ndarray:
 class ContactRows:
     """The contact rows a rank owns, as positions in its dual vectors.
 
-    `normal` (k,) with `gap`, `node` and whether contact is `bilateral` there; `tangential` (j,)
+    `normal` (k,) with `gap`, `node` and whether contact `pulls` there by its law; `tangential` (j,)
     with `pair`, the position of the same node's normal row, and `node`. `coefficient` (j,) of
     friction, and `offset` (j,) of its bound, are None where no declared effect has one. `corners`
     are vertices with two contact nodes, whose states exclude rows: their multipliers are zero. None
@@ -67,8 +67,15 @@ class ContactRows:
     coefficient: np.ndarray | None
     offset: np.ndarray | None
     gluing: np.ndarray
-    bilateral: np.ndarray
+    pulls: np.ndarray
     corners: CornerNodes | None = None
+
+    @property
+    def bilateral(self) -> np.ndarray:
+        """(k,) whether normal multipliers may have any sign: by the law, or as a vertex stands."""
+        if self.corners is None:
+            return self.pulls
+        return self.pulls | np.isin(self.normal, self.corners.standing)
 
     @property
     def bound_is_given(self) -> bool:

@@ -90,11 +90,7 @@ class FreeBodies:
 
     def shift(self, load, change: np.ndarray) -> np.ndarray:
         """Move by `change` (modes,); d with it. Returns the change of d."""
-        load.weights[self.operator.structure.patterns :] += change
-        moved = sum((factor * d for factor, d in zip(change, self.operator.motions)),
-                    np.zeros(self.operator.owned))
-        load.d += moved
-        return moved
+        return load.move(self.operator.motions, change)
 
     def imbalance(self, load, x: np.ndarray) -> float:
         """Largest spring force of the rigid motions relative to the forces on them."""

@@ -4,6 +4,7 @@
 import numpy as np
 
 from ..contact.corner_nodes import NOISE
+from ..errors import NotConverged
 from .fixed_point import FixedPoint
 from .step import Load, Trace, Unfinished
 
@@ -26,6 +27,7 @@ class CornerStates:
                 self.fixed_point.condensation.select()
             self.index = index
             self.corners.begin_step()
+        start = x, load.weights[self.qp.operator.structure.patterns :].copy(), sliding
         while True:
             failure = None
             try:
@@ -37,21 +39,30 @@ class CornerStates:
                                        self.qp.tol, self.qp.operator.comm):
                 if failure is not None:
                     raise failure
-                self._note(index)
+                self._refuse(index, x, gradient)
                 return x, gradient, sliding
+            if failure is not None:  # bodies may be anywhere, under any force
+                x, gradient, sliding = self._anew(load, *start)
             self.fixed_point.condensation.select()
             trace.changes, trace.fallback, trace.exact = [], False, False
+
+    def _anew(self, load: Load, x, motion, sliding):
+        """The start again: multipliers x, their gradient at rigid motions (modes,), `sliding`."""
+        patterns = self.qp.operator.structure.patterns
+        self.fixed_point.bodies.shift(load, motion - load.weights[patterns:])
+        return x, self.qp.operator.apply(x) - load.d, sliding
 
     def shared(self, x: np.ndarray, gradient: np.ndarray) -> np.ndarray:
         """Multipliers (owned,) with friction's part of the forces at corners just reached."""
         return self.corners.shared(x, gradient, self.fixed_point.rows, self.qp.scale,
                                    NOISE * self.qp.tol)
 
-    def _note(self, index: int) -> None:
-        """Warn where no state was right."""
-        for node in self.corners.nodes[self.corners.undecided, 0]:
-            x, y = self.contact.xy[node]
-            line = (f"step {index}: at the corner ({x:g}, {y:g}) neither side alone holds with its "
-                    "friction; its conditions hold without friction")
-            if line not in self.qp.history.warnings:
-                self.qp.history.warnings.append(line)
+    def _refuse(self, index: int, x: np.ndarray, gradient: np.ndarray) -> None:
+        """Raise Unfinished where no state of a corner is right."""
+        wrong = self.corners.nodes[self.corners.undecided, 0]
+        if len(wrong):
+            where = ", ".join(f"({x:g}, {y:g})" for x, y in self.contact.xy[wrong])
+            raise Unfinished(NotConverged(
+                f"step {index}: no state of contact and friction was found for the two conditions "
+                f"at the corner {where}; smaller steps or a rounded corner may help"), x, gradient,
+                final=True)

@@ -29,7 +29,7 @@ from .condensation import Condensation
 from .corner_states import CornerStates
 from .fixed_point import FixedPoint
 from .friction_qp import FrictionQP
-from .slip import SlipState
+from .slip import FAR, SlipState
 from .step import History, Load, Step, StepFailed, Trace, Unfinished
 from .supported import SupportedBodies
 from .uniqueness import CHANGING, Uniqueness, too_many, worthwhile
@@ -62,9 +62,8 @@ class QuasistaticSolver:
         self.bodies = self._bodies()
         self.condensation = Condensation(operator, self.rows)
         self.fixed_point = FixedPoint(self.qp, self.bodies, self.slip, self.condensation)
-        self.corners = self.fixed_point
-        if self.rows.corners is not None:
-            self.corners = CornerStates(self.fixed_point, operator.structure.contact)
+        self.corners = self.fixed_point if self.rows.corners is None else (
+            CornerStates(self.fixed_point, operator.structure.contact))
         own = 0.0 if self.rows.bound_is_given else float(self.rows.coefficient.max(initial=0))
         self.largest_friction = operator.comm.allreduce(own, op=MPI.MAX)
         self.uniqueness = Uniqueness(self.largest_friction > 0)
@@ -112,7 +111,7 @@ class QuasistaticSolver:
             rest = self.bodies.can_rest(index, self.amplitudes[index])
         except DriverError as problem:
             raise StepFailed(problem) from None
-        if index == 1 and not self.motion.any():
+        if not any(self.loads[: index - 1]) and not self.motion.any():  # the first load
             self.motion = rest
         last, growth = self.multipliers, 0.0
         if self.settings.predictor == "load":
@@ -212,7 +211,7 @@ class QuasistaticSolver:
         tightened until the residuals of the solution itself are below `primal_rtol`, the imbalance
         of free bodies below `friction_rtol`. Raises Unfinished where that is not reached.
         """
-        qp, settings, best, stop = self.qp, self.settings, np.inf, None
+        op, qp, settings, best, stop = self.operator, self.qp, self.settings, np.inf, None
         of_qp = of_friction = 1.0  # parts of the tolerances
         if self.largest_friction:
             of_qp = of_friction = outlook.foresight(self.loads, index)
@@ -222,15 +221,16 @@ class QuasistaticSolver:
                 x, gradient, sliding = self.corners.find(
                     index, load, x, gradient, sliding, trace, of_friction * settings.friction_rtol)
             except Unfinished as failed:
-                if of_qp == 1.0:
+                if of_qp == 1.0 or failed.final:
                     raise
                 x, gradient, stop = failed.x, failed.gradient, failed.error  # it may do
                 sliding = self.rows.sliding(x, self.rows.friction_bound(x))
+            if op.modes and op.minimum(-load.farthest) < -FAR * self.scales.displacement:
+                gradient = None  # it has followed bodies that went so far: their rounding is in it
             x, gradient, moved = self._into_cone(load.d, x, gradient, sliding)
             residuals = self._residuals(load, x, gradient)
             excess = {name: value / self._asked(name) for name, value in residuals.items()}
-            name = max(excess, key=excess.get)
-            worst = excess[name]
+            worst, name = max((value, name) for name, value in excess.items())
             if worst <= 1:
                 return x, gradient, moved, residuals
             if stop or of_qp <= LAST_PART and worst > 0.5 * best:
@@ -244,16 +244,14 @@ class QuasistaticSolver:
 
     def _asked(self, name: str) -> float:
         """The largest residual of this name with which a step has converged."""
-        settings = self.settings
-        return settings.friction_rtol if name == "equilibrium" else settings.primal_rtol
+        return getattr(self.settings, "friction_rtol" if name == "equilibrium" else "primal_rtol")
 
     def _examine(self, index: int, load: Load, x, gradient, trace: Trace) -> None:
         """Look for other solutions of the step where there is reason to; see `uniqueness`."""
         search, choice, nodes = self.uniqueness, self.settings.uniqueness, self.condensation.n
         self.doubtful = self.doubtful or trace.fallback
-        if not search.frictional or search.failure:
-            return
-        if not worthwhile(choice, nodes, self.largest_friction, self.doubtful):
+        if not search.frictional or search.failure or (
+                not worthwhile(choice, nodes, self.largest_friction, self.doubtful)):
             return
         search.failure = CHANGING if self.effects.coefficient_changes else too_many(nodes)
         if search.failure:
@@ -263,9 +261,9 @@ class QuasistaticSolver:
         except NotConverged as error:
             search.failure = str(error)
             return
-        contact = self.operator.structure.contact
-        search.examine(index, problem, self.condensation.gather(x),
-                       contact.weight[self.condensation.nodes], self.rows.corners is None)
+        weight = self.operator.structure.contact.weight[self.condensation.nodes]
+        search.examine(index, problem, self.condensation.gather(x), weight,
+                       self.rows.corners is None)
 
     def _into_cone(self, d, x, gradient, sliding):
         """Multipliers put exactly into the cone of their own pressures, their gradient, the change.
@@ -283,9 +281,7 @@ class QuasistaticSolver:
         self.scales.renew(displacement=deformation)
         kkt = kkt_residuals(self.rows, x, gradient, self.qp.stiffer, self.scales, op.comm)
         residuals = {"stationarity": self._missing(x, gradient), **kkt}
-        if op.modes:
-            residuals["equilibrium"] = self.bodies.imbalance(load, x)
-        return residuals
+        return residuals | ({"equilibrium": self.bodies.imbalance(load, x)} if op.modes else {})
 
     def _missing(self, x, gradient) -> float:
         """Norm of the contact forces that the preconditioner finds missing, over that of all.

@@ -34,12 +34,27 @@ class Step:
 class Load:
     """Factors of the load patterns, then of the free rigid motions, and the d they make.
 
-    `extent` is what multipliers have to overcome, see FrictionQP.extent.
+    `extent` is what multipliers have to overcome, see FrictionQP.extent. Bodies without support may
+    go far and come back in a step: d is always that of its `start` and of the way from there, never
+    a sum of moves, whose rounding would stay. `farthest` d was off by this way in the step, so far.
     """
 
     weights: np.ndarray
     d: np.ndarray
     extent: float
+    farthest: float = 0.0
+
+    def __post_init__(self):
+        self.start = self.weights.copy(), self.d.copy()
+
+    def move(self, motions: list[np.ndarray], change: np.ndarray) -> np.ndarray:
+        """Move bodies by `change` (modes,) of their `motions` of dual rows; the change of d."""
+        (weights, d), before, first = self.start, self.d, len(self.weights) - len(motions)
+        self.weights[first:] += change
+        way = sum((factor * moved for factor, moved in
+                   zip((self.weights - weights)[first:], motions)), np.zeros(len(d)))
+        self.d, self.farthest = d + way, max(self.farthest, np.abs(way).max(initial=0.0))
+        return self.d - before
 
 
 @dataclass
@@ -70,11 +85,15 @@ class StepFailed(DriverError):
 
 
 class Unfinished(Exception):
-    """A step fails with `error`; the latest multipliers `x` and their `gradient`."""
+    """A step fails with `error`; the latest multipliers `x` and their `gradient`.
 
-    def __init__(self, error: DriverError, x: np.ndarray, gradient: np.ndarray):
+    `final`: whatever their residuals say, they are no solution.
+    """
+
+    def __init__(self, error: DriverError, x: np.ndarray, gradient: np.ndarray,
+                 final: bool = False):
         super().__init__(str(error))
-        self.error, self.x, self.gradient = error, x, gradient
+        self.error, self.x, self.gradient, self.final = error, x, gradient, final
 
 
 @dataclass

@@ -4,13 +4,17 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.optimize import linprog
 
 from driver.environment import ROOT
-from driver.contact.corner_nodes import BOTH, FIRST, MOST, SECOND, CornerNodes
+from driver.contact.corner_nodes import BOTH, FIRST, MOST, SECOND, STANDING, CornerNodes
 from driver.contact.nodes import merge_parts
+from driver.contact.sharing import least_friction
 from driver.errors import InputError
 from driver.hard.case import TIGHT, Case
 from driver.hard.checks import laws
+from driver.march.corner_states import CornerStates
+from driver.march.step import Unfinished
 
 # the fixed point ends at 1e-8 of the pressures: two runs differ by some of that
 CLOSE = 1e-6
@@ -68,6 +72,32 @@ macro support() on(1, u1 = 0., u2 = 0.) //
 macro load1() traction(13, 3e-4, -1e-3) //
 macro contactPair() 6, 5 //
 macro friction() 0.5 //
+include "export.idp"
+"""
+POLYGON = """real turn = physical("turn", 0.), pull = physical("pull", 0.);
+real shear = physical("shear", 0.);
+border hole(t=0, 2*pi) { x = 0.6*cos(t + turn); y = 0.6*sin(t + turn); label = 5; }
+"""
+TRAVEL = """// a stiff block with a soft lid that slides on rollers, over a step and against a wall
+include "scene.idp"
+units("1", "1");
+subdomains("4");
+quasistatic(1.);
+border a(t=0, 1) { x = 0.42 + 0.58*t; y = 0; label = 1; }
+border b(t=0, 1) { x = 1; y = 0.36*t; label = 2; }
+border c(t=1, 0) { x = t; y = 0.36; label = 3; }
+border d(t=1, 0) { x = 0; y = 0.19 + 0.17*t; label = 4; }
+border e(t=0, 1) { x = 0.42*t; y = 0.19; label = 4; }
+border f(t=1, 0) { x = 0.42; y = 0.19*t; label = 5; }
+body = buildmesh(a(5) + b(3) + c(9) + d(2) + e(4) + f(2));
+macro young() (y < 0.17 ? 1. : 10.) //
+macro poisson() 0.3 //
+macro support() on(3, u2 = 0.) //
+macro load1() traction(3, 4e-4, -1.4e-3) //
+macro contact() 5, 1, 2 //
+macro gap() 0.05 //
+macro friction() 0.8 //
+macro amplitude1(t) max(0., (t - 0.7)/0.3) //
 include "export.idp"
 """
 SEVERAL = {  # what makes one label several
@@ -238,6 +268,34 @@ def test_bilateral_contact_pulls_as_it_presses(solved, scene):
         pull.summary["quantities"]["peak_pressure"], rel=CLOSE)
 
 
+@pytest.mark.parametrize("subdomains", [1, 5])
+def test_corners_of_a_body_that_comes_from_far(checked, scene, subdomains):
+    """States of corners that hold it too little let it go far: nothing of that stays."""
+    checked(scene("travel", TRAVEL), element="P2", steps=5, subdomains=subdomains)
+
+
+@pytest.mark.parametrize("options", [
+    {"sides": 8, "turn": 0.725, "friction": 0.7, "pull": -0.00134, "shear": -0.00204},
+    {"sides": 6, "turn": 0.423, "friction": 0.75, "pull": -0.00285, "shear": 0.00104}])
+def test_friction_drags_corners_from_side_to_side(checked, scene, options):
+    """A press fit whose sides turn by 45 and 60 degrees, clamped: vertices stand on two sides that
+    friction alone holds together. All laws, and the cut makes no difference.
+    """
+    text = (ROOT / "edp" / "hard" / "hole.edp").read_text()
+    assert text.count("border hole") == 4
+    before, rest = text.split("border holeLeft")
+    rest = rest.split("body = ")[1]
+    text = before + POLYGON + "body = " + rest
+    sides = " + holeLeft(n) + holeTop(n)\n                 + holeRight(n) + holeBottom(n)"
+    for old, new in ((sides, " + hole(-int(sides))"), ("2e-3, -1e-3)", "pull, shear)")):
+        assert text.count(old) == 1
+        text = text.replace(old, new)
+    polygon_scene = scene("polygon", text)
+    whole, cut = (checked(polygon_scene, gap=-1e-4, steps=2, subdomains=n, **options)
+                  for n in (1, 3))
+    assert apart(by_place(cut), by_place(whole)) <= CLOSE
+
+
 # ---- nodes from parts ----------------------------------------------------------------------------
 
 def polygon(sides: int, label, cut) -> np.ndarray:
@@ -320,11 +378,64 @@ def test_a_corner_takes_the_state_that_its_conditions_ask_for():
     assert switched(one, [1.0, 0.0], [0.0, 1e-3]) == (True, SECOND)
 
 
-def test_a_corner_that_circles_ends_where_both_press():
+CIRCLE = {BOTH: ([1.0, 0.0], [0.0, -1.0]), FIRST: ([1.0, 0.0], [0.0, 1.0])}
+
+
+def test_a_corner_that_circles_stands_where_friction_can_hold_it():
+    """On two perpendicular sides, F = 0.5: a pull of 0.4 on one is friction of the other."""
+    nodes = corner()
+    while nodes.acting[0] != STANDING:
+        assert switched(nodes, *CIRCLE[nodes.acting[0]])[0]
+    assert nodes.excluded.tolist() == [2, 3] and nodes.standing.tolist() == [0, 1]
+    x, law = np.array([1.0, -0.4, 0.0, 0.0]), SimpleNamespace(coefficient=np.full(2, 0.5),
+                                                              offset=None)
+    alone = SimpleNamespace(allgather=lambda value: [value])
+    assert not nodes.switch(x, np.zeros(4), law, np.ones(4), 1e-9, alone)
+    assert not nodes.undecided[0]
+    # the sides' normals are -x and -y, the first one's tangent is -y
+    shared = nodes.shared(x, np.zeros(4), law, np.ones(4), 1e-9)
+    assert shared == pytest.approx([1.0, 0.0, -0.4, 0.0])
+
+
+def test_a_corner_that_no_state_holds_is_undecided():
+    """Without friction nothing pulls: the standing vertex is left to one side, and circles."""
     nodes, changes = corner(), 0
-    violation = {BOTH: ([1.0, 0.0], [0.0, -1.0]), FIRST: ([1.0, 0.0], [0.0, 1.0])}
+    violation = CIRCLE | {STANDING: ([1.0, -0.4], [0.0, 0.0])}
     while switched(nodes, *violation[nodes.acting[0]])[0]:
         changes += 1
-    assert changes == MOST and nodes.acting[0] == BOTH and nodes.undecided[0]
+    assert changes == MOST and nodes.undecided[0]
     nodes.begin_step()
     assert not nodes.undecided[0]
+
+
+def test_a_step_with_an_undecided_corner_names_it():
+    """Whatever the residuals of what its state leaves: exit status 4."""
+    nodes = corner()
+    nodes.undecided[:] = True
+    states = object.__new__(CornerStates)
+    states.corners, states.contact = nodes, SimpleNamespace(xy=np.array([[2.0, 0.5]]))
+    with pytest.raises(Unfinished, match=r"step 3: .* at the corner \(2, 0.5\)") as caught:
+        states._refuse(3, np.zeros(4), np.zeros(4))  # pylint: disable=protected-access
+    assert caught.value.final and caught.value.error.exit_status == 4
+
+
+def test_least_friction_shares_a_force():
+    """Against a linear program, for random corners; no share is outside a cone."""
+    rng, ended = np.random.default_rng(5), []
+    for _ in range(60):
+        angle = rng.uniform(0, 2 * np.pi) + np.array([0.0, rng.uniform(0.6, 2.5)])
+        normals = np.column_stack([np.cos(angle), np.sin(angle)])
+        tangents = np.column_stack([-normals[:, 1], normals[:, 0]])
+        F, c, force = rng.uniform(0, 1, 2), rng.choice([0, 0.1], 2), rng.normal(size=2)
+        found = least_friction(force, normals, F, c, np.zeros(2, bool))
+        cone = np.hstack([-np.diag(F), np.eye(2), np.eye(2)])  # of p, q+ and q-
+        best = linprog([0, 0, 1, 1, 1, 1], A_ub=cone, b_ub=c, b_eq=force,
+                       A_eq=np.hstack([normals.T, tangents.T, -tangents.T]))
+        ended.append(best.status == 0)
+        assert (found is not None) == ended[-1]
+        if found is not None:
+            p, q = found
+            assert p @ normals + q @ tangents == pytest.approx(force, abs=1e-8)
+            assert (p >= 0).all() and (np.abs(q) <= F * p + c).all()
+            assert np.abs(q).sum() == pytest.approx(best.fun, abs=1e-6)
+    assert 10 < sum(ended) < 50

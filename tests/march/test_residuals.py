@@ -10,7 +10,7 @@ from driver.contact.kkt import FADED, Scales, kkt_residuals
 from driver.contact.rows import ContactRows
 from driver.march import quasistatic
 from driver.march.outlook import foresight
-from driver.march.step import Trace
+from driver.march.step import Load, Trace
 from driver.options import Settings
 
 PAD = """include "scene.idp"
@@ -329,3 +329,15 @@ def test_a_pushed_block_stays_where_it_was_left(built, steps_of, scene):
     assert np.all(motion[:, 0] < -0.7e-3)
     assert np.abs(steps[-1].multipliers).max() <= 1e-6 * np.abs(steps[-2].multipliers).max()
     assert motion[-1, 0] == pytest.approx(motion[-2, 0], rel=1e-9)
+
+
+def test_bodies_that_go_far_and_return_leave_nothing_in_d():
+    """A sum of the moves would keep the rounding of the farthest, here 1e-4 of d."""
+    motions = [np.array([0.3, -0.7, 0.1])]
+    load = Load(np.array([1.0, 0.2]), np.array([1.0, 2.0, 3.0]), 1.0)
+    d = load.d.copy()
+    for change in (1.1e12, -0.9e12, 0.7, -0.2e12):
+        load.move(motions, np.array([change]))
+    way = load.weights[1] - 0.2
+    assert abs(way) < 1.0 and load.farthest == pytest.approx(0.77e12)
+    assert load.d == pytest.approx(d + way * motions[0], rel=1e-15)
