@@ -17,6 +17,7 @@ from .slip import SlipState
 from .step import WINDOW, Load, Trace, Unfinished
 
 SETTLING = 0.3  # relative change of friction bounds below which free bodies follow their springs
+DIVERGED = 1e8  # growth of the residual at which the contact problem with F_cc is given up
 CORRECTIONS = 30  # friction bounds in the contact problem with F_cc, at most
 CORRECTION = 0.1  # its residual, relative to the whole one before
 BALANCED = 0.1  # its imbalance of bodies without support, relative to the one before
@@ -106,7 +107,10 @@ class FixedPoint:
         for _ in range(CORRECTIONS):
             limits, bound = rows.limits(self.operator.owned, x), rows.friction_bound(x)
             residual = projected_gradient(x, gradient, *limits)
+            if aim is not None and qp.size(residual) > DIVERGED * whole:
+                return first
             if aim is None:
+                first = x
                 whole, loose = qp.size(residual), self.bodies.imbalance(load, x)
                 aim = max(0.5 * qp.tol, CORRECTION * whole)
                 balanced = max(0.5 * self.rtol, BALANCED * loose)

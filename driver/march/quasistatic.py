@@ -17,7 +17,7 @@ from dataclasses import asdict
 import numpy as np
 from mpi4py import MPI
 
-from ..contact.kkt import Scales, kkt_residuals
+from ..contact.kkt import FADED, Scales, kkt_residuals
 from ..contact.rows import contact_rows
 from ..effects import Effects
 from ..errors import DriverError, NotConverged
@@ -287,22 +287,26 @@ class QuasistaticSolver:
         """Norm of the contact forces that the preconditioner finds missing, over that of all.
 
         The inverse of F, for which it stands, makes stiff parts of the body count by their
-        stiffness. Where nothing presses, gluing forces may be rounding as well (a body that expands
-        freely); then, and without a preconditioner, it is the projected gradient relative to what
-        the QP's tolerance is.
+        stiffness. Contact forces that are nothing beside the body's count by FADED times these: its
+        multipliers, and the least forces that make the displacements to be overcome. Where nothing
+        presses, gluing forces may be rounding as well (a body that expands freely); then, and
+        without a preconditioner, it is the projected gradient relative to what the QP's tolerance
+        is.
         """
-        op, rows, qp = self.operator, self.rows, self.qp
+        op, rows, qp, scales = self.operator, self.rows, self.qp, self.scales
         limits = rows.limits(op.owned, x)
         projected = projected_gradient(x, gradient, *limits)
         contact = np.ones(op.owned)
         contact[rows.gluing] = 0.0
-        self.scales.renew(pressing=np.sqrt(op.dot(contact * x, x)))
-        if qp.preconditioner is None or self.scales.pressing == 0:
-            return qp.size(projected) / (self.scales.d or 1.0)
+        scales.renew(pressing=np.sqrt(op.dot(contact * x, x)), forces=np.sqrt(op.dot(x, x)))
+        if qp.preconditioner is None or scales.pressing == 0:
+            return qp.size(projected) / (scales.d or 1.0)
         # with the rows that would leave their bounds
         free = (x != limits[0]) & (x != limits[1]) | (projected != 0)
         missing = qp.preconditioner(np.where(free, projected, 0.0), free)
-        return np.sqrt(op.dot(contact * missing, missing)) / self.scales.pressing
+        others = max(scales.forces, scales.largest.get("forces", 0.0), scales.d / qp.bound)
+        return (np.sqrt(op.dot(contact * missing, missing))
+                / max(scales.pressing, FADED * others))
 
     # ---- checkpoints ---------------------------------------------------------------------------
     def _carried(self) -> dict[str, np.ndarray]:
@@ -332,7 +336,7 @@ class QuasistaticSolver:
             "initial": self.initial, "initial_weights": self.initial_weights,
             "norm_bound": float(self.qp.bound), "products": op.products,
             "scales": {name: np.asarray(value) for name, value in self.scales.largest.items()},
-            "slip_weights": self.slip.weights,
+            "deformation": float(self.scales.displacement), "slip_weights": self.slip.weights,
             "motion": self.motion, "older_motion": self.older_motion, "placed": self.bodies.placed,
             "log_numbers": np.array([product, step, iteration], np.int64),
             "log_kind": np.array(kind, str),
@@ -362,6 +366,7 @@ class QuasistaticSolver:
             self.condensation.select()
         self.qp.bound, self.doubtful = state["norm_bound"], state["doubtful"]
         self.scales.largest = dict(state["scales"])
+        self.scales.displacement = state["deformation"]
         several = dict(state["uniqueness"]["several"])
         self.uniqueness = Uniqueness(**state["uniqueness"] | {"several": several})
         self.operator.products = state["products"]

@@ -9,6 +9,8 @@ from .globalization import Fallbacks
 
 WINDOW = 8  # iterations of the fixed point over which its changes must have fallen
 
+DIVERGED = 1e6  # growth of these changes after which no window is waited for
+
 
 @dataclass
 class Step:
@@ -114,6 +116,8 @@ class Trace:
 
     @property
     def stalls(self) -> bool:
-        """Whether the changes have not fallen over a window."""
+        """Whether the changes have not fallen over a window, or grow beyond all bounds."""
+        if self.changes and self.changes[-1] > DIVERGED * min(self.changes):
+            return True
         return len(self.changes) > 2 * WINDOW and bool(
             min(self.changes[-WINDOW :]) >= min(self.changes[:-WINDOW]))

@@ -10,7 +10,7 @@ from driver.contact.kkt import FADED, Scales, kkt_residuals
 from driver.contact.rows import ContactRows
 from driver.march import quasistatic
 from driver.march.outlook import foresight
-from driver.march.step import Load
+from driver.march.step import Load, Trace
 from driver.options import Settings
 
 PAD = """include "scene.idp"
@@ -219,6 +219,20 @@ def test_steps_before_smaller_loads_are_solved_further():
     loads = [1.0, 1e4, 2.0, 1.0, 0.0]
     assert [foresight(loads, step) for step in range(1, 6)] == pytest.approx([1, 1e-3, 1, 1, 1])
     assert foresight([1e8, 1.0, 0.0], 1) == pytest.approx(1e-5)
+
+
+def test_nothing_left_is_nothing_missing(built, steps_of, scene):
+    """Lifted off and unloaded again: forces that rounding leaves are no forces to be right."""
+    text = SPIKE.replace("(abs(t - 0.5) < 0.01 ? 1e6 : t)", "(t < 0.6 ? t : 0.)")
+    text = text.replace("traction(3, 0., -1e-3) + traction(2, 4e-4, 2e-4)", "traction(2, 0., 1e-3)")
+    solver, steps = steps_of(built(scene=scene("lifted", text), cells=4, steps=4), rtol=1e-11,
+                             friction_rtol=1e-10)
+    assert solver.failure is None and len(steps) == 4
+
+
+def test_what_grows_without_bound_is_left_at_once():
+    assert Trace(changes=[1.0, 1e-2, 1e5]).stalls
+    assert not Trace(changes=[1.0, 1e-2, 1e2]).stalls
 
 
 # ---- deformation, not motion ---------------------------------------------------------------------
