@@ -24,7 +24,7 @@ from ..errors import DriverError, NotConverged
 from ..feti.dual_problem import DualProblem
 from ..options import Settings
 from ..qp.mprgp import projected_gradient
-from . import globalization, outlook
+from . import outlook
 from .condensation import Condensation
 from .corner_states import CornerStates
 from .fixed_point import FixedPoint
@@ -336,7 +336,7 @@ class QuasistaticSolver:
             "initial": self.initial, "initial_weights": self.initial_weights,
             "norm_bound": float(self.qp.bound), "products": op.products,
             "scales": {name: np.asarray(value) for name, value in self.scales.largest.items()},
-            "slip_weights": self.slip.weights,
+            "deformation": float(self.scales.displacement), "slip_weights": self.slip.weights,
             "motion": self.motion, "older_motion": self.older_motion, "placed": self.bodies.placed,
             "log_numbers": np.array([product, step, iteration], np.int64),
             "log_kind": np.array(kind, str),
@@ -366,6 +366,7 @@ class QuasistaticSolver:
             self.condensation.select()
         self.qp.bound, self.doubtful = state["norm_bound"], state["doubtful"]
         self.scales.largest = dict(state["scales"])
+        self.scales.displacement = state["deformation"]
         several = dict(state["uniqueness"]["several"])
         self.uniqueness = Uniqueness(**state["uniqueness"] | {"several": several})
         self.operator.products = state["products"]
