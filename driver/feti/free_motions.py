@@ -16,13 +16,8 @@ from .rows import RowKind
 from .structure import Substructure
 from .vectors import DualVectors
 
-<<<<<<< HEAD
-# displacement of a row under a motion of norm one at the corners, up to which it is rounding: a
-# disc that turns in its hole
-=======
 # displacement of a row under a motion of norm one at the corners, up to which it is rounding: as of
 # a disc that turns in its hole
->>>>>>> main
 STILL = 1e-9
 SOFTNESS = 10.0  # of the springs: rho in units of (number of corner dofs) / (stiffness of one)
 
