@@ -156,7 +156,7 @@ def test_bodies_through_each_other_are_named(verdict):
     entry, warnings, status = verdict(PLATES)
     assert status == 0
     # the corners are 0.1 deep in a plate of length 6, but for the plate's own change of shape
-    (one, two, depth), = [row for row in entry["overlaps"] if row[:2] == [13, 21]]
+    (_, _, depth), = [row for row in entry["overlaps"] if row[:2] == [13, 21]]
     assert depth == pytest.approx(0.1 / 6, rel=0.3)
     assert any("boundaries" in line and "overlap" in line for line in warnings)
     entry, _, _ = verdict(PLATES, down=0.39)
