@@ -37,7 +37,8 @@ class RigidParts:
             unit = (shape.T * elements.WEIGHTS) @ shape  # exact for products of quadratics
             mass += np.bincount(nodes.ravel(), np.outer(area, unit.sum(axis=1)).ravel(), len(xy))
             for c in (0, 1):
-                each = area[:, None] * (self._away[nodes, c] @ unit)
+                # no BLAS product, which may round a row by how many there are on the rank
+                each = area[:, None] * (self._away[nodes, c][:, :, None] * unit).sum(axis=1)
                 self._moment[:, c] = np.bincount(nodes.ravel(), each.ravel(), len(xy))
         self._mass = mass
         columns = [self._products(motion) for motion in self._motions().transpose(2, 0, 1)]
