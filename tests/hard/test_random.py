@@ -230,7 +230,7 @@ def test_a_status_of_its_own_is_noticed(monkeypatch, tmp_path):
 
 
 def test_a_run_that_takes_too_long_is_noticed(monkeypatch, tmp_path):
-    monkeypatch.setattr(random, "LIMIT", 0.01)
+    monkeypatch.setattr(random, "LIMIT", 1e-5)
     row = random.judge(SEED, tmp_path)
     assert row.status == "FAILED" and "not finished" in row.why
 
