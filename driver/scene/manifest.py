@@ -164,16 +164,14 @@ def _check_histories(manifest: Manifest) -> None:
         if len(history) != manifest.steps + 1:
             raise InputError(f"amplitude {number} has {len(history)} values for "
                              f"{manifest.steps} steps")
-    strange = sorted(set(manifest.between) - set(manifest.amplitudes)) if isinstance(
-        manifest.between, dict) else []
-    if strange:
-        raise InputError(f"amplitude {strange[0]} has values between the steps alone")
-    sound = isinstance(manifest.between, dict) and all(
-        _finite(history)
-        and len(history) % manifest.steps == 1 % manifest.steps
-        for number, history in manifest.between.items())
-    if not sound:
-        raise InputError("an amplitude between the steps is not finite or of the wrong length")
+    unsound = "an amplitude between the steps is not finite or of the wrong length"
+    if not isinstance(manifest.between, dict):
+        raise InputError(unsound)
+    for number, history in manifest.between.items():
+        if number not in manifest.amplitudes:
+            raise InputError(f"amplitude {number} has values between the steps alone")
+        if not _finite(history) or len(history) % manifest.steps != 1 % manifest.steps:
+            raise InputError(unsound)
     for pattern in manifest.patterns:
         if not isinstance(pattern, dict) or not {"kind", "given_on", "amplitude"} <= set(pattern):
             raise InputError("a load pattern lacks its kind, what it is given on, or amplitude")
