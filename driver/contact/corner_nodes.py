@@ -22,7 +22,9 @@ both without friction open again: a corner that returns to `both` stands instead
 changed its state `MOST` times in a step and is still not right is `undecided`: no solution.
 
 Where a vertex arrives at its corner both sides have rubbed on the way. The force is then `shared`
-so that each obeys Coulomb's law with that slip; displacements do not feel how it is shared.
+so that each obeys Coulomb's law with that slip; displacements do not feel how it is shared. One
+that was there at the end of the step before has not slid if it still is: what its slip is then is
+the error of two steps, whose sign would decide on forces that are nothing to do with it.
 """
 
 from dataclasses import dataclass, field
@@ -127,6 +129,7 @@ class CornerNodes:
     directions: np.ndarray  # (v, 2, 2) normals
     acting: np.ndarray = field(init=False)
     switches: np.ndarray = field(init=False)
+    rested: np.ndarray = field(init=False)  # (v,) was in its corner at the end of the step before
 
     def __post_init__(self):
         first, second = self.gap.T
@@ -134,12 +137,33 @@ class CornerNodes:
         nearer = np.where(alike, BOTH, np.where(first < second, FIRST, SECOND))
         self.acting = np.where(self.alone & (nearer == BOTH), FIRST,
                                np.where(self.bilateral.any(axis=1) & ~self.alone, BOTH, nearer))
+        self.rested = np.zeros(len(self.nodes), bool)
         self.begin_step()
 
     def begin_step(self) -> None:
         """States may change again."""
         self.switches = np.zeros(len(self.nodes), int)
         self.undecided = np.zeros(len(self.nodes), bool)  # wrong states that do not change any more
+
+    def end_step(self, x: np.ndarray, comm) -> None:
+        """Remember which vertices are in their corners with multipliers x. Collective."""
+        pressed = np.array([(x[n] != 0) | pulls if n[0] >= 0 else [False, False]
+                            for n, pulls in zip(self.normal, self.bilateral)]).all(axis=1)
+        pressed = np.sum(comm.allgather(pressed.astype(int)), axis=0) > 0
+        self.rested = (self.acting == STANDING) | (self.acting == BOTH) & pressed
+
+    def carried(self) -> dict[str, np.ndarray]:
+        """What goes on from step to step, for checkpoints."""
+        return {"acting": self.acting, "rested": self.rested}
+
+    def restore(self, carried: dict[str, np.ndarray]) -> None:
+        """Go on from what was `carried`."""
+        self.acting, self.rested = carried["acting"], carried["rested"]
+
+    @property
+    def arriving(self) -> bool:
+        """Whether a vertex may just have come to its corner."""
+        return bool((np.isin(self.acting, [BOTH, STANDING]) & ~self.rested).any())
 
     @property
     def standing(self) -> np.ndarray:
@@ -174,11 +198,11 @@ class CornerNodes:
 
     # ---- which state is right --------------------------------------------------------------------
     def switch(self, x: np.ndarray, gradient: np.ndarray, rows, scale: np.ndarray, tol: float,
-               comm) -> bool:
+               comm, slight: float = 0.0) -> bool:
         """Whether a corner has changed its state at multipliers x, where F x - d is `gradient`.
 
-        `rows` are the ContactRows; `scale` (owned,) times displacements over `tol` count.
-        Collective.
+        `rows` are the ContactRows, None without friction; `scale` (owned,) times displacements over
+        `tol` count, and slip over `slight`. Collective.
         """
         wanted = np.zeros(len(self.nodes), int)
         for v in np.flatnonzero(self.normal[:, 0] >= 0):
@@ -189,8 +213,8 @@ class CornerNodes:
             wanted[v] = self._wanted(v, x[n], -gradient[n] * scale[n], tol)
             if wanted[v] == self.acting[v] == BOTH:
                 # friction on the way would have stopped it short of one side
-                parts = self._parts(v, x, gradient, rows, scale, NOISE * tol)
-                missed = np.zeros(2, bool) if parts is None else parts[0] * x[n] < 0
+                parts = self._parts(v, x, gradient, rows, NOISE * tol / scale, slight)
+                missed = np.zeros(2, bool) if parts is None else ~self._able(v, parts[0], x)
                 wanted[v] = BOTH if missed.all() or not missed.any() else (
                     SECOND if missed[0] else FIRST)
         wanted = np.sum(comm.allgather(wanted), axis=0)
@@ -231,28 +255,34 @@ class CornerNodes:
         return BOTH
 
     # ---- how forces are shared -------------------------------------------------------------------
-    def shared(self, x: np.ndarray, gradient: np.ndarray, rows, scale: np.ndarray,
-               tol: float) -> np.ndarray:
-        """x with the same forces at corners that have just been reached, friction's part in them.
+    def shared(self, x: np.ndarray, gradient: np.ndarray, rows, slight: float) -> np.ndarray:
+        """x with the same forces at vertices in their corners, friction's part in them.
 
-        Each node rubs against the slip that brought it there, at its bound. `rows` are the
-        ContactRows, `scale` (owned,) times slip beyond `tol` counts.
+        Each node of a vertex that has just arrived rubs against the slip that brought it there, at
+        its bound; one that stands has the least friction that holds it. `rows` are the
+        ContactRows, slip beyond `slight` counts.
         """
         shared = x.copy()
-        for v in np.flatnonzero((self.acting == STANDING) & (self.normal[:, 0] >= 0)):
-            parts, t = self._shared_at_rest(v, x, rows), self.tangential[v]
-            if parts is not None:
-                shared[self.normal[v]], shared[t[t >= 0]] = parts[0], parts[1][t >= 0]
-        for v in np.flatnonzero((self.acting == BOTH) & (self.normal[:, 0] >= 0)):
+        for v in np.flatnonzero(np.isin(self.acting, [BOTH, STANDING]) & (self.normal[:, 0] >= 0)):
             n, t = self.normal[v], self.tangential[v]
-            parts = self._parts(v, x, gradient, rows, scale, tol)
-            if parts is not None and (parts[0] * x[n] >= 0).all():
+            parts = self._parts(v, x, gradient, rows, np.zeros(len(x)), slight)
+            if parts is not None and self._able(v, parts[0], x).all():
                 shared[n], shared[t] = parts
+            elif self.acting[v] == STANDING:
+                parts = self._shared_at_rest(v, x, rows)
+                if parts is not None:
+                    shared[n], shared[t[t >= 0]] = parts[0], parts[1][t >= 0]
         return shared
+
+    def _able(self, v: int, pressures: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """(2,) whether the nodes of corner v can have the `pressures`; pulls stay what they are."""
+        return pressures * np.where(self.bilateral[v], x[self.normal[v]], 1.0) >= 0
 
     def _law(self, v: int, rows) -> tuple[np.ndarray, np.ndarray]:
         """Coefficient and offset (2,) each of the friction bounds of corner v, 0 without friction.
         """
+        if rows is None:
+            return np.zeros(2), np.zeros(2)
         here = self.in_tangential[v]
         return tuple(np.zeros(2) if values is None else np.where(here >= 0, values[here], 0.0)
                      for values in (rows.coefficient, rows.offset))
@@ -262,21 +292,22 @@ class CornerNodes:
         return least_friction(x[self.normal[v]] @ self.directions[v], self.directions[v],
                               *self._law(v, rows), self.bilateral[v])
 
-    def _parts(self, v: int, x, gradient, rows, scale, tol):
+    def _parts(self, v: int, x, gradient, rows, noise: np.ndarray, slight: float):
         """Pressures and friction forces (2,) each of corner v where both nodes press.
 
-        None where it has not arrived in this step.
+        None where it has not arrived in this step, by slip beyond `slight` and `noise` (owned,).
         """
         n, t = self.normal[v], self.tangential[v]
-        if (t < 0).any() or (x[n] == 0).any():
+        if rows is None or self.rested[v] or (t < 0).any() or (x[n] == 0).any():
             return None
-        slip = -gradient[t] * scale[t]
-        sign = np.where(np.abs(slip) > tol, np.sign(slip), 0.0)
+        slip = -gradient[t]
+        sign = np.where(np.abs(slip) > np.maximum(noise[t], slight), np.sign(slip), 0.0)
         if not sign.any():
             return None
         (F, c), normal = self._law(v, rows), self.directions[v]
         tangent = np.column_stack([-normal[:, 1], normal[:, 0]])
-        rays = normal + (sign * F * np.sign(x[n]))[:, None] * tangent
+        side = np.where(self.bilateral[v], np.sign(x[n]), 1.0)  # presses, or pulls
+        rays = normal + (sign * F * side)[:, None] * tangent
         if abs(np.linalg.det(rays)) < DEPENDENT:
             return None
         pressures = np.linalg.solve(rays.T, x[n] @ normal - (sign * c) @ tangent)

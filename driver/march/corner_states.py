@@ -3,10 +3,11 @@
 
 import numpy as np
 
-from ..contact.corner_nodes import NOISE
 from ..errors import NotConverged
 from .fixed_point import FixedPoint
 from .step import Load, Trace, Unfinished
+
+SLIGHT = 10.0  # times PRIMAL_RTOL, of the deformation: slip that the errors of two steps may make
 
 
 class CornerStates:
@@ -36,7 +37,8 @@ class CornerStates:
             except Unfinished as problem:  # perhaps for want of friction where a side is open
                 failure, x, gradient = problem, problem.x, problem.gradient
             if not self.corners.switch(x, gradient, self.fixed_point.rows, self.qp.scale,
-                                       self.qp.tol, self.qp.operator.comm):
+                                       self.qp.tol, self.qp.operator.comm,
+                                       self._slight(load, x)):
                 if failure is not None:
                     raise failure
                 self._refuse(index, x, gradient)
@@ -52,10 +54,19 @@ class CornerStates:
         self.fixed_point.bodies.shift(load, motion - load.weights[patterns:])
         return x, self.qp.operator.apply(x) - load.d, sliding
 
-    def shared(self, x: np.ndarray, gradient: np.ndarray) -> np.ndarray:
-        """Multipliers (owned,) with friction's part of the forces at corners just reached."""
-        return self.corners.shared(x, gradient, self.fixed_point.rows, self.qp.scale,
-                                   NOISE * self.qp.tol)
+    def _slight(self, load: Load, x: np.ndarray) -> float:
+        """Slip that does not count where a vertex arrives in its corner; collective."""
+        if not self.corners.arriving:
+            return 0.0
+        deformation = self.qp.operator.deformation(x, load.weights)
+        return SLIGHT * self.qp.settings.primal_rtol * deformation
+
+    def shared(self, load: Load, x: np.ndarray, gradient: np.ndarray) -> np.ndarray:
+        """Multipliers (owned,) of the end of a step with friction's part of forces at corners."""
+        slight = self._slight(load, x)
+        shared = self.corners.shared(x, gradient, self.fixed_point.rows, slight)
+        self.corners.end_step(x, self.qp.operator.comm)
+        return shared
 
     def _refuse(self, index: int, x: np.ndarray, gradient: np.ndarray) -> None:
         """Raise Unfinished where no state of a corner is right."""

@@ -185,7 +185,7 @@ class QuasistaticSolver:
             residuals = self._residuals(load, x, gradient)
         self.scales.keep()
         if rows.corners is not None:
-            x = self.corners.shared(x, gradient)
+            x = self.corners.shared(load, x, gradient)
         return Step(index, float(self.times[index]), load.weights, x, gradient, rows.states(x),
                     rows.law_bound(x), trace.iterations, op.products - products,
                     trace.contraction, residuals, moved), error
@@ -322,7 +322,7 @@ class QuasistaticSolver:
         Arrays follow the global numbering of dual rows and contact nodes, numbers are exact: any
         number of ranks goes on from it with the same bits.
         """
-        op, history, carried = self.operator, self.history, self._carried()
+        op, history, rows, carried = self.operator, self.history, self.rows, self._carried()
         parts = op.comm.gather(
             (self.multipliers, self.older, self.rows.tangential_node, *carried.values()))
         if parts is None:
@@ -342,7 +342,7 @@ class QuasistaticSolver:
             "log_kind": np.array(kind, str),
             "log_residual": np.array(residual, float), "fallbacks": history.fallbacks.steps,
             "history": {name: getattr(history, name) for name in CARRIED},
-            "corners": [] if self.rows.corners is None else self.rows.corners.acting.tolist(),
+            "corners": {} if rows.corners is None else rows.corners.carried(),
             "doubtful": self.doubtful, "uniqueness": {
                 **asdict(self.uniqueness), "several": list(self.uniqueness.several.items())}
         }
@@ -362,7 +362,7 @@ class QuasistaticSolver:
             values[:] = state["carried"][name]
         self.initial[:], self.initial_weights[:] = state["initial"], state["initial_weights"]
         if self.rows.corners is not None:
-            self.rows.corners.acting = np.array(state["corners"])
+            self.rows.corners.restore(state["corners"])
             self.condensation.select()
         self.qp.bound, self.doubtful = state["norm_bound"], state["doubtful"]
         self.scales.largest = dict(state["scales"])
