@@ -21,10 +21,12 @@ for. Where friction drags a vertex from one side to the other, one side alone vi
 both without friction open again: a corner that returns to `both` stands instead. One that has
 changed its state `MOST` times in a step and is still not right is `undecided`: no solution.
 
-Where a vertex arrives at its corner both sides have rubbed on the way. The force is then `shared`
-so that each obeys Coulomb's law with that slip; displacements do not feel how it is shared. One
-that was there at the end of the step before has not slid if it still is: what its slip is then is
-the error of two steps, whose sign would decide on forces that are nothing to do with it.
+Several states may hold a vertex that touches both sides with the same force, which displacements
+alone do not tell apart. So the end of a step does not know in which one it got there: the force is
+`shared` anew between the sides, and the state becomes that of the shares. Where a vertex arrives in
+its corner both sides have rubbed on the way, each obeys Coulomb's law with that slip; one that was
+there a step ago and still is has not slid, whatever the errors of two steps add up to, and is held
+with the least friction. The next step starts with the force in the rows of its state (`own`).
 """
 
 from dataclasses import dataclass, field
@@ -37,6 +39,8 @@ from .sharing import least_friction
 
 MOST = 12  # changes of a corner's state in one step
 AGAIN = 2  # changes after which it stands where both would press
+TOUCHES = 1e-6  # distance from a side, relative to the deformation, that is none
+SLIPS = 10 * TOUCHES  # slip that the errors of two steps do not make, likewise
 NOISE = 10.0  # times the tolerance of displacements: slip of a corner beyond that counts
 SLIGHT = 1e-9  # relative difference of gaps that counts as none
 DEPENDENT = 1e-8  # singular value below which rows of length one depend on one another
@@ -145,13 +149,6 @@ class CornerNodes:
         self.switches = np.zeros(len(self.nodes), int)
         self.undecided = np.zeros(len(self.nodes), bool)  # wrong states that do not change any more
 
-    def end_step(self, x: np.ndarray, comm) -> None:
-        """Remember which vertices are in their corners with multipliers x. Collective."""
-        pressed = np.array([(x[n] != 0) | pulls if n[0] >= 0 else [False, False]
-                            for n, pulls in zip(self.normal, self.bilateral)]).all(axis=1)
-        pressed = np.sum(comm.allgather(pressed.astype(int)), axis=0) > 0
-        self.rested = (self.acting == STANDING) | (self.acting == BOTH) & pressed
-
     def carried(self) -> dict[str, np.ndarray]:
         """What goes on from step to step, for checkpoints."""
         return {"acting": self.acting, "rested": self.rested}
@@ -198,11 +195,11 @@ class CornerNodes:
 
     # ---- which state is right --------------------------------------------------------------------
     def switch(self, x: np.ndarray, gradient: np.ndarray, rows, scale: np.ndarray, tol: float,
-               comm, slight: float = 0.0) -> bool:
+               comm, deformation: float = 0.0) -> bool:
         """Whether a corner has changed its state at multipliers x, where F x - d is `gradient`.
 
         `rows` are the ContactRows, None without friction; `scale` (owned,) times displacements over
-        `tol` count, and slip over `slight`. Collective.
+        `tol` count, and slip over SLIPS times `deformation`. Collective.
         """
         wanted = np.zeros(len(self.nodes), int)
         for v in np.flatnonzero(self.normal[:, 0] >= 0):
@@ -213,8 +210,11 @@ class CornerNodes:
             wanted[v] = self._wanted(v, x[n], -gradient[n] * scale[n], tol)
             if wanted[v] == self.acting[v] == BOTH:
                 # friction on the way would have stopped it short of one side
-                parts = self._parts(v, x, gradient, rows, NOISE * tol / scale, slight)
-                missed = np.zeros(2, bool) if parts is None else ~self._able(v, parts[0], x)
+                t, missed = self.tangential[v], np.zeros(2, bool)
+                least = np.maximum(NOISE * tol / scale[t], SLIPS * deformation)
+                parts = self._parts(v, self._force(v, x), -gradient[t], rows, least)
+                if parts is not None and x[n].all():
+                    missed = ~self._able(v, parts[0])
                 wanted[v] = BOTH if missed.all() or not missed.any() else (
                     SECOND if missed[0] else FIRST)
         wanted = np.sum(comm.allgather(wanted), axis=0)
@@ -229,7 +229,7 @@ class CornerNodes:
 
     def _stands(self, v: int, x: np.ndarray, rows) -> Acting:
         """State of a standing corner v: the side that would be left if both cannot hold it."""
-        if self._shared_at_rest(v, x, rows) is not None:
+        if self._shared_at_rest(v, self._force(v, x), rows) is not None:
             return STANDING
         force = x[self.normal[v]]
         return FIRST if force[0] >= force[1] else SECOND
@@ -255,28 +255,74 @@ class CornerNodes:
         return BOTH
 
     # ---- how forces are shared -------------------------------------------------------------------
-    def shared(self, x: np.ndarray, gradient: np.ndarray, rows, slight: float) -> np.ndarray:
-        """x with the same forces at vertices in their corners, friction's part in them.
+    def end_step(self, x: np.ndarray, gradient: np.ndarray, rows, deformation: float,
+                 comm) -> tuple[np.ndarray, bool]:
+        """Multipliers x shared by the vertices that touch both sides, and whether states change.
 
-        Each node of a vertex that has just arrived rubs against the slip that brought it there, at
-        its bound; one that stands has the least friction that holds it. `rows` are the
-        ContactRows, slip beyond `slight` counts.
+        `rows` are the ContactRows, None without friction; nearer than `deformation` times TOUCHES
+        is touching, slip by SLIPS times as much counts. Collective.
         """
-        shared = x.copy()
-        for v in np.flatnonzero(np.isin(self.acting, [BOTH, STANDING]) & (self.normal[:, 0] >= 0)):
+        shared, inside = x.copy(), np.zeros(len(self.nodes), int)
+        acting = np.zeros(len(self.nodes), int)
+        for v in np.flatnonzero(self.normal[:, 0] >= 0):
             n, t = self.normal[v], self.tangential[v]
-            parts = self._parts(v, x, gradient, rows, np.zeros(len(x)), slight)
-            if parts is not None and self._able(v, parts[0], x).all():
-                shared[n], shared[t] = parts
-            elif self.acting[v] == STANDING:
-                parts = self._shared_at_rest(v, x, rows)
-                if parts is not None:
-                    shared[n], shared[t[t >= 0]] = parts[0], parts[1][t >= 0]
-        return shared
+            acting[v] = self.acting[v]
+            if self.alone[v] or (np.abs(gradient[n]) > TOUCHES * deformation).any():
+                continue
+            force, inside[v] = self._force(v, x), 1
+            parts = self._parts(v, force, -gradient[t], rows, SLIPS * deformation)
+            if parts is None or not self._able(v, parts[0]).all():
+                parts = self._shared_at_rest(v, force, rows)
+            if parts is not None:
+                shared[n], shared[t[t >= 0]] = parts[0], parts[1][t >= 0]
+                acting[v] = self._state_of(v, force, rows)
+        acting, self.rested = np.sum(comm.allgather((acting, inside)), axis=0)
+        self.rested, before, self.acting = self.rested > 0, self.acting, acting
+        return shared, not np.array_equal(before, acting)
 
-    def _able(self, v: int, pressures: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """(2,) whether the nodes of corner v can have the `pressures`; pulls stay what they are."""
-        return pressures * np.where(self.bilateral[v], x[self.normal[v]], 1.0) >= 0
+    def own(self, x: np.ndarray) -> np.ndarray:
+        """x with the same forces at the vertices in rows that their states leave free."""
+        moved = x.copy()
+        for v in np.flatnonzero((self.normal[:, 0] >= 0) & ~self.alone):
+            n, t, force = self.normal[v], self.tangential[v], self._force(v, x)
+            if self.acting[v] in (BOTH, STANDING):
+                moved[n], moved[t[t >= 0]] = np.linalg.solve(self.directions[v].T, force), 0.0
+                continue
+            k = 0 if self.acting[v] == FIRST else 1
+            if not x[n[1 - k]]:  # nothing to move, and not by rounding either
+                continue
+            moved[n], moved[t[t >= 0]] = 0.0, 0.0
+            moved[n[k]] = force @ self.directions[v, k]
+            if t[k] >= 0:
+                moved[t[k]] = force @ self._tangents(v)[k]
+        return moved
+
+    def _force(self, v: int, x: np.ndarray) -> np.ndarray:
+        """(2,) force that the rows of corner v make up with multipliers x."""
+        t = self.tangential[v]
+        rubbing = np.where(t >= 0, x[t], 0.0)
+        return x[self.normal[v]] @ self.directions[v] + rubbing @ self._tangents(v)
+
+    def _tangents(self, v: int) -> np.ndarray:
+        """(2, 2) tangents: the normals turned by +90 degrees."""
+        return np.column_stack([-self.directions[v, :, 1], self.directions[v, :, 0]])
+
+    def _state_of(self, v: int, force: np.ndarray, rows) -> Acting:
+        """The state that holds corner v, in touch with both sides, with a force (2,)."""
+        pressures = np.linalg.solve(self.directions[v].T, force)
+        if self._able(v, pressures).all():
+            return BOTH
+        (F, c), normal = self._law(v, rows), self.directions[v] @ force
+        tangential = np.abs(self._tangents(v) @ force)
+        alone = self._able(v, normal) & (tangential <= F * np.abs(normal) + c)
+        alone &= ~self.bilateral[v][::-1]
+        if alone.any():
+            return FIRST if alone[0] else SECOND
+        return STANDING
+
+    def _able(self, v: int, pressures: np.ndarray) -> np.ndarray:
+        """(2,) whether the nodes of corner v can have the `pressures`."""
+        return self.bilateral[v] | (pressures >= 0)
 
     def _law(self, v: int, rows) -> tuple[np.ndarray, np.ndarray]:
         """Coefficient and offset (2,) each of the friction bounds of corner v, 0 without friction.
@@ -287,30 +333,28 @@ class CornerNodes:
         return tuple(np.zeros(2) if values is None else np.where(here >= 0, values[here], 0.0)
                      for values in (rows.coefficient, rows.offset))
 
-    def _shared_at_rest(self, v: int, x: np.ndarray, rows):
-        """Pressures and friction forces (2,) each that hold the standing corner v, or None."""
-        return least_friction(x[self.normal[v]] @ self.directions[v], self.directions[v],
-                              *self._law(v, rows), self.bilateral[v])
+    def _shared_at_rest(self, v: int, force: np.ndarray, rows):
+        """Pressures and friction forces (2,) each that hold corner v with `force` (2,), or None."""
+        F, c = self._law(v, rows)
+        return least_friction(force, self.directions[v], F, c, self.bilateral[v])
 
-    def _parts(self, v: int, x, gradient, rows, noise: np.ndarray, slight: float):
-        """Pressures and friction forces (2,) each of corner v where both nodes press.
+    def _parts(self, v: int, force: np.ndarray, slip: np.ndarray, rows, least):
+        """Pressures and friction forces (2,) each of corner v under the force (2,) it arrives with.
 
-        None where it has not arrived in this step, by slip beyond `slight` and `noise` (owned,).
+        None where it has not arrived in this step: no slip (2,) beyond `least`.
         """
-        n, t = self.normal[v], self.tangential[v]
-        if rows is None or self.rested[v] or (t < 0).any() or (x[n] == 0).any():
+        sign = np.where(np.abs(slip) > least, np.sign(slip), 0.0)
+        if rows is None or self.rested[v] or (self.tangential[v] < 0).any() or not sign.any():
             return None
-        slip = -gradient[t]
-        sign = np.where(np.abs(slip) > np.maximum(noise[t], slight), np.sign(slip), 0.0)
-        if not sign.any():
-            return None
-        (F, c), normal = self._law(v, rows), self.directions[v]
-        tangent = np.column_stack([-normal[:, 1], normal[:, 0]])
-        side = np.where(self.bilateral[v], np.sign(x[n]), 1.0)  # presses, or pulls
+        (F, c), normal, tangent = self._law(v, rows), self.directions[v], self._tangents(v)
+        # contact that can pull does so as without friction
+        side = np.where(self.bilateral[v], np.sign(np.linalg.solve(normal.T, force)), 1.0)
         rays = normal + (sign * F * side)[:, None] * tangent
         if abs(np.linalg.det(rays)) < DEPENDENT:
             return None
-        pressures = np.linalg.solve(rays.T, x[n] @ normal - (sign * c) @ tangent)
+        pressures = np.linalg.solve(rays.T, force - (sign * c) @ tangent)
+        if (self.bilateral[v] & (pressures * side < 0)).any():
+            return None
         return pressures, sign * (F * np.abs(pressures) + c)
 
 

@@ -38,7 +38,8 @@ class Room(initial_state.Room):
             raise NotConverged(
                 f"preload: no equilibrium of the free bodies in {iteration} iterations")
         if rows.corners is not None:
-            rows.corners.end_step(x, op.comm)
+            rows.corners.end_step(x, result.gradient, None, op.deformation(
+                x, load.weights), op.comm)
         solver.multipliers, solver.motion = x, load.weights[op.structure.patterns :]
         gradient = result.gradient - solver.bodies.settle(load, x, result.gradient)
         solver.slip.advance(x, gradient, load.weights, solver.scales)

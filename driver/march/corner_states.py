@@ -7,8 +7,6 @@ from ..errors import NotConverged
 from .fixed_point import FixedPoint
 from .step import Load, Trace, Unfinished
 
-SLIGHT = 10.0  # times PRIMAL_RTOL, of the deformation: slip that the errors of two steps may make
-
 
 class CornerStates:
     """Finds a step's fixed point as FixedPoint does, and which nodes of corners act. Collective."""
@@ -38,7 +36,7 @@ class CornerStates:
                 failure, x, gradient = problem, problem.x, problem.gradient
             if not self.corners.switch(x, gradient, self.fixed_point.rows, self.qp.scale,
                                        self.qp.tol, self.qp.operator.comm,
-                                       self._slight(load, x)):
+                                       self._deformation(load, x)):
                 if failure is not None:
                     raise failure
                 self._refuse(index, x, gradient)
@@ -54,19 +52,17 @@ class CornerStates:
         self.fixed_point.bodies.shift(load, motion - load.weights[patterns:])
         return x, self.qp.operator.apply(x) - load.d, sliding
 
-    def _slight(self, load: Load, x: np.ndarray) -> float:
-        """Slip that does not count where a vertex arrives in its corner; collective."""
-        if not self.corners.arriving:
-            return 0.0
-        deformation = self.qp.operator.deformation(x, load.weights)
-        return SLIGHT * self.qp.settings.primal_rtol * deformation
+    def _deformation(self, load: Load, x: np.ndarray) -> float:
+        """Of the step, if it matters as a vertex may have arrived in its corner; collective."""
+        return self.qp.operator.deformation(x, load.weights) if self.corners.arriving else 0.0
 
-    def shared(self, load: Load, x: np.ndarray, gradient: np.ndarray) -> np.ndarray:
-        """Multipliers (owned,) of the end of a step with friction's part of forces at corners."""
-        slight = self._slight(load, x)
-        shared = self.corners.shared(x, gradient, self.fixed_point.rows, slight)
-        self.corners.end_step(x, self.qp.operator.comm)
-        return shared
+    def end_step(self, x: np.ndarray, gradient: np.ndarray) -> np.ndarray:
+        """Multipliers (owned,) of the end of a step: forces at corners as `shared` there."""
+        x, changed = self.corners.end_step(x, gradient, self.fixed_point.rows,
+                                           self.qp.scales.displacement, self.qp.operator.comm)
+        if changed:
+            self.fixed_point.condensation.select()
+        return x
 
     def _refuse(self, index: int, x: np.ndarray, gradient: np.ndarray) -> None:
         """Raise Unfinished where no state of a corner is right."""

@@ -114,6 +114,8 @@ class QuasistaticSolver:
         if not any(self.loads[: index - 1]) and not self.motion.any():  # the first load
             self.motion = rest
         last, growth = self.multipliers, 0.0
+        if self.rows.corners is not None:
+            last = self.rows.corners.own(last)
         if self.settings.predictor == "load":
             growth = outlook.growth(self.amplitudes, index)
         sliding = self.rows.sliding(last, self.rows.friction_bound(last))
@@ -185,7 +187,7 @@ class QuasistaticSolver:
             residuals = self._residuals(load, x, gradient)
         self.scales.keep()
         if rows.corners is not None:
-            x = self.corners.shared(load, x, gradient)
+            x = self.corners.end_step(x, gradient)
         return Step(index, float(self.times[index]), load.weights, x, gradient, rows.states(x),
                     rows.law_bound(x), trace.iterations, op.products - products,
                     trace.contraction, residuals, moved), error

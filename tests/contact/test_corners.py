@@ -393,7 +393,8 @@ def test_a_corner_that_circles_stands_where_friction_can_hold_it():
     assert not nodes.switch(x, np.zeros(4), law, np.ones(4), 1e-9, alone)
     assert not nodes.undecided[0]
     # the sides' normals are -x and -y, the first one's tangent is -y
-    shared = nodes.shared(x, np.zeros(4), law, 1e-9)
+    shared, changed = nodes.end_step(x, np.zeros(4), law, 1.0, alone)
+    assert nodes.rested.all() and changed and nodes.acting[0] == FIRST  # which alone can hold it
     assert shared == pytest.approx([1.0, 0.0, -0.4, 0.0])
 
 
