@@ -39,6 +39,7 @@ from .sharing import least_friction
 
 MOST = 12  # changes of a corner's state in one step
 AGAIN = 2  # changes after which it stands where both would press
+NEAR = 1e-7  # penetration, relative to the deformation, for which no state is changed
 TOUCHES = 1e-6  # distance from a side, relative to the deformation, that is none
 SLIPS = 10 * TOUCHES  # slip that the errors of two steps do not make, likewise
 NOISE = 10.0  # times the tolerance of displacements: slip of a corner beyond that counts
@@ -199,7 +200,8 @@ class CornerNodes:
         """Whether a corner has changed its state at multipliers x, where F x - d is `gradient`.
 
         `rows` are the ContactRows, None without friction; `scale` (owned,) times displacements over
-        `tol` count, and slip over SLIPS times `deformation`. Collective.
+        `tol` count if they are more than NEAR, slip if it is more than SLIPS times `deformation`.
+        Collective.
         """
         wanted = np.zeros(len(self.nodes), int)
         for v in np.flatnonzero(self.normal[:, 0] >= 0):
@@ -207,7 +209,8 @@ class CornerNodes:
             if self.acting[v] == STANDING:
                 wanted[v] = self._stands(v, x, rows)
                 continue
-            wanted[v] = self._wanted(v, x[n], -gradient[n] * scale[n], tol)
+            near = max(tol, NEAR * deformation * scale[n].max())
+            wanted[v] = self._wanted(v, x[n], -gradient[n] * scale[n], near)
             if wanted[v] == self.acting[v] == BOTH:
                 # friction on the way would have stopped it short of one side
                 t, missed = self.tangential[v], np.zeros(2, bool)

@@ -53,8 +53,10 @@ class CornerStates:
         return x, self.qp.operator.apply(x) - load.d, sliding
 
     def _deformation(self, load: Load, x: np.ndarray) -> float:
-        """Of the step, if it matters as a vertex may have arrived in its corner; collective."""
-        return self.qp.operator.deformation(x, load.weights) if self.corners.arriving else 0.0
+        """Of the step, where a vertex may have arrived in its corner, else the last; collective."""
+        if self.corners.arriving:
+            return self.qp.operator.deformation(x, load.weights)
+        return self.qp.scales.displacement
 
     def end_step(self, x: np.ndarray, gradient: np.ndarray) -> np.ndarray:
         """Multipliers (owned,) of the end of a step: forces at corners as `shared` there."""
