@@ -21,6 +21,14 @@ for. Where friction drags a vertex from one side to the other, one side alone vi
 both without friction open again: a corner that returns to `both` stands instead. One that has
 changed its state `MOST` times in a step and is still not right is `undecided`: no solution.
 
+Friction that needs no pressure (Tresca, cohesion) acts on both sides of a vertex that touches both,
+where forces are shared by the laws of both, and otherwise on one: that of the side it touches, and
+where it touches none on the side with more of it. With the other side's, too, there were three
+multipliers on two displacements; and a vertex that sticks would leave undetermined how much of its
+pressure that other side takes, and with it Coulomb's bound on this one. What is left out is the
+friction of an open side, on half an edge: a force that falls with the mesh size like the error of
+the tractions next to a corner, and that a body which does not touch cannot have.
+
 Several states may hold a vertex that touches both sides with the same force, which displacements
 alone do not tell apart. So the end of a step does not know in which one it got there: the force is
 `shared` anew between the sides, and the state becomes that of the shares. Where a vertex arrives in
