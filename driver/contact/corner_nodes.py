@@ -9,6 +9,7 @@ there are displacements, and holds the others at zero:
     both            both press, neither rubs: the vertex stands, and what holds it is contact's
     standing        both conditions are equations, whatever force they take, as long as the laws of
                     both sides, with friction, can make it up between them (sharing.py)
+    neither         both are open, and both rub with the friction that needs no pressure
 
 Together the states hold every force that the two laws admit between contact with either side: where
 F is so small that a vertex does not jam, tan(angle between the normals) F < 1, the cones of the
@@ -21,13 +22,13 @@ for. Where friction drags a vertex from one side to the other, one side alone vi
 both without friction open again: a corner that returns to `both` stands instead. One that has
 changed its state `MOST` times in a step and is still not right is `undecided`: no solution.
 
-Friction that needs no pressure (Tresca, cohesion) acts on both sides of a vertex that touches both,
-where forces are shared by the laws of both, and otherwise on one: that of the side it touches, and
-where it touches none on the side with more of it. With the other side's, too, there were three
-multipliers on two displacements; and a vertex that sticks would leave undetermined how much of its
-pressure that other side takes, and with it Coulomb's bound on this one. What is left out is the
-friction of an open side, on half an edge: a force that falls with the mesh size like the error of
-the tractions next to a corner, and that a body which does not touch cannot have.
+Friction that needs no pressure (Tresca, cohesion) acts on both sides of a vertex that neither
+presses, and of one that touches both, where forces are shared by the laws of both. Where one side
+presses it acts on that side alone. With the other side's, too, there were three multipliers on two
+displacements; and a vertex that sticks would leave undetermined how much of its pressure that other
+side takes, and with it Coulomb's bound on this one. What is left out is the friction of an open
+side, on half an edge: a force that falls with the mesh size like the error of the tractions next to
+a corner.
 
 Several states may hold a vertex that touches both sides with the same force, which displacements
 alone do not tell apart. So the end of a step does not know in which one it got there: the force is
@@ -42,7 +43,6 @@ from enum import IntEnum
 
 import numpy as np
 
-from ..errors import InputError
 from .sharing import least_friction
 
 MOST = 12  # changes of a corner's state in one step
@@ -52,7 +52,7 @@ TOUCHES = 1e-6  # distance from a side, relative to the deformation, that is non
 SLIPS = 10 * TOUCHES  # slip that the errors of two steps do not make, likewise
 NOISE = 10.0  # times the tolerance of displacements: slip of a corner beyond that counts
 SLIGHT = 1e-9  # relative difference of gaps that counts as none
-DEPENDENT = 1e-8  # singular value below which rows of length one depend on one another
+DEPENDENT = 1e-8  # determinant of two forces of about unit length that are one
 
 
 class Acting(IntEnum):
@@ -62,62 +62,10 @@ class Acting(IntEnum):
     FIRST = 1
     SECOND = 2
     STANDING = 3
+    NEITHER = 4
 
 
-BOTH, FIRST, SECOND, STANDING = Acting
-
-
-def corner_pairs(contact, fixed_keys: np.ndarray) -> np.ndarray:
-    """(v, 3) pairs of contact nodes with dependent rows, and how many of these are independent.
-
-    `fixed_keys` are 2 gid + component of the displacements that supports fix. Raises InputError
-    where more than two nodes depend on one another.
-    """
-    gids, count = np.unique(contact.gid[contact.normal_row >= 0], return_counts=True)
-    pairs = []
-    for gid in gids[count > 1]:
-        nodes = np.flatnonzero((contact.gid == gid) & (contact.normal_row >= 0))
-        rows = [_rows(contact, node, fixed_keys) for node in nodes]
-        if _rank(rows) == sum(map(len, rows)):
-            continue
-        couples = [(i, k, _rank([rows[i], rows[k]])) for i in range(len(nodes)) for k in range(i)]
-        dependent = [(k, i, rank) for i, k, rank in couples
-                     if rank < len(rows[i]) + len(rows[k])]
-        if len(nodes) > 2 and len(dependent) != 1:
-            x, y = contact.xy[nodes[0]]
-            raise InputError(f"contact at ({x:g}, {y:g}): more than two conditions meet there on "
-                             "what can move; declare contact on less of the boundary")
-        pairs += [(nodes[k], nodes[i], rank) for k, i, rank in dependent]
-    return np.array(pairs, int).reshape(-1, 3)
-
-
-def _rows(contact, node: int, fixed_keys: np.ndarray) -> list[dict[int, float]]:
-    """The rows of a node: coefficients by displacement, fixed ones left out."""
-    terms = np.flatnonzero(contact.term_node == node)
-    directions = [contact.normal[node]]
-    if contact.tangential_row[node] >= 0:
-        directions.append(contact.tangent[node])
-    rows = []
-    for direction in directions:
-        row = {}
-        for gid, value in zip(contact.term_gid[terms], contact.term_value[terms]):
-            for c in (0, 1):
-                row[2 * gid + c] = row.get(2 * gid + c, 0.0) + value * direction[c]
-        rows.append({key: value for key, value in row.items() if key not in fixed_keys})
-    return rows
-
-
-def _rank(of_nodes: list[list[dict[int, float]]]) -> int:
-    """Number of independent rows."""
-    rows = [row for rows in of_nodes for row in rows]
-    keys = {key: place for place, key in enumerate(sorted(set().union(*rows)))}
-    matrix = np.zeros((len(rows), len(keys)))
-    for number, row in enumerate(rows):
-        for key, value in row.items():
-            matrix[number, keys[key]] = value
-    size = np.linalg.norm(matrix, axis=1)
-    matrix /= np.where(size > 0, size, 1.0)[:, None]
-    return int(np.count_nonzero(np.linalg.svd(matrix, compute_uv=False) > DEPENDENT))
+BOTH, FIRST, SECOND, STANDING, NEITHER = Acting
 
 
 @dataclass
@@ -179,8 +127,8 @@ class CornerNodes:
     @property
     def _excluded(self) -> tuple[np.ndarray, np.ndarray]:
         """(v, 2) nodes whose normal rows, and whose tangential rows, are excluded."""
-        normal = self.acting[:, None] == [SECOND, FIRST]
-        return normal, normal | np.isin(self.acting, [BOTH, STANDING])[:, None]
+        one, acting = self.acting[:, None] == [SECOND, FIRST], self.acting[:, None]
+        return one | (acting == NEITHER), one | np.isin(acting, [BOTH, STANDING])
 
     @property
     def excluded(self) -> np.ndarray:
@@ -253,17 +201,31 @@ class CornerNodes:
             if not opened.any():
                 return BOTH
             if opened.all():  # only what rubs without pressure matters
+                if self._rubs_open(v):
+                    return NEITHER
                 opened = self.offset[v] < self.offset[v].max()
                 return BOTH if not opened.any() and not self.offset[v].any() else (
                     SECOND if opened[0] else FIRST)
             return SECOND if opened[0] else FIRST
+        if self.acting[v] == NEITHER:
+            closed = over > tol
+            return BOTH if closed.all() else NEITHER if not closed.any() else (
+                FIRST if closed[0] else SECOND)
         own = 0 if self.acting[v] == FIRST else 1
         missed = over[1 - own]
+        if (force[own] == 0 and over[own] < -tol and missed <= tol and self._rubs_open(v)
+                and self.switches[v] < AGAIN):
+            return NEITHER
         if max(missed, abs(missed) * bilateral[1 - own]) <= tol:
             return self.acting[v]
         if self.alone[v] or force[own] == 0 and not bilateral[own]:
             return SECOND if own == 0 else FIRST
         return BOTH
+
+    def _rubs_open(self, v: int) -> bool:
+        """Whether both sides of corner v rub without pressure."""
+        return bool((self.offset[v] > 0).all() and (self.in_tangential[v] >= 0).all()
+                    and not self.bilateral[v].any() and not self.alone[v])
 
     # ---- how forces are shared -------------------------------------------------------------------
     def end_step(self, x: np.ndarray, gradient: np.ndarray, rows, deformation: float,
@@ -296,6 +258,9 @@ class CornerNodes:
         moved = x.copy()
         for v in np.flatnonzero((self.normal[:, 0] >= 0) & ~self.alone):
             n, t, force = self.normal[v], self.tangential[v], self._force(v, x)
+            if self.acting[v] == NEITHER:
+                moved[n], moved[t] = 0.0, np.linalg.solve(self._tangents(v).T, force)
+                continue
             if self.acting[v] in (BOTH, STANDING):
                 moved[n], moved[t[t >= 0]] = np.linalg.solve(self.directions[v].T, force), 0.0
                 continue

@@ -7,7 +7,8 @@ import pytest
 from scipy.optimize import linprog
 
 from driver.environment import ROOT
-from driver.contact.corner_nodes import BOTH, FIRST, MOST, SECOND, STANDING, CornerNodes
+from driver.contact.corner_nodes import (BOTH, FIRST, MOST, NEITHER, SECOND, STANDING,
+                                         CornerNodes)
 from driver.contact.nodes import merge_parts
 from driver.contact.sharing import least_friction
 from driver.errors import InputError
@@ -407,6 +408,12 @@ def test_a_corner_takes_the_state_that_its_conditions_ask_for():
     assert switched(held, [0.0, 0.0], [0.0, 1e-3]) == (True, BOTH)
     assert corner(gap=(1e-3, 0.0)).acting[0] == SECOND  # the side that is nearer
     given = corner(offset=(1.0, 2.0))  # friction that needs no pressure
+    assert switched(given, [0.0, 0.0], [-1e-3, -1e-3]) == (True, NEITHER)
+    assert given.excluded.tolist() == [0, 1]
+    assert switched(given, [0.0, 0.0], [-1e-3, 0.0]) == (False, NEITHER)
+    assert switched(given, [0.0, 0.0], [-1e-3, 1e-3]) == (True, SECOND)
+    assert switched(given, [0.0, 1.0], [-1e-3, 0.0]) == (False, SECOND)
+    given = corner(offset=(0.0, 2.0))
     assert switched(given, [0.0, 0.0], [-1e-3, -1e-3]) == (True, SECOND)
     one = corner(alone=True)
     assert switched(one, [1.0, 0.0], [0.0, 1e-3]) == (True, SECOND)

@@ -74,7 +74,7 @@ def test_cuts_agree_at_corners(seed, tmp_path):
     assert random.judge(seed, tmp_path).status == "solved"
 
 
-@pytest.mark.parametrize("left, doubtful", [(1e-6, True), (1e-4, False), (2e-5, False)])
+@pytest.mark.parametrize("left, doubtful", [(1e-6, True), (1e-4, False), (3e-5, False)])
 def test_sensitive_forces_come_together(left, doubtful, monkeypatch):
     """A difference of 2e-4, and what finer tolerances leave of it."""
     outcome = random.Outcome(0, "", 0.0, None)
