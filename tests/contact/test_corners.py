@@ -331,6 +331,26 @@ def test_friction_drags_corners_from_side_to_side(checked, scene, options):
     assert apart(by_place(cut), by_place(whole)) <= CLOSE
 
 
+@pytest.mark.parametrize("law", ["tresca() 1e-4", "cohesion() 1e-4 //\nmacro friction() 0.5"])
+def test_friction_without_pressure_on_both_sides_of_an_open_corner(checked, scene, law):
+    """A block is dragged away from floor and wall: every node slides at the given bound, and the
+    lid gives what all of them take: 1e-4 times the length of the floor, and of the wall.
+    """
+    text = FLOOR.replace("gap() (x < 1e-9 && y > 1e-9 ? 0.05 : (label == 4 ? 0.05 : 0.))",
+                         "gap() 0.").replace("contact() 1 ", "contact() 1, 4 ")
+    text = text.replace("friction() F", law).replace("u1 = 0., u2 = -0.01", "u1 = 0., u2 = 0.01")
+    runs = [checked(scene(f"given-{law[:3]}", text), steps=2, subdomains=n) for n in (1, 4)]
+    assert apart(by_place(runs[1]), by_place(runs[0])) <= CLOSE
+    last = {name: column[-1] for name, column in runs[0].contact.items()}
+    assert (last["sigma_n"] == 0).all()
+    vertex = last["x"] ** 2 + last["y"] ** 2 == 0
+    assert vertex.sum() == 2 and np.abs(last["sigma_t"][vertex]) == pytest.approx(1e-4, rel=1e-9)
+    force = (last["sigma_t"] * last["weight"])
+    floor, wall = last["normal_y"] < -0.5, last["normal_x"] < -0.5
+    assert abs(force[floor].sum()) == pytest.approx(2e-4, rel=1e-9)
+    assert np.abs(last["sigma_t"][wall]).max() <= 1e-4 * (1 + 1e-9)
+
+
 # ---- nodes from parts ----------------------------------------------------------------------------
 
 def polygon(sides: int, label, cut) -> np.ndarray:
