@@ -44,10 +44,13 @@ class Problem:
         return cls(manifest, body)
 
     def worst(self, outcome: Outcome) -> tuple[str, float]:
-        """The law that a run violates most, and by how much."""
+        """The law that a run violates most, and by how much: what rounding is worth, apart."""
         if not outcome.contact:
             return "no contact node", 0.0
-        broken = laws.violations(self.body, self.manifest, outcome.contact)
+        given = self.body, self.manifest, outcome.contact
+        broken = laws.violations(*given)
+        if max(broken.values()) > laws.RESTS:
+            broken = laws.violations(*given, far=laws.rounding(*given) / laws.RESTS)
         return max(broken.items(), key=lambda item: item[1])
 
     def disagreement(self, outcomes: list[Outcome]) -> float:

@@ -30,6 +30,22 @@ macro friction() (label == 4 ? 0. : 0.6) //
 include "export.idp"
 """
 
+LET_GO = """// a block pressed askew against a wall that it sticks to, then let go
+include "scene.idp"
+units("1", "1");
+subdomains("1");
+quasistatic(1.);
+body = square(5, 4, [1.1*x, y]);
+macro young() 1. //
+macro poisson() 0.2 //
+macro load1() traction(4, 2.4e-4, -1.8e-4) //
+macro contact() 1, 2 //
+macro gap() (label == 2 ? 0. : 1e-3) //
+macro tresca() (label == 2 ? 1e-3 : 0.) //
+macro amplitude1(t) (1. - abs(2*t - 1.)) //
+include "export.idp"
+"""
+
 
 def enumerated(K, f, B, gap, u_t, F) -> list[np.ndarray]:
     """Multipliers (2 n,) of all states of contact of a body, held or not, that obey the laws.
@@ -201,6 +217,19 @@ def test_fallbacks_move_free_bodies(built, steps_of, monkeypatch):
     assert first == {globalization.ANDERSON} and len(second) == 1
     assert second <= {globalization.NEWTON, globalization.LEMKE}
     assert np.abs(x - y).max() < 1e-5 * np.abs(x).max()
+
+
+@pytest.mark.parametrize("cut", [1, 3])
+def test_a_body_let_go_comes_to_rest(built, steps_of, tmp_path, cut):
+    """Without load its forces are rounding of the places it went to: QPs get exact enough to end.
+    """
+    path = tmp_path / "let-go.edp"
+    path.write_text(LET_GO)
+    solver, steps = steps_of(built(scene=path, subdomains=cut, steps=4), rtol=1e-10,
+                             friction_rtol=1e-8)
+    assert solver.failure is None
+    largest = [np.abs(step.multipliers).max() for step in steps]
+    assert largest[-1] <= 1e-6 * max(largest)  # what counts as rounding of a history
 
 
 @pytest.fixture(scope="module")
