@@ -143,7 +143,8 @@ class ContactRows:
         sliding = np.abs(multipliers[self.tangential]) >= self.law_bound(multipliers)
         place = np.searchsorted(self.normal_node, self.tangential_node)
         states[place[sliding & (states[place] == STICK)]] = SLIP
-        if len(self.tangential) == 0:  # without friction nothing holds a node that touches
+        if self.coefficient is None and self.offset is None:
+            # without friction nothing holds a node that touches
             states[states == STICK] = SLIP
         return states
 
