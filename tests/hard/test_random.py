@@ -2,6 +2,7 @@
 
 import os
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -163,6 +164,20 @@ class _Softer:
 
     def solve(self, weights, forces):
         return self.factor * self.body.solve(weights, forces)
+
+
+@pytest.mark.parametrize("argument, least, most", [
+    ("slip", [0.06, 0.06, 0.09], [0.3, 0.09, 0.09]),  # what is still to come
+    ("displacement", [0.06] * 3, [0.3] * 3)])  # any of it again
+def test_slip_that_was_weakens_friction_that_comes(argument, least, most):
+    """The law falls from 1 to 0.2 and rises to 0.3 in the end: none, half and all of the way."""
+    body = SimpleNamespace(gid=np.arange(3), columns={"friction": np.full(3, 0.3)},
+                           weight=np.ones(3), free=np.arange(6))
+    law = {"argument": argument, "range": 1.0, "values": [1.0, 0.2, 0.3]}
+    manifest, slipped = SimpleNamespace(rooms={"slip_law": law}), np.array([0.0, 0.5, 1.0])
+    for bound, largest in ((least, np.minimum), (most, np.maximum)):
+        given, _ = refusal.largest_friction(body, manifest, slipped, largest)
+        np.testing.assert_allclose(given, bound, rtol=1e-12)
 
 
 PAIR = """
