@@ -8,7 +8,7 @@ import numpy as np
 from mpi4py import MPI
 
 from ..contact.nodes import contact_table, merge_parts
-from ..contact.states import OPEN, STATUS_NAMES, ContactField
+from ..contact.states import STATUS_NAMES, ContactField
 from ..effects import Effects
 from ..errors import DriverError, InputError, NotConverged, agree
 from ..feti.compliance import ContactCompliance
@@ -18,8 +18,9 @@ from ..march.problem import assemble
 from ..march.step import StepFailed
 from ..march.uniqueness import DOUBTFUL_FRICTION
 from ..options import Settings
+from ..results.boundaries import NODES
 from ..results.dissipation import Dissipation, start
-from ..results.quantities import resultant
+from ..results.quantities import chains, contact_length, peak, resultant, traction
 from ..results.shares import label_shares
 from ..runs.request import Request
 from ..scene.manifest import Manifest, read_manifest
@@ -266,13 +267,19 @@ def _fields(operator, rows, step, u_t: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def _quantities(contact, shares: np.ndarray, fields: dict) -> dict:
-    """Resultants and zones of one step; `shares` of labels in nodes as from shares.py."""
-    w, touching = contact.weight, fields["status"] != OPEN
+    """Resultants, peak, length and zones of one step, as single runs have them.
+
+    `shares` of labels in nodes as from shares.py.
+    """
+    w, place = contact.weight, {name: getattr(contact, name) for name in NODES}
+    pieces, size = chains(place), np.abs(fields["sigma_n"])
+    peaks = [peak(place["arc"][piece], traction(place, size, piece)) for piece in pieces]
+    now = {name: values[None] for name, values in fields.items()}
     nodes = np.bincount(fields["status"], minlength=3)
     return {"resultant_n": 0.0 - float(resultant(shares, -fields["sigma_n"], w)),
             "resultant_t": float(resultant(shares, fields["sigma_t"], w)),
-            "peak_pressure": float(-fields["sigma_n"].min(initial=0)),
-            "contact_length": float(w[touching].sum()),
+            "peak_pressure": max(peaks),
+            "contact_length": contact_length(place, pieces, now, 0),
             "largest_slip": float(np.abs(fields["slip"]).max(initial=0)),
             **{f"nodes_{name}": int(nodes[k]) for k, name in enumerate(STATUS_NAMES)}}
 

@@ -115,6 +115,8 @@ def test_friction_values_agree_with_single_runs(made, solved):
         single = solved(loading="nonmonotone", friction=value, steps=6, **TIGHT)
         compare(files["contact"], single, friction=value)
         assert float(row["dissipated"]) == pytest.approx(single.summary["dissipated"], rel=1e-5)
+        for name in ("peak_pressure", "contact_length"):
+            assert float(row[name]) == pytest.approx(single.summary["quantities"][name], rel=1e-5)
         assert [int(row[f"nodes_{s}"]) for s in ("open", "stick", "slip")] == [
             int(single.history[f"nodes_{s}"][-1]) for s in ("open", "stick", "slip")]
 
