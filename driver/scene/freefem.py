@@ -140,6 +140,8 @@ def _run(program: Path, scene: Path, directory: Path, parameters: dict[str, str]
                                      cwd=scene.parent)
 
     done = start(ranks, meanwhile)
+    if done.returncode != 0 and ranks > 1 and explain.REFUSED not in done.stdout:
+        done = start(1)  # rank 0 alone speaks, and another one may have refused
     (directory / "freefem.log").write_text(done.stdout)
     if done.returncode != 0:
         raise InputError(explain.failure(done.stdout, done.returncode, scene, directory.absolute(),
