@@ -64,6 +64,7 @@ def export(scene: Path, directory: Path, parameters: dict[str, str], ranks: int 
     manifest = read_manifest(directory, text_digest(scene))
     _check_echo(manifest, parameters)
     script.check_fixed_labels(scene, manifest)
+    script.check_regions(scene, manifest)
     return manifest
 
 

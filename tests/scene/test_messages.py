@@ -251,11 +251,30 @@ def test_a_contact_normal_that_points_into_the_body(said, declared, words, more)
     ("macro amplitude1(t) t //", "macro amplitude1(t) min(1, 2*t) //", "write min(1., 2*t)"),
     ("macro young() 1000. //", "macro young() max(y + 1., 2) //", "write max(y + 1., 2.)"),
     ("quasistatic(1.);", "quasistatic(1.);\nreal E = 1. + min(3, F);", "write min(3., F)"),
+    ("rectangle(0., 2., 0., 1.);", "body = square(2, 2, [2*x, y], label = [5, 6, 7, 8]);",
+     "int[int] sides = [5, 6, 7, 8]; and  label = sides"),
     ("quasistatic(1.);", "border end(t=0, 1) { x = t; y = 0.; }\nquasistatic(1.);",
      "'end' is a word of FreeFEM's own: choose another name"),
 ])
 def test_the_remedy_is_said(said, old, new, words):
     assert words in said((old, new))
+
+
+TWO = (("rectangle(0., 2., 0., 1.);", "addBody(square(2, 2, [2*x, y]))\n"
+        "int[int] above = [5, 6, 7, 8];\n"
+        "addBody(square(2, 2, [2*x, 1. + y], label = above, region = 0))"),
+       ("macro contact() 1 //", "macro contactPair() 5, 3 //"), ("traction(3", "traction(7"),
+       ('subdomains("2x1");\n', ""), ("1000. //", "(upper ? 10. : 1000.) //"),
+       ("macro young", "macro upper() (region == 1) //\nmacro young"))
+
+
+def test_regions_that_no_mesh_has(said, tmp_path):
+    """Both bodies would be of the lower one's material; with a region for the upper one it runs."""
+    message = said(*TWO, parameters={"steps": "2"})
+    assert "young asks for the region, but all of the mesh is region 0" in message
+    path = tmp_path / "mine.edp"
+    path.write_text(path.read_text().replace("region = 0", "region = 1"))
+    assert freefem.export(path, tmp_path / "two", {"steps": "2"}).regions == [0, 1]
 
 
 def test_what_another_rank_refuses_is_said(tmp_path):
