@@ -264,8 +264,8 @@ TWO = (("rectangle(0., 2., 0., 1.);", "addBody(square(2, 2, [2*x, y]))\n"
         "int[int] above = [5, 6, 7, 8];\n"
         "addBody(square(2, 2, [2*x, 1. + y], label = above, region = 0))"),
        ("macro contact() 1 //", "macro contactPair() 5, 3 //"), ("traction(3", "traction(7"),
-       ('subdomains("2x1");\n', ""), ("1000. //", "(upper ? 10. : 1000.) //"),
-       ("macro young", "macro upper() (region == 1) //\nmacro young"))
+       ('subdomains("2x1");\n', ""), ("1000. //", "(stiff ? 10. : 1000.) //"),
+       ("macro young", "macro stiff() (region == 1) //\nmacro young"))
 
 
 def test_regions_that_no_mesh_has(said, tmp_path):
