@@ -283,3 +283,19 @@ def test_what_another_rank_refuses_is_said(tmp_path):
     path.write_text(SCENE.replace("macro friction() F //", "macro friction() (1.5 - x) //"))
     with pytest.raises(InputError, match="friction is negative on label 1"):
         freefem.export(path, tmp_path / "export", SMALL, ranks=2)
+
+
+@pytest.mark.parametrize("times, steps", [("[0.5, 1.]", 20), ("[1/3.]", 21), ("[0.15, 0.11]", 100)])
+def test_steps_end_at_the_times_that_a_scene_lists(tmp_path, times, steps):
+    """The least number from 20 on; STEPS goes before."""
+    path = tmp_path / "mine.edp"
+    path.write_text(SCENE.replace("macro young()", f"macro stepTimes() {times} //\nmacro young()"))
+    assert freefem.export(path, tmp_path / "least", {"cells": "1"}).steps == steps
+    assert freefem.export(path, tmp_path / "given", {"cells": "1", "steps": "3"}).steps == 3
+
+
+@pytest.mark.parametrize("times", ["[pi/10]", "[1.5]", "[-0.5]"])
+def test_times_that_no_step_can_end_at(said, times):
+    message = said(("macro young()", f"macro stepTimes() {times} //\nmacro young()"),
+                   parameters={"cells": "1"})
+    assert "stepTimes: no number of equal steps up to 400 ends at all these times" in message
