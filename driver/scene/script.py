@@ -156,8 +156,8 @@ def check_regions(scene: Path, manifest: Manifest) -> None:
         asking |= {name for name, body in macros if asking & set(re.findall(r"\w+", body))}
     for name in sorted(asking & rooms.vocabulary()):
         raise InputError(
-            f"{scene.name}: {name} asks for the region, but all of the mesh is region 0, as FreeFEM "
-            "makes it; give meshes regions by square(..., region = 1), Th = change(Th, fregion = "
+            f"{scene.name}: {name} asks for the region, but all of the mesh is region 0, as "
+            "FreeFEM makes it; give meshes regions by square(..., region = 1), Th = change(Th, fregion = "
             "1) or physical surfaces of gmsh")
 
 

@@ -1,4 +1,4 @@
-"""What FreeFEM wrote of one value of a parameter study: ``value.bin``, see ``edp/lib/study.idp``."""
+"""One value of a parameter study as FreeFEM wrote it: ``value.bin``, see edp/lib/study.idp."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -36,7 +36,10 @@ class Value(NamedTuple):
 
 
 def read_value(directory: Path, manifest: Manifest) -> Value:
-    """Read one value's file; the scene has contact. Raises InputError as `loader.read_subdomains`."""
+    """Read the file of a value of a scene with contact.
+
+    Raises InputError as `loader.read_subdomains`.
+    """
     file = RecordFile(directory / FILE, manifest.seal)
     count = int(file.stack([("count", 1, np.int64)])["count"][0, 0])
     numbers = records.contact_layout(count, manifest)

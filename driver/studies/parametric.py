@@ -110,7 +110,8 @@ def _values(directory: Path, request: Request, base: Manifest, comm) -> list:
 def _outcomes(problem, settings, values: list, request: Request, apart: bool, comm):
     """All values in their order, solved on all ranks or, if `apart`, in chains on one rank each.
 
-    `values` holds manifest and Value of each. In a chain a value starts near the one before. Chains do not depend on the number of ranks.
+    `values` holds manifest and Value of each. In a chain a value starts near the one before. Chains
+    do not depend on the number of ranks.
     Collective over `comm`. Raises DriverError.
     """
     structure, solved, error, near = problem.structure, {}, None, None

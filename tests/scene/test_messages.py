@@ -234,7 +234,7 @@ DISC = (("rectangle(0., 2., 0., 1.);",
 
 
 @pytest.mark.parametrize("declared, words", [
-    ("macro obstacle(x, y) (x + 2.) //", "faces away from the obstacle: give it a label of its own"),
+    ("macro obstacle(x, y) (x + 2.) //", "faces away from the obstacle: give it a label"),
     ("macro obstacle(x, y) (-1. - y) //", "turn its sign round: it is positive where the body is"),
     ("macro contactNormal() [0., 1.] //", "turn its sign round: it points from the body"),
 ])
