@@ -112,6 +112,7 @@ class Summary:
     seconds: dict = entry("wall time of the stages", "s", parts={
         "export": "FreeFEM", "read": "reading its export", "setup": "reduction to the interfaces",
         "solve": "all time steps, those before an interruption included",
+        "uniqueness": "search for other solutions of the steps, where there was one",
         "output": "contact quantities and fields",
         "validity": "checks of the model's assumptions",
         "energy_error": "error in the energy norm", "estimates": "error budget", "total": "the sum",
