@@ -25,8 +25,8 @@ OTHER = {"P1": "P2", "P2": "P1"}  # P2-mixed: materials in which linear elements
 HALVINGS = {"P2": (2, 3), "P1": (0, 1)}
 RATE = 1.0  # order expected where none was observed
 # the same of cycles of adaptive refinement, by degree, if they are like halved sizes. Functionals
-# gain twice the degree there; a little less is trusted
-ADAPTIVE = {1: 1.5, 2: 2.0}
+# should gain twice the degree there; on coarse meshes they do not yet
+ADAPTIVE = {1: 1.0, 2: 1.5}
 
 
 class Alternatives:
@@ -39,6 +39,7 @@ class Alternatives:
         self.knob, self.mesh = companions.knob, parts["mesh"][name]
         self.parts = {source: part[name] for source, part in parts.items()}
         self.stride = companions.stride(4)
+        self.took: dict = {}  # runs by kind of mesh
 
     # ---- what was measured -----------------------------------------------------------------------
     def _unknowns(self, **mesh) -> float:
@@ -76,19 +77,23 @@ class Alternatives:
         if self.levels.cycles:
             return self._of_cycles()
         own = self._own()
-        return [kind for kind in (own, self._other(own), self._refined(own)) if kind]
+        kinds = [kind for kind in (own, self._other(own), self._refined(own)) if kind]
+        everything = [run for runs in self.took.values() for run in runs]
+        for kind in kinds:
+            kind.costs = Costs(self.run, self.took[kind.name], everything)
+        return kinds
 
     def _own(self) -> Uniform:
         errors = self._errors()
         meshes = self.companions.meshes[: len(errors)]
-        runs = [self.run]
+        runs = []
         for mesh, stride in zip(meshes[1:], (1, self.companions.stride(2))):
             runs += self._measured(mesh, stride)
-        size = self.manifest.parameters[self.knob]
-        element = self.manifest.element
+        size, element = self.manifest.parameters[self.knob], self.manifest.element
+        self.took[element] = runs
         return Uniform(element, self.knob, [size, *(mesh[self.knob] for mesh in meshes[1:])],
-                       errors, self._unknowns(), self.mesh.rate, Costs(runs),
-                       {} if element == "P1" else {"ELEMENT": element})
+                       errors, self._unknowns(), self.mesh.rate,
+                       words={} if element == "P1" else {"ELEMENT": element})
 
     def _other(self, own: Uniform) -> Uniform | None:
         """The other order of elements."""
@@ -109,15 +114,14 @@ class Alternatives:
         ratios = [ratio(self.knob, b, a) for a, b in zip(sizes, sizes[1:])]
         part = extrapolate([a - b for a, b in zip(values, values[1:])], ratios,
                            formal_order("mesh", element, self.name), values[0], True)
-        took = [run for size in sizes
-                for run in self._measured({self.knob: size}, self.stride, **changes)]
+        self.took[element] = [run for size in sizes for run in self._measured(
+            {self.knob: size}, self.stride, **changes)]
         errors = [self._within(values[0], part.error, own)]
         for a, b in zip(values, values[1:]):
             errors.append(errors[-1] + abs(a - b))
         return Uniform(element, self.knob, sizes, errors,
                        self._unknowns(**{self.knob: sizes[0]}, **changes),
-                       part.rate if len(values) > 2 else RATE, Costs(took, own.costs),
-                       {"ELEMENT": element})
+                       part.rate if len(values) > 2 else RATE, words={"ELEMENT": element})
 
     def _within(self, value: float, error: float | None, own: Uniform) -> float:
         """An error of a companion's `value`: at least its distance from the run, and at most that
@@ -142,14 +146,13 @@ class Alternatives:
         if level is None:
             return None
         key = (("refined", own.sizes[-1]),)
-        run = Measured(unknowns, len(level.steps),
-                       {**self.levels.spent[key], "solve": level.seconds})
+        self.took["ADAPT"] = [Measured(unknowns, len(level.steps), {
+            **self.levels.spent[key], "solve": level.seconds})]
         first = self._within(level.values[self.name], None, own)
         degree = elements.DEGREE[self.manifest.element]
         settings = {self.knob.upper(): f"{own.sizes[-1]:g}", **own.words}
         return Adaptive("ADAPT", settings, [own.errors[-1], first],
-                        [self._unknowns(**start), unknowns], ADAPTIVE[degree],
-                        Costs([run], own.costs))
+                        [self._unknowns(**start), unknowns], ADAPTIVE[degree])
 
     def _refine(self, start: dict):
         """Level and unknowns of the run on the mesh that is refined once from that of `start`."""
@@ -185,7 +188,7 @@ class Alternatives:
         words = {} if self.manifest.element == "P1" else {"ELEMENT": self.manifest.element}
         return [Adaptive("ADAPT", {self.knob.upper(): f"{size:g}", **words},
                          [errors[0]] * known + errors, [*unknowns, self._unknowns()],
-                         self.mesh.rate, Costs([self.run]))]
+                         self.mesh.rate, Costs(self.run, [], []))]
 
     # ---- the other parts -------------------------------------------------------------------------
     def quantity(self, value: float) -> Quantity:

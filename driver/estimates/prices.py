@@ -23,6 +23,8 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from ..text import aligned, words
 from .budget import finer, ratio, share
 
@@ -34,10 +36,11 @@ GROWTH = 4.0  # triangles of a cycle over those of the last one
 # powers of the unknowns by which seconds of the stages grow, above a constant
 POWERS = {"export": 1.0, "setup": 1.2, "solve": 1.2, "output": 1.0}
 EVERY_STEP = ("solve", "output")
+SHORTEST = 1e-4  # seconds that clocks tell from nothing
 LEVELS = (0.5, 4.0)  # factors that one kind of mesh may have on the seconds of another
 ROUGH = 0.6  # seconds of a refinement cycle's steps over those of a run: its tolerances are loose
 START = 0.1  # seconds that FreeFEM takes to start, where one mesh alone was measured
-STEP = 0.01  # seconds of output that a step takes on the smallest mesh
+STEP, ONCE = 0.01, 0.1  # seconds of output that a step and a run take on the smallest mesh
 
 
 @dataclass(frozen=True)
@@ -64,20 +67,23 @@ class Measured:
 class Costs:
     """Seconds of the stages of runs of one kind of mesh, from measured ones."""
 
-    def __init__(self, runs: list[Measured], like: "Costs | None" = None):
-        """`runs` may lack stages that `like` has: costs of another kind, to which they are like.
+    def __init__(self, whole: Measured, runs: list[Measured], companions: list[Measured]):
+        """`whole`: the run; `runs` are those of the companions that are of the kind.
 
-        Runs of companions are short: what they take is a factor on the costs of that kind, which
-        were measured on finer meshes.
+        Companions are short: all of them tell how the seconds of a stage grow, those of the kind a
+        factor. What FreeFEM's stage of the run has taken beyond that is the same for all runs:
+        packages are read meanwhile.
         """
-        self.stages = {}
+        self.stages, self.once = {}, 0.0
         for stage, power in POWERS.items():
-            points = [(run.unknowns, run.per(stage)) for run in runs if stage in run.seconds]
-            if like is None:
-                constant = {"export": START, "output": STEP}.get(stage, 0.0)
-                self.stages[stage] = curve(points, power, constant)
+            points, own = _points(companions, stage), _points([whole], stage)
+            if stage == "export" and points:
+                common = curve(points, power)
+                self.once = max(0.0, own[0][1] - common(whole.unknowns))
             else:
-                self.stages[stage] = scaled(like.stages[stage], points)
+                least = {"export": START, "output": STEP + ONCE / whole.steps}.get(stage, 0.0)
+                common = curve([*points, *own], power, least)
+            self.stages[stage] = scaled(common, _points(runs, stage))
 
     def stage(self, name: str, unknowns: float, steps: int = 1) -> float:
         """Seconds of a stage."""
@@ -85,7 +91,7 @@ class Costs:
 
     def run(self, unknowns: float, steps: int) -> float:
         """Seconds of a run without error estimates."""
-        return sum(self.stage(name, unknowns, steps) for name in POWERS)
+        return self.once + sum(self.stage(name, unknowns, steps) for name in POWERS)
 
     def companions(self, unknowns: float, steps: int) -> float:
         """What the companions of a run's budget take, relative to those of another run.
@@ -97,21 +103,29 @@ class Costs:
         return made + self.stage("solve", coarse, 2 * steps) + self.stage("solve", coarsest, steps)
 
 
+def _points(runs: list[Measured], stage: str) -> list[tuple[float, float]]:
+    """Unknowns and seconds of a stage in the runs that have it."""
+    return [(run.unknowns, max(run.per(stage), SHORTEST)) for run in runs if stage in run.seconds]
+
+
 def curve(points: list[tuple[float, float]], power: float,
           least: float = 0.0) -> Callable[[float], float]:
-    """N -> a + b N^power, a and b >= 0, through the smallest and the largest of `points` (N, t).
+    """N -> a + b N^power, a and b >= 0, nearest to the `points` (N, t), relative to t.
 
     A single point leaves the constant open: it is `least`, but half of the point at most. So it is
-    half where there is no growth yet.
+    half of the largest where there is no growth yet.
     """
-    (few, short), (many, long) = min(points), max(points)
-    slope = (long - short) / (many**power - few**power) if many > few else 0.0
-    constant = long - slope * many**power
-    if slope <= 0:
-        constant = min(least, long / 2) if many == few else long / 2
-    constant = max(constant, 0.0)
-    slope = (long - constant) / many**power
-    return lambda unknowns: constant + slope * unknowns**power
+    from scipy.optimize import nnls  # the front imports this module
+
+    size = max(n for n, _ in points)
+    n, t = np.array([(n / size, t) for n, t in points]).T
+    if len(points) > 1:
+        constant, slope = nnls(np.column_stack([1 / t, n**power / t]), np.ones(len(t)))[0]
+    else:
+        constant, slope = min(least, t[0] / 2), max(t[0] - least, t[0] / 2)
+    if slope == 0:
+        constant = slope = t[n.argmax()] / 2
+    return lambda unknowns: constant + slope * (unknowns / size) ** power
 
 
 def scaled(curve: Callable[[float], float],
@@ -120,7 +134,7 @@ def scaled(curve: Callable[[float], float],
 
     Stages without a point are like the curve.
     """
-    factors = [max(t, 1e-6) / curve(n) for n, t in points]
+    factors = [t / curve(n) for n, t in points]
     mean = math.prod(factors) ** (1 / max(len(factors), 1))
     factor = min(max(mean, LEVELS[0]), LEVELS[1])
     return lambda unknowns: factor * curve(unknowns)
@@ -145,7 +159,7 @@ class Uniform:
     errors: list  # at these
     unknowns: float  # at the finest
     rate: float
-    costs: Costs
+    costs: Costs | None = None
     words: dict = field(default_factory=dict)  # further settings
 
     def meets(self, room: float) -> Choice | None:
@@ -174,7 +188,7 @@ class Adaptive:
     errors: list  # after 0, 1, ... cycles, as far as they were run
     unknowns: list  # likewise
     rate: float  # order in the size of elements, of which a cycle is half
-    costs: Costs
+    costs: Costs | None = None
 
     def meets(self, room: float) -> Choice | None:
         """The fewest cycles whose error is at most `room`, None if out of reach."""

@@ -127,7 +127,10 @@ class Summary:
     errors: dict | None = entry("estimated errors", optional=True, parts={
         "energy": "in the energy norm: kind, step, parts, total, norm, relative, largest, excluded",
         "quantities": "budget of every quantity: value, its parts, total, relative",
-        "advice": "what would lower the largest part", "notes": "companions that could not be run"})
+        "advice": "what would lower the largest part", "notes": "companions that could not be run",
+        "prices": "of QUANTITY: its error now, and lines with accuracy, settings, predicted "
+                  "seconds, seconds_bare (without estimates), memory_mib, and what other kinds of "
+                  "meshes would take; or the reason why there are none"})
     quantities: dict | None = entry("quantities of interest", "see quantities.py", optional=True)
     quantities_time: float | None = entry("the time they belong to", "time", optional=True)
     boundaries: list | None = entry(
