@@ -97,9 +97,16 @@ class FreeBodies:
         return float(self._shares(load, x).max())
 
     def _shares(self, load, x: np.ndarray) -> np.ndarray:
-        """(modes,) the same of every motion."""
+        """(modes,) the same of every motion.
+
+        Relative to the forces on any motion of the body, which are of one size at its corners: a
+        block that only its weight acts on has nothing but rounding along the floor.
+        """
         net, size = self.operator.imbalance(x, load.weights)
-        self.scales.renew(work=size)
+        body = [mode.body for mode in self.operator.structure.rigid_modes]
+        largest = np.zeros(max(body) + 1)
+        np.maximum.at(largest, body, size)
+        self.scales.renew(work=largest[body])
         work = self.scales.work
         return np.abs(net) / np.where(work > 0, work, 1.0)
 

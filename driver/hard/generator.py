@@ -263,7 +263,8 @@ class _Writer:
             x, y = (self.size * np.array(bodies.reach)).tolist()
             ground = self.number(y[0] - dice.pick(0.0, 0.3, -0.2) * self.far)
             content = f"y - {ground}"
-            if dice.chance(0.4):
+            # (ends of a half circle face away from a cylinder: no contact can be there)
+            if dice.chance(0.4) and "disc" not in bodies.name:
                 content += f" + (x - {self.number(sum(x) / 2)})^2*{self.number(1 / self.size)}/10."
             self.say("obstacle(x, y)", f"({content})")
             self.declared["gap"] = "obstacle"

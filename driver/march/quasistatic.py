@@ -37,7 +37,9 @@ from .uniqueness import CHANGING, Uniqueness, too_many, worthwhile
 CANCELLED = 1e-8  # part of the extent below which deformation is rounding: contact takes the loads
 SETTLINGS = 5  # of bodies without support, whose multipliers follow, in a step
 LAST_PART = 1e-6  # of tolerances, below which tightening must at least halve the residuals
-CARRIED = ("counts", "residuals", "steps", "warnings", "contraction", "seconds")  # of a History
+NEARLY = 1e-3  # imbalance of bodies without support up to which exacter QPs may settle them
+CARRIED = ("counts", "residuals", "steps", "warnings", "contraction", "seconds",
+           "examining")  # of a History
 
 
 class QuasistaticSolver:
@@ -227,10 +229,16 @@ class QuasistaticSolver:
                 x, gradient, sliding = self.corners.find(
                     index, load, x, gradient, sliding, trace, of_friction * settings.friction_rtol)
             except Unfinished as failed:
-                if of_qp == 1.0 or failed.final:
+                settles = op.modes > 0 and self.bodies.imbalance(load, failed.x) <= NEARLY
+                if failed.final or of_qp == 1.0 and not settles:
                     raise
-                x, gradient, stop = failed.x, failed.gradient, failed.error  # it may do
+                x, gradient = failed.x, failed.gradient
                 sliding = self.rows.sliding(x, self.rows.friction_bound(x))
+                if settles and of_qp > LAST_PART:  # forces answer to what QPs leave by stiffness
+                    of_qp *= 0.01
+                    trace.again()
+                    continue
+                stop = failed.error  # it may do
             if op.modes and op.minimum(-load.farthest) < -FAR * self.scales.displacement:
                 gradient = None  # it has followed bodies that went so far: their rounding is in it
             x, gradient, moved = self._into_cone(load.d, x, gradient, sliding)
@@ -262,6 +270,7 @@ class QuasistaticSolver:
         search.failure = CHANGING if self.effects.coefficient_changes else too_many(nodes)
         if search.failure:
             return
+        clock = time.perf_counter()
         try:
             problem = self.condensation.problem(load, x, gradient)
         except NotConverged as error:
@@ -270,6 +279,9 @@ class QuasistaticSolver:
         weight = self.operator.structure.contact.weight[self.condensation.nodes]
         search.examine(index, problem, self.condensation.gather(x), weight,
                        self.rows.corners is None)
+        spent = time.perf_counter() - clock
+        self.history.examining += spent
+        self.history.seconds -= spent  # the step's, to which all of its time is added
 
     def _into_cone(self, d, x, gradient, sliding):
         """Multipliers put exactly into the cone of their own pressures, their gradient, the change.

@@ -144,6 +144,12 @@ def test_residuals_by_hand(multipliers, move, name, size):
     assert residuals(0.3, multipliers, move)[name] == pytest.approx(size, rel=1e-12, abs=1e-18)
 
 
+def test_zeros_have_no_sign():
+    """Which of several zeros is the largest depends on the rank: files get the same bits."""
+    got = residuals(0.3, [0, 2e5, 0, 0, 0], [-0.0, -0.0, -0.0, 0, 0])
+    assert not any(np.signbit(value) for value in got.values())
+
+
 def test_scales_are_those_of_the_step():
     """After a spike the step's own values count, down to a millionth of the spike's."""
     scales = Scales()
