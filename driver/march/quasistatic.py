@@ -143,10 +143,6 @@ class QuasistaticSolver:
         rigid[rows.normal] = op.rigid_response(weights)[rows.normal]
         rigid[rows.tangential] = op.rigid_response(weights - self.slip.weights)[rows.tangential]
         extent = self.qp.extent(d, rigid, self.slip.elastic, moved)
-        if extent == 0 and rows.offset is not None:  # travel deforms by friction alone
-            given = np.zeros(op.owned)
-            given[rows.tangential] = rows.offset * np.sign(rigid[rows.tangential])
-            extent = self.qp.extent(d, rigid, self.slip.elastic, op.apply(given))
         d += rigid
         d[rows.normal] -= rows.gap
         d[rows.tangential] -= self.slip.elastic
