@@ -77,6 +77,7 @@ def kkt_residuals(rows: ContactRows, multipliers: np.ndarray, gradient: np.ndarr
         (-l_n[~bilateral]).max(initial=0),
         (np.abs(l_t) - g).max(initial=0),
         max(np.abs(natural).max(initial=0), np.abs(rubbing).max(initial=0))])
+    local += 0.0  # no -0.0, which one rank may have and another not
     local[np.isnan(local)] = np.inf  # which MPI's maximum may lose
     comm.Allreduce(MPI.IN_PLACE, local, op=MPI.MAX)
     local += 0.0  # no -0.0, which of zeros is the largest depends on their order

@@ -65,6 +65,26 @@ def test_fast(seed, tmp_path, monkeypatch):
     assert row.status in ("solved", "refused"), row.why
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [70013, 70076, 70105, 70132, 81006, 81054, 82003,
+                                  82013, 84007])
+def test_cuts_agree_at_corners(seed, tmp_path):
+    """Vertices that rest in their corners, states that hold them alike, bodies in a corner; bits
+    of bodies without support."""
+    assert random.judge(seed, tmp_path).status == "solved"
+
+
+@pytest.mark.parametrize("left, doubtful", [(1e-6, True), (1e-4, False), (3e-5, False)])
+def test_sensitive_forces_come_together(left, doubtful, monkeypatch):
+    """A difference of 2e-4, and what finer tolerances leave of it."""
+    outcome = random.Outcome(0, "", 0.0, None)
+    monkeypatch.setattr(random, "run", lambda *_, **options: outcome)
+    said = random._sensitive(  # pylint: disable=protected-access
+        generator.draw(SEED), None, None, random.Verdict(disagreement=2e-4),
+        SimpleNamespace(disagreement=lambda _: left))
+    assert bool(said) == doubtful
+
+
 @pytest.mark.slow  # two hundred scenes of several runs each
 def test_many(tmp_path):
     suite.run_suite({"family": "random", "seed": "5000", "count": "200", "out": str(tmp_path)})

@@ -8,6 +8,7 @@ from mpi4py import MPI
 
 from driver.contact.kkt import FADED, Scales, kkt_residuals
 from driver.contact.rows import ContactRows
+from driver.contact.states import SLIP, STICK
 from driver.march import quasistatic
 from driver.march.outlook import foresight
 from driver.march.step import Load, Trace
@@ -112,6 +113,21 @@ def test_residuals_do_not_grow_with_friction(friction):
     got = residuals(friction, [2e5, 1e5, 1e4, -2e4, 0.0], [0, 0, 1e-9, -1e-9, 0])
     assert got["complementarity"] == pytest.approx(1e-6, rel=1e-9)
     assert max(value for name, value in got.items() if name != "complementarity") == 0
+
+
+def test_residuals_have_no_negative_zero():
+    """Of which the maximum over ranks may be either."""
+    got = residuals(0.3, [2e5, 1e5, -6e4, -3e4, 0.0], [0, -0.0, -1e-9, -0.0, -0.0])
+    assert not np.signbit(list(got.values())).any()
+
+
+def test_a_rank_without_friction_rows_knows_of_friction():
+    """A node whose support leaves it no tangential row sticks, unless there is no friction."""
+    none = np.array([], int)
+    for frictionless, state in ((False, STICK), (True, SLIP)):
+        own = ContactRows(np.array([0]), np.array([0]), np.zeros(1), none, none, none, None, None,
+                          none, np.array([False]), frictionless=frictionless)
+        assert own.states(np.array([1.0])).tolist() == [state]
 
 
 @pytest.mark.parametrize("multipliers, move, name, size", [
