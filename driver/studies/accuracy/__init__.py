@@ -10,6 +10,7 @@ from pathlib import Path
 
 from ... import environment, options
 from ...errors import InputError
+from ...runs.guard import study_folder
 
 UNREAD = {"sweeps": ("rows",), "locking": ("rows", "scene"), "stopping": ("scene",),
           "coverage": ("rows",), "prices": ("rows",), "requests": ("rows",)}
@@ -30,8 +31,7 @@ def run_accuracy(pairs: dict[str, str]) -> list[Path]:
         from .sweeps import run_sweeps
 
         return run_sweeps(pairs)
-    out = given["out"] or options.RESULTS / "accuracy" / part
-    out.mkdir(parents=True, exist_ok=True)
+    out = study_folder(given["out"] or options.RESULTS / "accuracy" / part, "accuracy")
     if part == "coverage":
         from .coverage import run_coverage
 
