@@ -53,7 +53,7 @@ def judge(case: Case, out: Path) -> list[dict]:
     fine = [coverage.summary_of(case, more | coverage.TIGHT, out) for more in case.references]
     finer, finest = [summary["quantities"] for summary in fine if summary][-2:]
     rows = []
-    for name, value in coverage.summary_of(case, RUNS[case.scene], out)["quantities"].items():
+    for name in coverage.summary_of(case, RUNS[case.scene], out)["quantities"]:
         reference = case.exact.get(name, finest[name])
         apart = 0.0 if name in case.exact else abs(finest[name] - finer[name])
         own = [_request(case, name, asked, out) for asked in ASKED]
