@@ -22,7 +22,8 @@ class Problem:
     nu: float
     contact: object  # (n, 2) -> bool: places on the contact boundary
     supports: list  # (places -> bool, component, (places, t) -> displacement)
-    tractions: list = field(default_factory=list)  # (places -> bool, (places, normals, t) -> (n, 2))
+    # (places -> bool, (places, normals, t) -> (n, 2))
+    tractions: list = field(default_factory=list)
     plane_stress: bool = False
     thermal: object = None  # t -> strain
     normal: tuple | None = None  # of the obstacle; by default the body's

@@ -121,13 +121,13 @@ def test_runs_agree_with_the_independent_program(solved, name):
     found = march(body, [end * k / steps for k in range(1, steps + 1)])
     order = _order(outcome.contact, body)
     w = body.weight
-    for name, ours in (("sigma_n", [-s["p"] / w for s in found]),
-                       ("sigma_t", [s["q"] / w for s in found]),
-                       ("u_n", [s["u_n"] for s in found]), ("u_t", [s["u_t"] for s in found])):
-        theirs = outcome.contact[name][:, order]
-        kind = ("sigma_n",) if name[0] == "s" else ("u_n", "u_t")
-        size = max(np.abs(outcome.contact[column]).max() for column in kind)
-        assert np.abs(theirs - np.array(ours)).max() <= CLOSE * size, name
+    for column, ours in (("sigma_n", [-s["p"] / w for s in found]),
+                         ("sigma_t", [s["q"] / w for s in found]),
+                         ("u_n", [s["u_n"] for s in found]), ("u_t", [s["u_t"] for s in found])):
+        kinds = ("sigma_n",) if column[0] == "s" else ("u_n", "u_t")
+        size = max(np.abs(outcome.contact[kind]).max() for kind in kinds)
+        theirs = outcome.contact[column][:, order]
+        assert np.abs(theirs - np.array(ours)).max() <= CLOSE * size, column
 
 
 def _order(contact: dict, body: Body) -> np.ndarray:
