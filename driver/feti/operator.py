@@ -31,10 +31,13 @@ from .dirichlet import DirichletPreconditioner
 from .dual_problem import DualProblem
 from .recovery import Recovery
 from .reduction import LocalClass, group, reduce_class, stack
-from .rigid_parts import RigidParts
+from .rigid_parts import LeastDeformation, RigidParts
 from .structure import Substructure
 from .travel import rows_moved
 from .vectors import DualVectors
+
+# part of a load's terms below which their sum is nothing: tolerances down to 1e-8 are met beside it
+BALANCED = 1e-6
 
 
 class DualOperator(DualProblem):
@@ -73,6 +76,7 @@ class DualOperator(DualProblem):
         self._loaded += [(d, corners[:, k]) for k, d in enumerate(self.motions)]
         self.rigid_work = free_motions.work_of_loads(structure, comm)
         self.rigid_parts = RigidParts(structure, comm)
+        self._least = LeastDeformation(structure, self.classes, comm)
         self._latest = None  # multipliers, weights and their fields, see `deformations`
 
     def _response(self, pattern: int) -> tuple[np.ndarray, np.ndarray]:
@@ -109,12 +113,17 @@ class DualOperator(DualProblem):
 
     def imbalance(self, multipliers: np.ndarray,
                   weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(modes,) work of all forces on the rigid motions, zero in equilibrium; its sizes."""
+        """(modes,) work of all forces on the rigid motions, zero in equilibrium; its sizes.
+
+        Loads that balance themselves, heat or a pinch, count by what their rounding is worth.
+        """
         factors, D = weights[: self.structure.patterns], self._motion_columns
         x = np.repeat(multipliers[:, None], self.modes, axis=1)
         both = self.vectors.dots(np.hstack([D, np.abs(D)]), np.hstack([x, np.abs(x)]))
         net, size = np.split(both, 2)
-        return factors @ self.rigid_work[0] - net, np.abs(factors) @ self.rigid_work[1] + size
+        work, terms = self.rigid_work
+        loads = np.maximum(np.abs(work), BALANCED * terms)
+        return factors @ work - net, np.abs(factors) @ loads + size
 
     def message_bytes(self) -> dict[str, int]:
         """Bytes that this rank receives in a product with F (gluing, coarse) and in a dot."""
@@ -126,6 +135,10 @@ class DualOperator(DualProblem):
     def deformation(self, multipliers: np.ndarray, weights: np.ndarray) -> float:
         """Largest displacement of a node relative to the rigid motion of its body; collective."""
         return self.rigid_parts.deformation(self.deformations(multipliers, weights))
+
+    def least_deformation(self, multipliers: np.ndarray, weights: np.ndarray) -> float:
+        """A lower bound of the deformation that takes no fields; collective."""
+        return self._least(self._corner_displacements(self._signed_rows(multipliers), weights))
 
     def coarse_displacements(self, multipliers: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """(coarse dofs,) displacements of the corners, on every rank."""

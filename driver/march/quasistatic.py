@@ -37,7 +37,9 @@ from .uniqueness import CHANGING, Uniqueness, too_many, worthwhile
 CANCELLED = 1e-8  # part of the extent below which deformation is rounding: contact takes the loads
 SETTLINGS = 5  # of bodies without support, whose multipliers follow, in a step
 LAST_PART = 1e-6  # of tolerances, below which tightening must at least halve the residuals
-CARRIED = ("counts", "residuals", "steps", "warnings", "contraction", "seconds")  # of a History
+NEARLY = 1e-3  # imbalance of bodies without support up to which exacter QPs may settle them
+CARRIED = ("counts", "residuals", "steps", "warnings", "contraction", "seconds",
+           "examining")  # of a History
 
 
 class QuasistaticSolver:
@@ -114,6 +116,8 @@ class QuasistaticSolver:
         if not any(self.loads[: index - 1]) and not self.motion.any():  # the first load
             self.motion = rest
         last, growth = self.multipliers, 0.0
+        if self.rows.corners is not None:
+            last = self.rows.corners.own(last)
         if self.settings.predictor == "load":
             growth = outlook.growth(self.amplitudes, index)
         sliding = self.rows.sliding(last, self.rows.friction_bound(last))
@@ -139,6 +143,10 @@ class QuasistaticSolver:
         rigid[rows.normal] = op.rigid_response(weights)[rows.normal]
         rigid[rows.tangential] = op.rigid_response(weights - self.slip.weights)[rows.tangential]
         extent = self.qp.extent(d, rigid, self.slip.elastic, moved)
+        if extent == 0 and rows.offset is not None:  # travel deforms by friction alone
+            given = np.zeros(op.owned)
+            given[rows.tangential] = rows.offset * np.sign(rigid[rows.tangential])
+            extent = self.qp.extent(d, rigid, self.slip.elastic, op.apply(given))
         d += rigid
         d[rows.normal] -= rows.gap
         d[rows.tangential] -= self.slip.elastic
@@ -185,7 +193,7 @@ class QuasistaticSolver:
             residuals = self._residuals(load, x, gradient)
         self.scales.keep()
         if rows.corners is not None:
-            x = self.corners.shared(x, gradient)
+            x = self.corners.end_step(x, gradient)
         return Step(index, float(self.times[index]), load.weights, x, gradient, rows.states(x),
                     rows.law_bound(x), trace.iterations, op.products - products,
                     trace.contraction, residuals, moved), error
@@ -221,10 +229,16 @@ class QuasistaticSolver:
                 x, gradient, sliding = self.corners.find(
                     index, load, x, gradient, sliding, trace, of_friction * settings.friction_rtol)
             except Unfinished as failed:
-                if of_qp == 1.0 or failed.final:
+                settles = op.modes > 0 and self.bodies.imbalance(load, failed.x) <= NEARLY
+                if failed.final or of_qp == 1.0 and not settles:
                     raise
-                x, gradient, stop = failed.x, failed.gradient, failed.error  # it may do
+                x, gradient = failed.x, failed.gradient
                 sliding = self.rows.sliding(x, self.rows.friction_bound(x))
+                if settles and of_qp > LAST_PART:  # forces answer to what QPs leave by stiffness
+                    of_qp *= 0.01
+                    trace.again()
+                    continue
+                stop = failed.error  # it may do
             if op.modes and op.minimum(-load.farthest) < -FAR * self.scales.displacement:
                 gradient = None  # it has followed bodies that went so far: their rounding is in it
             x, gradient, moved = self._into_cone(load.d, x, gradient, sliding)
@@ -256,6 +270,7 @@ class QuasistaticSolver:
         search.failure = CHANGING if self.effects.coefficient_changes else too_many(nodes)
         if search.failure:
             return
+        clock = time.perf_counter()
         try:
             problem = self.condensation.problem(load, x, gradient)
         except NotConverged as error:
@@ -264,6 +279,9 @@ class QuasistaticSolver:
         weight = self.operator.structure.contact.weight[self.condensation.nodes]
         search.examine(index, problem, self.condensation.gather(x), weight,
                        self.rows.corners is None)
+        spent = time.perf_counter() - clock
+        self.history.examining += spent
+        self.history.seconds -= spent  # the step's, to which all of its time is added
 
     def _into_cone(self, d, x, gradient, sliding):
         """Multipliers put exactly into the cone of their own pressures, their gradient, the change.
@@ -275,13 +293,21 @@ class QuasistaticSolver:
         return final, renewed, final - x
 
     def _residuals(self, load: Load, x, gradient) -> dict:
-        """KKT residuals of the step's state."""
-        op = self.operator
-        deformation = max(op.deformation(x, load.weights), CANCELLED * load.extent)
-        self.scales.renew(displacement=deformation)
-        kkt = kkt_residuals(self.rows, x, gradient, self.qp.stiffer, self.scales, op.comm)
-        residuals = {"stationarity": self._missing(x, gradient), **kkt}
-        return residuals | ({"equilibrium": self.bodies.imbalance(load, x)} if op.modes else {})
+        """KKT residuals of the step's state.
+
+        Relative to a lower bound of the deformation if they are small even so, to the deformation
+        itself, which takes the fields of all subdomains, else.
+        """
+        op, others = self.operator, {"stationarity": self._missing(x, gradient)}
+        if op.modes:
+            others["equilibrium"] = self.bodies.imbalance(load, x)
+        for measure in (op.deformation,) if op.modes else (op.least_deformation, op.deformation):
+            deformation = max(measure(x, load.weights), CANCELLED * load.extent)
+            self.scales.renew(displacement=deformation)
+            kkt = kkt_residuals(self.rows, x, gradient, self.qp.stiffer, self.scales, op.comm)
+            if all(value <= self._asked(name) for name, value in kkt.items()):
+                break
+        return others | kkt
 
     def _missing(self, x, gradient) -> float:
         """Norm of the contact forces that the preconditioner finds missing, over that of all.
@@ -322,7 +348,7 @@ class QuasistaticSolver:
         Arrays follow the global numbering of dual rows and contact nodes, numbers are exact: any
         number of ranks goes on from it with the same bits.
         """
-        op, history, carried = self.operator, self.history, self._carried()
+        op, history, rows, carried = self.operator, self.history, self.rows, self._carried()
         parts = op.comm.gather(
             (self.multipliers, self.older, self.rows.tangential_node, *carried.values()))
         if parts is None:
@@ -342,7 +368,7 @@ class QuasistaticSolver:
             "log_kind": np.array(kind, str),
             "log_residual": np.array(residual, float), "fallbacks": history.fallbacks.steps,
             "history": {name: getattr(history, name) for name in CARRIED},
-            "corners": [] if self.rows.corners is None else self.rows.corners.acting.tolist(),
+            "corners": {} if rows.corners is None else rows.corners.carried(),
             "doubtful": self.doubtful, "uniqueness": {
                 **asdict(self.uniqueness), "several": list(self.uniqueness.several.items())}
         }
@@ -362,7 +388,7 @@ class QuasistaticSolver:
             values[:] = state["carried"][name]
         self.initial[:], self.initial_weights[:] = state["initial"], state["initial_weights"]
         if self.rows.corners is not None:
-            self.rows.corners.acting = np.array(state["corners"])
+            self.rows.corners.restore(state["corners"])
             self.condensation.select()
         self.qp.bound, self.doubtful = state["norm_bound"], state["doubtful"]
         self.scales.largest = dict(state["scales"])

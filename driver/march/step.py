@@ -70,7 +70,8 @@ class History:
     warnings: list = field(default_factory=list)
     fallbacks: Fallbacks = field(default_factory=Fallbacks)
     contraction: float = 0.0  # worst of the steps
-    seconds: float = 0.0
+    seconds: float = 0.0  # of the steps, without those of ...
+    examining: float = 0.0  # ... the search for other solutions
 
 
 class StepFailed(DriverError):
@@ -104,6 +105,10 @@ class Trace:
     changes: list = field(default_factory=list)
     fallback: bool = False  # successive approximations did not contract
     exact: bool = False  # QPs to the tolerance: multipliers answer violently to residuals
+
+    def again(self) -> None:
+        """Forget that they did not contract."""
+        self.changes, self.fallback, self.exact = [], False, False
 
     @property
     def contraction(self) -> float:

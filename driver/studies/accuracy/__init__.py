@@ -1,17 +1,19 @@
 """make accuracy: which error of a scene comes from which setting, and what each digit takes.
 
-`sweeps` plans and runs, `reference` says what the quantities are, `cheapest` judges the runs. Three
+`sweeps` plans and runs, `reference` says what the quantities are, `cheapest` judges the runs. Some
 more parts have scenes of their own: `locking`, elements near incompressibility, `stopping`,
-tolerances from the error budget, and `coverage`, whether claimed errors hold.
+tolerances from the error budget, `coverage`, whether claimed errors hold, and `prices`, whether
+what the next digit is said to take holds.
 """
 
 from pathlib import Path
 
 from ... import environment, options
 from ...errors import InputError
+from ...runs.guard import study_folder
 
 UNREAD = {"sweeps": ("rows",), "locking": ("rows", "scene"), "stopping": ("scene",),
-          "coverage": ("rows",)}
+          "coverage": ("rows",), "prices": ("rows",)}
 
 
 def run_accuracy(pairs: dict[str, str]) -> list[Path]:
@@ -29,16 +31,17 @@ def run_accuracy(pairs: dict[str, str]) -> list[Path]:
         from .sweeps import run_sweeps
 
         return run_sweeps(pairs)
+    out = study_folder(given["out"] or options.RESULTS / "accuracy" / part, "accuracy")
     if part == "coverage":
         from .coverage import run_coverage
 
-        out = given["out"] or options.RESULTS / "accuracy" / part
-        out.mkdir(parents=True, exist_ok=True)
         return run_coverage(out, given["scene"])
+    if part == "prices":
+        from .prices import run_prices
+
+        return run_prices(out, given["scene"])
     environment.start_petsc()
     from .locking import run_locking
     from .stopping import run_stopping
 
-    out = given["out"] or options.RESULTS / "accuracy" / part
-    out.mkdir(parents=True, exist_ok=True)
     return run_locking(out) if part == "locking" else run_stopping(given["rows"], out)
