@@ -15,7 +15,7 @@ from test_deflation import condition, dense
 from driver.feti.contact_block import ContactBlock
 from driver.feti.deflation import DeflatedPreconditioner, Deflation
 from driver.feti.rows import RowKind
-from driver.feti.skeleton import JUMP, THIN, Skeleton, _shear_ratio
+from driver.feti.skeleton import JUMP, THIN, Outline, Skeleton, _shear_ratio
 
 NX, NY = 14, 10
 # Triangles just below THIN raise the condition number as THIN^2, jumps just below JUMP as JUMP do
@@ -120,6 +120,19 @@ def test_a_jump_between_subdomains_is_not_uneven():
     stiff = given.body.part % 2 == 1
     jumps = dataclasses.replace(given.body, young=np.where(stiff, 1e6, 1.0))
     assert not skeleton_of(dataclasses.replace(given, body=jumps)).uneven.any()
+
+
+def test_directions_and_variation_within_triangles_are_uneven():
+    """A tenth of the shear modulus of one kind is even, less is not; so are the triangles' corners.
+    """
+    sub = scene(even(), 5).subdomains()[0]
+    corners = np.repeat(sub.elasticity[:, None], 3, axis=1)
+    for modulus, wanted in ((1.01 / JUMP, False), (0.99 / JUMP, True)):
+        directed = sub.elasticity * np.array([[1, 1, 1], [1, 1, 1], [1, 1, modulus]])
+        assert set(Outline(sub).uneven(dataclasses.replace(sub, elasticity=directed))) == {wanted}
+        varying = corners * np.array([1.0, 1.0, modulus])[:, None, None]
+        varying = dataclasses.replace(sub, corner_elasticity=varying)
+        assert set(Outline(sub).uneven(varying)) == {wanted}
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.4, 1.2])
