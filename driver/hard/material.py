@@ -43,7 +43,7 @@ def layers(value: float, element: str) -> Case:
     """Young's modulus jumps by `value` from layer to layer within quadratic elements."""
     return Case(f"E jumps by {value:.0e} {WHERE['layers']}, {element}", BLOCK,
                 {"JUMP": value, "BOARD": "layers", "ELEMENT": element, "STEPS": 4},
-                sizes=({"SUBDOMAINS": "4x2", "CELLS": 4}, {"SUBDOMAINS": 9, "CELLS": 8}),
+                sizes=({"SUBDOMAINS": "1x1", "CELLS": 8}, {"SUBDOMAINS": 9, "CELLS": 8}),
                 checks=(laws(1e-5),), easy={"JUMP": 1}, ratio=3.0,
                 fast=(value, element) == (1e6, "P2"),
                 sweep=(f"jump of E {WHERE['layers']}, {element}", value))
