@@ -115,7 +115,7 @@ def _last_rows(L: spmatrix, count: int) -> np.ndarray:
 def _upper(L: spmatrix, count: int) -> PETSc.Mat:
     """The transpose of the first `count` rows and columns of L, to solve with.
 
-    Columns of L are its rows, and its own factor ILU(0), which has nothing to eliminate in it.
+    Columns of L are its rows; ILU(0) has nothing to eliminate in it and works in place.
     """
     first, row, value = (np.array(part).ravel() for part in L.CCS)
     first = first[: count + 1]
@@ -123,7 +123,7 @@ def _upper(L: spmatrix, count: int) -> PETSc.Mat:
     kept = (row < count) & (value != 0)  # supernodes are padded with zeros
     first = np.append(0, np.cumsum(kept))[first]
     csr = first.astype(PETSc.IntType), row[kept].astype(PETSc.IntType), value[kept]
-    upper = PETSc.Mat().createAIJ((count, count), csr=csr, comm=PETSc.COMM_SELF)
+    upper = PETSc.Mat().createAIJWithArrays((count, count), csr, comm=PETSc.COMM_SELF)
     order = PETSc.IS().createStride(count, first=0, step=1, comm=PETSc.COMM_SELF)
     upper.factorILU(order, order)
     return upper
