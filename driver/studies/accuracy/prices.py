@@ -64,9 +64,8 @@ def judge(case: Case, out: Path) -> list[dict]:
     if not prices or not prices["lines"]:
         print(f"  {case.scene}: {prices and prices['reason']}")
         return []
-    fine = [coverage.summary_of(case, more | coverage.TIGHT, out) for more in case.references]
     name, done = prices["quantity"], {}
-    finer, finest = [summary["quantities"][name] for summary in fine if summary][-2:]
+    finer, finest = (values[name] for values in coverage.references(case, out))
     reference = case.exact.get(name, finest)
     uncertainty = 0.0 if name in case.exact else abs(finest - finer) / abs(reference)
     label = " ".join(f"{key.upper()}={value}" for key, value in settings.items())
