@@ -68,7 +68,7 @@ def draw_obstacle(axes, rows: dict, size: float, factor: float, away: float = 0.
         if len(near) == 1:
             along = np.column_stack([-normal[near][:, 1], normal[near][:, 0]]) * 0.05 * size
             points = np.concatenate([points - along, points + along])
-        way = times * factor * np.abs(rows["u_t"][near]).max()
+        way = times * factor * np.abs(rows["u_t"][near]).max() if times else 0.0
         if way > 0 and (normal[near] @ normal[near[0]] > 1 - FLAT).all():
             along = points[-1] - points[0]
             along = along / np.linalg.norm(along)
