@@ -15,8 +15,8 @@ from PIL import Image
 
 from driver import figures
 from driver.errors import InputError
-from driver.figures import (animation, body, contact, convergence, obstacle, outline, redraw, scales,
-                            theory)
+from driver.figures import (animation, body, contact, convergence, obstacle, outline, redraw,
+                            scales, theory)
 
 ALL = ["geometry", "loading", "deformed", "contact_normal", "contact_tangential", "contact_status",
        "history", "convergence"]
@@ -365,6 +365,18 @@ def test_foundation_under_a_round_body_is_as_flat_as_its_gap_says():
     # the rest by which the foundation is set off is taken along the normal
     assert np.allclose(line[:, 0, 1], -1 + 0.016 * size * np.sin(angle[:-1]))
     assert np.all(marks[:, 1, 1] < marks[:, 0, 1] - 0.02 * size)
+
+
+@pytest.mark.parametrize("bent, longer", [(0.0, 0.6), (0.1, 0.0)])
+def test_a_flat_foundation_goes_on_as_far_as_the_body_slides(bent, longer):
+    """By the displacement as it is drawn; nothing is known of how a curved one goes on."""
+    x = np.linspace(0, 1, 5)
+    contact = {"x": x, "y": 0 * x, "normal_x": bent * x, "normal_y": -np.sqrt(1 - (bent * x)**2),
+               "gap": 0 * x, "arc": x, "u_t": 0.1 * x}
+    axes = Figure().add_subplot()
+    obstacle.draw_obstacle(axes, contact, 1.0, 2.0, times=3.0)
+    line = np.array(axes.collections[0].get_segments())[:, :, 0]
+    assert (line.min(), line.max()) == pytest.approx((-longer, 2.0 + longer))
 
 
 def test_rim_of_the_torn_mesh_is_the_boundary_of_every_subdomain(run):
