@@ -15,8 +15,8 @@ from PIL import Image
 
 from driver import figures
 from driver.errors import InputError
-from driver.figures import (animation, body, contact, convergence, obstacle, outline, redraw, scales,
-                            theory)
+from driver.figures import (animation, body, contact, convergence, obstacle, outline, redraw,
+                            scales, theory)
 
 ALL = ["geometry", "loading", "deformed", "contact_normal", "contact_tangential", "contact_status",
        "history", "convergence"]
