@@ -43,6 +43,8 @@ class RigidParts:
         self._mass = mass
         columns = [self._products(motion) for motion in self._motions().transpose(2, 0, 1)]
         self.gram = np.stack(columns, axis=2)
+        missing = self.bodies.possible == 0
+        self.gram[:, missing, missing] = 1.0  # their factors are zero
 
     def coefficients(self, fields: list[np.ndarray]) -> np.ndarray:
         """(bodies, 3) factors c of Pi u."""
@@ -62,7 +64,7 @@ class RigidParts:
         motions = np.zeros((len(self._away), 2, 3))
         motions[:, 0, 0] = motions[:, 1, 1] = 1.0
         motions[:, 0, 2], motions[:, 1, 2] = -self._away[:, 1], self._away[:, 0]
-        return motions
+        return motions * self.bodies.possible
 
     def _products(self, u: np.ndarray) -> np.ndarray:
         """(bodies, 3) int R . u for displacements u (nodes, 2) of the rank's subdomains.
@@ -76,4 +78,4 @@ class RigidParts:
             parts = np.add.reduceat(np.column_stack([x, y, turned]), self._starts[:-1], axis=0)
         total = np.zeros((len(self.bodies.size), 3))
         np.add.at(total, self.bodies.number, np.concatenate(self.comm.allgather(parts)))
-        return total
+        return total * self.bodies.possible

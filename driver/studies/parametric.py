@@ -140,10 +140,14 @@ def _contact_of(name: str, effects, boundary, data, gid: np.ndarray, pairs: list
     """
     table = contact_table(data, list(data.columns), gid, np.zeros((len(gid), 2)))
     read = merge_parts(table, list(data.columns), pairs)
+    if boundary.axisymmetric:
+        from ..contact import rings
+
+        rings.straighten(read)
     place = _places(boundary, read)
     rigid = ~boundary.paired  # between two bodies weight, normal and gap follow from both sides
     if not ((place >= 0).all()
-            and np.allclose(read.weight[place][rigid], boundary.weight[rigid], rtol=1e-9)
+            and np.allclose(read.weight[place][rigid], boundary.length[rigid], rtol=1e-9)
             and np.allclose(read.normal[place][rigid], boundary.normal[rigid], atol=1e-9)):
         raise InputError(f"a study cannot vary {name.upper()}: it moves or turns the contact "
                          "boundary")
@@ -254,7 +258,7 @@ def _quantities(contact, shares: np.ndarray, fields: dict) -> dict:
     return {"resultant_n": 0.0 - float(resultant(shares, -fields["sigma_n"], w)),
             "resultant_t": float(resultant(shares, fields["sigma_t"], w)),
             "peak_pressure": float(-fields["sigma_n"].min(initial=0)),
-            "contact_length": float(w[touching].sum()),
+            "contact_length": float(contact.length[touching].sum()),
             "largest_slip": float(np.abs(fields["slip"]).max(initial=0)),
             **{f"nodes_{name}": int(nodes[k]) for k, name in enumerate(STATUS_NAMES)}}
 
