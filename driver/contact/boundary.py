@@ -88,6 +88,13 @@ class ContactBoundary:
         return self.family > 0
 
     @property
+    def coupled(self) -> np.ndarray:
+        """(n_c,) whether a condition is made of several displacements; all of pairs count so."""
+        if not self.axisymmetric:
+            return self.paired
+        return self.paired | (np.bincount(self.term_node, minlength=len(self.gid)) > 1)
+
+    @property
     def tangent(self) -> np.ndarray:
         """(n_c, 2): the normal turned by +90 degrees."""
         return np.column_stack([-self.normal[:, 1], self.normal[:, 0]])
