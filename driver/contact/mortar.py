@@ -175,7 +175,8 @@ def couple(first: Side, second: Side, held: np.ndarray, able: np.ndarray | None 
             psi = sum(dual[e, k, b] * phi for b, phi in enumerate(own))
             part = share * (stop - start) * ds * psi
             if first.radius is not None:
-                np.add.at(length, row, part)
+                shape = _primal(own, k, (whole | first.begins_on_axis)[e])
+                np.add.at(length, row, share * (stop - start) * ds * shape)
                 part = part * first.ring(e, xi)
             np.add.at(weight, row, part)
             np.add.at(gap, row, part * distance)
@@ -186,7 +187,7 @@ def couple(first: Side, second: Side, held: np.ndarray, able: np.ndarray | None 
                     terms.append((row, sides, edges[:, corner], sign * part * value))
     if first.radius is None:
         length = weight
-    used = (length > SLIVER * length.max(initial=0.0)) & ~held
+    used = (length > SLIVER * length.max(initial=0.0)) & (weight > 0) & ~held
     node, side, of, value = (np.concatenate([t[k] for t in terms]) for k in range(4))
     gap = np.divide(gap, weight, out=np.zeros(n), where=used)
     return Coupling(np.where(used, weight, 0.0), np.where(used, length, 0.0), gap, normal,
@@ -198,6 +199,17 @@ def _shapes(nodes: int, xi: np.ndarray) -> tuple[np.ndarray, ...]:
     if nodes == 2:
         return 1.0 - xi, xi
     return (1.0 - xi) * (1.0 - 2.0 * xi), xi * (2.0 * xi - 1.0), 4.0 * xi * (1.0 - xi)
+
+
+def _primal(own: tuple[np.ndarray, ...], k: int, whole: np.ndarray) -> np.ndarray:
+    """(m,) the function of which multiplier k of an edge has the length, by shape functions `own`.
+
+    The edge's own where `whole` (m,), else the hat of an end.
+    """
+    if len(own) == 2:
+        return own[k]
+    hat = own[k] + own[2] / 2 if k < 2 else np.zeros(len(whole))
+    return np.where(whole, own[k], hat)
 
 
 def _heirs(edges: np.ndarray, whole: np.ndarray) -> np.ndarray:
