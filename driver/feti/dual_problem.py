@@ -71,6 +71,10 @@ class DualProblem(ABC):
     def deformation(self, multipliers: np.ndarray, weights: np.ndarray) -> float:
         """Largest displacement of a node relative to the rigid motion of its body; collective."""
 
+    def least_deformation(self, multipliers: np.ndarray, weights: np.ndarray) -> float:
+        """A lower bound of the deformation, for less work where there is one; collective."""
+        return self.deformation(multipliers, weights)
+
     @abstractmethod
     def preconditioner(self):
         """Callable (residual, free) -> preconditioned residual on the face, zero elsewhere."""

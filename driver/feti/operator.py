@@ -31,7 +31,7 @@ from .dirichlet import DirichletPreconditioner
 from .dual_problem import DualProblem
 from .recovery import Recovery
 from .reduction import LocalClass, group, reduce_class, stack
-from .rigid_parts import RigidParts
+from .rigid_parts import LeastDeformation, RigidParts
 from .structure import Substructure
 from .travel import rows_moved
 from .vectors import DualVectors
@@ -73,6 +73,7 @@ class DualOperator(DualProblem):
         self._loaded += [(d, corners[:, k]) for k, d in enumerate(self.motions)]
         self.rigid_work = free_motions.work_of_loads(structure, comm)
         self.rigid_parts = RigidParts(structure, comm)
+        self._least = LeastDeformation(structure, self.classes, comm)
         self._latest = None  # multipliers, weights and their fields, see `deformations`
 
     def _response(self, pattern: int) -> tuple[np.ndarray, np.ndarray]:
@@ -126,6 +127,10 @@ class DualOperator(DualProblem):
     def deformation(self, multipliers: np.ndarray, weights: np.ndarray) -> float:
         """Largest displacement of a node relative to the rigid motion of its body; collective."""
         return self.rigid_parts.deformation(self.deformations(multipliers, weights))
+
+    def least_deformation(self, multipliers: np.ndarray, weights: np.ndarray) -> float:
+        """A lower bound of the deformation that takes no fields; collective."""
+        return self._least(self._corner_displacements(self._signed_rows(multipliers), weights))
 
     def coarse_displacements(self, multipliers: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """(coarse dofs,) displacements of the corners, on every rank."""

@@ -6,6 +6,7 @@ The rigid motion Pi u of a body that is nearest to its displacements u in L2,
 
 depends neither on how the body is cut nor on where it is, and the largest |u - Pi u| of a node
 measures its deformation. R is linear, so that products with R need the mass matrix of an element.
+The corners tell less of it for the price of a coarse solution: see `LeastDeformation`.
 """
 
 import numpy as np
@@ -79,3 +80,42 @@ class RigidParts:
         total = np.zeros((len(self.bodies.size), 3))
         np.add.at(total, self.bodies.number, np.concatenate(self.comm.allgather(parts)))
         return total * self.bodies.possible
+
+
+class LeastDeformation:
+    """A lower bound of the deformation by displacements of the corners. Collective over `comm`.
+
+    The mean of |u - R c|^2 over the corner dofs of a body, with the c that makes it least, is not
+    larger than with the c of Pi u, and that not larger than the largest square: the root of the
+    mean is at most the `deformation` of `RigidParts`.
+    """
+
+    def __init__(self, structure, classes, comm):
+        self.comm, self.bodies = comm, structure.travel.bodies
+        members = [s for c in classes for s in c.members]  # as the coarse problem stacks them
+        dofs = [structure.corner_dofs[s] for s in members]
+        self._local = np.repeat(np.array(members, int), [len(d) for d in dofs])
+        self._subdomains = len(structure.subdomains)
+        self._body = self.bodies.number[structure.first + self._local].astype(int)
+        xy = joined((structure.subdomains[s].xy[d // 2] for s, d in zip(members, dofs)), float, 2)
+        away = (xy - self.bodies.center[self._body]) / self.bodies.size[self._body, None]
+        across = joined(dofs, int) % 2 == 1
+        self._R = np.column_stack([~across, across, np.where(across, away[:, 0], -away[:, 1])])
+        self._R = self._R * self.bodies.possible
+        self._count = self._sums(np.ones((len(self._R), 1)))
+        gram = self._sums((self._R[:, :, None] * self._R[:, None, :]).reshape(-1, 9))
+        self._inverse = np.linalg.pinv(gram.reshape(-1, 3, 3), hermitian=True)
+
+    def __call__(self, corner: np.ndarray) -> float:
+        """The bound for displacements of the rank's stacked corner dofs."""
+        factors = (self._inverse @ self._sums(self._R * corner[:, None])[:, :, None])[:, :, 0]
+        deformed = corner - (self._R * factors[self._body]).sum(axis=1)
+        mean = self._sums(deformed[:, None]**2) / np.maximum(self._count, 1)
+        return float(np.sqrt(mean.max(initial=0.0)))
+
+    def _sums(self, values: np.ndarray) -> np.ndarray:
+        """(bodies, k) sums of `values` (corner dofs, k), by subdomain in their order."""
+        parts = np.column_stack([np.bincount(self._local, v, self._subdomains) for v in values.T])
+        total = np.zeros((len(self.bodies.size), values.shape[1]))
+        np.add.at(total, self.bodies.number, np.concatenate(self.comm.allgather(parts)))
+        return total

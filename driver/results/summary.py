@@ -84,7 +84,8 @@ class Summary:
             "stationarity": "norm of the contact forces that the preconditioner finds missing by "
                             "the projected gradient, over that of all contact forces",
             "gluing": "jump between subdomains over the largest deformation delta, the "
-                      "displacement of a node less the rigid motion of its body",
+                      "displacement of a node less the rigid motion of its body, or over a lower "
+                      "bound of it by the corners where that is enough",
             "penetration": "into obstacle or other body, over delta",
             "sign": "pulling normal forces over the largest contact force f of a node",
             "cone": "friction forces above their bound, over f",

@@ -276,6 +276,21 @@ def test_dual_operator_is_symmetric_positive_definite(problem):
     assert values[0] > 1e-6 * values[-1]
 
 
+def test_corners_bound_the_deformation_from_below(problem):
+    """And less a rigid motion: turning the corners changes nothing but rounding."""
+    operator, rng = problem.operator, np.random.default_rng(11)
+    for _ in range(3):
+        multipliers = rng.standard_normal(operator.owned)
+        least = operator.least_deformation(multipliers, np.ones(1))
+        assert least <= operator.deformation(multipliers, np.ones(1)) * (1 + 1e-12)
+        if problem.structure.coarse_dofs > 8:  # three numbers of them are a rigid motion
+            assert least > 0.01 * operator.deformation(multipliers, np.ones(1))
+    bound = operator._least
+    corner = rng.standard_normal(len(operator.coarse.numbers))
+    turned = corner + 100 * bound._R @ [0.3, -0.2, 0.5]
+    assert bound(turned) == pytest.approx(bound(corner), abs=1e-11)
+
+
 def test_products_are_counted(problem):
     before = problem.operator.products
     problem.operator.apply(np.ones(problem.structure.dual_dofs))
