@@ -1,7 +1,8 @@
 """Units as engineers spell them: a stress times a length is N/m, times an area J/m.
 
 Forces and energies are per thickness, the thickness in the scene's unit of length: MPa and mm make
-N/mm; those of bodies of revolution are of the whole body, `units` then has an entry "forces". Values are in the scene's own units and stay as they are; only the names are spelt here.
+N/mm. Those of bodies of revolution are of the whole body; `units` then has an entry "forces".
+Values are in the scene's own units and stay as they are; only the names are spelt here.
 """
 
 # powers of ten of SI prefixes; mu is spelt u as well

@@ -46,9 +46,9 @@ class ContactBoundary:
     """All contact nodes of the body, replicated on every rank; arrays of length n_c.
 
     `weight` is the integral of the node's function, of bodies of revolution over the revolution
-    (rings.py), `length` that along the boundary. `columns` are what declared effects give the nodes (see ContactData), means over dual segments;
-    `gap` is the distance to what the node meets: the column of that name, plus that of the two
-    bodies of a pair.
+    (rings.py), `length` that along the boundary. `columns` are what declared effects give
+    the nodes (see ContactData), means over dual segments; `gap` is the distance to what the node
+    meets: the column of that name, plus that of the two bodies of a pair.
 
     Ordered by `chain`, then along the arc: see chains.py. `normal_row` and `tangential_row` are
     global dual rows, -1 where a node has none (frictionless contact, or a direction that the

@@ -1,4 +1,4 @@
-"""Contact of bodies of revolution: nodes stand for rings, weights are integrals over the revolution.
+"""Contact of bodies of revolution: nodes are rings, weights integrals over the revolution.
 
 The weight of a node is that of a uniform pressure's force, w_i = int phi_i 2 pi r ds. With linear
 elements all weights are positive, that of a node on the axis too, 2 pi L r/6 from an edge of length
@@ -32,9 +32,9 @@ def straighten(nodes: Nodes) -> None:
 def ring_rows(xy: np.ndarray, edges: np.ndarray, middles: np.ndarray):
     """Weights (n,) of the nodes at xy (n, 2), and terms (row, node, value) of their conditions.
 
-    `edges` (e, 2) are the nodes at the ends of the boundary's edges, `middles` (e,) those in between,
-    or (0,). A row's displacement is the sum of its terms: the node's own, but for what begins on
-    the axis with quadratic elements, where middles get no row.
+    `edges` (e, 2) are the nodes at the ends of the boundary's edges, `middles` (e,) those in
+    between, or (0,). A row's displacement is the sum of its terms: the node's own, but for what
+    begins on the axis with quadratic elements, where middles get no row.
     """
     weight, length = np.zeros(len(xy)), np.linalg.norm(xy[edges[:, 1]] - xy[edges[:, 0]], axis=1)
     r = np.maximum(xy[edges, 0], 0.0)  # (e, 2)

@@ -52,7 +52,7 @@ class PairSides:
             self.about = Configuration(gids, self.u.reshape(-1, 2)[first])
 
     def couple(self, pairs: list[tuple[int, int]], nodes: np.ndarray):
-        """Weight, length (n,), normal (n, 2), gap (n,), terms (node, gid, value, other body) of nodes.
+        """Weight, length (n,), normal (n, 2), gap (n,), terms (node, gid, value, other body).
 
         `pairs` are labels whose first ones make one boundary.
 

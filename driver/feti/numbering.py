@@ -276,7 +276,7 @@ class _Numbering:
         return _lookup(self.pairs, gid * self._span + subdomain)[0]
 
     def _pair_rows(self, sub, held, direction, rows):
-        """Rows between two bodies, and of several nodes: the terms at the vertices that this subdomain owns.
+        """Rows between two bodies, or of several nodes: terms at vertices that this subdomain owns.
 
         The preconditioner knows a row by the stiffness of the side with the contact nodes alone, as
         the other side's rows depend on one another where its mesh is coarser, and weighs it with

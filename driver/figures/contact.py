@@ -13,6 +13,7 @@ from .style import BLUE, INK, RED, STATUS, status_name
 
 # scenes whose pressure is Hertz's
 LINE_CONTACTS = ("hertz", "hertz-bodies", "mindlin", "mindlin-bodies")
+POINT_CONTACTS = ("sphere",)
 
 
 def pale(colour: str) -> tuple:
@@ -22,7 +23,7 @@ def pale(colour: str) -> tuple:
 
 def shade_zones(axes, rows: dict, factor: float) -> None:
     """Tint the background by the status of the nodes' dual segments."""
-    ends = segment_ends(rows["arc"], rows["weight"]) * factor
+    ends = segment_ends(rows["arc"], rows["length"]) * factor
     status = rows["status"]
     jumps = np.flatnonzero(status[1:] != status[:-1]) + 1
     for left, right in zip([0, *jumps], [*jumps, len(status)]):
@@ -88,6 +89,8 @@ def contact_panels(figure: Figure, run: Run, caption: str, panels: tuple) -> Non
     for (_, rows), (above, below) in zip(shown, panel_grid(figure, shown, 2, 11)):
         if run.scene in LINE_CONTACTS:
             rows["theory"] = hertz(rows)
+        elif run.scene in POINT_CONTACTS:
+            rows["theory"] = hertz_of_spheres(rows)
         for axes, draw, scale in ((above, panels[0], stress), (below, panels[1], length)):
             shade_zones(axes, rows, arc.factor)
             lines = draw(axes, rows, rows["arc"] * arc.factor, scale)
@@ -109,10 +112,22 @@ def hertz(rows: dict) -> np.ndarray:
     force, closed = -rows["sigma_n"] * rows["weight"], rows["status"] != "open"
     if not closed.any():
         return np.zeros(len(force))
-    half = rows["weight"][closed].sum() / 2
+    half = rows["length"][closed].sum() / 2
     middle = force @ rows["arc"] / force.sum()
     shape = np.sqrt(np.maximum(0.0, 1 - ((rows["arc"] - middle) / half) ** 2))
     return -2 * force.sum() / (np.pi * half) * shape
+
+
+def hertz_of_spheres(rows: dict) -> np.ndarray:
+    """(n,) sigma_n of Hertz's point contact around the axis, for the force P of the boundary's
+    nodes and the radius a that they touch: p = p_0 sqrt(1 - (r/a)^2), p_0 = 3 P / (2 pi a^2).
+    """
+    force, closed = -rows["sigma_n"] * rows["weight"], rows["status"] != "open"
+    radius = rows["length"][closed].sum()
+    if not closed.any():
+        return np.zeros(len(force))
+    shape = np.sqrt(np.maximum(0.0, 1 - (rows["x"] / radius) ** 2))
+    return -1.5 * force.sum() / (np.pi * radius**2) * shape
 
 
 def normal_stress(axes, rows: dict, arc: np.ndarray, scale: Scale) -> list:
@@ -178,7 +193,7 @@ def contact_status(figure: Figure, run: Run) -> None:
         if not run.friction:
             status = np.where(status == "open", "open", "slip")
         codes = np.array([list(STATUS).index(s) for s in status]).reshape(len(times), nodes)
-        ends = segment_ends(rows["arc"][:nodes], rows["weight"][:nodes]) * arc.factor
+        ends = segment_ends(rows["arc"][:nodes], rows["length"][:nodes]) * arc.factor
         axes.pcolormesh(ends, np.concatenate([[0.0], times]), codes, vmin=0, vmax=2,
                         cmap=ListedColormap(list(STATUS.values())),
                         rasterized=nodes * len(times) > 5000, linewidth=0.3,

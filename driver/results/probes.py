@@ -1,10 +1,10 @@
 """Stage 7: probes.csv, displacements and forces where a scene asks for them.
 
-A label's displacement is the mean over its edges, of bodies of revolution over the surface; its force is what acts on the body through it:
-tractions, support reactions, point loads, contact. Where labels meet, a node's reaction goes to
-those that the support names as a whole (all their nodes are constrained in that direction), in
-equal parts, and at a support that is a point to all labels there; so the forces of all labels add
-up to those of the scene. A point's force is the reaction and the point load at its vertex.
+A label's displacement is the mean over its edges, of bodies of revolution over the surface; its
+force is what acts on the body through it: tractions, support reactions, point loads, contact.
+Where labels meet, a node's reaction goes to those that the support names as a whole (all their
+nodes are constrained in that direction), in equal parts, and at a support that is a point to all
+labels there; so the forces of all labels add up to those of the scene. A point's force is the reaction and the point load at its vertex.
 """
 
 from dataclasses import dataclass

@@ -32,8 +32,8 @@ NOTHING = 1e-5  # part of the largest resultant of the history that tolerances l
 def quantities(effects, nodes: dict, steps: dict, displacement) -> tuple[dict[str, float], int]:
     """Values of `effects.quantities` by name, and the index of the step that they belong to.
 
-    `nodes` holds the columns xy (n, 2), arc, weight, length, gap, chain, paired and middle (n,) of the
-    contact nodes, sorted by chain and arc; `steps` the columns u_n, slip, sigma_n, sigma_t and
+    `nodes` holds the columns xy (n, 2), arc, weight, length, gap, chain, paired and middle (n,) of
+    the contact nodes, sorted by chain and arc; `steps` the columns u_n, slip, sigma_n, sigma_t and
     status (steps, n) and, with friction, its `work` (steps, n) from dissipation.py; `displacement`
     (steps,) the largest displacement in the body. All as in contact.csv and history.csv, status as
     its code.
