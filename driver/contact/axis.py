@@ -10,6 +10,15 @@ def on_axis(radius: np.ndarray) -> np.ndarray:
     return np.abs(radius) <= AXIS * np.abs(radius).max(initial=0.0)
 
 
-def along_axis(normal: np.ndarray, radius: np.ndarray) -> np.ndarray:
-    """(n, 2) normals (of any length) at `radius` (n,), on the axis without a radial part."""
-    return np.where(on_axis(radius)[:, None], normal * [0.0, 1.0], normal)
+def smooth_normals(normal: np.ndarray, edges: np.ndarray, radius: np.ndarray) -> np.ndarray:
+    """(n, 2) unit `normal` of nodes, along the axis where a smooth surface meets it.
+
+    On the axis a node's normal is that of its one edge. On a sphere its neighbour's is turned twice
+    as far; on a cone, whose tip keeps the normal of the cone, as far. `edges` (e, 2), `radius` (n,).
+    """
+    normal, begins = normal.copy(), on_axis(radius)
+    for inner, outer in (edges.T, edges.T[::-1]):
+        here = begins[inner] & (np.abs(normal[outer, 0]) > 1.5 * np.abs(normal[inner, 0]))
+        upright = np.sign(normal[inner[here], 1])
+        normal[inner[here]] = np.column_stack([0 * upright, upright])
+    return normal

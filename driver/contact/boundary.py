@@ -126,7 +126,6 @@ def contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm,
     if manifest.axisymmetric:
         from . import rings  # here: no plane scene needs it
 
-        rings.straighten(nodes)
         nodes.weight, (row, other, value) = rings.ring_rows(nodes.xy, along.edges, along.middles)
         gap = np.bincount(row, value * gap[other], n)
         length = length.copy()

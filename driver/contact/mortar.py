@@ -35,7 +35,7 @@ import numpy as np
 
 from ..scene.elements import cross
 from ..errors import InputError
-from .axis import along_axis, on_axis
+from .axis import on_axis, smooth_normals
 
 POINT = np.array([-np.sqrt(0.6), 0.0, np.sqrt(0.6)])  # Gauss, exact to degree 5 on [-1, 1]
 WEIGHT = np.array([5.0, 8.0, 5.0]) / 18.0  # of an interval of length 1
@@ -82,6 +82,13 @@ class Side:
         return on_axis(self.radius)[self.edges[:, :2]].any(axis=1)
 
     def nodal_normals(self) -> np.ndarray:
+        """(n, 2) unit averages of the edges' normals, see `_averages`; smooth across an axis."""
+        normal = self._averages()
+        if self.radius is None:
+            return normal
+        return smooth_normals(normal, self.edges[:, :2], self.radius)
+
+    def _averages(self) -> np.ndarray:
         """(n, 2) unit averages of the edges' normals, each weighted with the other edge's length.
 
         That is the normal of the circle through a vertex and its neighbours: right to second order
@@ -91,8 +98,6 @@ class Side:
         ends, total = self.edges[:, :2], np.zeros_like(self.xy)
         np.add.at(total, ends.ravel(),
                   np.repeat(self.edge_normal / self._length()[:, None], 2, axis=0))
-        if self.radius is not None:
-            total = along_axis(total, self.radius)
         if self.edges.shape[1] == 3:
             total[ends] = _unit(total[ends].reshape(-1, 2)).reshape(-1, 2, 2)
             total[self.edges[:, 2]] = total[ends].sum(axis=1)

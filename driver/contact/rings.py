@@ -14,19 +14,10 @@ uniform pressure passes exactly in cells on the axis as well.
 
 import numpy as np
 
-from .axis import along_axis, on_axis
-from .nodes import Nodes
+from .axis import on_axis
 
 POINT = np.array([-np.sqrt(0.6), 0.0, np.sqrt(0.6)])  # Gauss, exact to degree 5 on [-1, 1]
 WEIGHT = np.array([5.0, 8.0, 5.0]) / 18.0  # of an interval of length 1
-
-
-def straighten(nodes: Nodes) -> None:
-    """Normals of nodes on the axis along it, whatever the one edge there makes of them."""
-    normal = along_axis(nodes.normal, nodes.xy[:, 0])
-    size = np.linalg.norm(normal, axis=1)
-    nodes.normal = np.where(size[:, None] > 0, normal / np.maximum(size, 1e-300)[:, None],
-                            nodes.normal)
 
 
 def ring_rows(xy: np.ndarray, edges: np.ndarray, middles: np.ndarray):

@@ -4,7 +4,8 @@ A label's displacement is the mean over its edges, of bodies of revolution over 
 force is what acts on the body through it: tractions, support reactions, point loads, contact.
 Where labels meet, a node's reaction goes to those that the support names as a whole (all their
 nodes are constrained in that direction), in equal parts, and at a support that is a point to all
-labels there; so the forces of all labels add up to those of the scene. A point's force is the reaction and the point load at its vertex.
+labels there; so the forces of all labels add up to those of the scene. A point's force is the
+reaction and the point load at its vertex.
 """
 
 from dataclasses import dataclass

@@ -140,10 +140,6 @@ def _contact_of(name: str, effects, boundary, data, gid: np.ndarray, pairs: list
     """
     table = contact_table(data, list(data.columns), gid, np.zeros((len(gid), 2)))
     read = merge_parts(table, list(data.columns), pairs)
-    if boundary.axisymmetric:
-        from ..contact import rings
-
-        rings.straighten(read)
     place = _places(boundary, read)
     rigid = ~boundary.paired  # between two bodies weight, normal and gap follow from both sides
     if not ((place >= 0).all()
