@@ -14,7 +14,8 @@ def smooth_normals(normal: np.ndarray, edges: np.ndarray, radius: np.ndarray) ->
     """(n, 2) unit `normal` of nodes, along the axis where a smooth surface meets it.
 
     On the axis a node's normal is that of its one edge. On a sphere its neighbour's is turned twice
-    as far; on a cone, whose tip keeps the normal of the cone, as far. `edges` (e, 2), `radius` (n,).
+    as far; on a cone, whose tip keeps the normal of the cone, as far. `edges` (e, 2) and `radius`
+    (n,) of the nodes.
     """
     normal, begins = normal.copy(), on_axis(radius)
     for inner, outer in (edges.T, edges.T[::-1]):

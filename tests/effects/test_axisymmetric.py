@@ -272,7 +272,7 @@ def test_stiffness_against_own_assembly(built, scene, element):
     """u'Ku of u = (r, 0), (0, y), (r y, 0), by hand: energies of the revolution are exact there.
 
     2 pi int of C e : e r over the cylinder r < 1, 0 < y < 1.2, with e of (1, 0, 1, 0), (0, 1, 0, 0)
-    and (y, 0, y, r) for e_rr, e_yy, e_tt, 2 e_ry; the pressure of P2-mixed is linear in all of them.
+    and (y, 0, y, r) for e_rr, e_yy, e_tt, 2 e_ry; the pressure of P2-mixed is linear in all.
     """
     problem = built(scene(CONE + "macro support() on(1, u2 = 0.) //\n"), element=element,
                     reduce=False)
