@@ -4,7 +4,7 @@ OMP_NUM_THREADS ?= 1
 export OMP_NUM_THREADS
 
 # commands of the driver, see driver/options.py; each scene is a target too
-COMMANDS := run model table effects study accuracy bench hard saddle docs
+COMMANDS := run model table effects study accuracy bench hard verify saddle docs
 SCENES := $(basename $(notdir $(wildcard edp/*.edp)))
 DRIVER := $(PYTHON) -m driver
 

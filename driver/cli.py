@@ -127,6 +127,13 @@ def hard(words: list[str]) -> None:
     _leave(run_suite(parse_pairs(words)))
 
 
+def verify(words: list[str]) -> None:
+    """Published cases of other codes and closed forms, solved and compared."""
+    from .verify.suite import run_suite
+
+    _leave(run_suite(parse_pairs(words)))
+
+
 def bench(words: list[str]) -> None:
     """What a run costs, beside the slides, other programs and the machine's limits."""
     from .bench.suite import run_bench
@@ -189,7 +196,7 @@ def _stage(request: Request):
 # ---- entry ---------------------------------------------------------------------------------------
 
 ENTRIES = {entry.__name__: entry for entry in (
-    run, model, table, effects, study, accuracy, bench, hard, saddle, docs, figures, report, solve)}
+    run, model, table, effects, study, accuracy, bench, hard, verify, saddle, docs, figures, report, solve)}
 
 
 def main() -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from .. import environment, options
 from ..files import write_json
+from ..runs.guard import study_folder
 
 PARTS = options.find("bench", "parts").kind.choices
 
@@ -15,8 +16,7 @@ def run_bench(pairs: dict[str, str]) -> list[Path]:
     Raises InputError for options that `make bench` does not have.
     """
     given = options.read("bench", pairs)
-    folder = given["out"].absolute()
-    folder.mkdir(parents=True, exist_ok=True)
+    folder = study_folder(given["out"], "bench")
     environment.start_petsc()
     chosen = given["parts"] or PARTS
     return _measure([name for name in PARTS if name in chosen], given["large"], folder)

@@ -54,7 +54,7 @@ class ContactBoundary:
     global dual rows, -1 where a node has none (frictionless contact, or a direction that the
     support fixes). What meets at node i is the sum of value_k u(gid_k) over the terms k with
     node_k = i: its own displacement on a rigid obstacle, a mortar jump where `paired`. `edges` are
-    pairs of nodes, those of `clamped` counted on. `corners` (v, 3) as from corner_nodes.py.
+    pairs of nodes, those of `clamped` counted on. `corners` (v, 3) as from corner_pairs.py.
     """
 
     gid: np.ndarray

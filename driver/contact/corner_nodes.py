@@ -9,6 +9,7 @@ there are displacements, and holds the others at zero:
     both            both press, neither rubs: the vertex stands, and what holds it is contact's
     standing        both conditions are equations, whatever force they take, as long as the laws of
                     both sides, with friction, can make it up between them (sharing.py)
+    neither         both are open, and both rub with the friction that needs no pressure
 
 Together the states hold every force that the two laws admit between contact with either side: where
 F is so small that a vertex does not jam, tan(angle between the normals) F < 1, the cones of the
@@ -21,8 +22,20 @@ for. Where friction drags a vertex from one side to the other, one side alone vi
 both without friction open again: a corner that returns to `both` stands instead. One that has
 changed its state `MOST` times in a step and is still not right is `undecided`: no solution.
 
-Where a vertex arrives at its corner both sides have rubbed on the way. The force is then `shared`
-so that each obeys Coulomb's law with that slip; displacements do not feel how it is shared.
+Friction that needs no pressure (Tresca, cohesion) acts on both sides of a vertex that neither
+presses, and of one that touches both, where forces are shared by the laws of both. Where one side
+presses it acts on that side alone. With the other side's, too, there were three multipliers on two
+displacements; and a vertex that sticks would leave undetermined how much of its pressure that other
+side takes, and with it Coulomb's bound on this one. What is left out is the friction of an open
+side, on half an edge: a force that falls with the mesh size like the error of the tractions next to
+a corner.
+
+Several states may hold a vertex that touches both sides with the same force, which displacements
+alone do not tell apart. So the end of a step does not know in which one it got there: the force is
+`shared` anew between the sides, and the state becomes that of the shares. Where a vertex arrives in
+its corner both sides have rubbed on the way, each obeys Coulomb's law with that slip; one that was
+there a step ago and still is has not slid, whatever the errors of two steps add up to, and is held
+with the least friction. The next step starts with the force in the rows of its state (`own`).
 """
 
 from dataclasses import dataclass, field
@@ -30,14 +43,16 @@ from enum import IntEnum
 
 import numpy as np
 
-from ..errors import InputError
 from .sharing import least_friction
 
 MOST = 12  # changes of a corner's state in one step
 AGAIN = 2  # changes after which it stands where both would press
+NEAR = 1e-7  # penetration, relative to the deformation, for which no state is changed
+TOUCHES = 1e-6  # distance from a side, relative to the deformation, that is none
+SLIPS = 10 * TOUCHES  # slip that the errors of two steps do not make, likewise
 NOISE = 10.0  # times the tolerance of displacements: slip of a corner beyond that counts
 SLIGHT = 1e-9  # relative difference of gaps that counts as none
-DEPENDENT = 1e-8  # singular value below which rows of length one depend on one another
+DEPENDENT = 1e-8  # determinant of two forces of about unit length that are one
 
 
 class Acting(IntEnum):
@@ -47,62 +62,10 @@ class Acting(IntEnum):
     FIRST = 1
     SECOND = 2
     STANDING = 3
+    NEITHER = 4
 
 
-BOTH, FIRST, SECOND, STANDING = Acting
-
-
-def corner_pairs(contact, fixed_keys: np.ndarray) -> np.ndarray:
-    """(v, 3) pairs of contact nodes with dependent rows, and how many of these are independent.
-
-    `fixed_keys` are 2 gid + component of the displacements that supports fix. Raises InputError
-    where more than two nodes depend on one another.
-    """
-    gids, count = np.unique(contact.gid[contact.normal_row >= 0], return_counts=True)
-    pairs = []
-    for gid in gids[count > 1]:
-        nodes = np.flatnonzero((contact.gid == gid) & (contact.normal_row >= 0))
-        rows = [_rows(contact, node, fixed_keys) for node in nodes]
-        if _rank(rows) == sum(map(len, rows)):
-            continue
-        couples = [(i, k, _rank([rows[i], rows[k]])) for i in range(len(nodes)) for k in range(i)]
-        dependent = [(k, i, rank) for i, k, rank in couples
-                     if rank < len(rows[i]) + len(rows[k])]
-        if len(nodes) > 2 and len(dependent) != 1:
-            x, y = contact.xy[nodes[0]]
-            raise InputError(f"contact at ({x:g}, {y:g}): more than two conditions meet there on "
-                             "what can move; declare contact on less of the boundary")
-        pairs += [(nodes[k], nodes[i], rank) for k, i, rank in dependent]
-    return np.array(pairs, int).reshape(-1, 3)
-
-
-def _rows(contact, node: int, fixed_keys: np.ndarray) -> list[dict[int, float]]:
-    """The rows of a node: coefficients by displacement, fixed ones left out."""
-    terms = np.flatnonzero(contact.term_node == node)
-    directions = [contact.normal[node]]
-    if contact.tangential_row[node] >= 0:
-        directions.append(contact.tangent[node])
-    rows = []
-    for direction in directions:
-        row = {}
-        for gid, value in zip(contact.term_gid[terms], contact.term_value[terms]):
-            for c in (0, 1):
-                row[2 * gid + c] = row.get(2 * gid + c, 0.0) + value * direction[c]
-        rows.append({key: value for key, value in row.items() if key not in fixed_keys})
-    return rows
-
-
-def _rank(of_nodes: list[list[dict[int, float]]]) -> int:
-    """Number of independent rows."""
-    rows = [row for rows in of_nodes for row in rows]
-    keys = {key: place for place, key in enumerate(sorted(set().union(*rows)))}
-    matrix = np.zeros((len(rows), len(keys)))
-    for number, row in enumerate(rows):
-        for key, value in row.items():
-            matrix[number, keys[key]] = value
-    size = np.linalg.norm(matrix, axis=1)
-    matrix /= np.where(size > 0, size, 1.0)[:, None]
-    return int(np.count_nonzero(np.linalg.svd(matrix, compute_uv=False) > DEPENDENT))
+BOTH, FIRST, SECOND, STANDING, NEITHER = Acting
 
 
 @dataclass
@@ -127,6 +90,7 @@ class CornerNodes:
     directions: np.ndarray  # (v, 2, 2) normals
     acting: np.ndarray = field(init=False)
     switches: np.ndarray = field(init=False)
+    rested: np.ndarray = field(init=False)  # (v,) was in its corner at the end of the step before
 
     def __post_init__(self):
         first, second = self.gap.T
@@ -134,12 +98,26 @@ class CornerNodes:
         nearer = np.where(alike, BOTH, np.where(first < second, FIRST, SECOND))
         self.acting = np.where(self.alone & (nearer == BOTH), FIRST,
                                np.where(self.bilateral.any(axis=1) & ~self.alone, BOTH, nearer))
+        self.rested = np.zeros(len(self.nodes), bool)
         self.begin_step()
 
     def begin_step(self) -> None:
         """States may change again."""
         self.switches = np.zeros(len(self.nodes), int)
         self.undecided = np.zeros(len(self.nodes), bool)  # wrong states that do not change any more
+
+    def carried(self) -> dict[str, np.ndarray]:
+        """What goes on from step to step, for checkpoints."""
+        return {"acting": self.acting, "rested": self.rested}
+
+    def restore(self, carried: dict[str, np.ndarray]) -> None:
+        """Go on from what was `carried`."""
+        self.acting, self.rested = carried["acting"], carried["rested"]
+
+    @property
+    def arriving(self) -> bool:
+        """Whether a vertex may just have come to its corner."""
+        return bool((np.isin(self.acting, [BOTH, STANDING]) & ~self.rested).any())
 
     @property
     def standing(self) -> np.ndarray:
@@ -149,8 +127,8 @@ class CornerNodes:
     @property
     def _excluded(self) -> tuple[np.ndarray, np.ndarray]:
         """(v, 2) nodes whose normal rows, and whose tangential rows, are excluded."""
-        normal = self.acting[:, None] == [SECOND, FIRST]
-        return normal, normal | np.isin(self.acting, [BOTH, STANDING])[:, None]
+        one, acting = self.acting[:, None] == [SECOND, FIRST], self.acting[:, None]
+        return one | (acting == NEITHER), one | np.isin(acting, [BOTH, STANDING])
 
     @property
     def excluded(self) -> np.ndarray:
@@ -174,10 +152,11 @@ class CornerNodes:
 
     # ---- which state is right --------------------------------------------------------------------
     def switch(self, x: np.ndarray, gradient: np.ndarray, rows, scale: np.ndarray, tol: float,
-               comm) -> bool:
+               comm, deformation: float = 0.0) -> bool:
         """Whether a corner has changed its state at multipliers x, where F x - d is `gradient`.
 
-        `rows` are the ContactRows; `scale` (owned,) times displacements over `tol` count.
+        `rows` are the ContactRows, None without friction; `scale` (owned,) times displacements over
+        `tol` count if they are more than NEAR, slip if it is more than SLIPS times `deformation`.
         Collective.
         """
         wanted = np.zeros(len(self.nodes), int)
@@ -186,11 +165,15 @@ class CornerNodes:
             if self.acting[v] == STANDING:
                 wanted[v] = self._stands(v, x, rows)
                 continue
-            wanted[v] = self._wanted(v, x[n], -gradient[n] * scale[n], tol)
+            near = max(tol, NEAR * deformation * scale[n].max())
+            wanted[v] = self._wanted(v, x[n], -gradient[n] * scale[n], near)
             if wanted[v] == self.acting[v] == BOTH:
                 # friction on the way would have stopped it short of one side
-                parts = self._parts(v, x, gradient, rows, scale, NOISE * tol)
-                missed = np.zeros(2, bool) if parts is None else parts[0] * x[n] < 0
+                t, missed = self.tangential[v], np.zeros(2, bool)
+                least = np.maximum(NOISE * tol / scale[t], SLIPS * deformation)
+                parts = self._parts(v, self._force(v, x), -gradient[t], rows, least)
+                if parts is not None and x[n].all():
+                    missed = ~self._able(v, parts[0])
                 wanted[v] = BOTH if missed.all() or not missed.any() else (
                     SECOND if missed[0] else FIRST)
         wanted = np.sum(comm.allgather(wanted), axis=0)
@@ -205,7 +188,7 @@ class CornerNodes:
 
     def _stands(self, v: int, x: np.ndarray, rows) -> Acting:
         """State of a standing corner v: the side that would be left if both cannot hold it."""
-        if self._shared_at_rest(v, x, rows) is not None:
+        if self._shared_at_rest(v, self._force(v, x), rows) is not None:
             return STANDING
         force = x[self.normal[v]]
         return FIRST if force[0] >= force[1] else SECOND
@@ -218,68 +201,136 @@ class CornerNodes:
             if not opened.any():
                 return BOTH
             if opened.all():  # only what rubs without pressure matters
+                if self._rubs_open(v):
+                    return NEITHER
                 opened = self.offset[v] < self.offset[v].max()
                 return BOTH if not opened.any() and not self.offset[v].any() else (
                     SECOND if opened[0] else FIRST)
             return SECOND if opened[0] else FIRST
+        if self.acting[v] == NEITHER:
+            closed = over > tol
+            return BOTH if closed.all() else NEITHER if not closed.any() else (
+                FIRST if closed[0] else SECOND)
         own = 0 if self.acting[v] == FIRST else 1
         missed = over[1 - own]
+        if (force[own] == 0 and over[own] < -tol and missed <= tol and self._rubs_open(v)
+                and self.switches[v] < AGAIN):
+            return NEITHER
         if max(missed, abs(missed) * bilateral[1 - own]) <= tol:
             return self.acting[v]
         if self.alone[v] or force[own] == 0 and not bilateral[own]:
             return SECOND if own == 0 else FIRST
         return BOTH
 
-    # ---- how forces are shared -------------------------------------------------------------------
-    def shared(self, x: np.ndarray, gradient: np.ndarray, rows, scale: np.ndarray,
-               tol: float) -> np.ndarray:
-        """x with the same forces at corners that have just been reached, friction's part in them.
+    def _rubs_open(self, v: int) -> bool:
+        """Whether both sides of corner v rub without pressure."""
+        return bool((self.offset[v] > 0).all() and (self.in_tangential[v] >= 0).all()
+                    and not self.bilateral[v].any() and not self.alone[v])
 
-        Each node rubs against the slip that brought it there, at its bound. `rows` are the
-        ContactRows, `scale` (owned,) times slip beyond `tol` counts.
+    # ---- how forces are shared -------------------------------------------------------------------
+    def end_step(self, x: np.ndarray, gradient: np.ndarray, rows, deformation: float,
+                 comm) -> tuple[np.ndarray, bool]:
+        """Multipliers x shared by the vertices that touch both sides, and whether states change.
+
+        `rows` are the ContactRows, None without friction; nearer than `deformation` times TOUCHES
+        is touching, slip by SLIPS times as much counts. Collective.
         """
-        shared = x.copy()
-        for v in np.flatnonzero((self.acting == STANDING) & (self.normal[:, 0] >= 0)):
-            parts, t = self._shared_at_rest(v, x, rows), self.tangential[v]
-            if parts is not None:
-                shared[self.normal[v]], shared[t[t >= 0]] = parts[0], parts[1][t >= 0]
-        for v in np.flatnonzero((self.acting == BOTH) & (self.normal[:, 0] >= 0)):
+        shared, inside = x.copy(), np.zeros(len(self.nodes), int)
+        acting = np.zeros(len(self.nodes), int)
+        for v in np.flatnonzero(self.normal[:, 0] >= 0):
             n, t = self.normal[v], self.tangential[v]
-            parts = self._parts(v, x, gradient, rows, scale, tol)
-            if parts is not None and (parts[0] * x[n] >= 0).all():
-                shared[n], shared[t] = parts
-        return shared
+            acting[v] = self.acting[v]
+            if self.alone[v] or (np.abs(gradient[n]) > TOUCHES * deformation).any():
+                continue
+            force, inside[v] = self._force(v, x), 1
+            parts = self._parts(v, force, -gradient[t], rows, SLIPS * deformation)
+            if parts is None or not self._able(v, parts[0]).all():
+                parts = self._shared_at_rest(v, force, rows)
+            if parts is not None:
+                shared[n], shared[t[t >= 0]] = parts[0], parts[1][t >= 0]
+                acting[v] = self._state_of(v, force, rows)
+        acting, self.rested = np.sum(comm.allgather((acting, inside)), axis=0)
+        self.rested, before, self.acting = self.rested > 0, self.acting, acting
+        return shared, not np.array_equal(before, acting)
+
+    def own(self, x: np.ndarray) -> np.ndarray:
+        """x with the same forces at the vertices in rows that their states leave free."""
+        moved = x.copy()
+        for v in np.flatnonzero((self.normal[:, 0] >= 0) & ~self.alone):
+            n, t, force = self.normal[v], self.tangential[v], self._force(v, x)
+            if self.acting[v] == NEITHER:
+                moved[n], moved[t] = 0.0, np.linalg.solve(self._tangents(v).T, force)
+                continue
+            if self.acting[v] in (BOTH, STANDING):
+                moved[n], moved[t[t >= 0]] = np.linalg.solve(self.directions[v].T, force), 0.0
+                continue
+            k = 0 if self.acting[v] == FIRST else 1
+            if not x[n[1 - k]]:  # nothing to move, and not by rounding either
+                continue
+            moved[n], moved[t[t >= 0]] = 0.0, 0.0
+            moved[n[k]] = force @ self.directions[v, k]
+            if t[k] >= 0:
+                moved[t[k]] = force @ self._tangents(v)[k]
+        return moved
+
+    def _force(self, v: int, x: np.ndarray) -> np.ndarray:
+        """(2,) force that the rows of corner v make up with multipliers x."""
+        t = self.tangential[v]
+        rubbing = np.where(t >= 0, x[t], 0.0)
+        return x[self.normal[v]] @ self.directions[v] + rubbing @ self._tangents(v)
+
+    def _tangents(self, v: int) -> np.ndarray:
+        """(2, 2) tangents: the normals turned by +90 degrees."""
+        return np.column_stack([-self.directions[v, :, 1], self.directions[v, :, 0]])
+
+    def _state_of(self, v: int, force: np.ndarray, rows) -> Acting:
+        """The state that holds corner v, in touch with both sides, with a force (2,)."""
+        pressures = np.linalg.solve(self.directions[v].T, force)
+        if self._able(v, pressures).all():
+            return BOTH
+        (F, c), normal = self._law(v, rows), self.directions[v] @ force
+        tangential = np.abs(self._tangents(v) @ force)
+        alone = self._able(v, normal) & (tangential <= F * np.abs(normal) + c)
+        alone &= ~self.bilateral[v][::-1]
+        if alone.any():
+            return FIRST if alone[0] else SECOND
+        return STANDING
+
+    def _able(self, v: int, pressures: np.ndarray) -> np.ndarray:
+        """(2,) whether the nodes of corner v can have the `pressures`."""
+        return self.bilateral[v] | (pressures >= 0)
 
     def _law(self, v: int, rows) -> tuple[np.ndarray, np.ndarray]:
         """Coefficient and offset (2,) each of the friction bounds of corner v, 0 without friction.
         """
+        if rows is None:
+            return np.zeros(2), np.zeros(2)
         here = self.in_tangential[v]
         return tuple(np.zeros(2) if values is None else np.where(here >= 0, values[here], 0.0)
                      for values in (rows.coefficient, rows.offset))
 
-    def _shared_at_rest(self, v: int, x: np.ndarray, rows):
-        """Pressures and friction forces (2,) each that hold the standing corner v, or None."""
-        return least_friction(x[self.normal[v]] @ self.directions[v], self.directions[v],
-                              *self._law(v, rows), self.bilateral[v])
+    def _shared_at_rest(self, v: int, force: np.ndarray, rows):
+        """Pressures and friction forces (2,) each that hold corner v with `force` (2,), or None."""
+        F, c = self._law(v, rows)
+        return least_friction(force, self.directions[v], F, c, self.bilateral[v])
 
-    def _parts(self, v: int, x, gradient, rows, scale, tol):
-        """Pressures and friction forces (2,) each of corner v where both nodes press.
+    def _parts(self, v: int, force: np.ndarray, slip: np.ndarray, rows, least):
+        """Pressures and friction forces (2,) each of corner v under the force (2,) it arrives with.
 
-        None where it has not arrived in this step.
+        None where it has not arrived in this step: no slip (2,) beyond `least`.
         """
-        n, t = self.normal[v], self.tangential[v]
-        if (t < 0).any() or (x[n] == 0).any():
+        sign = np.where(np.abs(slip) > least, np.sign(slip), 0.0)
+        if rows is None or self.rested[v] or (self.tangential[v] < 0).any() or not sign.any():
             return None
-        slip = -gradient[t] * scale[t]
-        sign = np.where(np.abs(slip) > tol, np.sign(slip), 0.0)
-        if not sign.any():
-            return None
-        (F, c), normal = self._law(v, rows), self.directions[v]
-        tangent = np.column_stack([-normal[:, 1], normal[:, 0]])
-        rays = normal + (sign * F * np.sign(x[n]))[:, None] * tangent
+        (F, c), normal, tangent = self._law(v, rows), self.directions[v], self._tangents(v)
+        # contact that can pull does so as without friction
+        side = np.where(self.bilateral[v], np.sign(np.linalg.solve(normal.T, force)), 1.0)
+        rays = normal + (sign * F * side)[:, None] * tangent
         if abs(np.linalg.det(rays)) < DEPENDENT:
             return None
-        pressures = np.linalg.solve(rays.T, x[n] @ normal - (sign * c) @ tangent)
+        pressures = np.linalg.solve(rays.T, force - (sign * c) @ tangent)
+        if (self.bilateral[v] & (pressures * side < 0)).any():
+            return None
         return pressures, sign * (F * np.abs(pressures) + c)
 
 

@@ -74,11 +74,13 @@ def kkt_residuals(rows: ContactRows, multipliers: np.ndarray, gradient: np.ndarr
     local = np.array([
         np.abs(gluing).max(initial=0),
         np.where(bilateral, np.abs(over), over).max(initial=0),
-        (-l_n[~bilateral]).max(initial=0) + 0.0,  # no -0.0
+        (-l_n[~bilateral]).max(initial=0),
         (np.abs(l_t) - g).max(initial=0),
         max(np.abs(natural).max(initial=0), np.abs(rubbing).max(initial=0))])
+    local += 0.0  # no -0.0, which one rank may have and another not
     local[np.isnan(local)] = np.inf  # which MPI's maximum may lose
     comm.Allreduce(MPI.IN_PLACE, local, op=MPI.MAX)
+    local += 0.0  # no -0.0, which of zeros is the largest depends on their order
     names = "gluing", "penetration", "sign", "cone", "complementarity"
     return dict(zip(names, local.tolist()))
 

@@ -69,6 +69,7 @@ class ContactRows:
     gluing: np.ndarray
     pulls: np.ndarray
     corners: CornerNodes | None = None
+    frictionless: bool = False  # no rank has a tangential row
 
     @property
     def bilateral(self) -> np.ndarray:
@@ -143,7 +144,7 @@ class ContactRows:
         sliding = np.abs(multipliers[self.tangential]) >= self.law_bound(multipliers)
         place = np.searchsorted(self.normal_node, self.tangential_node)
         states[place[sliding & (states[place] == STICK)]] = SLIP
-        if len(self.tangential) == 0:  # without friction nothing holds a node that touches
+        if self.frictionless:  # nothing holds a node that touches
             states[states == STICK] = SLIP
         return states
 
@@ -161,4 +162,5 @@ def contact_rows(structure: Substructure, law: ContactLaw) -> ContactRows:
                        contact.tangential_row[tangential] - start, tangential,
                        contact.normal_row[tangential] - start, coefficient, offset,
                        np.flatnonzero(structure.row_kind[start : stop] == RowKind.GLUING),
-                       law.bilateral[normal], corner_nodes(structure, place, law))
+                       law.bilateral[normal], corner_nodes(structure, place, law),
+                       not (contact.tangential_row >= 0).any())

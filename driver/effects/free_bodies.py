@@ -97,9 +97,16 @@ class FreeBodies:
         return float(self._shares(load, x).max())
 
     def _shares(self, load, x: np.ndarray) -> np.ndarray:
-        """(modes,) the same of every motion."""
+        """(modes,) the same of every motion.
+
+        Relative to the forces on any motion of the body, which are of one size at its corners: a
+        block that only its weight acts on has nothing but rounding along the floor.
+        """
         net, size = self.operator.imbalance(x, load.weights)
-        self.scales.renew(work=size)
+        body = [mode.body for mode in self.operator.structure.rigid_modes]
+        largest = np.zeros(max(body) + 1)
+        np.maximum.at(largest, body, size)
+        self.scales.renew(work=largest[body])
         work = self.scales.work
         return np.abs(net) / np.where(work > 0, work, 1.0)
 
@@ -124,7 +131,9 @@ class FreeBodies:
         rows = op.comm.gather(self._conditions(x, gradient))
         change = np.zeros(op.modes)
         if op.comm.rank == 0:
-            held, limited, room = (np.concatenate(part) for part in zip(*rows))
+            place, held, beside, limited, room = (np.concatenate(part) for part in zip(*rows))
+            held, order = held[np.argsort(place)], np.argsort(beside)
+            limited, room = limited[order], room[order]
             change = whiten @ _least(held @ whiten, limited @ whiten, room, aim)
         change = op.comm.bcast(change)
         self.placed = placed + (turn @ change).reshape(placed.shape)
@@ -133,6 +142,8 @@ class FreeBodies:
     def _conditions(self, x: np.ndarray, gradient: np.ndarray):
         """What rigid motions do at the rank's contact rows: (h, modes) at those that may not move,
         (m, modes) at those that may move by no more than (m,).
+
+        Before either come the places of these rows in an order that ranks do not change.
         """
         rows, motions = self.rows, np.column_stack(self.operator.motions)
         normal, rub = motions[rows.normal], motions[rows.tangential]
@@ -141,7 +152,13 @@ class FreeBodies:
         presses = (x[rows.normal] != 0) | rows.bilateral
         sticks = np.abs(x[rows.tangential]) < bound
         slides = ~sticks & (bound > 0)
-        return (np.concatenate([normal[presses], rub[sticks]]),
+        # all normal rows, then all tangential ones
+        structure = self.operator.structure
+        first = rows.normal + structure.row_range[0]
+        then = rows.tangential + structure.row_range[0] + structure.dual_dofs
+        return (np.concatenate([first[presses], then[sticks]]),
+                np.concatenate([normal[presses], rub[sticks]]),
+                np.concatenate([first[~presses], then[slides]]),
                 np.concatenate([normal[~presses], -way[slides, None] * rub[slides]]),
                 np.maximum(np.concatenate([-over[~presses], (way * slip)[slides]]), 0.0))
 

@@ -32,11 +32,14 @@ class Room(initial_state.Room):
             if solver.bodies.imbalance(load, x) > settings.friction_rtol:
                 solver.bodies.follow(load, x)
             elif rows.corners is None or not rows.corners.switch(
-                    x, result.gradient, rows, solver.qp.scale, solver.qp.tol, op.comm):
+                    x, result.gradient, None, solver.qp.scale, solver.qp.tol, op.comm):
                 break
         else:
             raise NotConverged(
                 f"preload: no equilibrium of the free bodies in {iteration} iterations")
+        if rows.corners is not None:
+            rows.corners.end_step(x, result.gradient, None, op.deformation(
+                x, load.weights), op.comm)
         solver.multipliers, solver.motion = x, load.weights[op.structure.patterns :]
         gradient = result.gradient - solver.bodies.settle(load, x, result.gradient)
         solver.slip.advance(x, gradient, load.weights, solver.scales)

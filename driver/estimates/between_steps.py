@@ -82,7 +82,7 @@ def warnings(manifest) -> list[str]:
     for d in departures(manifest):
         better = steps_at(d.kinks, manifest.steps, manifest.t_end)
         remedy = f"STEPS={2 * manifest.steps} follows it better"
-        if better is not None:
+        if better is not None and better > manifest.steps:
             remedy = f"STEPS={better} has a step end at every kink"
         lines.append(f"amplitude {d.amplitude} departs by {100 * d.size:.0f} % of its largest "
                      f"value from the steps, most in step {d.step} at time {d.time:.4g}: "

@@ -33,6 +33,7 @@ from .gathering import joined
 from .structure import Substructure
 
 DEPENDENT = 1e-4  # squared sine below which a restricted hat counts as a combination of others
+IDLE = 1e-10  # part of W'FW below which it is rounding
 
 
 @dataclass
@@ -130,13 +131,30 @@ class Face:
         size = np.diag(mass)
         scale = np.divide(1.0, np.sqrt(size), out=np.zeros(len(size)), where=size > 0)
         # pivoted Cholesky: hats beyond the rank are nothing, or combinations of the others
-        factor, pivots, rank, _ = lapack.dpstrf(mass * np.outer(scale, scale), tol=DEPENDENT)
+        scaled = mass * np.outer(scale, scale)
+        factor, pivots, rank, _ = lapack.dpstrf(scaled, tol=DEPENDENT)
         self.independent = pivots[:rank] - 1
         self.scale, self.mass = scale[self.independent], np.asfortranarray(factor[:rank, :rank])
         if rank:
             scales = np.outer(self.scale, self.scale)
             coarse = galerkin(self.W)[self.independent[:, None], self.independent] * scales
-            self.coarse = cho_factor(coarse, overwrite_a=True, check_finite=False)[0]
+            try:
+                self.coarse = cho_factor(coarse, check_finite=False)[0]
+            except np.linalg.LinAlgError:
+                self._without_idle(scaled, scale, coarse)
+
+    def _without_idle(self, mass: np.ndarray, scale: np.ndarray, coarse: np.ndarray) -> None:
+        """Leave out hats that together move nothing, too, where `coarse`, W'FW, is singular.
+
+        So it is where contact conditions of bodies that meet in one place depend on one another.
+        """
+        size = 1.0 / np.sqrt(np.diag(coarse))
+        _, pivots, rank, _ = lapack.dpstrf(coarse * np.outer(size, size), tol=IDLE)
+        kept = np.sort(pivots[:rank] - 1)
+        self.independent = self.independent[kept]
+        self.scale, among = scale[self.independent], np.ix_(self.independent, self.independent)
+        self.mass = np.asfortranarray(cho_factor(mass[among], check_finite=False)[0])
+        self.coarse = cho_factor(coarse[np.ix_(kept, kept)], check_finite=False)[0]
 
     def deflate(self, residual: np.ndarray, precondition) -> np.ndarray:
         """(I - P) M (I - P') r + W (W'FW)^-1 W' r for residuals (n,); `precondition` is M."""

@@ -36,6 +36,9 @@ from .structure import Substructure
 from .travel import rows_moved
 from .vectors import DualVectors
 
+# part of a load's terms below which their sum is nothing: tolerances down to 1e-8 are met beside it
+BALANCED = 1e-6
+
 
 class DualOperator(DualProblem):
     """F and d of a torn body; collective over `comm`. Raises NoSolution where something is loose.
@@ -110,12 +113,17 @@ class DualOperator(DualProblem):
 
     def imbalance(self, multipliers: np.ndarray,
                   weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(modes,) work of all forces on the rigid motions, zero in equilibrium; its sizes."""
+        """(modes,) work of all forces on the rigid motions, zero in equilibrium; its sizes.
+
+        Loads that balance themselves, heat or a pinch, count by what their rounding is worth.
+        """
         factors, D = weights[: self.structure.patterns], self._motion_columns
         x = np.repeat(multipliers[:, None], self.modes, axis=1)
         both = self.vectors.dots(np.hstack([D, np.abs(D)]), np.hstack([x, np.abs(x)]))
         net, size = np.split(both, 2)
-        return factors @ self.rigid_work[0] - net, np.abs(factors) @ self.rigid_work[1] + size
+        work, terms = self.rigid_work
+        loads = np.maximum(np.abs(work), BALANCED * terms)
+        return factors @ work - net, np.abs(factors) @ loads + size
 
     def message_bytes(self) -> dict[str, int]:
         """Bytes that this rank receives in a product with F (gluing, coarse) and in a dot."""

@@ -256,12 +256,15 @@ class _Writer:
     def _gaps(self) -> None:
         """Distances of several scales, the same or one a label."""
         bodies, dice = self.bodies, self.dice
-        if bodies.pattern == "a side" and bodies.press[1] < -0.98 and dice.chance(0.25):
-            # the ground: a plane, or a cylinder from below, a little under the body
+        faces_down = bodies.pattern == "a side" and bodies.press[1] < -0.98
+        if faces_down and bodies.name != "half disc" and dice.chance(0.25):
+            # the ground: a plane, or a cylinder from below, a little under the body; the ends of a
+            # half disc face to the sides
             x, y = (self.size * np.array(bodies.reach)).tolist()
             ground = self.number(y[0] - dice.pick(0.0, 0.3, -0.2) * self.far)
             content = f"y - {ground}"
-            if dice.chance(0.4):
+            # (ends of a half circle face away from a cylinder: no contact can be there)
+            if dice.chance(0.4) and "disc" not in bodies.name:
                 content += f" + (x - {self.number(sum(x) / 2)})^2*{self.number(1 / self.size)}/10."
             self.say("obstacle(x, y)", f"({content})")
             self.declared["gap"] = "obstacle"

@@ -44,10 +44,13 @@ class Problem:
         return cls(manifest, body)
 
     def worst(self, outcome: Outcome) -> tuple[str, float]:
-        """The law that a run violates most, and by how much."""
+        """The law that a run violates most, and by how much: what rounding is worth, apart."""
         if not outcome.contact:
             return "no contact node", 0.0
-        broken = laws.violations(self.body, self.manifest, outcome.contact)
+        given = self.body, self.manifest, outcome.contact
+        broken = laws.violations(*given)
+        if max(broken.values()) > laws.RESTS:
+            broken = laws.violations(*given, far=laws.rounding(*given) / laws.RESTS)
         return max(broken.items(), key=lambda item: item[1])
 
     def disagreement(self, outcomes: list[Outcome]) -> float:
@@ -93,16 +96,24 @@ class Problem:
                 outcome.message for outcome in outcomes)
         step = steps[0]
         weights = self.manifest.factors[step]
-        share = refusals.unbalanced(self.body, self.manifest, weights, rough=step > 0)
+        slipped = self._slipped(first, step)
+        share = refusals.unbalanced(self.body, self.manifest, weights, step > 0, slipped)
         if share > refusals.SLACK:
             return "refused", f"{said}; linear program: {share:.1e} of the load stays unbalanced"
         if step == 0:
             return "FAILED", f"{said}; not confirmed: forces without friction balance the loads"
         u_t = self._before(first, step)
-        reason = refusals.no_state(self.body, self.manifest, weights, u_t)
+        reason = refusals.no_state(self.body, self.manifest, weights, u_t, slipped)
         if not reason:
             return "refused", f"{said}; mixed-integer program: no state of the nodes solves it"
         return "FAILED", f"{said}; not confirmed: {reason}"
+
+    def _slipped(self, outcome: Outcome, step: int) -> np.ndarray:
+        """(n_c,) sum of |slip| before a step, as the run reports it."""
+        if step < 2:
+            return np.zeros(len(self.body.gid))
+        slip = laws.Reported.of(self.body, outcome.contact).slip
+        return np.abs(slip[: step - 1]).sum(axis=0)
 
     def _before(self, outcome: Outcome, step: int) -> np.ndarray:
         """(n_c,) tangential displacements before a step, as the run reports them."""

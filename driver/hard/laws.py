@@ -10,6 +10,7 @@ import numpy as np
 
 from .oracle import Assembled
 
+ROUNDINGS = 4  # random ones of the stiffness
 RESTS = 1e-6  # of the deformation: a gap that counts as closed, the accuracy of displacements
 
 
@@ -86,6 +87,10 @@ def violations(body: Assembled, manifest, contact: dict, far: float = 0.0) -> di
     no support resists apart, or `far` if that is larger; tractions to its largest one. Bodies that
     no support holds: the forces must balance, and their rigid motion is fitted to the reported one.
 
+    Reported are forces and displacements, each to its own accuracy: of a body that hardly anything
+    holds against turning forces that are nothing move nodes far. So displacements are corrected by
+    forces, up to `RESTS` of the largest, that bring them nearest to the reported ones.
+
     What a support prescribes is no matter of contact. At a corner friction belongs to the one
     condition that is closed (contact/corner_nodes.py): a vertex that rests on both does not slide
     at the end of the step, whatever way it took there, and one that is open has no side to rub on.
@@ -98,6 +103,7 @@ def violations(body: Assembled, manifest, contact: dict, far: float = 0.0) -> di
     told = np.concatenate([reported.u_n, reported.u_t], axis=1)
     u = fields @ body.B.T
     u += (turned @ np.linalg.lstsq(turned, (told - u).T, rcond=None)[0]).T
+    u += _moved_by_little(body, turned, told - u, deformation, np.abs(force).max())
     start = reported.u_t[:1] - reported.slip[:1]
     u_n, u_t = np.split(u, 2, axis=1)
     slip = np.diff(np.concatenate([start, u_t]), axis=0)
@@ -131,6 +137,46 @@ def violations(body: Assembled, manifest, contact: dict, far: float = 0.0) -> di
             deformation * np.abs(bound).max(initial=press)),
         "balance": max((ratio(net.max(initial=0), largest.max(initial=0)) for net, _ in balance),
                        default=0.0)}
+
+
+def rounding(body: Assembled, manifest, contact: dict) -> float:
+    """By how much displacements change when every entry of the stiffness is rounded once.
+
+    The driver's subdomains and the oracle's body round each for themselves. Where stiffness jumps,
+    or hardly any change of volume is left, no solver knows displacements better. The largest of a
+    few random roundings.
+    """
+    force = Reported.of(body, contact).forces(body)
+    turned = body.B @ body.motions
+
+    def moved(of: Assembled) -> np.ndarray:
+        u = np.array([of.solve(w, of.B.T @ f) for w, f in zip(manifest.factors[1:], force)])
+        u = u @ of.B.T
+        return u - (turned @ np.linalg.lstsq(turned, u.T, rcond=None)[0]).T
+
+    exact = moved(body)
+    return 2 * max(np.abs(moved(body.rounded(seed)) - exact).max() for seed in range(ROUNDINGS))
+
+
+def _moved_by_little(body: Assembled, turned: np.ndarray, missing: np.ndarray, deformation: float,
+                     largest: float) -> np.ndarray:
+    """(steps, 2 n_c) part of the displacements `missing` that next to no contact forces make.
+
+    Those of least |missing - C f|^2 / deformation^2 + |f|^2 / largest^2, rigid motions `turned`
+    (2 n_c, modes) apart, cut to RESTS of the largest force.
+    """
+    if not largest > 0 or np.abs(missing).max() <= 0.1 * RESTS * deformation:
+        return np.zeros_like(missing)
+    C = np.array([body.B @ body.solve(np.zeros(len(body.loads)), row) for row in body.B]).T
+    unit = C * largest / deformation
+    size = np.abs(turned).max(axis=0, initial=0.0)
+    both = np.hstack([unit, turned[:, size > 0] / size[size > 0]])
+    smallness = np.eye(both.shape[1])[: unit.shape[1]]
+    found = np.linalg.lstsq(np.vstack([both, smallness]),
+                            np.vstack([missing.T / deformation, np.zeros((len(C), len(missing)))]),
+                            rcond=None)[0]
+    share = np.minimum(1.0, RESTS / np.maximum(np.abs(found[: len(C)]).max(axis=0), 1e-300))
+    return (share * (both @ found)).T * deformation
 
 
 def pulling(body: Assembled, manifest) -> np.ndarray:

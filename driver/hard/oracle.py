@@ -1,5 +1,7 @@
 """Dense, slow and certain solvers that tests and hard cases compare with; each checks itself."""
 
+import copy
+
 import numpy as np
 
 
@@ -87,8 +89,7 @@ class Assembled:
     """
 
     def __init__(self, manifest, subdomains):
-        from scipy.sparse import bmat, coo_matrix, csc_matrix
-        from scipy.sparse.linalg import splu
+        from scipy.sparse import coo_matrix
 
         size = 2 * manifest.nodes
         keys = [2 * sub.node_gid[sub.dof_node] + sub.dof_component for sub in subdomains]
@@ -110,11 +111,28 @@ class Assembled:
         for sub, k in zip(subdomains, keys):
             place[k] = sub.xy[sub.dof_node, sub.dof_component]
         self.motions = self._free_motions(place)
+        self._factorize()
+        self._collect_contact(manifest.columns, subdomains)
+
+    def _factorize(self) -> None:
+        from scipy.sparse import bmat, csc_matrix
+        from scipy.sparse.linalg import splu
+
         border = csc_matrix(self.motions[self.free])
         held = self.K[self.free][:, self.free]
         self._factor = splu(bmat([[held, border], [border.T, None]]).tocsc()
                             if border.shape[1] else held.tocsc())
-        self._collect_contact(manifest.columns, subdomains)
+
+    def rounded(self, seed: int) -> "Assembled":
+        """The same body, every entry of its stiffness one rounding larger or smaller at random."""
+        from scipy.sparse import triu
+
+        other, upper = copy.copy(self), triu(self.K).tocoo()
+        signs = np.random.default_rng(seed).choice([-1.0, 1.0], len(upper.data))
+        upper.data = upper.data * (1.0 + signs * np.finfo(float).eps)
+        other.K = (upper + triu(upper, 1).T).tocsc()
+        other._factorize()
+        return other
 
     def _free_motions(self, place) -> np.ndarray:
         """(2 vertices, modes): rigid motions that supports leave free; `place` by dof."""

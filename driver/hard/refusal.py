@@ -20,13 +20,15 @@ SECONDS = 30.0  # that it may take
 REACHES = 100.0, 3000.0
 
 
-def unbalanced(body: Assembled, manifest, weights: np.ndarray, rough: bool = True) -> float:
+def unbalanced(body: Assembled, manifest, weights: np.ndarray, rough: bool = True,
+               slipped: np.ndarray | None = None) -> float:
     """Least imbalance of any contact forces in their cones, relative to the loads; 0 if none.
 
     Without friction if not `rough`.
 
-    The friction cone is that of the largest coefficient a slip law can give; where contact can
-    pull, friction is free, which only makes balance easier.
+    The friction cone is that of the largest coefficient a slip law can give, to nodes that have
+    slipped by `slipped` (n_c,) before; where contact can pull, friction is free, which only makes
+    balance easier.
     """
     count = len(body.gid)
     if not body.motions.shape[1]:
@@ -38,7 +40,7 @@ def unbalanced(body: Assembled, manifest, weights: np.ndarray, rough: bool = Tru
     work, force = work / size.max(), size.max()
     moves = (body.B @ body.motions).T  # (modes, 2 n_c): work of unit forces along n and t
     pulls = laws.pulling(body, manifest)
-    coefficient, offset = (rough * of for of in largest_friction(body, manifest))
+    coefficient, offset = (rough * of for of in largest_friction(body, manifest, slipped))
     unit = identity(count, format="csr")
     cone = bmat([[diags(coefficient) @ unit, unit], [diags(coefficient) @ unit, -unit]])
     room = np.tile(offset / force, 2)
@@ -55,29 +57,42 @@ def unbalanced(body: Assembled, manifest, weights: np.ndarray, rough: bool = Tru
     return float(answer.fun) if answer.status == 0 else 0.0
 
 
-def largest_friction(body: Assembled, manifest) -> tuple[np.ndarray, np.ndarray]:
+def largest_friction(body: Assembled, manifest, slipped: np.ndarray | None = None,
+                     largest=np.maximum) -> tuple[np.ndarray, np.ndarray]:
     """(n_c,) largest coefficient that a slip law can give, and bound that needs no pressure.
 
-    Zero where nothing rubs.
+    Slip only grows: nodes that have `slipped` (n_c,) have the law's values from there on. Zero
+    where nothing rubs. With np.minimum for `largest` the least coefficient.
     """
-    zero = np.zeros(len(body.gid))
-    factor = max(manifest.rooms["slip_law"]["values"]) if "slip_law" in manifest.rooms else 1.0
+    zero, factor, law = np.zeros(len(body.gid)), 1.0, manifest.rooms.get("slip_law")
+    if law:
+        table, values = np.linspace(0.0, law["range"], len(law["values"])), np.array(law["values"])
+        known = slipped is not None and law["argument"] == "slip"
+        start = slipped if known else np.full(len(body.gid), -np.inf)
+        now = np.interp(start, table, values)
+        to_come = np.where(table > start[:, None], values, now[:, None])
+        factor = largest(now, largest.reduce(to_come, axis=1))
     offset = body.columns.get("cohesion", zero) + body.columns.get("tresca", zero)
     rubs = laws.rubbing(body)
     return rubs * factor * body.columns.get("friction", zero), rubs * offset * body.weight
 
 
-def no_state(body: Assembled, manifest, weights: np.ndarray, u_t: np.ndarray) -> str:
+def no_state(body: Assembled, manifest, weights: np.ndarray, u_t: np.ndarray,
+             slipped: np.ndarray | None = None) -> str:
     """Empty if the step has no solution, else why that is not shown.
 
-    `weights` (patterns,) of the step's loads, `u_t` (n_c,) tangential displacements before it.
-    Binary variables say whether a node is closed, and whether it sticks or slides to either side.
+    `weights` (patterns,) of the step's loads, `u_t` (n_c,) tangential displacements before it,
+    `slipped` (n_c,) the way of nodes until then. Binary variables say whether a node is closed, and
+    whether it sticks or slides to either side; where a slip law changes friction, with any force
+    between the least and the largest that it can give: more than it has is admitted, so that "no
+    solution" is certain.
     """
     count = len(body.gid)
-    coefficient, offset = largest_friction(body, manifest)
+    coefficient, offset = largest_friction(body, manifest, slipped)
+    least, _ = largest_friction(body, manifest, slipped, np.minimum)
     pulls = laws.pulling(body, manifest)
     meets = laws.corners(body).any(axis=1)
-    if "slip_law" in manifest.rooms or coefficient[pulls].any() or offset[meets].any():
+    if coefficient[pulls].any() or offset[meets].any():
         return "the law of friction is no linear one"
     if count > NODES:
         return f"{count} contact nodes are too many for the mixed-integer program"
@@ -95,7 +110,7 @@ def no_state(body: Assembled, manifest, weights: np.ndarray, u_t: np.ndarray) ->
         program.contact(C[:count] * force / near, turned[:count] / size, room, pulls)
         program.corners(laws.corners(body))
         program.friction(C[count:] * force / near, turned[count:] / size,
-                         (u_t - loaded[count:]) / near, coefficient, offset / force)
+                         (u_t - loaded[count:]) / near, (least, coefficient), offset / force)
         status = program.solve(pulls)
         if status != 2:
             return "the mixed-integer program has a solution" if status == 0 else (
@@ -156,8 +171,12 @@ class _Program:
             self.low.append(np.array([-np.inf]))
             self.high.append(np.array([1.0]))
 
-    def friction(self, C: np.ndarray, motions, start: np.ndarray, coefficient, offset) -> None:
-        """Within its bound, on it and against the slip where it slides from `start` (n,)."""
+    def friction(self, C: np.ndarray, motions, start: np.ndarray, coefficients, offset) -> None:
+        """Within its bound, on it and against the slip where it slides from `start` (n,).
+
+        On it: between the bounds by the least and the largest of `coefficients`.
+        """
+        least, coefficient = coefficients
         n, reach = self.count, self.reach * (1.0 + coefficient) + offset
         self._add(1.0, 1.0, stick=1.0, forwards=1.0, backwards=1.0, rests=1.0)
         far, slip = self.reach, (C[:, :n], C[:, n:], motions)
@@ -165,8 +184,8 @@ class _Program:
         self._add(start, np.inf, *slip, backwards=far, rests=far)
         self._add(-np.inf, offset, coefficient, 1.0)
         self._add(-offset, np.inf, -coefficient, 1.0)
-        self._add(-np.inf, 2 * reach - offset, -coefficient, 1.0, forwards=2 * reach)
-        self._add(offset - 2 * reach, np.inf, coefficient, 1.0, backwards=-2 * reach)
+        self._add(-np.inf, 2 * reach - offset, -least, 1.0, forwards=2 * reach)
+        self._add(offset - 2 * reach, np.inf, least, 1.0, backwards=-2 * reach)
 
     def solve(self, pulls: np.ndarray) -> int:
         """0 if there is a solution, 2 if there is none, else undecided."""

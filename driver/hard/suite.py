@@ -17,6 +17,7 @@ import numpy as np
 
 from .. import options
 from ..errors import DriverError, InputError
+from ..runs.guard import study_folder
 from . import random
 from .case import Case, Outcome, reference, run_case
 from .oracle import OracleFailure
@@ -39,7 +40,7 @@ def run_suite(pairs: dict[str, str]) -> list[Path]:
     neither of the two ways.
     """
     tasks, folder, jobs = _chosen(pairs)
-    folder.mkdir(parents=True, exist_ok=True)
+    folder = study_folder(folder, "hard")
     for earlier in ("runs", random.KEPT):
         shutil.rmtree(folder / earlier, ignore_errors=True)
     rows, clock = [], time.perf_counter()

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..errors import NotConverged
 from ..qp import complementarity
 from ..qp.coulomb import CoulombProblem
 from ..feti.compliance import contact_compliance
@@ -40,6 +41,7 @@ class Condensation:
         self.nodes, tangential = map(np.flatnonzero, rows)
         self._rubbing = np.isin(self.rows.tangential_node, tangential)  # of the rank's rows
         self.pair = np.searchsorted(self.nodes, tangential)
+        self.unpaired = not np.isin(tangential, self.nodes).all()
         self.n, self.m = len(self.nodes), len(tangential)
         number = np.concatenate([contact.normal_row[self.nodes],
                                  contact.tangential_row[tangential]])
@@ -89,6 +91,8 @@ class Condensation:
         as `sliding` says. It ends exactly in the states that it reaches: what it started from
         leaves no trace. None if it fails.
         """
+        if self.unpaired:
+            return None
         problem, start, pair = self.problem(load, x, gradient), self.gather(x), None
         if self.guess is not None:
             near, self.guess = self.gather(self.guess), None
@@ -109,8 +113,11 @@ class Condensation:
         """The condensed problem whose load is exact at the dual vector x.
 
         The gradient on the gluing rows is taken as zero. Rigid motions of bodies without support
-        are relative to those in `load`.
+        are relative to those in `load`. Raises NotConverged where nodes of corners rub without a
+        normal row of their own.
         """
+        if self.unpaired:
+            raise NotConverged("corners that are open rub without a normal condition")
         op, balance, rows = self.operator, None, self.rows
         if self._law is None:
             motions = np.column_stack([self.gather(d) for d in op.motions]) if op.modes else None

@@ -3,7 +3,6 @@
 
 import numpy as np
 
-from ..contact.corner_nodes import NOISE
 from ..errors import NotConverged
 from .fixed_point import FixedPoint
 from .step import Load, Trace, Unfinished
@@ -36,7 +35,8 @@ class CornerStates:
             except Unfinished as problem:  # perhaps for want of friction where a side is open
                 failure, x, gradient = problem, problem.x, problem.gradient
             if not self.corners.switch(x, gradient, self.fixed_point.rows, self.qp.scale,
-                                       self.qp.tol, self.qp.operator.comm):
+                                       self.qp.tol, self.qp.operator.comm,
+                                       self._deformation(load, x)):
                 if failure is not None:
                     raise failure
                 self._refuse(index, x, gradient)
@@ -52,10 +52,19 @@ class CornerStates:
         self.fixed_point.bodies.shift(load, motion - load.weights[patterns:])
         return x, self.qp.operator.apply(x) - load.d, sliding
 
-    def shared(self, x: np.ndarray, gradient: np.ndarray) -> np.ndarray:
-        """Multipliers (owned,) with friction's part of the forces at corners just reached."""
-        return self.corners.shared(x, gradient, self.fixed_point.rows, self.qp.scale,
-                                   NOISE * self.qp.tol)
+    def _deformation(self, load: Load, x: np.ndarray) -> float:
+        """Of the step, where a vertex may have arrived in its corner, else the last; collective."""
+        if self.corners.arriving:
+            return self.qp.operator.deformation(x, load.weights)
+        return self.qp.scales.displacement
+
+    def end_step(self, x: np.ndarray, gradient: np.ndarray) -> np.ndarray:
+        """Multipliers (owned,) of the end of a step: forces at corners as `shared` there."""
+        x, changed = self.corners.end_step(x, gradient, self.fixed_point.rows,
+                                           self.qp.scales.displacement, self.qp.operator.comm)
+        if changed:
+            self.fixed_point.condensation.select()
+        return x
 
     def _refuse(self, index: int, x: np.ndarray, gradient: np.ndarray) -> None:
         """Raise Unfinished where no state of a corner is right."""

@@ -51,7 +51,7 @@ class FixedPoint:
         self.rtol = rtol
         settings, rows, coupled = self.settings, self.rows, self.coupled
         self.corrects_motion = free = self.operator.modes > 0
-        secants, last = self.bodies.secants(), np.inf
+        secants, last, before = self.bodies.secants(), np.inf, trace.iterations
         while not trace.fallback:
             trace.iterations += 1
             x, gradient = self._start(load, x, gradient, sliding)
@@ -68,8 +68,8 @@ class FixedPoint:
             trace.changes.append(max(change, loose * self._norm(x[rows.normal])))
             if loose <= self.rtol and self._settled(change, result):
                 return x, gradient, sliding
-            tired = trace.iterations >= settings.max_fixed_point
-            if tired and trace.iterations <= 2 * WINDOW:
+            tired = trace.iterations - before >= settings.max_fixed_point
+            if tired and trace.iterations - before <= 2 * WINDOW:
                 error = NotConverged(f"step {index}: no fixed point of the friction bound in "
                                      f"{trace.iterations} iterations")
                 raise Unfinished(error, x, gradient)

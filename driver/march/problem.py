@@ -37,11 +37,16 @@ class Problem:
                                  settings)
 
 
-def assemble(directory: Path, comm, lap=lambda stage: None) -> Problem:
-    """The problem of an export; collective. `lap` is called when reading is done."""
+def assemble(directory: Path, comm, lap=lambda stage: None, widen=None) -> Problem:
+    """The problem of an export; collective. `lap` is called when reading is done.
+
+    `widen`, if given, returns what it takes, manifest and subdomains, with more load patterns.
+    """
     manifest = read_manifest(directory)
     first, last = partition(manifest.subdomains, comm)
     subdomains = read_subdomains(manifest, first, last, comm)
+    if widen:
+        manifest, subdomains = widen(manifest, subdomains)
     lap("read")
     structure = build(manifest, subdomains, first, comm)
     return Problem(manifest, structure, DualOperator(structure, comm))

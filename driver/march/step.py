@@ -105,6 +105,10 @@ class Trace:
     fallback: bool = False  # successive approximations did not contract
     exact: bool = False  # QPs to the tolerance: multipliers answer violently to residuals
 
+    def again(self) -> None:
+        """Forget that they did not contract."""
+        self.changes, self.fallback, self.exact = [], False, False
+
     @property
     def contraction(self) -> float:
         """Geometric mean of the ratios of the last `WINDOW` successive changes; NaN without any.

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..contact.boundary import contact_boundary
-from ..contact.corner_nodes import corner_pairs
+from ..contact.corner_pairs import corner_pairs
 from ..effects import Effects
 from ..feti.numbering import fixed_dofs, number
 from ..feti.skeleton import Skeleton

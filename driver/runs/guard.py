@@ -10,6 +10,7 @@ import re
 import stat
 from pathlib import Path
 
+from ..errors import InputError
 from ..files import FIGURES
 
 # of results, relative to their directory; a dot in front while a file is being written
@@ -23,6 +24,7 @@ RESULTS = (r"summary\.json",
 UNFINISHED = (r"(request|answer)\.json",
               r"(export|values|companions|levels|cycle-\d+)(/.*)?")
 FOLDERS = ("fields", "figures")
+STUDY = ".study"  # file in the directory of a study: its name
 
 
 def foreign(directory: Path, unfinished: bool = False) -> str:
@@ -92,6 +94,45 @@ def converged(out: Path) -> bool:
     """Whether `out` holds results of a run that has converged."""
     path = out / "summary.json"
     return _is_summary(path) and bool(json.loads(path.read_text()).get("converged"))
+
+
+# ---- studies ------------------------------------------------------------------------------------
+
+def study_folder(out: Path | str, study: str) -> Path:
+    """The directory of a study that adds its files there, made and marked; without links.
+
+    It must be new, empty or marked by an earlier study of this name, before any work is done: such
+    studies write over files of theirs and remove folders of theirs. Raises InputError.
+    """
+    try:
+        place = resolve(Path(out).absolute())
+        reason = _unfit(place, study)
+        if not reason:
+            place.mkdir(parents=True, exist_ok=True)
+            (place / STUDY).write_text(f"{study}\n")
+            return place
+    except OSError as problem:
+        reason = f"cannot hold results: {problem.strerror}"
+    except ValueError as problem:
+        reason = str(problem)
+    raise InputError(f"OUT={out} {reason}")
+
+
+def _unfit(place: Path, study: str) -> str:
+    """Why a study may not write to `place`; empty if it may. Raises OSError."""
+    if not os.path.lexists(place):
+        return ""
+    if not place.is_dir():
+        return "is no directory"
+    if not os.listdir(place):
+        return ""
+    mark = place / STUDY
+    if mark.is_symlink() or not mark.is_file():
+        return (f"holds files but no results of make {study}; choose another directory or empty "
+                "it")
+    if (earlier := mark.read_text(errors="replace").strip()) != study:
+        return f"holds results of make {earlier}, not of make {study}; choose another directory"
+    return ""
 
 
 # ---- other users ---------------------------------------------------------------------------------

@@ -14,11 +14,13 @@ from . import declarations, grammar, rooms, script
 
 COMPILE_ERROR = re.compile(r"Error line number\s*(\d+), in file\s+(macro: \w+ in )?(\S+?), "
                            r"before\s+token\s*(.*)")
+REFUSED = "scene error: "  # before what the library refuses
 EVALUATING = re.compile(rf"^{declarations.EVALUATING}(.*)$", re.MULTILINE)
 MISTAKES = tuple((re.compile(start), words) for start, words in (
     ("syntax error", "syntax error"),
     (r"error operator\s+\(", "a call with arguments of a wrong number or kind"),
     (r"error operator\s+=", "a value of another kind than the variable's")))
+TYPES = r"real|int|bool|string|complex|mesh|matrix|varf|border|fespace|func\s+\w+"
 # what a run-time message of FreeFEM means for a scene
 MEANINGS = (
     (r"Div by 0", "a division by zero"),
@@ -71,7 +73,7 @@ def failure(output: str, status: int, scene: Path, folder: Path, retrace) -> str
     `folder` has the files that the driver wrote; `retrace()` runs the scene once more, traced, and
     returns the output.
     """
-    if refused := re.search(r"scene error: (.*)", output):
+    if refused := re.search(rf"{REFUSED}(.*)", output):
         return refusal(refused[1], scene)
     taken = re.search(r"(?:The identifier )?(\w+) (?:exists\b|is not a Polymorphic id)", output)
     if taken and script.declared_by_library(taken[1]):
@@ -117,8 +119,10 @@ def _misunderstood(error: re.Match, lines: list[str], scene: Path, folder: Path)
         name = declarations.content_of(path, int(number))
         return _wrong_content(name, scene)
     wrapper = macro and re.match(r"macro: (\w+)", macro)[1]
+    remedy = _mixed(wrapper, scene, path.name, int(number))
     if wrapper in rooms.vocabulary():
-        return f"{_place(scene, rf'macro {wrapper}')}: FreeFEM does not understand {wrapper}{token}"
+        return (f"{_place(scene, rf'macro {wrapper}')}: FreeFEM does not understand "
+                f"{wrapper}{token}{remedy}")
     if wrapper in dict(library_words()):
         return (f"{_uses(scene, wrapper)}: FreeFEM does not understand what {wrapper} is "
                 f"given{token}")
@@ -126,9 +130,57 @@ def _misunderstood(error: re.Match, lines: list[str], scene: Path, folder: Path)
         path = scene
     said = next((words for start, words in MISTAKES if any(map(start.match, lines))), "")
     said = said or next((line for line in lines if " exists" in line), "values of the wrong kind")
-    if said == "syntax error" and (unfinished := _unfinished(scene, path.name, int(number))):
+    if said == "syntax error" and _declares(scene, path.name, int(number), error[4].strip()):
+        said = f"'{error[4].strip()}' is a word of FreeFEM's own: choose another name"
+    elif said == "syntax error" and (unfinished := _unfinished(scene, path.name, int(number))):
         said = f"syntax error; line {unfinished} may lack its ;"
-    return f"FreeFEM failed in {path.name} line {number}{token}: {said}"
+    return f"FreeFEM failed in {path.name} line {number}{token}: {said}{remedy}"
+
+
+def _line(scene: Path, name: str, number: int) -> str:
+    """Code of a line of a file of the scene; empty if there is none."""
+    for source in grammar.sources(scene):
+        if source.path.name == name and 0 < number <= len(source.lines):
+            return source.lines[number - 1].split("//")[0]
+    return ""
+
+
+def _declares(scene: Path, name: str, number: int, word: str) -> bool:
+    """Whether a line of a file is about to give a variable, a border or a function this name."""
+    return bool(re.search(rf"\b(?:{TYPES})(?:\s*\[[^\]]*\])?\s+{re.escape(word)}\b",
+                          _line(scene, name, number)))
+
+
+def _mixed(macro: str | None, scene: Path, name: str, number: int) -> str:
+    """What to write instead of min(1, t), in a macro of the scene or in a line of a file.
+
+    FreeFEM has min and max for two whole numbers and for two reals; empty where neither is called
+    with a whole number beside something else.
+    """
+    contents = [each.content for source in grammar.sources(scene)
+                for each in grammar.definitions(source) if each.name == macro]
+    for code in contents or [_line(scene, name, number)]:
+        for call in re.finditer(r"\b(min|max)\s*\(", code):
+            parts = _arguments(code[call.end():])
+            whole = [re.fullmatch(r"-?\d+", part) is not None for part in parts]
+            if len(parts) == 2 and whole[0] != whole[1]:
+                written = ", ".join(f"{part}." if of else part for part, of in zip(parts, whole))
+                return f"; {call[1]} takes two reals: write {call[1]}({written})"
+    return ""
+
+
+def _arguments(code: str) -> list[str]:
+    """Arguments of a call, given what follows its parenthesis."""
+    parts, depth = [""], 0
+    for letter in code:
+        depth += (letter in "([") - (letter in ")]")
+        if depth < 0:
+            break
+        if letter == "," and depth == 0:
+            parts.append("")
+        else:
+            parts[-1] += letter
+    return [part.strip() for part in parts]
 
 
 def _unfinished(scene: Path, name: str, number: int) -> int:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from .. import environment
 from ..errors import InputError
-from . import declarations, elements, explain, grammar, rooms, script, seal
+from . import declarations, elements, explain, grammar, rooms, script, seal, study_value
 from .manifest import Manifest, read_manifest
 from .script import text_digest
 
@@ -64,40 +64,47 @@ def export(scene: Path, directory: Path, parameters: dict[str, str], ranks: int 
     manifest = read_manifest(directory, text_digest(scene))
     _check_echo(manifest, parameters)
     script.check_fixed_labels(scene, manifest)
+    script.check_regions(scene, manifest)
     return manifest
 
 
 def export_study(scene: Path, directory: Path, parameters: dict[str, str], name: str,
                  values: list[str], meanwhile=nothing,
                  without: tuple[str, ...] = ()) -> list[Manifest]:
-    """Contact data and manifest of `scene` for every value of parameter `name`: directory/0, 1, ...
+    """Contact data, loads and manifest of `scene` for every value of `name`: directory/0, 1, ...
 
-    One FreeFEM process goes through the script once a value and assembles nothing. `meanwhile` and
-    `without` as in `export`; errors of an export meanwhile come first. Raises InputError if the
-    parameter changes more than friction, gap, initial state and load histories, and as `export`.
+    One FreeFEM process goes through the script once a value and assembles no stiffness, and loads
+    only where the parameter `name` reaches one. `meanwhile` and `without` as in `export`; errors of
+    an export meanwhile come first. Raises InputError if the parameter changes more than friction,
+    gap, initial state, loads, prescribed displacements and their histories, and as `export`.
     """
-    more = script.changed_by(scene, name) - rooms.studied()
-    if more:
-        raise InputError("a study can vary what changes friction, gap, load histories or steps; "
+    changed = script.changed_by(scene, name)
+    if more := changed - rooms.studied():
+        raise InputError("a study can vary what changes friction, gap, loads, prescribed "
+                         "displacements, their histories or steps; "
                          f"{name.upper()} also changes {', '.join(sorted(more))}")
     places = [directory / str(k) for k in range(len(values))]
     for place in places:
         place.mkdir(parents=True)
     text, loop = text_digest(scene), directory / "study.edp"
-    loop.write_text(_loop(scene, name, values))
+    loop.write_text(_loop(scene, name, values, bool(changed & rooms.of_loads())))
     _run(loop, scene, directory, {**parameters, name: values[0]}, 1, meanwhile, without)
     for place in places:
-        seal.write(place, text, ["contact.bin"])
+        seal.write(place, text, [study_value.FILE])
     manifests = [read_manifest(place) for place in places]
     for manifest, value in zip(manifests, values):
         _check_echo(manifest, {**parameters, name: value})
     return manifests
 
 
-def _loop(scene: Path, name: str, values: list[str]) -> str:
-    """Script that includes a scene once for every value of its parameter `name`."""
+def _loop(scene: Path, name: str, values: list[str], loaded: bool) -> str:
+    """Script that includes a scene once for every value of its parameter `name`.
+
+    `loaded`: the loads of every value are written too.
+    """
     lines = ["// every value of a parameter study in turn", f'macro libStudied() "{name}" //',
-             'include "studied.idp"', f"string[int] libValues({len(values)});"]
+             *(["macro libLoads() 1 //"] if loaded else []), 'include "studied.idp"',
+             f"string[int] libValues({len(values)});"]
     lines += [f'libValues[{k}] = "{value}";' for k, value in enumerate(values)]
     lines += [f"for (int libStudy = 0; libStudy < {len(values)}; ++libStudy) {{",
               f'include "{scene}"', "}"]
@@ -134,6 +141,8 @@ def _run(program: Path, scene: Path, directory: Path, parameters: dict[str, str]
                                      cwd=scene.parent)
 
     done = start(ranks, meanwhile)
+    if done.returncode != 0 and ranks > 1 and explain.REFUSED not in done.stdout:
+        done = start(1)  # rank 0 alone speaks, and another one may have refused
     (directory / "freefem.log").write_text(done.stdout)
     if done.returncode != 0:
         raise InputError(explain.failure(done.stdout, done.returncode, scene, directory.absolute(),

@@ -145,6 +145,10 @@ def _check_characters(source: Source) -> None:
 
 def _check_bodies(source: Source) -> None:
     for number, line in enumerate(source.lines, 1):
+        if literal := re.search(r"\blabel\s*=\s*(\[[^\]]*\])", line.split("//")[0]):
+            raise InputError(f"{source.path.name} line {number}: FreeFEM takes labels of a mesh "
+                             f"from a variable alone: int[int] sides = {literal[1]}; and  "
+                             "label = sides")
         if re.search(r"(\baddBody\s*\(|=)\s*rectangle\s*\(", line.split("//")[0]):
             raise InputError(f"{source.path.name} line {number}: rectangle(...) declares the only "
                              "body itself and is no mesh; several bodies are given by "

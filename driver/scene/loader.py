@@ -315,24 +315,11 @@ def _contacts(stack: dict, head: Head, manifest: Manifest,
         if (values < 0).any() and any(room.column == name and room.nonnegative
                                       for room in rooms()):
             checks.check_not_negative(values, name, place)
-    return [_contact(stack, manifest, s) for s in range(len(stack["node"]))]
+    return [contact_of(stack, manifest, s) for s in range(len(stack["node"]))]
 
 
-def _contact(stack: dict, manifest: Manifest, s: int) -> ContactData:
+def contact_of(stack: dict, manifest: Manifest, s: int) -> ContactData:
+    """Contact nodes of record `s` of a stack that holds what `records.contact_layout` says."""
     return ContactData(stack["node"][s], stack["label"][s], stack["weight"][s],
                        np.column_stack([stack["normal_x"][s], stack["normal_y"][s]]),
                        {name: stack["column", name][s] for name in manifest.columns})
-
-
-def read_contact(directory: Path, manifest: Manifest) -> tuple[ContactData, np.ndarray]:
-    """Contact nodes of all pieces for one value of a parameter study: data and node numbers.
-
-    Raises InputError as `read_subdomains`.
-    """
-    file = RecordFile(directory / "contact.bin", manifest.seal)
-    count = int(file.stack([("count", 1, np.int64)])["count"][0, 0])
-    numbers = records.contact_layout(count, manifest)
-    stack = file.stack([("label", count, np.int64), ("gid", count, np.int64), *numbers])
-    checks.check_indices(stack["gid"], manifest.nodes, "node number", checks.Place(file.path))
-    stack["node"] = np.arange(count)[None]
-    return _contact(stack, manifest, 0), stack["gid"][0]

@@ -22,7 +22,8 @@ AXISYMMETRIC = "axisymmetric"  # the room of bodies of revolution
 KINDS = {"subdomains": int, "blocks": int, "nodes": int, "interface_label": int, "element": str,
          "plane": str, "material": str, "units": dict, "rooms": dict, "columns": list,
          "fields": list, "steps": int, "t_end": (int, float), "contact_labels": list,
-         "labels": list, "bodies": int, "patterns": list, "amplitudes": dict, "parameters": dict}
+         "labels": list, "regions": list, "bodies": int, "patterns": list, "amplitudes": dict,
+         "parameters": dict}
 # words that the stages that follow know; any other would silently count as "not declared"
 WORDS = {"element": tuple(elements.NODES), "plane": ("strain", "stress"),
          "material": ("isotropic", "general")}
@@ -55,6 +56,7 @@ class Manifest:
     bodies: int
     contact_labels: list
     labels: list
+    regions: list  # the lowest and the highest number of the regions of all meshes
     patterns: list
     amplitudes: dict
     parameters: dict
@@ -137,8 +139,9 @@ def _check_manifest(manifest: Manifest) -> None:
         raise InputError(f"{manifest.blocks} blocks are declared, {blocks} were sealed")
     if not 0 < manifest.t_end < math.inf:
         raise InputError("t_end must be a positive number")
-    if not all(_is(label, int) for label in [*manifest.labels, *manifest.contact_labels]):
-        raise InputError("a label is no whole number")
+    if not all(_is(label, int) for label in [*manifest.labels, *manifest.regions,
+                                             *manifest.contact_labels]):
+        raise InputError("a label or a region is no whole number")
     for name, words in WORDS.items():
         if getattr(manifest, name) not in words:
             raise InputError(f"{name} must be one of {', '.join(words)}, "

@@ -221,6 +221,13 @@ def vocabulary() -> frozenset[str]:
 
 @functools.cache
 def studied() -> frozenset[str]:
-    """What the values of a parameter study may differ in: no stiffness and no load reads it."""
+    """What the values of a parameter study may differ in: no stiffness reads it."""
     names = {name for room in rooms() for name in room.studied}
-    return frozenset(names | {f"amplitude{k}" for k in NUMBERS})
+    return frozenset(names | {f"amplitude{k}" for k in NUMBERS} | of_loads())
+
+
+@functools.cache
+def of_loads() -> frozenset[str]:
+    """Macros and numbers that load patterns are made of: all that rooms of loads read."""
+    return frozenset(name for room in rooms() if room.given_on for macro in room.macros
+                     for name in macro.names)

@@ -143,6 +143,24 @@ def check_fixed_labels(scene: Path, manifest: Manifest) -> None:
                     f"lacks; it has {', '.join(map(str, manifest.labels))}")
 
 
+def check_regions(scene: Path, manifest: Manifest) -> None:
+    """Refuse a material or a load that asks for the region where all meshes are region 0.
+
+    That is the number that FreeFEM gives every mesh it builds: bodies meant to be of steel would be
+    of rubber. Raises InputError.
+    """
+    if any(manifest.regions):
+        return
+    macros, asking = _definitions("\n".join(_code(scene)))[0], {"region"}
+    for _ in macros:  # a macro may call one that asks
+        asking |= {name for name, body in macros if asking & set(re.findall(r"\w+", body))}
+    for name in sorted(asking & rooms.vocabulary()):
+        raise InputError(
+            f"{scene.name}: {name} asks for the region, but all of the mesh is region 0, as "
+            "FreeFEM makes it; give meshes regions by square(..., region = 1), Th = change(Th, fregion = "
+            "1) or physical surfaces of gmsh")
+
+
 # ---- what a parameter changes ----------------------------------------------------------------
 
 def changed_by(scene: Path, name: str) -> set[str]:

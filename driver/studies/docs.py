@@ -25,7 +25,8 @@ from ..text import words
 ROOT = environment.ROOT
 # of the driver in the order of the data
 PACKAGES = ("scene", "feti", "contact", "qp", "effects", "march", "results", "estimates", "figures",
-            "report", "runs", "studies", "hard", "bench", "python")
+            "report", "runs", "studies", "hard", "bench", "python",
+            "verify")
 DOCUMENTS = tuple(ROOT / name for name in (
     "README.md", "edp/README.md", "driver/README.md", "results/README.md", "meshes/README.md"))
 REFERENCE = ROOT / "results" / "reference"

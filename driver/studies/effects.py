@@ -17,6 +17,7 @@ from pathlib import Path
 
 from .. import environment, files, options
 from ..errors import PARTIAL, error_of
+from ..runs import guard
 from ..scene import freefem
 from ..scene.manifest import QUASISTATIC, Manifest
 from ..scene.rooms import rooms
@@ -138,7 +139,7 @@ def run_effects(pairs: dict[str, str]) -> list[Path]:
 
     given = options.read("effects", pairs)
     scene, out = freefem.find_scene(given["scene"]), given["out"]
-    out.mkdir(parents=True, exist_ok=True)
+    out = guard.study_folder(out, "effects")
     done = []
     with tempfile.TemporaryDirectory(prefix=f".{scene.stem}.", dir=out) as folder:
         manifest = freefem.export(scene, Path(folder) / "export", given.parameters)

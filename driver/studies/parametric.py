@@ -8,7 +8,7 @@ import numpy as np
 from mpi4py import MPI
 
 from ..contact.nodes import contact_table, merge_parts
-from ..contact.states import OPEN, STATUS_NAMES, ContactField
+from ..contact.states import STATUS_NAMES, ContactField
 from ..effects import Effects
 from ..errors import DriverError, InputError, NotConverged, agree
 from ..feti.compliance import ContactCompliance
@@ -18,13 +18,15 @@ from ..march.problem import assemble
 from ..march.step import StepFailed
 from ..march.uniqueness import DOUBTFUL_FRICTION
 from ..options import Settings
+from ..results.boundaries import NODES
 from ..results.dissipation import Dissipation, start
-from ..results.quantities import resultant
+from ..results.quantities import chains, contact_length, peak, resultant, traction
 from ..results.shares import label_shares
 from ..runs.request import Request
-from ..scene.loader import read_contact
-from ..scene.manifest import read_manifest
+from ..scene.manifest import Manifest, read_manifest
+from ..scene.study_value import read_value
 from ..timing import Laps
+from .load_values import LoadValues
 
 LARGEST = 2000  # contact rows beyond which the condensation takes longer than a hundred runs save
 CHAIN = 20  # values that follow one another at most
@@ -39,14 +41,18 @@ def run(directory: Path, request: Request, comm) -> tuple[int, str]:
     """
     lap = Laps(request.seconds)
     seconds = lap.seconds
-    problem = assemble(directory / "export", comm, lap)
-    manifest, structure, operator = problem.manifest, problem.structure, problem.operator
+    manifest, settings = read_manifest(directory / "export"), Settings(**request.settings)
     if not manifest.contact_labels:
         raise InputError(
             "a study needs a scene with contact: without it the response is linear in its loads")
-    settings = Settings(**request.settings)
     if settings.linearization != "initial":
         raise InputError("a study keeps one geometry of contact: leave LINEARIZATION out")
+    values = _values(directory, request, manifest, comm)
+    loads = LoadValues(request.study, [value for _, value in values], comm)
+    problem = assemble(directory / "export", comm, lap, loads.widen)
+    structure, operator = problem.structure, problem.operator
+    values = [(loads.history(k, own, problem.manifest), value)
+              for k, (own, value) in enumerate(values)]
     lap("setup")
     rows = int(np.count_nonzero(structure.row_kind != RowKind.GLUING))
     condensed = rows <= LARGEST and not structure.rigid_modes
@@ -57,19 +63,19 @@ def run(directory: Path, request: Request, comm) -> tuple[int, str]:
             condensed = False
     lap("condense")
     problem = dataclasses.replace(problem, operator=operator)
-    outcomes = _outcomes(problem, settings, directory, request, condensed, comm)
+    outcomes = _outcomes(problem, settings, values, request, condensed, comm)
     lap("solve")
     seconds["total"] = sum(seconds.values())
     failed = [k for k, outcome in enumerate(outcomes) if outcome.status]
     status = max((outcome.status for outcome in outcomes), default=0)
-    name, values, reason = request.study.upper(), request.values, ""
+    name, reason = request.study.upper(), ""
     if failed:
         reason = (f"{len(failed)} of {len(outcomes)} values did not converge, the first "
-                  f"{name}={values[failed[0]]}: {outcomes[failed[0]].reason}")
+                  f"{name}={request.values[failed[0]]}: {outcomes[failed[0]].reason}")
     if comm.rank == 0:
         products = sum(outcome.row["dual_multiplications"] for outcome in outcomes)
         parameters = {n: v for n, v in manifest.parameters.items() if n != request.study}
-        warnings = [f"{name}={value}: {line}" for value, outcome in zip(values, outcomes)
+        warnings = [f"{name}={value}: {line}" for value, outcome in zip(request.values, outcomes)
                     for line in outcome.warnings]
         summary = {"scene": request.scene, "study": request.study, "values": len(outcomes),
                    "converged": not failed, "reason": reason, "contact_rows": rows,
@@ -86,10 +92,26 @@ def chain_length(count: int) -> int:
     return min(CHAIN, -(-count // CHAINS))
 
 
-def _outcomes(problem, settings, directory: Path, request: Request, apart: bool, comm):
+def _values(directory: Path, request: Request, base: Manifest, comm) -> list:
+    """Manifest and Value of every value; collective. Raises InputError as `_check_same`."""
+    values, error = [], None
+    try:
+        for k in range(len(request.values)):
+            folder = directory / "values" / str(k)
+            value = read_manifest(folder)
+            _check_same(request.study, base, value)
+            values.append((value, read_value(folder, value)))
+    except InputError as refused:
+        error = refused
+    agree(comm, error)
+    return values
+
+
+def _outcomes(problem, settings, values: list, request: Request, apart: bool, comm):
     """All values in their order, solved on all ranks or, if `apart`, in chains on one rank each.
 
-    In a chain a value starts near the one before. Chains do not depend on the number of ranks.
+    `values` holds manifest and Value of each. In a chain a value starts near the one before. Chains
+    do not depend on the number of ranks.
     Collective over `comm`. Raises DriverError.
     """
     structure, solved, error, near = problem.structure, {}, None, None
@@ -98,13 +120,11 @@ def _outcomes(problem, settings, directory: Path, request: Request, apart: bool,
     mine = [k for k in range(count) if not apart or k // chain % comm.size == comm.rank]
     try:
         for done, k in enumerate(mine, 1):
-            folder = directory / "values" / str(k)
-            value = read_manifest(folder)
-            _check_same(request.study, problem.manifest, value)
-            contact = _contact_of(request.study, Effects(value), structure.contact,
-                                  *read_contact(folder, value), value.contact_pairs)
+            manifest, value = values[k]
+            contact = _contact_of(request.study, Effects(manifest), structure.contact,
+                                  value.contact, value.gid, manifest.contact_pairs)
             operator, near = problem.operator.with_contact(contact), near if k % chain else None
-            own = dataclasses.replace(problem, manifest=value, operator=operator)
+            own = dataclasses.replace(problem, manifest=manifest, operator=operator)
             solved[k], near = _solve(own, settings, near)
             _progress(request, comm, k, done, len(mine))
     except DriverError as refused:
@@ -149,6 +169,11 @@ def _contact_of(name: str, effects, boundary, data, gid: np.ndarray, pairs: list
                          "boundary")
     columns = {column: values[place] for column, values in read.columns.items()}
     gap = effects.distance(columns, len(place))
+    joint = np.flatnonzero(boundary.coupled & rigid)  # beside an axis: rows of several nodes
+    if len(joint):
+        at = dict(zip(read.gid.tolist(), effects.distance(read.columns, len(read.gid))))
+        each = boundary.term_value * [at[g] for g in boundary.term_gid.tolist()]
+        gap[joint] = np.bincount(boundary.term_node, each, minlength=len(gap))[joint]
     if gap[~rigid].any():
         raise InputError(f"a study cannot vary {name.upper()} in a scene that declares pairGap")
     return dataclasses.replace(boundary, columns=columns, gap=np.where(rigid, gap, boundary.gap))
@@ -248,13 +273,19 @@ def _fields(operator, rows, step, u_t: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def _quantities(contact, shares: np.ndarray, fields: dict) -> dict:
-    """Resultants and zones of one step; `shares` of labels in nodes as from shares.py."""
-    w, touching = contact.weight, fields["status"] != OPEN
+    """Resultants, peak, length and zones of one step, as single runs have them.
+
+    `shares` of labels in nodes as from shares.py.
+    """
+    w, place = contact.weight, {name: getattr(contact, name) for name in NODES}
+    pieces, size = chains(place), np.abs(fields["sigma_n"])
+    peaks = [peak(place["arc"][piece], traction(place, size, piece)) for piece in pieces]
+    now = {name: values[None] for name, values in fields.items()}
     nodes = np.bincount(fields["status"], minlength=3)
     return {"resultant_n": 0.0 - float(resultant(shares, -fields["sigma_n"], w)),
             "resultant_t": float(resultant(shares, fields["sigma_t"], w)),
-            "peak_pressure": float(-fields["sigma_n"].min(initial=0)),
-            "contact_length": float(contact.length[touching].sum()),
+            "peak_pressure": max(peaks),
+            "contact_length": contact_length(place, pieces, now, 0),
             "largest_slip": float(np.abs(fields["slip"]).max(initial=0)),
             **{f"nodes_{name}": int(nodes[k]) for k, name in enumerate(STATUS_NAMES)}}
 

@@ -24,6 +24,7 @@ from ..feti.rows import RowKind
 from ..feti.structure import Substructure
 from ..files import renamed, write_json
 from ..march.tearing import build
+from ..runs.guard import study_folder
 from ..scene import freefem
 from ..scene.loader import read_subdomains
 
@@ -93,13 +94,13 @@ def write_saddle(scene: Path, parameters: dict[str, str], folder: Path, comm) ->
     """
     from ..figures.saddle import draw
 
+    folder = study_folder(folder, "saddle")
     structure = read_structure(scene, parameters, comm)
     size = structure.primal_dofs + structure.dual_dofs
     if size > LARGEST:
         raise InputError(f"the saddle-point matrix would have about {size:,} unknowns, more than "
                          f"the {LARGEST:,} that a picture can show; take fewer SUBDOMAINS or CELLS")
     whole = saddle(structure)
-    folder.mkdir(parents=True, exist_ok=True)
     path = folder / "saddle.mtx"
     comment = (f" FETI-DP saddle-point matrix of {scene.name}: {whole.torn[-1]} torn dofs of "
                f"{len(whole.torn)} subdomains, {structure.coarse_dofs} corner dofs,\n gluing, "

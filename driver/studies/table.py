@@ -15,6 +15,7 @@ from .. import options
 from ..files import write_json, write_table
 from ..options import RESULTS, Settings
 from ..report import study as report
+from ..runs.guard import study_folder
 from ..runs.run import Run, execute
 from ..text import aligned
 
@@ -43,7 +44,7 @@ def make_table(pairs: dict[str, str]) -> None:
     from ..figures.table import draw
 
     given = options.read("table", pairs)
-    folder = RESULTS / "table"
+    folder = study_folder(RESULTS / "table", "table")
     for row in sorted(map(int, given["rows"])):
         for method in given["method"]:
             if not given["fresh"] and _finished(folder, method, row):

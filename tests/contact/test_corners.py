@@ -7,7 +7,8 @@ import pytest
 from scipy.optimize import linprog
 
 from driver.environment import ROOT
-from driver.contact.corner_nodes import BOTH, FIRST, MOST, SECOND, STANDING, CornerNodes
+from driver.contact.corner_nodes import (BOTH, FIRST, MOST, NEITHER, SECOND, STANDING,
+                                         CornerNodes)
 from driver.contact.nodes import merge_parts
 from driver.contact.sharing import least_friction
 from driver.errors import InputError
@@ -78,6 +79,23 @@ POLYGON = """real turn = physical("turn", 0.), pull = physical("pull", 0.);
 real shear = physical("shear", 0.);
 border hole(t=0, 2*pi) { x = 0.6*cos(t + turn); y = 0.6*sin(t + turn); label = 5; }
 """
+BOWL = """// a bowl whose lowest vertex two subdomains share; its first side is short
+include "scene.idp"
+units("1", "1");
+subdomains("1");
+func real angle(real t) { return pi + pi*t*(0.6 + 0.4*t); }
+border rim(t=0, 1) { x = cos(angle(t)); y = sin(angle(t)); label = 1; }
+border lid(t=0, 1) { x = 1 - 2*t; y = 0; label = 2; }
+body = buildmesh(rim(7) + lid(4));
+macro piece() (nuTriangle - 3*floor(nuTriangle/3.)) //
+macro young() 1. //
+macro poisson() 0.3 //
+macro support() on(2, u1 = 0., u2 = 0.) //
+macro load1() traction(2, 0., -1.) //
+macro contact() 1 //
+macro gap() (x^2 + 3*(1 + y)) //
+include "export.idp"
+"""
 TRAVEL = """// a stiff block with a soft lid that slides on rollers, over a step and against a wall
 include "scene.idp"
 units("1", "1");
@@ -98,6 +116,27 @@ macro contact() 5, 1, 2 //
 macro gap() 0.05 //
 macro friction() 0.8 //
 macro amplitude1(t) max(0., (t - 0.7)/0.3) //
+include "export.idp"
+"""
+REST = """// a block that is pressed into a corner, not quite a right one, and let go a little
+include "scene.idp"
+units("1", "1");
+subdomains("3");
+quasistatic(3.);
+border a(t=0, 1) { x = 2*t; y = 0.05*t; label = 1; }
+border b(t=0, 1) { x = 2 + 0.1*t; y = 0.05 + 0.95*t; label = 2; }
+border c(t=1, 0) { x = 2.1*t; y = 1; label = 3; }
+border d(t=1, 0) { x = 0; y = t; label = 4; }
+body = buildmesh(a(8) + b(5) + c(7) + d(4));
+macro young() 1. //
+macro poisson() 0.3 //
+macro displacement1() on(3, u1 = 0.02, u2 = -0.01) //
+macro displacement2() on(3, u1 = -0.001, u2 = 0.004) //
+macro amplitude1(t) min(t, 1.) //
+macro amplitude2(t) max(t - 1, 0.) //
+macro contact() 1, 2 //
+macro gap() (label == 2 ? 0. : 2e-4) //
+macro friction() 0.4 //
 include "export.idp"
 """
 SEVERAL = {  # what makes one label several
@@ -175,6 +214,18 @@ def test_flat_boundary_does_not_know_its_labels(checked, scene):
             assert abs(found) == pytest.approx(abs(value), rel=CLOSE)
 
 
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_normals_and_gaps_do_not_know_the_cut(built, scene, element):
+    """Sides of unlike length and bow meet in vertices that several subdomains share."""
+    path = scene("bowl", BOWL)
+    whole, pieces = (built(path, reduce=False, element=element, subdomains=cut).structure.contact
+                     for cut in (1, "piece"))
+    assert np.array_equal(whole.gid, pieces.gid) and len(whole.gid) >= 6
+    for name in ("normal", "weight", "gap"):
+        np.testing.assert_allclose(getattr(pieces, name), getattr(whole, name), rtol=1e-13,
+                                   atol=1e-13)
+
+
 def test_a_wall_that_is_not_touched_changes_no_friction(checked, scene):
     """In full sliding T = F N, with the corner node's part; in the direction away from the wall
     and, as long as the gap is open, towards it.
@@ -192,8 +243,12 @@ def test_a_wall_that_is_not_touched_changes_no_friction(checked, scene):
 
 
 def test_pairs_that_go_on_in_one_another_are_one_boundary(solved, scene):
-    """Meshes match: at the vertex where the labels meet both would have the same condition."""
-    whole, parts = (solved(path, **TIGHT) for path in (
+    """Meshes match: at the vertex where the labels meet both would have the same condition.
+
+    What is compared are openings, a hundredth of the deformation that residuals are relative to.
+    """
+    tight = TIGHT | {"PRIMAL_RTOL": str(0.01 * CLOSE)}
+    whole, parts = (solved(path, **tight) for path in (
         scene("pair", PAIRS), scene("pairs", several("pairs", PAIRS))))
     assert whole.status == parts.status == 0
     assert apart(by_place(parts), by_place(whole)) <= CLOSE
@@ -268,6 +323,19 @@ def test_bilateral_contact_pulls_as_it_presses(solved, scene):
         pull.summary["quantities"]["peak_pressure"], rel=CLOSE)
 
 
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_a_vertex_that_rests_in_its_corner(checked, scene, element):
+    """It arrives against the friction of both sides; after that it needs none, at any cut."""
+    runs = [checked(scene("rest", REST), element=element, steps=6, subdomains=n) for n in (1, 5)]
+    assert apart(by_place(runs[1]), by_place(runs[0])) <= CLOSE
+    c = runs[0].contact
+    tip = np.hypot(c["x"][0] - 2, c["y"][0] - 0.05) < 1e-9
+    normal, tangential = c["sigma_n"][:, tip], c["sigma_t"][:, tip]
+    assert tip.sum() == 2 and (normal < 0).all()
+    assert np.abs(tangential[0]) == pytest.approx(-0.4 * normal[0], rel=1e-12)
+    assert (tangential[1:] == 0).all()
+
+
 @pytest.mark.parametrize("subdomains", [1, 5])
 def test_corners_of_a_body_that_comes_from_far(checked, scene, subdomains):
     """States of corners that hold it too little let it go far: nothing of that stays."""
@@ -294,6 +362,26 @@ def test_friction_drags_corners_from_side_to_side(checked, scene, options):
     whole, cut = (checked(polygon_scene, gap=-1e-4, steps=2, subdomains=n, **options)
                   for n in (1, 3))
     assert apart(by_place(cut), by_place(whole)) <= CLOSE
+
+
+@pytest.mark.parametrize("law", ["tresca() 1e-4", "cohesion() 1e-4 //\nmacro friction() 0.5"])
+def test_friction_without_pressure_on_both_sides_of_an_open_corner(checked, scene, law):
+    """A block is dragged away from floor and wall: every node slides at the given bound, and the
+    lid gives what all of them take: 1e-4 times the length of the floor, and of the wall.
+    """
+    text = FLOOR.replace("gap() (x < 1e-9 && y > 1e-9 ? 0.05 : (label == 4 ? 0.05 : 0.))",
+                         "gap() 0.").replace("contact() 1 ", "contact() 1, 4 ")
+    text = text.replace("friction() F", law).replace("u1 = 0., u2 = -0.01", "u1 = 0., u2 = 0.01")
+    runs = [checked(scene(f"given-{law[:3]}", text), steps=2, subdomains=n) for n in (1, 4)]
+    assert apart(by_place(runs[1]), by_place(runs[0])) <= CLOSE
+    last = {name: column[-1] for name, column in runs[0].contact.items()}
+    assert (last["sigma_n"] == 0).all()
+    vertex = last["x"] ** 2 + last["y"] ** 2 == 0
+    assert vertex.sum() == 2 and np.abs(last["sigma_t"][vertex]) == pytest.approx(1e-4, rel=1e-9)
+    force = (last["sigma_t"] * last["weight"])
+    floor, wall = last["normal_y"] < -0.5, last["normal_x"] < -0.5
+    assert abs(force[floor].sum()) == pytest.approx(2e-4, rel=1e-9)
+    assert np.abs(last["sigma_t"][wall]).max() <= 1e-4 * (1 + 1e-9)
 
 
 # ---- nodes from parts ----------------------------------------------------------------------------
@@ -373,6 +461,12 @@ def test_a_corner_takes_the_state_that_its_conditions_ask_for():
     assert switched(held, [0.0, 0.0], [0.0, 1e-3]) == (True, BOTH)
     assert corner(gap=(1e-3, 0.0)).acting[0] == SECOND  # the side that is nearer
     given = corner(offset=(1.0, 2.0))  # friction that needs no pressure
+    assert switched(given, [0.0, 0.0], [-1e-3, -1e-3]) == (True, NEITHER)
+    assert given.excluded.tolist() == [0, 1]
+    assert switched(given, [0.0, 0.0], [-1e-3, 0.0]) == (False, NEITHER)
+    assert switched(given, [0.0, 0.0], [-1e-3, 1e-3]) == (True, SECOND)
+    assert switched(given, [0.0, 1.0], [-1e-3, 0.0]) == (False, SECOND)
+    given = corner(offset=(0.0, 2.0))
     assert switched(given, [0.0, 0.0], [-1e-3, -1e-3]) == (True, SECOND)
     one = corner(alone=True)
     assert switched(one, [1.0, 0.0], [0.0, 1e-3]) == (True, SECOND)
@@ -393,8 +487,63 @@ def test_a_corner_that_circles_stands_where_friction_can_hold_it():
     assert not nodes.switch(x, np.zeros(4), law, np.ones(4), 1e-9, alone)
     assert not nodes.undecided[0]
     # the sides' normals are -x and -y, the first one's tangent is -y
-    shared = nodes.shared(x, np.zeros(4), law, np.ones(4), 1e-9)
+    shared, changed = nodes.end_step(x, np.zeros(4), law, 1.0, alone)
+    assert nodes.rested.all() and changed and nodes.acting[0] == FIRST  # which alone can hold it
     assert shared == pytest.approx([1.0, 0.0, -0.4, 0.0])
+
+
+ALONE = SimpleNamespace(allgather=lambda value: [value])
+LAW = SimpleNamespace(coefficient=np.full(2, 0.4), offset=None)
+
+
+def ended(state, x, *, slip=(0.0, 0.0), over=(0.0, 0.0), rested=False):
+    """The corner after a step that got there in a state, with forces x (4,), and its new forces."""
+    nodes = corner()
+    nodes.acting[:], nodes.rested[:] = state, rested
+    gradient = -np.array([*over, *slip])
+    return nodes, nodes.end_step(np.array(x), gradient, LAW, 1.0, ALONE)[0]
+
+
+def test_slip_of_a_vertex_that_was_there_is_an_error():
+    """Also where it is more than what counts as slip of one that arrives."""
+    for slip in ([1e-4, -1e-4], [-1e-4, 1e-4]):
+        _, x = ended(BOTH, [1.0, 2.0, 0.0, 0.0], slip=slip, rested=True)
+        assert x == pytest.approx([1.0, 2.0, 0.0, 0.0], abs=1e-15)
+        nodes, x = ended(BOTH, [1.0, 2.0, 0.0, 0.0], slip=slip)
+        assert x[2:] == pytest.approx(np.sign(slip) * 0.4 * x[:2]) and nodes.rested[0]
+    _, x = ended(BOTH, [1.0, 2.0, 0.0, 0.0], slip=[1e-6, 1e-6])
+    assert x == pytest.approx([1.0, 2.0, 0.0, 0.0], abs=1e-15)
+
+
+@pytest.mark.parametrize("force", [(-1.0, -2.0), (-1.0, -0.2), (-1.0, 0.3), (0.3, -1.0)])
+def test_the_end_of_a_step_does_not_know_the_way(force):
+    """All states that hold a vertex with the same force end in the same shares and state.
+
+    The sides have the normals -x and -y, and so the tangents -y and x.
+    """
+    x, y = force
+    ways = {BOTH: [-x, -y, 0.0, 0.0], STANDING: [-x, -y, 0.0, 0.0],
+            FIRST: [-x, 0.0, -y, 0.0], SECOND: [0.0, -y, 0.0, x]}
+    ends = [ended(state, shares) for state, shares in ways.items()]
+    total = [shares[:2] @ -np.eye(2) + shares[2:] @ [[0, -1], [1, 0]] for _, shares in ends]
+    assert np.abs(np.array(total) - force).max() <= 1e-15
+    assert len({int(nodes.acting[0]) for nodes, _ in ends}) == 1
+    assert np.abs(np.array([shares for _, shares in ends]) - ends[0][1]).max() <= 1e-15
+    nodes, shares = ends[0]
+    own = nodes.own(shares)  # the next step starts with the same force on rows that are free
+    assert (own[nodes.excluded] == 0).all()
+    assert own[:2] @ -np.eye(2) + own[2:] @ [[0, -1], [1, 0]] == pytest.approx(force)
+    apart_from_it, shares = ended(FIRST, ways[FIRST], over=[0.0, -1e-3])
+    assert shares.tolist() == ways[FIRST] and not apart_from_it.rested[0]
+
+
+def test_a_touch_within_the_tolerance_changes_no_state():
+    nodes = corner()
+    nodes.acting[:] = FIRST
+    for over, changes in ((5e-8, False), (5e-7, True)):
+        gradient = -np.array([0.0, over, 0.0, 0.0])
+        assert nodes.switch(np.array([1.0, 0, 0, 0]), gradient, None, np.ones(4), 1e-13, ALONE,
+                            1.0) == changes
 
 
 def test_a_corner_that_no_state_holds_is_undecided():

@@ -14,6 +14,38 @@ from driver.qp.coulomb import CoulombProblem
 from driver.contact.equilibrium import rigid_equilibrium
 from driver.hard.oracle import Assembled
 
+WEIGHED = """// a block that its weight alone presses on a floor, between walls; warm in the middle
+include "scene.idp"
+real warm = physical("warm", 0.), room = physical("room", 0.);
+units("1", "1");
+subdomains("3");
+body = square(6, 4, [1.4*x, y]);
+macro young() 1. //
+macro poisson() 0. //
+macro bodyForce1() [0., -1e-4] //
+macro thermal2() (warm*(y - y^2)*x) //
+macro contact() 1, 2, 3, 4 //
+macro gap() (label == 1 ? 0. : room) //
+macro friction() (label == 4 ? 0. : 0.6) //
+include "export.idp"
+"""
+
+LET_GO = """// a block pressed askew against a wall that it sticks to, then let go
+include "scene.idp"
+units("1", "1");
+subdomains("1");
+quasistatic(1.);
+body = square(5, 4, [1.1*x, y]);
+macro young() 1. //
+macro poisson() 0.2 //
+macro load1() traction(4, 2.4e-4, -1.8e-4) //
+macro contact() 1, 2 //
+macro gap() (label == 2 ? 0. : 1e-3) //
+macro tresca() (label == 2 ? 1e-3 : 0.) //
+macro amplitude1(t) (1. - abs(2*t - 1.)) //
+include "export.idp"
+"""
+
 
 def enumerated(K, f, B, gap, u_t, F) -> list[np.ndarray]:
     """Multipliers (2 n,) of all states of contact of a body, held or not, that obey the laws.
@@ -185,6 +217,48 @@ def test_fallbacks_move_free_bodies(built, steps_of, monkeypatch):
     assert first == {globalization.ANDERSON} and len(second) == 1
     assert second <= {globalization.NEWTON, globalization.LEMKE}
     assert np.abs(x - y).max() < 1e-5 * np.abs(x).max()
+
+
+@pytest.mark.parametrize("cut", [1, 3])
+def test_a_body_let_go_comes_to_rest(built, steps_of, tmp_path, cut):
+    """Without load its forces are rounding of the places it went to: QPs get exact enough to end.
+    """
+    path = tmp_path / "let-go.edp"
+    path.write_text(LET_GO)
+    solver, steps = steps_of(built(scene=path, subdomains=cut, steps=4), rtol=1e-10,
+                             friction_rtol=1e-8)
+    assert solver.failure is None
+    largest = [np.abs(step.multipliers).max() for step in steps]
+    assert largest[-1] <= 1e-6 * max(largest)  # what counts as rounding of a history
+
+
+@pytest.fixture(scope="module")
+def weighed(tmp_path_factory):
+    """Path of the scene WEIGHED."""
+    path = tmp_path_factory.mktemp("weighed") / "weighed.edp"
+    path.write_text(WEIGHED)
+    return path
+
+
+@pytest.mark.parametrize("cut", [1, 5])
+def test_weight_alone_leaves_nothing_along_the_floor(built, steps_of, weighed, cut):
+    """Forces along the floor are rounding, and not what their balance is measured by."""
+    problem = built(scene=weighed, subdomains=cut, element="P2")
+    solver, _ = steps_of(problem, friction_rtol=1e-8)
+    assert solver.failure is None and not solver.history.fallbacks.steps
+    assert solver.history.residuals["equilibrium"] <= 1e-8
+
+
+def test_heat_hides_no_weight(built, steps_of, weighed):
+    """Thermal forces balance themselves: those on the floor are as near to the weight as without.
+    """
+    problem = built(scene=weighed, warm=1.0, room=10.0)
+    solver, (step,) = steps_of(problem, friction_rtol=1e-8)
+    contact = problem.structure.contact
+    up = -sum(step.multipliers[rows[rows >= 0]] @ direction[rows >= 0] for rows, direction in (
+        (contact.normal_row, contact.normal[:, 1]), (contact.tangential_row, contact.normal[:, 0])))
+    # the tolerance, and roundings of forces that are ten thousand times the weight
+    assert solver.failure is None and up == pytest.approx(1.4e-4, rel=1e-7)
 
 
 def test_tower_does_not_swing(built, steps_of):

@@ -9,7 +9,8 @@ import pytest
 from mpi4py import MPI
 
 from driver.feti.contact_block import ContactBlock, Galerkin
-from driver.feti.deflation import DeflatedPreconditioner, Deflation, _jumps, traction_hats
+from driver.feti.deflation import (DeflatedPreconditioner, Deflation, Face, _jumps,
+                                   traction_hats)
 from driver.march.relaxation import ContactRelaxation
 from driver.feti.numbering import _row_scale
 from driver.feti.rows import RowKind
@@ -144,6 +145,19 @@ def test_projection_and_correction(problem, parts):
         F_W = F[np.ix_(block.rows, block.rows)] @ W
         again = np.array([face.deflate(column, np.zeros_like) for column in F_W.T]).T
         np.testing.assert_allclose(again, W, atol=1e-8 * np.abs(W).max())
+
+
+def test_hats_that_move_nothing_together_are_left_out(parts):
+    """Two conditions on one displacement, say: W'FW is singular, the preconditioner is none."""
+    _, block, deflation, _ = parts
+    free = np.ones(len(block.rows), bool)
+    every = Face(deflation.hats, deflation.galerkin, free)
+    idle = np.random.default_rng(2).standard_normal(deflation.hats.count)
+    projection = np.eye(len(idle)) - np.outer(idle, idle) / (idle @ idle)
+    face = Face(deflation.hats, lambda W: projection @ deflation.galerkin(W) @ projection, free)
+    assert len(face.independent) == len(every.independent) - 1
+    z = dense(lambda r, _: face.deflate(r, lambda s: block.M @ s), free)
+    assert np.linalg.eigvalsh(z).min() > 0
 
 
 def test_deflated_preconditioner_is_symmetric_positive_definite_and_stays_in_the_face(problem,

@@ -2,6 +2,7 @@
 
 import os
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -64,6 +65,26 @@ def test_fast(seed, tmp_path, monkeypatch):
     assert row.status in ("solved", "refused"), row.why
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [70013, 70076, 70105, 70132, 81006, 81054, 82003,
+                                  82013, 84007])
+def test_cuts_agree_at_corners(seed, tmp_path):
+    """Vertices that rest in their corners, states that hold them alike, bodies in a corner; bits
+    of bodies without support."""
+    assert random.judge(seed, tmp_path).status == "solved"
+
+
+@pytest.mark.parametrize("left, doubtful", [(1e-6, True), (1e-4, False), (3e-5, False)])
+def test_sensitive_forces_come_together(left, doubtful, monkeypatch):
+    """A difference of 2e-4, and what finer tolerances leave of it."""
+    outcome = random.Outcome(0, "", 0.0, None)
+    monkeypatch.setattr(random, "run", lambda *_, **options: outcome)
+    said = random._sensitive(  # pylint: disable=protected-access
+        generator.draw(SEED), None, None, random.Verdict(disagreement=2e-4),
+        SimpleNamespace(disagreement=lambda _: left))
+    assert bool(said) == doubtful
+
+
 @pytest.mark.slow  # two hundred scenes of several runs each
 def test_many(tmp_path):
     suite.run_suite({"family": "random", "seed": "5000", "count": "200", "out": str(tmp_path)})
@@ -120,6 +141,63 @@ def test_laws_notice_what_is_wrong(problem, tmp_path):
         assert right.worst(replace(outcome, contact=contact))[1] > random.LAWS, column
     other = {**outcome.contact, "sigma_n": outcome.contact["sigma_n"] * (1 + 1e-3)}
     assert np.isclose(laws.disagreement(right.body, outcome.contact, other), 1e-3, rtol=1e-6)
+
+
+def test_rounding_excuses_no_more_than_itself(problem, tmp_path):
+    """One rounding of the stiffness is worth nothing in a block, and nine digits where one half of
+    it is 1e9 times as stiff and hangs on the other.
+    """
+    right, path, given = problem(CLAMPED)
+    outcome = random.run(_scene(given), path, tmp_path, {"subdomains": "1"})
+    contact = laws.Reported.of(right.body, outcome.contact)
+    largest = np.abs(contact.u_n).max()
+    assert laws.rounding(right.body, right.manifest, outcome.contact) <= 1e-11 * largest
+    path.write_text(path.read_text().replace("young() 1. ", "young() (x > 1 ? 1e9 : 1.) "))
+    stiff = judgement.Problem.of(path, given)
+    assert laws.rounding(stiff.body, stiff.manifest, outcome.contact) >= 1e-9 * largest
+
+
+def test_forces_that_are_nothing_may_move_a_body_that_hangs_loose(problem):
+    """A body so soft that half of a millionth of its forces moves it beyond the tolerance: that is
+    explained, ten millionths are not.
+    """
+    right, path, given = problem(CLAMPED)
+    body, force = _Softer(right.body, 1e4), np.zeros(2 * len(right.body.gid))
+    deformation, largest = 1e-3, 1e-4
+    force[3] = 0.5 * laws.RESTS * largest
+    moved = np.array([body.solve(np.zeros(1), body.B.T @ force)]) @ body.B.T
+    assert np.abs(moved).max() > laws.RESTS * deformation
+
+    def left(factor):
+        explained = laws._moved_by_little(body, body.B @ right.body.motions, factor * moved,
+                                          deformation, largest)
+        return np.abs(factor * moved - explained).max() / np.abs(factor * moved).max()
+
+    assert left(1) <= 1e-2 and left(20) >= 0.5
+
+
+class _Softer:
+    """A body all of whose displacements are `factor` times as large."""
+
+    def __init__(self, body, factor):
+        self.body, self.factor, self.B, self.loads = body, factor, body.B, body.loads
+
+    def solve(self, weights, forces):
+        return self.factor * self.body.solve(weights, forces)
+
+
+@pytest.mark.parametrize("argument, least, most", [
+    ("slip", [0.06, 0.06, 0.09], [0.3, 0.09, 0.09]),  # what is still to come
+    ("displacement", [0.06] * 3, [0.3] * 3)])  # any of it again
+def test_slip_that_was_weakens_friction_that_comes(argument, least, most):
+    """The law falls from 1 to 0.2 and rises to 0.3 in the end: none, half and all of the way."""
+    body = SimpleNamespace(gid=np.arange(3), columns={"friction": np.full(3, 0.3)},
+                           weight=np.ones(3), free=np.arange(6))
+    law = {"argument": argument, "range": 1.0, "values": [1.0, 0.2, 0.3]}
+    manifest, slipped = SimpleNamespace(rooms={"slip_law": law}), np.array([0.0, 0.5, 1.0])
+    for bound, largest in ((least, np.minimum), (most, np.maximum)):
+        given, _ = refusal.largest_friction(body, manifest, slipped, largest)
+        np.testing.assert_allclose(given, bound, rtol=1e-12)
 
 
 PAIR = """

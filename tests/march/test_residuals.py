@@ -8,6 +8,7 @@ from mpi4py import MPI
 
 from driver.contact.kkt import FADED, Scales, kkt_residuals
 from driver.contact.rows import ContactRows
+from driver.contact.states import SLIP, STICK
 from driver.march import quasistatic
 from driver.march.outlook import foresight
 from driver.march.step import Load, Trace
@@ -114,6 +115,21 @@ def test_residuals_do_not_grow_with_friction(friction):
     assert max(value for name, value in got.items() if name != "complementarity") == 0
 
 
+def test_residuals_have_no_negative_zero():
+    """Of which the maximum over ranks may be either."""
+    got = residuals(0.3, [2e5, 1e5, -6e4, -3e4, 0.0], [0, -0.0, -1e-9, -0.0, -0.0])
+    assert not np.signbit(list(got.values())).any()
+
+
+def test_a_rank_without_friction_rows_knows_of_friction():
+    """A node whose support leaves it no tangential row sticks, unless there is no friction."""
+    none = np.array([], int)
+    for frictionless, state in ((False, STICK), (True, SLIP)):
+        own = ContactRows(np.array([0]), np.array([0]), np.zeros(1), none, none, none, None, None,
+                          none, np.array([False]), frictionless=frictionless)
+        assert own.states(np.array([1.0])).tolist() == [state]
+
+
 @pytest.mark.parametrize("multipliers, move, name, size", [
     ([2e5, 0, 0, 0, 0], [0, 1e-6, 0, 0, 0], "penetration", 1e-3),  # of an open node
     ([2e5, 1e5, 0, 0, 0], [0, -1e-4, 0, 0, 0], "complementarity", 0.1),  # presses from afar
@@ -126,6 +142,12 @@ def test_residuals_do_not_grow_with_friction(friction):
 def test_residuals_by_hand(multipliers, move, name, size):
     """Each condition violated alone, by `size` of the largest force or the deformation."""
     assert residuals(0.3, multipliers, move)[name] == pytest.approx(size, rel=1e-12, abs=1e-18)
+
+
+def test_zeros_have_no_sign():
+    """Which of several zeros is the largest depends on the rank: files get the same bits."""
+    got = residuals(0.3, [0, 2e5, 0, 0, 0], [-0.0, -0.0, -0.0, 0, 0])
+    assert not any(np.signbit(value) for value in got.values())
 
 
 def test_scales_are_those_of_the_step():

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from driver import cli
+from driver import cli, environment
 from driver.errors import InputError
 from driver.estimates import levels
 from driver.march import checkpoint
@@ -205,7 +205,7 @@ def test_estimates_that_fail_leave_the_results_with_a_warning(tmp_path, monkeypa
 
 SPOILED = """
 import sys
-from driver import cli
+from driver import cli, environment
 from driver.estimates import levels
 from mpi4py import MPI
 def assess(*_):
@@ -425,3 +425,48 @@ def test_results_get_the_users_permissions(tmp_path):
     finally:
         os.umask(before)
     assert out.stat().st_mode & 0o777 == 0o750
+
+
+# ---- studies ------------------------------------------------------------------------------------
+
+STUDIES = [("effects", "SCENE=patch"), ("accuracy", "SCENE=patch", "EFFORT=quick"),
+           ("accuracy", "PART=locking"), ("accuracy", "PART=coverage", "SCENE=patch"),
+           ("hard", "CASE=jump"), ("bench", "PARTS=stages"), ("saddle", "CELLS=1")]
+
+
+@pytest.mark.parametrize("words", STUDIES, ids=lambda words: "-".join(words[:2]))
+def test_a_study_leaves_what_is_no_study_alone(command_here, tmp_path, monkeypatch, words):
+    """Before FreeFEM starts: folders that are named as its own, tables of somebody else."""
+    monkeypatch.setattr(environment, "run_child", None)  # nothing can be started
+    out = tmp_path / "mine"
+    (out / "runs").mkdir(parents=True)
+    (out / "runs" / "thesis.txt").write_text("years of work")
+    (out / "report.csv").write_text("a,b\n1,2\n")
+    done = command_here(*words, f"OUT={out}")
+    assert done.returncode == 2
+    assert f"OUT={out} holds files but no results of make {words[0]}" in done.stderr
+    assert sorted(path.name for path in out.rglob("*")) == ["report.csv", "runs", "thesis.txt"]
+
+
+def test_the_folder_of_a_study(tmp_path):
+    """New, empty or its own; not a file, another study's, or where nobody can write."""
+    for out in (tmp_path / "new" / "below", tmp_path):
+        if out == tmp_path:
+            shutil.rmtree(tmp_path / "new")
+        for _ in range(2):
+            assert guard.study_folder(out, "hard") == out and (out / guard.STUDY).is_file()
+    (tmp_path / "table.csv").write_text("")
+    assert guard.study_folder(str(tmp_path), "hard") == tmp_path
+    with pytest.raises(InputError, match="holds results of make hard, not of make bench"):
+        guard.study_folder(tmp_path, "bench")
+    with pytest.raises(InputError, match="is no directory"):
+        guard.study_folder(tmp_path / "table.csv", "hard")
+    with pytest.raises(InputError, match="cannot hold results|is no directory"):
+        guard.study_folder(tmp_path / "table.csv" / "below", "hard")
+    (tmp_path / "link").symlink_to("nowhere")
+    with pytest.raises(InputError, match="where nothing is"):
+        guard.study_folder(tmp_path / "link", "hard")
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / guard.STUDY).symlink_to(tmp_path / guard.STUDY)
+    with pytest.raises(InputError, match="no results of make hard"):
+        guard.study_folder(tmp_path / "other", "hard")

@@ -224,3 +224,78 @@ def test_every_macro_with_a_kind_is_put_where_it_is_expected(tmp_path):
 def test_traces_name_what_is_evaluated():
     output = "evaluating: load1\nevaluating: young\n"
     assert explain.EVALUATING.findall(output) == ["load1", "young"]
+
+
+DISC = (("rectangle(0., 2., 0., 1.);",
+         "border half(t=0, pi) { x = cos(t); y = sin(t); label = 3; }\n"
+         "border low(t=pi, 2*pi) { x = cos(t); y = sin(t); label = 1; }\n"
+         "body = buildmesh(half(6) + low(6));"),
+        ("on(4, u1 = 0., u2 = 0.)", "on(3, u1 = 0., u2 = 0.)"), ('subdomains("2x1");\n', ""))
+
+
+@pytest.mark.parametrize("declared, words", [
+    ("macro obstacle(x, y) (x + 2.) //", "faces away from the obstacle: give it a label"),
+    ("macro obstacle(x, y) (-1. - y) //", "turn its sign round: it is positive where the body is"),
+    ("macro contactNormal() [0., 1.] //", "turn its sign round: it points from the body"),
+])
+@pytest.mark.parametrize("more", [{"subdomains": "1"}, {"subdomains": "3", "element": "P2"}])
+def test_a_contact_normal_that_points_into_the_body(said, declared, words, more):
+    """A lower half disc: part of it faces a wall on the left, all of it an obstacle below."""
+    message = said(*DISC, ("macro contact() 1 //", f"macro contact() 1 //\n{declared}"),
+                   parameters={"steps": "2", **more})
+    assert words in message and "of the body on label 1 at (" in message
+    assert "mine.edp line 14: " in message  # of the macro
+
+
+@pytest.mark.parametrize("old, new, words", [
+    ("macro amplitude1(t) t //", "macro amplitude1(t) min(1, 2*t) //", "write min(1., 2*t)"),
+    ("macro young() 1000. //", "macro young() max(y + 1., 2) //", "write max(y + 1., 2.)"),
+    ("quasistatic(1.);", "quasistatic(1.);\nreal E = 1. + min(3, F);", "write min(3., F)"),
+    ("rectangle(0., 2., 0., 1.);", "body = square(2, 2, [2*x, y], label = [5, 6, 7, 8]);",
+     "int[int] sides = [5, 6, 7, 8]; and  label = sides"),
+    ("quasistatic(1.);", "border end(t=0, 1) { x = t; y = 0.; }\nquasistatic(1.);",
+     "'end' is a word of FreeFEM's own: choose another name"),
+])
+def test_the_remedy_is_said(said, old, new, words):
+    assert words in said((old, new))
+
+
+TWO = (("rectangle(0., 2., 0., 1.);", "addBody(square(2, 2, [2*x, y]))\n"
+        "int[int] above = [5, 6, 7, 8];\n"
+        "addBody(square(2, 2, [2*x, 1. + y], label = above, region = 0))"),
+       ("macro contact() 1 //", "macro contactPair() 5, 3 //"), ("traction(3", "traction(7"),
+       ('subdomains("2x1");\n', ""), ("1000. //", "(stiff ? 10. : 1000.) //"),
+       ("macro young", "macro stiff() (region == 1) //\nmacro young"))
+
+
+def test_regions_that_no_mesh_has(said, tmp_path):
+    """Both bodies would be of the lower one's material; with a region for the upper one it runs."""
+    message = said(*TWO, parameters={"steps": "2"})
+    assert "young asks for the region, but all of the mesh is region 0" in message
+    path = tmp_path / "mine.edp"
+    path.write_text(path.read_text().replace("region = 0", "region = 1"))
+    assert freefem.export(path, tmp_path / "two", {"steps": "2"}).regions == [0, 1]
+
+
+def test_what_another_rank_refuses_is_said(tmp_path):
+    """The last of two subdomains alone has the place: rank 0 has nothing to say."""
+    path = tmp_path / "mine.edp"
+    path.write_text(SCENE.replace("macro friction() F //", "macro friction() (1.5 - x) //"))
+    with pytest.raises(InputError, match="friction is negative on label 1"):
+        freefem.export(path, tmp_path / "export", SMALL, ranks=2)
+
+
+@pytest.mark.parametrize("times, steps", [("[0.5, 1.]", 20), ("[1/3.]", 21), ("[0.15, 0.11]", 100)])
+def test_steps_end_at_the_times_that_a_scene_lists(tmp_path, times, steps):
+    """The least number from 20 on; STEPS goes before."""
+    path = tmp_path / "mine.edp"
+    path.write_text(SCENE.replace("macro young()", f"macro stepTimes() {times} //\nmacro young()"))
+    assert freefem.export(path, tmp_path / "least", {"cells": "1"}).steps == steps
+    assert freefem.export(path, tmp_path / "given", {"cells": "1", "steps": "3"}).steps == 3
+
+
+@pytest.mark.parametrize("times", ["[pi/10]", "[1.5]", "[-0.5]"])
+def test_times_that_no_step_can_end_at(said, times):
+    message = said(("macro young()", f"macro stepTimes() {times} //\nmacro young()"),
+                   parameters={"cells": "1"})
+    assert "stepTimes: no number of equal steps up to 400 ends at all these times" in message

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 from scipy.sparse import csr_matrix
 
 from driver.cli import parse_pairs
@@ -13,9 +14,10 @@ from driver.feti.compliance import ContactCompliance
 from driver.feti.rows import RowKind, contact_row_numbers
 from driver.files import read_rows
 from driver.scene import freefem
-from driver.scene.loader import read_contact
 from driver.scene.script import changed_by
+from driver.scene.study_value import Loads, Value, read_value
 from driver.studies import parametric, study
+from driver.studies.load_values import LoadValues
 
 # The projected gradient to 1e-11 |d| leaves multipliers good to cond(F) = 3e3 times that, the fixed
 # point to 1e-10 / (1 - q) with a contraction q < 0.9 (contraction.csv of the model): together below
@@ -113,6 +115,8 @@ def test_friction_values_agree_with_single_runs(made, solved):
         single = solved(loading="nonmonotone", friction=value, steps=6, **TIGHT)
         compare(files["contact"], single, friction=value)
         assert float(row["dissipated"]) == pytest.approx(single.summary["dissipated"], rel=1e-5)
+        for name in ("peak_pressure", "contact_length"):
+            assert float(row[name]) == pytest.approx(single.summary["quantities"][name], rel=1e-5)
         assert [int(row[f"nodes_{s}"]) for s in ("open", "stick", "slip")] == [
             int(single.history[f"nodes_{s}"][-1]) for s in ("open", "stick", "slip")]
 
@@ -167,6 +171,68 @@ def test_loadings_and_steps(made, solved):
         compare(files["contact"], solved(loading=loading, steps=4, **TIGHT), loading=loading)
     _, files = made(scene="model", loading="nonmonotone", steps="2,4")
     compare(files["contact"], solved(loading="nonmonotone", steps=4, **TIGHT), steps="4")
+
+
+# loads of every kind that a parameter can reach: edges, triangles, points, supports
+LOADED = (("macro amplitude1(t)", """real size = physical("size", 1.);
+macro bodyForce1() [0., -size*1e6*x] //
+macro displacement2() on(2, u2 = -size*1e-4*y) //
+macro amplitude1(t)"""), ("traction(2, 3e7, 5e7)", "traction(2, size*3e7*y, 0.)"))
+
+
+@pytest.mark.parametrize("options", [{"cells": "3"}, {"cells": "2", "element": "P2",
+                                                       "subdomains": "5"}])
+def test_loads_and_prescribed_displacements_agree_with_single_runs(made, solved, variant, options):
+    """Each kind on the pieces of a rectangle and on a graph partition; values that only multiply
+    patterns, as well as values that shift them."""
+    path = str(variant("loaded", *LOADED))
+    summary, files = made(scene=path, size="0.5,-1,2", steps="2", **options)
+    assert summary["converged"]
+    for size in ("0.5", "2"):
+        single = solved(path, size=size, steps=2, **options, **TIGHT)
+        compare(files["contact"], single, size=size)
+    forces = [float(row["resultant_n"]) for row in files["study"]]
+    assert len({round(force / forces[0], 3) for force in forces}) == 3
+
+
+def test_an_initial_stress_agrees_with_a_single_run(made, solved):
+    """The bar that closes its gap at rise 50 presses in proportion to what remains of it."""
+    _, files = made(scene="thermal", rise="60,100,140", steps="2")
+    low, middle, high = (float(row["resultant_n"]) for row in files["study"])
+    assert high - middle == pytest.approx(middle - low, rel=1e-6)
+    compare(files["contact"], solved("thermal", rise=140, steps=2, **TIGHT), rise="140")
+
+
+def test_travel_of_bodies_without_support_is_studied_on_any_number_of_ranks(made, solved):
+    """The wedge's stroke moves a body as a whole; bodies without support are not condensed."""
+    values = dict(scene="wedge", stroke="0.02,0.08", h="8", steps="2")
+    summary, files = made(**values)
+    assert not summary["condensed"] and files == made(**values, np="2")[1]
+    compare(files["contact"], solved("wedge", stroke=0.08, h=8, steps=2, **TIGHT), stroke="0.08")
+
+
+def test_loads_that_no_value_changes_are_one_pattern(built):
+    """Equal to the last bit: they are solved for once."""
+    problem = built(cells=2)
+    base, subs = problem.manifest, problem.structure.subdomains
+    own = {sub.index: Loads(sub.loads, sub.fixed, sub.fixed_values) for sub in subs}
+    twice = {k: Loads(2 * part.forces, *part[1:]) for k, part in own.items()}
+    loads = LoadValues("size", [Value(None, None, part) for part in (own, twice, twice, {})],
+                       MPI.COMM_SELF)
+    wide, wider = loads.widen(base, subs)
+    assert loads.columns == [[0], [1], [1], [0]] and len(wide.patterns) == 2
+    assert all(np.array_equal(sub.loads[1], 2 * sub.loads[0]) for sub in wider)
+    assert loads.history(1, base, wide).factors[:, 0].max() == 0
+    assert np.array_equal(loads.history(1, base, wide).factors[:, 1], base.factors[:, 0])
+
+
+def test_a_value_that_moves_a_support_is_refused(variant, tmp_path):
+    path = variant("moved", ("macro amplitude1(t)", """real side = physical("side", 2.);
+macro displacement1() on(int(side), u2 = -1e-4) //
+macro amplitude1(t)"""))
+    with pytest.raises(InputError, match="SIDE: it changes where displacements are prescribed"):
+        study.make_study({"scene": str(path), "side": "2,3", "steps": "2", "quiet": "yes",
+                          "out": str(tmp_path / "out"), "cells": "2"})
 
 
 def test_gaps_on_a_graph_partition_without_condensation(made, solved, monkeypatch):
@@ -242,7 +308,7 @@ def test_contact_data_of_a_later_value_are_those_of_a_first_one(tmp_path, varian
     alone, = freefem.export_study(path, tmp_path / "alone", options, name, values[1:])
 
     def read(manifest):
-        return read_contact(manifest.directory, manifest)
+        return read_value(manifest.directory, manifest)[:2]
 
     first, (later, gid), (expected, numbers) = read(both[0])[0], read(both[1]), read(alone)
     assert np.array_equal(gid, numbers) and len(gid)
@@ -276,7 +342,7 @@ def test_what_a_parameter_changes(variant, text, changed):
     ("SCENE=model FRICTION=0.3:0.4", "first:last:count"),
     ("SCENE=model FRICTION=0.3,0.3", "gives one twice"),
     ("SCENE=model CELLS=5,10", "reads no parameter CELLS"),
-    ("SCENE=thermal RISE=50,100", "also changes thermal1"),
+    ("SCENE=thermal POISSON=0.2,0.3", "also changes poisson"),
     ("SCENE=cantilever STEPS=1,2", "static scene has one step"),
     ("SCENE=model FRICTION=0.3,-1", "friction is negative"),
     ("FRICTION=0.3,0.4", "needs SCENE="),

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from ... import environment, options
 from ...errors import InputError
+from ...runs.guard import study_folder
 
 UNREAD = {"sweeps": ("rows",), "locking": ("rows", "scene"), "stopping": ("scene",),
           "coverage": ("rows",)}
@@ -32,13 +33,11 @@ def run_accuracy(pairs: dict[str, str]) -> list[Path]:
     if part == "coverage":
         from .coverage import run_coverage
 
-        out = given["out"] or options.RESULTS / "accuracy" / part
-        out.mkdir(parents=True, exist_ok=True)
+        out = study_folder(given["out"] or options.RESULTS / "accuracy" / part, "accuracy")
         return run_coverage(out, given["scene"])
     environment.start_petsc()
     from .locking import run_locking
     from .stopping import run_stopping
 
-    out = given["out"] or options.RESULTS / "accuracy" / part
-    out.mkdir(parents=True, exist_ok=True)
+    out = study_folder(given["out"] or options.RESULTS / "accuracy" / part, "accuracy")
     return run_locking(out) if part == "locking" else run_stopping(given["rows"], out)

@@ -30,6 +30,7 @@ from ...errors import PARTIAL, DriverError, InputError
 from ...estimates.budget import mesh_knob, unit
 from ...files import write_table
 from ...options import RESULTS
+from ...runs import guard
 from ...runs.run import Run, execute
 from ...scene import freefem
 from ...text import percent, words
@@ -212,11 +213,12 @@ def run_sweeps(pairs: dict[str, str]) -> list[Path]:
     scene = freefem.find_scene(given["scene"])
     if scene == freefem.SCENES / "model.edp" and "loading" not in pairs:
         out = pairs.get("out", RESULTS / "accuracy" / "model")
-        return [path for loading in ("monotone", "nonmonotone")
-                for path in run_sweeps({**pairs, "loading": loading, "out": f"{out}-{loading}"})]
+        folders = {loading: guard.study_folder(f"{out}-{loading}", "accuracy")
+                   for loading in ("monotone", "nonmonotone")}
+        return [path for loading, folder in folders.items()
+                for path in run_sweeps({**pairs, "loading": loading, "out": str(folder)})]
     name = f"{scene.stem}-{pairs['loading']}" if "loading" in pairs else scene.stem
-    out = Path(pairs.get("out", RESULTS / "accuracy" / name))
-    out.mkdir(parents=True, exist_ok=True)
+    out = guard.study_folder(pairs.get("out", RESULTS / "accuracy" / name), "accuracy")
     study = Study(pairs, out)
     trials, known, main = study.run_all(given["quantity"])
     table = cheapest_rows(trials, known)

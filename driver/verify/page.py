@@ -1,0 +1,81 @@
+"""edp/verify/README.md: all cases with pictures, numbers and errors, for a sceptic to read."""
+
+from pathlib import Path
+
+from PIL import Image
+
+from ..environment import ROOT
+from ..files import renamed
+from ..text import percent
+from .case import Case
+
+FOLDER = ROOT / "edp" / "verify"
+PICTURES = ROOT / "results" / "reference" / "verify"
+WIDTH = 560  # pixels
+HEAD = """# Verified by others' cases
+
+Published numbers of other codes and closed forms, solved by `make verify` (`CASE=` chooses) with
+linear and quadratic elements on meshes that are halved. This page is made by
+`make verify PAGE=yes`. *Error* is that of the finest mesh, relative to the reference (absolute
+where the reference is zero); *refined* shows it on the meshes before, coarse to fine; *claimed* is
+what the run itself says that its error is. The tolerance is the uncertainty of the reference or the
+size of the body, as the last column says. In the pictures points are the reference, lines are ours.
+"""
+
+
+def write(cases: list[Case], rows: list[dict], pictures: list[Path]) -> Path:
+    """Write the page of `rows` of all `cases`, and its pictures; returns its path."""
+    PICTURES.mkdir(parents=True, exist_ok=True)
+    drawn = {path.stem: _small(path) for path in pictures if path.suffix == ".png"}
+    parts = [HEAD, _contents(cases, rows)]
+    for case in cases:
+        own = [row for row in rows if row["case"] == case.name]
+        parts.append(_section(case, own, drawn.get(case.name)))
+    path = FOLDER / "README.md"
+    with renamed(path) as hidden:
+        hidden.write_text("\n".join(parts), encoding="utf-8")
+    return path
+
+
+def _small(path: Path) -> Path:
+    """A small copy of a picture beside the references."""
+    target = PICTURES / path.name
+    with Image.open(path) as picture:
+        size = WIDTH, round(picture.height * WIDTH / picture.width)
+        small = picture.convert("RGB").resize(size, Image.Resampling.LANCZOS)
+        with renamed(target) as hidden:
+            small.quantize(64).save(hidden, format="PNG", optimize=True)
+    return target
+
+
+def _contents(cases: list[Case], rows: list[dict]) -> str:
+    met = sum(row["met"] == "yes" for row in rows)
+    links = " · ".join(f"[{case.name}](#{case.name})" for case in cases)
+    return f"{len(cases)} cases, {len(rows)} numbers, {met} of them within their tolerances.\n\n" \
+           f"{links}\n"
+
+
+def _section(case: Case, rows: list[dict], picture: Path | None) -> str:
+    scene = case.scene.removeprefix("verify/")
+    link = f"{scene}.edp" if case.scene != scene else f"../{scene}.edp"
+    settings = " ".join(f"{key.upper()}={value}" for key, value in case.settings.items())
+    lines = [f"## {case.name}", "",
+             f"{case.title}. Scene [{scene}.edp]({link}){f' with `{settings}`' if settings else ''}"
+             f"; reference: {case.source}.", ""]
+    if case.others:
+        lines += [f"{case.others}.", ""]
+    if case.note:
+        lines += [case.note, ""]
+    if picture:
+        lines += [f'<img src="../../results/reference/verify/{picture.name}" width="420" '
+                  f'alt="{case.name}">', ""]
+    lines += ["| quantity | element | ours | reference | error | refined | claimed | tolerance | "
+              "because |", "| --- | --- | --- | --- | --- | --- | --- | --- | --- |"]
+    for row in rows:
+        claimed = "" if row["claimed"] == "" else percent(row["claimed"])
+        met = "" if row["met"] == "yes" else " **missed**"
+        lines.append(
+            f"| {row['quantity'].replace('_', ' ')} | {row['element']} | {row['value']:.6g} | "
+            f"{row['reference']:.6g} | {row['error']:.1e}{met} | {row['errors']} | {claimed} | "
+            f"{row['tolerance']:.0e} | {row['because']} |")
+    return "\n".join([*lines, ""])

@@ -1,0 +1,115 @@
+"""make verify: its closed forms against integrals, its fast cases, its table and its page."""
+
+import dataclasses
+import types
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from driver.errors import DriverError
+from driver.verify import page, plane, suite
+from driver.verify.case import Check
+
+CASES = {case.name: case for case in suite.cases()}
+FAST = [name for name, case in CASES.items() if case.fast]
+
+
+@pytest.mark.parametrize("shape, gap", [
+    (plane._wedge, lambda x: plane.SLOPE * abs(x)),
+    (plane._parabola, lambda x: plane.SLOPE * x**2),
+    (plane._quartic, lambda x: plane.SLOPE * x**4)])
+def test_pressures_of_indenters_carry_the_load_and_follow_the_profile(shape, gap):
+    """u(0) - u(x) = h(x) with u(x) = -2/(pi E*) int p(s) ln|x - s| ds (Johnson, 2.24)."""
+    P = 7e-4
+    a = shape(P, np.zeros(1))[0]
+
+    def pressure(angle):  # of x = a sin(angle), where it has no infinite slopes
+        return float(shape(P, np.array([a * np.sin(angle)]))[1][0]) * a * np.cos(angle)
+
+    half = np.pi / 2
+    assert 2 * quad(pressure, 0, half)[0] == pytest.approx(P, rel=1e-6)
+
+    def sunk(x):
+        place = np.arcsin(x / a)
+        return -2 / (np.pi * plane.STIFF) * sum(
+            quad(lambda t: pressure(t) * np.log(abs(x - a * np.sin(t))), *part, limit=200)[0]
+            for part in ((-half, 0), (0, place), (place, half)) if part[0] < part[1])
+
+    x = 0.6 * a
+    assert sunk(0.0) - sunk(x) == pytest.approx(gap(x), rel=1e-4)
+
+
+@pytest.mark.parametrize("name, half", [("westergaard-quarter", 1 / 6), ("westergaard-half", 0.25)])
+def test_westergaards_pressure_has_its_mean_and_its_peak(name, half):
+    case = CASES[name]
+    mean = case.settings["mean"] * np.pi * plane.STIFF * 1e-4
+    places, pressures = case.curve.reference(None)
+    peak = next(check.reference for check in case.checks if check.name == "peak_pressure")
+    assert pressures[0] == pytest.approx(peak, rel=1e-12) and places[-1] == half
+    middles = np.interp((places[1:] + places[:-1]) / 2, places, pressures)
+    assert 2 * np.diff(places) @ middles == pytest.approx(mean, rel=2e-2)  # 25 points
+
+
+def test_shrink_fit_is_the_limit_of_a_rigid_shaft():
+    """A hundred thousand times stiffer inner ring: Lame's ring on a rigid shaft."""
+    stiff = plane.lame_fit(inner=210e8, over=0.03)
+    A = 0.03 / (30 + (1 / (1 - 0.6)) * 45**2 / 30)  # u = A (r + c^2/((1 - 2 nu) r))
+    assert stiff == pytest.approx(210e3 / 1.3 * A / 0.4 * (45**2 / 30**2 - 1), rel=1e-4)
+
+
+@pytest.mark.parametrize("number", range(len(FAST)))
+def test_fast_cases_are_met(number, tmp_path):
+    """Linear and quadratic elements in turn; make test-long has both for all."""
+    rows, curves = suite.judge(FAST[number], ("P1", "P2")[number % 2], tmp_path)
+    assert {row["met"] for row in rows} == {"yes"}, rows
+    assert CASES[FAST[number]].curve is None or curves
+
+
+@pytest.mark.slow
+def test_all_cases_are_met(tmp_path):
+    made = suite.run_suite({"out": str(tmp_path)})
+    assert (tmp_path / "report.csv") in made
+
+
+def test_a_number_that_misses_its_reference_is_said(tmp_path, monkeypatch, capsys):
+    case = CASES["patch-moose"]
+    wrong = Check("u_x of the free side", 4.3e-5, case.checks[0].value, 1e-5, "six digits")
+    monkeypatch.setattr(suite, "cases", lambda: [
+        dataclasses.replace(case, checks=(wrong,), elements=("P1",))])
+    monkeypatch.setattr(suite, "ProcessPoolExecutor", _Here)
+    with pytest.raises(DriverError, match="1 numbers miss their references"):
+        suite.run_suite({"out": str(tmp_path)})
+    assert "MISSED: u_x of the free side" in capsys.readouterr().out
+
+
+class _Here:
+    """Runs in this process, which knows the changed case."""
+
+    def __init__(self, *_args, **_more):
+        pass
+
+    __enter__ = lambda self: self
+    __exit__ = lambda self, *_: None
+
+    def submit(self, task, *values):
+        from concurrent.futures import Future
+
+        future = Future()
+        future.set_result(task(*values))
+        return future
+
+
+def test_there_are_enough_cases_and_the_page_has_them_all():
+    text = (page.FOLDER / "README.md").read_text()
+    assert len(CASES) >= 25 and len(FAST) >= len(CASES) // 3
+    for name, case in CASES.items():
+        assert f"## {name}\n" in text and case.source in text
+        assert (page.PICTURES / f"{name}.png").is_file() == (case.curve is not None)
+    assert "**missed**" not in text
+
+
+def test_errors_are_relative_and_absolute_where_the_reference_is_zero():
+    view = types.SimpleNamespace(a=2.2, b=0.1)
+    assert Check("", 2.0, lambda v: v.a, 1, "").compare(view)[2] == pytest.approx(0.1)
+    assert Check("", 0.0, lambda v: v.b, 1, "").compare(view)[2] == pytest.approx(0.1)
