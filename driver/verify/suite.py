@@ -12,7 +12,7 @@ from ..errors import DriverError, InputError
 from ..files import write_table
 from .case import NO_SOLUTION, Case, Check, refusal, solve
 
-MODULES = ("plane", "friction")
+MODULES = ("plane", "friction", "revolution")
 COLUMNS = ("case", "quantity", "source", "reference", "value", "error", "tolerance", "met",
            "seconds", "element", "mesh", "claimed", "errors", "because")
 
