@@ -34,8 +34,7 @@ SPHERE = Case(
         Check("pressure in L1", 0.0, profile_error(_pressure), 2e-2, HALF_SPACE)),
     {"friction": 0, "steps": 1},
     Curve("radius [mm]", "pressure [MPa]", pressures,
-          lambda view: (places(hertz(view)[0]), _pressure(view, places(hertz(view)[0])))),
-    fast=True)
+          lambda view: (places(hertz(view)[0]), _pressure(view, places(hertz(view)[0])))))
 
 
 def spence(friction: float, poisson: float) -> float:
@@ -74,7 +73,8 @@ HEMISPHERES = Case(
         Check("peak_pressure", 2798.33, column("peak_pressure"), 8e-2,
               "half-spaces far from where they are driven, but a/R is 0.2", "peak_pressure"),
         Check("contact_length", 10.0, column("contact_length"), 4e-2,
-              "half-spaces far from where they are driven, but a/R is 0.2", "contact_length")))
+              "half-spaces far from where they are driven, but a/R is 0.2", "contact_length")),
+    fast=True)
 
 
 CURVES = ("read from curves of linear elements, whose displacement of the centre is 1.7 % below that "
