@@ -196,7 +196,8 @@ def _stage(request: Request):
 # ---- entry ---------------------------------------------------------------------------------------
 
 ENTRIES = {entry.__name__: entry for entry in (
-    run, model, table, effects, study, accuracy, bench, hard, verify, saddle, docs, figures, report, solve)}
+    run, model, table, effects, study, accuracy, bench, hard, verify, saddle, docs, figures, report,
+    solve)}
 
 
 def main() -> None:

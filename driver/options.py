@@ -132,7 +132,11 @@ RUNS = (
     Option("accuracy", SHARE, None, FRONT, (*SINGLE, "effects"),
            "choose mesh, steps and tolerances for this relative error of a quantity of interest",
            "not chosen",
-           excludes=("cells", "h", "steps", "rtol", "friction_rtol", "primal_rtol", "adapt")),
+           excludes=("cells", "h", "steps", "rtol", "friction_rtol", "primal_rtol", "adapt",
+                     "quantity")),
+    Option("quantity", text("name"), "", Reader.ESTIMATES, SINGLE,
+           "quantity of interest whose next digits a run names the price of",
+           "the first whose error is known"),
     Option("without", NAMES, (), EXPORT, (*SINGLE, "study"), "effects of the scene that are "
            "treated as undeclared: friction, gap, load2, quasistatic, ...", "none"),
     Option("errors", choice("yes", "energy", "no"), "yes", Reader.ESTIMATES, SINGLE,
@@ -201,10 +205,11 @@ STUDIES = (
     Option("method", several("default", "plain"), ("default", "plain"), STUDY, ("table",),
            "the driver as it comes, and the slides' own method", "both"),
     Option("fresh", YES_NO, False, STUDY, ("table",), "make rows anew that are there already"),
-    Option("part", choice("sweeps", "locking", "stopping", "coverage"), "sweeps", STUDY,
-           ("accuracy",),
+    Option("part", choice("sweeps", "locking", "stopping", "coverage", "prices"), "sweeps",
+           STUDY, ("accuracy",),
            "sweeps of a scene; how elements converge near incompressibility; what stopping by the "
-           "error budget saves on the model example; or whether claimed errors hold"),
+           "error budget saves on the model example; whether claimed errors hold; or whether "
+           "prices of accuracy do"),
     Option("rows", several(*"12345"), tuple("1234"), STUDY, ("accuracy",), "PART=stopping: "
            "meshes, coarse to fine, with as many subdomains as those of the table", "1,2,3,4"),
     Option("effort", choice("quick", "full"), "full", STUDY, ("accuracy",), "length of the sweeps"),

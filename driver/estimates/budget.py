@@ -26,9 +26,11 @@ scenes, of which 96 of 100 hold with a median of 3.8. The same holds for time st
 mesh      the same run on meshes with elements 2 and 4 times as long, or of the cycles before
           (ADAPT)
 time      on the finer one of these meshes, every second and every fourth time of the load history
-friction  there at every fourth time: FRICTION_RTOL against a hundredth of it, both with RTOL/100
-solver    likewise RTOL (MPRGP, gluing) against a hundredth of it; both times the ratios of steps
-          and of element sizes, by which a run adds up more and answers more to its tolerances
+friction  there at every fourth time: FRICTION_RTOL and PRIMAL_RTOL, which makes a step go on,
+          against a hundredth of them, both with RTOL/100
+solver    likewise RTOL (MPRGP, gluing) against a hundredth of it, without Coulomb friction
+          PRIMAL_RTOL too; both times the ratios of steps and of element sizes, by which a run adds
+          up more and answers more to its tolerances
 
 What the run does not have has no part: time in a static scene, or where the end of the history does
 not depend on the way to it (no friction); the fixed point without Coulomb friction.
@@ -53,6 +55,7 @@ CAUTION = {"peak_pressure": 1.6, "normal_resultant": 1.7, "tangential_resultant"
 OF_TIME = 1.5  # of the time step's part
 FIRST = 0.999  # an observed first order, rounding apart
 SLOWEST = 0.02  # an observed order below this is no convergence
+UNSETTLED = 0.5  # the order that is expected of finer runs then
 DOUBTFUL = 0.3  # nor is one below this of a quantity that may have no limit
 WANDER = 0.02  # relative spread below which values that do not converge visibly just wander
 STILL = 1e-3  # the same at places where there may be no limit
@@ -82,11 +85,15 @@ def main_quantity(values: dict) -> str:
 
 @dataclasses.dataclass
 class Part:
-    """Error (None: unknown), observed order (None: not observed) and what may be wrong."""
+    """Error (None: unknown), observed order (None: not observed) and what may be wrong.
+
+    `rate`: the order at which the error is expected to fall further.
+    """
 
     error: float | None
     order: float | None = None
     note: str = ""
+    rate: float = 1.0
 
 
 def observed_order(d1: float, d2: float, r: float, s: float) -> float:
@@ -134,12 +141,12 @@ def extrapolate(changes: list[float], ratios: list[float], formal: float, value:
     if turned:
         return Part(safety * spread, order)
     if order < SLOWEST:
-        return Part(2 * spread)
+        return Part(2 * spread, rate=UNSETTLED)
     p = order if order <= formal else max(1.0, 2 * formal - order)
     rest = d2 / ((s**p - 1) * r**p)  # = d1/(r^p - 1), but where p was changed
     if order < FIRST:
-        return Part(safety * SLOW * rest, order)
-    return Part(safety * max(rest, FLOOR * first[0]), order)
+        return Part(safety * SLOW * rest, order, rate=p)
+    return Part(safety * max(rest, FLOOR * first[0]), order, rate=p)
 
 
 # ---- the budget of a run -------------------------------------------------------------------------
@@ -190,6 +197,14 @@ def coarser(knob: str, size: float) -> float | None:
 def ratio(knob: str, coarse: float, fine: float) -> float:
     """Length of an element at size `coarse` over that at size `fine`."""
     return coarse / fine if knob == "h" else fine / coarse
+
+
+def finer(knob: str, size: float, factor: float) -> float:
+    """The mesh `size` refined by about `factor`, as a number that people would type."""
+    if knob == "cells":
+        return max(size + 1, int(np.ceil(size * factor - 1e-9)))
+    digits = 1 - int(np.floor(np.log10(size / factor)))
+    return min(float(np.floor(size / factor * 10.0**digits + 1e-9) / 10.0**digits), size)
 
 
 def name_of(knob: str, value: float) -> str:

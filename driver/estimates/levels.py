@@ -30,6 +30,12 @@ ROUNDING = 1e-9  # relative change of a largest displacement that a support pres
 UNSEEN = 1e-3  # by how much others may exceed it, relative
 UNTRIED = "no run with more steps to compare with"
 TIGHTER = 100.0  # tolerances of the companions that tell what those of the run leave
+EARNED = 1e-8  # residuals that rounding still lets a companion reach
+
+
+def spelled(value: float | str) -> str:
+    """A parameter as on the command line."""
+    return value if isinstance(value, str) else f"{value:.17g}"
 
 
 def samples(steps: int, stride: int) -> np.ndarray:
@@ -47,6 +53,7 @@ class Level:
     solver: QuasistaticSolver
     steps: list  # its `Step`s
     singular: tuple  # quantities at places where they may be infinite
+    seconds: float  # of its steps
 
 
 class Levels:
@@ -65,11 +72,12 @@ class Levels:
         self.problems: dict = {}
         self.runs: dict = {}
         self.seconds = dict.fromkeys(("export", "setup", "solve"), 0.0)
+        self.spent: dict = {}  # by problem: those of its export and its set-up
         self.products = 0
 
     def place(self, **changes) -> Path:
         """Directory of the export with some parameters changed."""
-        return self.folder / "-".join(f"{name}{value:.17g}"
+        return self.folder / "-".join(f"{name}{spelled(value)}"
                                       for name, value in sorted(changes.items()))
 
     def problem(self, **changes) -> Problem:
@@ -83,21 +91,33 @@ class Levels:
         if "cycle" in changes:
             return linearized(assemble(self.cycles[changes["cycle"]] / "export", self.comm),
                               self.settings, self.comm)
-        place, error, clock = self.place(**changes), None, time.perf_counter()
+        return self.exported(self.place(**changes), changes)
+
+    def exported(self, place: Path, changes: dict, sizes: Path | None = None,
+                 key: tuple | None = None) -> Problem:
+        """The scene with parameters changed, exported to `place`.
+
+        `sizes`: stem of a field of element sizes; `key` of the problem, by default the changes.
+        Raises DriverError where it is refused.
+        """
+        error, clock = None, time.perf_counter()
         if self.comm.rank == 0:
             try:
-                words = {name: f"{value:.17g}" for name, value in changes.items()}
-                freefem.export(self.scene, place, {**self.parameters, **words},
+                words = {name: spelled(value) for name, value in changes.items()}
+                freefem.export(self.scene, place, {**self.parameters, **words}, sizes=sizes,
                                without=self.without)
             except DriverError as refusal:
                 error = refusal
             except OSError as failure:
                 error = file_error(failure, f"writing the export failed: {failure.strerror}")
         agree(self.comm, error)
-        self.seconds["export"] += time.perf_counter() - clock
+        spent = {"export": time.perf_counter() - clock}
         clock = time.perf_counter()
         problem = linearized(assemble(place, self.comm), self.settings, self.comm)
-        self.seconds["setup"] += time.perf_counter() - clock
+        spent["setup"] = time.perf_counter() - clock
+        self.spent[key or tuple(sorted(changes.items()))] = spent
+        for stage, seconds in spent.items():
+            self.seconds[stage] += seconds
         return problem
 
     def run(self, settings: Settings, stride: int = 1, **changes) -> Level:
@@ -122,9 +142,10 @@ class Levels:
                 steps.append(step)
         finally:
             products = problem.operator.products - before
+            spent = time.perf_counter() - clock
             self.products += products
-            self.seconds["solve"] += time.perf_counter() - clock
-        return Level(*record.quantities(), products, solver, steps, record.singular_places())
+            self.seconds["solve"] += spent
+        return Level(*record.quantities(), products, solver, steps, record.singular_places(), spent)
 
     def close(self) -> None:
         """Remove what is left of the exports."""
@@ -185,14 +206,21 @@ class Companions:
             return False
         return True
 
-    def _values(self, mesh: dict, stride: int = 1, settings: Settings | None = None) -> dict | None:
-        """Quantities of a run on a mesh, None and a note if it fails."""
+    def level(self, mesh: dict, stride: int = 1, settings: Settings | None = None,
+              quiet: bool = False) -> Level | None:
+        """A run on a mesh, None and, unless `quiet`, a note if it fails."""
         try:
-            return self.levels.run(settings or self.settings, stride, **mesh).values
+            return self.levels.run(settings or self.settings, stride, **mesh)
         except DriverError as problem:
             words = " ".join(name_of(*change) for change in mesh.items())
-            self.notes.append(f"companion {words}: {problem}")
+            if not quiet:
+                self.notes.append(f"companion {words}: {problem}")
             return None
+
+    def _values(self, mesh: dict, stride: int = 1, settings: Settings | None = None) -> dict | None:
+        """Quantities of a run on a mesh, None and a note if it fails."""
+        level = self.level(mesh, stride, settings)
+        return level and level.values
 
     def remedies(self) -> dict[str, str]:
         """For every part the setting that lowers it, as on the command line."""
@@ -208,16 +236,20 @@ class Companions:
 
     def parts(self) -> dict[str, dict[str, Part]]:
         """Part by source and quantity."""
-        effects, tight = self.effects, {"rtol": self.settings.rtol / TIGHTER}
+        effects, settings = self.effects, self.settings
+        tight = {"rtol": settings.rtol / TIGHTER}
+        earned = {"primal_rtol": min(settings.primal_rtol,
+                                     max(settings.primal_rtol / TIGHTER, EARNED))}
         parts = {"mesh": self._mesh()}
         if effects.quasistatic and (effects.frictional or self.at < self.manifest.steps - 1):
             parts["time"] = self._time()
         if effects.pressure_bounds_friction:
-            settled = min(self.settings.friction_rtol / TIGHTER, SETTLED)
-            parts["friction"] = self._algebraic(tight, {"friction_rtol": settled})
-        return parts | {"solver": self._algebraic({}, tight)}
+            settled = min(settings.friction_rtol / TIGHTER, SETTLED)
+            parts["friction"] = self._algebraic(tight, earned | {"friction_rtol": settled})
+            return parts | {"solver": self._algebraic({}, tight)}
+        return parts | {"solver": self._algebraic({}, tight | earned)}
 
-    def _stride(self, wanted: int) -> int:
+    def stride(self, wanted: int) -> int:
         """The largest of 4, 2, 1 up to `wanted` that leaves a step."""
         return max(stride for stride in (1, 2, 4) if stride <= min(wanted, self.manifest.steps))
 
@@ -225,7 +257,7 @@ class Companions:
         """Coarser meshes; the coarsest against the middle one, at every second time."""
         runs = [(self.values, self._values(self.meshes[1]))] if len(self.meshes) > 1 else []
         if len(self.meshes) > 2:
-            runs.append([self._values(mesh, self._stride(2)) for mesh in self.meshes[1:]])
+            runs.append([self._values(mesh, self.stride(2)) for mesh in self.meshes[1:]])
         parts = self._parts("mesh", runs, self.ratios)
         value, part = self.values["displacement"], parts["displacement"]
         unseen = part.error is not None and part.error <= ROUNDING * value
@@ -272,14 +304,22 @@ class Companions:
         contact forces answer to a residual like the condition of their problem, one over the size
         of elements.
         """
-        loose, stride = dataclasses.replace(self.settings, **first), self._stride(4)
+        loose, stride = dataclasses.replace(self.settings, **first), self.stride(4)
         scale = stride * (self.ratios[0] if self.base else 1.0)
-        before, after = (self._values(self.base, stride, settings)
+        before, after = (self._settled(stride, settings)
                          for settings in (loose, dataclasses.replace(loose, **then)))
         if before is None or after is None:
             unknown = Part(None, note="the companion with tighter tolerances failed")
             return dict.fromkeys(self.values, unknown)
         return {name: Part(scale * abs(before[name] - after[name])) for name in self.values}
+
+    def _settled(self, stride: int, settings: Settings) -> dict | None:
+        """As `_values` on the base mesh, where rounding allows it with the residuals asked for."""
+        try:
+            return self.levels.run(settings, stride, **self.base).values
+        except DriverError:
+            as_run = dataclasses.replace(settings, primal_rtol=self.settings.primal_rtol)
+            return self._values(self.base, stride, as_run)
 
     def _parts(self, source: str, runs: list, ratios: list[float]) -> dict[str, Part]:
         """Parts from pairs of finer and coarser runs, finest first, up to one that failed."""
@@ -294,10 +334,11 @@ class Companions:
 
 
 def assess(levels: Levels, problem: Problem, settings: Settings, values: dict, at: int,
-           singular=()) -> dict:
+           singular=(), priced=None) -> dict:
     """The error budget of a run with quantities `values` at the step with index `at`.
 
-    `singular`: those that belong to a place where they may be infinite.
+    `singular`: those that belong to a place where they may be infinite. `priced`(companions, parts,
+    budget) makes the entry `prices`, if there is to be one.
 
     {"quantities": ..., "advice": ..., "notes": ...}: errors are absolute, `relative` is the total
     relative to the value; None where a part is not known. Collective.
@@ -306,5 +347,6 @@ def assess(levels: Levels, problem: Problem, settings: Settings, values: dict, a
     parts = companions.parts()
     budget = {name: summed({source: part[name] for source, part in parts.items()}, value)
               for name, value in values.items()}
-    return {"quantities": budget, "advice": advice(budget, companions.remedies()),
-            "notes": companions.notes}
+    entry = {"quantities": budget, "advice": advice(budget, companions.remedies()),
+             "notes": companions.notes}
+    return entry | ({"prices": priced(companions, parts, budget)} if priced else {})

@@ -173,12 +173,12 @@ class Validity:
             xy, u = b.xy[touching], moved[b.gid[touching]]
             if b.paired[here[0]]:
                 others = [two for one, two in pairs if one == b.label[here[0]]]
-                true, normal = self._from_other(others, xy, u, place, moved, touching)
+                true, turn = self._from_other(others, xy, u, place, moved, touching)
             else:
                 true, normal = self._from_obstacle(here, xy + u)
-            if true is None:
-                continue
-            turn = np.arccos(np.clip(-(normal * b.normal[touching]).sum(axis=1), -1.0, 1.0))
+                if true is None:
+                    continue
+                turn = _angle(normal, b.normal[touching])
             error = np.abs(true - used) / length
             for name, values in (("largest_normal_error", error), ("normal_turn", turn)):
                 k = int(values.argmax())
@@ -194,7 +194,7 @@ class Validity:
         return (None, None) if curve is None else curve.distance(displaced)
 
     def _from_other(self, labels: list, xy, u, place, moved, touching):
-        """The same from the boundaries `labels` of other bodies, compared as the mortar sees it.
+        """Distances from the boundaries `labels` of other bodies, and turns of their normals.
 
         What polygons lack of curved boundaries is there before any load and does not count.
         """
@@ -207,10 +207,12 @@ class Validity:
         start, end = np.where(back, end, start), np.where(back, start, end)
         now = true_distance.polygon(place[start] + moved[start], place[end] + moved[end])
         true, normal = now.distance(xy + u)
+        turn = _angle(normal, own)
         if self.boundary.about is None:
-            before, _ = true_distance.polygon(place[start], place[end]).distance(xy)
+            before, normal = true_distance.polygon(place[start], place[end]).distance(xy)
             true = true - before + self.boundary.gap[touching]
-        return true, normal
+            turn = np.maximum(turn - _angle(normal, own), 0.0)
+        return true, turn
 
     # ---- overlaps --------------------------------------------------------------------------------
     def _check_overlaps(self, step, place, moved) -> None:
@@ -279,6 +281,11 @@ class Validity:
         x, y = worst.place
         return (f"{what} at ({x:.4g}, {y:.4g}) in step {worst.step}, but {granted}: "
                 f"{remedy.format(remedy=remedies)}")
+
+
+def _angle(normal: np.ndarray, used: np.ndarray) -> np.ndarray:
+    """(n,) angles between normals (n, 2) of what is met and those of the body, which oppose."""
+    return np.arccos(np.clip(-(normal * used).sum(axis=1), -1.0, 1.0))
 
 
 def _deformation(sub, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

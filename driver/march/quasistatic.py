@@ -38,7 +38,8 @@ CANCELLED = 1e-8  # part of the extent below which deformation is rounding: cont
 SETTLINGS = 5  # of bodies without support, whose multipliers follow, in a step
 LAST_PART = 1e-6  # of tolerances, below which tightening must at least halve the residuals
 NEARLY = 1e-3  # imbalance of bodies without support up to which exacter QPs may settle them
-CARRIED = ("counts", "residuals", "steps", "warnings", "contraction", "seconds")  # of a History
+CARRIED = ("counts", "residuals", "steps", "warnings", "contraction", "seconds",
+           "examining")  # of a History
 
 
 class QuasistaticSolver:
@@ -269,6 +270,7 @@ class QuasistaticSolver:
         search.failure = CHANGING if self.effects.coefficient_changes else too_many(nodes)
         if search.failure:
             return
+        clock = time.perf_counter()
         try:
             problem = self.condensation.problem(load, x, gradient)
         except NotConverged as error:
@@ -277,6 +279,9 @@ class QuasistaticSolver:
         weight = self.operator.structure.contact.weight[self.condensation.nodes]
         search.examine(index, problem, self.condensation.gather(x), weight,
                        self.rows.corners is None)
+        spent = time.perf_counter() - clock
+        self.history.examining += spent
+        self.history.seconds -= spent  # the step's, to which all of its time is added
 
     def _into_cone(self, d, x, gradient, sliding):
         """Multipliers put exactly into the cone of their own pressures, their gradient, the change.

@@ -70,7 +70,8 @@ class History:
     warnings: list = field(default_factory=list)
     fallbacks: Fallbacks = field(default_factory=Fallbacks)
     contraction: float = 0.0  # worst of the steps
-    seconds: float = 0.0
+    seconds: float = 0.0  # of the steps, without those of ...
+    examining: float = 0.0  # ... the search for other solutions
 
 
 class StepFailed(DriverError):

@@ -3,7 +3,7 @@
 import json
 from pathlib import Path
 
-from ..estimates import budget
+from ..estimates import budget, prices
 from ..files import renamed
 from ..results.tables import BOUNDARIES, PROBES
 from ..units import generic
@@ -33,6 +33,8 @@ def write(directory: Path) -> Path:
     with renamed(path) as hidden:
         hidden.write_text(page.page(title, [
             *_verdict(summary), page.section("Quantities", *_quantities(summary)),
+            page.section("The price of the next digit",
+                         *_prices(summary.get("errors", {}).get("prices"))),
             page.section("Contact boundaries, last step",
                          _rows(summary, "boundaries", "boundary", BOUNDARIES)),
             page.section("Probes, last step", _rows(summary, "probes", "probe", PROBES)),
@@ -87,6 +89,15 @@ def _quantities(summary: dict) -> list[str]:
             page.bullets([*dict.fromkeys(notes), *errors.get("notes", [])]),
             page.paragraph(errors.get("advice", "")),
             *map(page.paragraph, budget.describe_energy(errors.get("energy", {})))]
+
+
+def _prices(found: dict | None) -> list[str]:
+    """What the digits of a quantity would take; where there is no such list, why."""
+    lines = prices.describe(found)
+    if not found or not found["lines"]:
+        return list(map(page.paragraph, lines))
+    head, *rows = prices.table(found)
+    return [page.paragraph(f"{lines[0].capitalize()}."), page.table(head, rows)]
 
 
 def _rows(summary: dict, key: str, first: str, columns: tuple) -> str:

@@ -113,6 +113,7 @@ class Summary:
     seconds: dict = entry("wall time of the stages", "s", parts={
         "export": "FreeFEM", "read": "reading its export", "setup": "reduction to the interfaces",
         "solve": "all time steps, those before an interruption included",
+        "uniqueness": "search for other solutions of the steps, where there was one",
         "output": "contact quantities and fields",
         "validity": "checks of the model's assumptions",
         "energy_error": "error in the energy norm", "estimates": "error budget", "total": "the sum",
@@ -126,7 +127,10 @@ class Summary:
     errors: dict | None = entry("estimated errors", optional=True, parts={
         "energy": "in the energy norm: kind, step, parts, total, norm, relative, largest, excluded",
         "quantities": "budget of every quantity: value, its parts, total, relative",
-        "advice": "what would lower the largest part", "notes": "companions that could not be run"})
+        "advice": "what would lower the largest part", "notes": "companions that could not be run",
+        "prices": "of QUANTITY: its error now, and lines with accuracy, settings, predicted "
+                  "seconds, seconds_bare (without estimates), memory_mib, and what other kinds of "
+                  "meshes would take; or the reason why there are none"})
     quantities: dict | None = entry("quantities of interest", "see quantities.py", optional=True)
     quantities_time: float | None = entry("the time they belong to", "time", optional=True)
     boundaries: list | None = entry(

@@ -20,12 +20,11 @@ may agree by accident. It is meant to be met in at least 95 of 100 cases.
 """
 
 import dataclasses
-import math
 
 from ..effects import Effects
 from ..effects.quasistatic import proportional
 from ..errors import DriverError, InputError, NoSolution, NotConverged
-from ..estimates.budget import (CAUTION, FORMAL, SOURCES, UNBOUNDED, Part, extrapolate,
+from ..estimates.budget import (CAUTION, FORMAL, SOURCES, UNBOUNDED, Part, extrapolate, finer,
                                 formal_order, main_quantity, mesh_knob, name_of, ratio, share,
                                 summed, vanishing)
 
@@ -224,7 +223,7 @@ class Search:
                 if self.coarsening <= 1:
                     raise
                 self.coarsening /= 2
-                self.sizes[0] = self._finer(self.sizes[0], 2.0)
+                self.sizes[0] = finer(self.knob, self.sizes[0], 2.0)
 
     def _next(self, entry: dict) -> float:
         """The next mesh size: its estimate is to use up ROOM of what other parts leave."""
@@ -236,19 +235,12 @@ class Search:
             order = min(max(entry.get("mesh_order", 1.0), 0.7), FORMAL["mesh"][self.first.element])
             most = 2.0 if len(self.sizes) < 3 else 4.0
             factor = min(max((entry["mesh"] / room) ** (1 / order), 1.25), most)
-        return self._finer(self.sizes[-1], factor)
-
-    def _finer(self, size, factor):
-        """`size` refined by about `factor`, as a number that people would type."""
-        if self.knob == "cells":
-            return max(size + 1, math.ceil(size * factor - 1e-9))
-        digits = 1 - math.floor(math.log10(size / factor))
-        return min(math.floor(size / factor * 10**digits + 1e-9) / 10**digits, size)
+        return finer(self.knob, self.sizes[-1], factor)
 
     def run(self):
         """Search, leaving the finest run. Raises InputError, NoSolution or NotConverged."""
         self._skip_unsolved()
-        self.sizes.append(self._finer(self.sizes[0], 2.0))
+        self.sizes.append(finer(self.knob, self.sizes[0], 2.0))
         self.name = self._name(self._values(self.sizes[-1]))
         if self._memoryless(self.sizes[-1]):
             self.stride = self.total

@@ -20,6 +20,7 @@ class Request:
     fields: bool = True  # write the fields for ParaView
     errors: str = "yes"  # estimates of all errors, "energy": that of the energy norm alone, or "no"
     accuracy: tuple[float, str] | None = None  # relative error to reach, and the quantity
+    quantity: str = ""  # whose price the run ends with; by default the first
     cycles: tuple[str, ...] = ()  # directories of the refinement cycles before this run
     refine: bool = False  # this is such a cycle: leave the element sizes of the next mesh
     study: str = ""  # parameter of a study ...
@@ -32,7 +33,8 @@ class Request:
         """The request of `run` (a runs.run.Run); `parts` are further entries, or other ones."""
         entries = {"scene": run.scene.stem, "script": str(run.scene), "parameters": run.parameters,
                    "settings": run.settings, "without": run.without, "quiet": run.quiet,
-                   "fields": run.fields, "errors": run.errors, "accuracy": run.accuracy}
+                   "fields": run.fields, "errors": run.errors, "accuracy": run.accuracy,
+                   "quantity": run.quantity}
         return cls(**entries | parts)
 
     def write(self, directory: Path) -> None:

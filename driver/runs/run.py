@@ -13,7 +13,7 @@ from pathlib import Path
 
 from .. import options
 from ..errors import PARTIAL, InputError, error_of, shortage
-from ..estimates import adaptivity, budget
+from ..estimates import adaptivity, budget, prices
 from ..march.checkpoint import fingerprint
 from ..options import RESULTS
 from ..report import run as report
@@ -43,6 +43,7 @@ class Run:
     adapt: int = 0
     errors: str = "yes"
     accuracy: tuple[float, str] | None = None
+    quantity: str = ""
 
     @classmethod
     def from_pairs(cls, pairs: dict[str, str]) -> "Run":
@@ -57,7 +58,7 @@ class Run:
         if given["animate"] and not given["fields"]:
             raise InputError("ANIMATE=yes needs the fields: leave FIELDS=no out")
         names = ("without", "fields", "figures", "animate", "quiet", "resume", "adapt", "errors",
-                 "accuracy")
+                 "accuracy", "quantity")
         return cls(scene, given["out"] or RESULTS / scene.stem, given["np"], given.settings,
                    given.parameters, **{name: given[name] for name in names})
 
@@ -223,6 +224,7 @@ def describe(summary: dict, out: Path) -> str:
              *screen.boundaries(summary.get("boundaries", []), summary["units"]),
              *screen.probes(summary.get("probes", []), summary["units"]),
              *budget.describe(summary.get("errors", {}), summary["units"]),
+             *prices.describe(summary.get("errors", {}).get("prices")),
              *screen.warnings(summary["warnings"])]
     return "\n  ".join(lines)
 
@@ -235,7 +237,7 @@ def never_mattered(ledger: dict[str, dict]) -> list[str]:
 
 def _seconds(seconds: dict) -> str:
     """Seconds of the stages in words."""
-    stages = {"FreeFEM": "export", "setup": "setup", "solve": "solve", "output": "output",
-              "error estimates": "estimates"}
+    stages = {"FreeFEM": "export", "setup": "setup", "solve": "solve",
+              "other solutions": "uniqueness", "output": "output", "error estimates": "estimates"}
     parts = [f"{title} {seconds[name]:.2f}" for title, name in stages.items() if name in seconds]
     return f"{seconds['total']:.2f} s ({', '.join(parts)})"

@@ -7,7 +7,7 @@ import traceback
 from pathlib import Path
 
 from ..environment import EVERY_STEP
-from ..errors import DriverError, agreed_writes, shortage
+from ..errors import DriverError, InputError, agreed_writes, shortage
 from ..estimates import adaptivity, between_steps, soundness, validity
 from ..estimates.energy import EnergyEstimator, report
 from ..march.problem import Problem, assemble
@@ -78,9 +78,10 @@ def run(directory: Path, request: Request, comm) -> tuple[int, str]:
     Goes on from a checkpoint in `directory`, if there is one. Exit status and reason are the same
     on every rank; collective. Raises DriverError on all ranks where there is nothing to keep.
     """
-    lap = Laps(request.seconds)
+    lap, idle = Laps(request.seconds), summary.largest_memory(comm)
     seconds, settings = lap.seconds, Settings(**request.settings)
     problem = linearized(assemble(directory / "export", comm, lap), settings, comm)
+    _check_quantity(request, problem)
     solver = problem.solver(settings)
     lap("setup")
     writer = Writer(directory, problem.manifest, problem.operator, solver, request.fields)
@@ -89,8 +90,11 @@ def run(directory: Path, request: Request, comm) -> tuple[int, str]:
     resumed, before, failure = _march(directory, request, problem, solver, writer, estimator)
     memory = summary.largest_memory(comm)
     lap("output")
-    seconds["output"] -= solver.history.seconds - before  # of this process
-    seconds["solve"] = solver.history.seconds  # of all steps
+    history = solver.history
+    seconds["output"] -= history.seconds + history.examining - before  # of this process
+    seconds["solve"] = history.seconds  # of all steps
+    if history.examining:
+        seconds["uniqueness"] = history.examining
     valid, doubt = _validity(directory, problem, writer, estimator)
     lap("validity")
     status, reason = (failure.exit_status, str(failure)) if failure else (0, "")
@@ -108,8 +112,17 @@ def run(directory: Path, request: Request, comm) -> tuple[int, str]:
         leave(None, f"{NO_ESTIMATES}: a rank of the solver failed")
         if comm.rank == 0:
             launch.write_answer(directory, status, reason)
-    leave(*_estimated(directory, request, problem, failure, writer, estimator, lap))
+    leave(*_estimated(directory, request, problem, failure, writer, estimator, lap,
+                      (memory, idle)))
     return status, reason
+
+
+def _check_quantity(request: Request, problem: Problem) -> None:
+    """Raise InputError where the scene has not the quantity whose price is asked for."""
+    names = problem.effects.quantities
+    if request.quantity and request.quantity not in names:
+        raise InputError(f"QUANTITY={request.quantity}: the scene has no such quantity; it has "
+                         f"{', '.join(names)}")
 
 
 def _march(directory: Path, request: Request, problem: Problem, solver: QuasistaticSolver,
@@ -122,7 +135,7 @@ def _march(directory: Path, request: Request, problem: Problem, solver: Quasista
     checkpoints = Checkpoints(directory, request.fingerprint, solver)
     for step in checkpoints.restore():
         estimator.consider(step, *writer.add(step, replayed=True))
-    resumed, before = history.steps, history.seconds
+    resumed, before = history.steps, history.seconds + history.examining
     with agreed_writes(comm):
         progress = _progress(directory, request, problem, resumed, comm)
 
@@ -196,7 +209,7 @@ def _estimated(directory: Path, request: Request, *parts) -> tuple[dict | None, 
 
 def _estimate(errors: dict, directory: Path, request: Request, problem: Problem,
               failure: DriverError | None, writer: Writer, estimator: EnergyEstimator,
-              lap: Laps) -> None:
+              lap: Laps, memory: tuple[float, float]) -> None:
     """Fill the entry `errors` of the summary as far as `request` asks for it; collective."""
     if request.errors == "no" or failure and failure.exit_status == 3:
         return
@@ -209,7 +222,7 @@ def _estimate(errors: dict, directory: Path, request: Request, problem: Problem,
         _next_mesh(directory, estimator, estimates)
     lap("energy_error")
     if request.errors == "yes" and not failure:
-        errors |= _budget(directory, request, problem, writer)
+        errors |= _budget(directory, request, problem, writer, lap, memory)
         lap("estimates")
 
 
@@ -222,16 +235,28 @@ def _next_mesh(directory: Path, estimator: EnergyEstimator, estimates: list) -> 
                                  elements.DEGREE[estimator.manifest.element])
 
 
-def _budget(directory: Path, request: Request, problem: Problem, writer: Writer) -> dict:
-    """Error budget in the quantities of interest, from companions of the finished run."""
+def _budget(directory: Path, request: Request, problem: Problem, writer: Writer, lap: Laps,
+            memory: tuple[float, float]) -> dict:
+    """Error budget in the quantities of interest, from companions of the finished run, and prices.
+
+    `lap` has its seconds so far, `memory` its MiB, and those before anything was read.
+    """
+    from ..estimates.alternatives import price_list
     from ..estimates.levels import Levels, assess
+    from ..estimates.prices import Measured
 
     settings = Settings(**{**request.settings, "uniqueness": "no"})
     levels = Levels(Path(request.script), request.parameters, directory / "companions",
                     writer.operator.comm, settings, [Path(place) for place in request.cycles],
                     request.without)
+    took = Measured.of(lap.seconds, problem.manifest)
+
+    def priced(companions, parts: dict, budget: dict) -> dict:
+        return price_list(companions, parts, budget, request.quantity, took, *memory,
+                          lambda: time.perf_counter() - lap.last)
+
     try:
         return assess(levels, problem, settings, *writer.record.quantities(),
-                      writer.record.singular_places())
+                      writer.record.singular_places(), priced)
     finally:
         levels.close()

@@ -10,6 +10,7 @@ from pathlib import Path
 from .. import options
 from ..errors import DriverError, InputError
 from ..files import write_table
+from ..runs.guard import study_folder
 from .case import NO_SOLUTION, Case, Check, refusal, solve
 
 MODULES = ("plane", "friction", "revolution")
@@ -35,8 +36,7 @@ def run_suite(pairs: dict[str, str]) -> list[Path]:
     if not chosen:
         names = ", ".join(case.name for case in cases())
         raise InputError(f"no case has '{given['case']}' in its name; there are {names}")
-    folder, clock = given["out"].absolute(), time.perf_counter()
-    folder.mkdir(parents=True, exist_ok=True)
+    folder, clock = study_folder(given["out"], "verify"), time.perf_counter()
     rows, curves = judged(chosen, folder, given["jobs"])
     table = write_table(folder / "report.csv", rows, COLUMNS)
     from ..figures.verify import draw

@@ -57,6 +57,23 @@ include "export.idp"
 '''
 
 
+BUSH = HEAD.replace('"2x2"', '"4"') + '''real h = meshSize(2.);
+int inner = rint(2*pi*10/h), outer = rint(2*pi*10/(1.3*h));
+border pin(t=0, 2*pi) { x = 10*cos(t); y = 10*sin(t); label = 1; }
+border bore(t=0, 2*pi) { x = 4*cos(t); y = 4*sin(t); label = 2; }
+border hole(t=0, 2*pi) { x = 10*cos(t + 0.05); y = 10*sin(t + 0.05); label = 3; }
+border rim(t=0, 2*pi) { x = 16*cos(t); y = 16*sin(t); label = 4; }
+addBody(buildmesh(pin(inner) + bore(-inner/2)))
+addBody(buildmesh(rim(outer) + hole(-outer)))
+macro young() 2000. //
+macro poisson() 0.3 //
+macro support() on(4, u1 = 0., u2 = 0.) //
+macro displacement1() on(2, u1 = 0., u2 = -1e-4) //
+macro contactPair() 1, 3 //
+include "export.idp"
+'''
+
+
 @pytest.fixture(scope="module")
 def verdict(solved, tmp_path_factory):
     """verdict(text, **options): entry `validity` of a run, its warnings and its status."""
@@ -168,6 +185,17 @@ def test_rigid_motion_of_a_free_body_is_no_strain(solved):
     run = solved("slope")
     entry = run.summary["validity"]
     assert entry["verdict"] == "ok" and entry["largest_strain"] < 1e-5
+
+
+def test_what_polygons_lack_of_a_curve_is_there_before_the_load(verdict):
+    """A pin in a bush of its size, with other vertices: the polygons are up to h^2/(8 R) = 0.05
+    apart before anything moves, of which contact conditions know. What the displacement of 1e-4
+    adds is slip times the turn of a chord at its ends, h/(2 R) = 0.13, over a length of 20 at
+    least.
+    """
+    entry, _, _ = verdict(BUSH)
+    assert entry["largest_normal_error"] < 0.13 * 1e-4 / 20 * 2
+    assert entry["verdict"] == "ok"
 
 
 @pytest.mark.parametrize("scene", ["bar", "hertz-bodies", "pin", "pressfit", "stack", "tutorial",

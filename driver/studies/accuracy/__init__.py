@@ -1,8 +1,9 @@
 """make accuracy: which error of a scene comes from which setting, and what each digit takes.
 
-`sweeps` plans and runs, `reference` says what the quantities are, `cheapest` judges the runs. Three
+`sweeps` plans and runs, `reference` says what the quantities are, `cheapest` judges the runs. Some
 more parts have scenes of their own: `locking`, elements near incompressibility, `stopping`,
-tolerances from the error budget, and `coverage`, whether claimed errors hold.
+tolerances from the error budget, `coverage`, whether claimed errors hold, and `prices`, whether
+what the next digit is said to take holds.
 """
 
 from pathlib import Path
@@ -12,7 +13,7 @@ from ...errors import InputError
 from ...runs.guard import study_folder
 
 UNREAD = {"sweeps": ("rows",), "locking": ("rows", "scene"), "stopping": ("scene",),
-          "coverage": ("rows",)}
+          "coverage": ("rows",), "prices": ("rows",)}
 
 
 def run_accuracy(pairs: dict[str, str]) -> list[Path]:
@@ -30,14 +31,17 @@ def run_accuracy(pairs: dict[str, str]) -> list[Path]:
         from .sweeps import run_sweeps
 
         return run_sweeps(pairs)
+    out = study_folder(given["out"] or options.RESULTS / "accuracy" / part, "accuracy")
     if part == "coverage":
         from .coverage import run_coverage
 
-        out = study_folder(given["out"] or options.RESULTS / "accuracy" / part, "accuracy")
         return run_coverage(out, given["scene"])
+    if part == "prices":
+        from .prices import run_prices
+
+        return run_prices(out, given["scene"])
     environment.start_petsc()
     from .locking import run_locking
     from .stopping import run_stopping
 
-    out = study_folder(given["out"] or options.RESULTS / "accuracy" / part, "accuracy")
     return run_locking(out) if part == "locking" else run_stopping(given["rows"], out)

@@ -108,11 +108,7 @@ def run_coverage(out: Path, scene: str | None) -> list[Path]:
     """
     from ...figures.coverage import draw
 
-    cases = [case for case in CASES if scene in (None, case.scene)]
-    if not cases:
-        names = ", ".join(dict.fromkeys(case.scene for case in CASES))
-        raise InputError(f"PART=coverage has no runs of {scene}; it has {names}")
-    rows = []
+    cases, rows = chosen(CASES, scene), []
     for number, case in enumerate(cases, 1):
         own = judge(case, out)
         rows += own
@@ -124,6 +120,15 @@ def run_coverage(out: Path, scene: str | None) -> list[Path]:
             print(f"  {row['scene']} {row['setting']}: {words(row['quantity'])} claimed "
                   f"{percent(row['claimed'])}, true {percent(row['true'])}")
     return [table, *draw(table)]
+
+
+def chosen(cases, scene: str | None) -> list[Case]:
+    """The cases of a scene, or all. Raises InputError if there are none."""
+    own = [case for case in cases if scene in (None, case.scene)]
+    if not own:
+        names = ", ".join(dict.fromkeys(case.scene for case in cases))
+        raise InputError(f"this part of the study has no runs of {scene}; it has {names}")
+    return own
 
 
 def judge(case: Case, out: Path) -> list[dict]:
@@ -168,16 +173,21 @@ def _verdict(entry: dict, reference: float, uncertainty: float, zero: bool) -> d
 
 def _values(case: Case, settings: dict, out: Path) -> tuple[dict, dict]:
     """Quantities of a run and the budget of their errors; empty if it failed."""
+    summary = summary_of(case, settings, out)
+    return summary.get("quantities", {}), summary.get("errors", {}).get("quantities", {})
+
+
+def summary_of(case: Case, settings: dict, out: Path) -> dict:
+    """Summary of a run with settings beside those of all runs of a case; empty if it failed."""
     pairs = {name: str(value) for name, value in (case.common | settings).items()}
     with tempfile.TemporaryDirectory(prefix=".run.", dir=out) as folder:
         try:
-            summary = execute(Run.from_pairs({
+            return execute(Run.from_pairs({
                 "figures": "no", "fields": "no", "quiet": "yes", **pairs,
                 "scene": str(freefem.find_scene(case.scene)), "out": f"{folder}/run"}))
         except DriverError as problem:
             print(f"  {case.scene} {pairs}: {problem}", flush=True)
-            return {}, {}
-    return summary["quantities"], summary.get("errors", {}).get("quantities", {})
+            return {}
 
 
 def describe(rows: list[dict]) -> str:

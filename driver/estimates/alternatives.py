@@ -1,0 +1,236 @@
+"""Runs on other kinds of meshes beside one run, for the price list of its accuracy (prices.py).
+
+A run with linear elements gets companions with quadratic ones on meshes four and eight times as
+coarse, a quadratic one with linear elements on meshes as fine and half as fine; a uniform one a
+companion that is refined once by the error in the energy norm of its coarsest one. They have every
+fourth step of the run. Their errors are bounded from both sides by their distance from the run:
+what their own sequence tells counts only in between.
+"""
+
+import dataclasses
+
+import numpy as np
+
+from ..errors import DriverError, agreed_writes
+from ..results.contact_state import ContactState
+from ..scene import elements
+from . import adaptivity, prices
+from .budget import Part, coarser, extrapolate, formal_order, ratio, vanishing
+from .energy import EnergyEstimator
+from .prices import Adaptive, Costs, Measured, Quantity, Uniform, Whole
+
+OTHER = {"P1": "P2", "P2": "P1"}  # P2-mixed: materials in which linear elements lock
+# by the elements of the other kind, halvings of its meshes from that of the run: quadratic ones
+# have like errors where they are coarser
+HALVINGS = {"P2": (2, 3), "P1": (0, 1)}
+RATE = 1.0  # order expected where none was observed
+# the same of cycles of adaptive refinement, by degree, if they are like halved sizes. Functionals
+# should gain twice the degree there; on coarse meshes they do not yet
+ADAPTIVE = {1: 1.0, 2: 1.5}
+
+
+class Alternatives:
+    """Kinds of meshes for one quantity of a run. Collective."""
+
+    def __init__(self, companions, parts: dict[str, dict[str, Part]], name: str, run: Measured):
+        """`companions` of the run, `parts` of its budget; `run` is what it has taken itself."""
+        self.companions, self.name, self.run = companions, name, run
+        self.levels, self.manifest = companions.levels, companions.manifest
+        self.knob, self.mesh = companions.knob, parts["mesh"][name]
+        self.parts = {source: part[name] for source, part in parts.items()}
+        self.stride = companions.stride(4)
+        self.took: dict = {}  # runs by kind of mesh
+
+    # ---- what was measured -----------------------------------------------------------------------
+    def _unknowns(self, **mesh) -> float:
+        return 2.0 * self.levels.problem(**mesh).manifest.nodes
+
+    def _measured(self, mesh: dict, stride: int, **changes) -> list[Measured]:
+        """What a companion took, nothing if it was not run."""
+        key = tuple(sorted({**mesh, **changes}.items()))
+        level = self.companions.level({**mesh, **changes}, stride)
+        if level is None or key not in self.levels.spent:
+            return []
+        seconds = {**self.levels.spent[key], "solve": level.seconds}
+        return [Measured(self._unknowns(**mesh, **changes), len(level.steps), seconds)]
+
+    def _apart(self, values: dict, mesh: dict, stride: int) -> float | None:
+        """Distance of a value from that of a companion of the run's own kind."""
+        level = self.companions.level(mesh, stride)
+        return None if level is None else abs(values[self.name] - level.values[self.name])
+
+    def _errors(self) -> list[float]:
+        """Of the run and its companions on coarser meshes, up to one that has failed."""
+        errors = [self.mesh.error]
+        for fine, coarse, stride in zip(self.companions.meshes, self.companions.meshes[1:],
+                                        (1, self.companions.stride(2))):
+            run = self.companions.level(coarse, stride)
+            apart = None if run is None else self._apart(run.values, fine, stride)
+            if apart is None:
+                break
+            errors.append(errors[-1] + apart)
+        return errors
+
+    # ---- kinds -----------------------------------------------------------------------------------
+    def kinds(self) -> list:
+        """All kinds of meshes that the scene can have."""
+        if self.levels.cycles:
+            return self._of_cycles()
+        own = self._own()
+        kinds = [kind for kind in (own, self._other(own), self._refined(own)) if kind]
+        everything = [run for runs in self.took.values() for run in runs]
+        for kind in kinds:
+            kind.costs = Costs(self.run, self.took[kind.name], everything)
+        return kinds
+
+    def _own(self) -> Uniform:
+        errors = self._errors()
+        meshes = self.companions.meshes[: len(errors)]
+        runs = []
+        for mesh, stride in zip(meshes[1:], (1, self.companions.stride(2))):
+            runs += self._measured(mesh, stride)
+        size, element = self.manifest.parameters[self.knob], self.manifest.element
+        self.took[element] = runs
+        return Uniform(element, self.knob, [size, *(mesh[self.knob] for mesh in meshes[1:])],
+                       errors, self._unknowns(), self.mesh.rate,
+                       words={} if element == "P1" else {"ELEMENT": element})
+
+    def _other(self, own: Uniform) -> Uniform | None:
+        """The other order of elements."""
+        element = OTHER.get(self.manifest.element)
+        if element is None:
+            return None
+        sizes, halvings = [own.sizes[0]], HALVINGS[element]
+        while len(sizes) <= max(halvings) and (size := coarser(self.knob, sizes[-1])):
+            sizes.append(size)
+        sizes = [sizes[min(k, len(sizes) - 1)] for k in halvings]
+        changes = {"element": element}
+        runs = {size: self.companions.level({self.knob: size, **changes}, self.stride, quiet=True)
+                for size in dict.fromkeys(sizes)}
+        sizes = [size for size, level in runs.items() if level]
+        if not sizes:
+            return None
+        values = [runs[size].values[self.name] for size in sizes]
+        ratios = [ratio(self.knob, b, a) for a, b in zip(sizes, sizes[1:])]
+        part = extrapolate([a - b for a, b in zip(values, values[1:])], ratios,
+                           formal_order("mesh", element, self.name), values[0], True)
+        self.took[element] = [run for size in sizes for run in self._measured(
+            {self.knob: size}, self.stride, **changes)]
+        errors = [self._within(values[0], part.error, own)]
+        for a, b in zip(values, values[1:]):
+            errors.append(errors[-1] + abs(a - b))
+        return Uniform(element, self.knob, sizes, errors,
+                       self._unknowns(**{self.knob: sizes[0]}, **changes),
+                       part.rate if len(values) > 2 else RATE, words={"ELEMENT": element})
+
+    def _within(self, value: float, error: float | None, own: Uniform) -> float:
+        """An error of a companion's `value`: at least its distance from the run, and at most that
+        and the run's error.
+
+        Both have different steps: the mesh of the other companions, which was run with either,
+        tells what they make. At least: one of both errs by half of it, and it may be this one.
+        """
+        companions, name = self.companions, self.name
+        base = companions.level(companions.base, self.stride).values[name]
+        finer = companions.values[name] - companions.level(companions.base, 1).values[name]
+        apart, bound = abs(value - base - finer), own.errors[0]
+        return max(min(np.inf if error is None else error, apart + bound), apart)
+
+    def _refined(self, own: Uniform) -> Adaptive | None:
+        """Adaptive meshes, from the coarsest mesh of the run's kind."""
+        start = {self.knob: own.sizes[-1]} if len(own.sizes) > 1 else {}
+        try:
+            level, unknowns = self._refine(start)
+        except DriverError:
+            return None
+        if level is None:
+            return None
+        key = (("refined", own.sizes[-1]),)
+        self.took["ADAPT"] = [Measured(unknowns, len(level.steps), {
+            **self.levels.spent[key], "solve": level.seconds})]
+        first = self._within(level.values[self.name], None, own)
+        degree = elements.DEGREE[self.manifest.element]
+        settings = {self.knob.upper(): f"{own.sizes[-1]:g}", **own.words}
+        return Adaptive("ADAPT", settings, [own.errors[-1], first],
+                        [self._unknowns(**start), unknowns], ADAPTIVE[degree])
+
+    def _refine(self, start: dict):
+        """Level and unknowns of the run on the mesh that is refined once from that of `start`."""
+        coarse = self.companions.level(start, self.stride)
+        if coarse is None:
+            return None, 0.0
+        problem, levels = self.levels.problem(**start), self.levels
+        contact = ContactState(problem.operator, coarse.solver)
+        kind = adaptivity.coarse(dataclasses.asdict(self.companions.settings))["estimator"]
+        estimator = EnergyEstimator(problem.operator, problem.manifest, contact, kind)
+        for step in coarse.steps:
+            fields = problem.operator.deformations(step.multipliers, step.weights)
+            estimator.consider(step, contact.evaluate(step, fields), 1.0)
+        estimates = [estimate for _, estimate in estimator.estimates()]
+        place = levels.folder / "refined"
+        stem = place / adaptivity.STEM
+        with agreed_writes(levels.comm):
+            if levels.comm.rank == 0:
+                place.mkdir(parents=True)
+                adaptivity.next_mesh(stem, estimator.body.mesh, estimates,
+                                     elements.DEGREE[self.manifest.element])
+        key = (("refined", start.get(self.knob, self.manifest.parameters[self.knob])),)
+        levels.problems[key] = levels.exported(place / "export", start, stem, key)
+        level = self.companions.level(dict(key), self.stride, quiet=True)
+        return level, 2.0 * levels.problems[key].manifest.nodes
+
+    def _of_cycles(self) -> list[Adaptive]:
+        """Cycles beyond those of a run that was refined itself."""
+        errors = self._errors()[::-1]
+        unknowns = [self._unknowns(cycle=k) for k in range(len(self.levels.cycles))]
+        known = len(unknowns) + 1 - len(errors)
+        size = self.manifest.parameters[self.knob]
+        words = {} if self.manifest.element == "P1" else {"ELEMENT": self.manifest.element}
+        return [Adaptive("ADAPT", {self.knob.upper(): f"{size:g}", **words},
+                         [errors[0]] * known + errors, [*unknowns, self._unknowns()],
+                         self.mesh.rate, Costs(self.run, [], []))]
+
+    # ---- the other parts -------------------------------------------------------------------------
+    def quantity(self, value: float) -> Quantity:
+        """The quantity and its errors that do not depend on the mesh."""
+        steps, time = self.manifest.steps, self.parts.get("time")
+        times = {steps: time.error if time else 0.0}
+        if time and self.companions.effects.frictional:
+            for stride in (2, 4):
+                if steps % stride or self.companions.stride(stride) != stride:
+                    continue
+                level = self.companions.level(self.companions.base, stride)
+                apart = None if level is None else self._apart(level.values, self.companions.base,
+                                                               1)
+                if apart is not None:
+                    times[steps // stride] = times[steps] + apart
+        others = sum(self.parts[source].error for source in ("friction", "solver")
+                     if source in self.parts)
+        static = not self.companions.effects.quasistatic
+        return Quantity(self.name, value, steps, static, times, time.rate if time else 1.0, others)
+
+
+def price_list(companions, parts: dict, budget: dict, name: str, run: Measured, memory: float,
+               idle: float, spent) -> dict:
+    """Entry `prices` for the quantity `name`, by default the first with an error; collective.
+
+    `parts` and `budget` by quantity; `run`: what the run took; `memory`, `idle`: MiB of it, and
+    before it; `spent()`: seconds of the estimates so far.
+    """
+    values, errors = ({q: entry[key] for q, entry in budget.items()} for key in ("value", "total"))
+    zero = vanishing(values, errors)
+    if not name:
+        known = (q for q in budget if errors[q] is not None and q not in zero)
+        name = next(known, next(iter(budget)))
+    head = {"quantity": name, "value": values[name], "error": errors[name], "lines": []}
+    words = name.replace("_", " ")
+    if errors[name] is None:
+        return head | {"reason": f"the error of the {words} is not known"}
+    if name in zero or not values[name]:
+        return head | {"reason": f"the {words} is zero but for its error"}
+    if companions.knob is None:
+        return head | {"reason": "no parameter (CELLS, H) sets the mesh size of this scene"}
+    alternatives = Alternatives(companions, parts, name, run)
+    kinds, quantity = alternatives.kinds(), alternatives.quantity(values[name])
+    whole = Whole(run, spent(), kinds[0].costs, memory, idle)
+    return head | {"lines": companions.levels.comm.bcast(prices.lines(kinds, quantity, whole))}

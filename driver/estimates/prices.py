@@ -1,0 +1,325 @@
+"""The price of the next digit: what 10, 3, 1, 0.3 and 0.1 % of a quantity's error take.
+
+A run with an error budget ends with it: for each accuracy settings, seconds and memory that are
+predicted from what the run and its companions have measured. Three kinds of meshes are compared,
+linear and quadratic elements on uniform meshes (alternatives.py runs a coarse mesh or two of the
+kind that the run is not) and adaptive ones; the fastest is named first.
+
+error     that of the run times (size over its size)^p, p the order that its budget expects
+          (`Part.rate`); coarser settings are those that a companion has run: how far it is from the
+          run, and the error of the run. Of adaptive meshes a companion refined once by the error in
+          the energy norm tells the error, which falls like one over the number of triangles
+          (degree p: their p-th power) wherever the solution is singular
+time      likewise: every second and fourth time by their companions, more by its order
+seconds   a + b N^q by stage through what was measured at N unknowns, q below; the estimates' by
+          what their companions would take
+memory    grows with N above what an idle process has
+
+Predicted errors are claims like others: larger than the true ones. What they take for granted is
+that the settings which were run are near the limit enough for their orders to go on.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..text import aligned, words
+from .budget import finer, ratio, share
+
+ASKED = (0.1, 0.03, 0.01, 0.003, 0.001)
+STEPS = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128)  # times the run's
+MOST = 600_000  # unknowns, beyond which nothing is promised
+CYCLES = 8  # of adaptive refinement at most
+GROWTH = 4.0  # triangles of a cycle over those of the last one
+# powers of the unknowns by which seconds of the stages grow, above a constant
+POWERS = {"export": 1.0, "setup": 1.2, "solve": 1.2, "output": 1.0}
+EVERY_STEP = ("solve", "output")
+SHORTEST = 1e-4  # seconds that clocks tell from nothing
+LEVELS = (0.5, 4.0)  # factors that one kind of mesh may have on the seconds of another
+ROUGH = 0.6  # seconds of a refinement cycle's steps over those of a run: its tolerances are loose
+START = 0.1  # seconds that FreeFEM takes to start, where one mesh alone was measured
+STEP, ONCE = 0.01, 0.1  # seconds of output that a step and a run take on the smallest mesh
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What a run took: unknowns, time steps, seconds by stage (of `solve` and `output` all)."""
+
+    unknowns: float
+    steps: int
+    seconds: dict
+
+    def per(self, stage: str) -> float:
+        """Seconds of a stage, of those that every step has for a step."""
+        return self.seconds[stage] / (self.steps if stage in EVERY_STEP else 1)
+
+    @classmethod
+    def of(cls, seconds: dict, manifest) -> "Measured":
+        """What a run took by its `seconds` as in summary.json; what is small goes with output."""
+        stages = {name: seconds[name] for name in ("export", "setup", "solve")}
+        more = ("read", "output", "validity", "energy_error")
+        stages["output"] = sum(seconds.get(name, 0.0) for name in more)
+        return cls(2.0 * manifest.nodes, manifest.steps, stages)
+
+
+class Costs:
+    """Seconds of the stages of runs of one kind of mesh, from measured ones."""
+
+    def __init__(self, whole: Measured, runs: list[Measured], companions: list[Measured]):
+        """`whole`: the run; `runs` are those of the companions that are of the kind.
+
+        Companions are short: all of them tell how the seconds of a stage grow, those of the kind a
+        factor. What FreeFEM's stage of the run has taken beyond that is the same for all runs:
+        packages are read meanwhile.
+        """
+        self.stages, self.once = {}, 0.0
+        for stage, power in POWERS.items():
+            points, own = _points(companions, stage), _points([whole], stage)
+            if stage == "export" and points:
+                common = curve(points, power)
+                self.once = max(0.0, own[0][1] - common(whole.unknowns))
+            else:
+                least = {"export": START, "output": STEP + ONCE / whole.steps}.get(stage, 0.0)
+                common = curve([*points, *own], power, least)
+            self.stages[stage] = scaled(common, _points(runs, stage))
+
+    def stage(self, name: str, unknowns: float, steps: int = 1) -> float:
+        """Seconds of a stage."""
+        return self.stages[name](unknowns) * (steps if name in EVERY_STEP else 1)
+
+    def run(self, unknowns: float, steps: int) -> float:
+        """Seconds of a run without error estimates."""
+        return self.once + sum(self.stage(name, unknowns, steps) for name in POWERS)
+
+    def companions(self, unknowns: float, steps: int) -> float:
+        """What the companions of a run's budget take, relative to those of another run.
+
+        They are on meshes with a quarter and a sixteenth of its unknowns.
+        """
+        coarse, coarsest = unknowns / 4, unknowns / 16
+        made = sum(self.stage(name, n) for name in ("export", "setup") for n in (coarse, coarsest))
+        return made + self.stage("solve", coarse, 2 * steps) + self.stage("solve", coarsest, steps)
+
+
+def _points(runs: list[Measured], stage: str) -> list[tuple[float, float]]:
+    """Unknowns and seconds of a stage in the runs that have it."""
+    return [(run.unknowns, max(run.per(stage), SHORTEST)) for run in runs if stage in run.seconds]
+
+
+def curve(points: list[tuple[float, float]], power: float,
+          least: float = 0.0) -> Callable[[float], float]:
+    """N -> a + b N^power, a and b >= 0, nearest to the `points` (N, t), relative to t.
+
+    A single point leaves the constant open: it is `least`, but half of the point at most. So it is
+    half of the largest where there is no growth yet.
+    """
+    from scipy.optimize import nnls  # the front imports this module
+
+    size = max(n for n, _ in points)
+    n, t = np.array([(n / size, t) for n, t in points]).T
+    if len(points) > 1:
+        constant, slope = nnls(np.column_stack([1 / t, n**power / t]), np.ones(len(t)))[0]
+    else:
+        constant, slope = min(least, t[0] / 2), max(t[0] - least, t[0] / 2)
+    if slope == 0:
+        constant = slope = t[n.argmax()] / 2
+    return lambda unknowns: constant + slope * (unknowns / size) ** power
+
+
+def scaled(curve: Callable[[float], float],
+           points: list[tuple[float, float]]) -> Callable[[float], float]:
+    """A curve times the factor by which measured `points` (N, t) exceed it, in the geometric mean.
+
+    Stages without a point are like the curve.
+    """
+    factors = [t / curve(n) for n, t in points]
+    mean = math.prod(factors) ** (1 / max(len(factors), 1))
+    factor = min(max(mean, LEVELS[0]), LEVELS[1])
+    return lambda unknowns: factor * curve(unknowns)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Settings of a kind of mesh that leave no more than an error, and the unknowns of each mesh
+    on the way: of adaptive refinement those of the cycles come before that of the run."""
+
+    settings: dict
+    unknowns: tuple
+
+
+@dataclass
+class Uniform:
+    """Meshes of one kind of element in all sizes."""
+
+    name: str
+    knob: str
+    sizes: list  # that were run, finest first
+    errors: list  # at these
+    unknowns: float  # at the finest
+    rate: float
+    costs: Costs | None = None
+    words: dict = field(default_factory=dict)  # further settings
+
+    def meets(self, room: float) -> Choice | None:
+        """The coarsest of the meshes whose error is at most `room`, None if out of reach."""
+        finest, error = self.sizes[0], self.errors[0]
+        size, worst = None, 0.0
+        for known, own in zip(self.sizes, self.errors):
+            worst = max(worst, own)
+            if worst <= room:
+                size = known
+        if size is None:
+            factor = (error / room) ** (1 / max(self.rate, 0.05))
+            if not self.unknowns * factor**2 <= MOST:
+                return None
+            size = finer(self.knob, finest, factor)
+        unknowns = self.unknowns * ratio(self.knob, finest, size) ** 2
+        return Choice({self.knob.upper(): f"{size:g}", **self.words}, (unknowns,))
+
+
+@dataclass
+class Adaptive:
+    """Meshes refined by the error in the energy norm from one uniform mesh."""
+
+    name: str
+    settings: dict  # of the uniform mesh
+    errors: list  # after 0, 1, ... cycles, as far as they were run
+    unknowns: list  # likewise
+    rate: float  # order in the size of elements, of which a cycle is half
+    costs: Costs | None = None
+
+    def meets(self, room: float) -> Choice | None:
+        """The fewest cycles whose error is at most `room`, None if out of reach."""
+        known = len(self.errors) - 1
+        for cycles in range(1, CYCLES + 1):
+            beyond = cycles - known
+            error = (max(self.errors[cycles:]) if beyond <= 0
+                     else self.errors[-1] * 2.0 ** (-self.rate * beyond))
+            on_the_way = [*self.unknowns[: cycles + 1], *(
+                self.unknowns[-1] * GROWTH**k for k in range(1, beyond + 1))]
+            if on_the_way[-1] > MOST:
+                return None
+            if error <= room:
+                return Choice({**self.settings, "ADAPT": str(cycles)}, tuple(on_the_way))
+        return None
+
+
+@dataclass
+class Quantity:
+    """What the list is made for: a quantity, and its errors but for that of the mesh."""
+
+    name: str
+    value: float
+    steps: int
+    static: bool  # there is no STEPS to choose
+    times: dict  # error by number of steps, as far as they were run; the run's at least
+    rate: float  # order of the time step
+    others: float  # fixed point and solver
+
+    def choices(self, room: float) -> list[tuple[int, float]]:
+        """Numbers of steps and what each leaves of `room` for the mesh, where it leaves any."""
+        room -= self.others
+        more = [] if self.static or not self.times[self.steps] else STEPS
+        known = [(steps, max(error for other, error in self.times.items() if other >= steps))
+                 for steps in sorted(self.times)]
+        known += [(factor * self.steps, self.times[self.steps] * factor**-self.rate)
+                  for factor in more]
+        return [(steps, room - error) for steps, error in known if room > error]
+
+
+@dataclass
+class Whole:
+    """The run that all is relative to."""
+
+    run: Measured
+    estimates: float  # seconds of its error budget and of this list
+    costs: Costs  # of its kind of mesh
+    memory: float  # MiB
+    idle: float  # of it before anything was read
+
+    def memory_of(self, unknowns: float) -> float:
+        """MiB of a run."""
+        return self.idle + (self.memory - self.idle) * max(unknowns / self.run.unknowns, 0.1)
+
+
+def price(kind: Uniform | Adaptive, quantity: Quantity, whole: Whole, asked: float) -> dict | None:
+    """The fastest settings of a kind of mesh for a relative error, with what they take."""
+    best = None
+    for steps, room in quantity.choices(asked * abs(quantity.value)):
+        choice = kind.meets(room)
+        if choice is None:
+            continue
+        *cycles, unknowns = choice.unknowns
+        bare = kind.costs.run(unknowns, steps)
+        bare += sum(kind.costs.run(n, steps)
+                    - (1 - ROUGH) * kind.costs.stage("solve", n, steps) for n in cycles)
+        own = whole.costs.companions(whole.run.unknowns, whole.run.steps)
+        estimates = whole.estimates * kind.costs.companions(unknowns, steps) / own
+        entry = {"settings": choice.settings | ({} if quantity.static else {"STEPS": str(steps)}),
+                 "seconds": bare + estimates, "seconds_bare": bare,
+                 "memory_mib": whole.memory_of(unknowns)}
+        if best is None or entry["seconds"] < best["seconds"]:
+            best = entry
+    return best
+
+
+def lines(kinds: list, quantity: Quantity, whole: Whole) -> list[dict]:
+    """An entry for each of ASKED: the fastest settings, and under `compared` those of each kind."""
+    table = []
+    for asked in ASKED:
+        offers = {kind.name: price(kind, quantity, whole, asked) for kind in kinds}
+        offers = {name: offer for name, offer in offers.items() if offer}
+        entry = {"accuracy": asked}
+        if offers:
+            name = min(offers, key=lambda name: offers[name]["seconds"])
+            entry |= {"kind": name, **offers[name], "compared": offers}
+        table.append(entry)
+    return table
+
+
+# ---- words ---------------------------------------------------------------------------------------
+
+def spelled(settings: dict) -> str:
+    """Settings as on the command line."""
+    return " ".join(f"{name}={value}" for name, value in settings.items())
+
+
+def seconds(value: float) -> str:
+    """Seconds, minutes or hours, two digits."""
+    for unit, size in (("s", 1.0), ("min", 60.0), ("h", 3600.0)):
+        if value < 100 * size or unit == "h":
+            return f"{value / size:.2g} {unit}"
+    return ""
+
+
+def table(prices: dict) -> list[list[str]]:
+    """Head and rows of the list: accuracy, settings, seconds, memory, other kinds of meshes."""
+    rows = [["to", "settings", "takes", "without estimates", "memory", "instead"]]
+    for entry in prices["lines"]:
+        asked = f"{100 * entry['accuracy']:g} %"
+        if "settings" not in entry:
+            rows.append([asked, f"more than {MOST / 1e6:g} million unknowns", "", "", "", ""])
+            continue
+        others = [f"{spelled(offer['settings'])}: {seconds(offer['seconds'])}"
+                  for name, offer in entry["compared"].items() if name != entry["kind"]]
+        rows.append([asked, spelled(entry["settings"]), seconds(entry["seconds"]),
+                     seconds(entry["seconds_bare"]), f"{entry['memory_mib']:.0f} MiB",
+                     "; ".join(others)])
+    return rows
+
+
+def describe(prices: dict | None) -> list[str]:
+    """What the list is about and its table, as lines; where there is none, why."""
+    if not prices:
+        return []
+    if prices.get("reason"):
+        return [f"no prices of accuracy: {prices['reason']}"]
+    return [title(prices), *aligned(table(prices), "rlrrrl").splitlines()]
+
+
+def title(prices: dict) -> str:
+    """What a list with lines is about."""
+    now = share(prices["error"], prices["value"])
+    return f"what the {words(prices['quantity'])} would take, predicted (its error now: {now})"
