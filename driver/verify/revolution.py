@@ -77,8 +77,8 @@ HEMISPHERES = Case(
     fast=True)
 
 
-CURVES = ("read from curves of linear elements, whose displacement of the centre is 1.7 % below that "
-          "of quadratic ones")
+CURVES = ("read from curves of linear elements, whose displacement of the centre is 1.7 % below "
+          "that of quadratic ones")
 
 
 def _punch(friction: float, center: float, linear: float, out: float, **more) -> Case:
