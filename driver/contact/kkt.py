@@ -80,7 +80,6 @@ def kkt_residuals(rows: ContactRows, multipliers: np.ndarray, gradient: np.ndarr
     local += 0.0  # no -0.0, which one rank may have and another not
     local[np.isnan(local)] = np.inf  # which MPI's maximum may lose
     comm.Allreduce(MPI.IN_PLACE, local, op=MPI.MAX)
-    local += 0.0  # no -0.0, which of zeros is the largest depends on their order
     names = "gluing", "penetration", "sign", "cone", "complementarity"
     return dict(zip(names, local.tolist()))
 

@@ -69,7 +69,6 @@ class ContactRows:
     gluing: np.ndarray
     pulls: np.ndarray
     corners: CornerNodes | None = None
-    frictionless: bool = False  # no rank has a tangential row
 
     @property
     def bilateral(self) -> np.ndarray:
@@ -144,7 +143,7 @@ class ContactRows:
         sliding = np.abs(multipliers[self.tangential]) >= self.law_bound(multipliers)
         place = np.searchsorted(self.normal_node, self.tangential_node)
         states[place[sliding & (states[place] == STICK)]] = SLIP
-        if self.frictionless:  # nothing holds a node that touches
+        if self.coefficient is None and self.offset is None:  # nothing holds a node that touches
             states[states == STICK] = SLIP
         return states
 
@@ -162,5 +161,4 @@ def contact_rows(structure: Substructure, law: ContactLaw) -> ContactRows:
                        contact.tangential_row[tangential] - start, tangential,
                        contact.normal_row[tangential] - start, coefficient, offset,
                        np.flatnonzero(structure.row_kind[start : stop] == RowKind.GLUING),
-                       law.bilateral[normal], corner_nodes(structure, place, law),
-                       not (contact.tangential_row >= 0).any())
+                       law.bilateral[normal], corner_nodes(structure, place, law))

@@ -6,8 +6,8 @@ along contact edges, slip counted from the computed displacement of the step bef
 friction with the bound s that the computed pressures give (F |sigma_n| at the nodes for Coulomb,
 linear in between). Errors of earlier steps, of the boundary's geometry and of loads that are not
 linear on an edge or constant on a third of a triangle, of material and thermal strain that vary
-inside a triangle are not part of it (`EXCLUDED`); how well s fits its own pressures is the friction
-part.
+inside a triangle are not part of it (`EXCLUDED`, `EARLIER`, `COULOMB`); how well s fits its own
+pressures is the friction part, and what it adds that they err themselves `coupling` estimates.
 
 The bound. v is the computed displacement made admissible: averaged over subdomains, pushed out of
 the obstacle. sigma* is in equilibrium with the loads and with contact tractions t* inside the cone
@@ -52,10 +52,11 @@ from .contact_tractions import ContactTractions
 from .deviations import Deviations
 from .torn_body import Gather, TornBody
 
-EXCLUDED = ("errors of earlier steps", "curved boundaries",
+EXCLUDED = ("curved boundaries",
             "loads and supports that are not linear on an edge",
-            "material and thermal strain that vary inside a triangle",
-            "the error of the friction bound itself")
+            "material and thermal strain that vary inside a triangle")
+EARLIER = "errors of earlier steps"  # of scenes whose end depends on the way
+COULOMB = "the error of the friction bound itself"  # estimated as `coupling`
 SLOWEST = 0.99  # largest rate of the fixed point by which its remaining changes are extrapolated
 ROUNDING = 1e-6  # part of the largest edge moment below which a reaction in a point counts as none
 
@@ -72,6 +73,7 @@ class Estimate:
     solver: float = 0.0
     friction: float = 0.0
     correction: float = 0.0
+    coupling: float = 0.0  # not part of the total, see `coupling`
     total: float = 0.0
     norm: float = 0.0
     indicator: np.ndarray | None = None  # (n_t,) share of every triangle of the torn body in `mesh`
@@ -341,6 +343,21 @@ class EquilibratedBound:
                          "the exact solution has no finite energy")
         square = (imbalance**2 / body.stiffness[vertex])[~constrained].sum()
         return float(np.sqrt(square)), ""
+
+
+def coupling(total: float, contraction: float) -> float:
+    """What Coulomb's law adds to a bound `total` with the computed friction bound, an estimate.
+
+    The bound s of the solution u* is not s_h, that of the computed u_h. Let u be the solution with
+    s_h, ||u - u_h|| <= total. Where successive approximations contract by q in this norm, two
+    friction bounds F |sigma_n(v)|, F |sigma_n(w)| have solutions no farther apart than q ||v - w||:
+
+        ||u* - u|| <= q ||u* - u_h|| <= q (||u* - u|| + total),   ||u* - u|| <= q / (1 - q) total.
+
+    q is the rate observed in the step, of nodal pressures on one mesh: no more than an estimate.
+    """
+    rate = min(np.nan_to_num(contraction), SLOWEST)
+    return total * rate / (1 - rate)
 
 
 def _root(square: float, gap: float) -> float:

@@ -278,7 +278,7 @@ def describe(errors: dict, units: dict) -> list[str]:
 
 
 def describe_energy(entry: dict) -> list[str]:
-    """The last step's error in the energy norm as a line, none if it was not estimated."""
+    """The last step's error in the energy norm as lines, none if it was not estimated."""
     if "reason" in entry:
         return [f"no error in the energy norm: {entry['reason']}"]
     if "total" not in entry:
@@ -287,5 +287,13 @@ def describe_energy(entry: dict) -> list[str]:
         share(entry[name], entry["norm"])
         for name in ("mesh", "solver", "friction", "correction", "total"))
     parts = f"mesh {mesh}, solver {solver}, friction {friction}, correction {correction}"
-    bound = "at most" if entry["kind"] == "equilibrated" else "about"
-    return [f"error of the last step in the energy norm: {bound} {total} ({parts})"]
+    bounded = entry["kind"] == "equilibrated"
+    lines = [f"error of the last step in the energy norm: {'at most' if bounded else 'about'} "
+             f"{total} ({parts})" + ("" if bounded else "; no bound, by smoothed stresses")]
+    more = [f"{words} {share(entry[name], entry['norm'])}" for name, words in (
+        ("coupling", "Coulomb's law about"), ("time", "time steps about")) if entry.get(name)]
+    if more:
+        lines.append(f"beside it in the energy norm: {', '.join(more)}")
+    if entry.get("excluded"):
+        lines.append(f"not in it: {', '.join(entry['excluded'])}")
+    return lines

@@ -11,7 +11,8 @@ from ..march.step import Step
 from ..scene import elements
 from ..scene.manifest import Manifest
 from . import recovery
-from .bound import EXCLUDED, EquilibratedBound, Estimate
+from .bound import (COULOMB, EARLIER, EXCLUDED, EquilibratedBound, Estimate,
+                    coupling)
 from .torn_body import Gather, gather_body
 
 WHY = ("an estimate by smoothed stresses, no bound: stresses in equilibrium are made of the degree "
@@ -74,7 +75,10 @@ class EnergyEstimator:
             return Estimate(step.index, reason="where bilateral and unilateral contact meet "
                             "tractions between their nodes have no single sign")
         if self.bound is not None:
-            return self.bound.estimate(step, state, displacements)
+            found = self.bound.estimate(step, state, displacements)
+            if found is not None and Effects(self.manifest).pressure_bounds_friction:
+                found.coupling = coupling(found.total, step.contraction)
+            return found
         if self.manifest.axisymmetric:
             return self._recover_revolved(step, displacements)
         if self.quadratic:
@@ -136,8 +140,18 @@ def _recovered(step: Step, share: np.ndarray, norm: float) -> Estimate:
     return Estimate(step.index, mesh=size, total=size, norm=norm, indicator=np.sqrt(share))
 
 
-def report(estimates: list[tuple[Step, Estimate]], kind: str) -> dict:
-    """Entry for summary.json: of the last step and, as `largest`, of that with most energy."""
+def excluded(manifest: Manifest) -> list[str]:
+    """What the bound of a scene does not bound."""
+    effects = Effects(manifest)
+    return [*([EARLIER] if effects.frictional and manifest.steps > 1 else []), *EXCLUDED,
+            *([COULOMB] if effects.pressure_bounds_friction else [])]
+
+
+def report(estimates: list[tuple[Step, Estimate]], kind: str, left_out=()) -> dict:
+    """Entry for summary.json: of the last step and, as `largest`, of that with most energy.
+
+    `left_out`: what a bound of this scene does not bound.
+    """
     if not estimates:
         return {"kind": kind}
     entries = []
@@ -145,9 +159,19 @@ def report(estimates: list[tuple[Step, Estimate]], kind: str) -> dict:
         if e.reason:
             entries.append({"step": e.step, "reason": e.reason})
             continue
-        names = ("mesh", "solver", "friction", "correction", "total", "norm")
+        names = ("mesh", "solver", "friction", "correction", "total", "coupling", "norm")
         entries.append({"step": e.step, **{name: float(getattr(e, name)) for name in names},
                         "relative": float(e.total / e.norm) if e.norm > 0 else 0.0})
-    named = {"excluded": list(EXCLUDED)} if kind == "equilibrated" else {"why": WHY}
+    named = {"excluded": list(left_out)} if kind == "equilibrated" else {"why": WHY}
     return {"kind": kind, **entries[0], **({"largest": entries[1]} if len(entries) > 1 else {}),
             **named}
+
+
+def of_time(budget: dict) -> dict:
+    """What time steps add in the energy norm, {"time": ...}, by the `budget` of the quantities.
+
+    Empty where it is not known. What dissipated energies of two evolutions differ by is taken for
+    the elastic energy of their difference, half the square of its norm: an estimate.
+    """
+    error = budget.get("dissipated_energy", {}).get("time")
+    return {} if error is None else {"time": float(np.sqrt(2 * error))}

@@ -84,14 +84,14 @@ class FrictionQP:
         return self.bound * np.sqrt(self.operator.dot(unscaled, unscaled))
 
     def extent(self, elastic: np.ndarray, rigid: np.ndarray, before: np.ndarray,
-               moved: np.ndarray) -> float:
+               moved: np.ndarray, given: bool = False) -> float:
         """Norm of the displacements that multipliers have to overcome, in MPRGP's scale.
 
         `elastic` B w (owned,) by the loads, `rigid` B r (owned,) by motions of whole bodies over
         the step, `before` (j,) the elastic tangential displacements of the step before. Left out is
         what may be of any size and is not overcome: openings beyond the load's own response, unless
         contact is bilateral, and travel beyond all of this and what multipliers near those of the
-        step bring about, `moved` (owned,): the body slides.
+        step bring about, `moved` (owned,), `given` ones if so: the body slides.
         """
         rows, comm, seen = self.rows, self.operator.comm, elastic.copy()
         over = elastic[rows.normal] + rigid[rows.normal] - rows.gap
@@ -102,7 +102,13 @@ class FrictionQP:
             far = np.abs(self.scale * np.array([seen, moved])).max(initial=0)
             limit = comm.allreduce(float(far), op=MPI.MAX) / self.scale[rows.tangential]
             seen[rows.tangential] += np.clip(rigid[rows.tangential], -limit, limit)
-        return self.size(seen)
+        size = self.size(seen)
+        if size == 0 and rows.offset is not None and not given:
+            # travel deforms by friction alone, and that needs no pressure
+            x = np.zeros(len(elastic))
+            x[rows.tangential] = rows.offset * np.sign(rigid[rows.tangential])
+            return self.extent(elastic, rigid, before, self.operator.apply(x), True)
+        return size
 
     def aim(self, part: float) -> None:
         """Tolerance of the QPs to come: the step's, or `part` of it, but then not below rounding.

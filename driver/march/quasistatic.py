@@ -143,10 +143,6 @@ class QuasistaticSolver:
         rigid[rows.normal] = op.rigid_response(weights)[rows.normal]
         rigid[rows.tangential] = op.rigid_response(weights - self.slip.weights)[rows.tangential]
         extent = self.qp.extent(d, rigid, self.slip.elastic, moved)
-        if extent == 0 and rows.offset is not None:  # travel deforms by friction alone
-            given = np.zeros(op.owned)
-            given[rows.tangential] = rows.offset * np.sign(rigid[rows.tangential])
-            extent = self.qp.extent(d, rigid, self.slip.elastic, op.apply(given))
         d += rigid
         d[rows.normal] -= rows.gap
         d[rows.tangential] -= self.slip.elastic
@@ -200,16 +196,14 @@ class QuasistaticSolver:
 
     def _settled(self, index: int, load: Load, x, gradient, sliding, trace: Trace):
         """As `_earned`, with bodies without support where their forces move them least."""
-        for left in range(SETTLINGS if self.operator.modes else 0, -1, -1):
-            x, gradient, moved, residuals = self._earned(index, load, x, gradient, sliding, trace)
-            if not left:
-                break
+        for _ in range(SETTLINGS if self.operator.modes else 0):
+            x, gradient, moved, _ = self._earned(index, load, x, gradient, sliding, trace)
             gradient = gradient - self.bodies.settle(load, x, gradient)
             residuals = self._residuals(load, x, gradient)
             if all(value <= self._asked(name) for name, value in residuals.items()):
-                break
+                return x, gradient, moved, residuals
             sliding = self.rows.sliding(x, self.rows.friction_bound(x))
-        return x, gradient, moved, residuals
+        return self._earned(index, load, x, gradient, sliding, trace)
 
     def _earned(self, index: int, load: Load, x, gradient, sliding, trace: Trace):
         """Multipliers, gradient, last change and residuals that are as small as asked for.
@@ -232,13 +226,12 @@ class QuasistaticSolver:
                 settles = op.modes > 0 and self.bodies.imbalance(load, failed.x) <= NEARLY
                 if failed.final or of_qp == 1.0 and not settles:
                     raise
-                x, gradient = failed.x, failed.gradient
+                x, gradient, stop = failed.x, failed.gradient, failed.error  # it may do
                 sliding = self.rows.sliding(x, self.rows.friction_bound(x))
                 if settles and of_qp > LAST_PART:  # forces answer to what QPs leave by stiffness
-                    of_qp *= 0.01
+                    of_qp, stop = 0.01 * of_qp, None
                     trace.again()
                     continue
-                stop = failed.error  # it may do
             if op.modes and op.minimum(-load.farthest) < -FAR * self.scales.displacement:
                 gradient = None  # it has followed bodies that went so far: their rounding is in it
             x, gradient, moved = self._into_cone(load.d, x, gradient, sliding)

@@ -9,7 +9,7 @@ from pathlib import Path
 from ..environment import EVERY_STEP
 from ..errors import DriverError, InputError, agreed_writes, shortage
 from ..estimates import adaptivity, between_steps, soundness, validity
-from ..estimates.energy import EnergyEstimator, report
+from ..estimates.energy import EnergyEstimator, excluded, of_time, report
 from ..march.problem import Problem, assemble
 from ..march.quasistatic import QuasistaticSolver
 from ..march.saving import Checkpoints
@@ -217,12 +217,13 @@ def _estimate(errors: dict, directory: Path, request: Request, problem: Problem,
     for step, estimate in estimates:
         if estimate.indicator is not None:
             writer.indicate(step, estimate.indicator)
-    errors["energy"] = report(estimates, estimator.kind)
+    errors["energy"] = report(estimates, estimator.kind, excluded(problem.manifest))
     if request.refine:
         _next_mesh(directory, estimator, estimates)
     lap("energy_error")
     if request.errors == "yes" and not failure:
         errors |= _budget(directory, request, problem, writer, lap, memory)
+        errors["energy"] |= of_time(errors["quantities"])
         lap("estimates")
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from .. import environment
 from ..errors import InputError
-from . import declarations, elements, explain, grammar, rooms, script, seal, study_value
+from . import declarations, elements, explain, grammar, rooms, script, seal, size, study_value
 from .manifest import Manifest, read_manifest
 from .script import text_digest
 
@@ -123,15 +123,16 @@ def _run(program: Path, scene: Path, directory: Path, parameters: dict[str, str]
     if ";" in str(directory):
         raise InputError(f"FreeFEM takes no folder with a semicolon in its name: {directory}")
     spelled = grammar.parameters(scene)
-    words = [word for name, value in parameters.items()
-             for word in (f"-{spelled.get(name, name)}", value)]
 
-    def start(ranks: int, meanwhile=nothing, traced: bool = False) -> subprocess.CompletedProcess:
+    def start(ranks: int, meanwhile=nothing, traced: bool = False,
+              given=parameters) -> subprocess.CompletedProcess:
         declarations.write(directory, without, traced)
         command = [environment.program("FreeFem++")]
         if ranks > 1:
             command = [*environment.mpirun(ranks), environment.program("FreeFem++-mpi")]
-        command += ["-nw", "-ns", "-v", "0", str(program), "-export", str(directory), *words]
+        command += ["-nw", "-ns", "-v", "0", str(program), "-export", str(directory)]
+        command += [word for name, value in given.items()
+                    for word in (f"-{spelled.get(name, name)}", value)]
         env = environment.child_environment(ranks > 1, element)
         # for shells that FreeFEM starts (gmsh.idp)
         env |= {"EXPORT_DIRECTORY": str(directory), "SIZE_FIELD": parameters.get("sizes", "")}
@@ -141,12 +142,17 @@ def _run(program: Path, scene: Path, directory: Path, parameters: dict[str, str]
                                      cwd=scene.parent)
 
     done = start(ranks, meanwhile)
+    if done.returncode != 0 and size.check(done.stdout, parameters,
+                                           lambda trial: start(1, given=trial).stdout):
+        parameters = {**parameters, "counted": "1"}
+        done = start(ranks, given=parameters)
     if done.returncode != 0 and ranks > 1 and explain.REFUSED not in done.stdout:
-        done = start(1)  # rank 0 alone speaks, and another one may have refused
+        done = start(1, given=parameters)  # rank 0 alone speaks, and another one may have refused
     (directory / "freefem.log").write_text(done.stdout)
     if done.returncode != 0:
         raise InputError(explain.failure(done.stdout, done.returncode, scene, directory.absolute(),
-                                         lambda: start(1, traced=True).stdout))
+                                         lambda: start(1, traced=True,
+                                                       given=parameters).stdout))
 
 
 def _check_echo(manifest: Manifest, parameters: dict[str, str]) -> None:

@@ -15,7 +15,8 @@ from . import rooms
 # flags that mean something to FreeFEM itself, or that `export` sets
 RESERVED = ("export", "sizes", "f", "v", "nw", "ns", "ne", "cd", "log", "wait", "nowait", "glut",
             "fglut", "version")
-OF_LIBRARY = ("subdomains", "steps", "element", "sampling", "coarsening")  # which it reads itself
+OF_LIBRARY = ("subdomains", "steps", "element", "sampling", "coarsening", "counting",
+              "counted")  # which it reads itself
 # names of FreeFEM that the library uses: with another meaning they would spoil its results
 BUILT_IN = frozenset("""
     x y N area hTriangle lenEdge nTonEdge pi P0 P1 P2 P1dc1 P2dc P1edge P2b ARGV abs adaptmesh

@@ -7,7 +7,6 @@ has. The seal shows what was changed since FreeFEM wrote it, record_checks.py wh
 scene, did wrong.
 """
 
-
 import numpy as np
 
 from ..errors import InputError, agree

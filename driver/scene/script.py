@@ -157,8 +157,8 @@ def check_regions(scene: Path, manifest: Manifest) -> None:
     for name in sorted(asking & rooms.vocabulary()):
         raise InputError(
             f"{scene.name}: {name} asks for the region, but all of the mesh is region 0, as "
-            "FreeFEM makes it; give meshes regions by square(..., region = 1), Th = change(Th, "
-            "fregion = 1) or physical surfaces of gmsh")
+            "FreeFEM makes it; give meshes regions by square(..., region = 1), "
+            "Th = change(Th, fregion = 1) or physical surfaces of gmsh")
 
 
 # ---- what a parameter changes ----------------------------------------------------------------

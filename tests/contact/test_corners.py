@@ -336,6 +336,13 @@ def test_a_vertex_that_rests_in_its_corner(checked, scene, element):
     assert (tangential[1:] == 0).all()
 
 
+def test_every_state_has_its_iterations(checked, scene):
+    """Two states in the first step, 22 iterations together, at most 17 for each."""
+    run = checked(scene("rest", REST), element="P1", steps=6, subdomains=1, max_fixed_point=17)
+    assert run.history["fixed_point_iterations"][0] > 17
+    assert not any("did not settle" in line for line in run.summary["warnings"])
+
+
 @pytest.mark.parametrize("subdomains", [1, 5])
 def test_corners_of_a_body_that_comes_from_far(checked, scene, subdomains):
     """States of corners that hold it too little let it go far: nothing of that stays."""

@@ -11,8 +11,8 @@ import pytest
 from scipy.spatial import cKDTree
 
 from driver import environment
-from driver.estimates import element_stress, equilibration, recovery
-from driver.estimates.bound import EquilibratedBound
+from driver.estimates import budget, element_stress, equilibration, recovery
+from driver.estimates.bound import COULOMB, EARLIER, EquilibratedBound, coupling
 from driver.estimates.edge_mesh import full_tensor
 from driver.estimates.edge_remainder import Fan, remainder_constant
 from driver.contact import mortar
@@ -802,6 +802,29 @@ def test_the_summary_and_the_field_agree(solved):
     assert not (run.directory / "fields/error_0003.vtu").exists()
     assert (run.directory / "error.pvd").read_text().count("<DataSet") == 2
     assert (run.directory / "fields.pvd").read_text().count("<DataSet") == 5
+
+
+def test_what_the_friction_bound_adds_is_the_sum_of_all_rounds():
+    """total (q + q^2 + ...): each round of successive approximations errs q times the last."""
+    for rate in (0.0, 0.1, 0.5, 0.9):
+        rounds = sum(0.3 * rate**k for k in range(1, 500))
+        assert coupling(0.3, rate) == pytest.approx(rounds, abs=1e-12)
+    assert coupling(0.3, np.nan) == 0.0  # no change of the bound was seen
+    assert np.isfinite(coupling(0.3, 1.2))
+
+
+def test_what_coulombs_law_and_time_add_is_named_beside_the_bound(solved):
+    """Only where there are such: not with a given friction bound, nor in a single step."""
+    run = solved("model", loading="nonmonotone", cells=4, steps=8, errors="yes")
+    found = run.summary["errors"]["energy"]
+    assert 0 < found["coupling"] < found["total"]
+    work = run.summary["errors"]["quantities"]["dissipated_energy"]["time"]
+    assert found["time"] ** 2 / 2 == pytest.approx(work)
+    assert {EARLIER, COULOMB} < set(found["excluded"])
+    words = budget.describe_energy(found)
+    assert "Coulomb's law about" in words[1] and EARLIER in words[2]
+    given = solved("model-tresca", cells=3, steps=1, errors="energy").summary["errors"]["energy"]
+    assert given["coupling"] == 0 and not {EARLIER, COULOMB} & set(given["excluded"])
 
 
 def test_any_number_of_ranks_gives_the_same_estimate(solved):

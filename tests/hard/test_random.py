@@ -161,7 +161,7 @@ def test_forces_that_are_nothing_may_move_a_body_that_hangs_loose(problem):
     """A body so soft that half of a millionth of its forces moves it beyond the tolerance: that is
     explained, ten millionths are not.
     """
-    right, path, given = problem(CLAMPED)
+    right, *_ = problem(CLAMPED)
     body, force = _Softer(right.body, 1e4), np.zeros(2 * len(right.body.gid))
     deformation, largest = 1e-3, 1e-4
     force[3] = 0.5 * laws.RESTS * largest

@@ -8,7 +8,6 @@ from mpi4py import MPI
 
 from driver.contact.kkt import FADED, Scales, kkt_residuals
 from driver.contact.rows import ContactRows
-from driver.contact.states import SLIP, STICK
 from driver.march import quasistatic
 from driver.march.outlook import foresight
 from driver.march.step import Load, Trace
@@ -119,15 +118,6 @@ def test_residuals_have_no_negative_zero():
     """Of which the maximum over ranks may be either."""
     got = residuals(0.3, [2e5, 1e5, -6e4, -3e4, 0.0], [0, -0.0, -1e-9, -0.0, -0.0])
     assert not np.signbit(list(got.values())).any()
-
-
-def test_a_rank_without_friction_rows_knows_of_friction():
-    """A node whose support leaves it no tangential row sticks, unless there is no friction."""
-    none = np.array([], int)
-    for frictionless, state in ((False, STICK), (True, SLIP)):
-        own = ContactRows(np.array([0]), np.array([0]), np.zeros(1), none, none, none, None, None,
-                          none, np.array([False]), frictionless=frictionless)
-        assert own.states(np.array([1.0])).tolist() == [state]
 
 
 @pytest.mark.parametrize("multipliers, move, name, size", [

@@ -5,6 +5,7 @@ What the text alone shows is said without FreeFEM. The rest is told by how FreeF
 
 import re
 
+import numpy as np
 import pytest
 
 from driver.errors import InputError
@@ -299,3 +300,25 @@ def test_times_that_no_step_can_end_at(said, times):
     message = said(("macro young()", f"macro stepTimes() {times} //\nmacro young()"),
                    parameters={"cells": "1"})
     assert "stepTimes: no number of equal steps up to 400 ends at all these times" in message
+
+
+SIZED = (*((old, new.replace("half(6) + low(6)", "half(int(3/h)) + low(int(3/h))"))
+           for old, new in DISC),
+         ('units("mm", "MPa");', 'units("mm", "MPa");\nreal h = meshSize(0.25);'))
+
+
+def test_a_mesh_that_no_memory_holds_is_refused_at_once(said):
+    """From how two coarse ones grow; in magnitude the area over that of equilateral triangles."""
+    message = said(*SIZED, parameters={"h": "1e-6", "steps": "2"})
+    number = re.match(r"H=1e-6 would make a mesh of about (\S+) triangles, more than the 2e\+07",
+                      message)
+    assert 0.1 < float(number[1]) / (np.pi / (0.433 * 1e-12)) < 10
+
+
+def test_a_small_size_that_memory_holds_is_only_counted(tmp_path):
+    path, text = tmp_path / "mine.edp", SCENE
+    for old, new in SIZED:
+        text = text.replace(old, new, 1)
+    path.write_text(text)
+    manifest = freefem.export(path, tmp_path / "export", {"h": "0.008", "steps": "2"})
+    assert manifest.parameters["h"] == 0.008 and "counted" not in manifest.parameters

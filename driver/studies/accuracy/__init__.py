@@ -2,8 +2,8 @@
 
 `sweeps` plans and runs, `reference` says what the quantities are, `cheapest` judges the runs. Some
 more parts have scenes of their own: `locking`, elements near incompressibility, `stopping`,
-tolerances from the error budget, `coverage`, whether claimed errors hold, and `prices`, whether
-what the next digit is said to take holds.
+tolerances from the error budget, `coverage`, whether claimed errors hold, `prices`, whether what
+the next digit is said to take holds, and `requests`, whether ACCURACY keeps its word.
 """
 
 from pathlib import Path
@@ -13,7 +13,7 @@ from ...errors import InputError
 from ...runs.guard import study_folder
 
 UNREAD = {"sweeps": ("rows",), "locking": ("rows", "scene"), "stopping": ("scene",),
-          "coverage": ("rows",), "prices": ("rows",)}
+          "coverage": ("rows",), "prices": ("rows",), "requests": ("rows",)}
 
 
 def run_accuracy(pairs: dict[str, str]) -> list[Path]:
@@ -40,6 +40,10 @@ def run_accuracy(pairs: dict[str, str]) -> list[Path]:
         from .prices import run_prices
 
         return run_prices(out, given["scene"])
+    if part == "requests":
+        from .requests import run_requests
+
+        return run_requests(out, given["scene"])
     environment.start_petsc()
     from .locking import run_locking
     from .stopping import run_stopping

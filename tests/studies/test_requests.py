@@ -1,0 +1,43 @@
+"""make accuracy PART=requests and PART=prices: how single results are judged."""
+
+import pytest
+
+from driver.errors import InputError
+from driver.studies.accuracy import prices, requests, run_accuracy
+
+
+def row(asked, status=0, reached=None, true=None, uncertainty=0.0):
+    entry = {"asked": asked, "status": status, "reached": reached, "uncertainty": uncertainty}
+    return entry | ({} if true is None else {"true": true})
+
+
+def test_what_was_met_must_be_true():
+    assert requests._right(row(0.03, true=0.02), []) == "yes"
+    assert requests._right(row(0.03, true=0.04), []) == "no"
+    assert requests._right(row(0.03, true=0.04, uncertainty=0.02), []) == ""  # who knows
+    assert requests._right(row(0.03), []) == ""
+
+
+def test_a_refusal_must_not_contradict_another_request():
+    refused = row(0.03, 4, reached=0.05)
+    assert requests._right(refused, [row(0.1, true=0.05), refused, row(0.01, 4)]) == "yes"
+    assert requests._right(refused, [refused, row(0.01, 0)]) == "no"
+    assert requests._right(row(0.03, 4, reached=0.02), []) == "no"  # it was met
+    assert requests._right(row(0.03, 2), []) == "no"  # a first mesh that cannot be made
+
+
+@pytest.mark.parametrize("taken, true, within, met", [
+    (1.9, 0.005, "yes", "yes"), (2.1, 0.005, "no", "yes"), (0.4, 0.012, "no", "no"),
+    (1.0, 0.0105, "yes", "")])
+def test_a_price_is_judged_by_what_was_taken(taken, true, within, met):
+    line = {"seconds": 1.0, "seconds_bare": 0.5, "memory_mib": 100.0, "accuracy": 0.01}
+    summary = {"seconds": {"total": taken}, "quantities": {"slip": 2.0 * (1 + true)},
+               "memory_mib": 90.0}
+    found = prices._verdict(line, summary, "slip", 2.0, 0.001)
+    assert (found["within"], found["met"]) == (within, met)
+
+
+@pytest.mark.parametrize("part", ["prices", "requests"])
+def test_scenes_that_a_study_has_not_are_refused(part, tmp_path):
+    with pytest.raises(InputError, match="has no runs of nowhere; it has model"):
+        run_accuracy({"part": part, "scene": "nowhere", "out": str(tmp_path / "x")})
