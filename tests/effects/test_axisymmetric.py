@@ -5,6 +5,7 @@ import pytest
 
 import driver
 from driver.files import read_table
+from driver.units import spelt
 
 TIGHT = {"rtol": 1e-12, "friction_rtol": 1e-11}
 ELEMENTS = ("P1", "P2", "P2-mixed")
@@ -345,3 +346,65 @@ def test_a_mesh_beyond_the_axis_and_a_general_material_are_refused(solved, scene
     run = solved(scene(HEAD + "rectangle(0., 1., 0., 1.);\nmacro axisymmetric() 1 //\n" + general
                        + "macro support() on(1, u2 = 0.) //\n"), cells=2)
     assert run.status == 2 and "isotropic" in run.reason
+
+
+# ------------------------------------------------------------------------------ what is said
+
+ENERGY = 2 * np.pi * 1.0 * 0.5 * 3.0 * 1.3 / E * (0.4 + 4)  # of the tube: pressure times way
+
+
+@pytest.mark.parametrize("element", ELEMENTS)
+def test_estimated_error_is_the_true_one(solved, scene, element):
+    """||u||^2 - ||u_h||^2 is the square of the error, as loads alone act on the tube.
+
+    The stress is smooth, where recovered stresses are of higher order: effectivity near one.
+    """
+    run = solved(scene(TUBE + "macro load1() pressure(4, p) //\n"), element=element, cells=3,
+                 estimator="recovery", errors="yes", **TIGHT)
+    found = run.summary["errors"]["energy"]
+    true = np.sqrt(ENERGY - found["norm"] ** 2)
+    assert found["kind"] == "recovery" and 0.9 < found["total"] / true < 1.2
+
+
+def test_forces_are_of_the_whole_revolution(solved, scene):
+    """Units N and J; a point load is the total of a ring's; the ledger knows the revolution."""
+    assert spelt(1, 1, {"length": "mm", "stress": "MPa", "forces": "revolution"}) == "N"
+    assert spelt(1, 2, {"length": "mm", "stress": "MPa", "forces": "revolution"}) == "mJ"
+    assert spelt(1, 1, {"length": "in", "stress": "psi", "forces": "revolution"}) == "psi·in²"
+    run = solved(scene(TUBE.replace(" + on(3, u2 = 0.)", "") + """
+macro pointLoad1() [2., 0.5, 0., -7.] //
+macro probeLabels() [1] //
+"""), cells=3, **TIGHT)
+    probes = read_table(run.directory / "probes.csv")
+    assert probes["force_y"][-1] == pytest.approx(7.0, rel=1e-10)
+    assert run.history["load_y"][-1] == pytest.approx(-7.0, rel=1e-12)
+    assert run.summary["effects"]["axisymmetric"]
+    assert run.summary["effects_ledger"]["axisymmetric"]["active"]
+
+
+@pytest.mark.slow  # nine runs
+@pytest.mark.parametrize("element, order", [("P1", 2), ("P2", 4), ("P2-mixed", 4)])
+def test_rates_of_the_lame_cylinder(solved, scene, element, order):
+    """Mean displacements of the bore converge as h^2 with linear, h^4 with quadratic elements.
+
+    They are the work of the load, whose error is the square of that in the energy norm.
+    """
+    path = scene(TUBE + "macro load1() pressure(4, p) //\nmacro probeLabels() [4] //\n")
+    exact = 1.3 / E * (0.4 + 4)
+    errors = [abs(radial(solved(path, element=element, cells=n, **TIGHT), 4) / exact - 1)
+              for n in (2, 4, 8)]
+    rates = np.log2(np.divide(errors[:-1], errors[1:]))
+    assert np.all(rates > order - 0.3)
+
+
+@pytest.mark.slow  # the finest has 5000 dofs
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_rates_of_hertz_sphere(solved, element):
+    """The resultant for a given approach settles as fast as in the plane: about h with a/h nodes.
+
+    Against the next finer mesh; the closed form, of half-spaces, does not know this body.
+    """
+    forces = [solved("sphere", friction=0, steps=1, h=h, element=element)
+              .summary["quantities"]["normal_resultant"] for h in (0.004, 0.002, 0.001, 0.0005)]
+    changes = np.abs(np.diff(forces)) / forces[-1]
+    assert np.all(changes[1:] < 0.7 * changes[:-1]) and changes[-1] < 0.02
