@@ -164,6 +164,21 @@ macro probeLabels() [2, 3] //
     assert np.abs(stress).max() < 1e-8 * E * 1e-3
 
 
+def test_a_ring_that_supports_widen_is_stretched(solved, scene):
+    """u = d at both radii of a tube: no rigid motion, but A r + B/r with hoop stress."""
+    run = solved(scene(TUBE + """
+macro displacement1() on(2, u1 = 0.01) + on(4, u1 = 0.01) //
+macro probeLabels() [2, 4] //
+"""), element="P2", cells=4, **TIGHT)
+    A, B = np.linalg.solve([[1.0, 1.0], [2.0, 0.5]], [0.01, 0.01])
+    lam, mu = E * NU / ((1 + NU) * (1 - 2 * NU)), E / (2 * (1 + NU))
+    probes = read_table(run.directory / "probes.csv")
+    for row, r in enumerate((2.0, 1.0)):
+        stress = 2 * (lam + mu) * A - 2 * mu * B / r**2
+        force = stress * 2 * np.pi * r * 0.5 * (1 if r > 1.5 else -1)
+        assert probes["force_x"][row] == pytest.approx(force, rel=1e-4)
+
+
 SHRINK = HEAD + """
 subdomains("2x1");
 addBody(square(4, 2, [1. + x, 0.5*y], flags = 1))
@@ -332,6 +347,7 @@ macro pointLoad2() [1., 1.2, 0.1, 0.] //
     ("macro displacement1() on(3, u1 = 0.1, u2 = 0.) //", "moves the axis away"),
     ("macro contact() 4 //", "lies on the axis"),
     ("macro planeStress() 1 //", "neither plane"),
+    ("macro pointLoad1() [0., 1.2, 1., 0.] //", "radial force on the axis"),
 ])
 def test_misuse_is_refused(solved, scene, change, words):
     run = solved(scene(CONE + change))
