@@ -89,8 +89,10 @@ def number(manifest, subdomains, first, skeleton, fixed, contact, comm, friction
                         row_scale=row_scale, row_range=row_range, row_starts=row_starts,
                         patterns=len(manifest.patterns), travel=travel,
                         contact=contact, rigid_modes=modes,
-                        rigid_corners=at_corners, outer_edges=skeleton.edges[outer][:, 1:],
-                        outer_middles=middles, primal_dofs=primal)
+                        rigid_corners=at_corners,
+                        uneven=np.intersect1d(skeleton.uneven_gids, contact.gid),
+                        outer_edges=skeleton.edges[outer][:, 1:], outer_middles=middles,
+                        primal_dofs=primal)
 
 
 def _pair_share(skeleton, contact) -> np.ndarray:

@@ -5,15 +5,11 @@ from matplotlib.colors import ListedColormap, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from . import theory
 from .layout import PANELS, panel_grid, panels_note, run_header
 from .reading import Run, contact_boundaries, segment_ends, select
 from .scales import Scale, length_scale, stress_scale
 from .style import BLUE, INK, RED, STATUS, status_name
-
-
-# scenes whose pressure is Hertz's
-LINE_CONTACTS = ("hertz", "hertz-bodies", "mindlin", "mindlin-bodies")
-POINT_CONTACTS = ("sphere",)
 
 
 def pale(colour: str) -> tuple:
@@ -87,10 +83,7 @@ def contact_panels(figure: Figure, run: Run, caption: str, panels: tuple) -> Non
     arc, stress, length = contact_scales(run, shown, *names)
     handles = {}
     for (_, rows), (above, below) in zip(shown, panel_grid(figure, shown, 2, 11)):
-        if run.scene in LINE_CONTACTS:
-            rows["theory"] = hertz(rows)
-        elif run.scene in POINT_CONTACTS:
-            rows["theory"] = hertz_of_spheres(rows)
+        rows["theory"] = theory.curves(run, rows)
         for axes, draw, scale in ((above, panels[0], stress), (below, panels[1], length)):
             shade_zones(axes, rows, arc.factor)
             lines = draw(axes, rows, rows["arc"] * arc.factor, scale)
@@ -105,40 +98,20 @@ def contact_panels(figure: Figure, run: Run, caption: str, panels: tuple) -> Non
                [*handles.values(), *zone_handles(run, status, pale)], panels_note(boundaries))
 
 
-def hertz(rows: dict) -> np.ndarray:
-    """(n,) sigma_n of Hertz's line contact, p = p_0 sqrt(1 - (s/a)^2), with the force P of the
-    boundary's nodes and their length in contact 2a: p_0 = 2 P / (pi a).
-    """
-    force, closed = -rows["sigma_n"] * rows["weight"], rows["status"] != "open"
-    if not closed.any():
-        return np.zeros(len(force))
-    half = rows["length"][closed].sum() / 2
-    middle = force @ rows["arc"] / force.sum()
-    shape = np.sqrt(np.maximum(0.0, 1 - ((rows["arc"] - middle) / half) ** 2))
-    return -2 * force.sum() / (np.pi * half) * shape
-
-
-def hertz_of_spheres(rows: dict) -> np.ndarray:
-    """(n,) sigma_n of Hertz's point contact around the axis, for the force P of the boundary's
-    nodes and the radius a that they touch: p = p_0 sqrt(1 - (r/a)^2), p_0 = 3 P / (2 pi a^2).
-    """
-    force, closed = -rows["sigma_n"] * rows["weight"], rows["status"] != "open"
-    radius = rows["length"][closed].sum()
-    if not closed.any():
-        return np.zeros(len(force))
-    shape = np.sqrt(np.maximum(0.0, 1 - (rows["x"] / radius) ** 2))
-    return -1.5 * force.sum() / (np.pi * radius**2) * shape
-
-
 def normal_stress(axes, rows: dict, arc: np.ndarray, scale: Scale) -> list:
     """sigma_n over arc."""
     axes.set_ylabel(rf"$\sigma_n$ [{scale.label}]")
     lines = axes.plot(arc, rows["sigma_n"] * scale.factor, color=RED, label=r"stress $\sigma_n$",
                       **curve_style(len(arc)))
-    if rows.get("theory") is not None:
-        lines += axes.plot(arc, rows["theory"] * scale.factor, color=INK, lw=0.9, ls=(0, (1, 1)),
-                           label="Hertz, same force and length")
-    return lines
+    return lines + _theory(axes, rows, "sigma_n", arc, scale)
+
+
+def _theory(axes, rows: dict, column: str, arc: np.ndarray, scale: Scale) -> list:
+    """The closed form of a stress, where there is one."""
+    if column not in rows.get("theory", {}):
+        return []
+    label, values = rows["theory"][column]
+    return axes.plot(arc, values * scale.factor, color=INK, lw=0.9, ls=(0, (1, 1)), label=label)
 
 
 def normal_displacement(axes, rows: dict, arc: np.ndarray, scale: Scale) -> list:
@@ -160,7 +133,7 @@ def tangential_stress(axes, rows: dict, arc: np.ndarray, scale: Scale) -> list:
     axes.plot(arc, -bound, color=INK, ls=(0, (4, 2)), lw=1.0)
     return (axes.plot(arc, bound, color=INK, ls=(0, (4, 2)), lw=1.0, label=r"bound $\pm g$")
             + axes.plot(arc, rows["sigma_t"] * scale.factor, color=RED, label=r"stress $\sigma_t$",
-                        **curve_style(len(arc))))
+                        **curve_style(len(arc))) + _theory(axes, rows, "sigma_t", arc, scale))
 
 
 def tangential_displacement(axes, rows: dict, arc: np.ndarray, scale: Scale) -> list:

@@ -25,7 +25,16 @@ def aspect(value: float) -> Case:
     """Elements along the contact boundary `value` times as wide as high."""
     return Case(f"aspect ratio {value:g}", PIECES, {"SUBDOMAINS": "4x2", "ASPECT": value},
                 checks=BOTH, sizes=({"NX": 16, "NY": 12}, {"NX": 32, "NY": 24}), easy={"ASPECT": 1},
-                sweep=("aspect ratio of elements", value))
+                ratio=3.0, sweep=("aspect ratio of elements", value))
+
+
+def graded(value: float, element: str) -> Case:
+    """Triangles that grow by `value` along both axes, cut at random."""
+    return Case(f"triangles graded 1:{value:.0e}, {element}", "hard/graded",
+                {"RATIO": value, "ELEMENT": element, "STEPS": 4}, checks=LAWS,
+                sizes=({"SUBDOMAINS": 5}, {"SUBDOMAINS": 13, "NX": 30, "NY": 24}),
+                easy={"RATIO": 1}, ratio=3.0, sweep=(f"grading of triangles, {element}", value),
+                fast=(value, element) == (1e4, "P2"))
 
 
 def slender(value: float) -> Case:
@@ -59,6 +68,7 @@ CASES = [
          sizes=CUTS, checks=BOTH, easy={"SUBDOMAINS": "4x2"}),
     *(ragged(parts) for parts in (2, 8, 30, 100, 200)),
     *(aspect(value) for value in (1, 10, 100, 1000)),
+    *(graded(value, element) for value in (1, 1e2, 1e4) for element in ("P1", "P2")),
     *(slender(value) for value in (10, 30, 100)),
     Case("contact on both sides of a convex corner", "hard/wedge", checks=LAWS,
          sizes=({"N": 8}, {"N": 16, "SUBDOMAINS": 8})),
