@@ -163,7 +163,7 @@ def contact_window(run: Run) -> tuple[np.ndarray, float] | None:
         return None
     xy = np.column_stack([rows["x"], rows["y"]])[closed]
     size = np.ptp(run.last.xy, axis=0).max()
-    length = max(np.ptp(xy, axis=0).max(), rows["weight"][closed].sum())
+    length = max(np.ptp(xy, axis=0).max(), rows["length"][closed].sum())
     if length > SMALL * size:
         return None
     width = ROOM * length if len(closed) > 2 else max(ROOM * length, SMALL * size)

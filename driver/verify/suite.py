@@ -14,7 +14,7 @@ from ..runs.guard import study_folder
 from . import peer
 from .case import NO_SOLUTION, Case, Check, compared, refusal, solve
 
-MODULES = ("plane", "friction")
+MODULES = ("plane", "friction", "revolution")
 COLUMNS = ("case", "quantity", "source", "reference", "value", "error", "tolerance", "met",
            "seconds", "element", "mesh", "claimed", "errors", "because")
 
