@@ -47,10 +47,16 @@ def run_suite(pairs: dict[str, str]) -> list[Path]:
     made += draw(folder / "curves.csv")
     if not peer.installed():
         print(peer.NOTE)
+    orders = []
+    if not given["case"] and not given["fast"]:
+        from . import rates
+
+        orders = rates.measured(folder)
+        made.append(write_table(folder / "rates.csv", orders, rates.COLUMNS))
     if given["page"]:
         from . import page
 
-        print(f"renewed {os.path.relpath(page.write(chosen, rows, made))}")
+        print(f"renewed {os.path.relpath(page.write(chosen, rows, orders, made))}")
     missed = [row for row in rows if row["met"] == "no"]
     print(f"{len(chosen)} cases, {len(rows)} numbers, {len(rows) - len(missed)} met; "
           f"{time.perf_counter() - clock:.0f} s")
