@@ -14,9 +14,10 @@ from ..scene import declarations
 
 LAST = re.compile(r'^\s*include\s+"export\.idp".*$', re.MULTILINE)
 MACRO = re.compile(r"^\s*macro\s+(\w+)\s*\(", re.MULTILINE)
-UNKNOWN = ("contactPair", "c11", "thermal", "pointLoad", "initialX", "initialY")
+UNKNOWN = ("contactPair", "c11", "thermal", "pointLoad", "axisymmetric")
 SOLVED = """
 mesh Ti = body;
+macro measured(f) f //
 bodyLabels.resize(0);
 { int[int] found = labels(body); bodyLabels.resize(found.n); bodyLabels = found; }
 load "MUMPS_seq"
