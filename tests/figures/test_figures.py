@@ -504,7 +504,8 @@ def test_history_shows_forces_per_thickness_and_iterations(drawn):
 @pytest.mark.parametrize("unit, peak, label, shown", [
     ("Pa", 1.1e8, "MPa", 110), ("Pa", 1e3, "kPa", 1), ("MPa", 2e3, "GPa", 2),
     ("m", 3e-4, "µm", 300),
-    ("mm", 120.0, "mm", 120), ("mm", 3e-3, "µm", 3), ("N/m", 2e6, "MN/m", 2), ("1", 0.5, "–", 0.5),
+    ("mm", 120.0, "mm", 120), ("mm", 3e-3, "µm", 3), ("N/m", 2e6, "MN/m", 2),
+    ("1", 0.5, "–", 0.5),
     ("psi", 3e5, r"$10^{3}$ psi", 300), ("Pa", 0.0, "Pa", 0)])
 def test_scales(unit, peak, label, shown):
     scale = scales.scale_for(unit, [peak, -peak / 2])
