@@ -292,6 +292,21 @@ def test_fluid_pressure_pushes_a_ring_seal_outwards(solved):
         -read_table(run.directory / "probes.csv")["force_y"][-1], rel=1e-6)
 
 
+@pytest.mark.parametrize("element", ELEMENTS)
+def test_tractions_of_the_outline_are_those_of_the_scene(solved, scene, element):
+    """Per area of the revolution, as declared: of an end face with the axis, of a shell, a cone."""
+    run = solved(scene(CONE + """
+macro load1() pressure(3, p) + traction(2, 0., 2.) + pressure(1, 5.) //
+macro support() on(2, u2 = 0.) //
+"""), element=element, slope=0.4)
+    outline = read_table(run.directory / "boundary.csv")
+    tilt = np.hypot(1, 0.4)
+    for label, traction in ((1, (-5 * 0.4 / tilt, 5 / tilt)), (2, (0, 2)), (3, (0, -3))):
+        own = outline["label"] == label
+        for name, value in zip(("traction_x", "traction_y"), traction):
+            np.testing.assert_allclose(outline[name][own], value, rtol=1e-9, atol=1e-9)
+
+
 # ------------------------------------------------------------------------------ structure
 
 def test_a_free_body_has_one_rigid_motion(built, scene):
