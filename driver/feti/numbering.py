@@ -11,7 +11,7 @@ from ..scene.loader import Subdomain
 from ..scene.manifest import Manifest
 from .corners import corner_vertices
 from .gathering import gather
-from .rigid_modes import rigid_modes
+from .rigid_modes import all_springs, rigid_modes
 from .rows import LocalRows, RowKind
 from .structure import Substructure
 from .travel import separated
@@ -44,7 +44,8 @@ def number(manifest, subdomains, first, skeleton, fixed, contact, comm, friction
     `fixed` as `fixed_dofs` returns it, `contact` the ContactBoundary, which gets its row numbers,
     `frictional` whether its nodes have tangential rows.
     """
-    fixed, travel = separated(skeleton, subdomains, fixed, comm)
+    springs = all_springs(manifest, subdomains, comm)
+    fixed, travel = separated(skeleton, subdomains, fixed, springs.subdomain, comm)
     corners, fixed_keys = corner_vertices(skeleton), fixed[0]
     owner = skeleton.over_subdomains(np.minimum, skeleton.nodes[:, 0])
     corner_keys = (2 * corners[:, None] + [0, 1]).ravel()
@@ -82,7 +83,7 @@ def number(manifest, subdomains, first, skeleton, fixed, contact, comm, friction
     primal = comm.allreduce(sum(sub.dofs for sub in subdomains))
     outer = ~skeleton.shared
     middles = skeleton.middles[outer] if len(skeleton.middles) else skeleton.middles
-    modes, at_corners = rigid_modes(skeleton, fixed_keys, corner_keys)
+    modes, at_corners = rigid_modes(skeleton, fixed_keys, corner_keys, springs)
     return Substructure(subdomains, first, manifest.subdomains, *local,
                         coarse_dofs=len(corner_keys), dual_dofs=len(order), row_kind=kind[order],
                         row_scale=row_scale, row_range=row_range, row_starts=row_starts,

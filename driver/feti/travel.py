@@ -92,10 +92,11 @@ class Travel:
         return fields
 
 
-def separated(skeleton, subdomains, fixed, comm) -> tuple[tuple[np.ndarray, np.ndarray], Travel]:
+def separated(skeleton, subdomains, fixed, sprung: np.ndarray,
+              comm) -> tuple[tuple[np.ndarray, np.ndarray], Travel]:
     """The fixed dofs (keys, values) of numbering.fixed_dofs less the travel, and the travel.
 
-    Collective over `comm`.
+    Bodies of the subdomains `sprung` have none: their springs resist it. Collective over `comm`.
     """
     (keys, values), bodies = fixed, bodies_of(skeleton)
     travel, left = Travel(bodies, np.zeros((values.shape[1], len(bodies.size), 3))), values.copy()
@@ -104,6 +105,8 @@ def separated(skeleton, subdomains, fixed, comm) -> tuple[tuple[np.ndarray, np.n
     body, motions = _at(keys, bodies, subdomains, comm)
     for k, b in np.argwhere([[values[body == b, k].any() for b in range(len(bodies.size))]
                              for k in range(values.shape[1])]):
+        if b in bodies.number[sprung]:
+            continue
         here = np.flatnonzero(body == b)
         given = values[here, k]
         motion = _rigid_part(motions[here], keys[here] % 2, given)

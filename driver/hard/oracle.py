@@ -135,7 +135,7 @@ class Assembled:
         return other
 
     def _free_motions(self, place) -> np.ndarray:
-        """(2 vertices, modes): rigid motions that supports leave free; `place` by dof."""
+        """(2 vertices, modes): motions that supports and springs leave free; `place` by dof."""
         from scipy.linalg import null_space
         from scipy.sparse.csgraph import connected_components
 
@@ -153,7 +153,11 @@ class Assembled:
             rigid[own] = np.column_stack([even, ~even, np.where(even, -y, x) / size])
             supported = held & own
             kernel = null_space(rigid[supported], rcond=1e-10) if supported.any() else np.eye(3)
-            columns.append(rigid @ kernel)
+            free = rigid @ kernel
+            resisted = (self.K @ free) / np.abs(self.K.diagonal()).max()
+            if np.abs(resisted).max(initial=0) > 1e-10:  # by springs, not by rounding
+                free = free @ null_space(resisted, rcond=1e-10)
+            columns.append(free)
         return np.hstack(columns)
 
     def _collect_contact(self, names, subdomains):

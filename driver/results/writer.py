@@ -48,7 +48,7 @@ class Writer:
         """
         displacements, state = self.record.add(step)
         inner = self.operator.inner_forces(displacements)
-        forces, size = resultants(self.operator, step, inner, state)
+        forces, size = resultants(self.operator, step, displacements, inner, state)
         imbalance = float(np.abs(sum(forces.values())).max())
         self.largest_imbalance = max(self.largest_imbalance, imbalance)
         self.largest_forces = max(self.largest_forces, float(size.max()))

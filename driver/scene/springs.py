@@ -1,0 +1,37 @@
+"""Springs at nodes: what a subdomain's record says of them, and the stiffness with them.
+
+The room of springs writes the three entries of every node's stiffness as nodal numbers. A boundary
+on an elastic foundation has that of each node's share of the boundary (integrals by the trapezoidal
+rule, of quadratic elements by Simpson's, which keep the order of the elements).
+"""
+
+import numpy as np
+
+FIELDS = ("spring_xx", "spring_xy", "spring_yy")  # as springs.idp names them
+
+
+def stiffened(piece: dict, fields: dict[str, np.ndarray]) -> dict:
+    """`piece`, attributes of a Subdomain, with the springs of its nodes in the stiffness.
+
+    `fields` (n_v,) are the nodal numbers of its record. The same one where no node has a spring.
+    """
+    if FIELDS[0] not in fields:
+        return piece
+    springs = np.column_stack([fields[name] for name in FIELDS])
+    node = np.flatnonzero(springs.any(axis=1))
+    if not len(node):
+        return piece
+    kind = piece["rows"].dtype
+    rows = (2 * node[:, None] + [0, 0, 1, 1]).ravel().astype(kind)
+    columns = (2 * node[:, None] + [0, 1, 0, 1]).ravel().astype(kind)
+    values = springs[node][:, [0, 1, 1, 2]].ravel()
+    return {**piece, "springs": springs, "rows": np.concatenate([piece["rows"], rows]),
+            "columns": np.concatenate([piece["columns"], columns]),
+            "values": np.concatenate([piece["values"], values])}
+
+
+def forces(sub, u: np.ndarray) -> np.ndarray:
+    """(dofs,) forces of the springs on a Subdomain `sub` that has any, at displacements u."""
+    moved, (xx, xy, yy) = u.reshape(-1, 2), sub.springs.T
+    return -np.column_stack([xx * moved[:, 0] + xy * moved[:, 1],
+                             xy * moved[:, 0] + yy * moved[:, 1]]).ravel()
