@@ -139,7 +139,7 @@ class Scene:
             | {"traction": {}},
             columns=self._columns(), fields=[],
             steps=steps, t_end=1.0, bodies=1, contact_labels=[self.contact],
-            labels=[BOTTOM, RIGHT, TOP, LEFT],
+            labels=[BOTTOM, RIGHT, TOP, LEFT], regions=[0, 0],
             patterns=[{"kind": "traction", "given_on": "edges", "amplitude": k}
                       for k in range(patterns)],
             amplitudes={str(k): self.amplitudes[:, k].tolist() for k in range(patterns)},

@@ -211,11 +211,11 @@ class Alternatives:
 
 
 def price_list(companions, parts: dict, budget: dict, name: str, run: Measured, memory: float,
-               idle: float, spent) -> dict:
+               idle: float, spent=None) -> dict:
     """Entry `prices` for the quantity `name`, by default the first with an error; collective.
 
     `parts` and `budget` by quantity; `run`: what the run took; `memory`, `idle`: MiB of it, and
-    before it; `spent()`: seconds of the estimates so far.
+    before it; `spent()`: seconds of the estimates so far, by default predicted like all others.
     """
     values, errors = ({q: entry[key] for q, entry in budget.items()} for key in ("value", "total"))
     zero = vanishing(values, errors)
@@ -230,7 +230,21 @@ def price_list(companions, parts: dict, budget: dict, name: str, run: Measured, 
         return head | {"reason": f"the {words} is zero but for its error"}
     if companions.knob is None:
         return head | {"reason": "no parameter (CELLS, H) sets the mesh size of this scene"}
+    try:
+        found = _predicted(companions, parts, name, values[name], run, memory, idle, spent)
+    except (DriverError, ArithmeticError, LookupError, OSError, ValueError) as problem:
+        if companions.levels.comm.size > 1 and not isinstance(problem, DriverError):
+            raise  # others wait for this rank
+        return head | {"reason": f"they could not be predicted: {problem}"}
+    return head | {"lines": found}
+
+
+def _predicted(companions, parts: dict, name: str, value: float, run: Measured, memory: float,
+               idle: float, spent) -> list[dict]:
+    """The lines of `price_list`."""
     alternatives = Alternatives(companions, parts, name, run)
-    kinds, quantity = alternatives.kinds(), alternatives.quantity(values[name])
-    whole = Whole(run, spent(), kinds[0].costs, memory, idle)
-    return head | {"lines": companions.levels.comm.bcast(prices.lines(kinds, quantity, whole))}
+    kinds, quantity = alternatives.kinds(), alternatives.quantity(value)
+    costs = kinds[0].costs
+    estimates = spent() if spent else costs.companions(run.unknowns, run.steps)
+    whole = Whole(run, estimates, costs, memory, idle)
+    return companions.levels.comm.bcast(prices.lines(kinds, quantity, whole))

@@ -30,6 +30,7 @@ ROUNDING = 1e-9  # relative change of a largest displacement that a support pres
 UNSEEN = 1e-3  # by how much others may exceed it, relative
 UNTRIED = "no run with more steps to compare with"
 TIGHTER = 100.0  # tolerances of the companions that tell what those of the run leave
+LEFT = 2.0  # safety of what they tell: another mesh answers by chance with more or less
 EARNED = 1e-8  # residuals that rounding still lets a companion reach
 
 
@@ -311,7 +312,8 @@ class Companions:
         if before is None or after is None:
             unknown = Part(None, note="the companion with tighter tolerances failed")
             return dict.fromkeys(self.values, unknown)
-        return {name: Part(scale * abs(before[name] - after[name])) for name in self.values}
+        return {name: Part(LEFT * scale * abs(before[name] - after[name]))
+                for name in self.values}
 
     def _settled(self, stride: int, settings: Settings) -> dict | None:
         """As `_values` on the base mesh, where rounding allows it with the residuals asked for."""

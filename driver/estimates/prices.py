@@ -36,11 +36,13 @@ GROWTH = 4.0  # triangles of a cycle over those of the last one
 # powers of the unknowns by which seconds of the stages grow, above a constant
 POWERS = {"export": 1.0, "setup": 1.2, "solve": 1.2, "output": 1.0}
 EVERY_STEP = ("solve", "output")
+MOSTLY = 0.9
 SHORTEST = 1e-4  # seconds that clocks tell from nothing
 LEVELS = (0.5, 4.0)  # factors that one kind of mesh may have on the seconds of another
 ROUGH = 0.6  # seconds of a refinement cycle's steps over those of a run: its tolerances are loose
 START = 0.1  # seconds that FreeFEM takes to start, where one mesh alone was measured
-STEP, ONCE = 0.01, 0.1  # seconds of output that a step and a run take on the smallest mesh
+STEP, ONCE = 0.01, 0.1  # seconds of output that a step and a run take on the smallest mesh ...
+DEAREST = 1e-5, 5e-5  # ... and an unknown in them at most: the rest is spent on reading packages
 
 
 @dataclass(frozen=True)
@@ -81,7 +83,9 @@ class Costs:
                 common = curve(points, power)
                 self.once = max(0.0, own[0][1] - common(whole.unknowns))
             else:
-                least = {"export": START, "output": STEP + ONCE / whole.steps}.get(stage, 0.0)
+                grows = (DEAREST[0] + DEAREST[1] / whole.steps) * whole.unknowns
+                least = {"export": START, "output": max(
+                    STEP + ONCE / whole.steps, own[0][1] - grows)}.get(stage, 0.0)
                 common = curve([*points, *own], power, least)
             self.stages[stage] = scaled(common, _points(runs, stage))
 
@@ -112,7 +116,7 @@ def curve(points: list[tuple[float, float]], power: float,
           least: float = 0.0) -> Callable[[float], float]:
     """N -> a + b N^power, a and b >= 0, nearest to the `points` (N, t), relative to t.
 
-    A single point leaves the constant open: it is `least`, but half of the point at most. So it is
+    A single point leaves the constant open: it is `least`, but MOSTLY of the point at most. It is
     half of the largest where there is no growth yet.
     """
     from scipy.optimize import nnls  # the front imports this module
@@ -122,7 +126,8 @@ def curve(points: list[tuple[float, float]], power: float,
     if len(points) > 1:
         constant, slope = nnls(np.column_stack([1 / t, n**power / t]), np.ones(len(t)))[0]
     else:
-        constant, slope = min(least, t[0] / 2), max(t[0] - least, t[0] / 2)
+        constant = min(least, MOSTLY * t[0])
+        slope = t[0] - constant
     if slope == 0:
         constant = slope = t[n.argmax()] / 2
     return lambda unknowns: constant + slope * (unknowns / size) ** power

@@ -19,6 +19,7 @@ tree ends in the chain of them with all others below its first: entries that are
 
 import numpy as np
 from cvxopt import amd, cholmod, matrix, spmatrix
+from petsc4py import PETSc
 from scipy.linalg import lapack, solve_triangular
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
@@ -31,7 +32,11 @@ SINGULAR = ("stiffness is not positive definite to rounding, which no cut can ca
 
 
 class TornFactor:
-    """Factor of K_rr, the stiffness (n_r, n_r) of the torn dofs; made when it is first used."""
+    """Factor of K_rr, the stiffness (n_r, n_r) of the torn dofs; made when it is first used.
+
+    One factorization serves both: the last rows of L for `reduced` and those of i and t for
+    `solve`. CHOLMOD's own factor is used up where it hands out L.
+    """
 
     def __init__(self, K, torn: np.ndarray, seen: np.ndarray):
         """`K` (dofs, dofs) is CSR, `torn` (n_r,) are the torn dofs, `seen` (n_r,) marks those of t.
@@ -39,7 +44,8 @@ class TornFactor:
         self._K, self._torn, self._inner = K, torn, int((~seen).sum())
         inner = np.flatnonzero(~seen)
         self._order = np.append(inner[_fill_reducing(K, torn[inner])], np.flatnonzero(seen))
-        self._factor = None
+        # L_rr' as PETSc solves with it, and the torn dof of every one of its rows
+        self._upper = self._place = None
 
     def reduced(self, corner: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """K_rr^-1 (n_t, n_t) and K_rr^-1 K_rc (n_t, n_c) on t, and K_cc - K_cr K_rr^-1 K_rc.
@@ -50,8 +56,11 @@ class TornFactor:
         n_c, size, added = len(corner), len(order), np.zeros(len(order))
         added[size - n_c :] = K.diagonal()[corner]
         lower = _lower(K, _places(K, order), self._inner)
-        L = _last_rows(_factorized(lower, added), size - self._inner)
-        n_t = len(L) - n_c
+        factor = _factorized(lower, added)
+        self._place = self._order[_permutation(factor, size)[: size - n_c]]
+        whole = cholmod.getfactor(factor)
+        L, n_t = _last_rows(whole, size - self._inner), size - self._inner - n_c
+        self._upper = _upper(whole, size - n_c)
         L_tt, L_ct, L_cc = L[:n_t, :n_t], L[n_t:, :n_t], L[n_t:, n_t:]
         schur = L_cc @ L_cc.T - np.diag(added[size - n_c :])
         return _inverse(L_tt), _backward(L_tt, L_ct.T), (schur + schur.T) / 2
@@ -60,12 +69,14 @@ class TornFactor:
         """K_rr^-1 times the columns of `right` (n_r, k)."""
         if not right.size:
             return np.zeros_like(right)
-        if self._factor is None:
-            place = _places(self._K, self._torn[self._order])
-            self._factor = _factorized(_lower(self._K, place))
-        permuted, solution = matrix(right[self._order]), np.empty_like(right)
-        cholmod.solve(self._factor, permuted)
-        solution[self._order] = np.array(permuted)
+        if self._upper is None:
+            self.reduced(np.empty(0, int))
+        solution, (x, y) = np.empty_like(right), self._upper.createVecs()
+        for k, column in enumerate(right.T):
+            x.array[:] = column[self._place]
+            self._upper.solveTranspose(x, y)
+            self._upper.solve(y, x)
+            solution[self._place, k] = x.array
         return solution
 
 
@@ -87,11 +98,35 @@ def _factorized(lower: spmatrix, extra: np.ndarray | None = None):
     return factor
 
 
-def _last_rows(factor, count: int) -> np.ndarray:
-    """The lower triangle (count, count) at the end of a factor, which is used up."""
+def _permutation(factor, size: int) -> np.ndarray:
+    """(size,) the rows of the matrix in the order of its factor."""
+    rows = matrix(range(size), tc="d")
+    cholmod.solve(factor, rows, sys=7)
+    return np.array(rows).ravel().astype(int)
+
+
+def _last_rows(L: spmatrix, count: int) -> np.ndarray:
+    """The lower triangle (count, count) at the end of L."""
     if not count:
         return np.empty((0, 0))
-    return np.array(matrix(cholmod.getfactor(factor)[-count:, -count:]))
+    return np.array(matrix(L[-count:, -count:]))
+
+
+def _upper(L: spmatrix, count: int) -> PETSc.Mat:
+    """The transpose of the first `count` rows and columns of L, to solve with.
+
+    Columns of L are its rows; ILU(0) has nothing to eliminate in it and works in place.
+    """
+    first, row, value = (np.array(part).ravel() for part in L.CCS)
+    first = first[: count + 1]
+    row, value = row[: first[-1]], value[: first[-1]]
+    kept = (row < count) & (value != 0)  # supernodes are padded with zeros
+    first = np.append(0, np.cumsum(kept))[first]
+    csr = first.astype(PETSc.IntType), row[kept].astype(PETSc.IntType), value[kept]
+    upper = PETSc.Mat().createAIJWithArrays((count, count), csr, comm=PETSc.COMM_SELF)
+    order = PETSc.IS().createStride(count, first=0, step=1, comm=PETSc.COMM_SELF)
+    upper.factorILU(order, order)
+    return upper
 
 
 def _backward(L: np.ndarray, right: np.ndarray) -> np.ndarray:

@@ -65,10 +65,13 @@ def all_springs(manifest, subdomains, comm) -> Springs:
                    table[:, [3, 4, 4, 5]].reshape(-1, 2, 2))
 
 
-def rigid_modes(skeleton, fixed_keys, corner_keys,
-                springs: Springs) -> tuple[list[RigidMode], np.ndarray]:
+def rigid_modes(skeleton, fixed_keys, corner_keys, springs: Springs,
+                axisymmetric: bool) -> tuple[list[RigidMode], np.ndarray]:
     """Rigid motions that supports and springs leave to each body, orthonormal at its coarse dofs.
+
+    Bodies of revolution (`axisymmetric`) have that along the axis alone.
     """
+    possible = [1] if axisymmetric else [0, 1, 2]
     total = int(skeleton.nodes[:, 0].max()) + 1
     ends = skeleton.nodes[:, 0], total + skeleton.node_id
     links = coo_matrix((np.ones(len(ends[0])), ends), shape=(total + len(skeleton.gids),) * 2)
@@ -86,10 +89,11 @@ def rigid_modes(skeleton, fixed_keys, corner_keys,
         members = np.flatnonzero(body[:total] == component)
         holding = np.vstack([motions[np.isin(keys, fixed_keys)],
                              springs.resistance(members, center, size)])
-        held = np.linalg.qr(holding, mode="r")  # (at most 3, 3)
+        held = np.linalg.qr(holding[:, possible], mode="r")
         _, sizes, basis = np.linalg.svd(held, full_matrices=True)
         rank = int((sizes > 1e-10 * max(1.0, sizes.max(initial=0.0))).sum())
-        free = basis[rank:].T  # (3, modes)
+        free = np.zeros((3, basis.shape[1] - rank))
+        free[possible] = basis[rank:].T
         at_corner = np.isin(keys, corner_keys)
         if not free.shape[1] or not at_corner.any():
             continue

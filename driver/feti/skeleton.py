@@ -18,6 +18,10 @@ from ..scene.manifest import Manifest
 from .gathering import gather, joined
 
 
+THIN = 4.0  # longest side squared over twice the area: 1 to 1.2 for regular triangles
+JUMP = 10.0  # of the stiffness around a node
+
+
 class Skeleton:
     """Boundary edges and nodes of all subdomains, replicated on every rank.
 
@@ -30,6 +34,7 @@ class Skeleton:
         self.edges = gather(comm, pieces.edges)  # subdomain, gid, gid, label
         self.nodes = gather(comm, pieces.nodes)  # subdomain, gid
         self.xy, self.stiffness = gather(comm, pieces.xy), gather(comm, pieces.stiffness)
+        self.uneven = gather(comm, pieces.uneven)  # of every node, see Outline.uneven
         self.middles = gather(comm, pieces.middles)  # of every edge, empty with linear elements
         # of every edge the component of its subdomain, see Outline; numbered in every subdomain
         self.component = gather(comm, pieces.component)
@@ -60,6 +65,11 @@ class Skeleton:
         if len(self.middles):
             gids = np.column_stack([gids, self.middles[here]])
         return np.unique(gids, axis=0)
+
+    @cached_property
+    def uneven_gids(self) -> np.ndarray:
+        """Those of `gids` whose neighbours hold them unevenly in some subdomain."""
+        return self.gids[self.over_subdomains(np.logical_or, self.uneven)]
 
     @cached_property
     def place(self) -> np.ndarray:
@@ -171,6 +181,11 @@ class _Pieces:
         # means over triangles differ by rounding: nine digits make equals equal
         mantissa, exponent = np.frexp(stiffness)
         self.stiffness = np.ldexp(np.round(mantissa * 2.0**30) / 2.0**30, exponent)
+        kinds = {}  # subdomains that share their stiffness are as uneven as one another
+        for outline, sub in zip(outlines, subdomains):
+            if id(sub.values) not in kinds:
+                kinds[id(sub.values)] = outline.uneven(sub)
+        self.uneven = joined((kinds[id(sub.values)] for sub in subdomains), bool)
 
 
 class Outline:
@@ -197,6 +212,34 @@ class Outline:
         """(m,) stiffness at the nodes: trace of Hooke's law in the stiffest triangle there."""
         trace = np.einsum("tii->t", sub.elasticity)
         return np.maximum.reduceat(trace[self._triangle], self._first)
+
+    def uneven(self, sub: Subdomain) -> np.ndarray:
+        """(m,) whether a node's neighbours hold it much more firmly in some way than in another.
+
+        Where a triangle there is thin, resists one kind of shear more than JUMP times as much as
+        another, or where the stiffness varies by more than JUMP over the triangles there and within
+        them.
+        """
+        triangles, place = np.unique(self._triangle, return_inverse=True)
+        p, q, r = sub.xy[sub.triangles[triangles]].swapaxes(0, 1)
+        longest = np.max([((b - a) ** 2).sum(axis=1) for a, b in ((p, q), (q, r), (r, p))], axis=0)
+        thin = longest > THIN * np.abs(cross(q - p, r - p))
+        C = sub.elasticity[:, None] if sub.corner_elasticity is None else sub.corner_elasticity
+        trace = np.einsum("tcii->tc", C[triangles])
+        high = np.maximum.reduceat(trace.max(axis=1)[place], self._first)
+        low = np.minimum.reduceat(trace.min(axis=1)[place], self._first)
+        directed = _shear_ratio(sub.elasticity[triangles]) > JUMP
+        return np.logical_or.reduceat((thin | directed)[place], self._first) | (high > JUMP * low)
+
+
+def _shear_ratio(C: np.ndarray) -> np.ndarray:
+    """(n,) ratio of the two moduli that Hooke's laws C (n, 3, 3) have for shear; isotropic: 1.
+
+    They are the eigenvalues of C for strains (e, -e, 2 g), at right angles to a change of area.
+    """
+    plain, mixed = (C[:, 0, 0] + C[:, 1, 1] - 2 * C[:, 0, 1]) / 4, (C[:, 0, 2] - C[:, 1, 2]) / 2
+    middle, half = (plain + C[:, 2, 2]) / 2, np.hypot((plain - C[:, 2, 2]) / 2, mixed)
+    return (middle + half) / np.maximum(middle - half, np.finfo(float).eps * middle)
 
 
 def _edges(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -91,9 +91,8 @@ def _fill(figure: Figure, runs: list[Point], front: list[Point], reference: dict
     slopes = figure.add_subplot(top[1, :])
     slopes.axis("off")
     slopes.legend(*_own(own, runs),
-                  title="powers of seconds s, and of size $h$, step $\\Delta t$, tolerance",
-                  loc="center", ncols=5, fontsize=7, title_fontsize=7, frameon=False,
-                  columnspacing=1.2, handlelength=1.5)
+                  loc="center", ncols=3, fontsize=7, frameon=False, columnspacing=1.2,
+                  handlelength=1.5)
     total.set(ylabel=f"relative error of the {quantity}", title="all errors, against the reference")
     own.set(title="the sweep's own part")
     for axes in (total, own):
@@ -135,18 +134,16 @@ def _errors(axes, runs: list[Point], front: list[Point], limit: float) -> list:
 
 
 def _own(axes, runs: list[Point]) -> tuple[list, list]:
-    """Curves of the sweeps' own parts; handles and labels with their slopes."""
-    for sweep, (_, colour, marker, symbol) in SWEEPS.items():
+    """Curves of the sweeps' own parts; handles and labels with their orders."""
+    for sweep, (name, colour, marker, symbol) in SWEEPS.items():
         own = [p for p in runs if p.sweep == sweep and not math.isnan(p.own)]
         if not own:
             continue
         errors = [p.own for p in own]
-        powers = {"s": exponent([p.seconds for p in own], errors, 2)}
-        if symbol:
-            powers[symbol] = exponent([p.value for p in own], errors, 2)
-        parts = [f"{name}$^{{{power:.1f}}}$".replace("-", "\N{MINUS SIGN}")
-                 for name, power in powers.items() if power is not None]
-        _curve(axes, own, errors, colour, marker, "-", ", ".join(parts) or "\N{EN DASH}")
+        power = exponent([p.value for p in own], errors, 2) if symbol else None
+        if power is not None:
+            name += f": error \N{PROPORTIONAL TO} {symbol}$^{{{power:.1f}}}$"
+        _curve(axes, own, errors, colour, marker, "-", name)
     return axes.get_legend_handles_labels()
 
 

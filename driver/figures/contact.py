@@ -5,14 +5,11 @@ from matplotlib.colors import ListedColormap, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from . import theory
 from .layout import PANELS, panel_grid, panels_note, run_header
 from .reading import Run, contact_boundaries, segment_ends, select
 from .scales import Scale, length_scale, stress_scale
 from .style import BLUE, INK, RED, STATUS, status_name
-
-
-# scenes whose pressure is Hertz's
-LINE_CONTACTS = ("hertz", "hertz-bodies", "mindlin", "mindlin-bodies")
 
 
 def pale(colour: str) -> tuple:
@@ -22,7 +19,7 @@ def pale(colour: str) -> tuple:
 
 def shade_zones(axes, rows: dict, factor: float) -> None:
     """Tint the background by the status of the nodes' dual segments."""
-    ends = segment_ends(rows["arc"], rows["weight"]) * factor
+    ends = segment_ends(rows["arc"], rows["length"]) * factor
     status = rows["status"]
     jumps = np.flatnonzero(status[1:] != status[:-1]) + 1
     for left, right in zip([0, *jumps], [*jumps, len(status)]):
@@ -86,8 +83,7 @@ def contact_panels(figure: Figure, run: Run, caption: str, panels: tuple) -> Non
     arc, stress, length = contact_scales(run, shown, *names)
     handles = {}
     for (_, rows), (above, below) in zip(shown, panel_grid(figure, shown, 2, 11)):
-        if run.scene in LINE_CONTACTS:
-            rows["theory"] = hertz(rows)
+        rows["theory"] = theory.curves(run, rows)
         for axes, draw, scale in ((above, panels[0], stress), (below, panels[1], length)):
             shade_zones(axes, rows, arc.factor)
             lines = draw(axes, rows, rows["arc"] * arc.factor, scale)
@@ -102,28 +98,20 @@ def contact_panels(figure: Figure, run: Run, caption: str, panels: tuple) -> Non
                [*handles.values(), *zone_handles(run, status, pale)], panels_note(boundaries))
 
 
-def hertz(rows: dict) -> np.ndarray:
-    """(n,) sigma_n of Hertz's line contact, p = p_0 sqrt(1 - (s/a)^2), with the force P of the
-    boundary's nodes and their length in contact 2a: p_0 = 2 P / (pi a).
-    """
-    force, closed = -rows["sigma_n"] * rows["weight"], rows["status"] != "open"
-    if not closed.any():
-        return np.zeros(len(force))
-    half = rows["weight"][closed].sum() / 2
-    middle = force @ rows["arc"] / force.sum()
-    shape = np.sqrt(np.maximum(0.0, 1 - ((rows["arc"] - middle) / half) ** 2))
-    return -2 * force.sum() / (np.pi * half) * shape
-
-
 def normal_stress(axes, rows: dict, arc: np.ndarray, scale: Scale) -> list:
     """sigma_n over arc."""
     axes.set_ylabel(rf"$\sigma_n$ [{scale.label}]")
     lines = axes.plot(arc, rows["sigma_n"] * scale.factor, color=RED, label=r"stress $\sigma_n$",
                       **curve_style(len(arc)))
-    if rows.get("theory") is not None:
-        lines += axes.plot(arc, rows["theory"] * scale.factor, color=INK, lw=0.9, ls=(0, (1, 1)),
-                           label="Hertz, same force and length")
-    return lines
+    return lines + _theory(axes, rows, "sigma_n", arc, scale)
+
+
+def _theory(axes, rows: dict, column: str, arc: np.ndarray, scale: Scale) -> list:
+    """The closed form of a stress, where there is one."""
+    if column not in rows.get("theory", {}):
+        return []
+    label, values = rows["theory"][column]
+    return axes.plot(arc, values * scale.factor, color=INK, lw=0.9, ls=(0, (1, 1)), label=label)
 
 
 def normal_displacement(axes, rows: dict, arc: np.ndarray, scale: Scale) -> list:
@@ -145,7 +133,7 @@ def tangential_stress(axes, rows: dict, arc: np.ndarray, scale: Scale) -> list:
     axes.plot(arc, -bound, color=INK, ls=(0, (4, 2)), lw=1.0)
     return (axes.plot(arc, bound, color=INK, ls=(0, (4, 2)), lw=1.0, label=r"bound $\pm g$")
             + axes.plot(arc, rows["sigma_t"] * scale.factor, color=RED, label=r"stress $\sigma_t$",
-                        **curve_style(len(arc))))
+                        **curve_style(len(arc))) + _theory(axes, rows, "sigma_t", arc, scale))
 
 
 def tangential_displacement(axes, rows: dict, arc: np.ndarray, scale: Scale) -> list:
@@ -178,7 +166,7 @@ def contact_status(figure: Figure, run: Run) -> None:
         if not run.friction:
             status = np.where(status == "open", "open", "slip")
         codes = np.array([list(STATUS).index(s) for s in status]).reshape(len(times), nodes)
-        ends = segment_ends(rows["arc"][:nodes], rows["weight"][:nodes]) * arc.factor
+        ends = segment_ends(rows["arc"][:nodes], rows["length"][:nodes]) * arc.factor
         axes.pcolormesh(ends, np.concatenate([[0.0], times]), codes, vmin=0, vmax=2,
                         cmap=ListedColormap(list(STATUS.values())),
                         rasterized=nodes * len(times) > 5000, linewidth=0.3,

@@ -10,7 +10,7 @@ BOTH = (dense(1e-5), laws(1e-5))
 # times the contrast
 LOOSE = (dense(1e-3), laws(1e-5))
 WHERE = {"pieces": "from subdomain to subdomain", "inside": "inside subdomains",
-         "halves": "halfway"}
+         "halves": "halfway", "layers": "in layers thinner than elements"}
 
 
 def jump(value: float, board: str, fast=False) -> Case:
@@ -35,7 +35,18 @@ def jump_without_contact(value: float, board: str) -> Case:
 def fibre(stiffness: float) -> Case:
     """Fibres `stiffness` times as stiff along as across, at 30 degrees."""
     return Case(f"fibres stiffer by {stiffness:g}", "hard/fibre", {"STIFFNESS": stiffness},
-                checks=BOTH, easy={"STIFFNESS": 1}, sweep=("stiffness of fibres", stiffness))
+                checks=BOTH, easy={"STIFFNESS": 1}, ratio=3.0,
+                sweep=("stiffness of fibres", stiffness))
+
+
+def layers(value: float, element: str) -> Case:
+    """Young's modulus jumps by `value` from layer to layer within quadratic elements."""
+    return Case(f"E jumps by {value:.0e} {WHERE['layers']}, {element}", BLOCK,
+                {"JUMP": value, "BOARD": "layers", "ELEMENT": element, "STEPS": 4},
+                sizes=({"SUBDOMAINS": "1x1", "CELLS": 8}, {"SUBDOMAINS": 9, "CELLS": 8}),
+                checks=(laws(1e-5),), easy={"JUMP": 1}, ratio=3.0,
+                fast=(value, element) == (1e6, "P2"),
+                sweep=(f"jump of E {WHERE['layers']}, {element}", value))
 
 
 def poisson(value: float) -> Case:
@@ -51,6 +62,8 @@ CASES = [
     *(jump(value, "pieces", fast=value == 1e6) for value in (1, 1e3, 1e6, 1e-3, 1e-6)),
     *(jump(value, "halves") for value in (1, 1e3, 1e6, 1e-3, 1e-6)),
     *(jump(value, "inside") for value in (1, 1e3, 1e6, 1e-3, 1e-6)),
+    *(layers(value, element) for value in (1e3, 1e6, 1e-3, 1e-6)
+      for element in ("P2", "P2-mixed")),
     *(fibre(value) for value in (1, 10, 100, 1000)),
     *(poisson(value) for value in (0.3, 0.4, 0.49, 0.499, 0.4999)),
 ]

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from ..errors import DriverError, error_of
 from ..estimates.budget import share
+from ..results.summary import largest_memory
 from . import goal
 from .request import Request
 
@@ -26,7 +27,7 @@ def run(directory: Path, request: Request, comm) -> tuple[int, str]:
         if root and not request.quiet:
             print(f"{request.scene}: {line}", flush=True)
 
-    status, reason, search = 0, "", None
+    status, reason, search, idle = 0, "", None, largest_memory(comm)
     try:
         search = goal.Search(levels, settings, *request.accuracy, say)
         search.run()
@@ -34,15 +35,53 @@ def run(directory: Path, request: Request, comm) -> tuple[int, str]:
         status, reason = problem.exit_status, str(problem)
     try:
         if search is not None and "mesh" in search.parts:
-            _write(directory, request, search, status, reason, clock)
+            _write(directory, request, search, status, reason, clock, idle)
     finally:
         comm.barrier()
         levels.close()
     return status, reason
 
 
+class Tried:
+    """The meshes that a search has tried, as companions of its finest run for the price list."""
+
+    def __init__(self, search: goal.Search, problem):
+        """`problem` of the finest run, with the steps that were chosen."""
+        self.search, self.levels, self.manifest = search, search.levels, problem.manifest
+        self.settings = search.scaled(search.settings, search.stride)
+        self.effects, self.knob = search.effects, search.knob
+        self.meshes = [{search.knob: size} for size in search.sizes[:-4:-1]]
+        self.base, self.values = self.meshes[1], search._values(search.sizes[-1])
+        self.levels.problems[()] = problem
+
+    def stride(self, wanted: int) -> int:
+        """As of estimates.levels.Companions."""
+        return max(stride for stride in (1, 2, 4) if stride <= min(wanted, self.manifest.steps))
+
+    def level(self, mesh: dict, stride: int = 1, quiet: bool = True):
+        """A run on a mesh at every `stride`-th of the chosen steps, None if it fails."""
+        try:
+            if set(mesh) == {self.knob}:
+                return self.search._level(mesh[self.knob], self.search.stride * stride)
+            return self.levels.run(self.settings, self.search.stride * stride, **mesh)
+        except DriverError:
+            return None
+
+
+def _prices(search: goal.Search, problem, output: float, memory: float, idle: float) -> dict:
+    """Entry `prices` of the errors; `output`: seconds that the results took; collective."""
+    from ..estimates.alternatives import price_list
+    from ..estimates.prices import Measured
+
+    key = ((search.knob, search.sizes[-1]),)
+    seconds = {"export": 0.0, "setup": 0.0, **search.levels.spent.get(key, {}), "output": output,
+               "solve": search._level(search.sizes[-1]).seconds}
+    return price_list(Tried(search, problem), search.parts, search.budget(), search.name,
+                      Measured.of(seconds, problem.manifest), memory, idle)
+
+
 def _write(directory: Path, request: Request, search: goal.Search, status: int, reason: str,
-           clock: float) -> None:
+           clock: float, idle: float) -> None:
     """Results of the finest run, as an ordinary run leaves them."""
     from ..estimates import validity
     from ..results import summary
@@ -66,11 +105,14 @@ def _write(directory: Path, request: Request, search: goal.Search, status: int, 
     accuracy = {"quantity": search.name, "asked": search.asked, "reached": entry["relative"],
                 "settings": chosen, "levels": len(search.sizes), "products": levels.products}
     failure = error_of(status, reason) if status else None
+    output, memory = time.perf_counter() - begun, largest_memory(comm)
+    if request.errors == "yes" and not status:
+        errors["prices"] = _prices(search, problem, output, memory, idle)
     now = time.perf_counter()
-    seconds = {"read": 0.0, **levels.seconds, "output": now - begun, "total": now - clock}
+    seconds = {"read": 0.0, **levels.seconds, "output": output, "total": now - clock}
     summary.write(directory, summary.summarize(
         request, problem, level.solver, failure, search.scaled(search.settings, search.stride),
-        writer, summary.largest_memory(comm), seconds, errors=errors, validity=valid,
+        writer, memory, seconds, errors=errors, validity=valid,
         accuracy=accuracy), comm)
     if comm.rank == 0:
         (directory / "run.log").write_text(json.dumps(accuracy) + "\n")

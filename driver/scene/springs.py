@@ -1,8 +1,9 @@
 """Springs at nodes: what a subdomain's record says of them, and the stiffness with them.
 
-The room of springs writes the three entries of every node's stiffness as nodal numbers. A boundary
-on an elastic foundation has that of each node's share of the boundary (integrals by the trapezoidal
-rule, of quadratic elements by Simpson's, which keep the order of the elements).
+The room of springs writes the three entries of every node's stiffness as nodal numbers. On an
+elastic foundation these are integrals of its stiffness against the node's shape function, those of
+quadratic elements by Simpson's rule, so that uniform displacements meet the forces of uniform
+tractions node by node.
 """
 
 import numpy as np

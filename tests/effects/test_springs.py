@@ -116,6 +116,20 @@ def test_forces_balance_and_cuts_do_not_matter(solved, element, stiffness):
                                        atol=1e-5 * size)
 
 
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_round_block_on_a_foundation(solved, tmp_path, element):
+    """Of revolution: u_y = -p/k - p y/E, and the force p pi R^2 on the ring-shaped foundation."""
+    text = BLOCK.replace("rotate(angle);", "macro axisymmetric() 1 //")
+    start = text.index("macro load1")
+    text = text[:start] + "macro load1() pressure(3, p) //\n" + text[text.index("macro found"):]
+    (tmp_path / "round.edp").write_text(text.replace("macro foundationTangential() kx //\n", ""))
+    run = solved(tmp_path / "round.edp", cells=3, element=element, **TIGHT)
+    for label, y in ((1, 0.0), (3, 1.0)):
+        assert probed(run, f"label{label}", "u_y") == pytest.approx(-8 / 50 - 8 * y / 1e3,
+                                                                    rel=1e-9)
+    assert probed(run, "label1", "force_y") == pytest.approx(8 * np.pi * 4, rel=1e-9)
+
+
 def test_ranks_leave_the_same_bits(solved):
     one, two = (solved(HELD, steps=2, subdomains=5, np=n) for n in (1, 2))
     for name, values in one.contact.items():

@@ -1,8 +1,11 @@
 """Prices of accuracy: what is predicted from manufactured costs and errors, and lists of runs."""
 
+from types import SimpleNamespace
+
 import pytest
 
 from driver.estimates import prices
+from driver.estimates.alternatives import Alternatives
 from driver.estimates.prices import Adaptive, Costs, Measured, Quantity, Uniform, Whole
 
 
@@ -71,6 +74,32 @@ def test_cycles_of_refinement_go_on_by_their_order_and_all_are_paid():
     choice = kind.meets(0.006)
     assert choice.settings == {"H": "0.4", "ADAPT": "3"}
     assert choice.unknowns == (1e3, 4e3, 1.6e4, 6.4e4)
+
+
+def test_cycles_of_refinement_are_paid_before_the_run():
+    quantity = Quantity("slip", 1.0, 10, False, {10: 0.0}, 1.0, 0.0)
+    whole = Whole(measured(1.6e4), 2.0, COSTS, 150.0, 90.0)
+    adaptive = Adaptive("ADAPT", {"H": "0.4"}, [0.05, 0.02], [4e3, 1.6e4], 1.0, COSTS)
+    uniform = Uniform("P1", "h", [0.1], [0.02], 1.6e4, 1.0, COSTS)
+    one, two = (prices.price(kind, quantity, whole, 0.03) for kind in (uniform, adaptive))
+    cycle = COSTS.run(4e3, 10)
+    assert one["seconds_bare"] + 0.5 * cycle < two["seconds_bare"] < one["seconds_bare"] + cycle
+
+
+@pytest.mark.parametrize("value, claimed, error", [
+    (1.10, 0.01, 0.10),  # farther from the run than it claims
+    (1.01, 0.02, 0.02), (1.01, None, 0.06),  # nothing known but the run and its error
+    (1.01, 0.30, 0.06)])
+def test_errors_of_other_meshes_are_bounded_by_the_run(value, claimed, error):
+    """The run has 1 with an error of 0.05; a coarser mesh 1.2 in its steps, 1.3 in a fourth."""
+    def level(mesh, stride):
+        return SimpleNamespace(values={"slip": 1.2 if stride == 1 else 1.3})
+
+    kinds = Alternatives.__new__(Alternatives)
+    kinds.companions = SimpleNamespace(level=level, base={"h": 0.2}, values={"slip": 1.0})
+    kinds.name, kinds.stride = "slip", 4
+    own = SimpleNamespace(errors=[0.05])
+    assert kinds._within(value + 0.1, claimed, own) == pytest.approx(error)
 
 
 def a_list(times=None, static=False):

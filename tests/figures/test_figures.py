@@ -5,6 +5,7 @@ import csv
 import json
 import math
 from pathlib import Path
+from types import SimpleNamespace
 
 import meshio
 import numpy as np
@@ -14,7 +15,8 @@ from PIL import Image
 
 from driver import figures
 from driver.errors import InputError
-from driver.figures import animation, body, contact, convergence, obstacle, outline, redraw, scales
+from driver.figures import (animation, body, contact, convergence, obstacle, outline, redraw,
+                            scales, theory)
 
 ALL = ["geometry", "loading", "deformed", "contact_normal", "contact_tangential", "contact_status",
        "history", "convergence"]
@@ -365,6 +367,18 @@ def test_foundation_under_a_round_body_is_as_flat_as_its_gap_says():
     assert np.all(marks[:, 1, 1] < marks[:, 0, 1] - 0.02 * size)
 
 
+@pytest.mark.parametrize("bent, longer", [(0.0, 0.6), (0.1, 0.0)])
+def test_a_flat_foundation_goes_on_as_far_as_the_body_slides(bent, longer):
+    """By the displacement as it is drawn; nothing is known of how a curved one goes on."""
+    x = np.linspace(0, 1, 5)
+    contact = {"x": x, "y": 0 * x, "normal_x": bent * x, "normal_y": -np.sqrt(1 - (bent * x)**2),
+               "gap": 0 * x, "arc": x, "u_t": 0.1 * x}
+    axes = Figure().add_subplot()
+    obstacle.draw_obstacle(axes, contact, 1.0, 2.0, times=3.0)
+    line = np.array(axes.collections[0].get_segments())[:, :, 0]
+    assert (line.min(), line.max()) == pytest.approx((-longer, 2.0 + longer))
+
+
 def test_rim_of_the_torn_mesh_is_the_boundary_of_every_subdomain(run):
     edges, _ = run.first.rim()
     length = np.linalg.norm(np.diff(run.first.xy[edges], axis=1), axis=2).sum()
@@ -610,10 +624,73 @@ def test_hertz_has_its_ellipse(tmp_path):
     true = -np.sqrt(np.maximum(0, 1 - ((arc - 1) / 0.5) ** 2))
     rows = {"arc": arc, "weight": np.full(401, 0.005), "sigma_n": true,
             "status": np.where(true < 0, "slip", "open")}
-    assert contact.hertz(rows) == pytest.approx(true, abs=0.05)  # half an edge at either end
-    assert (contact.hertz(rows) @ rows["weight"]) == pytest.approx(true @ rows["weight"], rel=1e-2)
+    assert theory.hertz(rows) == pytest.approx(true, abs=0.05)  # half an edge at either end
+    assert (theory.hertz(rows) @ rows["weight"]) == pytest.approx(true @ rows["weight"], rel=1e-2)
     run = figures.read_run(make_run(tmp_path, steps=2, scene="edp/hertz.edp", products=6))
     assert "Hertz, same force and length" in legend_words(figures.compose("contact_normal", run))
+
+
+@pytest.mark.parametrize("history, remembered", [
+    ([0, 0.2, 0.5], [0.5]), ([0.5, 0.2, -0.1], [0.5, -0.1]), ([0.5, -0.5], [-0.5]),
+    ([0.5, -0.2, 0.3, 0.1, 0.3, 0.4], [0.5, -0.2, 0.4]), ([0.5, -0.2, 0.6], [0.6]),
+    ([-0.5, 0.2, -0.1, 0.1], [-0.5, 0.2, -0.1, 0.1]), ([-0.5, 0.2, -0.1, 0.3], [-0.5, 0.3]),
+])
+def test_what_a_shearing_force_leaves_behind(history, remembered):
+    """Closed loops are forgotten, and so is all that is smaller than what came after."""
+    assert theory.turns(np.array(history, float)) == remembered
+
+
+def shifted(history: list, arc: np.ndarray, friction: float = 0.3) -> SimpleNamespace:
+    """A run under Hertz's pressure of half-width 1 about the arc 0, sheared by parts of F P."""
+    pressure, weight = np.sqrt(np.maximum(0, 1 - arc**2)), np.gradient(arc)
+    columns = {"step": [], "node": [], "sigma_n": [], "sigma_t": [], "weight": []}
+    most = friction * pressure @ weight
+    for step, force in enumerate(history, 1):
+        for name, values in (("step", 0 * arc + step), ("node", np.arange(len(arc))),
+                             ("sigma_n", -pressure), ("weight", weight),
+                             ("sigma_t", force * most * pressure / (pressure @ weight))):
+            columns[name].append(values)
+    rows = {"arc": arc, "weight": weight, "sigma_n": -pressure, "node": np.arange(len(arc)),
+            "step": 0 * arc + len(history), "bound": friction * pressure,
+            "status": np.where(pressure > 0, "stick", "open")}
+    contact = {name: np.concatenate(values) for name, values in columns.items()}
+    return SimpleNamespace(contact=contact, rows=rows, most=most)
+
+
+@pytest.mark.parametrize("history", [[0.3, 0.6], [0.6, 0.1], [0.6, -0.6, 0.2], [0.5, -0.3, 0.4]])
+def test_cattaneo_and_mindlin(history):
+    """It carries the shearing force, stays below the bound, and is at it at the edges, where the
+    last stretch slipped."""
+    arc = np.linspace(-1.2, 1.2, 2401)
+    run = shifted(history, arc)
+    shear = theory.mindlin(run, run.rows)
+    # a node at either end of the contact: 1e-3 of its length
+    assert shear @ run.rows["weight"] == pytest.approx(history[-1] * run.most, rel=0.01)
+    assert (np.abs(shear) <= run.rows["bound"] + 2e-3).all()
+    edge = np.flatnonzero(run.rows["sigma_n"] < -0.1)[0]
+    direction = np.sign(np.diff([0.0, *history])[-1])
+    assert shear[edge] == pytest.approx(direction * run.rows["bound"][edge], rel=0.05)
+
+
+def test_no_curve_where_all_slides_or_the_pressure_changes():
+    arc = np.linspace(-1.2, 1.2, 241)
+    run = shifted([0.5, 1.0], arc)
+    assert theory.mindlin(run, run.rows) is None
+    run = shifted([0.5, 0.6], arc)
+    run.contact["sigma_n"][:241] *= 0.9
+    assert theory.mindlin(run, run.rows) is None
+
+
+def test_a_flat_punch_and_a_ring():
+    """Both carry the force of the nodes: the punch to the cut-off at its edges."""
+    arc = np.linspace(0, 1, 2001)
+    weight = np.gradient(arc)
+    weight[[0, -1]] /= 2
+    rows = {"arc": arc, "weight": weight, "sigma_n": -np.exp(arc)}
+    force = rows["sigma_n"] @ rows["weight"]
+    assert theory.flat_punch(rows) @ rows["weight"] == pytest.approx(force, rel=0.02)
+    assert theory.flat_punch(rows)[0] == pytest.approx(2 * force / np.pi, rel=1e-6)
+    assert theory.uniform(rows) == pytest.approx(np.full(2001, force / rows["weight"].sum()))
 
 
 def test_the_animation_has_a_frame_a_step_all_alike(tmp_path):

@@ -74,6 +74,19 @@ def test_a_finer_request_costs_more_and_settings_can_be_repeated_by_hand(solved)
     assert (fine.directory / "freefem.log").exists() and not (fine.directory / "levels").exists()
 
 
+def test_a_search_ends_with_the_price_of_the_next_digit(solved):
+    """What the search itself has taken for an accuracy is among the settings, or a faster one."""
+    run = solved("model", loading="nonmonotone", accuracy="10%", errors="yes")
+    found = run.summary["errors"]["prices"]
+    assert found["quantity"] == "normal_resultant"
+    line = found["lines"][0]
+    chosen = run.summary["accuracy"]["settings"]
+    assert line["accuracy"] == 0.1
+    assert int(line["compared"]["P1"]["settings"]["CELLS"]) <= int(chosen["CELLS"])
+    asked = [entry["accuracy"] for entry in found["lines"] if "settings" in entry]
+    assert asked[:3] == [0.1, 0.03, 0.01]
+
+
 def test_nothing_is_solved_beyond_the_discretization_error(solved):
     run = solved("model", loading="nonmonotone", accuracy="1%")
     entry = run.summary["errors"]["quantities"]["normal_resultant"]

@@ -14,7 +14,7 @@ import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ...errors import DriverError, InputError
+from ...errors import DriverError, InputError, NotConverged
 from ...estimates.budget import vanishing
 from ...files import write_table
 from ...runs.run import Run, execute
@@ -122,6 +122,15 @@ def run_coverage(out: Path, scene: str | None) -> list[Path]:
     return [table, *draw(table)]
 
 
+def references(case: Case, out: Path) -> tuple[dict, dict]:
+    """Quantities of the last two reference runs of a case. Raises NotConverged where they fail."""
+    fine = [_values(case, settings | TIGHT, out)[0] for settings in case.references]
+    fine = [values for values in fine if values]
+    if len(fine) < 2:
+        raise NotConverged(f"{case.scene}: there are no two reference runs to compare with")
+    return fine[-2], fine[-1]
+
+
 def chosen(cases, scene: str | None) -> list[Case]:
     """The cases of a scene, or all. Raises InputError if there are none."""
     own = [case for case in cases if scene in (None, case.scene)]
@@ -133,9 +142,7 @@ def chosen(cases, scene: str | None) -> list[Case]:
 
 def judge(case: Case, out: Path) -> list[dict]:
     """Rows of the table of a case's runs."""
-    fine = [_values(case, settings | TIGHT, out)[0] for settings in case.references]
-    finer, finest = [values for values in fine if values][-2:]
-    rows = []
+    (finer, finest), rows = references(case, out), []
     for settings in case.runs:
         _, errors = _values(case, {"quiet": "yes", **settings}, out)
         label = " ".join(f"{name.upper()}={value}"

@@ -6,9 +6,15 @@ error, against references as in `coverage`, with the accuracy that the line is f
 seconds within a factor of two, and 95 of 100 accuracies met.
 """
 
+import json
 import math
+import os
+import subprocess
+import sys
+import tempfile
 from pathlib import Path
 
+from ... import environment
 from ...estimates.prices import spelled
 from ...files import write_table
 from ...text import percent, words
@@ -60,13 +66,12 @@ def first_cases() -> list[Case]:
 def judge(case: Case, out: Path) -> list[dict]:
     """Rows of the table: the lines of one run's list, each setting run once."""
     settings = case.common | RUNS[case.scene]
-    prices = coverage.summary_of(case, RUNS[case.scene], out).get("errors", {}).get("prices")
+    prices = _run(settings | {"scene": case.scene}, out).get("errors", {}).get("prices")
     if not prices or not prices["lines"]:
         print(f"  {case.scene}: {prices and prices['reason']}")
         return []
-    fine = [coverage.summary_of(case, more | coverage.TIGHT, out) for more in case.references]
     name, done = prices["quantity"], {}
-    finer, finest = [summary["quantities"][name] for summary in fine if summary][-2:]
+    finer, finest = (values[name] for values in coverage.references(case, out))
     reference = case.exact.get(name, finest)
     uncertainty = 0.0 if name in case.exact else abs(finest - finer) / abs(reference)
     label = " ".join(f"{key.upper()}={value}" for key, value in settings.items())
@@ -77,7 +82,7 @@ def judge(case: Case, out: Path) -> list[dict]:
         price = spelled(line["settings"])
         if price not in done:
             chosen = {key.lower(): value for key, value in line["settings"].items()}
-            done[price] = coverage.summary_of(case, chosen, out)
+            done[price] = _run(case.common | chosen | {"scene": case.scene}, out)
         if not done[price]:
             continue
         rows.append({"scene": case.scene, "setting": label, "quantity": name, "price": price,
@@ -85,6 +90,21 @@ def judge(case: Case, out: Path) -> list[dict]:
                      "uncertainty": uncertainty, **_verdict(line, done[price], name, reference,
                                                             uncertainty)})
     return rows
+
+
+def _run(options: dict, out: Path) -> dict:
+    """Summary of a run by itself, as a user starts it; empty if it failed."""
+    with tempfile.TemporaryDirectory(prefix=".run.", dir=out) as folder:
+        place = Path(folder) / "run"
+        words = [f"{name.upper()}={value}" for name, value in options.items()]
+        done = environment.run_child(
+            [sys.executable, "-m", "driver", "run", *words, f"OUT={place}", "FIGURES=no",
+             "FIELDS=no", "QUIET=yes"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+            env={**os.environ, "PYTHONPATH": environment.python_path()})
+        if done.returncode:
+            print(f"  {' '.join(words)}: {done.stderr.strip()}", flush=True)
+            return {}
+        return json.loads((place / "summary.json").read_text())
 
 
 def _verdict(line: dict, summary: dict, name: str, reference: float, uncertainty: float) -> dict:

@@ -50,9 +50,7 @@ def run_requests(out: Path, scene: str | None) -> list[Path]:
 
 def judge(case: Case, out: Path) -> list[dict]:
     """Rows of the table: every quantity of a scene at every accuracy."""
-    fine = [coverage.summary_of(case, more | coverage.TIGHT, out) for more in case.references]
-    finer, finest = [summary["quantities"] for summary in fine if summary][-2:]
-    rows = []
+    (finer, finest), rows = coverage.references(case, out), []
     for name in coverage.summary_of(case, RUNS[case.scene], out)["quantities"]:
         reference = case.exact.get(name, finest[name])
         apart = 0.0 if name in case.exact else abs(finest[name] - finer[name])

@@ -1,0 +1,148 @@
+"""Bodies that hold their nodes unevenly: thin triangles, stiffness that jumps or has a direction.
+
+The condition number of the preconditioned operator, computed densely, stays that of an even body.
+"""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from small_scenes import LEFT, TOP, Body, Scene, grown, rectangle
+from test_cuts import torn
+from test_deflation import condition, dense
+
+from driver.feti.contact_block import ContactBlock
+from driver.feti.deflation import DeflatedPreconditioner, Deflation
+from driver.feti.rows import RowKind
+from driver.feti.skeleton import JUMP, THIN, Outline, Skeleton, _shear_ratio
+
+NX, NY = 14, 10
+# Triangles just below THIN raise the condition number as THIN^2, jumps just below JUMP as JUMP do
+# where the other half of a pair is rigid: both about 10. Measured: up to 5 times an even body's.
+TIMES = 10.0
+
+
+def progression(n: int, ratio: float) -> np.ndarray:
+    """(n + 1,) places in [0, 1], the last interval `ratio` times as long as the first."""
+    steps = ratio ** (np.arange(n) / (n - 1))
+    return np.append(0.0, np.cumsum(steps)) / steps.sum()
+
+
+def even():
+    """Vertices, stiffness of the triangles."""
+    return rectangle(NX, NY)[0], np.ones(2 * NX * NY)
+
+
+def graded(ratio: float, both: bool):
+    """Columns, and perhaps rows, whose widths grow."""
+    xy, young = even()
+    xy[:, 0] = np.interp(xy[:, 0], np.linspace(0, 2, NX + 1), 2 * progression(NX, ratio))
+    if both:
+        xy[:, 1] = np.interp(xy[:, 1], np.linspace(0, 1, NY + 1), progression(NY, ratio))
+    return xy, young
+
+
+def thin(aspect: float):
+    """All triangles so many times as high as wide, or as wide as high."""
+    xy, young = even()
+    return xy * [1.0, aspect], young
+
+
+def striped(jump: float):
+    """Slanted layers thinner than triangles, which each have the stiffness of their middles."""
+    xy, young = even()
+    x, y = xy[rectangle(NX, NY)[1]].mean(axis=1).T
+    young[np.abs(np.sin(10 * (y + 0.37 * x))) < 0.3] = jump
+    return xy, young
+
+
+def speckled(jump: float):
+    """Triangles that are stiff or compliant at random."""
+    xy, young = even()
+    young[np.random.default_rng(5).random(len(young)) < 0.3] = jump
+    return xy, young
+
+
+def scene(made, parts: int) -> Scene:
+    """The body in pieces that have grown at random, pressed down with friction."""
+    xy, young = made
+    _, triangles, outline = rectangle(NX, NY)
+    part = grown(triangles, parts, np.random.default_rng(parts))
+    return Scene(Body(xy, triangles, outline, part, young, 0.3), [{TOP: (0.0, -1.0)}],
+                 np.array([[0.0], [1.0]]), support=LEFT)
+
+
+def conditions(given: Scene) -> dict[str, float]:
+    """Condition number on the faces without contact, without friction, and on all rows."""
+    problem = torn(given)
+    local = problem.operator.preconditioner()
+    block = ContactBlock(problem.operator, local)
+    preconditioner = DeflatedPreconditioner(local, Deflation(block, problem.structure))
+    kind, F = problem.structure.row_kind, problem.F
+    faces = {"gluing": kind == RowKind.GLUING, "frictionless": kind <= RowKind.NORMAL,
+             "all": kind >= 0}
+    return {name: condition(dense(preconditioner, free), F[np.ix_(free, free)])
+            for name, free in faces.items() if free.any()}
+
+
+HARD = {"columns 1:1e4": lambda: graded(1e4, False), "both 1:1e4": lambda: graded(1e4, True),
+        "high": lambda: thin(100.0), "flat": lambda: thin(0.01),
+        "layers 1e6": lambda: striped(1e6), "layers 1e-6": lambda: striped(1e-6),
+        "speckles 1e6": lambda: speckled(1e6)}
+
+
+@pytest.mark.parametrize("parts", [3, 7])
+@pytest.mark.parametrize("body", HARD)
+def test_condition_does_not_depend_on_grading_and_jumps(body, parts):
+    easy, hard = conditions(scene(even(), parts)), conditions(scene(HARD[body](), parts))
+    for face, value in hard.items():
+        assert value < TIMES * easy[face], (face, hard, easy)
+
+
+def skeleton_of(given: Scene) -> Skeleton:
+    return Skeleton(given.manifest(), given.subdomains(), MPI.COMM_SELF)
+
+
+def test_even_bodies_have_no_uneven_nodes():
+    """Up to the limits: neither a jump below JUMP nor triangles up to THIN ask for corners."""
+    for made in (even(), thin(0.4), striped(0.9 * JUMP)):
+        assert not skeleton_of(scene(made, 5)).uneven.any()
+    # right triangles of legs 1 and a have a + 1/a; a cell is 2/NX wide, 1/NY high
+    aspect = 4.3 * NY / NX * 2
+    assert 4.3 + 1 / 4.3 > THIN
+    assert skeleton_of(scene(thin(aspect), 5)).uneven.all()
+
+
+def test_a_jump_between_subdomains_is_not_uneven():
+    """The preconditioner weighs the two sides of an interface; only jumps within one count."""
+    given = scene(even(), 5)
+    stiff = given.body.part % 2 == 1
+    jumps = dataclasses.replace(given.body, young=np.where(stiff, 1e6, 1.0))
+    assert not skeleton_of(dataclasses.replace(given, body=jumps)).uneven.any()
+
+
+def test_directions_and_variation_within_triangles_are_uneven():
+    """A tenth of the shear modulus of one kind is even, less is not; so are the triangles' corners.
+    """
+    sub = scene(even(), 5).subdomains()[0]
+    corners = np.repeat(sub.elasticity[:, None], 3, axis=1)
+    for modulus, wanted in ((1.01 / JUMP, False), (0.99 / JUMP, True)):
+        directed = sub.elasticity * np.array([[1, 1, 1], [1, 1, 1], [1, 1, modulus]])
+        assert set(Outline(sub).uneven(dataclasses.replace(sub, elasticity=directed))) == {wanted}
+        varying = corners * np.array([1.0, 1.0, modulus])[:, None, None]
+        varying = dataclasses.replace(sub, corner_elasticity=varying)
+        assert set(Outline(sub).uneven(varying)) == {wanted}
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.4, 1.2])
+def test_shear_ratio(angle):
+    """The ratio of the moduli for shear, however the axes lie; 1 for isotropic laws."""
+    c, s = np.cos(angle), np.sin(angle)
+    # of strains (e11, e22, 2 e12) in axes turned by the angle
+    T = np.array([[c * c, s * s, c * s], [s * s, c * c, -c * s], [-2 * c * s, 2 * c * s,
+                                                                  c * c - s * s]])
+    isotropic = 7 * np.array([[1, 1, 0], [1, 1, 0], [0, 0, 0]]) + np.diag([2.0, 2, 1])
+    soft = isotropic - np.diag([0.0, 0, 0.99])
+    ratios = _shear_ratio(np.array([T.T @ law @ T for law in (isotropic, soft)]))
+    np.testing.assert_allclose(ratios, [1, 100], rtol=1e-12)
