@@ -38,11 +38,13 @@ def fixed_dofs(manifest: Manifest, subdomains: list[Subdomain],
     return keys, np.where(high >= -low, high, low)
 
 
-def number(manifest, subdomains, first, skeleton, fixed, contact, comm, frictional) -> Substructure:
+def number(manifest, subdomains, first, skeleton, fixed, contact, comm, frictional,
+           compliance=None) -> Substructure:
     """Number coarse dofs and dual rows, and express both in the subdomains' dofs; collective.
 
     `fixed` as `fixed_dofs` returns it, `contact` the ContactBoundary, which gets its row numbers,
-    `frictional` whether its nodes have tangential rows.
+    `frictional` whether its nodes have tangential rows, `compliance` (n_c,) what they yield per
+    nodal force in the normal direction, None where they are rigid.
     """
     springs = all_springs(manifest, subdomains, comm)
     fixed, travel = separated(skeleton, subdomains, fixed, springs.subdomain, comm,
@@ -72,6 +74,10 @@ def number(manifest, subdomains, first, skeleton, fixed, contact, comm, friction
     contact.normal_row[normal_rows] = number[n_g : n_g + n_n]
     contact.tangential_row[tangential_rows] = number[n_g + n_n :]
 
+    yielding = None
+    if compliance is not None:
+        yielding = np.zeros(len(order))
+        yielding[number[n_g : n_g + n_n]] = compliance[normal_rows]
     share = _pair_share(skeleton, contact)
     shares = np.concatenate([np.ones(len(gluing)), share[normal_rows], share[tangential_rows]])
     row_scale = _row_scale(skeleton, row_gid[order], kind[order], shares[order])
@@ -88,7 +94,8 @@ def number(manifest, subdomains, first, skeleton, fixed, contact, comm, friction
                                     manifest.axisymmetric)
     return Substructure(subdomains, first, manifest.subdomains, *local,
                         coarse_dofs=len(corner_keys), dual_dofs=len(order), row_kind=kind[order],
-                        row_scale=row_scale, row_range=row_range, row_starts=row_starts,
+                        row_scale=row_scale, compliance=yielding,
+                        row_range=row_range, row_starts=row_starts,
                         patterns=len(manifest.patterns), travel=travel,
                         contact=contact, rigid_modes=modes,
                         rigid_corners=at_corners,
