@@ -1,4 +1,4 @@
-"""Rough surfaces, p = c (u_n - g)_+: uniform blocks, the law at every node, smooth contact as limit."""
+"""Rough surfaces, p = c (u_n - g)_+: uniform blocks, the law at every node, smooth contact."""
 
 import numpy as np
 import pytest
