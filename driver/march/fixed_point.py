@@ -141,8 +141,8 @@ class FixedPoint:
         return 0.0 if trace.exact else self.settings.inner_rtol
 
     def _settled(self, change: float, result) -> bool:
-        return (change <= self.rtol * self._norm(result.x[self.rows.normal])
-                and result.residual <= self.qp.tol)
+        pressing = max(self._norm(result.x[self.rows.normal]), self.qp.scales.faded("pressing"))
+        return change <= self.rtol * pressing and result.residual <= self.qp.tol
 
     # ---- where they do not contract ------------------------------------------------------------
     def _globalise(self, index: int, load: Load, x, trace: Trace):

@@ -199,8 +199,9 @@ class QuasistaticSolver:
         for _ in range(SETTLINGS if self.operator.modes else 0):
             x, gradient, moved, _ = self._earned(index, load, x, gradient, sliding, trace)
             gradient = gradient - self.bodies.settle(load, x, gradient)
+            self.slip.renew_coefficient(gradient)
             residuals = self._residuals(load, x, gradient)
-            if all(value <= self._asked(name) for name, value in residuals.items()):
+            if self._enough(residuals):
                 return x, gradient, moved, residuals
             sliding = self.rows.sliding(x, self.rows.friction_bound(x))
         return self._earned(index, load, x, gradient, sliding, trace)
@@ -236,6 +237,11 @@ class QuasistaticSolver:
                 gradient = None  # it has followed bodies that went so far: their rounding is in it
             x, gradient, moved = self._into_cone(load.d, x, gradient, sliding)
             residuals = self._residuals(load, x, gradient)
+            if self._faded(x):
+                nothing = np.zeros_like(x), -load.d
+                without = self._residuals(load, *nothing)
+                if self._enough(without):
+                    return *nothing, x, without
             excess = {name: value / self._asked(name) for name, value in residuals.items()}
             worst, name = max((value, name) for name, value in excess.items())
             if worst <= 1:
@@ -248,6 +254,17 @@ class QuasistaticSolver:
             of_qp *= tighter
             if max(excess["gluing"], excess["penetration"]) <= 1:  # not QPs alone are to blame
                 of_friction *= tighter
+
+    def _enough(self, residuals: dict) -> bool:
+        """Whether all residuals are as small as asked for."""
+        return all(value <= self._asked(name) for name, value in residuals.items())
+
+    def _faded(self, x: np.ndarray) -> bool:
+        """Whether contact forces are rounding beside those of the steps before, but not zero."""
+        contact = np.ones_like(x)
+        contact[self.rows.gluing] = 0.0
+        size = np.sqrt(self.operator.dot(contact * x, x))
+        return 0 < size <= self.scales.faded("pressing")
 
     def _asked(self, name: str) -> float:
         """The largest residual of this name with which a step has converged."""
@@ -280,9 +297,11 @@ class QuasistaticSolver:
         """Multipliers put exactly into the cone of their own pressures, their gradient, the change.
 
         The last QP was solved with the bound of the iterate before. Nodes that slid stay on the
-        bound and the others inside it, so that the active set the QP has found is kept.
+        bound and the others inside it, so that the active set the QP has found is kept. A friction
+        coefficient that depends on slip is that of the final one: residuals and results have it.
         """
         final, renewed = self.qp.placed(self.rows.follow(x, sliding), d, x, gradient)
+        self.slip.renew_coefficient(renewed)
         return final, renewed, final - x
 
     def _residuals(self, load: Load, x, gradient) -> dict:
@@ -298,7 +317,7 @@ class QuasistaticSolver:
             deformation = max(measure(x, load.weights), CANCELLED * load.extent)
             self.scales.renew(displacement=deformation)
             kkt = kkt_residuals(self.rows, x, gradient, self.qp.stiffer, self.scales, op.comm)
-            if all(value <= self._asked(name) for name, value in kkt.items()):
+            if self._enough(kkt):
                 break
         return others | kkt
 
