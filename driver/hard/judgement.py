@@ -105,7 +105,7 @@ class Problem:
         u_t = self._before(first, step)
         reason = refusals.no_state(self.body, self.manifest, weights, u_t, slipped)
         if not reason:
-            return "refused", f"{said}; mixed-integer program: no state of the nodes solves it"
+            return "refused", f"{said}; search of states: none of the nodes' solves it"
         return "FAILED", f"{said}; not confirmed: {reason}"
 
     def _slipped(self, outcome: Outcome, step: int) -> np.ndarray:

@@ -7,9 +7,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from driver import environment
 from driver.errors import DriverError
 from driver.files import read_rows
-from driver.hard import generator, judgement, laws, random, refusal, suite
+from driver.hard import generator, judgement, laws, random, refusal, states, suite
+from driver.qp import complementarity
+from driver.qp.coulomb import CoulombProblem
 from driver.hard.shapes import block, disc, lattice, split, with_hole
 
 SEED = 3007  # the scenes of the default tests begin here
@@ -243,6 +246,55 @@ def test_refusals_are_confirmed(problem, push, holds):
     assert (share <= refusal.SLACK) == holds
     reason = refusal.no_state(free.body, free.manifest, weights, start)
     assert ("has a solution" in reason) == holds
+
+
+@pytest.mark.parametrize("modes", [0, 1, 3])
+def test_states_are_searched_as_if_all_were_tried(modes):
+    """Three nodes with friction up to F = 4, held or not: the same verdict on 30 random problems.
+
+    Of those of bodies without support a part has no solution.
+    """
+    rng, n, none = np.random.default_rng(modes), 3, 0
+    for _ in range(30):
+        root = rng.standard_normal((2 * n, 2 * n))
+        C, F = root @ root.T + 0.1 * np.eye(2 * n), rng.uniform(0.0, 4.0, n)
+        moved, work = rng.standard_normal((2 * n, modes)), rng.standard_normal(modes)
+        load = rng.standard_normal(2 * n)
+        # by all states, each one linear system
+        expected = bool(complementarity.all_solutions(CoulombProblem(
+            C, load, F, np.arange(n), motions=moved, balance=work)))
+        # forces on the body are minus the multipliers
+        room = np.where(np.arange(2 * n) < n, -load, -load)
+        found = states.States(np.hstack([C, moved]), room[:n], room[n:], F, F, np.zeros(n),
+                              moved.T, work, np.zeros(n, bool),
+                              np.zeros((n, n), bool)).search(20.0)
+        assert found == expected
+        none += not expected
+    assert (none > 0) == (modes > 0)
+
+
+def test_a_corner_rests_only_where_it_is_closed():
+    """A vertex pushed against a wall by 1 and held from it by F = 0: its friction is free between
+    two closed conditions, not beside an open one.
+    """
+    C = np.array([[1.0, 0.0, 0.0, -1.0], [0.0, 1.0, 1.0, 0.0],
+                  [0.0, 1.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 1.0]])  # n, t of one are -t, n of the other
+
+    def search(room, friction):
+        none = np.zeros(2)
+        return states.States(C, np.array(room), none, none + friction, none + friction, none,
+                             np.zeros((0, 4)), np.zeros(0), np.zeros(2, bool),
+                             np.array([[False, True], [True, False]])).search(20.0)
+
+    assert search([-1.0, -1.0], 0.3) and search([-1.0, 5.0], 0.0)
+
+
+def test_nothing_is_printed_by_libraries(capfd):
+    """What C or the system writes while silenced does not come out, what follows does."""
+    with environment.silenced():
+        os.write(1, b"phase 2")
+    os.write(1, b"end")
+    assert capfd.readouterr().out == "end"
 
 
 def test_a_wrong_refusal_is_noticed(problem):
