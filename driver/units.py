@@ -1,13 +1,15 @@
 """Units as engineers spell them: a stress times a length is N/m, times an area J/m.
 
 Forces and energies are per thickness, the thickness in the scene's unit of length: MPa and mm make
-N/mm. Values are in the scene's own units and stay as they are; only the names are spelt here.
+N/mm. Those of bodies of revolution are of the whole body; `units` then has an entry "forces".
+Values are in the scene's own units and stay as they are; only the names are spelt here.
 """
 
 # powers of ten of SI prefixes; mu is spelt u as well
 PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G", 12: "T"}
 BASES = ("Pa", "N/m", "N/mm", "J/m", "N", "J", "m")
 NONE = ("", "1", "-")  # of a scene without units
+REVOLUTION = "forces"  # entry of the units of bodies of revolution
 
 
 def split_unit(unit: str) -> tuple[int, str | None]:
@@ -22,17 +24,21 @@ def split_unit(unit: str) -> tuple[int, str | None]:
 def spelt(stress: int, length: int, units: dict[str, str]) -> str:
     """The unit stress^`stress` length^`length` in the scene's `units`; "1" where it has none.
 
+    Stress times lengths are forces and energies, for which bodies of revolution have a length more.
     Where that is no SI unit, as of psi, the names stand side by side.
     """
     a, pascal = split_unit(units["stress"])
     b, metre = split_unit(units["length"])
     if stress == 1 and length in (1, 2) and (pascal, metre) == ("Pa", "m"):
+        if REVOLUTION in units and PREFIXES.get(a + (length + 1) * b) is not None:
+            return PREFIXES[a + (length + 1) * b] + ("N" if length == 1 else "J")
         prefix = PREFIXES.get(a + 2 * b)  # of stress length^2: N, or energy in J over m
-        if prefix is not None:
+        if prefix is not None and REVOLUTION not in units:
             return f"{prefix}N/{units['length']}" if length == 1 else f"{prefix}J/m"
+    length += int(stress == 1 and length > 0 and REVOLUTION in units)
     parts = [units["stress"]] if stress and units["stress"] not in NONE else []
     if length and units["length"] not in NONE:
-        parts.append(units["length"] + {1: "", 2: "²"}[length])
+        parts.append(units["length"] + {1: "", 2: "²", 3: "³"}[length])
     return "·".join(parts) or "1"
 
 

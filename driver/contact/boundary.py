@@ -45,9 +45,10 @@ class Configuration:
 class ContactBoundary:
     """All contact nodes of the body, replicated on every rank; arrays of length n_c.
 
-    `columns` are what declared effects give the nodes (see ContactData), means over dual segments;
-    `gap` is the distance to what the node meets: the column of that name, plus that of the two
-    bodies of a pair.
+    `weight` is the integral of the node's function, of bodies of revolution over the revolution
+    (rings.py), `length` that along the boundary. `columns` are what declared effects give
+    the nodes (see ContactData), means over dual segments; `gap` is the distance to what the node
+    meets: the column of that name, plus that of the two bodies of a pair.
 
     Ordered by `chain`, then along the arc: see chains.py. `normal_row` and `tangential_row` are
     global dual rows, -1 where a node has none (frictionless contact, or a direction that the
@@ -62,6 +63,7 @@ class ContactBoundary:
     xy: np.ndarray
     arc: np.ndarray
     weight: np.ndarray
+    length: np.ndarray
     normal: np.ndarray
     columns: dict[str, np.ndarray]
     gap: np.ndarray
@@ -78,11 +80,19 @@ class ContactBoundary:
     clamped: ClampedContact
     corners: np.ndarray = field(default_factory=lambda: np.empty((0, 3), int))
     about: Configuration | None = None  # of pairs; None: the initial geometry
+    axisymmetric: bool = False
 
     @property
     def paired(self) -> np.ndarray:
         """(n_c,) whether the node meets another body."""
         return self.family > 0
+
+    @property
+    def coupled(self) -> np.ndarray:
+        """(n_c,) whether a condition is made of several displacements; all of pairs count so."""
+        if not self.axisymmetric:
+            return self.paired
+        return self.paired | (np.bincount(self.term_node, minlength=len(self.gid)) > 1)
 
     @property
     def tangent(self) -> np.ndarray:
@@ -111,12 +121,19 @@ def contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm,
                          "on a label that its mesh lacks")
     along = chains(nodes, skeleton)
     paired, n = nodes.family > 0, len(nodes.gid)
-    own = np.arange(n), nodes.gid, np.ones(n), np.zeros(n, bool)
-    terms = [tuple(column[~paired] for column in own)]
-    gap = effects.distance(nodes.columns, n)
+    row, other, value = np.arange(n), np.arange(n), np.ones(n)
+    gap, length = effects.distance(nodes.columns, n), nodes.weight
+    if manifest.axisymmetric:
+        from . import rings  # here: no plane scene needs it
+
+        nodes.weight, (row, other, value) = rings.ring_rows(nodes.xy, along.edges, along.middles)
+        gap = np.bincount(row, value * gap[other], n)
+        length = length.copy()
+    own = row, nodes.gid[other], value, np.zeros(len(row), bool)
+    terms = [tuple(column[~paired[row]] for column in own)]
     for k, pairs in enumerate(nodes.meeting):
         here = np.flatnonzero(nodes.family == k + 1)
-        nodes.weight[here], nodes.normal[here], more, (node, *term) = sides.couple(
+        nodes.weight[here], length[here], nodes.normal[here], more, (node, *term) = sides.couple(
             pairs, nodes.gid[here])
         gap[here] += more
         terms.append((here[node], *term))
@@ -135,12 +152,12 @@ def contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm,
     none = np.full(len(order), -1)
     return ContactBoundary(
         *(of[order] for of in (nodes.gid, nodes.label, along.number, nodes.xy, along.arc,
-                               nodes.weight, nodes.normal)),
+                               nodes.weight, length, nodes.normal)),
         {name: of[order] for name, of in nodes.columns.items()}, gap[order],
         nodes.family[order], nodes.meeting, np.isin(nodes.gid[order], skeleton.middles), *terms,
         none, none.copy(),
         position[along.edges[~paired[along.edges].any(axis=1)]], clamped,
-        about=sides and sides.about)
+        about=sides and sides.about, axisymmetric=manifest.axisymmetric)
 
 
 def held_nodes(gid: np.ndarray, fixed) -> np.ndarray:

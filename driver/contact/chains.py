@@ -19,13 +19,15 @@ class Chains:
 
     `arc` (n,) runs on from piece to piece of labels that belong together. `number` (n,) of the
     chain: pieces without corners share one, each piece that ends at a corner has its own.
-    `order` (n,) sorts by number and arc. `edges` (e, 2): the nodes at the ends of the edges.
+    `order` (n,) sorts by number and arc. `edges` (e, 2): the nodes at the ends of the edges,
+    `middles` (e,) those in between, none with linear elements.
     """
 
     arc: np.ndarray
     number: np.ndarray
     order: np.ndarray
     edges: np.ndarray
+    middles: np.ndarray
 
 
 def chains(nodes: Nodes, skeleton) -> Chains:
@@ -35,10 +37,11 @@ def chains(nodes: Nodes, skeleton) -> Chains:
     smallest gid. Raises InputError where an edge ends at no contact node.
     """
     labels = sorted({label for label, _ in nodes.members})
-    links, ends = [[] for _ in nodes.gid], []
+    links, ends, middles = [[] for _ in nodes.gid], [], []
     for label in labels:
         for a, b, *middle in _edges(nodes, skeleton, label):
             ends.append((a, b))
+            middles += middle
             for p, q in zip((a, *middle), (*middle, b)):
                 links[p].append(q)
                 links[q].append(p)
@@ -57,7 +60,8 @@ def chains(nodes: Nodes, skeleton) -> Chains:
             steps = map(np.linalg.norm, np.diff(nodes.xy[piece], axis=0))
             number[piece], arc[piece] = own, np.cumsum([start, *steps])
             start = arc[piece[-1]]
-    return Chains(arc, number, np.lexsort((arc, number)), np.array(ends, int).reshape(-1, 2))
+    return Chains(arc, number, np.lexsort((arc, number)), np.array(ends, int).reshape(-1, 2),
+                  np.array(middles, int))
 
 
 def _joined(nodes: Nodes, labels: list[int]) -> list[list[int]]:

@@ -35,6 +35,7 @@ import numpy as np
 
 from ..scene.elements import cross
 from ..errors import InputError
+from .axis import on_axis, smooth_normals
 
 POINT = np.array([-np.sqrt(0.6), 0.0, np.sqrt(0.6)])  # Gauss, exact to degree 5 on [-1, 1]
 WEIGHT = np.array([5.0, 8.0, 5.0]) / 18.0  # of an interval of length 1
@@ -48,7 +49,8 @@ class Side:
 
     `edge_normal` (e, 2) are the unit outward normals, `bow` (e, 2) the ways from the middles to the
     boundary's curve, `length` (e,) that of the edges in the configuration that stresses refer to;
-    by default as they lie.
+    by default as they lie. `radius` (n,) of the nodes there, for bodies of revolution, whose
+    integrals have the weight 2 pi r.
     """
 
     xy: np.ndarray
@@ -56,6 +58,7 @@ class Side:
     edge_normal: np.ndarray
     bow: np.ndarray | None = None
     length: np.ndarray | None = None
+    radius: np.ndarray | None = None
 
     def __post_init__(self):
         if self.length is None:
@@ -64,7 +67,28 @@ class Side:
     def _length(self) -> np.ndarray:
         return np.linalg.norm(self.xy[self.edges[:, 1]] - self.xy[self.edges[:, 0]], axis=1)
 
+    def ring(self, e: np.ndarray, xi: np.ndarray):
+        """(m,) 2 pi r at the places xi of edges e; 1 of plane bodies."""
+        if self.radius is None:
+            return 1.0
+        a, b = self.radius[self.edges[e, :2]].T
+        return 2 * np.pi * np.maximum(a + xi * (b - a), 0.0)
+
+    @property
+    def begins_on_axis(self) -> np.ndarray:
+        """(e,) whether an end of an edge is on the axis."""
+        if self.radius is None:
+            return np.zeros(len(self.edges), bool)
+        return on_axis(self.radius)[self.edges[:, :2]].any(axis=1)
+
     def nodal_normals(self) -> np.ndarray:
+        """(n, 2) unit averages of the edges' normals, see `_averages`; smooth across an axis."""
+        normal = self._averages()
+        if self.radius is None:
+            return normal
+        return smooth_normals(normal, self.edges[:, :2], self.radius)
+
+    def _averages(self) -> np.ndarray:
         """(n, 2) unit averages of the edges' normals, each weighted with the other edge's length.
 
         That is the normal of the circle through a vertex and its neighbours: right to second order
@@ -111,11 +135,13 @@ def sagitta(xy: np.ndarray, edges: np.ndarray) -> np.ndarray:
 class Coupling:
     """What the contact nodes of one pair keep; n is the number of nodes of the first side.
 
-    `weight` (n,) = w_i, zero where nothing is faced; `gap` (n,); `normal` (n, 2). The jump is a sum
+    `weight` (n,) = w_i, zero where nothing is faced; `length` (n,) the same along the boundary, of
+    plane bodies w_i; `gap` (n,); `normal` (n, 2). The jump is a sum
     of terms: value_k times the displacement of node of_k of side side_k goes to row node_k.
     """
 
     weight: np.ndarray
+    length: np.ndarray
     gap: np.ndarray
     normal: np.ndarray
     node: np.ndarray
@@ -140,10 +166,10 @@ def couple(first: Side, second: Side, held: np.ndarray, able: np.ndarray | None 
     """
     normal = first.nodal_normals()
     e, o, start, stop = _facing_parts(first, normal, second, able)
-    n, (dual, whole) = len(first.xy), _dual_basis(first.edges.shape, e, start, stop)
+    n, (dual, whole) = len(first.xy), _dual_basis(first, e, start, stop)
     heir = _heirs(first.edges, whole)
     rows = np.where(held[first.edges], heir, first.edges)
-    weight, gap = np.zeros(n), np.zeros(n)
+    weight, length, gap = np.zeros(n), np.zeros(n), np.zeros(n)
     terms = []
     for point, share in zip(POINT, WEIGHT):
         xi = (start + stop) / 2 + (stop - start) / 2 * point
@@ -153,6 +179,10 @@ def couple(first: Side, second: Side, held: np.ndarray, able: np.ndarray | None 
             row = rows[e, k]
             psi = sum(dual[e, k, b] * phi for b, phi in enumerate(own))
             part = share * (stop - start) * ds * psi
+            if first.radius is not None:
+                shape = _primal(own, k, (whole | first.begins_on_axis)[e])
+                np.add.at(length, row, share * (stop - start) * ds * shape)
+                part = part * first.ring(e, xi)
             np.add.at(weight, row, part)
             np.add.at(gap, row, part * distance)
             for side, edges, shapes in ((0, first.edges[e], own), (1, second.edges[o], others)):
@@ -160,10 +190,12 @@ def couple(first: Side, second: Side, held: np.ndarray, able: np.ndarray | None 
                 sides = np.full(len(row), side)
                 for corner, value in enumerate(shapes):
                     terms.append((row, sides, edges[:, corner], sign * part * value))
-    used = (weight > SLIVER * weight.max(initial=0.0)) & ~held
+    if first.radius is None:
+        length = weight
+    used = (length > SLIVER * length.max(initial=0.0)) & (weight > 0) & ~held
     node, side, of, value = (np.concatenate([t[k] for t in terms]) for k in range(4))
     gap = np.divide(gap, weight, out=np.zeros(n), where=used)
-    return Coupling(np.where(used, weight, 0.0), gap, normal,
+    return Coupling(np.where(used, weight, 0.0), np.where(used, length, 0.0), gap, normal,
                     *_merge(node, side, of, value, weight, used))
 
 
@@ -174,6 +206,17 @@ def _shapes(nodes: int, xi: np.ndarray) -> tuple[np.ndarray, ...]:
     return (1.0 - xi) * (1.0 - 2.0 * xi), xi * (2.0 * xi - 1.0), 4.0 * xi * (1.0 - xi)
 
 
+def _primal(own: tuple[np.ndarray, ...], k: int, whole: np.ndarray) -> np.ndarray:
+    """(m,) the function of which multiplier k of an edge has the length, by shape functions `own`.
+
+    The edge's own where `whole` (m,), else the hat of an end.
+    """
+    if len(own) == 2:
+        return own[k]
+    hat = own[k] + own[2] / 2 if k < 2 else np.zeros(len(whole))
+    return np.where(whole, own[k], hat)
+
+
 def _heirs(edges: np.ndarray, whole: np.ndarray) -> np.ndarray:
     """(e, nodes) that take a constrained node's part: the middle, or the other end without one."""
     if edges.shape[1] == 2:
@@ -181,33 +224,34 @@ def _heirs(edges: np.ndarray, whole: np.ndarray) -> np.ndarray:
     return np.where(whole[:, None], edges[:, [2, 2, 2]], edges[:, [1, 0, 2]])
 
 
-def _dual_basis(shape: tuple[int, int], e: np.ndarray, start: np.ndarray, stop: np.ndarray):
+def _dual_basis(side: Side, e: np.ndarray, start: np.ndarray, stop: np.ndarray):
     """(edges, nodes, nodes) dual basis by shape functions, psi_a = sum_b A_ab phi_b.
 
     Also whether (edges,) the edge is covered as a whole. A = D M^-1 with D_aa = int phi_a,
     M_ab = int phi_a phi_b over the covered part of the edge; of a quadratic edge that is
-    covered in part with the hats for phi, which are those of the ends and half that of the
-    middle.
+    covered in part, or begins on the axis of a body of revolution, with the hats for phi, which are
+    those of the ends and half that of the middle.
     """
-    edges, nodes = shape
+    edges, nodes = side.edges.shape
     covered = np.bincount(e, stop - start, minlength=edges)
-    whole = covered > 1.0 - SLIVER
+    whole = (covered > 1.0 - SLIVER) & ~side.begins_on_axis
     A = np.zeros((edges, nodes, nodes))
     if nodes == 3:
-        A[whole] = _duals(3, edges, e, start, stop)[whole]
+        A[whole] = _duals(3, side, e, start, stop)[whole]
     some = (covered > 0) & ~(whole & (nodes == 3))
     hats = np.eye(2) if nodes == 2 else np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5]])
-    A[some, :2] = _duals(2, edges, e, start, stop)[some] @ hats
+    A[some, :2] = _duals(2, side, e, start, stop)[some] @ hats
     return A, whole
 
 
-def _duals(nodes: int, edges: int, e, start, stop) -> np.ndarray:
+def _duals(nodes: int, side: Side, e, start, stop) -> np.ndarray:
     """(edges, nodes, nodes) D M^-1 where an edge is covered."""
+    edges = len(side.edges)
     D, M = np.zeros((edges, nodes)), np.zeros((edges, nodes, nodes))
     for point, share in zip(POINT, WEIGHT):
         xi = (start + stop) / 2 + (stop - start) / 2 * point
         phi = np.column_stack(_shapes(nodes, xi))
-        part = share * (stop - start)
+        part = share * (stop - start) * side.ring(e, xi)
         np.add.at(D, e, part[:, None] * phi)
         np.add.at(M, e, part[:, None, None] * phi[:, :, None] * phi[:, None, :])
     covered = np.bincount(e, minlength=edges) > 0

@@ -29,6 +29,7 @@ class PairSides:
 
     def __init__(self, manifest, subdomains: list[Subdomain], fixed, comm, moved=None):
         labels, self.fixed, self.about = np.unique(manifest.contact_pairs), fixed, None
+        self.axisymmetric = manifest.axisymmetric
         self.nodes = n = 2 if manifest.element == "P1" else 3  # of an edge
         parts = [np.empty((0, 3 + 5 * n))]
         for s, sub in enumerate(subdomains if len(labels) else ()):
@@ -51,7 +52,7 @@ class PairSides:
             self.about = Configuration(gids, self.u.reshape(-1, 2)[first])
 
     def couple(self, pairs: list[tuple[int, int]], nodes: np.ndarray):
-        """Weight (n,), normal (n, 2), gap (n,) and terms (node, gid, value, other body) of nodes.
+        """Weight, length (n,), normal (n, 2), gap (n,), terms (node, gid, value, other body).
 
         `pairs` are labels whose first ones make one boundary.
 
@@ -77,10 +78,10 @@ class PairSides:
             jump = pair.value * (pair.normal[pair.node] * u).sum(axis=1)
             gap = gap + np.bincount(pair.node, jump, minlength=len(gap))
         terms = position[pair.node], node_gid, pair.value, pair.side == 1
-        return pair.weight[places], pair.normal[places], gap[places], terms
+        return pair.weight[places], pair.length[places], pair.normal[places], gap[places], terms
 
     def _side(self, labels: tuple[int, ...]) -> tuple[mortar.Side, np.ndarray, np.ndarray]:
-        """The side about `about`, with the initial geometry's lengths.
+        """The side about `about`, with the initial geometry's lengths and radii.
 
         Also gids of its nodes, labels of its edges.
         """
@@ -88,6 +89,7 @@ class PairSides:
         gids, first, inverse = np.unique(self.gid[here], return_index=True, return_inverse=True)
         xy, u = self.xy[here], self.u[here].copy()
         length = np.linalg.norm(xy[:, 1] - xy[:, 0], axis=1)
+        radius = xy.reshape(-1, 2)[first, 0] if self.axisymmetric else None
         if self.nodes == 2:
             rise = mortar.sagitta(xy.reshape(-1, 2)[first], inverse.reshape(-1, 2))
         else:  # middles stay on the straight edge between the ends
@@ -99,7 +101,7 @@ class PairSides:
         if self.nodes == 2:
             bow = rise[:, None] * normal
         edges = inverse.reshape(-1, self.nodes)
-        side = mortar.Side(xy.reshape(-1, 2)[first], edges, normal, bow, length)
+        side = mortar.Side(xy.reshape(-1, 2)[first], edges, normal, bow, length, radius)
         return side, gids, self.label[here]
 
 

@@ -16,7 +16,7 @@ from .bound import (COULOMB, EARLIER, EXCLUDED, EquilibratedBound, Estimate,
 from .torn_body import Gather, gather_body
 
 WHY = ("an estimate by smoothed stresses, no bound: stresses in equilibrium are made of the degree "
-       "that bounds linear elements only")
+       "that bounds linear elements of plane bodies only")
 NOTHING = 1e-6  # relative displacements below this are what tolerances leave
 
 
@@ -27,9 +27,11 @@ class EnergyEstimator:
 
     def __init__(self, operator, manifest: Manifest, contact, kind: str):
         """`contact` is a ContactState; `kind` "equilibrated" (the bound), "recovery" or "none"."""
-        self.quadratic = manifest.element != "P1"  # bound: linear elements only
+        # the bound is for linear elements, and plane
+        self.quadratic, revolved = manifest.element != "P1", manifest.axisymmetric
         self.operator, self.manifest, self.contact = operator, manifest, contact
-        self.kind = "recovery" if kind == "equilibrated" and self.quadratic else kind
+        smoothed = kind == "equilibrated" and (self.quadratic or revolved)
+        self.kind = "recovery" if smoothed else kind
         self.gather = Gather(operator)
         self.body = self.bound = None
         self.last = self.largest = None  # (energy, step, contact state)
@@ -77,6 +79,8 @@ class EnergyEstimator:
             if found is not None and Effects(self.manifest).pressure_bounds_friction:
                 found.coupling = coupling(found.total, step.contraction)
             return found
+        if self.manifest.axisymmetric:
+            return self._recover_revolved(step, displacements)
         if self.quadratic:
             return self._recover_quadratic(step, displacements)
         return self._recover(step, displacements)
@@ -105,6 +109,17 @@ class EnergyEstimator:
         share = recovery.energy(mesh.area, body.compliance, rough)
         norm = np.sqrt(recovery.energy(mesh.area, body.compliance, elastic).sum())
         return _recovered(step, share, norm)
+
+    def _recover_revolved(self, step: Step, displacements: list[np.ndarray]) -> Estimate | None:
+        """As `_recover`, of bodies of revolution: hoop strains vary on linear elements, too."""
+        from . import revolution  # here: plane scenes do not need it
+
+        share = revolution.squares(self.gather, self.body, displacements, step.weights,
+                                   self.quadratic)
+        if share is None:
+            return None
+        error, norm = share
+        return _recovered(step, error, float(np.sqrt(norm.sum())))
 
     def _recover(self, step: Step, displacements: list[np.ndarray]) -> Estimate | None:
         """Estimate from recovered stresses on rank 0."""

@@ -33,7 +33,7 @@ def recovered_stress(corner: np.ndarray, triangles: np.ndarray, region: np.ndarr
     center, size = place[patch][:, None], np.zeros(len(place))
     np.maximum.at(size, patch, np.linalg.norm(corner[t] - center, axis=2).max(axis=1))
     basis = _quadratics(((AT_MIDDLES @ corner)[t] - center) / size[patch][:, None, None])
-    normal, right = np.zeros((len(place), 6, 6)), np.zeros((len(place), 6, 3))
+    normal, right = np.zeros((len(place), 6, 6)), np.zeros((len(place), 6, stress.shape[-1]))
     np.add.at(normal, patch, basis.transpose(0, 2, 1) @ basis)
     np.add.at(right, patch, basis.transpose(0, 2, 1) @ (AT_MIDDLES @ stress)[t])
     fitted = np.linalg.pinv(normal, rcond=1e-10, hermitian=True) @ right

@@ -21,7 +21,7 @@ contact pressures err by as much as osc p says, 25 to 50%; P2-mixed has 0.9 to 1
 
 import numpy as np
 
-from ..scene import elements
+from ..scene import elements, kinematics
 from .recovery import vertex_sums
 
 NEARLY_INCOMPRESSIBLE = 10.0  # lambda / mu: Poisson's ratio 0.4545; the loss grows like its root
@@ -70,11 +70,16 @@ def locking(problem, step) -> list[str]:
 def _stresses(sub, soft, u):
     """Vertices (n, 3), areas, lambda, mu (n,), p and s (n, 3 corners, 5) of triangles `soft`."""
     corner = sub.xy[sub.triangles[soft]]
-    strain = elements.linear_strains(corner, u.reshape(-1, 2)[sub.elements[soft]])
     lam, mu = sub.elasticity[soft, 0, 1], sub.elasticity[soft, 2, 2]
-    volume = strain[..., 0] + strain[..., 1]
+    if sub.axisymmetric:
+        strain = kinematics.linear_strains(sub, u)[soft]
+        third = strain[..., 3]
+        volume = strain[..., 0] + strain[..., 1] + third
+    else:
+        strain = elements.linear_strains(corner, u.reshape(-1, 2)[sub.elements[soft]])
+        third, volume = 0.0, strain[..., 0] + strain[..., 1]
     # the shear stress times the root of two, so that squares add up to s : s
-    s = np.stack([strain[..., 0] - volume / 3, strain[..., 1] - volume / 3, -volume / 3,
+    s = np.stack([strain[..., 0] - volume / 3, strain[..., 1] - volume / 3, third - volume / 3,
                   strain[..., 2] / np.sqrt(2)], axis=-1)
     s = 2 * mu[:, None, None] * s
     stress = np.concatenate([(lam[:, None] * volume)[..., None], s], axis=-1)

@@ -101,7 +101,8 @@ def gather_body(gather: Gather) -> TornBody | None:
     triangles = gather((3,), int, lambda s, sub: (np.cumsum(sub.vertices) - 1)[sub.triangles])
     corner = gather((3, 2), float, lambda s, sub: sub.xy[sub.triangles])
     region = gather((), int, lambda s, sub: sub.region)
-    elasticity = gather((3, 3), float, lambda s, sub: sub.elasticity)
+    size_of_law = (4, 4) if structure.contact.axisymmetric else (3, 3)
+    elasticity = gather(size_of_law, float, lambda s, sub: sub.elasticity)
     fixed = gather((2,), int, fixed_of)
     if not gather.root:
         return None

@@ -28,7 +28,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ..contact.states import OPEN, ContactField
 from ..feti.gathering import gather, joined
-from ..scene import elements
+from ..scene import elements, kinematics
 from . import true_distance
 
 QUESTIONABLE = {"largest_strain": 0.1, "largest_rotation": 0.1, "largest_normal_error": 0.01,
@@ -166,7 +166,7 @@ class Validity:
         groups += [np.flatnonzero((b.label == label) & b.paired) for label in np.unique(b.label)]
         for here in groups:
             touching = here[closed[here]]
-            length = b.weight[touching].sum()
+            length = b.length[touching].sum()
             if not len(touching):
                 continue
             used = (b.gap - state[ContactField.U_N])[touching]
@@ -295,6 +295,8 @@ def _deformation(sub, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     e11, e22 = gradient[:, 0, 0], gradient[:, 1, 1]
     shear = (gradient[:, 0, 1] + gradient[:, 1, 0]) / 2
     strain = np.abs(e11 + e22) / 2 + np.hypot((e11 - e22) / 2, shear)
+    if sub.axisymmetric:
+        strain = np.maximum(strain, np.abs(kinematics.strains(sub, u)[:, 3]))
     return strain, (gradient[:, 0, 1] - gradient[:, 1, 0]) / 2
 
 

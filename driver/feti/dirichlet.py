@@ -21,7 +21,7 @@ class DirichletPreconditioner:
 
     def __init__(self, operator):
         self.vectors = operator.vectors
-        general = operator.modes or operator.structure.contact.paired.any()
+        general = operator.modes or operator.structure.contact.coupled.any()
         schur = [_released(c) if general else _schur(c) for c in operator.classes]
         self.blocks = BlockDiagonal(operator.classes, schur, "rows", "rows")
         self.schur = self.blocks.blocks

@@ -44,7 +44,7 @@ def number(manifest, subdomains, first, skeleton, fixed, contact, comm, friction
     `fixed` as `fixed_dofs` returns it, `contact` the ContactBoundary, which gets its row numbers,
     `frictional` whether its nodes have tangential rows.
     """
-    fixed, travel = separated(skeleton, subdomains, fixed, comm)
+    fixed, travel = separated(skeleton, subdomains, fixed, comm, manifest.axisymmetric)
     corners, fixed_keys = corner_vertices(skeleton), fixed[0]
     owner = skeleton.over_subdomains(np.minimum, skeleton.nodes[:, 0])
     corner_keys = (2 * corners[:, None] + [0, 1]).ravel()
@@ -82,7 +82,8 @@ def number(manifest, subdomains, first, skeleton, fixed, contact, comm, friction
     primal = comm.allreduce(sum(sub.dofs for sub in subdomains))
     outer = ~skeleton.shared
     middles = skeleton.middles[outer] if len(skeleton.middles) else skeleton.middles
-    modes, at_corners = rigid_modes(skeleton, fixed_keys, corner_keys)
+    modes, at_corners = rigid_modes(skeleton, fixed_keys, corner_keys,
+                                    manifest.axisymmetric)
     return Substructure(subdomains, first, manifest.subdomains, *local,
                         coarse_dofs=len(corner_keys), dual_dofs=len(order), row_kind=kind[order],
                         row_scale=row_scale, row_range=row_range, row_starts=row_starts,
@@ -167,6 +168,7 @@ class _Numbering:
 
     def __init__(self, skeleton, corner_keys, fixed, gluing, gluing_row, contact, share):
         self.skeleton, self.fixed, self.contact = skeleton, fixed, contact
+        self.coupled = contact.coupled
         self.share = share  # of the stiffness of both sides in the contact node's own
         # number, or -1, of every component at every node of the skeleton
         self.corner = self._at_nodes(corner_keys, np.arange(len(corner_keys)))
@@ -247,7 +249,7 @@ class _Numbering:
         for direction, rows in ((self.contact.normal, self.contact.normal_row),
                                 (self.contact.tangent, self.contact.tangential_row)):
             pieces.append(self._contact_rows(sub, held, direction, rows))
-            if self.contact.paired.any():
+            if self.coupled.any():
                 pieces.append(self._pair_rows(sub, held, direction, rows))
         width = max(piece[2].shape[1] for piece in pieces)
         pieces = [(row, sign, *(_widen(array, width) for array in (dof, *parts)), scaling)
@@ -258,7 +260,7 @@ class _Numbering:
         """Rows of the nodes that meet a rigid obstacle."""
         order = np.argsort(sub.node_gid)
         place, inside = _lookup(sub.node_gid[order], self.contact.gid)
-        here = np.flatnonzero(inside & (rows >= 0) & ~self.contact.paired)
+        here = np.flatnonzero(inside & (rows >= 0) & ~self.coupled)
         vertex = order[place[here]]
         dof = 2 * vertex[:, None] + [0, 1]  # numbered vertex by vertex, see loader
         free = ~held[dof]
@@ -276,7 +278,7 @@ class _Numbering:
         return _lookup(self.pairs, gid * self._span + subdomain)[0]
 
     def _pair_rows(self, sub, held, direction, rows):
-        """Rows between two bodies: the terms at the vertices that this subdomain owns.
+        """Rows between two bodies, or of several nodes: terms at vertices that this subdomain owns.
 
         The preconditioner knows a row by the stiffness of the side with the contact nodes alone, as
         the other side's rows depend on one another where its mesh is coarser, and weighs it with
@@ -284,7 +286,7 @@ class _Numbering:
         """
         c, order = self.contact, np.argsort(sub.node_gid)
         position, inside = _lookup(sub.node_gid[order], c.term_gid)
-        mine = np.flatnonzero(inside & c.paired[c.term_node] & (rows[c.term_node] >= 0))
+        mine = np.flatnonzero(inside & self.coupled[c.term_node] & (rows[c.term_node] >= 0))
         mine = mine[self.place[self._pair(c.term_gid[mine], sub.index)] == 0]
         mine = mine[np.argsort(c.term_node[mine], kind="stable")]
         here, start, count = np.unique(c.term_node[mine], return_index=True, return_counts=True)

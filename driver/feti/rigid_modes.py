@@ -23,8 +23,13 @@ class RigidMode:
         return self.translation + self.rotation * np.column_stack([-away[:, 1], away[:, 0]])
 
 
-def rigid_modes(skeleton, fixed_keys, corner_keys) -> tuple[list[RigidMode], np.ndarray]:
-    """Rigid motions that the supports leave to each body, orthonormal at its coarse dofs."""
+def rigid_modes(skeleton, fixed_keys, corner_keys,
+                axisymmetric: bool) -> tuple[list[RigidMode], np.ndarray]:
+    """Rigid motions that the supports leave to each body, orthonormal at its coarse dofs.
+
+    Bodies of revolution (`axisymmetric`) have that along the axis alone.
+    """
+    possible = [1] if axisymmetric else [0, 1, 2]
     total = int(skeleton.nodes[:, 0].max()) + 1
     ends = skeleton.nodes[:, 0], total + skeleton.node_id
     links = coo_matrix((np.ones(len(ends[0])), ends), shape=(total + len(skeleton.gids),) * 2)
@@ -39,10 +44,11 @@ def rigid_modes(skeleton, fixed_keys, corner_keys) -> tuple[list[RigidMode], np.
         along_x, along_y = (np.tile(axis, (len(away), 1)) for axis in np.eye(2))
         turned = np.column_stack([-away[:, 1], away[:, 0]])
         motions = np.stack([along_x, along_y, turned], axis=2).reshape(-1, 3)
-        held = np.linalg.qr(motions[np.isin(keys, fixed_keys)], mode="r")  # (at most 3, 3)
+        held = np.linalg.qr(motions[np.isin(keys, fixed_keys)][:, possible], mode="r")
         _, sizes, basis = np.linalg.svd(held, full_matrices=True)
         rank = int((sizes > 1e-10 * max(1.0, sizes.max(initial=0.0))).sum())
-        free = basis[rank:].T  # (3, modes)
+        free = np.zeros((3, basis.shape[1] - rank))
+        free[possible] = basis[rank:].T
         at_corner = np.isin(keys, corner_keys)
         if not free.shape[1] or not at_corner.any():
             continue

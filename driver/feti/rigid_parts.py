@@ -44,6 +44,8 @@ class RigidParts:
         self._mass = mass
         columns = [self._products(motion) for motion in self._motions().transpose(2, 0, 1)]
         self.gram = np.stack(columns, axis=2)
+        missing = self.bodies.possible == 0
+        self.gram[:, missing, missing] = 1.0  # their factors are zero
 
     def coefficients(self, fields: list[np.ndarray]) -> np.ndarray:
         """(bodies, 3) factors c of Pi u."""
@@ -63,7 +65,7 @@ class RigidParts:
         motions = np.zeros((len(self._away), 2, 3))
         motions[:, 0, 0] = motions[:, 1, 1] = 1.0
         motions[:, 0, 2], motions[:, 1, 2] = -self._away[:, 1], self._away[:, 0]
-        return motions
+        return motions * self.bodies.possible
 
     def _products(self, u: np.ndarray) -> np.ndarray:
         """(bodies, 3) int R . u for displacements u (nodes, 2) of the rank's subdomains.
@@ -77,7 +79,7 @@ class RigidParts:
             parts = np.add.reduceat(np.column_stack([x, y, turned]), self._starts[:-1], axis=0)
         total = np.zeros((len(self.bodies.size), 3))
         np.add.at(total, self.bodies.number, np.concatenate(self.comm.allgather(parts)))
-        return total
+        return total * self.bodies.possible
 
 
 class LeastDeformation:
@@ -99,6 +101,7 @@ class LeastDeformation:
         away = (xy - self.bodies.center[self._body]) / self.bodies.size[self._body, None]
         across = joined(dofs, int) % 2 == 1
         self._R = np.column_stack([~across, across, np.where(across, away[:, 0], -away[:, 1])])
+        self._R = self._R * self.bodies.possible
         self._count = self._sums(np.ones((len(self._R), 1)))
         gram = self._sums((self._R[:, :, None] * self._R[:, None, :]).reshape(-1, 9))
         self._inverse = np.linalg.pinv(gram.reshape(-1, 3, 3), hermitian=True)

@@ -27,20 +27,25 @@ class Bodies:
     """Connected bodies in the order of their first subdomains.
 
     `number` (subdomains,) is the body of a subdomain; `center` (bodies, 2) and `size` (bodies,) are
-    those of a body's bounding box, which no cut changes.
+    those of a body's bounding box, which no cut changes. `possible` (3,) is one for every motion of
+    `rigid` without strain: of bodies of revolution the translation along y alone.
     """
 
     number: np.ndarray
     center: np.ndarray
     size: np.ndarray
+    possible: np.ndarray
 
     def rigid(self, body: int, xy: np.ndarray) -> np.ndarray:
-        """(n, 2, 3) displacements at xy (n, 2) along x, along y, and turning by length 1 / size."""
+        """(n, 2, 3) displacements at xy (n, 2) along x, along y, and turning by length 1 / size.
+
+        Those that are not possible are zero.
+        """
         away = (xy - self.center[body]) / self.size[body]
         motions = np.zeros((len(xy), 2, 3))
         motions[:, 0, 0] = motions[:, 1, 1] = 1.0
         motions[:, 0, 2], motions[:, 1, 2] = -away[:, 1], away[:, 0]
-        return motions
+        return motions * self.possible
 
     def coefficients(self, mode: RigidMode) -> np.ndarray:
         """(3 bodies,) factors of `rigid` that make a rigid mode of rigid_modes.py."""
@@ -51,8 +56,8 @@ class Bodies:
         return factors.ravel()
 
 
-def bodies_of(skeleton) -> Bodies:
-    """The bodies of a skeleton."""
+def bodies_of(skeleton, axisymmetric: bool) -> Bodies:
+    """The bodies of a skeleton, `axisymmetric` where they are bodies of revolution."""
     total = int(skeleton.nodes[:, 0].max()) + 1
     ends = skeleton.nodes[:, 0], total + skeleton.node_id
     links = coo_matrix((np.ones(len(ends[0])), ends), shape=(total + len(skeleton.gids),) * 2)
@@ -62,7 +67,8 @@ def bodies_of(skeleton) -> Bodies:
     boxes = [(place.min(axis=0), place.max(axis=0)) for place in (
         skeleton.place[number[total:] == body] for body in range(len(order)))]
     low, high = (np.array(corner) for corner in zip(*boxes))
-    return Bodies(number[:total], (low + high) / 2, (high - low).max(axis=1))
+    return Bodies(number[:total], (low + high) / 2, (high - low).max(axis=1),
+                  np.array([0.0, 1.0, 0.0]) if axisymmetric else np.ones(3))
 
 
 @dataclass
@@ -92,12 +98,13 @@ class Travel:
         return fields
 
 
-def separated(skeleton, subdomains, fixed, comm) -> tuple[tuple[np.ndarray, np.ndarray], Travel]:
+def separated(skeleton, subdomains, fixed, comm,
+              axisymmetric: bool) -> tuple[tuple[np.ndarray, np.ndarray], Travel]:
     """The fixed dofs (keys, values) of numbering.fixed_dofs less the travel, and the travel.
 
     Collective over `comm`.
     """
-    (keys, values), bodies = fixed, bodies_of(skeleton)
+    (keys, values), bodies = fixed, bodies_of(skeleton, axisymmetric)
     travel, left = Travel(bodies, np.zeros((values.shape[1], len(bodies.size), 3))), values.copy()
     if not values.any():
         return fixed, travel
@@ -134,7 +141,7 @@ def _rigid_part(motions: np.ndarray, component: np.ndarray, given: np.ndarray) -
     """
     motion = np.zeros(3)
     for c in (0, 1):
-        if (component == c).any():
+        if motions[component == c, c].any():
             motion[c] = (given[component == c].max() + given[component == c].min()) / 2
     remaining = given - _moved(motions, motion)
     if remaining.any() and np.linalg.matrix_rank(motions, tol=1e-6) == 3:

@@ -35,7 +35,7 @@ class DualVectors:
         self._dual = PETSc.Vec().createMPI((self.owned, structure.dual_dofs), comm=comm)
         self._gathered, self._to_rows = _scatter(self._dual, numbers)
         self._local = self._gathered.duplicate()
-        paired = structure.contact.paired.any()
+        paired = structure.contact.coupled.any()
         self._slots = _Slots(structure, numbers, order, comm) if paired else None
         # partial sums of a scalar product: the rows of each subdomain, in the order of subdomains
         starts = structure.row_starts

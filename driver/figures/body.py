@@ -77,7 +77,7 @@ def draw_deformed(figure: Figure, run: Run, mesh: Mesh, times: float, top: float
     moved = (mesh.xy + times * mesh.displacement) * scale.factor
     handles = _outline(axes, run, mesh, moved, scale.factor)
     if (rows := rigid_rows(run, mesh.time)) is not None:
-        draw_obstacle(axes, rows, size, scale.factor)
+        draw_obstacle(axes, rows, size, scale.factor, times=times)
     handles += more(axes, run, mesh, moved) if more else []
     axes.autoscale_view()
     if box is not None:
@@ -163,7 +163,7 @@ def contact_window(run: Run) -> tuple[np.ndarray, float] | None:
         return None
     xy = np.column_stack([rows["x"], rows["y"]])[closed]
     size = np.ptp(run.last.xy, axis=0).max()
-    length = max(np.ptp(xy, axis=0).max(), rows["weight"][closed].sum())
+    length = max(np.ptp(xy, axis=0).max(), rows["length"][closed].sum())
     if length > SMALL * size:
         return None
     width = ROOM * length if len(closed) > 2 else max(ROOM * length, SMALL * size)
@@ -178,7 +178,7 @@ def contact_zoom(figure: Figure, run: Run) -> None:
     axes, scale = map_axes(figure, run, middle + width * np.array([[-0.5], [0.5]]))
     moved = (mesh.xy + mesh.displacement) * scale.factor
     if (rows := rigid_rows(run, mesh.time)) is not None:
-        draw_obstacle(axes, rows, width * scale.factor, scale.factor)
+        draw_obstacle(axes, rows, width * scale.factor, scale.factor, times=1.0)
     handles = status_nodes(axes, run, mesh, moved)
     if mesh.body.max() > 0 and run.boundary:
         rim = moved[mesh.rim()[0][outer(mesh, run.boundary)]]

@@ -19,7 +19,7 @@ def pale(colour: str) -> tuple:
 
 def shade_zones(axes, rows: dict, factor: float) -> None:
     """Tint the background by the status of the nodes' dual segments."""
-    ends = segment_ends(rows["arc"], rows["weight"]) * factor
+    ends = segment_ends(rows["arc"], rows["length"]) * factor
     status = rows["status"]
     jumps = np.flatnonzero(status[1:] != status[:-1]) + 1
     for left, right in zip([0, *jumps], [*jumps, len(status)]):
@@ -166,7 +166,7 @@ def contact_status(figure: Figure, run: Run) -> None:
         if not run.friction:
             status = np.where(status == "open", "open", "slip")
         codes = np.array([list(STATUS).index(s) for s in status]).reshape(len(times), nodes)
-        ends = segment_ends(rows["arc"][:nodes], rows["weight"][:nodes]) * arc.factor
+        ends = segment_ends(rows["arc"][:nodes], rows["length"][:nodes]) * arc.factor
         axes.pcolormesh(ends, np.concatenate([[0.0], times]), codes, vmin=0, vmax=2,
                         cmap=ListedColormap(list(STATUS.values())),
                         rasterized=nodes * len(times) > 5000, linewidth=0.3,

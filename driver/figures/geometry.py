@@ -18,6 +18,7 @@ TINTS = ["#F1F1EC", "#DDE8F0", "#F3E6D8", "#E4EEDD", "#EFE1EC", "#E3E3E3"]  # of
 LINES = {"free": INK, "support": BLUE, "load": RED, "contact": GREEN, "pair": GREEN}
 ARROW, SHORTEST = 0.16, 0.2  # longest arrow over the body's size, shortest one over the longest
 MOST_LABELS = 30
+APART = 0.045  # of the body's size: distance of two numbers of labels
 
 
 def geometry(figure: Figure, run: Run) -> None:
@@ -172,9 +173,9 @@ def _weight(axes, run: Run, xy: np.ndarray, size: float) -> list:
 
 
 def _label_numbers(axes, boundary: dict, edges: tuple, size: float) -> None:
-    """The number of every label beside the middle of its longest piece, inside the body."""
+    """The number of every label beside its longest piece, where it does not cover another one."""
     start, end, normal = edges
-    names = np.unique(boundary["label"])
+    names, taken = np.unique(boundary["label"]), np.empty((0, 2))
     for name in names if len(names) <= MOST_LABELS else ():
         own = np.flatnonzero(boundary["label"] == name)
         groups = [own[chain] for chain in chains(start[own], end[own])]
@@ -183,7 +184,15 @@ def _label_numbers(axes, boundary: dict, edges: tuple, size: float) -> None:
         points, edge = sample(start[longest], end[longest], np.inf)
         at = longest[edge[0]]
         colour = LINES[str(boundary["role"][at])]
-        place = points[0] - 0.032 * size * normal[at]
+        # in the middle inside, in the middle outside, inside further along
+        along = longest[[len(longest) // 4, 3 * len(longest) // 4]]
+        places = np.vstack([points[0] - 0.032 * size * normal[at],
+                            points[0] + 0.045 * size * normal[at],
+                            (start[along] + end[along]) / 2 - 0.032 * size * normal[along]])
+        free = np.linalg.norm(places[:, None] - taken, axis=2).min(axis=1, initial=np.inf)
+        place = places[np.argmax(free >= APART * size) if (free >= APART * size).any()
+                       else np.argmax(free)]
+        taken = np.vstack([taken, place])
         axes.text(*place, f"{name:g}", color=colour, fontsize=7, ha="center", va="center",
                   zorder=4, bbox={"boxstyle": "round,pad=0.12", "fc": "white", "ec": "none",
                                   "alpha": 0.75})

@@ -36,7 +36,8 @@ def map_axes(figure: Figure, run: Run, xy: np.ndarray):
     axes = figure.add_subplot()
     axes.set_aspect("equal")
     scale = length_scale(run, xy)
-    axes.set(xlabel=f"$x$ [{scale.label}]", ylabel=f"$y$ [{scale.label}]")
+    names = "rz" if run.summary["effects"].get("axisymmetric") else "xy"
+    axes.set(xlabel=f"${names[0]}$ [{scale.label}]", ylabel=f"${names[1]}$ [{scale.label}]")
     return axes, scale
 
 

@@ -10,6 +10,7 @@ from .reading import Run, select
 from .style import INK
 
 FAR = 0.35  # of the body's size; obstacles farther away are not drawn
+FLAT = 1e-9  # 1 - cosine between normals of a flat obstacle
 BREAK = 0.5  # relative difference of distance and arc where a new piece begins
 
 
@@ -49,10 +50,12 @@ def pieces(rows: dict) -> list[np.ndarray]:
     return np.split(order, np.flatnonzero(apart) + 1)
 
 
-def draw_obstacle(axes, rows: dict, size: float, factor: float, away: float = 0.0) -> None:
+def draw_obstacle(axes, rows: dict, size: float, factor: float, away: float = 0.0,
+                  times: float = 0.0) -> None:
     """The surface of the rigid obstacles, hatched, `away` outside of where it is.
 
-    `rows` are those of `rigid_rows`, `size` and `away` lengths of the picture.
+    `rows` are those of `rigid_rows`, `size` and `away` lengths of the picture. A flat one goes on
+    as far as the body slides in a picture that magnifies displacements `times`.
     """
     normal = np.column_stack([rows["normal_x"], rows["normal_y"]])
     gap = rows["gap"] * factor
@@ -65,9 +68,15 @@ def draw_obstacle(axes, rows: dict, size: float, factor: float, away: float = 0.
         if len(near) == 1:
             along = np.column_stack([-normal[near][:, 1], normal[near][:, 0]]) * 0.05 * size
             points = np.concatenate([points - along, points + along])
+        way = times * factor * np.abs(rows["u_t"][near]).max() if times else 0.0
+        if way > 0 and (normal[near] @ normal[near[0]] > 1 - FLAT).all():
+            along = points[-1] - points[0]
+            along = along / np.linalg.norm(along)
+            points = np.vstack([points[0] - way * along, points[-1] + way * along])
         start, end = points[:-1], points[1:]
         out = right_of(start, end)
         middle = (normal[near][:-1] + normal[near][1:]) / 2 if len(near) > 1 else normal[near]
+        middle = middle if len(middle) == len(start) else middle[:1]
         out = np.where((out * middle).sum(axis=1, keepdims=True) < 0, -out, out)
         axes.add_collection(LineCollection(np.stack([start, end], axis=1), colors=INK,
                                            linewidths=0.8))

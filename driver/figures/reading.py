@@ -120,7 +120,28 @@ def read_run(directory: Path) -> Run:
         nearest = min(sets, key=lambda entry: abs(entry[0] - wanted))
         first, last = (read_mesh(path, time) for time, path in (min(sets), nearest))
     tables = {name: read_table(directory / f"{name}.csv") for name in TABLES}
+    if tables["contact"]:
+        revolved = summary["effects"].get("axisymmetric", False)
+        tables["contact"]["length"] = _lengths(tables["contact"], revolved)
     return Run(summary, first=first, last=last, **tables)
+
+
+def _lengths(contact: dict, revolved: bool) -> np.ndarray:
+    """(rows,) lengths of the nodes' dual segments; of bodies of revolution the weights are areas.
+
+    There they are half the distance between a node's neighbours.
+    """
+    if not revolved:
+        return contact["weight"]
+    length = np.zeros(len(contact["arc"]))
+    keys = np.column_stack([contact["step"], contact.get("boundary", 0 * length)])
+    for key in np.unique(keys, axis=0):
+        rows = np.flatnonzero((keys == key).all(axis=1))
+        rows = rows[np.argsort(contact["arc"][rows])]
+        half = np.diff(contact["arc"][rows]) / 2
+        length[rows[:-1]] += half
+        length[rows[1:]] += half
+    return length
 
 
 def select(table: dict, rows) -> dict:
@@ -135,9 +156,9 @@ def contact_boundaries(contact: dict) -> list[tuple[int, dict]]:
     return [(int(b), select(contact, order[label[order] == b])) for b in np.unique(label)]
 
 
-def segment_ends(arc: np.ndarray, weight: np.ndarray) -> np.ndarray:
+def segment_ends(arc: np.ndarray, length: np.ndarray) -> np.ndarray:
     """(n + 1,) ends of the nodes' dual segments: midpoints inside, whole segments at the ends."""
     if len(arc) == 1:
-        return arc[0] + weight[0] * np.array([-0.5, 0.5])
+        return arc[0] + length[0] * np.array([-0.5, 0.5])
     middle = (arc[1:] + arc[:-1]) / 2
-    return np.concatenate([[middle[0] - weight[0]], middle, [middle[-1] + weight[-1]]])
+    return np.concatenate([[middle[0] - length[0]], middle, [middle[-1] + length[-1]]])

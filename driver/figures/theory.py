@@ -23,6 +23,17 @@ def hertz(rows: dict) -> np.ndarray:
     return -2 * force.sum() / (np.pi * half) * _root(_from_middle(rows) / half)
 
 
+def hertz_of_spheres(rows: dict) -> np.ndarray:
+    """(n,) sigma_n of Hertz's point contact around the axis (4.2(a)), p = p_0 sqrt(1 - (r/a)^2),
+    with the force P of the boundary's nodes and the radius a that they touch: p_0 = 3 P/(2 pi a^2).
+    """
+    force, closed = -rows["sigma_n"] * rows["weight"], rows["status"] != "open"
+    if not closed.any():
+        return np.zeros(len(force))
+    radius = rows["length"][closed].sum()
+    return -1.5 * force.sum() / (np.pi * radius**2) * _root(rows["x"] / radius)
+
+
 def flat_punch(rows: dict) -> np.ndarray:
     """(n,) sigma_n under the right half, s > 0, of a rigid punch with a flat base 2a without
     friction (2.8(a)), p = 2 P / (pi sqrt(a^2 - s^2)), P the force on that half; infinite at its
@@ -111,6 +122,7 @@ def _root(s: np.ndarray) -> np.ndarray:
 LINE_CONTACT = ("Hertz, same force and length", hertz)
 NORMAL = {"hertz": LINE_CONTACT, "hertz-bodies": LINE_CONTACT, "mindlin": LINE_CONTACT,
           "mindlin-bodies": LINE_CONTACT,
+          "sphere": ("Hertz, same force and radius", hertz_of_spheres),
           "punch": ("flat punch without friction, same force", flat_punch),
           "pressfit": ("Lam\N{LATIN SMALL LETTER E WITH ACUTE}, same mean", uniform)}
 TANGENTIAL = ("mindlin", "mindlin-bodies")

@@ -34,7 +34,11 @@ def _fill(figure: Figure, rows: list[dict]) -> None:
             colour, line = LINES[kind]
             axes.plot(x, y, line, color=colour, lw=1.2, label=kind)
     known = [float(row["y"]) for row in rows if row["kind"] == "reference"]
-    axes.set_ylim(0, 1.15 * max(known))  # where the pressure is infinite nodes have large means
+    low, high = min(known), max(known)
+    if low < 0.8 * high:  # from zero; where the pressure is infinite nodes have large means
+        axes.set_ylim(0, 1.15 * high)
+    else:
+        axes.set_ylim(low - max(high - low, 0.02 * high), high + max(high - low, 0.02 * high))
     across = [float(row["x"]) for row in rows if row["kind"] == "reference"]
     margin = 0.15 * (max(across) - min(across))
     axes.set_xlim(min(across) - margin, max(across) + margin)

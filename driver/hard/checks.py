@@ -51,7 +51,7 @@ def _assembled(scene: str, parameters: tuple) -> Assembled:
 
     manifest, subdomains = _read(scene, parameters)
     body = Assembled(manifest, subdomains)
-    if manifest.contact_pairs:
+    if manifest.contact_pairs or manifest.axisymmetric and manifest.element != "P1":
         body.meet(build(manifest, subdomains, 0, MPI.COMM_SELF).contact)
     return body
 

@@ -49,6 +49,14 @@ def slender(value: float) -> Case:
                 sweep=("length over height", value), seconds=300)
 
 
+def revolved(name: str, **more) -> Case:
+    """A body of revolution; `more` are settings, `fast` and `sweep` as of all cases."""
+    other = {key: more.pop(key) for key in ("fast", "sweep") if key in more}
+    return Case(f"body of revolution: {name}", "hard/revolved", {"STEPS": 6, **more}, checks=LAWS,
+                easy={"INNER": 1, "WIDTH": 1}, **other,
+                sizes=({"SUBDOMAINS": "3x2", "CELLS": 4}, {"SUBDOMAINS": 13, "CELLS": 4}))
+
+
 CASES = [
     layout("elements", "subdomains of one element", fast=True),
     layout("sizes", "subdomains of very different sizes"),
@@ -78,6 +86,16 @@ CASES = [
     Case("slanted contact ends at a roller, with gap", "hard/slope",
          {"LEFT": "roller", "GAP": 0.003}, checks=LAWS,
          sizes=({"N": 8}, {"N": 16, "SUBDOMAINS": 8})),
+    revolved("cells on the axis", fast=True),
+    revolved("a hole of 1e-4 of the radius", INNER=1e-4),
+    # the wider, the less its hoops resist: a ring of 300 radii takes 25 times the products
+    *(revolved(f"a ring of {value:g} times its width", INNER=value, WIDTH=1,
+               sweep=("hole over width of a ring", value)) for value in (1, 10, 100)),
+    revolved("stiffness jumps by 1e6", JUMP=1e6),
+    revolved("quadratic elements on the axis", ELEMENT="P2"),
+    revolved("much friction, units of 1e9 and 1e-12", FRICTION=2, LENGTH=1e9, STRESS=1e-12),
+    Case("rough sphere", "sphere", {"STEPS": 6}, checks=LAWS,
+         sizes=({"H": 0.004}, {"H": 0.002, "SUBDOMAINS": 7})),
     Case("curved contact boundary", "mindlin", {"STEPS": 6}, checks=LAWS,
          sizes=({"H": 0.002}, {"H": 0.001})),
 ]

@@ -39,7 +39,7 @@ class Problem:
             manifest = read_manifest(Path(folder))
             subdomains = read_subdomains(manifest, 0, manifest.subdomains, MPI.COMM_SELF)
         body = Assembled(manifest, subdomains)
-        if manifest.contact_pairs:
+        if manifest.contact_pairs or manifest.axisymmetric:
             body.meet(build(manifest, subdomains, 0, MPI.COMM_SELF).contact)
         return cls(manifest, body)
 

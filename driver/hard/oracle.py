@@ -110,9 +110,11 @@ class Assembled:
         place = np.zeros(size)
         for sub, k in zip(subdomains, keys):
             place[k] = sub.xy[sub.dof_node, sub.dof_component]
-        self.motions = self._free_motions(place)
+        self.motions = self._free_motions(place, manifest.axisymmetric)
         self._factorize()
         self._collect_contact(manifest.columns, subdomains)
+        if manifest.axisymmetric:
+            self._revolve(manifest, subdomains)
 
     def _factorize(self) -> None:
         from scipy.sparse import bmat, csc_matrix
@@ -134,8 +136,11 @@ class Assembled:
         other._factorize()
         return other
 
-    def _free_motions(self, place) -> np.ndarray:
-        """(2 vertices, modes): rigid motions that supports leave free; `place` by dof."""
+    def _free_motions(self, place, axisymmetric: bool) -> np.ndarray:
+        """(2 vertices, modes): rigid motions that supports leave free; `place` by dof.
+
+        A body of revolution has the one along its axis alone.
+        """
         from scipy.linalg import null_space
         from scipy.sparse.csgraph import connected_components
 
@@ -151,8 +156,11 @@ class Assembled:
             size = max(np.ptp(x), np.ptp(y))
             rigid = np.zeros((self.K.shape[0], 3))
             rigid[own] = np.column_stack([even, ~even, np.where(even, -y, x) / size])
-            supported = held & own
-            kernel = null_space(rigid[supported], rcond=1e-10) if supported.any() else np.eye(3)
+            if axisymmetric:
+                rigid = rigid[:, 1:2]
+            supported, kernel = held & own, np.eye(rigid.shape[1])
+            if supported.any():
+                kernel = null_space(rigid[supported], rcond=1e-10)
             columns.append(rigid @ kernel)
         return np.hstack(columns)
 
@@ -185,6 +193,25 @@ class Assembled:
         self.tangent = np.column_stack([-self.normal[:, 1], self.normal[:, 0]])
         # node, vertex, weight in what meets
         self.terms = np.arange(len(self.gid)), self.gid, np.ones(len(self.gid))
+
+    def _revolve(self, manifest, subdomains) -> None:
+        """Weights over the revolution: of a node the integral of its hat times 2 pi r.
+
+        Linear elements only: others, and pairs, `meet` the driver's conditions. One contact
+        boundary that turns nowhere by more than a corner has one node a vertex.
+        """
+        weight = dict.fromkeys(self.gid.tolist(), 0.0)
+        for sub in subdomains:
+            for (a, b), label in zip(sub.edges, sub.edge_label):
+                if label not in manifest.contact_labels:
+                    continue
+                (r, y), (s, z) = sub.xy[a], sub.xy[b]
+                length = np.hypot(s - r, z - y)
+                for node, near, far in ((a, r, s), (b, s, r)):
+                    gid = int(sub.node_gid[node])
+                    if gid in weight:
+                        weight[gid] += np.pi * length * (2 * near + far) / 3
+        self.weight = np.array([weight[gid] for gid in self.gid.tolist()])
 
     def meet(self, contact) -> None:
         """Take the conditions of a ContactBoundary: where bodies meet, rows are mortar jumps.

@@ -12,7 +12,7 @@ from .quantities import chains, contact_length, longest_way, peak, traction
 from .tables import BOUNDARIES
 
 WORK = "work"  # of friction, beside the names of ContactField
-NODES = ("xy", "arc", "chain", "weight", "gap", "paired", "middle")
+NODES = ("xy", "arc", "chain", "weight", "length", "gap", "paired", "middle")
 
 
 def boundary_rows(record, states: dict[str, np.ndarray],
@@ -40,6 +40,7 @@ def _one_boundary(boundary, states: dict[str, np.ndarray], label: int,
     own = np.flatnonzero(share)
     nodes = {name: getattr(boundary, name)[own] for name in NODES}
     nodes["weight"] = weight = nodes["weight"] * share[own]
+    nodes["length"] = nodes["length"] * share[own]
     states, pieces = {name: column[:, own] for name, column in states.items()}, chains(nodes)
     normal, tangential = boundary.normal[own], boundary.tangent[own]
     pressure, shear = -states[ContactField.SIGMA_N], states[ContactField.SIGMA_T]

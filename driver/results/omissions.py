@@ -31,7 +31,7 @@ def _overlaps(b: ContactBoundary) -> list[str]:
     said, size = [], float(np.linalg.norm(np.ptp(b.xy, axis=0)))
     for label in np.unique(b.label):
         own = b.label == label
-        deep = -(b.gap[own] + FACETS * b.weight[own])
+        deep = -(b.gap[own] + FACETS * b.length[own])
         if deep.max() > 0 and -b.gap[own].min() > OVERLAP * size:
             place = b.xy[own][np.argmin(b.gap[own])]
             macro = "pairGap" if b.paired[own].any() else "gap"

@@ -1,10 +1,11 @@
 """Stage 7: probes.csv, displacements and forces where a scene asks for them.
 
-A label's displacement is the mean over its edges; its force is what acts on the body through it:
-tractions, support reactions, point loads, contact. Where labels meet, a node's reaction goes to
-those that the support names as a whole (all their nodes are constrained in that direction), in
-equal parts, and at a support that is a point to all labels there; so the forces of all labels add
-up to those of the scene. A point's force is the reaction and the point load at its vertex.
+A label's displacement is the mean over its edges, of bodies of revolution over the surface; its
+force is what acts on the body through it: tractions, support reactions, point loads, contact.
+Where labels meet, a node's reaction goes to those that the support names as a whole (all their
+nodes are constrained in that direction), in equal parts, and at a support that is a point to all
+labels there; so the forces of all labels add up to those of the scene. A point's force is the
+reaction and the point load at its vertex.
 """
 
 from dataclasses import dataclass
@@ -111,6 +112,16 @@ class _Edges:
     nodes: np.ndarray
     length: np.ndarray
 
+    def rings(self, sub) -> np.ndarray:
+        """(n, 2 or 3) integrals of the shape functions times the radius: Simpson's rule is exact.
+        """
+        r = np.maximum(sub.xy[self.nodes, 0], 0.0)
+        if self.nodes.shape[1] == 2:
+            r = (2 * r + r[:, ::-1]) / 6
+        else:
+            r = r * MEANS[3]
+        return self.length[:, None] * r
+
 
 class _Label:
     """A probed label."""
@@ -121,13 +132,21 @@ class _Label:
         subs = operator.structure.subdomains
         self.subs, self.edges = subs, [_edges_of(sub, label) for sub in subs]
         self.share = [self._part(sub, shares) for sub in subs]
-        self.tractions = [_tractions(sub, edges, patterns)
+        revolved = operator.structure.contact.axisymmetric
+        self.tractions = [_tractions(sub, edges, patterns, revolved)
                           for sub, edges in zip(subs, self.edges)]
         middle = np.array([_integral(edges, sub.xy) for edges, sub in zip(self.edges, subs)])
         length = np.array([edges.length.sum() for edges in self.edges])
         gathered = operator.comm.allgather((middle.reshape(-1, 2), length))
         self.length = np.concatenate([part for _, part in gathered]).sum()
         self.xy = np.concatenate([part for part, _ in gathered]).sum(axis=0) / self.length
+        self.rings = None
+        if operator.structure.contact.axisymmetric:
+            rings = [edges.rings(sub) for edges, sub in zip(self.edges, subs)]
+            area = sum(part for of_rank in operator.comm.allgather([r.sum() for r in rings])
+                       for part in of_rank)
+            if area > 0:  # the axis has none, and means as in the plane
+                self.rings = [ring / area for ring in rings]
 
     def _part(self, sub, shares: _Shares) -> np.ndarray:
         """(dofs,) of a subdomain: part of the label in the reaction."""
@@ -141,6 +160,9 @@ class _Label:
         """Contributions (2,) of the rank's subdomain s to displacement and force."""
         force = _by_component(self.subs[s], (reaction + load) * self.share[s])
         force = force + weights[: len(self.tractions[s])] @ self.tractions[s]
+        if self.rings is not None:
+            values = u.reshape(-1, 2)[self.edges[s].nodes]
+            return np.einsum("en,enc->c", self.rings[s], values), force
         return _integral(self.edges[s], u.reshape(-1, 2)) / self.length, force
 
 
@@ -195,12 +217,13 @@ def _edges_of(sub, label: int) -> _Edges:
     return _Edges(own, np.column_stack([nodes, middles]) if len(middles) else nodes, length)
 
 
-def _tractions(sub, edges: _Edges, patterns: list[int]) -> np.ndarray:
+def _tractions(sub, edges: _Edges, patterns: list[int], revolved: bool) -> np.ndarray:
     """(all patterns, 2) resultants over the edges of the `patterns` that are given on edges.
 
     With quadratic elements only nodal forces are known. A middle's belongs to its edge; of a
     vertex every edge that is loaded gets what a constant traction would give, a fourth of its
-    middle's, and an equal part of the rest.
+    middle's, and an equal part of the rest; of bodies of revolution (`revolved`) in proportion to
+    their radii.
     """
     total = np.zeros((len(sub.loads), 2))
     if not len(edges.number):
@@ -211,18 +234,23 @@ def _tractions(sub, edges: _Edges, patterns: list[int]) -> np.ndarray:
         return total
     middles = sub.middles(sub.edges)
     own = np.isin(np.arange(len(middles)), edges.number)
+    part = np.full(sub.edges.T.shape, 0.25)
+    if revolved:
+        radius = np.maximum(sub.xy[:, 0], 0.0)
+        part = radius[sub.edges.T] / np.maximum(4 * radius[middles], 1e-300)
     for k in patterns:
         force = np.zeros((len(sub.xy), 2))
         force[sub.dof_node, sub.dof_component] = sub.loads[k]
         loaded = force[middles].any(axis=1)
-        guess, known, count = force[middles] / 4, np.zeros_like(force), np.zeros(len(force))
-        for ends in sub.edges.T:
+        known, count = np.zeros_like(force), np.zeros(len(force))
+        guesses = part[:, :, None] * force[middles]
+        for ends, guess in zip(sub.edges.T, guesses):
             np.add.at(known, ends, guess)
             np.add.at(count, ends, loaded)
         rest = (force - known) / np.maximum(count, 1)[:, None]
         mine = own & loaded
         total[k] = force[middles[mine]].sum(axis=0)
-        for ends in sub.edges[mine].T:
+        for ends, guess in zip(sub.edges[mine].T, guesses):
             total[k] += (guess[mine] + rest[ends]).sum(axis=0)
     return total
 

@@ -32,11 +32,11 @@ NOTHING = 1e-5  # part of the largest resultant of the history that tolerances l
 def quantities(effects, nodes: dict, steps: dict, displacement) -> tuple[dict[str, float], int]:
     """Values of `effects.quantities` by name, and the index of the step that they belong to.
 
-    `nodes` holds the columns xy (n, 2), arc, weight, gap, chain, paired and middle (n,) of the
-    contact nodes, sorted by chain and arc; `steps` the columns u_n, slip, sigma_n, sigma_t and
-    status (steps, n) and, with friction, its `work` (steps, n) from dissipation.py; `displacement`
-    (steps,) the largest displacement in the body. All as in contact.csv and history.csv, status as
-    its code.
+    `nodes` holds the columns xy (n, 2), arc, weight, length (by default the weight), gap, chain,
+    paired and middle (n,) of the contact nodes, sorted by chain and arc; `steps` the columns u_n,
+    slip, sigma_n, sigma_t and status (steps, n) and, with friction, its `work` (steps, n) from
+    dissipation.py; `displacement` (steps,) the largest displacement in the body. All as in
+    contact.csv and history.csv, status as its code.
     """
     displacement = np.asarray(displacement, float)
     if not effects.contact:
@@ -117,7 +117,7 @@ def _beyond(nodes: dict, piece: np.ndarray) -> np.ndarray:
     if not len(side):
         return np.zeros(2)
     ends = piece[[0, -1]]
-    weight, near = nodes["weight"][ends], side[[0, -1]]
+    weight, near = nodes.get("length", nodes["weight"])[ends], side[[0, -1]]
     beyond = np.where(nodes["paired"][ends], weight - near / 2, 2 * weight - near)
     if nodes["middle"].any():
         beyond = np.where(nodes["paired"][ends], weight - near / 3, 3 * weight - near)
@@ -169,11 +169,11 @@ def peak(arc: np.ndarray, values: np.ndarray) -> float:
 
 def contact_length(nodes: dict, pieces: list[np.ndarray], steps: dict, index: int) -> float:
     """Length in contact at step `index`; edges between a closed and an open node count in part."""
-    total = 0.0
+    total, weight = 0.0, nodes["weight"]
     for piece in pieces:
         closed = steps["status"][index][piece] != OPEN
         if len(piece) == 1:
-            total += float(nodes["weight"][piece[0]]) * closed[0]
+            total += float(nodes.get("length", weight)[piece[0]]) * closed[0]
             continue
         inside = float(np.diff(nodes["arc"][piece]) @ (closed[1:] & closed[:-1]))
         total += float(_beyond(nodes, piece) @ closed[[0, -1]]) + inside

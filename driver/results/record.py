@@ -54,7 +54,7 @@ class Record:
 
     def _columns(self) -> tuple[dict, dict]:
         """Columns of the nodes and of the steps, as quantities.py takes them."""
-        names = ("xy", "arc", "weight", "gap", "chain", "paired", "middle")
+        names = ("xy", "arc", "weight", "length", "gap", "chain", "paired", "middle")
         nodes = {name: getattr(self.contact.boundary, name) for name in names}
         nodes["shares"] = self.shares
         fixed = self.contact.constrained * np.abs(self.contact.boundary.tangent)

@@ -28,8 +28,12 @@ def label_shares(structure: Substructure) -> tuple[np.ndarray, np.ndarray]:
         return labels, plain
     length, total = np.linalg.norm(np.subtract(*place[ends.T]), axis=1), np.zeros((len(labels),
                                                                                    len(gid)))
-    for end in ends.T:
-        np.add.at(total, (np.searchsorted(labels, label), end), length)
+    for end, other in (ends.T, ends.T[::-1]):
+        part = length
+        if b.axisymmetric:  # as their rings are: of linear or quadratic functions
+            near, far = place[end, 0], place[other, 0]
+            part = length * (near if len(structure.outer_middles) else 2 * near + far)
+        np.add.at(total, (np.searchsorted(labels, label), end), part)
     total = total[:, : len(b.gid)]
     whole = total.sum(axis=0)
     return labels, np.where(whole > 0, total / np.maximum(whole, 1e-300), plain)

@@ -1,7 +1,9 @@
 """Columns of the tables that a run leaves, from which headers and their reference follow.
 
 Units are "1", "length", "stress", "time", or products of these; forces and energies are per
-thickness. A name with {} stands for as many columns as the run has of what the meaning says.
+thickness, of bodies of revolution those of the whole body, where forces along x are sums of radial
+ones around the axis. A name with {} stands for as many columns as the run has of what the meaning
+says.
 """
 
 from dataclasses import dataclass
@@ -29,7 +31,8 @@ CONTACT = (
     Column("x", "length", "coordinate of the node"),
     Column("y", "length", "coordinate of the node"),
     Column("arc", "length", "arc length along the boundary"),
-    Column("weight", "length", "length of the node's dual segment"),
+    Column("weight", "length", "length of the node's dual segment; of bodies of revolution the "
+           "area that it sweeps"),
     Column("normal_x", "1", "outward unit normal n of the body; t is n turned by +90 degrees"),
     Column("normal_y", "1", "outward unit normal n of the body; t is n turned by +90 degrees"),
     Column("gap", "length", "distance to the obstacle or the other body along n before any load"),
@@ -64,7 +67,7 @@ HISTORY = (
     Column("contact_x", FORCE, "resultant of the forces of rigid obstacles on the body"),
     Column("contact_y", FORCE, "resultant of the forces of rigid obstacles on the body"),
     *(Column(f"nodes_{name}", "1", f"contact nodes with status {name}") for name in STATUS_NAMES),
-    Column("contact_length", "length", "weights of the nodes in contact, summed"),
+    Column("contact_length", "length", "lengths of the dual segments in contact, summed"),
     Column("max_displacement", "length", "largest |u| of a node"),
     Column("peak_pressure", "stress", "largest contact pressure of a node"),
     Column("dissipated", ENERGY, "work that friction has taken since time 0"),

@@ -6,6 +6,8 @@ macros that declare it, there are
 
 - ``switches``: what is left out is checked to be there,
 - ``include``: the room itself, what its loads are given on, and what it lacks,
+- ``kinematics``: the same of rooms that come before the forms of elasticity,
+- ``hold``: what these fix of a subdomain besides its supports, ``<room>Hold``,
 - ``patterns``: its load patterns, one for each number, in variables ``<room>Pattern<number>``,
 - ``assemble``, ``fix``, ``record``: what these add to a subdomain's loads, supports and record (see
   loads.idp),
@@ -76,10 +78,13 @@ def write(directory: Path, without: tuple[str, ...] = (), traced: bool = False) 
     columns = [room for room in used if room.column]
     files = {
         "switches": _switches(without),
-        "include": [line for room in used for line in _include(room, absent)],
+        "kinematics": [line for room in used if room.before for line in _include(room, absent)],
+        "include": [line for room in used if not room.before for line in _include(room, absent)],
         "patterns": [*(line for load in loads for line in load.declaration()), *_idle(absent)],
         "assemble": [line for load in loads for line in load.call("Assemble")],
         "fix": [line for load in loads for line in load.call("Fix")],
+        "hold": [line for room in used if room.before
+                 for line in _if(f"{room.prefix}Hold", f"{room.prefix}Hold")],
         "record": [line for load in loads for line in load.call("Record")],
         "columns": [line for room in columns for line in _column(room)],
         "evaluate": [line for room in columns for line in _evaluate(room)],

@@ -97,3 +97,9 @@ def strains(corner: np.ndarray, value: np.ndarray, places: np.ndarray) -> np.nda
     d = np.einsum("tcj,tmck->tmjk", hat_gradients(corner), at_corners)
     strain = np.stack([d[..., 0, 0], d[..., 1, 1], d[..., 1, 0] + d[..., 0, 1]], axis=-1)
     return np.broadcast_to(strain, (len(corner), len(places), 3))  # constant with linear elements
+
+
+def hoop_strains(corner: np.ndarray, value: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """(n_t, m) hoop strains u_x / x at places (m, 3) inside of triangles; arrays as `strains`."""
+    radius = corner[..., 0] @ places.T
+    return value[..., 0] @ shapes(value.shape[1], places).T / radius

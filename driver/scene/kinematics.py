@@ -1,4 +1,7 @@
-"""Strains and stresses of a subdomain from its displacements."""
+"""Strains and stresses of a subdomain from its displacements.
+
+Of bodies of revolution strains have a fourth component, the hoop strain u_r / r.
+"""
 
 import numpy as np
 
@@ -7,8 +10,34 @@ from .loader import Subdomain
 
 
 def strains(sub: Subdomain, u: np.ndarray) -> np.ndarray:
-    """(n_t, 3) mean strains e11, e22, 2 e12 of the displacements u (dofs,) over the triangles."""
-    return elements.mean_strains(sub.xy[sub.triangles], u.reshape(-1, 2)[sub.elements])
+    """(n_t, 3) mean strains e11, e22, 2 e12 of the displacements u (dofs,) over the triangles.
+
+    Of bodies of revolution (n_t, 4); u_r / r is that of the means of u_r and r, which with linear
+    elements is its mean over the revolved triangle.
+    """
+    corner, value = sub.xy[sub.triangles], u.reshape(-1, 2)[sub.elements]
+    plane = elements.mean_strains(corner, value)
+    if not sub.axisymmetric:
+        return plane
+    hoop = elements.hoop_strains(corner, value[:, :6], elements.CENTER)[:, 0]
+    return np.column_stack([plane, hoop])
+
+
+def linear_strains(sub: Subdomain, u: np.ndarray) -> np.ndarray:
+    """(n_t, 3 corners, 3 or 4) strains of quadratic elements as elements.linear_strains has them.
+
+    Of bodies of revolution they are projected with the weight r, as P2-mixed does.
+    """
+    corner, value = sub.xy[sub.triangles], u.reshape(-1, 2)[sub.elements]
+    if not sub.axisymmetric:
+        return elements.linear_strains(corner, value)
+    places = elements.POINTS
+    hoop = elements.hoop_strains(corner, value, places)
+    strain = np.concatenate([elements.strains(corner, value, places), hoop[..., None]], axis=-1)
+    weight = elements.WEIGHTS * (corner[..., 0] @ places.T)  # (n_t, points)
+    right = np.einsum("tm,mi,tmk->tik", weight, places, strain)
+    mass = np.einsum("tm,mi,mj->tij", weight, places, places)
+    return np.linalg.solve(mass, right)
 
 
 def stresses(sub: Subdomain, u: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -26,23 +55,24 @@ def corner_stresses(sub: Subdomain, u: np.ndarray, weights: np.ndarray) -> np.nd
     """(n_t, 3 corners, 4) stresses as `stresses`, linear on quadratic elements, else constant."""
     if sub.corner_elasticity is None:
         return np.repeat(stresses(sub, u, weights)[:, None], 3, axis=1)
-    strain = elements.linear_strains(sub.xy[sub.triangles], u.reshape(-1, 2)[sub.elements])
     zz = None if sub.sigma_zz is None else sub.sigma_zz[:, None]
-    return _stresses(strain, sub.corner_elasticity, zz, sub.thermal, weights)
+    return _stresses(linear_strains(sub, u), sub.corner_elasticity, zz, sub.thermal, weights)
 
 
 def _stresses(strain: np.ndarray, elasticity: np.ndarray, sigma_zz, thermal: dict,
               weights: np.ndarray) -> np.ndarray:
-    """(..., 4) stresses of strains (..., 3)."""
-    plane = np.einsum("...ij,...j->...i", elasticity, strain)
+    """(..., 4) stresses of strains (..., 3 or 4)."""
+    stress = np.einsum("...ij,...j->...i", elasticity, strain)
     zz = np.zeros(strain.shape[:-1])
     if sigma_zz is not None:
         zz = sigma_zz * (strain[..., 0] + strain[..., 1])
     for pattern, suppressed in thermal.items():
-        plane = plane - weights[pattern] * suppressed
+        stress = stress - weights[pattern] * suppressed
         if sigma_zz is not None:  # isotropic: the same in all directions
             zz = zz - weights[pattern] * suppressed[..., 0]
-    return np.stack([plane[..., 0], plane[..., 1], zz, plane[..., 2]], axis=-1)
+    if stress.shape[-1] == 4:
+        zz = stress[..., 3]
+    return np.stack([stress[..., 0], stress[..., 1], zz, stress[..., 2]], axis=-1)
 
 
 def von_mises(stress: np.ndarray) -> np.ndarray:

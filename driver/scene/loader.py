@@ -103,10 +103,12 @@ def _of_record(arrays: dict, record: int) -> dict:
 
 
 def _suppressed(stack: dict, head: Head, manifest: Manifest) -> dict[int, np.ndarray]:
-    """Stresses (n, n_t, [3 corners,] 3) of the patterns given as initial stress."""
+    """Stresses (n, n_t, [3 corners,] 3 or 4) of the patterns given as initial stress."""
     stresses = {}
     for k in _by_pattern(stack, head, "suppressed_11"):
         rows = [_linear(stack[f"suppressed_{row}", k], manifest) for row in ("11", "22", "12")]
+        if manifest.axisymmetric:
+            rows.append(rows[0])  # isotropic: the same in all directions
         stresses[k] = np.stack(rows, axis=-1)
     return stresses
 
@@ -141,7 +143,8 @@ class _Pieces:
         pieces = [piece] * len(xy)
         checks.check_mesh(xy, piece["elements"][None], place)
         other = np.flatnonzero(~checks.same_shape(xy, self.shared_xy[None]))
-        checks.check_rigid_motions(pieces, xy, other.tolist(), place)
+        checks.check_rigid_motions(pieces, xy, other.tolist(), place,
+                                   self.manifest.axisymmetric)
         return pieces
 
     def _read_shared(self) -> None:
@@ -187,7 +190,7 @@ class _Pieces:
                 like, like_xy = piece, xy[s]
         self.last, self.last_xy = like, like_xy
         checks.check_symmetric(pieces, unlike, place)
-        checks.check_rigid_motions(pieces, xy, moved, place)
+        checks.check_rigid_motions(pieces, xy, moved, place, self.manifest.axisymmetric)
 
 
 def _check_mesh(stack: dict, head: Head, nodes: np.ndarray, edges: np.ndarray, xy: np.ndarray,
@@ -220,12 +223,13 @@ def _kept_once(values: np.ndarray, last: np.ndarray | None) -> list[np.ndarray]:
 
 
 def _elasticity(stack: dict, manifest: Manifest) -> dict:
-    """Plane elasticity of a stack of records, entry by entry of a Subdomain, None for each if none.
+    """Elasticity of a stack of records, entry by entry of a Subdomain, None for each if none.
 
-    `elasticity` (n, n_t, 3, 3), `corner_elasticity` (n, n_t, 3, 3, 3), `sigma_zz` (n, n_t).
+    `elasticity` (n, n_t, 3, 3), `corner_elasticity` (n, n_t, 3, 3, 3), `sigma_zz` (n, n_t); of
+    bodies of revolution k = 4 for the 3 of the law.
     """
     moduli = [_linear(stack[name], manifest) for name in records.moduli(manifest)]
-    none = [None] * len(stack["region"])
+    none, k = [None] * len(stack["region"]), 3
     sigma_zz = none  # general plane laws say nothing of the third direction
     if manifest.material == "isotropic":
         lam, mu = moduli
@@ -234,8 +238,12 @@ def _elasticity(stack: dict, manifest: Manifest) -> dict:
         if manifest.plane == "strain":
             sigma_zz = lam if lam.ndim == 2 else lam.mean(axis=2)
     c11, c12, c13, c22, c23, c33 = moduli
-    matrix = np.stack([c11, c12, c13, c12, c22, c23, c13, c23, c33], axis=-1)
-    matrix = matrix.reshape(*c11.shape, 3, 3)
+    entries = [c11, c12, c13, c12, c22, c23, c13, c23, c33]
+    if manifest.axisymmetric:
+        entries = [c11, c12, zero, c12, c12, c11, zero, c12, zero, zero, mu, zero,
+                   c12, c12, zero, c11]
+        sigma_zz, k = none, 4
+    matrix = np.stack(entries, axis=-1).reshape(*c11.shape, k, k)
     if matrix.ndim == 4:
         return {"elasticity": matrix, "corner_elasticity": none, "sigma_zz": sigma_zz}
     return {"elasticity": matrix.mean(axis=2), "corner_elasticity": matrix, "sigma_zz": sigma_zz}

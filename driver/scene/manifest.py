@@ -17,6 +17,8 @@ from . import seal as seals
 from .declarations import QUASISTATIC
 from .rooms import EFFECTS, LOADS
 
+AXISYMMETRIC = "axisymmetric"  # the room of bodies of revolution
+
 KINDS = {"subdomains": int, "blocks": int, "nodes": int, "interface_label": int, "element": str,
          "plane": str, "material": str, "units": dict, "rooms": dict, "columns": list,
          "fields": list, "steps": int, "t_end": (int, float), "contact_labels": list,
@@ -67,6 +69,11 @@ class Manifest:
     def quasistatic(self) -> bool:
         """Whether loads have a history in time steps; else there is one step."""
         return QUASISTATIC in self.rooms
+
+    @property
+    def axisymmetric(self) -> bool:
+        """Whether x is a radius, and all integrals are over the revolution about x = 0."""
+        return AXISYMMETRIC in self.rooms
 
     @property
     def contact_pairs(self) -> list:

@@ -145,10 +145,11 @@ def check_symmetric(pieces: list[dict], which: list[int], place: Place) -> None:
 
 
 def check_rigid_motions(pieces: list[dict], xy: np.ndarray, which: list[int],
-                        place: Place) -> None:
+                        place: Place, axisymmetric: bool) -> None:
     """The pure Neumann stiffness of the pieces `which` resists no rigid motion.
 
-    These are translations and rotations about a row's own node. Element matrices are positive
+    These are translations and rotations about a row's own node, of a body of revolution the
+    translation along y alone. Element matrices are positive
     semidefinite, so the element contributions that were added up to K_ij are at most
     sqrt(K_ii K_jj) together, and each carries some roundings: a row of K times a motion m is zero
     to 1e-13 of sum_j sqrt(K_ii K_jj) |m_j|, which allows some hundred roundings for the products
@@ -159,12 +160,13 @@ def check_rigid_motions(pieces: list[dict], xy: np.ndarray, which: list[int],
     for start in range(0, len(which), together):
         records = which[start : start + together]
         bad_diagonal[records], resists[records] = _stiff_motions(
-            [pieces[record] for record in records], xy[records])
+            [pieces[record] for record in records], xy[records], axisymmetric)
     place.refuse(bad_diagonal, "a diagonal entry of the stiffness matrix is not positive")
     place.refuse(resists, "the stiffness matrix resists a rigid motion; it is not the body's")
 
 
-def _stiff_motions(pieces: list[dict], xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _stiff_motions(pieces: list[dict], xy: np.ndarray,
+                   axisymmetric: bool) -> tuple[np.ndarray, np.ndarray]:
     """Of every piece whether its diagonal is not positive, and whether it resists a rigid motion.
 
     The pieces are looked at as one matrix.
@@ -186,14 +188,17 @@ def _stiff_motions(pieces: list[dict], xy: np.ndarray) -> tuple[np.ndarray, np.n
     entry = 2 * rows + along_y
     force, bound = (np.bincount(entry, what, minlength=2 * len(diagonal)).reshape(-1, 2)
                     for what in (values, size))
-    resists = (np.abs(force) > 1e-13 * root[:, None] * bound).any(axis=1)
+    of_piece, excess = (len(pieces), dofs), np.abs(force) > 1e-13 * root[:, None] * bound
+    if axisymmetric:
+        return ((diagonal <= 0).reshape(of_piece).any(axis=1),
+                excess[:, 1].reshape(of_piece).any(axis=1))
+    resists = excess.any(axis=1)
     # rotations about the origin less that of the row's own node
     turn = np.stack([-xy[..., 1], xy[..., 0]], axis=-1).ravel()
     turned = turn[columns] - turn[rows - rows % 2 + along_y]
     force, bound = (np.bincount(rows, what, minlength=len(diagonal))
                     for what in (values * turned, size * np.abs(turned)))
     resists |= np.abs(force) > 1e-13 * root * bound
-    of_piece = len(pieces), dofs
     return (diagonal <= 0).reshape(of_piece).any(axis=1), resists.reshape(of_piece).any(axis=1)
 
 

@@ -24,6 +24,8 @@ needed:
 - ``column``: numbers at the contact nodes: the room defines ``<room>Column`` or
   ``<room>Evaluate(column)``; ``>= 0`` where negative ones are refused.
 - ``studied``: macros and numbers that may differ between the values of a parameter study.
+- ``before``: ``material`` of a room that changes strains and integrals: it is included before the
+  forms that it changes, and its macros take the place of theirs.
 
 and, indented, the macros and numbers of the scene that the room reads. Names of a room's own macros
 begin with its name in camel case (`Room.prefix`).
@@ -41,8 +43,8 @@ EFFECTS = environment.LIBRARY / "effects"
 # triangle, forces at nodes, values of fixed dofs
 LOADS = ("edges", "triangles", "initial_stress", "nodes", "supports")
 NUMBERS = range(1, 10)  # of the loads and their amplitudes
-ENTRIES = ("declared by", "needs", "brings", "after", "given on", "column", "studied")
-SINGLE = ("given on", "column")  # entries that stand once at most
+ENTRIES = ("declared by", "needs", "brings", "after", "given on", "column", "studied", "before")
+SINGLE = ("given on", "column", "before")  # entries that stand once at most
 
 
 class Macro(NamedTuple):
@@ -76,6 +78,7 @@ class Room(NamedTuple):
     column: str | None = None
     nonnegative: bool = False  # of the column
     studied: tuple[str, ...] = ()
+    before: str | None = None
     macros: tuple[Macro, ...] = ()
     text: str = ""
 
@@ -155,7 +158,8 @@ def read_room(path: Path) -> Room:
                 needs=tuple(tuple(words.split(" or ")) for words in listed("needs")),
                 brings=listed("brings"), after=listed("after"),
                 given_on=entries.get("given on", [None])[0], column=column or None,
-                nonnegative=bound == ">= 0", studied=listed("studied"), macros=macros, text=text)
+                nonnegative=bound == ">= 0", studied=listed("studied"),
+                before=entries.get("before", [None])[0], macros=macros, text=text)
 
 
 def source(room: Room) -> str:

@@ -44,10 +44,13 @@ class Subdomain:
     region: np.ndarray  # (n_t,)
     edges: np.ndarray  # (n_e, 2) vertices of the boundary edges
     edge_label: np.ndarray  # (n_e,)
-    elasticity: np.ndarray  # (n_t, 3, 3) plane Hooke's law in Voigt form, means over the triangles
+    # (n_t, 3, 3) plane Hooke's law in Voigt form, means over the triangles; of bodies of revolution
+    # (n_t, 4, 4), with the hoop's strain and stress last: so in all that follows
+    elasticity: np.ndarray
     # (n_t, 3), or (n_t, 3 corners, 3) of quadratic elements: stress of a suppressed strain
     thermal: dict[int, np.ndarray]
-    # (n_t,) factor of (e11 + e22) in the out-of-plane stress; None where that is zero
+    # (n_t,) factor of (e11 + e22) in the out-of-plane stress; None where that is zero, or has a row
+    # of its own in Hooke's law
     sigma_zz: np.ndarray | None
     dof_node: np.ndarray
     dof_component: np.ndarray
@@ -69,6 +72,11 @@ class Subdomain:
     def dofs(self) -> int:
         """Number of dofs."""
         return len(self.dof_node)
+
+    @property
+    def axisymmetric(self) -> bool:
+        """Whether x is a radius, and strains have a hoop's part."""
+        return self.elasticity.shape[-1] == 4
 
     @property
     def triangles(self) -> np.ndarray:

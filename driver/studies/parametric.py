@@ -163,12 +163,17 @@ def _contact_of(name: str, effects, boundary, data, gid: np.ndarray, pairs: list
     place = _places(boundary, read)
     rigid = ~boundary.paired  # between two bodies weight, normal and gap follow from both sides
     if not ((place >= 0).all()
-            and np.allclose(read.weight[place][rigid], boundary.weight[rigid], rtol=1e-9)
+            and np.allclose(read.weight[place][rigid], boundary.length[rigid], rtol=1e-9)
             and np.allclose(read.normal[place][rigid], boundary.normal[rigid], atol=1e-9)):
         raise InputError(f"a study cannot vary {name.upper()}: it moves or turns the contact "
                          "boundary")
     columns = {column: values[place] for column, values in read.columns.items()}
     gap = effects.distance(columns, len(place))
+    joint = np.flatnonzero(boundary.coupled & rigid)  # beside an axis: rows of several nodes
+    if len(joint):
+        at = dict(zip(read.gid.tolist(), effects.distance(read.columns, len(read.gid))))
+        each = boundary.term_value * [at[g] for g in boundary.term_gid.tolist()]
+        gap[joint] = np.bincount(boundary.term_node, each, minlength=len(gap))[joint]
     if gap[~rigid].any():
         raise InputError(f"a study cannot vary {name.upper()} in a scene that declares pairGap")
     return dataclasses.replace(boundary, columns=columns, gap=np.where(rigid, gap, boundary.gap))

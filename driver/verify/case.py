@@ -11,6 +11,7 @@ from ..errors import DriverError
 from ..python.result import Result
 from ..runs.run import Run, execute
 from ..scene import freefem
+from . import peer
 
 ELEMENTS = ("P1", "P2")
 NO_SOLUTION = 3  # exit status
@@ -97,7 +98,8 @@ class Case:
 
     `levels` are the meshes of P1, coarse to fine; those of P2 start one earlier and need no more.
     `refused` are settings with which there is no solution. `others` says what other codes give,
-    `note` what the numbers do not say. `fast` cases run in the default test suite.
+    `note` what the numbers do not say. `fast` cases run in the default test suite. `peer`, see
+    peer.py, tells GetFEM the problem.
     """
 
     name: str
@@ -111,6 +113,7 @@ class Case:
     refused: tuple[dict, ...] = ()
     elements: tuple[str, ...] = ELEMENTS
     axis: str = "x"
+    peer: Callable[[View], tuple] | None = None
     others: str = ""
     note: str = ""
     fast: bool = False
@@ -120,6 +123,15 @@ def solve(case: Case, element: str, level: dict, folder: Path, errors: bool) -> 
     """Run a case on one mesh. Raises what the run raises."""
     settings = {**case.settings, **level, "element": element}
     return View(_run(case, settings, folder, "yes" if errors else "no"), settings, case.axis)
+
+
+def compared(case: Case, element: str, folder: Path) -> float:
+    """Difference from GetFEM on the coarsest mesh, see peer.py. Raises what either raises."""
+    settings = {**case.settings, **case.levels[0], "element": element, "subdomains": 1,
+                "fields": "yes"}
+    with tempfile.TemporaryDirectory(prefix=".run.", dir=folder) as hidden:
+        return peer.difference(View(_left(case, settings, Path(hidden), "no"), settings, case.axis),
+                               case.peer, Path(hidden))
 
 
 def refusal(case: Case, settings: dict, folder: Path) -> int:
@@ -132,13 +144,19 @@ def refusal(case: Case, settings: dict, folder: Path) -> int:
 
 
 def _run(case: Case, settings: dict, folder: Path, errors: str) -> Result:
-    pairs = {name: str(value) for name, value in settings.items()}
+    """The tables of a run whose files are gone."""
     with tempfile.TemporaryDirectory(prefix=".run.", dir=folder) as hidden:
-        execute(Run.from_pairs({
-            "figures": "no", "fields": "no", "quiet": "yes", "primal_rtol": "1e-8",
-            "rtol": "1e-10", "friction_rtol": "1e-9", "uniqueness": "no", "errors": errors, **pairs,
-            "scene": str(freefem.find_scene(case.scene)), "out": f"{hidden}/run"}))
-        result = Result(f"{hidden}/run")
+        result = _left(case, settings, Path(hidden), errors)
         assert result.contact is not None and result.boundaries is not None  # read while they
         assert result.probes is not None and result.history is not None      # are there
     return result
+
+
+def _left(case: Case, settings: dict, folder: Path, errors: str) -> Result:
+    """A run in `folder`/run."""
+    pairs = {name: str(value) for name, value in settings.items()}
+    execute(Run.from_pairs({
+        "figures": "no", "fields": "no", "quiet": "yes", "primal_rtol": "1e-8", "rtol": "1e-10",
+        "friction_rtol": "1e-9", "uniqueness": "no", "errors": errors, **pairs,
+        "scene": str(freefem.find_scene(case.scene)), "out": str(folder / "run")}))
+    return Result(folder / "run")

@@ -80,10 +80,20 @@ def _hertz_case(name, title, scene, radius, modulus, levels, settings, source, *
 
 
 MODULUS = 2000 / (1 - 0.3**2)
+
+
+def _disc(_view: View) -> tuple:
+    """What GetFEM needs to know of the half-disc."""
+    def top(x):
+        return np.abs(x[:, 1] - 1) < 1e-9
+
+    return 2000.0, 0.3, ((top, 0, 0.0), (top, 1, -0.0021))
+
+
 HERTZ = (
     _hertz_case("hertz", "Half-disc on a rigid plane", "hertz", 1.0, MODULUS,
                 ({"h": 0.004}, {"h": 0.002}, {"h": 0.001}), {},
-                "Johnson, Contact Mechanics (1985), 4.2(c)"),
+                "Johnson, Contact Mechanics (1985), 4.2(c)", peer=_disc),
     _hertz_case("hertz-bodies", "Two cylinders, meshes that do not match", "hertz-bodies",
                 1 / (1 + 1 / 1.5), 1 / (1 / MODULUS + 1 / (2 * MODULUS)),
                 ({"h": 0.004}, {"h": 0.002}, {"h": 0.001}), {},
@@ -114,7 +124,10 @@ def _nafems(name: str, friction: str, depths: tuple, settings: dict) -> Case:
         settings, Curve("x", "pressure", pressures,
                         lambda view: (places(6.2146), pressure(view, places(6.2146)))),
         others=f"Code_Aster: u_y of the block's middle {depths[0]} with linear, {depths[1]} with "
-               "quadratic elements, with large rotations")
+               "quadratic elements, with large rotations",
+        note="Ours are 2.6 % less with both kinds of elements, and refining changes them by less: "
+             "it is not the mesh. The others compute with large strains, which here reach 5 %. "
+             "Contact pressure and half-width, which Hertz gives for small ones, agree.")
 
 
 NAFEMS = (_nafems("nafems-cylinder", "frictionless", (-1.3069, -1.3080), {"without": "friction"}),
@@ -224,6 +237,12 @@ def _punch(P, x):
     return 1.0, P / (np.pi * np.sqrt(np.maximum(1 - x**2, 1e-12)))
 
 
+def _half_block(_view: View) -> tuple:
+    """What GetFEM needs to know of the block under an indenter."""
+    return 1.0, 0.3, ((lambda x: np.abs(x[:, 0]) < 1e-9, 0, 0.0),
+                      (lambda x: np.abs(x[:, 1] + 40) < 1e-9, 1, 4e-3))
+
+
 def _indenter(name, title, power, shape, where, **more) -> Case:
     """A rigid indenter; P is twice the resultant of the half that is computed."""
     def pressure(view: View, x):
@@ -243,7 +262,7 @@ def _indenter(name, title, power, shape, where, **more) -> Case:
                          lambda v: float(-v["sigma_n"][0]), 1e-2, HALF_PLANE),)
     meshes = {"h": 0.08}, {"h": 0.04}, {"h": 0.02}
     return Case(name, title, "verify/indenter", where, meshes, checks, {"power": power},
-                Curve("x", "pressure", pressures, curve), **more)
+                Curve("x", "pressure", pressures, curve), peer=_half_block, **more)
 
 
 INDENTERS = (
@@ -309,10 +328,19 @@ def _fit(name: str, title: str, settings: dict, scene: str, pressure: float, mes
                         lambda view: (places(90.0), np.full(25, pressure))), **more)
 
 
+
+
+def _quarter_ring(_view: View) -> tuple:
+    """What GetFEM needs to know of the ring on a rigid shaft."""
+    return 210e3, 0.3, ((lambda x: np.abs(x[:, 1]) < 1e-9, 1, 0.0),
+                        (lambda x: np.abs(x[:, 0]) < 1e-9, 0, 0.0))
+
+
 SHRINK = ({"h": 2}, {"h": 1}, {"h": 0.5})
 LAME = (
     _fit("pressfit", "Ring on a rigid shaft", {}, "pressfit",
-         210e3 / 1.3 * 0.05 / (0.4 * 20 / 35**2 + 1 / 20) * (1 / 20**2 - 1 / 35**2), SHRINK),
+         210e3 / 1.3 * 0.05 / (0.4 * 20 / 35**2 + 1 / 20) * (1 / 20**2 - 1 / 35**2), SHRINK,
+         peer=_quarter_ring),
     _fit("shrinkfit", "Ring shrunk onto another", {}, "verify/shrinkfit", lame_fit(), SHRINK,
          fast=True),
     _fit("shrinkfit-heated", "Heated ring inside another", {"fit": "heated"}, "verify/shrinkfit",

@@ -11,9 +11,10 @@ from .. import options
 from ..errors import DriverError, InputError
 from ..files import write_table
 from ..runs.guard import study_folder
-from .case import NO_SOLUTION, Case, Check, refusal, solve
+from . import peer
+from .case import NO_SOLUTION, Case, Check, compared, refusal, solve
 
-MODULES = ("plane", "friction")
+MODULES = ("plane", "friction", "revolution")
 COLUMNS = ("case", "quantity", "source", "reference", "value", "error", "tolerance", "met",
            "seconds", "element", "mesh", "claimed", "errors", "because")
 
@@ -44,10 +45,18 @@ def run_suite(pairs: dict[str, str]) -> list[Path]:
     made = [table, write_table(folder / "curves.csv", curves, ("kind", "case", "x", "y", "x_name",
                                                               "y_name"))]
     made += draw(folder / "curves.csv")
+    if not peer.installed():
+        print(peer.NOTE)
+    orders = []
+    if not given["case"] and not given["fast"]:
+        from . import rates
+
+        orders = rates.measured(folder)
+        made.append(write_table(folder / "rates.csv", orders, rates.COLUMNS))
     if given["page"]:
         from . import page
 
-        print(f"renewed {os.path.relpath(page.write(chosen, rows, made))}")
+        print(f"renewed {os.path.relpath(page.write(chosen, rows, orders, made))}")
     missed = [row for row in rows if row["met"] == "no"]
     print(f"{len(chosen)} cases, {len(rows)} numbers, {len(rows) - len(missed)} met; "
           f"{time.perf_counter() - clock:.0f} s")
@@ -93,13 +102,15 @@ def judge(name: str, element: str, folder: Path) -> tuple[list[dict], list[dict]
     levels = case.levels if element == "P1" else case.levels[:-1] or case.levels
     clock = time.perf_counter()
     views = [solve(case, element, level, folder, level is levels[-1]) for level in levels]
-    compared = [[check.compare(view) for view in views] for check in case.checks]
+    results = [[check.compare(view) for view in views] for check in case.checks]
     seconds = time.perf_counter() - clock
     mesh = " ".join(f"{key.upper()}={value}" for key, value in levels[-1].items())
     shared = {"case": case.name, "seconds": seconds, "element": element, "mesh": mesh}
-    rows = [{**shared, **_row(case, check, results, views[-1])}
-            for check, results in zip(case.checks, compared)]
+    rows = [{**shared, **_row(case, check, on_meshes, views[-1])}
+            for check, on_meshes in zip(case.checks, results)]
     rows += [{**shared, **_refused(case, settings, folder)} for settings in case.refused]
+    if case.peer and peer.installed():
+        rows.append({**shared, **_beside_getfem(case, element, folder)})
     return rows, _curves(case, element, views[-1])
 
 
@@ -113,6 +124,15 @@ def _row(case: Case, check: Check, results: list[tuple], view) -> dict:
             "claimed": "" if claimed is None else claimed / (abs(wanted) or 1.0),
             "errors": " ".join(f"{result[2]:.1e}" for result in results),
             "because": check.because}
+
+
+def _beside_getfem(case: Case, element: str, folder: Path) -> dict:
+    mesh = " ".join(f"{key.upper()}={value}" for key, value in case.levels[0].items())
+    difference = compared(case, element, folder)
+    return {"quantity": "contact forces of the nodes against GetFEM's", "source": "GetFEM",
+            "reference": 0.0, "value": difference, "error": difference, "tolerance": peer.SAME,
+            "met": "yes" if difference <= peer.SAME else "no", "claimed": "", "errors": "",
+            "mesh": mesh, "because": "the same mesh and conditions at nodes, another program"}
 
 
 def _refused(case: Case, settings: dict, folder: Path) -> dict:

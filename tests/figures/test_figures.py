@@ -15,8 +15,8 @@ from PIL import Image
 
 from driver import figures
 from driver.errors import InputError
-from driver.figures import (animation, body, contact, convergence, obstacle, outline, redraw, scales,
-                            theory)
+from driver.figures import (animation, body, contact, convergence, obstacle, outline, redraw,
+                            scales, theory)
 
 ALL = ["geometry", "loading", "deformed", "contact_normal", "contact_tangential", "contact_status",
        "history", "convergence"]
@@ -367,6 +367,18 @@ def test_foundation_under_a_round_body_is_as_flat_as_its_gap_says():
     assert np.all(marks[:, 1, 1] < marks[:, 0, 1] - 0.02 * size)
 
 
+@pytest.mark.parametrize("bent, longer", [(0.0, 0.6), (0.1, 0.0)])
+def test_a_flat_foundation_goes_on_as_far_as_the_body_slides(bent, longer):
+    """By the displacement as it is drawn; nothing is known of how a curved one goes on."""
+    x = np.linspace(0, 1, 5)
+    contact = {"x": x, "y": 0 * x, "normal_x": bent * x, "normal_y": -np.sqrt(1 - (bent * x)**2),
+               "gap": 0 * x, "arc": x, "u_t": 0.1 * x}
+    axes = Figure().add_subplot()
+    obstacle.draw_obstacle(axes, contact, 1.0, 2.0, times=3.0)
+    line = np.array(axes.collections[0].get_segments())[:, :, 0]
+    assert (line.min(), line.max()) == pytest.approx((-longer, 2.0 + longer))
+
+
 def test_rim_of_the_torn_mesh_is_the_boundary_of_every_subdomain(run):
     edges, _ = run.first.rim()
     length = np.linalg.norm(np.diff(run.first.xy[edges], axis=1), axis=2).sum()
@@ -492,7 +504,8 @@ def test_history_shows_forces_per_thickness_and_iterations(drawn):
 @pytest.mark.parametrize("unit, peak, label, shown", [
     ("Pa", 1.1e8, "MPa", 110), ("Pa", 1e3, "kPa", 1), ("MPa", 2e3, "GPa", 2),
     ("m", 3e-4, "µm", 300),
-    ("mm", 120.0, "mm", 120), ("mm", 3e-3, "µm", 3), ("N/m", 2e6, "MN/m", 2), ("1", 0.5, "–", 0.5),
+    ("mm", 120.0, "mm", 120), ("mm", 3e-3, "µm", 3), ("N/m", 2e6, "MN/m", 2),
+    ("1", 0.5, "–", 0.5),
     ("psi", 3e5, r"$10^{3}$ psi", 300), ("Pa", 0.0, "Pa", 0)])
 def test_scales(unit, peak, label, shown):
     scale = scales.scale_for(unit, [peak, -peak / 2])

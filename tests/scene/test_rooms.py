@@ -221,5 +221,5 @@ def test_files_for_freefem_are_the_same_every_time(tmp_path):
         declarations.write(tmp_path / name)
     one, two = ({path.name: path.read_text() for path in (tmp_path / name / "rooms").iterdir()}
                 for name in ("one", "two"))
-    assert one == two and len(one) == 12
+    assert one == two and len(one) == 14
     assert seal.SHARED not in one

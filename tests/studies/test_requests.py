@@ -1,7 +1,10 @@
 """make accuracy PART=requests and PART=prices: how single results are judged."""
 
+import csv
+
 import pytest
 
+from driver.environment import ROOT
 from driver.errors import InputError
 from driver.studies.accuracy import prices, requests, run_accuracy
 
@@ -35,6 +38,18 @@ def test_a_price_is_judged_by_what_was_taken(taken, true, within, met):
                "memory_mib": 90.0}
     found = prices._verdict(line, summary, "slip", 2.0, 0.001)
     assert (found["within"], found["met"]) == (within, met)
+
+
+def test_the_prices_of_the_reference_hold():
+    """The aim for accuracies is 95 of 100. Seconds were taken on a machine whose load changed by
+    more than a factor of two within minutes: not all can be within that.
+    """
+    with open(ROOT / "results" / "reference" / "prices.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len({entry["scene"] for entry in rows}) >= 12 and len(rows) >= 50
+    judged = [entry["met"] == "yes" for entry in rows if entry["met"]]
+    assert len(judged) >= 0.9 * len(rows) and sum(judged) >= 0.95 * len(judged)
+    assert sum(entry["within"] == "yes" for entry in rows) >= 0.85 * len(rows)
 
 
 @pytest.mark.parametrize("part", ["prices", "requests"])

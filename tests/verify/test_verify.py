@@ -8,8 +8,8 @@ import pytest
 from scipy.integrate import quad
 
 from driver.errors import DriverError
-from driver.verify import page, plane, suite
-from driver.verify.case import Check
+from driver.verify import page, peer, plane, rates, suite
+from driver.verify.case import Check, compared
 
 CASES = {case.name: case for case in suite.cases()}
 FAST = [name for name, case in CASES.items() if case.fast]
@@ -116,3 +116,29 @@ def test_errors_are_relative_and_absolute_where_the_reference_is_zero():
     view = types.SimpleNamespace(a=2.2, b=0.1)
     assert Check("", 2.0, lambda v: v.a, 1, "").compare(view)[2] == pytest.approx(0.1)
     assert Check("", 0.0, lambda v: v.b, 1, "").compare(view)[2] == pytest.approx(0.1)
+
+
+@pytest.mark.skipif(not peer.installed(), reason=peer.NOTE)
+@pytest.mark.parametrize("name, element", [("pressfit", "P1"), ("quartic", "P2")])
+def test_getfem_finds_the_same_forces(name, element, tmp_path):
+    assert compared(CASES[name], element, tmp_path) <= peer.SAME
+
+
+def test_at_least_five_cases_are_solved_by_getfem_too():
+    assert sum(case.peer is not None for case in CASES.values()) >= 5
+
+
+@pytest.mark.parametrize("power", [1.0, 2.5])
+def test_orders_are_slopes(power):
+    sizes = np.array([1.0, 0.5, 0.25])
+    assert rates.order(sizes, 3 * sizes**power) == pytest.approx(power)
+    assert rates.order(sizes, [0.0, 0.0, 0.0]) == ""
+
+
+def test_slip_and_dissipation_of_the_zones_have_their_orders(tmp_path):
+    """Quadratic elements: slip of order 3 in L2, its work of order 3."""
+    series = next(one for one in rates.SERIES
+                  if one.scene == "zones" and one.element == "P2")
+    orders = {row["quantity"]: row["order"] for row in rates._rows(series, tmp_path)}
+    assert orders["slip in L2"] > 2.7 and orders["dissipated energy"] > 2.7
+    assert orders["shear in L2"] > 1.3
