@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from . import laws
+from . import laws, sensitivity
 from . import refusal as refusals
 from .case import Outcome
 from .oracle import Assembled
@@ -85,6 +85,15 @@ class Problem:
         if self.contraction < 1:
             return ""
         return f"uniqueness is not proved: friction {self.contraction:.2g} times the bound"
+
+    def sensitive(self, outcomes: list[Outcome]) -> str:
+        """Why different forces are those of one solution, empty if they may not be."""
+        first, *others = outcomes
+        worst = max(max(outcome.summary["residuals"].values()) for outcome in outcomes)
+        same = all(sensitivity.explained(self.body, self.manifest, first.contact, other.contact,
+                                         2 * worst) for other in others)
+        return f"no more than residuals of {worst:.1e} do to the forces in their states" if (
+            same) else ""
 
     def refusal(self, outcomes: list[Outcome]) -> tuple[str, str]:
         """Status of a scene that all runs refuse with exit 3 or 4, and the argument."""
