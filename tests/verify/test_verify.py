@@ -108,6 +108,12 @@ def test_there_are_enough_cases_and_the_page_has_them_all():
     assert len(CASES) >= 25 and len(FAST) >= len(CASES) // 3
     for name, case in CASES.items():
         assert f"## {name}\n" in text and case.source in text
+        section = text.partition(f"## {name}\n")[2].partition("\n## ")[0].splitlines()
+        for check in case.checks:
+            end = f"| {check.tolerance:.1e} | {check.because} |"
+            rows = [line for line in section if line.endswith(end)
+                    and line.startswith(f"| {check.name.replace('_', ' ')} |")]
+            assert len(rows) == len(case.elements), (name, check.name)
         assert (page.PICTURES / f"{name}.png").is_file() == (case.curve is not None)
     assert "**missed**" not in text
 
