@@ -21,7 +21,8 @@ AXISYMMETRIC = "axisymmetric"  # the room of bodies of revolution
 
 KINDS = {"subdomains": int, "blocks": int, "nodes": int, "interface_label": int, "element": str,
          "plane": str, "material": str, "units": dict, "rooms": dict, "columns": list,
-         "fields": list, "steps": int, "t_end": (int, float), "contact_labels": list,
+         "fields": list, "materials": list,
+         "steps": int, "t_end": (int, float), "contact_labels": list,
          "labels": list, "regions": list, "bodies": int, "patterns": list, "amplitudes": dict,
          "parameters": dict}
 # words that the stages that follow know; any other would silently count as "not declared"
@@ -57,6 +58,7 @@ class Manifest:
     bodies: int
     contact_labels: list
     labels: list
+    materials: list  # of every body {body, name, young, poisson}, where given body by body
     regions: list  # the lowest and the highest number of the regions of all meshes
     patterns: list
     amplitudes: dict
