@@ -10,7 +10,7 @@ scene, did wrong.
 import numpy as np
 
 from ..errors import InputError, agree
-from . import elements, records
+from . import elements, records, springs
 from . import record_checks as checks
 from .manifest import Manifest
 from .records import Head, RecordFile
@@ -84,7 +84,8 @@ def _subdomains(stack: dict, head: Head, manifest: Manifest, pieces: "_Pieces",
     if head.contact:
         contact = _contacts(stack, head, manifest, place)
     fields = {name: stack["field", name] for name in manifest.fields}
-    return [Subdomain(index=place.first + s, node_gid=gid[s], xy=xy[s], **piece,
+    return [Subdomain(index=place.first + s, node_gid=gid[s], xy=xy[s],
+                      **springs.stiffened(piece, _of_record(fields, s)),
                       edge_label=stack["edge_label"][s], thermal=_of_record(suppressed, s),
                       loads=loads[s], edge_loads=_of_record(edge_loads, s),
                       body_loads=_of_record(body_loads, s), fixed=stack["fixed"][s],
