@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from driver.errors import DriverError
+from driver.errors import DriverError, InputError
 from driver.verify import page, peer, plane, rates, suite
 from driver.verify.case import Check, compared
 
@@ -142,3 +142,8 @@ def test_slip_and_dissipation_of_the_zones_have_their_orders(tmp_path):
     orders = {row["quantity"]: row["order"] for row in rates._rows(series, tmp_path)}
     assert orders["slip in L2"] > 2.7 and orders["dissipated energy"] > 2.7
     assert orders["shear in L2"] > 1.3
+
+
+def test_the_page_takes_all_cases(tmp_path):
+    with pytest.raises(InputError, match="PAGE=yes shows all cases"):
+        suite.run_suite({"out": str(tmp_path), "case": "hertz", "page": "yes"})
