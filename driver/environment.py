@@ -1,5 +1,6 @@
 """Where the machine keeps FreeFEM, Open MPI and PETSc, as Debian packages them."""
 
+import contextlib
 import ctypes
 import mmap
 import os
@@ -111,6 +112,26 @@ def single_threaded() -> None:
     """One BLAS thread a rank: many small dense products run slower with more."""
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
+
+
+@contextlib.contextmanager
+def silenced():
+    """Keep what libraries print themselves off the screen: HiGHS tells of its phases."""
+    sys.stdout.flush()
+    try:
+        kept = os.dup(1)
+    except OSError:  # there is no screen
+        yield
+        return
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 1)
+        yield
+    finally:
+        ctypes.CDLL(None).fflush(None)  # what C has not yet written
+        os.dup2(kept, 1)
+        os.close(kept)
+        os.close(nowhere)
 
 
 def prepare_numpy() -> None:

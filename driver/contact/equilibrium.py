@@ -18,6 +18,7 @@ against one another have it: the answer "cannot" stays certain.
 import numpy as np
 from scipy.sparse import bmat, csr_matrix, diags, hstack, identity
 
+from ..environment import silenced
 from .rows import ContactRows
 
 SLACK = 1e-7  # relative imbalance that counts as balanced: the solver's own tolerance
@@ -68,10 +69,11 @@ def _solve(normal, gap, tangential, pair, coefficient, offset, pulls, work, size
     from scipy.optimize import linprog  # slow to import, and only free bodies need it
 
     far = np.abs(gap).max(initial=0.0) or 1.0
-    answer = linprog(np.concatenate([gap / far, np.zeros(j)]), A_ub=cone,
-                     b_ub=None if cone is None else np.tile(offset / force, 2), A_eq=balance,
-                     b_eq=work / reach / force, method="highs",
-                     bounds=[(0.0, None)] * k + [(-b, b) for b in limit])
+    with silenced():
+        answer = linprog(np.concatenate([gap / far, np.zeros(j)]), A_ub=cone,
+                         b_ub=None if cone is None else np.tile(offset / force, 2), A_eq=balance,
+                         b_eq=work / reach / force, method="highs",
+                         bounds=[(0.0, None)] * k + [(-b, b) for b in limit])
     if answer.status == 2:
         return None
     if answer.status != 0 or not gap.any():

@@ -37,11 +37,14 @@ class Scales:
     work: np.ndarray | float = 0.0  # (modes,) of absolute forces on every free rigid motion
     largest: dict = field(default_factory=dict)  # of these so far, by name
 
+    def faded(self, name: str) -> float:
+        """The value of this name below which a step's own is rounding beside the steps before."""
+        return FADED * self.largest.get(name, 0.0)
+
     def renew(self, **values) -> None:
         """The step's own values by name; the same again replace them."""
         for name, value in values.items():
-            largest = np.maximum(self.largest.get(name, 0.0), value)
-            setattr(self, name, np.maximum(value, FADED * largest))
+            setattr(self, name, np.maximum(value, self.faded(name)))
 
     def keep(self) -> None:
         """The step is over: its values count for those to come."""

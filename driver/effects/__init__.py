@@ -100,6 +100,9 @@ class Effect:
     def pulls(self, contact) -> np.ndarray | None:
         """(n_c,) whether contact pulls as well: the node does not lift off."""
 
+    def compliance(self, contact) -> np.ndarray | None:
+        """(n_c,) by how much a node yields in its normal direction per nodal force."""
+
     def initial_displacement(self, contact) -> np.ndarray | None:
         """(n_c,) tangential displacement at time 0."""
 
@@ -205,6 +208,10 @@ class Effects:
         """(n_c,) tangential displacement at time 0, zero if none is declared."""
         initial = _sum(room.initial_displacement(contact) for room in self)
         return np.zeros(len(contact.gid)) if initial is None else initial
+
+    def compliance(self, contact) -> np.ndarray | None:
+        """(n_c,) what the nodes yield per nodal force, None where nothing does."""
+        return _sum(room.compliance(contact) for room in self)
 
     def homogeneous(self, contact, initial: np.ndarray) -> bool:
         """Whether the solution under twice the load is twice the solution.

@@ -123,7 +123,9 @@ def _on_contact_rows(structure, rows: np.ndarray):
     place[rows] = np.arange(len(rows))
     contact = dataclasses.replace(contact, normal_row=place[contact.normal_row],
                                   tangential_row=place[contact.tangential_row])
+    yielding = structure.compliance
     return dataclasses.replace(structure, contact=contact, dual_dofs=len(rows),
+                               compliance=None if yielding is None else yielding[rows],
                                row_range=(0, len(rows)), row_kind=structure.row_kind[rows],
                                row_scale=structure.row_scale[rows])
 

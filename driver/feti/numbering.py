@@ -11,7 +11,7 @@ from ..scene.loader import Subdomain
 from ..scene.manifest import Manifest
 from .corners import corner_vertices
 from .gathering import gather
-from .rigid_modes import rigid_modes
+from .rigid_modes import all_springs, rigid_modes
 from .rows import LocalRows, RowKind
 from .structure import Substructure
 from .travel import separated
@@ -38,13 +38,17 @@ def fixed_dofs(manifest: Manifest, subdomains: list[Subdomain],
     return keys, np.where(high >= -low, high, low)
 
 
-def number(manifest, subdomains, first, skeleton, fixed, contact, comm, frictional) -> Substructure:
+def number(manifest, subdomains, first, skeleton, fixed, contact, comm, frictional,
+           compliance=None) -> Substructure:
     """Number coarse dofs and dual rows, and express both in the subdomains' dofs; collective.
 
     `fixed` as `fixed_dofs` returns it, `contact` the ContactBoundary, which gets its row numbers,
-    `frictional` whether its nodes have tangential rows.
+    `frictional` whether its nodes have tangential rows, `compliance` (n_c,) what they yield per
+    nodal force in the normal direction, None where they are rigid.
     """
-    fixed, travel = separated(skeleton, subdomains, fixed, comm, manifest.axisymmetric)
+    springs = all_springs(manifest, subdomains, comm)
+    fixed, travel = separated(skeleton, subdomains, fixed, springs.subdomain, comm,
+                              manifest.axisymmetric)
     corners, fixed_keys = corner_vertices(skeleton), fixed[0]
     owner = skeleton.over_subdomains(np.minimum, skeleton.nodes[:, 0])
     corner_keys = (2 * corners[:, None] + [0, 1]).ravel()
@@ -70,6 +74,10 @@ def number(manifest, subdomains, first, skeleton, fixed, contact, comm, friction
     contact.normal_row[normal_rows] = number[n_g : n_g + n_n]
     contact.tangential_row[tangential_rows] = number[n_g + n_n :]
 
+    yielding = None
+    if compliance is not None:
+        yielding = np.zeros(len(order))
+        yielding[number[n_g : n_g + n_n]] = compliance[normal_rows]
     share = _pair_share(skeleton, contact)
     shares = np.concatenate([np.ones(len(gluing)), share[normal_rows], share[tangential_rows]])
     row_scale = _row_scale(skeleton, row_gid[order], kind[order], shares[order])
@@ -82,11 +90,12 @@ def number(manifest, subdomains, first, skeleton, fixed, contact, comm, friction
     primal = comm.allreduce(sum(sub.dofs for sub in subdomains))
     outer = ~skeleton.shared
     middles = skeleton.middles[outer] if len(skeleton.middles) else skeleton.middles
-    modes, at_corners = rigid_modes(skeleton, fixed_keys, corner_keys,
+    modes, at_corners = rigid_modes(skeleton, fixed_keys, corner_keys, springs,
                                     manifest.axisymmetric)
     return Substructure(subdomains, first, manifest.subdomains, *local,
                         coarse_dofs=len(corner_keys), dual_dofs=len(order), row_kind=kind[order],
-                        row_scale=row_scale, row_range=row_range, row_starts=row_starts,
+                        row_scale=row_scale, compliance=yielding,
+                        row_range=row_range, row_starts=row_starts,
                         patterns=len(manifest.patterns), travel=travel,
                         contact=contact, rigid_modes=modes,
                         rigid_corners=at_corners,

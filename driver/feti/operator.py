@@ -44,7 +44,7 @@ class DualOperator(DualProblem):
     """F and d of a torn body; collective over `comm`. Raises NoSolution where something is loose.
 
     `classes` are those of equal subdomains, `vectors` the layout of dual vectors and local rows,
-    `coarse` the coarse problem; `acting` are the local subdomains with loads or supports.
+    `coarse` the coarse problem; `acting` are the local subdomains with loads, supports or springs.
     """
 
     def __init__(self, structure: Substructure, comm):
@@ -62,7 +62,7 @@ class DualOperator(DualProblem):
         self.coarse = CoarseProblem(structure, self.classes, comm)
         self._recovery = Recovery(structure, self.classes, self.coarse)
         self.acting = [s for s, sub in enumerate(structure.subdomains)
-                       if sub.loads.any() or len(structure.fixed[s])]
+                       if sub.loads.any() or len(structure.fixed[s]) or sub.springs is not None]
         self.motions = [free_motions.displacement(structure, self.classes, self.vectors, k)
                         for k in range(self.modes)]
         self._motion_columns = np.array(self.motions).reshape(self.modes, self.owned).T

@@ -125,7 +125,9 @@ def _fingerprint(structure: Substructure, s: int, pattern: bytes) -> bytes:
     """Digest that equal subdomains share: dof sets, rows and the `pattern` of the stiffness."""
     rows = structure.rows[s]
     digest = hashlib.sha1(pattern)
-    parts = structure.fixed[s], structure.corner_dofs[s], rows.dof, rows.coefficient.round(13)
+    parts = [structure.fixed[s], structure.corner_dofs[s], rows.dof, rows.coefficient.round(13)]
+    if structure.compliance is not None:
+        parts.append(structure.own_compliance(s))
     for part in parts:
         digest.update(part.tobytes())
         digest.update(b"|")
@@ -140,13 +142,15 @@ def reduce_class(structure: Substructure, members: list[int], values: np.ndarray
     is_torn = np.ones(sub.dofs, bool)
     is_torn[structure.fixed[s]] = is_torn[corner] = False
     torn = np.flatnonzero(is_torn)
-    K = coo_matrix((values, (sub.rows, sub.columns)), shape=(sub.dofs, sub.dofs)).tocsr()
+    K = sub.stiffness(values)
     B = constraint_matrix(rows, sub.dofs)
     B_r, B_c, K_rc = B[:, torn], B[:, corner], K[torn][:, corner]
     seen = np.diff(B_r.tocsc().indptr) > 0
     factor, B_t = TornFactor(K, torn, seen), B_r[:, seen]
     inverse, coupling, S = factor.reduced(corner)
     F = B_t @ (B_t @ inverse).T
+    if structure.compliance is not None:
+        F[np.diag_indices_from(F)] += structure.own_compliance(s)
     A = B_c.toarray() - B_t @ coupling
     return LocalClass(members, torn, corner, K, factor, B_r, B_c, K_rc, (F + F.T) / 2, A, S, shared)
 

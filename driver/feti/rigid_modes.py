@@ -6,6 +6,8 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from .gathering import gather
+
 
 @dataclass
 class RigidMode:
@@ -23,9 +25,49 @@ class RigidMode:
         return self.translation + self.rotation * np.column_stack([-away[:, 1], away[:, 0]])
 
 
-def rigid_modes(skeleton, fixed_keys, corner_keys,
+@dataclass
+class Springs:
+    """All springs of the torn body, replicated; k entries.
+
+    Of each `subdomain` (k,), `xy` (k, 2) and `stiffness` (k, 2, 2).
+    """
+
+    subdomain: np.ndarray
+    xy: np.ndarray
+    stiffness: np.ndarray
+
+    def resistance(self, members: np.ndarray, center: np.ndarray, size: float) -> np.ndarray:
+        """(2 k, 3) forces on the springs of some subdomains under the unit motions of their body.
+
+        Relative to the stiffest of them.
+        """
+        here = np.isin(self.subdomain, members)
+        away, stiffness = (self.xy[here] - center) / size, self.stiffness[here]
+        motions = np.zeros((len(away), 2, 3))
+        motions[:, 0, 0] = motions[:, 1, 1] = 1.0
+        motions[:, 0, 2], motions[:, 1, 2] = -away[:, 1], away[:, 0]
+        largest = stiffness.max(initial=0.0) or 1.0
+        return (stiffness / largest @ motions).reshape(-1, 3)
+
+
+def all_springs(manifest, subdomains, comm) -> Springs:
+    """The springs of all subdomains; collective where the scene declares any."""
+    if "springs" not in manifest.rooms:
+        return Springs(np.empty(0, int), np.empty((0, 2)), np.empty((0, 2, 2)))
+    parts = [np.empty((0, 6))]
+    for sub in subdomains:
+        if sub.springs is not None:
+            node = np.flatnonzero(sub.springs.any(axis=1))
+            parts.append(np.column_stack([np.full(len(node), sub.index), sub.xy[node],
+                                          sub.springs[node]]))
+    table = gather(comm, np.concatenate(parts))
+    return Springs(table[:, 0].astype(int), table[:, 1:3],
+                   table[:, [3, 4, 4, 5]].reshape(-1, 2, 2))
+
+
+def rigid_modes(skeleton, fixed_keys, corner_keys, springs: Springs,
                 axisymmetric: bool) -> tuple[list[RigidMode], np.ndarray]:
-    """Rigid motions that the supports leave to each body, orthonormal at its coarse dofs.
+    """Rigid motions that supports and springs leave to each body, orthonormal at its coarse dofs.
 
     Bodies of revolution (`axisymmetric`) have that along the axis alone.
     """
@@ -44,7 +86,10 @@ def rigid_modes(skeleton, fixed_keys, corner_keys,
         along_x, along_y = (np.tile(axis, (len(away), 1)) for axis in np.eye(2))
         turned = np.column_stack([-away[:, 1], away[:, 0]])
         motions = np.stack([along_x, along_y, turned], axis=2).reshape(-1, 3)
-        held = np.linalg.qr(motions[np.isin(keys, fixed_keys)][:, possible], mode="r")
+        members = np.flatnonzero(body[:total] == component)
+        holding = np.vstack([motions[np.isin(keys, fixed_keys)],
+                             springs.resistance(members, center, size)])
+        held = np.linalg.qr(holding[:, possible], mode="r")
         _, sizes, basis = np.linalg.svd(held, full_matrices=True)
         rank = int((sizes > 1e-10 * max(1.0, sizes.max(initial=0.0))).sum())
         free = np.zeros((3, basis.shape[1] - rank))
@@ -57,6 +102,5 @@ def rigid_modes(skeleton, fixed_keys, corner_keys,
         column = np.zeros((len(corner_keys), free.shape[1]))
         column[np.searchsorted(corner_keys, keys[at_corner])] = motions[at_corner] @ free
         columns.append(column)
-        members = np.flatnonzero(body[:total] == component)
         modes += [RigidMode(number, members, center, c[:2].copy(), c[2] / size) for c in free.T]
     return modes, np.hstack([np.zeros((len(corner_keys), 0)), *columns])

@@ -26,6 +26,7 @@ class Substructure:
     dual_dofs: int
     row_kind: np.ndarray  # (dual_dofs,) RowKind
     row_scale: np.ndarray  # (dual_dofs,) power of two near the root of a row's relative stiffness
+    compliance: np.ndarray | None  # (dual_dofs,) what contact rows yield per force; None: nothing
     row_range: tuple[int, int]  # rows owned by this rank
     row_starts: np.ndarray  # per local subdomain: its first row, counted from row_range[0]
     patterns: int
@@ -37,6 +38,13 @@ class Substructure:
     outer_edges: np.ndarray  # (n, 3): gid, gid, label of the edges of the untorn body's boundary
     outer_middles: np.ndarray  # (n,) gids of their middles; empty with linear elements
     primal_dofs: int
+
+    def own_compliance(self, s: int) -> np.ndarray:
+        """(m,) compliance of the rows of local subdomain s that it owns, zero at its others."""
+        stop = np.append(self.row_starts, self.row_range[1] - self.row_range[0])[s + 1]
+        row = self.rows[s].row - self.row_range[0]
+        own = (row >= self.row_starts[s]) & (row < stop)
+        return np.where(own, self.compliance[self.rows[s].row], 0.0)
 
 
 def partition(total: int, comm) -> tuple[int, int]:

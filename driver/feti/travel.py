@@ -98,11 +98,11 @@ class Travel:
         return fields
 
 
-def separated(skeleton, subdomains, fixed, comm,
+def separated(skeleton, subdomains, fixed, sprung: np.ndarray, comm,
               axisymmetric: bool) -> tuple[tuple[np.ndarray, np.ndarray], Travel]:
     """The fixed dofs (keys, values) of numbering.fixed_dofs less the travel, and the travel.
 
-    Collective over `comm`.
+    Bodies of the subdomains `sprung` have none: their springs resist it. Collective over `comm`.
     """
     (keys, values), bodies = fixed, bodies_of(skeleton, axisymmetric)
     travel, left = Travel(bodies, np.zeros((values.shape[1], len(bodies.size), 3))), values.copy()
@@ -111,6 +111,8 @@ def separated(skeleton, subdomains, fixed, comm,
     body, motions = _at(keys, bodies, subdomains, comm)
     for k, b in np.argwhere([[values[body == b, k].any() for b in range(len(bodies.size))]
                              for k in range(values.shape[1])]):
+        if b in bodies.number[sprung]:
+            continue
         here = np.flatnonzero(body == b)
         given = values[here, k]
         motion = _rigid_part(motions[here], keys[here] % 2, given)

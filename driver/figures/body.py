@@ -78,6 +78,7 @@ def draw_deformed(figure: Figure, run: Run, mesh: Mesh, times: float, top: float
     handles = _outline(axes, run, mesh, moved, scale.factor)
     if (rows := rigid_rows(run, mesh.time)) is not None:
         draw_obstacle(axes, rows, size, scale.factor, times=times)
+    _name_materials(axes, run, mesh, moved)
     handles += more(axes, run, mesh, moved) if more else []
     axes.autoscale_view()
     if box is not None:
@@ -126,6 +127,17 @@ def _outline(axes, run: Run, mesh: Mesh, moved: np.ndarray, factor: float) -> li
         axes.add_collection(LineCollection(rim, colors=RED, linewidths=0.9))
         handles.append(Line2D([], [], color=RED, lw=0.9, label="bodies"))
     return handles
+
+
+def _name_materials(axes, run: Run, mesh: Mesh, moved: np.ndarray) -> None:
+    """The names of the bodies' materials, each in the middle of its body, where they are given."""
+    middle = moved[mesh.triangles].mean(axis=1)
+    for row in run.summary.get("materials", []):
+        own = middle[mesh.body == row["body"] - 1]
+        if len(own):
+            nearest = own[np.linalg.norm(own - own.mean(axis=0), axis=1).argmin()]
+            axes.annotate(row["name"], nearest, color=INK, ha="center", va="center", fontsize=8,
+                          bbox={"fc": "white", "ec": "none", "alpha": 0.7, "pad": 1.0})
 
 
 def _stress(figure: Figure, axes, run: Run, mesh: Mesh, moved: np.ndarray, wide: bool,

@@ -157,6 +157,7 @@ def condition(case: Case, size: dict, outcome: Outcome) -> float:
     The face holds all gluing rows, the normal rows of nodes that touch and the tangential rows of
     those that stick. See `face_condition`.
     """
+    environment.start_petsc()
     from mpi4py import MPI
 
     from ..feti.dirichlet import DirichletPreconditioner

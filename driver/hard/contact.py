@@ -6,7 +6,6 @@ from .case import BLOCK, Case
 from .checks import BOTH, closed_form, holds, laws
 
 
-
 def touching(outcome) -> np.ndarray:
     """(steps,) number of nodes in contact."""
     return (outcome.contact["status"] != "open").sum(axis=1)
@@ -29,7 +28,19 @@ def nothing_moves(outcome) -> bool:
     return not any(outcome.contact[name].any() for name in ("u_n", "u_t", "sigma_n", "sigma_t"))
 
 
+def asperities(outcome):
+    """Of rough.edp: p = c (u_n - g)_+ at every node."""
+    closure = outcome.contact["u_n"] - outcome.contact["gap"]
+    yield (-outcome.contact["sigma_n"],
+           outcome.summary["parameters"]["asperities"] * np.maximum(closure, 0))
+
+
+ROUGH = ({"SUBDOMAINS": "4x2", "CELLS": 4}, {"SUBDOMAINS": 9, "CELLS": 9})
+
 CASES = [
+    *(Case(f"rough surface, {c:g} of the block's stiffness", "rough", {"ASPERITIES": c * 7e4},
+           ROUGH, (closed_form("p = c (u_n - g)", 1e-4, asperities),), fast=c == 1)
+      for c in (1e-4, 1, 1e3)),
     Case("full lift-off", BLOCK, {"PRESS": -10e7, "PULL": 0, "GAP": 1e-3},
          checks=(*BOTH, holds("nothing touches", lambda o: not touching(o).any()))),
     Case("lift-off after contact", BLOCK, {"PULL": 0, "LIFT": 0, "PRESS": -10e7, "GAP": -1e-4},

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from . import laws
+from . import laws, sensitivity
 from . import refusal as refusals
 from .case import Outcome
 from .oracle import Assembled
@@ -86,6 +86,15 @@ class Problem:
             return ""
         return f"uniqueness is not proved: friction {self.contraction:.2g} times the bound"
 
+    def sensitive(self, outcomes: list[Outcome]) -> str:
+        """Why different forces are those of one solution, empty if they may not be."""
+        first, *others = outcomes
+        worst = max(max(outcome.summary["residuals"].values()) for outcome in outcomes)
+        same = all(sensitivity.explained(self.body, self.manifest, first.contact, other.contact,
+                                         2 * worst) for other in others)
+        return f"no more than residuals of {worst:.1e} do to the forces in their states" if (
+            same) else ""
+
     def refusal(self, outcomes: list[Outcome]) -> tuple[str, str]:
         """Status of a scene that all runs refuse with exit 3 or 4, and the argument."""
         first = outcomes[0]
@@ -105,7 +114,7 @@ class Problem:
         u_t = self._before(first, step)
         reason = refusals.no_state(self.body, self.manifest, weights, u_t, slipped)
         if not reason:
-            return "refused", f"{said}; mixed-integer program: no state of the nodes solves it"
+            return "refused", f"{said}; search of states: none of the nodes' solves it"
         return "FAILED", f"{said}; not confirmed: {reason}"
 
     def _slipped(self, outcome: Outcome, step: int) -> np.ndarray:

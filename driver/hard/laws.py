@@ -60,18 +60,19 @@ def same_nodes(body: Assembled, contact: dict) -> np.ndarray:
     return order
 
 
-def bounds(body: Assembled, manifest, reported: Reported, u_t: np.ndarray,
-           start: np.ndarray) -> np.ndarray:
-    """(steps, n_c) largest shear tractions under the reported pressures.
+def bounds(body: Assembled, manifest, reported: Reported, start: np.ndarray) -> np.ndarray:
+    """(steps, n_c) largest shear tractions under the reported pressures and displacements.
 
-    `u_t` (steps, n_c) are the tangential displacements, `start` (n_c,) those at time 0, on which a
-    slip law depends.
+    `start` (n_c,) are the tangential displacements at time 0. That the reported ones are those of
+    the forces is a law of its own: a slip law may fall from one bound to another over a way on
+    which displacements have not many digits.
     """
     column = {name: body.columns.get(name, np.zeros(len(body.gid)))
               for name in ("friction", "cohesion", "tresca")}
     factor = 1.0
     law = manifest.rooms.get("slip_law")
     if law:
+        u_t = reported.u_t
         slip = np.cumsum(np.abs(np.diff(np.vstack([start, u_t]), axis=0)), axis=0)
         table = np.linspace(0.0, law["range"], len(law["values"]))
         factor = np.interp(slip if law["argument"] == "slip" else np.abs(u_t), table,
@@ -108,7 +109,7 @@ def violations(body: Assembled, manifest, contact: dict, far: float = 0.0) -> di
     u_n, u_t = np.split(u, 2, axis=1)
     slip = np.diff(np.concatenate([start, u_t]), axis=0)
     press = max(np.abs(reported.sigma_n).max(), np.abs(reported.sigma_t).max())
-    bound = bounds(body, manifest, reported, u_t, start)
+    bound = bounds(body, manifest, reported, start)
     held, rubs = supported(body), rubbing(body)
     over, sigma_n, sigma_t = u_n - body.gap, reported.sigma_n, reported.sigma_t
     one_sided, over = ~pulling(body, manifest), np.where(held, 0.0, over)

@@ -137,7 +137,7 @@ class Assembled:
         return other
 
     def _free_motions(self, place, axisymmetric: bool) -> np.ndarray:
-        """(2 vertices, modes): rigid motions that supports leave free; `place` by dof.
+        """(2 vertices, modes): motions that supports and springs leave free; `place` by dof.
 
         A body of revolution has the one along its axis alone.
         """
@@ -161,7 +161,11 @@ class Assembled:
             supported, kernel = held & own, np.eye(rigid.shape[1])
             if supported.any():
                 kernel = null_space(rigid[supported], rcond=1e-10)
-            columns.append(rigid @ kernel)
+            free = rigid @ kernel
+            resisted = (self.K @ free) / np.abs(self.K.diagonal()).max()
+            if np.abs(resisted).max(initial=0) > 1e-10:  # by springs, not by rounding
+                free = free @ null_space(resisted, rcond=1e-10)
+            columns.append(free)
         return np.hstack(columns)
 
     def _collect_contact(self, names, subdomains):

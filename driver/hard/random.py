@@ -28,8 +28,6 @@ QUIET = {"fields": "no", "figures": "no", "quiet": "yes", "resume": "no", "error
 LIMIT = 120  # seconds of one run
 LAWS = 1e-6  # largest violation on the assembled body, as of the other families
 AGREEMENT = 1e-4  # of contact forces between cuts: a node is stiffer than its body, KKT times 100
-SENSITIVE = 1e-2  # difference that ill-conditioned forces may have, if finer tolerances decide it
-FINER = {"RTOL": "1e-12", "FRICTION_RTOL": "1e-10", "PRIMAL_RTOL": "1e-8"}
 
 
 class TooLong(Exception):
@@ -124,14 +122,13 @@ def _keep(scene: RandomScene, place: Path) -> str:
 # ---- runs ----------------------------------------------------------------------------------------
 
 def run(scene: RandomScene, path: Path, folder: Path, cut: dict[str, str],
-        ranks: int = 1, tolerances: dict[str, str] | None = None) -> Outcome:
-    """One run in this process, with TIGHT `tolerances` if no others are given."""
+        ranks: int = 1) -> Outcome:
+    """One run in this process, with the tolerances TIGHT."""
     from ..runs.run import Run, execute
 
-    kind = "-finer" if tolerances else ""
-    out = folder / ("x".join(cut.values()) + f"-{ranks}{kind}")
+    out = folder / ("x".join(cut.values()) + f"-{ranks}")
     pairs = {"scene": str(path), "out": str(out), "np": str(ranks), **QUIET, **scene.options,
-             **cut, **{name.lower(): value for name, value in (tolerances or TIGHT).items()}}
+             **cut, **{name.lower(): value for name, value in TIGHT.items()}}
     outcome = Outcome(0, "", 0.0, out)
     clock = time.perf_counter()
     try:
@@ -225,8 +222,7 @@ def _judge_solved(scene: RandomScene, path: Path, folder: Path, verdict: Verdict
     verdict.worst = max(broken.values())
     verdict.disagreement, doubt = problem.disagreement(verdict.outcomes), ""
     if not verdict.disagreement <= AGREEMENT:
-        doubt = problem.not_unique(verdict.outcomes) or _sensitive(scene, path, folder, verdict,
-                                                                   problem)
+        doubt = problem.not_unique(verdict.outcomes) or problem.sensitive(verdict.outcomes)
         text = f"cuts differ by {verdict.disagreement:.1e} of the largest contact force"
         if doubt:
             doubt = f"{text}, each obeys the laws: {doubt}"
@@ -236,23 +232,6 @@ def _judge_solved(scene: RandomScene, path: Path, folder: Path, verdict: Verdict
     if said:
         wrong.append(f"{_named(scene.cuts[1])} NP=2: {said}")
     verdict.status, verdict.why = ("FAILED", "; ".join(wrong)) if wrong else ("solved", doubt)
-
-
-def _sensitive(scene: RandomScene, path: Path, folder: Path, verdict: Verdict, problem) -> str:
-    """Why forces that differ by little are those of one solution, empty if they may not be.
-
-    Near the friction from which a step has several solutions they answer to residuals many times
-    as much; then they come together as residuals fall, which different solutions do not.
-    """
-    if not verdict.disagreement <= SENSITIVE:
-        return ""
-    finer = [run(scene, path, folder, cut, tolerances=FINER) for cut in scene.cuts]
-    if any(outcome.status for outcome in finer):
-        return ""
-    rest = problem.disagreement(finer)
-    if rest > min(0.1 * verdict.disagreement, AGREEMENT):
-        return ""
-    return f"{rest:.1e} with a hundredth of the tolerances: forces are sensitive, not several"
 
 
 def ranks_agree(scene: RandomScene, path: Path, folder: Path, alone: Outcome) -> str:

@@ -6,6 +6,7 @@ from .checks import LAWS
 HELD = "hard/held"
 WALLS = {"PLACE": "walls", "STEPS": 2, "UNIQUENESS": "no"}
 SIZES = ({"SUBDOMAINS": 2, "N": 4}, {"SUBDOMAINS": 6, "N": 12})
+SPRINGS, SPRUNG = "hard/springs", ({"SUBDOMAINS": 3, "H": 0.25}, {"SUBDOMAINS": 11, "H": 0.1})
 
 CASES = [
     Case("floating body, pressed down", BLOCK, {"HOLD": "none"}, checks=LAWS, fast=True),
@@ -26,6 +27,9 @@ CASES = [
          SIZES, status=3, reason="no equilibrium was found: .* body 1", fast=True),
     Case("disc that may turn in a groove", HELD, {"PLACE": "groove", "FRICTION": 0, "STEPS": 1},
          SIZES, LAWS, warning="one answer of many"),
+    *(Case(f"body on springs alone, {stiffness:g} of its own stiffness", SPRINGS,
+           {"STIFFNESS": stiffness * 1e5, "STEPS": 4}, SPRUNG, LAWS, fast=stiffness == 1e-2)
+      for stiffness in (1e-4, 1e-2, 1e3)),
     Case("disc pushed in a groove", HELD, {
          "PLACE": "groove", "PUSH": 2e-5, "STEPS": 4}, SIZES, LAWS),
 ]

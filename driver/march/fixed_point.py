@@ -54,12 +54,17 @@ class FixedPoint:
         secants, last, before = self.bodies.secants(), np.inf, trace.iterations
         while not trace.fallback:
             trace.iterations += 1
-            x, gradient = self._start(load, x, gradient, sliding)
-            bound, reduction = rows.friction_bound(x), 0.0
+            start, gradient = self._start(load, x, gradient, sliding)
+            bound, reduction = rows.friction_bound(start), 0.0
             if coupled or free:
                 reduction = self._reduction(trace)
-            result, change = self._approximate(index, trace, load.d, x, bound, reduction, coupled,
-                                               gradient)
+            try:
+                result, change = self._approximate(index, trace, load.d, start, bound, reduction,
+                                                   coupled, gradient)
+            except Unfinished:
+                if not free:
+                    raise
+                break  # bodies that nothing balances have run away
             x, gradient = result.x, result.gradient
             sliding = rows.sliding(x, bound)
             if not (coupled or free):
@@ -141,17 +146,22 @@ class FixedPoint:
         return 0.0 if trace.exact else self.settings.inner_rtol
 
     def _settled(self, change: float, result) -> bool:
-        return (change <= self.rtol * self._norm(result.x[self.rows.normal])
-                and result.residual <= self.qp.tol)
+        pressing = max(self._norm(result.x[self.rows.normal]), self.qp.scales.faded("pressing"))
+        return change <= self.rtol * pressing and result.residual <= self.qp.tol
 
     # ---- where they do not contract ------------------------------------------------------------
     def _globalise(self, index: int, load: Load, x, trace: Trace):
         """The fixed point by the methods of `globalization`, in their order; see `find`."""
-        solution = self._accelerate(index, load, x, trace)
-        if solution is None:
-            solution = self._condense(index, load, x, trace)
-        if solution is not None:
-            return solution
+        for method in (self._accelerate, self._condense):
+            failed = solution = None
+            try:
+                solution = method(index, load, x, trace)
+            except Unfinished as problem:  # a QP with bounds that are those of no solution
+                failed = problem
+            if solution is not None:
+                return solution
+        if failed:
+            raise failed
         unbalanced = self.bodies.imbalance(load, x) > self.rtol
         why = self.bodies.why_unbalanced(load, x) if unbalanced else (
             "the fixed point for the friction bound does not contract, and no other method found "

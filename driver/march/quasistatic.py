@@ -17,24 +17,23 @@ from dataclasses import asdict
 import numpy as np
 from mpi4py import MPI
 
-from ..contact.kkt import FADED, Scales, kkt_residuals
+from ..contact.kkt import Scales
 from ..contact.rows import contact_rows
 from ..effects import Effects
 from ..errors import DriverError, NotConverged
 from ..feti.dual_problem import DualProblem
 from ..options import Settings
-from ..qp.mprgp import projected_gradient
 from . import outlook
 from .condensation import Condensation
 from .corner_states import CornerStates
 from .fixed_point import FixedPoint
 from .friction_qp import FrictionQP
+from .residuals import Residuals
 from .slip import FAR, SlipState
 from .step import History, Load, Step, StepFailed, Trace, Unfinished
 from .supported import SupportedBodies
 from .uniqueness import CHANGING, Uniqueness, too_many, worthwhile
 
-CANCELLED = 1e-8  # part of the extent below which deformation is rounding: contact takes the loads
 SETTLINGS = 5  # of bodies without support, whose multipliers follow, in a step
 LAST_PART = 1e-6  # of tolerances, below which tightening must at least halve the residuals
 NEARLY = 1e-3  # imbalance of bodies without support up to which exacter QPs may settle them
@@ -62,6 +61,7 @@ class QuasistaticSolver:
         self.qp = FrictionQP(operator, self.rows, settings, self.scales, self.history)
         self.history.counts["dual_multiplications_setup"] = operator.products
         self.bodies = self._bodies()
+        self.residuals = Residuals(self.qp, self.bodies, self.slip)
         self.condensation = Condensation(operator, self.rows)
         self.fixed_point = FixedPoint(self.qp, self.bodies, self.slip, self.condensation)
         self.corners = self.fixed_point if self.rows.corners is None else (
@@ -186,7 +186,7 @@ class QuasistaticSolver:
         except Unfinished as failure:
             error, sliding = failure.error, rows.sliding(failure.x, rows.friction_bound(failure.x))
             x, gradient, moved = self._into_cone(load.d, failure.x, failure.gradient, sliding)
-            residuals = self._residuals(load, x, gradient)
+            residuals = self.residuals.of(load, x, gradient)
         self.scales.keep()
         if rows.corners is not None:
             x = self.corners.end_step(x, gradient)
@@ -199,8 +199,8 @@ class QuasistaticSolver:
         for _ in range(SETTLINGS if self.operator.modes else 0):
             x, gradient, moved, _ = self._earned(index, load, x, gradient, sliding, trace)
             gradient = gradient - self.bodies.settle(load, x, gradient)
-            residuals = self._residuals(load, x, gradient)
-            if all(value <= self._asked(name) for name, value in residuals.items()):
+            residuals = self.residuals.of(load, x, gradient)
+            if self.residuals.enough(residuals):
                 return x, gradient, moved, residuals
             sliding = self.rows.sliding(x, self.rows.friction_bound(x))
         return self._earned(index, load, x, gradient, sliding, trace)
@@ -235,23 +235,24 @@ class QuasistaticSolver:
             if op.modes and op.minimum(-load.farthest) < -FAR * self.scales.displacement:
                 gradient = None  # it has followed bodies that went so far: their rounding is in it
             x, gradient, moved = self._into_cone(load.d, x, gradient, sliding)
-            residuals = self._residuals(load, x, gradient)
-            excess = {name: value / self._asked(name) for name, value in residuals.items()}
+            residuals = self.residuals.of(load, x, gradient)
+            if self.residuals.faded(x):
+                nothing = np.zeros_like(x), -load.d
+                without = self.residuals.of(load, *nothing)
+                if self.residuals.enough(without):
+                    return *nothing, x, without
+            excess = {name: value / self.residuals.asked(name) for name, value in residuals.items()}
             worst, name = max((value, name) for name, value in excess.items())
             if worst <= 1:
                 return x, gradient, moved, residuals
             if stop or of_qp <= LAST_PART and worst > 0.5 * best:
                 raise Unfinished(NotConverged(
                     f"step {index}: the {name} residual stays at {residuals[name]:.1e}, above the "
-                    f"{self._asked(name):.0e} that was asked for"), x, gradient)
+                    f"{self.residuals.asked(name):.0e} that was asked for"), x, gradient)
             best, tighter = min(best, worst), min(0.1, 0.3 / worst)
             of_qp *= tighter
             if max(excess["gluing"], excess["penetration"]) <= 1:  # not QPs alone are to blame
                 of_friction *= tighter
-
-    def _asked(self, name: str) -> float:
-        """The largest residual of this name with which a step has converged."""
-        return getattr(self.settings, "friction_rtol" if name == "equilibrium" else "primal_rtol")
 
     def _examine(self, index: int, load: Load, x, gradient, trace: Trace) -> None:
         """Look for other solutions of the step where there is reason to; see `uniqueness`."""
@@ -284,48 +285,6 @@ class QuasistaticSolver:
         """
         final, renewed = self.qp.placed(self.rows.follow(x, sliding), d, x, gradient)
         return final, renewed, final - x
-
-    def _residuals(self, load: Load, x, gradient) -> dict:
-        """KKT residuals of the step's state.
-
-        Relative to a lower bound of the deformation if they are small even so, to the deformation
-        itself, which takes the fields of all subdomains, else.
-        """
-        op, others = self.operator, {"stationarity": self._missing(x, gradient)}
-        if op.modes:
-            others["equilibrium"] = self.bodies.imbalance(load, x)
-        for measure in (op.deformation,) if op.modes else (op.least_deformation, op.deformation):
-            deformation = max(measure(x, load.weights), CANCELLED * load.extent)
-            self.scales.renew(displacement=deformation)
-            kkt = kkt_residuals(self.rows, x, gradient, self.qp.stiffer, self.scales, op.comm)
-            if all(value <= self._asked(name) for name, value in kkt.items()):
-                break
-        return others | kkt
-
-    def _missing(self, x, gradient) -> float:
-        """Norm of the contact forces that the preconditioner finds missing, over that of all.
-
-        The inverse of F, for which it stands, makes stiff parts of the body count by their
-        stiffness. Contact forces that are nothing beside the body's count by FADED times these: its
-        multipliers, and the least forces that make the displacements to be overcome. Where nothing
-        presses, gluing forces may be rounding as well (a body that expands freely); then, and
-        without a preconditioner, it is the projected gradient relative to what the QP's tolerance
-        is.
-        """
-        op, rows, qp, scales = self.operator, self.rows, self.qp, self.scales
-        limits = rows.limits(op.owned, x)
-        projected = projected_gradient(x, gradient, *limits)
-        contact = np.ones(op.owned)
-        contact[rows.gluing] = 0.0
-        scales.renew(pressing=np.sqrt(op.dot(contact * x, x)), forces=np.sqrt(op.dot(x, x)))
-        if qp.preconditioner is None or scales.pressing == 0:
-            return qp.size(projected) / (scales.d or 1.0)
-        # with the rows that would leave their bounds
-        free = (x != limits[0]) & (x != limits[1]) | (projected != 0)
-        missing = qp.preconditioner(np.where(free, projected, 0.0), free)
-        others = max(scales.forces, scales.largest.get("forces", 0.0), scales.d / qp.bound)
-        return (np.sqrt(op.dot(contact * missing, missing))
-                / max(scales.pressing, FADED * others))
 
     # ---- checkpoints ---------------------------------------------------------------------------
     def _carried(self) -> dict[str, np.ndarray]:

@@ -28,6 +28,6 @@ def build(manifest: Manifest, subdomains: list[Subdomain], first: int, comm,
     sides = effects.paired_sides(subdomains, fixed, comm, moved)
     contact = contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm, sides)
     structure = number(manifest, subdomains, first, skeleton, fixed, contact, comm,
-                       effects.frictional)
+                       effects.frictional, effects.compliance(contact))
     contact.corners = corner_pairs(contact, fixed[0])
     return structure

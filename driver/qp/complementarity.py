@@ -4,6 +4,7 @@ import itertools
 
 import numpy as np
 
+from ..environment import silenced
 from .coulomb import BACKWARD, FORWARD, OPEN, STICK, CoulombProblem
 
 DISTINCT = 1e-6  # solutions nearer than this part of the largest multiplier are the same
@@ -275,8 +276,9 @@ def _obeys_somewhere(problem: CoulombProblem, states, z, directions) -> bool:
     for line in directions.T:
         slopes.append(_slack(problem, states, z + line) - rest)  # the law is affine in a state
     size = max(np.abs(rest).max(initial=0.0), np.abs(problem.rigidity * problem.load).max())
-    answer = linprog(np.zeros(len(slopes)), A_ub=-np.array(slopes).T / size,
-                     b_ub=rest / size + SLACK, bounds=(None, None))
+    with silenced():
+        answer = linprog(np.zeros(len(slopes)), A_ub=-np.array(slopes).T / size,
+                         b_ub=rest / size + SLACK, bounds=(None, None))
     return answer.status != 2  # infeasible
 
 

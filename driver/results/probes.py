@@ -1,11 +1,11 @@
 """Stage 7: probes.csv, displacements and forces where a scene asks for them.
 
 A label's displacement is the mean over its edges, of bodies of revolution over the surface; its
-force is what acts on the body through it: tractions, support reactions, point loads, contact.
-Where labels meet, a node's reaction goes to those that the support names as a whole (all their
-nodes are constrained in that direction), in equal parts, and at a support that is a point to all
-labels there; so the forces of all labels add up to those of the scene. A point's force is the
-reaction and the point load at its vertex.
+force is what acts on the body through it: tractions, support reactions, springs, point loads,
+contact. Where labels meet, a node's reaction goes to those that the support names as a whole (all
+their nodes are constrained in that direction), in equal parts, and at a support that is a point to
+all labels there; so the forces of all labels add up to those of the scene. A point's force is the
+reaction, the springs' and the point load at its vertex.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from ..contact.states import ContactField
 from ..errors import InputError
 from ..feti.operator import DualOperator
 from ..march.step import Step
-from ..scene import elements
+from ..scene import elements, springs
 from .contact_state import constrained_keys
 from .tables import PROBES
 
@@ -32,7 +32,7 @@ class Probes:
         self.operator, self.pairs = operator, manifest.contact_pairs
         self.nodal = [k for k, pattern in enumerate(manifest.patterns)
                       if pattern["given_on"] == "nodes"]
-        shares = _Shares(operator)
+        shares = _Shares(operator, manifest.rooms.get("springs", {}).get("labels", []))
         edges = [k for k, pattern in enumerate(manifest.patterns)
                  if pattern["given_on"] == "edges"]
         self.labels = [_Label(label, operator, shares, edges) for label in probe.labels]
@@ -45,7 +45,7 @@ class Probes:
         """Evaluate a step; arguments as in resultants.py, displacements less the travel."""
         structure, whole = self.operator.structure, self.operator.with_travel(displacements,
                                                                               step.weights)
-        reactions, loads = [], []
+        reactions, loads, sprung = [], [], []
         forces = self.operator.forces_on_supports(step.multipliers)
         for s, sub in enumerate(structure.subdomains):
             load = step.weights[: structure.patterns] @ sub.loads
@@ -53,11 +53,13 @@ class Probes:
             if len(fixed):
                 reaction[fixed] = (inner[s] - load)[fixed] + forces[s]
             reactions.append(reaction)
+            sprung.append(0.0 if sub.springs is None else springs.forces(sub, displacements[s]))
             loads.append(step.weights[self.nodal] @ sub.loads[self.nodal])
         for probe in (*self.labels, *self.points):
             own = np.zeros((len(structure.subdomains), 2, 2))
             for s in range(len(structure.subdomains)):
-                own[s] = probe.evaluate(s, whole[s], reactions[s], loads[s], step.weights)
+                own[s] = probe.evaluate(s, whole[s], reactions[s], loads[s], sprung[s],
+                                        step.weights)
             # summed in the order of the subdomains on any number of ranks
             u, force = np.concatenate(self.operator.comm.allgather(own)).sum(axis=0)
             force = force + self._contact(probe.label, state)
@@ -76,8 +78,9 @@ class Probes:
 class _Shares:
     """Which part of the reaction at a node belongs to which label, see above; collective."""
 
-    def __init__(self, operator: DualOperator):
-        structure = operator.structure
+    def __init__(self, operator: DualOperator, founded: list[int]):
+        """`founded` are the labels with an elastic foundation."""
+        structure, self.founded = operator.structure, founded
         self.constrained = np.unique(np.concatenate(
             operator.comm.allgather(constrained_keys(structure))))
         edges, middles = structure.outer_edges, structure.outer_middles
@@ -102,6 +105,18 @@ class _Shares:
         if self.supported[label][component]:
             return here / np.maximum(whole, 1)
         return np.where(whole > 0, 0.0, here / np.maximum(every, 1))
+
+
+    def of_springs(self, label: int, gids: np.ndarray) -> np.ndarray:
+        """(n,) part of a label in the forces of springs at the nodes `gids` (n,).
+
+        They belong to the labels with a foundation, beside those to all.
+        """
+        meeting = {name: np.isin(gids, nodes) for name, nodes in self.nodes.items()}
+        founded = sum((meeting[name] for name in self.founded), np.zeros(len(gids)))
+        every = sum(meeting.values(), np.zeros(len(gids)))
+        own = meeting[label] / np.maximum(np.where(founded > 0, founded, every), 1)
+        return own if label in self.founded else np.where(founded > 0, 0.0, own)
 
 
 @dataclass
@@ -132,6 +147,8 @@ class _Label:
         subs = operator.structure.subdomains
         self.subs, self.edges = subs, [_edges_of(sub, label) for sub in subs]
         self.share = [self._part(sub, shares) for sub in subs]
+        self.rests = [shares.of_springs(label, sub.node_gid[sub.dof_node])
+                      for sub in subs]
         revolved = operator.structure.contact.axisymmetric
         self.tractions = [_tractions(sub, edges, patterns, revolved)
                           for sub, edges in zip(subs, self.edges)]
@@ -156,9 +173,11 @@ class _Label:
             parts[own] = shares.of(self.label, gids[own], component)
         return parts
 
-    def evaluate(self, s: int, u, reaction, load, weights) -> tuple[np.ndarray, np.ndarray]:
+    def evaluate(self, s: int, u, reaction, load, sprung,
+                 weights) -> tuple[np.ndarray, np.ndarray]:
         """Contributions (2,) of the rank's subdomain s to displacement and force."""
-        force = _by_component(self.subs[s], (reaction + load) * self.share[s])
+        force = _by_component(self.subs[s], (reaction + load) * self.share[s]
+                              + sprung * self.rests[s])
         force = force + weights[: len(self.tractions[s])] @ self.tractions[s]
         if self.rings is not None:
             values = u.reshape(-1, 2)[self.edges[s].nodes]
@@ -186,13 +205,14 @@ class _Point:
         _, self.triangle, self.place, owner = next(p for p in places if p[0] >= depth)
         self.own = owner - first
 
-    def evaluate(self, s: int, u, reaction, load, _weights) -> tuple[np.ndarray, np.ndarray]:
+    def evaluate(self, s: int, u, reaction, load, sprung,
+                 _weights) -> tuple[np.ndarray, np.ndarray]:
         """Contributions (2,) of the rank's subdomain s to displacement and force."""
         sub, moved = self.subs[s], np.zeros(2)
         if s == self.own:
             nodes = sub.elements[self.triangle]
             moved = elements.shapes(len(nodes), self.place[None])[0] @ u.reshape(-1, 2)[nodes]
-        return moved, _by_component(sub, (reaction + load) * self.near[s][sub.dof_node])
+        return moved, _by_component(sub, (reaction + load + sprung) * self.near[s][sub.dof_node])
 
 
 def _nearest(sub, xy: np.ndarray) -> tuple[float, int, np.ndarray]:

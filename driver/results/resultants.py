@@ -5,13 +5,15 @@ import numpy as np
 from ..contact.states import ContactField
 from ..feti.operator import DualOperator
 from ..march.step import Step
+from ..scene import springs
 
 
-def resultants(operator: DualOperator, step: Step, inner: list[np.ndarray],
-               contact: dict) -> tuple[dict[str, np.ndarray], np.ndarray]:
+def resultants(operator: DualOperator, step: Step, displacements: list[np.ndarray],
+               inner: list[np.ndarray], contact: dict) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """Resultants (2,) of loads, reactions and obstacles' forces, which add up to zero; `size`.
 
-    `inner` are the forces K u (dofs,) of the rank's subdomains, `contact` the quantities of the
+    `displacements` less the travel and `inner` forces K u (dofs,) of the rank's subdomains;
+    springs react as supports do. `contact` the quantities of the
     contact nodes. `size` (2,) is the sum of the absolute values of all these nodal forces: the
     measure of their balance, because resultants themselves may vanish. A support takes what K u
     leaves after load and contact forces. Collective.
@@ -27,6 +29,10 @@ def resultants(operator: DualOperator, step: Step, inner: list[np.ndarray],
         total[1] += np.bincount(component, reaction, minlength=2)
         total[2] += np.bincount(sub.dof_component, np.abs(load), minlength=2)
         total[2] += np.bincount(component, np.abs(reaction), minlength=2)
+        if sub.springs is not None:
+            sprung = springs.forces(sub, displacements[s])
+            total[1] += np.bincount(sub.dof_component, sprung, minlength=2)
+            total[2] += np.bincount(sub.dof_component, np.abs(sprung), minlength=2)
     # summed in the order of the subdomains on any number of ranks
     load, reaction, size = np.concatenate(operator.comm.allgather(totals)).sum(axis=0)
     b = structure.contact

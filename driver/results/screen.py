@@ -24,6 +24,17 @@ def probes(rows: list[dict], units: dict[str, str]) -> list[str]:
     return _table("probe", rows, PROBES, units)
 
 
+def materials(bodies: list[dict], units: dict[str, str]) -> list[str]:
+    """Lines of a table with the material of each body, from `materials` of summary.json."""
+    if not bodies:
+        return []
+    stress = generic("stress", units)
+    table = [["body", "material", f"Young's modulus [{stress}]", "Poisson's ratio"]]
+    table += [[str(row["body"]), row["name"], f"{row['young']:.6g}", f"{row['poisson']:.6g}"]
+              for row in bodies]
+    return aligned(table).splitlines()
+
+
 def warnings(sentences: list[str]) -> list[str]:
     """Warnings as lines; those that differ in the number of the step alone are one, counted."""
     steps: dict[str, list[str]] = {}

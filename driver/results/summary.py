@@ -131,6 +131,8 @@ class Summary:
         "prices": "of QUANTITY: its error now, and lines with accuracy, settings, predicted "
                   "seconds, seconds_bare (without estimates), memory_mib, and what other kinds of "
                   "meshes would take; or the reason why there are none"})
+    materials: list | None = entry("of every body, where the scene gives them body by body: body, "
+                                   "name, young, poisson", optional=True)
     quantities: dict | None = entry("quantities of interest", "see quantities.py", optional=True)
     quantities_time: float | None = entry("the time they belong to", "time", optional=True)
     boundaries: list | None = entry(
@@ -177,6 +179,8 @@ def summarize(request, problem: Problem, solver: QuasistaticSolver,
         warnings.append(f"results are {doubt['verdict']}: {doubt['reason']}")
     if failure:
         warnings.append(str(failure))
+    if manifest.materials:
+        optional["materials"] = manifest.materials
     if writer.history_rows:
         optional["quantities"], index = writer.record.quantities()
         optional["quantities_time"] = writer.history_rows[index]["time"]

@@ -48,7 +48,7 @@ class Writer:
         """
         displacements, state = self.record.add(step)
         inner = self.operator.inner_forces(displacements)
-        forces, size = resultants(self.operator, step, inner, state)
+        forces, size = resultants(self.operator, step, displacements, inner, state)
         # radial forces are sums around the axis, which hoop stresses balance
         balanced = slice(1, 2) if self.manifest.axisymmetric else slice(2)
         imbalance = float(np.abs(sum(forces.values())[balanced]).max())

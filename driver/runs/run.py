@@ -221,6 +221,7 @@ def describe(summary: dict, out: Path) -> str:
              f"force balance {summary['balance']:.1e}",
              f"{_seconds(summary['seconds'])}, results in {shown(out)}",
              *never_mattered(summary["effects_ledger"]),
+             *screen.materials(summary.get("materials", []), summary["units"]),
              *screen.boundaries(summary.get("boundaries", []), summary["units"]),
              *screen.probes(summary.get("probes", []), summary["units"]),
              *budget.describe(summary.get("errors", {}), summary["units"]),

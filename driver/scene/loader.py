@@ -10,13 +10,14 @@ scene, did wrong.
 import numpy as np
 
 from ..errors import InputError, agree
-from . import elements, records
+from . import elements, records, springs
 from . import record_checks as checks
 from .manifest import Manifest
 from .records import Head, RecordFile
 from .rooms import rooms
 from .seal import SHARED
 from .subdomain import ContactData, Subdomain
+from .symmetric import Mirrors
 
 
 def read_subdomains(manifest: Manifest, start: int, stop: int, comm) -> list[Subdomain]:
@@ -83,7 +84,8 @@ def _subdomains(stack: dict, head: Head, manifest: Manifest, pieces: "_Pieces",
     if head.contact:
         contact = _contacts(stack, head, manifest, place)
     fields = {name: stack["field", name] for name in manifest.fields}
-    return [Subdomain(index=place.first + s, node_gid=gid[s], xy=xy[s], **piece,
+    return [Subdomain(index=place.first + s, node_gid=gid[s], xy=xy[s],
+                      **springs.stiffened(piece, _of_record(fields, s)),
                       edge_label=stack["edge_label"][s], thermal=_of_record(suppressed, s),
                       loads=loads[s], edge_loads=_of_record(edge_loads, s),
                       body_loads=_of_record(body_loads, s), fixed=stack["fixed"][s],
@@ -127,6 +129,7 @@ class _Pieces:
     def __init__(self, manifest: Manifest):
         self.manifest = manifest
         self.last, self.last_xy = None, None
+        self.stored, self.mirrors = None, Mirrors()
         self.shared, self.shared_xy = None, None
 
     def read(self, stack: dict, head: Head, xy: np.ndarray, place: checks.Place) -> list[dict]:
@@ -168,16 +171,22 @@ class _Pieces:
         rows, columns = (stack[name].astype(np.int32) for name in ("rows", "columns"))
         arrays = {"elements": nodes, "edges": edges, "rows": rows, "columns": columns,
                   "values": stack["values"]}
-        arrays = {name: _kept_once(values, self.last and self.last[name])
+        arrays = {name: _kept_once(values, self.stored and self.stored[name])
                   for name, values in arrays.items()}
+        self.stored = {name: values[-1] for name, values in arrays.items()}
+        given = [arrays[name] for name in ("rows", "columns", "values")]
+        checks.check_order(*given[:2], place)
+        whole = [self.mirrors.whole(*entries, head.dofs) for entries in zip(*given)]
+        arrays |= dict(zip(("rows", "columns", "values"), zip(*whole)))
         arrays |= {"region": stack["region"], **_elasticity(stack, self.manifest)}
         dof_node, component = np.divmod(np.arange(head.dofs), 2)
         dofs = {"dof_node": dof_node, "dof_component": component}
         pieces = [{**_of_record(arrays, s), **dofs} for s in range(len(xy))]
-        self._check_stiffness(pieces, xy, place)
+        self._check_stiffness(pieces, xy, head.entries, place)
         return pieces
 
-    def _check_stiffness(self, pieces: list[dict], xy: np.ndarray, place: checks.Place) -> None:
+    def _check_stiffness(self, pieces: list[dict], xy: np.ndarray, stored: int,
+                         place: checks.Place) -> None:
         """Symmetry and rigid motions, where stiffness or shape are not those of the one before."""
         like, like_xy, unlike, moved = self.last, self.last_xy, [], []
         for s, piece in enumerate(pieces):
@@ -189,7 +198,7 @@ class _Pieces:
                 unlike.append(s)
                 like, like_xy = piece, xy[s]
         self.last, self.last_xy = like, like_xy
-        checks.check_symmetric(pieces, unlike, place)
+        checks.check_symmetric(pieces, unlike, stored, place)
         checks.check_rigid_motions(pieces, xy, moved, place, self.manifest.axisymmetric)
 
 

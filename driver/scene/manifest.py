@@ -21,12 +21,14 @@ AXISYMMETRIC = "axisymmetric"  # the room of bodies of revolution
 
 KINDS = {"subdomains": int, "blocks": int, "nodes": int, "interface_label": int, "element": str,
          "plane": str, "material": str, "units": dict, "rooms": dict, "columns": list,
-         "fields": list, "steps": int, "t_end": (int, float), "contact_labels": list,
+         "fields": list, "materials": list,
+         "steps": int, "t_end": (int, float), "contact_labels": list,
          "labels": list, "regions": list, "bodies": int, "patterns": list, "amplitudes": dict,
          "parameters": dict}
 # words that the stages that follow know; any other would silently count as "not declared"
 WORDS = {"element": tuple(elements.NODES), "plane": ("strain", "stress"),
          "material": ("isotropic", "general")}
+NOTHING = 1e-14  # part of the largest value of a history that is rounding of its argument
 
 
 @dataclass
@@ -56,6 +58,7 @@ class Manifest:
     bodies: int
     contact_labels: list
     labels: list
+    materials: list  # of every body {body, name, young, poisson}, where given body by body
     regions: list  # the lowest and the highest number of the regions of all meshes
     patterns: list
     amplitudes: dict
@@ -81,9 +84,15 @@ class Manifest:
 
     @property
     def factors(self) -> np.ndarray:
-        """(steps + 1, patterns) factor of every load pattern at the start and after every step."""
+        """(steps + 1, patterns) factor of every load pattern at the start and after every step.
+
+        What is rounding beside the largest of its history is zero: sin(2 pi t) = -2.4e-16 for t = 1
+        is no load, and answers to it are rounding alone.
+        """
         histories = [self.amplitudes[str(pattern["amplitude"])] for pattern in self.patterns]
-        return np.array(histories).reshape(len(histories), self.steps + 1).T
+        factors = np.array(histories, float).reshape(len(histories), self.steps + 1).T
+        largest = np.abs(factors).max(axis=0, initial=0.0)
+        return np.where(np.abs(factors) > NOTHING * largest, factors, 0.0)
 
 
 def read_manifest(directory: Path, scene: str | None = None) -> Manifest:

@@ -259,6 +259,10 @@ def _fields(operator, rows, step, u_t: np.ndarray) -> dict[str, np.ndarray]:
     """Nodal contact quantities from multipliers and gradient: at its rows B u = c - gradient."""
     contact, values = operator.structure.contact, np.zeros((6, len(u_t)))
     values[0, rows.normal_node] = rows.gap - step.gradient[rows.normal]
+    compliance = operator.structure.compliance
+    if compliance is not None:  # B u = c - gradient + what the asperities yield
+        own = compliance[slice(*operator.structure.row_range)][rows.normal]
+        values[0, rows.normal_node] += own * step.multipliers[rows.normal]
     values[1, rows.tangential_node] = -step.gradient[rows.tangential]
     values[2, rows.normal_node] = -step.multipliers[rows.normal]
     values[3, rows.tangential_node] = -step.multipliers[rows.tangential]

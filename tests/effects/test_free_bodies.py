@@ -9,7 +9,10 @@ import numpy as np
 import pytest
 
 from driver.qp import complementarity
+from driver.errors import NotConverged
 from driver.march import fixed_point as fixedpoint, globalization
+from driver.march.friction_qp import FrictionQP
+from driver.march.step import Unfinished
 from driver.qp.coulomb import CoulombProblem
 from driver.contact.equilibrium import rigid_equilibrium
 from driver.hard.oracle import Assembled
@@ -377,3 +380,22 @@ def test_a_motion_that_only_rounding_resists_is_held_like_the_others(built, tmp_
     scene.write_text(RING)
     rho = built(str(scene), subdomains=2).operator.rho
     assert len(rho) == 3 and rho.max() < 10 * rho.min()
+
+
+@pytest.mark.parametrize("step", [1, 3])
+def test_a_qp_that_fails_on_the_way_to_rest_is_not_the_end(built, steps_of, monkeypatch, step,
+                                                           tmp_path):
+    """Bodies may have run far away in it; other methods begin where it did."""
+    path = tmp_path / "weighed.edp"
+    path.write_text(WEIGHED)
+    honest, calls = FrictionQP.solve, []
+
+    def once(self, index, iteration, d, limits, x, *rest):
+        calls.append(x)
+        if len(calls) == step:
+            raise Unfinished(NotConverged("stagnated"), x, x)
+        return honest(self, index, iteration, d, limits, x, *rest)
+
+    monkeypatch.setattr(FrictionQP, "solve", once)
+    solver, steps = steps_of(built(scene=path))
+    assert solver.failure is None and len(steps) == 1 and len(calls) > step

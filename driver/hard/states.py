@@ -1,0 +1,160 @@
+"""Whether a step has a solution, by a search of the states of the contact nodes.
+
+Open, in contact, sticking, sliding either way: in given states contact and friction are linear
+equations and inequalities of forces and rigid motions. Nodes whose state is not yet decided obey
+what holds in each of them: no tension, no penetration, friction inside its bound. Where the linear
+program of some decided nodes has no solution, the states of the others need not be tried; of those
+that are left the node that its law is violated at most is decided next (branch and bound). No
+bound on forces or displacements is needed.
+"""
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import Bounds, LinearConstraint, milp
+from scipy.sparse import csc_matrix
+
+from ..environment import silenced
+
+UNDECIDED, OPEN, PRESSES, PULLS = range(4)
+STICKS, FORTH, BACK, RESTS = range(1, 5)  # of friction, 0: undecided; RESTS: see `States`
+NOTHING = 1e-7  # of forces and displacements of order one: what linear programs leave of zero
+
+
+@dataclass(frozen=True)
+class States:
+    """A step in units in which forces and displacements are of order one; n nodes, m motions.
+
+    `movement` (2n, 2n + m): over the gap and slip by forces on the body along n, then t, and by
+    rigid motions; over = movement - `room` (n,), slip = movement - `start` (n,). The friction bound
+    lies between `least` (n,) and `most` (n,) times the pressure, and `offset` (n,) is added.
+    `balance` (m, 2n) times the forces is -`load` (m,). `pulls` (n,): contact is bilateral.
+    `corners` (n, n): nodes are conditions at one vertex, which rests where it closes all of them,
+    its friction anywhere inside the bounds.
+    """
+
+    movement: np.ndarray
+    room: np.ndarray
+    start: np.ndarray
+    least: np.ndarray
+    most: np.ndarray
+    offset: np.ndarray
+    balance: np.ndarray
+    load: np.ndarray
+    pulls: np.ndarray
+    corners: np.ndarray
+
+    @property
+    def _rows(self) -> csc_matrix:
+        """Over, slip, tangential plus and minus `most`, then `least` times normal force, balance.
+        """
+        n, m = len(self.room), len(self.load)
+        unit, none = np.eye(n), np.zeros((n, m))
+        cones = [np.hstack([sign * np.diag(of), unit, none])
+                 for of in (self.most, self.least) for sign in (1.0, -1.0)]
+        return csc_matrix(np.vstack(
+            [self.movement, *cones, np.hstack([self.balance, np.zeros((m, m))])]))
+
+    def search(self, seconds: float) -> bool | None:
+        """Whether some states solve the step; None if that is not decided in `seconds` of work."""
+        rows, end, lost = self._rows, time.process_time() + seconds, False
+        n = len(self.room)
+        signed = np.where(self.most > 0, UNDECIDED, PRESSES)  # else a sign decides nothing
+        left = [(np.where(self.pulls, signed, UNDECIDED), np.zeros(n, int))]
+        with silenced():
+            while left:
+                if time.process_time() > end:
+                    return None
+                normal, rub = left.pop()
+                feasible, x = self._solved(rows, normal, rub)
+                if not feasible:
+                    continue
+                node, tangential = self._next(rows, normal, rub, x)
+                if node is None:
+                    if x is not None:
+                        return True
+                    lost = True
+                    continue
+                left += self._decided(normal, rub, node, tangential, x, rows)
+        return None if lost else False
+
+    def _limits(self, normal: np.ndarray, rub: np.ndarray):
+        """Limits of the rows and of the unknowns in some states."""
+        inf, o, closed = np.full(len(normal), np.inf), self.offset, normal >= PRESSES
+        presses, pulled = normal == PRESSES, normal == PULLS
+        sided = presses | ~self.pulls  # the friction cone is that of pressure
+        over = np.where((closed | self.pulls) & ~np.isinf(self.room), self.room, -np.inf)
+        slip = (np.where((rub == STICKS) | (rub == FORTH), self.start, -inf),
+                np.where((rub == STICKS) | (rub == BACK), self.start, inf))
+        # most f_n + f_t, -most f_n + f_t; the same with the least
+        low = [over, slip[0], np.where(pulled, -o, -inf), np.where(sided, -o, -inf),
+               np.where((rub == BACK) & sided, o, -inf), np.where((rub == BACK) & pulled, o, -inf)]
+        high = [self.room, slip[1], np.where(sided, o, inf), np.where(pulled, o, inf),
+                np.where((rub == FORTH) & pulled, -o, inf),
+                np.where((rub == FORTH) & sided, -o, inf)]
+        motions = np.full(len(self.load), np.inf)
+        least = np.where(pulled | (normal == OPEN), 0.0, -inf)
+        largest = np.where(pulled | (self.pulls & ~presses) | (self.pulls & (self.most == 0)),
+                           inf, 0.0)
+        least = np.where(self.pulls & (self.most == 0), -inf, least)
+        return (np.concatenate([*low, -self.load]), np.concatenate([*high, -self.load]),
+                np.concatenate([least, -inf, -motions]), np.concatenate([largest, inf, motions]))
+
+    def _solved(self, rows, normal: np.ndarray, rub: np.ndarray):
+        """Whether the linear program may have a solution, and forces and motions if it was solved.
+
+        Of all solutions that with the least pressures and openings of nodes not yet decided.
+        """
+        low, high, least, largest = self._limits(normal, rub)
+        n, undecided = len(normal), normal == UNDECIDED
+        aim = -np.asarray(rows[:n][undecided].sum(axis=0)).ravel()
+        aim[:n][undecided & ~self.pulls] -= 1.0
+        for cost in (aim, 0.0 * aim):  # which rounding may keep it from, or openings without end
+            answer = milp(cost, bounds=Bounds(least, largest),
+                          constraints=LinearConstraint(rows, low, high))
+            if answer.status == 2:
+                return False, None
+            if answer.x is not None:
+                return True, answer.x
+        return True, None
+
+    def _next(self, rows, normal: np.ndarray, rub: np.ndarray, x: np.ndarray | None):
+        """Node that is decided next and whether by its friction; None where all obey their law."""
+        n = len(normal)
+        if x is None:  # unknown to rounding: any that is left
+            touching, rubbing = normal == UNDECIDED, (rub == 0) & (normal >= PRESSES)
+            which = touching if touching.any() else rubbing
+            return (int(which.argmax()), not touching.any()) if which.any() else (None, False)
+        moved, force, along = rows[: 2 * n] @ x, np.abs(x[:n]), x[n : 2 * n]
+        open_by, slip = self.room - moved[:n], moved[n:] - self.start
+        most, least = self.most * force + self.offset, self.least * force + self.offset
+        beside = np.where(self.pulls, np.abs(along) - most, np.minimum(-x[:n], open_by))
+        beside = np.where(normal == UNDECIDED, beside, 0.0)
+        if beside.max(initial=0.0) > NOTHING:
+            return int(beside.argmax()), False
+        missing = np.where(slip > 0, along + least, least - along)
+        wrong = np.where((rub == 0) & (most > NOTHING), np.minimum(missing, np.abs(slip)), 0.0)
+        return (int(wrong.argmax()), True) if wrong.max(initial=0.0) > NOTHING else (None, False)
+
+    def _decided(self, normal, rub, node: int, tangential: bool, x, rows) -> list:
+        """The states that are left, with `node` decided; the likeliest last."""
+        ways, n, others = [], len(normal), self.corners[node]
+        if not tangential:
+            pressed = x is None or -x[node] > self.room[node] - (rows[node] @ x)[0]
+            choices = (PULLS, PRESSES) if self.pulls[node] else (OPEN, PRESSES)
+            for state in choices if pressed else choices[::-1]:
+                ways.append((np.where(np.arange(n) == node, state, normal), rub))
+            return ways
+        slip = 0.0 if x is None else (rows[n + node] @ x)[0] - self.start[node]
+        for state in (RESTS, BACK, STICKS, FORTH) if slip > 0 else (RESTS, FORTH, STICKS, BACK):
+            touching = normal
+            if state == RESTS:
+                if not others.any() or self.offset[node] == 0 and (
+                        (normal == OPEN)[others].any() or normal[node] == OPEN):
+                    continue
+                if self.offset[node] == 0:
+                    closed = others | (np.arange(n) == node)
+                    touching = np.where(closed & (normal == UNDECIDED), PRESSES, normal)
+            ways.append((touching, np.where(np.arange(n) == node, state, rub)))
+        return ways

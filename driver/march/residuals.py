@@ -1,0 +1,93 @@
+"""Residuals of a time step: whether a state is a solution to the accuracy that was asked for."""
+
+import numpy as np
+from mpi4py import MPI
+
+from ..contact.kkt import FADED, kkt_residuals
+from ..qp.mprgp import projected_gradient
+from .friction_qp import FrictionQP
+from .slip import SlipState
+from .step import Load
+
+CANCELLED = 1e-8  # part of the extent below which deformation is rounding: contact takes the loads
+
+
+class Residuals:
+    """Those of states of one problem. Collective over the operator's communicator."""
+
+    def __init__(self, qp: FrictionQP, bodies, slip: SlipState):
+        """`bodies`: FreeBodies of effects/free_bodies.py, or SupportedBodies."""
+        self.qp, self.bodies, self.slip = qp, bodies, slip
+        self.operator, self.rows, self.scales = qp.operator, qp.rows, qp.scales
+        contact = np.ones(self.operator.owned)
+        contact[self.rows.gluing] = 0.0
+        self.contact = contact
+
+    def asked(self, name: str) -> float:
+        """The largest residual of this name with which a step has converged."""
+        name = "friction_rtol" if name == "equilibrium" else "primal_rtol"
+        return getattr(self.qp.settings, name)
+
+    def enough(self, residuals: dict) -> bool:
+        """Whether all residuals are as small as asked for."""
+        return all(value <= self.asked(name) for name, value in residuals.items())
+
+    def faded(self, x: np.ndarray) -> bool:
+        """Whether contact forces are rounding beside those of the steps before, but not zero."""
+        return 0 < self._size(x) <= self.scales.faded("pressing")
+
+    def _size(self, x: np.ndarray) -> float:
+        """Norm of the contact forces in x."""
+        return np.sqrt(self.operator.dot(self.contact * x, x))
+
+    def of(self, load: Load, x: np.ndarray, gradient: np.ndarray) -> dict[str, float]:
+        """KKT residuals of the state with multipliers x and their gradient.
+
+        Relative to a lower bound of the deformation if they are small even so, to the deformation
+        itself, which takes the fields of all subdomains, else.
+        """
+        op, others = self.operator, {"stationarity": self._missing(x, gradient)}
+        if op.modes:
+            others["equilibrium"] = self.bodies.imbalance(load, x)
+        for measure in (op.deformation,) if op.modes else (op.least_deformation, op.deformation):
+            deformation = max(measure(x, load.weights), CANCELLED * load.extent)
+            self.scales.renew(displacement=deformation)
+            kkt = kkt_residuals(self.rows, x, gradient, self.qp.stiffer, self.scales, op.comm)
+            kkt["cone"] = max(kkt["cone"], self._changing(x, gradient))
+            if self.enough(kkt):
+                break
+        return others | kkt
+
+    def _changing(self, x: np.ndarray, gradient: np.ndarray) -> float:
+        """By how much friction bounds miss those of the slip at x, over the largest force."""
+        rows, force = self.rows, self.scales.force
+        if not self.slip.effects.coefficient_changes:
+            return 0.0
+        bound, known = rows.friction_bound(x), rows.coefficient
+        self.slip.renew_coefficient(gradient)
+        missed = float(np.abs(rows.friction_bound(x) - bound).max(initial=0))
+        rows.coefficient = known
+        missed = self.operator.comm.allreduce(missed, op=MPI.MAX)
+        return missed / force if force > 0 else 0.0
+
+    def _missing(self, x: np.ndarray, gradient: np.ndarray) -> float:
+        """Norm of the contact forces that the preconditioner finds missing, over that of all.
+
+        The inverse of F, for which it stands, makes stiff parts of the body count by their
+        stiffness. Contact forces that are nothing beside the body's count by FADED times these: its
+        multipliers, and the least forces that make the displacements to be overcome. Where nothing
+        presses, gluing forces may be rounding as well (a body that expands freely); then, and
+        without a preconditioner, it is the projected gradient relative to what the QP's tolerance
+        is.
+        """
+        op, qp, scales = self.operator, self.qp, self.scales
+        limits = self.rows.limits(op.owned, x)
+        projected = projected_gradient(x, gradient, *limits)
+        scales.renew(pressing=self._size(x), forces=np.sqrt(op.dot(x, x)))
+        if qp.preconditioner is None or scales.pressing == 0:
+            return qp.size(projected) / (scales.d or 1.0)
+        # with the rows that would leave their bounds
+        free = (x != limits[0]) & (x != limits[1]) | (projected != 0)
+        missing = qp.preconditioner(np.where(free, projected, 0.0), free)
+        others = max(scales.forces, scales.largest.get("forces", 0.0), scales.d / qp.bound)
+        return self._size(missing) / max(scales.pressing, FADED * others)

@@ -1,0 +1,39 @@
+"""Springs at nodes: what a subdomain's record says of them, and the stiffness with them.
+
+The room of springs writes the three entries of every node's stiffness as nodal numbers. On an
+elastic foundation these are integrals of its stiffness against the node's shape function, those of
+quadratic elements by Simpson's rule, so that uniform displacements meet the forces of uniform
+tractions node by node.
+"""
+
+import numpy as np
+
+FIELDS = ("spring_xx", "spring_xy", "spring_yy")  # as springs.idp names them
+
+
+def stiffened(piece: dict, fields: dict[str, np.ndarray]) -> dict:
+    """`piece`, attributes of a Subdomain, with the springs of its nodes in the stiffness.
+
+    `fields` (n_v,) are the nodal numbers of its record. The same one where no node has a spring.
+    """
+    if FIELDS[0] not in fields:
+        return piece
+    springs = np.column_stack([fields[name] for name in FIELDS])
+    node = np.flatnonzero(springs.any(axis=1))
+    if not len(node):
+        return piece
+    kind = piece["rows"].dtype
+    rows = (2 * node[:, None] + [0, 0, 1, 1]).ravel().astype(kind)
+    columns = (2 * node[:, None] + [0, 1, 0, 1]).ravel().astype(kind)
+    values = springs[node][:, [0, 1, 1, 2]].ravel()
+    added = {"rows": rows, "columns": columns, "values": values}
+    order = np.argsort(np.concatenate([piece["rows"], rows]), kind="stable")
+    return {**piece, "springs": springs, **{
+        name: np.concatenate([piece[name], more])[order] for name, more in added.items()}}
+
+
+def forces(sub, u: np.ndarray) -> np.ndarray:
+    """(dofs,) forces of the springs on a Subdomain `sub` that has any, at displacements u."""
+    moved, (xx, xy, yy) = u.reshape(-1, 2), sub.springs.T
+    return -np.column_stack([xx * moved[:, 0] + xy * moved[:, 1],
+                             xy * moved[:, 0] + yy * moved[:, 1]]).ravel()

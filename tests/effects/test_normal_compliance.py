@@ -1,0 +1,94 @@
+"""Rough surfaces, p = c (u_n - g)_+: uniform blocks, the law at every node, smooth contact."""
+
+import numpy as np
+import pytest
+
+TIGHT = {"rtol": 1e-12, "friction_rtol": 1e-10, "primal_rtol": 1e-8}
+
+# a block in uniform stress that rests on a rough floor and nothing else
+BLOCK = """include "scene.idp"
+real c = physical("asperities", 100.);
+subdomains("2x2");
+rectangle(0., 2., 0., 1.);
+macro young() 1e3 //
+macro poisson() 0. //
+macro load1() pressure(3, 8.) //
+macro contact() 1 //
+macro gap() 0.01 //
+macro friction() 0.2 //
+macro normalCompliance() c //
+include "export.idp"
+"""
+# and one that rests on another, finer one
+PAIR = """include "scene.idp"
+real c = physical("asperities", 100.);
+int[int] below = [5, 6, 7, 8];
+addBody(square(5, 4, [2*x, y]))
+bodyMaterial("upper", 1e3, 0.);
+addBody(square(7, 3, [2*x, -1 + y], label = below))
+bodyMaterial("lower", 2e3, 0.);
+macro load1() pressure(3, 8.) //
+macro support() on(5, u1 = 0, u2 = 0) + on(4, u1 = 0) //
+macro contactPair() 7, 1 //
+macro normalCompliance() c //
+include "export.idp"
+"""
+
+
+@pytest.fixture
+def scene(tmp_path):
+    """scene(text, old, new): path of a scene with a part replaced."""
+    def make(text: str, old: str = "", new: str = ""):
+        assert old in text
+        path = tmp_path / "scene.edp"
+        path.write_text(text.replace(old, new) if old else text)
+        return path
+    return make
+
+
+@pytest.mark.parametrize("options", [{}, {"element": "P2", "subdomains": 5}, {"np": 2},
+                                     {"asperities": 1e-1}, {"asperities": 1e7}])
+def test_uniform_block_closes_by_p_over_c(solved, scene, options):
+    run = solved(scene(BLOCK), cells=4, **TIGHT, **options)
+    c = run.contact
+    closure = c["u_n"] - c["gap"]
+    np.testing.assert_allclose(c["sigma_n"], -8.0, rtol=1e-7)
+    np.testing.assert_allclose(closure, 8 / options.get("asperities", 100.0), rtol=1e-7,
+                               atol=1e-8 * 0.01)
+
+
+@pytest.mark.parametrize("text, old, new", [
+    (PAIR, "", ""), (BLOCK, "rectangle", "macro axisymmetric() 1 //\nrectangle")])
+def test_between_bodies_and_of_revolution(solved, scene, text, old, new):
+    run = solved(scene(text, old, new), **TIGHT)
+    closure = run.contact["u_n"] - run.contact["gap"]
+    np.testing.assert_allclose(run.contact["sigma_n"], -8.0, rtol=1e-7)
+    np.testing.assert_allclose(closure, 0.08, rtol=1e-6)
+
+
+@pytest.mark.parametrize("options", [{}, {"element": "P2", "subdomains": 5}])
+def test_the_law_holds_at_every_node(solved, options):
+    """p = c (u_n - g)_+ to the tolerance of the QP; nodes with none of it are open."""
+    run = solved("rough", cells=6, **TIGHT, **options)
+    c = run.contact
+    pressure, closure = -c["sigma_n"], c["u_n"] - c["gap"]
+    largest = pressure.max()
+    np.testing.assert_allclose(pressure, np.maximum(2e4 * closure, 0), atol=1e-6 * largest)
+    assert (pressure == 0).any() and np.all((c["status"] == "open") == (pressure == 0))
+    smooth = solved("rough", cells=6, without="normal_compliance", **TIGHT, **options)
+    assert -smooth.contact["sigma_n"].min() > 1.1 * largest  # roughness spreads the pressure
+
+
+def test_stiff_asperities_are_smooth_contact(solved):
+    """The difference falls as 1/c: by 10 for a tenth of the closure."""
+    smooth = solved("rough", cells=6, without="normal_compliance", **TIGHT)
+    apart = [np.abs(solved("rough", cells=6, asperities=c, **TIGHT).contact["sigma_n"]
+                    - smooth.contact["sigma_n"]).max() for c in (1e8, 1e9)]
+    assert apart[1] == pytest.approx(apart[0] / 10, rel=0.05)
+
+
+def test_misuse_is_refused_in_one_line(solved, scene):
+    assert "normal_compliance is negative" in solved(scene(BLOCK), cells=2, asperities=-1).reason
+    alone = BLOCK.replace("macro contact() 1 //\n", "").replace("macro gap() 0.01 //\n", "")
+    run = solved(scene(alone.replace("macro friction() 0.2 //\n", "")), cells=2)
+    assert run.status == 2 and "normalCompliance is declared without contact" in run.reason
