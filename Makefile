@@ -19,7 +19,7 @@ SPREAD := -n auto --maxprocesses 8 --dist loadfile
 UNASKED := missing-function-docstring,missing-class-docstring,unused-argument
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-long check figures report $(COMMANDS) $(SCENES)
+.PHONY: help setup demo test test-long check mutants figures report $(COMMANDS) $(SCENES)
 
 help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' Makefile | expand -t 12
@@ -42,6 +42,14 @@ check: setup  ## the linter, and the rules of the house: imports, lengths, docst
 	@$(PYTHON) -m pylint driver
 	@$(PYTHON) -m pylint --disable=$(UNASKED) tests/*.py tests/*/*.py
 	@$(PYTHON) -m pytest -q tests/test_house.py
+
+# what it needs beyond the Debian packages goes beside its results
+MUTANTS := results/mutants/packages
+$(MUTANTS):
+	@$(PYTHON) -m pip install --quiet --target $@ --requirement tests/mutants.txt
+
+mutants: setup $(MUTANTS)  ## small changes of meaning, and the tests that notice [MODULE= COUNT= SEED=]
+	@PYTHONPATH=$(MUTANTS) $(PYTHON) tests/mutants.py $(GIVEN)
 
 $(COMMANDS):
 	@$(DRIVER) $@ $(GIVEN)

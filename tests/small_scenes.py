@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
+from scipy.sparse import coo_matrix
 
 from driver.feti.operator import DualOperator
 from driver.scene.loader import ContactData, Subdomain
@@ -79,7 +80,7 @@ def grown(triangles: np.ndarray, parts: int, rng) -> np.ndarray:
 
 
 def _stiffness(xy, triangles, lam, mu):
-    """Coordinate form of the P1 stiffness of plane strain, dofs 2 vertex + component."""
+    """Coordinate form, sorted, of the P1 stiffness of plane strain, dofs 2 vertex + component."""
     rows, columns, values = [], [], []
     for corners, l, m in zip(triangles, lam, mu):
         p = xy[corners]
@@ -94,7 +95,9 @@ def _stiffness(xy, triangles, lam, mu):
         rows.append(np.repeat(dof, 6))
         columns.append(np.tile(dof, 6))
         values.append(((k + k.T) / 2).ravel())
-    return np.concatenate(rows), np.concatenate(columns), np.concatenate(values)
+    entries = np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))
+    K = coo_matrix(entries, 2 * (2 * len(xy),)).tocsr().tocoo()
+    return K.row, K.col, K.data
 
 
 def rooms_of(effects: dict) -> dict:

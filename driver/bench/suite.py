@@ -8,6 +8,7 @@ from ..files import write_json
 from ..runs.guard import study_folder
 
 PARTS = options.find("bench", "parts").kind.choices
+GROWING = ("getfem", "geometry")  # parts that LARGE=yes adds sizes to
 
 
 def run_bench(pairs: dict[str, str]) -> list[Path]:
@@ -25,10 +26,12 @@ def run_bench(pairs: dict[str, str]) -> list[Path]:
 def _measure(chosen: list[str], large: bool, folder: Path) -> list[Path]:
     """Measure the parts `chosen`; report.csv, <part>.json and a picture after each."""
     from ..figures.bench import draw_part
-    from . import bodies, factorization, peers, products, ranks, roofline, stages, studies, tao
+    from . import (bodies, factorization, geometry, peers, products, ranks, roofline, stages,
+                   studies, tao)
     from .workbench import Workbench
 
-    modules = (products, factorization, peers, tao, roofline, stages, ranks, studies, bodies)
+    modules = (products, factorization, geometry, peers, tao, roofline, stages, ranks, studies,
+               bodies)
     parts = {module.__name__.rpartition(".")[2]: module for module in modules}
     parts["getfem"] = parts.pop("peers")
     bench, paths, start = Workbench(folder), [folder / "report.csv"], time.perf_counter()
@@ -37,7 +40,7 @@ def _measure(chosen: list[str], large: bool, folder: Path) -> list[Path]:
             print(f"[{k}/{len(chosen)}] {name}, {time.perf_counter() - start:.0f} s so far",
                   flush=True)
             bench.report.part = name
-            measured = parts[name].measure(bench, *[large] if name == "getfem" else [])
+            measured = parts[name].measure(bench, *[large] if name in GROWING else [])
             bench.report.write(folder / "report.csv")
             if measured:
                 write_json(folder / f"{name}.json", measured)

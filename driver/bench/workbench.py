@@ -162,9 +162,10 @@ def ratios(over: list[float], under: list[float]) -> list[float]:
     return [a / b for a, b in zip(over, under)]
 
 
-def child(command: list[str]) -> tuple[float, float]:
+def child(command: list[str], env: dict | None = None,
+          cwd: Path = environment.ROOT) -> tuple[float, float]:
     """Wall seconds and peak memory (MiB) of a process. Raises RuntimeError if it fails."""
-    env = {**environment.child_environment(), "PYTHONPATH": environment.python_path()}
+    env = {**(env or environment.child_environment()), "PYTHONPATH": environment.python_path()}
     # options of `make bench` are not the child's; compiled modules are kept, as those of installed
     # packages are
     for name in ("MAKEFLAGS", "MAKEOVERRIDES", "MFLAGS", "MAKELEVEL", "PYTHONDONTWRITEBYTECODE"):
@@ -172,7 +173,7 @@ def child(command: list[str]) -> tuple[float, float]:
     clock = time.perf_counter()
     with subprocess.Popen(command, env=env, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
                           stderr=subprocess.STDOUT,
-                          text=True, errors="replace", cwd=environment.ROOT) as process:
+                          text=True, errors="replace", cwd=cwd) as process:
         words = process.stdout.read()
         _, status, usage = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(status)

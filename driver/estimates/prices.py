@@ -37,6 +37,7 @@ GROWTH = 4.0  # triangles of a cycle over those of the last one
 POWERS = {"export": 1.0, "setup": 1.2, "solve": 1.2, "output": 1.0}
 EVERY_STEP = ("solve", "output")
 MOSTLY = 0.9
+HEAVIEST = 0.004  # MiB an unknown takes at most: what a small run takes beyond is more packages
 SHORTEST = 1e-4  # seconds that clocks tell from nothing
 LEVELS = (0.5, 4.0)  # factors that one kind of mesh may have on the seconds of another
 ROUGH = 0.6  # seconds of a refinement cycle's steps over those of a run: its tolerances are loose
@@ -245,8 +246,9 @@ class Whole:
     idle: float  # of it before anything was read
 
     def memory_of(self, unknowns: float) -> float:
-        """MiB of a run."""
-        return self.idle + (self.memory - self.idle) * max(unknowns / self.run.unknowns, 0.1)
+        """MiB of a run: of what came after packages were read, little is not for unknowns."""
+        grows = min(self.memory - self.idle, HEAVIEST * self.run.unknowns)
+        return self.memory + grows * (unknowns / self.run.unknowns - 1)
 
 
 def price(kind: Uniform | Adaptive, quantity: Quantity, whole: Whole, asked: float) -> dict | None:

@@ -55,9 +55,8 @@ class TornFactor:
         K, order = self._K, np.append(self._torn[self._order], corner)
         n_c, size, added = len(corner), len(order), np.zeros(len(order))
         added[size - n_c :] = K.diagonal()[corner]
-        lower = _lower(K, _places(K, order), self._inner)
-        factor = _factorized(lower, added)
-        self._place = self._order[_permutation(factor, size)[: size - n_c]]
+        factor, places = _in_order(K, order, self._inner, added)
+        self._place = self._order[places[: size - n_c]]
         whole = cholmod.getfactor(factor)
         L, n_t = _last_rows(whole, size - self._inner), size - self._inner - n_c
         self._upper = _upper(whole, size - n_c)
@@ -96,6 +95,21 @@ def _factorized(lower: spmatrix, extra: np.ndarray | None = None):
     if not np.all(pivots > len(pivots) * np.finfo(float).eps * diagonal):
         raise NoSolution(f"a subdomain's {SINGULAR}")
     return factor
+
+
+def _in_order(K, order: np.ndarray, inner: int, added: np.ndarray):
+    """CHOLMOD's factor of `K` in the `order` of dofs (n,), and the places (n,) of its rows in it.
+
+    Those after the first `inner` keep theirs. `added` (n,) is added to the diagonal. The first
+    dofs mostly hang together: only where they do not, and the factor shows it, they are searched.
+    """
+    last = np.arange(inner, len(order))
+    for roots in (lambda *_: np.arange(inner)[-1:], _roots):
+        factor = _factorized(_lower(K, _places(K, order), inner, roots), added)
+        places = _permutation(factor, len(order))
+        if np.array_equal(places[inner:], last):
+            break
+    return factor, places
 
 
 def _permutation(factor, size: int) -> np.ndarray:
@@ -152,22 +166,39 @@ def _places(K, order: np.ndarray) -> np.ndarray:
 
 
 def _fill_reducing(K, dofs: np.ndarray) -> np.ndarray:
-    """Order of `dofs` (n,) that keeps the factor of their part of `K` sparse."""
+    """Order of `dofs` (n,) that keeps the factor of their part of `K` sparse.
+
+    Dofs 2 k and 2 k + 1 are of one node and have the same neighbours: nodes are ordered.
+    """
     if not len(dofs):
         return np.empty(0, int)
-    return np.array(amd.order(_lower(K, _places(K, dofs)))).ravel()
+    nodes, of_dof = np.unique(dofs // 2, return_inverse=True)
+    place = np.full((K.shape[0] + 1) // 2, -1)
+    place[nodes] = np.arange(len(nodes))
+    first = K.indptr[2 * nodes]
+    count = K.indptr[2 * nodes + 1] - first
+    entry = np.arange(count.sum()) + (first - np.cumsum(count) + count).repeat(count)
+    column = K.indices[entry]
+    row, column = np.arange(len(nodes)).repeat(count), np.where(column % 2, -1, place[column // 2])
+    inside = (column >= 0) & (row >= column)
+    row, column = row[inside], column[inside]
+    order = amd.order(spmatrix(1.0, row, column, (len(nodes), len(nodes))))
+    turn = np.empty(len(nodes), int)
+    turn[np.array(order).ravel()] = np.arange(len(nodes))
+    return np.argsort(turn[of_dof], kind="stable")
 
 
-def _lower(K, place: np.ndarray, inner: int | None = None) -> spmatrix:
+def _lower(K, place: np.ndarray, inner: int, roots) -> spmatrix:
     """The lower triangle of `K`, a dof's row and column at its `place` (dofs,), -1 for none.
 
-    With entries, if only zeros, that keep all dofs after the first `inner` in their places.
+    With entries, if only zeros, that keep all dofs after the first `inner` in their places:
+    `roots` gives of rows, columns and `inner` the last of every connected part of these.
     """
     row, column = place.repeat(np.diff(K.indptr)), place[K.indices]
     inside = (column >= 0) & (row >= column)
     row, column, values, n = row[inside], column[inside], K.data[inside], int(place.max()) + 1
-    if inner is not None and inner < n:
-        last = np.concatenate([_roots(row, column, inner), np.arange(inner, n - 1)])
+    if inner < n:
+        last = np.concatenate([roots(row, column, inner), np.arange(inner, n - 1)])
         parent = np.maximum(inner, last + 1)
         row, column = np.append(row, parent), np.append(column, last)
         values = np.append(values, np.zeros(len(last)))

@@ -140,9 +140,9 @@ class Face:
         if rank:
             scales = np.outer(self.scale, self.scale)
             coarse = galerkin(self.W)[self.independent[:, None], self.independent] * scales
-            try:
-                self.coarse = cho_factor(coarse, check_finite=False)[0]
-            except np.linalg.LinAlgError:
+            self.coarse, stopped = lapack.dpotrf(coarse, clean=0)
+            # of a singular matrix rounding may leave the last pivot positive
+            if stopped or (np.diag(self.coarse) ** 2 <= IDLE * np.diag(coarse)).any():
                 self._without_idle(scaled, scale, coarse)
 
     def _without_idle(self, mass: np.ndarray, scale: np.ndarray, coarse: np.ndarray) -> None:

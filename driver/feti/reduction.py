@@ -142,7 +142,7 @@ def reduce_class(structure: Substructure, members: list[int], values: np.ndarray
     is_torn = np.ones(sub.dofs, bool)
     is_torn[structure.fixed[s]] = is_torn[corner] = False
     torn = np.flatnonzero(is_torn)
-    K = coo_matrix((values, (sub.rows, sub.columns)), shape=(sub.dofs, sub.dofs)).tocsr()
+    K = sub.stiffness(values)
     B = constraint_matrix(rows, sub.dofs)
     B_r, B_c, K_rc = B[:, torn], B[:, corner], K[torn][:, corner]
     seen = np.diff(B_r.tocsc().indptr) > 0

@@ -60,6 +60,21 @@ def factorization(figure: Figure, measured: dict) -> None:
     axes.legend(**SMALL)
 
 
+def geometry(figure: Figure, measured: dict) -> None:
+    """Time and memory of whole processes over those of the direct ones."""
+    axes = figure.subplots(1, 2)
+    for k, (case, curve) in enumerate(measured.items()):
+        look = {"color": (BLUE, GREEN, ORANGE, INK)[k // 2 % 4], "label": case,
+                "linestyle": "--" if case.endswith("P2") else "-", "marker": "o"}
+        for panel, unit in zip(axes, ("", "_mib")):
+            over = np.divide(curve[f"driver{unit}"], curve[f"direct{unit}"])
+            panel.semilogx(curve["dofs"], over, **look)
+    for panel, what in zip(axes, ("time", "memory")):
+        panel.axhline(1, color="0.5", lw=0.7)
+        panel.set(xlabel="dofs", ylabel=f"{what} over one direct solution", ylim=(0, None))
+    axes[0].legend(**SMALL)
+
+
 def getfem(figure: Figure, measured: dict) -> None:
     """Whole processes over the mesh size."""
     axes, cells = figure.subplots(), measured["cells"]
@@ -133,4 +148,4 @@ def bodies(figure: Figure, measured: dict) -> None:
 
 
 PARTS = {function.__name__: function for function in
-         (products, factorization, getfem, tao, roofline, ranks, bodies)}
+         (products, factorization, geometry, getfem, tao, roofline, ranks, bodies)}

@@ -18,6 +18,7 @@ TINTS = ["#F1F1EC", "#DDE8F0", "#F3E6D8", "#E4EEDD", "#EFE1EC", "#E3E3E3"]  # of
 LINES = {"free": INK, "support": BLUE, "load": RED, "contact": GREEN, "pair": GREEN}
 ARROW, SHORTEST = 0.16, 0.2  # longest arrow over the body's size, shortest one over the longest
 MOST_LABELS = 30
+RARE = 0.03  # share of the triangles from which on a material has a tint of its own
 APART = 0.045  # of the body's size: distance of two numbers of labels
 
 
@@ -54,18 +55,43 @@ def geometry(figure: Figure, run: Run) -> None:
 
 
 def _bodies(axes, run: Run, xy: np.ndarray) -> list:
-    """Bodies in pale colours, or materials where regions differ; legend entries of these."""
-    mesh, handles = run.first, []
-    names, kind = np.unique(mesh.region, return_inverse=True)
-    if len(names) > 1:
-        handles = [Patch(facecolor=TINTS[k % len(TINTS)], edgecolor="0.5", lw=0.4,
-                         label=f"region {name:g}") for k, name in enumerate(names)][:6]
-    else:
-        kind = mesh.body
+    """Bodies in pale colours, or regions or materials where these differ; legend entries."""
+    mesh = run.first
+    kind, words = _materials(run)
+    handles = [Patch(facecolor=TINTS[k % len(TINTS)], edgecolor="0.5", lw=0.4, label=text)
+               for k, text in enumerate(words)][:6]
     axes.tripcolor(*xy.T, mesh.triangles, facecolors=(kind % len(TINTS)).astype(float),
                    cmap=ListedColormap(TINTS), vmin=0, vmax=len(TINTS) - 1, rasterized=True,
                    antialiased=False)
     return handles
+
+
+def _materials(run: Run) -> tuple[np.ndarray, list[str]]:
+    """(m,) number of every triangle's tint and what the tints stand for: regions and their shear
+    moduli; shear moduli that do not follow regions, in ranges where there are too many; bodies.
+    """
+    mesh = run.first
+    regions, of_region = np.unique(mesh.region, return_inverse=True)
+    words = [f"region {name:g}" for name in regions]
+    if mesh.shear_modulus is None:
+        return (of_region, words) if len(regions) > 1 else (mesh.body, [])
+    scale = stress_scale(run, mesh.shear_modulus)
+    modulus = mesh.shear_modulus * scale.factor
+    digits = np.array([float(f"{value:.3g}") for value in modulus])
+    values, kind = np.unique(digits, return_inverse=True)
+    if len(regions) > 1 and all(np.ptp(digits[of_region == k]) == 0 for k in range(len(regions))):
+        first = [digits[of_region == k][0] for k in range(len(regions))]
+        return of_region, [f"{name}, $G$ = {value:g} {scale.label}"
+                           for name, value in zip(words, first)]
+    share = np.bincount(kind) / len(kind)
+    often = np.sort(np.argsort(-share, kind="stable")[:len(TINTS)])
+    often = often[share[often] > RARE]
+    if share[often].sum() > 0.5:  # triangles across an interface have means of both materials
+        nearest = np.abs(np.log(values[kind][:, None] / values[often])).argmin(axis=1)
+        return nearest, [f"$G$ = {value:g} {scale.label}" for value in values[often]]
+    bounds = np.geomspace(values[0], values[-1], len(TINTS) + 1)
+    filled, kind = np.unique(np.digitize(modulus, bounds[1:-1]), return_inverse=True)
+    return kind, [f"$G$ = {bounds[k]:.3g} to {bounds[k + 1]:.3g} {scale.label}" for k in filled]
 
 
 def _boundary_handles(role: np.ndarray) -> list:

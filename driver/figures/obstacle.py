@@ -41,12 +41,13 @@ def rigid_rows(run: Run, time: float) -> dict | None:
 def pieces(rows: dict) -> list[np.ndarray]:
     """Indices of the contact nodes of every connected piece, in the order of arc.
 
-    Nodes follow one another if they are as far apart as their arcs are, whatever their labels.
+    Nodes follow one another if they are as far apart as their arcs are, whatever their labels; arcs
+    grow along a piece and begin anew with the next one.
     """
     order = np.argsort(rows["node"] if "node" in rows else rows["arc"], kind="stable")
     xy = np.column_stack([rows["x"], rows["y"]])[order]
     away = np.linalg.norm(np.diff(xy, axis=0), axis=1)
-    apart = np.abs(away - np.abs(np.diff(rows["arc"][order]))) > BREAK * away
+    apart = np.abs(away - np.diff(rows["arc"][order])) > BREAK * away
     return np.split(order, np.flatnonzero(apart) + 1)
 
 

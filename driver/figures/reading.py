@@ -20,7 +20,8 @@ class Mesh:
     """Torn mesh of one step: points, triangles (m, 3), displacement (n, 2), averaged stress (n,).
 
     Of quadratic elements, vertices `corners` (e, 3), the triangles are the four that the middles of
-    their sides make. `body` and `region` (m,) are numbers.
+    their sides make. `body` and `region` (m,) are numbers, `shear_modulus` (m,) is None where it is
+    the same everywhere.
     """
 
     time: float
@@ -32,6 +33,7 @@ class Mesh:
     region: np.ndarray
     corners: np.ndarray
     degree: int  # of the displacements
+    shear_modulus: np.ndarray | None = None
 
     def rim(self):
         """Edges (e, 2) of the subdomain boundaries and the corner (e,) of each triangle inside."""
@@ -93,11 +95,12 @@ def read_mesh(path: Path, time: float) -> Mesh:
     xx, yy, zz, xy = data.point_data["stress"].T
     mises = np.sqrt(0.5 * ((xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2) + 3 * xy**2)
     parts = QUARTERS if kind == "triangle6" else [[0, 1, 2]]
-    body, region = (np.repeat(data.cell_data_dict[name][kind].ravel(), len(parts))
-                    for name in ("body", "region"))
+    cells = {name: np.repeat(values[kind].ravel(), len(parts))
+             for name, values in data.cell_data_dict.items()
+             if name in ("body", "region", "shear_modulus")}
     return Mesh(time, data.points[:, :2], nodes[:, parts].reshape(-1, 3),
-                data.point_data["displacement"][:, :2], mises, body, region, nodes[:, :3],
-                2 if kind == "triangle6" else 1)
+                data.point_data["displacement"][:, :2], mises, cells["body"], cells["region"],
+                nodes[:, :3], 2 if kind == "triangle6" else 1, cells.get("shear_modulus"))
 
 
 def field_files(directory: Path) -> list[tuple[float, Path]]:

@@ -25,6 +25,8 @@ from ..scene.loader import Subdomain
 from .contact_lines import ContactLines
 from .tables import FIELDS_FOLDER, STRESSES, contact_file, error_file, field_file
 
+SAME_MATERIAL = 1e-9  # relative difference of moduli: means over triangles, which round
+
 
 @dataclass
 class TornMesh:
@@ -34,7 +36,8 @@ class TornMesh:
     node: np.ndarray  # (n,) numbers of these nodes in the untorn bodies
     elements: np.ndarray  # (n_t, 3 or 6)
     area: np.ndarray  # (n_t,)
-    cell_data: dict[str, np.ndarray]  # (n_t,) subdomain, body, region
+    # (n_t,) subdomain, body, region, shear_modulus where that differs
+    cell_data: dict[str, np.ndarray]
 
 
 class Fields:
@@ -116,14 +119,17 @@ class Fields:
             joined(numbers, int, nodes),
             joined((np.full(len(sub.triangles), sub.index) for sub in subs), int),
             joined((sub.region for sub in subs), int),
+            joined((sub.elasticity[:, 2, 2] for sub in subs), float),
             joined((sub.node_gid[shown] for sub, shown in zip(subs, drawn)), int)))
         if not self.root:
             return None
         start = np.cumsum([0, *(len(xy) for xy, *_ in parts)])
-        xy, subdomain, region, gid = (np.concatenate([part[k] for part in parts])
-                                      for k in (0, 2, 3, 4))
+        xy, subdomain, region, shear, gid = (np.concatenate([part[k] for part in parts])
+                                             for k in (0, 2, 3, 4, 5))
         cells = np.concatenate([part[1] + first for part, first in zip(parts, start)])
         data = {"subdomain": subdomain, "body": _bodies(gid[cells[:, :3]]), "region": region}
+        if np.ptp(shear) > SAME_MATERIAL * shear.max():
+            data["shear_modulus"] = shear
         return TornMesh(xy, gid, cells, elements.areas(xy[cells[:, :3]]), data)
 
     def _write(self, index: int, u: np.ndarray, stress: np.ndarray, corners: np.ndarray) -> None:

@@ -44,7 +44,7 @@ def _rows(manifest: Manifest, structure: Substructure, parts: list[tuple]) -> li
     sides = np.concatenate([part[-1] for part in parts])
     turned = ~np.isin(edges[:, :2] @ [manifest.nodes, 1], sides)
     edges[turned, :2] = edges[turned, 1::-1]
-    traction = _edge_tractions(edges, structure.outer_middles, place, push)
+    traction = _edge_tractions(edges, structure.outer_middles, place, push, manifest.axisymmetric)
     paired = {label for pair in manifest.contact_pairs for label in pair}
     start, end, label = edges.T
     whole = {name: fixed[edges[label == name, :2]].min(axis=(0, 1))
@@ -75,33 +75,43 @@ def _moves(structure: Substructure) -> np.ndarray:
 
 
 def _edge_tractions(edges: np.ndarray, middles: np.ndarray, place: np.ndarray,
-                    push: np.ndarray) -> np.ndarray:
+                    push: np.ndarray, revolved: bool) -> np.ndarray:
     """(n, 2) tractions of the outer edges, means of their label from nodal forces inside it.
 
     `edges` (n, 3) have two ends and a label, `push` (nodes, 2) are the forces. A node's part of an
-    edge is the integral of its shape function: halves, with `middles` (n,) a sixth, a sixth and the
-    rest. Of a curved label it is the mean of pressure and shear, where these vary less.
+    edge is the integral of its shape function, of bodies of revolution (`revolved`) times 2 pi r.
+    Of a curved label it is the mean of pressure and shear, where these vary less.
     """
     along = place[edges[:, 1]] - place[edges[:, 0]]
     size = np.linalg.norm(along, axis=1)
     outward = np.column_stack([along[:, 1], -along[:, 0]])
-    nodes, parts = edges[:, :2], [0.5, 0.5]
-    if len(middles):
-        nodes, parts = np.column_stack([edges[:, :2], middles]), [1 / 6, 1 / 6, 4 / 6]
-    length = np.bincount(nodes.ravel(), np.outer(size, parts).ravel(), len(place))
-    normal = np.column_stack([np.bincount(nodes.ravel(), np.outer(c, parts).ravel(), len(place))
+    nodes = np.column_stack([edges[:, :2], middles]) if len(middles) else edges[:, :2]
+    parts = _shape_integrals(place[edges[:, :2], 0] if revolved else None, len(middles) > 0)
+    length = np.bincount(nodes.ravel(), (size[:, None] * parts).ravel(), len(place))
+    normal = np.column_stack([np.bincount(nodes.ravel(), (c[:, None] * parts).ravel(), len(place))
                               for c in outward.T])
     first = np.full(len(place), np.iinfo(np.int64).max)
     last = np.full(len(place), np.iinfo(np.int64).min)
     np.minimum.at(first, nodes, edges[:, 2:])
     np.maximum.at(last, nodes, edges[:, 2:])
-    inside, traction = np.flatnonzero(first == last), np.zeros((len(edges), 2))
+    inside = np.flatnonzero((first == last) & (length > 0))  # a quadratic one on the axis has none
+    traction = np.zeros((len(edges), 2))
     for label in np.unique(first[inside]):
         own, here = inside[first[inside] == label], edges[:, 2] == label
         frame = outward[here] / size[here, None]
         traction[here] = _mean_traction(push[own], length[own], normal[own], frame)
     largest = np.abs(traction).max(initial=0)
     return np.where(np.abs(traction) > 1e-9 * largest, traction, 0.0)
+
+
+def _shape_integrals(radii: np.ndarray | None, quadratic: bool) -> np.ndarray:
+    """Integrals of an edge's shape functions over its length, ends first, then the middle: (2,) or
+    (3,), or of (n, 2) radii at its ends (n, 2), (n, 3) with the weight 2 pi r.
+    """
+    if radii is None:
+        return np.array([1, 1, 4]) / 6 if quadratic else np.array([0.5, 0.5])
+    moments = [[1, 0, 2], [0, 1, 2]] if quadratic else [[2, 1], [1, 2]]
+    return 2 * np.pi * radii @ (np.array(moments) / 6)
 
 
 def _mean_traction(push: np.ndarray, length: np.ndarray, normal: np.ndarray,

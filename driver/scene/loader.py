@@ -17,6 +17,7 @@ from .records import Head, RecordFile
 from .rooms import rooms
 from .seal import SHARED
 from .subdomain import ContactData, Subdomain
+from .symmetric import Mirrors
 
 
 def read_subdomains(manifest: Manifest, start: int, stop: int, comm) -> list[Subdomain]:
@@ -128,6 +129,7 @@ class _Pieces:
     def __init__(self, manifest: Manifest):
         self.manifest = manifest
         self.last, self.last_xy = None, None
+        self.stored, self.mirrors = None, Mirrors()
         self.shared, self.shared_xy = None, None
 
     def read(self, stack: dict, head: Head, xy: np.ndarray, place: checks.Place) -> list[dict]:
@@ -169,16 +171,22 @@ class _Pieces:
         rows, columns = (stack[name].astype(np.int32) for name in ("rows", "columns"))
         arrays = {"elements": nodes, "edges": edges, "rows": rows, "columns": columns,
                   "values": stack["values"]}
-        arrays = {name: _kept_once(values, self.last and self.last[name])
+        arrays = {name: _kept_once(values, self.stored and self.stored[name])
                   for name, values in arrays.items()}
+        self.stored = {name: values[-1] for name, values in arrays.items()}
+        given = [arrays[name] for name in ("rows", "columns", "values")]
+        checks.check_order(*given[:2], place)
+        whole = [self.mirrors.whole(*entries, head.dofs) for entries in zip(*given)]
+        arrays |= dict(zip(("rows", "columns", "values"), zip(*whole)))
         arrays |= {"region": stack["region"], **_elasticity(stack, self.manifest)}
         dof_node, component = np.divmod(np.arange(head.dofs), 2)
         dofs = {"dof_node": dof_node, "dof_component": component}
         pieces = [{**_of_record(arrays, s), **dofs} for s in range(len(xy))]
-        self._check_stiffness(pieces, xy, place)
+        self._check_stiffness(pieces, xy, head.entries, place)
         return pieces
 
-    def _check_stiffness(self, pieces: list[dict], xy: np.ndarray, place: checks.Place) -> None:
+    def _check_stiffness(self, pieces: list[dict], xy: np.ndarray, stored: int,
+                         place: checks.Place) -> None:
         """Symmetry and rigid motions, where stiffness or shape are not those of the one before."""
         like, like_xy, unlike, moved = self.last, self.last_xy, [], []
         for s, piece in enumerate(pieces):
@@ -190,7 +198,7 @@ class _Pieces:
                 unlike.append(s)
                 like, like_xy = piece, xy[s]
         self.last, self.last_xy = like, like_xy
-        checks.check_symmetric(pieces, unlike, place)
+        checks.check_symmetric(pieces, unlike, stored, place)
         checks.check_rigid_motions(pieces, xy, moved, place, self.manifest.axisymmetric)
 
 

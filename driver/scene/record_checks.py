@@ -116,31 +116,35 @@ def same_shape(xy: np.ndarray, other: np.ndarray) -> np.ndarray:
     return off <= 4 * (np.finfo(float).eps * largest)
 
 
-def check_symmetric(pieces: list[dict], which: list[int], place: Place) -> None:
-    """The stiffness of the pieces `which` is symmetric.
+def check_order(rows: list[np.ndarray], columns: list[np.ndarray], place: Place) -> None:
+    """The stored entries (entries,) of every stiffness come row by row, none twice."""
+    known = ordered = None
+    bad = np.zeros(len(rows), bool)
+    for record, pattern in enumerate(zip(rows, columns)):
+        if known is None or pattern[0] is not known[0] or pattern[1] is not known[1]:
+            (i, j), known = pattern, pattern
+            ordered = ((i[1:] > i[:-1]) | (i[1:] == i[:-1]) & (j[1:] > j[:-1])).all()
+        bad[record] = not ordered
+    place.refuse(bad, "the entries of the stiffness matrix are not in order")
 
-    It is given by `rows`, `columns` and `values` (entries,). Those with the same pattern are looked
-    at together.
+
+def check_symmetric(pieces: list[dict], which: list[int], stored: int, place: Place) -> None:
+    """The stiffness of the pieces `which`, of which `stored` entries were given, is symmetric.
+
+    It has `rows`, `columns` and `values` (entries,) of both triangles; where only one was given
+    there is nothing to compare.
     """
-    patterns = {}
-    for record in which:
-        pattern = id(pieces[record]["rows"]), id(pieces[record]["columns"])
-        patterns.setdefault(pattern, []).append(record)
     bad = np.zeros(len(pieces), bool)
-    for records in patterns.values():
-        rows, columns = pieces[records[0]]["rows"], pieces[records[0]]["columns"]
-        values = np.stack([pieces[record]["values"] for record in records])
-        span = int(max(rows.max(), columns.max())) + 1
-        entry = rows * span + columns
-        if (entry[1:] < entry[:-1]).any():  # FreeFEM writes them in order
-            order = np.lexsort((columns, rows))
-            rows, columns, values = rows[order], columns[order], values[:, order]
+    for record in which:
+        rows, columns, values = (pieces[record][name] for name in ("rows", "columns", "values"))
+        if len(rows) > stored:
+            continue
         # short integers are sorted without comparisons
-        keys = columns.astype(np.uint16) if span <= 1 << 16 else columns
+        keys = columns.astype(np.uint16) if columns.max() < 1 << 16 else columns
         mirror = np.argsort(keys, kind="stable")
         # assembled from symmetric element matrices: only the order of additions can differ
-        off = np.abs(values - values[:, mirror]).max(axis=1) > 1e-12 * np.abs(values).max(axis=1)
-        bad[records] = off | (rows != columns[mirror]).any() | (columns != rows[mirror]).any()
+        off = np.abs(values - values[mirror]).max() > 1e-12 * np.abs(values).max()
+        bad[record] = off or (rows != columns[mirror]).any() or (columns != rows[mirror]).any()
     place.refuse(bad, "the stiffness matrix is not symmetric")
 
 

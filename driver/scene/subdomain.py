@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
 
 @dataclass
@@ -33,9 +34,9 @@ class Subdomain:
     Its n_v nodes are the vertices of the mesh and, with quadratic elements, the middles of the
     (straight) edges and, with P2-mixed, the centroids. `dof_node` and `dof_component` give node and
     displacement component of every dof; `rows`, `columns`, `values` are the pure Neumann stiffness,
-    with that of `springs`, in coordinate form, both triangles. Of `thermal`, `edge_loads` and
-    `body_loads` the keys are the patterns that are given as initial stress, on edges and on
-    triangles.
+    with that of `springs`, in coordinate form, both triangles, sorted by rows. Of `thermal`,
+    `edge_loads` and `body_loads` the keys are the patterns that are given as initial stress, on
+    edges and on triangles.
     """
 
     index: int
@@ -105,6 +106,15 @@ class Subdomain:
         keys, first = np.unique(sides, return_index=True)
         side = first[np.searchsorted(keys, np.sort(edges, axis=1) @ [span, 1])]
         return self.elements[:, 3:6].ravel()[side]
+
+    def stiffness(self, values: np.ndarray):
+        """(dofs, dofs) scipy CSR matrix with the entries `values` in the places of the stiffness.
+
+        It shares the arrays.
+        """
+        start = np.zeros(self.dofs + 1, np.int32)
+        np.cumsum(np.bincount(self.rows, minlength=self.dofs), out=start[1:])
+        return csr_matrix((values, self.columns, start), (self.dofs, self.dofs))
 
     def multiply(self, u: np.ndarray) -> np.ndarray:
         """K u for u of shape (dofs,)."""

@@ -100,6 +100,8 @@ def calls(name: str) -> str:
     for line in head(environment.LIBRARY / name):
         if entry := re.fullmatch(r"   (\S.*?)  +(\S.*)", line):
             rows.append((f"`{entry[1]}`", " ".join(entry[2].split())))
+        elif rows and (more := re.fullmatch(r" {20,}(\S.*)", line)):
+            rows[-1] = rows[-1][0], f"{rows[-1][1]} {more[1]}"
     return markdown(("call", "meaning"), rows)
 
 

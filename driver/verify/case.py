@@ -96,7 +96,7 @@ class Curve:
 class Case:
     """A scene with published numbers or a closed form.
 
-    `levels` are the meshes of P1, coarse to fine; those of P2 start one earlier and need no more.
+    `levels` are the meshes of P1, coarse to fine; P2 is run on all but the finest of them.
     `refused` are settings with which there is no solution. `others` says what other codes give,
     `note` what the numbers do not say. `fast` cases run in the default test suite. `peer`, see
     peer.py, tells GetFEM the problem.

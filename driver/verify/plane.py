@@ -50,7 +50,7 @@ def load_error(shape):
 
 # ---- Hertz ---------------------------------------------------------------------------------------
 
-def hertz(view: View, radius: float, modulus: float, resultant: float) -> tuple[float, float]:
+def hertz(radius: float, modulus: float, resultant: float) -> tuple[float, float]:
     """Half-width and peak pressure of Hertz's line contact (Johnson, 4.2(c))."""
     a = np.sqrt(4 * resultant * radius / (np.pi * modulus))
     return float(a), float(2 * resultant / (np.pi * a))
@@ -58,7 +58,7 @@ def hertz(view: View, radius: float, modulus: float, resultant: float) -> tuple[
 
 def _hertz_case(name, title, scene, radius, modulus, levels, settings, source, **more) -> Case:
     def state(view: View):
-        return hertz(view, radius, modulus, view.P)
+        return hertz(radius, modulus, view.P)
 
     def pressure(view: View, x):
         a, peak = state(view)
@@ -106,8 +106,8 @@ BLOCK = 1 / ((1 - 0.3**2) * (1 / 210e3 + 1 / 70e3))
 
 
 def _nafems(name: str, friction: str, depths: tuple, settings: dict) -> Case:
-    def pressure(view: View, x):
-        a, peak = hertz(view, 50.0, BLOCK, 35e3)
+    def pressure(x):
+        a, peak = hertz(50.0, BLOCK, 35e3)
         return peak * np.sqrt(np.maximum(0.0, 1 - (x / a)**2))
 
     return Case(
@@ -122,9 +122,12 @@ def _nafems(name: str, friction: str, depths: tuple, settings: dict) -> Case:
                   "strains reach 5 %, and the other codes follow large ones; their linear and "
                   "quadratic elements differ by 0.1 %")),
         settings, Curve("x", "pressure", pressures,
-                        lambda view: (places(6.2146), pressure(view, places(6.2146)))),
+                        lambda _: (places(6.2146), pressure(places(6.2146)))),
         others=f"Code_Aster: u_y of the block's middle {depths[0]} with linear, {depths[1]} with "
-               "quadratic elements, with large rotations")
+               "quadratic elements, with large rotations",
+        note="Ours are 2.6 % less with both kinds of elements, and refining changes them by less: "
+             "it is not the mesh. The others compute with large strains, which here reach 5 %. "
+             "Contact pressure and half-width, which Hertz gives for small ones, agree.")
 
 
 NAFEMS = (_nafems("nafems-cylinder", "frictionless", (-1.3069, -1.3080), {"without": "friction"}),
@@ -323,8 +326,6 @@ def _fit(name: str, title: str, settings: dict, scene: str, pressure: float, mes
         settings, Curve("angle [degrees]", "pressure [MPa]",
                         lambda view: (_angle(view), -view["sigma_n"]),
                         lambda view: (places(90.0), np.full(25, pressure))), **more)
-
-
 
 
 def _quarter_ring(_view: View) -> tuple:

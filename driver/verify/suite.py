@@ -28,8 +28,9 @@ def cases() -> list[Case]:
 def run_suite(pairs: dict[str, str]) -> list[Path]:
     """Run the cases asked for; the paths of the table and of the pictures.
 
-    Raises InputError for options that `make verify` does not have or cases that do not exist, and
-    DriverError if a number misses its reference by more than its tolerance.
+    Raises InputError for options that `make verify` does not have or that exclude one another, and
+    for cases that do not exist; DriverError if a number misses its reference by more than its
+    tolerance.
     """
     given = options.read("verify", pairs)
     chosen = [case for case in cases()
@@ -37,6 +38,8 @@ def run_suite(pairs: dict[str, str]) -> list[Path]:
     if not chosen:
         names = ", ".join(case.name for case in cases())
         raise InputError(f"no case has '{given['case']}' in its name; there are {names}")
+    if given["page"] and (given["case"] or given["fast"]):
+        raise InputError("PAGE=yes shows all cases: leave out CASE and FAST")
     folder, clock = study_folder(given["out"], "verify"), time.perf_counter()
     rows, curves = judged(chosen, folder, given["jobs"])
     table = write_table(folder / "report.csv", rows, COLUMNS)
@@ -47,10 +50,16 @@ def run_suite(pairs: dict[str, str]) -> list[Path]:
     made += draw(folder / "curves.csv")
     if not peer.installed():
         print(peer.NOTE)
+    orders = []
+    if not given["case"] and not given["fast"]:
+        from . import rates
+
+        orders = rates.measured(folder)
+        made.append(write_table(folder / "rates.csv", orders, rates.COLUMNS))
     if given["page"]:
         from . import page
 
-        print(f"renewed {os.path.relpath(page.write(chosen, rows, made))}")
+        print(f"renewed {os.path.relpath(page.write(chosen, rows, orders, made))}")
     missed = [row for row in rows if row["met"] == "no"]
     print(f"{len(chosen)} cases, {len(rows)} numbers, {len(rows) - len(missed)} met; "
           f"{time.perf_counter() - clock:.0f} s")
@@ -84,7 +93,7 @@ def _line(rows: list[dict]) -> str:
     worst = max(rows, key=lambda row: row["error"] / row["tolerance"])
     verdict = "met" if not missed else "MISSED: " + ", ".join(row["quantity"] for row in missed)
     return (f"{rows[0]['case']} {rows[0]['element']}: {verdict} (closest to its tolerance: "
-            f"{worst['quantity']}, {worst['error']:.1e} of {worst['tolerance']:.0e}), "
+            f"{worst['quantity']}, {worst['error']:.1e} of {worst['tolerance']:.1e}), "
             f"{rows[0]['seconds']:.1f} s")
 
 

@@ -4,12 +4,13 @@ same QP."""
 import numpy as np
 import pytest
 
-from driver.bench import factorization, ranks, roofline, suite, tao
+from driver.bench import direct, factorization, geometry, ranks, roofline, suite, tao
 from driver.bench.workbench import Report, Workbench, in_turn, march, ratios
 from driver.errors import InputError
 from driver.feti.rows import RowKind
 from driver.files import read_rows
 from driver.march.step import StepFailed
+from driver.scene import freefem
 
 
 @pytest.fixture(scope="module")
@@ -52,6 +53,22 @@ def test_assembled_problem_moves_like_the_torn_one(bench):
     # the largest corner displacement is one entry of u, to rounding times the condition number
     corners = np.abs(operator.coarse_displacements(glued, np.ones(1))).max()
     assert np.abs(np.abs(u) - corners).min() <= 1e-9 * np.abs(u).max()
+
+
+@pytest.mark.parametrize("scene, element", [("tutorial", "P2"), ("bracket", "P1")])
+def test_plain_script_moves_like_the_suite_without_contact(tmp_path, scene, element):
+    """Supports, prescribed motion, traction, body force, histories, materials: the same equations.
+    """
+    h, dofs = geometry.size(scene, element, 1000, tmp_path, 2.0)
+    assert 950 <= dofs <= 1050
+    # two direct solutions, each rounded a condition number times
+    assert geometry.difference(scene, element, h, tmp_path) < 1e-9
+
+
+@pytest.mark.parametrize("scene", ["joint", "thermal", "model"])
+def test_scenes_whose_linear_problem_the_plain_script_does_not_know(scene):
+    with pytest.raises(InputError, match="is no scene of one body"):
+        direct.text(freefem.find_scene(scene), "P1")
 
 
 def test_flops_of_a_product(bench):

@@ -12,7 +12,7 @@ def rows(tangential: int, friction: bool) -> ContactRows:
     normal, own = np.arange(2), np.arange(tangential)
     return ContactRows(normal, normal, np.zeros(2), 2 + own, own, own,
                        np.full(tangential, 0.5) if friction else None, None,
-                       np.empty(0, int), np.zeros(2, bool), frictionless=not friction)
+                       np.empty(0, int), np.zeros(2, bool))
 
 
 @pytest.mark.parametrize("tangential, friction, touching", [

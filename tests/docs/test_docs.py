@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+import mutants
 import test_house
 from driver import environment, options
 from driver.bench import workbench
@@ -140,6 +141,9 @@ def unknown_options(text: str) -> list[str]:
         command = command[1] if command else ""
         if single and single[1] not in NO_OPTIONS and single[1].lower() not in names:
             wrong.append(line)
+        if command == "mutants":
+            wrong += [line for name, _ in named if name not in mutants.OPTIONS]
+            continue
         if not command or command in ("test", "test-long"):
             wrong += [line for name, _ in named if name.lower() not in names]
             continue

@@ -266,6 +266,47 @@ def test_hertz_sphere(solved, options):
     assert run.summary["boundaries"][0]["force_y"] == pytest.approx(force, rel=1e-3)
 
 
+@pytest.mark.parametrize("radius", [12, 40])
+def test_a_squeezed_ring_seal_presses_as_hertz_says(solved, radius):
+    """Per length of the ring 2 b = 2 sqrt(4 P r (1 - nu^2)/(pi E)). Either edge is located to a
+    tenth of an element of 0.05, 4 % of 2 b; the cover feels what the flange does."""
+    run = solved("seal", element="P2-mixed", friction=0, pressure=0, squeeze=0.02, h=0.05,
+                 radius=radius, steps=1, **TIGHT)
+    force = run.summary["boundaries"][0]["force_y"]
+    half = np.sqrt(4 * force / (2 * np.pi * radius) * (1 - 0.49**2) / (np.pi * 6))
+    length = run.summary["boundaries"][0]["contact_length"]
+    assert length == pytest.approx(2 * half, rel=0.04)
+    probes = read_table(run.directory / "probes.csv")
+    assert probes["force_y"][-1] == pytest.approx(-force, rel=1e-8)
+
+
+def test_fluid_pressure_pushes_a_ring_seal_outwards(solved):
+    """Friction resists, and the largest contact pressure stays above the fluid's: it seals."""
+    run = solved("seal", element="P2-mixed", steps=4, h=0.2)
+    contact = run.contact
+    assert run.summary["validity"]["verdict"] == "ok" and not run.summary["warnings"]
+    force = contact["weight"] * contact["sigma_t"]  # t is (1, 0) on a bottom edge
+    assert force[1].sum() > force[3].sum() < 0
+    assert -contact["sigma_n"][3].min() > 0.1
+    assert run.summary["boundaries"][0]["force_y"] == pytest.approx(
+        -read_table(run.directory / "probes.csv")["force_y"][-1], rel=1e-6)
+
+
+@pytest.mark.parametrize("element", ELEMENTS)
+def test_tractions_of_the_outline_are_those_of_the_scene(solved, scene, element):
+    """Per area of the revolution, as declared: of an end face with the axis, of a shell, a cone."""
+    run = solved(scene(CONE + """
+macro load1() pressure(3, p) + traction(2, 0., 2.) + pressure(1, 5.) //
+macro support() on(2, u2 = 0.) //
+"""), element=element, slope=0.4)
+    outline = read_table(run.directory / "boundary.csv")
+    tilt = np.hypot(1, 0.4)
+    for label, traction in ((1, (-5 * 0.4 / tilt, 5 / tilt)), (2, (0, 2)), (3, (0, -3))):
+        own = outline["label"] == label
+        for name, value in zip(("traction_x", "traction_y"), traction):
+            np.testing.assert_allclose(outline[name][own], value, rtol=1e-9, atol=1e-9)
+
+
 # ------------------------------------------------------------------------------ structure
 
 def test_a_free_body_has_one_rigid_motion(built, scene):

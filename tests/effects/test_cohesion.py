@@ -57,6 +57,32 @@ def test_the_law_holds_at_every_node(solved):
     assert np.all(c["sigma_t"] * c["slip"] <= 1e-7 * force * way)  # sticking nodes: the tolerance
 
 
+@pytest.mark.parametrize("law", ["tresca", "cohesion"])
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_a_strength_is_a_stress_wherever_it_acts(solved, tmp_path, law, element):
+    """Also at a node that a roller holds along the boundary, and at the end of a boundary, where
+    the dual segment is a half: the bound is the strength that the scene declares, plus F |sigma_n|.
+    """
+    text = BLOCK.replace("macro load1() traction(3, t, -p) + traction(2, sigmaX, t) + "
+                         "traction(4, -sigmaX, -t) //",
+                         "macro support() on(4, u1 = 0.) //\n"
+                         "macro load1() traction(3, 0., -p*(1. + x)) //")
+    text = text.replace("macro sigmaX() (-0.3/0.7*p) //\n", "")
+    assert "sigmaX" not in text
+    if law == "tresca":
+        text = text.replace("macro friction() F //\nmacro cohesion()", "macro tresca()")
+    path = tmp_path / "roller.edp"
+    path.write_text(text.replace("() c //", "() (c + x) //"))
+    run = solved(path, cells=3, element=element, friction=0.2, cohesion=3, **TIGHT)
+    assert run.status == 0, run.reason
+    c = run.contact
+    assert c["x"].min() == 0.0  # the roller's
+    # the mean of c + x over a dual segment is its value in the middle of the segment
+    own = c["bound"] - (0.2 * np.abs(c["sigma_n"]) if law == "cohesion" else 0)
+    assert np.abs(own - 3 - c["x"]).max() <= 1 / 12 * 1.001
+    np.testing.assert_allclose((own * c["weight"])[-1].sum(), 3.5, rtol=1e-12)
+
+
 def test_no_cohesion_is_coulombs_law(solved):
     """c = 0 and a scene without the declaration give the same tractions."""
     nothing, undeclared = (solved("cohesion", cells=4, steps=6, **TIGHT, **options)

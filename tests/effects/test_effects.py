@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from driver.effects import Effects, RunFacts
+from driver.effects import Effects, RunFacts, slip_law
 from driver.effects.quasistatic import proportional
 from driver.errors import InputError
 from driver.files import read_rows
@@ -48,6 +48,20 @@ def test_without_contact(solved):
     # preconditioned CG on the gluing alone: kappa <= 5 needs 1/2 sqrt(5) ln(2e6) = 16 products,
     # plus the residual's
     assert counts["dual_multiplications"] <= 5 * 18
+
+
+@pytest.mark.parametrize("argument, factor", [("slip", 0.4), ("displacement", 1.0)])
+def test_a_way_is_as_long_there_and_back(argument, factor):
+    """A factor 1 - s/10: after 1 there, 3 back and 2 there again s is 6 by the way, 0 by place."""
+    room = slip_law.Room("slip_law", SimpleNamespace(patterns=[], rooms={"slip_law": {
+        "argument": argument, "range": 10.0, "values": [1.0, 0.5, 0.0]}}))
+    room.prepare(SimpleNamespace(gid=np.arange(2)))
+    u = np.zeros(1)
+    for slip in (1.0, -3.0, 2.0):
+        before, u = u, u + slip
+        last = room.coefficient_factor(np.array([1]), u, before)
+        room.step_ends(np.array([1]), np.array([slip]))
+    assert last == pytest.approx(factor)
 
 
 def test_static_takes_one_step(solved):

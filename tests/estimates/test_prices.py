@@ -126,6 +126,14 @@ def test_every_digit_costs_more_and_names_the_fastest():
         assert left + late + 1e-5 <= entry["accuracy"] * (1 + 1e-9)
 
 
+def test_memory_of_packages_does_not_grow():
+    """A run with 100 unknowns has 60 MiB that are not theirs; one with a million has a thousand."""
+    small = Whole(measured(100.0), 1.0, COSTS, 150.0, 90.0)
+    assert small.memory_of(100.0) == pytest.approx(150.0) and small.memory_of(1e4) < 200
+    large = Whole(measured(1e6), 1.0, COSTS, 1090.0, 90.0)
+    assert large.memory_of(2e6) == pytest.approx(2090.0)
+
+
 def test_steps_of_a_static_scene_are_no_choice():
     assert all("STEPS" not in entry["settings"] for entry in a_list({10: 0.0}, True)
                if "settings" in entry)

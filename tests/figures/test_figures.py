@@ -2,6 +2,7 @@
 overlaps."""
 
 import csv
+import dataclasses
 import json
 import math
 from pathlib import Path
@@ -504,7 +505,8 @@ def test_history_shows_forces_per_thickness_and_iterations(drawn):
 @pytest.mark.parametrize("unit, peak, label, shown", [
     ("Pa", 1.1e8, "MPa", 110), ("Pa", 1e3, "kPa", 1), ("MPa", 2e3, "GPa", 2),
     ("m", 3e-4, "µm", 300),
-    ("mm", 120.0, "mm", 120), ("mm", 3e-3, "µm", 3), ("N/m", 2e6, "MN/m", 2), ("1", 0.5, "–", 0.5),
+    ("mm", 120.0, "mm", 120), ("mm", 3e-3, "µm", 3), ("N/m", 2e6, "MN/m", 2),
+    ("1", 0.5, "–", 0.5),
     ("psi", 3e5, r"$10^{3}$ psi", 300), ("Pa", 0.0, "Pa", 0)])
 def test_scales(unit, peak, label, shown):
     scale = scales.scale_for(unit, [peak, -peak / 2])
@@ -576,6 +578,38 @@ def test_labels_loads_and_weight_are_on_the_picture(tmp_path):
     assert len(arrows) == 4  # top, right side, the supported left side, weight
     down = arrows[-1]
     assert np.all(down.U == 0) and np.all(down.V < 0)
+
+
+@pytest.mark.parametrize("modulus, expected", [
+    (lambda x, y: np.where(y < 0.4, 2.0, 80.0), ["$G$ = 2 Pa", "$G$ = 80 Pa"]),
+    # a few triangles across the interface have means of both
+    (lambda x, y: np.where(y < 0.4, 2.0, np.where(x < 0.02, 50 + y, 80.0)),
+     ["$G$ = 2 Pa", "$G$ = 80 Pa"]),
+    (lambda x, y: 10 ** (2 * x), ["ranges"]), (None, [])])
+def test_materials_that_no_region_names_have_colours(run, modulus, expected):
+    """By the stiffness of the triangles: its values where they are few, ranges where it varies."""
+    mesh = run.first
+    middle = mesh.xy[mesh.triangles].mean(axis=1).T
+    shear = None if modulus is None else modulus(*middle)
+    own = dataclasses.replace(run, first=dataclasses.replace(mesh, shear_modulus=shear))
+    figure = figures.compose("geometry", own)
+    materials = [text for text in legend_words(figure) if text.startswith("$G$")]
+    if expected == ["ranges"]:
+        assert len(materials) > 3 and all(" to " in text for text in materials)
+    else:
+        assert materials == expected
+    if len(expected) == 2:
+        tint = next(values for c in figure.axes[0].collections
+                    if (values := c.get_array()) is not None)
+        np.testing.assert_array_equal(tint[middle[1] < 0.4], 0)
+        assert (tint[(middle[1] > 0.4) & (middle[0] > 0.02)] == 1).all()
+
+
+def test_obstacles_whose_pieces_are_as_far_apart_as_they_are_long_stay_apart():
+    """Arcs begin anew at the second piece: its distance of 2 is the arc of the first."""
+    rows = {"arc": np.array([0.0, 1, 2, 0, 1]), "x": np.array([0.0, 1, 2, 0, 0]),
+            "y": np.array([0.0, 0, 0, 0, 1]), "node": np.arange(5)}
+    assert [len(piece) for piece in obstacle.pieces(rows)] == [3, 2]
 
 
 def test_arrows_along_a_boundary_do_not_stand_on_each_other(tmp_path):

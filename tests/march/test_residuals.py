@@ -9,7 +9,7 @@ from mpi4py import MPI
 from driver.contact.kkt import FADED, Scales, kkt_residuals
 from driver.contact.rows import ContactRows
 from driver.march import quasistatic
-from driver.march.outlook import foresight
+from driver.march.outlook import foresight, growth
 from driver.march.step import Load, Trace
 from driver.options import Settings
 
@@ -233,6 +233,17 @@ def test_steps_before_smaller_loads_are_solved_further():
     assert foresight([1e8, 1.0, 0.0], 1) == pytest.approx(1e-5)
 
 
+def test_multipliers_go_on_as_the_load_does():
+    """In proportion to it while it grows, at most twice as far; on reversal from where they are."""
+    first, second = np.array([1.0, 0.0]), np.array([0.0, 1.0])
+    assert growth(np.outer([0, 2, 5], first), 2) == pytest.approx(1.5)
+    assert growth(np.outer([0, 1, 9], first), 2) == 2.0
+    for reversed_ in ([0, 2, 1], [0, -2, -1], [0, 2, -3]):
+        assert growth(np.outer(reversed_, first), 2) == 0.0
+    assert growth(np.array([0 * first, first, first + second]), 2) == 0.0  # of another load
+    assert growth(np.outer([0, 1, 2], first), 1) == 0.0 == growth(np.outer([1, 1, 2], first), 2)
+
+
 def test_nothing_left_is_nothing_missing(built, steps_of, scene):
     """Lifted off and unloaded again: forces that rounding leaves are no forces to be right."""
     text = SPIKE.replace("(abs(t - 0.5) < 0.01 ? 1e6 : t)", "(t < 0.6 ? t : 0.)")
@@ -280,6 +291,23 @@ def test_there_and_back(solved, scene):
     peak = np.abs(still.contact["sigma_n"]).max()
     assert peak > 0
     assert np.abs(tractions(carried) - tractions(still)).max() <= 1e-6 * peak
+
+
+def test_where_a_pad_presses_does_not_matter(solved, scene):
+    """Carried far, then pressed and sheared there while it sticks, and back: the floor is the same
+    everywhere. Sums of the way and the shear would have lost the shear's digits.
+    """
+    text = PAD.replace("u1 = -A*(y - 1.), u2 = -P + A*(x - 1.)", "u1 = 0.1*P, u2 = -P")
+    text = text.replace("min(1., 2.*t)", "(t < 0.5 ? 0. : 4.*(t - 0.5)*(1.5 - t))")
+    path = scene("there", text.replace("max(0., 2.*t - 1.)", "min(1., 3.*t)"))
+    here, there = (solved(scene=path, drag=way, cells=4, steps=10, friction_rtol=1e-8,
+                          primal_rtol=1e-8) for way in ("0", "1e8"))
+    assert here.status == there.status == 0 and (here.contact["status"][-1] == "stick").any()
+    # the solver's tolerances: residuals of 1e-8 and a node's error of ten times as much
+    size = np.abs(here.contact["sigma_t"]).max()
+    assert np.abs(tractions(there) - tractions(here)).max() <= 1e-5 * size
+    slip = here.contact["slip"][-1]
+    np.testing.assert_allclose(there.contact["slip"][-1], slip, rtol=0, atol=1e-9)
 
 
 def test_travel_is_taken_out_whole(built, scene):

@@ -1,6 +1,7 @@
 """Interrupted runs: earlier results stay whole, and the same command goes on with the same bits."""
 
 import contextlib
+import copy
 import csv
 import json
 import os
@@ -14,8 +15,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from driver.march import checkpoint
 from driver import cli, environment
+from driver.effects import Effects
+from driver.march import checkpoint
+from driver.march.quasistatic import QuasistaticSolver
+from driver.options import Settings
 from driver.runs import run, solve, workspace
 from driver.errors import InputError
 
@@ -36,6 +40,31 @@ def listing(out: Path) -> dict:
 
 def execute(*words: str) -> dict:
     return run.execute(run.Run.from_pairs(cli.parse_pairs([*words, "QUIET=yes"])))
+
+
+def same(one, other) -> bool:
+    """Whether two trees of dicts, sequences, arrays and numbers are equal."""
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(same(one[k], other[k]) for k in one)
+    if isinstance(one, (list, tuple)):
+        return len(one) == len(other) and all(map(same, one, other))
+    return np.array_equal(one, other)
+
+
+def test_what_is_restored_is_what_was_kept(built, steps_of):
+    """All of it, also what a run seldom has: doubt about a step, rigid motions, a load of its own.
+    """
+    problem = built(loading="nonmonotone", cells=2, steps=3)
+    kept, _ = steps_of(problem)
+    kept.doubtful = True
+    kept.initial[:], kept.initial_weights[:] = 0.5, 0.25
+    state = copy.deepcopy(kept.snapshot())
+    assert state["doubtful"] and state["history"]["steps"] == 3
+    fresh = QuasistaticSolver(problem.operator, Effects(problem.manifest),
+                              problem.manifest.factors, kept.times, Settings())
+    assert not same(fresh.snapshot(), state)
+    fresh.restore(copy.deepcopy(state))
+    assert same(fresh.snapshot(), state)
 
 
 @pytest.fixture
@@ -285,6 +314,35 @@ def test_an_interrupt_while_publishing_waits(tmp_path, monkeypatch, atomic, numb
             place.publish(out)
     finally:
         signal.signal(number, before)
+    assert (out / "summary.json").read_text() == summary % "new" and hidden(tmp_path) == []
+
+
+def test_where_directories_cannot_be_exchanged_one_result_is_always_whole(tmp_path, monkeypatch):
+    """Before each of the renames and removals the old result or the new one is there, under its
+    name or the private one that the next run takes back.
+    """
+    out = tmp_path / "out"
+    out.mkdir()
+    summary = '{"scene": "%s", "units": {}, "seconds": {}}'
+    (out / "summary.json").write_text(summary % "old")
+    place = workspace.Workspace(out)
+    (place.path / "summary.json").write_text(summary % "new")
+    monkeypatch.setattr(workspace, "_exchange", lambda *_: False)
+    seen = []
+
+    def watched(act):
+        def acting(*args, **options):
+            whole = [path for path in (out, *tmp_path.glob(".out.old.*"))
+                     if (path / "summary.json").is_file()]
+            seen.append(bool(whole))
+            return act(*args, **options)
+        return acting
+
+    monkeypatch.setattr(workspace.Path, "rename", watched(workspace.Path.rename))
+    monkeypatch.setattr(workspace.shutil, "rmtree", watched(shutil.rmtree))
+    with place:
+        place.publish(out)
+    assert len(seen) >= 3 and all(seen)
     assert (out / "summary.json").read_text() == summary % "new" and hidden(tmp_path) == []
 
 

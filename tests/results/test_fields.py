@@ -176,3 +176,15 @@ def test_names_of_components_are_in_the_file(wedge):
     text = (wedge.directory / "fields/step_0001.vtu").read_bytes()
     names = b'ComponentName0="xx" ComponentName1="yy" ComponentName2="zz" ComponentName3="xy"'
     assert text.count(b'Name="stress" ' + names) == 2
+
+
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_stiffness_is_there_where_the_material_varies(solved, wedge, element):
+    """The shear modulus E/(2 (1 + nu)) of aluminium on steel, region by region."""
+    assert "shear_modulus" not in meshio.read(wedge.directory / "fields/step_0001.vtu").cell_data
+    run = solved("bracket", steps=1, h=12, element=element, without="quasistatic",
+                 fields="yes")
+    cells = meshio.read(run.directory / "fields/step_0000.vtu").cell_data
+    shear, region = cells["shear_modulus"][0], cells["region"][0]
+    for number, modulus in ((1, 70e3 / 2.66), (2, 210e3 / 2.6)):
+        np.testing.assert_allclose(shear[region == number], modulus, rtol=1e-9)

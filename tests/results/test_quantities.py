@@ -126,7 +126,7 @@ def test_slip_counts_in_contact_only_and_moment_is_that_of_load():
     nodes, step = line(x, closed, np.ones(11), 0 * x)
     steps = {name: np.repeat(column, 3, axis=0) for name, column in step.items()}
     steps["slip"][:] = 0.5
-    steps["sigma_t"][:] = -0.2
+    steps["sigma_t"][:] = np.array([-0.1, -0.2, -0.4])[:, None]
     steps["status"][0], steps["status"][1:] = SLIP, STICK
     steps["status"][2] = OPEN
     steps["sigma_n"][:] *= np.array([1.0, 2.0, 0.0])[:, None]

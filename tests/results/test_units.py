@@ -7,7 +7,8 @@ from driver import units
 
 @pytest.mark.parametrize("length, stress, force, energy", [
     ("m", "Pa", "N/m", "J/m"), ("mm", "MPa", "N/mm", "J/m"), ("m", "MPa", "MN/m", "MJ/m"),
-    ("mm", "GPa", "kN/mm", "kJ/m"), ("mm", "Pa", "µN/mm", "µJ/m"), ("um", "MPa", "µN/um", "µJ/m"),
+    ("mm", "GPa", "kN/mm", "kJ/m"), ("mm", "Pa", "µN/mm", "µJ/m"),
+    ("um", "MPa", "µN/um", "µJ/m"),
     ("m", "kPa", "kN/m", "kJ/m"), ("in", "psi", "psi·in", "psi·in²"), ("1", "1", "1", "1"),
     ("m", "1", "m", "m²")])
 def test_force_and_energy(length, stress, force, energy):

@@ -59,6 +59,25 @@ def test_hertz(solved, asked):
             * hertz(run.summary["quantities"]["normal_resultant"], NU)[index], asked, margin=2.0)
 
 
+@pytest.mark.parametrize("change", [
+    ("macro contact() 1", "macro gap() 1e-4 //\nmacro contact() 1"),
+    ("macro friction() F //", "macro friction() F //\nmacro cohesion() 1e7 //")],
+    ids=["gap", "cohesion"])
+def test_friction_remembers_the_way_where_twice_the_load_is_not_twice_the_answer(solved, variant,
+                                                                                 change):
+    """A load that grows in proportion needs one step only if all else does: not across a gap, nor
+    against a strength of the boundary. Off by less than what is asked for, against 64 steps.
+    """
+    scene = variant("way", change)
+    run = solved(scene, loading="monotone", accuracy="10%,tangential_resultant", errors="no")
+    assert run.status == 0, run.reason
+    fine = solved(scene, loading="monotone", cells=run.summary["accuracy"]["settings"]["CELLS"],
+                  steps=64, errors="no")
+    found, truth = (of.summary["quantities"]["tangential_resultant"] for of in (run, fine))
+    assert run.summary["steps"] > 1
+    assert abs(found / truth - 1) <= run.summary["accuracy"]["reached"] <= 0.1
+
+
 def test_a_finer_request_costs_more_and_settings_can_be_repeated_by_hand(solved):
     coarse, fine = (solved("model", loading="nonmonotone", accuracy=a) for a in ("10%", "1%"))
     assert fine.summary["sizes"]["primal_dofs"] > 2 * coarse.summary["sizes"]["primal_dofs"]

@@ -379,7 +379,28 @@ def test_edge_loads_that_are_not_the_nodal_ones(small, read):
     refused(read, small, "edges", "nodes")
 
 
+def write_both_triangles(directory):
+    """The records of an export with all entries of the stiffness, not the lower triangle alone."""
+    records_of = arrays(directory)
+    for record in records_of:
+        rows, columns = record[ROWS], record[COLUMNS]
+        both = np.append(rows, columns[rows != columns]), np.append(columns, rows[rows != columns])
+        order = np.lexsort(both[::-1])
+        record[ROWS], record[COLUMNS] = (part[order] for part in both)
+        record[VALUES] = np.append(record[VALUES], record[VALUES][rows != columns])[order]
+        record[HEAD][5] = len(order)
+    write(directory, records_of)
+
+
+def test_both_triangles_are_those_of_the_lower_one(small, read):
+    before = [dense(sub) for sub in read(small, reduce=False).subdomains]
+    write_both_triangles(small)
+    for sub, K in zip(read(small, reduce=False).subdomains, before):
+        assert np.array_equal(dense(sub), K) and np.array_equal(K, K.T)
+
+
 def test_unsymmetric(small, read):
+    write_both_triangles(small)
     rows, columns = (arrays(small)[0][k] for k in (ROWS, COLUMNS))
     entry = int(np.flatnonzero(rows != columns)[5])
     spoil(small, VALUES, lambda a: a.__setitem__(entry, a[entry] + 1e-9 * np.abs(a).max()))
@@ -387,11 +408,16 @@ def test_unsymmetric(small, read):
 
 
 def test_unsymmetric_pattern(small, read):
-    def move(columns):
-        columns[np.flatnonzero(arrays(small)[0][ROWS] != columns)[0]] = 17
-
-    spoil(small, COLUMNS, move)
+    write_both_triangles(small)
+    rows, columns = (arrays(small)[0][k] for k in (ROWS, COLUMNS))
+    last = int(np.flatnonzero(rows == 0)[-1])  # of the first row, farther to the right
+    spoil(small, COLUMNS, lambda a: a.__setitem__(last, columns.max()))
     refused(read, small, "not symmetric")
+
+
+def test_an_entry_of_the_stiffness_twice(small, read):
+    spoil(small, COLUMNS, lambda a: a.__setitem__(1, a[2]))
+    refused(read, small, "not in order")
 
 
 def test_swapped_records(small, read):
@@ -507,7 +533,7 @@ def test_shared_file_truncated_or_longer(sharing, read):
 
 
 @pytest.mark.parametrize("array, place, value, said", [
-    (VALUES, 1, 1.0, "not symmetric"), (VALUES, 0, np.nan, "not finite"),
+    (VALUES, 1, 1.0, "rigid motion"), (VALUES, 0, np.nan, "not finite"),
     (COLUMNS, 3, 10**6, "out of range"),
     (TRIANGLES, 0, 9, "out of range"), (EDGES, 0, 9, "ends at no vertex"),
     (IS_X, 0, 0.0, "node by node"),
@@ -632,13 +658,14 @@ def test_vertex_moved_where_the_stiffness_is_shared(small, read, distance):
 
 
 def test_unsymmetric_where_the_rest_is_shared(small, read):
+    write_both_triangles(small)
     spoil(small, VALUES, lambda a: a.__setitem__(1, a[1] + 1e-6 * np.abs(a).max()), record=1)
     refused(read, small, "subdomain 1", "not symmetric")
 
 
 def test_pattern_that_differs_where_the_values_are_shared(small, read):
-    spoil(small, COLUMNS, lambda a: a.__setitem__(1, a[-1]), record=1)
-    refused(read, small, "subdomain 1", "not symmetric")
+    spoil(small, COLUMNS, lambda a: a.__setitem__(1, a[2]), record=1)
+    refused(read, small, "subdomain 1", "not in order")
 
 
 @pytest.mark.parametrize("row, column", [(0, 0), (3, 5), (7, 7)])

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from driver.errors import DriverError
-from driver.verify import page, peer, plane, suite
+from driver.errors import DriverError, InputError
+from driver.verify import page, peer, plane, rates, suite
 from driver.verify.case import Check, compared
 
 CASES = {case.name: case for case in suite.cases()}
@@ -126,3 +126,24 @@ def test_getfem_finds_the_same_forces(name, element, tmp_path):
 
 def test_at_least_five_cases_are_solved_by_getfem_too():
     assert sum(case.peer is not None for case in CASES.values()) >= 5
+
+
+@pytest.mark.parametrize("power", [1.0, 2.5])
+def test_orders_are_slopes(power):
+    sizes = np.array([1.0, 0.5, 0.25])
+    assert rates.order(sizes, 3 * sizes**power) == pytest.approx(power)
+    assert rates.order(sizes, [0.0, 0.0, 0.0]) == ""
+
+
+def test_slip_and_dissipation_of_the_zones_have_their_orders(tmp_path):
+    """Quadratic elements: slip of order 3 in L2, its work of order 3."""
+    series = next(one for one in rates.SERIES
+                  if one.scene == "zones" and one.element == "P2")
+    orders = {row["quantity"]: row["order"] for row in rates._rows(series, tmp_path)}
+    assert orders["slip in L2"] > 2.7 and orders["dissipated energy"] > 2.7
+    assert orders["shear in L2"] > 1.3
+
+
+def test_the_page_takes_all_cases(tmp_path):
+    with pytest.raises(InputError, match="PAGE=yes shows all cases"):
+        suite.run_suite({"out": str(tmp_path), "case": "hertz", "page": "yes"})
