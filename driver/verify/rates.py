@@ -83,7 +83,7 @@ MINDLIN = {
         _stick(view) / friction.mindlin(view, friction.RADIUS)[2] - 1),
     "shear in L1": lambda view, _: friction.shear_error(friction.RADIUS)(view)}
 STEPPING = {
-    "slip": _against_last("slip"), "dissipated energy": _against_last("dissipated_energy"),
+    "dissipated energy": _against_last("dissipated_energy"),
     "half-width of the stick zone": lambda view, last: abs(_stick(view) / _stick(last) - 1)}
 
 HALVED = (1.0, 0.5, 0.25)

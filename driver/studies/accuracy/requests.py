@@ -51,7 +51,7 @@ def run_requests(out: Path, scene: str | None) -> list[Path]:
 def judge(case: Case, out: Path) -> list[dict]:
     """Rows of the table: every quantity of a scene at every accuracy."""
     (finer, finest), rows = coverage.references(case, out), []
-    for name in coverage.summary_of(case, RUNS[case.scene], out)["quantities"]:
+    for name in coverage.summary_of(case, RUNS[case.scene], out).get("quantities", {}):
         reference = case.exact.get(name, finest[name])
         apart = 0.0 if name in case.exact else abs(finest[name] - finer[name])
         own = [_request(case, name, asked, out) for asked in ASKED]
