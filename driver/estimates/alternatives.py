@@ -150,7 +150,7 @@ class Alternatives:
             **self.levels.spent[key], "solve": level.seconds})]
         first = self._within(level.values[self.name], None, own)
         degree = elements.DEGREE[self.manifest.element]
-        settings = {self.knob.upper(): f"{own.sizes[-1]:g}", **own.words}
+        settings = {self.knob.upper(): f"{float(own.sizes[-1]):g}", **own.words}
         return Adaptive("ADAPT", settings, [own.errors[-1], first],
                         [self._unknowns(**start), unknowns], ADAPTIVE[degree])
 
@@ -186,7 +186,7 @@ class Alternatives:
         known = len(unknowns) + 1 - len(errors)
         size = self.manifest.parameters[self.knob]
         words = {} if self.manifest.element == "P1" else {"ELEMENT": self.manifest.element}
-        return [Adaptive("ADAPT", {self.knob.upper(): f"{size:g}", **words},
+        return [Adaptive("ADAPT", {self.knob.upper(): f"{float(size):g}", **words},
                          [errors[0]] * known + errors, [*unknowns, self._unknowns()],
                          self.mesh.rate, Costs(self.run, [], []))]
 

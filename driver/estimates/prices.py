@@ -182,7 +182,7 @@ class Uniform:
                 return None
             size = finer(self.knob, finest, factor)
         unknowns = self.unknowns * ratio(self.knob, finest, size) ** 2
-        return Choice({self.knob.upper(): f"{size:g}", **self.words}, (unknowns,))
+        return Choice({self.knob.upper(): f"{float(size):g}", **self.words}, (unknowns,))
 
 
 @dataclass
