@@ -349,6 +349,29 @@ def test_corners_of_a_body_that_comes_from_far(checked, scene, subdomains):
     checked(scene("travel", TRAVEL), element="P2", steps=5, subdomains=subdomains)
 
 
+@pytest.mark.parametrize("name, text, options", [
+    ("rest", "REST", {}), ("wall", "FLOOR", {"subdomains": 4})])
+def test_a_preload_at_corners_knows_no_friction(solved, scene, name, text, options):
+    """It is the equilibrium without friction, and where loads stay friction has nothing to do:
+    steps with any coefficient have the tractions of the scene that declares none.
+    """
+    text = globals()[text].replace("min(t, 1.)", "1.").replace("max(t - 1, 0.)", "0.")
+    text = text.replace('include "export', 'macro preload() 1 //\ninclude "export')
+    if name == "wall":  # pushed into the corner of floor and wall
+        text = text.replace("contact() 1 ", "contact() 1, 4 ").replace(
+            "gap() (x < 1e-9 && y > 1e-9 ? 0.05 : (label == 4 ? 0.05 : 0.))", "gap() 0.").replace(
+                "u1 = 0., u2 = -0.01", "u1 = -0.004, u2 = -0.01")
+    text = text.replace("friction() F", "friction() 0.9").replace("friction() 0.4",
+                                                                  "friction() 0.9")
+    path = scene(f"preload-{name}", text)
+    rough = solved(path, **TIGHT, **options, steps=2)
+    assert rough.status == 0, rough.reason
+    smooth = solved(path, **TIGHT, **options, steps=2, without="friction,preload")
+    held, free = (by_place(run, ("sigma_n", "sigma_t")) for run in (rough, smooth))
+    assert (free[0, :, 0] < 0).any()
+    assert np.abs(held - free).max() <= CLOSE * np.abs(free).max()
+
+
 @pytest.mark.parametrize("options", [
     {"sides": 8, "turn": 0.725, "friction": 0.7, "pull": -0.00134, "shear": -0.00204},
     {"sides": 6, "turn": 0.423, "friction": 0.75, "pull": -0.00285, "shear": 0.00104}])
@@ -477,6 +500,22 @@ def test_a_corner_takes_the_state_that_its_conditions_ask_for():
     assert switched(given, [0.0, 0.0], [-1e-3, -1e-3]) == (True, SECOND)
     one = corner(alone=True)
     assert switched(one, [1.0, 0.0], [0.0, 1e-3]) == (True, SECOND)
+
+
+@pytest.mark.parametrize("state", [BOTH, FIRST, SECOND, STANDING, NEITHER])
+def test_a_vertex_keeps_its_force_in_the_rows_of_its_state(state):
+    """A step starts from the forces before it: what its state excludes goes to the other rows, and
+    the force on the vertex, as far as these can make it up, remains.
+    """
+    nodes, rng = corner(), np.random.default_rng(int(state))
+    nodes.directions[0, 1] = [-0.6, -0.8]  # not perpendicular
+    nodes.acting[:] = state
+    normal, x = nodes.directions[0], rng.uniform(1.0, 2.0, 4)
+    tangent = np.column_stack([-normal[:, 1], normal[:, 0]])
+    moved = nodes.own(x)
+    force, kept = (y[:2] @ normal + y[2:] @ tangent for y in (x, moved))
+    assert not moved[nodes.excluded].any()
+    np.testing.assert_allclose(kept, force, rtol=1e-12)
 
 
 CIRCLE = {BOTH: ([1.0, 0.0], [0.0, -1.0]), FIRST: ([1.0, 0.0], [0.0, 1.0])}

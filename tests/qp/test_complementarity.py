@@ -11,7 +11,8 @@ import pytest
 from driver.hard.oracle import box_qp
 from driver.qp import complementarity
 from driver.qp.complementarity import all_solutions, index, lemke, newton, search, settled
-from driver.qp.coulomb import CoulombProblem
+from driver.contact.states import STICK
+from driver.qp.coulomb import CoulombProblem, StateSystem
 
 SEEDS = 30
 
@@ -244,3 +245,66 @@ def test_wide_gaps_hide_no_violation():
     problem = CoulombProblem(np.eye(4), load, np.full(2, 0.3), np.arange(2))
     assert not problem.solves(np.zeros(4))
     assert problem.solves(np.array([1e-9, 0.0, 0.0, 0.0]))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_pivots_are_those_of_a_right_side_moved_by_powers(seed):
+    """Of rows that tie, q + (e, e^2, ...) singles out one for every small e > 0: entries of the
+    inverse basis in the order of w, each over the row's entry in the column that comes in.
+    """
+    rng = np.random.default_rng(seed)
+    inverse, entry = rng.integers(-2, 3, (4, 4)).astype(float), rng.integers(1, 5, 4).astype(float)
+    inverse[:2] = inverse[2:] * (entry[:2] / entry[2:])[:, None]  # two pairs that tie for long
+    inverse[[0, 1], [3, 3]] += 1.0
+    # w of all rows are out of the basis: their columns stand first in the tableau
+    nonbasic, basic = np.arange(5), np.arange(4) + 5
+    table = np.column_stack([inverse, np.zeros(4), np.zeros(4)])
+    row = complementarity._lexicographic(  # pylint: disable=protected-access
+        table, basic, nonbasic, np.arange(4), entry)
+    moved = inverse @ 1e-3 ** np.arange(1, 5) / entry
+    assert row == np.argmin(moved)
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1e4])
+def test_springs_do_not_know_the_unit_of_a_motion(scale):
+    """A body on springs yields by as much whatever its motions are multiplied by; and by the
+    forces that it lacks: softness per unit reach.
+    """
+    one = random_problem(3, 4, motions=1)
+    other = CoulombProblem(one.compliance, one.load, one.coefficient, one.pair, one.bilateral,
+                           motions=scale * one.motions, balance=scale * one.balance,
+                           offset=one.offset)
+    rest = np.array([0.7])
+    soft, same = one.on_springs(0.2, rest), other.on_springs(0.2, rest / scale)
+    np.testing.assert_allclose(same.compliance, soft.compliance, rtol=1e-12)
+    np.testing.assert_allclose(same.load, soft.load, rtol=1e-12)
+    twice = one.on_springs(0.4, rest)
+    np.testing.assert_allclose(twice.compliance - soft.compliance, soft.compliance - one.compliance,
+                               rtol=0, atol=1e-12 * np.abs(twice.compliance).max())
+
+
+def test_a_family_of_solutions_is_one_along_its_directions():
+    """Three nodes of which two move alike: what one presses more the other may press less."""
+    compliance = np.zeros((6, 6))
+    compliance[:3, :3] = [[2.0, 1.0, 1.0], [1.0, 1.0, 1.0], [1.0, 1.0, 1.0]]
+    compliance[3:, 3:] = np.eye(3)
+    load = np.array([2.0, 1.5, 1.5, 0.0, 0.0, 0.0])
+    problem = CoulombProblem(compliance, load, np.full(3, 0.5), np.arange(3), False)
+    system = StateSystem(problem, np.full(3, STICK), np.ones(3))
+    z, directions = system.family(load, np.zeros(0))
+    assert directions.shape == (6, 1) and np.abs(directions).max() > 0.1
+    for t in (-1.0, 0.0, 2.0):
+        np.testing.assert_allclose(compliance @ (z + t * directions[:, 0]), load, atol=1e-12)
+
+
+def test_a_solution_is_settled_however_many_nodes_it_has():
+    """Unless it was thought to be another one, whose states differ in more nodes than a few."""
+    nodes = 2 * complementarity.NEAR + 4
+    problem = random_problem(5, nodes, largest=0.2)
+    z = lemke(problem)
+    move = problem.movement(z)
+    found, _ = settled(problem, z, move)
+    np.testing.assert_allclose(found, z, atol=1e-8 * np.abs(z).max())
+    states = problem.states(z, move)
+    assert settled(problem, z, move, states) is not None
+    assert settled(problem, z, move, states + 1) is None
