@@ -140,7 +140,7 @@ class Scene:
             interface_label=INTERFACE, element="P1", plane="strain", material="isotropic", units={},
             rooms=rooms_of(effects) | ({"slip_law": self.slip_law} if self.slip_law else {})
             | {"traction": {}},
-            columns=self._columns(), fields=[],
+            columns=self._columns(), fields=[], materials=[],
             steps=steps, t_end=1.0, bodies=1, contact_labels=[self.contact],
             labels=[BOTTOM, RIGHT, TOP, LEFT], regions=[0, 0],
             patterns=[{"kind": "traction", "given_on": "edges", "amplitude": k}

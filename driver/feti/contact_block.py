@@ -12,12 +12,14 @@ and 128 subdomains of 10x10 cells F_cc relative to C has eigenvalues 1 to 4.3, h
 """
 
 import numpy as np
-from scipy.sparse import coo_matrix, csr_matrix
+from scipy.sparse import coo_matrix, csr_matrix, issparse
 
 from .dirichlet import DirichletPreconditioner
 from .gathering import Gathering, joined
 from .operator import DualOperator
 from .rows import RowKind
+
+FULL = 0.2  # share of entries from which a matrix is kept dense
 
 
 class ContactBlock:
@@ -39,7 +41,7 @@ class ContactBlock:
         self.local = self._spread(parts, "F", self.rows, self.rows)
         self.M = self._spread(parts, "M", self.rows, self.rows)
         self.A = self._spread(parts, "A", self.rows, corners)
-        self._A_transposed = self.A.T.tocsr()
+        self._A_transposed = csr_matrix(self.A.T) if issparse(self.A) else self.A.T.copy()
         self.G = operator.coarse.inverse(corners)
 
     def _local_parts(self, operator, preconditioner) -> list[dict]:
@@ -62,7 +64,7 @@ class ContactBlock:
 
     @staticmethod
     def _spread(parts: list[dict], name: str, rows: np.ndarray, columns: np.ndarray):
-        """CSR sum of the subdomains' matrices on `columns`, `rows` or corner dofs."""
+        """Sum of the subdomains' matrices on `columns`, `rows` or corner dofs: CSR, or dense."""
         which = "row" if columns is rows else "corner"
         row_places = [np.searchsorted(rows, part["row"]) for part in parts]
         column_places = [np.searchsorted(columns, part[which]) for part in parts]
@@ -71,7 +73,8 @@ class ContactBlock:
         values = joined([part[name].ravel() for part in parts], float)
         matrix = coo_matrix((values, (i, j)), shape=(len(rows), len(columns))).tocsr()
         matrix.eliminate_zeros()
-        return matrix
+        # few subdomains with contact fill it: a dense product takes a fraction of the time
+        return matrix.toarray() if matrix.nnz > FULL * len(rows) * len(columns) else matrix
 
     def gather(self, x: np.ndarray) -> np.ndarray:
         """(n,) all contact rows of a dual vector (or mask), on every rank."""
@@ -96,7 +99,8 @@ class Galerkin:
 
     def __init__(self, block: ContactBlock, columns: np.ndarray, k: int):
         self.size, self.G = k, block.G
-        pair, L, A = columns[:, 0] * k + columns[:, 1], block.local.tocoo(), block.A.tocoo()
+        pair = columns[:, 0] * k + columns[:, 1]
+        L, A = (csr_matrix(matrix).tocoo() for matrix in (block.local, block.A))
         self._L = _Sums(L.row, pair[L.col], L.col, L.data)
         self._row, to = L.row[self._L.entry], columns[L.col[self._L.entry]]
         self._cell = (columns[self._row][:, :, None] * k + to[:, None, :]).T.ravel()
