@@ -8,7 +8,6 @@ from mpi4py import MPI
 
 from driver.contact.kkt import FADED, Scales, kkt_residuals
 from driver.contact.rows import ContactRows
-from driver.march import quasistatic
 from driver.march import residuals as of_steps
 from driver.march.outlook import FORESEEN, foresight, growth
 from driver.march.step import Load, Trace
