@@ -295,10 +295,10 @@ def spelled(settings: dict) -> str:
 
 def seconds(value: float) -> str:
     """Seconds, minutes or hours, two digits."""
-    for unit, size in (("s", 1.0), ("min", 60.0), ("h", 3600.0)):
-        if value < 100 * size or unit == "h":
+    for unit, size in (("s", 1.0), ("min", 60.0)):
+        if value < 100 * size:
             return f"{value / size:.2g} {unit}"
-    return ""
+    return f"{value / 3600:.2g} h"
 
 
 def table(prices: dict) -> list[list[str]]:

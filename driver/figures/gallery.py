@@ -12,7 +12,7 @@ from .convergence import adaptivity, convergence
 from .geometry import geometry
 from .history import force_displacement, history, loading, loops
 from .reading import Run, read_run
-from .style import canvas, write
+from .style import KINDS, canvas, write
 
 
 def wanted(run: Run) -> dict:
@@ -42,9 +42,10 @@ def compose(name: str, run: Run) -> Figure:
     return canvas(lambda figure: wanted(run)[name](figure, run), 12)
 
 
-def draw_run(directory: Path) -> list[Path]:
+def draw_run(directory: Path, kinds: tuple[str, ...] = tuple(KINDS)) -> list[Path]:
     """Draw all figures of a run directory into its folder ``figures``; returns the files written.
 
+    PDFs take as long again as bitmaps: a run leaves them out of `kinds`, `redraw` makes them.
     Figures of an earlier run that this one has nothing to show for are removed. Raises InputError
     if the directory holds no run.
     """
@@ -56,4 +57,4 @@ def draw_run(directory: Path) -> list[Path]:
     for name in set(FIGURES) - set(names):
         for kind in ("png", "pdf"):
             (folder / f"{name}.{kind}").unlink(missing_ok=True)
-    return [path for name in names for path in write(compose(name, run), folder, name)]
+    return [path for name in names for path in write(compose(name, run), folder, name, kinds)]

@@ -32,6 +32,8 @@ def status_name(status: str, friction: bool) -> str:
     """A status in a legend; without friction a closed node is in contact only."""
     return "contact" if status != "open" and not friction else status
 
+KINDS = {"png": (DPI, {}), "pdf": (300, {"CreationDate": None})}  # resolution and what is noted
+
 
 def canvas(draw: Callable[[Figure], None], height: float, width: float = WIDTH,
            layout: str = "constrained") -> Figure:
@@ -46,11 +48,12 @@ def canvas(draw: Callable[[Figure], None], height: float, width: float = WIDTH,
     return figure
 
 
-def write(figure: Figure, folder: Path, name: str) -> list[Path]:
-    """Write ``<folder>/<name>.png`` and ``.pdf``; returns their paths."""
+def write(figure: Figure, folder: Path, name: str,
+          kinds: tuple[str, ...] = tuple(KINDS)) -> list[Path]:
+    """Write ``<folder>/<name>.png`` and ``.pdf``, or one of the `kinds`; returns their paths."""
     paths = []
-    for kind, dpi, metadata in (("png", DPI, {}), ("pdf", 300, {"CreationDate": None})):
-        path = folder / f"{name}.{kind}"
+    for kind in kinds:
+        path, (dpi, metadata) = folder / f"{name}.{kind}", KINDS[kind]
         with renamed(path) as hidden, matplotlib.rc_context(STYLE):
             figure.savefig(hidden, format=kind, dpi=dpi, metadata=metadata)
         paths.append(path)

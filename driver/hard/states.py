@@ -3,9 +3,9 @@
 Open, in contact, sticking, sliding either way: in given states contact and friction are linear
 equations and inequalities of forces and rigid motions. Nodes whose state is not yet decided obey
 what holds in each of them: no tension, no penetration, friction inside its bound. Where the linear
-program of some decided nodes has no solution, the states of the others need not be tried; of those
-that are left the node that its law is violated at most is decided next (branch and bound). No
-bound on forces or displacements is needed.
+program of some decided nodes has no solution, the states of the others need not be tried; else the
+node whose law is violated most is decided next (branch and bound). No bound on forces or
+displacements is needed.
 """
 
 import time

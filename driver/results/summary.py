@@ -116,7 +116,8 @@ class Summary:
         "uniqueness": "search for other solutions of the steps, where there was one",
         "output": "contact quantities and fields",
         "validity": "checks of the model's assumptions",
-        "energy_error": "error in the energy norm", "estimates": "error budget", "total": "the sum",
+        "energy_error": "error in the energy norm", "estimates": "error budget",
+        "figures": "figures and animation", "total": "the sum",
         "export_cycles": "FreeFEM in refinement cycles",
         "solve_cycles": "all else in refinement cycles"})
     effects_ledger: dict = entry(

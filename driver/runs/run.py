@@ -14,6 +14,7 @@ from pathlib import Path
 from .. import options
 from ..errors import PARTIAL, InputError, error_of, shortage
 from ..estimates import adaptivity, budget, prices
+from ..files import write_json
 from ..march.checkpoint import fingerprint
 from ..options import RESULTS
 from ..report import run as report
@@ -154,22 +155,33 @@ def _complete(run: Run, work: Path, cycles: list[Path]) -> None:
         adaptivity.report(work, cycles)
         for cycle in cycles:
             shutil.rmtree(cycle)
+    clock = time.perf_counter()
     if run.figures:
         _draw(work)
     if run.animate:
         _animate(work)
+    if run.figures or run.animate:
+        _count(work, "figures", time.perf_counter() - clock)
     report.write(work)
     (work / "export" / "freefem.log").rename(work / "freefem.log")
     for folder in ("export", "companions"):  # the latter if a rank has died over the estimates
         shutil.rmtree(work / folder, ignore_errors=True)
 
 
+def _count(work: Path, stage: str, spent: float) -> None:
+    """Add the seconds of a stage after the solution to the summary: the user waits for it, too."""
+    summary = json.loads((work / "summary.json").read_text())
+    total = summary["seconds"].pop("total") + spent
+    summary["seconds"] |= {stage: spent, "total": total}
+    write_json(work / "summary.json", summary)
+
+
 def _draw(work: Path) -> None:
-    """The figures."""
+    """The figures, as bitmaps: PDFs take as long again, and `make figures` makes them."""
     def draw():
         from ..figures import draw_run
 
-        draw_run(work)
+        draw_run(work, ("png",))
 
     _try(draw)
 
@@ -239,6 +251,7 @@ def never_mattered(ledger: dict[str, dict]) -> list[str]:
 def _seconds(seconds: dict) -> str:
     """Seconds of the stages in words."""
     stages = {"FreeFEM": "export", "setup": "setup", "solve": "solve",
-              "other solutions": "uniqueness", "output": "output", "error estimates": "estimates"}
+              "other solutions": "uniqueness", "output": "output", "error estimates": "estimates",
+              "figures": "figures"}
     parts = [f"{title} {seconds[name]:.2f}" for title, name in stages.items() if name in seconds]
     return f"{seconds['total']:.2f} s ({', '.join(parts)})"

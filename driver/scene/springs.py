@@ -7,6 +7,7 @@ tractions node by node.
 """
 
 import numpy as np
+from scipy.sparse import coo_matrix
 
 FIELDS = ("spring_xx", "spring_xy", "spring_yy")  # as springs.idp names them
 
@@ -22,14 +23,13 @@ def stiffened(piece: dict, fields: dict[str, np.ndarray]) -> dict:
     node = np.flatnonzero(springs.any(axis=1))
     if not len(node):
         return piece
-    kind = piece["rows"].dtype
-    rows = (2 * node[:, None] + [0, 0, 1, 1]).ravel().astype(kind)
-    columns = (2 * node[:, None] + [0, 1, 0, 1]).ravel().astype(kind)
-    values = springs[node][:, [0, 1, 1, 2]].ravel()
-    added = {"rows": rows, "columns": columns, "values": values}
-    order = np.argsort(np.concatenate([piece["rows"], rows]), kind="stable")
-    return {**piece, "springs": springs, **{
-        name: np.concatenate([piece[name], more])[order] for name, more in added.items()}}
+    rows = np.concatenate([piece["rows"], (2 * node[:, None] + [0, 0, 1, 1]).ravel()])
+    columns = np.concatenate([piece["columns"], (2 * node[:, None] + [0, 1, 0, 1]).ravel()])
+    values = np.concatenate([piece["values"], springs[node][:, [0, 1, 1, 2]].ravel()])
+    K = coo_matrix((values, (rows, columns)), shape=(2 * len(springs),) * 2).tocsr()
+    K.sort_indices()
+    rows = np.repeat(np.arange(K.shape[0], dtype=piece["rows"].dtype), np.diff(K.indptr))
+    return {**piece, "springs": springs, "rows": rows, "columns": K.indices, "values": K.data}
 
 
 def forces(sub, u: np.ndarray) -> np.ndarray:

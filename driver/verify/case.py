@@ -21,15 +21,15 @@ LAST = -1
 class View:
     """The last step of a finished run, as references are compared with it.
 
-    `seconds` is what the whole run took. Columns of contact.csv are sorted along `axis`.
+    `seconds` is what the whole run took. Columns of contact.csv are sorted along x.
     """
 
-    def __init__(self, result: Result, settings: dict, axis: str = "x"):
+    def __init__(self, result: Result, settings: dict):
         self.result, self.settings = result, settings
         self.quantities = result.summary["quantities"]
         contact = result.contact
         last = contact["step"] == contact["step"].max() if contact else np.zeros(0, bool)
-        order = np.argsort(contact[axis][last], kind="stable") if contact else []
+        order = np.argsort(contact["x"][last], kind="stable") if contact else []
         self.contact = {name: values[last][order] for name, values in contact.items()}
         self.seconds = result.summary["seconds"]["total"]
 
@@ -73,7 +73,6 @@ class Check:
     tolerance: float
     because: str
     quantity: str = ""
-    source: str = ""
 
     def compare(self, view: View) -> tuple[float, float, float]:
         """Value, reference, error: relative, or absolute where the reference is zero."""
@@ -112,7 +111,6 @@ class Case:
     curve: Curve | None = None
     refused: tuple[dict, ...] = ()
     elements: tuple[str, ...] = ELEMENTS
-    axis: str = "x"
     peer: Callable[[View], tuple] | None = None
     others: str = ""
     note: str = ""
@@ -122,7 +120,7 @@ class Case:
 def solve(case: Case, element: str, level: dict, folder: Path, errors: bool) -> View:
     """Run a case on one mesh. Raises what the run raises."""
     settings = {**case.settings, **level, "element": element}
-    return View(_run(case, settings, folder, "yes" if errors else "no"), settings, case.axis)
+    return View(_run(case, settings, folder, "yes" if errors else "no"), settings)
 
 
 def compared(case: Case, element: str, folder: Path) -> float:
@@ -130,7 +128,7 @@ def compared(case: Case, element: str, folder: Path) -> float:
     settings = {**case.settings, **case.levels[0], "element": element, "subdomains": 1,
                 "fields": "yes"}
     with tempfile.TemporaryDirectory(prefix=".run.", dir=folder) as hidden:
-        return peer.difference(View(_left(case, settings, Path(hidden), "no"), settings, case.axis),
+        return peer.difference(View(_left(case, settings, Path(hidden), "no"), settings),
                                case.peer, Path(hidden))
 
 

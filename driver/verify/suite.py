@@ -121,7 +121,7 @@ def _row(case: Case, check: Check, results: list[tuple], view) -> dict:
     value, wanted, error = results[-1]
     entry = view.result.summary.get("errors", {}).get("quantities", {}).get(check.quantity, {})
     claimed = entry.get("total")
-    return {"quantity": check.name, "source": check.source or case.source, "reference": wanted,
+    return {"quantity": check.name, "source": case.source, "reference": wanted,
             "value": value, "error": error, "tolerance": check.tolerance,
             "met": "yes" if error <= check.tolerance else "no",
             "claimed": "" if claimed is None else claimed / (abs(wanted) or 1.0),

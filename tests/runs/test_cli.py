@@ -303,6 +303,8 @@ def test_summary_values(finished):
     parameters = {"friction": 0.3, "cells": 4, "subdomains": "4x2"}
     assert s["parameters"] == {**s["parameters"], **parameters}
     seconds = dict(s["seconds"])
+    # the user waits for the figures, too
+    assert seconds["figures"] > 0
     assert seconds.pop("total") == pytest.approx(sum(seconds.values()))
 
 
@@ -348,8 +350,7 @@ def test_files_are_complete(finished):
     files = {"summary.json", "contact.csv", "history.csv", "fields.pvd", "figures"}
     assert files <= {path.name for path in out.iterdir()}
     assert list(out.glob("*.log"))
-    png, pdf = ({p.stem for p in (out / "figures").glob(f"*.{kind}")} for kind in ("png", "pdf"))
-    assert len(png) >= 7 and pdf == png
+    assert len(list((out / "figures").glob("*.png"))) >= 7
     assert all(p.stat().st_size > 1000 for p in (out / "figures").iterdir())
 
 
@@ -388,12 +389,13 @@ def test_vtu_subdomains_and_size(finished):
 def test_figures_are_redrawn_without_solving(command, finished, tmp_path):
     """From the files alone: neither FreeFEM nor the solver, nor any change of the numbers."""
     out = shutil.copytree(finished[0], tmp_path / "copy")
-    drawn = sorted(p.name for p in (out / "figures").iterdir())
+    drawn = sorted(p.stem for p in (out / "figures").iterdir())
     shutil.rmtree(out / "figures")
     before = listing(out)
     done = command("figures", out, PATH=str(tmp_path))
     assert done.returncode == 0, done.stderr
-    assert sorted(p.name for p in (out / "figures").iterdir()) == drawn
+    for kind in ("png", "pdf"):
+        assert sorted(p.stem for p in (out / "figures").glob(f"*.{kind}")) == drawn
     after = listing(out)
     assert {name: after[name] for name in before} == before
 

@@ -1,0 +1,39 @@
+"""Contents of macros are whole numbers of the scene: sums need no parentheses."""
+
+import numpy as np
+import pytest
+
+BLOCK = """include "scene.idp"
+rectangle(0., 2., 0., 1.);
+subdomains("2x1");
+quasistatic(1.);
+macro displacement1() on(3, u1 = 0.004, u2 = -0.01) //
+macro contact() 1 //
+macro friction() 0.2 + 0.1 //
+"""
+MATERIAL = "macro young() 60. + 40. //\nmacro poisson() 0.1 + 0.2 //\n"
+HOOKE = "".join(f"macro {name}() {value} //\n" for name, value in (
+    ("c11", "60. + 90."), ("c12", "20. + 30."), ("c13", "0."), ("c22", "100. + 20."),
+    ("c23", "1. + 1."), ("c33", "20. + 20.")))
+
+
+@pytest.mark.parametrize("declared", [
+    MATERIAL + "macro gap() 0.001 + 0.002 //\n",
+    MATERIAL + "macro obstacle(x, y) y + 0.003 //\n",
+    MATERIAL + "macro obstacle(x, y) y - 0.001*x + 0.003 //\n",
+    MATERIAL + "macro initialX() 0.001 + 0.001*x //\n",
+    MATERIAL + "real slipRange = 0.01;\nmacro slipFactor(s) 1. - 10.*s //\n",
+    HOOKE])
+def test_sums_mean_what_they_mean_in_parentheses(solved, tmp_path, declared):
+    """The same scene with every content in parentheses has the same results."""
+    wrapped = "\n".join(
+        line.replace(") ", ") (", 1).replace(" //", ") //") if line.startswith("macro") else line
+        for line in declared.splitlines()) + "\n"
+    tables = []
+    for name, text in (("plain", declared), ("wrapped", wrapped)):
+        path = tmp_path / f"{name}.edp"
+        path.write_text(BLOCK + text + 'include "export.idp"\n')
+        tables.append(solved(path, cells=3, steps=2).contact)
+    assert np.abs(tables[0]["sigma_n"]).max() > 0.1
+    for column in ("gap", "u_n", "u_t", "sigma_n", "sigma_t"):
+        np.testing.assert_array_equal(tables[0][column], tables[1][column])
