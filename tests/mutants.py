@@ -148,8 +148,10 @@ def files(module: str) -> dict[str, list[Path]]:
     """Files to mutate by package; `module` is a package, a file of one, or empty for all."""
     every = {name: sorted((ROOT / "driver" / name).glob("*.py")) for name in TESTS if name != "lib"}
     every["lib"] = sorted((ROOT / "edp" / "lib").rglob("*.idp"))
-    chosen = {name: [path for path in paths if module in ("", name)
-                     or path.match(module) or path.stem == module.removesuffix(".py")]
+    if module in ("", *every):  # a package rather than a file of the same name
+        return every if module == "" else {module: every[module]}
+    chosen = {name: [path for path in paths
+                     if path.match(module) or path.stem == module.removesuffix(".py")]
               for name, paths in every.items()}
     chosen = {name: paths for name, paths in chosen.items() if paths}
     if not chosen:

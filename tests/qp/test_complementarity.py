@@ -278,6 +278,8 @@ def test_springs_do_not_know_the_unit_of_a_motion(scale):
     soft, same = one.on_springs(0.2, rest), other.on_springs(0.2, rest / scale)
     np.testing.assert_allclose(same.compliance, soft.compliance, rtol=1e-12)
     np.testing.assert_allclose(same.load, soft.load, rtol=1e-12)
+    z = np.append(np.linspace(0.5, 1.0, one.rows), 0.3)  # off balance, and by as much
+    assert other.violation(np.append(z[:-1], z[-1] / scale)) == pytest.approx(one.violation(z))
     twice = one.on_springs(0.4, rest)
     np.testing.assert_allclose(twice.compliance - soft.compliance, soft.compliance - one.compliance,
                                rtol=0, atol=1e-12 * np.abs(twice.compliance).max())
@@ -308,3 +310,10 @@ def test_a_solution_is_settled_however_many_nodes_it_has():
     states = problem.states(z, move)
     assert settled(problem, z, move, states) is not None
     assert settled(problem, z, move, states + 1) is None
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_many_nodes_hold_a_body_without_support(seed):
+    """More than whose states can all be tried: springs that yield ever more are the only way."""
+    problem = random_problem(seed, complementarity.FEW + 4, largest=0.3, motions=1)
+    assert_obeys(problem, lemke(problem))
