@@ -180,7 +180,7 @@ def test_a_home_directory_that_the_shell_left(tmp_path, monkeypatch):
 
 
 def test_figures_that_fail_leave_the_results(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("driver.figures.draw_run", lambda work: 1 / 0)
+    monkeypatch.setattr("driver.figures.draw_run", lambda work, *_more, **_options: 1 / 0)
     assert (execute(f"OUT={tmp_path / 'out'}", "FIGURES=yes").out / "summary.json").exists()
     assert "division by zero" in capsys.readouterr().err
 
