@@ -79,7 +79,7 @@ def test_a_number_that_misses_its_reference_is_said(tmp_path, monkeypatch, capsy
         dataclasses.replace(case, checks=(wrong,), elements=("P1",))])
     monkeypatch.setattr(suite, "ProcessPoolExecutor", _Here)
     with pytest.raises(DriverError, match="1 numbers miss their references"):
-        suite.run_suite({"out": str(tmp_path)})
+        suite.run_suite({"out": str(tmp_path), "case": "moose"})
     assert "MISSED: u_x of the free side" in capsys.readouterr().out
 
 
