@@ -23,6 +23,11 @@ def words(name: str) -> str:
     return name.replace("_", " ")
 
 
+def assignments(settings: dict) -> str:
+    """Settings as on the command line: NAME=value NAME=value."""
+    return " ".join(f"{name.upper()}={value}" for name, value in settings.items())
+
+
 def shown(path: Path) -> str:
     """A path as seen from the current directory, absolute where that no longer exists."""
     try:

@@ -25,7 +25,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..text import aligned, words
+from ..text import aligned, assignments, words
 from .budget import finer, ratio, share
 
 ASKED = (0.1, 0.03, 0.01, 0.003, 0.001)
@@ -288,11 +288,6 @@ def lines(kinds: list, quantity: Quantity, whole: Whole) -> list[dict]:
 
 # ---- words ---------------------------------------------------------------------------------------
 
-def spelled(settings: dict) -> str:
-    """Settings as on the command line."""
-    return " ".join(f"{name}={value}" for name, value in settings.items())
-
-
 def seconds(value: float) -> str:
     """Seconds, minutes or hours, two digits."""
     for unit, size in (("s", 1.0), ("min", 60.0)):
@@ -309,9 +304,9 @@ def table(prices: dict) -> list[list[str]]:
         if "settings" not in entry:
             rows.append([asked, f"more than {MOST / 1e6:g} million unknowns", "", "", "", ""])
             continue
-        others = [f"{spelled(offer['settings'])}: {seconds(offer['seconds'])}"
+        others = [f"{assignments(offer['settings'])}: {seconds(offer['seconds'])}"
                   for name, offer in entry["compared"].items() if name != entry["kind"]]
-        rows.append([asked, spelled(entry["settings"]), seconds(entry["seconds"]),
+        rows.append([asked, assignments(entry["settings"]), seconds(entry["seconds"]),
                      seconds(entry["seconds_bare"]), f"{entry['memory_mib']:.0f} MiB",
                      "; ".join(others)])
     return rows

@@ -68,18 +68,13 @@ class RigidParts:
         return motions * self.bodies.possible
 
     def _products(self, u: np.ndarray) -> np.ndarray:
-        """(bodies, 3) int R . u for displacements u (nodes, 2) of the rank's subdomains.
-
-        Sums of subdomains, added up in their order on any number of ranks.
-        """
+        """(bodies, 3) int R . u for displacements u (nodes, 2) of the rank's subdomains."""
         x, y = self._mass * u[:, 0], self._mass * u[:, 1]
         turned = self._moment[:, 0] * u[:, 1] - self._moment[:, 1] * u[:, 0]
         parts = np.zeros((0, 3))
         if len(u):
             parts = np.add.reduceat(np.column_stack([x, y, turned]), self._starts[:-1], axis=0)
-        total = np.zeros((len(self.bodies.size), 3))
-        np.add.at(total, self.bodies.number, np.concatenate(self.comm.allgather(parts)))
-        return total * self.bodies.possible
+        return _by_body(parts, self.bodies, self.comm) * self.bodies.possible
 
 
 class LeastDeformation:
@@ -114,8 +109,16 @@ class LeastDeformation:
         return float(np.sqrt(mean.max(initial=0.0)))
 
     def _sums(self, values: np.ndarray) -> np.ndarray:
-        """(bodies, k) sums of `values` (corner dofs, k), by subdomain in their order."""
+        """(bodies, k) sums of `values` (corner dofs, k)."""
         parts = np.column_stack([np.bincount(self._local, v, self._subdomains) for v in values.T])
-        total = np.zeros((len(self.bodies.size), values.shape[1]))
-        np.add.at(total, self.bodies.number, np.concatenate(self.comm.allgather(parts)))
-        return total
+        return _by_body(parts, self.bodies, self.comm)
+
+
+def _by_body(parts: np.ndarray, bodies, comm) -> np.ndarray:
+    """(bodies, k) sums of the ranks' `parts` (subdomains, k), by subdomain in their order.
+
+    So they are the same bits on any number of ranks.
+    """
+    total = np.zeros((len(bodies.size), parts.shape[1]))
+    np.add.at(total, bodies.number, np.concatenate(comm.allgather(parts)))
+    return total

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..text import assignments
 from . import composition
 from .dice import Dice
 from .shapes import number_text
@@ -55,7 +56,7 @@ def draw(seed: int) -> RandomScene:
     options = {"element": element, **scene.options}
     text = "\n".join([
         f"// random-{seed}.edp - {bodies.title}", f"//   make run SCENE=random-{seed}.edp "
-        + " ".join(f"{name.upper()}={value}" for name, value in {**options, **cuts[-1]}.items()),
+        + assignments({**options, **cuts[-1]}),
         'include "scene.idp"', "", f'units("{length}", "{stress}");', 'subdomains("4");',
         *scene.calls, *bodies.text(size), "", *scene.macros, "", 'include "export.idp"', ""])
     refusal = ""

@@ -17,6 +17,7 @@ import numpy as np
 
 from .. import environment
 from ..errors import DriverError
+from ..text import assignments
 from .case import KKT, TIGHT, Outcome, read_results
 from .generator import RandomScene, draw
 from .report import Row
@@ -194,7 +195,7 @@ def _verdict(scene: RandomScene, path: Path, folder: Path) -> Verdict:
 
 
 def _named(cut: dict[str, str]) -> str:
-    return " ".join(f"{name.upper()}={value}" for name, value in cut.items())
+    return assignments(cut)
 
 
 def _refused_by_intent(scene: RandomScene, verdict: Verdict) -> Verdict:

@@ -15,13 +15,13 @@ from . import peer
 
 ELEMENTS = ("P1", "P2")
 NO_SOLUTION = 3  # exit status
-LAST = -1
+TABLES = ("contact", "boundaries", "probes", "history")  # of a Result
 
 
 class View:
     """The last step of a finished run, as references are compared with it.
 
-    `seconds` is what the whole run took. Columns of contact.csv are sorted along x.
+    Columns of contact.csv are sorted along x.
     """
 
     def __init__(self, result: Result, settings: dict):
@@ -31,7 +31,6 @@ class View:
         last = contact["step"] == contact["step"].max() if contact else np.zeros(0, bool)
         order = np.argsort(contact["x"][last], kind="stable") if contact else []
         self.contact = {name: values[last][order] for name, values in contact.items()}
-        self.seconds = result.summary["seconds"]["total"]
 
     def __getitem__(self, name: str) -> np.ndarray:
         """A column of contact.csv at the last step."""
@@ -50,11 +49,7 @@ class View:
     def probe(self, name: str, column: str) -> float:
         """A number of probes.csv at the last step."""
         probes = self.result.probes
-        return float(probes[column][probes["probe"] == name][LAST])
-
-    def boundary(self, column: str) -> float:
-        """A number of the first boundary in boundaries.csv at the last step."""
-        return float(self.result.boundaries[column][LAST])
+        return float(probes[column][probes["probe"] == name][-1])
 
 
 @dataclass(frozen=True)
@@ -145,8 +140,8 @@ def _run(case: Case, settings: dict, folder: Path, errors: str) -> Result:
     """The tables of a run whose files are gone."""
     with tempfile.TemporaryDirectory(prefix=".run.", dir=folder) as hidden:
         result = _left(case, settings, Path(hidden), errors)
-        assert result.contact is not None and result.boundaries is not None  # read while they
-        assert result.probes is not None and result.history is not None      # are there
+        for table in TABLES:  # read while they are there
+            getattr(result, table)
     return result
 
 

@@ -6,7 +6,7 @@ from PIL import Image
 
 from ..environment import ROOT
 from ..files import renamed
-from ..text import percent
+from ..text import assignments, percent
 from .case import Case
 
 FOLDER = ROOT / "edp" / "verify"
@@ -80,7 +80,7 @@ def _orders(rows: list[dict]) -> str:
 def _section(case: Case, rows: list[dict], picture: Path | None) -> str:
     scene = case.scene.removeprefix("verify/")
     link = f"{scene}.edp" if case.scene != scene else f"../{scene}.edp"
-    settings = " ".join(f"{key.upper()}={value}" for key, value in case.settings.items())
+    settings = assignments(case.settings)
     lines = [f"## {case.name}", "",
              f"{case.title}. Scene [{scene}.edp]({link}){f' with `{settings}`' if settings else ''}"
              f"; reference: {case.source}.", ""]

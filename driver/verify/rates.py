@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..text import assignments
 from . import friction
 from .case import Case, View, solve
 
@@ -114,8 +115,8 @@ def _rows(series: Series, folder: Path) -> list[dict]:
     element = "P2" if series.element == "P2" else "P1"
     views = [solve(case, element, run, folder, False) for run in series.runs]
     names = {"h": ("cells", "h"), "time step": ("steps",)}[series.varied]
-    values = [" ".join(f"{key.upper()}={value}" for key, value in run.items()
-                       if key in (*names, "adapt")) for run in series.runs]
+    values = [assignments({key: value for key, value in run.items() if key in (*names, "adapt")})
+              for run in series.runs]
     rows = []
     for quantity, error in series.errors.items():
         errors = [error(view, views[-1]) for view in views[: len(series.sizes)]]

@@ -11,6 +11,7 @@ from .. import options
 from ..errors import DriverError, InputError
 from ..files import write_table
 from ..runs.guard import study_folder
+from ..text import assignments
 from . import peer
 from .case import NO_SOLUTION, Case, Check, compared, refusal, solve
 
@@ -107,7 +108,7 @@ def judge(name: str, element: str, folder: Path) -> tuple[list[dict], list[dict]
     views = [solve(case, element, level, folder, level is levels[-1]) for level in levels]
     results = [[check.compare(view) for view in views] for check in case.checks]
     seconds = time.perf_counter() - clock
-    mesh = " ".join(f"{key.upper()}={value}" for key, value in levels[-1].items())
+    mesh = assignments(levels[-1])
     shared = {"case": case.name, "seconds": seconds, "element": element, "mesh": mesh}
     rows = [{**shared, **_row(case, check, on_meshes, views[-1])}
             for check, on_meshes in zip(case.checks, results)]
@@ -130,7 +131,7 @@ def _row(case: Case, check: Check, results: list[tuple], view) -> dict:
 
 
 def _beside_getfem(case: Case, element: str, folder: Path) -> dict:
-    mesh = " ".join(f"{key.upper()}={value}" for key, value in case.levels[0].items())
+    mesh = assignments(case.levels[0])
     difference = compared(case, element, folder)
     return {"quantity": "contact forces of the nodes against GetFEM's", "source": "GetFEM",
             "reference": 0.0, "value": difference, "error": difference, "tolerance": peer.SAME,
@@ -140,7 +141,7 @@ def _beside_getfem(case: Case, element: str, folder: Path) -> dict:
 
 def _refused(case: Case, settings: dict, folder: Path) -> dict:
     status = refusal(case, settings, folder)
-    words = " ".join(f"{key.upper()}={value}" for key, value in settings.items())
+    words = assignments(settings)
     return {"quantity": f"exit status with {words}", "source": case.source,
             "reference": NO_SOLUTION, "value": status, "error": float(status != NO_SOLUTION),
             "tolerance": 0.5, "met": "yes" if status == NO_SOLUTION else "no", "claimed": "",

@@ -289,17 +289,25 @@ def test_directories_of_other_results_are_left_alone(tmp_path):
     assert hidden(tmp_path) == [".a.1x", ".a.b.1", ".a.old", ".ab.1"]
 
 
+SUMMARY = '{"scene": "%s", "units": {}, "seconds": {}}'
+
+
+def published_before(tmp_path):
+    """A directory with an old result, and a workspace with the new one to be published there."""
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "summary.json").write_text(SUMMARY % "old")
+    place = workspace.Workspace(out)
+    (place.path / "summary.json").write_text(SUMMARY % "new")
+    return out, place
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGALRM],
                          ids=["interrupt", "one that comes once more"])
 @pytest.mark.parametrize("atomic", [True, False], ids=["exchange", "two renames"])
 def test_an_interrupt_while_publishing_waits(tmp_path, monkeypatch, atomic, number):
     """At the moment when an older result might have its private name only."""
-    out = tmp_path / "out"
-    out.mkdir()
-    summary = '{"scene": "%s", "units": {}, "seconds": {}}'
-    (out / "summary.json").write_text(summary % "old")
-    place = workspace.Workspace(out)
-    (place.path / "summary.json").write_text(summary % "new")
+    out, place = published_before(tmp_path)
     exchange = workspace._exchange
 
     def interrupted(*paths):
@@ -314,19 +322,14 @@ def test_an_interrupt_while_publishing_waits(tmp_path, monkeypatch, atomic, numb
             place.publish(out)
     finally:
         signal.signal(number, before)
-    assert (out / "summary.json").read_text() == summary % "new" and hidden(tmp_path) == []
+    assert (out / "summary.json").read_text() == SUMMARY % "new" and hidden(tmp_path) == []
 
 
 def test_where_directories_cannot_be_exchanged_one_result_is_always_whole(tmp_path, monkeypatch):
     """Before each of the renames and removals the old result or the new one is there, under its
     name or the private one that the next run takes back.
     """
-    out = tmp_path / "out"
-    out.mkdir()
-    summary = '{"scene": "%s", "units": {}, "seconds": {}}'
-    (out / "summary.json").write_text(summary % "old")
-    place = workspace.Workspace(out)
-    (place.path / "summary.json").write_text(summary % "new")
+    out, place = published_before(tmp_path)
     monkeypatch.setattr(workspace, "_exchange", lambda *_: False)
     seen = []
 
@@ -343,7 +346,7 @@ def test_where_directories_cannot_be_exchanged_one_result_is_always_whole(tmp_pa
     with place:
         place.publish(out)
     assert len(seen) >= 3 and all(seen)
-    assert (out / "summary.json").read_text() == summary % "new" and hidden(tmp_path) == []
+    assert (out / "summary.json").read_text() == SUMMARY % "new" and hidden(tmp_path) == []
 
 
 def test_checkpoints_of_another_state_of_the_code_are_refused(tmp_path, monkeypatch):

@@ -19,7 +19,7 @@ from ...estimates.budget import vanishing
 from ...files import write_table
 from ...runs.run import Run, execute
 from ...scene import freefem
-from ...text import percent, words
+from ...text import assignments, percent, words
 
 TIGHT = {"rtol": "1e-9", "friction_rtol": "1e-8", "primal_rtol": "1e-7", "uniqueness": "no",
          "errors": "no"}
@@ -100,6 +100,8 @@ CASES = (
          ({"cells": 12, "steps": 160}, {"cells": 24, "steps": 160})),
 )
 
+EXACT = {case.scene: case.exact for case in CASES if case.exact}  # closed forms by scene
+
 
 def run_coverage(out: Path, scene: str | None) -> list[Path]:
     """Run all cases, or those of `scene`; make and draw the table in `out`; returns the files.
@@ -108,18 +110,27 @@ def run_coverage(out: Path, scene: str | None) -> list[Path]:
     """
     from ...figures.coverage import draw
 
-    cases, rows = chosen(CASES, scene), []
-    for number, case in enumerate(cases, 1):
-        own = judge(case, out)
-        rows += own
-        print(f"[{number}/{len(cases)}] {case.scene}: {describe(own)}", flush=True)
-        table = write_table(out / "coverage.csv", rows, COLUMNS)
-    print(f"all: {describe(rows)}")
-    for row in rows:
+    table = out / "coverage.csv"
+    for row in judged(chosen(CASES, scene), judge, describe, table, COLUMNS):
         if row["held"] == "no":
             print(f"  {row['scene']} {row['setting']}: {words(row['quantity'])} claimed "
                   f"{percent(row['claimed'])}, true {percent(row['true'])}")
     return [table, *draw(table)]
+
+
+def judged(cases: list[Case], judge_case, describe_rows, table: Path, columns) -> list[dict]:
+    """Rows of `judge_case`(case, directory) of all cases, in `table` from the first case on.
+
+    What `describe_rows`(rows) says of each case and of all is printed.
+    """
+    rows = []
+    for number, case in enumerate(cases, 1):
+        own = judge_case(case, table.parent)
+        rows += own
+        print(f"[{number}/{len(cases)}] {case.scene}: {describe_rows(own)}", flush=True)
+        write_table(table, rows, columns)
+    print(f"all: {describe_rows(rows)}")
+    return rows
 
 
 def references(case: Case, out: Path) -> tuple[dict, dict]:
@@ -145,8 +156,7 @@ def judge(case: Case, out: Path) -> list[dict]:
     (finer, finest), rows = references(case, out), []
     for settings in case.runs:
         _, errors = _values(case, {"quiet": "yes", **settings}, out)
-        label = " ".join(f"{name.upper()}={value}"
-                         for name, value in (case.common | settings).items())
+        label = assignments(case.common | settings)
         zero = vanishing({name: entry["value"] for name, entry in errors.items()},
                          {name: entry["total"] for name, entry in errors.items()})
         for name, entry in errors.items():

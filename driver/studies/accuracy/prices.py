@@ -15,9 +15,7 @@ import tempfile
 from pathlib import Path
 
 from ... import environment
-from ...estimates.prices import spelled
-from ...files import write_table
-from ...text import percent, words
+from ...text import assignments, percent, words
 from . import coverage
 from .coverage import CASES, Case
 
@@ -43,14 +41,8 @@ def run_prices(out: Path, scene: str | None) -> list[Path]:
     from ...figures.prices import draw
 
     cases = coverage.chosen([case for case in first_cases() if case.scene in RUNS], scene)
-    rows = []
-    for number, case in enumerate(cases, 1):
-        own = judge(case, out)
-        rows += own
-        print(f"[{number}/{len(cases)}] {case.scene}: {describe(own)}", flush=True)
-        table = write_table(out / "prices.csv", rows, COLUMNS)
-    print(f"all: {describe(rows)}")
-    for row in rows:
+    table = out / "prices.csv"
+    for row in coverage.judged(cases, judge, describe, table, COLUMNS):
         if "no" in (row["met"], row["within"]):
             print(f"  {row['scene']} {row['price']}: {words(row['quantity'])} to "
                   f"{percent(row['accuracy'])}, true {percent(row['true'])}, "
@@ -74,12 +66,12 @@ def judge(case: Case, out: Path) -> list[dict]:
     finer, finest = (values[name] for values in coverage.references(case, out))
     reference = case.exact.get(name, finest)
     uncertainty = 0.0 if name in case.exact else abs(finest - finer) / abs(reference)
-    label = " ".join(f"{key.upper()}={value}" for key, value in settings.items())
+    label = assignments(settings)
     rows = []
     for line in prices["lines"]:
         if "settings" not in line or line["seconds"] > LONG:
             continue
-        price = spelled(line["settings"])
+        price = assignments(line["settings"])
         if price not in done:
             chosen = {key.lower(): value for key, value in line["settings"].items()}
             done[price] = _run(case.common | chosen | {"scene": case.scene}, out)

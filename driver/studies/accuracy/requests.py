@@ -12,7 +12,6 @@ import tempfile
 from pathlib import Path
 
 from ...errors import DriverError
-from ...files import write_table
 from ...runs.run import Run, execute
 from ...runs.workspace import unconverged
 from ...scene import freefem
@@ -34,14 +33,8 @@ def run_requests(out: Path, scene: str | None) -> list[Path]:
     Raises InputError if the study has no such scene.
     """
     cases = coverage.chosen([case for case in first_cases() if case.scene in SCENES], scene)
-    rows = []
-    for number, case in enumerate(cases, 1):
-        own = judge(case, out)
-        rows += own
-        print(f"[{number}/{len(cases)}] {case.scene}: {describe(own)}", flush=True)
-        table = write_table(out / "requests.csv", rows, COLUMNS)
-    print(f"all: {describe(rows)}")
-    for row in rows:
+    table = out / "requests.csv"
+    for row in coverage.judged(cases, judge, describe, table, COLUMNS):
         if row["right"] == "no":
             print(f"  {row['scene']} {words(row['quantity'])} to {percent(row['asked'])}: "
                   f"{row['reason'] or 'true error ' + percent(row['true'])}")

@@ -33,7 +33,7 @@ from ...options import RESULTS
 from ...runs import guard
 from ...runs.run import Run, execute
 from ...scene import freefem
-from ...text import percent, words
+from ...text import assignments, percent, words
 from .cheapest import CHEAPEST_COLUMNS, RUN_COLUMNS, cheapest_rows, describe, run_rows
 from .reference import CLOSED_FORMS, Reference, most_sensitive, references
 from .trial import TIGHT, Setting, Trial
@@ -103,7 +103,7 @@ class Study:
         setting = dataclasses.replace(self.base, **changes)
         options = setting.options(self.mesh_name)
         return Trial(sweep, value, setting,
-                     " ".join(f"{name.upper()}={word}" for name, word in options.items()))
+                     assignments(options))
 
     def plan(self) -> list[Trial]:
         """All trials but the reference's."""
