@@ -91,6 +91,10 @@ class Effect:
     def paired_sides(self, subdomains, fixed, comm, moved=None):
         """Boundaries of two bodies that meet; see effects/pair.py."""
 
+    def joints(self) -> list:
+        """Boundaries that it joins for good: Joint of contact/joints.py."""
+        return []
+
     def friction_coefficient(self, contact) -> np.ndarray | None:
         """(n_c,) F of the friction bound F |lambda_n|."""
 
@@ -197,12 +201,19 @@ class Effects:
         sides = (room.paired_sides(subdomains, fixed, comm, moved) for room in self)
         return next((pair for pair in sides if pair is not None), None)
 
+    @property
+    def joints(self) -> list:
+        """Boundaries joined for good, in the order of their declaration."""
+        return [joint for room in self for joint in room.joints()]
+
     def contact_law(self, contact) -> ContactLaw:
         """Friction coefficients and bounds at the contact nodes."""
         coefficient = _sum(room.friction_coefficient(contact) for room in self)
         pulls = _sum(room.pulls(contact) for room in self)
-        return ContactLaw(coefficient, _sum(room.friction_offset(contact) for room in self),
-                          np.zeros(len(contact.weight), bool) if pulls is None else pulls)
+        pulls = np.zeros(len(contact.weight), bool) if pulls is None else pulls
+        if contact.joined:
+            pulls = pulls | contact.is_joint
+        return ContactLaw(coefficient, _sum(room.friction_offset(contact) for room in self), pulls)
 
     def initial_displacement(self, contact) -> np.ndarray:
         """(n_c,) tangential displacement at time 0, zero if none is declared."""

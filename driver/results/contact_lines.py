@@ -17,7 +17,7 @@ class ContactLines:
 
     def __init__(self, directory: Path, structure: Substructure, root: bool):
         """`root`: whether this rank writes."""
-        self.directory, self.boundary = directory, structure.contact
+        self.directory, self.boundary = directory, structure.contact.declared
         self.lines = _lines(structure) if root else None
 
     def write(self, index: int, moved: np.ndarray, state: dict) -> None:
@@ -45,7 +45,7 @@ class ContactLines:
 
 def _lines(structure: Substructure) -> np.ndarray:
     """(k, 2) contact nodes at the ends of edges, of quadratic elements of their halves."""
-    b, edges, middles = structure.contact, structure.outer_edges, structure.outer_middles
+    b, edges, middles = structure.contact.declared, structure.outer_edges, structure.outer_middles
     nodes = {name: getattr(b, name) for name in ("arc", "xy", "chain")}
     pieces = chains(nodes)
     pairs = [np.column_stack([piece[:-1], piece[1:]]) for piece in pieces]

@@ -102,6 +102,7 @@ def chains(nodes: dict) -> list[np.ndarray]:
     arc, xy, chain = nodes["arc"], nodes["xy"], nodes["chain"]
     along, across = np.diff(arc), np.linalg.norm(np.diff(xy, axis=0), axis=1)
     breaks = (chain[1:] != chain[:-1]) | (np.abs(along - across) > 1e-6 * across)
+    breaks |= across < 1e-9 * across.max(initial=0.0)  # bodies side by side, one label
     return np.split(np.arange(len(arc)), np.flatnonzero(breaks) + 1)
 
 

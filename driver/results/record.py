@@ -25,7 +25,7 @@ class Record:
         b = self.contact.boundary
         self.dissipation = None
         if self.effects.frictional:
-            bound = start(self.effects, solver.law, b.weight, solver.amplitudes)
+            bound = start(self.effects, self.contact.law, b.weight, solver.amplitudes)
             self.dissipation = Dissipation(b.weight, b.gap, bound)
 
     def add(self, step: Step) -> tuple[list[np.ndarray], dict[str, np.ndarray]]:

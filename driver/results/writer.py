@@ -156,9 +156,8 @@ class Writer:
 
 def _probes(manifest: Manifest, operator: DualOperator, effects):
     """The probes of the scene, None where it declares none."""
-    room = effects.rooms.get("probe")
-    if room is None:
+    if "probe" not in effects:
         return None
     from .probes import Probes  # here: most scenes have none
 
-    return Probes(operator, manifest, room)
+    return Probes(operator, manifest, effects)

@@ -37,7 +37,8 @@ GIVEN_ON = {"edges": "form", "supports": "form", "triangles": "vector", "initial
             "nodes": "list"}
 CONTENTS = {"support": "form", "contact": "labels", "contactPair": "labels",
             "contactNormal": "vector", "young": "number", "poisson": "number", "piece": "number",
-            "stepTimes": "list", "foundation": "labels", "foundationNormal": "number",
+            "stepTimes": "list", "tie": "labels",
+            "periodic": "labels", "foundation": "labels", "foundationNormal": "number",
             "foundationTangential": "number", "pointSpring": "list",
             "slipFactor": "number", "displacementFactor": "number", "amplitude#": "number",
             **{f"c{k}": "number" for k in (11, 12, 13, 22, 23, 33)}}

@@ -83,7 +83,7 @@ def run(directory: Path, request: Request, comm) -> tuple[int, str]:
                    "counts": {"dual_multiplications": products}, "seconds": seconds,
                    "ranks": comm.size, "units": manifest.units,
                    "parameters": {**parameters, **dataclasses.asdict(settings)}}
-        _write(directory, request, structure.contact, outcomes, summary)
+        _write(directory, request, structure.contact.declared, outcomes, summary)
     return status, reason
 
 
@@ -152,7 +152,7 @@ def _check_same(name: str, base, value) -> None:
                              f"{part.replace('_', ' ')}")
 
 
-def _contact_of(name: str, effects, boundary, data, gid: np.ndarray, pairs: list):
+def _contact_of(name: str, effects, whole, data, gid: np.ndarray, pairs: list):
     """The contact boundary with the columns of one value, read as `data` at the nodes `gid`.
 
     Nodes, weights and normals of all values are those of the first (study.idp): that later ones
@@ -160,6 +160,7 @@ def _contact_of(name: str, effects, boundary, data, gid: np.ndarray, pairs: list
     """
     table = contact_table(data, list(data.columns), gid, np.zeros((len(gid), 2)))
     read = merge_parts(table, list(data.columns), pairs)
+    boundary = whole.declared
     place = _places(boundary, read)
     rigid = ~boundary.paired  # between two bodies weight, normal and gap follow from both sides
     if not ((place >= 0).all()
@@ -176,7 +177,7 @@ def _contact_of(name: str, effects, boundary, data, gid: np.ndarray, pairs: list
         gap[joint] = np.bincount(boundary.term_node, each, minlength=len(gap))[joint]
     if gap[~rigid].any():
         raise InputError(f"a study cannot vary {name.upper()} in a scene that declares pairGap")
-    return dataclasses.replace(boundary, columns=columns, gap=np.where(rigid, gap, boundary.gap))
+    return whole.renewed(columns, np.where(rigid, gap, boundary.gap))
 
 
 def _places(boundary, read) -> np.ndarray:
@@ -215,10 +216,11 @@ def _solve(problem, settings, near: np.ndarray | None) -> tuple[Outcome, np.ndar
     if solver.largest_friction <= DOUBTFUL_FRICTION:
         solver.condensation.guess = near
     history, fields, u_t, failure = [], {}, solver.initial, None
-    contact = operator.structure.contact
+    contact = operator.structure.contact.declared
+    u_t = u_t[: len(contact.gid)]
+    law = solver.effects.contact_law(contact)
     friction = Dissipation(contact.weight, contact.gap,
-                           start(solver.effects, solver.law, contact.weight,
-                                 solver.amplitudes))
+                           start(solver.effects, law, contact.weight, solver.amplitudes))
 
     shares = label_shares(operator.structure)[1]
 
@@ -257,7 +259,8 @@ def _solve(problem, settings, near: np.ndarray | None) -> tuple[Outcome, np.ndar
 
 def _fields(operator, rows, step, u_t: np.ndarray) -> dict[str, np.ndarray]:
     """Nodal contact quantities from multipliers and gradient: at its rows B u = c - gradient."""
-    contact, values = operator.structure.contact, np.zeros((6, len(u_t)))
+    contact = operator.structure.contact.declared
+    values = np.zeros((6, len(operator.structure.contact.gid)))
     values[0, rows.normal_node] = rows.gap - step.gradient[rows.normal]
     compliance = operator.structure.compliance
     if compliance is not None:  # B u = c - gradient + what the asperities yield
@@ -270,7 +273,7 @@ def _fields(operator, rows, step, u_t: np.ndarray) -> dict[str, np.ndarray]:
     values[5, rows.normal_node] = step.status
     # a node has one rank: no sum depends on their order
     operator.comm.Allreduce(MPI.IN_PLACE, values)
-    u_n, slip, force_n, force_t, bound, status = values
+    u_n, slip, force_n, force_t, bound, status = values[:, : len(contact.gid)]
     w = contact.weight
     return {"u_n": u_n, "u_t": u_t + slip, "slip": slip, "sigma_n": force_n / w + 0.0,
             "sigma_t": force_t / w + 0.0, "bound": bound / w, "status": status.astype(int)}
