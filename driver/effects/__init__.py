@@ -71,6 +71,8 @@ class Effect:
 
     frictional = False  # adds tangential rows
     changes_coefficient = False  # the friction coefficient depends on the state
+    closes = False  # nodes yield by a law of their force and slip, see march/closure.py
+    yields = 0.0  # 1 where nodes without force may be beyond the gap by the law's tangent alone
     # quantities of interest that it gives sense to, see results/quantities.py
     quantities: tuple[str, ...] = ()
     # entries of `effects` in summary.json that differ from those of a scene without it
@@ -117,6 +119,23 @@ class Effect:
         """(j,) factor of the coefficient at displacements u_t, `last` those of the step before."""
         raise NotImplementedError
 
+    # ---- laws by which nodes yield, where it `closes` (march/closure.py) ------------------------
+    def worn(self, nodes: np.ndarray) -> np.ndarray:
+        """(k,) by how much the gap of the contact `nodes` (k,) has grown in the steps before."""
+        return np.zeros(len(nodes))
+
+    def closure(self, nodes, force, slip) -> np.ndarray:
+        """(k,) by how much `nodes` yield under normal forces (k,) and slips (k,) of the step."""
+        raise NotImplementedError
+
+    def reach(self, nodes, force, own) -> float:
+        """Size of the closures `own` (k,), whose largest over the ranks `tangent` gets."""
+        return 0.0
+
+    def tangent(self, nodes, force, own, slip, reach) -> tuple[np.ndarray, np.ndarray]:
+        """Slope and offset (k,) of the law about forces or the closures `own` (k,)."""
+        raise NotImplementedError
+
     # ---- what it carries from step to step ------------------------------------------------------
     def prepare(self, contact) -> None:
         """Allocate what is carried; a solver has effects of its own."""
@@ -125,8 +144,11 @@ class Effect:
         """Arrays (n_c,) by name, each rank's own nodes valid; checkpoints keep them."""
         return {}
 
-    def step_ends(self, nodes: np.ndarray, slip: np.ndarray) -> None:
-        """A step ended in which the contact `nodes` (j,) of the rank have slid by `slip` (j,)."""
+    def step_ends(self, nodes: np.ndarray, slip: np.ndarray, force: np.ndarray) -> None:
+        """A step ended in which the contact `nodes` (j,) of the rank have slid by `slip` (j,).
+
+        With normal forces (j,) at its end.
+        """
 
     def no_estimate(self, weights: np.ndarray) -> str:
         """Why the energy norm is infinite under the pattern factors `weights`, empty if it is not.
@@ -161,6 +183,7 @@ class Effects:
         self.contact = bool(manifest.contact_labels)
         self.frictional = any(room.frictional for room in self)
         self.coefficient_changes = any(room.changes_coefficient for room in self)
+        self.closes = any(room.closes for room in self)
         self.quasistatic = manifest.quasistatic
         self.bodies = manifest.bodies
 
@@ -230,7 +253,7 @@ class Effects:
         `initial` (n_c,) is the tangential displacement at time 0.
         """
         law = self.contact_law(contact)
-        return (law.offset is None and not self.coefficient_changes
+        return (law.offset is None and not self.coefficient_changes and not self.closes
                 and not contact.gap.any() and not initial.any())
 
     def before_first_step(self, solver) -> None:
@@ -253,10 +276,10 @@ class Effects:
         return {f"{room.name}.{name}": values
                 for room in self for name, values in room.carried().items()}
 
-    def step_ends(self, nodes: np.ndarray, slip: np.ndarray) -> None:
+    def step_ends(self, nodes: np.ndarray, slip: np.ndarray, force: np.ndarray) -> None:
         """A step ended; see Effect."""
         for room in self:
-            room.step_ends(nodes, slip)
+            room.step_ends(nodes, slip, force)
 
     def no_estimate(self, weights: np.ndarray) -> str:
         """Why the error in the energy norm has no estimate under the pattern factors `weights`."""

@@ -51,6 +51,22 @@ def flattened_waves(outcome):
            full * np.array([mean, 2 * np.sqrt(mean)]))
 
 
+def power_law(outcome):
+    """Of flange.edp: p = c (u_n - g)_+^m at every node, as what is smooth in the other one."""
+    closure = np.maximum(outcome.contact["u_n"] - outcome.contact["gap"], 0)
+    known, pressure = outcome.summary["parameters"], -outcome.contact["sigma_n"]
+    if known["exponent"] < 1:
+        yield closure, (pressure / known["asperities"]) ** (1 / known["exponent"])
+    else:
+        yield pressure, known["asperities"] * closure ** known["exponent"]
+
+
+def worn_level(outcome):
+    """Of worn-pad.edp after a long way: 5 MPa at every node, k N S in the last step."""
+    last = -outcome.contact["sigma_n"][-1]
+    yield last, np.full(len(last), 5.0)
+
+
 ROUGH = ({"SUBDOMAINS": "4x2", "CELLS": 4}, {"SUBDOMAINS": 9, "CELLS": 9})
 
 CASES = [
@@ -62,6 +78,14 @@ CASES = [
     *(Case(f"waves with crests at {crest:g} of the periodic side", "ripple",
            {"CREST": crest, "ELEMENT": "P2", "H": 0.01}, ({"SUBDOMAINS": 3}, {"SUBDOMAINS": 17}),
            (closed_form("load and peak", 5e-3, flattened_waves),)) for crest in (0, 0.3, 0.5)),
+    *(Case(f"faces that close by the power {m:g}, c = {c:g}", "flange",
+           {"EXPONENT": m, "ASPERITIES": c, "H": 5}, ({"SUBDOMAINS": 3}, {"SUBDOMAINS": 19}),
+           (closed_form("p = c (u_n - g)^m", 1e-5, power_law),), fast=m == 2)
+      for m, c in ((0.5, 5e3), (2, 1e8), (3.33, 1e13))),
+    *(Case(f"a lining that wears off {k:g} times as fast", "worn-pad",
+           {"WEAR": k * 1e-4, "STROKE": 4000 / k, "STEPS": 12},
+           ({"SUBDOMAINS": "2x1", "CELLS": 4}, {"SUBDOMAINS": "4x2", "CELLS": 4}),
+           (closed_form("level pressure", 1e-3, worn_level),)) for k in (0.1, 1, 10)),
     Case("full lift-off", BLOCK, {"PRESS": -10e7, "PULL": 0, "GAP": 1e-3},
          checks=(*BOTH, holds("nothing touches", lambda o: not touching(o).any()))),
     Case("lift-off after contact", BLOCK, {"PULL": 0, "LIFT": 0, "PRESS": -10e7, "GAP": -1e-4},

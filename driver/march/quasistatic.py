@@ -68,6 +68,7 @@ class QuasistaticSolver:
             CornerStates(self.fixed_point, operator.structure.contact))
         own = 0.0 if self.rows.bound_is_given else float(self.rows.coefficient.max(initial=0))
         self.largest_friction = operator.comm.allreduce(own, op=MPI.MAX)
+        self.closure = self._closure()
         self.uniqueness = Uniqueness(self.largest_friction > 0)
         self.doubtful = False
         self.loads = [self._size(weights) for weights in amplitudes[1:]]
@@ -82,6 +83,14 @@ class QuasistaticSolver:
         from ..effects.free_bodies import FreeBodies
 
         return FreeBodies(self.operator, self.rows, self.effects, self.scales, self.history)
+
+    def _closure(self):
+        """What laws of rough or worn surfaces need, imported only where there are such laws."""
+        if not self.effects.closes:
+            return None
+        from .closure import Closure
+
+        return Closure(self.qp, self.effects, self.residuals)
 
     def steps(self):
         """Generate the `Step`s after those in `history`. StepFailed where one has no solution."""
@@ -128,7 +137,8 @@ class QuasistaticSolver:
         patterns = self.operator.structure.patterns
         self.motion, self.older_motion = step.weights[patterns :], self.motion
         slip = self.slip.advance(step.multipliers, step.gradient, step.weights, self.scales)
-        self.effects.step_ends(self.rows.tangential_node, slip)
+        self.effects.step_ends(self.rows.tangential_node, slip,
+                               step.multipliers[self.rows.pair])
         self._record(step)
         return step, error
 
@@ -175,12 +185,18 @@ class QuasistaticSolver:
         """
         op, rows = self.operator, self.rows
         products, trace, error = op.products, Trace(), None
+        if self.closure is not None:
+            self.closure.begin_step()
         moved = op.apply(x)
         load = self.load(index, motion, moved)
         self.scales.renew(d=load.extent)
         try:
             start = x, moved - load.d, sliding
-            x, gradient, moved, residuals = self._settled(index, load, *start, trace)
+            if self.closure is None:
+                x, gradient, moved, residuals = self._settled(index, load, *start, trace)
+            else:
+                x, gradient, moved, residuals = self.closure.settled(
+                    index, load, start, trace, self._settled)
             self._examine(index, load, x, gradient, trace)
             self.bodies.note_loose_motion(index, x)
         except Unfinished as failure:
@@ -261,7 +277,8 @@ class QuasistaticSolver:
         if not search.frictional or search.failure or (
                 not worthwhile(choice, nodes, self.largest_friction, self.doubtful)):
             return
-        search.failure = CHANGING if self.effects.coefficient_changes else too_many(nodes)
+        changes = self.effects.coefficient_changes or self.effects.closes
+        search.failure = CHANGING if changes else too_many(nodes)
         if search.failure:
             return
         clock = time.perf_counter()

@@ -8,6 +8,7 @@ import numpy as np
 from ..contact.states import ContactField
 from ..feti.structure import Substructure
 from ..files import renamed
+from .contact_state import WEAR, less_wear
 from .quantities import chains
 from .tables import contact_file
 
@@ -27,12 +28,14 @@ class ContactLines:
         """
         import meshio
 
-        b = self.boundary
+        b, opening = self.boundary, self.boundary.gap - less_wear(state)[ContactField.U_N]
         data = {"displacement": moved[b.gid], "normal": b.normal,
                 "pressure": -state[ContactField.SIGMA_N] + 0.0,
                 "shear": state[ContactField.SIGMA_T], "gap": b.gap,
-                "opening": b.gap - state[ContactField.U_N], "slip": state[ContactField.SLIP],
+                "opening": opening, "slip": state[ContactField.SLIP],
                 "status": state[ContactField.STATUS].astype(int), "boundary": b.label.astype(int)}
+        if WEAR in state:
+            data["wear"] = state[WEAR]
         data = {name: np.column_stack([values, np.zeros(len(values))]) if values.ndim == 2
                 else values for name, values in data.items()}
         cells = [("line", self.lines)]

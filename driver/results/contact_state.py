@@ -8,7 +8,14 @@ from ..feti.operator import DualOperator
 from ..march.quasistatic import QuasistaticSolver
 from ..march.step import Step
 
-JOINTS = "joints"  # in what `ContactState.evaluate` returns
+JOINTS, WEAR = "joints", "wear"  # in what `ContactState.evaluate` returns
+
+
+def less_wear(states: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """`states` with u_n less what has worn away: at most the gap of the new surface."""
+    if WEAR not in states:
+        return states
+    return states | {ContactField.U_N: states[ContactField.U_N] - states[WEAR]}
 
 
 class ContactState:
@@ -22,6 +29,8 @@ class ContactState:
         self.solver = solver
         # of the step before: tangential displacement less travel, and pattern factors of that
         self._elastic = self._weights = None
+        # depth so far, where the scene declares wear
+        self.worn = np.zeros(len(self.boundary.gid)) if "wear" in solver.effects else None
         self.constrained = self._constrained()
         self._find_terms()
         self._travel = self._travel_at_nodes()
@@ -56,7 +65,7 @@ class ContactState:
     def evaluate(self, step: Step, displacements: list[np.ndarray]) -> dict[str, np.ndarray]:
         """Arrays (n_c,) of every `ContactField` at the end of `step`, status as code; collective.
 
-        Beside them JOINTS, the nodal forces of the rows of joints.
+        Beside them JOINTS, the nodal forces of the rows of joints, and WEAR where it is declared.
 
         `displacements` (dofs,) of the rank's subdomains, less the travel. Steps must come in their
         order: slip is counted from the step before.
@@ -82,11 +91,19 @@ class ContactState:
             self._elastic = self.solver.initial[: len(b.gid)] - self._carried_t(self._weights)
         slip = elastic - self._elastic + self._carried_t(weights - self._weights)
         self._elastic, self._weights = elastic, weights
-        return {ContactField.U_N: u_n, ContactField.U_T: u_t, ContactField.SLIP: slip,
+        more = {} if self.worn is None else {WEAR: self._wear(slip, values[0])}
+        return {**more, ContactField.U_N: u_n, ContactField.U_T: u_t, ContactField.SLIP: slip,
                 ContactField.SIGMA_N: 0.0 - values[0] / b.weight,
                 ContactField.SIGMA_T: 0.0 - values[1] / b.weight,
                 ContactField.BOUND: values[2] / b.weight,
                 ContactField.STATUS: values[3].astype(int), JOINTS: joints}
+
+    def _wear(self, slip: np.ndarray, force: np.ndarray) -> np.ndarray:
+        """(n_c,) worn depth at the end of a step with slips and normal forces (n_c,)."""
+        b = self.boundary
+        pressure = np.where(b.tangential_row >= 0, np.maximum(force, 0.0), 0.0) / b.weight
+        self.worn = self.worn + b.columns["wear"] * np.abs(slip) * pressure
+        return self.worn
 
     def _carried_t(self, weights: np.ndarray) -> np.ndarray:
         """(n_c,) tangential displacements by travel with pattern factors `weights`."""

@@ -8,6 +8,7 @@
     contact_length        length in contact, its edges located between nodes
     slip                  longest way that a point of the boundary has slid in contact since time 0
     dissipated_energy     work that friction has taken since time 0 (dissipation.py)
+    worn_volume           what wear has taken away since time 0, where it is declared
     displacement          largest |u| of a node
 
 Units: stress; stress x length for the resultants; length; stress x length^2 for the energy. Forces
@@ -55,6 +56,8 @@ def quantities(effects, nodes: dict, steps: dict, displacement) -> tuple[dict[st
         values |= {"tangential_resultant": resultant(shares, steps["sigma_t"][index], weight),
                    "slip": max(longest_way(nodes, piece, steps, index) for piece in pieces),
                    "dissipated_energy": steps["work"].sum()}
+    if "worn_volume" in effects.quantities:
+        values["worn_volume"] = steps["wear"][index] @ weight
     return {name: float(values[name]) for name in effects.quantities}, index
 
 

@@ -6,7 +6,7 @@ from ..contact.states import ContactField
 from ..feti.operator import DualOperator
 from ..march.quasistatic import QuasistaticSolver
 from ..march.step import Step
-from .contact_state import ContactState
+from .contact_state import WEAR, ContactState, less_wear
 from .dissipation import Dissipation, start
 from .quantities import quantities, singular_places
 from .shares import label_shares
@@ -19,7 +19,8 @@ class Record:
         self.operator, self.effects = operator, solver.effects
         self.contact = ContactState(operator, solver)
         self.labels, self.shares = label_shares(operator.structure)
-        self.states = {name: [] for name in ContactField}  # one array (n_c,) a step
+        more = [] if self.contact.worn is None else [WEAR]
+        self.states = {name: [] for name in (*ContactField, *more)}  # one array (n_c,) a step
         self.displacements = []  # the largest of the body, one number a step
         self.work = []  # of friction, one array (n_c,) a step
         b = self.contact.boundary
@@ -35,7 +36,7 @@ class Record:
         for name, column in self.states.items():
             column.append(state[name])
         if self.dissipation:
-            self.work.append(self.dissipation.add(step.time, state))
+            self.work.append(self.dissipation.add(step.time, less_wear(state)))
         whole = self.operator.with_travel(fields, step.weights)
         squares = np.concatenate([np.zeros(2), *whole]).reshape(-1, 2) ** 2
         largest = float(np.sqrt(squares.sum(axis=1).max()))
@@ -59,6 +60,6 @@ class Record:
         nodes["shares"] = self.shares
         fixed = self.contact.constrained * np.abs(self.contact.boundary.tangent)
         nodes["mirrored"] = fixed.max(axis=1, initial=0.0) > 0.99
-        steps = {name: np.array(column) for name, column in self.states.items()}
+        steps = less_wear({name: np.array(column) for name, column in self.states.items()})
         steps["work"] = np.array(self.work)
         return nodes, steps

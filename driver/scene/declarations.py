@@ -37,9 +37,9 @@ GIVEN_ON = {"edges": "form", "supports": "form", "triangles": "vector", "initial
             "nodes": "list"}
 CONTENTS = {"support": "form", "contact": "labels", "contactPair": "labels",
             "contactNormal": "vector", "young": "number", "poisson": "number", "piece": "number",
-            "stepTimes": "list", "tie": "labels",
-            "periodic": "labels", "foundation": "labels", "foundationNormal": "number",
-            "foundationTangential": "number", "pointSpring": "list",
+            "stepTimes": "list", "tie": "labels", "periodic": "labels", "foundation": "labels",
+            "foundationNormal": "number", "foundationTangential": "number", "pointSpring": "list",
+            "normalComplianceExponent": "number",
             "slipFactor": "number", "displacementFactor": "number", "amplitude#": "number",
             **{f"c{k}": "number" for k in (11, 12, 13, 22, 23, 33)}}
 QUASISTATIC = "quasistatic"  # what a scene declares by calling quasistatic(T)

@@ -47,6 +47,9 @@ def run(directory: Path, request: Request, comm) -> tuple[int, str]:
             "a study needs a scene with contact: without it the response is linear in its loads")
     if settings.linearization != "initial":
         raise InputError("a study keeps one geometry of contact: leave LINEARIZATION out")
+    if Effects(manifest).closes:
+        raise InputError("a study keeps contact surfaces as they are: leave wear and "
+                         "normalComplianceExponent out, or make single runs")
     values = _values(directory, request, manifest, comm)
     loads = LoadValues(request.study, [value for _, value in values], comm)
     problem = assemble(directory / "export", comm, lap, loads.widen)
