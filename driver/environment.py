@@ -30,9 +30,9 @@ ALONE = {"OMPI_MCA_pml": "ob1", "OMPI_MCA_btl": "self", "OMPI_MCA_ess_singleton_
 LEFT_BEHIND = ("OMPI_MCA_ess", "OMPI_MCA_pmix")  # what it then sets itself in the environment
 HOST_FILE = "OMPI_MCA_orte_default_hostfile"  # Open MPI's own name of the file of hosts
 HOSTS_KNOWN = (HOST_FILE, "SLURM_JOB_ID")  # set where ranks may start on other hosts
-HANDED_ON = ("PATH", "LD_LIBRARY_PATH", "PYTHONPATH", "PETSC_DIR", "OMP_NUM_THREADS",
-             "OPENBLAS_NUM_THREADS", "FF_INCLUDEPATH", "FF_LOADPATH", "EXPORT_DIRECTORY",
-             "SIZE_FIELD")  # to ranks on other hosts, besides Open MPI's own settings
+# of the environment to ranks on other hosts, besides Open MPI's own settings
+HANDED_ON = re.compile("PATH|LD_LIBRARY_PATH|EXPORT_DIRECTORY|SIZE_FIELD|"
+                       "(PYTHON|PETSC|OMP_|OPENBLAS_|FF_|DRIVER_).*")
 LAUNCHED = ("OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK", "SLURM_PROCID")  # set by launchers
 EVERY_STEP = "DRIVER_EVERY_STEP"  # set where each step is to be printed, not some of them
 SET_UP = "run 'make setup' (apt packages: see apt-packages.txt)"
@@ -186,8 +186,8 @@ def mpirun(ranks: int, env: dict[str, str] | None = None) -> list[str]:
 
     `env` is the environment that mpirun will have; ranks on other hosts get what they need of it.
     """
-    names = HANDED_ON if env and several_hosts() else ()
-    handed = [word for name in names if name in env for word in ("-x", name)]
+    names = filter(HANDED_ON.fullmatch, env or ()) if several_hosts() else ()
+    handed = [word for name in names for word in ("-x", name)]
     return [program("mpirun"), "--oversubscribe", "--bind-to", "none", *handed, "-n", str(ranks),
             program("setpriv"), "--pdeathsig", "KILL"]
 

@@ -1,7 +1,8 @@
 """Ranks on several hosts: network namespaces of this machine, each with a name and an address.
 
 The hosts and the network between them live in a namespace of their own, from which nothing else
-can be reached. A script in the place of ssh starts Open MPI's daemons in them.
+can be reached. A script in the place of ssh starts Open MPI's daemons in them, with as little of
+this process's environment as ssh would hand on.
 """
 
 import json
@@ -41,7 +42,8 @@ exec "$@"
 AGENT = r"""#!/bin/sh
 host=$1; shift
 echo $$ > "$(dirname $0)/$host.pid"
-exec ip netns exec $host unshare --uts --mount sh -c "hostname $host; $BEFORE $*"
+exec env -i PATH=/usr/bin:/bin:/usr/sbin:/sbin SLURM_NODEID=$SLURM_NODEID SLURM_JOBID=$SLURM_JOBID \
+    ip netns exec $host unshare --uts --mount sh -c "hostname $host; $BEFORE $*"
 """
 SRUN = r"""#!/bin/sh
 # starts what follows its own options once on every host of the job, as Slurm's srun does
