@@ -7,6 +7,7 @@ this process's environment as ssh would hand on.
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -55,7 +56,7 @@ for host in $JOB; do
 done
 wait
 """
-OPTIONS = ("SCENE=model", "SUBDOMAINS=3x2", "CELLS=4", "LOADING=nonmonotone", "FIGURES=no",
+OPTIONS = ("SCENE=model", "SUBDOMAINS=3x2", "CELLS=4", "STEPS=40", "LOADING=nonmonotone", "FIGURES=no",
            "ERRORS=no")
 
 
@@ -161,8 +162,9 @@ def test_a_host_that_dies_ends_the_run_and_a_resume_finishes_it(cluster, alone):
     for process in _with(int((cluster.folder / "host2.pid").read_text())):
         os.kill(process, 9)
     _, errors = child.communicate(timeout=120)
-    assert child.returncode == 2
-    assert errors.count("\n") == 1 and "host host2 was lost" in errors
+    assert child.returncode == 2, errors
+    # mpirun does not always say which: the next run sees which one it cannot reach
+    assert errors.count("\n") == 1 and re.search("(host host2|one of the hosts) was lost", errors)
     assert "the same command goes on after step" in errors
     cluster.file.write_text("host1\nhost3\n")
     assert "goes on after step" in cluster.run(*words)
