@@ -142,7 +142,8 @@ def unreachable(output: str, errors: str) -> str:
     for line in output.splitlines():
         if line.startswith("error: "):
             return line.removeprefix("error: ")
-    told = [line.strip() for line in errors.splitlines() if line.strip(" -")]
+    told = [line.strip() for line in errors.splitlines()
+            if line.strip(" -") and "Warning" not in line]
     return f"the hosts cannot all be reached: {told[0] if told else 'mpirun says nothing'}"
 
 

@@ -53,6 +53,7 @@ k=0
 for host in $JOB; do
     SLURM_NODEID=$k SLURM_PROCID=$k agent $host "$@" &
     k=$((k + 1))
+    sleep 0.3  # two that enter namespaces at once can fail
 done
 wait
 """
@@ -97,7 +98,10 @@ class Cluster:
     def run(self, *words, status: int = 0, **environ) -> str:
         """What the driver says as it ends with this exit status."""
         child = self.start("run", *OPTIONS, *words, **environ)
-        output, errors = child.communicate(timeout=120)
+        try:
+            output, errors = child.communicate(timeout=120)
+        finally:
+            child.kill()  # where it hangs; the rest ends with it
         assert child.returncode == status, errors
         return errors if status else output
 
