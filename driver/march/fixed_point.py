@@ -23,6 +23,7 @@ CORRECTION = 0.1  # its residual, relative to the whole one before
 BALANCED = 0.1  # its imbalance of bodies without support, relative to the one before
 HEADWAY = 1.0  # growth of this imbalance in a QP above which the corrector moves them no more
 CONDENSED_PASSES = 30  # corrections of a solution of the condensed contact problem
+LAW_SECANTS = 10  # of friction coefficients that slip changes, combined there
 # tolerance of the gluing multipliers there, relative to ||d|| and ||F|| ||x||: a hundred roundings
 FINEST = 1e-13
 
@@ -52,6 +53,7 @@ class FixedPoint:
         settings, rows, coupled = self.settings, self.rows, self.coupled
         self.corrects_motion = free = self.operator.modes > 0
         secants, last, before = self.bodies.secants(), np.inf, trace.iterations
+        motion = load.weights[self.operator.structure.patterns :].copy()
         while not trace.fallback:
             trace.iterations += 1
             start, gradient = self._start(load, x, gradient, sliding)
@@ -87,7 +89,7 @@ class FixedPoint:
             if trace.stalls and not trace.exact:
                 trace.exact, trace.changes = True, []
             trace.fallback = trace.stalls or tired
-        return self._globalise(index, load, rows.follow(x, sliding), trace)
+        return self._globalise(index, load, rows.follow(x, sliding), motion, trace)
 
     def _start(self, load: Load, x, gradient, sliding):
         """Start of the next QP, x at the friction bound of its pressures, and its gradient."""
@@ -150,10 +152,16 @@ class FixedPoint:
         return change <= self.rtol * pressing and result.residual <= self.qp.tol
 
     # ---- where they do not contract ------------------------------------------------------------
-    def _globalise(self, index: int, load: Load, x, trace: Trace):
-        """The fixed point by the methods of `globalization`, in their order; see `find`."""
+    def _globalise(self, index: int, load: Load, x, motion: np.ndarray, trace: Trace):
+        """The fixed point by the methods of `globalization`, in their order; see `find`.
+
+        Each starts with bodies moved by `motion` (modes,).
+        """
+        patterns = self.operator.structure.patterns
         for method in (self._accelerate, self._condense):
             failed = solution = None
+            # those before may have left bodies far away, whose rounding hides small forces
+            self.bodies.shift(load, motion - load.weights[patterns:])
             try:
                 solution = method(index, load, x, trace)
             except Unfinished as problem:  # a QP with bounds that are those of no solution
@@ -204,8 +212,8 @@ class FixedPoint:
         """
         if self.condensation.n > globalization.CONDENSED_NODES or self.rows.bound_is_given:
             return None
-        rows, qp, method, part, last = self.rows, self.qp, globalization.NEWTON, 1.0, np.inf
-        tol = aim = qp.tol
+        rows, qp, method, tol = self.rows, self.qp, globalization.NEWTON, self.qp.tol
+        secants, aim = Anderson(self._tangential_dot, LAW_SECANTS, 1.0), tol
         for _ in range(CONDENSED_PASSES):
             trace.iterations += 1
             bound, coefficient = rows.friction_bound(x), rows.coefficient
@@ -223,8 +231,8 @@ class FixedPoint:
                 self.history.fallbacks.note(method, index)
                 return x, result.gradient, rows.sliding(x, bound)
             aim = max(0.3 * aim, min(tol, FINEST * max(qp.scales.d, qp.largest(x))))
-            part, last = part if change <= 0.5 * last else 0.5 * part, change
-            rows.coefficient = coefficient + part * (rows.coefficient - coefficient)
+            if self.slip.effects.coefficient_changes:
+                rows.coefficient = np.maximum(secants.next(coefficient, rows.coefficient), 0.0)
             try:
                 problem = self.condensation.problem(load, x, result.gradient)
             except NotConverged:

@@ -35,7 +35,8 @@ class FrictionQP:
         structure = operator.structure
         self.scale = structure.row_scale[slice(*structure.row_range)]
         # root of the stiffness of the rows over that of the softest
-        self.stiffer = self.scale / structure.row_scale.min(initial=1.0)
+        self.softest = structure.row_scale.min(initial=1.0)
+        self.stiffer = self.scale / self.softest
         self.bound = self._bound_norm()
         self.preconditioner, self.relaxation = self._accelerators()
         self.tol = 0.0

@@ -146,7 +146,7 @@ class QuasistaticSolver:
         d += rigid
         d[rows.normal] -= rows.gap
         d[rows.tangential] -= self.slip.elastic
-        return Load(weights, d, extent)
+        return Load(weights, d, extent, float(np.abs(rigid).max(initial=0.0)))
 
     def _size(self, weights: np.ndarray) -> float:
         """Displacements of the dual rows by pattern factors, travel along contact left out."""
