@@ -308,3 +308,31 @@ addBody(square(3, 2, [4*x, y], label = below))
 macro contactPair() 1, 7 //""")
     run = solved(scene(pair), steps=2)
     assert run.status == 2 and "there is none: bodies of a contactPair" in run.reason
+
+
+# ---- scenes that ship ----------------------------------------------------------------------------
+
+def test_an_indenter_comes_slides_and_goes(solved):
+    """On its way it drags with F times its force, wherever it is; it leaves nothing."""
+    run = solved("indenter", h=0.5, steps=9, rtol=1e-10, friction_rtol=1e-9)
+    table = read_table(run.directory / "boundaries.csv")
+    normal, drag = (np.array(table[f"{name}_resultant"]) for name in ("normal", "tangential"))
+    np.testing.assert_allclose(drag[4:6], -0.3 * normal[4:6], rtol=1e-7)
+    assert normal[2] > 0 and normal[-1] == drag[-1] == 0
+    place = [np.average(run.contact["x"][k], weights=-run.contact["sigma_n"][k] + 1e-30)
+             for k in (2, 5)]
+    assert place[1] - place[0] == pytest.approx(4, abs=0.5)  # its way, to a cell
+
+
+@pytest.mark.slow  # four runs
+def test_a_roller_drags_as_it_creeps(solved):
+    """More creep, more drag, up to F times its force, where all of the contact slides; braked or
+    driven by as much, the difference of the drags has the sign of the creep."""
+    ratio = []
+    for creep in (-0.2, 0.0, 0.005, 0.2):
+        run = solved("roller", h=0.5, creep=creep)
+        table = read_table(run.directory / "boundaries.csv")
+        here = int(np.argmin(np.abs(np.array(table["time"]) - 2)))
+        ratio.append(-table["tangential_resultant"][here] / table["normal_resultant"][here])
+    assert ratio == sorted(ratio)
+    np.testing.assert_allclose([ratio[0], ratio[-1]], [-0.5, 0.5], rtol=1e-6)
