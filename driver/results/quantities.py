@@ -185,7 +185,8 @@ def edges_of_contact(nodes: dict, piece: np.ndarray, steps: dict,
                      index: int) -> list[tuple[int, int, float]]:
     """Closed node, open node (places in `piece`), length in contact of edges between such."""
     x, closed = nodes["arc"][piece], steps["status"][index][piece] != OPEN
-    opening = np.maximum(nodes["gap"] - steps["u_n"][index], 0.0)[piece]
+    gap = steps["gap"][index] if "gap" in steps else nodes["gap"]  # of the step: obstacles move
+    opening = np.maximum(gap - steps["u_n"][index], 0.0)[piece]
     pressure = np.maximum(-steps["sigma_n"][index], 0.0)[piece]
     edges = []
     for i in np.flatnonzero(closed[1:] != closed[:-1]):

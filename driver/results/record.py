@@ -19,7 +19,9 @@ class Record:
         self.operator, self.effects = operator, solver.effects
         self.contact = ContactState(operator, solver)
         self.labels, self.shares = label_shares(operator.structure)
-        self.states = {name: [] for name in ContactField}  # one array (n_c,) a step
+        # one array (n_c,) a step, gap besides
+        self.states = {name: [] for name in ContactField}
+        self.gaps = []
         self.displacements = []  # the largest of the body, one number a step
         self.work = []  # of friction, one array (n_c,) a step
         b = self.contact.boundary
@@ -32,10 +34,11 @@ class Record:
         """Displacements (dofs,) of the rank's subdomains, less travel, and the contact state."""
         fields = self.operator.deformations(step.multipliers, step.weights)
         state = self.contact.evaluate(step, fields)
+        self.gaps.append(self.contact.boundary.at(step.time).gap)
         for name, column in self.states.items():
             column.append(state[name])
         if self.dissipation:
-            self.work.append(self.dissipation.add(step.time, state))
+            self.work.append(self.dissipation.add(step.time, state, self.gaps[-1]))
         whole = self.operator.with_travel(fields, step.weights)
         squares = np.concatenate([np.zeros(2), *whole]).reshape(-1, 2) ** 2
         largest = float(np.sqrt(squares.sum(axis=1).max()))
@@ -61,4 +64,6 @@ class Record:
         nodes["mirrored"] = fixed.max(axis=1, initial=0.0) > 0.99
         steps = {name: np.array(column) for name, column in self.states.items()}
         steps["work"] = np.array(self.work)
+        if self.contact.boundary.motion is not None:
+            steps["gap"] = np.array(self.gaps)
         return nodes, steps
