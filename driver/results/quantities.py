@@ -216,6 +216,22 @@ def longest_way(nodes: dict, piece: np.ndarray, steps: dict, index: int) -> floa
     return longest
 
 
+def peak_nodes(nodes: dict, steps: dict, index: int) -> np.ndarray:
+    """Node of the largest pressure at step `index`, and its neighbours on the piece if in contact.
+    """
+    size, closed = np.abs(steps["sigma_n"][index]), steps["status"][index] != OPEN
+    top = int(size.argmax())
+    piece = next(piece for piece in chains(nodes) if top in piece)
+    near = piece[np.abs(piece - top) <= 1]
+    return near[closed[near] | (near == top)]
+
+
+def farthest_node(steps: dict, index: int) -> int:
+    """Node that has slid farthest in contact until step `index`."""
+    sliding = steps["status"][: index + 1] == SLIP
+    return int(np.where(sliding, np.abs(steps["slip"][: index + 1]), 0.0).sum(axis=0).argmax())
+
+
 def _part(x, opening, pressure, inward, closed) -> float:
     """Length from the last closed node x[0] to the edge of contact, at most to the open x[1].
 
