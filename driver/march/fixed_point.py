@@ -23,6 +23,7 @@ CORRECTION = 0.1  # its residual, relative to the whole one before
 BALANCED = 0.1  # its imbalance of bodies without support, relative to the one before
 HEADWAY = 1.0  # growth of this imbalance in a QP above which the corrector moves them no more
 CONDENSED_PASSES = 30  # corrections of a solution of the condensed contact problem
+ASTRAY = 1e6  # growth of multipliers after which they are no start: their rounding hides the loads
 LAW_SECANTS = 10  # of friction coefficients that slip changes, combined there
 # tolerance of the gluing multipliers there, relative to ||d|| and ||F|| ||x||: a hundred roundings
 FINEST = 1e-13
@@ -53,7 +54,7 @@ class FixedPoint:
         settings, rows, coupled = self.settings, self.rows, self.coupled
         self.corrects_motion = free = self.operator.modes > 0
         secants, last, before = self.bodies.secants(), np.inf, trace.iterations
-        motion = load.weights[self.operator.structure.patterns :].copy()
+        first, motion = x, load.weights[self.operator.structure.patterns :].copy()
         while not trace.fallback:
             trace.iterations += 1
             start, gradient = self._start(load, x, gradient, sliding)
@@ -89,7 +90,10 @@ class FixedPoint:
             if trace.stalls and not trace.exact:
                 trace.exact, trace.changes = True, []
             trace.fallback = trace.stalls or tired
-        return self._globalise(index, load, rows.follow(x, sliding), motion, trace)
+        latest = rows.follow(x, sliding)
+        if self.qp.largest(latest) > ASTRAY * max(self.qp.largest(first), self.qp.scales.d):
+            latest = first
+        return self._globalise(index, load, latest, motion, trace)
 
     def _start(self, load: Load, x, gradient, sliding):
         """Start of the next QP, x at the friction bound of its pressures, and its gradient."""
@@ -241,7 +245,7 @@ class FixedPoint:
             solution, solver = globalization.solve_condensed(problem, start)
             if solution is None:
                 return None
-            method = solver if solver == globalization.LEMKE else method
+            method = method if solver == globalization.NEWTON else solver
             x = self.condensation.place(solution[: problem.rows], x)
             self.bodies.shift(load, solution[problem.rows :])
         return None
