@@ -36,6 +36,7 @@ from .uniqueness import CHANGING, Uniqueness, too_many, worthwhile
 
 SETTLINGS = 5  # of bodies without support, whose multipliers follow, in a step
 LAST_PART = 1e-6  # of tolerances, below which tightening must at least halve the residuals
+LAST_FRICTION = 1e-4  # likewise, of that of the fixed point
 NEARLY = 1e-3  # imbalance of bodies without support up to which exacter QPs may settle them
 CARRIED = ("counts", "residuals", "steps", "warnings", "contraction", "seconds",
            "examining")  # of a History
@@ -245,13 +246,15 @@ class QuasistaticSolver:
             worst, name = max((value, name) for name, value in excess.items())
             if worst <= 1:
                 return x, gradient, moved, residuals
-            if stop or of_qp <= LAST_PART and worst > 0.5 * best:
+            idle = worst > 0.5 * best
+            if stop or idle and of_qp <= LAST_PART and of_friction <= LAST_FRICTION:
                 raise Unfinished(NotConverged(
                     f"step {index}: the {name} residual stays at {residuals[name]:.1e}, above the "
                     f"{self.residuals.asked(name):.0e} that was asked for"), x, gradient)
             best, tighter = min(best, worst), min(0.1, 0.3 / worst)
             of_qp *= tighter
-            if max(excess["gluing"], excess["penetration"]) <= 1:  # not QPs alone are to blame
+            # not QPs alone are to blame: what forces still change by moves stiff parts, too
+            if idle or max(excess["gluing"], excess["penetration"]) <= 1:
                 of_friction *= tighter
 
     def _examine(self, index: int, load: Load, x, gradient, trace: Trace) -> None:
