@@ -23,6 +23,7 @@ CORRECTION = 0.1  # its residual, relative to the whole one before
 BALANCED = 0.1  # its imbalance of bodies without support, relative to the one before
 HEADWAY = 1.0  # growth of this imbalance in a QP above which the corrector moves them no more
 CONDENSED_PASSES = 30  # corrections of a solution of the condensed contact problem
+IDLE = 4  # of them that do not halve what it leaves: rounding, and residuals say whether it will do
 ASTRAY = 1e6  # growth of multipliers after which they are no start: their rounding hides the loads
 LAW_SECANTS = 10  # of friction coefficients that slip changes, combined there
 # tolerance of the gluing multipliers there, relative to ||d|| and ||F|| ||x||: a hundred roundings
@@ -218,6 +219,7 @@ class FixedPoint:
             return None
         rows, qp, method, tol = self.rows, self.qp, globalization.NEWTON, self.qp.tol
         secants, aim = Anderson(self._tangential_dot, LAW_SECANTS, 1.0), tol
+        idle, best = 0, np.inf
         for _ in range(CONDENSED_PASSES):
             trace.iterations += 1
             bound, coefficient = rows.friction_bound(x), rows.coefficient
@@ -228,10 +230,11 @@ class FixedPoint:
             self.slip.renew_coefficient(result.gradient)
             change = self._norm(rows.friction_bound(x) - bound, tangential=True)
             residual = projected_gradient(x, result.gradient, *rows.limits_at(len(x), bound))
-            # of which the gluing rows alone may have tol
-            if (change <= self.rtol * self._norm(x[rows.normal])
-                    and qp.size(residual) <= 2 * qp.tol
-                    and self.bodies.imbalance(load, x) <= self.rtol):
+            settled = (change <= self.rtol * self._norm(x[rows.normal])
+                       and self.bodies.imbalance(load, x) <= self.rtol)
+            left = qp.size(residual)  # of which the gluing rows alone may have tol
+            idle, best = idle + 1 if settled and left > 0.5 * best else 0, min(best, left)
+            if settled and (left <= 2 * qp.tol or idle >= IDLE):
                 self.history.fallbacks.note(method, index)
                 return x, result.gradient, rows.sliding(x, bound)
             aim = max(0.3 * aim, min(tol, FINEST * max(qp.scales.d, qp.largest(x))))
