@@ -215,7 +215,8 @@ class FixedPoint:
         pass. The gluing rows' own residual comes back on the contact rows, many times as large:
         they are solved the more accurately the longer that takes.
         """
-        if self.condensation.n > globalization.CONDENSED_NODES or self.rows.bound_is_given:
+        given = self.rows.bound_is_given and not self.operator.modes  # a QP had to do it
+        if given or self.condensation.n > globalization.CONDENSED_NODES:
             return None
         rows, qp, method, tol = self.rows, self.qp, globalization.NEWTON, self.qp.tol
         secants, aim = Anderson(self._tangential_dot, LAW_SECANTS, 1.0), tol
