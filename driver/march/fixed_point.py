@@ -10,6 +10,7 @@ import numpy as np
 from ..errors import NoSolution, NotConverged
 from ..qp.anderson import Anderson, gives_up
 from ..qp.mprgp import projected_gradient
+from ..text import step_name
 from . import globalization
 from .condensation import Condensation
 from .friction_qp import FrictionQP
@@ -79,7 +80,7 @@ class FixedPoint:
                 return x, gradient, sliding
             tired = trace.iterations - before >= settings.max_fixed_point
             if tired and trace.iterations - before <= 2 * WINDOW:
-                error = NotConverged(f"step {index}: no fixed point of the friction bound in "
+                error = NotConverged(f"{step_name(index)}: no fixed point of the friction bound in "
                                      f"{trace.iterations} iterations")
                 raise Unfinished(error, x, gradient)
             if loose > self.rtol and change <= SETTLING * self._norm(x[rows.normal]):
@@ -173,13 +174,14 @@ class FixedPoint:
                 failed = problem
             if solution is not None:
                 return solution
-        if failed:
-            raise failed
         unbalanced = self.bodies.imbalance(load, x) > self.rtol
+        if failed and not unbalanced:
+            raise failed
         why = self.bodies.why_unbalanced(load, x) if unbalanced else (
             "the fixed point for the friction bound does not contract, and no other method found "
             "a solution; the friction coefficient is beyond the range of a unique one")
-        raise Unfinished(NoSolution(f"step {index}: {why}"), x, self.operator.apply(x) - load.d)
+        raise Unfinished(NoSolution(f"{step_name(index)}: {why}"), x,
+                         self.operator.apply(x) - load.d)
 
     def _accelerate(self, index: int, load: Load, x, trace: Trace):
         """Anderson acceleration of friction bounds and of motions, as forces of their springs.
