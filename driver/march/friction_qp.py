@@ -15,6 +15,7 @@ from ..feti.rows import RowKind
 from ..options import Settings
 from ..qp.lanczos import norm_bound
 from ..qp.mprgp import Result, mprgp, projected_gradient
+from ..text import step_name
 from .relaxation import ContactRelaxation
 from .step import History, Unfinished
 
@@ -165,6 +166,6 @@ class FrictionQP:
             result = attempt(result.x, op.apply(result.x) - d, None)
         if result.status != "converged":
             kind = NoSolution if result.status == "indefinite operator" else NotConverged
-            error = kind(f"step {index}: MPRGP ended with '{result.status}': {result.reason}")
+            error = kind(f"{step_name(index)}: MPRGP ended with '{result.status}': {result.reason}")
             raise Unfinished(error, result.x, result.gradient)
         return result

@@ -23,6 +23,7 @@ from ..effects import Effects
 from ..errors import DriverError, NotConverged
 from ..feti.dual_problem import DualProblem
 from ..options import Settings
+from ..text import step_name
 from . import outlook
 from .condensation import Condensation
 from .corner_states import CornerStates
@@ -36,6 +37,7 @@ from .uniqueness import CHANGING, Uniqueness, too_many, worthwhile
 
 SETTLINGS = 5  # of bodies without support, whose multipliers follow, in a step
 LAST_PART = 1e-6  # of tolerances, below which tightening must at least halve the residuals
+LAST_FRICTION = 1e-4  # likewise, of that of the fixed point
 NEARLY = 1e-3  # imbalance of bodies without support up to which exacter QPs may settle them
 CARRIED = ("counts", "residuals", "steps", "warnings", "contraction", "seconds",
            "examining")  # of a History
@@ -162,6 +164,24 @@ class QuasistaticSolver:
         d[rows.tangential] -= self.slip.elastic
         return Load(weights, d, extent, float(np.abs(rigid).max(initial=0.0)))
 
+    def without_friction(self) -> tuple[np.ndarray, np.ndarray, Load]:
+        """Multipliers (owned,), gradient and load of the equilibrium without friction at time 0.
+
+        Raises NoSolution where contact cannot balance the loads on free bodies, Unfinished.
+        """
+        rows, slip, smooth = self.rows, self.slip, np.zeros(len(self.rows.tangential))
+        known = rows.coefficient, rows.offset, slip.coefficient
+        rows.coefficient, rows.offset, slip.coefficient = smooth, None, smooth
+        try:
+            x = np.zeros(self.operator.owned)
+            load = self.load(0, self.bodies.can_rest(0, self.amplitudes[0]), x)
+            self.scales.renew(d=load.extent)
+            x, gradient, _, _ = self._settled(0, load, x, -load.d, smooth, Trace())
+        finally:
+            rows.coefficient, rows.offset, slip.coefficient = known
+        self.scales.keep()
+        return x, gradient, load
+
     def _size(self, index: int) -> float:
         """Displacements of the dual rows that a step asks for, travel along contact left out."""
         weights, rows = self.amplitudes[index], self.rows
@@ -263,13 +283,15 @@ class QuasistaticSolver:
             worst, name = max((value, name) for name, value in excess.items())
             if worst <= 1:
                 return x, gradient, moved, residuals
-            if stop or of_qp <= LAST_PART and worst > 0.5 * best:
+            idle = worst > 0.5 * best
+            if stop or idle and of_qp <= LAST_PART and of_friction <= LAST_FRICTION:
                 raise Unfinished(NotConverged(
-                    f"step {index}: the {name} residual stays at {residuals[name]:.1e}, above the "
+                    f"{step_name(index)}: the {name} residual stays at {residuals[name]:.1e}, above the "
                     f"{self.residuals.asked(name):.0e} that was asked for"), x, gradient)
             best, tighter = min(best, worst), min(0.1, 0.3 / worst)
             of_qp *= tighter
-            if max(excess["gluing"], excess["penetration"]) <= 1:  # not QPs alone are to blame
+            # not QPs alone are to blame: what forces still change by moves stiff parts, too
+            if idle or max(excess["gluing"], excess["penetration"]) <= 1:
                 of_friction *= tighter
 
     def _examine(self, index: int, load: Load, x, gradient, trace: Trace) -> None:
