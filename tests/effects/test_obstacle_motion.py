@@ -196,7 +196,9 @@ def test_an_obstacle_that_does_not_move_is_one_that_stands(solved, scene):
 @pytest.mark.slow  # a run for two tables
 def test_laws_of_displacement_see_the_body_alone(solved, scene):
     """Friction that depends on |u_t| knows no motion of the floor; ParaView's lines have it."""
-    law = "macro friction() F //\nmacro displacementFactor(s) (1. - 10*(s)) //\nreal slipRange = 0.1;"
+    law = """macro friction() F //
+macro displacementFactor(s) (1. - 10*(s)) //
+real slipRange = 0.1;"""
     run = solved(scene(PAD, ("macro friction() F //", law),
                        ("obstacleX(t)", "obstacleY(t) (1e-3*t) //\nmacro obstacleX(t)")),
                  cells=3, steps=4, fields="yes", **TIGHT)
