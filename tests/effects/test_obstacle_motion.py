@@ -1,10 +1,12 @@
 """Obstacles that move: relative motion alone matters, F times N at full sliding, paths, misuse."""
 
+import meshio
 import numpy as np
 import pytest
 
 from driver.contact.motion import ObstacleMotion
 from driver.files import read_table
+from driver.results.tables import contact_file
 
 REPEATED = pytest.mark.slow  # the same with other settings: each takes two runs
 TIGHT = {"rtol": 1e-13, "friction_rtol": 1e-11, "primal_rtol": 1e-9}
@@ -191,6 +193,24 @@ def test_an_obstacle_that_does_not_move_is_one_that_stands(solved, scene):
     assert_same_contact(other, one, 1e-7)
 
 
+@pytest.mark.slow  # a run for two tables
+def test_laws_of_displacement_see_the_body_alone(solved, scene):
+    """Friction that depends on |u_t| knows no motion of the floor; ParaView's lines have it."""
+    law = """macro friction() F //
+macro displacementFactor(s) (1. - 10*(s)) //
+real slipRange = 0.1;"""
+    run = solved(scene(PAD, ("macro friction() F //", law),
+                       ("obstacleX(t)", "obstacleY(t) (1e-3*t) //\nmacro obstacleX(t)")),
+                 cells=3, steps=4, fields="yes", **TIGHT)
+    c = run.contact
+    factor = 1 - 10 * np.minimum(np.abs(c["u_t"]), 0.1)
+    assert factor.min() < 0.99
+    np.testing.assert_allclose(c["bound"], -0.3 * factor * c["sigma_n"], rtol=1e-6, atol=1e-12)
+    line = meshio.read(run.directory / contact_file(4)).point_data
+    np.testing.assert_allclose(line["gap"], -2e-3, rtol=1e-9)
+    np.testing.assert_allclose(line["gap"], c["gap"][-1], rtol=1e-9)
+
+
 def test_a_block_on_a_belt_presses_the_stop_with_its_friction(solved, scene):
     """Nothing else supports it: the belt runs, the stop stands."""
     run = solved(scene(PAD, ("macro support() on(3, u1 = 0.) //\n", ""),
@@ -261,6 +281,13 @@ def test_a_roller_does_not_slide_where_it_rests():
     below, above = motion.way(0.0, 1.0)
     assert abs(below) < R * angle**3
     assert above == pytest.approx(2 * R * angle, rel=angle**2)
+
+
+def test_the_way_back_is_the_way_there():
+    """For a pivot that shifts, and tangents in any direction: what moved goes back where it was."""
+    motion = motion_of([[0.3, -2.0], [3.0, 1.0]], [0.7, -0.4], 0.3, [0.2, 0.5])
+    motion.tangent = np.array([[0.6, 0.8], [-0.8, 0.6]])
+    np.testing.assert_allclose(motion.way(0.0, 1.0), -motion.way(1.0, 0.0), rtol=1e-14)
 
 
 def test_shifts_of_any_size_are_exact():
