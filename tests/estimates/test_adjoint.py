@@ -128,6 +128,7 @@ def test_quantities_without_adjoint_problem_and_runs_without_any(marched):
     ("slip", 99.0, Sizes(1.0, 2.0, 1.0), 2 * adjoint.GROSS),
     ("slip", 99.0, Sizes(1.0, 2.0, 3.0), 3 * adjoint.GROSS),
     ("peak_pressure", 99.0, Sizes(1.0, 2.0, 9.0), 2 * adjoint.PEAK),
+    ("peak_pressure", 1.0, Sizes(2.0, 2.0, 9.0), 1.0),
     ("peak_pressure", 99.0, Sizes(1.0, 2.0, 3.0), 99.0),  # both errors under the peak: singular
     ("slip", 99.0, Sizes(0.0, 1e-9, 1e-9), 99.0),  # data err, which no adjoint sees
     ("slip", None, Sizes(1.0, 2.0, 1.0), None), ("slip", 5.0, None, 5.0)])
