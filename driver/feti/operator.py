@@ -75,7 +75,7 @@ class DualOperator(DualProblem):
         self.travels = {k: rows_moved(structure, self.classes, self.vectors, k)
                         for k in structure.travel.patterns}
         # B w and the stacked corner displacements under every load pattern, then rigid motion
-        self._loaded = [self._response(k) for k in range(structure.patterns)]
+        self._loaded = [self._response(unit) for unit in np.eye(structure.patterns)]
         corners = structure.rigid_corners[self.coarse.numbers]
         self._loaded += [(d, corners[:, k]) for k, d in enumerate(self.motions)]
         self.rigid_work = free_motions.work_of_loads(structure, comm)
@@ -83,9 +83,10 @@ class DualOperator(DualProblem):
         self._least = LeastDeformation(structure, self.classes, comm)
         self._latest = None  # multipliers, weights and their fields, see `deformations`
 
-    def _response(self, pattern: int) -> tuple[np.ndarray, np.ndarray]:
-        """B w (owned,) and stacked corner displacements under one load pattern alone."""
-        rows, corner = self._recovery.response(pattern)
+    def _response(self, weights: np.ndarray,
+                  forces: list | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """B w (owned,) and stacked corner displacements under loads and forces alone."""
+        rows, corner = self._recovery.response(weights, forces)
         self._A_transposed.multiply(corner, rows, add=True)
         return self.vectors.assemble(rows * self.vectors.sign), corner
 
@@ -114,6 +115,10 @@ class DualOperator(DualProblem):
         """B w (owned,) for the load sum_k weights_k f_k, without any rigid motion."""
         loaded = zip(weights[: self.structure.patterns], self._loaded)
         return sum((w * d for w, (d, _) in loaded), np.zeros(self.owned))
+
+    def response_to(self, forces: list[np.ndarray]) -> np.ndarray:
+        """B w (owned,) by forces (dofs,) on the local subdomains alone; collective."""
+        return self._response(np.zeros(self.structure.patterns), forces)[0]
 
     def imbalance(self, multipliers: np.ndarray,
                   weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

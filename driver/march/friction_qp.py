@@ -101,7 +101,8 @@ class FrictionQP:
         least = np.where(rows.bilateral, -np.inf, -np.abs(elastic[rows.normal]))
         seen[rows.normal] = np.maximum(over, least)
         seen[rows.tangential] -= before
-        if self.operator.travels or self.operator.modes:
+        moving = self.operator.structure.contact.motion is not None
+        if self.operator.travels or self.operator.modes or moving:
             far = np.abs(self.scale * np.array([seen, moved])).max(initial=0)
             limit = comm.allreduce(float(far), op=MPI.MAX) / self.scale[rows.tangential]
             seen[rows.tangential] += np.clip(rigid[rows.tangential], -limit, limit)

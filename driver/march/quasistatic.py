@@ -59,6 +59,7 @@ class QuasistaticSolver:
         self.initial = effects.initial_displacement(contact)
         self.initial_weights = np.zeros(operator.structure.patterns)
         self.slip = SlipState(operator, self.rows, effects, self.initial)
+        self.contact = contact
         self.history, self.scales = History(), Scales()
         self.qp = FrictionQP(operator, self.rows, settings, self.scales, self.history)
         self.history.counts["dual_multiplications_setup"] = operator.products
@@ -72,7 +73,7 @@ class QuasistaticSolver:
         self.largest_friction = operator.comm.allreduce(own, op=MPI.MAX)
         self.uniqueness = Uniqueness(self.largest_friction > 0)
         self.doubtful = False
-        self.loads = [self._size(weights) for weights in amplitudes[1:]]
+        self.loads = [self._size(index) for index in range(1, len(times))]
         # of the last step and of the one before: rigid motions (modes,), multipliers (owned,)
         self.motion = self.older_motion = np.zeros(operator.modes)
         self.multipliers = self.older = np.zeros(operator.owned)
@@ -111,6 +112,8 @@ class QuasistaticSolver:
 
         Raises StepFailed where no state can balance the loads.
         """
+        if self.contact.motion is not None:
+            self._move_obstacles(index)
         try:
             rest = self.bodies.can_rest(index, self.amplitudes[index])
         except DriverError as problem:
@@ -134,16 +137,27 @@ class QuasistaticSolver:
         self._record(step)
         return step, error
 
+    def _move_obstacles(self, index: int) -> None:
+        """Obstacles go where they stand at the end of step `index`; slip counts from there."""
+        rows, before, now = self.rows, self.times[index - 1], self.times[index]
+        rows.gap = self.contact.motion.gap_at(now)[rows.normal_node]
+        way = self.contact.way(before, now)
+        self.slip.way = way[rows.tangential_node]
+        if rows.corners is not None:
+            rows.corners.rubbed = (way[rows.corners.nodes] != 0).any(axis=1)
+
     def load(self, index: int, motion: np.ndarray, moved: np.ndarray) -> Load:
         """Load of a step from rigid motions (modes,); `moved` (owned,) is F x for its start x.
 
-        Motions of whole bodies, prescribed or free, come into the slip by their increments.
+        Motions of whole bodies, prescribed or free, and of obstacles come into the slip by their
+        increments.
         """
         op, rows = self.operator, self.rows
         weights = np.concatenate([self.amplitudes[index], motion])
         d, rigid = op.elastic_response(weights), np.zeros(op.owned)
         rigid[rows.normal] = op.rigid_response(weights)[rows.normal]
         rigid[rows.tangential] = op.rigid_response(weights - self.slip.weights)[rows.tangential]
+        rigid[rows.tangential] -= self.slip.way
         extent = self.qp.extent(d, rigid, self.slip.elastic, moved)
         d += rigid
         d[rows.normal] -= rows.gap
@@ -168,10 +182,14 @@ class QuasistaticSolver:
         self.scales.keep()
         return x, gradient, load
 
-    def _size(self, weights: np.ndarray) -> float:
-        """Displacements of the dual rows by pattern factors, travel along contact left out."""
+    def _size(self, index: int) -> float:
+        """Displacements of the dual rows that a step asks for, travel along contact left out."""
+        weights, rows = self.amplitudes[index], self.rows
         d = self.operator.rigid_response(weights)
-        d[self.rows.tangential] = 0.0
+        d[rows.tangential] = 0.0
+        if self.contact.motion is not None:
+            gap = self.contact.motion.gap_at(self.times[index])[rows.normal_node]
+            d[rows.normal] += np.maximum(-gap, 0.0)
         return self.qp.size(self.operator.elastic_response(weights) + d)
 
     def _record(self, step: Step) -> None:

@@ -185,7 +185,8 @@ def edges_of_contact(nodes: dict, piece: np.ndarray, steps: dict,
                      index: int) -> list[tuple[int, int, float]]:
     """Closed node, open node (places in `piece`), length in contact of edges between such."""
     x, closed = nodes["arc"][piece], steps["status"][index][piece] != OPEN
-    opening = np.maximum(nodes["gap"] - steps["u_n"][index], 0.0)[piece]
+    gap = steps["gap"][index] if "gap" in steps else nodes["gap"]  # of the step: obstacles move
+    opening = np.maximum(gap - steps["u_n"][index], 0.0)[piece]
     pressure = np.maximum(-steps["sigma_n"][index], 0.0)[piece]
     edges = []
     for i in np.flatnonzero(closed[1:] != closed[:-1]):
@@ -213,6 +214,22 @@ def longest_way(nodes: dict, piece: np.ndarray, steps: dict, index: int) -> floa
         side = abs(nodes["arc"][piece[beyond]] - nodes["arc"][piece[closed]])
         longest = max(longest, float(way[closed] + part / side * (with_it - way[closed])))
     return longest
+
+
+def peak_nodes(nodes: dict, steps: dict, index: int) -> np.ndarray:
+    """Node of the largest pressure at step `index`, and its neighbours on the piece if in contact.
+    """
+    size, closed = np.abs(steps["sigma_n"][index]), steps["status"][index] != OPEN
+    top = int(size.argmax())
+    piece = next(piece for piece in chains(nodes) if top in piece)
+    near = piece[np.abs(piece - top) <= 1]
+    return near[closed[near] | (near == top)]
+
+
+def farthest_node(steps: dict, index: int) -> int:
+    """Node that has slid farthest in contact until step `index`."""
+    sliding = steps["status"][: index + 1] == SLIP
+    return int(np.where(sliding, np.abs(steps["slip"][: index + 1]), 0.0).sum(axis=0).argmax())
 
 
 def _part(x, opening, pressure, inward, closed) -> float:

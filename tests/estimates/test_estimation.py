@@ -438,7 +438,7 @@ def test_the_total_between_bodies_is_that_of_its_terms(estimated, scene, paramet
     assert (remainder[pair.second.triangle] > 0).sum() > 2
     kinematic = np.einsum("tij,tj->ti", body.elasticity, body.strain(estimator.kinematic))
     apart = estimator.stress - kinematic[:, None, None]
-    square = sum(recovery.linear_energy(body.mesh.area / 3, body.compliance, apart[:, k])
+    square = sum(recovery.energy(body.mesh.area / 3, body.compliance, apart[:, k])
                  for k in range(3))
     square = ((np.sqrt(square) + lift.bumps + remainder) ** 2).sum()
     assert found.total - found.correction == pytest.approx(
@@ -681,7 +681,7 @@ def expected_total(estimator):
     body, contact = estimator.body, estimator.contact
     kinematic = np.einsum("tij,tj->ti", body.elasticity, body.strain(estimator.kinematic))
     apart = estimator.stress - kinematic[:, None, None]
-    square = sum(recovery.linear_energy(body.mesh.area / 3, body.compliance, apart[:, k]).sum()
+    square = sum(recovery.energy(body.mesh.area / 3, body.compliance, apart[:, k]).sum()
                  for k in range(3))
     return np.sqrt(square) / 2 + np.sqrt(square / 4 + contact.duality_gap())
 
