@@ -19,6 +19,7 @@ from ..text import step_name
 from .relaxation import ContactRelaxation
 from .step import History, Unfinished
 
+ROUNDED = 1e-9  # part of travel below which displacements are its rounding
 FINEST = 1e-14  # of the displacements to be overcome: no tolerance is tightened below
 
 
@@ -106,7 +107,7 @@ class FrictionQP:
             limit = comm.allreduce(float(far), op=MPI.MAX) / self.scale[rows.tangential]
             seen[rows.tangential] += np.clip(rigid[rows.tangential], -limit, limit)
         size = self.size(seen)
-        if size == 0 and rows.offset is not None and not given:
+        if rows.offset is not None and not given and size <= ROUNDED * self.size(rigid):
             # travel deforms by friction alone, and that needs no pressure
             x = np.zeros(len(elastic))
             x[rows.tangential] = rows.offset * np.sign(rigid[rows.tangential])

@@ -253,6 +253,7 @@ class QuasistaticSolver:
         """
         op, qp, settings, best, stop = self.operator, self.qp, self.settings, np.inf, None
         of_qp = of_friction = 1.0  # parts of the tolerances
+        motion = load.weights[op.structure.patterns :].copy()
         if self.largest_friction:
             of_qp = of_friction = outlook.foresight(self.loads, index)
         while True:
@@ -261,6 +262,9 @@ class QuasistaticSolver:
                 x, gradient, sliding = self.corners.find(
                     index, load, x, gradient, sliding, trace, of_friction * settings.friction_rtol)
             except Unfinished as failed:
+                free = self._free_of_forces(load, failed.x, motion)
+                if free is not None:
+                    return free
                 settles = op.modes > 0 and self.bodies.imbalance(load, failed.x) <= NEARLY
                 if failed.final or of_qp == 1.0 and not settles:
                     raise
@@ -274,11 +278,9 @@ class QuasistaticSolver:
                 gradient = None  # it has followed bodies that went so far: their rounding is in it
             x, gradient, moved = self._into_cone(load.d, x, gradient, sliding)
             residuals = self.residuals.of(load, x, gradient)
-            if self.residuals.faded(x):
-                nothing = np.zeros_like(x), -load.d
-                without = self.residuals.of(load, *nothing)
-                if self.residuals.enough(without):
-                    return *nothing, x, without
+            free = self._free_of_forces(load, x) if self.residuals.faded(x) else None
+            if free is not None:
+                return free
             excess = {name: value / self.residuals.asked(name) for name, value in residuals.items()}
             worst, name = max((value, name) for name, value in excess.items())
             if worst <= 1:
@@ -286,13 +288,31 @@ class QuasistaticSolver:
             idle = worst > 0.5 * best
             if stop or idle and of_qp <= LAST_PART and of_friction <= LAST_FRICTION:
                 raise Unfinished(NotConverged(
-                    f"{step_name(index)}: the {name} residual stays at {residuals[name]:.1e}, above the "
-                    f"{self.residuals.asked(name):.0e} that was asked for"), x, gradient)
+                    f"{step_name(index)}: the {name} residual stays at {residuals[name]:.1e}, "
+                    f"above the {self.residuals.asked(name):.0e} that was asked for"), x, gradient)
             best, tighter = min(best, worst), min(0.1, 0.3 / worst)
             of_qp *= tighter
             # not QPs alone are to blame: what forces still change by moves stiff parts, too
             if idle or max(excess["gluing"], excess["penetration"]) <= 1:
                 of_friction *= tighter
+
+    def _free_of_forces(self, load: Load, x: np.ndarray, motion: np.ndarray | None = None):
+        """As `_earned` returns it, the state without any force if that is the solution, else None.
+
+        Bodies have moved by `motion` (modes,) in it, by default where they are. Such a step must
+        not fail for want of digits: forces that are all rounding settle nowhere.
+        """
+        first = self.operator.structure.patterns
+        away = load.weights[first:].copy()
+        if motion is not None:
+            self.bodies.shift(load, motion - away)
+        nothing = np.zeros_like(x), -load.d
+        residuals = self.residuals.of(load, *nothing)
+        if self.residuals.enough(residuals):
+            return *nothing, x, residuals
+        if motion is not None:
+            self.bodies.shift(load, away - motion)
+        return None
 
     def _examine(self, index: int, load: Load, x, gradient, trace: Trace) -> None:
         """Look for other solutions of the step where there is reason to; see `uniqueness`."""
