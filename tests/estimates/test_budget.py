@@ -3,11 +3,14 @@ their own knob.
 """
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from driver.estimates import budget
+from driver.estimates.levels import Companions
+from driver.options import Settings
 
 SOURCES = ("mesh", "time", "friction", "solver")
 
@@ -98,6 +101,48 @@ def test_an_unknown_part_leaves_the_total_unknown():
     found = budget.summed({"mesh": part([4.0, 2.0, 1.0]), "time": part([1.0, 1.1])}, 1.0)
     assert found["mesh"] is None and found["total"] is None and found["relative"] is None
     assert "mesh" in found["note"]
+
+
+class Linear:
+    """Levels whose runs err by their tolerances times known factors; on any mesh, in any steps."""
+
+    FACTORS = {"rtol": 1.0, "primal_rtol": 30.0, "friction_rtol": 1000.0}
+
+    def __init__(self):
+        self.problems, self.cycles = {}, ()
+
+    def problem(self, **_changes):
+        """Any mesh can be had."""
+
+    def value(self, settings):
+        """Slip of a run."""
+        return 1.0 + sum(factor * getattr(settings, name) for name, factor in self.FACTORS.items())
+
+    def run(self, settings, stride=1, **_changes):
+        """A run of one quantity."""
+        return SimpleNamespace(values={"slip": self.value(settings)})
+
+
+@pytest.mark.parametrize("coulomb", [False, True])
+@pytest.mark.parametrize("name", [*Linear.FACTORS])
+def test_each_tolerance_has_its_share(coulomb, name):
+    """A tolerance that alone is loose leaves an error, and some part of the budget covers it."""
+    if name == "friction_rtol" and not coulomb:
+        return  # the run has none
+    tight = {"rtol": 1e-9, "primal_rtol": 1e-9, "friction_rtol": 1e-9}
+    loose, levels = Settings(**{**tight, name: 1e-4}), Linear()
+    effects = SimpleNamespace(quasistatic=False, frictional=coulomb,
+                              pressure_bounds_friction=coulomb)
+    manifest = SimpleNamespace(parameters={"cells": 8}, steps=1, element="P1")
+    record = SimpleNamespace(quantities=lambda: ({"slip": levels.value(loose)}, 0),
+                             singular_places=lambda: ())
+    companions = Companions(levels, SimpleNamespace(manifest=manifest, effects=effects), loose,
+                            record, {})
+    parts = companions.parts()
+    error = sum(parts[source]["slip"].error for source in ("friction", "solver")
+                if source in parts)
+    true = levels.value(loose) - levels.value(Settings(**tight))
+    assert true <= error <= 10 * true
 
 
 # ------------------------------------------------------------------------------ runs
