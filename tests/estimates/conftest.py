@@ -1,10 +1,19 @@
-"""Fixtures of the tests of the bound: estimates of a scene's last step, meshes cut into finer ones."""
+"""Fixtures: estimates of a scene's last step, meshes cut into finer ones, budgets without prices."""
+
+import dataclasses
 
 import pytest
+from mpi4py import MPI
 
 from bounds import SCENES, Recording, with_gap
 from driver import environment
+from driver.estimates import adjoint
+from driver.estimates.levels import Companions, Levels, assess
+from driver.estimates.torn_body import Gather, gather_body
+from driver.march.problem import assemble
+from driver.options import Settings
 from driver.results.contact_state import ContactState
+from driver.scene import freefem
 
 
 @pytest.fixture(scope="session")
@@ -59,5 +68,35 @@ def split(tmp_path_factory):
         path.write_text(text.replace('include "export.idp"', f'{mesh}\ninclude "export.idp"'))
         (folder / "two-discs.idp").write_text(here(SCENES / "lib" / "two-discs.idp"))
         return path
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def budget_of(exported, tmp_path_factory):
+    """budget_of(scene, **options): entry `errors` of the summary of such a run, without the price
+    list, whose companions take more than all others.
+    """
+    names = {field.name for field in dataclasses.fields(Settings)}
+    made = {}
+
+    def make(scene="model", **options) -> dict:
+        key = str(scene), *sorted(options.items())
+        if key not in made:
+            settings = Settings(**{"uniqueness": "no"} | {
+                name: value for name, value in options.items() if name in names})
+            parameters = {name: str(value) for name, value in options.items() if name not in names}
+            path = freefem.find_scene(str(scene))
+            levels = Levels(path, parameters, tmp_path_factory.mktemp("levels"), MPI.COMM_SELF,
+                            settings)
+            problem = assemble(exported(scene, **parameters), MPI.COMM_SELF)
+            levels.problems[()] = problem
+            run, entry = levels.run(settings), {}
+            sizes, _ = adjoint.assess(problem, run.record, run.steps[run.at], run.values,
+                                      lambda: gather_body(Gather(problem.operator)))
+            assess(entry, Companions(levels, problem, settings, run.record, sizes))
+            levels.close()
+            made[key] = entry
+        return made[key]
 
     return make
