@@ -135,7 +135,7 @@ def test_each_tolerance_has_its_share(coulomb, name):
                               pressure_bounds_friction=coulomb)
     manifest = SimpleNamespace(parameters={"cells": 8}, steps=1, element="P1")
     record = SimpleNamespace(quantities=lambda: ({"displacement": levels.value(loose)}, 0),
-                             singular_places=lambda: ())
+                             singular_places=lambda: (), between_nodes=lambda _index: {})
     companions = Companions(levels, SimpleNamespace(manifest=manifest, effects=effects), loose,
                             record, {})
     parts = companions.parts()
