@@ -8,7 +8,7 @@ from ..march.quasistatic import QuasistaticSolver
 from ..march.step import Step
 from .contact_state import ContactState
 from .dissipation import Dissipation, start
-from .quantities import farthest_node, peak_nodes, quantities, singular_places
+from .quantities import between_nodes, farthest_node, peak_nodes, quantities, singular_places
 from .shares import label_shares
 
 
@@ -69,6 +69,10 @@ class Record:
     def farthest_node(self, index: int) -> int:
         """Node that has slid farthest in contact until a step."""
         return farthest_node(self._columns()[1], index)
+
+    def between_nodes(self, index: int) -> dict[str, float]:
+        """What nodes leave open of quantities at places between them, see quantities.py."""
+        return between_nodes(*self._columns(), index) if self.effects.contact else {}
 
     def singular_places(self) -> tuple[str, ...]:
         """Names of the quantities whose values belong to places where they may be infinite."""
