@@ -94,10 +94,16 @@ def _distance(phi: np.ndarray, slope: np.ndarray, nodes, times: np.ndarray) -> n
 
 
 def _refuse_uneven(nodes, distance: np.ndarray, along: np.ndarray) -> None:
-    """Refuse obstacles that slide along labels on which their distance (n,) varies."""
+    """Refuse obstacles that slide along labels on which their distance (n,) varies.
+
+    Vertices of several labels have the mean of their distances.
+    """
     size = np.ptp(nodes.xy, axis=0).max(initial=0.0)
-    for label in np.unique(nodes.label[nodes.family == 0]):
-        here = (nodes.label == label) & (nodes.family == 0)
+    labels = np.array([gid for _, gid in getattr(nodes, "members", ())])
+    vertices, count = np.unique(labels, return_counts=True)
+    own = (nodes.family == 0) & ~np.isin(nodes.gid, vertices[count > 1])
+    for label in np.unique(nodes.label[own]):
+        here = own & (nodes.label == label)
         if along[:, here].any() and np.ptp(distance[here]) > EVEN * size:
             raise InputError(
                 f"the obstacle of label {label} slides along it, but its gap varies from place to "
