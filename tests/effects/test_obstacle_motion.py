@@ -256,6 +256,19 @@ def test_leaving_it_out_leaves_the_obstacle_where_it_was(solved, scene):
     assert ledger["obstacle_motion"]["active"]
 
 
+def test_what_steps_miss_of_a_path_is_said(solved, scene):
+    """Three steps cut off the turn at t = 1, a third of the way, half of the 2/3 that they see;
+    eight end there."""
+    run = solved(scene(PAD, ("contact() 1", "contact() 1, 2"), ("macro friction() F", """
+macro gap() (label == 2 ? 1. : 0.) //
+macro friction() F"""), ("(way*(1. - abs(t - 1.)))", "(label == 1 ? way*(1. - abs(t - 1.)) : 0.)")
+                       ), cells=2, steps=3)
+    said = [line for line in run.summary["warnings"] if "obstacleX" in line]
+    assert len(said) == 1 and "departs by 50 %" in said[0] and "at time 1:" in said[0]
+    run = solved(scene(PAD), cells=3, steps=8, **TIGHT)
+    assert not any("obstacleX" in line for line in run.summary["warnings"])
+
+
 # ---- kinematics ----------------------------------------------------------------------------------
 
 def motion_of(xy, shift, angle, pivot) -> ObstacleMotion:
