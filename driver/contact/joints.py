@@ -230,4 +230,4 @@ def _appended(boundary, parts: list[dict]):
         boundary, **joined, joined=more, normal_row=none, tangential_row=none.copy(),
         family=np.append(boundary.family, np.full(more, family)),
         middle=np.append(boundary.middle, np.zeros(more, bool))
-    ).renewed(boundary.columns, boundary.gap)
+    ).renewed(boundary.columns, boundary.gap, boundary.motion)

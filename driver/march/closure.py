@@ -16,6 +16,7 @@ import numpy as np
 from mpi4py import MPI
 
 from ..errors import NotConverged
+from ..text import step_name
 from .step import Load, Unfinished
 
 MOST = 60  # tangents in a step
@@ -34,11 +35,15 @@ class Closure:
         self.nodes, self.gap = self.rows.normal_node, self.rows.gap.copy()
         self.place = np.searchsorted(self.nodes, self.rows.tangential_node)
         self.slope, self.offset = np.zeros((2, len(self.rooms), len(self.nodes)))
+        self.slides = True
 
-    def begin_step(self) -> None:
-        """Gaps grow by what has worn away; tangents of the step before are forgotten."""
-        worn = [room.worn(self.nodes) for room in self.rooms]
-        self.rows.gap = self.gap + sum(worn)
+    def begin_step(self, moving: bool, slides: bool = True) -> None:
+        """Gaps grow by what has worn away; tangents of the step before are forgotten.
+
+        Where obstacles are `moving` gaps are those of the step already. `slides`: slip counts.
+        """
+        worn, self.slides = [room.worn(self.nodes) for room in self.rooms], slides
+        self.rows.gap = (self.rows.gap if moving else self.gap) + sum(worn)
         self.slope[:], self.offset[:] = 0.0, 0.0
         self.qp.soften(np.zeros(self.qp.operator.owned))
 
@@ -83,7 +88,8 @@ class Closure:
         own = self.offset + self.slope * force
         own = np.where(force > 0, own, np.where(over < 0, over + own, own))
         slip = np.zeros(len(force))
-        slip[self.place] = np.abs(gradient[self.rows.tangential])
+        if self.slides:
+            slip[self.place] = np.abs(gradient[self.rows.tangential])
         return force, own, slip
 
     def settled(self, index: int, load: Load, start: tuple, trace, solve):
@@ -104,5 +110,5 @@ class Closure:
             trace.again()
             sliding = self.rows.sliding(x, self.rows.friction_bound(x))
         raise Unfinished(NotConverged(
-            f"step {index}: the law of worn or rough surfaces is missed by {missed:.1e} after "
-            f"{MOST} tangents; smaller steps may help"), x, gradient)
+            f"{step_name(index)}: the law of worn or rough surfaces is missed by {missed:.1e} "
+            f"after {MOST} tangents; smaller steps may help"), x, gradient)

@@ -31,6 +31,7 @@ class ContactState:
         self._elastic = self._weights = None
         # depth so far, where the scene declares wear
         self.worn = np.zeros(len(self.boundary.gid)) if "wear" in solver.effects else None
+        self._time = 0.0
         self.constrained = self._constrained()
         self._find_terms()
         self._travel = self._travel_at_nodes()
@@ -90,6 +91,8 @@ class ContactState:
             self._weights = self.solver.initial_weights
             self._elastic = self.solver.initial[: len(b.gid)] - self._carried_t(self._weights)
         slip = elastic - self._elastic + self._carried_t(weights - self._weights)
+        slip -= b.way(self._time, step.time)
+        self._time = step.time
         self._elastic, self._weights = elastic, weights
         more = {} if self.worn is None else {WEAR: self._wear(slip, values[0])}
         return {**more, ContactField.U_N: u_n, ContactField.U_T: u_t, ContactField.SLIP: slip,
