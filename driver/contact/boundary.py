@@ -15,7 +15,6 @@ import numpy as np
 from ..errors import InputError
 from ..feti.gathering import gather
 from .chains import chains
-from .motion import ObstacleMotion
 from .nodes import contact_table, merge_parts
 
 
@@ -32,7 +31,7 @@ class ClampedContact:
     normal: np.ndarray
     gap: np.ndarray
     values: np.ndarray
-    motion: ObstacleMotion | None = None
+    motion: object = None  # an ObstacleMotion of contact/motion.py, if any
 
 
 @dataclass
@@ -84,7 +83,7 @@ class ContactBoundary:
     corners: np.ndarray = field(default_factory=lambda: np.empty((0, 3), int))
     about: Configuration | None = None  # of pairs; None: the initial geometry
     axisymmetric: bool = False
-    motion: ObstacleMotion | None = None  # of the obstacles; None: they stand still
+    motion: object = None  # the ObstacleMotion; None: obstacles stand still
 
     def at(self, time: float) -> "ContactBoundary":
         """The boundary with the distances at `time`; itself where no obstacle moves."""
