@@ -172,8 +172,7 @@ class Alternatives:
         with agreed_writes(levels.comm):
             if levels.comm.rank == 0:
                 place.mkdir(parents=True)
-                adaptivity.next_mesh(stem, estimator.body.mesh, estimates,
-                                     elements.DEGREE[self.manifest.element])
+                adaptivity.next_mesh(stem, estimator, estimates)
         key = (("refined", start.get(self.knob, self.manifest.parameters[self.knob])),)
         levels.problems[key] = levels.exported(place / "export", start, stem, key)
         level = self.companions.level(dict(key), self.stride, quiet=True)
@@ -232,9 +231,7 @@ def price_list(companions, parts: dict, budget: dict, name: str, run: Measured, 
         return head | {"reason": "no parameter (CELLS, H) sets the mesh size of this scene"}
     try:
         found = _predicted(companions, parts, name, values[name], run, memory, idle, spent)
-    except (DriverError, ArithmeticError, LookupError, OSError, ValueError) as problem:
-        if companions.levels.comm.size > 1 and not isinstance(problem, DriverError):
-            raise  # others wait for this rank
+    except DriverError as problem:  # of a companion; other errors are ours
         return head | {"reason": f"they could not be predicted: {problem}"}
     return head | {"lines": found}
 

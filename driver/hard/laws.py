@@ -93,6 +93,9 @@ def violations(body: Assembled, manifest, contact: dict, far: float = 0.0) -> di
     holds against turning forces that are nothing move nodes far. So displacements are corrected by
     forces, up to `RESTS` of the largest, that bring them nearest to the reported ones.
 
+    Balance is relative to the loads and the reported forces of all conditions on the body, of those
+    at one place as well that hand on to one another what the body does not feel.
+
     What a support prescribes is no matter of contact. At a corner friction belongs to the one
     condition that is closed (contact/corner_nodes.py): a vertex that rests on both does not slide
     at the end of the step, whatever way it took there, and one that is open has no side to rub on.
@@ -120,7 +123,7 @@ def violations(body: Assembled, manifest, contact: dict, far: float = 0.0) -> di
     rubs = rubs & (alone | ~beside.any(axis=1))
     balance = [(np.abs(body.motions.T @ (w @ body.loads + body.B.T @ f)),
                 np.abs(body.motions).T @ (np.abs(w) @ np.abs(body.loads)
-                                          + np.abs(body.B.T @ f)))
+                                          + abs(body.B).T @ np.abs(f)))
                for w, f in zip(history[1:], force)]
     largest = np.max([size for _, size in balance], axis=0, initial=0.0)
     return {

@@ -162,6 +162,7 @@ class Assembled:
             if supported.any():
                 kernel = null_space(rigid[supported], rcond=1e-10)
             free = rigid @ kernel
+            free[held] = 0.0  # not by rounding either
             resisted = (self.K @ free) / np.abs(self.K.diagonal()).max()
             if np.abs(resisted).max(initial=0) > 1e-10:  # by springs, not by rounding
                 free = free @ null_space(resisted, rcond=1e-10)

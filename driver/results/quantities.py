@@ -216,6 +216,41 @@ def longest_way(nodes: dict, piece: np.ndarray, steps: dict, index: int) -> floa
     return longest
 
 
+def peak_nodes(nodes: dict, steps: dict, index: int) -> np.ndarray:
+    """Node of the largest pressure at step `index`, and its neighbours on the piece if in contact.
+    """
+    size, closed = np.abs(steps["sigma_n"][index]), steps["status"][index] != OPEN
+    top = int(size.argmax())
+    piece = next(piece for piece in chains(nodes) if top in piece)
+    near = piece[np.abs(piece - top) <= 1]
+    return near[closed[near] | (near == top)]
+
+
+def farthest_node(steps: dict, index: int) -> int:
+    """Node that has slid farthest in contact until step `index`."""
+    sliding = steps["status"][: index + 1] == SLIP
+    return int(np.where(sliding, np.abs(steps["slip"][: index + 1]), 0.0).sum(axis=0).argmax())
+
+
+def between_nodes(nodes: dict, steps: dict, index: int) -> dict[str, float]:
+    """What nodes leave open of the contact length and of slip at step `index`, whatever meshes say.
+
+    Contact ends somewhere between a closed and an open node: half of their distance is not known.
+    Slip that is largest in a node differs by so much from that of the next one in contact.
+    """
+    x, closed, length, apart = nodes["arc"], steps["status"][index] != OPEN, 0.0, 0.0
+    sliding = steps["status"][: index + 1] == SLIP
+    way = np.where(sliding, np.abs(steps["slip"][: index + 1]), 0.0).sum(axis=0)
+    top = farthest_node(steps, index)
+    for piece in chains(nodes):
+        edges = edges_of_contact(nodes, piece, steps, index) if len(piece) > 1 else ()
+        length += sum(abs(x[piece[k]] - x[piece[i]]) / 2 for i, k, _ in edges)
+        near = piece[(np.abs(piece - top) <= 1) & closed[piece]]
+        if top in piece and len(near):
+            apart = float(np.abs(way[near] - way[top]).max())
+    return {"contact_length": float(length), "slip": apart}
+
+
 def _part(x, opening, pressure, inward, closed) -> float:
     """Length from the last closed node x[0] to the edge of contact, at most to the open x[1].
 

@@ -18,7 +18,6 @@ from ..options import Settings
 from ..results import summary
 from ..results.relinearization import linearized
 from ..results.writer import Writer
-from ..scene import elements
 from ..timing import Laps
 from . import launch
 from .request import Request
@@ -223,8 +222,7 @@ def _estimate(errors: dict, directory: Path, request: Request, problem: Problem,
         _next_mesh(directory, estimator, estimates)
     lap("energy_error")
     if request.errors == "yes" and not failure:
-        errors |= _budget(directory, request, problem, writer, lap, memory)
-        errors["energy"] |= of_time(errors["quantities"])
+        _budget(errors, directory, request, problem, writer, estimator, lap, memory)
         lap("estimates")
 
 
@@ -232,33 +230,36 @@ def _next_mesh(directory: Path, estimator: EnergyEstimator, estimates: list) -> 
     """Leave the element sizes of the next cycle's mesh."""
     with agreed_writes(estimator.operator.comm):
         if estimator.gather.root:
-            adaptivity.next_mesh(directory / adaptivity.STEM, estimator.body.mesh,
-                                 [estimate for _, estimate in estimates],
-                                 elements.DEGREE[estimator.manifest.element])
+            adaptivity.next_mesh(directory / adaptivity.STEM, estimator,
+                                 [estimate for _, estimate in estimates])
 
 
-def _budget(directory: Path, request: Request, problem: Problem, writer: Writer, lap: Laps,
-            memory: tuple[float, float]) -> dict:
-    """Error budget in the quantities of interest, from companions of the finished run, and prices.
+def _budget(errors: dict, directory: Path, request: Request, problem: Problem, writer: Writer,
+            estimator: EnergyEstimator, lap: Laps, memory: tuple[float, float]) -> None:
+    """Fill `errors` with the budget of the quantities of interest, from companions of the finished
+    run and adjoint problems, and with prices.
 
     `lap` has its seconds so far, `memory` its MiB, and those before anything was read.
     """
+    from ..estimates import adjoint
     from ..estimates.alternatives import price_list
-    from ..estimates.levels import Levels, assess
+    from ..estimates.levels import Companions, Levels, assess
     from ..estimates.prices import Measured
 
     settings = Settings(**{**request.settings, "uniqueness": "no"})
     levels = Levels(Path(request.script), request.parameters, directory / "companions",
                     writer.operator.comm, settings, [Path(place) for place in request.cycles],
                     request.without)
-    took = Measured.of(lap.seconds, problem.manifest)
-
-    def priced(companions, parts: dict, budget: dict) -> dict:
-        return price_list(companions, parts, budget, request.quantity, took, *memory,
-                          lambda: time.perf_counter() - lap.last)
-
+    took, record = Measured.of(lap.seconds, problem.manifest), writer.record
+    values, at = record.quantities()
+    step = next((step for step, _ in estimator.considered if step.index == at + 1), None)
     try:
-        return assess(levels, problem, settings, *writer.record.quantities(),
-                      writer.record.singular_places(), priced)
+        sizes, said = adjoint.assess(problem, record, step, values, lambda: estimator.body)
+        companions = Companions(levels, problem, settings, record, sizes)
+        parts = assess(errors, companions)
+        errors["adjoint"] = said
+        errors["energy"] |= of_time(errors["quantities"])
+        errors["prices"] = price_list(companions, parts, errors["quantities"], request.quantity,
+                                      took, *memory, lambda: time.perf_counter() - lap.last)
     finally:
         levels.close()

@@ -157,6 +157,21 @@ def test_effects_that_never_mattered(nodes, sentences):
     assert sentences <= said and all(line.startswith("time") for line in said - sentences)
 
 
+@pytest.mark.parametrize("nodes, active, reason", [
+    (counted([9, 8], [0, 1], [0, 0]), True, "1 nodes touched at most"),
+    (counted([9, 8], [0, 0], [0, 1]), True, "1 nodes touched at most"),
+    (counted([5, 5, 9], [1, 3, 0], [3, 2, 0]), True, "5 nodes touched at most"),  # at one time
+    (counted([9, 9], [0, 0], [0, 0]), False, "nothing touched"),
+    (counted([], [], []), None, "no step was kept"),
+])
+def test_contact_matters_where_one_node_touched_at_one_time(nodes, active, reason):
+    found = entries(nodes=nodes, gap=True)
+    assert (found["contact"]["active"], found["contact"]["reason"]) == (active, reason)
+    assert found["contact"]["unknowns"] == 40
+    assert found["gap"]["active"] is bool(active) and found["gap"]["declared"]
+    assert not entries(nodes=nodes)["gap"]["declared"]
+
+
 def test_undeclared_effects_cost_nothing():
     found = entries(declared("traction"), counted([0], [0], [0]), ((0,), (1,)))
     for name in ("contact", "friction", "time", "gap", "body_force", "displacement"):
