@@ -19,7 +19,7 @@ import numpy as np
 from ..errors import InputError
 from ..files import write_table
 from ..options import Settings
-from ..scene.elements import areas
+from ..scene import elements
 
 STEM = "size"  # of the files of a size field, see write_sizes
 GROWTH = 4.0  # triangles of one cycle's mesh over the last one's: as if sizes were halved
@@ -32,7 +32,7 @@ COARSE = {"rtol": 1e-4, "friction_rtol": 1e-3, "primal_rtol": 1e-2}  # of cycles
 
 def element_sizes(xy: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """(n_t,) side of the equilateral triangle of the same area."""
-    return np.sqrt(4 / np.sqrt(3) * areas(xy[triangles]))
+    return np.sqrt(4 / np.sqrt(3) * elements.areas(xy[triangles]))
 
 
 def new_sizes(size: np.ndarray, indicator: np.ndarray, wanted: float, degree: float = 1,
@@ -98,17 +98,18 @@ def contact_sizes(boundary, states: list[dict]) -> tuple[np.ndarray, np.ndarray]
     return b.xy[own], new_sizes(size, indicator, GROWTH**0.5 * len(own), 0.5, 1)
 
 
-def next_mesh(stem: Path, mesh, estimates: list, degree: int, places: np.ndarray,
-              sizes: np.ndarray) -> None:
-    """Write the sizes of the mesh that follows `mesh` (edge_mesh.Mesh) after the `estimates`.
+def next_mesh(stem: Path, estimator, estimates: list) -> None:
+    """Write the sizes of the mesh that follows that of the EnergyEstimator after its `estimates`.
 
-    At `places` they are at most `sizes`, see `contact_sizes`.
     A triangle's error is that of all estimated steps together. Raises InputError without estimates.
     """
     reasons = [e.reason for e in estimates if e.reason]
     if reasons or not estimates:
         reason = reasons[0] if reasons else "nothing was estimated"
         raise InputError(f"ADAPT has no error to refine by: {reason}")
+    mesh, degree = estimator.body.mesh, elements.DEGREE[estimator.manifest.element]
+    states = [state for _, state in estimator.considered]
+    places, sizes = contact_sizes(estimator.contact.boundary, states)
     square = sum(e.indicator**2 * (e.mesh > ROUNDING * e.norm) for e in estimates)
     xy = np.zeros((mesh.triangles.max() + 1, 2))
     xy[mesh.triangles] = mesh.corner

@@ -18,7 +18,6 @@ from ..options import Settings
 from ..results import summary
 from ..results.relinearization import linearized
 from ..results.writer import Writer
-from ..scene import elements
 from ..timing import Laps
 from . import launch
 from .request import Request
@@ -231,12 +230,8 @@ def _next_mesh(directory: Path, estimator: EnergyEstimator, estimates: list) -> 
     """Leave the element sizes of the next cycle's mesh."""
     with agreed_writes(estimator.operator.comm):
         if estimator.gather.root:
-            boundary = estimator.contact.boundary
-            states = [state for _, state in estimator.considered]
-            adaptivity.next_mesh(directory / adaptivity.STEM, estimator.body.mesh,
-                                 [estimate for _, estimate in estimates],
-                                 elements.DEGREE[estimator.manifest.element],
-                                 *adaptivity.contact_sizes(boundary, states))
+            adaptivity.next_mesh(directory / adaptivity.STEM, estimator,
+                                 [estimate for _, estimate in estimates])
 
 
 def _budget(directory: Path, request: Request, problem: Problem, writer: Writer, lap: Laps,
