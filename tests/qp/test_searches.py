@@ -41,7 +41,7 @@ def test_branch_and_bound_says_what_all_states_say(nodes, motions, pulls):
     for seed in range(SEEDS):
         problem = random_problem(seed, nodes, motions, pulls)
         expected = has_solution(problem)
-        found = branching.search_states(problem, complementarity.newton)
+        found = branching.search_states(problem)
         assert found.certain and (found.solution is not None) == expected, seed
         assert not expected or problem.solves(found.solution)
         n, R, C = nodes, problem.motions, problem.compliance
@@ -53,16 +53,14 @@ def test_branch_and_bound_says_what_all_states_say(nodes, motions, pulls):
     assert none > 0 or pulls  # bodies that contact cannot pull back may fall off
 
 
-def test_branch_and_bound_knows_its_limits():
+def test_branch_and_bound_knows_its_limits(monkeypatch):
     """Too many nodes, or programs, are no proof that there is no solution."""
     problem = random_problem(1, 3, 3)
-    many = branching.search_states(random_problem(1, branching.MOST_NODES + 1, 1), None)
+    many = branching.search_states(random_problem(1, branching.MOST_NODES + 1, 1))
     assert many.solution is None and not many.certain
-    branching_programs, branching.PROGRAMS = branching.PROGRAMS, 1
-    try:
-        found = branching.search_states(problem, lambda *_: None)
-    finally:
-        branching.PROGRAMS = branching_programs
+    monkeypatch.setattr(branching, "PROGRAMS", 1)
+    monkeypatch.setattr(branching, "newton", lambda *_: None)
+    found = branching.search_states(problem)
     assert found.solution is None and not found.certain
 
 
