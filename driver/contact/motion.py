@@ -1,6 +1,6 @@
 """Where rigid obstacles stand at every time of a load history: distances, and ways of surfaces."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -21,6 +21,9 @@ class ObstacleMotion:
     pivot: np.ndarray
     xy: np.ndarray
     tangent: np.ndarray
+    # by macro the largest departure from straight lines between the times, over the largest value,
+    # and when
+    missed: dict[str, tuple[float, float]] = field(default_factory=dict)
 
     def gap_at(self, time: float) -> np.ndarray:
         """(n,) distances at one of the `times`."""
@@ -42,9 +45,20 @@ class ObstacleMotion:
 
     def of(self, nodes: np.ndarray) -> "ObstacleMotion":
         """The same at some nodes."""
-        return ObstacleMotion(self.times, self.gap[:, nodes], self.shift[:, nodes],
-                              self.angle[:, nodes], self.pivot[nodes], self.xy[nodes],
-                              self.tangent[nodes])
+        return replace(self, gap=self.gap[:, nodes], shift=self.shift[:, nodes],
+                       angle=self.angle[:, nodes], pivot=self.pivot[nodes], xy=self.xy[nodes],
+                       tangent=self.tangent[nodes])
+
+    def padded(self, count: int) -> "ObstacleMotion":
+        """The same with `count` nodes more, whose obstacles stand still at no distance."""
+        if not count:
+            return self
+        more = {name: np.concatenate([values, np.zeros((*values.shape[:axis], count,
+                                                        *values.shape[axis + 1:]))], axis)
+                for name, axis in (("gap", 1), ("shift", 1), ("angle", 1), ("pivot", 0), ("xy", 0),
+                                   ("tangent", 0))
+                for values in (getattr(self, name),)}
+        return replace(self, **more)
 
     def _index(self, time: float) -> int:
         return int(np.abs(self.times - time).argmin())

@@ -48,8 +48,11 @@ class Room(Effect):
             _refuse_uneven(nodes, distance, (shift * tangent).sum(axis=-1))
             gap = distance + (shift * nodes.normal).sum(axis=-1)
         gap = np.where(nodes.family > 0, distance, gap)
-        return ObstacleMotion(times, gap, shift, history("obstacle_angle"), pivot, nodes.xy,
-                              tangent)
+        angle = history("obstacle_angle")
+        missed = {macro: _missed(columns, name, values) for macro, name, values in (
+            ("obstacleX", "obstacle_x", shift[..., 0]), ("obstacleY", "obstacle_y", shift[..., 1]),
+            ("obstacleAngle", "obstacle_angle", angle)) if f"{name}_missed" in columns}
+        return ObstacleMotion(times, gap, shift, angle, pivot, nodes.xy, tangent, missed)
 
     def ledger(self, facts: RunFacts) -> dict[str, dict]:
         """Active where any node touched: what is open does not know where its obstacle went."""
@@ -60,6 +63,14 @@ class Room(Effect):
         elif touched:
             reason = f"{touched} nodes touched at most"
         return {"obstacle_motion": entry(active, reason)}
+
+
+def _missed(columns: dict, name: str, values: np.ndarray) -> tuple[float, float]:
+    """What steps miss of a history (T, n), relative to its largest value, and when."""
+    away = columns[f"{name}_missed"]
+    node = int(away.argmax())
+    largest = max(np.abs(values).max(), away[node])
+    return float(away[node] / largest) if largest > 0 else 0.0, columns[f"{name}_missed_at"][node]
 
 
 def _distance(phi: np.ndarray, slope: np.ndarray, nodes, times: np.ndarray) -> np.ndarray:
@@ -83,10 +94,16 @@ def _distance(phi: np.ndarray, slope: np.ndarray, nodes, times: np.ndarray) -> n
 
 
 def _refuse_uneven(nodes, distance: np.ndarray, along: np.ndarray) -> None:
-    """Refuse obstacles that slide along labels on which their distance (n,) varies."""
+    """Refuse obstacles that slide along labels on which their distance (n,) varies.
+
+    Vertices of several labels have the mean of their distances.
+    """
     size = np.ptp(nodes.xy, axis=0).max(initial=0.0)
-    for label in np.unique(nodes.label[nodes.family == 0]):
-        here = (nodes.label == label) & (nodes.family == 0)
+    labels = np.array([gid for _, gid in getattr(nodes, "members", ())])
+    vertices, count = np.unique(labels, return_counts=True)
+    own = (nodes.family == 0) & ~np.isin(nodes.gid, vertices[count > 1])
+    for label in np.unique(nodes.label[own]):
+        here = own & (nodes.label == label)
         if along[:, here].any() and np.ptp(distance[here]) > EVEN * size:
             raise InputError(
                 f"the obstacle of label {label} slides along it, but its gap varies from place to "

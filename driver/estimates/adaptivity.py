@@ -109,8 +109,8 @@ def next_mesh(stem: Path, estimator, estimates: list) -> None:
         reason = reasons[0] if reasons else "nothing was estimated"
         raise InputError(f"ADAPT has no error to refine by: {reason}")
     mesh, degree = estimator.body.mesh, elements.DEGREE[estimator.manifest.element]
-    places, sizes = contact_sizes(estimator.contact.boundary,
-                                  [state for _, state in estimator.considered])
+    states = [state for _, state in estimator.considered]
+    places, sizes = contact_sizes(estimator.contact.boundary, states)
     square = sum(e.indicator**2 * (e.mesh > ROUNDING * e.norm) for e in estimates)
     xy = np.zeros((mesh.triangles.max() + 1, 2))
     xy[mesh.triangles] = mesh.corner

@@ -21,7 +21,7 @@ from ..scene import freefem
 from .adjoint import held
 from .between_steps import departures
 from .budget import (CAUTION, OF_TIME, UNBOUNDED, Part, advice, coarser, extrapolate,
-                     formal_order, mesh_knob, name_of, ratio, summed)
+                     formal_order, located, mesh_knob, name_of, ratio, summed)
 
 # a loose fixed point may stop where a much tighter one does: the companion's is this at most
 SETTLED = 1e-7
@@ -168,6 +168,7 @@ class Companions:
         """`record` of the run of `problem` with `settings`; `sizes` as of adjoint.assess."""
         self.values, self.at = record.quantities()
         self.singular, self.sizes = record.singular_places(), sizes
+        self.open = record.between_nodes(self.at)
         self.levels, self.manifest, self.settings = levels, problem.manifest, settings
         self.effects = problem.effects
         levels.problems[()] = problem
@@ -271,7 +272,8 @@ class Companions:
         if unseen and self.meshes[0] != self.base:
             # that of a support: no mesh tells when a place between the supports moves by more
             parts["displacement"] = Part(UNSEEN * value)
-        return {name: held(name, part, self.sizes.get(name)) for name, part in parts.items()}
+        return {name: located(held(name, part, self.sizes.get(name)), self.open.get(name, 0.0))
+                for name, part in parts.items()}
 
     def _time(self) -> dict[str, Part]:
         """Every second and fourth time; without friction only the instant counts.

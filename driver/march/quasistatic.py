@@ -32,7 +32,7 @@ from .friction_qp import FrictionQP
 from .residuals import Residuals
 from .slip import FAR, SlipState
 from .step import History, Load, Step, StepFailed, Trace, Unfinished
-from .supported import SupportedBodies
+from .supported import RigidSurfaces, SupportedBodies
 from .uniqueness import CHANGING, Uniqueness, too_many, worthwhile
 
 SETTLINGS = 5  # of bodies without support, whose multipliers follow, in a step
@@ -71,6 +71,7 @@ class QuasistaticSolver:
             CornerStates(self.fixed_point, operator.structure.contact))
         own = 0.0 if self.rows.bound_is_given else float(self.rows.coefficient.max(initial=0))
         self.largest_friction = operator.comm.allreduce(own, op=MPI.MAX)
+        self.closure = self._closure()
         self.uniqueness = Uniqueness(self.largest_friction > 0)
         self.doubtful = False
         self.loads = [self._size(index) for index in range(1, len(times))]
@@ -85,6 +86,14 @@ class QuasistaticSolver:
         from ..effects.free_bodies import FreeBodies
 
         return FreeBodies(self.operator, self.rows, self.effects, self.scales, self.history)
+
+    def _closure(self):
+        """What laws of rough or worn surfaces need, imported only where there are such laws."""
+        if not self.effects.closes:
+            return RigidSurfaces()
+        from .closure import Closure
+
+        return Closure(self.qp, self.effects, self.residuals)
 
     def steps(self):
         """Generate the `Step`s after those in `history`. StepFailed where one has no solution."""
@@ -133,7 +142,8 @@ class QuasistaticSolver:
         patterns = self.operator.structure.patterns
         self.motion, self.older_motion = step.weights[patterns :], self.motion
         slip = self.slip.advance(step.multipliers, step.gradient, step.weights, self.scales)
-        self.effects.step_ends(self.rows.tangential_node, slip)
+        self.effects.step_ends(self.rows.tangential_node, slip,
+                               step.multipliers[self.rows.pair])
         self._record(step)
         return step, error
 
@@ -173,10 +183,12 @@ class QuasistaticSolver:
         known = rows.coefficient, rows.offset, slip.coefficient
         rows.coefficient, rows.offset, slip.coefficient = smooth, None, smooth
         try:
+            self.closure.begin_step(False, slides=False)
             x = np.zeros(self.operator.owned)
             load = self.load(0, self.bodies.can_rest(0, self.amplitudes[0]), x)
             self.scales.renew(d=load.extent)
-            x, gradient, _, _ = self._settled(0, load, x, -load.d, smooth, Trace())
+            x, gradient, _, _ = self.closure.settled(
+                0, load, (x, -load.d, smooth), Trace(), self._settled)
         finally:
             rows.coefficient, rows.offset, slip.coefficient = known
         self.scales.keep()
@@ -213,12 +225,14 @@ class QuasistaticSolver:
         """
         op, rows = self.operator, self.rows
         products, trace, error = op.products, Trace(), None
+        self.closure.begin_step(self.contact.motion is not None)
         moved = op.apply(x)
         load = self.load(index, motion, moved)
         self.scales.renew(d=load.extent)
         try:
             start = x, moved - load.d, sliding
-            x, gradient, moved, residuals = self._settled(index, load, *start, trace)
+            x, gradient, moved, residuals = self.closure.settled(index, load, start, trace,
+                                                                 self._settled)
             self._examine(index, load, x, gradient, trace)
             self.bodies.note_loose_motion(index, x)
         except Unfinished as failure:
@@ -303,7 +317,8 @@ class QuasistaticSolver:
         if not search.frictional or search.failure or (
                 not worthwhile(choice, nodes, self.largest_friction, self.doubtful)):
             return
-        search.failure = CHANGING if self.effects.coefficient_changes else too_many(nodes)
+        changes = self.effects.coefficient_changes or self.effects.closes
+        search.failure = CHANGING if changes else too_many(nodes)
         if search.failure:
             return
         clock = time.perf_counter()

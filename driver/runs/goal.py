@@ -26,8 +26,8 @@ from ..effects.quasistatic import proportional
 from ..errors import DriverError, InputError, NoSolution, NotConverged
 from ..estimates import adjoint
 from ..estimates.budget import (CAUTION, FORMAL, SOURCES, UNBOUNDED, Part, extrapolate, finer,
-                                formal_order, main_quantity, mesh_knob, name_of, ratio, share,
-                                summed, vanishing)
+                                formal_order, located, main_quantity, mesh_knob, name_of, ratio,
+                                share, summed, vanishing)
 from ..estimates.torn_body import Gather, gather_body
 
 COARSENING = (8, 4, 2, 1)  # of the scene's own mesh, for the first one that can be had
@@ -202,10 +202,11 @@ class Search:
         finest = self._level(sizes[0])
         ratios = [ratio(self.knob, b, a) for a, b in zip(sizes, sizes[1:])]
         formal = FORMAL["mesh"][self.first.element]
-        held = self._adjoint(sizes[0], finest)
-        self.parts["mesh"] = {q: held(q, extrapolate(
+        held, apart = self._adjoint(sizes[0], finest), finest.record.between_nodes(finest.at)
+        self.parts["mesh"] = {q: located(held(q, extrapolate(
             [a[q] - b[q] for a, b in zip(runs, runs[1:])], ratios, formal, value,
-            q not in UNBOUNDED, q in finest.singular, CAUTION[q])) for q, value in runs[0].items()}
+            q not in UNBOUNDED, q in finest.singular, CAUTION[q])), apart.get(q, 0.0))
+                              for q, value in runs[0].items()}
         return self.budget()[self.name]
 
     def _adjoint(self, size, level):

@@ -53,6 +53,7 @@ def export(scene: Path, directory: Path, parameters: dict[str, str], ranks: int 
     grammar.check(scene)
     script.check_names(scene)
     script.check_statements(scene)
+    script.check_gmsh_numbers(scene)
     text = text_digest(scene)
     directory.mkdir(parents=True, exist_ok=True)
     given = {**parameters, "sizes": str(sizes)} if sizes else parameters

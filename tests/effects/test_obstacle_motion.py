@@ -208,7 +208,7 @@ real slipRange = 0.1;"""
     np.testing.assert_allclose(c["bound"], -0.3 * factor * c["sigma_n"], rtol=1e-6, atol=1e-12)
     line = meshio.read(run.directory / contact_file(4)).point_data
     np.testing.assert_allclose(line["gap"], -2e-3, rtol=1e-9)
-    np.testing.assert_allclose(line["gap"], c["gap"][-1], rtol=1e-9)
+    np.testing.assert_allclose(line["obstacle"], np.outer(c["gap"][-1], [0, -1, 0]), rtol=1e-9)
 
 
 def test_a_block_on_a_belt_presses_the_stop_with_its_friction(solved, scene):
@@ -254,6 +254,19 @@ def test_leaving_it_out_leaves_the_obstacle_where_it_was(solved, scene):
     assert np.abs(run.contact["slip"][-1]).max() < 1e-2
     ledger = solved(scene(PAD), cells=3, steps=4, np=1).summary["effects_ledger"]
     assert ledger["obstacle_motion"]["active"]
+
+
+def test_what_steps_miss_of_a_path_is_said(solved, scene):
+    """Three steps cut off the turn at t = 1, a third of the way, half of the 2/3 that they see;
+    eight end there."""
+    run = solved(scene(PAD, ("contact() 1", "contact() 1, 2"), ("macro friction() F", """
+macro gap() (label == 2 ? 1. : 0.) //
+macro friction() F"""), ("(way*(1. - abs(t - 1.)))", "(label == 1 ? way*(1. - abs(t - 1.)) : 0.)")
+                       ), cells=2, steps=3)
+    said = [line for line in run.summary["warnings"] if "obstacleX" in line]
+    assert len(said) == 1 and "departs by 50 %" in said[0] and "at time 1:" in said[0]
+    run = solved(scene(PAD), cells=3, steps=8, **TIGHT)
+    assert not any("obstacleX" in line for line in run.summary["warnings"])
 
 
 # ---- kinematics ----------------------------------------------------------------------------------

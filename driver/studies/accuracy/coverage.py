@@ -2,11 +2,11 @@
 
 Runs of shipped scenes and of published cases, coarse to fine, with linear and quadratic elements,
 adaptive meshes, many and few steps and by ACCURACY; of any other scene by its path at its own mesh
-size, at twice that and there with quadratic elements. What each claims of every quantity is compared with the error that it
-truly has: against a closed form, or against the finest of runs that are much finer, whose distance
-from the finer of them is their uncertainty. A claim is judged where the reference is better than
-half of the claim and of the error. The aims: 95 of 100 claims hold, none is below half of the true
-error, the median of claim over truth is 4 at most.
+size, at twice that and there with quadratic elements. What each claims of every quantity is
+compared with the error that it truly has: against a closed form, or against the finest of runs that
+are much finer, whose distance from the finer of them is their uncertainty. A claim is judged where
+the reference is better than half of the claim and of the error. The aims: 95 of 100 claims hold,
+none is below half of the true error, the median of claim over truth is 4 at most.
 """
 
 import math
