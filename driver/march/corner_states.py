@@ -74,5 +74,5 @@ class CornerStates:
             where = ", ".join(f"({x:g}, {y:g})" for x, y in self.contact.xy[wrong])
             raise Unfinished(NotConverged(
                 f"{step_name(index)}: no state of contact and friction was found for the two "
-                f"conditions at the corner {where}; smaller steps or a rounded corner may help"), x, gradient,
-                final=True)
+                f"conditions at the corner {where}; smaller steps or a rounded corner may help"),
+                x, gradient, final=True)
