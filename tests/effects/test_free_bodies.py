@@ -476,7 +476,13 @@ def test_a_body_on_rollers_under_a_smooth_one_is_balanced_across(built, steps_of
     path.write_text(ROLLERS)
     solver, steps = steps_of(built(scene=path, subdomains=cut), rtol=1e-10, friction_rtol=1e-8)
     assert solver.failure is None and len(steps) == 1
-    assert steps[0].multipliers.any()
+    op, x = solver.operator, steps[0].multipliers
+    net, size = op.imbalance(x, steps[0].weights)
+    reach = np.abs(op.structure.rigid_corners).max(axis=0)
+    pressing = np.abs(x[solver.rows.normal]).sum()
+    # forces have sixteen digits, of which tolerances of 1e-8 leave none below 1e-7 of them
+    assert pressing > 0 and (size >= 1e-7 * reach * pressing).all() and (
+        np.abs(net) <= 1e-8 * size).all()
 
 
 @pytest.mark.parametrize("cut", [1, 5])
