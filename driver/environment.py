@@ -28,6 +28,11 @@ PATIENCE = 10  # seconds that an interrupted child has to end by itself
 ALONE = {"OMPI_MCA_pml": "ob1", "OMPI_MCA_btl": "self", "OMPI_MCA_ess_singleton_isolated": "1",
          "OMPI_MCA_orte_create_session_dirs": "0"}
 LEFT_BEHIND = ("OMPI_MCA_ess", "OMPI_MCA_pmix")  # what it then sets itself in the environment
+HOST_FILE = "OMPI_MCA_orte_default_hostfile"  # Open MPI's own name of the file of hosts
+HOSTS_KNOWN = (HOST_FILE, "SLURM_JOB_ID")  # set where ranks may start on other hosts
+# of the environment to ranks on other hosts, besides Open MPI's own settings
+HANDED_ON = re.compile("PATH|LD_LIBRARY_PATH|EXPORT_DIRECTORY|SIZE_FIELD|"
+                       "(PYTHON|PETSC|OMP_|OPENBLAS_|FF_|DRIVER_).*")
 LAUNCHED = ("OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK", "SLURM_PROCID")  # set by launchers
 EVERY_STEP = "DRIVER_EVERY_STEP"  # set where each step is to be printed, not some of them
 SET_UP = "run 'make setup' (apt packages: see apt-packages.txt)"
@@ -171,9 +176,19 @@ def package_error(problem: ImportError) -> InputError:
     return file_error(problem, f"a Python package cannot be loaded: {words}")
 
 
-def mpirun(ranks: int) -> list[str]:
-    """Command prefix that starts `ranks` processes, more than cores if asked; they end with it."""
-    return [program("mpirun"), "--oversubscribe", "--bind-to", "none", "-n", str(ranks),
+def several_hosts() -> bool:
+    """Whether ranks may start on other hosts than this one."""
+    return any(name in os.environ for name in HOSTS_KNOWN)
+
+
+def mpirun(ranks: int, env: dict[str, str] | None = None) -> list[str]:
+    """Command prefix that starts `ranks` processes, more than cores if asked; they end with it.
+
+    `env` is the environment that mpirun will have; ranks on other hosts get what they need of it.
+    """
+    names = filter(HANDED_ON.fullmatch, env or ()) if several_hosts() else ()
+    handed = [word for name in names for word in ("-x", name)]
+    return [program("mpirun"), "--oversubscribe", "--bind-to", "none", *handed, "-n", str(ranks),
             program("setpriv"), "--pdeathsig", "KILL"]
 
 
@@ -226,10 +241,11 @@ def child_environment(parallel: bool = False, element: str = "P1") -> dict[str, 
 
     FreeFEM looks for its includes and plugins where the package does not put them. Open MPI refuses
     to start as root without two settings, looks for fast networks for a quarter of a second, and
-    lets waiting ranks keep a core busy that others could use.
+    lets waiting ranks keep a core busy that others could use. Between hosts a fast network counts.
     """
     env = {**os.environ, "OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
-    env.setdefault("OMPI_MCA_pml", "ob1")
+    if not several_hosts():
+        env.setdefault("OMPI_MCA_pml", "ob1")
     env.setdefault("OMPI_MCA_mpi_yield_when_idle", "1")
     own = [LIBRARY, LIBRARY / ("mpi" if parallel else "serial"), LIBRARY / element]
     includes = [*map(str, own), env.get("FF_INCLUDEPATH"), "/usr/include/freefem++/idp"]

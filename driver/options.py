@@ -99,6 +99,7 @@ COMMANDS = {command.name: command for command in (
 
 SCENES = ("run", "effects", "study")
 SOLVING = ("run", "model", "effects", "study", "accuracy")
+SOLVES = (*SOLVING, "table")
 MESHING = (*SOLVING, "saddle")
 SINGLE = ("run", "model")
 FRONT, EXPORT, SOLVER, STUDY = Reader.FRONT, Reader.EXPORT, Reader.SOLVER, Reader.STUDY
@@ -109,8 +110,11 @@ RUNS = (
     Option("scene", text("name|path"), None, FRONT, ("accuracy",), "the scene of the sweeps",
            "none, needed by PART=sweeps"),
     Option("scene", text("name|path"), "model", FRONT, ("saddle",), "the scene"),
-    Option("np", whole("a number of ranks", 1, RANKS_PER_CORE * CORES), 1, FRONT,
-           (*SOLVING, "table"), "MPI ranks, for FreeFEM and the solver"),
+    Option("np", whole("a number of ranks", 1), None, FRONT, SOLVES,
+           "MPI ranks, for FreeFEM and the solver", "1, or the slots of the hosts"),
+    Option("hosts", path("file"), None, FRONT, SOLVES, "file of the hosts on which ranks start, "
+           "'name slots=n' in a line; they share the directory of OUT",
+           "those that Slurm or PBS allotted, else this one"),
     Option("out", path(), None, FRONT, ("run",), "directory of the results; a run that has "
            "converged replaces an older one there", "results/<scene>"),
     Option("out", path(), None, FRONT, ("model",), "directory of the results; with both loadings "
@@ -275,6 +279,11 @@ def options_of(command: str) -> dict[str, Option]:
 def find(command: str, name: str) -> Option:
     """The option `name` of a command."""
     return options_of(command)[name]
+
+
+def ranks(pairs: dict[str, str]) -> dict[str, str]:
+    """Those of the NAME=VALUE `pairs` that say where ranks start."""
+    return {name: pairs[name] for name in ("np", "hosts") if name in pairs}
 
 
 def read(command: str, pairs: dict[str, str]) -> Given:

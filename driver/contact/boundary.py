@@ -8,7 +8,7 @@ value at the node (not at the ends of a boundary of linear elements). Any force 
 by a displacement of the same nodes, of bounded norm: the inf-sup condition (see mortar.py).
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -16,6 +16,10 @@ from ..errors import InputError
 from ..feti.gathering import gather
 from .chains import chains
 from .nodes import contact_table, merge_parts
+
+NODAL = ("gid", "label", "chain", "xy", "arc", "weight", "length", "normal", "gap", "family",
+         "middle", "normal_row", "tangential_row")  # members of ContactBoundary, arrays (n_c, ...)
+TERMS = ("term_node", "term_gid", "term_value", "term_other")
 
 
 @dataclass
@@ -31,6 +35,7 @@ class ClampedContact:
     normal: np.ndarray
     gap: np.ndarray
     values: np.ndarray
+    motion: object = None  # an ObstacleMotion of contact/motion.py, if any
 
 
 @dataclass
@@ -48,13 +53,16 @@ class ContactBoundary:
     `weight` is the integral of the node's function, of bodies of revolution over the revolution
     (rings.py), `length` that along the boundary. `columns` are what declared effects give
     the nodes (see ContactData), means over dual segments; `gap` is the distance to what the node
-    meets: the column of that name, plus that of the two bodies of a pair.
+    meets: the column of that name, plus that of the two bodies of a pair. Where obstacles move it
+    is that at time 0, and `at` gives those of later times.
 
     Ordered by `chain`, then along the arc: see chains.py. `normal_row` and `tangential_row` are
     global dual rows, -1 where a node has none (frictionless contact, or a direction that the
     support fixes). What meets at node i is the sum of value_k u(gid_k) over the terms k with
     node_k = i: its own displacement on a rigid obstacle, a mortar jump where `paired`. `edges` are
-    pairs of nodes, those of `clamped` counted on. `corners` (v, 3) as from corner_pairs.py.
+    pairs of nodes, those of `clamped` counted on. `corners` (v, 3) as from corner_pairs.py. The
+    last `joined` entries are no contact nodes but rows of joints.py: without gap and friction, with
+    a component of the displacement in the place of the normal one.
     """
 
     gid: np.ndarray
@@ -81,6 +89,44 @@ class ContactBoundary:
     corners: np.ndarray = field(default_factory=lambda: np.empty((0, 3), int))
     about: Configuration | None = None  # of pairs; None: the initial geometry
     axisymmetric: bool = False
+    motion: object = None  # the ObstacleMotion; None: obstacles stand still
+    joined: int = 0
+
+    @property
+    def is_joint(self) -> np.ndarray:
+        """(n_c,) whether the entry is the row of a joint."""
+        return np.arange(len(self.gid)) >= len(self.gid) - self.joined
+
+    @property
+    def declared(self) -> "ContactBoundary":
+        """The contact nodes without the rows of joints."""
+        if not self.joined:
+            return self
+        count, terms = len(self.gid) - self.joined, ~self.is_joint[self.term_node]
+        parts = {name: getattr(self, name)[:count] for name in NODAL}
+        parts |= {name: getattr(self, name)[terms] for name in TERMS}
+        return replace(self, **parts, joined=0, motion=self.motion and self.motion.of(
+            np.arange(count)), columns={
+                name: column[:count] for name, column in self.columns.items()})
+
+    def renewed(self, columns: dict[str, np.ndarray], gap: np.ndarray,
+                motion) -> "ContactBoundary":
+        """The same with other columns, gaps (n,) and motions of the declared nodes."""
+        none = np.zeros(self.joined)
+        return replace(
+            self, gap=np.append(gap, none), motion=motion and motion.padded(self.joined),
+            columns={name: np.append(column, none) for name, column in columns.items()})
+
+    def at(self, time: float) -> "ContactBoundary":
+        """The boundary with the distances at `time`; itself where no obstacle moves."""
+        if self.motion is None:
+            return self
+        clamped = replace(self.clamped, gap=self.clamped.motion.gap_at(time))
+        return replace(self, gap=self.motion.gap_at(time), clamped=clamped)
+
+    def way(self, before: float, now: float) -> np.ndarray | float:
+        """(n_c,) tangential displacement of the obstacles' surfaces, 0 where none moves."""
+        return 0.0 if self.motion is None else self.motion.way(before, now)
 
     @property
     def paired(self) -> np.ndarray:
@@ -123,11 +169,14 @@ def contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm,
     paired, n = nodes.family > 0, len(nodes.gid)
     row, other, value = np.arange(n), np.arange(n), np.ones(n)
     gap, length = effects.distance(nodes.columns, n), nodes.weight
+    motion = effects.motion(nodes, gap)
     if manifest.axisymmetric:
         from . import rings  # here: no plane scene needs it
 
         nodes.weight, (row, other, value) = rings.ring_rows(nodes.xy, along.edges, along.middles)
         gap = np.bincount(row, value * gap[other], n)
+        if motion is not None:
+            motion.gap = np.array([np.bincount(row, value * g[other], n) for g in motion.gap])
         length = length.copy()
     own = row, nodes.gid[other], value, np.zeros(len(row), bool)
     terms = [tuple(column[~paired[row]] for column in own)]
@@ -136,6 +185,8 @@ def contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm,
         nodes.weight[here], length[here], nodes.normal[here], more, (node, *term) = sides.couple(
             pairs, nodes.gid[here])
         gap[here] += more
+        if motion is not None:
+            motion.gap[:, here] = gap[here]
         terms.append((here[node], *term))
     held = held_nodes(nodes.gid, fixed)
     lost = np.flatnonzero(held & ~paired)
@@ -146,18 +197,26 @@ def contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm,
     node, gids, value, other = (np.concatenate(column) for column in zip(*terms))
     used = ~unused[node]
     terms = position[node[used]], gids[used], value[used], other[used]
+    if motion is not None:
+        gap = motion.gap[0]
     values = fixed[1][np.searchsorted(fixed[0], 2 * nodes.gid[lost][:, None] + [0, 1])]
     clamped = ClampedContact(*(of[lost] for of in (nodes.gid, nodes.label, nodes.xy, nodes.normal,
-                                                   gap)), values)
+                                                   gap)), values, motion and motion.of(lost))
     none = np.full(len(order), -1)
-    return ContactBoundary(
+    boundary = ContactBoundary(
         *(of[order] for of in (nodes.gid, nodes.label, along.number, nodes.xy, along.arc,
                                nodes.weight, length, nodes.normal)),
         {name: of[order] for name, of in nodes.columns.items()}, gap[order],
         nodes.family[order], nodes.meeting, np.isin(nodes.gid[order], skeleton.middles), *terms,
         none, none.copy(),
         position[along.edges[~paired[along.edges].any(axis=1)]], clamped,
-        about=sides and sides.about, axisymmetric=manifest.axisymmetric)
+        about=sides and sides.about, axisymmetric=manifest.axisymmetric,
+        motion=motion and motion.of(order))
+    if joints := effects.joints:
+        from .joints import with_joints  # here: few scenes need it
+
+        return with_joints(boundary, joints, manifest, subdomains, fixed, comm)
+    return boundary
 
 
 def held_nodes(gid: np.ndarray, fixed) -> np.ndarray:

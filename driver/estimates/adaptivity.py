@@ -19,11 +19,12 @@ import numpy as np
 from ..errors import InputError
 from ..files import write_table
 from ..options import Settings
-from ..scene.elements import areas
+from ..scene import elements
 
 STEM = "size"  # of the files of a size field, see write_sizes
 GROWTH = 4.0  # triangles of one cycle's mesh over the last one's: as if sizes were halved
 STEEPEST = 0.5  # difference of sizes over distance: neighbours must not differ too much
+GENTLE = 0.15  # the same next to contact, whose tractions see the meshes behind it
 SMALLEST, LARGEST = 0.125, 2.0  # new size over old in one cycle: an indicator does not see further
 ROUNDING = 1e-8  # an error below this part of the solution's norm is none
 COARSE = {"rtol": 1e-4, "friction_rtol": 1e-3, "primal_rtol": 1e-2}  # of cycles, rough
@@ -31,33 +32,39 @@ COARSE = {"rtol": 1e-4, "friction_rtol": 1e-3, "primal_rtol": 1e-2}  # of cycles
 
 def element_sizes(xy: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """(n_t,) side of the equilateral triangle of the same area."""
-    return np.sqrt(4 / np.sqrt(3) * areas(xy[triangles]))
+    return np.sqrt(4 / np.sqrt(3) * elements.areas(xy[triangles]))
 
 
-def new_sizes(size: np.ndarray, indicator: np.ndarray, wanted: float,
-              degree: int = 1) -> np.ndarray:
+def new_sizes(size: np.ndarray, indicator: np.ndarray, wanted: float, degree: float = 1,
+              dimension: int = 2) -> np.ndarray:
     """(n_t,) sizes that spread the error evenly over about `wanted` triangles of a `degree`.
 
     `size` (n_t,) of the present triangles, `indicator` (n_t,) energy error of each, not squared.
-    Triangles that meet a limit leave fewer or more for others, for which the repetition makes up.
+    In one dimension the same with the edges of a boundary. Triangles that meet a limit leave fewer or more for others, for which the repetition makes up.
     """
     if not indicator.any():
-        return size * np.sqrt(len(size) / wanted)
-    power = 2 / (degree + 1)
+        return size * (len(size) / wanted)**(1 / dimension)
+    power = dimension / (degree + 1)
     level = ((indicator**power).sum() / wanted) ** (1 / power)
     for _ in range(20):
-        ratio = np.clip((level / np.maximum(indicator, 1e-300)) ** (power / 2), SMALLEST, LARGEST)
-        level *= ((ratio**-2).sum() / wanted) ** (1 / power)
+        ratio = (level / np.maximum(indicator, 1e-300)) ** (power / dimension)
+        ratio = np.clip(ratio, SMALLEST, LARGEST)
+        level *= ((ratio**-dimension).sum() / wanted) ** (1 / power)
     return size * ratio
 
 
-def nodal_sizes(xy: np.ndarray, triangles: np.ndarray, size: np.ndarray) -> np.ndarray:
-    """(n_v,) sizes at the vertices: geometric means over their triangles, of limited slope."""
+def vertex_sizes(xy: np.ndarray, triangles: np.ndarray, size: np.ndarray) -> np.ndarray:
+    """(n_v,) sizes at the vertices: geometric means over their triangles."""
     corners = triangles.ravel()
     count = np.maximum(np.bincount(corners, minlength=len(xy)), 1)
-    nodal = np.exp(np.bincount(corners, np.repeat(np.log(size), 3), minlength=len(xy)) / count)
+    return np.exp(np.bincount(corners, np.repeat(np.log(size), 3), minlength=len(xy)) / count)
+
+
+def even(xy: np.ndarray, triangles: np.ndarray, nodal: np.ndarray, slope: float) -> np.ndarray:
+    """(n_v,) sizes at the vertices, lowered to a limited slope."""
+    nodal = nodal.copy()
     start, end = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
-    rise = STEEPEST * np.linalg.norm(xy[start] - xy[end], axis=1)
+    rise = slope * np.linalg.norm(xy[start] - xy[end], axis=1)
     for _ in range(len(xy)):
         before = nodal.copy()
         np.minimum.at(nodal, start, before[end] + rise)
@@ -67,21 +74,58 @@ def nodal_sizes(xy: np.ndarray, triangles: np.ndarray, size: np.ndarray) -> np.n
     return nodal
 
 
-def next_mesh(stem: Path, mesh, estimates: list, degree: int) -> None:
-    """Write the sizes of the mesh that follows `mesh` (edge_mesh.Mesh) after the `estimates`.
+def contact_sizes(boundary, states: list[dict]) -> tuple[np.ndarray, np.ndarray]:
+    """(k, 2) places on the contact boundary and (k,) sizes of the next mesh there.
 
-    A triangle's error is that of all estimated steps together. Raises InputError without estimates.
+    What tractions of `states` differ from the line between their neighbours is spread evenly over
+    twice as many nodes. Where sticking, slipping and open parts meet tractions have kinks: the
+    error of a node in L2 falls like h^(3/2). The energy of a body hardly knows them.
+    """
+    b, vertices = boundary, np.flatnonzero(~boundary.middle)
+    before, own, after = vertices[:-2], vertices[1:-1], vertices[2:]
+    inside = (b.chain[before] == b.chain[own]) & (b.chain[own] == b.chain[after])
+    before, own, after = before[inside], own[inside], after[inside]
+    left, right = b.arc[own] - b.arc[before], b.arc[after] - b.arc[own]
+    square = np.zeros(len(own))
+    for state in states:
+        for name in ("sigma_n", "sigma_t"):
+            t = state[name]
+            square += (t[own] - (right * t[before] + left * t[after]) / (left + right))**2
+    size = (left + right) / 2
+    if not square.any():
+        return np.empty((0, 2)), np.empty(0)
+    indicator = np.sqrt(size * square)
+    return b.xy[own], new_sizes(size, indicator, GROWTH**0.5 * len(own), 0.5, 1)
+
+
+def next_mesh(stem: Path, estimator, estimates: list) -> None:
+    """Write the sizes of the mesh that follows that of `estimator` (energy.EnergyEstimator).
+
+    A triangle's error is that of all steps of its `estimates` together; on the contact boundary
+    sizes are at most those of `contact_sizes`. Raises InputError without estimates.
     """
     reasons = [e.reason for e in estimates if e.reason]
     if reasons or not estimates:
         reason = reasons[0] if reasons else "nothing was estimated"
         raise InputError(f"ADAPT has no error to refine by: {reason}")
+    mesh, degree = estimator.body.mesh, elements.DEGREE[estimator.manifest.element]
+    states = [state for _, state in estimator.considered]
+    places, sizes = contact_sizes(estimator.contact.boundary, states)
     square = sum(e.indicator**2 * (e.mesh > ROUNDING * e.norm) for e in estimates)
     xy = np.zeros((mesh.triangles.max() + 1, 2))
     xy[mesh.triangles] = mesh.corner
     wanted, size = GROWTH * len(mesh.triangles), element_sizes(xy, mesh.triangles)
-    size = nodal_sizes(xy, mesh.triangles, new_sizes(size, np.sqrt(square), wanted, degree))
-    write_sizes(stem, xy, mesh.triangles, mesh.edges[mesh.boundary], size)
+    outline = mesh.edges[mesh.boundary]
+    size = new_sizes(size, np.sqrt(square), wanted, degree)
+    nodal = even(xy, mesh.triangles, vertex_sizes(xy, mesh.triangles, size), STEEPEST)
+    if len(places):
+        from scipy.spatial import cKDTree  # every run imports this module, and FreeFEM starts first
+
+        rim, near = np.unique(outline), np.full(len(xy), np.inf)
+        distance, place = cKDTree(places).query(xy[rim])
+        near[rim] = sizes[place] + GENTLE * distance
+        nodal = np.minimum(nodal, even(xy, mesh.triangles, near, GENTLE))
+    write_sizes(stem, xy, mesh.triangles, outline, nodal)
 
 
 def write_sizes(stem: Path, xy: np.ndarray, triangles: np.ndarray, edges: np.ndarray,

@@ -172,8 +172,7 @@ class Alternatives:
         with agreed_writes(levels.comm):
             if levels.comm.rank == 0:
                 place.mkdir(parents=True)
-                adaptivity.next_mesh(stem, estimator.body.mesh, estimates,
-                                     elements.DEGREE[self.manifest.element])
+                adaptivity.next_mesh(stem, estimator, estimates)
         key = (("refined", start.get(self.knob, self.manifest.parameters[self.knob])),)
         levels.problems[key] = levels.exported(place / "export", start, stem, key)
         level = self.companions.level(dict(key), self.stride, quiet=True)

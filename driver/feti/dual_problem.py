@@ -26,6 +26,7 @@ class DualProblem(ABC):
     """
 
     contact_rows_only = False
+    softness: np.ndarray | None = None  # (owned,) diagonal that a step adds to F
     structure: Substructure
     owned: int
     products = 0

@@ -38,6 +38,24 @@ def displacement(structure: Substructure, classes: list[LocalClass], vectors: Du
     return glued
 
 
+def touched(structure: Substructure, classes: list[LocalClass], vectors: DualVectors,
+            modes: list) -> np.ndarray:
+    """(owned,) largest translation by the `modes` of a body times what contact rows feel of it.
+
+    Whatever their directions; gluing rows feel nothing. Collective.
+    """
+    size = max(np.linalg.norm(mode.translation) for mode in modes)
+    local = np.zeros(len(vectors.sign))
+    for c in classes:
+        felt = local[c.rows].reshape(len(c.members), -1)
+        for i, s in enumerate(c.members):
+            if structure.first + s in modes[0].members:
+                felt[i] = size * np.abs(structure.rows[s].coefficient).sum(axis=1)
+    total = vectors.assemble(local * np.abs(vectors.sign))
+    total[structure.row_kind[slice(*structure.row_range)] == RowKind.GLUING] = 0.0
+    return total
+
+
 def spring_compliances(classes: list[LocalClass], vectors: DualVectors,
                        motions: list[np.ndarray]) -> np.ndarray:
     """(modes,) rho: SOFTNESS over a contact row's stiffness against a motion, the softer body's.
@@ -61,11 +79,16 @@ def spring_compliances(classes: list[LocalClass], vectors: DualVectors,
 
 
 def work_of_loads(structure: Substructure, comm) -> np.ndarray:
-    """(2, patterns, modes) work of patterns on motions, and of its absolute values; collective."""
+    """(2, patterns, modes) work of patterns on motions, and of its absolute values; collective.
+
+    Loads on fixed displacements are their supports' and do none, not by rounding either.
+    """
     work = np.zeros((2, structure.total, structure.patterns, len(structure.rigid_modes)))
     for s, sub in enumerate(structure.subdomains):
         for k, mode in enumerate(structure.rigid_modes):
             if structure.first + s in mode.members:
-                each = sub.loads * mode.displacement(sub.xy).ravel()
+                moved = mode.displacement(sub.xy).ravel()
+                moved[structure.fixed[s]] = 0.0
+                each = sub.loads * moved
                 work[:, structure.first + s, :, k] = each.sum(axis=1), np.abs(each).sum(axis=1)
     return np.sum(comm.allgather(work), axis=0).sum(axis=1)

@@ -32,11 +32,13 @@ from .dual_problem import DualProblem
 from .recovery import Recovery
 from .reduction import LocalClass, group, reduce_class, stack
 from .rigid_parts import LeastDeformation, RigidParts
+from .rows import RowKind
 from .structure import Substructure
 from .travel import rows_moved
 from .vectors import DualVectors
 
-# part of a load's terms below which their sum is nothing: tolerances down to 1e-8 are met beside it
+# part of a load's terms, or of all contact forces, below which what they come to is nothing:
+# tolerances down to 1e-8 are met beside it
 BALANCED = 1e-6
 
 
@@ -66,6 +68,8 @@ class DualOperator(DualProblem):
         self.motions = [free_motions.displacement(structure, self.classes, self.vectors, k)
                         for k in range(self.modes)]
         self._motion_columns = np.array(self.motions).reshape(self.modes, self.owned).T
+        self._contact = (np.asarray(structure.row_kind[slice(*structure.row_range)])
+                         != RowKind.GLUING).astype(float)
         self.rho = self.coarse.rho = free_motions.spring_compliances(self.classes, self.vectors,
                                                                      self.motions)
         self.travels = {k: rows_moved(structure, self.classes, self.vectors, k)
@@ -97,7 +101,8 @@ class DualOperator(DualProblem):
         self._A.multiply(x, force)
         self._A_transposed.multiply(self.coarse.solve(force), y, add=True)
         y *= vectors.sign
-        return vectors.add_up()
+        total = vectors.add_up()
+        return total if self.softness is None else total + self.softness * multipliers
 
     def dot(self, a: np.ndarray, b: np.ndarray) -> float:
         """Global scalar product: partial sums by subdomain, added in their order."""
@@ -120,7 +125,8 @@ class DualOperator(DualProblem):
                   weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(modes,) work of all forces on the rigid motions, zero in equilibrium; its sizes.
 
-        Loads that balance themselves, heat or a pinch, count by what their rounding is worth.
+        Loads that balance themselves, heat or a pinch, count by what their rounding is worth, and
+        so do contact forces across a motion: a body on rollers lies on a smooth floor.
         """
         factors, D = weights[: self.structure.patterns], self._motion_columns
         x = np.repeat(multipliers[:, None], self.modes, axis=1)
@@ -128,7 +134,9 @@ class DualOperator(DualProblem):
         net, size = np.split(both, 2)
         work, terms = self.rigid_work
         loads = np.maximum(np.abs(work), BALANCED * terms)
-        return factors @ work - net, np.abs(factors) @ loads + size
+        reach = np.abs(self.structure.rigid_corners).max(axis=0, initial=0.0)
+        across = BALANCED * reach * self.dot(self._contact, np.abs(multipliers))
+        return factors @ work - net, np.maximum(np.abs(factors) @ loads + size, across)
 
     def message_bytes(self) -> dict[str, int]:
         """Bytes that this rank receives in a product with F (gluing, coarse) and in a dot."""

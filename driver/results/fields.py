@@ -50,7 +50,7 @@ class Fields:
         self.errors = []  # likewise, of those with an error indicator
         self.mesh = self._gather_mesh(min(6, elements.NODES[element]))
         self.lines = None
-        if len(operator.structure.contact.gid):
+        if len(operator.structure.contact.declared.gid):
             self.lines = ContactLines(directory, operator.structure, self.root)
         with agreed_writes(operator.comm):
             if self.root:
@@ -84,7 +84,7 @@ class Fields:
                 if self.lines is not None:
                     moved = np.zeros((self.mesh.node.max() + 1, 2))
                     moved[self.mesh.node] = u
-                    self.lines.write(step.index, moved, state)
+                    self.lines.write(step.index, step.time, moved, state)
 
     def indicate(self, step: Step, indicator: np.ndarray | None) -> None:
         """A file of its own with the error indicator (n_t,) of a step, which rank 0 has."""

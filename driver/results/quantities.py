@@ -8,6 +8,7 @@
     contact_length        length in contact, its edges located between nodes
     slip                  longest way that a point of the boundary has slid in contact since time 0
     dissipated_energy     work that friction has taken since time 0 (dissipation.py)
+    worn_volume           what wear has taken away since time 0, where it is declared
     displacement          largest |u| of a node
 
 Units: stress; stress x length for the resultants; length; stress x length^2 for the energy. Forces
@@ -55,6 +56,8 @@ def quantities(effects, nodes: dict, steps: dict, displacement) -> tuple[dict[st
         values |= {"tangential_resultant": resultant(shares, steps["sigma_t"][index], weight),
                    "slip": max(longest_way(nodes, piece, steps, index) for piece in pieces),
                    "dissipated_energy": steps["work"].sum()}
+    if "worn_volume" in effects.quantities:
+        values["worn_volume"] = steps["wear"][index] @ weight
     return {name: float(values[name]) for name in effects.quantities}, index
 
 
@@ -102,6 +105,7 @@ def chains(nodes: dict) -> list[np.ndarray]:
     arc, xy, chain = nodes["arc"], nodes["xy"], nodes["chain"]
     along, across = np.diff(arc), np.linalg.norm(np.diff(xy, axis=0), axis=1)
     breaks = (chain[1:] != chain[:-1]) | (np.abs(along - across) > 1e-6 * across)
+    breaks |= across < 1e-9 * across.max(initial=0.0)  # bodies side by side, one label
     return np.split(np.arange(len(arc)), np.flatnonzero(breaks) + 1)
 
 
@@ -185,7 +189,8 @@ def edges_of_contact(nodes: dict, piece: np.ndarray, steps: dict,
                      index: int) -> list[tuple[int, int, float]]:
     """Closed node, open node (places in `piece`), length in contact of edges between such."""
     x, closed = nodes["arc"][piece], steps["status"][index][piece] != OPEN
-    opening = np.maximum(nodes["gap"] - steps["u_n"][index], 0.0)[piece]
+    gap = steps["gap"][index] if "gap" in steps else nodes["gap"]  # of the step: obstacles move
+    opening = np.maximum(gap - steps["u_n"][index], 0.0)[piece]
     pressure = np.maximum(-steps["sigma_n"][index], 0.0)[piece]
     edges = []
     for i in np.flatnonzero(closed[1:] != closed[:-1]):

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from .. import environment
 from ..errors import DriverError, InputError
+from . import hosts
 from .request import NAME, Request
 
 ANSWER = "answer.json"
@@ -23,8 +24,8 @@ def solve(work: Path, request: Request, ranks: int, stage) -> tuple[int, str]:
     if ranks == 1:
         return solve_here(work, request, stage)
     request.write(work)
-    command = [*environment.mpirun(ranks), sys.executable, "-m", "driver", "solve", str(work)]
     env = {**environment.child_environment(), "PYTHONPATH": environment.python_path()}
+    command = [*environment.mpirun(ranks, env), sys.executable, "-m", "driver", "solve", str(work)]
     done = environment.run_child(command, env=env, stderr=subprocess.PIPE, text=True,
                                  errors="replace")
     try:
@@ -55,6 +56,8 @@ def _why_no_answer(done: subprocess.CompletedProcess) -> str:
     if "Traceback" in done.stderr:
         sys.stderr.write(done.stderr)
         return "a rank of the solver failed"
+    if environment.several_hosts():
+        return f"{hosts.lost(done.stderr)} was lost: it is down or a rank there was killed"
     if done.returncode in (-signal.SIGKILL, 128 + signal.SIGKILL):
         return "a rank of the solver was killed; was there enough memory?"
     return f"a rank of the solver died (mpirun exit {done.returncode}); was there enough memory?"

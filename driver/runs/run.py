@@ -21,7 +21,7 @@ from ..report import run as report
 from ..results import screen
 from ..scene import freefem, grammar, seal
 from ..text import shown
-from . import guard, launch
+from . import guard, hosts, launch
 from .request import Request
 from .workspace import Workspace, unconverged
 
@@ -60,7 +60,8 @@ class Run:
             raise InputError("ANIMATE=yes needs the fields: leave FIELDS=no out")
         names = ("without", "fields", "figures", "animate", "quiet", "resume", "adapt", "errors",
                  "accuracy", "quantity")
-        return cls(scene, given["out"] or RESULTS / scene.stem, given["np"], given.settings,
+        return cls(scene, given["out"] or RESULTS / scene.stem,
+                   hosts.use(given["hosts"], given["np"]), given.settings,
                    given.parameters, **{name: given[name] for name in names})
 
 
@@ -89,6 +90,7 @@ def execute(run: Run) -> dict:
     beside that.
     """
     with Workspace(run.out) as place:
+        hosts.check(place.path, run.ranks)
         cycles = _refine(run, place)
         if run.accuracy:
             status, reason = launch.solve(place.path, Request.of(run), run.ranks, search)

@@ -18,7 +18,6 @@ from ..options import Settings
 from ..results import summary
 from ..results.relinearization import linearized
 from ..results.writer import Writer
-from ..scene import elements
 from ..timing import Laps
 from . import launch
 from .request import Request
@@ -156,7 +155,8 @@ def _march(directory: Path, request: Request, problem: Problem, solver: Quasista
             add(failure.step)
     history.warnings += soundness.warnings(problem, estimator.largest and estimator.largest[1])
     if problem.effects.frictional:  # else the end does not depend on the way
-        history.warnings += between_steps.warnings(problem.manifest)
+        history.warnings += between_steps.warnings(
+            problem.manifest, problem.structure.contact.motion)
     with agreed_writes(comm):
         progress.close(str(failure or "converged"))
     return resumed, before, failure
@@ -230,9 +230,8 @@ def _next_mesh(directory: Path, estimator: EnergyEstimator, estimates: list) -> 
     """Leave the element sizes of the next cycle's mesh."""
     with agreed_writes(estimator.operator.comm):
         if estimator.gather.root:
-            adaptivity.next_mesh(directory / adaptivity.STEM, estimator.body.mesh,
-                                 [estimate for _, estimate in estimates],
-                                 elements.DEGREE[estimator.manifest.element])
+            adaptivity.next_mesh(directory / adaptivity.STEM, estimator,
+                                 [estimate for _, estimate in estimates])
 
 
 def _budget(errors: dict, directory: Path, request: Request, problem: Problem, writer: Writer,

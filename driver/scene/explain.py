@@ -119,6 +119,8 @@ def _misunderstood(error: re.Match, lines: list[str], scene: Path, folder: Path)
         name = declarations.content_of(path, int(number))
         return _wrong_content(name, scene)
     wrapper = macro and re.match(r"macro: (\w+)", macro)[1]
+    if declared := _content_read(path, int(number), scene):
+        return _wrong_content(declared, scene)
     remedy = _mixed(wrapper, scene, path.name, int(number))
     if wrapper in rooms.vocabulary():
         return (f"{_place(scene, rf'macro {wrapper}')}: FreeFEM does not understand "
@@ -135,6 +137,18 @@ def _misunderstood(error: re.Match, lines: list[str], scene: Path, folder: Path)
     elif said == "syntax error" and (unfinished := _unfinished(scene, path.name, int(number))):
         said = f"syntax error; line {unfinished} may lack its ;"
     return f"FreeFEM failed in {path.name} line {number}{token}: {said}{remedy}"
+
+
+def _content_read(path: Path, number: int, scene: Path) -> str:
+    """The macro of the scene whose content a line of the library's takes as it is; "" for none."""
+    if any(source.path.name == path.name for source in grammar.sources(scene)):
+        return ""
+    for library in environment.LIBRARY.rglob(path.name):
+        line = "".join(library.read_text().splitlines()[number - 1 : number]).split("//")[0]
+        taken = re.search(r"= \[?(\w+)\]?;", line)
+        if taken and taken[1] in rooms.vocabulary() and _places(scene, rf"macro {taken[1]}\b"):
+            return taken[1]
+    return ""
 
 
 def _line(scene: Path, name: str, number: int) -> str:
@@ -265,6 +279,9 @@ def _execution(output: str, status: int, scene: Path, retrace) -> str:
     bodies, now = traced.count("addBody"), traced[-1] if traced else ""
     if now in rooms.vocabulary() and "end" not in traced:
         place = _place(scene, rf"macro {now}\b")
+        if now == "obstacle" and "Div by 0" in output:
+            reason = "it is the same everywhere about a place where it is asked for, and gives no " \
+                     "direction there"
         return f"{place}: {now} cannot be evaluated: {reason}"
     if bodies and now == "addBody":
         return f"{_uses(scene, 'addBody', bodies - 1)}: this body cannot be made: {reason}"

@@ -53,6 +53,7 @@ def export(scene: Path, directory: Path, parameters: dict[str, str], ranks: int 
     grammar.check(scene)
     script.check_names(scene)
     script.check_statements(scene)
+    script.check_gmsh_numbers(scene)
     text = text_digest(scene)
     directory.mkdir(parents=True, exist_ok=True)
     given = {**parameters, "sizes": str(sizes)} if sizes else parameters
@@ -127,16 +128,16 @@ def _run(program: Path, scene: Path, directory: Path, parameters: dict[str, str]
     def start(ranks: int, meanwhile=nothing, traced: bool = False,
               given=parameters) -> subprocess.CompletedProcess:
         declarations.write(directory, without, traced)
-        command = [environment.program("FreeFem++")]
-        if ranks > 1:
-            command = [*environment.mpirun(ranks), environment.program("FreeFem++-mpi")]
-        command += ["-nw", "-ns", "-v", "0", str(program), "-export", str(directory)]
-        command += [word for name, value in given.items()
-                    for word in (f"-{spelled.get(name, name)}", value)]
         env = environment.child_environment(ranks > 1, element)
         # for shells that FreeFEM starts (gmsh.idp)
         env |= {"EXPORT_DIRECTORY": str(directory), "SIZE_FIELD": parameters.get("sizes", "")}
         env["FF_INCLUDEPATH"] = f"{directory.absolute()};{env['FF_INCLUDEPATH']}"
+        command = [environment.program("FreeFem++")]
+        if ranks > 1:
+            command = [*environment.mpirun(ranks, env), environment.program("FreeFem++-mpi")]
+        command += ["-nw", "-ns", "-v", "0", str(program), "-export", str(directory)]
+        command += [word for name, value in given.items()
+                    for word in (f"-{spelled.get(name, name)}", value)]
         return environment.run_child(command, meanwhile, env=env, stdout=subprocess.PIPE,
                                      stderr=subprocess.STDOUT, text=True, errors="replace",
                                      cwd=scene.parent)

@@ -74,8 +74,40 @@ def _macro_fault(name: str, code: str, library: str) -> str:
     return ""
 
 
+def check_gmsh_numbers(scene: Path) -> None:
+    """Refuse numbers given to gmsh that none of the scene's .geo files reads. Raises InputError.
+
+    gmsh takes them without a word. Files that are put together from others are not judged.
+    """
+    files = grammar.sources(scene)
+    code = "\n".join(line.split("//")[0] for source in files for line in source.lines)
+    named = re.findall(r"\bgmshBody\(([^,]*),", code)
+    paths = [scene.parent / name.strip().strip('"') for name in named]
+    if not paths or not all(path.suffix == ".geo" and path.is_file() for path in paths):
+        return
+    text = "\n".join(path.read_text(errors="replace") for path in paths)
+    if re.search(r"\b(Include|Merge)\b", text):
+        return
+    text = re.sub(r"//[^\n]*", "", text)
+    for source in files:
+        for number, line in enumerate(source.lines, 1):
+            for name in re.findall(r'\bgmshNumber\(\s*"(\w+)"', line.split("//")[0]):
+                if not _is_word(name, text):
+                    known = re.findall(r"(\w+)\s*=\s*\{", text)
+                    raise InputError(f"{source.path.name} line {number}: no .geo file of the scene "
+                                     f"reads the number {name}{_near(name, known)}")
+
+
 def check_statements(scene: Path) -> None:
-    """Refuse terms of loads that FreeFEM takes without effect. Raises InputError."""
+    """Refuse terms that FreeFEM takes without effect. Raises InputError.
+
+    Loads with unknown displacements, and conditions on no boundary.
+    """
+    for source in grammar.sources(scene):
+        for number, line in enumerate(source.lines, 1):
+            if re.search(r"\bon\(\s*u[12]\s*=", line.split("//")[0]):
+                raise InputError(f"{source.path.name} line {number}: on(...) names no boundary: "
+                                 "its label comes first, as in on(4, u1 = 0.)")
     for name, body in _definitions(scene.read_text(errors="replace"))[0]:
         unknown = re.search(r"\bu[12]\b", _without_texts(body))
         if re.fullmatch(r"(load|bodyForce)\d", name) and unknown:
@@ -121,9 +153,13 @@ def _without_texts(code: str) -> str:
 
 def hint(name: str, words=()) -> str:
     """The declaration, or one of other `words`, that a misspelt one may mean."""
+    return _near(name, {*rooms.vocabulary(), *words})
+
+
+def _near(name: str, words) -> str:
     import difflib  # takes longer to import than the check takes
 
-    near = difflib.get_close_matches(name, sorted({*rooms.vocabulary(), *words}), 1)
+    near = difflib.get_close_matches(name, sorted(words), 1)
     return f"; did you mean {near[0]}?" if near else ""
 
 

@@ -47,6 +47,9 @@ def run(directory: Path, request: Request, comm) -> tuple[int, str]:
             "a study needs a scene with contact: without it the response is linear in its loads")
     if settings.linearization != "initial":
         raise InputError("a study keeps one geometry of contact: leave LINEARIZATION out")
+    if Effects(manifest).closes:
+        raise InputError("a study keeps contact surfaces as they are: leave wear and "
+                         "normalComplianceExponent out, or make single runs")
     values = _values(directory, request, manifest, comm)
     loads = LoadValues(request.study, [value for _, value in values], comm)
     problem = assemble(directory / "export", comm, lap, loads.widen)
@@ -83,7 +86,7 @@ def run(directory: Path, request: Request, comm) -> tuple[int, str]:
                    "counts": {"dual_multiplications": products}, "seconds": seconds,
                    "ranks": comm.size, "units": manifest.units,
                    "parameters": {**parameters, **dataclasses.asdict(settings)}}
-        _write(directory, request, structure.contact, outcomes, summary)
+        _write(directory, request, structure.contact.declared, outcomes, summary)
     return status, reason
 
 
@@ -152,7 +155,7 @@ def _check_same(name: str, base, value) -> None:
                              f"{part.replace('_', ' ')}")
 
 
-def _contact_of(name: str, effects, boundary, data, gid: np.ndarray, pairs: list):
+def _contact_of(name: str, effects, whole, data, gid: np.ndarray, pairs: list):
     """The contact boundary with the columns of one value, read as `data` at the nodes `gid`.
 
     Nodes, weights and normals of all values are those of the first (study.idp): that later ones
@@ -160,6 +163,7 @@ def _contact_of(name: str, effects, boundary, data, gid: np.ndarray, pairs: list
     """
     table = contact_table(data, list(data.columns), gid, np.zeros((len(gid), 2)))
     read = merge_parts(table, list(data.columns), pairs)
+    boundary = whole.declared
     place = _places(boundary, read)
     rigid = ~boundary.paired  # between two bodies weight, normal and gap follow from both sides
     if not ((place >= 0).all()
@@ -169,14 +173,29 @@ def _contact_of(name: str, effects, boundary, data, gid: np.ndarray, pairs: list
                          "boundary")
     columns = {column: values[place] for column, values in read.columns.items()}
     gap = effects.distance(columns, len(place))
-    joint = np.flatnonzero(boundary.coupled & rigid)  # beside an axis: rows of several nodes
-    if len(joint):
-        at = dict(zip(read.gid.tolist(), effects.distance(read.columns, len(read.gid))))
-        each = boundary.term_value * [at[g] for g in boundary.term_gid.tolist()]
-        gap[joint] = np.bincount(boundary.term_node, each, minlength=len(gap))[joint]
     if gap[~rigid].any():
         raise InputError(f"a study cannot vary {name.upper()} in a scene that declares pairGap")
-    return dataclasses.replace(boundary, columns=columns, gap=np.where(rigid, gap, boundary.gap))
+    value = dataclasses.replace(boundary, columns=columns, gap=gap)
+    motion = effects.motion(value, gap)
+    joint = np.flatnonzero(boundary.coupled & rigid)  # beside an axis: rows of several nodes
+    if len(joint):
+        distance = effects.distance(read.columns, len(read.gid))
+        gap[joint] = _of_rows(boundary, read, distance)[joint]
+        if motion is not None:
+            for now, distance in zip(motion.gap, effects.motion(read, distance).gap):
+                now[joint] = _of_rows(boundary, read, distance)[joint]
+    gap = np.where(rigid, gap, boundary.gap)
+    if motion is not None:
+        motion.gap = np.where(rigid, motion.gap, boundary.gap)
+        gap = motion.gap[0]
+    return whole.renewed(columns, gap, motion)
+
+
+def _of_rows(boundary, read, distance: np.ndarray) -> np.ndarray:
+    """(n_c,) sums of the terms of the boundary's rows with the `distance` (n,) of nodes `read`."""
+    known = dict(zip(read.gid.tolist(), distance))
+    each = boundary.term_value * [known[gid] for gid in boundary.term_gid.tolist()]
+    return np.bincount(boundary.term_node, each, minlength=len(boundary.gid))
 
 
 def _places(boundary, read) -> np.ndarray:
@@ -215,19 +234,21 @@ def _solve(problem, settings, near: np.ndarray | None) -> tuple[Outcome, np.ndar
     if solver.largest_friction <= DOUBTFUL_FRICTION:
         solver.condensation.guess = near
     history, fields, u_t, failure = [], {}, solver.initial, None
-    contact = operator.structure.contact
+    contact = operator.structure.contact.declared
+    u_t = u_t[: len(contact.gid)]
+    law = solver.effects.contact_law(contact)
     friction = Dissipation(contact.weight, contact.gap,
-                           start(solver.effects, solver.law, contact.weight,
-                                 solver.amplitudes))
+                           start(solver.effects, law, contact.weight, solver.amplitudes))
 
-    shares = label_shares(operator.structure)[1]
+    shares, before = label_shares(operator.structure)[1], 0.0
 
     def add(step) -> None:
-        nonlocal fields, u_t
-        fields = _fields(operator, solver.rows, step, u_t)
-        u_t = fields["u_t"]
+        nonlocal fields, u_t, before
+        fields = _fields(operator, solver.rows, step, u_t + contact.way(before, step.time))
+        fields["gap"] = contact.at(step.time).gap
+        u_t, before = fields["u_t"], step.time
         row = _quantities(contact, shares, fields)
-        dissipated = float(friction.add(step.time, fields).sum())
+        dissipated = float(friction.add(step.time, fields, fields["gap"]).sum())
         dissipated += history[-1]["dissipated"] if history else 0.0
         history.append({"step": step.index, "time": step.time, **row, "dissipated": dissipated,
                         "fixed_point_iterations": step.fixed_point_iterations,
@@ -256,8 +277,12 @@ def _solve(problem, settings, near: np.ndarray | None) -> tuple[Outcome, np.ndar
 
 
 def _fields(operator, rows, step, u_t: np.ndarray) -> dict[str, np.ndarray]:
-    """Nodal contact quantities from multipliers and gradient: at its rows B u = c - gradient."""
-    contact, values = operator.structure.contact, np.zeros((6, len(u_t)))
+    """Nodal contact quantities from multipliers and gradient: at its rows B u = c - gradient.
+
+    `u_t` (n_c,) are tangential displacements of nodes that have not slid in the step.
+    """
+    contact = operator.structure.contact.declared
+    values = np.zeros((6, len(operator.structure.contact.gid)))
     values[0, rows.normal_node] = rows.gap - step.gradient[rows.normal]
     compliance = operator.structure.compliance
     if compliance is not None:  # B u = c - gradient + what the asperities yield
@@ -270,7 +295,7 @@ def _fields(operator, rows, step, u_t: np.ndarray) -> dict[str, np.ndarray]:
     values[5, rows.normal_node] = step.status
     # a node has one rank: no sum depends on their order
     operator.comm.Allreduce(MPI.IN_PLACE, values)
-    u_n, slip, force_n, force_t, bound, status = values
+    u_n, slip, force_n, force_t, bound, status = values[:, : len(contact.gid)]
     w = contact.weight
     return {"u_n": u_n, "u_t": u_t + slip, "slip": slip, "sigma_n": force_n / w + 0.0,
             "sigma_t": force_t / w + 0.0, "bound": bound / w, "status": status.astype(int)}

@@ -22,7 +22,7 @@ import numpy as np
 from .. import options
 from ..errors import InputError, error_of
 from ..options import RESULTS
-from ..runs import launch
+from ..runs import hosts, launch
 from ..runs.request import Request
 from ..runs.run import Run
 from ..runs.workspace import Workspace
@@ -53,6 +53,7 @@ def make_study(pairs: dict[str, str]) -> tuple[dict, Path]:
     out = (run.out if "out" in pairs else RESULTS / "study" / f"{run.scene.stem}-{name}")
     with Workspace(out) as place:
         clock, work = time.perf_counter(), place.path
+        hosts.check(work, run.ranks)
         freefem.export_study(
             run.scene, work / "values", run.parameters, name, values,
             lambda: freefem.export(run.scene, work / "export", run.parameters, run.ranks, None,

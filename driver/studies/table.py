@@ -51,7 +51,7 @@ def make_table(pairs: dict[str, str]) -> None:
                 print(f"{method}, {ROWS[row]} subdomains: from an earlier run "
                       "(FRESH=yes makes it anew)")
             else:
-                _make_row(folder, method, row, str(given["np"]))
+                _make_row(folder, method, row, pairs)
     rows = (_finished(folder, method, row) for method in METHODS for row in ROWS)
     table = [row for row in rows if row]
     path = write_table(folder / "table.csv", table)
@@ -79,13 +79,14 @@ def _finished(folder: Path, method: str, row: int) -> dict | None:
     return earlier["row"] if same else None
 
 
-def _make_row(folder: Path, method: str, row: int, ranks: str) -> None:
-    """Run both loadings of a row and keep what the table needs."""
+def _make_row(folder: Path, method: str, row: int, given: dict[str, str]) -> None:
+    """Run both loadings of a row on the ranks `given` and keep what the table needs."""
     summary = {}
     for loading in LOADINGS:
         print(f"{method}, {ROWS[row]} subdomains, {loading}")
         pairs = {"scene": "model", "loading": loading, "subdomains": ROWS[row], "cells": "10",
-                 "steps": "20", "np": ranks, "fields": "no", "figures": "no", "errors": "no",
+                 "steps": "20", "fields": "no", "figures": "no", "errors": "no",
+                 **options.ranks(given),
                  "out": str(folder / "runs" / f"{method}-{ROWS[row]}-{loading}"),
                  **{name: str(value) for name, value in method_settings(method).items()}}
         summary[loading] = execute(Run.from_pairs(pairs))

@@ -11,7 +11,8 @@ from ..errors import DriverError
 from ..python.result import Result
 from ..runs.run import Run, execute
 from ..scene import freefem
-from . import peer
+from .peer import Peer, difference
+from .sizes import Effect, Sizes, fitted
 
 ELEMENTS = ("P1", "P2")
 NO_SOLUTION = 3  # exit status
@@ -70,10 +71,10 @@ class Check:
     quantity: str = ""
 
     def compare(self, view: View) -> tuple[float, float, float]:
-        """Value, reference, error: relative, or absolute where the reference is zero."""
+        """Value, reference, deviation: relative, or absolute where the reference is zero."""
         wanted = self.reference(view) if callable(self.reference) else self.reference
         value = self.value(view)
-        return value, wanted, abs(value - wanted) / (abs(wanted) or 1.0)
+        return value, wanted, (value - wanted) / (abs(wanted) or 1.0)
 
 
 @dataclass(frozen=True)
@@ -91,9 +92,10 @@ class Case:
     """A scene with published numbers or a closed form.
 
     `levels` are the meshes of P1, coarse to fine; P2 is run on all but the finest of them.
-    `refused` are settings with which there is no solution. `others` says what other codes give,
-    `note` what the numbers do not say. `fast` cases run in the default test suite. `peer`, see
-    peer.py, tells GetFEM the problem.
+    `refused` are settings with which there is no solution. `sizes`, see sizes.py, are runs that
+    show what the size of the body adds; tolerances then are those of what remains. `others` says
+    what other codes give, `note` what the numbers do not say. `fast` cases run in the default test
+    suite. `peer`, see peer.py, tells GetFEM the problem.
     """
 
     name: str
@@ -105,8 +107,9 @@ class Case:
     settings: dict = field(default_factory=dict)
     curve: Curve | None = None
     refused: tuple[dict, ...] = ()
+    sizes: Sizes | None = None
     elements: tuple[str, ...] = ELEMENTS
-    peer: Callable[[View], tuple] | None = None
+    peer: Callable[[View], Peer] | None = None
     others: str = ""
     note: str = ""
     fast: bool = False
@@ -118,13 +121,27 @@ def solve(case: Case, element: str, level: dict, folder: Path, errors: bool) -> 
     return View(_run(case, settings, folder, "yes" if errors else "no"), settings)
 
 
+def size_effects(case: Case, folder: Path) -> dict[str, Effect]:
+    """What the size of the body adds to each check, by its name; with quadratic elements.
+
+    Published numbers, which hold for the very body, have none.
+    """
+    if case.sizes is None:
+        return {}
+    views = [solve(case, "P2", run, folder, False) for run in case.sizes.runs]
+    ratios = [case.sizes.ratio(view) for view in views]
+    return {check.name: fitted(ratios, [check.compare(view)[2] for view in views],
+                               check.reference == 0.0)
+            for check in case.checks if callable(check.reference) or check.reference == 0.0}
+
+
 def compared(case: Case, element: str, folder: Path) -> float:
     """Difference from GetFEM on the coarsest mesh, see peer.py. Raises what either raises."""
     settings = {**case.settings, **case.levels[0], "element": element, "subdomains": 1,
                 "fields": "yes"}
     with tempfile.TemporaryDirectory(prefix=".run.", dir=folder) as hidden:
-        return peer.difference(View(_left(case, settings, Path(hidden), "no"), settings),
-                               case.peer, Path(hidden))
+        view = View(_left(case, settings, Path(hidden), "no"), settings)
+        return difference(view, case.peer(view), Path(hidden))
 
 
 def refusal(case: Case, settings: dict, folder: Path) -> int:

@@ -1,9 +1,11 @@
 """A case in GetFEM, as a process: getfem_peer.py PROBLEM.npz OUT.npz
 
-PROBLEM.npz holds nodes (n, 2), triangles (m, 3), order (1 or 2), E, nu, fixed (f, 3) rows [node,
-component, displacement], contact (k,) nodes, normals (k, 2) and gap (k,); OUT.npz gets the nodal
-contact forces (k,), positive when they press. Plane strain, no friction, nodal (basic) contact
-brick, MUMPS.
+PROBLEM.npz holds nodes (n, 2), triangles (m, 3), order (1 or 2), E, nu, fixed (f, 2) rows [node,
+component] with displacements (f, steps), contact (k,) nodes, normals (k, 2), gap (k,), friction
+(the coefficient; not used if `rough` is 0) and preload (1: the first step has no friction, and
+what follows slides from there). OUT.npz gets the nodal contact forces after the last step: force
+(k,), positive when they press, and shear (k,) along t, n turned by 90 degrees. Plane strain, nodal
+(basic) contact brick, MUMPS.
 """
 
 import sys
@@ -29,24 +31,58 @@ def main(problem: str, out: str) -> None:
     md.add_initialized_data("mu", [1 / (2 * (1 + nu))])
     quadrature = gf.MeshIm(mesh, gf.Integ("IM_TRIANGLE(6)"))
     md.add_isotropic_linearized_elasticity_brick(quadrature, "u", "lambda", "mu")
-    fixed = given["fixed"]
+    fixed, moved = given["fixed"], given["displacements"]
     held = gf.Spmat("empty", len(fixed), space.nbdof())
-    for row, (node, component, _) in enumerate(fixed):
+    for row, (node, component) in enumerate(fixed):
         held.add(row, 2 * where[int(node)] + int(component), 1.0)
     md.add_variable("support", len(fixed))
-    md.add_constraint_with_multipliers("u", "support", held, fixed[:, 2])
-    contact = given["contact"]
-    normal = gf.Spmat("empty", len(contact), space.nbdof())
-    for row, (node, n) in enumerate(zip(contact, given["normals"])):
+    support = md.add_constraint_with_multipliers("u", "support", held, moved[:, 0])
+    contact, normals = given["contact"], given["normals"]
+    tangents = np.column_stack([-normals[:, 1], normals[:, 0]])
+    for name, value in (("r", [1.0]), ("gamma", [1.0]), ("before", np.zeros(space.nbdof())),
+                        ("friction", [0.0])):
+        md.add_initialized_data(name, value)
+    # a support that takes up tangential forces leaves none to friction
+    rough = ~np.isin(contact, fixed[:, 0]) & bool(given["rough"])
+    for kind, nodes in (("rough", rough), ("smooth", ~rough)):
+        if not nodes.any():
+            continue
+        normal, tangential = (_rows(contact[nodes], directions[nodes], where, space.nbdof())
+                              for directions in (normals, tangents))
+        count = int(nodes.sum())
+        md.add_variable(f"force_{kind}", count)
+        md.add_initialized_data(f"gap_{kind}", given["gap"][nodes])
+        md.add_initialized_data(f"alpha_{kind}", np.ones(count))
+        if kind == "rough":
+            md.add_variable("shear_rough", count)
+            md.add_basic_contact_brick("u", "force_rough", "shear_rough", "r", normal, tangential,
+                                       "friction", "gap_rough", "alpha_rough", 1, "gamma",
+                                       "before")
+        else:
+            md.add_basic_contact_brick("u", "force_smooth", "r", normal, "gap_smooth",
+                                       "alpha_smooth", 1)
+    for step in range(moved.shape[1]):
+        if step or not given["preload"]:
+            md.set_variable("friction", [float(given["friction"])])
+        md.set_private_rhs(support, moved[:, step])
+        md.solve("max_res", 1e-12, "max_iter", 200, "lsolver", "mumps", "lsearch", "simplest")
+        # the brick slides by u_t + gamma before_t
+        md.set_variable("before", -md.variable("u"))
+    force, shear = np.zeros((2, len(contact)))
+    if rough.any():
+        force[rough], shear[rough] = -md.variable("force_rough"), md.variable("shear_rough")
+    if not rough.all():
+        force[~rough] = -md.variable("force_smooth")
+    np.savez(out, force=unit * force, shear=unit * shear)
+
+
+def _rows(contact, directions, where, dofs: int):
+    """Sparse matrix that takes displacements to those of contact nodes along their directions."""
+    rows = gf.Spmat("empty", len(contact), dofs)
+    for row, (node, direction) in enumerate(zip(contact, directions)):
         for component in (0, 1):
-            normal.add(row, 2 * where[int(node)] + component, float(n[component]))
-    md.add_variable("force", len(contact))
-    md.add_initialized_data("r", [1.0])
-    md.add_initialized_data("gap", given["gap"])
-    md.add_initialized_data("alpha", np.ones(len(contact)))
-    md.add_basic_contact_brick("u", "force", "r", normal, "gap", "alpha", 1)
-    md.solve("max_res", 1e-12, "max_iter", 200, "lsolver", "mumps", "lsearch", "simplest")
-    np.savez(out, force=-unit * md.variable("force"))
+            rows.add(row, 2 * where[int(node)] + component, float(direction[component]))
+    return rows
 
 
 if __name__ == "__main__":

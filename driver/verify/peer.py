@@ -3,6 +3,8 @@
 import functools
 import subprocess
 import sys
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +15,21 @@ SAME = 1e-6  # of the largest force: the same discrete problem, so tolerances al
 NOTE = "GetFEM is not installed (apt package python3-getfem): not compared with it"
 
 
+@dataclass(frozen=True)
+class Peer:
+    """A body on a rigid obstacle as GetFEM is told of it: E, nu and supports of the nodes.
+
+    `supports` are (where(x), component, displacement), the last a number or one for each step of
+    the run, and before them one for the step without friction if there is a `preload`.
+    """
+
+    E: float
+    nu: float
+    supports: tuple[tuple[Callable, int, object], ...]
+    friction: float | None = None
+    preload: bool = False
+
+
 @functools.cache
 def installed() -> bool:
     """Whether GetFEM can be imported."""
@@ -20,27 +37,30 @@ def installed() -> bool:
                           check=False).returncode == 0
 
 
-def difference(view, peer, folder: Path) -> float:
+def difference(view, peer: Peer, folder: Path) -> float:
     """Largest difference of a node's contact force from GetFEM's, over the largest force.
 
-    `peer` gives E, nu and supports of the nodes: (where(x), component, displacement). Raises
-    DriverError where GetFEM does not solve.
+    Of normal and tangential forces after the last step. Raises DriverError where GetFEM does not
+    solve.
     """
-    fields, (E, nu, supports) = view.result.fields(0), peer(view)
-    x = fields.nodes
-    fixed = [(node, component, value) for where, component, value in supports
-             for node in np.flatnonzero(where(x))]
+    fields = view.result.fields(0)
+    x, steps = fields.nodes, view.result.summary["steps"] + peer.preload
+    rows = [(node, component, np.broadcast_to(value, steps))
+            for where, component, value in peer.supports for node in np.flatnonzero(where(x))]
     place = np.column_stack([view["x"], view["y"]])
     contact = np.array([np.hypot(*(x - node).T).argmin() for node in place])
-    normals = np.column_stack([view["normal_x"], view["normal_y"]])
     problem, out = folder / "peer.npz", folder / "getfem.npz"
-    np.savez(problem, nodes=x, triangles=fields.triangles, E=E, nu=nu, fixed=fixed,
-             order=2 if fields.elements.shape[1] == 6 else 1, contact=contact, normals=normals,
-             gap=view["gap"])
+    np.savez(problem, nodes=x, triangles=fields.triangles, E=peer.E, nu=peer.nu,
+             fixed=[row[:2] for row in rows], displacements=[row[2] for row in rows],
+             order=2 if fields.elements.shape[1] == 6 else 1, contact=contact,
+             normals=np.column_stack([view["normal_x"], view["normal_y"]]), gap=view["gap"],
+             rough=peer.friction is not None, friction=peer.friction or 0.0, preload=peer.preload)
     script = Path(__file__).with_name("getfem_peer.py")
     done = subprocess.run([sys.executable, script, problem, out], capture_output=True, text=True,
                           check=False)
     if done.returncode:
         raise DriverError(f"GetFEM failed: {done.stderr.strip().splitlines()[-1]}")
-    ours = -view["sigma_n"] * view["weight"]
-    return float(np.abs(ours - np.load(out)["force"]).max() / np.abs(ours).max())
+    theirs, w = np.load(out), view["weight"]
+    ours = {"force": -view["sigma_n"] * w, "shear": view["sigma_t"] * w}
+    largest = np.abs(ours["force"]).max()
+    return float(max(np.abs(own - theirs[name]).max() for name, own in ours.items()) / largest)

@@ -4,8 +4,10 @@ import numpy as np
 
 from ..studies.accuracy.coverage import EXACT
 from .case import Case, Check, Curve, View
+from .peer import Peer
+from .sizes import Sizes
 
-HALF_PLANE = "the formula is that of half-planes; on this body it errs by (contact/size)^2"
+HALF_PLANE = "of what the formula of half-planes leaves on a body of this size"
 ROUNDING = "constant stress: exact on any mesh but for the tolerances of the solver"
 
 
@@ -57,7 +59,13 @@ def hertz(radius: float, modulus: float, resultant: float) -> tuple[float, float
     return float(a), float(2 * resultant / (np.pi * a))
 
 
-def _hertz_case(name, title, scene, radius, modulus, levels, settings, source, **more) -> Case:
+def _grown(approach: float, h: float = 0.002) -> tuple[dict, ...]:
+    """Settings with contact 1, 2, 4, 6 times as large, nearly, and meshes alike against it."""
+    return tuple({"approach": approach * n**2, "h": h * n} for n in (1, 2, 4, 6))
+
+
+def _hertz_case(name, title, scene, radius, modulus, levels, settings, source, approach,
+                **more) -> Case:
     def state(view: View):
         return hertz(radius, modulus, view.P)
 
@@ -71,34 +79,34 @@ def _hertz_case(name, title, scene, radius, modulus, levels, settings, source, *
 
     return Case(name, title, scene, source, levels, (
         Check("peak_pressure", lambda view: state(view)[1], column("peak_pressure"), 4e-3,
-              HALF_PLANE + ", 0.1 %; a node's pressure is a mean over its surroundings",
+              HALF_PLANE + "; a node's pressure is a mean over its surroundings",
               "peak_pressure"),
         Check("contact_length", lambda view: 2 * state(view)[0], column("contact_length"), 1e-2,
               HALF_PLANE + "; the end of contact is known to a part of an element",
               "contact_length"),
         Check("profile in L1", 0.0, profile_error(pressure), 1e-2, HALF_PLANE)),
-        settings, Curve("x", "pressure", pressures, curve), **more)
+        settings, Curve("x", "pressure", pressures, curve),
+        sizes=Sizes(_grown(approach), lambda view: state(view)[0], "a/R"), **more)
 
 
 MODULUS = 2000 / (1 - 0.3**2)
 
 
-def _disc(_view: View) -> tuple:
-    """What GetFEM needs to know of the half-disc."""
+def _disc(_view: View) -> Peer:
     def top(x):
         return np.abs(x[:, 1] - 1) < 1e-9
 
-    return 2000.0, 0.3, ((top, 0, 0.0), (top, 1, -0.0021))
+    return Peer(2000.0, 0.3, ((top, 0, 0.0), (top, 1, -0.0021)))
 
 
 HERTZ = (
     _hertz_case("hertz", "Half-disc on a rigid plane", "hertz", 1.0, MODULUS,
                 ({"h": 0.004}, {"h": 0.002}, {"h": 0.001}), {},
-                "Johnson, Contact Mechanics (1985), 4.2(c)", peer=_disc),
+                "Johnson, Contact Mechanics (1985), 4.2(c)", 0.0021, peer=_disc),
     _hertz_case("hertz-bodies", "Two cylinders, meshes that do not match", "hertz-bodies",
                 1 / (1 + 1 / 1.5), 1 / (1 / MODULUS + 1 / (2 * MODULUS)),
                 ({"h": 0.004}, {"h": 0.002}, {"h": 0.001}), {},
-                "Johnson, Contact Mechanics (1985), 4.2(c)"),
+                "Johnson, Contact Mechanics (1985), 4.2(c)", 0.0025),
 )
 
 # ---- the contact benchmark of NAFEMS -------------------------------------------------------------
@@ -107,6 +115,9 @@ BLOCK = 1 / ((1 - 0.3**2) * (1 / 210e3 + 1 / 70e3))
 
 
 def _nafems(name: str, friction: str, depths: tuple, settings: dict) -> Case:
+    def state(view: View):
+        return hertz(50.0, BLOCK, float(view.settings.get("force", 35e3)))
+
     def pressure(x):
         a, peak = hertz(50.0, BLOCK, 35e3)
         return peak * np.sqrt(np.maximum(0.0, 1 - (x / a)**2))
@@ -114,21 +125,28 @@ def _nafems(name: str, friction: str, depths: tuple, settings: dict) -> Case:
     return Case(
         name, f"Cylinder on a block, {friction}", "verify/cylinder-on-block",
         "NAFEMS contact benchmark 1; Code_Aster SSNP154", ({"h": 1.0}, {"h": 0.5}, {"h": 0.25}), (
-            Check("peak_pressure", 3585.36, column("peak_pressure"), 3e-2,
-                  "Hertz's half-planes; the half-width is an eighth of the radius, friction adds "
-                  "1 to 2 %", "peak_pressure"),
-            Check("half-width", 6.2146, column("contact_length"), 2e-2,
+            Check("peak_pressure", lambda view: state(view)[1], column("peak_pressure"), 3e-2,
+                  "Hertz's half-planes, 3585.36 and 6.2146; friction adds 1 to 2 %",
+                  "peak_pressure"),
+            Check("half-width", lambda view: state(view)[0], column("contact_length"), 2e-2,
                   "as the peak pressure", "contact_length"),
             Check("u_y of the block's middle", depths[1], lambda v: v.probe("point1", "u_y"), 5e-2,
-                  "strains reach 5 %, and the other codes follow large ones; their linear and "
+                  "strains reach 5 %, and the other codes follow large rotations; their linear and "
                   "quadratic elements differ by 0.1 %")),
         settings, Curve("x", "pressure", pressures,
                         lambda _: (places(6.2146), pressure(places(6.2146)))),
+        sizes=Sizes(tuple({"force": 35e3 * n**2, "h": 0.25 * n} for n in (0.5, 1, 1.5, 2)),
+                    lambda view: state(view)[0] / 50, "a/R"),
         others=f"Code_Aster: u_y of the block's middle {depths[0]} with linear, {depths[1]} with "
                "quadratic elements, with large rotations",
         note="Ours are 2.6 % less with both kinds of elements, and refining changes them by less: "
-             "it is not the mesh. The others compute with large strains, which here reach 5 %. "
-             "Contact pressure and half-width, which Hertz gives for small ones, agree.")
+             "it is not the mesh, and with contact linearized about the final geometry "
+             "(LINEARIZATION=updated) they are the same to 0.1 %. It is the strain, which reaches "
+             "5 %: GetFEM lowers the middle of this block under Hertz's pressure by 2 to 4 % more "
+             "with St Venant and Kirchhoff's law, which codes with large rotations apply, than "
+             "with small strains, and with a neo-Hookean one by 1 % less to 1 % more "
+             "([test](../../tests/verify/test_large_strain.py)). Pressure and half-width, which "
+             "Hertz gives for small strains, agree.")
 
 
 NAFEMS = (_nafems("nafems-cylinder", "frictionless", (-1.3069, -1.3080), {"without": "friction"}),
@@ -206,7 +224,7 @@ PATCH = (
         Check("u_y of the interface", -0.05, lambda v: v.probe("label6", "u_y"), 1e-6, ROUNDING)),
         fast=True),
     _patch("patch-taylor", "Taylor's patch test, meshes that do not match", "Code_Aster SSNP170",
-           2000, 0.3, 25, ()),
+           2000, 0.3, 25, (), fast=True),
     _patch("patch-moose", "Patch test in plane strain", "MOOSE contact patch test plane_3",
            1e6, 0.3, 109.89, (
                Check("u_x of the free side", 4.28571e-5, lambda v: v.probe("label2", "u_x"), 1e-5,
@@ -238,14 +256,18 @@ def _punch(P, x):
     return 1.0, P / (np.pi * np.sqrt(np.maximum(1 - x**2, 1e-12)))
 
 
-def _half_block(_view: View) -> tuple:
-    """What GetFEM needs to know of the block under an indenter."""
-    return 1.0, 0.3, ((lambda x: np.abs(x[:, 0]) < 1e-9, 0, 0.0),
-                      (lambda x: np.abs(x[:, 1] + 40) < 1e-9, 1, 4e-3))
+def half_block(view: View) -> Peer:
+    """The block under an indenter."""
+    return Peer(1.0, 0.3, ((lambda x: np.abs(x[:, 0]) < 1e-9, 0, 0.0),
+                           (lambda x: np.abs(x[:, 1] - x[:, 1].min()) < 1e-9, 1, 4e-3)),
+                view.settings.get("friction"))
 
 
-def _indenter(name, title, power, shape, where, **more) -> Case:
-    """A rigid indenter; P is twice the resultant of the half that is computed."""
+def _indenter(name, title, power, shape, where, depths=(1.0,) * 4, **more) -> Case:
+    """A rigid indenter; P is twice the resultant of the half that is computed.
+
+    `depths` keep its contact narrower than what may touch, on ever smaller blocks.
+    """
     def pressure(view: View, x):
         return shape(2 * view.P, x)[1]
 
@@ -262,14 +284,20 @@ def _indenter(name, title, power, shape, where, **more) -> Case:
         checks += (Check("pressure in the middle", lambda v: 2 * v.P / np.pi,
                          lambda v: float(-v["sigma_n"][0]), 1e-2, HALF_PLANE),)
     meshes = {"h": 0.08}, {"h": 0.04}, {"h": 0.02}
-    return Case(name, title, "verify/indenter", where, meshes, checks, {"power": power},
-                Curve("x", "pressure", pressures, curve), peer=_half_block, **more)
+    smaller = tuple({"size": size, "depth": 4e-3 * share, "h": 0.04}
+                    for size, share in zip((40, 20, 10, 5), depths))
+    sizes = Sizes(smaller, lambda view: shape(2 * view.P, np.zeros(1))[0]
+                  / float(view.settings.get("size", 40)), "a/size")
+    return Case(name, title, "verify/indenter", where, meshes, checks,
+                {"power": power, "without": "friction"},
+                Curve("x", "pressure", pressures, curve), peer=half_block, sizes=sizes,
+                **more)
 
 
 INDENTERS = (
     _indenter("flat-punch", "Flat punch", 0, _punch, "Johnson, Contact Mechanics (1985), 2.8"),
     _indenter("wedge-indenter", "Blunt wedge", 1, _wedge,
-              "Johnson, Contact Mechanics (1985), 5.2"),
+              "Johnson, Contact Mechanics (1985), 5.2", (0.9, 0.7, 0.55, 0.4)),
     _indenter("parabola", "Parabolic indenter", 2, _parabola,
               "Johnson, Contact Mechanics (1985), 4.2(c)"),
     _indenter("quartic", "Indenter of the fourth power", 4, _quartic,
@@ -329,10 +357,9 @@ def _fit(name: str, title: str, settings: dict, scene: str, pressure: float, mes
                         lambda view: (places(90.0), np.full(25, pressure))), **more)
 
 
-def _quarter_ring(_view: View) -> tuple:
-    """What GetFEM needs to know of the ring on a rigid shaft."""
-    return 210e3, 0.3, ((lambda x: np.abs(x[:, 1]) < 1e-9, 1, 0.0),
-                        (lambda x: np.abs(x[:, 0]) < 1e-9, 0, 0.0))
+def _quarter_ring(_view: View) -> Peer:
+    return Peer(210e3, 0.3, ((lambda x: np.abs(x[:, 1]) < 1e-9, 1, 0.0),
+                             (lambda x: np.abs(x[:, 0]) < 1e-9, 0, 0.0)))
 
 
 SHRINK = ({"h": 2}, {"h": 1}, {"h": 0.5})

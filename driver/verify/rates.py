@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ..text import assignments
-from . import friction
+from . import friction, halfspace, revolution
 from .case import Case, View, solve
 
 COLUMNS = ("problem", "element", "quantity", "varied", "values", "errors", "order")
@@ -74,18 +74,18 @@ def _against_last(name: str):
     return lambda view, last: abs(view.quantities[name] / last.quantities[name] - 1)
 
 
-def _stick(view: View) -> float:
-    low, high = friction.stick_ends(view)
-    return (high - low) / 2
-
-
 MINDLIN = {
     "half-width of the stick zone": lambda view, _: abs(
-        _stick(view) / friction.mindlin(view, friction.RADIUS)[2] - 1),
-    "shear in L1": lambda view, _: friction.shear_error(friction.RADIUS)(view)}
+        friction.stick_width(view) / friction.mindlin(view, friction.cylinders)[2] - 1),
+    "shear in L1": lambda view, _: friction.shear_error(friction.cylinders)(view),
+    "shear in L2": lambda view, _: friction.shear_error(friction.cylinders, power=2)(view)}
 STEPPING = {
     "dissipated energy": _against_last("dissipated_energy"),
-    "half-width of the stick zone": lambda view, last: abs(_stick(view) / _stick(last) - 1)}
+    "half-width of the stick zone": lambda view, last: abs(
+        friction.stick_width(view) / friction.stick_width(last) - 1)}
+
+SPHERE = {"radius that sticks": lambda view, _: abs(
+    revolution.stick_ratio(view) / halfspace.stick_ratio(0.2, 0.3) - 1)}
 
 HALVED = (1.0, 0.5, 0.25)
 SERIES = (
@@ -100,6 +100,9 @@ SERIES = (
            MINDLIN),
     Series("two cylinders", "P2", "h", "mindlin-bodies",
            tuple({"h": h, "steps": 12} for h in (0.12, 0.06, 0.03)), HALVED, MINDLIN),
+    Series("rough sphere", "P1", "time step", "sphere",
+           tuple({"friction": 0.2, "approach": revolution.APPROACH, "h": 2e-4, "steps": n}
+                 for n in (1, 2, 4, 8, 16, 32)), (*HALVED, 1 / 8, 1 / 16, 1 / 32), SPHERE),
     Series("two cylinders", "P1", "time step", "mindlin-bodies",
            tuple({"h": 0.06, "steps": n} for n in (3, 6, 12, 24, 96)), (*HALVED, 0.125), STEPPING),
 )

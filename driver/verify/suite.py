@@ -13,11 +13,12 @@ from ..files import write_table
 from ..runs.guard import study_folder
 from ..text import assignments
 from . import peer
-from .case import NO_SOLUTION, Case, Check, compared, refusal, solve
+from .case import NO_SOLUTION, Case, Check, compared, refusal, size_effects, solve
 
 MODULES = ("plane", "friction", "revolution")
 COLUMNS = ("case", "quantity", "source", "reference", "value", "error", "tolerance", "met",
-           "seconds", "element", "mesh", "claimed", "errors", "because")
+           "seconds", "element", "mesh", "claimed", "errors", "remaining", "size_effect", "ratio",
+           "size_order", "size_ratios", "size_deviations", "because")
 
 
 def cases() -> list[Case]:
@@ -72,71 +73,86 @@ def run_suite(pairs: dict[str, str]) -> list[Path]:
 
 def judged(chosen: list[Case], folder: Path, jobs: int) -> tuple[list[dict], list[dict]]:
     """Rows of the table and of the curves of all cases, in their order."""
-    tasks = [(case.name, element) for case in chosen for element in case.elements]
     done = {}
-    with ProcessPoolExecutor(min(jobs, len(tasks)),
+    with ProcessPoolExecutor(min(jobs, len(chosen)),
                              mp_context=multiprocessing.get_context("spawn")) as pool:
-        waiting = {pool.submit(judge, *task, folder): task for task in tasks}
+        waiting = {pool.submit(judge, case.name, case.elements, folder): case.name
+                   for case in chosen}
         try:
             for future in as_completed(waiting):
-                task = waiting[future]
-                done[task] = future.result()
-                print(f"[{len(done)}/{len(tasks)}] {_line(done[task][0])}", flush=True)
+                name = waiting[future]
+                done[name] = future.result()
+                print(f"[{len(done)}/{len(chosen)}] {_line(done[name][0])}", flush=True)
         except BaseException:  # what waits must not begin
             pool.shutdown(wait=False, cancel_futures=True)
             raise
-    parts = [done[task] for task in tasks]
+    parts = [done[case.name] for case in chosen]
     return [row for rows, _ in parts for row in rows], [row for _, rows in parts for row in rows]
 
 
 def _line(rows: list[dict]) -> str:
-    missed = [row for row in rows if row["met"] == "no"]
-    worst = max(rows, key=lambda row: row["error"] / row["tolerance"])
-    verdict = "met" if not missed else "MISSED: " + ", ".join(row["quantity"] for row in missed)
-    return (f"{rows[0]['case']} {rows[0]['element']}: {verdict} (closest to its tolerance: "
-            f"{worst['quantity']}, {worst['error']:.1e} of {worst['tolerance']:.1e}), "
-            f"{rows[0]['seconds']:.1f} s")
+    missed = [f"{row['quantity']} ({row['element']})" for row in rows if row["met"] == "no"]
+    worst = max(rows, key=lambda row: row["remaining"] / row["tolerance"])
+    verdict = "met" if not missed else "MISSED: " + ", ".join(missed)
+    return (f"{rows[0]['case']}: {verdict} (closest to its tolerance: {worst['quantity']}, "
+            f"{worst['remaining']:.1e} of {worst['tolerance']:.1e}), "
+            f"{sum({row['element']: row['seconds'] for row in rows}.values()):.1f} s")
 
 
 # ---- one case ------------------------------------------------------------------------------------
 
-def judge(name: str, element: str, folder: Path) -> tuple[list[dict], list[dict]]:
-    """Rows of a case with one kind of element, and of its curves. Raises what its runs raise."""
+def judge(name: str, elements: tuple[str, ...], folder: Path) -> tuple[list[dict], list[dict]]:
+    """Rows of a case with some kinds of element, and of its curves. Raises what its runs raise."""
     case = next(case for case in cases() if case.name == name)
+    effects = size_effects(case, folder)
+    parts = [_judge(case, element, effects, folder) for element in elements]
+    return [row for rows, _ in parts for row in rows], [row for _, rows in parts for row in rows]
+
+
+def _judge(case: Case, element: str, effects: dict, folder: Path) -> tuple[list, list]:
     levels = case.levels if element == "P1" else case.levels[:-1] or case.levels
     clock = time.perf_counter()
     views = [solve(case, element, level, folder, level is levels[-1]) for level in levels]
     results = [[check.compare(view) for view in views] for check in case.checks]
     seconds = time.perf_counter() - clock
-    mesh = assignments(levels[-1])
-    shared = {"case": case.name, "seconds": seconds, "element": element, "mesh": mesh}
-    rows = [{**shared, **_row(case, check, on_meshes, views[-1])}
+    shared = {"case": case.name, "seconds": seconds, "element": element,
+              "mesh": assignments(levels[-1])}
+    rows = [{**shared, **_row(case, check, on_meshes, views[-1], effects.get(check.name))}
             for check, on_meshes in zip(case.checks, results)]
     rows += [{**shared, **_refused(case, settings, folder)} for settings in case.refused]
     if case.peer and peer.installed():
-        rows.append({**shared, **_beside_getfem(case, element, folder)})
+        rows.append({**shared, **_beside_getfem(case, element, folder, rows)})
     return rows, _curves(case, element, views[-1])
 
 
-def _row(case: Case, check: Check, results: list[tuple], view) -> dict:
-    value, wanted, error = results[-1]
+def _row(case: Case, check: Check, results: list[tuple], view, effect) -> dict:
+    value, wanted, deviation = results[-1]
     entry = view.result.summary.get("errors", {}).get("quantities", {}).get(check.quantity, {})
     claimed = entry.get("total")
+    remaining, size = abs(deviation), {}
+    if effect is not None:
+        ratio = case.sizes.ratio(view)
+        remaining = effect.remaining(deviation, ratio)
+        size = {"size_effect": effect.of(ratio), "ratio": ratio, "size_order": effect.order,
+                "size_ratios": " ".join(f"{r:.2g}" for r in effect.ratios),
+                "size_deviations": " ".join(f"{d:.1e}" for d in effect.deviations)}
     return {"quantity": check.name, "source": case.source, "reference": wanted,
-            "value": value, "error": error, "tolerance": check.tolerance,
-            "met": "yes" if error <= check.tolerance else "no",
+            "value": value, "error": abs(deviation), "remaining": remaining, **size,
+            "tolerance": check.tolerance, "met": "yes" if remaining <= check.tolerance else "no",
             "claimed": "" if claimed is None else claimed / (abs(wanted) or 1.0),
-            "errors": " ".join(f"{result[2]:.1e}" for result in results),
+            "errors": " ".join(f"{abs(result[2]):.1e}" for result in results),
             "because": check.because}
 
 
-def _beside_getfem(case: Case, element: str, folder: Path) -> dict:
-    mesh = assignments(case.levels[0])
-    difference = compared(case, element, folder)
+def _beside_getfem(case: Case, element: str, folder: Path, rows: list[dict]) -> dict:
+    mesh, difference = assignments(case.levels[0]), compared(case, element, folder)
+    own = float(rows[0]["errors"].split()[0])
     return {"quantity": "contact forces of the nodes against GetFEM's", "source": "GetFEM",
-            "reference": 0.0, "value": difference, "error": difference, "tolerance": peer.SAME,
-            "met": "yes" if difference <= peer.SAME else "no", "claimed": "", "errors": "",
-            "mesh": mesh, "because": "the same mesh and conditions at nodes, another program"}
+            "reference": 0.0, "value": difference, "error": difference, "remaining": difference,
+            "tolerance": peer.SAME, "met": "yes" if difference <= peer.SAME else "no",
+            "claimed": "", "errors": "", "mesh": mesh,
+            "because": "the same mesh and conditions at nodes, another program; "
+                       f"{rows[0]['quantity'].replace('_', ' ')} errs by {own:.1e} on this mesh"}
 
 
 def _refused(case: Case, settings: dict, folder: Path) -> dict:
@@ -144,8 +160,9 @@ def _refused(case: Case, settings: dict, folder: Path) -> dict:
     words = assignments(settings)
     return {"quantity": f"exit status with {words}", "source": case.source,
             "reference": NO_SOLUTION, "value": status, "error": float(status != NO_SOLUTION),
-            "tolerance": 0.5, "met": "yes" if status == NO_SOLUTION else "no", "claimed": "",
-            "errors": "", "because": "there is no equilibrium"}
+            "remaining": float(status != NO_SOLUTION), "tolerance": 0.5,
+            "met": "yes" if status == NO_SOLUTION else "no", "claimed": "", "errors": "",
+            "because": "there is no equilibrium"}
 
 
 def _curves(case: Case, element: str, view) -> list[dict]:

@@ -3,6 +3,7 @@ no harm done.
 """
 
 import csv
+import types
 
 import numpy as np
 import pytest
@@ -61,12 +62,37 @@ def test_nodal_sizes_do_not_jump():
     xy, triangles = grid(16)
     size = np.full(len(triangles), 1.0)
     size[0] = 1e-3
-    nodal = adaptivity.nodal_sizes(xy, triangles, size)
+    nodal = adaptivity.even(xy, triangles, adaptivity.vertex_sizes(xy, triangles, size),
+                            adaptivity.STEEPEST)
     for a, b in ((0, 1), (1, 2), (2, 0)):
         i, j = triangles[:, a], triangles[:, b]
         rise = np.abs(nodal[i] - nodal[j]) / np.linalg.norm(xy[i] - xy[j], axis=1)
         assert rise.max() <= adaptivity.STEEPEST * (1 + 1e-12)
     assert nodal.max() <= 1 and nodal.min() > 1e-3
+
+
+def chain(pressure, sticks=np.inf):
+    """41 contact nodes on -1 < x < 1, a second chain of five, and a state with these tractions."""
+    x = np.concatenate([np.linspace(-1, 1, 41), 5 + np.arange(5)])
+    boundary = types.SimpleNamespace(
+        xy=np.column_stack([x, np.zeros(len(x))]), arc=x, chain=(x > 2).astype(int),
+        middle=np.zeros(len(x), bool))
+    p = pressure(x)
+    return boundary, {"sigma_n": -p, "sigma_t": p * (np.abs(x) > sticks)}
+
+
+def test_contact_is_refined_where_tractions_bend():
+    """An end of contact, ends of sticking; not between, nor across two chains, nor where linear."""
+    boundary, state = chain(lambda x: np.maximum(0.0, 0.5 - np.abs(x) * (np.abs(x) < 2)), 0.2)
+    state["sigma_n"][41:] = 0.0
+    places, sizes = adaptivity.contact_sizes(boundary, [state])
+    fine = places[sizes < 0.02, 0]
+    assert {0.5, 0.2} <= set(np.abs(np.round(fine, 9))) and np.abs(fine).max() < 0.6
+    assert sizes[places[:, 0] > 2].min() > 1 and len(places) == 39 + 3
+    assert sizes[np.isclose(places[:, 0], 0.35)] > 0.05 / 2
+    nothing = adaptivity.contact_sizes(boundary, [{"sigma_n": 0 * state["sigma_n"],
+                                                   "sigma_t": 0 * state["sigma_t"]}])
+    assert len(nothing[1]) == 0
 
 
 # ---- meshes --------------------------------------------------------------------------------------

@@ -108,6 +108,7 @@ CASES = {
     "fields": ("FIELDS=yes", "ERRORS=energy"),
     "quadratic": ("ELEMENT=P2", "CELLS=2", "FIELDS=yes", "ERRORS=energy"),
     "slip law": ("SCENE=punch", "LOADING=", "CELLS="),
+    "wear": ("SCENE=worn-pad", "LOADING=", "CELLS=3"),
     "several boundaries": ("SCENE=bracket", "LOADING=", "CELLS=", "H=8", "SUBDOMAINS=4"),
     "corners": ("SCENE=hard/hole", "LOADING=", "CELLS="),
     "floating stack": ("SCENE=stack", "LOADING=", "CELLS=", "H=0.25", "SUBDOMAINS=3")}

@@ -322,3 +322,70 @@ def test_a_small_size_that_memory_holds_is_only_counted(tmp_path):
     path.write_text(text)
     manifest = freefem.export(path, tmp_path / "export", {"h": "0.008", "steps": "2"})
     assert manifest.parameters["h"] == 0.008 and "counted" not in manifest.parameters
+
+
+def test_labels_that_are_names_are_said_to_be_none(said):
+    message = said(("macro contact() 1 //", "border bottom(t=0, 1) { x = t; y = 0; }\n"
+                                            "macro contact() bottom //"))
+    assert "the macro contact cannot be  bottom: it expects label" in message
+
+
+def test_conditions_need_a_boundary(said):
+    message = said(("on(4, u1 = 0., u2 = 0.)", "on(u1 = 0., u2 = 0.)"))
+    assert place(message) == line_of("macro support") and "names no boundary" in message
+
+
+@pytest.mark.parametrize("times, words", [
+    ("[0.5, 2.]", "no step ends at 2: the history goes from 0 to 1"),
+    ("[-0.5]", "no step ends at -0.5"), ("[0.1234567]", "no number of equal steps up to 400")])
+def test_times_that_no_step_can_end_at(said, times, words):
+    added = f"macro stepTimes() {times} //\nmacro contact() 1 //"
+    message = said(("macro contact() 1 //", added), parameters={"cells": "2"})
+    assert words in message and place(message) == line_of("macro contact")
+
+
+def test_an_obstacle_without_slope_gives_no_direction(said):
+    message = said(("macro contact() 1 //", "macro contact() 1 //\nmacro obstacle(x, y) 1. //"))
+    assert "obstacle cannot be evaluated" in message and "no direction" in message
+
+
+# ---- gmsh ----------------------------------------------------------------------------------------
+
+GEO = """DefineConstant[ h = {1}, length = {2} ];
+Point(1) = {0, 0, 0, h}; Point(2) = {length, 0, 0, h}; Point(3) = {2, 1, 0, h};
+Point(4) = {0, 1, 0, h};
+Line(1) = {1, 2}; Line(2) = {2, 3}; Line(3) = {3, 4}; Line(4) = {4, 1};
+Curve Loop(1) = {1:4}; Plane Surface(1) = {1};
+Physical Curve(1) = {1}; Physical Curve(3) = {3}; Physical Curve(4) = {4}; Physical Surface(1) = {1};
+"""
+SECOND = """Point(5) = {2, 0, 0, h}; Point(6) = {3, 0, 0, h}; Point(7) = {3, 1, 0, h};
+Point(8) = {2, 1, 0, h}; Line(5) = {5, 6}; Line(6) = {6, 7}; Line(7) = {7, 8}; Line(8) = {8, 5};
+Curve Loop(2) = {5:8}; Plane Surface(2) = {2}; Physical Surface(2) = {2};
+"""
+MESHED = (('include "scene.idp"', 'include "scene.idp"\ninclude "gmsh.idp"'),
+          ("subdomains(\"2x1\");\nrectangle(0., 2., 0., 1.);", 'body = gmshBody("mine.geo", 0.5);'))
+
+
+@pytest.mark.parametrize("geo, words", [
+    (GEO + SECOND, "mine.geo has two points in the same place, (2, "),
+    (GEO.replace("1:4", "1:3"), "gmsh cannot mesh mine.geo"),
+    (GEO.replace("Physical Surface(1) = {1};", ""), "give its surfaces a Physical Surface"),
+    (GEO.replace("Physical Curve(1) = {1}; Physical Curve(3) = {3}; Physical Curve(4) = {4};", ""),
+     "give its curves a Physical Curve")])
+def test_what_gmsh_makes_is_judged(said, tmp_path, geo, words):
+    (tmp_path / "mine.geo").write_text(geo)
+    assert words in said(*MESHED, parameters={"steps": "2"})
+
+
+def test_a_number_that_no_geometry_reads_is_refused(said, tmp_path):
+    (tmp_path / "mine.geo").write_text(GEO)
+    wrong = ("body =", 'gmshNumber("lenght", 3.);\nbody =')
+    message = said(*MESHED, wrong, parameters={})
+    assert "reads the number lenght; did you mean length?" in message
+
+
+def test_numbers_of_geometries_put_together_are_not_judged(tmp_path):
+    (tmp_path / "mine.geo").write_text('Include "other.geo";\n')
+    scene = tmp_path / "mine.edp"
+    scene.write_text('gmshNumber("anything", 3.);\nbody = gmshBody("mine.geo", h);\n')
+    script.check_gmsh_numbers(scene)

@@ -70,7 +70,7 @@ class Study:
         self.out = out
         self.scene = freefem.find_scene(given["scene"])
         self.given = {name: pairs[name] for name in (*given.parameters, *given.settings)}
-        self.given["np"] = str(given["np"])
+        self.given |= options.ranks(pairs)
         with tempfile.TemporaryDirectory() as folder:
             manifest = freefem.export(self.scene, Path(folder) / "export", given.parameters)
         self.parameters, self.units = manifest.parameters, manifest.units
