@@ -50,6 +50,17 @@ def declared(friction=""):
                                    patterns=[], contact_labels=[1], quasistatic=True, bodies=1))
 
 
+def test_what_nodes_leave_open():
+    """Half of each edge in which contact ends; slip by what it differs from that of the next node
+    in contact, the open one left out.
+    """
+    x = np.array([0.0, 1.0, 3.0, 4.0, 6.0])
+    closed, slip = np.array([False, True, True, True, False]), np.array([9.0, 1.0, 2.5, 4.0, 8.0])
+    nodes, steps = line(x, closed, 1.0 * closed, 1.0 * ~closed, slip=slip,
+                        status=np.where(closed, SLIP, OPEN))
+    assert q.between_nodes(nodes, steps, 0) == {"contact_length": (1 + 2) / 2, "slip": 1.5}
+
+
 @pytest.mark.parametrize("shift", np.linspace(0, 0.9, 7))
 def test_contact_length_and_peak_lie_between_nodes(shift):
     """On exact nodal values: the opening's 2/3 power bends by r/a, so the edge errs by 3 h (h/a)/10
