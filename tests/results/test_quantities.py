@@ -51,14 +51,17 @@ def declared(friction=""):
 
 
 def test_what_nodes_leave_open():
-    """Half of each edge in which contact ends; slip by what it differs from that of the next node
-    in contact, the open one left out.
+    """Half of the edge to a clamped node, beyond the last one in contact; slip by what it differs
+    from that of the next node in contact, the open one left out.
     """
-    x = np.array([0.0, 1.0, 3.0, 4.0, 6.0])
-    closed, slip = np.array([False, True, True, True, False]), np.array([9.0, 1.0, 2.5, 4.0, 8.0])
+    x = np.arange(7.0)
+    closed = np.array([False, True, True, True, True, True, True])
+    slip = np.array([9.0, 1.0, 1.0, 1.0, 1.0, 2.5, 4.0])
     nodes, steps = line(x, closed, 1.0 * closed, 1.0 * ~closed, slip=slip,
                         status=np.where(closed, SLIP, OPEN))
-    assert q.between_nodes(nodes, steps, 0) == {"contact_length": (1 + 2) / 2, "slip": 1.5}
+    assert q.between_nodes(nodes, steps, 0) == {"contact_length": 0.0, "slip": 1.5}
+    nodes["weight"][-1] += 0.4  # half of an edge of 0.8 to a clamped node
+    assert q.between_nodes(nodes, steps, 0)["contact_length"] == pytest.approx(0.4)
 
 
 @pytest.mark.parametrize("shift", np.linspace(0, 0.9, 7))
