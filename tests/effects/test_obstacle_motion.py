@@ -211,6 +211,20 @@ real slipRange = 0.1;"""
     np.testing.assert_allclose(line["obstacle"], np.outer(c["gap"][-1], [0, -1, 0]), rtol=1e-9)
 
 
+@pytest.mark.slow  # wear has tests of its own
+def test_a_floor_that_runs_wears_the_block(solved, scene):
+    """Archard's law node by node with the way of the floor, which the block itself does not go."""
+    run = solved(scene(PAD, ("macro friction() F //", "macro friction() F //\nmacro wear() 1e-3 //"),
+                       ("(way*(1. - abs(t - 1.)))", "(way*max(0., t - 1.))")), cells=3, steps=8,
+                 rtol=1e-11, friction_rtol=1e-9)
+    c = run.contact
+    worn = np.cumsum(-1e-3 * np.abs(c["slip"]) * c["sigma_n"], axis=0)
+    closed = c["sigma_n"] < 0
+    over = c["u_n"] - c["gap"]
+    np.testing.assert_allclose(over[closed], worn[closed], atol=1e-5 * worn.max())
+    assert worn[-1] @ c["weight"][-1] == pytest.approx(1e-3 * 8 * 0.5, rel=0.03)  # till it slides
+
+
 def test_a_block_on_a_belt_presses_the_stop_with_its_friction(solved, scene):
     """Nothing else supports it: the belt runs, the stop stands."""
     run = solved(scene(PAD, ("macro support() on(3, u1 = 0.) //\n", ""),
