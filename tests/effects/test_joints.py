@@ -226,3 +226,57 @@ def test_a_tie_does_not_depend_on_cut_and_ranks(solved, scene):
 def test_misuse_is_refused_in_one_line(solved, scene, text, old, new, reason):
     run = solved(scene(text, (old, new)))
     assert run.status == 2 and reason in run.reason and "\n" not in run.reason
+
+
+# one body on a floor with a law on every part of it, and another one tied to its top
+LAWS = HEAD + """border floor1(s = 0, 1) { x = s; y = 0; label = 11; }
+border floor2(s = 1, 2) { x = s; y = 0; label = 12; }
+border floor3(s = 2, 3) { x = s; y = 0; label = 13; }
+border floor4(s = 3, 4) { x = s; y = 0; label = 14; }
+border floor5(s = 4, 5) { x = s; y = 0; label = 15; }
+border right(s = 0, 1) { x = 5; y = s; label = 2; }
+border top(s = 5, 0) { x = s; y = 1; label = 3; }
+border left(s = 1, 0) { x = 0; y = s; label = 4; }
+addBody(buildmesh(floor1(5) + floor2(5) + floor3(5) + floor4(5) + floor5(5) + right(5) + top(21)
+                  + left(5)))
+int[int] above = [6, 7, 8, 9];
+addBody(square(17, 3, [5*x, 1 + 0.5*y], label = above))
+""" + MATERIAL + """macro load1() pressure(8, 3.) + traction(7, 3., 20.) //
+macro contact() 11, 12, 13, 14, 15 //
+macro friction() (label == 12 ? 0.3 : 0.) //
+macro tresca() (label == 13 ? 0.5 : 0.) //
+macro cohesion() (label == 14 ? 0.8 : 0.) //
+macro bilateral() (label == 15) //
+macro tie() 6, 3 //
+macro probeLabels() [3, 6] //
+include "export.idp"
+"""
+
+
+def test_every_label_has_its_law(solved, scene):
+    """Frictionless, Coulomb, Tresca, cohesion, bilateral and tied, side by side in one scene.
+
+    Where labels go on in one another a vertex has the mean of both: their ends are left out. The
+    tie carries all loads of the upper body; its whole has only friction against the floor.
+    """
+    run = solved(scene(LAWS), subdomains=3, **TIGHT)
+    assert run.status == 0, run.reason
+    c = {name: column[-1] for name, column in run.contact.items()}
+    inside = np.abs(c["x"] - np.round(c["x"])) > 1e-6
+    shear, pressure = np.abs(c["sigma_t"]), np.maximum(-c["sigma_n"], 0)
+    bound = {11: 0 * pressure, 12: 0.3 * pressure, 13: 0.5 + 0 * pressure, 14: 0.8 + 0 * pressure,
+             15: 0 * pressure}
+    slid = np.abs(c["slip"]) > 1e-6 * np.abs(c["slip"]).max()
+    for label, most in bound.items():
+        here = inside & (c["boundary"] == label)
+        assert here.sum() >= 4
+        np.testing.assert_allclose(c["bound"][here], most[here], rtol=1e-7, atol=1e-9)
+        assert (shear[here] <= most[here] + 1e-7).all()
+        slides = here & slid
+        np.testing.assert_allclose(shear[slides], most[slides], atol=1e-6)
+    pulled = inside & (c["boundary"] == 15)
+    np.testing.assert_allclose(c["u_n"][pulled], 0, atol=1e-9)
+    assert c["sigma_n"][pulled].max() > 0 and c["sigma_n"][inside & ~pulled].max() <= 0
+    table = read_table(run.directory / "probes.csv")
+    force = np.column_stack([table["force_x"], table["force_y"]])
+    np.testing.assert_allclose(force, [[1.5, 10 - 15], [-1.5, 15 - 10]], atol=1e-6)
