@@ -92,6 +92,19 @@ def test_constant_stress_passes(solved, scene, text, options):
     np.testing.assert_allclose(stress, np.tile([0, -1, -0.3, 0], (len(stress), 1)), atol=1e-9)
 
 
+def test_rows_are_independent_whatever_meets_at_the_ends_of_ties(built, scene):
+    """Where four ties meet in a point, and beside contact of nodes that match: F is regular."""
+    for text in (FOUR, SIDE.replace("square(5, 3", "square(3, 4")):
+        values = np.linalg.eigvalsh(built(scene(text), subdomains=1).F)
+        assert values[0] > 1e-6 * values[-1]
+
+
+def test_bodies_that_nothing_pushes_settle_at_once(solved, scene):
+    """A body held in one direction by ties alone, with no force in it, needs no other method."""
+    run = solved(scene(FOUR), subdomains=5, **TIGHT)
+    assert not any(run.summary["fallbacks"].values()) and not run.summary["warnings"]
+
+
 @pytest.mark.slow  # the same once more, of revolution
 def test_constant_stress_passes_between_bodies_of_revolution(solved, scene):
     """Free to widen, sigma_zz is the hoop stress: zero, with nothing that holds the outer ring."""
