@@ -105,6 +105,12 @@ def test_bodies_that_nothing_pushes_settle_at_once(solved, scene):
     assert not any(run.summary["fallbacks"].values()) and not run.summary["warnings"]
 
 
+def test_what_nothing_balances_is_refused(solved):
+    """A periodic body that contact holds no more flies off, whatever joins it to itself."""
+    run = solved("ripple", h=0.1, without="contact")
+    assert run.status == 3 and "no equilibrium" in run.reason
+
+
 @pytest.mark.slow  # the same once more, of revolution
 def test_constant_stress_passes_between_bodies_of_revolution(solved, scene):
     """Free to widen, sigma_zz is the hoop stress: zero, with nothing that holds the outer ring."""
