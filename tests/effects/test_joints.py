@@ -48,6 +48,23 @@ macro contact() 5 //
 macro tie() 11, 21 //
 include "export.idp"
 """
+# a square in a square hole, tied all round by one label that turns corners
+INCLUSION = HEAD + """border o1(s = 0, 4) { x = s; y = 0; label = 1; }
+border o2(s = 0, 4) { x = 4; y = s; label = 2; }
+border o3(s = 4, 0) { x = s; y = 4; label = 3; }
+border o4(s = 4, 0) { x = 0; y = s; label = 4; }
+border h1(s = 1, 3) { x = s; y = 1; label = 5; }
+border h2(s = 1, 3) { x = 3; y = s; label = 5; }
+border h3(s = 3, 1) { x = s; y = 3; label = 5; }
+border h4(s = 3, 1) { x = 1; y = s; label = 5; }
+addBody(buildmesh(o1(8) + o2(8) + o3(8) + o4(8) + h1(-6) + h2(-5) + h3(-7) + h4(-4)))
+int[int] around = [6, 6, 6, 6];
+addBody(square(5, 9, [1 + 2*x, 1 + 2*y], label = around))
+""" + MATERIAL + """macro support() on(1, u2 = 0) + on(4, u1 = 0) //
+macro load1() pressure(3, 1.) //
+macro tie() 6, 5 //
+include "export.idp"
+"""
 STRIP = HEAD + """border base(s = 0, 1) { x = s; y = 0; label = 1; }
 border right(s = 0, 1) { x = 1 + 0.1*sin(2*pi*s); y = s; label = 2; }
 border top(s = 1, 0) { x = s; y = 1; label = 3; }
@@ -81,13 +98,14 @@ def stresses(run) -> np.ndarray:
 
 @pytest.mark.parametrize("text, options", [
     ("patch", {}), ("patch", {"element": "P2", "subdomains": 5}), ("patch", {"subdomains": 7}),
-    ("four", {"subdomains": 5}), ("side", {"subdomains": 3}),
+    ("four", {"subdomains": 5}), ("side", {"subdomains": 3}), ("inclusion", {"subdomains": 4}),
+    pytest.param("inclusion", {"element": "P2"}, marks=pytest.mark.slow),  # a further mesh
     pytest.param("patch", {"np": 2, "subdomains": 3}, marks=pytest.mark.slow),  # ranks
     pytest.param("four", {"element": "P2"}, marks=pytest.mark.slow),  # a further mesh
     pytest.param("side", {"element": "P2", "np": 2}, marks=pytest.mark.slow)])
 def test_constant_stress_passes(solved, scene, text, options):
     """sigma_yy = -1 in plane strain, everything else zero but sigma_zz: to rounding, 1e-9."""
-    text = {"patch": PATCH, "four": FOUR, "side": SIDE}[text]
+    text = {"patch": PATCH, "four": FOUR, "side": SIDE, "inclusion": INCLUSION}[text]
     stress = stresses(solved(scene(text), **TIGHT, **options))
     np.testing.assert_allclose(stress, np.tile([0, -1, -0.3, 0], (len(stress), 1)), atol=1e-9)
 
