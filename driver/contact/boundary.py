@@ -15,7 +15,6 @@ import numpy as np
 from ..errors import InputError
 from ..feti.gathering import gather
 from .chains import chains
-from .motion import ObstacleMotion
 from .nodes import contact_table, merge_parts
 
 NODAL = ("gid", "label", "chain", "xy", "arc", "weight", "length", "normal", "gap", "family",
@@ -36,7 +35,7 @@ class ClampedContact:
     normal: np.ndarray
     gap: np.ndarray
     values: np.ndarray
-    motion: ObstacleMotion | None = None
+    motion: object = None  # an ObstacleMotion of contact/motion.py, if any
 
 
 @dataclass
@@ -90,7 +89,7 @@ class ContactBoundary:
     corners: np.ndarray = field(default_factory=lambda: np.empty((0, 3), int))
     about: Configuration | None = None  # of pairs; None: the initial geometry
     axisymmetric: bool = False
-    motion: ObstacleMotion | None = None  # of the obstacles; None: they stand still
+    motion: object = None  # the ObstacleMotion; None: obstacles stand still
     joined: int = 0
 
     @property
@@ -111,7 +110,7 @@ class ContactBoundary:
                 name: column[:count] for name, column in self.columns.items()})
 
     def renewed(self, columns: dict[str, np.ndarray], gap: np.ndarray,
-                motion: ObstacleMotion | None) -> "ContactBoundary":
+                motion) -> "ContactBoundary":
         """The same with other columns, gaps (n,) and motions of the declared nodes."""
         none = np.zeros(self.joined)
         return replace(

@@ -25,7 +25,7 @@ class ContactLines:
         """The file of step `index`; `moved` (nodes, 2) are displacements, `state` as ContactState.
 
         Gap is the distance at the start, as in contact.csv, to moving obstacles that at `time`,
-        opening what is left of it; the obstacle is gap times normal away from the node.
+        opening what is left of it.
         """
         import meshio
 
@@ -38,6 +38,8 @@ class ContactLines:
                 "status": state[ContactField.STATUS].astype(int), "boundary": b.label.astype(int)}
         if WEAR in state:
             data["wear"] = state[WEAR]
+        if b.motion is not None:
+            data["obstacle"] = b.gap[:, None] * b.normal  # warped by it the line is the obstacle
         data = {name: np.column_stack([values, np.zeros(len(values))]) if values.ndim == 2
                 else values for name, values in data.items()}
         cells = [("line", self.lines)]

@@ -63,4 +63,4 @@ def difference(view, peer: Peer, folder: Path) -> float:
     theirs, w = np.load(out), view["weight"]
     ours = {"force": -view["sigma_n"] * w, "shear": view["sigma_t"] * w}
     largest = np.abs(ours["force"]).max()
-    return float(max(np.abs(ours[name] - theirs[name]).max() for name in ours) / largest)
+    return float(max(np.abs(own - theirs[name]).max() for name, own in ours.items()) / largest)
