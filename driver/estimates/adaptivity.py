@@ -48,7 +48,8 @@ def new_sizes(size: np.ndarray, indicator: np.ndarray, wanted: float, degree: fl
     power = dimension / (degree + 1)
     level = ((indicator**power).sum() / wanted) ** (1 / power)
     for _ in range(20):
-        ratio = np.clip((level / np.maximum(indicator, 1e-300)) ** (power / dimension), SMALLEST, LARGEST)
+        ratio = (level / np.maximum(indicator, 1e-300)) ** (power / dimension)
+        ratio = np.clip(ratio, SMALLEST, LARGEST)
         level *= ((ratio**-dimension).sum() / wanted) ** (1 / power)
     return size * ratio
 
