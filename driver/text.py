@@ -23,6 +23,11 @@ def words(name: str) -> str:
     return name.replace("_", " ")
 
 
+def step_name(index: int) -> str:
+    """A time step in a message; before the first one is the preload."""
+    return f"step {index}" if index else "preload"
+
+
 def assignments(settings: dict) -> str:
     """Settings as on the command line: NAME=value NAME=value."""
     return " ".join(f"{name.upper()}={value}" for name, value in settings.items())

@@ -8,13 +8,14 @@ value at the node (not at the ends of a boundary of linear elements). Any force 
 by a displacement of the same nodes, of bounded norm: the inf-sup condition (see mortar.py).
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ..errors import InputError
 from ..feti.gathering import gather
 from .chains import chains
+from .motion import ObstacleMotion
 from .nodes import contact_table, merge_parts
 
 
@@ -31,6 +32,7 @@ class ClampedContact:
     normal: np.ndarray
     gap: np.ndarray
     values: np.ndarray
+    motion: ObstacleMotion | None = None
 
 
 @dataclass
@@ -48,7 +50,8 @@ class ContactBoundary:
     `weight` is the integral of the node's function, of bodies of revolution over the revolution
     (rings.py), `length` that along the boundary. `columns` are what declared effects give
     the nodes (see ContactData), means over dual segments; `gap` is the distance to what the node
-    meets: the column of that name, plus that of the two bodies of a pair.
+    meets: the column of that name, plus that of the two bodies of a pair. Where obstacles move it
+    is that at time 0, and `at` gives those of later times.
 
     Ordered by `chain`, then along the arc: see chains.py. `normal_row` and `tangential_row` are
     global dual rows, -1 where a node has none (frictionless contact, or a direction that the
@@ -81,6 +84,18 @@ class ContactBoundary:
     corners: np.ndarray = field(default_factory=lambda: np.empty((0, 3), int))
     about: Configuration | None = None  # of pairs; None: the initial geometry
     axisymmetric: bool = False
+    motion: ObstacleMotion | None = None  # of the obstacles; None: they stand still
+
+    def at(self, time: float) -> "ContactBoundary":
+        """The boundary with the distances at `time`; itself where no obstacle moves."""
+        if self.motion is None:
+            return self
+        clamped = replace(self.clamped, gap=self.clamped.motion.gap_at(time))
+        return replace(self, gap=self.motion.gap_at(time), clamped=clamped)
+
+    def way(self, before: float, now: float) -> np.ndarray | float:
+        """(n_c,) tangential displacement of the obstacles' surfaces, 0 where none moves."""
+        return 0.0 if self.motion is None else self.motion.way(before, now)
 
     @property
     def paired(self) -> np.ndarray:
@@ -123,11 +138,14 @@ def contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm,
     paired, n = nodes.family > 0, len(nodes.gid)
     row, other, value = np.arange(n), np.arange(n), np.ones(n)
     gap, length = effects.distance(nodes.columns, n), nodes.weight
+    motion = effects.motion(nodes, gap)
     if manifest.axisymmetric:
         from . import rings  # here: no plane scene needs it
 
         nodes.weight, (row, other, value) = rings.ring_rows(nodes.xy, along.edges, along.middles)
         gap = np.bincount(row, value * gap[other], n)
+        if motion is not None:
+            motion.gap = np.array([np.bincount(row, value * g[other], n) for g in motion.gap])
         length = length.copy()
     own = row, nodes.gid[other], value, np.zeros(len(row), bool)
     terms = [tuple(column[~paired[row]] for column in own)]
@@ -136,6 +154,8 @@ def contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm,
         nodes.weight[here], length[here], nodes.normal[here], more, (node, *term) = sides.couple(
             pairs, nodes.gid[here])
         gap[here] += more
+        if motion is not None:
+            motion.gap[:, here] = gap[here]
         terms.append((here[node], *term))
     held = held_nodes(nodes.gid, fixed)
     lost = np.flatnonzero(held & ~paired)
@@ -146,9 +166,11 @@ def contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm,
     node, gids, value, other = (np.concatenate(column) for column in zip(*terms))
     used = ~unused[node]
     terms = position[node[used]], gids[used], value[used], other[used]
+    if motion is not None:
+        gap = motion.gap[0]
     values = fixed[1][np.searchsorted(fixed[0], 2 * nodes.gid[lost][:, None] + [0, 1])]
     clamped = ClampedContact(*(of[lost] for of in (nodes.gid, nodes.label, nodes.xy, nodes.normal,
-                                                   gap)), values)
+                                                   gap)), values, motion and motion.of(lost))
     none = np.full(len(order), -1)
     return ContactBoundary(
         *(of[order] for of in (nodes.gid, nodes.label, along.number, nodes.xy, along.arc,
@@ -157,7 +179,8 @@ def contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm,
         nodes.family[order], nodes.meeting, np.isin(nodes.gid[order], skeleton.middles), *terms,
         none, none.copy(),
         position[along.edges[~paired[along.edges].any(axis=1)]], clamped,
-        about=sides and sides.about, axisymmetric=manifest.axisymmetric)
+        about=sides and sides.about, axisymmetric=manifest.axisymmetric,
+        motion=motion and motion.of(order))
 
 
 def held_nodes(gid: np.ndarray, fixed) -> np.ndarray:

@@ -91,6 +91,7 @@ class CornerNodes:
     acting: np.ndarray = field(init=False)
     switches: np.ndarray = field(init=False)
     rested: np.ndarray = field(init=False)  # (v,) was in its corner at the end of the step before
+    rubbed: np.ndarray = field(init=False)  # (v,) surfaces of obstacles move along it in the step
 
     def __post_init__(self):
         first, second = self.gap.T
@@ -99,6 +100,7 @@ class CornerNodes:
         self.acting = np.where(self.alone & (nearer == BOTH), FIRST,
                                np.where(self.bilateral.any(axis=1) & ~self.alone, BOTH, nearer))
         self.rested = np.zeros(len(self.nodes), bool)
+        self.rubbed = np.zeros(len(self.nodes), bool)
         self.begin_step()
 
     def begin_step(self) -> None:
@@ -317,10 +319,12 @@ class CornerNodes:
     def _parts(self, v: int, force: np.ndarray, slip: np.ndarray, rows, least):
         """Pressures and friction forces (2,) each of corner v under the force (2,) it arrives with.
 
-        None where it has not arrived in this step: no slip (2,) beyond `least`.
+        None where it has not arrived in this step, nor an obstacle moved along it: no slip (2,)
+        beyond `least`.
         """
         sign = np.where(np.abs(slip) > least, np.sign(slip), 0.0)
-        if rows is None or self.rested[v] or (self.tangential[v] < 0).any() or not sign.any():
+        rests = self.rested[v] and not self.rubbed[v]
+        if rows is None or rests or (self.tangential[v] < 0).any() or not sign.any():
             return None
         (F, c), normal, tangent = self._law(v, rows), self.directions[v], self._tangents(v)
         # contact that can pull does so as without friction

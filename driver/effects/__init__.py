@@ -88,6 +88,9 @@ class Effect:
     def distance(self, columns: dict[str, np.ndarray]) -> np.ndarray | None:
         """(n_c,) distance to what the nodes meet, from the nodal columns of the export."""
 
+    def motion(self, nodes, distance: np.ndarray):
+        """The ObstacleMotion of the contact `nodes`, whose distance is `distance` (n,) else."""
+
     def paired_sides(self, subdomains, fixed, comm, moved=None):
         """Boundaries of two bodies that meet; see effects/pair.py."""
 
@@ -192,6 +195,11 @@ class Effects:
         distance = _sum(room.distance(columns) for room in self)
         return np.zeros(count) if distance is None else distance.copy()
 
+    def motion(self, nodes, distance: np.ndarray):
+        """The ObstacleMotion of contact nodes (n,), see Effect; None where no obstacle moves."""
+        motions = (room.motion(nodes, distance) for room in self)
+        return next((motion for motion in motions if motion is not None), None)
+
     def paired_sides(self, subdomains, fixed, comm, moved=None):
         """Boundaries of two bodies that meet (effects/pair.py), None without pairs; collective."""
         sides = (room.paired_sides(subdomains, fixed, comm, moved) for room in self)
@@ -219,7 +227,7 @@ class Effects:
         `initial` (n_c,) is the tangential displacement at time 0.
         """
         law = self.contact_law(contact)
-        return (law.offset is None and not self.coefficient_changes
+        return (law.offset is None and not self.coefficient_changes and contact.motion is None
                 and not contact.gap.any() and not initial.any())
 
     def before_first_step(self, solver) -> None:

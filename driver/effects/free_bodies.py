@@ -14,6 +14,7 @@ from ..contact.rows import ContactRows
 from ..errors import NoSolution
 from ..qp.anderson import Anderson
 from ..qp.least_distance import least_distance
+from ..text import step_name
 
 SECANTS = 5  # of the rigid motions' response that are combined
 WEAK = 1e-4  # part of a motion that rows feel, whose square resists it: below all tolerances
@@ -42,7 +43,7 @@ class FreeBodies:
         work, size = op.imbalance(np.zeros(op.owned), weights)
         motion = rigid_equilibrium(self.rows, np.column_stack(op.motions), work, size, op.comm)
         if motion is None:
-            raise NoSolution(f"step {index}: {self._why_no_rest()}")
+            raise NoSolution(f"{step_name(index)}: {self._why_no_rest(index)}")
         return motion
 
     @staticmethod
@@ -57,13 +58,28 @@ class FreeBodies:
         worst = [mode for mode, share in zip(modes, shares) if share > 0.1 * shares.max()]
         return ("no equilibrium was found: contact and friction could hold rigid bodies, but where "
                 f"these ones press and rub, {100 * shares.max():.2g} % of the forces on "
-                f"{self._names(worst)}, which no support holds, stay unbalanced")
+                f"{self._names(worst)}, which no support holds, stay unbalanced: "
+                f"{self._way(load, x, modes[int(shares.argmax())].body)}")
 
-    def _why_no_rest(self) -> str:
+    def _way(self, load, x: np.ndarray, body: int) -> str:
+        """Where the unbalanced forces drive a body."""
+        structure = self.operator.structure
+        net, _ = self.operator.imbalance(x, load.weights)
+        own = [(force, mode) for force, mode in zip(net, structure.rigid_modes)
+               if mode.body == body]
+        along = sum(force * mode.translation for force, mode in own)
+        turn = abs(sum(force * mode.rotation for force, mode in own))
+        way = np.linalg.norm(along)
+        if way < turn * structure.travel.bodies.size[body]:
+            return f"body {body + 1} is free to turn"
+        return (f"body {body + 1} is free to move off in the direction "
+                "({:.2g}, {:.2g})".format(*(along / way + 0.0).round(6)))
+
+    def _why_no_rest(self, index: int) -> str:
         modes = self.operator.structure.rigid_modes
         how = "contact cannot" if self.effects.contact else "without contact nothing can"
         if self.effects.frictional:
-            how = "contact and friction cannot"
+            how = "contact and friction cannot" if index else "contact without friction cannot"
         return (f"no equilibrium: {how} balance the loads on {self._names(modes)}, which no "
                 "support holds: it slides off, tips over or is pulled away; add supports or "
                 "friction")
@@ -179,7 +195,7 @@ class FreeBodies:
         # squares of roundings
         if np.linalg.eigvalsh(stiffness)[0] <= 1e-12 * max(op.dot(d, d) for d in motions):
             self.history.warnings.append(
-                f"step {index}: {LOOSE}, and displacements are one answer of many")
+                f"{step_name(index)}: {LOOSE}, and displacements are one answer of many")
 
 
 def _least(held: np.ndarray, limited: np.ndarray, room: np.ndarray,

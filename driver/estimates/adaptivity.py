@@ -40,8 +40,8 @@ def new_sizes(size: np.ndarray, indicator: np.ndarray, wanted: float, degree: fl
     """(n_t,) sizes that spread the error evenly over about `wanted` triangles of a `degree`.
 
     `size` (n_t,) of the present triangles, `indicator` (n_t,) energy error of each, not squared.
-    In one dimension the same with the edges of a boundary.
-    Triangles that meet a limit leave fewer or more for others, for which the repetition makes up.
+    In one dimension the same with the edges of a boundary. Triangles that meet a limit leave fewer
+    or more for others, for which the repetition makes up.
     """
     if not indicator.any():
         return size * (len(size) / wanted)**(1 / dimension)
@@ -100,17 +100,18 @@ def contact_sizes(boundary, states: list[dict]) -> tuple[np.ndarray, np.ndarray]
 
 
 def next_mesh(stem: Path, estimator, estimates: list) -> None:
-    """Write the sizes of the mesh that follows that of the EnergyEstimator after its `estimates`.
+    """Write the sizes of the mesh that follows that of `estimator` (energy.EnergyEstimator).
 
-    A triangle's error is that of all estimated steps together. Raises InputError without estimates.
+    A triangle's error is that of all steps of its `estimates` together; on the contact boundary
+    sizes are at most those of `contact_sizes`. Raises InputError without estimates.
     """
     reasons = [e.reason for e in estimates if e.reason]
     if reasons or not estimates:
         reason = reasons[0] if reasons else "nothing was estimated"
         raise InputError(f"ADAPT has no error to refine by: {reason}")
     mesh, degree = estimator.body.mesh, elements.DEGREE[estimator.manifest.element]
-    states = [state for _, state in estimator.considered]
-    places, sizes = contact_sizes(estimator.contact.boundary, states)
+    places, sizes = contact_sizes(estimator.contact.boundary,
+                                  [state for _, state in estimator.considered])
     square = sum(e.indicator**2 * (e.mesh > ROUNDING * e.norm) for e in estimates)
     xy = np.zeros((mesh.triangles.max() + 1, 2))
     xy[mesh.triangles] = mesh.corner

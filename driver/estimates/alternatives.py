@@ -231,9 +231,7 @@ def price_list(companions, parts: dict, budget: dict, name: str, run: Measured, 
         return head | {"reason": "no parameter (CELLS, H) sets the mesh size of this scene"}
     try:
         found = _predicted(companions, parts, name, values[name], run, memory, idle, spent)
-    except (DriverError, ArithmeticError, LookupError, OSError, ValueError) as problem:
-        if companions.levels.comm.size > 1 and not isinstance(problem, DriverError):
-            raise  # others wait for this rank
+    except DriverError as problem:  # of a companion; other errors are ours
         return head | {"reason": f"they could not be predicted: {problem}"}
     return head | {"lines": found}
 

@@ -76,9 +76,16 @@ def steps_at(kinks: np.ndarray, steps: int, t_end: float) -> int | None:
     return None
 
 
-def warnings(manifest) -> list[str]:
-    """A line for every history that the steps do not follow."""
-    lines = []
+def warnings(manifest, motion=None) -> list[str]:
+    """A line for every history that the steps do not follow.
+
+    `motion` is the ObstacleMotion of the contact boundary, None where no obstacle moves.
+    """
+    lines = [f"{name} departs by {100 * size:.0f} % of its largest value from the steps, most at "
+             f"time {time:.4g}: they miss where the obstacle is there; "
+             f"STEPS={2 * manifest.steps}, or stepTimes, follows it better"
+             for name, (size, time) in (motion.missed if motion else {}).items()
+             if size > NOTICEABLE]
     for d in departures(manifest):
         better = steps_at(d.kinks, manifest.steps, manifest.t_end)
         remedy = f"STEPS={2 * manifest.steps} follows it better"

@@ -230,7 +230,9 @@ class EquilibratedBound:
         now = step.weights[: len(self.manifest.patterns)]
         before = self.manifest.factors[step.index - 1]
         values = self.boundary.clamped.values
-        return ContactTractions(self.state, state, values @ now, values @ (now - before))
+        started = self.manifest.t_end * (step.index - 1) / self.manifest.steps
+        return ContactTractions(self.state, state, values @ now, values @ (now - before),
+                                (started, step.time))
 
     def _pairs(self, state: dict) -> list | None:
         """The PairBound of every contact pair in one step, on rank 0."""

@@ -149,6 +149,16 @@ def extrapolate(changes: list[float], ratios: list[float], formal: float, value:
     return Part(safety * max(rest, FLOOR * first[0]), order, rate=p)
 
 
+def located(part: Part, least: float) -> Part:
+    """A part of the error that is not below what nodes leave open, `least`.
+
+    Where contact ends, and where slip is largest, lies between nodes: meshes may agree by chance.
+    """
+    if part.error is None or part.error >= least:
+        return part
+    return Part(least, part.order, part.note, part.rate)
+
+
 # ---- the budget of a run -------------------------------------------------------------------------
 
 def summed(parts: dict[str, Part], value: float) -> dict:

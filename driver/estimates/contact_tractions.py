@@ -10,12 +10,15 @@ class ContactTractions:
     traction of its own in a direction that a support holds, and takes its neighbours' mean.
     """
 
-    def __init__(self, contact, state: dict, move: np.ndarray, step_move: np.ndarray):
+    def __init__(self, contact, state: dict, move: np.ndarray, step_move: np.ndarray,
+                 times: tuple[float, float]):
         """`contact` is a results.ContactState, `state` its quantities at the end of the step.
 
-        `move`, `step_move` (n_k, 2): displacement of the clamped nodes and its change in the step.
+        `move`, `step_move` (n_k, 2): displacement of the clamped nodes and its change in the step;
+        `times` at which that begins and ends.
         """
-        b, c = contact.boundary, contact.boundary.clamped
+        b = contact.boundary.at(times[1])
+        c = b.clamped
         self.boundary, self.constrained, self.computed = b, contact.constrained, state
         self.gid = np.concatenate([b.gid, c.gid])
         self.xy, self.normal = np.concatenate([b.xy, c.xy]), np.concatenate([b.normal, c.normal])
@@ -37,6 +40,8 @@ class ContactTractions:
         self.before = state["u_t"] - state["slip"]
         distance = np.maximum(c.gap - (move * c.normal).sum(axis=1), 0.0)
         slip = (step_move * self.tangent[len(b.gid) :]).sum(axis=1)
+        if c.motion is not None:
+            slip -= c.motion.way(*times)
         self.distance = np.concatenate([np.zeros(len(b.gid)), distance])
         self.slip = np.concatenate([np.zeros(len(b.gid)), slip])
         self.moments = self._moments()

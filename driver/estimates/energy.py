@@ -4,16 +4,17 @@ Of P1 elements it is the bound of `bound`; of quadratic elements, or where ESTIM
 difference between the computed and a recovered stress, which is no bound.
 """
 
+from functools import cached_property
+
 import numpy as np
 
 from ..effects import Effects
 from ..march.step import Step
-from ..scene import elements
 from ..scene.manifest import Manifest
 from . import recovery
 from .bound import (COULOMB, EARLIER, EXCLUDED, EquilibratedBound, Estimate,
                     coupling)
-from .torn_body import Gather, gather_body
+from .torn_body import Gather, TornBody, gather_body
 
 WHY = ("an estimate by smoothed stresses, no bound: stresses in equilibrium are made of the degree "
        "that bounds linear elements of plane bodies only")
@@ -33,7 +34,7 @@ class EnergyEstimator:
         smoothed = kind == "equilibrated" and (self.quadratic or revolved)
         self.kind = "recovery" if smoothed else kind
         self.gather = Gather(operator)
-        self.body = self.bound = None
+        self.bound = None
         self.last = self.largest = None  # (energy, step, contact state)
 
     def consider(self, step: Step, state: dict, energy: float) -> None:
@@ -41,6 +42,11 @@ class EnergyEstimator:
         self.last = (energy, step, state)
         if self.largest is None or energy > (1 + 1e-9) * self.largest[0]:
             self.largest = self.last
+
+    @cached_property
+    def body(self) -> TornBody | None:
+        """The torn body on rank 0; collective when it is asked for first."""
+        return gather_body(self.gather)
 
     @property
     def considered(self) -> list[tuple[Step, dict]]:
@@ -59,7 +65,6 @@ class EnergyEstimator:
         loaded = self.last[0] > NOTHING**2 * self.largest[0]
         if loaded and self.last[1].index != self.largest[1].index:
             wanted.insert(0, self.last)
-        self.body = gather_body(self.gather)
         if self.kind == "equilibrated":
             self.bound = self.bound_of(self.gather, self.operator, self.manifest, self.contact,
                                        self.body)
@@ -81,8 +86,6 @@ class EnergyEstimator:
             return found
         if self.manifest.axisymmetric:
             return self._recover_revolved(step, displacements)
-        if self.quadratic:
-            return self._recover_quadratic(step, displacements)
         return self._recover(step, displacements)
 
     def _changes_kind(self) -> bool:
@@ -91,24 +94,6 @@ class EnergyEstimator:
         edges = b.edges[(b.edges < len(bilateral)).all(axis=1)]
         return bool((bilateral[edges[:, 0]] != bilateral[edges[:, 1]]).any() or any(
             len(np.unique(bilateral[b.family == k + 1])) > 1 for k in range(len(b.meeting))))
-
-    def _recover_quadratic(self, step: Step, displacements: list[np.ndarray]) -> Estimate | None:
-        """As `_recover`, for stresses that are linear on the triangles."""
-        def stress(s, sub):
-            u = displacements[s].reshape(-1, 2)[sub.elements]
-            strain = elements.linear_strains(sub.xy[sub.triangles], u)
-            return np.einsum("tmij,tmj->tmi", sub.corner_elasticity, strain)
-
-        elastic = self.gather((3, 3), float, stress)
-        thermal = self.gather.thermal(step.weights, (3, 3))
-        if not self.gather.root:
-            return None
-        body, mesh, sigma = self.body, self.body.mesh, elastic - thermal
-        smooth = recovery.recovered_stress(mesh.corner, mesh.triangles, body.region, sigma)
-        rough = smooth - recovery.AT_NODES @ sigma
-        share = recovery.energy(mesh.area, body.compliance, rough)
-        norm = np.sqrt(recovery.energy(mesh.area, body.compliance, elastic).sum())
-        return _recovered(step, share, norm)
 
     def _recover_revolved(self, step: Step, displacements: list[np.ndarray]) -> Estimate | None:
         """As `_recover`, of bodies of revolution: hoop strains vary on linear elements, too."""
@@ -123,15 +108,13 @@ class EnergyEstimator:
 
     def _recover(self, step: Step, displacements: list[np.ndarray]) -> Estimate | None:
         """Estimate from recovered stresses on rank 0."""
-        thermal = self.gather.thermal(step.weights, (3,))
-        fields = self.gather.displacements(displacements)
-        if not self.gather.root:
+        found = recovery.deviation(self.gather, self.body, displacements, self.quadratic,
+                                   step.weights)
+        if found is None:
             return None
-        body, elastic = self.body, self.body.stress(fields)
-        sigma = elastic - thermal
-        smooth = recovery.averaged_stress(body.mesh.triangles, body.region, body.mesh.area, sigma)
-        share = recovery.linear_energy(body.mesh.area, body.compliance, smooth - sigma[:, None])
-        return _recovered(step, share, body.norm(elastic))
+        share, square = (recovery.energy(self.body.mesh.area, self.body.compliance, stress)
+                         for stress in found)
+        return _recovered(step, share, float(np.sqrt(square.sum())))
 
 
 def _recovered(step: Step, share: np.ndarray, norm: float) -> Estimate:

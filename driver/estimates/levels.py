@@ -18,9 +18,10 @@ from ..options import Settings
 from ..results.record import Record
 from ..results.relinearization import linearized
 from ..scene import freefem
+from .adjoint import held
 from .between_steps import departures
 from .budget import (CAUTION, OF_TIME, UNBOUNDED, Part, advice, coarser, extrapolate,
-                     formal_order, mesh_knob, name_of, ratio, summed)
+                     formal_order, located, mesh_knob, name_of, ratio, summed)
 
 # a loose fixed point may stop where a much tighter one does: the companion's is this at most
 SETTLED = 1e-7
@@ -48,13 +49,18 @@ def samples(steps: int, stride: int) -> np.ndarray:
 class Level:
     """A finished run."""
 
+    record: Record
     values: dict  # quantities of interest
     at: int  # index of the step that they belong to
     products: int
     solver: QuasistaticSolver
     steps: list  # its `Step`s
-    singular: tuple  # quantities at places where they may be infinite
-    seconds: float  # of its steps
+    seconds: float  # of these
+
+    @property
+    def singular(self) -> tuple[str, ...]:
+        """Quantities at places where they may be infinite."""
+        return self.record.singular_places()
 
 
 class Levels:
@@ -146,7 +152,7 @@ class Levels:
             spent = time.perf_counter() - clock
             self.products += products
             self.seconds["solve"] += spent
-        return Level(*record.quantities(), products, solver, steps, record.singular_places(), spent)
+        return Level(record, *record.quantities(), products, solver, steps, spent)
 
     def close(self) -> None:
         """Remove what is left of the exports."""
@@ -157,15 +163,14 @@ class Levels:
 class Companions:
     """Runs beside one run, and what each part of its error follows from."""
 
-    def __init__(self, levels: Levels, problem: Problem, settings: Settings, values: dict, at: int,
-                 singular=()):
-        """`values`: quantities of the run of `problem` with `settings`, at step index `at`.
-
-        `singular`: those that belong to a place where they may be infinite.
-        """
-        self.singular = singular
+    def __init__(self, levels: Levels, problem: Problem, settings: Settings, record: Record,
+                 sizes: dict):
+        """`record` of the run of `problem` with `settings`; `sizes` as of adjoint.assess."""
+        self.values, self.at = record.quantities()
+        self.singular, self.sizes = record.singular_places(), sizes
+        self.open = record.between_nodes(self.at)
         self.levels, self.manifest, self.settings = levels, problem.manifest, settings
-        self.values, self.at, self.effects = values, at, problem.effects
+        self.effects = problem.effects
         levels.problems[()] = problem
         self.knob = mesh_knob(self.manifest.parameters)
         self.notes = []
@@ -255,7 +260,9 @@ class Companions:
         return max(stride for stride in (1, 2, 4) if stride <= min(wanted, self.manifest.steps))
 
     def _mesh(self) -> dict[str, Part]:
-        """Coarser meshes; the coarsest against the middle one, at every second time."""
+        """Coarser meshes, the coarsest against the middle one, at every second time; held within
+        what adjoint problems leave.
+        """
         runs = [(self.values, self._values(self.meshes[1]))] if len(self.meshes) > 1 else []
         if len(self.meshes) > 2:
             runs.append([self._values(mesh, self.stride(2)) for mesh in self.meshes[1:]])
@@ -265,7 +272,8 @@ class Companions:
         if unseen and self.meshes[0] != self.base:
             # that of a support: no mesh tells when a place between the supports moves by more
             parts["displacement"] = Part(UNSEEN * value)
-        return parts
+        return {name: located(held(name, part, self.sizes.get(name)), self.open.get(name, 0.0))
+                for name, part in parts.items()}
 
     def _time(self) -> dict[str, Part]:
         """Every second and fourth time; without friction only the instant counts.
@@ -335,20 +343,15 @@ class Companions:
                 for name, value in self.values.items()}
 
 
-def assess(levels: Levels, problem: Problem, settings: Settings, values: dict, at: int,
-           singular=(), priced=None) -> dict:
-    """The error budget of a run with quantities `values` at the step with index `at`.
+def assess(entry: dict, companions: Companions) -> dict[str, dict[str, Part]]:
+    """Fill the `entry` for summary.json with the error budget of a run; parts by source.
 
-    `singular`: those that belong to a place where they may be infinite. `priced`(companions, parts,
-    budget) makes the entry `prices`, if there is to be one.
-
-    {"quantities": ..., "advice": ..., "notes": ...}: errors are absolute, `relative` is the total
-    relative to the value; None where a part is not known. Collective.
+    quantities, advice, notes: errors are absolute, `relative` is the total relative to the value;
+    None where a part is not known. Collective.
     """
-    companions = Companions(levels, problem, settings, values, at, singular)
     parts = companions.parts()
     budget = {name: summed({source: part[name] for source, part in parts.items()}, value)
-              for name, value in values.items()}
-    entry = {"quantities": budget, "advice": advice(budget, companions.remedies()),
-             "notes": companions.notes}
-    return entry | ({"prices": priced(companions, parts, budget)} if priced else {})
+              for name, value in companions.values.items()}
+    entry |= {"quantities": budget, "advice": advice(budget, companions.remedies()),
+              "notes": companions.notes}
+    return parts

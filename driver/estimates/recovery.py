@@ -65,12 +65,6 @@ def averaged_stress(triangles: np.ndarray, region: np.ndarray, area: np.ndarray,
     return (sums[:, 1:] / sums[:, :1])[vertex]
 
 
-def linear_energy(area: np.ndarray, compliance: np.ndarray, stress: np.ndarray) -> np.ndarray:
-    """(n_t,) int s : C^-1 s of stresses (n_t, 3 corners, 3) linear on the triangles."""
-    strain = (stress + stress.sum(axis=1, keepdims=True)) @ compliance
-    return np.einsum("tni,tni->t", stress, strain) * area / 12
-
-
 def _patches(vertex: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Vertex and triangle of every patch's members: neighbours, and rings if these are few."""
     n = len(vertex)
@@ -93,7 +87,47 @@ def _quadratics(x: np.ndarray) -> np.ndarray:
     return np.stack([np.ones_like(a), a, b, a * a, a * b, b * b], axis=-1)
 
 
+def work(area: np.ndarray, compliance: np.ndarray, stress: np.ndarray,
+         other: np.ndarray) -> np.ndarray:
+    """(n_t,) int s : C^-1 r of stresses by values at corners (n_t, 3, 3) or nodes (n_t, 6, 3)."""
+    shapes = elements.shapes(stress.shape[1], elements.POINTS)
+    mass = (shapes.T * elements.WEIGHTS) @ shapes
+    strain = (mass @ other) @ compliance
+    return np.einsum("tni,tni->t", stress, strain) * area
+
+
 def energy(area: np.ndarray, compliance: np.ndarray, stress: np.ndarray) -> np.ndarray:
-    """(n_t,) int s : C^-1 s of stresses by values at corners (n_t, 3, 3) or nodes (n_t, 6, 3)."""
-    s = elements.shapes(stress.shape[1], elements.POINTS) @ stress
-    return np.einsum("tmi,tij,tmj,m,t->t", s, compliance, s, elements.WEIGHTS, area)
+    """(n_t,) int s : C^-1 s of stresses as in `work`."""
+    return work(area, compliance, stress, stress)
+
+
+def deviation(gather, body, displacements: list[np.ndarray], quadratic: bool,
+              weights: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray] | None:
+    """What recovered stresses differ by from the computed ones, and the elastic ones, on rank 0.
+
+    By values as in `work`; of displacements (dofs,) of the rank's subdomains of a plane `body`, and
+    thermal strain with the pattern factors `weights`, if any. Collective; `gather` is a
+    torn_body.Gather.
+    """
+    if not quadratic:
+        thermal = 0.0 if weights is None else gather.thermal(weights, (3,))
+        fields = gather.displacements(displacements)
+        if not gather.root:
+            return None
+        elastic = body.stress(fields)
+        sigma, mesh = elastic - thermal, body.mesh
+        smooth = averaged_stress(mesh.triangles, body.region, mesh.area, sigma)
+        return smooth - sigma[:, None], np.repeat(elastic[:, None], 3, axis=1)
+
+    def stress(s, sub):
+        u = displacements[s].reshape(-1, 2)[sub.elements]
+        strain = elements.linear_strains(sub.xy[sub.triangles], u)
+        return np.einsum("tmij,tmj->tmi", sub.corner_elasticity, strain)
+
+    thermal = 0.0 if weights is None else gather.thermal(weights, (3, 3))
+    elastic = gather((3, 3), float, stress)
+    if not gather.root:
+        return None
+    sigma, mesh = elastic - thermal, body.mesh
+    smooth = recovered_stress(mesh.corner, mesh.triangles, body.region, sigma)
+    return smooth - AT_NODES @ sigma, elastic

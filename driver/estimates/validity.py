@@ -160,7 +160,7 @@ class Validity:
 
     # ---- contact ---------------------------------------------------------------------------------
     def _check_contact(self, step, state: dict, place, moved) -> None:
-        b, closed = self.boundary, state[ContactField.STATUS] != OPEN
+        b, closed = self.boundary.at(step.time), state[ContactField.STATUS] != OPEN
         pairs = self.problem.manifest.contact_pairs
         groups = [np.flatnonzero((b.chain == chain) & ~b.paired) for chain in np.unique(b.chain)]
         groups += [np.flatnonzero((b.label == label) & b.paired) for label in np.unique(b.label)]
@@ -175,7 +175,7 @@ class Validity:
                 others = [two for one, two in pairs if one == b.label[here[0]]]
                 true, turn = self._from_other(others, xy, u, place, moved, touching)
             else:
-                true, normal = self._from_obstacle(here, xy + u)
+                true, normal = self._from_obstacle(b, here, xy + u)
                 if true is None:
                     continue
                 turn = _angle(normal, b.normal[touching])
@@ -184,9 +184,9 @@ class Validity:
                 k = int(values.argmax())
                 self.note(name, values[k], xy[k], step.index, paired=bool(b.paired[here[0]]))
 
-    def _from_obstacle(self, here: np.ndarray, displaced: np.ndarray):
-        """Distances and normals at displaced places from the obstacle of the nodes `here`."""
-        b = self.boundary
+    @staticmethod
+    def _from_obstacle(b, here: np.ndarray, displaced: np.ndarray):
+        """Distances and normals at displaced places from the obstacle of the nodes `here` of b."""
         along = np.linalg.norm(np.diff(b.xy[here], axis=0), axis=1)
         joined_up = np.abs(np.diff(b.arc[here]) - along) <= 1e-6 * along
         curve = true_distance.obstacle(b.xy[here] + b.gap[here, None] * b.normal[here],
@@ -238,9 +238,10 @@ class Validity:
             depth = np.linalg.norm(end[i] - start[i]) / size[body[i]]
             self._note_depth(step, np.array([i]), np.array([k]), np.array([depth]), pairs, start)
         if len(self.boundary.gid):
-            k = int(self.boundary.gap.argmin())
+            gap = self.boundary.at(step.time).gap
+            k = int(gap.argmin())
             whole = size[self.body[self.boundary.gid[k]]]
-            self.note("gap", -self.boundary.gap[k] / whole, self.boundary.xy[k], step.index)
+            self.note("gap", -gap[k] / whole, self.boundary.xy[k], step.index)
 
     def _note_depth(self, step, mine, theirs, depth, pairs, start) -> None:
         """Depths of vertices (edges `mine` start there) behind the edges `theirs`."""

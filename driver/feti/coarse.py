@@ -61,11 +61,14 @@ class CoarseProblem:
         self._right, self._solution = (PETSc.Vec().createSeq(self.dofs) for _ in range(2))
 
     def _pinned(self, S):
-        """S_cc with as many dofs pinned as there are free rigid motions."""
+        """S_cc with as many dofs pinned as there are free rigid motions.
+
+        Where these are all that corners can do, S_cc is nothing but rounding, of any sign.
+        """
         modes = self.motions.shape[1]
         if not modes:
             return S
-        stiffness = S.diagonal().mean()
+        stiffness = np.abs(S.diagonal()).mean() or 1.0
         self._pins = np.sort(qr(self.motions.T, pivoting=True)[2][:modes])
         free = np.ones(self.dofs)
         free[self._pins] = 0.0

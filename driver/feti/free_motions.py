@@ -61,11 +61,16 @@ def spring_compliances(classes: list[LocalClass], vectors: DualVectors,
 
 
 def work_of_loads(structure: Substructure, comm) -> np.ndarray:
-    """(2, patterns, modes) work of patterns on motions, and of its absolute values; collective."""
+    """(2, patterns, modes) work of patterns on motions, and of its absolute values; collective.
+
+    Loads on fixed displacements are their supports' and do none, not by rounding either.
+    """
     work = np.zeros((2, structure.total, structure.patterns, len(structure.rigid_modes)))
     for s, sub in enumerate(structure.subdomains):
         for k, mode in enumerate(structure.rigid_modes):
             if structure.first + s in mode.members:
-                each = sub.loads * mode.displacement(sub.xy).ravel()
+                moved = mode.displacement(sub.xy).ravel()
+                moved[structure.fixed[s]] = 0.0
+                each = sub.loads * moved
                 work[:, structure.first + s, :, k] = each.sum(axis=1), np.abs(each).sum(axis=1)
     return np.sum(comm.allgather(work), axis=0).sum(axis=1)

@@ -32,11 +32,13 @@ from .dual_problem import DualProblem
 from .recovery import Recovery
 from .reduction import LocalClass, group, reduce_class, stack
 from .rigid_parts import LeastDeformation, RigidParts
+from .rows import RowKind
 from .structure import Substructure
 from .travel import rows_moved
 from .vectors import DualVectors
 
-# part of a load's terms below which their sum is nothing: tolerances down to 1e-8 are met beside it
+# part of a load's terms, or of all contact forces, below which what they come to is nothing:
+# tolerances down to 1e-8 are met beside it
 BALANCED = 1e-6
 
 
@@ -66,12 +68,14 @@ class DualOperator(DualProblem):
         self.motions = [free_motions.displacement(structure, self.classes, self.vectors, k)
                         for k in range(self.modes)]
         self._motion_columns = np.array(self.motions).reshape(self.modes, self.owned).T
+        self._contact = (np.asarray(structure.row_kind[slice(*structure.row_range)])
+                         != RowKind.GLUING).astype(float)
         self.rho = self.coarse.rho = free_motions.spring_compliances(self.classes, self.vectors,
                                                                      self.motions)
         self.travels = {k: rows_moved(structure, self.classes, self.vectors, k)
                         for k in structure.travel.patterns}
         # B w and the stacked corner displacements under every load pattern, then rigid motion
-        self._loaded = [self._response(k) for k in range(structure.patterns)]
+        self._loaded = [self._response(unit) for unit in np.eye(structure.patterns)]
         corners = structure.rigid_corners[self.coarse.numbers]
         self._loaded += [(d, corners[:, k]) for k, d in enumerate(self.motions)]
         self.rigid_work = free_motions.work_of_loads(structure, comm)
@@ -79,9 +83,10 @@ class DualOperator(DualProblem):
         self._least = LeastDeformation(structure, self.classes, comm)
         self._latest = None  # multipliers, weights and their fields, see `deformations`
 
-    def _response(self, pattern: int) -> tuple[np.ndarray, np.ndarray]:
-        """B w (owned,) and stacked corner displacements under one load pattern alone."""
-        rows, corner = self._recovery.response(pattern)
+    def _response(self, weights: np.ndarray,
+                  forces: list | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """B w (owned,) and stacked corner displacements under loads and forces alone."""
+        rows, corner = self._recovery.response(weights, forces)
         self._A_transposed.multiply(corner, rows, add=True)
         return self.vectors.assemble(rows * self.vectors.sign), corner
 
@@ -111,11 +116,16 @@ class DualOperator(DualProblem):
         loaded = zip(weights[: self.structure.patterns], self._loaded)
         return sum((w * d for w, (d, _) in loaded), np.zeros(self.owned))
 
+    def response_to(self, forces: list[np.ndarray]) -> np.ndarray:
+        """B w (owned,) by forces (dofs,) on the local subdomains alone; collective."""
+        return self._response(np.zeros(self.structure.patterns), forces)[0]
+
     def imbalance(self, multipliers: np.ndarray,
                   weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(modes,) work of all forces on the rigid motions, zero in equilibrium; its sizes.
 
-        Loads that balance themselves, heat or a pinch, count by what their rounding is worth.
+        Loads that balance themselves, heat or a pinch, count by what their rounding is worth, and
+        so do contact forces across a motion: a body on rollers lies on a smooth floor.
         """
         factors, D = weights[: self.structure.patterns], self._motion_columns
         x = np.repeat(multipliers[:, None], self.modes, axis=1)
@@ -123,7 +133,9 @@ class DualOperator(DualProblem):
         net, size = np.split(both, 2)
         work, terms = self.rigid_work
         loads = np.maximum(np.abs(work), BALANCED * terms)
-        return factors @ work - net, np.abs(factors) @ loads + size
+        reach = np.abs(self.structure.rigid_corners).max(axis=0, initial=0.0)
+        across = BALANCED * reach * self.dot(self._contact, np.abs(multipliers))
+        return factors @ work - net, np.maximum(np.abs(factors) @ loads + size, across)
 
     def message_bytes(self) -> dict[str, int]:
         """Bytes that this rank receives in a product with F (gluing, coarse) and in a dot."""

@@ -34,11 +34,13 @@ class Recovery:
         held[:, fixed] = values
         return sub.loads - np.array([sub.multiply(u) for u in held])
 
-    def response(self, pattern: int) -> tuple[np.ndarray, np.ndarray]:
-        """Under one load pattern: local B_r u_r with fixed corners, and corner displacements."""
-        weights = np.eye(self.structure.patterns)[pattern]
+    def response(self, weights: np.ndarray,
+                 forces: list | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Under sum_k weights_k f_k + forces: local B_r u_r with fixed corners, and corner
+        displacements.
+        """
         moved = self._prescribed(weights)
-        right = [self._forces(c, weights, np.zeros(len(moved)), None) for c in self.classes]
+        right = [self._forces(c, weights, np.zeros(len(moved)), forces) for c in self.classes]
         torn = self._torn_response(right)
         for c, u_r in zip(self.classes, torn):
             moved[c.rows] += (c.B_r @ u_r).T.ravel()

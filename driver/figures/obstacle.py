@@ -70,7 +70,8 @@ def draw_obstacle(axes, rows: dict, size: float, factor: float, away: float = 0.
             along = np.column_stack([-normal[near][:, 1], normal[near][:, 0]]) * 0.05 * size
             points = np.concatenate([points - along, points + along])
         way = times * factor * np.abs(rows["u_t"][near]).max() if times else 0.0
-        if way > 0 and (normal[near] @ normal[near[0]] > 1 - FLAT).all():
+        even = np.ptp(gap[near]) < 1e-6 * size
+        if way > 0 and even and (normal[near] @ normal[near[0]] > 1 - FLAT).all():
             along = points[-1] - points[0]
             along = along / np.linalg.norm(along)
             points = np.vstack([points[0] - way * along, points[-1] + way * along])

@@ -119,6 +119,11 @@ CASES = [
     Case("full sliding sets in", "tutorial", {"STEPS": 10}, sizes=({}, {"SUBDOMAINS": 12}),
          checks=(laws(1e-6), closed_form("T = F N", 1e-6, full_sliding),
                  holds("all slide", lambda o: "stick" not in states(o)))),
+    # an obstacle that moves, by no way to speak of and by 100 km
+    Case("the obstacle slides to and fro", "brake-pad", {"STEPS": 9, "H": 3},
+         sizes=({"SLIDE": 1}, {"SLIDE": 1e8}),
+         checks=(closed_form("T = F N", 1e-6, full_sliding),
+                 holds("all slide", lambda o: not {"stick"} & states(o)))),
     Case("everything sticks", BLOCK, {"FRICTION": 1, "LIFT": 0, "PULL": 0},
          # nothing moves: no displacement to compare
          checks=(laws(1e-6), holds("all stick", lambda o: states(o) == {"stick"}))),

@@ -28,6 +28,9 @@ SPOILT = (("a label that the mesh lacks", "macro contact() ", "macro contact() 7
            "twice"))
 
 
+OTHER = 2**40 + 5  # added to the seed of dice that came later
+
+
 @dataclass(frozen=True)
 class RandomScene:
     """A scene, what it declares (key: value), and how it is run."""
@@ -52,6 +55,7 @@ def draw(seed: int) -> RandomScene:
     scene.supports_and_loads()
     scene.contact()
     scene.histories()
+    scene.motion(Dice(seed + OTHER))
     cuts = _cuts(dice, bodies)
     options = {"element": element, **scene.options}
     text = "\n".join([
@@ -289,6 +293,26 @@ class _Writer:
             self.say("gap()", content)
         elif gap != "mixed":
             self.say("pairGap()", content)
+
+    def motion(self, dice: Dice) -> None:
+        """Obstacles that shift, in some scenes: each label's by as much as it likes.
+
+        Dice of their own: what else a seed draws stays the same.
+        """
+        labels = self.bodies.contact
+        if not labels or not dice.chance(0.1):
+            return
+        for axis in "XY" if dice.chance(0.5) else dice.pick("X", "Y"):
+            if axis == "X" and self.declared.get("gap") == "curved":
+                continue  # its shape would have to shift as well
+            content = self.number(0.0)
+            for label in labels:
+                way = self.number(self.far * dice.pick(-1.0, -0.1, 0.0, 0.1, 1.0, 100.0 * (
+                    axis == "X" and len(labels) == 1)))
+                content = f"(label == {label} ? {way} : {content})"
+            history = dice.pick(*(name for name in HISTORIES if name != "constant"))
+            self.say(f"obstacle{axis}(t)", f"({content}*{HISTORIES[history]})")
+            self.declared["obstacles"] = "shift"
 
     def by_label(self, value) -> str:
         """A number for every label with contact nodes."""

@@ -111,8 +111,10 @@ class Problem:
             return "refused", f"{said}; linear program: {share:.1e} of the load stays unbalanced"
         if step == 0:
             return "FAILED", f"{said}; not confirmed: forces without friction balance the loads"
-        u_t = self._before(first, step)
-        reason = refusals.no_state(self.body, self.manifest, weights, u_t, slipped)
+        gaps, ways = self.body.distances(), self.body.ways()
+        u_t = self._before(first, step) + ways[min(step, len(ways)) - 1]
+        gap = gaps[min(step, len(gaps) - 1)]
+        reason = refusals.no_state(self.body, self.manifest, weights, u_t, slipped, gap)
         if not reason:
             return "refused", f"{said}; search of states: none of the nodes' solves it"
         return "FAILED", f"{said}; not confirmed: {reason}"

@@ -73,7 +73,8 @@ def bounds(body: Assembled, manifest, reported: Reported, start: np.ndarray) -> 
     law = manifest.rooms.get("slip_law")
     if law:
         u_t = reported.u_t
-        slip = np.cumsum(np.abs(np.diff(np.vstack([start, u_t]), axis=0)), axis=0)
+        slip = np.diff(np.vstack([start, u_t]), axis=0) - body.ways()
+        slip = np.cumsum(np.abs(slip), axis=0)
         table = np.linspace(0.0, law["range"], len(law["values"]))
         factor = np.interp(slip if law["argument"] == "slip" else np.abs(u_t), table,
                            law["values"])
@@ -92,6 +93,9 @@ def violations(body: Assembled, manifest, contact: dict, far: float = 0.0) -> di
     holds against turning forces that are nothing move nodes far. So displacements are corrected by
     forces, up to `RESTS` of the largest, that bring them nearest to the reported ones.
 
+    Balance is relative to the loads and the reported forces of all conditions on the body, of those
+    at one place as well that hand on to one another what the body does not feel.
+
     What a support prescribes is no matter of contact. At a corner friction belongs to the one
     condition that is closed (contact/corner_nodes.py): a vertex that rests on both does not slide
     at the end of the step, whatever way it took there, and one that is open has no side to rub on.
@@ -105,26 +109,26 @@ def violations(body: Assembled, manifest, contact: dict, far: float = 0.0) -> di
     u = fields @ body.B.T
     u += (turned @ np.linalg.lstsq(turned, (told - u).T, rcond=None)[0]).T
     u += _moved_by_little(body, turned, told - u, deformation, np.abs(force).max())
-    start = reported.u_t[:1] - reported.slip[:1]
+    start = reported.u_t[:1] - reported.slip[:1] - body.ways()[:1]
     u_n, u_t = np.split(u, 2, axis=1)
-    slip = np.diff(np.concatenate([start, u_t]), axis=0)
+    slip = np.diff(np.concatenate([start, u_t]), axis=0) - body.ways()
+    gap = body.distances()[-len(u_n):]
     press = max(np.abs(reported.sigma_n).max(), np.abs(reported.sigma_t).max())
     bound = bounds(body, manifest, reported, start)
     held, rubs = supported(body), rubbing(body)
-    over, sigma_n, sigma_t = u_n - body.gap, reported.sigma_n, reported.sigma_t
+    over, sigma_n, sigma_t = u_n - gap, reported.sigma_n, reported.sigma_t
     one_sided, over = ~pulling(body, manifest), np.where(held, 0.0, over)
     closed, beside = np.abs(over) <= RESTS * deformation, corners(body)
     alone = closed & ~((closed.astype(int) @ beside) > 0)
     rubs = rubs & (alone | ~beside.any(axis=1))
     balance = [(np.abs(body.motions.T @ (w @ body.loads + body.B.T @ f)),
                 np.abs(body.motions).T @ (np.abs(w) @ np.abs(body.loads)
-                                          + np.abs(body.B.T @ f)))
+                                          + abs(body.B).T @ np.abs(f)))
                for w, f in zip(history[1:], force)]
     largest = np.max([size for _, size in balance], axis=0, initial=0.0)
     return {
         "weight": np.abs(reported.weight / body.weight - 1).max(),
-        "gap": ratio(np.abs(reported.gap - body.gap).max(),
-                     max(deformation, np.abs(body.gap).max())),
+        "gap": ratio(np.abs(reported.gap - gap).max(), max(deformation, np.abs(gap).max())),
         "displacement": ratio(np.abs(u - told).max(), deformation),
         "penetration": ratio(np.where(one_sided, over, np.abs(over)).max(initial=0), deformation),
         "tension": ratio((one_sided * sigma_n).max(initial=0), press),

@@ -162,6 +162,7 @@ class Assembled:
             if supported.any():
                 kernel = null_space(rigid[supported], rcond=1e-10)
             free = rigid @ kernel
+            free[held] = 0.0  # not by rounding either
             resisted = (self.K @ free) / np.abs(self.K.diagonal()).max()
             if np.abs(resisted).max(initial=0) > 1e-10:  # by springs, not by rounding
                 free = free @ null_space(resisted, rcond=1e-10)
@@ -228,6 +229,34 @@ class Assembled:
         self.friction = contact.columns.get("friction", np.zeros(len(contact.gid)))
         self.bilateral = contact.columns.get("bilateral", np.zeros(len(contact.gid))) > 0
         self.terms = contact.term_node, contact.term_gid, contact.term_value
+
+    def distances(self) -> np.ndarray:
+        """(1 or steps + 1, n_c) distances at every time, one row where no obstacle moves."""
+        moved = self._history("obstacle_x"), self._history("obstacle_y")
+        if "phi@0" in self.columns:
+            slope = np.stack([self._history("phi_x"), self._history("phi_y")], axis=-1)
+            along = -(slope * self.normal).sum(axis=-1)
+            met = along != 0  # else the node belongs to a pair
+            gap = self._history("phi") / np.where(met, along, 1.0)
+            return np.where(met, gap, self.gap)
+        still = self.gap
+        if "obstacle_x@0" in self.columns or "obstacle_y@0" in self.columns:
+            own = np.bincount(self.terms[0], minlength=len(self.gid)) == 1  # not between bodies
+            still = np.where(own, self.columns.get("gap", 0.0), self.gap)
+        return still + moved[0] * self.normal[:, 0] + moved[1] * self.normal[:, 1]
+
+    def ways(self) -> np.ndarray:
+        """(1 or steps, n_c) tangential way of the obstacles in every step."""
+        moved = (np.diff(self._history(f"obstacle_{axis}"), axis=0) for axis in "xy")
+        along = sum(way * self.tangent[:, c] for c, way in enumerate(moved) if len(way))
+        return along if np.ndim(along) else np.zeros((1, len(self.gid)))
+
+    def _history(self, name: str) -> np.ndarray:
+        """(steps + 1, n_c) of a column at every time; (1, n_c) zeros if there is none."""
+        times = [column for column in self.columns if column.startswith(f"{name}@")]
+        if not times:
+            return np.zeros((1, len(self.gid)))
+        return np.array([self.columns[f"{name}@{k}"] for k in range(len(times))])
 
     def solve(self, weights, forces=None):
         """Displacements (2 vertices,) under weighted patterns and nodal `forces`."""

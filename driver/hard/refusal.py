@@ -77,24 +77,25 @@ def largest_friction(body: Assembled, manifest, slipped: np.ndarray | None = Non
 
 
 def no_state(body: Assembled, manifest, weights: np.ndarray, u_t: np.ndarray,
-             slipped: np.ndarray | None = None) -> str:
+             slipped: np.ndarray | None = None, gap: np.ndarray | None = None) -> str:
     """Empty if the step has no solution, else why that is not shown.
 
-    `weights` (patterns,) of the step's loads, `u_t` (n_c,) tangential displacements before it,
-    `slipped` (n_c,) the way of nodes until then. Where a slip law changes friction, any force
+    `weights` (patterns,) of the step's loads, `u_t` (n_c,) tangential displacements of nodes that
+    do not slide in it, `slipped` (n_c,) the way of nodes until then, `gap` (n_c,) if it is not
+    that of the start. Where a slip law changes friction, any force
     between the least and the largest that it can give is admitted, and where friction needs no
     pressure any inside its bound at corners: more than there is, so that "no solution" is certain.
     """
-    count = len(body.gid)
+    count, gap = len(body.gid), body.gap if gap is None else gap
     most, offset = largest_friction(body, manifest, slipped)
     least, _ = largest_friction(body, manifest, slipped, np.minimum)
     C = np.array([body.B @ body.solve(0 * weights, row) for row in body.B]).T
     loaded, turned = body.B @ body.solve(weights), body.B @ body.motions
-    near = max(np.abs(loaded).max(), np.abs(body.gap).max(), np.abs(u_t).max())
+    near = max(np.abs(loaded).max(), np.abs(gap).max(), np.abs(u_t).max())
     force = near / np.diag(C).max()
     size = np.abs(turned).max(axis=0, initial=0.0)
     size[size == 0] = 1.0
-    room = np.where(laws.supported(body), np.inf, (body.gap - loaded[:count]) / near)
+    room = np.where(laws.supported(body), np.inf, (gap - loaded[:count]) / near)
     solved = States(
         np.hstack([C * force / near, turned / size]), room, (u_t - loaded[count:]) / near, least,
         most, offset / force, (turned / size).T,

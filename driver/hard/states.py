@@ -129,7 +129,10 @@ class States:
         moved, force, along = rows[: 2 * n] @ x, np.abs(x[:n]), x[n : 2 * n]
         open_by, slip = self.room - moved[:n], moved[n:] - self.start
         most, least = self.most * force + self.offset, self.least * force + self.offset
-        beside = np.where(self.pulls, np.abs(along) - most, np.minimum(-x[:n], open_by))
+        # where contact pulls, sliding friction is known with the sign of the force
+        excess = np.where((rub == FORTH) | (rub == BACK), np.maximum(
+            np.abs(along) - most, least - np.abs(along)), np.abs(along) - most)
+        beside = np.where(self.pulls, excess, np.minimum(-x[:n], open_by))
         beside = np.where(normal == UNDECIDED, beside, 0.0)
         if beside.max(initial=0.0) > NOTHING:
             return int(beside.argmax()), False

@@ -37,18 +37,23 @@ def run_suite(pairs: dict[str, str]) -> list[Path]:
     """Run the cases asked for; the paths of report and pictures.
 
     Raises InputError for options that `make hard` does not have, and DriverError if a case ends in
-    neither of the two ways.
+    neither of the two ways. An interrupt leaves the rows that there are, and says how to go on.
     """
     tasks, folder, jobs = _chosen(pairs)
     folder = study_folder(folder, "hard")
     for earlier in ("runs", random.KEPT):
         shutil.rmtree(folder / earlier, ignore_errors=True)
     rows, clock = [], time.perf_counter()
-    for row in _judged(tasks, folder, jobs):
-        rows.append(row)
-        print(line(row), flush=True)
-    shutil.rmtree(folder / "runs", ignore_errors=True)
-    write(folder / "report.csv", rows)
+    try:
+        for row in _judged(tasks, folder, jobs):
+            rows.append(row)
+            print(line(row), flush=True)
+    except KeyboardInterrupt as stop:
+        raise KeyboardInterrupt(_rest(rows, tasks, folder)) from stop
+    finally:
+        shutil.rmtree(folder / "runs", ignore_errors=True)
+        if rows:
+            write(folder / "report.csv", rows)
     from ..figures.hard import draw
 
     made = [folder / "report.csv", *draw(folder / "report.csv")]
@@ -58,6 +63,15 @@ def run_suite(pairs: dict[str, str]) -> list[Path]:
         raise DriverError(
             f"{len(failed)} hard cases failed, see {os.path.relpath(folder / 'report.csv')}")
     return made
+
+
+def _rest(rows: list[Row], tasks: list, folder: Path) -> str:
+    """What an interrupted suite has done, and how random scenes go on."""
+    said = f"; {len(rows)} of {len(tasks)} rows are in {os.path.relpath(folder / 'report.csv')}"
+    left = tasks[len(rows) :]
+    if left and all(case == random.FAMILY for case, _ in left):
+        said += f"; FAMILY=random SEED={left[0][1]} COUNT={len(left)} goes on, with another OUT"
+    return said
 
 
 def _summary(rows: list[Row]) -> str:

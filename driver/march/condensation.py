@@ -123,7 +123,9 @@ class Condensation:
             motions = np.column_stack([self.gather(d) for d in op.motions]) if op.modes else None
             self._law = CoulombProblem(self.compliance(), np.zeros(self.n + self.m),
                                        np.zeros(self.m), self.pair, self._bilateral(), motions)
-        coefficient, offset = self._tangential(rows.coefficient), None
+        coefficient, offset = np.zeros(self.m), None
+        if not rows.bound_is_given:
+            coefficient = self._tangential(rows.coefficient)
         if rows.offset is not None:
             offset = self._tangential(rows.offset)
         if self.whole:

@@ -10,6 +10,7 @@ import numpy as np
 from ..errors import NoSolution, NotConverged
 from ..qp.anderson import Anderson, gives_up
 from ..qp.mprgp import projected_gradient
+from ..text import step_name
 from . import globalization
 from .condensation import Condensation
 from .friction_qp import FrictionQP
@@ -23,6 +24,9 @@ CORRECTION = 0.1  # its residual, relative to the whole one before
 BALANCED = 0.1  # its imbalance of bodies without support, relative to the one before
 HEADWAY = 1.0  # growth of this imbalance in a QP above which the corrector moves them no more
 CONDENSED_PASSES = 30  # corrections of a solution of the condensed contact problem
+IDLE = 4  # of them that do not halve what it leaves: rounding, and residuals say whether it will do
+ASTRAY = 1e6  # growth of multipliers after which they are no start: their rounding hides the loads
+LAW_SECANTS = 10  # of friction coefficients that slip changes, combined there
 # tolerance of the gluing multipliers there, relative to ||d|| and ||F|| ||x||: a hundred roundings
 FINEST = 1e-13
 
@@ -52,6 +56,7 @@ class FixedPoint:
         settings, rows, coupled = self.settings, self.rows, self.coupled
         self.corrects_motion = free = self.operator.modes > 0
         secants, last, before = self.bodies.secants(), np.inf, trace.iterations
+        first, motion = x, load.weights[self.operator.structure.patterns :].copy()
         while not trace.fallback:
             trace.iterations += 1
             start, gradient = self._start(load, x, gradient, sliding)
@@ -75,7 +80,7 @@ class FixedPoint:
                 return x, gradient, sliding
             tired = trace.iterations - before >= settings.max_fixed_point
             if tired and trace.iterations - before <= 2 * WINDOW:
-                error = NotConverged(f"step {index}: no fixed point of the friction bound in "
+                error = NotConverged(f"{step_name(index)}: no fixed point of the friction bound in "
                                      f"{trace.iterations} iterations")
                 raise Unfinished(error, x, gradient)
             if loose > self.rtol and change <= SETTLING * self._norm(x[rows.normal]):
@@ -87,7 +92,10 @@ class FixedPoint:
             if trace.stalls and not trace.exact:
                 trace.exact, trace.changes = True, []
             trace.fallback = trace.stalls or tired
-        return self._globalise(index, load, rows.follow(x, sliding), trace)
+        latest = rows.follow(x, sliding)
+        if self.qp.largest(latest) > ASTRAY * max(self.qp.largest(first), self.qp.scales.d):
+            latest = first
+        return self._globalise(index, load, latest, motion, trace)
 
     def _start(self, load: Load, x, gradient, sliding):
         """Start of the next QP, x at the friction bound of its pressures, and its gradient."""
@@ -150,23 +158,30 @@ class FixedPoint:
         return change <= self.rtol * pressing and result.residual <= self.qp.tol
 
     # ---- where they do not contract ------------------------------------------------------------
-    def _globalise(self, index: int, load: Load, x, trace: Trace):
-        """The fixed point by the methods of `globalization`, in their order; see `find`."""
+    def _globalise(self, index: int, load: Load, x, motion: np.ndarray, trace: Trace):
+        """The fixed point by the methods of `globalization`, in their order; see `find`.
+
+        Each starts with bodies moved by `motion` (modes,).
+        """
+        patterns = self.operator.structure.patterns
         for method in (self._accelerate, self._condense):
             failed = solution = None
+            # those before may have left bodies far away, whose rounding hides small forces
+            self.bodies.shift(load, motion - load.weights[patterns:])
             try:
                 solution = method(index, load, x, trace)
             except Unfinished as problem:  # a QP with bounds that are those of no solution
                 failed = problem
             if solution is not None:
                 return solution
-        if failed:
-            raise failed
         unbalanced = self.bodies.imbalance(load, x) > self.rtol
+        if failed and not unbalanced:
+            raise failed
         why = self.bodies.why_unbalanced(load, x) if unbalanced else (
             "the fixed point for the friction bound does not contract, and no other method found "
             "a solution; the friction coefficient is beyond the range of a unique one")
-        raise Unfinished(NoSolution(f"step {index}: {why}"), x, self.operator.apply(x) - load.d)
+        raise Unfinished(NoSolution(f"{step_name(index)}: {why}"), x,
+                         self.operator.apply(x) - load.d)
 
     def _accelerate(self, index: int, load: Load, x, trace: Trace):
         """Anderson acceleration of friction bounds and of motions, as forces of their springs.
@@ -202,10 +217,12 @@ class FixedPoint:
         pass. The gluing rows' own residual comes back on the contact rows, many times as large:
         they are solved the more accurately the longer that takes.
         """
-        if self.condensation.n > globalization.CONDENSED_NODES or self.rows.bound_is_given:
+        given = self.rows.bound_is_given and not self.operator.modes  # a QP had to do it
+        if given or self.condensation.n > globalization.CONDENSED_NODES:
             return None
-        rows, qp, method, part, last = self.rows, self.qp, globalization.NEWTON, 1.0, np.inf
-        tol = aim = qp.tol
+        rows, qp, method, tol = self.rows, self.qp, globalization.NEWTON, self.qp.tol
+        secants, aim = Anderson(self._tangential_dot, LAW_SECANTS, 1.0), tol
+        idle, best = 0, np.inf
         for _ in range(CONDENSED_PASSES):
             trace.iterations += 1
             bound, coefficient = rows.friction_bound(x), rows.coefficient
@@ -216,15 +233,16 @@ class FixedPoint:
             self.slip.renew_coefficient(result.gradient)
             change = self._norm(rows.friction_bound(x) - bound, tangential=True)
             residual = projected_gradient(x, result.gradient, *rows.limits_at(len(x), bound))
-            # of which the gluing rows alone may have tol
-            if (change <= self.rtol * self._norm(x[rows.normal])
-                    and qp.size(residual) <= 2 * qp.tol
-                    and self.bodies.imbalance(load, x) <= self.rtol):
+            settled = (change <= self.rtol * self._norm(x[rows.normal])
+                       and self.bodies.imbalance(load, x) <= self.rtol)
+            left = qp.size(residual)  # of which the gluing rows alone may have tol
+            idle, best = idle + 1 if settled and left > 0.5 * best else 0, min(best, left)
+            if settled and (left <= 2 * qp.tol or idle >= IDLE):
                 self.history.fallbacks.note(method, index)
                 return x, result.gradient, rows.sliding(x, bound)
             aim = max(0.3 * aim, min(tol, FINEST * max(qp.scales.d, qp.largest(x))))
-            part, last = part if change <= 0.5 * last else 0.5 * part, change
-            rows.coefficient = coefficient + part * (rows.coefficient - coefficient)
+            if self.slip.effects.coefficient_changes:
+                rows.coefficient = np.maximum(secants.next(coefficient, rows.coefficient), 0.0)
             try:
                 problem = self.condensation.problem(load, x, result.gradient)
             except NotConverged:
@@ -233,7 +251,7 @@ class FixedPoint:
             solution, solver = globalization.solve_condensed(problem, start)
             if solution is None:
                 return None
-            method = solver if solver == globalization.LEMKE else method
+            method = method if solver == globalization.NEWTON else solver
             x = self.condensation.place(solution[: problem.rows], x)
             self.bodies.shift(load, solution[problem.rows :])
         return None

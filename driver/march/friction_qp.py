@@ -15,9 +15,11 @@ from ..feti.rows import RowKind
 from ..options import Settings
 from ..qp.lanczos import norm_bound
 from ..qp.mprgp import Result, mprgp, projected_gradient
+from ..text import step_name
 from .relaxation import ContactRelaxation
 from .step import History, Unfinished
 
+ROUNDED = 1e-9  # part of travel below which displacements are its rounding
 FINEST = 1e-14  # of the displacements to be overcome: no tolerance is tightened below
 
 
@@ -35,7 +37,8 @@ class FrictionQP:
         structure = operator.structure
         self.scale = structure.row_scale[slice(*structure.row_range)]
         # root of the stiffness of the rows over that of the softest
-        self.stiffer = self.scale / structure.row_scale.min(initial=1.0)
+        self.softest = structure.row_scale.min(initial=1.0)
+        self.stiffer = self.scale / self.softest
         self.bound = self._bound_norm()
         self.preconditioner, self.relaxation = self._accelerators()
         self.tol = 0.0
@@ -98,12 +101,13 @@ class FrictionQP:
         least = np.where(rows.bilateral, -np.inf, -np.abs(elastic[rows.normal]))
         seen[rows.normal] = np.maximum(over, least)
         seen[rows.tangential] -= before
-        if self.operator.travels or self.operator.modes:
+        moving = self.operator.structure.contact.motion is not None
+        if self.operator.travels or self.operator.modes or moving:
             far = np.abs(self.scale * np.array([seen, moved])).max(initial=0)
             limit = comm.allreduce(float(far), op=MPI.MAX) / self.scale[rows.tangential]
             seen[rows.tangential] += np.clip(rigid[rows.tangential], -limit, limit)
         size = self.size(seen)
-        if size == 0 and rows.offset is not None and not given:
+        if rows.offset is not None and not given and size <= ROUNDED * self.size(rigid):
             # travel deforms by friction alone, and that needs no pressure
             x = np.zeros(len(elastic))
             x[rows.tangential] = rows.offset * np.sign(rigid[rows.tangential])
@@ -163,6 +167,6 @@ class FrictionQP:
             result = attempt(result.x, op.apply(result.x) - d, None)
         if result.status != "converged":
             kind = NoSolution if result.status == "indefinite operator" else NotConverged
-            error = kind(f"step {index}: MPRGP ended with '{result.status}': {result.reason}")
+            error = kind(f"{step_name(index)}: MPRGP ended with '{result.status}': {result.reason}")
             raise Unfinished(error, result.x, result.gradient)
         return result

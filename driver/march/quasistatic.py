@@ -23,6 +23,7 @@ from ..effects import Effects
 from ..errors import DriverError, NotConverged
 from ..feti.dual_problem import DualProblem
 from ..options import Settings
+from ..text import step_name
 from . import outlook
 from .condensation import Condensation
 from .corner_states import CornerStates
@@ -36,6 +37,7 @@ from .uniqueness import CHANGING, Uniqueness, too_many, worthwhile
 
 SETTLINGS = 5  # of bodies without support, whose multipliers follow, in a step
 LAST_PART = 1e-6  # of tolerances, below which tightening must at least halve the residuals
+LAST_FRICTION = 1e-4  # likewise, of that of the fixed point
 NEARLY = 1e-3  # imbalance of bodies without support up to which exacter QPs may settle them
 CARRIED = ("counts", "residuals", "steps", "warnings", "contraction", "seconds",
            "examining")  # of a History
@@ -57,6 +59,7 @@ class QuasistaticSolver:
         self.initial = effects.initial_displacement(contact)
         self.initial_weights = np.zeros(operator.structure.patterns)
         self.slip = SlipState(operator, self.rows, effects, self.initial)
+        self.contact = contact
         self.history, self.scales = History(), Scales()
         self.qp = FrictionQP(operator, self.rows, settings, self.scales, self.history)
         self.history.counts["dual_multiplications_setup"] = operator.products
@@ -70,7 +73,7 @@ class QuasistaticSolver:
         self.largest_friction = operator.comm.allreduce(own, op=MPI.MAX)
         self.uniqueness = Uniqueness(self.largest_friction > 0)
         self.doubtful = False
-        self.loads = [self._size(weights) for weights in amplitudes[1:]]
+        self.loads = [self._size(index) for index in range(1, len(times))]
         # of the last step and of the one before: rigid motions (modes,), multipliers (owned,)
         self.motion = self.older_motion = np.zeros(operator.modes)
         self.multipliers = self.older = np.zeros(operator.owned)
@@ -109,6 +112,8 @@ class QuasistaticSolver:
 
         Raises StepFailed where no state can balance the loads.
         """
+        if self.contact.motion is not None:
+            self._move_obstacles(index)
         try:
             rest = self.bodies.can_rest(index, self.amplitudes[index])
         except DriverError as problem:
@@ -132,26 +137,59 @@ class QuasistaticSolver:
         self._record(step)
         return step, error
 
+    def _move_obstacles(self, index: int) -> None:
+        """Obstacles go where they stand at the end of step `index`; slip counts from there."""
+        rows, before, now = self.rows, self.times[index - 1], self.times[index]
+        rows.gap = self.contact.motion.gap_at(now)[rows.normal_node]
+        way = self.contact.way(before, now)
+        self.slip.way = way[rows.tangential_node]
+        if rows.corners is not None:
+            rows.corners.rubbed = (way[rows.corners.nodes] != 0).any(axis=1)
+
     def load(self, index: int, motion: np.ndarray, moved: np.ndarray) -> Load:
         """Load of a step from rigid motions (modes,); `moved` (owned,) is F x for its start x.
 
-        Motions of whole bodies, prescribed or free, come into the slip by their increments.
+        Motions of whole bodies, prescribed or free, and of obstacles come into the slip by their
+        increments.
         """
         op, rows = self.operator, self.rows
         weights = np.concatenate([self.amplitudes[index], motion])
         d, rigid = op.elastic_response(weights), np.zeros(op.owned)
         rigid[rows.normal] = op.rigid_response(weights)[rows.normal]
         rigid[rows.tangential] = op.rigid_response(weights - self.slip.weights)[rows.tangential]
+        rigid[rows.tangential] -= self.slip.way
         extent = self.qp.extent(d, rigid, self.slip.elastic, moved)
         d += rigid
         d[rows.normal] -= rows.gap
         d[rows.tangential] -= self.slip.elastic
-        return Load(weights, d, extent)
+        return Load(weights, d, extent, float(np.abs(rigid).max(initial=0.0)))
 
-    def _size(self, weights: np.ndarray) -> float:
-        """Displacements of the dual rows by pattern factors, travel along contact left out."""
+    def without_friction(self) -> tuple[np.ndarray, np.ndarray, Load]:
+        """Multipliers (owned,), gradient and load of the equilibrium without friction at time 0.
+
+        Raises NoSolution where contact cannot balance the loads on free bodies, Unfinished.
+        """
+        rows, slip, smooth = self.rows, self.slip, np.zeros(len(self.rows.tangential))
+        known = rows.coefficient, rows.offset, slip.coefficient
+        rows.coefficient, rows.offset, slip.coefficient = smooth, None, smooth
+        try:
+            x = np.zeros(self.operator.owned)
+            load = self.load(0, self.bodies.can_rest(0, self.amplitudes[0]), x)
+            self.scales.renew(d=load.extent)
+            x, gradient, _, _ = self._settled(0, load, x, -load.d, smooth, Trace())
+        finally:
+            rows.coefficient, rows.offset, slip.coefficient = known
+        self.scales.keep()
+        return x, gradient, load
+
+    def _size(self, index: int) -> float:
+        """Displacements of the dual rows that a step asks for, travel along contact left out."""
+        weights, rows = self.amplitudes[index], self.rows
         d = self.operator.rigid_response(weights)
-        d[self.rows.tangential] = 0.0
+        d[rows.tangential] = 0.0
+        if self.contact.motion is not None:
+            gap = self.contact.motion.gap_at(self.times[index])[rows.normal_node]
+            d[rows.normal] += np.maximum(-gap, 0.0)
         return self.qp.size(self.operator.elastic_response(weights) + d)
 
     def _record(self, step: Step) -> None:
@@ -215,6 +253,7 @@ class QuasistaticSolver:
         """
         op, qp, settings, best, stop = self.operator, self.qp, self.settings, np.inf, None
         of_qp = of_friction = 1.0  # parts of the tolerances
+        motion = load.weights[op.structure.patterns :].copy()
         if self.largest_friction:
             of_qp = of_friction = outlook.foresight(self.loads, index)
         while True:
@@ -223,6 +262,9 @@ class QuasistaticSolver:
                 x, gradient, sliding = self.corners.find(
                     index, load, x, gradient, sliding, trace, of_friction * settings.friction_rtol)
             except Unfinished as failed:
+                free = self._free_of_forces(load, failed.x, motion)
+                if free is not None:
+                    return free
                 settles = op.modes > 0 and self.bodies.imbalance(load, failed.x) <= NEARLY
                 if failed.final or of_qp == 1.0 and not settles:
                     raise
@@ -236,23 +278,41 @@ class QuasistaticSolver:
                 gradient = None  # it has followed bodies that went so far: their rounding is in it
             x, gradient, moved = self._into_cone(load.d, x, gradient, sliding)
             residuals = self.residuals.of(load, x, gradient)
-            if self.residuals.faded(x):
-                nothing = np.zeros_like(x), -load.d
-                without = self.residuals.of(load, *nothing)
-                if self.residuals.enough(without):
-                    return *nothing, x, without
+            free = self._free_of_forces(load, x) if self.residuals.faded(x) else None
+            if free is not None:
+                return free
             excess = {name: value / self.residuals.asked(name) for name, value in residuals.items()}
             worst, name = max((value, name) for name, value in excess.items())
             if worst <= 1:
                 return x, gradient, moved, residuals
-            if stop or of_qp <= LAST_PART and worst > 0.5 * best:
+            idle = worst > 0.5 * best
+            if stop or idle and of_qp <= LAST_PART and of_friction <= LAST_FRICTION:
                 raise Unfinished(NotConverged(
-                    f"step {index}: the {name} residual stays at {residuals[name]:.1e}, above the "
-                    f"{self.residuals.asked(name):.0e} that was asked for"), x, gradient)
+                    f"{step_name(index)}: the {name} residual stays at {residuals[name]:.1e}, "
+                    f"above the {self.residuals.asked(name):.0e} that was asked for"), x, gradient)
             best, tighter = min(best, worst), min(0.1, 0.3 / worst)
             of_qp *= tighter
-            if max(excess["gluing"], excess["penetration"]) <= 1:  # not QPs alone are to blame
+            # not QPs alone are to blame: what forces still change by moves stiff parts, too
+            if idle or max(excess["gluing"], excess["penetration"]) <= 1:
                 of_friction *= tighter
+
+    def _free_of_forces(self, load: Load, x: np.ndarray, motion: np.ndarray | None = None):
+        """As `_earned` returns it, the state without any force if that is the solution, else None.
+
+        Bodies have moved by `motion` (modes,) in it, by default where they are. Such a step must
+        not fail for want of digits: forces that are all rounding settle nowhere.
+        """
+        first = self.operator.structure.patterns
+        away = load.weights[first:].copy()
+        if motion is not None:
+            self.bodies.shift(load, motion - away)
+        nothing = np.zeros_like(x), -load.d
+        residuals = self.residuals.of(load, *nothing)
+        if self.residuals.enough(residuals):
+            return *nothing, x, residuals
+        if motion is not None:
+            self.bodies.shift(load, away - motion)
+        return None
 
     def _examine(self, index: int, load: Load, x, gradient, trace: Trace) -> None:
         """Look for other solutions of the step where there is reason to; see `uniqueness`."""

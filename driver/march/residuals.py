@@ -10,6 +10,7 @@ from .slip import SlipState
 from .step import Load
 
 CANCELLED = 1e-8  # part of the extent below which deformation is rounding: contact takes the loads
+TRAVELLED = 1e-9  # part of what bodies move as a whole, likewise
 
 
 class Residuals:
@@ -21,7 +22,7 @@ class Residuals:
         self.operator, self.rows, self.scales = qp.operator, qp.rows, qp.scales
         contact = np.ones(self.operator.owned)
         contact[self.rows.gluing] = 0.0
-        self.contact = contact
+        self.contact, self.still = contact, False
 
     def asked(self, name: str) -> float:
         """The largest residual of this name with which a step has converged."""
@@ -33,8 +34,14 @@ class Residuals:
         return all(value <= self.asked(name) for name, value in residuals.items())
 
     def faded(self, x: np.ndarray) -> bool:
-        """Whether contact forces are rounding beside those of the steps before, but not zero."""
-        return 0 < self._size(x) <= self.scales.faded("pressing")
+        """Whether contact forces may be rounding, but are not zero.
+
+        Beside those of the steps before, beside the least forces that make displacements of the
+        size that is to be overcome, or because nothing deformed in the latest state: bodies moved.
+        """
+        least = max(self.scales.faded("pressing"), FADED * self.scales.d / self.qp.bound)
+        size = self._size(x)
+        return 0 < size and (self.still or size <= least)
 
     def _size(self, x: np.ndarray) -> float:
         """Norm of the contact forces in x."""
@@ -49,26 +56,36 @@ class Residuals:
         op, others = self.operator, {"stationarity": self._missing(x, gradient)}
         if op.modes:
             others["equilibrium"] = self.bodies.imbalance(load, x)
+        missed, least = self._changing(x, gradient), self._least_deformation(load)
         for measure in (op.deformation,) if op.modes else (op.least_deformation, op.deformation):
-            deformation = max(measure(x, load.weights), CANCELLED * load.extent)
-            self.scales.renew(displacement=deformation)
+            deformation = measure(x, load.weights)
+            self.still = deformation <= least
+            self.scales.renew(displacement=max(deformation, least))
             kkt = kkt_residuals(self.rows, x, gradient, self.qp.stiffer, self.scales, op.comm)
-            kkt["cone"] = max(kkt["cone"], self._changing(x, gradient))
+            if self.scales.force > 0:
+                kkt["cone"] = max(kkt["cone"], missed / self.scales.force)
             if self.enough(kkt):
                 break
         return others | kkt
 
+    def _least_deformation(self, load: Load) -> float:
+        """Deformation below which displacements of the load are rounding; collective.
+
+        In the scale of the softest parts, in which stiffer ones count by more.
+        """
+        way = -self.operator.minimum(-max(load.travel, load.farthest))
+        return max(CANCELLED * load.extent / self.qp.softest, TRAVELLED * way)
+
     def _changing(self, x: np.ndarray, gradient: np.ndarray) -> float:
-        """By how much friction bounds miss those of the slip at x, over the largest force."""
-        rows, force = self.rows, self.scales.force
+        """By how much friction bounds miss those of the slip at x, a force; collective."""
+        rows = self.rows
         if not self.slip.effects.coefficient_changes:
             return 0.0
         bound, known = rows.friction_bound(x), rows.coefficient
         self.slip.renew_coefficient(gradient)
         missed = float(np.abs(rows.friction_bound(x) - bound).max(initial=0))
         rows.coefficient = known
-        missed = self.operator.comm.allreduce(missed, op=MPI.MAX)
-        return missed / force if force > 0 else 0.0
+        return self.operator.comm.allreduce(missed, op=MPI.MAX)
 
     def _missing(self, x: np.ndarray, gradient: np.ndarray) -> float:
         """Norm of the contact forces that the preconditioner finds missing, over that of all.

@@ -15,7 +15,8 @@ class SlipState:
     They are `elastic` (j,) and those of the rigid motions of whole bodies, prescribed and free,
     with the factors `weights` (patterns + modes,): kept apart, since increments of motions are
     exact where their sums have lost the digits of the deformation. Friction coefficients that
-    depend on slip or displacement are renewed in `rows`.
+    depend on slip or displacement are renewed in `rows`. `way` (j,) is that of the surfaces of
+    moving obstacles in the step at hand, 0 where none moves.
     """
 
     def __init__(self, operator: DualProblem, rows: ContactRows, effects, initial: np.ndarray):
@@ -24,6 +25,7 @@ class SlipState:
         self.coefficient = rows.coefficient
         self.elastic = initial[rows.tangential_node]
         self.weights = np.zeros(operator.structure.patterns + operator.modes)
+        self.way: np.ndarray | float = 0.0
 
     @property
     def u_t(self) -> np.ndarray:
@@ -37,7 +39,7 @@ class SlipState:
     def renew_coefficient(self, gradient: np.ndarray) -> None:
         """Friction coefficients at the tangential displacements of the latest iterate."""
         if self.effects.coefficient_changes:
-            last = self.u_t
+            last = self.u_t + self.way  # where a node is that does not slide
             u_t = last - gradient[self.rows.tangential]
             factor = self.effects.coefficient_factor(self.rows.tangential_node, u_t, last)
             self.rows.coefficient = self.coefficient * factor
@@ -50,7 +52,7 @@ class SlipState:
         back.
         """
         op, slip = self.operator, -gradient[self.rows.tangential]
-        carried = self._carried(weights - self.weights)
+        carried = self._carried(weights - self.weights) - self.way
         self.elastic = self.elastic + slip - carried
         if op.minimum(-float(np.abs(carried).max(initial=0))) < -FAR * scales.displacement:
             moved = op.elastic_response(weights) - op.apply(x)

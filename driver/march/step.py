@@ -34,14 +34,16 @@ class Step:
 class Load:
     """Factors of the load patterns, then of the free rigid motions, and the d they make.
 
-    `extent` is what multipliers have to overcome, see FrictionQP.extent. Bodies without support may
-    go far and come back in a step: d is always that of its `start` and of the way from there, never
-    a sum of moves, whose rounding would stay. `farthest` d was off by this way in the step, so far.
+    `extent` is what multipliers have to overcome, see FrictionQP.extent, and `travel` the largest
+    displacement of the rank's rows as bodies move as a whole. Bodies without support may go far and
+    come back in a step: d is always that of its `start` and of the way from there, never a sum of
+    moves, whose rounding would stay. `farthest` d was off by this way in the step, so far.
     """
 
     weights: np.ndarray
     d: np.ndarray
     extent: float
+    travel: float = 0.0
     farthest: float = 0.0
 
     def __post_init__(self):

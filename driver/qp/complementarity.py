@@ -15,6 +15,8 @@ A_FEW = 4  # nodes that may change their states again and again before Newton's 
 TIE = 1e-13  # relative difference of ratios that is rounding
 COVERS = 4  # covering vectors Lemke's method tries
 SLACK = 1e-9  # relative violation of an inequality that is rounding
+DESCENTS = 10  # changes of a node's state on the way to a solution
+PROMISING = 12  # of the states that differ at one node
 FEW = 4  # contact nodes up to which all 4^n states are tried
 SPRINGS = 6  # softnesses of the springs that hold bodies without support for it
 
@@ -304,12 +306,9 @@ def search(problem: CoulombProblem, start: np.ndarray) -> list[np.ndarray]:
     Newton starts from `start`, from all sticking, all sliding and all open, and from each solution
     with the state of one node changed.
     """
-    alike = (STICK, FORWARD, BACKWARD)
-    if not problem.bilateral.all():
-        alike += (OPEN,)
-    whole, solutions = [np.full(problem.n, state) for state in alike], []
-    for guess in (start, *map(problem.solution_in, whole)):
-        _add_solution(problem, solutions, None if guess is None else newton(problem, guess))
+    solutions = []
+    for guess in (start, *all_alike(problem)):
+        _add_solution(problem, solutions, newton(problem, guess))
     _add_solution(problem, solutions, lemke(problem))
     done = 0
     while done < len(solutions) < MANY:
@@ -319,18 +318,49 @@ def search(problem: CoulombProblem, start: np.ndarray) -> list[np.ndarray]:
     return solutions
 
 
+def all_alike(problem: CoulombProblem) -> list[np.ndarray]:
+    """Solutions of the linear systems in which all nodes stick, slide alike, or are open."""
+    states = (STICK, FORWARD, BACKWARD) if problem.bilateral.all() else (
+        STICK, FORWARD, BACKWARD, OPEN)
+    ends = (problem.solution_in(np.full(problem.n, state)) for state in states)
+    return [z for z in ends if z is not None]
+
+
 def _neighbours(problem: CoulombProblem, x: np.ndarray):
-    """Solutions of the linear systems of states that differ from those of x at one node."""
+    """Solutions of the linear systems of states that differ from those of x at one node.
+
+    Where contact can pull, by the state or by the sign of the force that friction goes by.
+    """
     states, sign = problem.states(x), problem.signs(x)
     for i in range(problem.n):
-        for state in problem.choices(i):
-            if state == states[i]:
+        for state, way in itertools.product(problem.choices(i),
+                                            (1.0, -1.0) if problem.bilateral[i] else (1.0,)):
+            if state == states[i] and way == sign[i]:
                 continue
-            other = states.copy()
-            other[i] = state
-            y = problem.solution_in(other, sign)
+            other, signs = states.copy(), sign.copy()
+            other[i], signs[i] = state, way
+            y = problem.solution_in(other, signs)
             if y is not None:
                 yield y
+
+
+def descend(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
+    """A solution by way of states that violate the law less and less, one node changed at a time.
+
+    Newton's method starts from the PROMISING least violations around every point. None where no
+    change of a single node lessens the violation.
+    """
+    z, violation = start, problem.violation(start)
+    for _ in range(DESCENTS):
+        near = list(_neighbours(problem, z))
+        off = [problem.violation(y) for y in near]
+        order = np.argsort(off, kind="stable")[:PROMISING]
+        ends = (newton(problem, near[k]) for k in order)
+        solution = next((end for end in ends if end is not None), None)
+        if solution is not None or not near or not off[order[0]] < violation:
+            return solution
+        z, violation = near[order[0]], off[order[0]]
+    return None
 
 
 def _add_solution(problem: CoulombProblem, solutions: list[np.ndarray],

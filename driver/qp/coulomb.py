@@ -30,7 +30,9 @@ from scipy.linalg import lapack
 
 ROUNDING = 1e-9  # relative violation of the law that rounding of small dense systems may leave
 ROUNDED = 1e-5  # part of any load that counts as a force: times ROUNDING that of rounding
+JAMMED = 1e6  # times the forces of loads: larger ones hide them by their rounding
 SINGULAR = 1e-10  # ratio of the least to the largest pivot of a system that may be singular
+NONE = 1e-14  # such a ratio of pivots that are rounding
 CONSISTENT = 1e-6  # relative residual below which a singular system may have solutions
 SLIGHT = 1e-9  # part of a motion's reach below which rows do not feel it
 
@@ -178,7 +180,8 @@ class CoulombProblem:
         """Violation of the law at z, relative to the largest force; inf for NaN.
 
         Forces are those at z, of overlaps that the load alone would make, and of motions. Openings
-        may be of any size and take no force: they count by what their rounding is worth.
+        may be of any size and take no force: they count by what their rounding is worth. So do
+        forces beyond JAMMED times those of loads: with much friction bodies may jam under any.
         """
         x, move = z[: self.rows], self.movement(z)
         work = np.abs(self.balance / self.reach).max(initial=0)
@@ -186,7 +189,9 @@ class CoulombProblem:
         overlap = np.where(self.bilateral, np.abs(overlap), np.maximum(overlap, 0.0))
         load = max((self.rigidity[: self.n] * overlap).max(initial=0),
                    ROUNDED * np.abs(self.rigidity * self.load).max(initial=0))
-        force = max(np.abs(x).max(initial=0), load, work)
+        load = max(load, work)
+        force = np.abs(x).max(initial=0)
+        force = max(min(force, JAMMED * load) if load > 0 else force, load)
         if not np.isfinite(force) or force == 0:
             return 0.0 if force == 0 else np.inf
         normal, tangential = x[: self.n], x[self.n :]
@@ -250,14 +255,20 @@ class StateSystem:
         self.factor, self.pivots, failed = transposed, np.empty(0, int), 0
         if len(transposed):
             self.factor, self.pivots, failed = lapack.dgetrf(transposed.T, overwrite_a=True)
-        self.singular = failed != 0
+        least = np.abs(np.diag(self.factor))
+        self.dependent = failed != 0 or bool(len(least)) and least.min() <= NONE * least.max()
         swaps = np.count_nonzero(self.pivots != np.arange(len(self.pivots)))
         self.index = int(np.prod(np.sign(np.diag(self.factor))) * (-1) ** swaps)
 
     def solve(self, load: np.ndarray, balance: np.ndarray) -> np.ndarray | None:
-        """z under `load` (n + m,), `balance` (k,), sliding on bounds; None without a single z."""
-        if self.singular:
-            return None
+        """z under `load` (n + m,), `balance` (k,), sliding on bounds; None if there is none.
+
+        Of several the one with the least forces: where three bodies meet in one place, conditions
+        depend on one another and forces may run round between them.
+        """
+        if self.dependent:
+            family = self.family(load, balance)
+            return None if family is None else family[0]
         right = self._right(load, balance)
         if len(right):
             right, _ = lapack.dgetrs(self.factor, self.pivots, right)
@@ -291,7 +302,7 @@ class StateSystem:
         A regular system has no directions, and no z here. Unilateral contact.
         """
         pivots = np.abs(np.diag(self.factor))
-        if not len(pivots) or pivots.min() > SINGULAR * pivots.max() and not self.singular:
+        if not len(pivots) or pivots.min() > SINGULAR * pivots.max() and not self.dependent:
             return None
         matrix = (np.tril(self.factor, -1) + np.eye(len(pivots))) @ np.triu(self.factor)
         for row, other in reversed(list(enumerate(self.pivots))):

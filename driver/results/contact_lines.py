@@ -20,14 +20,15 @@ class ContactLines:
         self.directory, self.boundary = directory, structure.contact
         self.lines = _lines(structure) if root else None
 
-    def write(self, index: int, moved: np.ndarray, state: dict) -> None:
+    def write(self, index: int, time: float, moved: np.ndarray, state: dict) -> None:
         """The file of step `index`; `moved` (nodes, 2) are displacements, `state` as ContactState.
 
-        Gap is the distance at the start, as in contact.csv, opening what is left of it.
+        Gap is the distance at the start, as in contact.csv, to moving obstacles that at `time`,
+        opening what is left of it; the obstacle is gap times normal away from the node.
         """
         import meshio
 
-        b = self.boundary
+        b = self.boundary.at(time)
         data = {"displacement": moved[b.gid], "normal": b.normal,
                 "pressure": -state[ContactField.SIGMA_N] + 0.0,
                 "shear": state[ContactField.SIGMA_T], "gap": b.gap,

@@ -19,6 +19,7 @@ class ContactState:
         self.solver = solver
         # of the step before: tangential displacement less travel, and pattern factors of that
         self._elastic = self._weights = None
+        self._time = 0.0
         self.constrained = self._constrained()
         self._find_terms()
         self._travel = self._travel_at_nodes()
@@ -75,6 +76,8 @@ class ContactState:
             self._weights = self.solver.initial_weights
             self._elastic = self.solver.initial - self._carried_t(self._weights)
         slip = elastic - self._elastic + self._carried_t(weights - self._weights)
+        slip -= b.way(self._time, step.time)
+        self._time = step.time
         self._elastic, self._weights = elastic, weights
         return {ContactField.U_N: u_n, ContactField.U_T: u_t, ContactField.SLIP: slip,
                 ContactField.SIGMA_N: 0.0 - values[0] / b.weight,

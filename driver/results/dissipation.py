@@ -45,14 +45,14 @@ class Dissipation:
         if start is not None:
             self.last = Moment(0.0, start, np.maximum(gap, 0.0))
 
-    def add(self, time: float, state: dict) -> np.ndarray:
+    def add(self, time: float, state: dict, gap: np.ndarray | None = None) -> np.ndarray:
         """(n,) work of friction at the nodes in the step that ends at `time`, stress x length^2.
 
-        `state`: arrays (n,) of every `ContactField` at its end.
+        `state`: arrays (n,) of every `ContactField` at its end; `gap` (n,) then, if another one.
         """
         bound, slip, u_n = (state[name] for name in (ContactField.BOUND, ContactField.SLIP,
                                                      ContactField.U_N))
-        now = Moment(time, bound, np.maximum(self.gap - u_n, 0.0))
+        now = Moment(time, bound, np.maximum((self.gap if gap is None else gap) - u_n, 0.0))
         if self.last is None:
             self.last = Moment(0.0, now.bound, now.distance)
         size = CLOSED * np.abs([slip, u_n]).max(initial=0.0)

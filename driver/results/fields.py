@@ -84,7 +84,7 @@ class Fields:
                 if self.lines is not None:
                     moved = np.zeros((self.mesh.node.max() + 1, 2))
                     moved[self.mesh.node] = u
-                    self.lines.write(step.index, moved, state)
+                    self.lines.write(step.index, step.time, moved, state)
 
     def indicate(self, step: Step, indicator: np.ndarray | None) -> None:
         """A file of its own with the error indicator (n_t,) of a step, which rank 0 has."""

@@ -185,7 +185,8 @@ def edges_of_contact(nodes: dict, piece: np.ndarray, steps: dict,
                      index: int) -> list[tuple[int, int, float]]:
     """Closed node, open node (places in `piece`), length in contact of edges between such."""
     x, closed = nodes["arc"][piece], steps["status"][index][piece] != OPEN
-    opening = np.maximum(nodes["gap"] - steps["u_n"][index], 0.0)[piece]
+    gap = steps["gap"][index] if "gap" in steps else nodes["gap"]  # of the step: obstacles move
+    opening = np.maximum(gap - steps["u_n"][index], 0.0)[piece]
     pressure = np.maximum(-steps["sigma_n"][index], 0.0)[piece]
     edges = []
     for i in np.flatnonzero(closed[1:] != closed[:-1]):
@@ -213,6 +214,41 @@ def longest_way(nodes: dict, piece: np.ndarray, steps: dict, index: int) -> floa
         side = abs(nodes["arc"][piece[beyond]] - nodes["arc"][piece[closed]])
         longest = max(longest, float(way[closed] + part / side * (with_it - way[closed])))
     return longest
+
+
+def peak_nodes(nodes: dict, steps: dict, index: int) -> np.ndarray:
+    """Node of the largest pressure at step `index`, and its neighbours on the piece if in contact.
+    """
+    size, closed = np.abs(steps["sigma_n"][index]), steps["status"][index] != OPEN
+    top = int(size.argmax())
+    piece = next(piece for piece in chains(nodes) if top in piece)
+    near = piece[np.abs(piece - top) <= 1]
+    return near[closed[near] | (near == top)]
+
+
+def farthest_node(steps: dict, index: int) -> int:
+    """Node that has slid farthest in contact until step `index`."""
+    sliding = steps["status"][: index + 1] == SLIP
+    return int(np.where(sliding, np.abs(steps["slip"][: index + 1]), 0.0).sum(axis=0).argmax())
+
+
+def between_nodes(nodes: dict, steps: dict, index: int) -> dict[str, float]:
+    """What nodes leave open of the contact length and of slip at step `index`, whatever meshes say.
+
+    Contact ends somewhere between a closed and an open node: half of their distance is not known.
+    Slip that is largest in a node differs by so much from that of the next one in contact.
+    """
+    x, closed, length, apart = nodes["arc"], steps["status"][index] != OPEN, 0.0, 0.0
+    sliding = steps["status"][: index + 1] == SLIP
+    way = np.where(sliding, np.abs(steps["slip"][: index + 1]), 0.0).sum(axis=0)
+    top = farthest_node(steps, index)
+    for piece in chains(nodes):
+        edges = edges_of_contact(nodes, piece, steps, index) if len(piece) > 1 else ()
+        length += sum(abs(x[piece[k]] - x[piece[i]]) / 2 for i, k, _ in edges)
+        near = piece[(np.abs(piece - top) <= 1) & closed[piece]]
+        if top in piece and len(near):
+            apart = float(np.abs(way[near] - way[top]).max())
+    return {"contact_length": float(length), "slip": apart}
 
 
 def _part(x, opening, pressure, inward, closed) -> float:

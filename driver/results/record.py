@@ -8,7 +8,7 @@ from ..march.quasistatic import QuasistaticSolver
 from ..march.step import Step
 from .contact_state import ContactState
 from .dissipation import Dissipation, start
-from .quantities import quantities, singular_places
+from .quantities import between_nodes, farthest_node, peak_nodes, quantities, singular_places
 from .shares import label_shares
 
 
@@ -19,7 +19,9 @@ class Record:
         self.operator, self.effects = operator, solver.effects
         self.contact = ContactState(operator, solver)
         self.labels, self.shares = label_shares(operator.structure)
-        self.states = {name: [] for name in ContactField}  # one array (n_c,) a step
+        # one array (n_c,) a step, gap besides
+        self.states = {name: [] for name in ContactField}
+        self.gaps = []
         self.displacements = []  # the largest of the body, one number a step
         self.work = []  # of friction, one array (n_c,) a step
         b = self.contact.boundary
@@ -32,10 +34,11 @@ class Record:
         """Displacements (dofs,) of the rank's subdomains, less travel, and the contact state."""
         fields = self.operator.deformations(step.multipliers, step.weights)
         state = self.contact.evaluate(step, fields)
+        self.gaps.append(self.contact.boundary.at(step.time).gap)
         for name, column in self.states.items():
             column.append(state[name])
         if self.dissipation:
-            self.work.append(self.dissipation.add(step.time, state))
+            self.work.append(self.dissipation.add(step.time, state, self.gaps[-1]))
         whole = self.operator.with_travel(fields, step.weights)
         squares = np.concatenate([np.zeros(2), *whole]).reshape(-1, 2) ** 2
         largest = float(np.sqrt(squares.sum(axis=1).max()))
@@ -45,6 +48,31 @@ class Record:
     def quantities(self) -> tuple[dict[str, float], int]:
         """Quantities of interest, and the index in the record of the step that they belong to."""
         return quantities(self.effects, *self._columns(), self.displacements)
+
+    def state(self, index: int) -> dict[str, np.ndarray]:
+        """Arrays (n_c,) of every `ContactField` in the step with an index in the record."""
+        return {name: column[index] for name, column in self.states.items()}
+
+    def signed_shares(self, name: str, index: int) -> np.ndarray:
+        """(n_c,) by which tractions times weights add up to a resultant, up to its sign.
+
+        `name`: normal_resultant or tangential_resultant.
+        """
+        field = "sigma_n" if name == "normal_resultant" else "sigma_t"
+        forces = self.shares @ (self.states[field][index] * self.contact.boundary.weight)
+        return np.where(forces < 0, -1.0, 1.0) @ self.shares
+
+    def peak_nodes(self, index: int) -> np.ndarray:
+        """Nodes of the largest pressure: the one that has it, and its neighbours in contact."""
+        return peak_nodes(*self._columns(), index)
+
+    def farthest_node(self, index: int) -> int:
+        """Node that has slid farthest in contact until a step."""
+        return farthest_node(self._columns()[1], index)
+
+    def between_nodes(self, index: int) -> dict[str, float]:
+        """What nodes leave open of quantities at places between them, see quantities.py."""
+        return between_nodes(*self._columns(), index) if self.effects.contact else {}
 
     def singular_places(self) -> tuple[str, ...]:
         """Names of the quantities whose values belong to places where they may be infinite."""
@@ -61,4 +89,6 @@ class Record:
         nodes["mirrored"] = fixed.max(axis=1, initial=0.0) > 0.99
         steps = {name: np.array(column) for name, column in self.states.items()}
         steps["work"] = np.array(self.work)
+        if self.contact.boundary.motion is not None:
+            steps["gap"] = np.array(self.gaps)
         return nodes, steps

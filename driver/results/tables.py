@@ -35,11 +35,13 @@ CONTACT = (
            "area that it sweeps"),
     Column("normal_x", "1", "outward unit normal n of the body; t is n turned by +90 degrees"),
     Column("normal_y", "1", "outward unit normal n of the body; t is n turned by +90 degrees"),
-    Column("gap", "length", "distance to the obstacle or the other body along n before any load"),
+    Column("gap", "length", "distance to the obstacle or the other body along n before any "
+           "load; of obstacles that move, where they stand at the end of the step"),
     Column(ContactField.U_N, "length",
            "displacement along n, between bodies the jump; at most the gap"),
     Column(ContactField.U_T, "length", "displacement along t, between bodies the jump"),
-    Column(ContactField.SLIP, "length", "change of u_t in the step"),
+    Column(ContactField.SLIP, "length", "change of u_t in the step, relative to the surface "
+           "of an obstacle that moves"),
     Column(ContactField.SIGMA_N, "stress",
            "normal traction, nodal force over weight; negative in compression"),
     Column(ContactField.SIGMA_T, "stress", "shear traction, nodal force over weight"),

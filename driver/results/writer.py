@@ -89,6 +89,8 @@ class Writer:
     def boundary_rows(self) -> list[dict]:
         """Rows of boundaries.csv; once all steps are recorded."""
         states = {name: np.array(column) for name, column in self.record.states.items()}
+        if self.contact.boundary.motion is not None:
+            states["gap"] = np.array(self.record.gaps)
         times = [(row["step"], row["time"]) for row in self.history_rows]
         return boundary_rows(self.record, states, times)
 
@@ -123,14 +125,15 @@ class Writer:
     def _contact_rows(self, labelled: bool):
         """Rows of contact.csv, with the label of the boundary if `labelled`."""
         b, states = self.contact.boundary, self.record.states
-        nodes = [[repr(float(v)) for v in (*b.xy[i], b.arc[i], b.weight[i], *b.normal[i], b.gap[i])]
+        nodes = [[repr(float(v)) for v in (*b.xy[i], b.arc[i], b.weight[i], *b.normal[i])]
                  for i in range(len(b.gid))]
         labels = [[label] if labelled else [] for label in b.label]
         for k, row in enumerate(self.history_rows):
             *values, status = (states[name][k].tolist() for name in ContactField)
+            gap = self.record.gaps[k].tolist()
             for i, quantities in enumerate(zip(*values)):
-                yield [row["step"], repr(row["time"]), i, *nodes[i], *map(repr, quantities),
-                       STATUS_NAMES[status[i]], *labels[i]]
+                yield [row["step"], repr(row["time"]), i, *nodes[i], repr(gap[i]),
+                       *map(repr, quantities), STATUS_NAMES[status[i]], *labels[i]]
 
     def _write_tables(self) -> None:
         """On rank 0."""

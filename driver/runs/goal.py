@@ -24,9 +24,11 @@ import dataclasses
 from ..effects import Effects
 from ..effects.quasistatic import proportional
 from ..errors import DriverError, InputError, NoSolution, NotConverged
+from ..estimates import adjoint
 from ..estimates.budget import (CAUTION, FORMAL, SOURCES, UNBOUNDED, Part, extrapolate, finer,
-                                formal_order, main_quantity, mesh_knob, name_of, ratio, share,
-                                summed, vanishing)
+                                formal_order, located, main_quantity, mesh_knob, name_of, ratio,
+                                share, summed, vanishing)
+from ..estimates.torn_body import Gather, gather_body
 
 COARSENING = (8, 4, 2, 1)  # of the scene's own mesh, for the first one that can be had
 SAMPLING = 32  # times of the load history per step of the scene
@@ -197,14 +199,23 @@ class Search:
         """Budget of the quantity on the finest mesh."""
         sizes = self.sizes[:-4:-1]
         runs = [self._values(size) for size in sizes]
-        singular = self._level(sizes[0]).singular
+        finest = self._level(sizes[0])
         ratios = [ratio(self.knob, b, a) for a, b in zip(sizes, sizes[1:])]
         formal = FORMAL["mesh"][self.first.element]
-        self.parts["mesh"] = {q: extrapolate([a[q] - b[q] for a, b in zip(runs, runs[1:])], ratios,
-                                             formal, value,
-                                             q not in UNBOUNDED, q in singular, CAUTION[q])
+        held, apart = self._adjoint(sizes[0], finest), finest.record.between_nodes(finest.at)
+        self.parts["mesh"] = {q: located(held(q, extrapolate(
+            [a[q] - b[q] for a, b in zip(runs, runs[1:])], ratios, formal, value,
+            q not in UNBOUNDED, q in finest.singular, CAUTION[q])), apart.get(q, 0.0))
                               for q, value in runs[0].items()}
         return self.budget()[self.name]
+
+    def _adjoint(self, size, level):
+        """Callable (name, part) -> the part, held within what adjoint problems leave, if any do."""
+        problem = self.levels.problem(**{self.knob: size})
+        sizes, _ = adjoint.assess(problem, level.record, level.steps[level.at],
+                                  {self.name: level.values[self.name]},
+                                  lambda: gather_body(Gather(problem.operator)))
+        return lambda name, part: adjoint.held(name, part, sizes.get(name))
 
     def budget(self) -> dict:
         """Budget of every quantity on the finest mesh."""

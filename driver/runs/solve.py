@@ -155,7 +155,8 @@ def _march(directory: Path, request: Request, problem: Problem, solver: Quasista
             add(failure.step)
     history.warnings += soundness.warnings(problem, estimator.largest and estimator.largest[1])
     if problem.effects.frictional:  # else the end does not depend on the way
-        history.warnings += between_steps.warnings(problem.manifest)
+        history.warnings += between_steps.warnings(
+            problem.manifest, problem.structure.contact.motion)
     with agreed_writes(comm):
         progress.close(str(failure or "converged"))
     return resumed, before, failure
@@ -221,8 +222,7 @@ def _estimate(errors: dict, directory: Path, request: Request, problem: Problem,
         _next_mesh(directory, estimator, estimates)
     lap("energy_error")
     if request.errors == "yes" and not failure:
-        errors |= _budget(directory, request, problem, writer, lap, memory)
-        errors["energy"] |= of_time(errors["quantities"])
+        _budget(errors, directory, request, problem, writer, estimator, lap, memory)
         lap("estimates")
 
 
@@ -234,28 +234,32 @@ def _next_mesh(directory: Path, estimator: EnergyEstimator, estimates: list) -> 
                                  [estimate for _, estimate in estimates])
 
 
-def _budget(directory: Path, request: Request, problem: Problem, writer: Writer, lap: Laps,
-            memory: tuple[float, float]) -> dict:
-    """Error budget in the quantities of interest, from companions of the finished run, and prices.
+def _budget(errors: dict, directory: Path, request: Request, problem: Problem, writer: Writer,
+            estimator: EnergyEstimator, lap: Laps, memory: tuple[float, float]) -> None:
+    """Fill `errors` with the budget of the quantities of interest, from companions of the finished
+    run and adjoint problems, and with prices.
 
     `lap` has its seconds so far, `memory` its MiB, and those before anything was read.
     """
+    from ..estimates import adjoint
     from ..estimates.alternatives import price_list
-    from ..estimates.levels import Levels, assess
+    from ..estimates.levels import Companions, Levels, assess
     from ..estimates.prices import Measured
 
     settings = Settings(**{**request.settings, "uniqueness": "no"})
     levels = Levels(Path(request.script), request.parameters, directory / "companions",
                     writer.operator.comm, settings, [Path(place) for place in request.cycles],
                     request.without)
-    took = Measured.of(lap.seconds, problem.manifest)
-
-    def priced(companions, parts: dict, budget: dict) -> dict:
-        return price_list(companions, parts, budget, request.quantity, took, *memory,
-                          lambda: time.perf_counter() - lap.last)
-
+    took, record = Measured.of(lap.seconds, problem.manifest), writer.record
+    values, at = record.quantities()
+    step = next((step for step, _ in estimator.considered if step.index == at + 1), None)
     try:
-        return assess(levels, problem, settings, *writer.record.quantities(),
-                      writer.record.singular_places(), priced)
+        sizes, said = adjoint.assess(problem, record, step, values, lambda: estimator.body)
+        companions = Companions(levels, problem, settings, record, sizes)
+        parts = assess(errors, companions)
+        errors["adjoint"] = said
+        errors["energy"] |= of_time(errors["quantities"])
+        errors["prices"] = price_list(companions, parts, errors["quantities"], request.quantity,
+                                      took, *memory, lambda: time.perf_counter() - lap.last)
     finally:
         levels.close()

@@ -39,7 +39,9 @@ CONTENTS = {"support": "form", "contact": "labels", "contactPair": "labels",
             "contactNormal": "vector", "young": "number", "poisson": "number", "piece": "number",
             "stepTimes": "list", "foundation": "labels", "foundationNormal": "number",
             "foundationTangential": "number", "pointSpring": "list",
-            "slipFactor": "number", "displacementFactor": "number", "amplitude#": "number",
+            "slipFactor": "number", "obstacleX": "number", "obstacleY": "number",
+            "obstacleAngle": "number", "obstaclePivot": "vector", "gapInTime": "number",
+            "obstacleInTime": "number", "displacementFactor": "number", "amplitude#": "number",
             **{f"c{k}": "number" for k in (11, 12, 13, 22, 23, 33)}}
 QUASISTATIC = "quasistatic"  # what a scene declares by calling quasistatic(T)
 
@@ -76,7 +78,7 @@ def write(directory: Path, without: tuple[str, ...] = (), traced: bool = False) 
     used = [room for room in rooms() if room.name not in absent]
     loads = [_Load(room, k) for room in used if room.given_on for k in NUMBERS
              if _numbered(room, k) not in absent]
-    columns = [room for room in used if room.column]
+    columns = [room for room in used if room.column or room.columns]
     files = {
         "switches": _switches(without),
         "kinematics": [line for room in used if room.before for line in _include(room, absent)],
@@ -225,19 +227,25 @@ def _refusal(macro: str, room: Room) -> str:
 
 
 def _column(room: Room) -> list[str]:
-    """The number of a room's column, where the room is included."""
-    return _if(_room(room), f"int {room.prefix}At = contactColumns++;")
+    """The number of a room's first column, where the room is included."""
+    line = f"int {room.prefix}At = contactColumns"
+    more = f" contactColumns += {room.prefix}Columns;"
+    return _if(_room(room), f"{line};{more}" if room.columns else f"{line}++;")
 
 
 def _column_name(room: Room) -> list[str]:
-    """The name of a room's column for the manifest."""
+    """The names of a room's columns for the manifest."""
+    if room.columns:
+        return _if(_room(room), f"{room.prefix}Names({room.prefix}At)")
     return _if(_room(room),
                f'libJson << ({room.prefix}At > 0 ? ", " : "") << "\\"{room.column}\\"";')
 
 
 def _evaluate(room: Room) -> list[str]:
-    """The numbers of a room's column."""
+    """The numbers of a room's columns."""
     column = f"{room.prefix}At"
+    if room.columns:
+        return _if(_room(room), f"{room.prefix}Evaluate({column})")
     own, common = f"{room.prefix}Evaluate", f"evaluateColumn({room.prefix}Column, {column})"
     declaring = [line for macro in _declaring(room)
                  for line in _if(macro, f'evaluating("{macro}")')]

@@ -86,12 +86,14 @@ class Manifest:
     def factors(self) -> np.ndarray:
         """(steps + 1, patterns) factor of every load pattern at the start and after every step.
 
-        What is rounding beside the largest of its history is zero: sin(2 pi t) = -2.4e-16 for t = 1
-        is no load, and answers to it are rounding alone.
+        What is rounding beside the largest of its history, between the steps as well, is zero:
+        sin(2 pi t) = -2.4e-16 for t = 1 is no load, and answers to it are rounding alone.
         """
         histories = [self.amplitudes[str(pattern["amplitude"])] for pattern in self.patterns]
         factors = np.array(histories, float).reshape(len(histories), self.steps + 1).T
-        largest = np.abs(factors).max(axis=0, initial=0.0)
+        finer = [self.between.get(str(pattern["amplitude"]), ()) for pattern in self.patterns]
+        largest = np.maximum(np.abs(factors).max(axis=0, initial=0.0),
+                             [np.abs(values).max(initial=0.0) for values in finer])
         return np.where(np.abs(factors) > NOTHING * largest, factors, 0.0)
 
 

@@ -23,6 +23,9 @@ needed:
   macro ``<room>Form(k)``.
 - ``column``: numbers at the contact nodes: the room defines ``<room>Column`` or
   ``<room>Evaluate(column)``; ``>= 0`` where negative ones are refused.
+- ``columns``: several of them, as many as the room's number ``<room>Columns`` says, which is known
+  when FreeFEM has read the room: it defines ``<room>Evaluate(column)``, column the first of them,
+  and ``<room>Names(column)``, which writes their names to the manifest.
 - ``studied``: macros and numbers that may differ between the values of a parameter study.
 - ``before``: ``material`` of a room that changes strains and integrals: it is included before the
   forms that it changes, and its macros take the place of theirs.
@@ -43,8 +46,9 @@ EFFECTS = environment.LIBRARY / "effects"
 # triangle, forces at nodes, values of fixed dofs
 LOADS = ("edges", "triangles", "initial_stress", "nodes", "supports")
 NUMBERS = range(1, 10)  # of the loads and their amplitudes
-ENTRIES = ("declared by", "needs", "brings", "after", "given on", "column", "studied", "before")
-SINGLE = ("given on", "column", "before")  # entries that stand once at most
+ENTRIES = ("declared by", "needs", "brings", "after", "given on", "column", "columns", "studied",
+           "before")
+SINGLE = ("given on", "column", "columns", "before")  # entries that stand once at most
 
 
 class Macro(NamedTuple):
@@ -77,6 +81,7 @@ class Room(NamedTuple):
     given_on: str | None = None
     column: str | None = None
     nonnegative: bool = False  # of the column
+    columns: tuple[str, ...] = ()
     studied: tuple[str, ...] = ()
     before: str | None = None
     macros: tuple[Macro, ...] = ()
@@ -158,7 +163,7 @@ def read_room(path: Path) -> Room:
                 needs=tuple(tuple(words.split(" or ")) for words in listed("needs")),
                 brings=listed("brings"), after=listed("after"),
                 given_on=entries.get("given on", [None])[0], column=column or None,
-                nonnegative=bound == ">= 0", studied=listed("studied"),
+                nonnegative=bound == ">= 0", columns=listed("columns"), studied=listed("studied"),
                 before=entries.get("before", [None])[0], macros=macros, text=text)
 
 

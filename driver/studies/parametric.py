@@ -169,14 +169,29 @@ def _contact_of(name: str, effects, boundary, data, gid: np.ndarray, pairs: list
                          "boundary")
     columns = {column: values[place] for column, values in read.columns.items()}
     gap = effects.distance(columns, len(place))
-    joint = np.flatnonzero(boundary.coupled & rigid)  # beside an axis: rows of several nodes
-    if len(joint):
-        at = dict(zip(read.gid.tolist(), effects.distance(read.columns, len(read.gid))))
-        each = boundary.term_value * [at[g] for g in boundary.term_gid.tolist()]
-        gap[joint] = np.bincount(boundary.term_node, each, minlength=len(gap))[joint]
     if gap[~rigid].any():
         raise InputError(f"a study cannot vary {name.upper()} in a scene that declares pairGap")
-    return dataclasses.replace(boundary, columns=columns, gap=np.where(rigid, gap, boundary.gap))
+    value = dataclasses.replace(boundary, columns=columns, gap=gap)
+    motion = effects.motion(value, gap)
+    joint = np.flatnonzero(boundary.coupled & rigid)  # beside an axis: rows of several nodes
+    if len(joint):
+        distance = effects.distance(read.columns, len(read.gid))
+        gap[joint] = _of_rows(boundary, read, distance)[joint]
+        if motion is not None:
+            for now, distance in zip(motion.gap, effects.motion(read, distance).gap):
+                now[joint] = _of_rows(boundary, read, distance)[joint]
+    gap = np.where(rigid, gap, boundary.gap)
+    if motion is not None:
+        motion.gap = np.where(rigid, motion.gap, boundary.gap)
+        gap = motion.gap[0]
+    return dataclasses.replace(value, gap=gap, motion=motion)
+
+
+def _of_rows(boundary, read, distance: np.ndarray) -> np.ndarray:
+    """(n_c,) sums of the terms of the boundary's rows with the `distance` (n,) of nodes `read`."""
+    known = dict(zip(read.gid.tolist(), distance))
+    each = boundary.term_value * [known[gid] for gid in boundary.term_gid.tolist()]
+    return np.bincount(boundary.term_node, each, minlength=len(boundary.gid))
 
 
 def _places(boundary, read) -> np.ndarray:
@@ -220,14 +235,15 @@ def _solve(problem, settings, near: np.ndarray | None) -> tuple[Outcome, np.ndar
                            start(solver.effects, solver.law, contact.weight,
                                  solver.amplitudes))
 
-    shares = label_shares(operator.structure)[1]
+    shares, before = label_shares(operator.structure)[1], 0.0
 
     def add(step) -> None:
-        nonlocal fields, u_t
-        fields = _fields(operator, solver.rows, step, u_t)
-        u_t = fields["u_t"]
+        nonlocal fields, u_t, before
+        fields = _fields(operator, solver.rows, step, u_t + contact.way(before, step.time))
+        fields["gap"] = contact.at(step.time).gap
+        u_t, before = fields["u_t"], step.time
         row = _quantities(contact, shares, fields)
-        dissipated = float(friction.add(step.time, fields).sum())
+        dissipated = float(friction.add(step.time, fields, fields["gap"]).sum())
         dissipated += history[-1]["dissipated"] if history else 0.0
         history.append({"step": step.index, "time": step.time, **row, "dissipated": dissipated,
                         "fixed_point_iterations": step.fixed_point_iterations,
@@ -256,7 +272,10 @@ def _solve(problem, settings, near: np.ndarray | None) -> tuple[Outcome, np.ndar
 
 
 def _fields(operator, rows, step, u_t: np.ndarray) -> dict[str, np.ndarray]:
-    """Nodal contact quantities from multipliers and gradient: at its rows B u = c - gradient."""
+    """Nodal contact quantities from multipliers and gradient: at its rows B u = c - gradient.
+
+    `u_t` (n_c,) are tangential displacements of nodes that have not slid in the step.
+    """
     contact, values = operator.structure.contact, np.zeros((6, len(u_t)))
     values[0, rows.normal_node] = rows.gap - step.gradient[rows.normal]
     compliance = operator.structure.compliance

@@ -32,6 +32,12 @@ def _wedge(friction: float) -> Case:
                                  "friction 0, 0.1, 0.2, 0.3)", fast=friction in (0, 0.3))
 
 
+def _drag(view: View, time: float) -> float:
+    """Tangential resultant at a time."""
+    table = view.result.boundaries
+    return float(table["tangential_resultant"][np.abs(table["time"] - time).argmin()])
+
+
 def _tilted(view: View) -> float:
     tilt = np.radians(10.0)
     normal, shear = np.cos(tilt)**2, np.cos(tilt) * np.sin(tilt)
@@ -57,6 +63,13 @@ EQUILIBRIUM = (
                    lambda v: abs(v.quantities["tangential_resultant"]), 1e-6,
                    "equilibrium alone, once all of the base slides", "tangential_resultant"),),
          {"steps": 5}, fast=True),
+    Case("moving-disc", "Brake pad on a disc that slides to and fro", "brake-pad",
+         "Coulomb: F p L, against the disc's motion", ({"h": 4}, {"h": 2}), (
+             Check("drag to the right", 0.4 * 2 * 60, lambda v: _drag(v, 2.0), 1e-6,
+                   "equilibrium alone, once all of the lining slides"),
+             Check("drag to the left", -0.4 * 2 * 60, lambda v: _drag(v, 3.0), 1e-6,
+                   "equilibrium alone, once all of the lining slides")),
+         {"steps": 12}, fast=True),
     Case("patch-friction", "Two blocks across a tilted interface that sticks", "patch-bodies",
          "Taylor, Papadopoulos (1991)", ({"h": 0.2}, {"h": 0.1}), (
              Check("largest difference of a traction from the exact one", 0.0,

@@ -3,8 +3,8 @@
 Runs with ever larger contact, meshes as fine against it, differ from the formula by d0 + C r^k, r
 the contact over the size of the body: d0 belongs to the mesh, C r^k to the body. Large contacts
 show C and k well above the errors of coarse meshes; on the body of the case, where r is small,
-C r^k is what the formula cannot know. Where a number is a distance of curves (its reference is zero) the
-squares add, d^2 = d0^2 + (C r^k)^2.
+C r^k is what the formula cannot know. Where a number is a distance of curves (its reference is
+zero) the squares add, d^2 = d0^2 + (C r^k)^2.
 """
 
 from collections.abc import Callable

@@ -127,7 +127,7 @@ def entries(effects=declared(*PLAIN), nodes=None, amplitudes=((0,), (1,), (0.5,)
             log=(), seconds=0.0, gap=False, initial=False, sizes=None):
     """Ledger of a run; what is not given is that of a run in which all of PLAIN matters."""
     nodes = nodes or counted([9, 0], [0, 4], [0, 5])
-    contact = SimpleNamespace(gap=np.array([float(gap)]),
+    contact = SimpleNamespace(motion=None, gap=np.array([float(gap)]),
                               columns={"friction": np.ones(1), "tresca": np.ones(1)},
                               weight=np.ones(1))
     homogeneous = effects.homogeneous(contact, np.array([float(initial)]))
@@ -155,6 +155,21 @@ def test_active_effects():
 def test_effects_that_never_mattered(nodes, sentences):
     said = set(never_mattered(entries(nodes=nodes)))
     assert sentences <= said and all(line.startswith("time") for line in said - sentences)
+
+
+@pytest.mark.parametrize("nodes, active, reason", [
+    (counted([9, 8], [0, 1], [0, 0]), True, "1 nodes touched at most"),
+    (counted([9, 8], [0, 0], [0, 1]), True, "1 nodes touched at most"),
+    (counted([5, 5, 9], [1, 3, 0], [3, 2, 0]), True, "5 nodes touched at most"),  # at one time
+    (counted([9, 9], [0, 0], [0, 0]), False, "nothing touched"),
+    (counted([], [], []), None, "no step was kept"),
+])
+def test_contact_matters_where_one_node_touched_at_one_time(nodes, active, reason):
+    found = entries(nodes=nodes, gap=True)
+    assert (found["contact"]["active"], found["contact"]["reason"]) == (active, reason)
+    assert found["contact"]["unknowns"] == 40
+    assert found["gap"]["active"] is bool(active) and found["gap"]["declared"]
+    assert not entries(nodes=nodes)["gap"]["declared"]
 
 
 def test_undeclared_effects_cost_nothing():

@@ -273,6 +273,7 @@ def test_tower_does_not_swing(built, steps_of):
     assert solver.history.residuals["equilibrium"] < 1e-6
 
 
+@pytest.mark.slow
 def test_fallbacks_of_free_bodies_do_not_depend_on_ranks(solved):
     one, two = (solved(HELD, place="walls", squeeze=0, friction=4, n=2, subdomains=3, steps=1,
                        NP=ranks) for ranks in (1, 2))

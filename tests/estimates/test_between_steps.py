@@ -43,24 +43,24 @@ def test_smooth_histories_and_kinks_at_steps_are_no_reason_to_warn():
     assert "STEPS=10 follows it better" in line
 
 
-def test_time_share_of_one_step_and_of_a_missed_pulse(solved, variant):
+def test_time_share_of_one_step_and_of_a_missed_pulse(solved, budget_of, variant):
     """One step of a history that comes back tells nothing of the way; its share says so."""
-    quantities = solved("model", loading="nonmonotone", cells=4, steps=1,
-                        errors="yes").summary["errors"]["quantities"]
+    quantities = budget_of("model", loading="nonmonotone", cells=4, steps=1)["quantities"]
     true = solved("model", loading="nonmonotone", cells=4, steps=40).summary["quantities"]
     for name in ("dissipated_energy", "slip"):
         entry = quantities[name]
         assert entry["time"] >= abs(entry["value"] - true[name]), name
     # the load comes and goes between the first two of four steps
     missed = variant("pulse", ("-4*t^2 + 5*t", "max(0., 1 - abs(t - 0.37)/0.1)"))
-    run = solved(missed, loading="nonmonotone", cells=4, steps=4, errors="yes")
+    run = solved(missed, loading="nonmonotone", cells=4, steps=4)
     assert any("they miss what it does there" in line for line in run.summary["warnings"])
-    entry = run.summary["errors"]["quantities"]["dissipated_energy"]
+    found = budget_of(missed, loading="nonmonotone", cells=4, steps=4)
+    entry = found["quantities"]["dissipated_energy"]
     true = solved(missed, loading="nonmonotone", cells=4, steps=100).summary["quantities"]
     assert entry["time"] >= abs(entry["value"] - true["dissipated_energy"])
 
 
-def test_proportional_loading_has_no_share_of_time(solved):
-    for entry in solved("model", loading="monotone", cells=4, steps=1,
-                        errors="yes").summary["errors"]["quantities"].values():
+def test_proportional_loading_has_no_share_of_time(budget_of):
+    found = budget_of("model", loading="monotone", cells=4, steps=1)
+    for entry in found["quantities"].values():
         assert entry["time"] <= 1e-5 * abs(entry["value"])

@@ -3,11 +3,14 @@ their own knob.
 """
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from driver.estimates import budget
+from driver.estimates.levels import Companions
+from driver.options import Settings
 
 SOURCES = ("mesh", "time", "friction", "solver")
 
@@ -100,14 +103,55 @@ def test_an_unknown_part_leaves_the_total_unknown():
     assert "mesh" in found["note"]
 
 
+class Linear:
+    """Levels whose runs err by their tolerances times known factors; on any mesh, in any steps."""
+
+    FACTORS = {"rtol": 1.0, "primal_rtol": 30.0, "friction_rtol": 1000.0}
+
+    def __init__(self):
+        self.problems, self.cycles = {}, ()
+
+    def problem(self, **_changes):
+        """Any mesh can be had."""
+
+    def value(self, settings):
+        """Displacement of a run."""
+        return 1.0 + sum(factor * getattr(settings, name) for name, factor in self.FACTORS.items())
+
+    def run(self, settings, stride=1, **_changes):
+        """A run of one quantity."""
+        return SimpleNamespace(values={"displacement": self.value(settings)})
+
+
+@pytest.mark.parametrize("coulomb", [False, True])
+@pytest.mark.parametrize("name", [*Linear.FACTORS])
+def test_each_tolerance_has_its_share(coulomb, name):
+    """A tolerance that alone is loose leaves an error, and some part of the budget covers it."""
+    if name == "friction_rtol" and not coulomb:
+        return  # the run has none
+    tight = {"rtol": 1e-9, "primal_rtol": 1e-9, "friction_rtol": 1e-9}
+    loose, levels = Settings(**{**tight, name: 1e-4}), Linear()
+    effects = SimpleNamespace(quasistatic=False, frictional=coulomb,
+                              pressure_bounds_friction=coulomb)
+    manifest = SimpleNamespace(parameters={"cells": 8}, steps=1, element="P1")
+    record = SimpleNamespace(quantities=lambda: ({"displacement": levels.value(loose)}, 0),
+                             singular_places=lambda: (), between_nodes=lambda _index: {})
+    companions = Companions(levels, SimpleNamespace(manifest=manifest, effects=effects), loose,
+                            record, {})
+    parts = companions.parts()
+    error = sum(parts[source]["displacement"].error for source in ("friction", "solver")
+                if source in parts)
+    true = levels.value(loose) - levels.value(Settings(**tight))
+    assert true <= error <= 10 * true
+
+
 # ------------------------------------------------------------------------------ runs
 
-def errors(solved, scene="model", **options):
-    """Budget of a run with estimates."""
+def errors(budget_of, scene="model", **options):
+    """Budget of a run."""
     nonmonotone = {"loading": "nonmonotone", "cells": 8, "steps": 8}
-    run = solved(scene, errors="yes", **(nonmonotone | options if scene == "model" else options))
-    assert run.status == 0, run.reason
-    return run.summary["errors"]["quantities"]
+    options = nonmonotone | options if scene == "model" else options
+    return budget_of(scene, **options)["quantities"]
 
 
 def relative(found, source):
@@ -116,19 +160,19 @@ def relative(found, source):
             if entry[source] is not None}
 
 
-def test_what_a_scene_does_not_have_is_not_estimated(solved):
+def test_what_a_scene_does_not_have_is_not_estimated(budget_of):
     for scene, missing in (("model", ()), ("model-static", ("time",)),
                            ("model-tresca", ("friction",)),
                            ("model-frictionless", ("friction", "time")),
                            ("cantilever", ("friction", "time"))):
         static = scene in ("model-static", "cantilever")
         options = {} if scene == "model" else {"cells": 2} if static else {"cells": 2, "steps": 2}
-        for entry in errors(solved, scene, **options).values():
+        for entry in errors(budget_of, scene, **options).values():
             assert [s for s in SOURCES if s not in entry] == sorted(missing, key=SOURCES.index)
 
 
 def test_parts_add_up_and_values_are_the_runs(solved):
-    run = solved("model", errors="yes", loading="nonmonotone", cells=8, steps=8)
+    run = solved("model", errors="yes", loading="nonmonotone", cells=4, steps=4)
     for name, entry in run.summary["errors"]["quantities"].items():
         assert entry["value"] == run.summary["quantities"][name]
         if entry["total"] is not None:
@@ -142,7 +186,7 @@ def test_parts_add_up_and_values_are_the_runs(solved):
                                             ("friction", {"friction_rtol": 0.3,
                                                           "primal_rtol": 1.0}),
                                             ("solver", {"rtol": 1e-3, "primal_rtol": 1.0})])
-def test_parts_answer_to_their_own_knob(solved, source, change):
+def test_parts_answer_to_their_own_knob(budget_of, source, change):
     """The knob's own part changes by a factor of 2 at least; the sum of the large other ones by
     less than half.
 
@@ -153,7 +197,7 @@ def test_parts_answer_to_their_own_knob(solved, source, change):
     """
     alone = {"corrector": "none", "expansion": "cg",
              "inner_rtol": 1e-9} if source == "friction" else {}
-    plain, other = errors(solved, **alone), errors(solved, **alone, **change)
+    plain, other = errors(budget_of, **alone), errors(budget_of, **alone, **change)
 
     def size(found, s):
         return sum(relative(found, s)[name]
@@ -170,7 +214,7 @@ def test_parts_answer_to_their_own_knob(solved, source, change):
         assert size(other, kept) < 0.01 * (size(plain, "mesh") + size(plain, "time")), kept
 
 
-def test_true_errors_are_within_the_budget(solved):
+def test_true_errors_are_within_the_budget(budget_of):
     """Largest displacement of the manufactured solution, pressure of Lame's ring: errors are known.
     """
     corner = np.hypot(0.01 * np.sin(2.6), 0.08)  # cantilever.edp at (2, 0)
@@ -180,7 +224,7 @@ def test_true_errors_are_within_the_budget(solved):
                                        ("pressfit", "peak_pressure", ring,
                                         [{"h": h} for h in (4, 2, 1)])):
         for options in levels:
-            entry = errors(solved, scene, **options)[name]
+            entry = errors(budget_of, scene, **options)[name]
             error = abs(entry["value"] - exact)
             assert error <= entry["total"] <= 5 * error, (scene, options)
 
@@ -193,19 +237,19 @@ def test_adaptive_meshes_are_compared_with_those_of_the_cycles_before(solved):
     assert abs(entry["value"] - pressure * 10 * np.pi) <= entry["total"]
 
 
-def test_a_singular_pressure_is_said_to_be_one(solved):
+def test_a_singular_pressure_is_said_to_be_one(budget_of):
     """Under the edge of a punch the pressure has no limit; its resultant has."""
-    found = errors(solved, "punch", h=0.05, steps=4)
+    found = errors(budget_of, "punch", h=0.05, steps=4)
     peak = found["peak_pressure"]
     assert peak["relative"] is None and "singular" in peak["note"]
     assert found["normal_resultant"]["relative"] < 0.05
 
 
-def test_scenes_without_a_coarser_mesh_say_so(solved):
-    run = solved("model-static", cells=1, errors="yes")
-    entry = run.summary["errors"]["quantities"]["normal_resultant"]
+def test_scenes_without_a_coarser_mesh_say_so(budget_of):
+    found = budget_of("model-static", cells=1)
+    entry = found["quantities"]["normal_resultant"]
     assert entry["mesh"] is None and entry["relative"] is None and entry["solver"] is not None
-    assert "no coarser mesh than CELLS=1" in " ".join(run.summary["errors"]["notes"])
+    assert "no coarser mesh than CELLS=1" in " ".join(found["notes"])
 
 
 @pytest.mark.slow

@@ -301,6 +301,7 @@ def test_condensed_newton_finds_the_fixed_point(built, steps_of, monkeypatch):
     assert np.abs(steps[0].multipliers - plain[0].multipliers).max() <= 1e-6 * size
 
 
+@pytest.mark.slow
 def test_fallbacks_do_not_depend_on_ranks(solved):
     one, two = (solved(friction=6, steps=1, cells=4, corrector="none", max_fixed_point=17, NP=ranks)
                 for ranks in (1, 2))

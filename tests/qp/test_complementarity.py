@@ -5,6 +5,8 @@ The law is written down anew here; with F = 0 it is a box QP, which an independe
 Coulomb's law alone (c = 0) is tested with the time stepping, in tests/march/test_uniqueness.py.
 """
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -317,3 +319,20 @@ def test_many_nodes_hold_a_body_without_support(seed):
     """More than whose states can all be tried: springs that yield ever more are the only way."""
     problem = random_problem(seed, complementarity.FEW + 4, largest=0.3, motions=1)
     assert_obeys(problem, lemke(problem))
+
+
+def test_solutions_are_counted_once_whose_forces_differ_by_rounding():
+    """Relative to the largest force of all of them; what stands behind the forces does not count.
+    """
+    problem = SimpleNamespace(rows=2)
+    solutions = [np.array([1e6, 0.0, 7.0])]
+    for same in ([1e6 * (1 + 1e-12), 1e-6, 8.0], [1e6, -1e-6, 7.0]):
+        complementarity._add_solution(problem, solutions, np.array(same))
+    complementarity._add_solution(problem, solutions, None)
+    assert len(solutions) == 1
+    for other in ([1e6 * (1 + 1e-5), 0.0, 7.0], [0.0, 0.0, 7.0], [0.0, 1e6, 7.0]):
+        complementarity._add_solution(problem, solutions, np.array(other))
+    assert len(solutions) == 4
+    nothing = [np.zeros(2)]
+    complementarity._add_solution(problem, nothing, np.zeros(2))
+    assert len(nothing) == 1

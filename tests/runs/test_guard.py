@@ -15,7 +15,7 @@ import pytest
 
 from driver import cli, environment
 from driver.errors import InputError
-from driver.estimates import levels
+from driver.estimates import levels, prices
 from driver.march import checkpoint
 from driver.runs import guard, run, solve, workspace
 
@@ -201,6 +201,19 @@ def test_estimates_that_fail_leave_the_results_with_a_warning(tmp_path, monkeypa
     assert "\n" not in warning and len(warning) > len(solve.NO_ESTIMATES)
     assert summary["converged"] and set(summary["errors"]) == {"energy"}
     assert not guard.foreign(out)
+
+
+def test_a_price_list_that_fails_leaves_the_budget_with_a_warning(tmp_path, monkeypatch):
+    """A mistake in the code is one in the warning too, with its place in run.log; it is not taken
+    for prices that cannot be predicted.
+    """
+    monkeypatch.setattr(prices, "lines", lambda *_: {}["no such key"])
+    out = execute(f"OUT={tmp_path / 'out'}", "ERRORS=yes").out
+    summary = json.loads((out / "summary.json").read_text())
+    assert any("no such key" in line for line in summary["warnings"]
+               if line.startswith(solve.NO_ESTIMATES))
+    assert "normal_resultant" in summary["errors"]["quantities"]
+    assert "prices" not in summary["errors"] and "Traceback" in (out / "run.log").read_text()
 
 
 SPOILED = """

@@ -57,8 +57,8 @@ for host in $JOB; do
 done
 wait
 """
-OPTIONS = ("SCENE=model", "SUBDOMAINS=3x2", "CELLS=4", "STEPS=40", "LOADING=nonmonotone", "FIGURES=no",
-           "ERRORS=no")
+OPTIONS = ("SCENE=model", "SUBDOMAINS=3x2", "CELLS=4", "STEPS=40", "LOADING=nonmonotone",
+           "FIGURES=no", "ERRORS=no")
 
 
 def _isolated() -> str:

@@ -222,9 +222,9 @@ def test_partition_makes_no_difference(solved, loading, other):
 
 
 # slow: more ranks than two, with every split of the subdomains, are also test_fetidp's any_split in
-# one process and the stack on three ranks of test_estimation
+# one process and the stack on three ranks of test_energy_error
 @pytest.mark.parametrize("loading, ranks", [
-    ("monotone", 2), ("nonmonotone", 2),
+    ("monotone", 2), pytest.param("nonmonotone", 2, marks=pytest.mark.slow),
     pytest.param("nonmonotone", 4, marks=pytest.mark.slow)])
 def test_ranks_make_no_difference(solved, loading, ranks):
     """Any number of ranks, FreeFEM's part included.

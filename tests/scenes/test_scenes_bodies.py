@@ -294,6 +294,7 @@ def test_two_cylinders_of_quadratic_elements(solved):
     assert width < 0.003 and peak < 0.003 and shape < 0.01
 
 
+@pytest.mark.slow
 def test_two_cylinders_converge(solved):
     # the edge of contact falls differently between nodes: average
     loads = np.linspace(0.0018, 0.0025, 4)

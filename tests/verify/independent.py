@@ -28,6 +28,10 @@ class Problem:
     thermal: object = None  # t -> strain
     normal: tuple | None = None  # of the obstacle; by default the body's
     gap: object = None  # places -> distance
+    # of an obstacle that moves: (places, normals, t) -> distance, and (places, since, t) -> (n, 2)
+    # way of its surface
+    distance: object = None
+    surface: object = None
     friction: object = None  # places -> coefficient
     shear_strength: object = None  # places -> stress, without pressure
     preload: bool = False
@@ -140,9 +144,14 @@ def march(body: Body, times) -> list[dict]:
     if body.problem.preload:
         state = _step(body, 0.0, before, states, rough=False)
         before, states = state["u_t"], state["states"]
+    place, problem, last = body.x[body.nodes], body.problem, 0.0
     for t in times:
+        if problem.distance is not None:
+            body.gap = problem.distance(place, body.n, t)
+        if problem.surface is not None:
+            before = before + (problem.surface(place, last, t) * body.t).sum(axis=1)
         state = _step(body, t, before, states, body.rough)
-        before, states = state["u_t"], state["states"]
+        before, states, last = state["u_t"], state["states"], t
         found.append(state)
     return found
 

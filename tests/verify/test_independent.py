@@ -70,6 +70,39 @@ def surface(x):
     return np.abs(x[:, 1]) < 1e-12
 
 
+def clipped(t):
+    return min(max(t, 0.0), 1.0)
+
+
+def over_the_block(E, nu, friction, depth, R, way, middle, creep=None) -> Problem:
+    """A round obstacle that comes down by `depth`, goes along by `way` and turns as it rolls.
+
+    Places are complex numbers. `middle` is where it comes down; it lifts by `depth[1]`.
+    """
+    def centre(t):
+        across = depth[1] * clipped(t - 2) - depth[0] * clipped(t)
+        return middle + way * clipped(t - 1) + 1j * (R + across)
+
+    def angle(t):
+        return 0.0 if creep is None else -(1 - creep) * way * clipped(t - 1) / R
+
+    def distance(x, n, t):
+        arm = centre(t) - (x[:, 0] + 1j * x[:, 1])
+        r = np.abs(arm)
+        return (r - R) * r / (arm * (n[:, 0] - 1j * n[:, 1])).real
+
+    def surface(x, since, t):
+        z, turn = x[:, 0] + 1j * x[:, 1], np.exp(1j * (angle(t) - angle(since)))
+        leaves = centre(t) + turn * (z - centre(since))  # of the point that was here
+        came = centre(since) + (z - centre(t)) / turn
+        moved = (leaves - came) / 2
+        return np.column_stack([moved.real, moved.imag])
+
+    held = [(side(1, -6.0), c, fixed) for c in (0, 1)]
+    return Problem(E, nu, side(1, 0.0), held, friction=coefficient(friction), distance=distance,
+                   surface=surface)
+
+
 MODULUS = 1 / (1 - 0.09)
 CASES = {
     "model": (block(lambda t: t, friction=coefficient(0.3)),
@@ -108,6 +141,10 @@ CASES = {
         [(side(0, 0.0), 0, fixed), (side(1, -8.0), 1, lambda x, t: 4e-3)],
         normal=(0.0, 1.0), gap=lambda x: 1e-3 * x[:, 0]), {"power": "1", "size": "8", "h": "0.2"},
         1.0),
+    "indenter": (over_the_block(2000.0, 0.4, 0.3, (0.05, 0.1), 8.0, 4.0, 6.0),
+                 {"h": "0.6", "steps": "6"}, 3.0),
+    "roller": (over_the_block(10.0, 0.45, 0.5, (0.06, 0.06), 10.0, 6.0, 7.0, 0.01),
+               {"h": "1.2", "steps": "6", "element": "P2"}, 3.0),
 }
 
 

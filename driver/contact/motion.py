@@ -1,0 +1,60 @@
+"""Where rigid obstacles stand at every time of a load history: distances, and ways of surfaces."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+
+@dataclass
+class ObstacleMotion:
+    """Distances and rigid motions of the obstacles that n contact nodes meet, at `times` (T,).
+
+    `gap` (T, n) is the distance along the nodes' normals. The obstacle of a node has shifted by
+    `shift` (T, n, 2) and turned by `angle` (T, n), in radians, about the point `pivot` (n, 2),
+    which shifts with it. `xy` (n, 2) are the nodes' places, `tangent` (n, 2) their tangents.
+    """
+
+    times: np.ndarray
+    gap: np.ndarray
+    shift: np.ndarray
+    angle: np.ndarray
+    pivot: np.ndarray
+    xy: np.ndarray
+    tangent: np.ndarray
+    # by macro the largest departure from straight lines between the times, over the largest value,
+    # and when
+    missed: dict[str, tuple[float, float]] = field(default_factory=dict)
+
+    def gap_at(self, time: float) -> np.ndarray:
+        """(n,) distances at one of the `times`."""
+        return self.gap[self._index(time)]
+
+    def way(self, before: float, now: float) -> np.ndarray:
+        """(n,) tangential displacement, from one of the `times` to another, of the surfaces met.
+
+        That of the point which is at the node's place at first, and of the one which is there at
+        last, differ where obstacles turn; their mean is that of the points in between to second
+        order in the angle.
+        """
+        first, last = self._index(before), self._index(now)
+        turn = self.angle[last] - self.angle[first]
+        shift = self.shift[last] - self.shift[first]
+        from_first = shift + _turned(self.xy - self.pivot - self.shift[first], turn)
+        to_last = shift - _turned(self.xy - self.pivot - self.shift[last], -turn)
+        return ((from_first + to_last) / 2 * self.tangent).sum(axis=1)
+
+    def of(self, nodes: np.ndarray) -> "ObstacleMotion":
+        """The same at some nodes."""
+        return replace(self, gap=self.gap[:, nodes], shift=self.shift[:, nodes],
+                       angle=self.angle[:, nodes], pivot=self.pivot[nodes], xy=self.xy[nodes],
+                       tangent=self.tangent[nodes])
+
+    def _index(self, time: float) -> int:
+        return int(np.abs(self.times - time).argmin())
+
+
+def _turned(arm: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """(n, 2) displacements of points at `arm` (n, 2) from a centre that turn by `angle` (n,)."""
+    across = np.column_stack([-arm[:, 1], arm[:, 0]])
+    # 1 - cos by its half angle, exact for small ones
+    return np.sin(angle)[:, None] * across - 2 * np.sin(angle / 2)[:, None] ** 2 * arm

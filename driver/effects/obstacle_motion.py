@@ -1,0 +1,110 @@
+"""Rigid obstacles that shift, turn or change with time.
+
+At time t_k a node has the condition u_n <= g(t_k), g the distance of the obstacle where it stands
+then, along the node's normal n; of an obstacle phi(x, t) = 0 that is to first order
+
+    g = phi / (-grad phi . n).
+
+Friction sees the slip (u_t - U_t)(t_k) - (u_t - U_t)(t_k-1), U_t the tangential displacement of
+the obstacle's surface. See Wriggers, Computational Contact Mechanics (2006), 4.2; Johnson, Contact
+Mechanics (1985), 8.1, for creepage.
+"""
+
+import numpy as np
+
+from ..contact.motion import ObstacleMotion
+from ..errors import InputError
+from . import Effect, RunFacts, entry
+
+FACING = 0.1  # cosine between the node's normal and the obstacle's below which they do not meet
+EVEN = 1e-9  # part of the body's size by which the gap of an even obstacle may vary
+
+
+class Room(Effect):
+    """Distances at every step, and ways of the obstacles' surfaces between steps."""
+
+    summary = {"obstacle_motion": True}
+
+    def motion(self, nodes, distance: np.ndarray) -> ObstacleMotion:
+        """Distances and motions at `nodes` (contact/nodes.py); see Effect. Raises InputError."""
+        columns, count, steps = nodes.columns, len(nodes.gid), self.manifest.steps
+        times = np.linspace(0, self.manifest.t_end, steps + 1)
+
+        def history(name: str) -> np.ndarray:
+            known = f"{name}@0" in columns
+            return np.array([columns[f"{name}@{k}"] if known else np.zeros(count)
+                             for k in range(steps + 1)])
+
+        shift = np.stack([history("obstacle_x"), history("obstacle_y")], axis=-1)
+        pivot = np.column_stack([columns.get(name, np.zeros(count))
+                                 for name in ("pivot_x", "pivot_y")])
+        tangent = np.column_stack([-nodes.normal[:, 1], nodes.normal[:, 0]])
+        if "phi@0" in columns:
+            slope = np.stack([history("phi_x"), history("phi_y")], axis=-1)
+            gap = _distance(history("phi"), slope, nodes, times)
+        elif "gap_in_time@0" in columns:
+            gap = history("gap_in_time")
+        else:
+            _refuse_uneven(nodes, distance, (shift * tangent).sum(axis=-1))
+            gap = distance + (shift * nodes.normal).sum(axis=-1)
+        gap = np.where(nodes.family > 0, distance, gap)
+        angle = history("obstacle_angle")
+        missed = {macro: _missed(columns, name, values) for macro, name, values in (
+            ("obstacleX", "obstacle_x", shift[..., 0]), ("obstacleY", "obstacle_y", shift[..., 1]),
+            ("obstacleAngle", "obstacle_angle", angle)) if f"{name}_missed" in columns}
+        return ObstacleMotion(times, gap, shift, angle, pivot, nodes.xy, tangent, missed)
+
+    def ledger(self, facts: RunFacts) -> dict[str, dict]:
+        """Active where any node touched: what is open does not know where its obstacle went."""
+        touched = facts.most("stick", "slip")
+        active, reason = touched > 0, "nothing touched"
+        if not facts.steps:
+            active, reason = None, "no step was kept"
+        elif touched:
+            reason = f"{touched} nodes touched at most"
+        return {"obstacle_motion": entry(active, reason)}
+
+
+def _missed(columns: dict, name: str, values: np.ndarray) -> tuple[float, float]:
+    """What steps miss of a history (T, n), relative to its largest value, and when."""
+    away = columns[f"{name}_missed"]
+    node = int(away.argmax())
+    largest = max(np.abs(values).max(), away[node])
+    return float(away[node] / largest) if largest > 0 else 0.0, columns[f"{name}_missed_at"][node]
+
+
+def _distance(phi: np.ndarray, slope: np.ndarray, nodes, times: np.ndarray) -> np.ndarray:
+    """(T, n) distances along the nodes' normals to obstacles phi (T, n) of `slope` (T, n, 2).
+
+    Beside an obstacle, where the line along the normal misses it, a distance that is too short to
+    be wrong. Raises InputError where it reaches a node from there.
+    """
+    size = np.linalg.norm(slope, axis=-1)
+    size = np.where(size > 0, size, 1.0)
+    facing = -(slope * nodes.normal).sum(axis=-1) / size
+    behind = (facing < FACING) & (phi < 0) & (nodes.family == 0)
+    if behind.any():
+        k, node = np.argwhere(behind)[0]
+        x, y = nodes.xy[node]
+        raise InputError(
+            f"the obstacle covers the contact boundary at ({x:g}, {y:g}) at the time "
+            f"{times[k]:g}, but does not face it there: its function is positive outside; contact "
+            "belongs on boundaries that it comes to from outside, along their normals")
+    return phi / size / np.maximum(facing, FACING)
+
+
+def _refuse_uneven(nodes, distance: np.ndarray, along: np.ndarray) -> None:
+    """Refuse obstacles that slide along labels on which their distance (n,) varies.
+
+    Vertices of several labels have the mean of their distances.
+    """
+    size = np.ptp(nodes.xy, axis=0).max(initial=0.0)
+    labels = np.array([gid for _, gid in getattr(nodes, "members", ())])
+    vertices, count = np.unique(labels, return_counts=True)
+    own = (nodes.family == 0) & ~np.isin(nodes.gid, vertices[count > 1])
+    for label in np.unique(nodes.label[own]):
+        here = own & (nodes.label == label)
+        if along[:, here].any() and np.ptp(distance[here]) > EVEN * size:
+            raise InputError(
+                f"the obstacle of label {label} slides along it, but its gap varies from place to "
+                "place: give its shape by  macro obstacle(x, y) phi //, or gapInTime(t)")

@@ -1,0 +1,378 @@
+"""Obstacles that move: relative motion alone matters, F times N at full sliding, paths, misuse."""
+
+import meshio
+import numpy as np
+import pytest
+
+from driver.contact.motion import ObstacleMotion
+from driver.files import read_table
+from driver.results.tables import contact_file
+
+REPEATED = pytest.mark.slow  # the same with other settings: each takes two runs
+TIGHT = {"rtol": 1e-13, "friction_rtol": 1e-11, "primal_rtol": 1e-9}
+
+# A pressed block on a floor that slides to the right and back; it is held at its top.
+PAD = """include "scene.idp"
+real F = physical("friction", 0.3), way = physical("way", 0.5);
+subdomains("2x2");
+rectangle(0., 4., 0., 2.);
+quasistatic(2.);
+macro young() 1e3 //
+macro poisson() 0.3 //
+macro support() on(3, u1 = 0.) //
+macro load1() pressure(3, 2.) //
+macro amplitude1(t) min(1., 2*t) //
+macro contact() 1 //
+macro friction() F //
+macro obstacleX(t) (way*(1. - abs(t - 1.))) //
+include "export.idp"
+"""
+
+# A body between a floor and a leaning wall, which meet it on a path.
+PATH = """include "scene.idp"
+real s = 1e-3*physical("size", 1.), way = 1e-6*physical("turned", 0.);
+real h = meshSize(0.3), F = physical("friction", 0.4);
+border below(t=0, 1) { x = 3*t; y = 0.1*t; label = 7; }
+border wall(t=0, 1) { x = 3 + 0.2*t; y = 0.1 + 1.4*t; label = 2; }
+border top(t=0, 1) { x = 3.2 - 3*t; y = 1.5; label = 9; }
+border left(t=0, 1) { x = 0.2 - 0.2*t; y = 1.5 - 1.5*t; label = 4; }
+body = buildmesh(below(3/h) + wall(1.5/h) + top(3/h) + left(1.5/h));
+quasistatic(1.);
+macro pathX(t) (s*(0.3*t - sin(4*t))) //
+macro pathY(t) (s*(sin(3*t))) //
+macro young() 1e3 //
+macro poisson() 0.3 //
+macro contact() 7, 2 //
+macro obstacle(x, y) ((label == 7 ? (y) - 0.1*(x)/3 : (3 - (x) + ((y) - 0.1)*0.2/1.4)/1.1)
+                      + (label == 2 ? 0.4*s : 0.)) //
+macro friction() F //
+WHAT MOVES
+include "export.idp"
+"""
+OBSTACLES = """macro support() on(9, u1 = 0., u2 = 0.) //
+macro obstacleX(t) pathX(t) //
+macro obstacleY(t) pathY(t) //
+"""
+BODY = """macro displacement1() on(9, u1 = -1., u2 = 0.) //
+macro displacement2() on(9, u1 = 0., u2 = -1.) //
+macro displacement3() on(9, u1 = y - 0.7, u2 = -(x - 1.)) //
+macro amplitude1(t) pathX(t) //
+macro amplitude2(t) pathY(t) //
+macro amplitude3(t) (way*sin(2*t)) //"""
+ANGLE = """macro obstacleAngle(t) (way*sin(2*t)) //
+macro obstaclePivot() [1., 0.7] //"""
+
+
+@pytest.fixture
+def scene(tmp_path):
+    """scene(text, (old, new), ...): path of a scene with parts replaced."""
+    def make(text: str, *changes, name="scene"):
+        for old, new in changes:
+            assert old in text
+            text = text.replace(old, new)
+        path = tmp_path / f"{name}.edp"
+        path.write_text(text)
+        return path
+    return make
+
+
+def frames(solved, scene, *changes, angle="", **options):
+    """Runs of PATH in which the obstacles move, and in which the body does."""
+    moving = scene(PATH, ("WHAT MOVES", OBSTACLES + angle), *changes, name="moving")
+    body = scene(PATH, ("WHAT MOVES", BODY), *changes, name="body")
+    return [solved(path, steps=6, **TIGHT, **options) for path in (moving, body)]
+
+
+def assert_same_contact(one, other, tolerance: float) -> None:
+    """The same forces, states and relative motion."""
+    for name in ("sigma_n", "sigma_t", "slip"):
+        size = np.abs(other.contact[name]).max()
+        np.testing.assert_allclose(one.contact[name], other.contact[name], atol=tolerance * size)
+    np.testing.assert_array_equal(one.contact["status"], other.contact["status"])
+    over = [run.contact["u_n"] - run.contact["gap"] for run in (one, other)]
+    np.testing.assert_allclose(*over, atol=tolerance * np.abs(other.contact["u_n"]).max())
+
+
+@pytest.mark.parametrize("options", [
+    {}, pytest.param({"element": "P2", "subdomains": 5}, marks=REPEATED),
+    pytest.param({"element": "P2-mixed", "subdomains": "1"}, marks=REPEATED)])
+def test_a_block_on_a_sliding_floor_drags_with_friction_times_pressure(solved, scene, options):
+    """F N to 1e-9 of N, N the pressing force, and -F N after the floor has turned back."""
+    run = solved(scene(PAD), cells=3, steps=8, **TIGHT, **options)
+    table = read_table(run.directory / "boundaries.csv")
+    sliding = [3, 4, 8]  # steps; in others some node may stick
+    normal, drag = (np.array(table[f"{name}_resultant"])[[k - 1 for k in sliding]]
+                    for name in ("normal", "tangential"))
+    np.testing.assert_allclose(normal, 8.0, rtol=1e-9)
+    np.testing.assert_allclose(drag, 0.3 * normal * [1, 1, -1], rtol=1e-9)
+    # what slides takes F N over the way of the floor: an eighth of 1 in the last step
+    work = np.array(table["dissipated_energy"])
+    assert work[-1] - work[-2] == pytest.approx(0.3 * 8 * 0.125, rel=1e-8)
+
+
+@pytest.mark.slow  # two runs
+def test_one_step_of_sliding_ends_as_many(solved, scene):
+    """Where all slides the state is that of the last floor's direction alone."""
+    runs = [solved(scene(PAD, ("(way*(1. - abs(t - 1.)))", "(way*t)")), cells=3, steps=n, **TIGHT)
+            for n in (1, 6)]
+    for name in ("sigma_n", "sigma_t", "u_t"):
+        one, many = (run.contact[name][-1] for run in runs)
+        np.testing.assert_allclose(one, many, atol=1e-8 * np.abs(many).max())
+    assert runs[0].contact["slip"][-1] == pytest.approx(runs[1].contact["slip"].sum(axis=0))
+
+
+@pytest.mark.parametrize("changes, options", [
+    ([], {"element": "P2", "subdomains": 5}), pytest.param([], {}, marks=REPEATED),
+    pytest.param([("macro friction() F", "macro tresca() (label == 2 ? 0.4 : 0.2)")], {},
+                 marks=REPEATED),
+    pytest.param([("macro friction() F //", """macro friction() F //
+macro bilateral() (label == 2 ? 1. : 0.) //""")], {"subdomains": "3"}, marks=REPEATED),
+    pytest.param([("macro friction() F //", """macro friction() F //
+macro slipFactor(s) (1. - 200*(s)) //
+real slipRange = 2e-3;""")], {}, marks=REPEATED)])
+def test_moving_the_obstacles_is_moving_the_body_back(solved, scene, changes, options):
+    """Two flat obstacles on one path, and the body on the opposite one: contact cannot tell."""
+    obstacles, body = frames(solved, scene, *changes, **options)
+    assert {"slip", "stick", "open"} & set(body.contact["status"].ravel())
+    assert len(set(body.contact["status"].ravel())) > 1
+    assert_same_contact(obstacles, body, 1e-8)
+    np.testing.assert_allclose(obstacles.history["dissipated"], body.history["dissipated"],
+                               rtol=1e-7, atol=1e-9 * body.history["dissipated"].max())
+
+
+@pytest.mark.slow  # two runs
+def test_turning_the_obstacles_is_turning_the_body_back(solved, scene):
+    """By a microradian, beside a small shift: the body's linear rotation errs by its square."""
+    still = ("macro pathX(t) (s*(0.3*t - sin(4*t)))", "macro pathX(t) (0.)"), (
+        "macro pathY(t) (s*(sin(3*t)))", "macro pathY(t) (0.5e-6*t)")
+    obstacles, body = frames(solved, scene, *still, angle=ANGLE, turned=1, size=0)
+    assert set(body.contact["status"].ravel()) >= {"slip", "stick"}
+    assert_same_contact(obstacles, body, 1e-5)
+
+
+@pytest.mark.slow  # two runs with estimates
+def test_estimates_hold_for_moving_obstacles(solved, scene):
+    """The error in the energy norm knows the relative motion alone."""
+    obstacles, body = frames(solved, scene, errors="energy", h=0.5)
+    one, other = (run.summary["errors"]["energy"] for run in (obstacles, body))
+    assert other["total"] > 0
+    for name in ("mesh", "total"):
+        assert one[name] == pytest.approx(other[name], rel=1e-5)
+
+
+@pytest.mark.slow  # three runs
+def test_what_a_moving_obstacle_has_come_to_is_its_function_there(solved, scene):
+    """A parabola on a path, as obstacle(x, y) that shifts, as function and as gap of time."""
+    text = PAD.replace("contact() 1", "contact() 1 //\nmacro contactNormal() [0., -1.]")
+    text = text.replace("macro obstacleX(t) (way*(1. - abs(t - 1.))) //", "SHAPE")
+    shapes = ["""macro obstacle(x, y) ((y) + ((x) - 1)^2/80.) //
+macro obstacleX(t) (2*t) //
+macro obstacleY(t) (0.01*t) //""", """macro obstacleInTime(x, y, t)
+((y) - 0.01*(t) + ((x) - 1 - 2*(t))^2/80.) //
+macro obstacleX(t) (2*t) //""", """macro gapInTime(t) ((x - 1 - 2*(t))^2/80. - 0.01*(t)) //
+macro obstacleX(t) (2*t) //"""]
+    runs = [solved(scene(text, ("SHAPE", shape), name=f"shape{k}"), cells=4, steps=4, **TIGHT)
+            for k, shape in enumerate(shapes)]
+    c = runs[0].contact
+    np.testing.assert_allclose(c["gap"], (c["x"] - 1 - 2 * c["time"])**2 / 80 - 0.01 * c["time"],
+                               atol=1e-9)
+    assert {"open", "slip"} <= set(c["status"].ravel())
+    for other in runs[1:]:
+        np.testing.assert_allclose(other.contact["gap"], c["gap"], atol=1e-9)
+        assert_same_contact(other, runs[0], 1e-6)  # slopes by differences are good to 1e-10
+
+
+def test_an_obstacle_that_does_not_move_is_one_that_stands(solved, scene):
+    """Normals and distances are those of the obstacle, as without a motion."""
+    text = PAD.replace("macro obstacleX(t) (way*(1. - abs(t - 1.))) //",
+                       "macro obstacle(x, y) (sqrt((x - 2)^2 + (y + 9)^2) - 9) //")
+    still = "macro obstacleY(t) 0.*t //\ninclude \"export.idp\""
+    one, other = (solved(path, cells=4, steps=2, **TIGHT) for path in (
+        scene(text, name="stands"), scene(text, ('include "export.idp"', still), name="still")))
+    np.testing.assert_allclose(other.contact["normal_x"], one.contact["normal_x"], atol=1e-9)
+    assert_same_contact(other, one, 1e-7)
+
+
+@pytest.mark.slow  # a run for two tables
+def test_laws_of_displacement_see_the_body_alone(solved, scene):
+    """Friction that depends on |u_t| knows no motion of the floor; ParaView's lines have it."""
+    law = """macro friction() F //
+macro displacementFactor(s) (1. - 10*(s)) //
+real slipRange = 0.1;"""
+    run = solved(scene(PAD, ("macro friction() F //", law),
+                       ("obstacleX(t)", "obstacleY(t) (1e-3*t) //\nmacro obstacleX(t)")),
+                 cells=3, steps=4, fields="yes", **TIGHT)
+    c = run.contact
+    factor = 1 - 10 * np.minimum(np.abs(c["u_t"]), 0.1)
+    assert factor.min() < 0.99
+    np.testing.assert_allclose(c["bound"], -0.3 * factor * c["sigma_n"], rtol=1e-6, atol=1e-12)
+    line = meshio.read(run.directory / contact_file(4)).point_data
+    np.testing.assert_allclose(line["gap"], -2e-3, rtol=1e-9)
+    np.testing.assert_allclose(line["gap"], c["gap"][-1], rtol=1e-9)
+
+
+def test_a_block_on_a_belt_presses_the_stop_with_its_friction(solved, scene):
+    """Nothing else supports it: the belt runs, the stop stands."""
+    run = solved(scene(PAD, ("macro support() on(3, u1 = 0.) //\n", ""),
+                       ("contact() 1", "contact() 1, 2"),
+                       ("macro friction() F", "macro friction() (label == 1 ? F : 0.)"),
+                       ("(way*(1. - abs(t - 1.)))", "(label == 1 ? way*t : 0.)")),
+                 cells=3, steps=2, subdomains=5, **TIGHT)
+    table = read_table(run.directory / "boundaries.csv")
+    last = {label: k for k, label in enumerate(np.array(table["boundary"]).tolist())}
+    normal = np.array(table["normal_resultant"])
+    assert normal[last[1]] == pytest.approx(8.0, rel=1e-8)
+    assert normal[last[2]] == pytest.approx(0.3 * 8.0, rel=1e-8)
+
+
+@pytest.mark.slow  # others cover both parts
+def test_a_floor_moves_below_two_bodies(solved, scene):
+    """It drags the lower one with F N; the pair between the bodies carries that on."""
+    run = solved(scene(PAD, ('subdomains("2x2");\nrectangle(0., 4., 0., 2.);', """
+int[int] below = [5, 6, 7, 8];
+addBody(square(9, 4, [4*x, 1 + y]))
+addBody(square(7, 4, [4*x, y], label = below))
+macro contactPair() 1, 7 //"""), ("contact() 1", "contact() 5"),
+                       ("macro friction() F", "macro friction() (label == 5 ? F : 2*F)")),
+                 steps=4, subdomains=4, **TIGHT)
+    table = read_table(run.directory / "boundaries.csv")
+    drag = np.array(table["force_x"])[-2:]
+    np.testing.assert_allclose(np.abs(drag), 0.3 * 8, rtol=1e-7)
+    assert (run.contact["status"][-1] == "stick").any()  # between the bodies
+
+
+@pytest.mark.slow  # starts processes
+def test_ranks_do_not_change_a_bit(solved, scene):
+    one, other = (solved(scene(PAD), cells=3, steps=4, np=n) for n in (1, 3))
+    for name, values in one.contact.items():
+        np.testing.assert_array_equal(values, other.contact[name])
+
+
+@pytest.mark.slow  # two runs
+def test_leaving_it_out_leaves_the_obstacle_where_it_was(solved, scene):
+    run = solved(scene(PAD), cells=3, steps=2, without="obstacle_motion")
+    assert np.abs(run.contact["slip"][-1]).max() < 1e-2
+    ledger = solved(scene(PAD), cells=3, steps=4, np=1).summary["effects_ledger"]
+    assert ledger["obstacle_motion"]["active"]
+
+
+def test_what_steps_miss_of_a_path_is_said(solved, scene):
+    """Three steps cut off the turn at t = 1, a third of the way, half of the 2/3 that they see;
+    eight end there."""
+    run = solved(scene(PAD, ("contact() 1", "contact() 1, 2"), ("macro friction() F", """
+macro gap() (label == 2 ? 1. : 0.) //
+macro friction() F"""), ("(way*(1. - abs(t - 1.)))", "(label == 1 ? way*(1. - abs(t - 1.)) : 0.)")
+                       ), cells=2, steps=3)
+    said = [line for line in run.summary["warnings"] if "obstacleX" in line]
+    assert len(said) == 1 and "departs by 50 %" in said[0] and "at time 1:" in said[0]
+    run = solved(scene(PAD), cells=3, steps=8, **TIGHT)
+    assert not any("obstacleX" in line for line in run.summary["warnings"])
+
+
+# ---- kinematics ----------------------------------------------------------------------------------
+
+def motion_of(xy, shift, angle, pivot) -> ObstacleMotion:
+    """Motion over two times of one obstacle that nodes at xy (n, 2) meet, with tangents along x."""
+    n = len(xy)
+    return ObstacleMotion(np.array([0.0, 1.0]), np.zeros((2, n)),
+                          np.array([np.zeros((n, 2)), np.tile(shift, (n, 1))]),
+                          np.array([np.zeros(n), np.full(n, angle)]), np.tile(pivot, (n, 1)),
+                          np.array(xy, float), np.tile([1.0, 0.0], (n, 1)))
+
+
+def test_a_surface_that_turns_about_its_middle_goes_round():
+    """By sin(angle) times the radius, between chord and arc; and back the same."""
+    motion = motion_of([[0.0, -2.0], [3.0, -2.0]], [0.0, 0.0], 0.1, [0.0, 0.0])
+    np.testing.assert_allclose(motion.way(0.0, 1.0), 2 * np.sin(0.1), rtol=1e-14)
+    np.testing.assert_allclose(motion.way(1.0, 0.0), -2 * np.sin(0.1), rtol=1e-14)
+
+
+def test_a_roller_does_not_slide_where_it_rests():
+    """v - omega R = 0 half way, to second order in the angle; far above it goes twice as fast."""
+    R, angle = 2.0, 0.01
+    motion = motion_of([[0.0, 0.0], [0.0, 2 * R]], [R * angle, 0.0], -angle, [-R * angle / 2, R])
+    below, above = motion.way(0.0, 1.0)
+    assert abs(below) < R * angle**3
+    assert above == pytest.approx(2 * R * angle, rel=angle**2)
+
+
+def test_the_way_back_is_the_way_there():
+    """For a pivot that shifts, and tangents in any direction: what moved goes back where it was."""
+    motion = motion_of([[0.3, -2.0], [3.0, 1.0]], [0.7, -0.4], 0.3, [0.2, 0.5])
+    motion.tangent = np.array([[0.6, 0.8], [-0.8, 0.6]])
+    np.testing.assert_allclose(motion.way(0.0, 1.0), -motion.way(1.0, 0.0), rtol=1e-14)
+
+
+def test_shifts_of_any_size_are_exact():
+    motion = motion_of([[0.1, 0.3]], [1e6 + 1 / 3, -5.0], 0.0, [1e8, 3.0])
+    assert motion.way(0.0, 1.0)[0] == 1e6 + 1 / 3
+
+
+# ---- misuse --------------------------------------------------------------------------------------
+
+SHIFT = "macro obstacleX(t) (way*(1. - abs(t - 1.))) //"
+SHAPE = "macro obstacle(x, y) (y) //\n"
+
+
+def more(new: str, reason: str):
+    """A mistake of which another one stands in the default tests."""
+    return pytest.param(new, reason, marks=pytest.mark.slow)
+
+
+@pytest.mark.parametrize("new, reason", [
+    ("macro obstacleX(t) sqrt(0.5 - t) //", "obstacleX cannot be evaluated: a number that is none"),
+    more("macro obstacleX(t) (x*t) //", "obstacleX varies along label 1"),
+    more(SHAPE + "macro obstacleAngle(t) t //", "the scene must give obstaclePivot"),
+    more("macro obstacleAngle(t) t //\nmacro obstaclePivot() [0., 0.] //", "shape is not known"),
+    more(SHIFT + "\nmacro obstaclePivot() [0., 0.] //", "obstaclePivot is declared without"),
+    more("macro gap() 0.1 //\nmacro gapInTime(t) t //", "gap and gapInTime are both declared"),
+    ("macro gap() (0.1*x) //\n" + SHIFT, "slides along it, but its gap varies"),
+    more(SHAPE + "macro obstacleInTime(x, y, t) t //", "obstacle and obstacleInTime are both"),
+    ("macro obstacle(x, y) (-1. - y) //\nmacro obstacleY(t) t //", "covers the contact boundary"),
+    more("macro obstacleInTime(x, y, t) (y/(1. - t)) //", "cannot be evaluated"),
+    more("macro obstacleY(t) (1e200*t*1e200) //", "obstacleY is no finite number at the time 0.5"),
+    more("macro axisymmetric() 1 //\n" + SHIFT, "moves an obstacle of revolution off its axis")])
+def test_misuse_is_refused_in_one_line(solved, scene, new, reason):
+    run = solved(scene(PAD, (SHIFT, new)), cells=1, steps=4)
+    assert run.status == 2 and reason in run.reason and "\n" not in run.reason
+
+
+def test_motion_of_what_is_no_obstacle_is_refused(solved, scene):
+    alone = PAD.replace("macro contact() 1 //\n", "").replace("macro friction() F //\n", "")
+    run = solved(scene(alone), cells=1, steps=2)
+    assert run.status == 2 and "obstacleX is declared without contact" in run.reason
+    pair = alone.replace('subdomains("2x2");\nrectangle(0., 4., 0., 2.);', """
+int[int] below = [5, 6, 7, 8];
+addBody(square(4, 2, [4*x, 1 + y]))
+addBody(square(3, 2, [4*x, y], label = below))
+macro contactPair() 1, 7 //""")
+    run = solved(scene(pair), steps=2)
+    assert run.status == 2 and "there is none: bodies of a contactPair" in run.reason
+
+
+# ---- scenes that ship ----------------------------------------------------------------------------
+
+def test_an_indenter_comes_slides_and_goes(solved):
+    """On its way it drags with F times its force, wherever it is; it leaves nothing."""
+    run = solved("indenter", h=0.5, steps=9, rtol=1e-10, friction_rtol=1e-9)
+    table = read_table(run.directory / "boundaries.csv")
+    normal, drag = (np.array(table[f"{name}_resultant"]) for name in ("normal", "tangential"))
+    np.testing.assert_allclose(drag[4:6], -0.3 * normal[4:6], rtol=1e-7)
+    assert normal[2] > 0 and normal[-1] == drag[-1] == 0
+    place = [np.average(run.contact["x"][k], weights=-run.contact["sigma_n"][k] + 1e-30)
+             for k in (2, 5)]
+    assert place[1] - place[0] == pytest.approx(4, abs=0.5)  # its way, to a cell
+
+
+@pytest.mark.slow  # four runs
+def test_a_roller_drags_as_it_creeps(solved):
+    """More creep, more drag, up to F times its force, where all of the contact slides; braked or
+    driven by as much, the difference of the drags has the sign of the creep."""
+    ratio = []
+    for creep in (-0.2, 0.0, 0.005, 0.2):
+        run = solved("roller", h=0.5, creep=creep)
+        table = read_table(run.directory / "boundaries.csv")
+        here = int(np.argmin(np.abs(np.array(table["time"]) - 2)))
+        ratio.append(-table["tangential_resultant"][here] / table["normal_resultant"][here])
+    assert ratio == sorted(ratio)
+    np.testing.assert_allclose([ratio[0], ratio[-1]], [-0.5, 0.5], rtol=1e-6)
