@@ -215,8 +215,8 @@ real slipRange = 0.1;"""
 @pytest.mark.slow  # wear has tests of its own
 def test_a_floor_that_runs_wears_the_block(solved, scene):
     """Archard's law node by node with the way of the floor, which the block itself does not go."""
-    run = solved(scene(PAD, ("macro friction() F //", "macro friction() F //\nmacro wear() 1e-3 //"),
-                       ("(way*(1. - abs(t - 1.)))", "(way*max(0., t - 1.))")), cells=3, steps=8,
+    run = solved(scene(PAD, ("macro friction() F //", """macro friction() F //
+macro wear() 1e-3 //"""), ("(way*(1. - abs(t - 1.)))", "(way*max(0., t - 1.))")), cells=3, steps=8,
                  rtol=1e-11, friction_rtol=1e-9)
     c = run.contact
     worn = np.cumsum(-1e-3 * np.abs(c["slip"]) * c["sigma_n"], axis=0)
