@@ -54,6 +54,7 @@ from driver.scene.loader import read_subdomains
 from driver.scene.manifest import read_manifest
 
 MODEL = environment.ROOT / "edp" / "model.edp"
+pytest_plugins = ["estimated"]  # fixtures of tests/estimates
 
 
 # ------------------------------------------------------------------------------ order
@@ -178,6 +179,11 @@ def built(exported):
         return made[key]
 
     return get
+
+
+def load_response(problem, weights: np.ndarray) -> np.ndarray:
+    """d (owned,) of a dual problem for the load sum_k weights_k f_k, rigid motions included."""
+    return problem.elastic_response(weights) + problem.rigid_response(weights)
 
 
 # ------------------------------------------------------------------------------ runs
