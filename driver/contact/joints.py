@@ -16,7 +16,8 @@ across it.
 
 A node that other conditions constrain as well (a support in this component, contact, another joint)
 has no multiplier: its neighbour on the edge takes the part over, as cross points of mortar methods
-want it. So has a corner of the boundary, where the tractions of one stress are two. So rows stay independent, whatever meets at the ends of joints.
+want it. So has a corner of the boundary, where the tractions of one stress are two. Rows stay
+independent, whatever meets at the ends of joints.
 """
 
 from dataclasses import dataclass, replace

@@ -175,7 +175,8 @@ def describe(variants: list[Variant]) -> str:
     for variant in solved:
         row = variant.row
         costs.append([variant.label, row["primal_dofs"],
-                      sum(row[name] for name in MULTIPLIERS), row["coarse_dofs"], row["dual_multiplications"],
+                      sum(row[name] for name in MULTIPLIERS), row["coarse_dofs"],
+                      row["dual_multiplications"],
                       *(f"{row[f'seconds_{stage}']:.3f}" for stage in STAGES),
                       f"{row['memory_mib']:.0f}"])
     lines = ["", "changes at the end of the run", aligned(changes)]
