@@ -62,7 +62,8 @@ MODEL = environment.ROOT / "edp" / "model.edp"
 # and no process waits long for another. A file that is not named here comes after them.
 LONGEST = ("test_cli", "test_hard", "test_model", "test_resume", "test_scenes_bodies",
            "test_effectivity", "test_pair_bound", "test_goal", "test_scenes_hertz", "test_loader",
-           "test_figures", "test_quadratic", "test_study", "test_accuracy", "test_budget", "test_operator")
+           "test_figures", "test_quadratic", "test_study", "test_accuracy", "test_budget",
+           "test_operator")
 
 
 def pytest_collection_modifyitems(config, items):

@@ -40,7 +40,8 @@ def new_sizes(size: np.ndarray, indicator: np.ndarray, wanted: float, degree: fl
     """(n_t,) sizes that spread the error evenly over about `wanted` triangles of a `degree`.
 
     `size` (n_t,) of the present triangles, `indicator` (n_t,) energy error of each, not squared.
-    In one dimension the same with the edges of a boundary. Triangles that meet a limit leave fewer or more for others, for which the repetition makes up.
+    In one dimension the same with the edges of a boundary. Triangles that
+    meet a limit leave fewer or more for others, for which the repetition makes up.
     """
     if not indicator.any():
         return size * (len(size) / wanted)**(1 / dimension)

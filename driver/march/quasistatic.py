@@ -12,7 +12,6 @@ solves the QP, `fixed_point` finds lambda_n, effects/free_bodies.py moves what n
 """
 
 import time
-from dataclasses import asdict
 
 import numpy as np
 from mpi4py import MPI
@@ -39,8 +38,6 @@ SETTLINGS = 5  # of bodies without support, whose multipliers follow, in a step
 LAST_PART = 1e-6  # of tolerances, below which tightening must at least halve the residuals
 LAST_FRICTION = 1e-4  # likewise, of that of the fixed point
 NEARLY = 1e-3  # imbalance of bodies without support up to which exacter QPs may settle them
-CARRIED = ("counts", "residuals", "steps", "warnings", "contraction", "seconds",
-           "examining")  # of a History
 
 
 class QuasistaticSolver:
@@ -342,71 +339,3 @@ class QuasistaticSolver:
         """
         final, renewed = self.qp.placed(self.rows.follow(x, sliding), d, x, gradient)
         return final, renewed, final - x
-
-    # ---- checkpoints ---------------------------------------------------------------------------
-    def _carried(self) -> dict[str, np.ndarray]:
-        """What friction carries between steps at the rank's tangential rows, (j,) by name."""
-        nodes = self.rows.tangential_node
-        own = {} if self.rows.bound_is_given else {"coefficient": self.rows.coefficient}
-        return {"elastic": self.slip.elastic, **own,
-                **{name: values[nodes] for name, values in self.effects.carried().items()}}
-
-    def snapshot(self) -> dict | None:
-        """All that the next step depends on and that the run reports, on rank 0; collective.
-
-        Arrays follow the global numbering of dual rows and contact nodes, numbers are exact: any
-        number of ranks goes on from it with the same bits.
-        """
-        op, history, rows, carried = self.operator, self.history, self.rows, self._carried()
-        parts = op.comm.gather(
-            (self.multipliers, self.older, self.rows.tangential_node, *carried.values()))
-        if parts is None:
-            return None
-        multipliers, older, node, *values = map(np.concatenate, zip(*parts))
-        by_node = np.zeros((len(carried), len(op.structure.contact.gid)))
-        by_node[:, node] = values
-        product, step, iteration, kind, residual = zip(*history.log) if history.log else ((),) * 5
-        return {
-            "multipliers": multipliers, "older": older, "carried": dict(zip(carried, by_node)),
-            "initial": self.initial, "initial_weights": self.initial_weights,
-            "norm_bound": float(self.qp.bound), "products": op.products,
-            "scales": {name: np.asarray(value) for name, value in self.scales.largest.items()},
-            "deformation": float(self.scales.displacement), "slip_weights": self.slip.weights,
-            "motion": self.motion, "older_motion": self.older_motion, "placed": self.bodies.placed,
-            "log_numbers": np.array([product, step, iteration], np.int64),
-            "log_kind": np.array(kind, str),
-            "log_residual": np.array(residual, float), "fallbacks": history.fallbacks.steps,
-            "history": {name: getattr(history, name) for name in CARRIED},
-            "corners": {} if rows.corners is None else rows.corners.carried(),
-            "doubtful": self.doubtful, "uniqueness": {
-                **asdict(self.uniqueness), "several": list(self.uniqueness.several.items())}
-        }
-
-    def restore(self, state: dict) -> None:
-        """Continue from a `snapshot` of the same problem and settings; the same on every rank."""
-        mine, node = slice(*self.operator.structure.row_range), self.rows.tangential_node
-        history = self.history
-        self.multipliers, self.older = state["multipliers"][mine], state["older"][mine]
-        self.motion, self.older_motion = state["motion"], state["older_motion"]
-        self.bodies.placed = state["placed"]
-        self.slip.elastic = state["carried"]["elastic"][node]
-        self.slip.weights = state["slip_weights"]
-        if not self.rows.bound_is_given:
-            self.rows.coefficient = state["carried"]["coefficient"][node]
-        for name, values in self.effects.carried().items():
-            values[:] = state["carried"][name]
-        self.initial[:], self.initial_weights[:] = state["initial"], state["initial_weights"]
-        if self.rows.corners is not None:
-            self.rows.corners.restore(state["corners"])
-            self.condensation.select()
-        self.qp.bound, self.doubtful = state["norm_bound"], state["doubtful"]
-        self.scales.largest = dict(state["scales"])
-        self.scales.displacement = state["deformation"]
-        several = dict(state["uniqueness"]["several"])
-        self.uniqueness = Uniqueness(**state["uniqueness"] | {"several": several})
-        self.operator.products = state["products"]
-        numbers = state["log_numbers"].tolist()
-        kinds, residuals = state["log_kind"].tolist(), state["log_residual"].tolist()
-        history.log.extend(zip(*numbers, kinds, residuals))
-        history.fallbacks.steps = state["fallbacks"]
-        vars(history).update(state["history"])
