@@ -103,7 +103,8 @@ def violations(body: Assembled, manifest, contact: dict, far: float = 0.0) -> di
     reported, history = Reported.of(body, contact), manifest.factors
     force = reported.forces(body)
     fields = np.array([body.solve(w, body.B.T @ f) for w, f in zip(history[1:], force)])
-    deformation = np.abs(fields).max(initial=far)
+    # lengths, which no turn of the axes changes
+    deformation = np.linalg.norm(fields.reshape(len(fields), -1, 2), axis=2).max(initial=far)
     turned = body.B @ body.motions
     told = np.concatenate([reported.u_n, reported.u_t], axis=1)
     u = fields @ body.B.T
@@ -118,7 +119,8 @@ def violations(body: Assembled, manifest, contact: dict, far: float = 0.0) -> di
     held, rubs = supported(body), rubbing(body)
     over, sigma_n, sigma_t = u_n - gap, reported.sigma_n, reported.sigma_t
     one_sided, over = ~pulling(body, manifest), np.where(held, 0.0, over)
-    closed, beside = np.abs(over) <= RESTS * deformation, corners(body)
+    # what presses touches, to the accuracy that penetration and distance are judged by
+    closed, beside = (np.abs(over) <= RESTS * deformation) | (sigma_n < 0), corners(body)
     alone = closed & ~((closed.astype(int) @ beside) > 0)
     rubs = rubs & (alone | ~beside.any(axis=1))
     balance = [(np.abs(body.motions.T @ (w @ body.loads + body.B.T @ f)),

@@ -5,6 +5,10 @@ friction that needs no pressure is a force even so.
 import numpy as np
 import pytest
 
+from driver.errors import NotConverged
+from driver.march.fixed_point import FixedPoint
+from driver.march.step import Unfinished
+
 BOXES = """include "scene.idp"
 units("m", "Pa");
 subdomains("2");
@@ -111,3 +115,16 @@ def test_a_load_that_steps_see_at_its_zeros_alone_is_none(built, steps_of, scene
     solver, steps = steps_of(problem, **TIGHT)
     assert solver.failure is None
     assert not any(step.multipliers[solver.residuals.contact > 0].any() for step in steps)
+
+
+def test_a_fixed_point_lost_in_rounding_is_no_failure_without_forces(built, steps_of, scene,
+                                                                     monkeypatch):
+    """Where no iteration ends and bodies are driven away, the state without any force is tried."""
+    def lost(self, index, load, x, *_):
+        self.bodies.shift(load, np.full(self.operator.modes, 1e3))
+        raise Unfinished(NotConverged("stagnated"), 1e-20 + x, x)
+
+    monkeypatch.setattr(FixedPoint, "find", lost)
+    resting = built(scene=scene("lid", LID), subdomains="3x1", cells=2, steps=2)
+    solver, steps = steps_of(resting, **TIGHT)
+    assert solver.failure is None and not any(step.multipliers.any() for step in steps)
