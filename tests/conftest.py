@@ -181,6 +181,11 @@ def built(exported):
     return get
 
 
+def load_response(problem, weights: np.ndarray) -> np.ndarray:
+    """d (owned,) of a dual problem for the load sum_k weights_k f_k, rigid motions included."""
+    return problem.elastic_response(weights) + problem.rigid_response(weights)
+
+
 # ------------------------------------------------------------------------------ runs
 
 @dataclass

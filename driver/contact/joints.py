@@ -16,17 +16,20 @@ across it.
 
 A node that other conditions constrain as well (a support in this component, contact, another joint)
 has no multiplier: its neighbour on the edge takes the part over, as cross points of mortar methods
-want it. So rows stay independent, whatever meets at the ends of joints.
+want it. So has a corner of the boundary, where the tractions of one stress are two. So rows stay independent, whatever meets at the ends of joints.
 """
 
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from ..errors import InputError
 from ..feti.gathering import gather
 from ..feti.skeleton import edge_labels, outward_edges
 from . import mortar
+from .nodes import TURN
 
 APART = 0.2  # distance of the sides over their longest edge from which they do not lie together
 CONGRUENT = 1e-6  # distance of the ends of periodic sides over their length that rounding leaves
@@ -69,6 +72,27 @@ class Edges:
         """Those with a label."""
         here = self.label == label
         return Edges(self.label[here], self.gid[here], self.xy[here])
+
+    def smooth_pieces(self) -> tuple[list["Edges"], np.ndarray]:
+        """The edges in pieces that corners divide, and the gids of these corners.
+
+        Tractions of one stress jump at a corner, and multipliers within a piece do not.
+        """
+        x, y = (self.xy[:, 1] - self.xy[:, 0]).T
+        normal = np.column_stack([y, -x]) / np.hypot(x, y)[:, None]
+        gids, vertex = np.unique(self.gid[:, :2], return_inverse=True)
+        vertex = vertex.reshape(-1, 2)
+        before, after = np.full((2, len(gids)), -1)
+        before[vertex[:, 1]], after[vertex[:, 0]] = np.arange(len(vertex)), np.arange(len(vertex))
+        inner = (before >= 0) & (after >= 0)
+        sharp = inner & ((normal[before] * normal[after]).sum(axis=1) < TURN)
+        joins = inner & ~sharp
+        graph = coo_matrix((np.ones(joins.sum()), (before[joins], after[joins])),
+                           shape=(len(vertex),) * 2)
+        count, number = connected_components(graph, directed=False)
+        pieces = [Edges(self.label[here], self.gid[here], self.xy[here])
+                  for here in (number == k for k in range(count))]
+        return pieces, gids[sharp]
 
     def side(self, shift: np.ndarray, revolved: bool) -> tuple[mortar.Side, np.ndarray]:
         """The side that they make, moved by `shift` (2,), and the gids (n,) of its nodes."""
@@ -130,10 +154,27 @@ def _rows(joint: Joint, edges: Edges, crossing: np.ndarray, fixed: np.ndarray,
     """
     one, two = edges.of(joint.first), edges.of(joint.second)
     shift = _translation(joint, one, two, revolved) if joint.periodic else np.zeros(2)
-    first, gids = one.side(np.zeros(2), revolved)
-    second, others = two.side(shift, revolved)
+    side = two.side(shift, revolved)
+    pieces, corners = one.smooth_pieces()
+    crossing, longest = np.append(crossing, corners), max(one.lengths.max(), two.lengths.max())
+    parts = [part for piece in pieces
+             for part in _of_piece(joint, piece, side, crossing, fixed, revolved, longest)]
+    if not sum(len(part["gid"]) for part in parts):
+        raise InputError(f"{_words(joint)} do not face each other, or supports, contact and other "
+                         f"joints constrain all nodes of {joint.first}: name {joint.second} first, "
+                         "or take a finer mesh")
+    return parts
+
+
+def _of_piece(joint: Joint, piece: Edges, side: tuple, crossing: np.ndarray, fixed: np.ndarray,
+              revolved: bool, longest: float) -> list[dict]:
+    """As `_rows` for one piece of the first boundary; `side` the second one and its gids.
+
+    `longest` of all edges.
+    """
+    (first, gids), (second, others) = piece.side(np.zeros(2), revolved), side
     arc, piece = _along(first)
-    parts, longest = [], max(one.lengths.max(), two.lengths.max())
+    parts = []
     for component in (0, 1):
         held = np.isin(2 * gids + component, fixed) | np.isin(gids, crossing)
         try:
@@ -158,10 +199,6 @@ def _rows(joint: Joint, edges: Edges, crossing: np.ndarray, fixed: np.ndarray,
             "length": coupled.length[here], "normal": direction,
             "term_node": place[coupled.node], "term_gid": term_gid, "term_value": coupled.value,
             "term_other": ~own})
-    if not sum(len(part["gid"]) for part in parts):
-        raise InputError(f"{_words(joint)} do not face each other, or supports, contact and other "
-                         f"joints constrain all nodes of {joint.first}: name {joint.second} first, "
-                         "or take a finer mesh")
     return parts
 
 

@@ -72,7 +72,6 @@ class Effect:
     frictional = False  # adds tangential rows
     changes_coefficient = False  # the friction coefficient depends on the state
     closes = False  # nodes yield by a law of their force and slip, see march/closure.py
-    yields = 0.0  # 1 where nodes without force may be beyond the gap by the law's tangent alone
     # quantities of interest that it gives sense to, see results/quantities.py
     quantities: tuple[str, ...] = ()
     # entries of `effects` in summary.json that differ from those of a scene without it

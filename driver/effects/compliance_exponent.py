@@ -17,7 +17,7 @@ FLOOR = 1e-3  # part of the largest closure below which tangents are steeper tha
 class Room(Effect):
     """A nodal column: the exponent m > 0."""
 
-    closes, yields = True, 1.0
+    closes = True
     estimates, why = NONE, "the bound knows no energy of the asperities"
 
     def prepare(self, contact) -> None:

@@ -64,10 +64,6 @@ class DualProblem(ABC):
         factors += zip(weights[self.structure.patterns :], self.motions)
         return sum((w * moved for w, moved in factors), np.zeros(self.owned))
 
-    def load_response(self, weights: np.ndarray) -> np.ndarray:
-        """d (owned,) for the load sum_k weights_k f_k, rigid motions included."""
-        return self.elastic_response(weights) + self.rigid_response(weights)
-
     @abstractmethod
     def deformation(self, multipliers: np.ndarray, weights: np.ndarray) -> float:
         """Largest displacement of a node relative to the rigid motion of its body; collective."""

@@ -34,7 +34,10 @@ def displacement(structure: Substructure, classes: list[LocalClass], vectors: Du
                 rows = structure.rows[s]
                 moved[i] = (rows.coefficient * u[rows.dof]).sum(axis=1)
     glued = vectors.assemble(local * vectors.sign)
-    glued[structure.row_kind[slice(*structure.row_range)] == RowKind.GLUING] = 0.0  # rounding
+    kind = structure.row_kind[slice(*structure.row_range)]
+    glued[kind == RowKind.GLUING] = 0.0  # rounding
+    # what is joined to itself, periodically, does not move either
+    glued[(kind == RowKind.JOINED) & (np.abs(glued) < STILL)] = 0.0
     return glued
 
 

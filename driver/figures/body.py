@@ -25,6 +25,7 @@ SLENDER = 0.25  # or over its smallest side, whichever is less
 LARGE = 0.03  # displacements of this part of the size are shown as they are
 OVERLAP = 0.01  # of the size: bodies may run so far through each other in the picture
 SMALL = 0.12  # a contact of this part of the size has a picture of its own
+BAR = 40  # length of the bar of colours over its thickness
 ROOM = 3.0  # width of that picture over the length of the contact
 
 
@@ -151,8 +152,11 @@ def _stress(figure: Figure, axes, run: Run, mesh: Mesh, moved: np.ndarray, wide:
     # as a bitmap: 1e5 triangles in a PDF would choke a reader
     picture = axes.tripcolor(*moved.T, mesh.triangles, values, shading="gouraud", rasterized=True,
                              cmap="viridis", vmin=0, vmax=limit or 1, zorder=0.5)
-    bar = figure.colorbar(picture, ax=axes, location="bottom" if wide else "right", aspect=40,
-                          pad=0.02, extend="max" if beyond else "neither")
+    width, height = np.ptp(moved, axis=0)
+    thick = max(width, height) / BAR  # of the bar, in units of the picture
+    bar = figure.colorbar(picture, ax=axes, location="bottom" if wide else "right", aspect=BAR,
+                          fraction=max(0.15, thick / (thick + min(width, height))), pad=0.02,
+                          extend="max" if beyond else "neither")
     largest = f", largest value {values.max():.3g}" if beyond else ""
     bar.set_label(f"von Mises stress [{stress.label}]{largest}")
 

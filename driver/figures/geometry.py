@@ -239,4 +239,5 @@ def _note(run: Run, boundary: dict, traction: np.ndarray) -> str:
 
 def _said(value: float, scale: Scale) -> str:
     """A value with its unit, if it has one."""
-    return f"{value * scale.factor:.3g} {scale.label}".removesuffix(" –")
+    times = "·" if scale.label.startswith("$10") else " "
+    return f"{value * scale.factor:.3g}{times}{scale.label}".removesuffix(" –")

@@ -9,6 +9,7 @@ from .reading import Run, select
 from .scales import energy_scale, force_scale, length_scale
 from .style import BLUE, GREEN, INCH, INK, ORANGE, RED
 
+FAINT = 0.15  # a force less than this part of the other has a panel of its own
 CURVES = [BLUE, RED, GREEN, ORANGE, INK]
 
 
@@ -33,31 +34,28 @@ def loading(figure: Figure, run: Run) -> None:
 
 
 def history(figure: Figure, run: Run) -> None:
-    """Contact forces, length in contact, work of friction; iterations of the fixed point small."""
+    """Contact forces, length in contact, work of friction; iterations of the fixed point small.
+
+    Pressing forces are positive. A tangential force that is small beside them has its own panel.
+    """
     table = run.history
-    forces = {"resultant_n": ("normal", RED, "o"), "resultant_t": ("tangential", BLUE, "s")}
-    if not run.friction:
-        del forces["resultant_t"]
-    heights = [3, 2, 2, 0.8] if run.fixed_point else [3, 2, 2] if run.friction else [3, 2]
-    figure.set_figheight((3.4 + 1.35 * sum(heights)) * INCH)
-    panels = figure.subplots(len(heights), sharex=True, height_ratios=heights)
-    scale = force_scale(run, np.concatenate([table[n] for n in forces]))
-    handles = []
-    for name, (word, colour, marker) in forces.items():
-        handles += panels[0].plot(table["time"], table[name] * scale.factor, marker=marker, ms=3,
-                                  color=colour, label=f"{word} resultant")
-    panels[0].axhline(0, color="0.45", lw=0.5, zorder=1)
-    panels[0].set_ylabel(f"contact force\n[{scale.label}]")
-    _over_time(panels[1], table, "contact_length", length_scale, run, "length in\ncontact")
+    forces = [("pressing force", RED, "o", -table["resultant_n"])]
     if run.friction:
-        _over_time(panels[2], table, "dissipated", energy_scale, run, "work of\nfriction")
+        forces.append(("tangential force", BLUE, "s", table["resultant_t"]))
+    largest = [np.abs(values).max() for *_, values in forces]
+    together = [forces] if min(largest) > FAINT * max(largest) else [[force] for force in forces]
+    heights = [3 if len(together) == 1 else 2.5] * len(together) + [2] * (1 + run.friction)
+    heights += [0.8] * run.fixed_point
+    figure.set_figheight((3.4 + 1.35 * sum(heights)) * INCH)
+    panels = list(figure.subplots(len(heights), sharex=True, height_ratios=heights))
+    rest, handles = iter(panels), []
+    for group in together:
+        handles += _forces(next(rest), run, table["time"], group)
+    _over_time(next(rest), table, "contact_length", length_scale, run, "length in\ncontact")
+    if run.friction:
+        _over_time(next(rest), table, "dissipated", energy_scale, run, "work of\nfriction")
     if run.fixed_point:
-        solved = select(table, table["step"] > 0)
-        width = 0.7 * np.diff(solved["time"], prepend=0.0).min()
-        panels[3].bar(solved["time"], solved["fixed_point_iterations"], width, color="0.7")
-        panels[3].set_ylabel("iterations", fontsize=7, color="0.4")
-        panels[3].tick_params(axis="y", labelsize=7, labelcolor="0.4")
-        panels[3].yaxis.set_major_locator(MaxNLocator(2, integer=True))
+        _iterations(next(rest), table)
     for axes in panels:
         axes.grid(color="0.9", lw=0.5)
         axes.set_axisbelow(True)
@@ -66,6 +64,28 @@ def history(figure: Figure, run: Run) -> None:
     total = int(table["fixed_point_iterations"].sum())
     note = f"{total} iterations of the fixed point" if run.fixed_point else ""
     run_header(figure, run, r"Forces and zones on $\Gamma_c$ over time", handles, note)
+
+
+def _forces(axes, run: Run, time: np.ndarray, group: list) -> list:
+    """Forces over time in one panel; legend entries."""
+    scale, lines = force_scale(run, np.concatenate([values for *_, values in group])), []
+    for word, colour, marker, values in group:
+        lines += axes.plot(time, values * scale.factor, marker=marker, ms=3, color=colour,
+                           label=word)
+    axes.axhline(0, color="0.45", lw=0.5, zorder=1)
+    axes.yaxis.set_major_locator(MaxNLocator(5))
+    axes.set_ylabel(f"contact force\n[{scale.label}]")
+    return lines
+
+
+def _iterations(axes, table: dict) -> None:
+    """Iterations of the fixed point in every step, small."""
+    solved = select(table, table["step"] > 0)
+    width = 0.7 * np.diff(solved["time"], prepend=0.0).min()
+    axes.bar(solved["time"], solved["fixed_point_iterations"], width, color="0.7")
+    axes.set_ylabel("iterations", fontsize=7, color="0.4")
+    axes.tick_params(axis="y", labelsize=7, labelcolor="0.4")
+    axes.yaxis.set_major_locator(MaxNLocator(2, integer=True))
 
 
 def _over_time(axes, table: dict, column: str, scale_of, run: Run, name: str) -> None:

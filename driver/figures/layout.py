@@ -4,12 +4,15 @@ import math
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from .reading import Run
 from .scales import length_scale
 from .style import INCH, header, place_header
 
 PANELS = 4  # contact boundaries that fit in one figure
+FLAT = 0.4  # inches; numbers of the axis of a body as flat stand on each other
+LAYOUTS, ENOUGH = 5, 0.02  # layouts until a body is as wide as it can be, to so many inches
 
 
 def run_header(figure: Figure, run: Run, caption: str, handles: list, note: str = "") -> None:
@@ -23,12 +26,25 @@ def run_header(figure: Figure, run: Run, caption: str, handles: list, note: str 
 
 
 def shrink_to_body(figure: Figure, axes) -> None:
-    """Cut the height that equal scales of x and y leave unused; spare width goes to both sides."""
+    """Cut the height that equal scales of x and y leave unused; spare width goes to both sides.
+
+    Names of axes higher than a flat body take room that only the next layout shows.
+    """
     figure.draw_without_rendering()
-    slack = axes.get_position(original=True).height - axes.get_position().height
+    place = axes.get_position()
+    width, shape = place.width, place.height * figure.get_figheight() / place.width
+    slack = axes.get_position(original=True).height - place.height
     figure.set_figheight(figure.get_figheight() * (1 - slack))
     figure.set_layout_engine("compressed")
-    place_header(figure)
+    for _ in range(LAYOUTS):
+        place_header(figure)
+        figure.draw_without_rendering()
+        missing = (width - axes.get_position().width) * shape
+        if missing < ENOUGH:
+            break
+        figure.set_figheight(figure.get_figheight() + missing)
+    if axes.get_position().height * figure.get_figheight() < FLAT:
+        axes.yaxis.set_major_locator(MaxNLocator(1))
 
 
 def map_axes(figure: Figure, run: Run, xy: np.ndarray):

@@ -72,8 +72,8 @@ class Closure:
         for k, room in enumerate(self.rooms):
             law = room.closure(self.nodes, force, slip)
             tangent = self.offset[k] + self.slope[k] * force
-            here = force > 0
-            error += np.where(here, law - tangent, np.maximum(own[k], 0.0) * room.yields)
+            # nodes without force may be beyond the gap where a tangent alone says so
+            error += np.where(force > 0, law - tangent, np.maximum(own[k], 0.0))
             size = max(size, float(np.abs(law).max(initial=0.0)))
         comm = self.qp.operator.comm
         error = comm.allreduce(float(np.abs(error).max(initial=0.0)), op=MPI.MAX)

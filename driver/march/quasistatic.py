@@ -273,7 +273,7 @@ class QuasistaticSolver:
                 x, gradient, sliding = self.corners.find(
                     index, load, x, gradient, sliding, trace, of_friction * settings.friction_rtol)
             except Unfinished as failed:
-                free = self._free_of_forces(load, failed.x, motion)
+                free = self.residuals.free_of_forces(load, failed.x, motion)
                 if free is not None:
                     return free
                 settles = op.modes > 0 and self.bodies.imbalance(load, failed.x) <= NEARLY
@@ -289,7 +289,7 @@ class QuasistaticSolver:
                 gradient = None  # it has followed bodies that went so far: their rounding is in it
             x, gradient, moved = self._into_cone(load.d, x, gradient, sliding)
             residuals = self.residuals.of(load, x, gradient)
-            free = self._free_of_forces(load, x) if self.residuals.faded(x) else None
+            free = self.residuals.free_of_forces(load, x) if self.residuals.faded(x) else None
             if free is not None:
                 return free
             excess = {name: value / self.residuals.asked(name) for name, value in residuals.items()}
@@ -306,24 +306,6 @@ class QuasistaticSolver:
             # not QPs alone are to blame: what forces still change by moves stiff parts, too
             if idle or max(excess["gluing"], excess["penetration"]) <= 1:
                 of_friction *= tighter
-
-    def _free_of_forces(self, load: Load, x: np.ndarray, motion: np.ndarray | None = None):
-        """As `_earned` returns it, the state without any force if that is the solution, else None.
-
-        Bodies have moved by `motion` (modes,) in it, by default where they are. Such a step must
-        not fail for want of digits: forces that are all rounding settle nowhere.
-        """
-        first = self.operator.structure.patterns
-        away = load.weights[first:].copy()
-        if motion is not None:
-            self.bodies.shift(load, motion - away)
-        nothing = np.zeros_like(x), -load.d
-        residuals = self.residuals.of(load, *nothing)
-        if self.residuals.enough(residuals):
-            return *nothing, x, residuals
-        if motion is not None:
-            self.bodies.shift(load, away - motion)
-        return None
 
     def _examine(self, index: int, load: Load, x, gradient, trace: Trace) -> None:
         """Look for other solutions of the step where there is reason to; see `uniqueness`."""

@@ -72,8 +72,9 @@ def _orders(rows: list[dict]) -> str:
              "Between two turns of the load slip zones only grow and slip keeps its direction, so "
              "that a single step ends in the same state: orders in the time step say little here. "
              "On the *rough sphere* of `spence-0.2` contact grows, and one step is far off. "
-             "Adaptive meshes follow the energy of the whole body, not the contact zone: with "
-             "so smooth a solution they gain nothing there.", "",
+             "Adaptive meshes follow the energy of the whole body, and tractions on the contact "
+             "boundary where they bend: with a solution as smooth as that of `zones` they gain "
+             "little.", "",
              "| problem | element | quantity | by | with | errors | order |",
              "| --- | --- | --- | --- | --- | --- | --- |"]
     for row in rows:

@@ -100,6 +100,8 @@ SERIES = (
            MINDLIN),
     Series("two cylinders", "P2", "h", "mindlin-bodies",
            tuple({"h": h, "steps": 12} for h in (0.12, 0.06, 0.03)), HALVED, MINDLIN),
+    Series("two cylinders", "adaptive P2", "h", "mindlin-bodies",
+           tuple({"h": 0.12, "steps": 12, "adapt": n} for n in (0, 1)), HALVED[:2], MINDLIN),
     Series("rough sphere", "P1", "time step", "sphere",
            tuple({"friction": 0.2, "approach": revolution.APPROACH, "h": 2e-4, "steps": n}
                  for n in (1, 2, 4, 8, 16, 32)), (*HALVED, 1 / 8, 1 / 16, 1 / 32), SPHERE),
@@ -115,7 +117,7 @@ def measured(folder: Path) -> list[dict]:
 
 def _rows(series: Series, folder: Path) -> list[dict]:
     case = Case("", "", series.scene, "", series.runs, ())
-    element = "P2" if series.element == "P2" else "P1"
+    element = series.element.split()[-1]
     views = [solve(case, element, run, folder, False) for run in series.runs]
     names = {"h": ("cells", "h"), "time step": ("steps",)}[series.varied]
     values = [assignments({key: value for key, value in run.items() if key in (*names, "adapt")})

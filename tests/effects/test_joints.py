@@ -48,6 +48,23 @@ macro contact() 5 //
 macro tie() 11, 21 //
 include "export.idp"
 """
+# a square in a square hole, tied all round by one label that turns corners
+INCLUSION = HEAD + """border o1(s = 0, 4) { x = s; y = 0; label = 1; }
+border o2(s = 0, 4) { x = 4; y = s; label = 2; }
+border o3(s = 4, 0) { x = s; y = 4; label = 3; }
+border o4(s = 4, 0) { x = 0; y = s; label = 4; }
+border h1(s = 1, 3) { x = s; y = 1; label = 5; }
+border h2(s = 1, 3) { x = 3; y = s; label = 5; }
+border h3(s = 3, 1) { x = s; y = 3; label = 5; }
+border h4(s = 3, 1) { x = 1; y = s; label = 5; }
+addBody(buildmesh(o1(8) + o2(8) + o3(8) + o4(8) + h1(-6) + h2(-5) + h3(-7) + h4(-4)))
+int[int] around = [6, 6, 6, 6];
+addBody(square(5, 9, [1 + 2*x, 1 + 2*y], label = around))
+""" + MATERIAL + """macro support() on(1, u2 = 0) + on(4, u1 = 0) //
+macro load1() pressure(3, 1.) //
+macro tie() 6, 5 //
+include "export.idp"
+"""
 STRIP = HEAD + """border base(s = 0, 1) { x = s; y = 0; label = 1; }
 border right(s = 0, 1) { x = 1 + 0.1*sin(2*pi*s); y = s; label = 2; }
 border top(s = 1, 0) { x = s; y = 1; label = 3; }
@@ -81,15 +98,35 @@ def stresses(run) -> np.ndarray:
 
 @pytest.mark.parametrize("text, options", [
     ("patch", {}), ("patch", {"element": "P2", "subdomains": 5}), ("patch", {"subdomains": 7}),
-    ("four", {"subdomains": 5}), ("side", {"subdomains": 3}),
+    ("four", {"subdomains": 5}), ("side", {"subdomains": 3}), ("inclusion", {"subdomains": 4}),
+    pytest.param("inclusion", {"element": "P2"}, marks=pytest.mark.slow),  # a further mesh
     pytest.param("patch", {"np": 2, "subdomains": 3}, marks=pytest.mark.slow),  # ranks
     pytest.param("four", {"element": "P2"}, marks=pytest.mark.slow),  # a further mesh
     pytest.param("side", {"element": "P2", "np": 2}, marks=pytest.mark.slow)])
 def test_constant_stress_passes(solved, scene, text, options):
     """sigma_yy = -1 in plane strain, everything else zero but sigma_zz: to rounding, 1e-9."""
-    text = {"patch": PATCH, "four": FOUR, "side": SIDE}[text]
+    text = {"patch": PATCH, "four": FOUR, "side": SIDE, "inclusion": INCLUSION}[text]
     stress = stresses(solved(scene(text), **TIGHT, **options))
     np.testing.assert_allclose(stress, np.tile([0, -1, -0.3, 0], (len(stress), 1)), atol=1e-9)
+
+
+def test_rows_are_independent_whatever_meets_at_the_ends_of_ties(built, scene):
+    """Where four ties meet in a point, and beside contact of nodes that match: F is regular."""
+    for text in (FOUR, SIDE.replace("square(5, 3", "square(3, 4")):
+        values = np.linalg.eigvalsh(built(scene(text), subdomains=1).F)
+        assert values[0] > 1e-6 * values[-1]
+
+
+def test_bodies_that_nothing_pushes_settle_at_once(solved, scene):
+    """A body held in one direction by ties alone, with no force in it, needs no other method."""
+    run = solved(scene(FOUR), subdomains=5, **TIGHT)
+    assert not any(run.summary["fallbacks"].values()) and not run.summary["warnings"]
+
+
+def test_what_nothing_balances_is_refused(solved):
+    """A periodic body that contact holds no more flies off, whatever joins it to itself."""
+    run = solved("ripple", h=0.1, without="contact")
+    assert run.status == 3 and "no equilibrium" in run.reason
 
 
 @pytest.mark.slow  # the same once more, of revolution
@@ -226,3 +263,57 @@ def test_a_tie_does_not_depend_on_cut_and_ranks(solved, scene):
 def test_misuse_is_refused_in_one_line(solved, scene, text, old, new, reason):
     run = solved(scene(text, (old, new)))
     assert run.status == 2 and reason in run.reason and "\n" not in run.reason
+
+
+# one body on a floor with a law on every part of it, and another one tied to its top
+LAWS = HEAD + """border floor1(s = 0, 1) { x = s; y = 0; label = 11; }
+border floor2(s = 1, 2) { x = s; y = 0; label = 12; }
+border floor3(s = 2, 3) { x = s; y = 0; label = 13; }
+border floor4(s = 3, 4) { x = s; y = 0; label = 14; }
+border floor5(s = 4, 5) { x = s; y = 0; label = 15; }
+border right(s = 0, 1) { x = 5; y = s; label = 2; }
+border top(s = 5, 0) { x = s; y = 1; label = 3; }
+border left(s = 1, 0) { x = 0; y = s; label = 4; }
+addBody(buildmesh(floor1(5) + floor2(5) + floor3(5) + floor4(5) + floor5(5) + right(5) + top(21)
+                  + left(5)))
+int[int] above = [6, 7, 8, 9];
+addBody(square(17, 3, [5*x, 1 + 0.5*y], label = above))
+""" + MATERIAL + """macro load1() pressure(8, 3.) + traction(7, 3., 20.) //
+macro contact() 11, 12, 13, 14, 15 //
+macro friction() (label == 12 ? 0.3 : 0.) //
+macro tresca() (label == 13 ? 0.5 : 0.) //
+macro cohesion() (label == 14 ? 0.8 : 0.) //
+macro bilateral() (label == 15) //
+macro tie() 6, 3 //
+macro probeLabels() [3, 6] //
+include "export.idp"
+"""
+
+
+def test_every_label_has_its_law(solved, scene):
+    """Frictionless, Coulomb, Tresca, cohesion, bilateral and tied, side by side in one scene.
+
+    Where labels go on in one another a vertex has the mean of both: their ends are left out. The
+    tie carries all loads of the upper body; its whole has only friction against the floor.
+    """
+    run = solved(scene(LAWS), subdomains=3, **TIGHT)
+    assert run.status == 0, run.reason
+    c = {name: column[-1] for name, column in run.contact.items()}
+    inside = np.abs(c["x"] - np.round(c["x"])) > 1e-6
+    shear, pressure = np.abs(c["sigma_t"]), np.maximum(-c["sigma_n"], 0)
+    bound = {11: 0 * pressure, 12: 0.3 * pressure, 13: 0.5 + 0 * pressure, 14: 0.8 + 0 * pressure,
+             15: 0 * pressure}
+    slid = np.abs(c["slip"]) > 1e-6 * np.abs(c["slip"]).max()
+    for label, most in bound.items():
+        here = inside & (c["boundary"] == label)
+        assert here.sum() >= 4
+        np.testing.assert_allclose(c["bound"][here], most[here], rtol=1e-7, atol=1e-9)
+        assert (shear[here] <= most[here] + 1e-7).all()
+        slides = here & slid
+        np.testing.assert_allclose(shear[slides], most[slides], atol=1e-6)
+    pulled = inside & (c["boundary"] == 15)
+    np.testing.assert_allclose(c["u_n"][pulled], 0, atol=1e-9)
+    assert c["sigma_n"][pulled].max() > 0 and c["sigma_n"][inside & ~pulled].max() <= 0
+    table = read_table(run.directory / "probes.csv")
+    force = np.column_stack([table["force_x"], table["force_y"]])
+    np.testing.assert_allclose(force, [[1.5, 10 - 15], [-1.5, 15 - 10]], atol=1e-6)

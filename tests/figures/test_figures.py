@@ -16,8 +16,8 @@ from PIL import Image
 
 from driver import figures
 from driver.errors import InputError
-from driver.figures import (animation, body, contact, convergence, obstacle, outline, redraw,
-                            scales, theory)
+from driver.figures import (animation, body, contact, convergence, history, layout, obstacle,
+                            outline, redraw, scales, style, theory)
 
 ALL = ["geometry", "loading", "deformed", "contact_normal", "contact_tangential", "contact_status",
        "history", "convergence"]
@@ -490,16 +490,53 @@ def test_thinned_convergence_keeps_starts_and_counts_everything(tmp_path):
     assert total == len(table["kind"]) and f"every {every}th iteration" in words(figure)
 
 
-def test_history_shows_forces_per_thickness_and_iterations(drawn):
+def test_history_shows_forces_per_thickness_and_iterations(drawn, run):
     figure = drawn["history"]
-    forces, length, work, iterations = figure.axes
-    assert forces.get_ylabel() == "contact force\n[MN/m]"
+    small = np.abs(run.history["resultant_t"]).max() < history.FAINT * np.abs(
+        run.history["resultant_n"]).max()
+    *forces, length, work, iterations = figure.axes
+    assert len(forces) == 1 + small
+    assert forces[0].get_ylabel() == "contact force\n[MN/m]"
+    pressing = forces[0].lines[0].get_ydata()
+    np.testing.assert_allclose(pressing, -1e-6 * run.history["resultant_n"])
+    assert pressing.max() > 0
     assert length.get_ylabel() == "length in\ncontact\n[m]"
     assert work.get_ylabel() == "work of\nfriction\n[kJ/m]"
     heights = [axes.get_position().height for axes in figure.axes]
     assert heights[0] > 3 * heights[-1]  # physics first
     assert [p.get_height() for p in iterations.patches] == [6] * 20
     assert "120 iterations of the fixed point" in words(figure)
+
+
+def test_forces_of_unlike_size_have_panels_of_their_own(run):
+    """A small tangential force is seen: its curve fills half of its panel or more."""
+    table = {**run.history, "resultant_t": 0.01 * run.history["resultant_n"]}
+    figure = figures.compose("history", dataclasses.replace(run, history=table))
+    pressing, tangential = figure.axes[:2]
+    assert np.ptp(tangential.lines[0].get_ydata()) > 0.5 * np.ptp(tangential.get_ylim())
+    assert len(pressing.lines) == len(tangential.lines) == 2  # the curve, and zero
+    table["resultant_t"] = 0.5 * run.history["resultant_n"]
+    together = figures.compose("history", dataclasses.replace(run, history=table))
+    assert len(together.axes) == len(figure.axes) - 1
+
+
+@pytest.mark.parametrize("high", [1.0, 0.08, 0.015])
+def test_flat_bodies_are_as_wide_as_the_page(high):
+    """Names of axes, which are higher than a flat body, do not make it narrow."""
+    def draw(figure):
+        axes = figure.add_subplot()
+        axes.set_aspect("equal")
+        axes.plot([0, 1, 1, 0, 0], [0, 0, high, high, 0])
+        axes.set(xlabel="x [mm]", ylabel="y [mm]")
+        style.header(figure, "a body", "scene test", [])
+        layout.shrink_to_body(figure, axes)
+
+    figure = style.canvas(draw, 30)
+    place = figure.axes[0].get_position()
+    assert place.width > 0.8
+    assert place.height * figure.get_figheight() == pytest.approx(
+        high * place.width * figure.get_figwidth(), rel=0.1)
+    assert figure.get_figheight() < high * figure.get_figwidth() + 1.5  # inches
 
 
 @pytest.mark.parametrize("unit, peak, label, shown", [
