@@ -34,7 +34,7 @@ def test_the_reference_table_meets_the_aims():
     check(read(REFERENCE))
 
 
-@pytest.mark.slow  # 66 runs and their references: minutes
+@pytest.mark.slow  # 81 runs and their references: minutes
 def test_claims_hold_in_the_runs_of_the_table(tmp_path):
     run_accuracy({"part": "coverage", "out": str(tmp_path)})
     check(read(tmp_path / "coverage.csv"))
