@@ -35,7 +35,8 @@ def spelt(stress: int, length: int, units: dict[str, str]) -> str:
         prefix = PREFIXES.get(a + 2 * b)  # of stress length^2: N, or energy in J over m
         if prefix is not None and REVOLUTION not in units:
             return f"{prefix}N/{units['length']}" if length == 1 else f"{prefix}J/m"
-    length += int(stress == 1 and length > 0 and REVOLUTION in units)
+    # volumes and forces are those of the whole revolution
+    length += int((stress == 1 and length > 0 or length == 2) and REVOLUTION in units)
     parts = [units["stress"]] if stress and units["stress"] not in NONE else []
     if length and units["length"] not in NONE:
         parts.append(units["length"] + {1: "", 2: "²", 3: "³"}[length])

@@ -54,6 +54,7 @@ from driver.scene.loader import read_subdomains
 from driver.scene.manifest import read_manifest
 
 MODEL = environment.ROOT / "edp" / "model.edp"
+pytest_plugins = ["estimated"]  # fixtures of tests/estimates
 
 
 # ------------------------------------------------------------------------------ order
@@ -62,7 +63,8 @@ MODEL = environment.ROOT / "edp" / "model.edp"
 # and no process waits long for another. A file that is not named here comes after them.
 LONGEST = ("test_cli", "test_hard", "test_model", "test_resume", "test_scenes_bodies",
            "test_effectivity", "test_pair_bound", "test_goal", "test_scenes_hertz", "test_loader",
-           "test_figures", "test_quadratic", "test_study", "test_accuracy", "test_budget", "test_operator")
+           "test_figures", "test_quadratic", "test_study", "test_accuracy", "test_budget",
+           "test_operator")
 
 
 def pytest_collection_modifyitems(config, items):
@@ -177,6 +179,11 @@ def built(exported):
         return made[key]
 
     return get
+
+
+def load_response(problem, weights: np.ndarray) -> np.ndarray:
+    """d (owned,) of a dual problem for the load sum_k weights_k f_k, rigid motions included."""
+    return problem.elastic_response(weights) + problem.rigid_response(weights)
 
 
 # ------------------------------------------------------------------------------ runs

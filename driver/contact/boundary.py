@@ -15,8 +15,11 @@ import numpy as np
 from ..errors import InputError
 from ..feti.gathering import gather
 from .chains import chains
-from .motion import ObstacleMotion
 from .nodes import contact_table, merge_parts
+
+NODAL = ("gid", "label", "chain", "xy", "arc", "weight", "length", "normal", "gap", "family",
+         "middle", "normal_row", "tangential_row")  # members of ContactBoundary, arrays (n_c, ...)
+TERMS = ("term_node", "term_gid", "term_value", "term_other")
 
 
 @dataclass
@@ -32,7 +35,7 @@ class ClampedContact:
     normal: np.ndarray
     gap: np.ndarray
     values: np.ndarray
-    motion: ObstacleMotion | None = None
+    motion: object = None  # an ObstacleMotion of contact/motion.py, if any
 
 
 @dataclass
@@ -57,7 +60,9 @@ class ContactBoundary:
     global dual rows, -1 where a node has none (frictionless contact, or a direction that the
     support fixes). What meets at node i is the sum of value_k u(gid_k) over the terms k with
     node_k = i: its own displacement on a rigid obstacle, a mortar jump where `paired`. `edges` are
-    pairs of nodes, those of `clamped` counted on. `corners` (v, 3) as from corner_pairs.py.
+    pairs of nodes, those of `clamped` counted on. `corners` (v, 3) as from corner_pairs.py. The
+    last `joined` entries are no contact nodes but rows of joints.py: without gap and friction, with
+    a component of the displacement in the place of the normal one.
     """
 
     gid: np.ndarray
@@ -84,7 +89,33 @@ class ContactBoundary:
     corners: np.ndarray = field(default_factory=lambda: np.empty((0, 3), int))
     about: Configuration | None = None  # of pairs; None: the initial geometry
     axisymmetric: bool = False
-    motion: ObstacleMotion | None = None  # of the obstacles; None: they stand still
+    motion: object = None  # the ObstacleMotion; None: obstacles stand still
+    joined: int = 0
+
+    @property
+    def is_joint(self) -> np.ndarray:
+        """(n_c,) whether the entry is the row of a joint."""
+        return np.arange(len(self.gid)) >= len(self.gid) - self.joined
+
+    @property
+    def declared(self) -> "ContactBoundary":
+        """The contact nodes without the rows of joints."""
+        if not self.joined:
+            return self
+        count, terms = len(self.gid) - self.joined, ~self.is_joint[self.term_node]
+        parts = {name: getattr(self, name)[:count] for name in NODAL}
+        parts |= {name: getattr(self, name)[terms] for name in TERMS}
+        return replace(self, **parts, joined=0, motion=self.motion and self.motion.of(
+            np.arange(count)), columns={
+                name: column[:count] for name, column in self.columns.items()})
+
+    def renewed(self, columns: dict[str, np.ndarray], gap: np.ndarray,
+                motion) -> "ContactBoundary":
+        """The same with other columns, gaps (n,) and motions of the declared nodes."""
+        none = np.zeros(self.joined)
+        return replace(
+            self, gap=np.append(gap, none), motion=motion and motion.padded(self.joined),
+            columns={name: np.append(column, none) for name, column in columns.items()})
 
     def at(self, time: float) -> "ContactBoundary":
         """The boundary with the distances at `time`; itself where no obstacle moves."""
@@ -172,7 +203,7 @@ def contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm,
     clamped = ClampedContact(*(of[lost] for of in (nodes.gid, nodes.label, nodes.xy, nodes.normal,
                                                    gap)), values, motion and motion.of(lost))
     none = np.full(len(order), -1)
-    return ContactBoundary(
+    boundary = ContactBoundary(
         *(of[order] for of in (nodes.gid, nodes.label, along.number, nodes.xy, along.arc,
                                nodes.weight, length, nodes.normal)),
         {name: of[order] for name, of in nodes.columns.items()}, gap[order],
@@ -181,6 +212,11 @@ def contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm,
         position[along.edges[~paired[along.edges].any(axis=1)]], clamped,
         about=sides and sides.about, axisymmetric=manifest.axisymmetric,
         motion=motion and motion.of(order))
+    if joints := effects.joints:
+        from .joints import with_joints  # here: few scenes need it
+
+        return with_joints(boundary, joints, manifest, subdomains, fixed, comm)
+    return boundary
 
 
 def held_nodes(gid: np.ndarray, fixed) -> np.ndarray:

@@ -13,6 +13,7 @@ def corner_pairs(contact, fixed_keys: np.ndarray) -> np.ndarray:
     `fixed_keys` are 2 gid + component of the displacements that supports fix. Raises InputError
     where more than two nodes depend on one another.
     """
+    contact = contact.declared  # nodes of joints have no other rows
     gids, count = np.unique(contact.gid[contact.normal_row >= 0], return_counts=True)
     pairs = []
     for gid in gids[count > 1]:

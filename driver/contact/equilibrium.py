@@ -55,6 +55,8 @@ def _solve(normal, gap, tangential, pair, coefficient, offset, pulls, work, size
         return np.zeros(len(work))  # no load: no motion
     if np.any(reach[np.abs(work) > SLACK * size] == 0):
         return None  # a motion that no contact resists
+    if not k + j:
+        return np.zeros(len(work))  # nothing pushes, and nothing resists
     reach[reach == 0] = 1.0
     force = np.max(size / reach)
     balance = np.vstack([normal, tangential]).T / reach[:, None]

@@ -49,6 +49,17 @@ class ObstacleMotion:
                        angle=self.angle[:, nodes], pivot=self.pivot[nodes], xy=self.xy[nodes],
                        tangent=self.tangent[nodes])
 
+    def padded(self, count: int) -> "ObstacleMotion":
+        """The same with `count` nodes more, whose obstacles stand still at no distance."""
+        if not count:
+            return self
+        more = {name: np.concatenate([values, np.zeros((*values.shape[:axis], count,
+                                                        *values.shape[axis + 1:]))], axis)
+                for name, axis in (("gap", 1), ("shift", 1), ("angle", 1), ("pivot", 0), ("xy", 0),
+                                   ("tangent", 0))
+                for values in (getattr(self, name),)}
+        return replace(self, **more)
+
     def _index(self, time: float) -> int:
         return int(np.abs(self.times - time).argmin())
 

@@ -71,6 +71,7 @@ class Effect:
 
     frictional = False  # adds tangential rows
     changes_coefficient = False  # the friction coefficient depends on the state
+    closes = False  # nodes yield by a law of their force and slip, see march/closure.py
     # quantities of interest that it gives sense to, see results/quantities.py
     quantities: tuple[str, ...] = ()
     # entries of `effects` in summary.json that differ from those of a scene without it
@@ -94,6 +95,10 @@ class Effect:
     def paired_sides(self, subdomains, fixed, comm, moved=None):
         """Boundaries of two bodies that meet; see effects/pair.py."""
 
+    def joints(self) -> list:
+        """Boundaries that it joins for good: Joint of contact/joints.py."""
+        return []
+
     def friction_coefficient(self, contact) -> np.ndarray | None:
         """(n_c,) F of the friction bound F |lambda_n|."""
 
@@ -116,6 +121,23 @@ class Effect:
         """(j,) factor of the coefficient at displacements u_t, `last` those of the step before."""
         raise NotImplementedError
 
+    # ---- laws by which nodes yield, where it `closes` (march/closure.py) ------------------------
+    def worn(self, nodes: np.ndarray) -> np.ndarray:
+        """(k,) by how much the gap of the contact `nodes` (k,) has grown in the steps before."""
+        return np.zeros(len(nodes))
+
+    def closure(self, nodes, force, slip) -> np.ndarray:
+        """(k,) by how much `nodes` yield under normal forces (k,) and slips (k,) of the step."""
+        raise NotImplementedError
+
+    def reach(self, nodes, force, own) -> float:
+        """Size of the closures `own` (k,), whose largest over the ranks `tangent` gets."""
+        return 0.0
+
+    def tangent(self, nodes, force, own, slip, reach) -> tuple[np.ndarray, np.ndarray]:
+        """Slope and offset (k,) of the law about forces or the closures `own` (k,)."""
+        raise NotImplementedError
+
     # ---- what it carries from step to step ------------------------------------------------------
     def prepare(self, contact) -> None:
         """Allocate what is carried; a solver has effects of its own."""
@@ -124,8 +146,11 @@ class Effect:
         """Arrays (n_c,) by name, each rank's own nodes valid; checkpoints keep them."""
         return {}
 
-    def step_ends(self, nodes: np.ndarray, slip: np.ndarray) -> None:
-        """A step ended in which the contact `nodes` (j,) of the rank have slid by `slip` (j,)."""
+    def step_ends(self, nodes: np.ndarray, slip: np.ndarray, force: np.ndarray) -> None:
+        """A step ended in which the contact `nodes` (j,) of the rank have slid by `slip` (j,).
+
+        With normal forces (j,) at its end.
+        """
 
     def no_estimate(self, weights: np.ndarray) -> str:
         """Why the energy norm is infinite under the pattern factors `weights`, empty if it is not.
@@ -160,6 +185,7 @@ class Effects:
         self.contact = bool(manifest.contact_labels)
         self.frictional = any(room.frictional for room in self)
         self.coefficient_changes = any(room.changes_coefficient for room in self)
+        self.closes = any(room.closes for room in self)
         self.quasistatic = manifest.quasistatic
         self.bodies = manifest.bodies
 
@@ -205,12 +231,19 @@ class Effects:
         sides = (room.paired_sides(subdomains, fixed, comm, moved) for room in self)
         return next((pair for pair in sides if pair is not None), None)
 
+    @property
+    def joints(self) -> list:
+        """Boundaries joined for good, in the order of their declaration."""
+        return [joint for room in self for joint in room.joints()]
+
     def contact_law(self, contact) -> ContactLaw:
         """Friction coefficients and bounds at the contact nodes."""
         coefficient = _sum(room.friction_coefficient(contact) for room in self)
         pulls = _sum(room.pulls(contact) for room in self)
-        return ContactLaw(coefficient, _sum(room.friction_offset(contact) for room in self),
-                          np.zeros(len(contact.weight), bool) if pulls is None else pulls)
+        pulls = np.zeros(len(contact.weight), bool) if pulls is None else pulls
+        if contact.joined:
+            pulls = pulls | contact.is_joint
+        return ContactLaw(coefficient, _sum(room.friction_offset(contact) for room in self), pulls)
 
     def initial_displacement(self, contact) -> np.ndarray:
         """(n_c,) tangential displacement at time 0, zero if none is declared."""
@@ -227,7 +260,8 @@ class Effects:
         `initial` (n_c,) is the tangential displacement at time 0.
         """
         law = self.contact_law(contact)
-        return (law.offset is None and not self.coefficient_changes and contact.motion is None
+        return (law.offset is None and not self.coefficient_changes and not self.closes
+                and contact.motion is None
                 and not contact.gap.any() and not initial.any())
 
     def before_first_step(self, solver) -> None:
@@ -250,10 +284,10 @@ class Effects:
         return {f"{room.name}.{name}": values
                 for room in self for name, values in room.carried().items()}
 
-    def step_ends(self, nodes: np.ndarray, slip: np.ndarray) -> None:
+    def step_ends(self, nodes: np.ndarray, slip: np.ndarray, force: np.ndarray) -> None:
         """A step ended; see Effect."""
         for room in self:
-            room.step_ends(nodes, slip)
+            room.step_ends(nodes, slip, force)
 
     def no_estimate(self, weights: np.ndarray) -> str:
         """Why the error in the energy norm has no estimate under the pattern factors `weights`."""

@@ -5,6 +5,8 @@ is found by the proximal point method: springs hold the bodies (see feti), and t
 moves by what they carry in every iteration of the friction bound until they carry nothing.
 """
 
+import functools
+
 import numpy as np
 from scipy.linalg import block_diag
 
@@ -12,11 +14,13 @@ from ..contact.equilibrium import rigid_equilibrium
 from ..contact.kkt import Scales
 from ..contact.rows import ContactRows
 from ..errors import NoSolution
+from ..feti import free_motions
 from ..qp.anderson import Anderson
 from ..qp.least_distance import least_distance
 from ..text import step_name
 
 SECANTS = 5  # of the rigid motions' response that are combined
+BESIDE = 1e-2  # part of all contact forces on a body beside which its imbalance counts at least
 WEAK = 1e-4  # part of a motion that rows feel, whose square resists it: below all tolerances
 LOOSE = "nothing that touches or sticks holds a rigid motion of a body without support"
 
@@ -116,15 +120,32 @@ class FreeBodies:
         """(modes,) the same of every motion.
 
         Relative to the forces on any motion of the body, which are of one size at its corners: a
-        block that only its weight acts on has nothing but rounding along the floor.
+        block that only its weight acts on has nothing but rounding along the floor. A body with
+        supports in the other directions may have none at all on its free motions.
         """
-        net, size = self.operator.imbalance(x, load.weights)
-        body = [mode.body for mode in self.operator.structure.rigid_modes]
+        op = self.operator
+        net, size = op.imbalance(x, load.weights)
+        body = [mode.body for mode in op.structure.rigid_modes]
         largest = np.zeros(max(body) + 1)
         np.maximum.at(largest, body, size)
+        for number, touched in self._touched.items():
+            largest[number] = max(largest[number], BESIDE * op.dot(touched, np.abs(x)))
         self.scales.renew(work=largest[body])
         work = self.scales.work
         return np.abs(net) / np.where(work > 0, work, 1.0)
+
+    @functools.cached_property
+    def _touched(self) -> dict[int, np.ndarray]:
+        """By body the work (owned,) of unit contact forces on its translations, in any direction.
+
+        Of bodies whose supports leave them less than all motions.
+        """
+        op, modes = self.operator, self.operator.structure.rigid_modes
+        bodies = [mode.body for mode in modes]
+        return {number: free_motions.touched(
+                    op.structure, op.classes, op.vectors,
+                    [mode for mode in modes if mode.body == number])
+                for number in sorted(set(bodies)) if bodies.count(number) < 3}
 
     # ---- what contact and friction leave undetermined -------------------------------------------
     def settle(self, load, x: np.ndarray, gradient: np.ndarray) -> np.ndarray:

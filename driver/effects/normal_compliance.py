@@ -20,8 +20,10 @@ class Room(Effect):
     summary = {"normal_compliance": True}
     estimates, why = NONE, "the bound knows no energy of the asperities"
 
-    def compliance(self, contact) -> np.ndarray:
-        """(n_c,) 1 / (c w)."""
+    def compliance(self, contact) -> np.ndarray | None:
+        """(n_c,) 1 / (c w); with an exponent the law is followed by tangents instead."""
+        if "compliance_exponent" in self.manifest.rooms:
+            return None
         stiffness = contact.columns["normal_compliance"] * contact.weight
         return np.divide(1.0, stiffness, out=np.zeros(len(stiffness)), where=stiffness > 0)
 

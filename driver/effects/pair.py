@@ -6,7 +6,7 @@ from ..contact import mortar
 from ..contact.boundary import Configuration, held_nodes
 from ..errors import InputError
 from ..feti.gathering import gather
-from ..feti.skeleton import edge_labels
+from ..feti.skeleton import edge_labels, outward_edges
 from ..scene.loader import Subdomain
 from . import Effect
 
@@ -33,7 +33,7 @@ class PairSides:
         self.nodes = n = 2 if manifest.element == "P1" else 3  # of an edge
         parts = [np.empty((0, 3 + 5 * n))]
         for s, sub in enumerate(subdomains if len(labels) else ()):
-            edges = _outward_edges(sub.triangles)
+            edges = outward_edges(sub.triangles)
             label = edge_labels(sub.edges, sub.edge_label, np.sort(edges, axis=1))
             edges, label = edges[np.isin(label, labels)], label[np.isin(label, labels)]
             bow, u = np.zeros((len(edges), 2)), np.zeros_like(sub.xy)
@@ -103,12 +103,3 @@ class PairSides:
         edges = inverse.reshape(-1, self.nodes)
         side = mortar.Side(xy.reshape(-1, 2)[first], edges, normal, bow, length, radius)
         return side, gids, self.label[here]
-
-
-def _outward_edges(triangles: np.ndarray) -> np.ndarray:
-    """(n, 2) edges of one triangle only, counterclockwise: the body lies on their left."""
-    edges = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    span = edges.max() + 1
-    _, inverse, counts = np.unique(
-        edges.min(axis=1) * span + edges.max(axis=1), return_inverse=True, return_counts=True)
-    return edges[counts[inverse] == 1]

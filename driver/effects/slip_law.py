@@ -46,6 +46,6 @@ class Room(Effect):
         """The accumulated slip."""
         return {"accumulated_slip": self.accumulated}
 
-    def step_ends(self, nodes: np.ndarray, slip: np.ndarray) -> None:
+    def step_ends(self, nodes: np.ndarray, slip: np.ndarray, force: np.ndarray) -> None:
         """Slip adds up."""
         self.accumulated[nodes] += np.abs(slip)

@@ -40,8 +40,8 @@ def new_sizes(size: np.ndarray, indicator: np.ndarray, wanted: float, degree: fl
     """(n_t,) sizes that spread the error evenly over about `wanted` triangles of a `degree`.
 
     `size` (n_t,) of the present triangles, `indicator` (n_t,) energy error of each, not squared.
-    In one dimension the same with the edges of a boundary. Triangles that meet a limit leave fewer
-    or more for others, for which the repetition makes up.
+    In one dimension the same with the edges of a boundary. Triangles that
+    meet a limit leave fewer or more for others, for which the repetition makes up.
     """
     if not indicator.any():
         return size * (len(size) / wanted)**(1 / dimension)
@@ -110,8 +110,8 @@ def next_mesh(stem: Path, estimator, estimates: list) -> None:
         reason = reasons[0] if reasons else "nothing was estimated"
         raise InputError(f"ADAPT has no error to refine by: {reason}")
     mesh, degree = estimator.body.mesh, elements.DEGREE[estimator.manifest.element]
-    places, sizes = contact_sizes(estimator.contact.boundary,
-                                  [state for _, state in estimator.considered])
+    states = [state for _, state in estimator.considered]
+    places, sizes = contact_sizes(estimator.contact.boundary, states)
     square = sum(e.indicator**2 * (e.mesh > ROUNDING * e.norm) for e in estimates)
     xy = np.zeros((mesh.triangles.max() + 1, 2))
     xy[mesh.triangles] = mesh.corner

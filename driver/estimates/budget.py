@@ -49,9 +49,11 @@ FORMAL = {"mesh": {"P1": 2.0, "P2": 3.0, "P2-mixed": 3.0}, "time": 1.0}
 SECOND_ORDER = ("dissipated_energy",)  # in time, by the trapezoid of its friction bound
 SAFETY, FLOOR, SLOW, PAIR = 1.75, 0.8, 1.5, 4.0
 # of the mesh's part, by quantity: what about 95 of 100 take, or all but one, on 397 triples of
-# meshes of shipped scenes
-CAUTION = {"peak_pressure": 1.6, "normal_resultant": 1.7, "tangential_resultant": 1.1,
-           "contact_length": 1.4, "slip": 1.0, "dissipated_energy": 1.3, "displacement": 1.2}
+# meshes of shipped scenes; of resultants, displacement (1.7, 1.2) and contact length (1.4) less, as
+# adjoint problems and the distance of nodes keep them from being far too small
+CAUTION = {"peak_pressure": 1.6, "normal_resultant": 1.4, "tangential_resultant": 1.1,
+           "contact_length": 1.1, "slip": 1.0, "dissipated_energy": 1.3, "worn_volume": 1.7,
+           "displacement": 1.1}
 OF_TIME = 1.5  # of the time step's part
 FIRST = 0.999  # an observed first order, rounding apart
 SLOWEST = 0.02  # an observed order below this is no convergence
@@ -66,7 +68,7 @@ SMALL = 1e-3  # of it: one that is zero but for an error as large as itself
 UNBOUNDED = ("peak_pressure",)  # may have no limit under refinement
 UNITS = {"peak_pressure": (1, 0), "normal_resultant": (1, 1), "tangential_resultant": (1, 1),
          "contact_length": (0, 1), "slip": (0, 1), "dissipated_energy": (1, 2),
-         "displacement": (0, 1)}  # powers of stress and length
+         "worn_volume": (0, 2), "displacement": (0, 1)}  # powers of stress and length
 
 
 def formal_order(source: str, element: str, name: str) -> float:

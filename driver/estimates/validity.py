@@ -220,6 +220,7 @@ class Validity:
         start, end = (place + moved)[edges[:, :2]].transpose(1, 0, 2)
         body = self.body[edges[:, 0]]
         pairs = {frozenset(pair) for pair in self.problem.manifest.contact_pairs}
+        pairs |= {frozenset((one.first, one.second)) for one in self.problem.effects.joints}
         size = {k: np.ptp(place[edges[body == k, 0]], axis=0).max() for k in np.unique(body)}
         for one in size:
             for two in size:

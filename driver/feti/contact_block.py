@@ -43,6 +43,7 @@ class ContactBlock:
         self.A = self._spread(parts, "A", self.rows, corners)
         self._A_transposed = csr_matrix(self.A.T) if issparse(self.A) else self.A.T.copy()
         self.G = operator.coarse.inverse(corners)
+        self.softness = None  # (n,) diagonal that a step adds
 
     def _local_parts(self, operator, preconditioner) -> list[dict]:
         """Contact rows, corners and matrices of every subdomain with contact, in their order."""
@@ -88,7 +89,8 @@ class ContactBlock:
 
     def apply(self, v: np.ndarray) -> np.ndarray:
         """F_cc v, shape (n,)."""
-        return self.local @ v + self.A @ (self.G @ (self._A_transposed @ v))
+        product = self.local @ v + self.A @ (self.G @ (self._A_transposed @ v))
+        return product if self.softness is None else product + self.softness * v
 
 
 class Galerkin:
@@ -98,7 +100,8 @@ class Galerkin:
     """
 
     def __init__(self, block: ContactBlock, columns: np.ndarray, k: int):
-        self.size, self.G = k, block.G
+        self.size, self.G, self.block = k, block.G, block
+        self._own = columns[:, :, None] * k + columns[:, None, :]
         pair = columns[:, 0] * k + columns[:, 1]
         L, A = (csr_matrix(matrix).tocoo() for matrix in (block.local, block.A))
         self._L = _Sums(L.row, pair[L.col], L.col, L.data)
@@ -120,6 +123,10 @@ class Galerkin:
         T = self._coupling
         T.data = np.bincount(self._slot, self._A(W).ravel(), minlength=len(T.data))
         coarse = T @ (T @ self.G).T
+        if self.block.softness is not None:
+            products = self.block.softness[:, None, None] * W.T[:, :, None] * W.T[:, None, :]
+            local += np.bincount(self._own.ravel(), products.ravel(),
+                                 minlength=k * k).reshape(k, k)
         return local + (coarse + coarse.T) / 2
 
 

@@ -192,6 +192,10 @@ class Deflation:
         self.galerkin = Galerkin(block, self.hats.number, self.hats.count)
         self._free = self._face = None
 
+    def soften(self, softness: np.ndarray) -> None:
+        """Add a diagonal (n,) to F_cc, in the place of the one before."""
+        self.block.softness, self._free, self._face = softness, None, None
+
     def face(self, free: np.ndarray) -> Face:
         """The hats on the contact rows where `free` (n,) is set."""
         if self._free is None or not np.array_equal(free, self._free):

@@ -26,6 +26,7 @@ class DualProblem(ABC):
     """
 
     contact_rows_only = False
+    softness: np.ndarray | None = None  # (owned,) diagonal that a step adds to F
     structure: Substructure
     owned: int
     products = 0
@@ -62,10 +63,6 @@ class DualProblem(ABC):
         factors = [(weights[k], moved) for k, moved in self.travels.items()]
         factors += zip(weights[self.structure.patterns :], self.motions)
         return sum((w * moved for w, moved in factors), np.zeros(self.owned))
-
-    def load_response(self, weights: np.ndarray) -> np.ndarray:
-        """d (owned,) for the load sum_k weights_k f_k, rigid motions included."""
-        return self.elastic_response(weights) + self.rigid_response(weights)
 
     @abstractmethod
     def deformation(self, multipliers: np.ndarray, weights: np.ndarray) -> float:

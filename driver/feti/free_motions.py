@@ -34,8 +34,29 @@ def displacement(structure: Substructure, classes: list[LocalClass], vectors: Du
                 rows = structure.rows[s]
                 moved[i] = (rows.coefficient * u[rows.dof]).sum(axis=1)
     glued = vectors.assemble(local * vectors.sign)
-    glued[structure.row_kind[slice(*structure.row_range)] == RowKind.GLUING] = 0.0  # rounding
+    kind = structure.row_kind[slice(*structure.row_range)]
+    glued[kind == RowKind.GLUING] = 0.0  # rounding
+    # what is joined to itself, periodically, does not move either
+    glued[(kind == RowKind.JOINED) & (np.abs(glued) < STILL)] = 0.0
     return glued
+
+
+def touched(structure: Substructure, classes: list[LocalClass], vectors: DualVectors,
+            modes: list) -> np.ndarray:
+    """(owned,) largest translation by the `modes` of a body times what contact rows feel of it.
+
+    Whatever their directions; gluing rows feel nothing. Collective.
+    """
+    size = max(np.linalg.norm(mode.translation) for mode in modes)
+    local = np.zeros(len(vectors.sign))
+    for c in classes:
+        felt = local[c.rows].reshape(len(c.members), -1)
+        for i, s in enumerate(c.members):
+            if structure.first + s in modes[0].members:
+                felt[i] = size * np.abs(structure.rows[s].coefficient).sum(axis=1)
+    total = vectors.assemble(local * np.abs(vectors.sign))
+    total[structure.row_kind[slice(*structure.row_range)] == RowKind.GLUING] = 0.0
+    return total
 
 
 def spring_compliances(classes: list[LocalClass], vectors: DualVectors,

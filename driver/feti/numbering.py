@@ -63,7 +63,10 @@ def number(manifest, subdomains, first, skeleton, fixed, contact, comm, friction
         tangential_rows = normal_rows[_slides(contact, fixed_keys)[normal_rows]]
 
     # (owner, kind, position) of every row; sorting them gives the numbering
-    kind = np.repeat(list(RowKind), [len(gluing), len(normal_rows), len(tangential_rows)])
+    kind = np.repeat([RowKind.GLUING, RowKind.NORMAL, RowKind.TANGENTIAL],
+                     [len(gluing), len(normal_rows), len(tangential_rows)])
+    kind[len(gluing) : len(gluing) + len(normal_rows)][contact.is_joint[normal_rows]] = (
+        RowKind.JOINED)
     row_gid = np.concatenate([gluing // 2, contact.gid[normal_rows], contact.gid[tangential_rows]])
     row_owner = owner[np.searchsorted(skeleton.gids, row_gid)]
     position = np.concatenate([gluing, normal_rows, tangential_rows])
@@ -147,7 +150,7 @@ def _slides(contact, fixed_keys) -> np.ndarray:
     """
     held = np.isin(2 * contact.gid, fixed_keys) | np.isin(2 * contact.gid + 1, fixed_keys)
     stands = held & ~contact.paired & _acts(contact, contact.normal, fixed_keys)
-    return _acts(contact, contact.tangent, fixed_keys) & ~stands
+    return _acts(contact, contact.tangent, fixed_keys) & ~stands & ~contact.is_joint
 
 
 def _acts(contact, direction: np.ndarray, fixed_keys) -> np.ndarray:

@@ -101,7 +101,8 @@ class DualOperator(DualProblem):
         self._A.multiply(x, force)
         self._A_transposed.multiply(self.coarse.solve(force), y, add=True)
         y *= vectors.sign
-        return vectors.add_up()
+        total = vectors.add_up()
+        return total if self.softness is None else total + self.softness * multipliers
 
     def dot(self, a: np.ndarray, b: np.ndarray) -> float:
         """Global scalar product: partial sums by subdomain, added in their order."""

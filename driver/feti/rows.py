@@ -4,7 +4,8 @@
   such a node belongs to exactly two subdomains i < j), for every displacement component c that is
   not fixed;
 * normal and tangential contact: n.u and t.u at every contact node, corners included, t being n
-  turned by +90 degrees; between two bodies u is the mortar jump of contact/mortar.py.
+  turned by +90 degrees; between two bodies u is the mortar jump of contact/mortar.py;
+* joined: either component of such a jump where boundaries are joined for good (contact/joints.py).
 """
 
 from dataclasses import dataclass
@@ -19,6 +20,7 @@ class RowKind(IntEnum):
     GLUING = 0
     NORMAL = 1
     TANGENTIAL = 2
+    JOINED = 3
 
 
 @dataclass

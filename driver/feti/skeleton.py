@@ -258,6 +258,15 @@ def _edges(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return outer, triangle[alone], np.column_stack([triangle[:-1][same], triangle[1:][same]])
 
 
+def outward_edges(triangles: np.ndarray) -> np.ndarray:
+    """(n, 2) edges of one triangle only, counterclockwise: the body lies on their left."""
+    edges = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    span = edges.max() + 1
+    _, inverse, counts = np.unique(
+        edges.min(axis=1) * span + edges.max(axis=1), return_inverse=True, return_counts=True)
+    return edges[counts[inverse] == 1]
+
+
 def edge_labels(labelled: np.ndarray, labels: np.ndarray, edges: np.ndarray) -> np.ndarray:
     """Labels of edges (n, 2), smaller vertex first, by those of `labelled` (m, 2), else 0."""
     span = 1 + max(labelled.max(initial=0), edges.max(initial=0))

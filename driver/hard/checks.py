@@ -154,8 +154,8 @@ def closed_form(oracle: str, tolerance: float, formula):
 def condition(case: Case, size: dict, outcome: Outcome) -> float:
     """Estimated condition number of the preconditioned dual operator on the last step's face.
 
-    The face holds all gluing rows, the normal rows of nodes that touch and the tangential rows of
-    those that stick. See `face_condition`.
+    The face holds all rows that glue and join, the normal rows of nodes that touch and the
+    tangential rows of those that stick. See `face_condition`.
     """
     environment.start_petsc()
     from mpi4py import MPI
@@ -167,9 +167,9 @@ def condition(case: Case, size: dict, outcome: Outcome) -> float:
 
     manifest, subdomains = exported(case, size)
     operator = DualOperator(build(manifest, subdomains, 0, MPI.COMM_SELF), MPI.COMM_SELF)
-    free = operator.structure.row_kind == RowKind.GLUING
+    free = np.isin(operator.structure.row_kind, [RowKind.GLUING, RowKind.JOINED])
     if outcome.contact:
-        boundary, status = operator.structure.contact, outcome.contact["status"][-1]
+        boundary, status = operator.structure.contact.declared, outcome.contact["status"][-1]
         for rows, wanted in ((boundary.normal_row, status != "open"),
                              (boundary.tangential_row, status == "stick")):
             free[rows[wanted & (rows >= 0)]] = True

@@ -9,6 +9,7 @@ from ..qp import complementarity
 from ..qp.coulomb import CoulombProblem
 from ..feti.compliance import contact_compliance
 from ..feti.dual_problem import DualProblem
+from ..feti.rows import contact_row_numbers
 from ..contact.rows import ContactRows
 from .step import Load
 
@@ -80,8 +81,14 @@ class Condensation:
             self._compliance = contact_compliance(self.operator)
         if self._selected is None:
             self._selected = self._compliance
+            if self.operator.softness is not None:
+                every = np.zeros(self.operator.structure.dual_dofs)
+                every[slice(*self.operator.structure.row_range)] = self.operator.softness
+                every = np.sum(self.operator.comm.allgather(every), axis=0)
+                numbers = contact_row_numbers(self.operator.structure.contact)
+                self._selected = self._compliance + np.diag(every[numbers])
             if self.rows.corners is not None:
-                self._selected = self._compliance[np.ix_(self._acting, self._acting)]
+                self._selected = self._selected[np.ix_(self._acting, self._acting)]
         return self._selected
 
     def solution(self, load: Load, x, gradient, sliding) -> tuple[np.ndarray, np.ndarray] | None:

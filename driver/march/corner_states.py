@@ -73,6 +73,6 @@ class CornerStates:
         if len(wrong):
             where = ", ".join(f"({x:g}, {y:g})" for x, y in self.contact.xy[wrong])
             raise Unfinished(NotConverged(
-                f"{step_name(index)}: no state of contact and friction was found for the two conditions "
-                f"at the corner {where}; smaller steps or a rounded corner may help"), x, gradient,
-                final=True)
+                f"{step_name(index)}: no state of contact and friction was found for the two "
+                f"conditions at the corner {where}; smaller steps or a rounded corner may help"),
+                x, gradient, final=True)

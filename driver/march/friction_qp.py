@@ -41,7 +41,20 @@ class FrictionQP:
         self.stiffer = self.scale / self.softest
         self.bound = self._bound_norm()
         self.preconditioner, self.relaxation = self._accelerators()
-        self.tol = 0.0
+        self.tol, self._rigid_bound = 0.0, self.bound
+
+    def soften(self, softness: np.ndarray) -> None:
+        """Add a diagonal (owned,) to F, in the place of the one before; collective."""
+        op = self.operator
+        op.softness = softness
+        largest = -op.minimum(-float((self.scale**2 * softness).max(initial=0.0)))
+        self.bound = self._rigid_bound + largest
+        if self.relaxation is not None:
+            self.relaxation.norm_bound, deflation = self.bound, self.relaxation.deflation
+            deflation.soften(deflation.block.gather(softness))
+        elif isinstance(self.preconditioner, DeflatedPreconditioner):
+            deflation = self.preconditioner.deflation
+            deflation.soften(deflation.block.gather(softness))
 
     def _bound_norm(self) -> float:
         """Upper bound of the scaled ||F||; the same random start vector for any number of ranks."""

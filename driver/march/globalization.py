@@ -3,8 +3,9 @@
 1. Anderson acceleration of the same map, with its QPs: a few more products.
 2. The contact rows alone, condensed: semismooth Newton from the last iterate, and where that does
    not settle Lemke's method, which finds a solution for any friction coefficient. It may fail for
-   bodies without support and contact that pulls: then friction that grows from less, states that
-   violate the law less and less, and branch and bound over all states.
+   bodies without support and contact that pulls: then branch and bound over all states, which
+   may prove that there is no solution, friction that grows from less, and states that violate the
+   law less and less.
 
 Smaller steps are not among them: a time step has a solution whatever its size.
 """
@@ -47,21 +48,26 @@ class Fallbacks:
 
 def solve_condensed(problem: CoulombProblem, start: np.ndarray) -> tuple[np.ndarray | None, str]:
     """A solution z of the condensed problem, and the method that found it; None if none did."""
-    ways = ((NEWTON, lambda: _newton_from_all_alike(problem)),
-            (LEMKE, lambda: complementarity.lemke(problem)),
-            (CONTINUATION, lambda: _with_growing_friction(problem, start)),
-            (SEARCH, lambda: _descended(problem, start)),
-            (SEARCH, lambda: search_states(problem, complementarity.newton).solution))
-    if not problem.k and not problem.bilateral.any():
-        ways = ways[1:]  # Lemke's method is sure to end, and looks at no state in vain
     z = complementarity.newton(problem, start)
     if z is not None:
         return z, NEWTON
+    ways = [(LEMKE, lambda: complementarity.lemke(problem))]
+    if problem.k or problem.bilateral.any():  # else Lemke's method is sure to end
+        ways = [(NEWTON, lambda: _newton_from_all_alike(problem)), *ways]
     for method, look in ways:
         z = look()
         if z is not None:
             return z, method
-    return None, ""
+    if problem.n > MOST_NODES:
+        return None, ""
+    found = search_states(problem)
+    if found.solution is not None or found.certain:
+        return found.solution, SEARCH
+    if problem.coefficient.any():
+        z = with_growing_friction(problem, start)
+        if z is not None:
+            return z, CONTINUATION
+    return _descended(problem, start), SEARCH
 
 
 def _newton_from_all_alike(problem: CoulombProblem) -> np.ndarray | None:
@@ -70,16 +76,8 @@ def _newton_from_all_alike(problem: CoulombProblem) -> np.ndarray | None:
     return next((z for z in ends if z is not None), None)
 
 
-def _with_growing_friction(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
-    """A solution by way of less friction, where there are not too many nodes to look for one."""
-    few = problem.n <= MOST_NODES and problem.coefficient.any()
-    return with_growing_friction(problem, start) if few else None
-
-
 def _descended(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
-    """The first solution down from the start, or from all nodes alike."""
-    if problem.n > MOST_NODES:
-        return None
-    ends = (complementarity.descend(problem, z)
-            for z in (start, *complementarity.all_alike(problem)))
+    """The first solution down from the start, or from all nodes sticking."""
+    starts = start, *complementarity.all_alike(problem)[:1]
+    ends = (complementarity.descend(problem, z) for z in starts)
     return next((z for z in ends if z is not None), None)

@@ -12,7 +12,6 @@ solves the QP, `fixed_point` finds lambda_n, effects/free_bodies.py moves what n
 """
 
 import time
-from dataclasses import asdict
 
 import numpy as np
 from mpi4py import MPI
@@ -32,15 +31,13 @@ from .friction_qp import FrictionQP
 from .residuals import Residuals
 from .slip import FAR, SlipState
 from .step import History, Load, Step, StepFailed, Trace, Unfinished
-from .supported import SupportedBodies
+from .supported import RigidSurfaces, SupportedBodies
 from .uniqueness import CHANGING, Uniqueness, too_many, worthwhile
 
 SETTLINGS = 5  # of bodies without support, whose multipliers follow, in a step
 LAST_PART = 1e-6  # of tolerances, below which tightening must at least halve the residuals
 LAST_FRICTION = 1e-4  # likewise, of that of the fixed point
 NEARLY = 1e-3  # imbalance of bodies without support up to which exacter QPs may settle them
-CARRIED = ("counts", "residuals", "steps", "warnings", "contraction", "seconds",
-           "examining")  # of a History
 
 
 class QuasistaticSolver:
@@ -71,6 +68,7 @@ class QuasistaticSolver:
             CornerStates(self.fixed_point, operator.structure.contact))
         own = 0.0 if self.rows.bound_is_given else float(self.rows.coefficient.max(initial=0))
         self.largest_friction = operator.comm.allreduce(own, op=MPI.MAX)
+        self.closure = self._closure()
         self.uniqueness = Uniqueness(self.largest_friction > 0)
         self.doubtful = False
         self.loads = [self._size(index) for index in range(1, len(times))]
@@ -85,6 +83,14 @@ class QuasistaticSolver:
         from ..effects.free_bodies import FreeBodies
 
         return FreeBodies(self.operator, self.rows, self.effects, self.scales, self.history)
+
+    def _closure(self):
+        """What laws of rough or worn surfaces need, imported only where there are such laws."""
+        if not self.effects.closes:
+            return RigidSurfaces()
+        from .closure import Closure
+
+        return Closure(self.qp, self.effects, self.residuals)
 
     def steps(self):
         """Generate the `Step`s after those in `history`. StepFailed where one has no solution."""
@@ -133,7 +139,8 @@ class QuasistaticSolver:
         patterns = self.operator.structure.patterns
         self.motion, self.older_motion = step.weights[patterns :], self.motion
         slip = self.slip.advance(step.multipliers, step.gradient, step.weights, self.scales)
-        self.effects.step_ends(self.rows.tangential_node, slip)
+        self.effects.step_ends(self.rows.tangential_node, slip,
+                               step.multipliers[self.rows.pair])
         self._record(step)
         return step, error
 
@@ -173,10 +180,12 @@ class QuasistaticSolver:
         known = rows.coefficient, rows.offset, slip.coefficient
         rows.coefficient, rows.offset, slip.coefficient = smooth, None, smooth
         try:
+            self.closure.begin_step(False, slides=False)
             x = np.zeros(self.operator.owned)
             load = self.load(0, self.bodies.can_rest(0, self.amplitudes[0]), x)
             self.scales.renew(d=load.extent)
-            x, gradient, _, _ = self._settled(0, load, x, -load.d, smooth, Trace())
+            x, gradient, _, _ = self.closure.settled(
+                0, load, (x, -load.d, smooth), Trace(), self._settled)
         finally:
             rows.coefficient, rows.offset, slip.coefficient = known
         self.scales.keep()
@@ -213,12 +222,14 @@ class QuasistaticSolver:
         """
         op, rows = self.operator, self.rows
         products, trace, error = op.products, Trace(), None
+        self.closure.begin_step(self.contact.motion is not None)
         moved = op.apply(x)
         load = self.load(index, motion, moved)
         self.scales.renew(d=load.extent)
         try:
             start = x, moved - load.d, sliding
-            x, gradient, moved, residuals = self._settled(index, load, *start, trace)
+            x, gradient, moved, residuals = self.closure.settled(index, load, start, trace,
+                                                                 self._settled)
             self._examine(index, load, x, gradient, trace)
             self.bodies.note_loose_motion(index, x)
         except Unfinished as failure:
@@ -262,7 +273,7 @@ class QuasistaticSolver:
                 x, gradient, sliding = self.corners.find(
                     index, load, x, gradient, sliding, trace, of_friction * settings.friction_rtol)
             except Unfinished as failed:
-                free = self._free_of_forces(load, failed.x, motion)
+                free = self.residuals.free_of_forces(load, failed.x, motion)
                 if free is not None:
                     return free
                 settles = op.modes > 0 and self.bodies.imbalance(load, failed.x) <= NEARLY
@@ -278,7 +289,7 @@ class QuasistaticSolver:
                 gradient = None  # it has followed bodies that went so far: their rounding is in it
             x, gradient, moved = self._into_cone(load.d, x, gradient, sliding)
             residuals = self.residuals.of(load, x, gradient)
-            free = self._free_of_forces(load, x) if self.residuals.faded(x) else None
+            free = self.residuals.free_of_forces(load, x) if self.residuals.faded(x) else None
             if free is not None:
                 return free
             excess = {name: value / self.residuals.asked(name) for name, value in residuals.items()}
@@ -296,24 +307,6 @@ class QuasistaticSolver:
             if idle or max(excess["gluing"], excess["penetration"]) <= 1:
                 of_friction *= tighter
 
-    def _free_of_forces(self, load: Load, x: np.ndarray, motion: np.ndarray | None = None):
-        """As `_earned` returns it, the state without any force if that is the solution, else None.
-
-        Bodies have moved by `motion` (modes,) in it, by default where they are. Such a step must
-        not fail for want of digits: forces that are all rounding settle nowhere.
-        """
-        first = self.operator.structure.patterns
-        away = load.weights[first:].copy()
-        if motion is not None:
-            self.bodies.shift(load, motion - away)
-        nothing = np.zeros_like(x), -load.d
-        residuals = self.residuals.of(load, *nothing)
-        if self.residuals.enough(residuals):
-            return *nothing, x, residuals
-        if motion is not None:
-            self.bodies.shift(load, away - motion)
-        return None
-
     def _examine(self, index: int, load: Load, x, gradient, trace: Trace) -> None:
         """Look for other solutions of the step where there is reason to; see `uniqueness`."""
         search, choice, nodes = self.uniqueness, self.settings.uniqueness, self.condensation.n
@@ -321,7 +314,8 @@ class QuasistaticSolver:
         if not search.frictional or search.failure or (
                 not worthwhile(choice, nodes, self.largest_friction, self.doubtful)):
             return
-        search.failure = CHANGING if self.effects.coefficient_changes else too_many(nodes)
+        changes = self.effects.coefficient_changes or self.effects.closes
+        search.failure = CHANGING if changes else too_many(nodes)
         if search.failure:
             return
         clock = time.perf_counter()
@@ -345,71 +339,3 @@ class QuasistaticSolver:
         """
         final, renewed = self.qp.placed(self.rows.follow(x, sliding), d, x, gradient)
         return final, renewed, final - x
-
-    # ---- checkpoints ---------------------------------------------------------------------------
-    def _carried(self) -> dict[str, np.ndarray]:
-        """What friction carries between steps at the rank's tangential rows, (j,) by name."""
-        nodes = self.rows.tangential_node
-        own = {} if self.rows.bound_is_given else {"coefficient": self.rows.coefficient}
-        return {"elastic": self.slip.elastic, **own,
-                **{name: values[nodes] for name, values in self.effects.carried().items()}}
-
-    def snapshot(self) -> dict | None:
-        """All that the next step depends on and that the run reports, on rank 0; collective.
-
-        Arrays follow the global numbering of dual rows and contact nodes, numbers are exact: any
-        number of ranks goes on from it with the same bits.
-        """
-        op, history, rows, carried = self.operator, self.history, self.rows, self._carried()
-        parts = op.comm.gather(
-            (self.multipliers, self.older, self.rows.tangential_node, *carried.values()))
-        if parts is None:
-            return None
-        multipliers, older, node, *values = map(np.concatenate, zip(*parts))
-        by_node = np.zeros((len(carried), len(op.structure.contact.gid)))
-        by_node[:, node] = values
-        product, step, iteration, kind, residual = zip(*history.log) if history.log else ((),) * 5
-        return {
-            "multipliers": multipliers, "older": older, "carried": dict(zip(carried, by_node)),
-            "initial": self.initial, "initial_weights": self.initial_weights,
-            "norm_bound": float(self.qp.bound), "products": op.products,
-            "scales": {name: np.asarray(value) for name, value in self.scales.largest.items()},
-            "deformation": float(self.scales.displacement), "slip_weights": self.slip.weights,
-            "motion": self.motion, "older_motion": self.older_motion, "placed": self.bodies.placed,
-            "log_numbers": np.array([product, step, iteration], np.int64),
-            "log_kind": np.array(kind, str),
-            "log_residual": np.array(residual, float), "fallbacks": history.fallbacks.steps,
-            "history": {name: getattr(history, name) for name in CARRIED},
-            "corners": {} if rows.corners is None else rows.corners.carried(),
-            "doubtful": self.doubtful, "uniqueness": {
-                **asdict(self.uniqueness), "several": list(self.uniqueness.several.items())}
-        }
-
-    def restore(self, state: dict) -> None:
-        """Continue from a `snapshot` of the same problem and settings; the same on every rank."""
-        mine, node = slice(*self.operator.structure.row_range), self.rows.tangential_node
-        history = self.history
-        self.multipliers, self.older = state["multipliers"][mine], state["older"][mine]
-        self.motion, self.older_motion = state["motion"], state["older_motion"]
-        self.bodies.placed = state["placed"]
-        self.slip.elastic = state["carried"]["elastic"][node]
-        self.slip.weights = state["slip_weights"]
-        if not self.rows.bound_is_given:
-            self.rows.coefficient = state["carried"]["coefficient"][node]
-        for name, values in self.effects.carried().items():
-            values[:] = state["carried"][name]
-        self.initial[:], self.initial_weights[:] = state["initial"], state["initial_weights"]
-        if self.rows.corners is not None:
-            self.rows.corners.restore(state["corners"])
-            self.condensation.select()
-        self.qp.bound, self.doubtful = state["norm_bound"], state["doubtful"]
-        self.scales.largest = dict(state["scales"])
-        self.scales.displacement = state["deformation"]
-        several = dict(state["uniqueness"]["several"])
-        self.uniqueness = Uniqueness(**state["uniqueness"] | {"several": several})
-        self.operator.products = state["products"]
-        numbers = state["log_numbers"].tolist()
-        kinds, residuals = state["log_kind"].tolist(), state["log_residual"].tolist()
-        history.log.extend(zip(*numbers, kinds, residuals))
-        history.fallbacks.steps = state["fallbacks"]
-        vars(history).update(state["history"])

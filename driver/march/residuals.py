@@ -43,6 +43,24 @@ class Residuals:
         size = self._size(x)
         return 0 < size and (self.still or size <= least)
 
+    def free_of_forces(self, load: Load, x: np.ndarray, motion: np.ndarray | None = None):
+        """Multipliers, gradient, change from x and residuals of the state without any force.
+
+        None if that is no solution. Bodies have moved by `motion` (modes,) in it, by default where
+        they are. Forces that are all rounding settle nowhere: no step must fail for want of digits.
+        """
+        first = self.operator.structure.patterns
+        away = load.weights[first:].copy()
+        if motion is not None:
+            self.bodies.shift(load, motion - away)
+        nothing = np.zeros_like(x), -load.d
+        residuals = self.of(load, *nothing)
+        if self.enough(residuals):
+            return *nothing, x, residuals
+        if motion is not None:
+            self.bodies.shift(load, away - motion)
+        return None
+
     def _size(self, x: np.ndarray) -> float:
         """Norm of the contact forces in x."""
         return np.sqrt(self.operator.dot(self.contact * x, x))

@@ -7,6 +7,7 @@ on with the same bits.
 """
 
 import time
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,10 @@ from ..errors import agreed_writes
 from . import checkpoint
 from .quasistatic import QuasistaticSolver
 from .step import Step
+from .uniqueness import Uniqueness
+
+CARRIED = ("counts", "residuals", "steps", "warnings", "contraction", "seconds",
+           "examining")  # of a History
 
 
 class Checkpoints:
@@ -36,7 +41,7 @@ class Checkpoints:
         state = self.comm.bcast(checkpoint.read(self.directory) if self.comm.rank == 0 else None)
         if state is None:
             return []
-        self.solver.restore(state["solver"])
+        restore(self.solver, state["solver"])
         self.saved = _unstacked(state["steps"])
         return [_scattered(step, self.solver) for step in self.saved]
 
@@ -51,7 +56,7 @@ class Checkpoints:
             return
         self.saved += [_gathered(step, self.solver) for step in self.unsaved]
         self.unsaved = []
-        state = {"fingerprint": self.identity, "solver": self.solver.snapshot()}
+        state = {"fingerprint": self.identity, "solver": snapshot(self.solver)}
         with agreed_writes(self.comm):
             if self.comm.rank == 0:
                 checkpoint.write(self.directory,
@@ -59,6 +64,81 @@ class Checkpoints:
         now = time.perf_counter()
         self.next = now + (now - start) / checkpoint.SHARE
 
+
+# ---- of the solver ------------------------------------------------------------------------------
+
+def _carried(solver: QuasistaticSolver) -> dict[str, np.ndarray]:
+    """What friction carries between steps at the rank's tangential rows, (j,) by name."""
+    nodes = solver.rows.tangential_node
+    own = {} if solver.rows.bound_is_given else {"coefficient": solver.rows.coefficient}
+    return {"elastic": solver.slip.elastic, **own,
+            **{name: values[nodes] for name, values in solver.effects.carried().items()}}
+
+
+def snapshot(solver: QuasistaticSolver) -> dict | None:
+    """All that the next step depends on and that the run reports, on rank 0; collective.
+
+    Arrays follow the global numbering of dual rows and contact nodes, numbers are exact: any
+    number of ranks goes on from it with the same bits.
+    """
+    op, history, rows, carried = solver.operator, solver.history, solver.rows, _carried(solver)
+    parts = op.comm.gather(
+        (solver.multipliers, solver.older, solver.rows.tangential_node, *carried.values()))
+    if parts is None:
+        return None
+    multipliers, older, node, *values = map(np.concatenate, zip(*parts))
+    by_node = np.zeros((len(carried), len(op.structure.contact.gid)))
+    by_node[:, node] = values
+    product, step, iteration, kind, residual = zip(*history.log) if history.log else ((),) * 5
+    return {
+        "multipliers": multipliers, "older": older, "carried": dict(zip(carried, by_node)),
+        "initial": solver.initial, "initial_weights": solver.initial_weights,
+        "norm_bound": float(solver.qp.bound), "products": op.products,
+        "scales": {name: np.asarray(value) for name, value in solver.scales.largest.items()},
+        "deformation": float(solver.scales.displacement), "slip_weights": solver.slip.weights,
+        "motion": solver.motion, "older_motion": solver.older_motion,
+        "placed": solver.bodies.placed,
+        "log_numbers": np.array([product, step, iteration], np.int64),
+        "log_kind": np.array(kind, str),
+        "log_residual": np.array(residual, float), "fallbacks": history.fallbacks.steps,
+        "history": {name: getattr(history, name) for name in CARRIED},
+        "corners": {} if rows.corners is None else rows.corners.carried(),
+        "doubtful": solver.doubtful, "uniqueness": {
+            **asdict(solver.uniqueness), "several": list(solver.uniqueness.several.items())}
+    }
+
+
+def restore(solver: QuasistaticSolver, state: dict) -> None:
+    """Continue from a `snapshot` of the same problem and settings; the same on every rank."""
+    mine, node = slice(*solver.operator.structure.row_range), solver.rows.tangential_node
+    history = solver.history
+    solver.multipliers, solver.older = state["multipliers"][mine], state["older"][mine]
+    solver.motion, solver.older_motion = state["motion"], state["older_motion"]
+    solver.bodies.placed = state["placed"]
+    solver.slip.elastic = state["carried"]["elastic"][node]
+    solver.slip.weights = state["slip_weights"]
+    if not solver.rows.bound_is_given:
+        solver.rows.coefficient = state["carried"]["coefficient"][node]
+    for name, values in solver.effects.carried().items():
+        values[:] = state["carried"][name]
+    solver.initial[:], solver.initial_weights[:] = state["initial"], state["initial_weights"]
+    if solver.rows.corners is not None:
+        solver.rows.corners.restore(state["corners"])
+        solver.condensation.select()
+    solver.qp.bound, solver.doubtful = state["norm_bound"], state["doubtful"]
+    solver.scales.largest = dict(state["scales"])
+    solver.scales.displacement = state["deformation"]
+    several = dict(state["uniqueness"]["several"])
+    solver.uniqueness = Uniqueness(**state["uniqueness"] | {"several": several})
+    solver.operator.products = state["products"]
+    numbers = state["log_numbers"].tolist()
+    kinds, residuals = state["log_kind"].tolist(), state["log_residual"].tolist()
+    history.log.extend(zip(*numbers, kinds, residuals))
+    history.fallbacks.steps = state["fallbacks"]
+    vars(history).update(state["history"])
+
+
+# ---- of finished steps --------------------------------------------------------------------------
 
 def _gathered(step: Step, solver: QuasistaticSolver) -> dict | None:
     """A step as numbers and arrays of the whole problem by row and contact node, on rank 0."""

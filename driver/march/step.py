@@ -49,6 +49,11 @@ class Load:
     def __post_init__(self):
         self.start = self.weights.copy(), self.d.copy()
 
+    def widen(self, change: np.ndarray) -> None:
+        """Add `change` (owned,) to d, where gaps get smaller by it; bodies stay where they are."""
+        self.d = self.d + change
+        self.start = self.start[0], self.start[1] + change
+
     def move(self, motions: list[np.ndarray], change: np.ndarray) -> np.ndarray:
         """Move bodies by `change` (modes,) of their `motions` of dual rows; the change of d."""
         (weights, d), before, first = self.start, self.d, len(self.weights) - len(motions)

@@ -1,4 +1,7 @@
-"""Bodies that supports hold: the interface of effects/free_bodies.py with nothing to do."""
+"""Bodies that supports hold and surfaces that do not yield: interfaces with nothing to do.
+
+Those of effects/free_bodies.py and of closure.py.
+"""
 
 import numpy as np
 
@@ -29,3 +32,14 @@ class SupportedBodies:
 
     def note_loose_motion(self, index: int, x: np.ndarray) -> None:
         """No motion is loose."""
+
+
+class RigidSurfaces:
+    """No node yields by a law of its own: the step's equations are all there is."""
+
+    def begin_step(self, moving: bool, slides: bool = True) -> None:
+        """Nothing has worn away."""
+
+    def settled(self, index: int, load, start: tuple, trace, solve):
+        """What `solve` finds."""
+        return solve(index, load, *start, trace)

@@ -23,7 +23,8 @@ def build(manifest: Manifest, subdomains: list[Subdomain], first: int, comm,
     effects, skeleton = Effects(manifest), Skeleton(manifest, subdomains, comm)
     skeleton.check_conformity(comm)
     skeleton.check_connected()
-    skeleton.check_overlap(np.unique(manifest.contact_pairs))
+    skeleton.check_overlap(np.unique([*manifest.contact_pairs,
+                                      *([joint.first, joint.second] for joint in effects.joints)]))
     fixed = fixed_dofs(manifest, subdomains, comm)
     sides = effects.paired_sides(subdomains, fixed, comm, moved)
     contact = contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm, sides)

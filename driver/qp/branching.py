@@ -18,10 +18,11 @@ import numpy as np
 from scipy.sparse import csc_matrix
 
 from ..environment import silenced
-from .coulomb import BACKWARD, FORWARD, OPEN, STICK, CoulombProblem
+from .complementarity import BRIEFLY, newton
+from .coulomb import CoulombProblem
 
 MOST_NODES = 60  # contact nodes up to which states are searched
-PROGRAMS = 600  # linear programs in a search, at most
+PROGRAMS = 200  # linear programs in a search, at most
 ANY, APART, PRESSES, PULLS = range(4)  # of contact
 STICKS, FORTH, BACK = range(1, 4)  # of friction; ANY
 NOTHING = 1e-7  # of forces and movements of order one: what linear programs leave of zero
@@ -36,22 +37,22 @@ class Search:
     certain: bool
 
 
-def search_states(problem: CoulombProblem, newton) -> Search:
-    """Look for a solution in all states; `newton` (problem, z) -> z or None.
+def search_states(problem: CoulombProblem) -> Search:
+    """Look for a solution in all states.
 
     In the order of depth first, deterministic. Not certain where there are more than MOST_NODES, or
     more linear programs than PROGRAMS would be needed, or rounding hides a solution.
     """
     if problem.n > MOST_NODES:
         return Search(None, False)
-    return _Search(problem, newton).run()
+    return _Search(problem).run()
 
 
 class _Search:
     """One search; unknowns over their sizes: forces, and motions by reach."""
 
-    def __init__(self, problem: CoulombProblem, newton):
-        self.problem, self.newton = problem, newton
+    def __init__(self, problem: CoulombProblem):
+        self.problem = problem
         n, m, k = problem.n, problem.m, problem.k
         C, R = problem.compliance, problem.motions / problem.reach
         soft = np.diag(C).max()
@@ -104,7 +105,7 @@ class _Search:
         problem = self.problem
         z = np.concatenate([x[: problem.rows] * self.unit * self.force,
                             x[problem.rows :] * self.way / problem.reach])
-        return self.newton(problem, z)
+        return newton(problem, z, BRIEFLY)
 
     def _limits(self, contact: np.ndarray, rub: np.ndarray):
         """Lower and upper limits of the rows and of the unknowns."""

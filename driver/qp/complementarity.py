@@ -10,26 +10,30 @@ from .coulomb import BACKWARD, FORWARD, OPEN, STICK, CoulombProblem
 DISTINCT = 1e-6  # solutions nearer than this part of the largest multiplier are the same
 MANY = 9  # solutions after which no more are looked for
 NEWTON_STEPS = 50
+LAST = 4  # iterates of which one is the solution, if any was found
+BRIEFLY = 8  # Newton steps from one of many starts
 NEAR = 10  # nodes whose states differ from a solution's at most for a start to be near it
 A_FEW = 4  # nodes that may change their states again and again before Newton's method settles
 TIE = 1e-13  # relative difference of ratios that is rounding
 COVERS = 4  # covering vectors Lemke's method tries
 SLACK = 1e-9  # relative violation of an inequality that is rounding
-DESCENTS = 10  # changes of a node's state on the way to a solution
-PROMISING = 12  # of the states that differ at one node
+DESCENTS = 8  # changes of a node's state on the way to a solution
+PROMISING = 4  # of the states that differ at one node
 FEW = 4  # contact nodes up to which all 4^n states are tried
 SPRINGS = 6  # softnesses of the springs that hold bodies without support for it
 
 
-def newton(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
-    """Semismooth Newton steps (P. Alart, A. Curnier, CMAME 92 (1991) 353-375) from `start` z.
+def newton(problem: CoulombProblem, start: np.ndarray,
+           most: int = NEWTON_STEPS) -> np.ndarray | None:
+    """Semismooth Newton steps (P. Alart, A. Curnier, CMAME 92 (1991) 353-375) from `start` z, at
+    `most` so many.
 
     Each solves the linear system of the states that the last iterate falls into, the start's own
     too where it is a solution but for rounding: the caller may have asked for more. None where
     states come again without having settled, or a system is singular: convergence is local.
     """
     visited, seen, x = [], set(), start
-    for _ in range(NEWTON_STEPS):
+    for _ in range(most):
         visited.append(x)
         states, sign = problem.states(x), problem.signs(x)
         key = states.tobytes() + sign.tobytes()
@@ -39,7 +43,9 @@ def newton(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
         x = problem.solution_in(states, sign)
         if x is None:
             break
-    return next((x for x in reversed(visited) if problem.solves(x)), None)
+    # at a solution states come again at once, on the border of some after a few turns
+    last = visited[-LAST :] if len(visited) <= LAST else [start, *visited[-LAST :]]
+    return next((x for x in reversed(last) if problem.solves(x)), None)
 
 
 def settled(problem: CoulombProblem, start: np.ndarray, move: np.ndarray,
@@ -355,7 +361,7 @@ def descend(problem: CoulombProblem, start: np.ndarray) -> np.ndarray | None:
         near = list(_neighbours(problem, z))
         off = [problem.violation(y) for y in near]
         order = np.argsort(off, kind="stable")[:PROMISING]
-        ends = (newton(problem, near[k]) for k in order)
+        ends = (newton(problem, near[k], BRIEFLY) for k in order)
         solution = next((end for end in ends if end is not None), None)
         if solution is not None or not near or not off[order[0]] < violation:
             return solution

@@ -12,7 +12,7 @@ import numpy as np
 from . import complementarity
 from .coulomb import CoulombProblem
 
-HALVINGS = 12  # of the coefficients, for a first solution
+HALVINGS = 4  # of the coefficients, for a first solution
 STEPS = 100  # of their growth, at most
 LARGEST, LEAST = 2.0, 1.0001  # factor by which they grow in one, between these
 

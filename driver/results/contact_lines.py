@@ -8,6 +8,7 @@ import numpy as np
 from ..contact.states import ContactField
 from ..feti.structure import Substructure
 from ..files import renamed
+from .contact_state import WEAR, less_wear
 from .quantities import chains
 from .tables import contact_file
 
@@ -17,23 +18,28 @@ class ContactLines:
 
     def __init__(self, directory: Path, structure: Substructure, root: bool):
         """`root`: whether this rank writes."""
-        self.directory, self.boundary = directory, structure.contact
+        self.directory, self.boundary = directory, structure.contact.declared
         self.lines = _lines(structure) if root else None
 
     def write(self, index: int, time: float, moved: np.ndarray, state: dict) -> None:
         """The file of step `index`; `moved` (nodes, 2) are displacements, `state` as ContactState.
 
         Gap is the distance at the start, as in contact.csv, to moving obstacles that at `time`,
-        opening what is left of it; the obstacle is gap times normal away from the node.
+        opening what is left of it.
         """
         import meshio
 
         b = self.boundary.at(time)
+        opening = b.gap - less_wear(state)[ContactField.U_N]
         data = {"displacement": moved[b.gid], "normal": b.normal,
                 "pressure": -state[ContactField.SIGMA_N] + 0.0,
                 "shear": state[ContactField.SIGMA_T], "gap": b.gap,
-                "opening": b.gap - state[ContactField.U_N], "slip": state[ContactField.SLIP],
+                "opening": opening, "slip": state[ContactField.SLIP],
                 "status": state[ContactField.STATUS].astype(int), "boundary": b.label.astype(int)}
+        if WEAR in state:
+            data["wear"] = state[WEAR]
+        if b.motion is not None:
+            data["obstacle"] = b.gap[:, None] * b.normal  # warped by it the line is the obstacle
         data = {name: np.column_stack([values, np.zeros(len(values))]) if values.ndim == 2
                 else values for name, values in data.items()}
         cells = [("line", self.lines)]
@@ -46,7 +52,7 @@ class ContactLines:
 
 def _lines(structure: Substructure) -> np.ndarray:
     """(k, 2) contact nodes at the ends of edges, of quadratic elements of their halves."""
-    b, edges, middles = structure.contact, structure.outer_edges, structure.outer_middles
+    b, edges, middles = structure.contact.declared, structure.outer_edges, structure.outer_middles
     nodes = {name: getattr(b, name) for name in ("arc", "xy", "chain")}
     pieces = chains(nodes)
     pairs = [np.column_stack([piece[:-1], piece[1:]]) for piece in pieces]

@@ -8,17 +8,29 @@ from ..feti.operator import DualOperator
 from ..march.quasistatic import QuasistaticSolver
 from ..march.step import Step
 
+JOINTS, WEAR = "joints", "wear"  # in what `ContactState.evaluate` returns
+
+
+def less_wear(states: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """`states` with u_n less what has worn away: at most the gap of the new surface."""
+    if WEAR not in states:
+        return states
+    return states | {ContactField.U_N: states[ContactField.U_N] - states[WEAR]}
+
 
 class ContactState:
     """Nodal contact quantities of the whole body in every step, on every rank; arrays (n_c,)."""
 
     def __init__(self, operator: DualOperator, solver: QuasistaticSolver):
-        self.operator, self.rows, self.law = operator, solver.rows, solver.law
-        self.boundary = operator.structure.contact
+        self.operator, self.rows = operator, solver.rows
+        self.boundary = operator.structure.contact.declared
+        self.law = solver.effects.contact_law(self.boundary)
         self.frictional = solver.effects.frictional
         self.solver = solver
         # of the step before: tangential displacement less travel, and pattern factors of that
         self._elastic = self._weights = None
+        # depth so far, where the scene declares wear
+        self.worn = np.zeros(len(self.boundary.gid)) if "wear" in solver.effects else None
         self._time = 0.0
         self.constrained = self._constrained()
         self._find_terms()
@@ -54,16 +66,19 @@ class ContactState:
     def evaluate(self, step: Step, displacements: list[np.ndarray]) -> dict[str, np.ndarray]:
         """Arrays (n_c,) of every `ContactField` at the end of `step`, status as code; collective.
 
+        Beside them JOINTS, the nodal forces of the rows of joints, and WEAR where it is declared.
+
         `displacements` (dofs,) of the rank's subdomains, less the travel. Steps must come in their
         order: slip is counted from the step before.
         """
-        b, rows, n = self.boundary, self.rows, len(self.boundary.gid)
+        b, rows, n = self.boundary, self.rows, len(self.operator.structure.contact.gid)
         values = np.zeros((4, n))  # lambda_n, lambda_t, bound, status
         values[0, rows.normal_node] = step.multipliers[rows.normal]
         values[1, rows.tangential_node] = step.multipliers[rows.tangential]
         values[2, rows.tangential_node] = step.friction_bound
         values[3, rows.normal_node] = step.status
         values = np.sum(self.operator.comm.allgather(values), axis=0)
+        joints, values = values[0, len(b.gid):], values[:, : len(b.gid)]
         if self.frictional:  # a node constrained tangentially has no row of its own, but a bound
             alone = b.tangential_row < 0
             values[2, alone] = self.law.friction_bound(values[0])[alone]
@@ -74,16 +89,24 @@ class ContactState:
         u_n, u_t = u_n + (carried * b.normal).sum(axis=1), elastic + self._carried_t(weights)
         if self._weights is None:
             self._weights = self.solver.initial_weights
-            self._elastic = self.solver.initial - self._carried_t(self._weights)
+            self._elastic = self.solver.initial[: len(b.gid)] - self._carried_t(self._weights)
         slip = elastic - self._elastic + self._carried_t(weights - self._weights)
         slip -= b.way(self._time, step.time)
         self._time = step.time
         self._elastic, self._weights = elastic, weights
-        return {ContactField.U_N: u_n, ContactField.U_T: u_t, ContactField.SLIP: slip,
+        more = {} if self.worn is None else {WEAR: self._wear(slip, values[0])}
+        return {**more, ContactField.U_N: u_n, ContactField.U_T: u_t, ContactField.SLIP: slip,
                 ContactField.SIGMA_N: 0.0 - values[0] / b.weight,
                 ContactField.SIGMA_T: 0.0 - values[1] / b.weight,
                 ContactField.BOUND: values[2] / b.weight,
-                ContactField.STATUS: values[3].astype(int)}
+                ContactField.STATUS: values[3].astype(int), JOINTS: joints}
+
+    def _wear(self, slip: np.ndarray, force: np.ndarray) -> np.ndarray:
+        """(n_c,) worn depth at the end of a step with slips and normal forces (n_c,)."""
+        b = self.boundary
+        pressure = np.where(b.tangential_row >= 0, np.maximum(force, 0.0), 0.0) / b.weight
+        self.worn = self.worn + b.columns["wear"] * np.abs(slip) * pressure
+        return self.worn
 
     def _carried_t(self, weights: np.ndarray) -> np.ndarray:
         """(n_c,) tangential displacements by travel with pattern factors `weights`."""

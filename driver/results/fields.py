@@ -50,7 +50,7 @@ class Fields:
         self.errors = []  # likewise, of those with an error indicator
         self.mesh = self._gather_mesh(min(6, elements.NODES[element]))
         self.lines = None
-        if len(operator.structure.contact.gid):
+        if len(operator.structure.contact.declared.gid):
             self.lines = ContactLines(directory, operator.structure, self.root)
         with agreed_writes(operator.comm):
             if self.root:

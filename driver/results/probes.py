@@ -2,10 +2,10 @@
 
 A label's displacement is the mean over its edges, of bodies of revolution over the surface; its
 force is what acts on the body through it: tractions, support reactions, springs, point loads,
-contact. Where labels meet, a node's reaction goes to those that the support names as a whole (all
-their nodes are constrained in that direction), in equal parts, and at a support that is a point to
-all labels there; so the forces of all labels add up to those of the scene. A point's force is the
-reaction, the springs' and the point load at its vertex.
+contact, joints. Where labels meet, a node's reaction goes to those that the support names as a
+whole (all their nodes are constrained in that direction), in equal parts, and at a support that is
+a point to all labels there; so the forces of all labels add up to those of the scene. A point's
+force is the reaction, the springs' and the point load at its vertex.
 """
 
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from ..errors import InputError
 from ..feti.operator import DualOperator
 from ..march.step import Step
 from ..scene import elements, springs
-from .contact_state import constrained_keys
+from .contact_state import JOINTS, constrained_keys
 from .tables import PROBES
 
 OUTSIDE = 0.25  # of an element's height; nearer ones belong to a curved side that chords cut off
@@ -27,9 +27,14 @@ MEANS = {2: (1 / 2, 1 / 2), 3: (1 / 6, 1 / 6, 4 / 6)}  # of shape functions of a
 class Probes:
     """Evaluates the probes of a scene, step by step; collective."""
 
-    def __init__(self, operator: DualOperator, manifest, probe):
-        """`probe` is the room. Raises InputError for a point that lies outside the body."""
-        self.operator, self.pairs = operator, manifest.contact_pairs
+    def __init__(self, operator: DualOperator, manifest, effects):
+        """`effects`: those of the scene, with its probes.
+
+        Raises InputError for a point that lies outside the body.
+        """
+        self.operator, probe = operator, effects.rooms["probe"]
+        self.pairs = [*manifest.contact_pairs,
+                      *([joint.first, joint.second] for joint in effects.joints)]
         self.nodal = [k for k, pattern in enumerate(manifest.patterns)
                       if pattern["given_on"] == "nodes"]
         shares = _Shares(operator, manifest.rooms.get("springs", {}).get("labels", []))
@@ -67,12 +72,16 @@ class Probes:
             self.rows.append(dict(zip((str(column.name) for column in PROBES), values)))
 
     def _contact(self, label: int | None, state: dict) -> np.ndarray:
-        """(2,) contact force on the body through a label, on either side of a pair."""
-        b = self.operator.structure.contact
+        """(2,) force of contact, or of joints, on the body through a label, on either side."""
+        whole = self.operator.structure.contact
+        b = whole.declared
         force = (state[ContactField.SIGMA_N][:, None] * b.normal
                  + state[ContactField.SIGMA_T][:, None] * b.tangent) * b.weight[:, None]
+        held = whole.is_joint
+        force = np.concatenate([force, -state[JOINTS][:, None] * whole.normal[held]])
         met = [first for first, second in self.pairs if second == label]
-        return force[b.label == label].sum(axis=0) - force[np.isin(b.label, met)].sum(axis=0)
+        return (force[whole.label == label].sum(axis=0)
+                - force[np.isin(whole.label, met)].sum(axis=0))
 
 
 class _Shares:

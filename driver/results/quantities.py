@@ -8,6 +8,7 @@
     contact_length        length in contact, its edges located between nodes
     slip                  longest way that a point of the boundary has slid in contact since time 0
     dissipated_energy     work that friction has taken since time 0 (dissipation.py)
+    worn_volume           what wear has taken away since time 0, where it is declared
     displacement          largest |u| of a node
 
 Units: stress; stress x length for the resultants; length; stress x length^2 for the energy. Forces
@@ -26,6 +27,7 @@ from ..contact.states import OPEN, SLIP
 
 END = 2  # nodes that count as the end of a boundary
 NEARLY = 0.5  # part of the largest pressure that may exceed it on a finer mesh
+FEW = 6  # nodes in contact, among which the next may differ by all of a quantity's error
 NOTHING = 1e-5  # part of the largest resultant of the history that tolerances leave
 
 
@@ -55,6 +57,8 @@ def quantities(effects, nodes: dict, steps: dict, displacement) -> tuple[dict[st
         values |= {"tangential_resultant": resultant(shares, steps["sigma_t"][index], weight),
                    "slip": max(longest_way(nodes, piece, steps, index) for piece in pieces),
                    "dissipated_energy": steps["work"].sum()}
+    if "worn_volume" in effects.quantities:
+        values["worn_volume"] = steps["wear"][index] @ weight
     return {name: float(values[name]) for name in effects.quantities}, index
 
 
@@ -102,6 +106,7 @@ def chains(nodes: dict) -> list[np.ndarray]:
     arc, xy, chain = nodes["arc"], nodes["xy"], nodes["chain"]
     along, across = np.diff(arc), np.linalg.norm(np.diff(xy, axis=0), axis=1)
     breaks = (chain[1:] != chain[:-1]) | (np.abs(along - across) > 1e-6 * across)
+    breaks |= across < 1e-9 * across.max(initial=0.0)  # bodies side by side, one label
     return np.split(np.arange(len(arc)), np.flatnonzero(breaks) + 1)
 
 
@@ -235,19 +240,21 @@ def farthest_node(steps: dict, index: int) -> int:
 def between_nodes(nodes: dict, steps: dict, index: int) -> dict[str, float]:
     """What nodes leave open of the contact length and of slip at step `index`, whatever meshes say.
 
-    Contact ends somewhere between a closed and an open node: half of their distance is not known.
-    Slip that is largest in a node differs by so much from that of the next one in contact.
+    Beside a clamped node contact may be lost between it and a closed one, over half of the edge.
+    The largest slip may be elsewhere by as much as it differs from that of the next nodes in
+    contact, where FEW are; where there are more by less in proportion.
     """
-    x, closed, length, apart = nodes["arc"], steps["status"][index] != OPEN, 0.0, 0.0
+    closed, length, apart = steps["status"][index] != OPEN, 0.0, 0.0
     sliding = steps["status"][: index + 1] == SLIP
     way = np.where(sliding, np.abs(steps["slip"][: index + 1]), 0.0).sum(axis=0)
     top = farthest_node(steps, index)
     for piece in chains(nodes):
-        edges = edges_of_contact(nodes, piece, steps, index) if len(piece) > 1 else ()
-        length += sum(abs(x[piece[k]] - x[piece[i]]) / 2 for i, k, _ in edges)
+        if len(piece) > 1 and not _is_ring(nodes, piece):
+            length += float(_beyond(nodes, piece) @ closed[piece[[0, -1]]]) / 2
         near = piece[(np.abs(piece - top) <= 1) & closed[piece]]
         if top in piece and len(near):
             apart = float(np.abs(way[near] - way[top]).max())
+            apart *= min(1.0, FEW / np.count_nonzero(closed[piece]))
     return {"contact_length": float(length), "slip": apart}
 
 

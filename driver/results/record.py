@@ -6,7 +6,7 @@ from ..contact.states import ContactField
 from ..feti.operator import DualOperator
 from ..march.quasistatic import QuasistaticSolver
 from ..march.step import Step
-from .contact_state import ContactState
+from .contact_state import WEAR, ContactState, less_wear
 from .dissipation import Dissipation, start
 from .quantities import between_nodes, farthest_node, peak_nodes, quantities, singular_places
 from .shares import label_shares
@@ -19,15 +19,16 @@ class Record:
         self.operator, self.effects = operator, solver.effects
         self.contact = ContactState(operator, solver)
         self.labels, self.shares = label_shares(operator.structure)
+        more = [] if self.contact.worn is None else [WEAR]
         # one array (n_c,) a step, gap besides
-        self.states = {name: [] for name in ContactField}
+        self.states = {name: [] for name in (*ContactField, *more)}
         self.gaps = []
         self.displacements = []  # the largest of the body, one number a step
         self.work = []  # of friction, one array (n_c,) a step
         b = self.contact.boundary
         self.dissipation = None
         if self.effects.frictional:
-            bound = start(self.effects, solver.law, b.weight, solver.amplitudes)
+            bound = start(self.effects, self.contact.law, b.weight, solver.amplitudes)
             self.dissipation = Dissipation(b.weight, b.gap, bound)
 
     def add(self, step: Step) -> tuple[list[np.ndarray], dict[str, np.ndarray]]:
@@ -38,7 +39,8 @@ class Record:
         for name, column in self.states.items():
             column.append(state[name])
         if self.dissipation:
-            self.work.append(self.dissipation.add(step.time, state, self.gaps[-1]))
+            bare = less_wear(state)
+            self.work.append(self.dissipation.add(step.time, bare, self.gaps[-1]))
         whole = self.operator.with_travel(fields, step.weights)
         squares = np.concatenate([np.zeros(2), *whole]).reshape(-1, 2) ** 2
         largest = float(np.sqrt(squares.sum(axis=1).max()))
@@ -87,7 +89,7 @@ class Record:
         nodes["shares"] = self.shares
         fixed = self.contact.constrained * np.abs(self.contact.boundary.tangent)
         nodes["mirrored"] = fixed.max(axis=1, initial=0.0) > 0.99
-        steps = {name: np.array(column) for name, column in self.states.items()}
+        steps = less_wear({name: np.array(column) for name, column in self.states.items()})
         steps["work"] = np.array(self.work)
         if self.contact.boundary.motion is not None:
             steps["gap"] = np.array(self.gaps)

@@ -35,7 +35,7 @@ def resultants(operator: DualOperator, step: Step, displacements: list[np.ndarra
             total[2] += np.bincount(sub.dof_component, np.abs(sprung), minlength=2)
     # summed in the order of the subdomains on any number of ranks
     load, reaction, size = np.concatenate(operator.comm.allgather(totals)).sum(axis=0)
-    b = structure.contact
+    b = structure.contact.declared
     weight = np.where(b.paired, 0.0, b.weight)  # forces between two bodies cancel
     force = ((contact[ContactField.SIGMA_N] * weight)[:, None] * b.normal
              + (contact[ContactField.SIGMA_T] * weight)[:, None] * b.tangent)

@@ -14,7 +14,7 @@ def label_shares(structure: Substructure) -> tuple[np.ndarray, np.ndarray]:
     """Labels (l,) of the contact boundary, and their shares (l, n_c) in each node, which sum to
     one.
     """
-    b, outer = structure.contact, structure.outer_edges
+    b, outer = structure.contact.declared, structure.outer_edges
     ends = b.edges[(b.edges >= 0).all(axis=1)]  # on rigid obstacles, whose labels may go on
     gid, place = np.concatenate([b.gid, b.clamped.gid]), np.concatenate([b.xy, b.clamped.xy])
     span = max(outer[:, :2].max(initial=0), gid.max(initial=0)) + 1

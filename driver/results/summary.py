@@ -13,6 +13,7 @@ import numpy as np
 
 from ..environment import version
 from ..errors import DriverError, agreed_writes
+from ..feti.rows import RowKind
 from ..feti.structure import Substructure
 from ..files import write_json
 from ..march.problem import Problem
@@ -38,19 +39,20 @@ class Sizes:
     subdomains: int = entry("subdomains of all bodies")
     primal_dofs: int = entry(
         "displacements of all torn subdomains, constrained ones and repeated corners included")
-    dual_dofs: int = entry("multipliers, the sum of the next three")
+    dual_dofs: int = entry("multipliers, the sum of the next four")
     dual_gluing: int = entry("multipliers that glue subdomains")
     dual_normal: int = entry("normal contact multipliers")
     dual_tangential: int = entry("tangential contact multipliers")
+    dual_joined: int = entry("multipliers of ties and periodic boundaries")
     coarse_dofs: int = entry("unknowns of the coarse problem, those of the corners")
     contact_nodes: int = entry("contact nodes")
 
     @classmethod
     def of(cls, structure: Substructure) -> "Sizes":
         """Sizes of a torn problem."""
-        gluing, normal, tangential = np.bincount(structure.row_kind, minlength=3).tolist()
-        return cls(structure.total, structure.primal_dofs, structure.dual_dofs, gluing, normal,
-                   tangential, structure.coarse_dofs, len(structure.contact.gid))
+        rows = np.bincount(structure.row_kind, minlength=len(RowKind)).tolist()
+        return cls(structure.total, structure.primal_dofs, structure.dual_dofs, *rows,
+                   structure.coarse_dofs, len(structure.contact.declared.gid))
 
 
 @dataclass
@@ -175,7 +177,7 @@ def summarize(request, problem: Problem, solver: QuasistaticSolver,
     manifest, structure, history = problem.manifest, problem.structure, solver.history
     sizes = Sizes.of(structure)
     warnings = [*history.warnings, *history.fallbacks.warnings(), *solver.uniqueness.warnings(),
-                *omissions.warnings(structure.contact, problem.effects.rooms,
+                *omissions.warnings(structure.contact.declared, problem.effects.rooms,
                                     writer.record.displacements, settings)]
     if optional.get("validity") and optional["validity"]["verdict"] != "ok":
         doubt = optional["validity"]

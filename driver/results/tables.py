@@ -48,6 +48,8 @@ CONTACT = (
     Column(ContactField.BOUND, "stress", "largest shear traction that friction can hold"),
     Column(ContactField.STATUS, "1", f"{', '.join(STATUS_NAMES)}"),
 )
+WORN = Column("wear", "length", "worn depth since time 0, where the scene declares wear: u_n is at "
+              "most the gap and this")
 LABEL = Column("boundary", "1", "label of the contact boundary, where there are several; at a node "
                "in which one goes on in another that of the longer part")
 
@@ -122,7 +124,7 @@ BOUNDARY = (
 )
 
 TABLES = {
-    "contact.csv": ("a row per step and contact node", (*CONTACT, LABEL)),
+    "contact.csv": ("a row per step and contact node", (*CONTACT, WORN, LABEL)),
     "history.csv": ("a row per step", HISTORY),
     "boundaries.csv": ("a row per step and contact boundary", BOUNDARIES),
     "probes.csv": ("a row per step and probe", PROBES),

@@ -17,12 +17,13 @@ from ..march.quasistatic import QuasistaticSolver
 from ..march.step import Step
 from ..scene.manifest import Manifest
 from .boundaries import boundary_rows
+from .contact_state import WEAR, less_wear
 from .fields import Fields
 from .outline import write_outline
 from .quantities import resultant
 from .record import Record
 from .resultants import resultants
-from .tables import BOUNDARIES, CONTACT, CONVERGENCE, HISTORY, LABEL, PROBES, header
+from .tables import BOUNDARIES, CONTACT, CONVERGENCE, HISTORY, LABEL, PROBES, WORN, header
 
 
 class Writer:
@@ -88,7 +89,7 @@ class Writer:
     @functools.cached_property
     def boundary_rows(self) -> list[dict]:
         """Rows of boundaries.csv; once all steps are recorded."""
-        states = {name: np.array(column) for name, column in self.record.states.items()}
+        states = less_wear({name: np.array(column) for name, column in self.record.states.items()})
         if self.contact.boundary.motion is not None:
             states["gap"] = np.array(self.record.gaps)
         times = [(row["step"], row["time"]) for row in self.history_rows]
@@ -125,21 +126,25 @@ class Writer:
     def _contact_rows(self, labelled: bool):
         """Rows of contact.csv, with the label of the boundary if `labelled`."""
         b, states = self.contact.boundary, self.record.states
+        worn = WEAR in states
         nodes = [[repr(float(v)) for v in (*b.xy[i], b.arc[i], b.weight[i], *b.normal[i])]
                  for i in range(len(b.gid))]
         labels = [[label] if labelled else [] for label in b.label]
         for k, row in enumerate(self.history_rows):
             *values, status = (states[name][k].tolist() for name in ContactField)
+            depth = [[repr(value)] for value in states[WEAR][k].tolist()] if worn else [[]] * len(
+                status)
             gap = self.record.gaps[k].tolist()
             for i, quantities in enumerate(zip(*values)):
                 yield [row["step"], repr(row["time"]), i, *nodes[i], repr(gap[i]),
-                       *map(repr, quantities), STATUS_NAMES[status[i]], *labels[i]]
+                       *map(repr, quantities), STATUS_NAMES[status[i]], *depth[i], *labels[i]]
 
     def _write_tables(self) -> None:
         """On rank 0."""
         labelled = len(self.manifest.contact_labels) > 1
         if len(self.contact.boundary.gid):
-            columns = header((*CONTACT, LABEL) if labelled else CONTACT)
+            more = ([WORN] if WEAR in self.record.states else []) + ([LABEL] if labelled else [])
+            columns = header((*CONTACT, *more))
             write_rows(self.directory / "contact.csv", columns, self._contact_rows(labelled))
             write_rows(self.directory / "boundaries.csv", header(BOUNDARIES),
                        (row.values() for row in self.boundary_rows))
@@ -159,9 +164,8 @@ class Writer:
 
 def _probes(manifest: Manifest, operator: DualOperator, effects):
     """The probes of the scene, None where it declares none."""
-    room = effects.rooms.get("probe")
-    if room is None:
+    if "probe" not in effects:
         return None
     from .probes import Probes  # here: most scenes have none
 
-    return Probes(operator, manifest, room)
+    return Probes(operator, manifest, effects)

@@ -37,8 +37,9 @@ GIVEN_ON = {"edges": "form", "supports": "form", "triangles": "vector", "initial
             "nodes": "list"}
 CONTENTS = {"support": "form", "contact": "labels", "contactPair": "labels",
             "contactNormal": "vector", "young": "number", "poisson": "number", "piece": "number",
-            "stepTimes": "list", "foundation": "labels", "foundationNormal": "number",
-            "foundationTangential": "number", "pointSpring": "list",
+            "stepTimes": "list", "tie": "labels", "periodic": "labels", "foundation": "labels",
+            "foundationNormal": "number", "foundationTangential": "number", "pointSpring": "list",
+            "normalComplianceExponent": "number",
             "slipFactor": "number", "obstacleX": "number", "obstacleY": "number",
             "obstacleAngle": "number", "obstaclePivot": "vector", "gapInTime": "number",
             "obstacleInTime": "number", "displacementFactor": "number", "amplitude#": "number",

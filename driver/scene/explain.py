@@ -280,8 +280,8 @@ def _execution(output: str, status: int, scene: Path, retrace) -> str:
     if now in rooms.vocabulary() and "end" not in traced:
         place = _place(scene, rf"macro {now}\b")
         if now == "obstacle" and "Div by 0" in output:
-            reason = "it is the same everywhere about a place where it is asked for, and gives no " \
-                     "direction there"
+            reason = ("it is the same everywhere about a place where it is asked for, and gives no "
+                      "direction there")
         return f"{place}: {now} cannot be evaluated: {reason}"
     if bodies and now == "addBody":
         return f"{_uses(scene, 'addBody', bodies - 1)}: this body cannot be made: {reason}"

@@ -47,6 +47,9 @@ def run(directory: Path, request: Request, comm) -> tuple[int, str]:
             "a study needs a scene with contact: without it the response is linear in its loads")
     if settings.linearization != "initial":
         raise InputError("a study keeps one geometry of contact: leave LINEARIZATION out")
+    if Effects(manifest).closes:
+        raise InputError("a study keeps contact surfaces as they are: leave wear and "
+                         "normalComplianceExponent out, or make single runs")
     values = _values(directory, request, manifest, comm)
     loads = LoadValues(request.study, [value for _, value in values], comm)
     problem = assemble(directory / "export", comm, lap, loads.widen)
@@ -83,7 +86,7 @@ def run(directory: Path, request: Request, comm) -> tuple[int, str]:
                    "counts": {"dual_multiplications": products}, "seconds": seconds,
                    "ranks": comm.size, "units": manifest.units,
                    "parameters": {**parameters, **dataclasses.asdict(settings)}}
-        _write(directory, request, structure.contact, outcomes, summary)
+        _write(directory, request, structure.contact.declared, outcomes, summary)
     return status, reason
 
 
@@ -152,7 +155,7 @@ def _check_same(name: str, base, value) -> None:
                              f"{part.replace('_', ' ')}")
 
 
-def _contact_of(name: str, effects, boundary, data, gid: np.ndarray, pairs: list):
+def _contact_of(name: str, effects, whole, data, gid: np.ndarray, pairs: list):
     """The contact boundary with the columns of one value, read as `data` at the nodes `gid`.
 
     Nodes, weights and normals of all values are those of the first (study.idp): that later ones
@@ -160,6 +163,7 @@ def _contact_of(name: str, effects, boundary, data, gid: np.ndarray, pairs: list
     """
     table = contact_table(data, list(data.columns), gid, np.zeros((len(gid), 2)))
     read = merge_parts(table, list(data.columns), pairs)
+    boundary = whole.declared
     place = _places(boundary, read)
     rigid = ~boundary.paired  # between two bodies weight, normal and gap follow from both sides
     if not ((place >= 0).all()
@@ -184,7 +188,7 @@ def _contact_of(name: str, effects, boundary, data, gid: np.ndarray, pairs: list
     if motion is not None:
         motion.gap = np.where(rigid, motion.gap, boundary.gap)
         gap = motion.gap[0]
-    return dataclasses.replace(value, gap=gap, motion=motion)
+    return whole.renewed(columns, gap, motion)
 
 
 def _of_rows(boundary, read, distance: np.ndarray) -> np.ndarray:
@@ -230,10 +234,11 @@ def _solve(problem, settings, near: np.ndarray | None) -> tuple[Outcome, np.ndar
     if solver.largest_friction <= DOUBTFUL_FRICTION:
         solver.condensation.guess = near
     history, fields, u_t, failure = [], {}, solver.initial, None
-    contact = operator.structure.contact
+    contact = operator.structure.contact.declared
+    u_t = u_t[: len(contact.gid)]
+    law = solver.effects.contact_law(contact)
     friction = Dissipation(contact.weight, contact.gap,
-                           start(solver.effects, solver.law, contact.weight,
-                                 solver.amplitudes))
+                           start(solver.effects, law, contact.weight, solver.amplitudes))
 
     shares, before = label_shares(operator.structure)[1], 0.0
 
@@ -276,7 +281,8 @@ def _fields(operator, rows, step, u_t: np.ndarray) -> dict[str, np.ndarray]:
 
     `u_t` (n_c,) are tangential displacements of nodes that have not slid in the step.
     """
-    contact, values = operator.structure.contact, np.zeros((6, len(u_t)))
+    contact = operator.structure.contact.declared
+    values = np.zeros((6, len(operator.structure.contact.gid)))
     values[0, rows.normal_node] = rows.gap - step.gradient[rows.normal]
     compliance = operator.structure.compliance
     if compliance is not None:  # B u = c - gradient + what the asperities yield
@@ -289,7 +295,7 @@ def _fields(operator, rows, step, u_t: np.ndarray) -> dict[str, np.ndarray]:
     values[5, rows.normal_node] = step.status
     # a node has one rank: no sum depends on their order
     operator.comm.Allreduce(MPI.IN_PLACE, values)
-    u_n, slip, force_n, force_t, bound, status = values
+    u_n, slip, force_n, force_t, bound, status = values[:, : len(contact.gid)]
     w = contact.weight
     return {"u_n": u_n, "u_t": u_t + slip, "slip": slip, "sigma_n": force_n / w + 0.0,
             "sigma_t": force_t / w + 0.0, "bound": bound / w, "status": status.astype(int)}

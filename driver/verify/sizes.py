@@ -2,29 +2,25 @@
 
 Runs with ever larger contact, meshes as fine against it, differ from the formula by d0 + C r^k, r
 the contact over the size of the body: d0 belongs to the mesh, C r^k to the body. Large contacts
-show C and k well above the errors of coarse meshes; on the body of the case, where r is small,
-C r^k is what the formula cannot know. Where a number is a distance of curves (its reference is
-zero) the squares add, d^2 = d0^2 + (C r^k)^2.
+show C and k well above the errors of coarse meshes; on the body of the case, where r is small, that
+is what the formula cannot know. Where a number is a distance of curves (its reference is zero) the
+squares add, d^2 = d0^2 + (C r^k)^2.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from .case import View
-
-ORDERS = (1, 2)  # of the size; symmetry excludes the first in many cases
+ORDERS = (1, 2)  # the first from forces that the body carries, which symmetric cases lack
 
 
 @dataclass(frozen=True)
 class Sizes:
-    """Settings of the runs, contact over body of a view, and how that ratio is written."""
+    """Settings of the runs, contact over body of a case.View, and how that ratio is written."""
 
     runs: tuple[dict, ...]
-    ratio: Callable[["View"], float]
+    ratio: Callable[[object], float]
     words: str
 
 

@@ -61,7 +61,7 @@ def test_a_way_is_as_long_there_and_back(argument, factor):
     for slip in (1.0, -3.0, 2.0):
         before, u = u, u + slip
         last = room.coefficient_factor(np.array([1]), u, before)
-        room.step_ends(np.array([1]), np.array([slip]))
+        room.step_ends(np.array([1]), np.array([slip]), np.ones(1))
     assert last == pytest.approx(factor)
 
 
@@ -127,7 +127,7 @@ def entries(effects=declared(*PLAIN), nodes=None, amplitudes=((0,), (1,), (0.5,)
             log=(), seconds=0.0, gap=False, initial=False, sizes=None):
     """Ledger of a run; what is not given is that of a run in which all of PLAIN matters."""
     nodes = nodes or counted([9, 0], [0, 4], [0, 5])
-    contact = SimpleNamespace(motion=None, gap=np.array([float(gap)]),
+    contact = SimpleNamespace(motion=None, gap=np.array([float(gap)]), joined=0,
                               columns={"friction": np.ones(1), "tresca": np.ones(1)},
                               weight=np.ones(1))
     homogeneous = effects.homogeneous(contact, np.array([float(initial)]))

@@ -3,6 +3,7 @@ enumeration on the whole body.
 """
 
 import itertools
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -400,3 +401,113 @@ def test_a_qp_that_fails_on_the_way_to_rest_is_not_the_end(built, steps_of, monk
     monkeypatch.setattr(FrictionQP, "solve", once)
     solver, steps = steps_of(built(scene=path))
     assert solver.failure is None and len(steps) == 1 and len(calls) > step
+
+
+ROLLERS = """include "scene.idp"
+units("um", "MPa");
+subdomains("2");
+int[int] low = [1, 2, 3, 4];
+int[int] top = [11, 12, 13, 14];
+mesh Ta = square(6, 3, [1500.*x, 700.*y], label = low);
+mesh Tb = square(5, 4, [300. + 700.*x, 700. + 800.*y], label = top);
+addBody(Ta)
+addBody(Tb)
+macro young() 3000. //
+macro poisson() 0.3 //
+macro support() on(1, u2 = 0.) + on(12, u1 = 0., u2 = 0.) //
+macro load1() traction(13, -3., -12.) //
+macro contactPair() 11, 3 //
+macro pairGap() -1. //
+macro friction() 0. //
+include "export.idp"
+"""
+DISC = """include "scene.idp"
+units("mm", "MPa");
+subdomains("3");
+border c0(t=pi, 2*pi) { x = 20*cos(t); y = 20*sin(t); label = 1; }
+border c1(t=0, 1) { x = 20 - 40*t; y = 0; label = 2; }
+body = buildmesh(c0(24) + c1(12));
+quasistatic(1.);
+macro young() 210e3 //
+macro poisson() 0.3 //
+macro bodyForce1() [0.1, -1.] //
+macro amplitude1(t) 1. //
+macro contact() 1 //
+macro gap() 1e-4 //
+macro friction() 0.4 //
+macro preload() 1 //
+include "export.idp"
+"""
+SHRUNK = """include "scene.idp"
+real twist = physical("twist", 0.);
+units("mm", "MPa");
+subdomains("3");
+border c0(t=0, 2*pi) { x = 30*cos(t); y = 30*sin(t); label = 2; }
+border c1(t=0, -2*pi) { x = 20*cos(t); y = 20*sin(t); label = 1; }
+body = buildmesh(c0(36) + c1(24));
+macro young() 210e3 //
+macro poisson() 0.3 //
+macro bodyForce1() [-twist*y/30., twist*x/30.] //
+macro contact() 1 //
+macro gap() -0.001 //
+macro friction() 0.2 //
+include "export.idp"
+"""
+SLEEVE = """include "scene.idp"
+units("mm", "MPa");
+subdomains("3");
+int[int] sides = [11, 12, 13, 14];
+body = square(4, 8, [20 + 5*x, 20*y], label = sides);
+macro axisymmetric() 1 //
+macro young() 210e3 //
+macro poisson() 0.3 //
+macro load1() traction(11, 0., 300.) //
+macro contact() 14 //
+macro gap() -0.01 //
+macro friction() 0.2 //
+include "export.idp"
+"""
+
+
+@pytest.mark.parametrize("cut", [2, 7])
+def test_a_body_on_rollers_under_a_smooth_one_is_balanced_across(built, steps_of, tmp_path, cut):
+    """Nothing acts along its rollers but the rounding of forces across, which is no imbalance."""
+    path = tmp_path / "rollers.edp"
+    path.write_text(ROLLERS)
+    solver, steps = steps_of(built(scene=path, subdomains=cut), rtol=1e-10, friction_rtol=1e-8)
+    assert solver.failure is None and len(steps) == 1
+    op, x = solver.operator, steps[0].multipliers
+    net, size = op.imbalance(x, steps[0].weights)
+    reach = np.abs(op.structure.rigid_corners).max(axis=0)
+    pressing = np.abs(x[solver.rows.normal]).sum()
+    # forces have sixteen digits, of which tolerances of 1e-8 leave none below 1e-7 of them
+    assert pressing > 0 and (size >= 1e-7 * reach * pressing).all() and (
+        np.abs(net) <= 1e-8 * size).all()
+
+
+@pytest.mark.parametrize("cut", [1, 5])
+def test_a_smooth_preload_of_a_body_that_may_roll(built, steps_of, tmp_path, cut):
+    """Half a disc in a shell, its weight oblique: the preload finds where it rests, and nothing
+    slips from there.
+    """
+    path = tmp_path / "disc.edp"
+    path.write_text(DISC)
+    solver, steps = steps_of(built(scene=path, subdomains=cut, steps=2), rtol=1e-10,
+                             friction_rtol=1e-8)
+    assert solver.failure is None and len(steps) == 2
+    slip = np.abs(steps[0].gradient[solver.rows.tangential]).max()
+    assert slip <= 1e-5 * solver.scales.displacement  # a tenth of the accuracy of both states
+    smooth = np.abs(steps[0].multipliers[solver.rows.tangential]).max()
+    assert smooth <= 1e-3 * np.abs(steps[0].multipliers[solver.rows.normal]).max()
+
+
+@pytest.mark.parametrize("cut", [1, pytest.param(5, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("text, options, way", [
+    pytest.param(SHRUNK, {"twist": 20}, "body 1 is free to turn", marks=pytest.mark.slow),
+    (SLEEVE, {}, r"body 1 is free to move off in the direction \(0, 1\)")], ids=["turn", "off"])
+def test_a_body_that_slides_off_is_told_where_to(solved, tmp_path, text, options, way, cut):
+    """Rings shrunk on a rigid core and pushed by more than friction can hold: status 3."""
+    path = tmp_path / "ring.edp"
+    path.write_text(text)
+    run = solved(path, subdomains=cut, **options)
+    assert run.status == 3 and re.search(way, run.reason)

@@ -92,3 +92,60 @@ def test_misuse_is_refused_in_one_line(solved, scene):
     alone = BLOCK.replace("macro contact() 1 //\n", "").replace("macro gap() 0.01 //\n", "")
     run = solved(scene(alone.replace("macro friction() 0.2 //\n", "")), cells=2)
     assert run.status == 2 and "normalCompliance is declared without contact" in run.reason
+
+
+# ---- p = c (u_n - g)_+^m -------------------------------------------------------------------------
+
+POWER = BLOCK.replace("macro normalCompliance() c //", """macro normalCompliance() c //
+real m = physical("exponent", 2.);
+macro normalComplianceExponent() m //""")
+
+
+@pytest.mark.parametrize("exponent, options", [
+    (2, {}), (0.5, {}), (3.33, {"asperities": 1e5}),
+    pytest.param(2, {"element": "P2", "subdomains": 5, "np": 2}, marks=pytest.mark.slow),
+    pytest.param(1, {}, marks=pytest.mark.slow)])  # ranks; what needs no tangents
+def test_a_uniform_block_closes_by_a_power(solved, scene, exponent, options):
+    """(p/c)^(1/m), exactly."""
+    run = solved(scene(POWER), cells=3, exponent=exponent, **TIGHT, **options)
+    closure = run.contact["u_n"] - run.contact["gap"]
+    exact = (8 / options.get("asperities", 100.0)) ** (1 / exponent)
+    np.testing.assert_allclose(run.contact["sigma_n"], -8.0, rtol=1e-7)
+    np.testing.assert_allclose(closure, exact, rtol=1e-7, atol=1e-8 * 0.01)
+
+
+@pytest.mark.parametrize("options", [{"h": 5}, pytest.param(  # a further mesh
+    {"h": 5, "element": "P2", "subdomains": 5}, marks=pytest.mark.slow)])
+def test_a_power_law_holds_at_every_node(solved, options):
+    """Of two faces, to the tolerance; nothing pulls, and nothing is closed without pressure."""
+    run = solved("flange", **TIGHT, **options)
+    pressure, closure = -run.contact["sigma_n"], run.contact["u_n"] - run.contact["gap"]
+    law = 1e8 * np.maximum(closure, 0) ** 2
+    assert np.abs(pressure - law).max() < 1e-6 * pressure.max() and (pressure == 0).any()
+    balance = run.summary["quantities"]["normal_resultant"]
+    assert balance == pytest.approx(400, rel=1e-7)
+
+
+@pytest.mark.slow  # three runs more
+def test_stiff_power_laws_are_smooth_contact(solved):
+    """The closure falls as c^(-1/m), and with it the difference: by 10 for a hundred times c."""
+    smooth = solved("flange", h=5, without="normal_compliance", **TIGHT)
+    apart = [np.abs(solved("flange", h=5, asperities=c, **TIGHT).contact["sigma_n"]
+                    - smooth.contact["sigma_n"]).max() for c in (1e14, 1e16)]
+    assert apart[1] == pytest.approx(apart[0] / 10, rel=0.1)
+
+
+@pytest.mark.slow  # many runs, each short
+def test_exponent_one_is_the_diagonal_of_the_dual_operator(solved, scene):
+    """Tangents of a line are the line: the same tractions as without an exponent."""
+    power, line = (solved(scene(text), cells=4, subdomains=3, **TIGHT, **more)
+                   for text, more in ((POWER, {"exponent": 1}), (BLOCK, {})))
+    np.testing.assert_allclose(power.contact["u_n"], line.contact["u_n"], rtol=1e-8)
+
+
+@pytest.mark.parametrize("old, new, reason", [
+    ("Exponent() m //", "Exponent() 0. //", "normalComplianceExponent is not positive"),
+    ("macro normalCompliance() c //\n", "", "without normal compliance")])
+def test_misuse_of_exponents_is_refused(solved, scene, old, new, reason):
+    run = solved(scene(POWER, old, new), cells=2)
+    assert run.status == 2 and reason in run.reason and "\n" not in run.reason

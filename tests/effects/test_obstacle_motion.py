@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from driver.contact.motion import ObstacleMotion
-from driver.files import read_table
+from driver.files import read_rows, read_table
 from driver.results.tables import contact_file
+from driver.studies.study import make_study
 
 REPEATED = pytest.mark.slow  # the same with other settings: each takes two runs
 TIGHT = {"rtol": 1e-13, "friction_rtol": 1e-11, "primal_rtol": 1e-9}
@@ -208,7 +209,21 @@ real slipRange = 0.1;"""
     np.testing.assert_allclose(c["bound"], -0.3 * factor * c["sigma_n"], rtol=1e-6, atol=1e-12)
     line = meshio.read(run.directory / contact_file(4)).point_data
     np.testing.assert_allclose(line["gap"], -2e-3, rtol=1e-9)
-    np.testing.assert_allclose(line["gap"], c["gap"][-1], rtol=1e-9)
+    np.testing.assert_allclose(line["obstacle"], np.outer(c["gap"][-1], [0, -1, 0]), rtol=1e-9)
+
+
+@pytest.mark.slow  # wear has tests of its own
+def test_a_floor_that_runs_wears_the_block(solved, scene):
+    """Archard's law node by node with the way of the floor, which the block itself does not go."""
+    run = solved(scene(PAD, ("macro friction() F //", "macro friction() F //\nmacro wear() 1e-3 //"),
+                       ("(way*(1. - abs(t - 1.)))", "(way*max(0., t - 1.))")), cells=3, steps=8,
+                 rtol=1e-11, friction_rtol=1e-9)
+    c = run.contact
+    worn = np.cumsum(-1e-3 * np.abs(c["slip"]) * c["sigma_n"], axis=0)
+    closed = c["sigma_n"] < 0
+    over = c["u_n"] - c["gap"]
+    np.testing.assert_allclose(over[closed], worn[closed], atol=1e-5 * worn.max())
+    assert worn[-1] @ c["weight"][-1] == pytest.approx(1e-3 * 8 * 0.5, rel=0.03)  # till it slides
 
 
 def test_a_block_on_a_belt_presses_the_stop_with_its_friction(solved, scene):
@@ -249,6 +264,29 @@ def test_ranks_do_not_change_a_bit(solved, scene):
 
 
 @pytest.mark.slow  # two runs
+@pytest.mark.parametrize("motion", ["macro obstacleX(t) (way*(1. - abs(t - 1.))) //", """
+macro obstacle(x, y) (y - 0.01*(x - 2)^2) //
+macro obstacleX(t) (way*t) //
+macro obstacleY(t) (0.02*way*t) //"""])
+@pytest.mark.slow  # a study and a run of its last value
+def test_studies_vary_the_way(solved, scene, tmp_path, motion):
+    """Every value has its own distances and ways: fields and history are those of a single run."""
+    path = scene(PAD, ("macro obstacleX(t) (way*(1. - abs(t - 1.))) //", motion))
+    options = {"cells": "3", "steps": "4", "rtol": "1e-11", "friction_rtol": "1e-10"}
+    _, folder = make_study({"scene": str(path), "way": "0.1,0.5", "figures": "no", "quiet": "yes",
+                            "out": str(tmp_path / "study"), **options})
+    single = solved(path, way=0.5, **options)
+    rows = [row for row in read_rows(folder / "contact.csv") if row["way"] == "0.5"]
+    for name in ("sigma_n", "sigma_t", "u_n", "u_t"):
+        wanted = single.contact[name][-1]
+        np.testing.assert_allclose([float(row[name]) for row in rows], wanted,
+                                   atol=1e-6 * np.abs(wanted).max(), err_msg=name)
+    last = read_rows(folder / "study.csv")[-1]
+    table = read_table(single.directory / "boundaries.csv")
+    for name, column in (("dissipated", "dissipated_energy"), ("contact_length",) * 2):
+        assert float(last[name]) == pytest.approx(table[column][-1], rel=1e-6)
+
+
 def test_leaving_it_out_leaves_the_obstacle_where_it_was(solved, scene):
     run = solved(scene(PAD), cells=3, steps=2, without="obstacle_motion")
     assert np.abs(run.contact["slip"][-1]).max() < 1e-2

@@ -22,8 +22,8 @@ def law(**changes) -> slip_law.Room:
 def test_slip_accumulates_whatever_its_direction():
     """Forth by 0.5 and back by 0.5 is a way of 1; the factor at it is the table's middle value."""
     room, nodes = law(), np.array([1, 3])
-    room.step_ends(nodes, np.array([0.5, 0.25]))
-    room.step_ends(nodes, np.array([-0.5, 0.0]))
+    room.step_ends(nodes, np.array([0.5, 0.25]), np.ones(2))
+    room.step_ends(nodes, np.array([-0.5, 0.0]), np.ones(2))
     np.testing.assert_array_equal(room.carried()["accumulated_slip"], [0, 1.0, 0, 0.25])
     still, back = np.zeros(2), np.array([-1.0, 0.0])
     np.testing.assert_allclose(room.coefficient_factor(nodes, still, still), [0.5, 0.875])
@@ -33,7 +33,7 @@ def test_slip_accumulates_whatever_its_direction():
 def test_displacement_counts_from_the_origin():
     """|u_t| and not the way there; constant beyond the range."""
     room, nodes = law(argument="displacement"), np.array([0, 2])
-    room.step_ends(nodes, np.array([5.0, 5.0]))
+    room.step_ends(nodes, np.array([5.0, 5.0]), np.ones(2))
     u_t = np.array([-0.5, 7.0])
     np.testing.assert_allclose(room.coefficient_factor(nodes, u_t, np.zeros(2)), [0.75, 0.25])
 

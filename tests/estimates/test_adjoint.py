@@ -105,7 +105,7 @@ def test_forces_that_balance_the_load_have_no_error(marched):
     # closed form of the beam; Hertz' disc on its finest mesh of the reference table, 0.4 % off
     ("cantilever", dict(cells=4), "displacement", np.hypot(0.01 * np.sin(2.6), 0.08)),
     ("hertz", dict(h=0.008), "normal_resultant", 1.74577)])
-def test_estimated_errors_of_smooth_solutions_are_true(marched, scene, parameters, name, exact):
+def test_smooth_solutions_err_as_estimated(marched, scene, parameters, name, exact):
     """Smoothed stresses are asymptotically exact there, on boundaries and coarse meshes a fourth
     off.
     """

@@ -47,6 +47,20 @@ def test_stages_that_do_not_grow_yet_grow_later():
     assert flat(1600) == pytest.approx(0.2) and flat(1.6e5) > 10 * flat(1600)
 
 
+def test_chance_of_small_runs_is_not_extrapolated():
+    """A busy machine's companions of 1,000 unknowns that differ by 0.1 s: a hundred times as many
+    do not take a hundred times as long.
+    """
+    noisy = prices.curve([(250, 0.2), (1000, 0.3)], 1.2, most=2e-5)
+    assert noisy(1e5) < 0.3 + 2 * 2e-5 * 1e5 * 100**0.2
+    assert noisy(1000) == pytest.approx(0.3)
+    busy = [Measured(n, 10, {"export": 0.4 + 1e-4 * n, "setup": 1e-4 * n, "solve": 0.1})
+            for n in (250, 1000)]
+    slow = Costs(measured(4e3), busy, busy)
+    # FreeFEM starts four times as slowly: an unknown may take so much more
+    assert 2 * 2e-5 * 1e5 < slow.stage("export", 1e5) < 1e-4 * 1e5 + 0.5
+
+
 UNIFORM = Uniform("P1", "h", [0.1, 0.2, 0.4], [0.01, 0.03, 0.05], 1.6e4, 1.0, COSTS)
 
 

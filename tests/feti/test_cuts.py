@@ -257,3 +257,29 @@ def test_parts_that_hinge_on_a_vertex_are_refused():
         given = Scene(body, [{}], np.zeros((2, 1)), contact=TOP)
         with pytest.raises(InputError, match=r"only the vertex at \(1, 0.5\), on which they hinge"):
             build(given.manifest(), given.subdomains(), 0, MPI.COMM_SELF)
+
+
+HUNG = """include "scene.idp"
+units("m", "Pa");
+subdomains("1");
+border arc(t=pi, 2*pi) { x = cos(t); y = 1. + sin(t); label = 1; }
+border top(t=0, 1) { x = 1. - 2.*t; y = 1.; label = 11; }
+body = buildmesh(arc(10) + top(6));
+macro young() 1. //
+macro poisson() 0.2 //
+macro support() on(11, u1 = 0.) //
+macro load1() traction(11, 0., -1e-4) //
+macro contact() 1 //
+include "export.idp"
+"""
+
+
+def test_a_coarse_problem_that_motions_fill_is_regular(built, tmp_path):
+    """Both corners on the roller, free to move up and to turn about it: S_cc is nothing but
+    rounding, and so is what a corner force that these motions do not feel leaves.
+    """
+    path = tmp_path / "hung.edp"
+    path.write_text(HUNG)
+    op = built(scene=path).operator
+    assert op.coarse.dofs == op.modes == 2
+    assert np.abs(op.coarse.solve(np.ones(2))).max() <= 10 * op.rho.max()

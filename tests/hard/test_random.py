@@ -389,3 +389,32 @@ def test_a_process_that_dies_is_a_row(monkeypatch, tmp_path):
     assert [row["seed"] for row in rows] == [str(SEED + k) for k in range(3)]
     assert all(row["why"] == "the process died" for row in rows)
     assert (tmp_path / "random.png").stat().st_size > 0
+
+
+def test_an_interrupted_suite_leaves_its_rows(monkeypatch, tmp_path):
+    """Those judged so far are in report.csv, and the message says with which seed it goes on."""
+    def judged(tasks, folder, jobs):
+        for _, seed in tasks[:2]:
+            yield random.died(seed, folder)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(suite, "_judged", judged)
+    with pytest.raises(KeyboardInterrupt) as stop:
+        suite.run_suite({"family": "random", "seed": str(SEED), "count": "5", "jobs": "1",
+                         "out": str(tmp_path)})
+    assert [row["seed"] for row in read_rows(tmp_path / "report.csv")] == [str(SEED), str(SEED + 1)]
+    assert "2 of 5 rows" in stop.value.args[0] and f"SEED={SEED + 2} COUNT=3" in stop.value.args[0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [
+    110062, 120033, 28,  # carried without force
+    120025,  # motions that fill the coarse problem
+    120178, 120179, 120117, 200077,  # free bodies: balance across, starts that went astray
+    120001, 110063,  # friction that falls with slip, F up to 1000
+    102032, 120003, 200063,  # jumps of 1e6: only rounding is left
+    102052,  # squeezed all round under given friction
+    120224,  # forces that two conditions at one place hand on to one another
+    200083, 200092])  # loads at their zeros, cohesion along a wall
+def test_scenes_that_failed_once(seed, tmp_path):
+    assert random.judge(seed, tmp_path).status == "solved"

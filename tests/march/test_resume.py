@@ -19,6 +19,7 @@ from driver import cli, environment
 from driver.effects import Effects
 from driver.march import checkpoint
 from driver.march.quasistatic import QuasistaticSolver
+from driver.march.saving import restore, snapshot
 from driver.options import Settings
 from driver.runs import run, solve, workspace
 from driver.errors import InputError
@@ -58,13 +59,13 @@ def test_what_is_restored_is_what_was_kept(built, steps_of):
     kept, _ = steps_of(problem)
     kept.doubtful = True
     kept.initial[:], kept.initial_weights[:] = 0.5, 0.25
-    state = copy.deepcopy(kept.snapshot())
+    state = copy.deepcopy(snapshot(kept))
     assert state["doubtful"] and state["history"]["steps"] == 3
     fresh = QuasistaticSolver(problem.operator, Effects(problem.manifest),
                               problem.manifest.factors, kept.times, Settings())
-    assert not same(fresh.snapshot(), state)
-    fresh.restore(copy.deepcopy(state))
-    assert same(fresh.snapshot(), state)
+    assert not same(snapshot(fresh), state)
+    restore(fresh, copy.deepcopy(state))
+    assert same(snapshot(fresh), state)
 
 
 @pytest.fixture
@@ -108,6 +109,7 @@ CASES = {
     "fields": ("FIELDS=yes", "ERRORS=energy"),
     "quadratic": ("ELEMENT=P2", "CELLS=2", "FIELDS=yes", "ERRORS=energy"),
     "slip law": ("SCENE=punch", "LOADING=", "CELLS="),
+    "wear": ("SCENE=worn-pad", "LOADING=", "CELLS=3"),
     "several boundaries": ("SCENE=bracket", "LOADING=", "CELLS=", "H=8", "SUBDOMAINS=4"),
     "corners": ("SCENE=hard/hole", "LOADING=", "CELLS="),
     "floating stack": ("SCENE=stack", "LOADING=", "CELLS=", "H=0.25", "SUBDOMAINS=3")}

@@ -50,6 +50,20 @@ def declared(friction=""):
                                    patterns=[], contact_labels=[1], quasistatic=True, bodies=1))
 
 
+def test_what_nodes_leave_open():
+    """Half of the edge to a clamped node, beyond the last one in contact; slip by what it differs
+    from that of the next node in contact, the open one left out.
+    """
+    x = np.arange(7.0)
+    closed = np.array([False, True, True, True, True, True, True])
+    slip = np.array([9.0, 1.0, 1.0, 1.0, 1.0, 2.5, 4.0])
+    nodes, steps = line(x, closed, 1.0 * closed, 1.0 * ~closed, slip=slip,
+                        status=np.where(closed, SLIP, OPEN))
+    assert q.between_nodes(nodes, steps, 0) == {"contact_length": 0.0, "slip": 1.5}
+    nodes["weight"][-1] += 0.4  # half of an edge of 0.8 to a clamped node
+    assert q.between_nodes(nodes, steps, 0)["contact_length"] == pytest.approx(0.4)
+
+
 @pytest.mark.parametrize("shift", np.linspace(0, 0.9, 7))
 def test_contact_length_and_peak_lie_between_nodes(shift):
     """On exact nodal values: the opening's 2/3 power bends by r/a, so the edge errs by 3 h (h/a)/10

@@ -356,7 +356,8 @@ Point(1) = {0, 0, 0, h}; Point(2) = {length, 0, 0, h}; Point(3) = {2, 1, 0, h};
 Point(4) = {0, 1, 0, h};
 Line(1) = {1, 2}; Line(2) = {2, 3}; Line(3) = {3, 4}; Line(4) = {4, 1};
 Curve Loop(1) = {1:4}; Plane Surface(1) = {1};
-Physical Curve(1) = {1}; Physical Curve(3) = {3}; Physical Curve(4) = {4}; Physical Surface(1) = {1};
+Physical Curve(1) = {1}; Physical Curve(3) = {3}; Physical Curve(4) = {4};
+Physical Surface(1) = {1};
 """
 SECOND = """Point(5) = {2, 0, 0, h}; Point(6) = {3, 0, 0, h}; Point(7) = {3, 1, 0, h};
 Point(8) = {2, 1, 0, h}; Line(5) = {5, 6}; Line(6) = {6, 7}; Line(7) = {7, 8}; Line(8) = {8, 5};

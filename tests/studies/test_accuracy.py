@@ -111,7 +111,7 @@ def test_exponents():
 def swept(tmp_path_factory):
     """Directory of the smallest study of the scene with a manufactured solution."""
     out, kept = tmp_path_factory.mktemp("accuracy") / "zones", dict(sweeps.EFFORTS)
-    sweeps.EFFORTS["quick"] = sweeps.Effort(6000, 3, (0.5, 1, 2), (1e-2,), (1e-2, 1e-6), 1)
+    sweeps.EFFORTS["quick"] = sweeps.Effort(2500, 3, (1, 2), (1e-2,), (1e-2, 1e-6), 1)
     try:
         paths = run_accuracy({"scene": "zones", "steps": "2", "effort": "quick", "out": str(out)})
     finally:

@@ -18,7 +18,7 @@ def read(path):
 
 
 def check(rows):
-    """The aims: 95 % hold, 1 % at most below half of the truth, median overestimate 4."""
+    """The aims: 95 % hold, none below half of the truth, median overestimate 4."""
     judged = [row for row in rows if row["judged"] == "yes"]
     assert len({(row["scene"], row["setting"]) for row in judged}) >= 60
     assert len({row["scene"] for row in judged}) >= 20
@@ -26,7 +26,7 @@ def check(rows):
     assert sum(held) >= 0.95 * len(judged)
     ratio = [float(row["ratio"]) for row in judged if row["ratio"]]
     half = [row for row in judged if row["held"] == "no" and float(row["ratio"]) < 0.5]
-    assert len(half) <= 0.01 * len(judged), half
+    assert not half, half
     assert statistics.median(ratio) <= 4.0
 
 

@@ -77,7 +77,7 @@ class Mesh:
         record = Record(self.problem.operator, solver)
         for step in solver.steps():
             record.add(step)
-        contact, states = self.problem.structure.contact, record.states
+        contact, states = self.problem.structure.contact.declared, record.states
         return Tractions(contact.xy[:, 0], contact.weight, np.array(states["sigma_n"]),
                          np.array(states["sigma_t"]), solver.history.counts["dual_multiplications"])
 

@@ -1,4 +1,4 @@
-"""Fixtures: estimates of a scene's last step, meshes cut into finer ones, budgets without prices."""
+"""Fixtures: estimates of a last step, meshes cut into finer ones, budgets without prices."""
 
 import dataclasses
 

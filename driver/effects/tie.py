@@ -1,0 +1,37 @@
+"""Ties: boundaries of bodies whose meshes need not match, joined for good (contact/joints.py)."""
+
+from ..contact.joints import Joint
+from ..errors import InputError
+from . import NONE, Effect, RunFacts, entry
+
+
+class Room(Effect):
+    """Pairs of labels; the first one of each carries the multipliers, which have no bounds."""
+
+    summary = {"ties": True}
+    estimates, why = NONE, "stresses in equilibrium are not made across ties"
+    periodic = False
+
+    def __init__(self, name: str, manifest):
+        """Raises InputError for labels that the mesh lacks."""
+        super().__init__(name, manifest)
+        labels = self.data.get("labels")
+        pairs = isinstance(labels, list) and all(
+            isinstance(pair, list) and len(pair) == 2 and all(k in manifest.labels for k in pair)
+            for pair in labels)
+        if not pairs:
+            raise InputError(f"the labels of {name} are none of the mesh; run the scene again")
+
+    def joints(self) -> list[Joint]:
+        """The joined boundaries."""
+        return [Joint(self.name, *pair, self.periodic) for pair in self.data["labels"]]
+
+    def no_estimate(self, weights) -> str:
+        """The reason."""
+        return self.why
+
+    def ledger(self, facts: RunFacts) -> dict[str, dict]:
+        """Active in every step: nothing opens or slides there."""
+        active = bool(facts.steps) or None
+        reason = "joins its boundaries in every step" if active else "no step was kept"
+        return {self.name: entry(active, reason, facts.sizes["dual_joined"])}

@@ -1,0 +1,58 @@
+"""Wear by Archard's law: where a surface slides under pressure the gap grows by k |slip| p.
+
+Implicit: pressure and slip are those at the end of the step, so that its wear, k |slip| / w per
+nodal force, is a diagonal of the dual operator that follows the slip (march/closure.py), w the
+node's weight. See Archard, J. Appl. Phys. 24 (1953) 981-988; Stromberg, Johansson, Klarbring, Int.
+J. Solids Struct. 33 (1996) 1817-1836.
+"""
+
+import numpy as np
+
+from . import NONE, Effect, RunFacts, entry
+
+
+class Room(Effect):
+    """A nodal column: the wear coefficient k, per stress; between bodies that of both together."""
+
+    closes, quantities = True, ("worn_volume",)
+    summary = {"wear": True}
+    estimates, why = NONE, "the bound knows no surfaces that wear"
+
+    def prepare(self, contact) -> None:
+        """Nothing has worn away."""
+        self.softness = contact.columns["wear"] / contact.weight
+        self.depth = np.zeros(len(contact.gid))
+
+    def worn(self, nodes: np.ndarray) -> np.ndarray:
+        """(k,) the depth so far."""
+        return self.depth[nodes]
+
+    def closure(self, nodes, force, slip) -> np.ndarray:
+        """(k,) wear of the step."""
+        return self.softness[nodes] * slip * force
+
+    def tangent(self, nodes, force, own, slip, reach) -> tuple[np.ndarray, np.ndarray]:
+        """Proportional to the force, with the slip of the iterate."""
+        return self.softness[nodes] * slip, np.zeros(len(nodes))
+
+    def carried(self) -> dict[str, np.ndarray]:
+        """The worn depth."""
+        return {"worn_depth": self.depth}
+
+    def step_ends(self, nodes: np.ndarray, slip: np.ndarray, force: np.ndarray) -> None:
+        """Wear adds up."""
+        self.depth[nodes] += self.softness[nodes] * np.abs(slip) * np.maximum(force, 0.0)
+
+    def no_estimate(self, weights) -> str:
+        """The reason."""
+        return self.why
+
+    def ledger(self, facts: RunFacts) -> dict[str, dict]:
+        """Active where any node slid."""
+        slipped = facts.most("slip")
+        active, reason = slipped > 0, "nothing slipped"
+        if not facts.steps:
+            active, reason = None, "no step was kept"
+        elif slipped:
+            reason = f"{slipped} nodes slipped at most"
+        return {"wear": entry(active, reason)}

@@ -1,0 +1,188 @@
+"""States of corners: which of two conditions at one vertex act, and how they share its force."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.optimize import linprog
+
+from driver.contact.corner_nodes import (BOTH, FIRST, MOST, NEITHER, SECOND, STANDING,
+                                         CornerNodes)
+from driver.contact.sharing import least_friction
+from driver.march.corner_states import CornerStates
+from driver.march.step import Unfinished
+
+
+def corner(alone=False, bilateral=(False, False), offset=(0.0, 0.0), gap=(0.0, 0.0)):
+    """One corner, with dual rows n1, n2, t1, t2."""
+    return CornerNodes(np.array([[0, 1]]), np.array([[0, 1]]), np.array([[2, 3]]),
+                       np.array([[0, 1]]), np.array([alone]), np.array([bilateral]),
+                       np.array([offset]), np.array([gap]), -np.eye(2)[None])
+
+
+def switched(nodes: CornerNodes, force, over) -> tuple[bool, int]:
+    """Whether the state changes under normal forces and movements beyond the gap; the new one."""
+    law = SimpleNamespace(coefficient=None, offset=None)
+    alone = SimpleNamespace(allgather=lambda value: [value])
+    x, gradient = np.append(force, [0.0, 0.0]), -np.append(over, [0.0, 0.0])
+    return nodes.switch(x, gradient, law, np.ones(4), 1e-9, alone), int(nodes.acting[0])
+
+
+def test_a_corner_takes_the_state_that_its_conditions_ask_for():
+    nodes = corner()
+    assert nodes.excluded.tolist() == [2, 3]
+    assert switched(nodes, [1.0, 1.0], [0.0, 0.0]) == (False, BOTH)
+    assert switched(nodes, [1.0, 0.0], [0.0, -1e-3]) == (True, FIRST)
+    assert nodes.excluded.tolist() == [1, 3]
+    assert switched(nodes, [1.0, 0.0], [0.0, -1e-3]) == (False, FIRST)
+    assert switched(nodes, [1.0, 0.0], [0.0, 1e-3]) == (True, BOTH)
+    assert switched(nodes, [0.0, 1.0], [-1e-3, 0.0]) == (True, SECOND)
+    assert switched(nodes, [0.0, 0.0], [1e-3, -1e-3]) == (True, FIRST)
+    held = corner(bilateral=(True, False))  # never open
+    assert switched(held, [0.0, 0.0], [-1e-3, -1e-3]) == (True, FIRST)
+    assert switched(held, [0.0, 0.0], [0.0, 1e-3]) == (True, BOTH)
+    assert corner(gap=(1e-3, 0.0)).acting[0] == SECOND  # the side that is nearer
+    given = corner(offset=(1.0, 2.0))  # friction that needs no pressure
+    assert switched(given, [0.0, 0.0], [-1e-3, -1e-3]) == (True, NEITHER)
+    assert given.excluded.tolist() == [0, 1]
+    assert switched(given, [0.0, 0.0], [-1e-3, 0.0]) == (False, NEITHER)
+    assert switched(given, [0.0, 0.0], [-1e-3, 1e-3]) == (True, SECOND)
+    assert switched(given, [0.0, 1.0], [-1e-3, 0.0]) == (False, SECOND)
+    given = corner(offset=(0.0, 2.0))
+    assert switched(given, [0.0, 0.0], [-1e-3, -1e-3]) == (True, SECOND)
+    one = corner(alone=True)
+    assert switched(one, [1.0, 0.0], [0.0, 1e-3]) == (True, SECOND)
+
+
+@pytest.mark.parametrize("state", [BOTH, FIRST, SECOND, STANDING, NEITHER])
+def test_a_vertex_keeps_its_force_in_the_rows_of_its_state(state):
+    """A step starts from the forces before it: what its state excludes goes to the other rows, and
+    the force on the vertex, as far as these can make it up, remains.
+    """
+    nodes, rng = corner(), np.random.default_rng(int(state))
+    nodes.directions[0, 1] = [-0.6, -0.8]  # not perpendicular
+    nodes.acting[:] = state
+    normal, x = nodes.directions[0], rng.uniform(1.0, 2.0, 4)
+    tangent = np.column_stack([-normal[:, 1], normal[:, 0]])
+    moved = nodes.own(x)
+    force, kept = (y[:2] @ normal + y[2:] @ tangent for y in (x, moved))
+    assert not moved[nodes.excluded].any()
+    np.testing.assert_allclose(kept, force, rtol=1e-12)
+
+
+CIRCLE = {BOTH: ([1.0, 0.0], [0.0, -1.0]), FIRST: ([1.0, 0.0], [0.0, 1.0])}
+
+
+def test_a_corner_that_circles_stands_where_friction_can_hold_it():
+    """On two perpendicular sides, F = 0.5: a pull of 0.4 on one is friction of the other."""
+    nodes = corner()
+    while nodes.acting[0] != STANDING:
+        assert switched(nodes, *CIRCLE[nodes.acting[0]])[0]
+    assert nodes.excluded.tolist() == [2, 3] and nodes.standing.tolist() == [0, 1]
+    x, law = np.array([1.0, -0.4, 0.0, 0.0]), SimpleNamespace(coefficient=np.full(2, 0.5),
+                                                              offset=None)
+    alone = SimpleNamespace(allgather=lambda value: [value])
+    assert not nodes.switch(x, np.zeros(4), law, np.ones(4), 1e-9, alone)
+    assert not nodes.undecided[0]
+    # the sides' normals are -x and -y, the first one's tangent is -y
+    shared, changed = nodes.end_step(x, np.zeros(4), law, 1.0, alone)
+    assert nodes.rested.all() and changed and nodes.acting[0] == FIRST  # which alone can hold it
+    assert shared == pytest.approx([1.0, 0.0, -0.4, 0.0])
+
+
+ALONE = SimpleNamespace(allgather=lambda value: [value])
+LAW = SimpleNamespace(coefficient=np.full(2, 0.4), offset=None)
+
+
+def ended(state, x, *, slip=(0.0, 0.0), over=(0.0, 0.0), rested=False):
+    """The corner after a step that got there in a state, with forces x (4,), and its new forces."""
+    nodes = corner()
+    nodes.acting[:], nodes.rested[:] = state, rested
+    gradient = -np.array([*over, *slip])
+    return nodes, nodes.end_step(np.array(x), gradient, LAW, 1.0, ALONE)[0]
+
+
+def test_slip_of_a_vertex_that_was_there_is_an_error():
+    """Also where it is more than what counts as slip of one that arrives."""
+    for slip in ([1e-4, -1e-4], [-1e-4, 1e-4]):
+        _, x = ended(BOTH, [1.0, 2.0, 0.0, 0.0], slip=slip, rested=True)
+        assert x == pytest.approx([1.0, 2.0, 0.0, 0.0], abs=1e-15)
+        nodes, x = ended(BOTH, [1.0, 2.0, 0.0, 0.0], slip=slip)
+        assert x[2:] == pytest.approx(np.sign(slip) * 0.4 * x[:2]) and nodes.rested[0]
+    _, x = ended(BOTH, [1.0, 2.0, 0.0, 0.0], slip=[1e-6, 1e-6])
+    assert x == pytest.approx([1.0, 2.0, 0.0, 0.0], abs=1e-15)
+
+
+@pytest.mark.parametrize("force", [(-1.0, -2.0), (-1.0, -0.2), (-1.0, 0.3), (0.3, -1.0)])
+def test_the_end_of_a_step_does_not_know_the_way(force):
+    """All states that hold a vertex with the same force end in the same shares and state.
+
+    The sides have the normals -x and -y, and so the tangents -y and x.
+    """
+    x, y = force
+    ways = {BOTH: [-x, -y, 0.0, 0.0], STANDING: [-x, -y, 0.0, 0.0],
+            FIRST: [-x, 0.0, -y, 0.0], SECOND: [0.0, -y, 0.0, x]}
+    ends = [ended(state, shares) for state, shares in ways.items()]
+    total = [shares[:2] @ -np.eye(2) + shares[2:] @ [[0, -1], [1, 0]] for _, shares in ends]
+    assert np.abs(np.array(total) - force).max() <= 1e-15
+    assert len({int(nodes.acting[0]) for nodes, _ in ends}) == 1
+    assert np.abs(np.array([shares for _, shares in ends]) - ends[0][1]).max() <= 1e-15
+    nodes, shares = ends[0]
+    own = nodes.own(shares)  # the next step starts with the same force on rows that are free
+    assert (own[nodes.excluded] == 0).all()
+    assert own[:2] @ -np.eye(2) + own[2:] @ [[0, -1], [1, 0]] == pytest.approx(force)
+    apart_from_it, shares = ended(FIRST, ways[FIRST], over=[0.0, -1e-3])
+    assert shares.tolist() == ways[FIRST] and not apart_from_it.rested[0]
+
+
+def test_a_touch_within_the_tolerance_changes_no_state():
+    nodes = corner()
+    nodes.acting[:] = FIRST
+    for over, changes in ((5e-8, False), (5e-7, True)):
+        gradient = -np.array([0.0, over, 0.0, 0.0])
+        assert nodes.switch(np.array([1.0, 0, 0, 0]), gradient, None, np.ones(4), 1e-13, ALONE,
+                            1.0) == changes
+
+
+def test_a_corner_that_no_state_holds_is_undecided():
+    """Without friction nothing pulls: the standing vertex is left to one side, and circles."""
+    nodes, changes = corner(), 0
+    violation = CIRCLE | {STANDING: ([1.0, -0.4], [0.0, 0.0])}
+    while switched(nodes, *violation[nodes.acting[0]])[0]:
+        changes += 1
+    assert changes == MOST and nodes.undecided[0]
+    nodes.begin_step()
+    assert not nodes.undecided[0]
+
+
+def test_a_step_with_an_undecided_corner_names_it():
+    """Whatever the residuals of what its state leaves: exit status 4."""
+    nodes = corner()
+    nodes.undecided[:] = True
+    states = object.__new__(CornerStates)
+    states.corners, states.contact = nodes, SimpleNamespace(xy=np.array([[2.0, 0.5]]))
+    with pytest.raises(Unfinished, match=r"step 3: .* at the corner \(2, 0.5\)") as caught:
+        states._refuse(3, np.zeros(4), np.zeros(4))  # pylint: disable=protected-access
+    assert caught.value.final and caught.value.error.exit_status == 4
+
+
+def test_least_friction_shares_a_force():
+    """Against a linear program, for random corners; no share is outside a cone."""
+    rng, ended = np.random.default_rng(5), []
+    for _ in range(60):
+        angle = rng.uniform(0, 2 * np.pi) + np.array([0.0, rng.uniform(0.6, 2.5)])
+        normals = np.column_stack([np.cos(angle), np.sin(angle)])
+        tangents = np.column_stack([-normals[:, 1], normals[:, 0]])
+        F, c, force = rng.uniform(0, 1, 2), rng.choice([0, 0.1], 2), rng.normal(size=2)
+        found = least_friction(force, normals, F, c, np.zeros(2, bool))
+        cone = np.hstack([-np.diag(F), np.eye(2), np.eye(2)])  # of p, q+ and q-
+        best = linprog([0, 0, 1, 1, 1, 1], A_ub=cone, b_ub=c, b_eq=force,
+                       A_eq=np.hstack([normals.T, tangents.T, -tangents.T]))
+        ended.append(best.status == 0)
+        assert (found is not None) == ended[-1]
+        if found is not None:
+            p, q = found
+            assert p @ normals + q @ tangents == pytest.approx(force, abs=1e-8)
+            assert (p >= 0).all() and (np.abs(q) <= F * p + c).all()
+            assert np.abs(q).sum() == pytest.approx(best.fun, abs=1e-6)
+    assert 10 < sum(ended) < 50

@@ -1,0 +1,50 @@
+"""Contact nodes from the parts of a boundary that end in a vertex: how many, and which label."""
+
+import numpy as np
+import pytest
+
+from driver.contact.nodes import merge_parts
+from driver.errors import InputError
+
+
+def polygon(sides: int, label, cut) -> np.ndarray:
+    """Parts of the dual segments of a regular polygon; `label`, `cut` of edge k."""
+    angle = 2 * np.pi * np.arange(sides) / sides
+    normal = np.column_stack([np.cos(angle), np.sin(angle)])
+    rows = [(label(k), end % sides, 0.5, *(0.5 * normal[k]), 0.5 * k, 0.0, 0.0)
+            for k in range(sides) for end in (k, k + 1)]
+    return np.array(sorted(rows, key=lambda row: cut(row[1])))
+
+
+@pytest.mark.parametrize("sides, count", [(4, 8), (6, 12), (8, 16), (10, 20), (11, 11), (12, 12),
+                                          (40, 40)])
+def test_polygon_of_a_circle_has_a_node_at_each_vertex(sides, count):
+    """From eleven sides on; the corners of others have two. Labels and cuts make no difference."""
+    rng = np.random.default_rng(sides)
+    order = rng.permutation(sides)
+    tables = [polygon(sides, lambda k: 1, lambda vertex: vertex),
+              polygon(sides, lambda k: 1 + k % 3, lambda vertex: order[int(vertex)])]
+    nodes = [merge_parts(table, ["gap"], []) for table in tables]
+    for found in nodes:
+        assert len(found.gid) == count
+        assert found.weight == pytest.approx(np.full(count, 1.0 if count == sides else 0.5))
+    kept = [{(gid, *np.round(normal, 9)): gap for gid, normal, gap in
+             zip(found.gid, found.normal, found.columns["gap"])} for found in nodes]
+    assert kept[0].keys() == kept[1].keys()
+    assert all(kept[0][key] == pytest.approx(kept[1][key]) for key in kept[0])
+
+
+def test_reported_label_is_that_of_the_longest_part():
+    """Of parts that only rounding tells apart the smallest label's."""
+    rows = [(7, 0, 0.6, 0.6, 0.0, 0, 0), (3, 0, 0.4, 0.4, 0.0, 0, 0),
+            (7, 1, 0.5 + 1e-13, 0.5, 0.0, 0, 0), (3, 1, 0.5, 0.5, 0.0, 0, 0)]
+    for turn in (1, -1):
+        assert merge_parts(np.array(rows[::turn]), [], []).label.tolist() == [7, 3]
+
+
+def test_more_than_two_directions_are_refused():
+    """Three conditions act on two displacements."""
+    angles = np.deg2rad([0, 120, 240])
+    rows = [(k, 0, 1.0, np.cos(a), np.sin(a), 0, 0) for k, a in enumerate(angles)]
+    with pytest.raises(InputError, match="more than two directions"):
+        merge_parts(np.array(rows), [], [])

@@ -1,0 +1,319 @@
+"""Ties and periodic boundaries: patches, rates, what meets at their ends, closed forms, misuse."""
+
+import numpy as np
+import pytest
+
+import driver
+from driver.files import read_table
+
+TIGHT = {"rtol": 1e-12, "friction_rtol": 1e-10, "primal_rtol": 1e-9, "fields": "yes"}
+HEAD = """include "scene.idp"
+real E = 1000., nu = 0.3, t = tan(10*pi/180);
+"""
+MATERIAL = """
+macro young() E //
+macro poisson() nu //
+"""
+# two blocks across a tilted cut, meshed as it suits either
+CUT = HEAD + """int[int] below = [1, 2, 5, 4], above = [6, 2, 3, 4];
+addBody(square(9, 5, [2.*x, y*(0.5 + t*(2.*x - 1.))], label = below))
+addBody(square(14, 4, [2.*x, 1. - (1. - y)*(0.5 - t*(2.*x - 1.))], label = above))
+""" + MATERIAL
+# pressed, the lower one alone held: the tie is all that holds the upper one
+PATCH = CUT + """macro support() on(1, u2 = 0.) //
+macro displacement1() on(4, u1 = 0., u2 = -(1 - nu^2)/E*y) //
+macro load1() pressure(3, 1.) //
+macro tie() 6, 5 //
+include "export.idp"
+"""
+# four blocks that meet in one point, no two meshes alike
+FOUR = HEAD + """int[int] a = [1, 11, 12, 4], b = [1, 2, 22, 21];
+int[int] c = [32, 31, 3, 4], d = [42, 2, 3, 41];
+addBody(square(3, 4, [x, y], label = a))
+addBody(square(5, 3, [1 + x, y], label = b))
+addBody(square(4, 2, [x, 1 + y], label = c))
+addBody(square(2, 5, [1 + x, 1 + y], label = d))
+""" + MATERIAL + """macro support() on(1, u2 = 0) + on(4, u1 = 0) //
+macro load1() pressure(3, 1.) //
+macro tie() 11, 21, 12, 32, 22, 42, 31, 41 //
+include "export.idp"
+"""
+# two blocks side by side on a rigid floor, which is all besides the tie that holds the right one
+SIDE = HEAD + """int[int] a = [5, 11, 3, 4], b = [5, 2, 3, 21];
+addBody(square(3, 4, [x, y], label = a))
+addBody(square(5, 3, [1 + x, y], label = b))
+""" + MATERIAL + """macro support() on(4, u1 = 0) //
+macro load1() pressure(3, 1.) //
+macro contact() 5 //
+macro tie() 11, 21 //
+include "export.idp"
+"""
+# a square in a square hole, tied all round by one label that turns corners
+INCLUSION = HEAD + """border o1(s = 0, 4) { x = s; y = 0; label = 1; }
+border o2(s = 0, 4) { x = 4; y = s; label = 2; }
+border o3(s = 4, 0) { x = s; y = 4; label = 3; }
+border o4(s = 4, 0) { x = 0; y = s; label = 4; }
+border h1(s = 1, 3) { x = s; y = 1; label = 5; }
+border h2(s = 1, 3) { x = 3; y = s; label = 5; }
+border h3(s = 3, 1) { x = s; y = 3; label = 5; }
+border h4(s = 3, 1) { x = 1; y = s; label = 5; }
+addBody(buildmesh(o1(8) + o2(8) + o3(8) + o4(8) + h1(-6) + h2(-5) + h3(-7) + h4(-4)))
+int[int] around = [6, 6, 6, 6];
+addBody(square(5, 9, [1 + 2*x, 1 + 2*y], label = around))
+""" + MATERIAL + """macro support() on(1, u2 = 0) + on(4, u1 = 0) //
+macro load1() pressure(3, 1.) //
+macro tie() 6, 5 //
+include "export.idp"
+"""
+STRIP = HEAD + """border base(s = 0, 1) { x = s; y = 0; label = 1; }
+border right(s = 0, 1) { x = 1 + 0.1*sin(2*pi*s); y = s; label = 2; }
+border top(s = 1, 0) { x = s; y = 1; label = 3; }
+border left(s = 1, 0) { x = 0.1*sin(2*pi*s); y = s; label = 4; }
+addBody(buildmesh(base(5) + right(%s) + top(5) + left(%s)))
+""" + MATERIAL + """macro support() on(1, u1 = 0, u2 = 0) //
+macro displacement1() on(3, u1 = 0.01, u2 = 0) //
+macro periodic() 4, 2 //
+include "export.idp"
+"""
+
+
+@pytest.fixture
+def scene(tmp_path):
+    """scene(text, (old, new), ...): path of a scene with parts replaced."""
+    def make(text: str, *changes):
+        for old, new in changes:
+            assert old in text
+            text = text.replace(old, new)
+        path = tmp_path / "scene.edp"
+        path.write_text(text)
+        return path
+    return make
+
+
+def stresses(run) -> np.ndarray:
+    """(m, 4) of the triangles at the end of a run."""
+    assert run.status == 0, run.reason
+    return driver.open(run.directory).fields().triangle_stress
+
+
+@pytest.mark.parametrize("text, options", [
+    ("patch", {}), ("patch", {"element": "P2", "subdomains": 5}), ("patch", {"subdomains": 7}),
+    ("four", {"subdomains": 5}), ("side", {"subdomains": 3}), ("inclusion", {"subdomains": 4}),
+    pytest.param("inclusion", {"element": "P2"}, marks=pytest.mark.slow),  # a further mesh
+    pytest.param("patch", {"np": 2, "subdomains": 3}, marks=pytest.mark.slow),  # ranks
+    pytest.param("four", {"element": "P2"}, marks=pytest.mark.slow),  # a further mesh
+    pytest.param("side", {"element": "P2", "np": 2}, marks=pytest.mark.slow)])
+def test_constant_stress_passes(solved, scene, text, options):
+    """sigma_yy = -1 in plane strain, everything else zero but sigma_zz: to rounding, 1e-9."""
+    text = {"patch": PATCH, "four": FOUR, "side": SIDE, "inclusion": INCLUSION}[text]
+    stress = stresses(solved(scene(text), **TIGHT, **options))
+    np.testing.assert_allclose(stress, np.tile([0, -1, -0.3, 0], (len(stress), 1)), atol=1e-9)
+
+
+def test_rows_are_independent_whatever_meets_at_the_ends_of_ties(built, scene):
+    """Where four ties meet in a point, and beside contact of nodes that match: F is regular."""
+    for text in (FOUR, SIDE.replace("square(5, 3", "square(3, 4")):
+        values = np.linalg.eigvalsh(built(scene(text), subdomains=1).F)
+        assert values[0] > 1e-6 * values[-1]
+
+
+def test_bodies_that_nothing_pushes_settle_at_once(solved, scene):
+    """A body held in one direction by ties alone, with no force in it, needs no other method."""
+    run = solved(scene(FOUR), subdomains=5, **TIGHT)
+    assert not any(run.summary["fallbacks"].values()) and not run.summary["warnings"]
+
+
+def test_what_nothing_balances_is_refused(solved):
+    """A periodic body that contact holds no more flies off, whatever joins it to itself."""
+    run = solved("ripple", h=0.1, without="contact")
+    assert run.status == 3 and "no equilibrium" in run.reason
+
+
+@pytest.mark.slow  # the same once more, of revolution
+def test_constant_stress_passes_between_bodies_of_revolution(solved, scene):
+    """Free to widen, sigma_zz is the hoop stress: zero, with nothing that holds the outer ring."""
+    revolved = (("macro support() on(4, u1 = 0) //", "macro axisymmetric() 1 //"),)
+    for element in ("P1", "P2"):
+        stress = stresses(solved(scene(SIDE, *revolved), element=element, **TIGHT))
+        np.testing.assert_allclose(stress, np.tile([0, -1, 0, 0], (len(stress), 1)), atol=2e-9)
+
+
+# u is a polynomial of degree two, whose body force is constant
+SMOOTH = CUT
+for old, new in (("real E = 1000.", """int m = whole("lower", 10, 2), n = whole("upper", 14, 2);
+real E = 1."""), ("square(9, 5", "square(m, m/2"), ("square(14, 4", "square(n, n/2")):
+    assert old in SMOOTH
+    SMOOTH = SMOOTH.replace(old, new)
+SMOOTH += """real lam = nu/(1 + nu)/(1 - 2*nu), mu = 1/(2*(1 + nu));
+macro displacement1() on(1, 2, 3, 4, u1 = x^2 + 2*x*y + y^2/2, u2 = x^2/2 - x*y + 2*y^2) //
+macro bodyForce1() [-(lam + 4*mu), -(3*mu + 4*(lam + 2*mu) + 2*lam)] //
+macro tie() 6, 5 //
+include "export.idp"
+"""
+
+
+def error(run) -> float:
+    """||u_h - u|| in L2 by the middles of edges, which is exact for linear u_h but for h^4."""
+    fields = driver.open(run.directory).fields()
+    corner = fields.nodes[fields.triangles]
+    one, two = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
+    area = np.abs(one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]) / 2
+    total = 0.0
+    for a, b in ((0, 1), (1, 2), (2, 0)):
+        u = fields.displacement[fields.triangles[:, [a, b]]].mean(axis=1)
+        x, y = ((corner[:, a] + corner[:, b]) / 2).T
+        u -= np.column_stack([x**2 + 2*x*y + y**2 / 2, x**2 / 2 - x*y + 2*y**2])
+        total += area @ (u**2).sum(axis=1) / 3
+    return float(np.sqrt(total))
+
+
+def test_displacements_converge_across_a_tie_as_on_one_mesh(solved, scene):
+    """Order 2 in L2 with linear elements."""
+    coarse, fine = (error(solved(scene(SMOOTH), lower=m, upper=n, fields="yes"))
+                    for m, n in ((10, 14), (20, 28)))
+    assert np.log2(coarse / fine) == pytest.approx(2.0, abs=0.05)
+
+
+@pytest.mark.slow  # a tenth of a second, but a third mesh
+def test_quadratic_elements_have_the_quadratic_solution(solved, scene):
+    """Exactly, with stresses linear along the tie."""
+    run = solved(scene(SMOOTH), element="P2", **TIGHT)
+    fields = driver.open(run.directory).fields()
+    x, y = fields.nodes.T
+    exact = np.column_stack([x**2 + 2*x*y + y**2 / 2, x**2 / 2 - x*y + 2*y**2])
+    np.testing.assert_allclose(fields.displacement, exact, atol=1e-9)
+
+
+def test_a_bimetal_strip_bends_as_timoshenko_says(solved):
+    """Curvature in its middle; the ends are 20 heights away. Forces of the tie balance.
+
+    Both have the law of Saint-Venant: 1e-6 is what tolerances leave.
+    """
+    run = solved("bimetal", element="P2", rtol=1e-10, friction_rtol=1e-9)
+    table = read_table(run.directory / "probes.csv")
+    down = -table["u_y"][-4:]
+    curvature = (down[2] - 2 * down[1] + down[0]) / 10**2
+    ratio = 210 / 100
+    exact = 6 * 7e-6 * 50 * 4 / (2 * (3 * 4 + (1 + ratio) * (1 + 1 / ratio)))
+    assert curvature == pytest.approx(exact, rel=2e-6)
+    assert np.abs([table["force_x"], table["force_y"]]).max() < 1e-6 * 210e3 * 7e-6 * 50
+    assert run.contact == {} and run.summary["sizes"]["contact_nodes"] == 0
+    assert run.summary["effects"]["ties"] and run.summary["effects_ledger"]["tie"]["active"]
+
+
+def test_forces_through_a_tie_are_those_of_statics(solved, scene):
+    """On either side the load of the upper block, with opposite signs."""
+    run = solved(scene(PATCH, ("[6, 2, 3, 4]", "[6, 2, 3, 9]"), (
+                               "macro load1() pressure(3, 1.) //",
+                               "macro load1() traction(3, 0.3, -1.) //\n"
+                               "macro probeLabels() [5, 6] //")), **TIGHT)
+    table = read_table(run.directory / "probes.csv")
+    force = np.column_stack([table["force_x"], table["force_y"]])
+    np.testing.assert_allclose(force, [[0.6, -2.0], [-0.6, 2.0]], atol=1e-8)
+
+
+@pytest.mark.parametrize("right, left", [(8, 8), (7, 10)])
+def test_a_sheared_strip_knows_no_ends(solved, scene, right, left):
+    """Simple shear G 0.01, whatever its wavy sides are and how they are meshed."""
+    stress = stresses(solved(scene(STRIP % (right, left)), subdomains=3, **TIGHT))
+    shear = 1000 / (2 * 1.3) * 0.01
+    alike = right == left  # else the sides' polygons are no translates of one another, h^2 off
+    np.testing.assert_allclose(stress, np.tile([0, 0, 0, shear], (len(stress), 1)),
+                               atol=1e-8 * shear if alike else 0.05 * shear)
+
+
+@pytest.mark.parametrize("options", [{"element": "P2"}, pytest.param(
+    {"h": 0.0025, "mean": 0.5}, marks=pytest.mark.slow), pytest.param(
+    {"h": 0.0025, "crest": 0.5}, marks=pytest.mark.slow)])  # finer, in contact across the sides
+def test_wavy_contact_is_westergaards(solved, options):
+    """Half-width and peak to 0.5 %, wherever the crest lies."""
+    run = solved("ripple", subdomains=4, **options)
+    mean, quantities = options.get("mean", 0.25), run.summary["quantities"]
+    half = np.arcsin(np.sqrt(mean)) / np.pi
+    full = np.pi / (1 - 0.3**2) * 1e-4
+    assert quantities["normal_resultant"] == pytest.approx(mean * full, rel=1e-5)
+    assert quantities["contact_length"] == pytest.approx(2 * half, rel=5e-3)
+    assert quantities["peak_pressure"] == pytest.approx(2 * mean * full / np.sqrt(mean), rel=5e-3)
+
+
+@pytest.mark.slow  # two runs more
+def test_a_tie_does_not_depend_on_cut_and_ranks(solved, scene):
+    """Same bits on two ranks; the same forces to the tolerance for another cut."""
+    text = scene(SIDE, ("macro contact() 5 //", "macro contact() 5 //\nmacro friction() 0.3 //"),
+                 ("macro support() on(4, u1 = 0) //\n", ""))
+    one, two, other = (solved(text, subdomains=s, np=np_, **TIGHT)
+                       for s, np_ in ((5, 1), (5, 2), (1, 1)))
+    for name in ("sigma_n", "sigma_t", "u_t"):
+        assert np.array_equal(one.contact[name], two.contact[name])
+        np.testing.assert_allclose(one.contact[name], other.contact[name],
+                                   atol=1e-7 * np.abs(other.contact[name]).max())
+
+
+@pytest.mark.parametrize("text, old, new, reason", [
+    (SIDE, "[1 + x, y]", "[1.2 + x, y]", "tied boundaries 11 and 21 do not lie on one another"),
+    (SIDE, "11, 21 //", "5, 21 //", "label 5 is declared for contact and tied"),
+    (SIDE, "11, 21 //", "11 //", "tie expects pairs of labels"),
+    (SIDE, "11, 21 //", "11, 21, 11, 2 //", "tie names label 11 twice"),
+    (SIDE, "tie() 11, 21 //", "tie() 11, 21 //\nmacro periodic() 21, 4 //",
+     "label 21 is periodic and tied"),
+    (STRIP % (5, 5), "periodic() 4, 2", "periodic() 4, 3", "are no translates of one another"),
+    (STRIP % (5, 5), "periodic() 4, 2", "periodic() 4, 9", "no boundary with label 9"),
+    (STRIP % (5, 5), "macro periodic() 4, 2 //", "macro periodic() 4, 2 //\nmacro contact() 2 //",
+     "label 2 is periodic and declared for contact")])
+def test_misuse_is_refused_in_one_line(solved, scene, text, old, new, reason):
+    run = solved(scene(text, (old, new)))
+    assert run.status == 2 and reason in run.reason and "\n" not in run.reason
+
+
+# one body on a floor with a law on every part of it, and another one tied to its top
+LAWS = HEAD + """border floor1(s = 0, 1) { x = s; y = 0; label = 11; }
+border floor2(s = 1, 2) { x = s; y = 0; label = 12; }
+border floor3(s = 2, 3) { x = s; y = 0; label = 13; }
+border floor4(s = 3, 4) { x = s; y = 0; label = 14; }
+border floor5(s = 4, 5) { x = s; y = 0; label = 15; }
+border right(s = 0, 1) { x = 5; y = s; label = 2; }
+border top(s = 5, 0) { x = s; y = 1; label = 3; }
+border left(s = 1, 0) { x = 0; y = s; label = 4; }
+addBody(buildmesh(floor1(5) + floor2(5) + floor3(5) + floor4(5) + floor5(5) + right(5) + top(21)
+                  + left(5)))
+int[int] above = [6, 7, 8, 9];
+addBody(square(17, 3, [5*x, 1 + 0.5*y], label = above))
+""" + MATERIAL + """macro load1() pressure(8, 3.) + traction(7, 3., 20.) //
+macro contact() 11, 12, 13, 14, 15 //
+macro friction() (label == 12 ? 0.3 : 0.) //
+macro tresca() (label == 13 ? 0.5 : 0.) //
+macro cohesion() (label == 14 ? 0.8 : 0.) //
+macro bilateral() (label == 15) //
+macro tie() 6, 3 //
+macro probeLabels() [3, 6] //
+include "export.idp"
+"""
+
+
+def test_every_label_has_its_law(solved, scene):
+    """Frictionless, Coulomb, Tresca, cohesion, bilateral and tied, side by side in one scene.
+
+    Where labels go on in one another a vertex has the mean of both: their ends are left out. The
+    tie carries all loads of the upper body; its whole has only friction against the floor.
+    """
+    run = solved(scene(LAWS), subdomains=3, **TIGHT)
+    assert run.status == 0, run.reason
+    c = {name: column[-1] for name, column in run.contact.items()}
+    inside = np.abs(c["x"] - np.round(c["x"])) > 1e-6
+    shear, pressure = np.abs(c["sigma_t"]), np.maximum(-c["sigma_n"], 0)
+    bound = {11: 0 * pressure, 12: 0.3 * pressure, 13: 0.5 + 0 * pressure, 14: 0.8 + 0 * pressure,
+             15: 0 * pressure}
+    slid = np.abs(c["slip"]) > 1e-6 * np.abs(c["slip"]).max()
+    for label, most in bound.items():
+        here = inside & (c["boundary"] == label)
+        assert here.sum() >= 4
+        np.testing.assert_allclose(c["bound"][here], most[here], rtol=1e-7, atol=1e-9)
+        assert (shear[here] <= most[here] + 1e-7).all()
+        slides = here & slid
+        np.testing.assert_allclose(shear[slides], most[slides], atol=1e-6)
+    pulled = inside & (c["boundary"] == 15)
+    np.testing.assert_allclose(c["u_n"][pulled], 0, atol=1e-9)
+    assert c["sigma_n"][pulled].max() > 0 and c["sigma_n"][inside & ~pulled].max() <= 0
+    table = read_table(run.directory / "probes.csv")
+    force = np.column_stack([table["force_x"], table["force_y"]])
+    np.testing.assert_allclose(force, [[1.5, 10 - 15], [-1.5, 15 - 10]], atol=1e-6)

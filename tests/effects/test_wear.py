@@ -1,0 +1,126 @@
+"""Archard's wear: k N S in full slip, level pressure, order in the time step, the law, misuse."""
+
+import numpy as np
+import pytest
+
+TIGHT = {"rtol": 1e-10, "friction_rtol": 1e-9, "primal_rtol": 1e-8}
+
+# a block, nearly rigid, that slides under a given force, as a whole from the first step on
+RIGID = """include "scene.idp"
+real k = physical("k", 1e-12);
+subdomains("2x2");
+rectangle(-1., 1., 0., 1.);
+macro young() 1e9 //
+macro poisson() 0.3 //
+quasistatic(2.);
+macro load1() pressure(3, 5.) //
+macro displacement2() on(3, u1 = 3.) //
+macro amplitude1(t) min(1., t) //
+macro amplitude2(t) max(0., t - 1.) //
+macro contact() 1 //
+macro friction() 0.3 //
+macro wear() k //
+include "export.idp"
+"""
+# one that slides on another, of revolution about a far axis or plane
+PAIR = """include "scene.idp"
+int[int] above = [5, 6, 7, 8];
+addBody(square(7, 3, [3.*x, y - 1.]))
+addBody(square(4, 3, [0.5 + x, y], label = above))
+macro young() 1e3 //
+macro poisson() 0.3 //
+quasistatic(2.);
+macro support() on(1, u1 = 0., u2 = 0.) //
+macro displacement1() on(7, u1 = 0., u2 = -0.01) //
+macro displacement2() on(7, u1 = 0.2, u2 = 0.) //
+macro amplitude1(t) min(1., t) //
+macro amplitude2(t) max(0., t - 1.) //
+macro contactPair() 5, 3 //
+macro friction() 0.3 //
+macro wear() 1e-3 //
+include "export.idp"
+"""
+
+
+@pytest.fixture
+def scene(tmp_path):
+    """scene(text, old, new): path of a scene with a part replaced."""
+    def make(text: str, old: str = "", new: str = ""):
+        assert old in text
+        path = tmp_path / "scene.edp"
+        path.write_text(text.replace(old, new) if old else text)
+        return path
+    return make
+
+
+def test_full_slip_wears_off_knS(solved, scene):
+    """k N S to 1e-6: wear so small that pressures stay, bodies so stiff that slip is the way."""
+    run = solved(scene(RIGID), cells=3, steps=4, **TIGHT)
+    assert run.summary["quantities"]["worn_volume"] == pytest.approx(1e-12 * 10 * 3, rel=1e-6)
+    assert run.summary["effects_ledger"]["wear"]["active"]
+
+
+@pytest.mark.parametrize("options", [{}, pytest.param(  # further meshes
+    {"element": "P2", "subdomains": 5, "np": 2}, marks=pytest.mark.slow)])
+def test_the_law_holds_at_every_node_and_step(solved, options):
+    """What wears off in a step is k |slip| p, and where a node presses u_n = gap + wear."""
+    run = solved("worn-pad", cells=3, steps=8, **TIGHT, **options)
+    c = run.contact
+    step = np.diff(np.vstack([0 * c["wear"][:1], c["wear"]]), axis=0)
+    law = 1e-4 * np.abs(c["slip"]) * -c["sigma_n"]
+    assert law.max() > 1e-3 and np.abs(step - law).max() < 1e-6 * law.max()
+    presses, depth = c["sigma_n"] < 0, c["u_n"] - c["gap"] - c["wear"]
+    assert np.abs(depth[presses]).max() < 1e-7 * c["wear"].max()
+    assert depth.max() < 1e-7 * c["wear"].max()
+    volume = (c["wear"][-1] * c["weight"][-1]).sum()
+    assert run.summary["quantities"]["worn_volume"] == pytest.approx(volume, rel=1e-12)
+
+
+def test_wear_levels_the_pressure(solved):
+    """p = N/2a to 0.1 % after a way that wears off far more than the lining is compressed by."""
+    run = solved("worn-pad", cells=3, steps=12, stroke=4000)
+    first, last = -run.contact["sigma_n"][5], -run.contact["sigma_n"][-1]
+    assert np.ptp(first) > 0.2 * first.mean()
+    np.testing.assert_allclose(last, run.history["resultant_n"][-1] / -20, rtol=1e-3)
+    np.testing.assert_allclose(last, 5.0, rtol=1e-3)
+
+
+@pytest.mark.slow  # a series of runs
+def test_the_worn_volume_is_of_first_order_in_the_step(solved):
+    """Halved steps halve the difference to the next: order 1."""
+    volumes = [solved("worn-pad", cells=3, steps=n, stroke=100, **TIGHT)
+               .summary["quantities"]["worn_volume"] for n in (8, 16, 32, 64)]
+    change = np.diff(volumes)
+    np.testing.assert_allclose(np.log2(change[:-1] / change[1:]), 1.0, atol=0.15)
+
+
+@pytest.mark.slow  # two runs more
+@pytest.mark.parametrize("change", ["", "macro axisymmetric() 1 //\n"])
+def test_between_bodies_and_of_revolution(solved, scene, change):
+    """The law at every node; the volume is that of the revolution, weights being areas."""
+    run = solved(scene(PAIR, "macro young", change + "macro young"), steps=6, **TIGHT)
+    c = run.contact
+    step = np.diff(np.vstack([0 * c["wear"][:1], c["wear"]]), axis=0)
+    law = 1e-3 * np.abs(c["slip"]) * -c["sigma_n"]
+    assert np.abs(step - law).max() < 1e-6 * law.max() and law.max() > 0
+    presses = c["sigma_n"] < 0
+    assert np.abs((c["u_n"] - c["gap"] - c["wear"])[presses]).max() < 1e-6 * c["wear"].max()
+
+
+@pytest.mark.parametrize("old, new, reason", [
+    ("macro friction() 0.3 //\n", "", "wear is declared without friction"),
+    ("macro wear() k //", "macro wear() -1e-3 //", "wear is negative")])
+def test_misuse_is_refused_in_one_line(solved, scene, old, new, reason):
+    run = solved(scene(RIGID, old, new), cells=2)
+    assert run.status == 2 and reason in run.reason and "\n" not in run.reason
+
+
+@pytest.mark.slow  # wear without wear: a run more
+def test_no_wear_is_no_wear(solved, scene):
+    """k = 0 gives what the scene gives without wear, to the tolerance."""
+    none, without = (solved(scene(RIGID), cells=3, steps=4, k=0, **TIGHT),
+                     solved(scene(RIGID), cells=3, steps=4, without="wear", **TIGHT))
+    assert not none.contact["wear"].any()
+    for name in ("sigma_n", "u_n"):
+        np.testing.assert_allclose(none.contact[name], without.contact[name],
+                                   atol=1e-7 * np.abs(without.contact[name]).max())

@@ -1,0 +1,113 @@
+"""Bodies that move and nothing deforms them: the answer is no force at all, not rounding; and
+friction that needs no pressure is a force even so.
+"""
+
+import numpy as np
+import pytest
+
+BOXES = """include "scene.idp"
+units("m", "Pa");
+subdomains("2");
+quasistatic(1.);
+int[int] low = [1, 2, 3, 4];
+int[int] top = [11, 12, 13, 14];
+mesh Ta = square(4, 3, [2.*x, 1.*y], label = low);
+mesh Tb = square(3, 3, [0.3 + 1.1*x, 1. + 0.8*y], label = top);
+Tb = change(Tb, fregion = 1);
+addBody(Ta)
+addBody(Tb)
+macro young() (region == 0 ? 1e3 : 1.)*1e9 //
+macro poisson() 0.3 //
+macro displacement1() on(13, u1 = 0.3, u2 = -0.1) //
+macro amplitude1(t) t //
+macro contact() 1 //
+macro contactPair() 11, 3 //
+macro gap() 0.2 //
+macro friction() 0.3 //
+include "export.idp"
+"""
+SHELF = """include "scene.idp"
+units("m", "Pa");
+subdomains("1");
+quasistatic(1.);
+border a(t=0, 1) { x = 0.3 + 1.9*t; y = 0.1 - 0.2*t; label = 1; }
+border b(t=0, 1) { x = 2.2; y = -0.1 + t; label = 2; }
+border c(t=0, 1) { x = 2.2 - 1.9*t; y = 0.9 + 0.17*t; label = 3; }
+border d(t=0, 1) { x = 0.3; y = 1.07 - 0.97*t; label = 4; }
+body = buildmesh(a(7) + b(4) + c(6) + d(5));
+macro young() 1e6 //
+macro poisson() 0.3 //
+macro displacement1() on(4, u1 = 0., u2 = 0.1) //
+macro amplitude1(t) t //
+macro contact() 2 //
+macro tresca() 50. //
+include "export.idp"
+"""
+LID = """include "scene.idp"
+units("m", "Pa");
+subdomains("2x1");
+quasistatic(1.);
+rectangle(0., 2., 0., 1.);
+macro young() 1. //
+macro poisson() 0.2 //
+macro support() on(3, u1 = 0.) //
+macro load1() traction(3, 0., -1e-4) //
+macro load2() traction(3, 1e-5, 0.) //
+macro amplitude1(t) sin(2*pi*t) //
+macro amplitude2(t) t*(2.5 - 2.*t) //
+macro contact() 1 //
+macro friction() 0.2 //
+include "export.idp"
+"""
+TIGHT = {"rtol": 1e-10, "friction_rtol": 1e-8}
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    """scene(name, text): path of a scene."""
+    folder = tmp_path_factory.mktemp("no-forces")
+
+    def write(name: str, text: str):
+        path = folder / f"{name}.edp"
+        path.write_text(text)
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize("cut", [2, 7])
+@pytest.mark.parametrize("lid", ["t", "0.5*t*t - t", "min(1., 2.*t)"], ids=["down", "up", "stops"])
+def test_boxes_carried_through_the_air_feel_nothing(built, steps_of, scene, lid, cut):
+    """A soft one is moved by its lid and pushes a stiff one, both without weight, down a gap; or
+    leaves it behind, or both stop.
+    """
+    text = BOXES.replace("amplitude1(t) t", f"amplitude1(t) {lid}")
+    problem = built(scene=scene(f"boxes{len(lid)}", text), subdomains=cut, steps=3)
+    solver, steps = steps_of(problem, **TIGHT)
+    assert solver.failure is None and len(steps) == 3
+    # of E times the way of 0.1 at least, if anything held them
+    assert max(np.abs(step.multipliers).max() for step in steps) <= 1e-9 * 1e8
+
+
+@pytest.mark.parametrize("cut", [1, 5])
+def test_given_friction_holds_what_slides_along_it(built, steps_of, scene, cut):
+    """A body carried along a wall that it only touches: rubbed by 50 N/m2 on its side of 1 m."""
+    problem = built(scene=scene("shelf", SHELF), subdomains=cut, steps=2, element="P2")
+    solver, steps = steps_of(problem, **TIGHT)
+    assert solver.failure is None and len(steps) == 2
+    tangential = solver.rows.tangential
+    # to the rounding of nodal forces
+    assert steps[-1].multipliers[tangential].sum() == pytest.approx(50.0, rel=1e-12)
+
+
+@pytest.mark.parametrize("cut", ["1x1", "3x1", "12x6"])
+def test_a_load_that_steps_see_at_its_zeros_alone_is_none(built, steps_of, scene, cut):
+    """Two steps of a sine, its rounding beside a sine of size one; and a traction along what the
+    support holds works on no motion that it leaves free, not by rounding either.
+    """
+    problem = built(scene=scene("lid", LID), subdomains=cut, cells=2, steps=2)
+    assert not problem.manifest.factors[:, 0].any() and problem.manifest.factors[2, 1] > 0
+    assert not problem.operator.rigid_work[:, 1].any()
+    solver, steps = steps_of(problem, **TIGHT)
+    assert solver.failure is None
+    assert not any(step.multipliers[solver.residuals.contact > 0].any() for step in steps)

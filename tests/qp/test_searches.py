@@ -1,0 +1,117 @@
+"""Solutions where Newton's and Lemke's methods find none: all states, descent, growing friction;
+and what counts as a solution where conditions depend on one another or bodies jam.
+"""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from driver.qp import branching, complementarity, continuation
+from driver.qp.coulomb import CoulombProblem
+from driver.hard.states import States
+
+SEEDS = 12
+
+
+def random_problem(seed: int, nodes: int, motions: int, pulls: bool = False, largest: float = 4.0):
+    """Bodies free in `motions`, of which a part has no equilibrium; `pulls`: bilateral contact."""
+    rng = np.random.default_rng(seed)
+    root = rng.standard_normal((2 * nodes, 2 * nodes + 1))
+    unit = 10 ** rng.uniform(-0.5, 0.5, 2 * nodes)
+    return CoulombProblem(root @ root.T * np.outer(unit, unit), rng.standard_normal(2 * nodes),
+                          rng.uniform(0.1, largest, nodes), np.arange(nodes), pulls,
+                          rng.standard_normal((2 * nodes, motions)), rng.standard_normal(motions))
+
+
+def has_solution(problem: CoulombProblem) -> bool:
+    """By trying all states, with all signs of the forces where contact pulls."""
+    signs = itertools.product((1.0, -1.0), repeat=problem.n) if problem.bilateral.any() else (
+        np.ones(problem.n),)
+    return any(problem.solves(problem.solution_in(np.array(states), np.array(sign)))
+               for sign in signs
+               for states in itertools.product(*map(problem.choices, range(problem.n))))
+
+
+@pytest.mark.parametrize("nodes, motions, pulls", [(3, 1, False), (3, 2, False), (2, 0, True),
+                                                   (2, 3, True)])
+def test_branch_and_bound_says_what_all_states_say(nodes, motions, pulls):
+    """The solver's search, which then has a solution, and the judge's of the same problems."""
+    none = 0
+    for seed in range(10, 10 + SEEDS):
+        problem = random_problem(seed, nodes, motions, pulls, 20.0 if pulls else 4.0)
+        expected = has_solution(problem)
+        found = branching.search_states(problem)
+        assert found.certain and (found.solution is not None) == expected, seed
+        assert not expected or problem.solves(found.solution)
+        n, R, C = nodes, problem.motions, problem.compliance
+        judged = States(np.hstack([C, R]), -problem.load[:n], -problem.load[n:],
+                        problem.coefficient, problem.coefficient, np.zeros(n), R.T,
+                        problem.balance, np.full(n, pulls), np.zeros((n, n), bool)).search(20.0)
+        assert judged == expected, seed
+        none += not expected
+    assert none > 0 or pulls  # bodies that contact cannot pull back may fall off
+
+
+def test_branch_and_bound_knows_its_limits(monkeypatch):
+    """Too many nodes, or programs, are no proof that there is no solution."""
+    problem = random_problem(1, 3, 3)
+    many = branching.search_states(random_problem(1, branching.MOST_NODES + 1, 1))
+    assert many.solution is None and not many.certain
+    monkeypatch.setattr(branching, "newton", lambda *_: None)
+    solvable = next(problem for problem in (random_problem(seed, 3, 1) for seed in range(SEEDS))
+                    if has_solution(problem))
+    hidden = branching.search_states(solvable)  # states obey every law, but nothing is exact
+    assert hidden.solution is None and not hidden.certain
+    monkeypatch.setattr(branching, "PROGRAMS", 1)
+    found = branching.search_states(problem)
+    assert found.solution is None and not found.certain
+
+
+def test_friction_that_grows_leads_to_a_solution(monkeypatch):
+    """From half of the friction Newton's method follows to the whole, without Lemke's there."""
+    honest, ends = complementarity.lemke, 0
+    for seed in range(SEEDS):
+        problem = random_problem(seed, 4, 0)
+        monkeypatch.setattr(complementarity, "lemke", lambda other, own=problem: None if (
+            other.coefficient == own.coefficient).all() else honest(other))
+        z = continuation.with_growing_friction(problem, problem.whole(0 * problem.load))
+        assert z is None or problem.solves(z)
+        ends += z is not None
+    assert ends >= 0.8 * SEEDS  # paths may turn back
+
+
+def test_descent_by_single_states_leads_to_a_solution():
+    """From all nodes alike, for bodies without support; where there is no solution to none."""
+    ends, exist = 0, 0
+    for seed in range(SEEDS):
+        problem = random_problem(seed, 3, 2)
+        starts = complementarity.all_alike(problem)
+        found = [z for z in (complementarity.descend(problem, start) for start in starts)
+                 if z is not None]
+        assert all(problem.solves(z) for z in found)
+        ends, exist = ends + bool(found), exist + has_solution(problem)
+    assert 0.7 * exist <= ends <= exist
+
+
+def test_conditions_that_depend_on_one_another_share_a_force_evenly():
+    """Two nodes at one place: of all forces that stop it those with the least squares."""
+    problem = CoulombProblem(np.ones((2, 2)), np.full(2, 3.0), np.zeros(0), np.zeros(0, int), True)
+    z = problem.solution_in(np.array([1, 1]))
+    assert z == pytest.approx([1.5, 1.5])
+    apart = problem.under(np.array([3.0, 2.0]), problem.coefficient)
+    assert apart.solution_in(np.array([1, 1])) is None  # one place, two gaps
+    # three conditions on two displacements, of which rounding hides that they depend
+    rows = np.random.default_rng(3).standard_normal((3, 2))
+    way = rows @ np.array([0.7, -0.4])
+    three = CoulombProblem(rows @ rows.T, way, np.zeros(0), np.zeros(0, int), True)
+    forces = three.solution_in(np.ones(3, int))
+    assert forces == pytest.approx(np.linalg.pinv(rows @ rows.T) @ way)
+
+
+def test_forces_that_run_in_a_circle_excuse_nothing():
+    """Forces of 1e12 that hold one another leave the loads unanswered, however small beside them.
+    """
+    problem = CoulombProblem(np.ones((2, 2)), np.full(2, 3.0), np.zeros(0), np.zeros(0, int), True)
+    assert problem.solves(np.array([2.0, 1.0]))
+    assert not problem.solves(np.array([1e12, -1e12]))
