@@ -11,8 +11,9 @@ from .scales import length_scale
 from .style import INCH, header, place_header
 
 PANELS = 4  # contact boundaries that fit in one figure
+NAMES = 0.5  # inches that the name of an upright axis takes
 FLAT = 0.4  # inches; numbers of the axis of a body as flat stand on each other
-LAYOUTS, ENOUGH = 5, 0.02  # layouts until a body is as wide as it can be, to so many inches
+LAYOUTS, ENOUGH = 5, 0.02  # layouts until a body is as wide as it can be, to this part
 
 
 def run_header(figure: Figure, run: Run, caption: str, handles: list, note: str = "") -> None:
@@ -34,15 +35,16 @@ def shrink_to_body(figure: Figure, axes) -> None:
     place = axes.get_position()
     width, shape = place.width, place.height * figure.get_figheight() / place.width
     slack = axes.get_position(original=True).height - place.height
-    figure.set_figheight(figure.get_figheight() * (1 - slack))
+    names = max(0.0, NAMES - place.height * figure.get_figheight())
+    figure.set_figheight(figure.get_figheight() * (1 - slack) + names)
     figure.set_layout_engine("compressed")
     for _ in range(LAYOUTS):
         place_header(figure)
         figure.draw_without_rendering()
-        missing = (width - axes.get_position().width) * shape
+        missing = width - axes.get_position().width
         if missing < ENOUGH:
             break
-        figure.set_figheight(figure.get_figheight() + missing)
+        figure.set_figheight(figure.get_figheight() + missing * shape)
     if axes.get_position().height * figure.get_figheight() < FLAT:
         axes.yaxis.set_major_locator(MaxNLocator(1))
 

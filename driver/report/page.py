@@ -1,10 +1,12 @@
 """Pieces of a page: text, tables, pictures and verdict as HTML that needs no other file."""
 
 import base64
+import struct
 from html import escape
 from pathlib import Path
 
 FILE = "report.html"
+WIDE = 2.5  # width of a picture over its height from which on a phone would show it too small
 COLOURS = {"good": "#009E73", "doubtful": "#E69F00", "bad": "#D55E00"}  # of verdicts
 STYLE = """
 body { font: 16px/1.45 system-ui, sans-serif; color: #222; margin: 0 auto; padding: 0 1rem 3rem;
@@ -17,6 +19,7 @@ th, td { padding: .25rem .7rem .25rem 0; text-align: left; vertical-align: top;
 th { font-weight: 600; } .number { text-align: right; font-variant-numeric: tabular-nums;
          white-space: nowrap; }
 figure { margin: 0 0 1.4rem; } img { max-width: 100%; height: auto; display: block; }
+.wide { overflow-x: auto; } .wide img { max-width: none; width: max(100%, 44rem); }
 figcaption { color: #666; font-size: .9rem; } summary { cursor: pointer; margin: .4rem 0; }
 pre { overflow-x: auto; font-size: .8rem; } li { margin: .2rem 0; }
 """
@@ -70,11 +73,14 @@ def folded(title: str, content: str) -> str:
 
 
 def picture(path: Path, caption: str) -> str:
-    """A PNG or GIF file inside the page."""
-    kind = path.suffix.removeprefix(".")
-    data = base64.b64encode(path.read_bytes()).decode()
-    return (f'<figure><img alt="{escape(caption)}" src="data:image/{kind};base64,{data}">'
-            f"<figcaption>{escape(caption)}</figcaption></figure>")
+    """A PNG or GIF file inside the page; a wide one is scrolled on a narrow screen."""
+    kind, content = path.suffix.removeprefix("."), path.read_bytes()
+    image = (f'<img alt="{escape(caption)}" src="data:image/{kind};base64,'
+             f'{base64.b64encode(content).decode()}">')
+    if kind == "png":
+        width, height = struct.unpack(">II", content[16:24])
+        image = f'<div class="wide">{image}</div>' if width > WIDE * height else image
+    return f"<figure>{image}<figcaption>{escape(caption)}</figcaption></figure>"
 
 
 def plain(value) -> str:

@@ -53,8 +53,10 @@ def _judgement(path: Path, rows: list[dict]) -> str:
                   if word in texts]
         failed = sum(text in bad for text in texts)
         counts += [f"{failed} not"] if failed else []
-        return page.verdict(f"{path.stem}: of {len(texts)} {', '.join(counts)}.",
-                            "bad" if failed else "good")
+        said = f"of {len(texts)} rows {', '.join(counts)}"
+        if len(counts) == 1 and not failed:
+            said = f"all {counts[0]}"
+        return page.verdict(f"{path.stem}: {said}.", "bad" if failed else "good")
     return ""
 
 

@@ -10,6 +10,7 @@ import pytest
 from driver import cli
 from driver.errors import InputError
 from driver.files import write_table
+from driver.report import page
 from driver.report import run as single
 from driver.report import study
 
@@ -109,7 +110,7 @@ def test_a_study_is_judged_by_its_table(tmp_path):
     write_table(tmp_path / "contact.csv", [{"status": "open", "x": "1"}])
     (tmp_path / "report.png").write_bytes(PNG)
     page = Page(study.write(tmp_path))
-    assert "report: of 3 1 solved, 1 refused as it should be, 1 not." in page.words
+    assert "report: of 3 rows 1 solved, 1 refused as it should be, 1 not." in page.words
     assert "contact:" not in page.words and len(page.links) == 1
     assert ["<a>", "solved", "1.5"] in page.rows
 
@@ -119,7 +120,7 @@ def test_effects_that_are_needed_are_no_failure(tmp_path):
     write_table(tmp_path / "slope.csv", [{"without": "", "status": "0"},
                                          {"without": "friction", "status": "3"}])
     page = Page(study.write(tmp_path))
-    assert "slope: of 2 1 converged, 1 without a solution." in page.words
+    assert "slope: of 2 rows 1 converged, 1 without a solution." in page.words
     assert single.page.COLOURS["good"] in (tmp_path / "report.html").read_text()
 
 
@@ -144,4 +145,12 @@ def test_the_page_of_a_parameter_study(tmp_path, command_here):
                         "FIGURES=no", "QUIET=yes", f"OUT={tmp_path / 'out'}")
     assert done.returncode == 0, done.stderr
     page = Page(tmp_path / "out" / "report.html")
-    assert "study of friction" in page.words and "study: of 2 2 converged." in page.words
+    assert "study of friction" in page.words and "study: all 2 converged." in page.words
+
+
+def test_wide_pictures_are_scrolled_where_the_screen_is_narrow(tmp_path):
+    """Numbers of the width and height of a PNG stand in its first bytes."""
+    for width, height, wide in ((5, 1, True), (2, 1, False)):
+        path = tmp_path / "picture.png"
+        path.write_bytes(PNG[:16] + width.to_bytes(4, "big") + height.to_bytes(4, "big") + PNG[24:])
+        assert ('class="wide"' in page.picture(path, "")) == wide

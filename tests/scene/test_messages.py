@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from driver.errors import InputError
-from driver.scene import declarations, explain, freefem, grammar, script
+from driver.scene import declarations, explain, freefem, grammar, script, size
 from driver.scene.rooms import all_macros
 
 SCENE = """include "scene.idp"
@@ -390,3 +390,18 @@ def test_numbers_of_geometries_put_together_are_not_judged(tmp_path):
     scene = tmp_path / "mine.edp"
     scene.write_text('gmshNumber("anything", 3.);\nbody = gmshBody("mine.geo", h);\n')
     script.check_gmsh_numbers(scene)
+
+
+# ---- meshes that are counted ---------------------------------------------------------------------
+
+@pytest.mark.parametrize("order", [1.0, 2.0])
+def test_triangles_of_a_small_size_are_foretold_by_how_their_number_grows(order):
+    """Scenes with the numbers 100 (0.1/h)^order: the one asked for is refused from 2e7 on."""
+    def trial(parameters):
+        return f"triangles: {round(100 * (0.1 / float(parameters['h'])) ** order)}"
+
+    said, limit = "to be counted: 0.1", 0.1 * (100 / size.MOST) ** (1 / order)
+    assert size.check(said, {"h": f"{1.1 * limit:.12g}"}, trial)
+    with pytest.raises(InputError, match="would make a mesh of about 2e.07 triangles"):
+        size.check(said, {"h": f"{limit / 1.1:.12g}"}, trial)
+    assert not size.check("", {"h": "1"}, trial)
