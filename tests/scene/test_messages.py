@@ -295,13 +295,6 @@ def test_steps_end_at_the_times_that_a_scene_lists(tmp_path, times, steps):
     assert freefem.export(path, tmp_path / "given", {"cells": "1", "steps": "3"}).steps == 3
 
 
-@pytest.mark.parametrize("times", ["[pi/10]", "[1.5]", "[-0.5]"])
-def test_times_that_no_step_can_end_at(said, times):
-    message = said(("macro young()", f"macro stepTimes() {times} //\nmacro young()"),
-                   parameters={"cells": "1"})
-    assert "stepTimes: no number of equal steps up to 400 ends at all these times" in message
-
-
 SIZED = (*((old, new.replace("half(6) + low(6)", "half(int(3/h)) + low(int(3/h))"))
            for old, new in DISC),
          ('units("mm", "MPa");', 'units("mm", "MPa");\nreal h = meshSize(0.25);'))
@@ -337,7 +330,8 @@ def test_conditions_need_a_boundary(said):
 
 @pytest.mark.parametrize("times, words", [
     ("[0.5, 2.]", "no step ends at 2: the history goes from 0 to 1"),
-    ("[-0.5]", "no step ends at -0.5"), ("[0.1234567]", "no number of equal steps up to 400")])
+    ("[-0.5]", "no step ends at -0.5"), ("[1.5]", "no step ends at 1.5"),
+    ("[pi/10]", "no number of equal steps up to 400"), ("[0.1234567]", "no number of equal steps up to 400")])
 def test_times_that_no_step_can_end_at(said, times, words):
     added = f"macro stepTimes() {times} //\nmacro contact() 1 //"
     message = said(("macro contact() 1 //", added), parameters={"cells": "2"})
