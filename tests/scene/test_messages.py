@@ -331,7 +331,8 @@ def test_conditions_need_a_boundary(said):
 @pytest.mark.parametrize("times, words", [
     ("[0.5, 2.]", "no step ends at 2: the history goes from 0 to 1"),
     ("[-0.5]", "no step ends at -0.5"), ("[1.5]", "no step ends at 1.5"),
-    ("[pi/10]", "no number of equal steps up to 400"), ("[0.1234567]", "no number of equal steps up to 400")])
+    ("[pi/10]", "no number of equal steps up to 400"),
+    ("[0.1234567]", "no number of equal steps up to 400")])
 def test_times_that_no_step_can_end_at(said, times, words):
     added = f"macro stepTimes() {times} //\nmacro contact() 1 //"
     message = said(("macro contact() 1 //", added), parameters={"cells": "2"})
