@@ -1,27 +1,66 @@
-"""Pictures of `make verify`: for each case what was computed as lines, the reference as points."""
+"""Pictures of `make verify`: for each case what was computed as lines, the reference as points.
+
+Cases of single numbers show by how much these miss their references on one mesh after the other.
+"""
 
 from pathlib import Path
 
 from matplotlib.figure import Figure
 
 from ..files import read_rows
+from ..text import words
 from .style import BLUE, INK, ORANGE, canvas, write
 
 LINES = {"P1": (BLUE, "-"), "P2": (ORANGE, "--")}
 
 
+MARKS = "osD^vP"  # of the numbers of a case
+LEAST = 1e-16  # error that is drawn for none
+
+
 def draw(table: Path) -> list[Path]:
-    """Draw curves.csv; returns the files written."""
-    curves: dict[str, list[dict]] = {}
-    for row in read_rows(table):
-        curves.setdefault(row["case"], []).append(row)
+    """Draw curves.csv, and report.csv where a case has no curve; returns the files written."""
+    curves, numbers = _by_case(table), _by_case(table.with_name("report.csv"))
     folder = table.parent / "figures"
     folder.mkdir(exist_ok=True)
     paths = []
-    for name, rows in curves.items():
-        figure = canvas(lambda figure, rows=rows: _fill(figure, rows), 6.5, 10)
+    for name, rows in numbers.items():
+        fill, own = (_fill, curves[name]) if name in curves else (_errors, rows)
+        figure = canvas(lambda figure, fill=fill, own=own: fill(figure, own), 6.5, 10)
         paths += write(figure, folder, name)
     return paths
+
+
+def _by_case(table: Path) -> dict[str, list[dict]]:
+    rows: dict[str, list[dict]] = {}
+    for row in read_rows(table):
+        rows.setdefault(row["case"], []).append(row)
+    return rows
+
+
+def _errors(figure: Figure, rows: list[dict]) -> None:
+    """Relative errors of a case's numbers on its meshes, and what is allowed on the last."""
+    axes = figure.subplots()
+    refined = [row for row in rows if row["errors"]]
+    names = list(dict.fromkeys(row["quantity"] for row in refined))
+    longest = max(len(row["errors"].split()) for row in refined)
+    for row in refined:
+        errors = [max(float(error), LEAST) for error in row["errors"].split()]
+        (colour, line), mark = LINES[row["element"]], MARKS[names.index(row["quantity"]) % 6]
+        label = f"{words(row['quantity'])}, {row['element']}"
+        axes.plot(range(1, len(errors) + 1), errors, line, marker=mark, color=colour, ms=4, lw=1,
+                  mfc="none", label=label)
+        if row.get("size_effect"):
+            axes.plot([len(errors)], [float(row["remaining"])], mark, color=colour, ms=4)
+        axes.plot([longest + 0.3], [float(row["tolerance"])], marker=mark, color=INK, ms=4,
+                  mfc="none", ls="none")
+    axes.plot([], [], "o", color=INK, mfc="none", ms=4, label="tolerance")
+    if any(row.get("size_effect") for row in refined):
+        axes.plot([], [], "o", color=BLUE, ms=4, label="less what the size of the body adds")
+    axes.set_yscale("log")
+    axes.set_xticks(range(1, longest + 1))
+    axes.set(xlim=(0.7, longest + 0.6), xlabel="mesh, coarse to fine", ylabel="relative error")
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.25), fontsize=5, ncols=2)
 
 
 def _fill(figure: Figure, rows: list[dict]) -> None:
