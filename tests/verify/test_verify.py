@@ -9,6 +9,8 @@ from scipy.integrate import quad
 from scipy.special import j1
 
 from driver.errors import DriverError, InputError
+from driver.figures.verify import draw
+from driver.files import write_table
 from driver.verify import halfspace, page, peer, plane, rates, sizes, suite
 from driver.verify.case import ELEMENTS, Check, compared
 
@@ -82,6 +84,22 @@ def test_a_number_that_misses_its_reference_is_said(tmp_path, monkeypatch, capsy
     with pytest.raises(DriverError, match="1 numbers miss their references"):
         suite.run_suite({"out": str(tmp_path), "case": "moose"})
     assert "MISSED: u_x of the free side" in capsys.readouterr().out
+
+
+def test_every_case_has_its_picture(tmp_path):
+    """Curves where there are some, else errors on the meshes, and what the body's size takes off.
+    """
+    write_table(tmp_path / "curves.csv", [
+        {"kind": kind, "case": "curved", "x": x, "y": x, "x_name": "x", "y_name": "y"}
+        for kind in ("P1", "reference") for x in (0.0, 1.0)],
+        ("kind", "case", "x", "y", "x_name", "y_name"))
+    row = {"quantity": "peak_pressure", "element": "P1", "errors": "1e-1 2e-2", "remaining": 1e-3,
+           "tolerance": 1e-2, "size_effect": 2e-2}
+    write_table(tmp_path / "report.csv", [{"case": "curved", **row}, {"case": "single", **row},
+                                          {"case": "single", **row, "errors": "", "element": "P2"}],
+                ("case", *row))
+    drawn = {path.name for path in draw(tmp_path / "curves.csv")}
+    assert {"curved.png", "single.png"} <= drawn
 
 
 class _Here:
