@@ -92,6 +92,7 @@ def test_forces_balance_where_the_bodies_lie(built, steps_of):
     assert abs(found["initial"]) > 5e-3 and abs(found["updated"]) < 0.02**2
 
 
+@pytest.mark.slow
 def test_the_second_problem_holds_at_its_own_configuration(built):
     """At the displacements it is linearized about a node has the room that there is between the
     displaced boundaries.

@@ -116,6 +116,7 @@ def test_forces_balance_and_cuts_do_not_matter(solved, element, stiffness):
                                        atol=1e-5 * size)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("element", ["P1", "P2"])
 def test_round_block_on_a_foundation(solved, tmp_path, element):
     """Of revolution: u_y = -p/k - p y/E, and the force p pi R^2 on the ring-shaped foundation."""

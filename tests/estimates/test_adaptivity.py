@@ -268,6 +268,7 @@ def test_error_falls_faster_than_on_uniform_meshes(solved):
     assert run.summary["quantities"]["displacement"] > 0.995 * fine
 
 
+@pytest.mark.slow
 def test_options_of_adaptation(solved):
     assert "ADAPT expects" in solved("punch", adapt="x").reason
     run = solved("bar", cells=2, adapt=1, subdomains="4x1")

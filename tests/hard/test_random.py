@@ -312,6 +312,7 @@ def test_a_wrong_refusal_is_noticed(problem):
     assert status == "FAILED" and "has a solution" in why
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change, why", [
     ({}, ""), ({"KKT": 1e-30}, "KKT residual"), ({"AGREEMENT": 1e-30}, "cuts differ"),
     ({"LAWS": 1e-30}, "SUBDOMAINS=3: "), ({"ranks_agree": lambda *_: "other bits"}, "NP=2: other"),

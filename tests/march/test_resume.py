@@ -121,6 +121,7 @@ def words_of(case: str) -> list[str]:
     return [word for word in words if not word.endswith("=")]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_stopped_run_goes_on_with_the_same_bits(tmp_path, every_step, stop_after, case):
     """Stopped twice, after the first step and in the middle."""

@@ -407,6 +407,7 @@ def test_stack_balances_and_does_not_depend_on_the_partition(solved):
         np.testing.assert_allclose(a, b, rtol=0, atol=1e-5 * np.abs(one.contact["sigma_n"]).max())
 
 
+@pytest.mark.slow
 def test_stack_topples_where_it_must(solved):
     """Pushed at half height of the top block by F times its weight and more it slides off: no
     equilibrium.
