@@ -273,6 +273,33 @@ def marched(solver) -> list:
     return steps
 
 
+@pytest.fixture
+def scene(tmp_path):
+    """scene(text, (old, new), ..., name="scene"): path of a scene with parts replaced."""
+    def make(text: str, *changes, name: str = "scene") -> Path:
+        for old, new in changes:
+            assert old in text
+            text = text.replace(old, new)
+        path = tmp_path / f"{name}.edp"
+        path.write_text(text)
+        return path
+
+    return make
+
+
+@pytest.fixture(scope="module")
+def named_scene(tmp_path_factory):
+    """named_scene(name, text): path of a scene, the same for all tests of a module."""
+    folder = tmp_path_factory.mktemp("named")
+
+    def make(name: str, text: str) -> Path:
+        path = folder / f"{name}.edp"
+        path.write_text(text)
+        return path
+
+    return make
+
+
 @pytest.fixture(scope="session")
 def command():
     """command(*words, **environment): the command line as a user's shell runs it."""

@@ -64,6 +64,12 @@ class Edges:
         return np.linalg.norm(self.xy[:, 1] - self.xy[:, 0], axis=1)
 
     @property
+    def normals(self) -> np.ndarray:
+        """(e, 2) outward unit normals of the straight lines between the ends."""
+        x, y = (self.xy[:, 1] - self.xy[:, 0]).T
+        return np.column_stack([y, -x]) / np.hypot(x, y)[:, None]
+
+    @property
     def ends(self) -> np.ndarray:
         """(k, 2) places where connected pieces begin or end."""
         _, first, count = np.unique(self.gid[:, :2], return_index=True, return_counts=True)
@@ -79,8 +85,7 @@ class Edges:
 
         Tractions of one stress jump at a corner, and multipliers within a piece do not.
         """
-        x, y = (self.xy[:, 1] - self.xy[:, 0]).T
-        normal = np.column_stack([y, -x]) / np.hypot(x, y)[:, None]
+        normal = self.normals
         gids, vertex = np.unique(self.gid[:, :2], return_inverse=True)
         vertex = vertex.reshape(-1, 2)
         before, after = np.full((2, len(gids)), -1)
@@ -99,10 +104,9 @@ class Edges:
         """The side that they make, moved by `shift` (2,), and the gids (n,) of its nodes."""
         gids, first, inverse = np.unique(self.gid, return_index=True, return_inverse=True)
         place = self.xy.reshape(-1, 2)[first] + shift
-        x, y = (self.xy[:, 1] - self.xy[:, 0]).T
-        normal = np.column_stack([y, -x]) / np.hypot(x, y)[:, None]
         radius = place[:, 0] if revolved else None
-        return mortar.Side(place, inverse.reshape(self.gid.shape), normal, radius=radius), gids
+        return mortar.Side(place, inverse.reshape(self.gid.shape), self.normals,
+                           radius=radius), gids
 
 
 def boundary_edges(subdomains, labels, nodes: int, comm) -> Edges:

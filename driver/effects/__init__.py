@@ -18,6 +18,7 @@ from ..errors import InputError
 
 # how well the error in the energy norm is known with an effect: what its room may say
 BOUND, ESTIMATE, NONE = "bound", "estimate", "none"
+NO_STEP = "no step was kept"  # reason in the ledger
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,24 @@ class RunFacts:
     def most(self, *states: str) -> int:
         """Largest number of nodes in one of `states` (open, stick, slip) at the end of a step."""
         return int(max(sum(self.nodes[state] for state in states), default=0))
+
+    def touched(self) -> tuple[bool | None, str]:
+        """Of an effect that open nodes do not know: whether it was active, and the reason."""
+        return self._where("touched", "stick", "slip")
+
+    def slipped(self) -> tuple[bool | None, str]:
+        """The same of an effect that only nodes which slide know."""
+        return self._where("slipped", "slip")
+
+    def in_every_step(self, reason: str) -> tuple[bool | None, str]:
+        """The same of an effect that no state of a node switches off."""
+        return (True, reason) if self.steps else (None, NO_STEP)
+
+    def _where(self, did: str, *states: str) -> tuple[bool | None, str]:
+        if not self.steps:
+            return None, NO_STEP
+        count = self.most(*states)
+        return (True, f"{count} nodes {did} at most") if count else (False, f"nothing {did}")
 
 
 def entry(active: bool | None, reason: str, unknowns: int = 0,
@@ -153,9 +172,8 @@ class Effect:
         """
 
     def no_estimate(self, weights: np.ndarray) -> str:
-        """Why the energy norm is infinite under the pattern factors `weights`, empty if it is not.
-        """
-        return ""
+        """Why the error in the energy norm has no estimate under the pattern factors `weights`."""
+        return self.why if self.estimates == NONE else ""
 
     # ---- what it says after the run -------------------------------------------------------------
     def ledger(self, facts: RunFacts) -> dict[str, dict]:

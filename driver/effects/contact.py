@@ -11,12 +11,7 @@ class Room(Effect):
 
     def ledger(self, facts: RunFacts) -> dict[str, dict]:
         """Active where any node touched; the gap, where any node starts off its obstacle."""
-        touched = facts.most("stick", "slip")
-        active, reason = touched > 0, f"{touched} nodes touched at most"
-        if not facts.steps:
-            active, reason = None, "no step was kept"
-        elif not touched:
-            reason = "nothing touched"
+        active, reason = facts.touched()
         rows, seconds = facts.sizes["dual_normal"], facts.seconds["contact"]
         entries = {"contact": entry(active, reason, rows, seconds)}
         if facts.gap:

@@ -7,14 +7,9 @@ from . import Effect, RunFacts, entry
 
 def slip_entry(facts: RunFacts) -> dict:
     """Ledger entry of a friction law: active where any node slid."""
-    slipped, stuck = facts.most("slip"), facts.most("stick")
-    active, reason = slipped > 0, "nothing touched"
-    if slipped:
-        reason = f"{slipped} nodes slipped at most"
-    elif not facts.steps:
-        active, reason = None, "no step was kept"
-    elif stuck:
-        reason = f"nothing slipped ({stuck} nodes stuck at most)"
+    (active, reason), stuck = facts.slipped(), facts.most("stick")
+    if active is False:
+        reason = f"{reason} ({stuck} nodes stuck at most)" if stuck else "nothing touched"
     return entry(active, reason, facts.sizes["dual_tangential"], facts.seconds["friction"])
 
 

@@ -27,16 +27,6 @@ class Room(Effect):
         stiffness = contact.columns["normal_compliance"] * contact.weight
         return np.divide(1.0, stiffness, out=np.zeros(len(stiffness)), where=stiffness > 0)
 
-    def no_estimate(self, weights) -> str:
-        """The reason."""
-        return self.why
-
     def ledger(self, facts: RunFacts) -> dict[str, dict]:
         """Active where any node touched: what is open does not know it."""
-        touched = facts.most("stick", "slip")
-        active, reason = touched > 0, "nothing touched"
-        if not facts.steps:
-            active, reason = None, "no step was kept"
-        elif touched:
-            reason = f"{touched} nodes touched at most"
-        return {"normal_compliance": entry(active, reason)}
+        return {"normal_compliance": entry(*facts.touched())}

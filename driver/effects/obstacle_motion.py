@@ -56,13 +56,7 @@ class Room(Effect):
 
     def ledger(self, facts: RunFacts) -> dict[str, dict]:
         """Active where any node touched: what is open does not know where its obstacle went."""
-        touched = facts.most("stick", "slip")
-        active, reason = touched > 0, "nothing touched"
-        if not facts.steps:
-            active, reason = None, "no step was kept"
-        elif touched:
-            reason = f"{touched} nodes touched at most"
-        return {"obstacle_motion": entry(active, reason)}
+        return {"obstacle_motion": entry(*facts.touched())}
 
 
 def _missed(columns: dict, name: str, values: np.ndarray) -> tuple[float, float]:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from . import Effect, RunFacts, entry
+from . import NO_STEP, Effect, RunFacts, entry
 
 
 class Room(Effect):
@@ -14,7 +14,7 @@ class Room(Effect):
         Then every step repeats the first one in another size.
         """
         if not facts.steps:
-            active, reason = None, "no step was kept"
+            active, reason = None, NO_STEP
         elif len(facts.amplitudes) < 3:
             active, reason = False, "one step was taken"
         elif not facts.sizes["dual_tangential"] or facts.most("stick", "slip") == 0:

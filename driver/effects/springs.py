@@ -17,12 +17,6 @@ class Room(Effect):
         if not isinstance(labels, list) or any(k not in manifest.labels for k in labels):
             raise InputError("the labels of springs are none of the mesh")
 
-    def no_estimate(self, weights) -> str:
-        """The reason."""
-        return self.why
-
     def ledger(self, facts: RunFacts) -> dict[str, dict]:
         """Active in every step: springs follow any displacement."""
-        active = bool(facts.steps) or None
-        reason = "springs follow every displacement" if active else "no step was kept"
-        return {"springs": entry(active, reason)}
+        return {"springs": entry(*facts.in_every_step("springs follow every displacement"))}

@@ -26,12 +26,7 @@ class Room(Effect):
         """The joined boundaries."""
         return [Joint(self.name, *pair, self.periodic) for pair in self.data["labels"]]
 
-    def no_estimate(self, weights) -> str:
-        """The reason."""
-        return self.why
-
     def ledger(self, facts: RunFacts) -> dict[str, dict]:
         """Active in every step: nothing opens or slides there."""
-        active = bool(facts.steps) or None
-        reason = "joins its boundaries in every step" if active else "no step was kept"
+        active, reason = facts.in_every_step("joins its boundaries in every step")
         return {self.name: entry(active, reason, facts.sizes["dual_joined"])}

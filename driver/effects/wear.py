@@ -43,16 +43,6 @@ class Room(Effect):
         """Wear adds up."""
         self.depth[nodes] += self.softness[nodes] * np.abs(slip) * np.maximum(force, 0.0)
 
-    def no_estimate(self, weights) -> str:
-        """The reason."""
-        return self.why
-
     def ledger(self, facts: RunFacts) -> dict[str, dict]:
         """Active where any node slid."""
-        slipped = facts.most("slip")
-        active, reason = slipped > 0, "nothing slipped"
-        if not facts.steps:
-            active, reason = None, "no step was kept"
-        elif slipped:
-            reason = f"{slipped} nodes slipped at most"
-        return {"wear": entry(active, reason)}
+        return {"wear": entry(*facts.slipped())}

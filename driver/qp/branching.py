@@ -59,7 +59,7 @@ class _Search:
         way = max(np.abs(problem.load).max(initial=0.0),
                   soft * np.abs(problem.balance / problem.reach).max(initial=0.0)) or 1.0
         self.force, self.way = way / soft, way
-        unit = np.sqrt(np.diag(C).max() / np.diag(C))  # stiff rows: large forces, small ways
+        unit = np.sqrt(soft / np.diag(C))  # stiff rows: large forces, small ways
         self.unit = unit
         moved = np.hstack([-C * unit[:, None] * unit / soft, R * unit[:, None]])
         pick = np.zeros((m, n))
@@ -74,13 +74,13 @@ class _Search:
         self.offset = offset / unit[n:] / self.force
         self.work = problem.balance / problem.reach / self.force
         self.rubs = (problem.coefficient > 0) | (offset > 0)
+        self.signed = np.zeros(n, bool)  # whether the sign of the force decides on friction
+        self.signed[problem.pair] = problem.coefficient > 0
 
     def run(self) -> Search:
         """The search."""
         pulls = self.problem.bilateral
-        sign_matters = np.zeros(self.problem.n, bool)
-        sign_matters[self.problem.pair] = self.problem.coefficient > 0
-        first = np.where(pulls & ~sign_matters, PULLS, ANY)
+        first = np.where(pulls & ~self.signed, PULLS, ANY)
         left, hidden = [(first, np.zeros(self.problem.m, int))], False
         for _ in range(PROGRAMS):
             if not left:
@@ -129,20 +129,13 @@ class _Search:
         more_high = np.where(back & ~pulled & ~free, -o, pulled_high)
         force_low = np.where(contact == PULLS, -inf, np.where(pulls & (contact == ANY), -inf, 0.0))
         force_high = np.where(contact == APART, 0.0, np.where(
-            (contact == PULLS) & self._signed, 0.0, inf))
+            (contact == PULLS) & self.signed, 0.0, inf))
         row_low = np.concatenate([over[0] - self.given[:n], slip[0] - self.given[n:], less_low,
                                   more_low, self.work])
         row_high = np.concatenate([over[1] - self.given[:n], slip[1] - self.given[n:], less_high,
                                    more_high, self.work])
-        free = np.full(m + k, inf)
-        return row_low, row_high, np.append(force_low, -free), np.append(force_high, free)
-
-    @property
-    def _signed(self) -> np.ndarray:
-        """(n,) whether the sign of the force decides on friction."""
-        signed = np.zeros(self.problem.n, bool)
-        signed[self.problem.pair] = self.problem.coefficient > 0
-        return signed
+        rest = np.full(m + k, inf)
+        return row_low, row_high, np.append(force_low, -rest), np.append(force_high, rest)
 
     def _program(self, contact: np.ndarray, rub: np.ndarray):
         """Whether states beyond these may solve the problem, and a point (n + m + k,) if one is

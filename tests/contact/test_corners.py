@@ -148,18 +148,6 @@ def several(name: str, text: str) -> str:
 
 
 @pytest.fixture(scope="session")
-def scene(tmp_path_factory):
-    """scene(name, text): path of a scene."""
-    folder = tmp_path_factory.mktemp("corners")
-
-    def make(name: str, text: str):
-        (folder / f"{name}.edp").write_text(text)
-        return folder / f"{name}.edp"
-
-    return make
-
-
-@pytest.fixture(scope="session")
 def checked(solved):
     """checked(scene, NAME=value, ...): a run to tight tolerances that obeys all laws."""
 
@@ -189,15 +177,15 @@ def apart(one, other) -> float:
 
 # ---- labels that go on in one another -----------------------------------------------------------
 
-def test_flat_boundary_does_not_know_its_labels(checked, scene):
+def test_flat_boundary_does_not_know_its_labels(checked, named_scene):
     """One label and five, whole and in seven pieces: the same at every node, and quantities.
 
     The tangential resultant of one boundary has a sign, of several it adds magnitudes, and here
     shear has one direction.
     """
-    whole = checked(scene("floor", FLOOR))
+    whole = checked(named_scene("floor", FLOOR))
     for subdomains in (3, 7):
-        run = checked(scene("floors", several("floor", FLOOR)), subdomains=subdomains)
+        run = checked(named_scene("floors", several("floor", FLOOR)), subdomains=subdomains)
         assert apart(by_place(run), by_place(whole)) <= CLOSE
         for name, value in whole.summary["quantities"].items():
             found = run.summary["quantities"][name]
@@ -205,9 +193,9 @@ def test_flat_boundary_does_not_know_its_labels(checked, scene):
 
 
 @pytest.mark.parametrize("element", ["P1", "P2"])
-def test_normals_and_gaps_do_not_know_the_cut(built, scene, element):
+def test_normals_and_gaps_do_not_know_the_cut(built, named_scene, element):
     """Sides of unlike length and bow meet in vertices that several subdomains share."""
-    path = scene("bowl", BOWL)
+    path = named_scene("bowl", BOWL)
     whole, pieces = (built(path, reduce=False, element=element, subdomains=cut).structure.contact
                      for cut in (1, "piece"))
     assert np.array_equal(whole.gid, pieces.gid) and len(whole.gid) >= 6
@@ -216,11 +204,11 @@ def test_normals_and_gaps_do_not_know_the_cut(built, scene, element):
                                    atol=1e-13)
 
 
-def test_a_wall_that_is_not_touched_changes_no_friction(checked, scene):
+def test_a_wall_that_is_not_touched_changes_no_friction(checked, named_scene):
     """In full sliding T = F N, with the corner node's part; in the direction away from the wall
     and, as long as the gap is open, towards it.
     """
-    floor = scene("wall", several("floor", FLOOR).replace("contact() ", "contact() 4, "))
+    floor = named_scene("wall", several("floor", FLOOR).replace("contact() ", "contact() 4, "))
     for way, sign in ((1, -1), (-1, 1)):
         run = checked(floor, way=way)
         last = {name: column[-1] for name, column in run.contact.items()}
@@ -232,23 +220,23 @@ def test_a_wall_that_is_not_touched_changes_no_friction(checked, scene):
         assert np.count_nonzero(last["x"] ** 2 + last["y"] ** 2 == 0) == 2
 
 
-def test_pairs_that_go_on_in_one_another_are_one_boundary(solved, scene):
+def test_pairs_that_go_on_in_one_another_are_one_boundary(solved, named_scene):
     """Meshes match: at the vertex where the labels meet both would have the same condition.
 
     What is compared are openings, a hundredth of the deformation that residuals are relative to.
     """
     tight = TIGHT | {"PRIMAL_RTOL": str(0.01 * CLOSE)}
     whole, parts = (solved(path, **tight) for path in (
-        scene("pair", PAIRS), scene("pairs", several("pairs", PAIRS))))
+        named_scene("pair", PAIRS), named_scene("pairs", several("pairs", PAIRS))))
     assert whole.status == parts.status == 0
     assert apart(by_place(parts), by_place(whole)) <= CLOSE
 
 
 # ---- corners -------------------------------------------------------------------------------------
 
-def test_corner_does_not_know_its_labels(checked, scene):
+def test_corner_does_not_know_its_labels(checked, named_scene):
     """The square hole round a peg, one label or four, and cuts: forces of both conditions too."""
-    four = scene("holes", several("hole", (ROOT / "edp" / "hard" / "hole.edp").read_text()))
+    four = named_scene("holes", several("hole", (ROOT / "edp" / "hard" / "hole.edp").read_text()))
     runs = [checked("hard/hole", steps=6), checked(four, steps=6, subdomains=7),
             checked("hard/hole", steps=6, subdomains=1)]
     for run in runs[1:]:
@@ -267,14 +255,14 @@ def test_sides_of_a_hole(checked, element):
     assert np.count_nonzero(corners) == 2
 
 
-def test_corner_with_one_free_displacement_has_one_condition(checked, scene):
+def test_corner_with_one_free_displacement_has_one_condition(checked, named_scene):
     """A wedge whose lower right side moves up and down only: the wall that is reached first."""
     text = (ROOT / "edp" / "hard" / "wedge.edp").read_text()
     text = text.replace("macro displacement1()", """real right = physical("right", 0.);
 macro support() on(1, u1 = 0.) //
 macro gap() (label == 1 ? right : 0.001) //
 macro displacement1()""").replace("u1 = drag", "u1 = 0.")
-    wedge = scene("held", text)
+    wedge = named_scene("held", text)
     for right, first in ((0.0, 1), (0.002, 4)):
         run = checked(wedge, right=right, steps=2, n=4)
         last = {name: column[-1] for name, column in run.contact.items()}
@@ -284,9 +272,9 @@ macro displacement1()""").replace("u1 = drag", "u1 = 0.")
         assert last["u_n"][touched] == pytest.approx(last["gap"][touched], abs=1e-9)
 
 
-def test_mirrored_scene_has_the_mirrored_answer(checked, scene):
+def test_mirrored_scene_has_the_mirrored_answer(checked, named_scene):
     """Corner, bilateral and unilateral boundary, friction: x turns, and with it t."""
-    block = scene("mirror", MIRROR)
+    block = named_scene("mirror", MIRROR)
     one = by_place(checked(block))
     other = by_place(checked(block, side=-1, subdomains=5), mirrored=True)
     assert apart(other * [1, -1, 1, -1, -1], one) <= CLOSE
@@ -294,7 +282,7 @@ def test_mirrored_scene_has_the_mirrored_answer(checked, scene):
     assert effects["contact"] == "unilateral and bilateral"
 
 
-def test_bilateral_contact_pulls_as_it_presses(solved, scene):
+def test_bilateral_contact_pulls_as_it_presses(solved, named_scene):
     """The law is odd: loads of the opposite sign, on a body that nothing else holds."""
     text = MIRROR
     for old, new in (("macro support() on(2, u1 = 0., u2 = 0.) //\n", ""),
@@ -305,7 +293,7 @@ def test_bilateral_contact_pulls_as_it_presses(solved, scene):
                      ("1e-3*side, 1e-3*(x*side - 1.2)", "side*2e-4, -side*1e-3")):
         assert old in text
         text = text.replace(old, new)
-    pulled = scene("pulled", text)
+    pulled = named_scene("pulled", text)
     press, pull = (solved(pulled, **TIGHT, side=side, steps=2, subdomains=4) for side in (1, -1))
     assert press.status == pull.status == 0
     assert apart(-by_place(pull), by_place(press)) <= CLOSE
@@ -314,9 +302,10 @@ def test_bilateral_contact_pulls_as_it_presses(solved, scene):
 
 
 @pytest.mark.parametrize("element", ["P1", "P2"])
-def test_a_vertex_that_rests_in_its_corner(checked, scene, element):
+def test_a_vertex_that_rests_in_its_corner(checked, named_scene, element):
     """It arrives against the friction of both sides; after that it needs none, at any cut."""
-    runs = [checked(scene("rest", REST), element=element, steps=6, subdomains=n) for n in (1, 5)]
+    path = named_scene("rest", REST)
+    runs = [checked(path, element=element, steps=6, subdomains=n) for n in (1, 5)]
     assert apart(by_place(runs[1]), by_place(runs[0])) <= CLOSE
     c = runs[0].contact
     tip = np.hypot(c["x"][0] - 2, c["y"][0] - 0.05) < 1e-9
@@ -326,22 +315,23 @@ def test_a_vertex_that_rests_in_its_corner(checked, scene, element):
     assert (tangential[1:] == 0).all()
 
 
-def test_every_state_has_its_iterations(checked, scene):
+def test_every_state_has_its_iterations(checked, named_scene):
     """Two states in the first step, 22 iterations together, at most 17 for each."""
-    run = checked(scene("rest", REST), element="P1", steps=6, subdomains=1, max_fixed_point=17)
+    run = checked(named_scene("rest", REST), element="P1", steps=6, subdomains=1,
+                  max_fixed_point=17)
     assert run.history["fixed_point_iterations"][0] > 17
     assert not any("did not settle" in line for line in run.summary["warnings"])
 
 
 @pytest.mark.parametrize("subdomains", [1, 5])
-def test_corners_of_a_body_that_comes_from_far(checked, scene, subdomains):
+def test_corners_of_a_body_that_comes_from_far(checked, named_scene, subdomains):
     """States of corners that hold it too little let it go far: nothing of that stays."""
-    checked(scene("travel", TRAVEL), element="P2", steps=5, subdomains=subdomains)
+    checked(named_scene("travel", TRAVEL), element="P2", steps=5, subdomains=subdomains)
 
 
 @pytest.mark.parametrize("name, text, options", [
     ("rest", "REST", {}), ("wall", "FLOOR", {"subdomains": 4})])
-def test_a_preload_at_corners_knows_no_friction(solved, scene, name, text, options):
+def test_a_preload_at_corners_knows_no_friction(solved, named_scene, name, text, options):
     """It is the equilibrium without friction, and where loads stay friction has nothing to do:
     steps with any coefficient have the tractions of the scene that declares none.
     """
@@ -353,7 +343,7 @@ def test_a_preload_at_corners_knows_no_friction(solved, scene, name, text, optio
                 "u1 = 0., u2 = -0.01", "u1 = -0.004, u2 = -0.01")
     text = text.replace("friction() F", "friction() 0.9").replace("friction() 0.4",
                                                                   "friction() 0.9")
-    path = scene(f"preload-{name}", text)
+    path = named_scene(f"preload-{name}", text)
     rough = solved(path, **TIGHT, **options, steps=2)
     assert rough.status == 0, rough.reason
     smooth = solved(path, **TIGHT, **options, steps=2, without="friction,preload")
@@ -365,7 +355,7 @@ def test_a_preload_at_corners_knows_no_friction(solved, scene, name, text, optio
 @pytest.mark.parametrize("options", [
     {"sides": 8, "turn": 0.725, "friction": 0.7, "pull": -0.00134, "shear": -0.00204},
     {"sides": 6, "turn": 0.423, "friction": 0.75, "pull": -0.00285, "shear": 0.00104}])
-def test_friction_drags_corners_from_side_to_side(checked, scene, options):
+def test_friction_drags_corners_from_side_to_side(checked, named_scene, options):
     """A press fit whose sides turn by 45 and 60 degrees, clamped: vertices stand on two sides that
     friction alone holds together. All laws, and the cut makes no difference.
     """
@@ -378,21 +368,21 @@ def test_friction_drags_corners_from_side_to_side(checked, scene, options):
     for old, new in ((sides, " + hole(-int(sides))"), ("2e-3, -1e-3)", "pull, shear)")):
         assert text.count(old) == 1
         text = text.replace(old, new)
-    polygon_scene = scene("polygon", text)
+    polygon_scene = named_scene("polygon", text)
     whole, cut = (checked(polygon_scene, gap=-1e-4, steps=2, subdomains=n, **options)
                   for n in (1, 3))
     assert apart(by_place(cut), by_place(whole)) <= CLOSE
 
 
 @pytest.mark.parametrize("law", ["tresca() 1e-4", "cohesion() 1e-4 //\nmacro friction() 0.5"])
-def test_friction_without_pressure_on_both_sides_of_an_open_corner(checked, scene, law):
+def test_friction_without_pressure_on_both_sides_of_an_open_corner(checked, named_scene, law):
     """A block is dragged away from floor and wall: every node slides at the given bound, and the
     lid gives what all of them take: 1e-4 times the length of the floor, and of the wall.
     """
     text = FLOOR.replace("gap() (x < 1e-9 && y > 1e-9 ? 0.05 : (label == 4 ? 0.05 : 0.))",
                          "gap() 0.").replace("contact() 1 ", "contact() 1, 4 ")
     text = text.replace("friction() F", law).replace("u1 = 0., u2 = -0.01", "u1 = 0., u2 = 0.01")
-    runs = [checked(scene(f"given-{law[:3]}", text), steps=2, subdomains=n) for n in (1, 4)]
+    runs = [checked(named_scene(f"given-{law[:3]}", text), steps=2, subdomains=n) for n in (1, 4)]
     assert apart(by_place(runs[1]), by_place(runs[0])) <= CLOSE
     last = {name: column[-1] for name, column in runs[0].contact.items()}
     assert (last["sigma_n"] == 0).all()

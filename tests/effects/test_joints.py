@@ -77,19 +77,6 @@ include "export.idp"
 """
 
 
-@pytest.fixture
-def scene(tmp_path):
-    """scene(text, (old, new), ...): path of a scene with parts replaced."""
-    def make(text: str, *changes):
-        for old, new in changes:
-            assert old in text
-            text = text.replace(old, new)
-        path = tmp_path / "scene.edp"
-        path.write_text(text)
-        return path
-    return make
-
-
 def stresses(run) -> np.ndarray:
     """(m, 4) of the triangles at the end of a run."""
     assert run.status == 0, run.reason

@@ -35,17 +35,6 @@ include "export.idp"
 """
 
 
-@pytest.fixture
-def scene(tmp_path):
-    """scene(text, old, new): path of a scene with a part replaced."""
-    def make(text: str, old: str = "", new: str = ""):
-        assert old in text
-        path = tmp_path / "scene.edp"
-        path.write_text(text.replace(old, new) if old else text)
-        return path
-    return make
-
-
 @pytest.mark.parametrize("options", [{}, {"element": "P2", "subdomains": 5}, {"np": 2},
                                      {"asperities": 1e-1}, {"asperities": 1e7}])
 def test_uniform_block_closes_by_p_over_c(solved, scene, options):
@@ -60,7 +49,7 @@ def test_uniform_block_closes_by_p_over_c(solved, scene, options):
 @pytest.mark.parametrize("text, old, new", [
     (PAIR, "", ""), (BLOCK, "rectangle", "macro axisymmetric() 1 //\nrectangle")])
 def test_between_bodies_and_of_revolution(solved, scene, text, old, new):
-    run = solved(scene(text, old, new), **TIGHT)
+    run = solved(scene(text, (old, new)), **TIGHT)
     closure = run.contact["u_n"] - run.contact["gap"]
     np.testing.assert_allclose(run.contact["sigma_n"], -8.0, rtol=1e-7)
     np.testing.assert_allclose(closure, 0.08, rtol=1e-6)
@@ -147,5 +136,5 @@ def test_exponent_one_is_the_diagonal_of_the_dual_operator(solved, scene):
     ("Exponent() m //", "Exponent() 0. //", "normalComplianceExponent is not positive"),
     ("macro normalCompliance() c //\n", "", "without normal compliance")])
 def test_misuse_of_exponents_is_refused(solved, scene, old, new, reason):
-    run = solved(scene(POWER, old, new), cells=2)
+    run = solved(scene(POWER, (old, new)), cells=2)
     assert run.status == 2 and reason in run.reason and "\n" not in run.reason

@@ -64,19 +64,6 @@ ANGLE = """macro obstacleAngle(t) (way*sin(2*t)) //
 macro obstaclePivot() [1., 0.7] //"""
 
 
-@pytest.fixture
-def scene(tmp_path):
-    """scene(text, (old, new), ...): path of a scene with parts replaced."""
-    def make(text: str, *changes, name="scene"):
-        for old, new in changes:
-            assert old in text
-            text = text.replace(old, new)
-        path = tmp_path / f"{name}.edp"
-        path.write_text(text)
-        return path
-    return make
-
-
 def frames(solved, scene, *changes, angle="", **options):
     """Runs of PATH in which the obstacles move, and in which the body does."""
     moving = scene(PATH, ("WHAT MOVES", OBSTACLES + angle), *changes, name="moving")

@@ -42,17 +42,6 @@ include "export.idp"
 """
 
 
-@pytest.fixture
-def scene(tmp_path):
-    """scene(text, old, new): path of a scene with a part replaced."""
-    def make(text: str, old: str = "", new: str = ""):
-        assert old in text
-        path = tmp_path / "scene.edp"
-        path.write_text(text.replace(old, new) if old else text)
-        return path
-    return make
-
-
 def test_full_slip_wears_off_knS(solved, scene):
     """k N S to 1e-6: wear so small that pressures stay, bodies so stiff that slip is the way."""
     run = solved(scene(RIGID), cells=3, steps=4, **TIGHT)
@@ -98,7 +87,7 @@ def test_the_worn_volume_is_of_first_order_in_the_step(solved):
 @pytest.mark.parametrize("change", ["", "macro axisymmetric() 1 //\n"])
 def test_between_bodies_and_of_revolution(solved, scene, change):
     """The law at every node; the volume is that of the revolution, weights being areas."""
-    run = solved(scene(PAIR, "macro young", change + "macro young"), steps=6, **TIGHT)
+    run = solved(scene(PAIR, ("macro young", change + "macro young")), steps=6, **TIGHT)
     c = run.contact
     step = np.diff(np.vstack([0 * c["wear"][:1], c["wear"]]), axis=0)
     law = 1e-3 * np.abs(c["slip"]) * -c["sigma_n"]
@@ -111,7 +100,7 @@ def test_between_bodies_and_of_revolution(solved, scene, change):
     ("macro friction() 0.3 //\n", "", "wear is declared without friction"),
     ("macro wear() k //", "macro wear() -1e-3 //", "wear is negative")])
 def test_misuse_is_refused_in_one_line(solved, scene, old, new, reason):
-    run = solved(scene(RIGID, old, new), cells=2)
+    run = solved(scene(RIGID, (old, new)), cells=2)
     assert run.status == 2 and reason in run.reason and "\n" not in run.reason
 
 

@@ -66,27 +66,14 @@ include "export.idp"
 TIGHT = {"rtol": 1e-10, "friction_rtol": 1e-8}
 
 
-@pytest.fixture(scope="module")
-def scene(tmp_path_factory):
-    """scene(name, text): path of a scene."""
-    folder = tmp_path_factory.mktemp("no-forces")
-
-    def write(name: str, text: str):
-        path = folder / f"{name}.edp"
-        path.write_text(text)
-        return path
-
-    return write
-
-
 @pytest.mark.parametrize("cut", [2, 7])
 @pytest.mark.parametrize("lid", ["t", "0.5*t*t - t", "min(1., 2.*t)"], ids=["down", "up", "stops"])
-def test_boxes_carried_through_the_air_feel_nothing(built, steps_of, scene, lid, cut):
+def test_boxes_carried_through_the_air_feel_nothing(built, steps_of, named_scene, lid, cut):
     """A soft one is moved by its lid and pushes a stiff one, both without weight, down a gap; or
     leaves it behind, or both stop.
     """
     text = BOXES.replace("amplitude1(t) t", f"amplitude1(t) {lid}")
-    problem = built(scene=scene(f"boxes{len(lid)}", text), subdomains=cut, steps=3)
+    problem = built(scene=named_scene(f"boxes{len(lid)}", text), subdomains=cut, steps=3)
     solver, steps = steps_of(problem, **TIGHT)
     assert solver.failure is None and len(steps) == 3
     # of E times the way of 0.1 at least, if anything held them
@@ -94,9 +81,9 @@ def test_boxes_carried_through_the_air_feel_nothing(built, steps_of, scene, lid,
 
 
 @pytest.mark.parametrize("cut", [1, 5])
-def test_given_friction_holds_what_slides_along_it(built, steps_of, scene, cut):
+def test_given_friction_holds_what_slides_along_it(built, steps_of, named_scene, cut):
     """A body carried along a wall that it only touches: rubbed by 50 N/m2 on its side of 1 m."""
-    problem = built(scene=scene("shelf", SHELF), subdomains=cut, steps=2, element="P2")
+    problem = built(scene=named_scene("shelf", SHELF), subdomains=cut, steps=2, element="P2")
     solver, steps = steps_of(problem, **TIGHT)
     assert solver.failure is None and len(steps) == 2
     tangential = solver.rows.tangential
@@ -105,11 +92,11 @@ def test_given_friction_holds_what_slides_along_it(built, steps_of, scene, cut):
 
 
 @pytest.mark.parametrize("cut", ["1x1", "3x1", "12x6"])
-def test_a_load_that_steps_see_at_its_zeros_alone_is_none(built, steps_of, scene, cut):
+def test_a_load_that_steps_see_at_its_zeros_alone_is_none(built, steps_of, named_scene, cut):
     """Two steps of a sine, its rounding beside a sine of size one; and a traction along what the
     support holds works on no motion that it leaves free, not by rounding either.
     """
-    problem = built(scene=scene("lid", LID), subdomains=cut, cells=2, steps=2)
+    problem = built(scene=named_scene("lid", LID), subdomains=cut, cells=2, steps=2)
     assert not problem.manifest.factors[:, 0].any() and problem.manifest.factors[2, 1] > 0
     assert not problem.operator.rigid_work[:, 1].any()
     solver, steps = steps_of(problem, **TIGHT)
@@ -117,7 +104,7 @@ def test_a_load_that_steps_see_at_its_zeros_alone_is_none(built, steps_of, scene
     assert not any(step.multipliers[solver.residuals.contact > 0].any() for step in steps)
 
 
-def test_a_fixed_point_lost_in_rounding_is_no_failure_without_forces(built, steps_of, scene,
+def test_a_fixed_point_lost_in_rounding_is_no_failure_without_forces(built, steps_of, named_scene,
                                                                      monkeypatch):
     """Where no iteration ends and bodies are driven away, the state without any force is tried."""
     def lost(self, index, load, x, *_):
@@ -125,6 +112,6 @@ def test_a_fixed_point_lost_in_rounding_is_no_failure_without_forces(built, step
         raise Unfinished(NotConverged("stagnated"), 1e-20 + x, x)
 
     monkeypatch.setattr(FixedPoint, "find", lost)
-    resting = built(scene=scene("lid", LID), subdomains="3x1", cells=2, steps=2)
+    resting = built(scene=named_scene("lid", LID), subdomains="3x1", cells=2, steps=2)
     solver, steps = steps_of(resting, **TIGHT)
     assert solver.failure is None and not any(step.multipliers.any() for step in steps)

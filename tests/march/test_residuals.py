@@ -78,19 +78,6 @@ include "export.idp"
 """
 
 
-@pytest.fixture(scope="module")
-def scene(tmp_path_factory):
-    """scene(name, text): path of a scene."""
-    folder = tmp_path_factory.mktemp("residuals")
-
-    def write(name: str, text: str):
-        path = folder / f"{name}.edp"
-        path.write_text(text)
-        return path
-
-    return write
-
-
 # ---- residuals -----------------------------------------------------------------------------------
 
 def rows(friction: float) -> ContactRows:
@@ -192,12 +179,12 @@ def apart(rough, fine) -> float:
     return np.abs(rough - fine).max() / np.abs(fine).max()
 
 
-def test_forces_are_right_in_a_nearly_singular_material(solved, scene):
+def test_forces_are_right_in_a_nearly_singular_material(solved, named_scene):
     """Shear a million times as soft: displacements are shear alone and say nothing of tractions.
 
     The residual in forces is 1e-6 of their norm; a node's error may be ten times that.
     """
-    rough, fine = (solved(scene=scene("shear", SHEAR), cells=4, steps=2, **words)
+    rough, fine = (solved(scene=named_scene("shear", SHEAR), cells=4, steps=2, **words)
                    for words in ({}, TIGHT))
     assert rough.status == fine.status == 0
     assert apart(rough, fine) <= 1e-5
@@ -212,11 +199,11 @@ def test_stiff_parts_know_whether_they_slide(solved):
     assert apart(rough, fine) <= 1e-4
 
 
-def test_a_spike_spoils_no_later_step(solved, scene):
+def test_a_spike_spoils_no_later_step(solved, named_scene):
     """Slip that friction keeps from a spike of 1e6 is a millionth of it too much for its own
     tolerance, and as large as all that follows: so the spike's step is solved further.
     """
-    rough, fine = (solved(scene=scene("spike", SPIKE), cells=6, steps=6, **words)
+    rough, fine = (solved(scene=named_scene("spike", SPIKE), cells=6, steps=6, **words)
                    for words in ({}, TIGHT))
     assert rough.status == fine.status == 0
     largest = np.abs(rough.contact["sigma_n"]).max(axis=1)
@@ -225,13 +212,13 @@ def test_a_spike_spoils_no_later_step(solved, scene):
 
 
 @pytest.mark.parametrize("asked", [1e-4, 1e-6])
-def test_what_a_spike_leaves_is_as_exact_as_what_was_asked_for(built, steps_of, scene, asked):
+def test_what_a_spike_leaves_is_as_exact_as_what_was_asked_for(built, steps_of, named_scene, asked):
     """With friction that keeps more of it, and tolerances alike: a spike of 1e6 may cost FORESEEN
     of the accuracy of later steps, and a node's force errs by ten times the residual. Without
     foresight the last forces are a quarter off and more.
     """
     text = SPIKE.replace("macro friction() 0.3", "macro friction() 0.8")
-    problem = built(scene=scene("kept", text), cells=6, steps=6)
+    problem = built(scene=named_scene("kept", text), cells=6, steps=6)
     fine, rough = (steps_of(problem, rtol=tol, friction_rtol=tol, primal_rtol=primal)[1][-1]
                    for tol, primal in ((1e-13, 1e-9), (asked, asked)))
     size = np.abs(fine.multipliers).max()
@@ -258,27 +245,27 @@ def test_multipliers_go_on_as_the_load_does():
     assert growth(np.outer([0, 1, 2], first), 1) == 0.0 == growth(np.outer([1, 1, 2], first), 2)
 
 
-def test_nothing_left_is_nothing_missing(built, steps_of, scene):
+def test_nothing_left_is_nothing_missing(built, steps_of, named_scene):
     """Lifted off and unloaded again: forces that rounding leaves are no forces to be right."""
     text = SPIKE.replace("(abs(t - 0.5) < 0.01 ? 1e6 : t)", "(t < 0.6 ? t : 0.)")
     text = text.replace("traction(3, 0., -1e-3) + traction(2, 4e-4, 2e-4)", "traction(2, 0., 1e-3)")
-    solver, steps = steps_of(built(scene=scene("lifted", text), cells=4, steps=4), rtol=1e-11,
+    solver, steps = steps_of(built(scene=named_scene("lifted", text), cells=4, steps=4), rtol=1e-11,
                              friction_rtol=1e-10)
     assert solver.failure is None and len(steps) == 4
 
 
 @pytest.mark.parametrize("cut", ["1x1", "3x1", "5x2"])
-def test_a_load_that_is_rounding_is_none(built, steps_of, scene, cut):
+def test_a_load_that_is_rounding_is_none(built, steps_of, named_scene, cut):
     """sin(2 pi) presses nothing: all forces are zero, not 1e-16 of those before."""
     text = SPIKE.replace("(abs(t - 0.5) < 0.01 ? 1e6 : t)", "sin(2*pi*t)")
-    problem = built(scene=scene("round", text), subdomains=cut, cells=3, steps=4)
+    problem = built(scene=named_scene("round", text), subdomains=cut, cells=3, steps=4)
     assert problem.manifest.factors[-1] == 0
     solver, steps = steps_of(problem, rtol=1e-10, friction_rtol=1e-8)
     assert solver.failure is None and len(steps) == 4
     assert np.abs(steps[0].multipliers).max() > 0 and not steps[-1].multipliers.any()
 
 
-def test_bounds_are_those_of_the_slip(built, steps_of, scene, monkeypatch):
+def test_bounds_are_those_of_the_slip(built, steps_of, named_scene, monkeypatch):
     """The cone residual sees a coefficient that is not that of the slip."""
     text = SPIKE.replace("(abs(t - 0.5) < 0.01 ? 1e6 : t)", "t").replace(
         'include "export', "macro slipFactor(s) (1. - 0.5*s/slipRange) //\ninclude \"export")
@@ -294,7 +281,7 @@ def test_bounds_are_those_of_the_slip(built, steps_of, scene, monkeypatch):
         return cones[-1][0]
 
     monkeypatch.setattr(of_steps.Residuals, "of", watched)
-    solver, steps = steps_of(built(scene=scene("weaker", text), cells=4, steps=2))
+    solver, steps = steps_of(built(scene=named_scene("weaker", text), cells=4, steps=2))
     last, stale, bound = cones[-1]
     assert solver.failure is None and len(steps) == 2 and last["cone"] <= 1e-6
     assert stale >= 0.009 * bound > 1e-3
@@ -313,10 +300,10 @@ def tractions(outcome) -> np.ndarray:
 
 
 @pytest.mark.parametrize("drag", ["1e4", "1e8"])
-def test_dragging_far_changes_no_traction(solved, scene, drag):
+def test_dragging_far_changes_no_traction(solved, named_scene, drag):
     """In full sliding tractions do not depend on the way, which is 1e4 to 1e12 of the press."""
     # tolerances a hundredth of the difference that is allowed
-    path, words = scene("pad", PAD), {"cells": 4, "steps": 6, "friction_rtol": 1e-8,
+    path, words = named_scene("pad", PAD), {"cells": 4, "steps": 6, "friction_rtol": 1e-8,
                                       "primal_rtol": 1e-8}
     near, far = (solved(scene=path, drag=way, **words) for way in ("1", drag))
     assert near.status == far.status == 0
@@ -328,11 +315,11 @@ def test_dragging_far_changes_no_traction(solved, scene, drag):
     np.testing.assert_allclose(far.summary["quantities"]["displacement"], float(drag), rtol=1e-3)
 
 
-def test_there_and_back(solved, scene):
+def test_there_and_back(solved, named_scene):
     """A pad carried away and back again before it presses is where it was: slip by increments."""
     text = PAD.replace("min(1., 2.*t)", "(t < 0.5 ? 0. : 2.*t - 1.)")
     text = text.replace("max(0., 2.*t - 1.)", "(t < 0.4 ? sin(pi*t/0.4) : 0.)")
-    path = scene("back", text)
+    path = named_scene("back", text)
     still, carried = (solved(scene=path, drag=way, cells=4, steps=10) for way in ("0", "1e8"))
     assert still.status == carried.status == 0
     peak = np.abs(still.contact["sigma_n"]).max()
@@ -340,13 +327,13 @@ def test_there_and_back(solved, scene):
     assert np.abs(tractions(carried) - tractions(still)).max() <= 1e-6 * peak
 
 
-def test_where_a_pad_presses_does_not_matter(solved, scene):
+def test_where_a_pad_presses_does_not_matter(solved, named_scene):
     """Carried far, then pressed and sheared there while it sticks, and back: the floor is the same
     everywhere. Sums of the way and the shear would have lost the shear's digits.
     """
     text = PAD.replace("u1 = -A*(y - 1.), u2 = -P + A*(x - 1.)", "u1 = 0.1*P, u2 = -P")
     text = text.replace("min(1., 2.*t)", "(t < 0.5 ? 0. : 4.*(t - 0.5)*(1.5 - t))")
-    path = scene("there", text.replace("max(0., 2.*t - 1.)", "min(1., 3.*t)"))
+    path = named_scene("there", text.replace("max(0., 2.*t - 1.)", "min(1., 3.*t)"))
     here, there = (solved(scene=path, drag=way, cells=4, steps=10, friction_rtol=1e-8,
                           primal_rtol=1e-8) for way in ("0", "1e8"))
     assert here.status == there.status == 0 and (here.contact["status"][-1] == "stick").any()
@@ -357,10 +344,10 @@ def test_where_a_pad_presses_does_not_matter(solved, scene):
     np.testing.assert_allclose(there.contact["slip"][-1], slip, rtol=0, atol=1e-9)
 
 
-def test_travel_is_taken_out_whole(built, scene):
+def test_travel_is_taken_out_whole(built, named_scene):
     """Strains under a prescribed rigid motion are zero, also where it turns; displacements are not.
     """
-    problem = built(scene=scene("turned", PAD), cells=3, angle=0.3, press=2.0, drag=5.0)
+    problem = built(scene=named_scene("turned", PAD), cells=3, angle=0.3, press=2.0, drag=5.0)
     operator, weights = problem.operator, np.array([1.0, 1.0])
     nothing = np.zeros(operator.owned)
     assert max(np.abs(u).max() for u in operator.deformations(nothing, weights)) <= 1e-14 * 5
@@ -379,11 +366,11 @@ def mean_motion(problem, step) -> np.ndarray:
 
 
 @pytest.mark.parametrize("cut", ["1x1", "4x2", "3"])
-def test_least_motion_of_a_free_block(built, steps_of, scene, cut):
+def test_least_motion_of_a_free_block(built, steps_of, named_scene, cut):
     """Nothing holds the block along a floor without friction: on average it does not move there,
     however it is cut, and the wall that it does not reach changes nothing.
     """
-    problem = built(scene=scene("block", BLOCK), cells=4, subdomains=cut, steps=4)
+    problem = built(scene=named_scene("block", BLOCK), cells=4, subdomains=cut, steps=4)
     solver, steps = steps_of(problem)
     assert solver.failure is None
     for step in steps:
@@ -391,9 +378,9 @@ def test_least_motion_of_a_free_block(built, steps_of, scene, cut):
         assert abs(along) <= 1e-9 * abs(down) and down < 0
 
 
-def test_least_motion_is_seen_by_its_integral(built, steps_of, scene):
+def test_least_motion_is_seen_by_its_integral(built, steps_of, named_scene):
     """The first component of `mean_motion` by an own sum over the triangles."""
-    problem = built(scene=scene("block", BLOCK), cells=4, subdomains="3", steps=4)
+    problem = built(scene=named_scene("block", BLOCK), cells=4, subdomains="3", steps=4)
     _, steps = steps_of(problem)
     total = area = 0.0
     fields = problem.operator.displacements(steps[-1].multipliers, steps[-1].weights)
@@ -406,10 +393,10 @@ def test_least_motion_is_seen_by_its_integral(built, steps_of, scene):
     assert area == pytest.approx(2.0)
 
 
-def test_a_pushed_block_stays_where_it_was_left(built, steps_of, scene):
+def test_a_pushed_block_stays_where_it_was_left(built, steps_of, named_scene):
     """The wall stops it; without load nothing pulls it back, nor up to where it started from."""
     text = BLOCK.replace("t < 0.6 ? t : 1.2 - t", "t < 0.6 ? t : 1.5*(1. - t)")
-    problem = built(scene=scene("pushed", text), cells=4, steps=4, push=100.0, wall=1e-3)
+    problem = built(scene=named_scene("pushed", text), cells=4, steps=4, push=100.0, wall=1e-3)
     solver, steps = steps_of(problem)
     assert solver.failure is None
     motion = np.array([mean_motion(problem, step) for step in steps])
