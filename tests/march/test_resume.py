@@ -418,7 +418,7 @@ class Victim:
         return self.process.returncode, said
 
 
-LONG = ("SCENE=model", "LOADING=nonmonotone", "CELLS=4", "STEPS=20", "RTOL=1e-10", "FIGURES=no",
+LONG = ("SCENE=model", "LOADING=nonmonotone", "CELLS=4", "STEPS=60", "RTOL=1e-10", "FIGURES=no",
         "ERRORS=no")
 
 
