@@ -159,7 +159,7 @@ def contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm,
             gid, xy = sub.node_gid[sub.contact.node], sub.xy[sub.contact.node]
             parts.append(contact_table(sub.contact, manifest.columns, gid, xy))
     nodes = merge_parts(gather(comm, np.concatenate(parts)), manifest.columns,
-                        manifest.contact_pairs)
+                        manifest.contact_pairs, tuple(manifest.curved))
     known = {label for label, _ in nodes.members}
     missing = [wanted for wanted in manifest.contact_labels if wanted not in known]
     if missing:
@@ -168,12 +168,13 @@ def contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm,
     along = chains(nodes, skeleton)
     paired, n = nodes.family > 0, len(nodes.gid)
     row, other, value = np.arange(n), np.arange(n), np.ones(n)
-    gap, length = effects.distance(nodes.columns, n), nodes.weight
+    gap, length = effects.distance(nodes.columns, n), nodes.length
     motion = effects.motion(nodes, gap)
     if manifest.axisymmetric:
         from . import rings  # here: no plane scene needs it
 
-        nodes.weight, (row, other, value) = rings.ring_rows(nodes.xy, along.edges, along.middles)
+        weight, (row, other, value) = rings.ring_rows(nodes.xy, along.edges, along.middles)
+        nodes.weight = weight
         gap = np.bincount(row, value * gap[other], n)
         if motion is not None:
             motion.gap = np.array([np.bincount(row, value * g[other], n) for g in motion.gap])

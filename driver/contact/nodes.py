@@ -30,7 +30,8 @@ class Nodes:
 
     `label` is that of the longest part of the dual segment, of equal ones the smallest;
     `family` (n,) is 0 on rigid obstacles, between bodies the number of those `meeting`, from 1 on:
-    the pairs of labels that are one boundary. `members` are the nodes at a vertex on a label, by
+    the pairs of labels that are one boundary. `length` is the part of the boundary, which `weight`
+    is as well on straight sides. `members` are the nodes at a vertex on a label, by
     (label, gid).
     """
 
@@ -39,6 +40,7 @@ class Nodes:
     family: np.ndarray
     xy: np.ndarray
     weight: np.ndarray
+    length: np.ndarray
     normal: np.ndarray
     columns: dict[str, np.ndarray]
     meeting: list[list[tuple[int, int]]]
@@ -71,8 +73,12 @@ def _meeting(label, gid, normal, pairs: list) -> list[list[tuple[int, int]]]:
             for one in dict.fromkeys(root)]
 
 
-def merge_parts(table: np.ndarray, columns: list[str], pairs: list) -> Nodes:
+def merge_parts(table: np.ndarray, columns: list[str], pairs: list,
+                curved: tuple[int, ...] = ()) -> Nodes:
     """The nodes of a `contact_table`; `columns` are the names of its columns, `pairs` the labels.
+
+    Of labels that are `curved` the weight counts along the node's normal: normal times weight is
+    the force of a uniform pressure there.
 
     Raises InputError where a vertex has more than two directions on rigid obstacles.
     """
@@ -98,9 +104,13 @@ def merge_parts(table: np.ndarray, columns: list[str], pairs: list) -> Nodes:
     members = {}
     for of, one in keys.tolist():
         members.setdefault((one, int(gid[first[of]])), []).append(of)
-    return Nodes(gid[first], reported, family[first], table[first, -2:], weight,
-                 total[:, 1:3] / np.linalg.norm(total[:, 1:3], axis=1)[:, None],
-                 {name: total[:, 3 + k] / weight for k, name in enumerate(columns)}, meeting,
+    unit = total[:, 1:3] / np.linalg.norm(total[:, 1:3], axis=1)[:, None]
+    length = weight
+    if curved:
+        along = (table[:, 3:5] * unit[node]).sum(axis=1)
+        weight = np.bincount(node, np.where(np.isin(label, curved), along, table[:, 2]), count)
+    return Nodes(gid[first], reported, family[first], table[first, -2:], weight, length, unit,
+                 {name: total[:, 3 + k] / length for k, name in enumerate(columns)}, meeting,
                  members)
 
 
