@@ -159,7 +159,7 @@ def contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm,
             gid, xy = sub.node_gid[sub.contact.node], sub.xy[sub.contact.node]
             parts.append(contact_table(sub.contact, manifest.columns, gid, xy))
     nodes = merge_parts(gather(comm, np.concatenate(parts)), manifest.columns,
-                        manifest.contact_pairs, tuple(manifest.curved))
+                        manifest.contact_pairs, bool(manifest.curved))
     known = {label for label, _ in nodes.members}
     missing = [wanted for wanted in manifest.contact_labels if wanted not in known]
     if missing:
@@ -174,7 +174,8 @@ def contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm,
         from . import rings  # here: no plane scene needs it
 
         weight, (row, other, value) = rings.ring_rows(nodes.xy, along.edges, along.middles)
-        nodes.weight = weight
+        # with curved sides the export has those of rings
+        nodes.weight = np.where(weight > 0, nodes.weight, 0.0) if manifest.curved else weight
         gap = np.bincount(row, value * gap[other], n)
         if motion is not None:
             motion.gap = np.array([np.bincount(row, value * g[other], n) for g in motion.gap])

@@ -35,6 +35,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..scene import sides
 from ..scene.elements import cross
 from ..errors import InputError
 from .axis import on_axis, smooth_normals
@@ -42,7 +43,6 @@ from .axis import on_axis, smooth_normals
 POINT = np.array([-np.sqrt(0.6), 0.0, np.sqrt(0.6)])  # Gauss, exact to degree 5 on [-1, 1]
 WEIGHT = np.array([5.0, 8.0, 5.0]) / 18.0  # of an interval of length 1
 FACING = -0.2  # cosine between the normals of facing edges, at most
-STRAIGHT = 1e-10  # of an edge's length: middles that are less off are off by rounding
 SLIVER = 1e-6  # parts of an edge shorter than this, relative to the edge, do not count
 
 
@@ -93,16 +93,11 @@ class Side:
 
     def uniform(self) -> tuple[np.ndarray, np.ndarray]:
         """(n, 2) int phi_i n ds as the edges lie, and (n,) int phi_i ds, of curved edges."""
-        a, b = self.xy[self.edges[:, 0]], self.xy[self.edges[:, 1]]
-        m = (a + b) / 2 + self.bow
+        place = self.xy[self.edges]
+        place[:, 2] = place[:, :2].mean(axis=1) + self.bow
         force, length = np.zeros_like(self.xy), np.zeros(len(self.xy))
-        along = np.stack([-a / 2 - b / 6 + 2 / 3 * m, a / 6 + b / 2 - 2 / 3 * m, 2 / 3 * (b - a)])
-        np.add.at(force, self.edges.T, np.stack([along[..., 1], -along[..., 0]], axis=-1))
-        for point, share in zip(POINT, WEIGHT):
-            xi = np.full(len(a), (1 + point) / 2)
-            tangent = b - a + 4 * (1 - 2 * xi)[:, None] * self.bow
-            shape = np.stack(_shapes(3, xi))
-            np.add.at(length, self.edges.T, share * shape * np.linalg.norm(tangent, axis=1))
+        np.add.at(force, self.edges, sides.normals(place))
+        np.add.at(length, self.edges, sides.integrals(place))
         return force, length
 
     @property
@@ -137,11 +132,9 @@ class Side:
 
 def rises(xy: np.ndarray) -> dict[str, np.ndarray]:
     """`chord` and `rise` of a Side with edges at xy (e, 3, 2), nothing if they are straight."""
-    chord = xy[:, 1] - xy[:, 0]
-    rise = xy[:, 2] - xy[:, :2].mean(axis=1)
-    if (np.abs(rise).max(axis=1) <= STRAIGHT * np.abs(chord).max(axis=1)).all():
+    if not sides.are_curved(xy):
         return {}
-    return {"chord": chord, "rise": rise}
+    return {"chord": xy[:, 1] - xy[:, 0], "rise": xy[:, 2] - xy[:, :2].mean(axis=1)}
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:

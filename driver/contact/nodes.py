@@ -74,11 +74,11 @@ def _meeting(label, gid, normal, pairs: list) -> list[list[tuple[int, int]]]:
 
 
 def merge_parts(table: np.ndarray, columns: list[str], pairs: list,
-                curved: tuple[int, ...] = ()) -> Nodes:
+                curved: bool = False) -> Nodes:
     """The nodes of a `contact_table`; `columns` are the names of its columns, `pairs` the labels.
 
-    Of labels that are `curved` the weight counts along the node's normal: normal times weight is
-    the force of a uniform pressure there.
+    In scenes with `curved` sides weights count along the node's normal: normal times weight is the
+    force of a uniform pressure there, of bodies of revolution that on the ring.
 
     Raises InputError where a vertex has more than two directions on rigid obstacles.
     """
@@ -107,8 +107,7 @@ def merge_parts(table: np.ndarray, columns: list[str], pairs: list,
     unit = total[:, 1:3] / np.linalg.norm(total[:, 1:3], axis=1)[:, None]
     length = weight
     if curved:
-        along = (table[:, 3:5] * unit[node]).sum(axis=1)
-        weight = np.bincount(node, np.where(np.isin(label, curved), along, table[:, 2]), count)
+        weight = np.linalg.norm(total[:, 1:3], axis=1)
     return Nodes(gid[first], reported, family[first], table[first, -2:], weight, length, unit,
                  {name: total[:, 3 + k] / length for k, name in enumerate(columns)}, meeting,
                  members)

@@ -8,6 +8,7 @@ from ..errors import agreed_writes
 from ..feti.gathering import joined
 from ..feti.structure import Substructure
 from ..files import write_rows
+from ..scene import sides
 from ..scene.manifest import Manifest
 from .contact_state import constrained_keys
 from .tables import BOUNDARY, header
@@ -87,9 +88,13 @@ def _edge_tractions(edges: np.ndarray, middles: np.ndarray, place: np.ndarray,
     outward = np.column_stack([along[:, 1], -along[:, 0]])
     nodes = np.column_stack([edges[:, :2], middles]) if len(middles) else edges[:, :2]
     parts = _shape_integrals(place[edges[:, :2], 0] if revolved else None, len(middles) > 0)
-    length = np.bincount(nodes.ravel(), (size[:, None] * parts).ravel(), len(place))
-    normal = np.column_stack([np.bincount(nodes.ravel(), (c[:, None] * parts).ravel(), len(place))
-                              for c in outward.T])
+    lengths, normals = size[:, None] * parts, [c[:, None] * parts for c in outward.T]
+    if len(middles) and sides.are_curved(place[nodes]):
+        lengths = sides.integrals(place[nodes], revolved)
+        normals = np.moveaxis(sides.normals(place[nodes]), 2, 0)
+    length = np.bincount(nodes.ravel(), lengths.ravel(), len(place))
+    normal = np.column_stack([np.bincount(nodes.ravel(), of.ravel(), len(place))
+                              for of in normals])
     first = np.full(len(place), np.iinfo(np.int64).max)
     last = np.full(len(place), np.iinfo(np.int64).min)
     np.minimum.at(first, nodes, edges[:, 2:])
