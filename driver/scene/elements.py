@@ -108,6 +108,16 @@ def radii(corner: np.ndarray, places: np.ndarray) -> np.ndarray:
     return corner[..., 0] @ shapes(corner.shape[1], places).T
 
 
+def located(corner: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(n_t, 2) coordinates of a place (n_t, 3) of each curved triangle, and derivatives there.
+
+    These as `_tangents` has them, (n_t, 2, 2).
+    """
+    at = np.einsum("tn,tnk->tk", shapes(6, place), corner)
+    by_place = np.einsum("tnc,tnk->tck", slopes(6, place), corner)
+    return at, by_place[:, 1:] - by_place[:, :1]
+
+
 def _tangents(corner: np.ndarray, places: np.ndarray) -> np.ndarray:
     """(n_t, m, 2, 2) derivatives [c, k] of coordinate k by l_1 and l_2, with l_0 = 1 - l_1 - l_2.
     """
