@@ -52,8 +52,8 @@ def _rows(manifest: Manifest, structure: Substructure, parts: list[tuple]) -> li
              for name in np.unique(label).tolist()}  # a support holds a label, not its neighbours
     motion = (moved[start] + moved[end]) / 2
     rows = []
-    for p, q, edge, move, pull in zip(place[start].tolist(), place[end].tolist(), label.tolist(),
-                                      motion, traction.tolist()):
+    for points, edge, move, pull in zip(_points(place, edges, structure.outer_middles),
+                                        label.tolist(), motion, traction.tolist()):
         held = whole[edge]
         if edge in paired:
             role = "pair"
@@ -63,9 +63,17 @@ def _rows(manifest: Manifest, structure: Substructure, parts: list[tuple]) -> li
             role = "support"
         else:
             role = "load" if any(pull) else "free"
-        rows.append([*p, *q, edge, role, *pull, *held.astype(int).tolist(),
-                     *(held * move).tolist()])
+        rows += [[*p, *q, edge, role, *pull, *held.astype(int).tolist(),
+                  *(held * move).tolist()] for p, q in zip(points, points[1:])]
     return rows
+
+
+def _points(place: np.ndarray, edges: np.ndarray, middles: np.ndarray) -> list[list]:
+    """Ends of every edge, between those of a curved one its middle."""
+    ends = place[edges[:, :2]].tolist()
+    if not len(middles) or not sides.are_curved(place[np.column_stack([edges[:, :2], middles])]):
+        return ends
+    return [[p, m, q] for (p, q), m in zip(ends, place[middles].tolist())]
 
 
 def _moves(structure: Substructure) -> np.ndarray:
