@@ -32,9 +32,10 @@ class Subdomain:
     """One torn subdomain as exported.
 
     Its n_v nodes are the vertices of the mesh and, with quadratic elements, the middles of the
-    edges, straight if not `curved`, and, with P2-mixed, the centroids. `dof_node` and `dof_component` give node and
-    displacement component of every dof; `rows`, `columns`, `values` are the pure Neumann stiffness,
-    with that of `springs`, in coordinate form, both triangles, sorted by rows. Of `thermal`,
+    edges, straight if not `curved`, and, with P2-mixed, the centroids. `dof_node` and
+    `dof_component` give node and displacement component of every dof; `rows`, `columns`, `values`
+    are the pure Neumann stiffness, with that of `springs`, in coordinate form, both triangles,
+    sorted by rows. Of `thermal`,
     `edge_loads` and `body_loads` the keys are the patterns that are given as initial stress, on
     edges and on triangles.
     """
