@@ -106,6 +106,7 @@ def check(scene: Path) -> None:
     if not any(line.split("//")[0].strip() for source in files for line in source.lines):
         raise InputError(f"{scene.name} is empty: see edp/tutorial.edp for how to write a scene")
     _check_includes(files)
+    _check_circles(files)
     for source in files:
         _check_characters(source)
         _check_bodies(source)
@@ -113,7 +114,7 @@ def check(scene: Path) -> None:
             if reason := _fault(definition):
                 raise InputError(f"{source.path.name} line {definition.line}: {reason}")
         _check_parameters(source)
-        for line, name in _declared(source):
+        for line, name in declared(source):
             if name in VOCABULARY:
                 raise InputError(f"{source.path.name} line {line}: the name '{name}' is the "
                                  "library's own; choose another")
@@ -175,6 +176,28 @@ def _fault(definition: Definition) -> str:
     return _unbalanced(name, content)
 
 
+def _check_circles(files: list[Source]) -> None:
+    """Refuse macros that contain themselves, directly or by others. Raises InputError.
+
+    FreeFEM would put the content in without end.
+    """
+    macros = {macro.name: macro for source in files for macro in definitions(source)}
+    reads = {name: {word for word in re.findall(r"[A-Za-z_]\w*", re.sub(r'"[^"\n]*"', "",
+                                                                        macro.content))
+                    if word in macros and word not in re.findall(r"\w+", macro.arguments or "")}
+             for name, macro in macros.items()}
+    for name, macro in macros.items():
+        reached, remaining = set(), set(reads[name])
+        while remaining:
+            word = remaining.pop()
+            reached.add(word)
+            remaining |= reads[word] - reached
+        if name in reached:
+            raise InputError(f"{macro.path.name} line {macro.line}: the macro {name} contains "
+                             f"itself: give what it is to stand for another name, as in  real "
+                             f"{name}Value = ...; macro {name}() {name}Value //")
+
+
 def _unbalanced(name: str, content: str) -> str:
     """Which bracket of a macro has no partner; empty if all have."""
     pairs, opened = {")": "(", "]": "[", "}": "{"}, []
@@ -205,7 +228,7 @@ def _check_parameters(source: Source) -> None:
                                  "meaning for the driver or FreeFEM; choose another")
 
 
-def _declared(source: Source) -> list[tuple[int, str]]:
+def declared(source: Source) -> list[tuple[int, str]]:
     """Global names that a file declares, each with its line."""
     found, depth = [], 0
     for number, line in enumerate(source.lines, 1):

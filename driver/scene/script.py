@@ -43,15 +43,24 @@ def text_digest(scene: Path) -> str:
 def check_names(scene: Path) -> None:
     """Refuse macros that nothing reads, and macros and functions with names of the library's own.
 
-    FreeFEM would put such a macro into the library's text, and call such a function from there.
-    Variables need no check: FreeFEM refuses a second one, see `taken_name`. Raises InputError.
+    FreeFEM would put such a macro into the library's text, and call such a function from there, and
+    replace a variable by the library's macro of its name. That a variable of the library has this
+    name FreeFEM says itself, see `taken_name`. Raises InputError.
     """
     files = grammar.sources(scene)
     code = "\n".join(line.split("//")[0] for source in files for line in source.lines)
     if 'include "export.idp"' not in code:
         return
     library = "\n".join(path.read_text() for path in environment.LIBRARY.rglob("*.idp"))
+    hidden = {"evaluating", *re.findall(r"^\s*macro (\w+)", library, re.MULTILINE)}
+    hidden -= rooms.vocabulary()
+    own = {macro.name: macro for source in files for macro in grammar.definitions(source)}
     for source in files:
+        for line, name in grammar.declared(source):
+            if name in hidden:
+                raise InputError(own_name(source.path, line, name))
+            if reason := _variable_fault(name, own, code):
+                raise InputError(f"{source.path.name} line {line}: {reason}")
         for macro in grammar.definitions(source):
             if reason := _macro_fault(macro.name, code, library):
                 raise InputError(f"{source.path.name} line {macro.line}: {reason}")
@@ -59,6 +68,19 @@ def check_names(scene: Path) -> None:
             function = re.match(r"\s*func\s+\w+\s+(\w+)", line)
             if function and re.search(rf"^func \w+ {function[1]}\(", library, re.MULTILINE):
                 raise InputError(own_name(source.path, number, function[1]))
+
+
+def _variable_fault(name: str, macros: dict, code: str) -> str:
+    """Why a scene with these macros may not give a variable or function this name, or ""."""
+    if name in macros:
+        return (f"'{name}' is also a macro, in line {macros[name].line}, which stands for it from "
+                f"there on; choose another name, such as {name}Value")
+    macro = next((macro for macro in rooms.all_macros() if name in macro.names), None)
+    declares = macro is not None and macro.arguments is not None  # and is no number, as slipRange
+    if declares and len(re.findall(rf"\b{name}\b", code)) == 1:
+        return (f"nothing reads '{name}': what a scene declares is given by macros: "
+                f"macro {name}({macro.arguments}) ... //")
+    return ""
 
 
 def _macro_fault(name: str, code: str, library: str) -> str:
