@@ -62,7 +62,7 @@ def refusal(said: str, scene: Path) -> str:
     for name in named:
         if name in rooms.vocabulary() and _places(scene, rf"macro {name}\b"):
             return f"{_place(scene, rf'macro {name}')}: {said}"
-    if re.match(r"(rectangle|units|quasistatic)\b", said):
+    if re.match(r"(rectangle|units|quasistatic|addBody)\b", said):
         return f"{_uses(scene, first)}: {said}"
     return f"{scene.name}: {said}"
 
@@ -134,9 +134,21 @@ def _misunderstood(error: re.Match, lines: list[str], scene: Path, folder: Path)
     said = said or next((line for line in lines if " exists" in line), "values of the wrong kind")
     if said == "syntax error" and _declares(scene, path.name, int(number), error[4].strip()):
         said = f"'{error[4].strip()}' is a word of FreeFEM's own: choose another name"
+    elif said == MISTAKES[1][1] and (form := _form(_line(scene, path.name, int(number)))):
+        return f"{path.name} line {number}: {form}"
     elif said == "syntax error" and (unfinished := _unfinished(scene, path.name, int(number))):
         said = f"syntax error; line {unfinished} may lack its ;"
     return f"FreeFEM failed in {path.name} line {number}{token}: {said}{remedy}"
+
+
+def _form(code: str) -> str:
+    """What is wrong with the call of the library's that a line makes; "" if it makes none."""
+    for name in re.findall(r"\b(\w+)\s*\(", code):
+        for form, meaning in rooms.listed_calls(environment.LIBRARY / "scene.idp"):
+            if form.startswith(f"{name}("):
+                return (f"{name} is called with arguments of a wrong number or kind: {form}  "
+                        f"{meaning}")
+    return ""
 
 
 def _content_read(path: Path, number: int, scene: Path) -> str:

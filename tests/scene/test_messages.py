@@ -154,7 +154,11 @@ def test_names_of_freefem_are_what_the_library_has_undeclared():
     ("traction(3, 2., -10.)", "tracton(3, 2., -10.)", "did you mean traction"),
     ("traction(3, 2., -10.)", "traction(3, 2., q)", "'q'"),
     ("amplitude1(t) t", "amplitude1(s) t", "argument of an amplitude"),
-    ("quasistatic(1.)", "quasistatic()", "arguments"),
+    ("quasistatic(1.)", "quasistatic()", "arguments of a wrong number or kind: quasistatic(T)"),
+    ('units("mm", "MPa");', 'units("mm");', 'units("m", "Pa")  the scene'),
+    ("rectangle(0., 2., 0., 1.)", "rectangle(2., 1.)", "rectangle(x0, x1, y0, y1)"),
+    ("rectangle(0., 2., 0., 1.);", "rectangle(0., 2., 0., 1.); addBody(square(3, 3))",
+     "give each body by addBody(mesh)"),
     # numbers that are none
     ("-10.)", "1./0.)", "load1"), ("-10.)", "1e400)", "load1"), ("-10.)", "sqrt(-x - 1))", "load1"),
     ("amplitude1(t) t", "amplitude1(t) sqrt(t - 0.5)", "amplitude1"),
@@ -176,6 +180,24 @@ def test_what_freefem_trips_over(said, old, new, words):
     message = said((old, new))
     assert words in message
     assert place(message) == line_of(old) + ("// \nmacro a" in new or "// \nmacro pairG" in new)
+
+
+@pytest.mark.parametrize("changes, words, place_of", [
+    (("quasistatic(1.);", ""), "amplitude1 is a history, but the scene has no time: call",
+     "amplitude1"),
+    (("rectangle(0., 2., 0., 1.);", "body = square(2, 2); addBody(square(3, 3))"),
+     "body is set to another mesh, which would be left out: give each body by addBody(mesh)",
+     "rectangle")])
+def test_what_would_be_left_out_in_silence(said, changes, words, place_of):
+    message = said(changes, parameters={})
+    assert words in message and place(message) == line_of(place_of)
+
+
+def test_a_body_may_be_called_body_and_added(tmp_path):
+    path, added = tmp_path / "mine.edp", "body = square(2, 2); addBody(body)"
+    path.write_text(SCENE.replace("rectangle(0., 2., 0., 1.);", added))
+    export = freefem.export(path, tmp_path / "export", {"subdomains": "2", "steps": "1"})
+    assert export.bodies == 1
 
 
 def test_a_statement_without_its_end_is_found(said):
