@@ -67,6 +67,21 @@ def refusal(said: str, scene: Path) -> str:
     return f"{scene.name}: {said}"
 
 
+def placed(reason: str, scene: Path) -> str:
+    """What the solver refuses, with the line of the macro of the scene that it names first.
+
+    It speaks of a contactPair as of a contact pair.
+    """
+    named = []
+    for source in grammar.sources(scene):
+        for macro in grammar.definitions(source):
+            words = re.findall("[A-Z]?[a-z]+", macro.name)
+            said = re.search(r"\b" + r"\w*\s?".join(words), reason, re.IGNORECASE)
+            if said and macro.name in rooms.vocabulary():
+                named.append((said.start(), -len(words), f"{source.path.name} line {macro.line}"))
+    return f"{min(named)[2]}: {reason}" if named else reason
+
+
 def failure(output: str, status: int, scene: Path, folder: Path, retrace) -> str:
     """One line out of FreeFEM's output.
 

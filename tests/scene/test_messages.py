@@ -366,6 +366,19 @@ def test_an_obstacle_without_slope_gives_no_direction(said):
     assert "obstacle cannot be evaluated" in message and "no direction" in message
 
 
+@pytest.mark.parametrize("reason, line", [
+    ("the boundaries 1 and 3 of a contact pair do not face each other, or a support holds", 3),
+    ("the tied boundaries 1 and 5 do not face each other", 4),
+    ("the factor of the friction coefficient is negative at slip 2", 5),
+    ("parts of a body share no edge", None)])
+def test_what_the_solver_refuses_has_a_line_too(tmp_path, reason, line):
+    path = tmp_path / "mine.edp"
+    path.write_text("// four\nmacro contact() 9 //\nmacro contactPair() 1, 3 //\n"
+                    "macro tie() 1, 5 //\nmacro friction() 1. //\nmacro other() 2 //\n")
+    placed = f"mine.edp line {line}: {reason}" if line else reason
+    assert explain.placed(reason, path) == placed
+
+
 # ---- gmsh ----------------------------------------------------------------------------------------
 
 GEO = """DefineConstant[ h = {1}, length = {2} ];
