@@ -16,8 +16,8 @@ from PIL import Image
 
 from driver import figures
 from driver.errors import InputError
-from driver.figures import (animation, body, contact, convergence, history, layout, obstacle,
-                            outline, redraw, scales, style, theory)
+from driver.figures import (animation, body, contact, convergence, history, labels, layout,
+                            obstacle, outline, redraw, scales, style, theory)
 
 ALL = ["geometry", "loading", "deformed", "contact_normal", "contact_tangential", "contact_status",
        "history", "convergence"]
@@ -656,6 +656,34 @@ def test_arrows_along_a_boundary_do_not_stand_on_each_other(tmp_path):
     ends = np.sort(np.stack([shear.Y, shear.Y + shear.V]), axis=0)
     order = np.argsort(ends[0])
     assert np.all(ends[0][order][1:] > ends[1][order][:-1])
+
+
+@pytest.mark.parametrize("high, led", [(0.15, {5}), (4.0, set())], ids=["thin", "thick"])
+def test_numbers_of_labels_stand_beside_their_boundary(high, led):
+    """A bar of length 9 under a wheel, label 5 on a short part of its top with an arrow above it:
+    of a thick one all numbers are inside, of a thin one outside, that of the wheel on a line.
+    """
+    x = np.linspace(-4.5, 4.5, 91)
+    corners = np.concatenate([
+        np.column_stack([x, 0 * x]), [[4.5, high]], np.column_stack([x[-2::-1], 0 * x[1:] + high])])
+    start, end = corners, np.roll(corners, -1, axis=0)
+    middle = (start + end) / 2
+    label = np.select([middle[:, 1] == 0, middle[:, 0] == 4.5, middle[:, 0] == -4.5,
+                       np.abs(middle[:, 0]) < 0.06], [1, 2, 4, 5], 3)
+    axes = Figure().add_subplot()
+    axes.quiver([0], [high + 1.5], [0], [-1.4], angles="xy", scale_units="xy", scale=1)
+    roles = np.where(label == 5, "load", "free")
+    labels.label_numbers(axes, {"label": label, "role": roles},
+                         (start, end, outline.right_of(start, end)), 9.0,
+                         {"load": "red", "free": "black"})
+    places = {int(text.get_text()): np.array(text.get_position()) for text in axes.texts}
+    assert len(places) == 5 and len(axes.lines) == len(led)
+    for name, place in places.items():
+        away = labels.distances(place, start, end)
+        assert name in led or away.min() == away[label == name].min() > 0.2
+        assert (0 < place[1] < high and abs(place[0]) < 4.5) == (high == 4.0)
+        assert labels.distances(place, *np.array([[[0, high + 1.5]], [[0, high + 0.1]]])) > 0.2
+        assert all(np.linalg.norm(place - other) > 0.4 for k, other in places.items() if k != name)
 
 
 def test_magnification_respects_gaps_and_large_displacements(tmp_path):
