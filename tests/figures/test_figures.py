@@ -394,6 +394,28 @@ def test_loading_has_a_curve_for_every_amplitude_from_time_zero(drawn):
         assert line.get_marker() != "None"
 
 
+def test_loading_shows_where_obstacles_go(run):
+    """Shifts in one panel, angles in one of their own; without loads these alone, and without
+    either there is no such figure.
+    """
+    moved = {"3": {"shift_x": [0.0, 2e-3, 5e-3], "angle": [0.0, 0.1, 0.2]},
+             "4": {"distance": [1e-3, 0.0, 0.0]}}
+    def own(**entries):
+        return dataclasses.replace(run, summary={**run.summary, **entries})
+
+    figure = figures.compose("loading", own(obstacle_motion=moved))
+    assert [len(axes.lines) for axes in figure.axes] == [2, 2, 1]
+    assert [axes.get_ylabel() for axes in figure.axes] == [
+        "amplitude [–]", "obstacle [mm]", "obstacle turned\nby [rad]"]
+    assert legend_words(figure)[2:] == ["shift in $x$, label 3", "distance of the nearest node, "
+                                        "label 4", "angle, label 3"]
+    assert figure.axes[1].lines[0].get_ydata() == pytest.approx([0, 2, 5])
+    assert not overlaps(figure) and not outside(figure)
+    alone = figures.compose("loading", own(amplitudes={}, obstacle_motion={"3": moved["3"]}))
+    assert len(alone.axes) == 2 and legend_words(alone) == ["shift in $x$", "angle"]
+    assert "loading" not in figures.wanted(own(amplitudes={}))
+
+
 def test_history_may_start_at_step_one_and_have_empty_cells(tmp_path):
     directory = make_run(tmp_path, steps=3, products=6)
     first, _, *rows = (directory / "history.csv").read_text().splitlines()
