@@ -35,7 +35,8 @@ def write(directory: Path) -> Path:
     if summary.is_file() and "study" not in json.loads(summary.read_text()):
         return single.write(directory)
     tables = {path: read_rows(path) for path in sorted(directory.glob("*.csv"))}
-    pictures = [*single.pictures(directory, CAPTIONS, PANELS), *single.pictures(directory / "figures")]
+    pictures = [*single.pictures(directory, CAPTIONS, PANELS),
+                *single.pictures(directory / "figures")]
     if not tables and not pictures:
         raise InputError(f"{directory} holds no finished run and no study to report on")
     path = directory / page.FILE
