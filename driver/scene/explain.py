@@ -31,7 +31,8 @@ MEANINGS = (
                                       "least; is the element size (H) far too large?"),
     (r"boundary is not closed", "borders that do not close a curve"),
     (r"boundary is crossing", "borders that cross one another"),
-    (r"wrong direction", "a border that runs the wrong way round: the body must lie on its left"),
+    (r"wrong direction", "a border that runs the wrong way round, as the body must lie on its "
+                         "left, or one without elements: is the element size (H) too large?"),
     (r"Assertion fail", "a mesh that FreeFEM cannot work with: triangles that are flat, vertices "
                         "that are no numbers or coincide"),
     (r"mesh generator", "a mesh with triangles that are flat or run clockwise, or with vertices "
@@ -62,16 +63,31 @@ def refusal(said: str, scene: Path) -> str:
     for name in named:
         if name in rooms.vocabulary() and _places(scene, rf"macro {name}\b"):
             return f"{_place(scene, rf'macro {name}')}: {said}"
-    if re.match(r"(rectangle|units|quasistatic|addBody)\b", said):
+    if re.match(r"(rectangle|units|quasistatic|addBody|bodyMaterial)\b", said):
         return f"{_uses(scene, first)}: {said}"
+    if file := re.search(r"[\w./-]+\.(?:geo|msh)\b", said):
+        return f"{_place(scene, re.escape(file[0]))}: {said}"
     return f"{scene.name}: {said}"
+
+
+def _as_options(said: str, scene: Path) -> str:
+    """FreeFEM's flags, -friction 0.3, as a user gives them to the driver, FRICTION=0.3."""
+    known = [*grammar.parameters(scene).values(), *grammar.OF_LIBRARY, "h", "cells"]
+    if unknown := re.match(r"unknown parameter '-(\w+)'; this scene reads", said):
+        names = [name.upper() for name in re.findall(r" -(\w+)", said)]
+        return (f"unknown parameter {unknown[1].upper()}; this scene reads {', '.join(names)}"
+                f"{script.near(unknown[1].upper(), names)}")
+    flags = "|".join(sorted(known, key=len, reverse=True))
+    return re.sub(rf"(?<![\w-])-({flags})\b", lambda flag: flag[1].upper(), said)
 
 
 def placed(reason: str, scene: Path) -> str:
     """What the solver refuses, with the line of the macro of the scene that it names first.
 
-    It speaks of a contactPair as of a contact pair.
+    It speaks of a contactPair as of a contact pair. What it says of an option has none.
     """
+    if re.match(r"[A-Z_]+\b", reason):
+        return reason
     named = []
     for source in grammar.sources(scene):
         for macro in grammar.definitions(source):
@@ -89,7 +105,7 @@ def failure(output: str, status: int, scene: Path, folder: Path, retrace) -> str
     returns the output.
     """
     if refused := re.search(rf"{REFUSED}(.*)", output):
-        return refusal(refused[1], scene)
+        return refusal(_as_options(refused[1], scene), scene)
     taken = re.search(r"(?:The identifier )?(\w+) (?:exists\b|is not a Polymorphic id)", output)
     if taken and script.declared_by_library(taken[1]):
         return script.taken_name(scene, taken[1])
@@ -247,6 +263,8 @@ def _unknown(name: str, error: re.Match | None, scene: Path) -> str:
         hint = '; it needs  include "gmsh.idp"  after scene.idp'
     elif name == "t":
         hint = "; the time is the argument of an amplitude: macro amplitude1(t) ... //"
+    elif re.fullmatch("u|v|u_?[xyrz]|v_?[xyrz]", name):
+        hint = "; displacements are u1, u2, along x, y or r, z, with test functions v1, v2"
     elif name in ("c11", "c12", "c13", "c22", "c23", "c33"):
         return (f"{scene.name}: the scene declares no {name}: a material is given by young and "
                 "poisson or by all of c11, c12, c13, c22, c23, c33")

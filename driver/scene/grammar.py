@@ -106,9 +106,11 @@ def check(scene: Path) -> None:
     if not any(line.split("//")[0].strip() for source in files for line in source.lines):
         raise InputError(f"{scene.name} is empty: see edp/tutorial.edp for how to write a scene")
     _check_includes(files)
+    _check_end(files[0])
     _check_circles(files)
     for source in files:
         _check_characters(source)
+        _check_brackets(source)
         _check_bodies(source)
         for definition in definitions(source):
             if reason := _fault(definition):
@@ -135,6 +137,43 @@ def _check_includes(files: list[Source]) -> None:
     if "export" in known and "scene" not in known:
         raise InputError(f"{files[0].path.name} does not include scene.idp: its first line must be "
                          ' include "scene.idp"')
+
+
+def _check_end(scene: Source) -> None:
+    """Nothing is declared after export.idp, which has read all that the scene declares."""
+    lines = [number for number, line in enumerate(scene.lines, 1)
+             if re.match(r'\s*include\s+"export\.idp"', line)]
+    for macro in definitions(scene):
+        if lines and macro.line > lines[0]:
+            raise InputError(f"{scene.path.name} line {macro.line}: the macro {macro.name} stands "
+                             'after  include "export.idp", which is the last line of a scene')
+
+
+def _check_brackets(source: Source) -> None:
+    """Every bracket of what is no macro has its partner, before the end of the statement."""
+    pairs, opened = {")": "(", "]": "[", "}": "{"}, []
+    for letter, number, loops in _marks(source):
+        if letter in pairs.values():
+            opened.append((letter, number, loops))
+        elif letter in pairs and (not opened or opened.pop()[0] != pairs[letter]):
+            raise InputError(f"{source.path.name} line {number}: a '{letter}' too many, or the "
+                             "wrong one")
+        elif letter == ";" and opened and opened[-1][0] != "{" and not opened[-1][2]:
+            break
+    if opened:
+        raise InputError(f"{source.path.name} line {opened[-1][1]}: a '{opened[-1][0]}' is not "
+                         "closed")
+
+
+def _marks(source: Source):
+    """Brackets and semicolons outside of macros, the line of each, and whether it opens a loop."""
+    within = set()
+    for macro in definitions(source):
+        within |= set(range(macro.line, macro.line + 1 + macro.content.count("\n")))
+    for number, line in enumerate(source.lines, 1):
+        code = "" if number in within else re.sub(r'"[^"\n]*"', "", line.split("//")[0])
+        for mark in re.finditer(r"(\bfor\s*)?([][(){};])", code):
+            yield mark[2], number, bool(mark[1])
 
 
 def _check_characters(source: Source) -> None:

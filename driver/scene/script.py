@@ -117,7 +117,7 @@ def check_gmsh_numbers(scene: Path) -> None:
                 if not _is_word(name, text):
                     known = re.findall(r"(\w+)\s*=\s*\{", text)
                     raise InputError(f"{source.path.name} line {number}: no .geo file of the scene "
-                                     f"reads the number {name}{_near(name, known)}")
+                                     f"reads the number {name}{near(name, known)}")
 
 
 def check_statements(scene: Path) -> None:
@@ -130,13 +130,15 @@ def check_statements(scene: Path) -> None:
             if re.search(r"\bon\(\s*u[12]\s*=", line.split("//")[0]):
                 raise InputError(f"{source.path.name} line {number}: on(...) names no boundary: "
                                  "its label comes first, as in on(4, u1 = 0.)")
-    for name, body in _definitions(scene.read_text(errors="replace"))[0]:
-        unknown = re.search(r"\bu[12]\b", _without_texts(body))
-        if re.fullmatch(r"(load|bodyForce)\d", name) and unknown:
+    for macro in (macro for source in grammar.sources(scene)
+                  for macro in grammar.definitions(source)):
+        unknown = re.search(r"\bu[12]\b", _without_texts(macro.content))
+        if re.fullmatch(r"(load|bodyForce)\d", macro.name) and unknown:
             raise InputError(
-                f"{scene.name}: {name} contains {unknown[0]}, the unknown displacement: a load is "
-                "given and such a term (a spring, a Robin condition) would be left out; write "
-                "loads with v1 and v2 alone, or a spring as a thin soft body")
+                f"{macro.path.name} line {macro.line}: {macro.name} contains {unknown[0]}, the "
+                "unknown displacement: a load is given and such a term (a spring, a Robin "
+                "condition) would be left out; write loads with v1 and v2 alone, and springs by "
+                "macro foundation() label // or pointSpring")
 
 
 def taken_name(scene: Path, name: str) -> str:
@@ -175,10 +177,11 @@ def _without_texts(code: str) -> str:
 
 def hint(name: str, words=()) -> str:
     """The declaration, or one of other `words`, that a misspelt one may mean."""
-    return _near(name, {*rooms.vocabulary(), *words})
+    return near(name, {*rooms.vocabulary(), *words})
 
 
-def _near(name: str, words) -> str:
+def near(name: str, words) -> str:
+    """What a misspelt name may mean, as the end of a message; "" if nothing is near."""
     import difflib  # takes longer to import than the check takes
 
     near = difflib.get_close_matches(name, sorted(words), 1)
@@ -213,8 +216,10 @@ def check_regions(scene: Path, manifest: Manifest) -> None:
     for _ in macros:  # a macro may call one that asks
         asking |= {name for name, body in macros if asking & set(re.findall(r"\w+", body))}
     for name in sorted(asking & rooms.vocabulary()):
+        line = next((f" line {macro.line}" for source in grammar.sources(scene)
+                     for macro in grammar.definitions(source) if macro.name == name), "")
         raise InputError(
-            f"{scene.name}: {name} asks for the region, but all of the mesh is region 0, as "
+            f"{scene.name}{line}: {name} asks for the region, but all of the mesh is region 0, as "
             "FreeFEM makes it; give meshes regions by square(..., region = 1), "
             "Th = change(Th, fregion = 1) or physical surfaces of gmsh")
 

@@ -95,6 +95,10 @@ def test_a_macro_that_does_not_end(said, name):
     ("real F", "int[int] traction(3); real F", "'traction'"),
     ('units("mm"', 'units("µm"', "µ"), ("MPa", "MPä", "ä"),
     ('include "export.idp"', 'include "export.idp"\ninclude "export.idp"', "second time"),
+    ('include "export.idp"', 'include "export.idp"\nmacro gap() 0.1 //', "macro gap stands after"),
+    ("rectangle(0., 2., 0., 1.);", "rectangle(0., (2., 0., 1.);", "'(' is not closed"),
+    ("rectangle(0., 2., 0., 1.);", "rectangle(0., 2., 0., 1.]);", "a ']' too many, or the wrong"),
+    ("quasistatic(1.);", "for (int i = 0; i < 2; ++i) { quasistatic(1.);", "'{' is not closed"),
 ])
 def test_what_the_text_shows(said, old, new, words):
     message = said((old, new))
@@ -153,6 +157,8 @@ def test_names_of_freefem_are_what_the_library_has_undeclared():
     ("traction(3, 2., -10.)", "traction(3, -10.)", "traction(label, px, py)"),
     ("traction(3, 2., -10.)", "tracton(3, 2., -10.)", "did you mean traction"),
     ("traction(3, 2., -10.)", "traction(3, 2., q)", "'q'"),
+    ("traction(3, 2., -10.)", "int1d(Ti, 3)(u1*v1)", "and springs by macro foundation() label //"),
+    ("u1 = 0., u2", "ux = 0., u2", "displacements are u1, u2, along x, y or r, z"),
     ("amplitude1(t) t", "amplitude1(s) t", "argument of an amplitude"),
     ("quasistatic(1.)", "quasistatic()", "arguments of a wrong number or kind: quasistatic(T)"),
     ('units("mm", "MPa");', 'units("mm");', 'units("m", "Pa")  the scene'),
@@ -337,6 +343,22 @@ def test_a_small_size_that_memory_holds_is_only_counted(tmp_path):
     path.write_text(text)
     manifest = freefem.export(path, tmp_path / "export", {"h": "0.008", "steps": "2"})
     assert manifest.parameters["h"] == 0.008 and "counted" not in manifest.parameters
+
+
+@pytest.mark.parametrize("given, words", [
+    ({"fricton": "1"}, "unknown parameter FRICTON; this scene reads FRICTION, SUBDOMAINS, STEPS, "
+                       "ELEMENT, CELLS; did you mean FRICTION?"),
+    ({"steps": "2.5"}, "STEPS expects a whole number of at least 1, not '2.5'"),
+    ({"subdomains": "4by2"}, "SUBDOMAINS expects NxM (structured)")])
+def test_options_are_named_as_users_give_them(said, given, words):
+    assert said(parameters=given) == f"mine.edp: {words}" or words in said(parameters=given)
+
+
+def test_what_the_solver_says_of_an_option_has_no_line_of_the_scene(tmp_path):
+    path = tmp_path / "mine.edp"
+    path.write_text(SCENE)
+    reason = "QUANTITY=torque: the scene has no such quantity; it has contact_length"
+    assert explain.placed(reason, path) == reason
 
 
 def test_labels_that_are_names_are_said_to_be_none(said):
