@@ -62,8 +62,11 @@ def test_a_head_of_another_form_is_refused(tmp_path, head, said):
 
 
 def content(directory) -> tuple:
-    """Records and manifest of an export."""
-    return (directory / "block-0.bin").read_bytes(), read_manifest(directory).raw
+    """Records and manifest of an export; of static scenes factors at the end alone."""
+    raw = read_manifest(directory).raw
+    if "quasistatic" not in raw["rooms"]:
+        raw["amplitudes"] = {name: values[-1] for name, values in raw["amplitudes"].items()}
+    return (directory / "block-0.bin").read_bytes(), raw
 
 
 @pytest.mark.parametrize("without, changes", [
