@@ -13,10 +13,11 @@ from .obstacle import draw_obstacle, hatch, rigid_rows
 from .outline import outward_edges, sample
 from .reading import Run
 from .scales import Scale, length_scale, stress_scale
-from .style import BLUE, GREEN, GREY, INK, PURPLE, RED
+from .style import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, RED, SKY
 
 TINTS = ["#F1F1EC", "#DDE8F0", "#F3E6D8", "#E4EEDD", "#EFE1EC", "#E3E3E3"]  # of bodies, materials
-LINES = {"free": INK, "support": BLUE, "load": RED, "contact": GREEN, "pair": GREEN}
+LINES = {"free": INK, "support": BLUE, "load": RED, "contact": GREEN, "pair": GREEN,
+         "springs": SKY, "joined": ORANGE}
 ARROW, SHORTEST = 0.16, 0.2  # longest arrow over the body's size, shortest one over the longest
 RARE = 0.03  # share of the triangles from which on a material has a tint of its own
 
@@ -37,6 +38,7 @@ def geometry(figure: Figure, run: Run) -> None:
         axes.add_collection(LineCollection(lines, colors=colour, capstyle="round", zorder=2.5,
                                            linewidths=1 if name == "free" else 2.2))
     handles += _boundary_handles(role)
+    _springs(axes, boundary, edges, size)
     handles += _supports(axes, boundary, edges, size)
     if (rows := rigid_rows(run, 0.0)) is not None:
         # without the little more the obstacle would hide the contact boundary where the gap is zero
@@ -96,7 +98,8 @@ def _materials(run: Run) -> tuple[np.ndarray, list[str]]:
 def _boundary_handles(role: np.ndarray) -> list:
     """Legend entries for the parts of the boundary that occur."""
     names = {"load": r"$\Gamma_p$ traction", "contact": r"$\Gamma_c$ contact, rigid obstacle",
-             "pair": r"$\Gamma_c$ contact of bodies", "free": "free"}
+             "pair": r"$\Gamma_c$ contact of bodies", "springs": "elastic foundation",
+             "joined": "tied or periodic", "free": "free"}
     return [Line2D([], [], color=LINES[n], lw=1 if n == "free" else 2.2, label=text)
             for n, text in names.items() if (role == n).any()]
 
@@ -129,6 +132,20 @@ def _supports(axes, boundary: dict, edges: tuple, size: float) -> list:
     if moved.any():
         _motion_arrows(axes, boundary, edges, moved, size)
     return handles
+
+
+def _springs(axes, boundary: dict, edges: tuple, size: float) -> None:
+    """Zigzags outside of what an elastic foundation holds."""
+    start, end, normal = edges
+    own = np.flatnonzero(boundary["role"] == "springs")
+    if not len(own):
+        return
+    points, edge = sample(start[own], end[own], 0.06 * size)
+    out = normal[own[edge]]
+    off = np.array([0, 0.2, 0.3, 0.45, 0.55, 0.7, 0.8, 1])[:, None] * 0.05 * size
+    aside = np.array([0, 0, 1, -1, 1, -1, 0, 0])[:, None] * 0.012 * size
+    lines = points[:, None] + off * out[:, None] + aside * _turned(out)[:, None]
+    axes.add_collection(LineCollection(lines, colors=LINES["springs"], linewidths=0.8, zorder=2.4))
 
 
 def _motion_arrows(axes, boundary: dict, edges: tuple, moved: np.ndarray, size: float) -> None:

@@ -51,13 +51,14 @@ def _places(own: np.ndarray, edges: tuple, size: float, role: str) -> list[tuple
     groups = [own[chain] for chain in chains(start[own], end[own])]
     longest = max(groups, key=lambda group: np.linalg.norm(end[group] - start[group], axis=1).sum())
     busy = BUSY * (role != "free")  # hatches, obstacles and arrows are outside
+    outside = AWAY if role == "springs" else OUTSIDE  # beyond their ends
     places = []
     for part in ALONG:
         point, edge = _at(start[longest], end[longest], part)
         out, off = normal[longest[edge]], FAR * abs(part - 0.5)
         aside = np.array([-out[1], out[0]])
         places += [(point - INSIDE * size * out, point, False, off),
-                   (point + OUTSIDE * size * out, point, False, off + OUTER + busy)]
+                   (point + outside * size * out, point, False, off + OUTER + busy)]
         places += [(point + AWAY * size * (way * out + across * aside), point, True, off + LED)
                    for way in (1, -1) for across in (0, 1, -1)]
     return places

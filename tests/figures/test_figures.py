@@ -11,6 +11,7 @@ from types import SimpleNamespace
 import meshio
 import numpy as np
 import pytest
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from PIL import Image
 
@@ -625,6 +626,20 @@ def test_supports_rollers_and_moved_supports_look_different(tmp_path, changes, w
     figure = figures.compose("geometry", moved_run(tmp_path, changes))
     assert words_of_legend in legend_words(figure)
     assert ("moved by up to 1 mm" in words(figure)) == any("moved" in name for name in changes)
+
+
+@pytest.mark.parametrize("role, words, zigzags", [
+    ("springs", "elastic foundation", 1), ("joined", "tied or periodic", 0)])
+def test_foundations_and_joined_boundaries_are_no_free_ones(tmp_path, role, words, zigzags):
+    """Springs stand outside of the left side, x = 0, beside each other."""
+    run = moved_run(tmp_path, {"role": role, "fixed_x": "0", "fixed_y": "0"})
+    figure = figures.compose("geometry", run)
+    assert words in legend_words(figure)
+    found = [lines for lines in figure.axes[0].collections if isinstance(lines, LineCollection)
+             and any(len(line) == 8 for line in lines.get_segments())]
+    assert len(found) == zigzags
+    for line in (line for lines in found for line in lines.get_segments()):
+        assert line[0, 0] == pytest.approx(0.0, abs=1e-9) and (np.diff(line[:, 0]) < 0).all()
 
 
 def test_labels_loads_and_weight_are_on_the_picture(tmp_path):
