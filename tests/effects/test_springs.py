@@ -1,5 +1,7 @@
 """Springs: beams on an elastic foundation, forces, and bodies that springs alone support."""
 
+import csv
+
 import numpy as np
 import pytest
 
@@ -50,6 +52,9 @@ def test_rail_against_hetenyi(solved, options, tolerance):
     largest deflection. Linear triangles lock by (h / height)^2, 1.5 %.
     """
     run = solved("rail", **options)
+    with open(run.directory / "boundary.csv") as file:
+        roles = {row["label"]: row["role"] for row in csv.DictReader(file)}
+    assert roles == {"1": "springs", "2": "free", "3": "free", "4": "free", "5": "load"}
     k, P, d, E = 0.7, 100.0, 150.0, 210e3
     EI, GA = E * d**3 / 12, 10 * 1.3 / (12 + 11 * 0.3) * E / 2.6 * d
     slender, beam = (deflection(0.0, k, EI, stiff, P, 100.0) for stiff in (np.inf, GA))
