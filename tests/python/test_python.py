@@ -66,7 +66,7 @@ def test_a_finished_run_is_opened_without_solving(result):
 
 
 @pytest.mark.parametrize("scene, options, status, words", [
-    ("model", {"frction": 0.3}, 2, "frction"), ("no-such-scene", {}, 2, "no-such-scene"),
+    ("model", {"frction": 0.3}, 2, "FRCTION"), ("no-such-scene", {}, 2, "no-such-scene"),
     ("model", {"cells": 3, "CELLS": 4}, 2, "twice"), ("model", {"steps": "few"}, 2, "few"),
     ("slope", {"angle": 60, "cells": 3}, 3, "friction"),
     ("model", {**CASE, "max_products": 1}, 4, "partial results")])
