@@ -90,7 +90,7 @@ class Writer:
     def boundary_rows(self) -> list[dict]:
         """Rows of boundaries.csv; once all steps are recorded."""
         states = less_wear({name: np.array(column) for name, column in self.record.states.items()})
-        if self.contact.boundary.motion is not None:
+        if self.contact.boundary.moves:
             states["gap"] = np.array(self.record.gaps)
         times = [(row["step"], row["time"]) for row in self.history_rows]
         return boundary_rows(self.record, states, times)
@@ -127,7 +127,7 @@ class Writer:
         """Rows of contact.csv, with the label of the boundary if `labelled`."""
         b, states = self.contact.boundary, self.record.states
         worn = WEAR in states
-        nodes = [[repr(float(v)) for v in (*b.xy[i], b.arc[i], b.weight[i], *b.normal[i])]
+        nodes = [[repr(float(v)) for v in (*b.xy[i], b.arc[i], b.weight[i])]
                  for i in range(len(b.gid))]
         labels = [[label] if labelled else [] for label in b.label]
         for k, row in enumerate(self.history_rows):
@@ -135,8 +135,10 @@ class Writer:
             depth = [[repr(value)] for value in states[WEAR][k].tolist()] if worn else [[]] * len(
                 status)
             gap = self.record.gaps[k].tolist()
+            normal = (self.record.normals[k] if self.record.normals else b.normal).tolist()
             for i, quantities in enumerate(zip(*values)):
-                yield [row["step"], repr(row["time"]), i, *nodes[i], repr(gap[i]),
+                yield [row["step"], repr(row["time"]), i, *nodes[i], *map(repr, normal[i]),
+                       repr(gap[i]),
                        *map(repr, quantities), STATUS_NAMES[status[i]], *depth[i], *labels[i]]
 
     def _write_tables(self) -> None:
