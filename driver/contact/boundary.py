@@ -136,6 +136,11 @@ class ContactBoundary:
         return 0.0 if self.motion is None else self.motion.way(before, now)
 
     @property
+    def start(self) -> "ContactBoundary":
+        """That before any load, where contact follows the motion; else the boundary itself."""
+        return self if self.following is None else self.following.start
+
+    @property
     def moves(self) -> bool:
         """Whether gaps differ from step to step."""
         return self.motion is not None or self.following is not None

@@ -86,18 +86,15 @@ class Following:
         more = np.unique(sides.gid) if sides is not None else np.zeros(0, int)
         self.gids = np.union1d(self.nodes.gid, more)
         self._own = np.searchsorted(self.gids, self.nodes.gid)
-        self._first = None
-        boundary = self._boundary(np.zeros((len(self.gids), 2)), 0.0)
-        self._first = boundary
-        return boundary
+        return self._boundary(np.zeros((len(self.gids), 2)), 0.0)
 
     def settle(self, boundary: ContactBoundary) -> None:
         """Take over rows and corners of the first boundary, which all others share."""
-        self._first = boundary
+        self.start = boundary
 
     def about(self, moved: np.ndarray, time: float) -> ContactBoundary:
         """The boundary about the displacements `moved` (k, 2) at `time`."""
-        boundary, first = self._boundary(moved, time), self._first
+        boundary, first = self._boundary(moved, time), self.start
         if self.joints:
             from .joints import appended
 

@@ -47,7 +47,6 @@ class FollowingSolver(QuasistaticSolver):
         self._motions = [self._nodal(
             [mode.displacement(sub.xy).ravel() if structure.first + s in mode.members
              else np.zeros(sub.dofs) for s, sub in enumerate(subdomains)]) for mode in modes]
-        # (k, 2) displacements by deformation alone at the end of the last step
         self.deformed = np.zeros((len(gids), 2))
         self.history.counts["geometries"] = 0
 

@@ -64,6 +64,8 @@ class QuasistaticSolver:
         # of the last step and of the one before: rigid motions (modes,), multipliers (owned,)
         self.motion = self.older_motion = np.zeros(operator.modes)
         self.multipliers = self.older = np.zeros(operator.owned)
+        # (k, 2) displacements of contact's vertices by deformation, where contact follows them
+        self.deformed = np.zeros((0, 2))
 
     def _attach(self, bound: float | None = None) -> None:
         """Make what solves steps with the operator's contact rows; `bound` as FrictionQP takes it.

@@ -33,10 +33,12 @@ CONTACT = (
     Column("arc", "length", "arc length along the boundary"),
     Column("weight", "length", "length of the node's dual segment; of bodies of revolution the "
            "area that it sweeps"),
-    Column("normal_x", "1", "outward unit normal n of the body; t is n turned by +90 degrees"),
+    Column("normal_x", "1", "outward unit normal n of the body, at the end of the step where "
+           "contact follows the motion; t is n turned by +90 degrees"),
     Column("normal_y", "1", "outward unit normal n of the body; t is n turned by +90 degrees"),
     Column("gap", "length", "distance to the obstacle or the other body along n before any "
-           "load; of obstacles that move, where they stand at the end of the step"),
+           "load; of obstacles that move, where they stand at the end of the step; where contact "
+           "follows the motion u_n and the distance at the end of the step"),
     Column(ContactField.U_N, "length",
            "displacement along n, between bodies the jump; at most the gap"),
     Column(ContactField.U_T, "length", "displacement along t, between bodies the jump"),
@@ -50,6 +52,8 @@ CONTACT = (
 )
 WORN = Column("wear", "length", "worn depth since time 0, where the scene declares wear: u_n is at "
               "most the gap and this")
+GEOMETRIES = Column("geometries", "1", "contact geometries of the step, where contact follows the "
+                    "motion")
 LABEL = Column("boundary", "1", "label of the contact boundary, where there are several; at a node "
                "in which one goes on in another that of the longer part")
 

@@ -23,7 +23,8 @@ from .outline import write_outline
 from .quantities import resultant
 from .record import Record
 from .resultants import resultants
-from .tables import BOUNDARIES, CONTACT, CONVERGENCE, HISTORY, LABEL, PROBES, WORN, header
+from .tables import (BOUNDARIES, CONTACT, CONVERGENCE, GEOMETRIES, HISTORY, LABEL, PROBES, WORN,
+                     header)
 
 
 class Writer:
@@ -120,6 +121,8 @@ class Writer:
         row |= {"contact_length": float(boundary.length[touching].sum()),
                 "max_displacement": self.record.displacements[-1],
                 "peak_pressure": float(-sigma_n.min(initial=0)), "dissipated": self.dissipated}
+        if boundary.following is not None:
+            row["geometries"] = step.geometries
         row |= {f"kkt_{name}": value for name, value in step.residuals.items()}
         return row
 
@@ -151,9 +154,10 @@ class Writer:
             write_rows(self.directory / "boundaries.csv", header(BOUNDARIES),
                        (row.values() for row in self.boundary_rows))
         if self.history_rows:
+            more = (GEOMETRIES,) if self.record.normals else ()
             residuals = [name.removeprefix("kkt_") for name in self.history_rows[0]
                          if name.startswith("kkt_")]
-            columns = header(HISTORY, amplitude=self.manifest.amplitudes, kkt=residuals)
+            columns = header((*HISTORY, *more), amplitude=self.manifest.amplitudes, kkt=residuals)
             rows = ([row[name] for name in columns] for row in self.history_rows)
             write_rows(self.directory / "history.csv", columns, rows)
         if self.probes is not None:

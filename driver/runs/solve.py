@@ -94,6 +94,9 @@ def run(directory: Path, request: Request, comm) -> tuple[int, str]:
     seconds["solve"] = history.seconds  # of all steps
     if history.examining:
         seconds["uniqueness"] = history.examining
+    if history.renewing:
+        seconds["solve"] -= history.renewing
+        seconds["geometry"] = history.renewing
     valid, doubt = _validity(directory, problem, writer, estimator)
     lap("validity")
     status, reason = (failure.exit_status, str(failure)) if failure else (0, "")

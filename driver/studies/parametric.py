@@ -50,6 +50,9 @@ def run(directory: Path, request: Request, comm) -> tuple[int, str]:
     if Effects(manifest).closes:
         raise InputError("a study keeps contact surfaces as they are: leave wear and "
                          "normalComplianceExponent out, or make single runs")
+    if "large_sliding" in manifest.rooms:
+        raise InputError("a study keeps one geometry of contact: leave largeSliding out, or make "
+                         "single runs")
     values = _values(directory, request, manifest, comm)
     loads = LoadValues(request.study, [value for _, value in values], comm)
     problem = assemble(directory / "export", comm, lap, loads.widen)
