@@ -135,6 +135,11 @@ class ContactBoundary:
         """(n_c,) tangential displacement of the obstacles' surfaces, 0 where none moves."""
         return 0.0 if self.motion is None else self.motion.way(before, now)
 
+    def has_rows_of(self, other: "ContactBoundary") -> bool:
+        """Whether another boundary of the same nodes has the same rows, to the last bit."""
+        return all(np.array_equal(getattr(self, name), getattr(other, name))
+                   for name in ("normal", "covered", *TERMS))
+
     @property
     def start(self) -> "ContactBoundary":
         """That before any load, where contact follows the motion; else the boundary itself."""

@@ -141,7 +141,11 @@ class DualOperator(DualProblem):
         if contact.following is None or step.about is None:
             return
         if contact.about.u is not step.about or contact.time != step.time:
-            self.renew(contact.following.about(step.about, step.time))
+            now = contact.following.about(step.about, step.time)
+            if now.has_rows_of(contact):
+                self.structure.contact = now
+            else:
+                self.renew(now)
 
     def _contact_rows_of(self, fields: list[np.ndarray], changed: list[int]) -> np.ndarray:
         """(owned,) B u of `fields` (dofs,) on contact rows, those of the classes `changed`."""

@@ -38,6 +38,7 @@ class FollowingSolver(QuasistaticSolver):
         super().__init__(operator, effects, amplitudes, times, settings)
         structure = operator.structure
         self.following, self._examined = structure.contact.following, None
+        self._attached = structure.contact  # whose rows the parts of the solver know
         gids, subdomains = self.following.gids, structure.subdomains
         self._nodal = NodalFields(structure, gids, operator.comm)
         unit = np.eye(structure.patterns)
@@ -96,8 +97,16 @@ class FollowingSolver(QuasistaticSolver):
         if self.qp.relaxation is not None:
             self.history.counts["contact_block_products"] += self.qp.relaxation.products
         clock = time.perf_counter()
-        self.operator.renew(contact)
-        self._attach(kept["bound"])
+        known = self.operator.structure.contact
+        if contact.has_rows_of(known) and contact.has_rows_of(self._attached):
+            self.operator.structure.contact = self.contact = contact
+            self.rows.gap = contact.gap[self.rows.normal_node]
+            self.qp.bound = kept["bound"]
+        else:
+            self.operator.renew(contact)
+            self._attach(kept["bound"])
+            self._attached = contact
+        self.closure = self._closure()
         slip, rows = self.slip, self.rows
         slip.weights = kept["weights"].copy()
         jump = np.zeros((len(contact.gid), 2))
