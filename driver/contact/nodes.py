@@ -75,7 +75,8 @@ def merge_parts(table: np.ndarray, columns: list[str], pairs: list,
                 one_a_vertex: bool = False) -> Nodes:
     """The nodes of a `contact_table`; `columns` are the names of its columns, `pairs` the labels.
 
-    `one_a_vertex`: whatever their directions, all parts at a vertex are one node. Raises InputError where a vertex has more than two directions on rigid obstacles.
+    `one_a_vertex`: whatever their directions, all parts at a vertex are one node. Raises InputError
+    where a vertex has more than two directions on rigid obstacles.
     """
     label, gid = table[:, :2].T.astype(np.int64)
     normal = table[:, 3:5] / np.linalg.norm(table[:, 3:5], axis=1)[:, None]

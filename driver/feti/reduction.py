@@ -172,9 +172,9 @@ def reduce_class(structure: Substructure, members: list[int], values: np.ndarray
 
 
 def renew_rows(structure: Substructure, c: LocalClass) -> tuple[np.ndarray, np.ndarray]:
-    """F (m, m) and A (m, n_c) of a class with the present rows of its only member, and its B_r, B_c.
+    """F (m, m) and A (m, n_c) of a class with the present rows of its only member.
 
-    The factor stays.
+    Its B_r and B_c are renewed, the factor stays.
     """
     s, kept = c.members[0], c.kept
     c.B_r, c.B_c = _torn_rows(structure, s, c.torn)
