@@ -127,6 +127,12 @@ BOUNDARY = (
     Column("moved_y", "length", "displacement that is prescribed there at amplitude 1"),
 )
 
+OBSTACLE = (
+    Column("step", "1", "number of the step, 0 is the start; of an obstacle that stands 0 alone"),
+    *(Column(name, "length", "ends of a side of a polygon that is like the obstacle, the body on "
+             "its left") for name in ("x0", "y0", "x1", "y1")),
+)
+
 TABLES = {
     "contact.csv": ("a row per step and contact node", (*CONTACT, WORN, LABEL)),
     "history.csv": ("a row per step", HISTORY),
@@ -134,6 +140,8 @@ TABLES = {
     "probes.csv": ("a row per step and probe", PROBES),
     "convergence.csv": ("a row per step of the QP solver", CONVERGENCE),
     "boundary.csv": ("a row per edge of the outline", BOUNDARY),
+    "obstacle.csv": ("a row per side of a rigid obstacle that contact follows (and step)",
+                     OBSTACLE),
 }
 
 # ---- files for ParaView, in the folder of a run --------------------------------------------------

@@ -42,6 +42,11 @@ class Writer:
         self.fields = Fields(directory, manifest.element, operator) if fields else None
         self.probes = _probes(manifest, operator, self.record.effects)
         write_outline(directory / "boundary.csv", manifest, operator.structure, operator.comm)
+        following = operator.structure.contact.following
+        if following is not None:
+            from .obstacle import write_obstacle  # here: few scenes need it
+
+            write_obstacle(directory / "obstacle.csv", following, operator.comm)
 
     def add(self, step: Step, replayed: bool = False) -> tuple[dict[str, np.ndarray], float]:
         """Record one step; the state of the contact nodes and the body's energy u' K u.
