@@ -4,7 +4,7 @@ A step is solved with the contact conditions about displacements w (contact/foll
 those of the step before, moved on as supports and obstacles move, then those of its own solution,
 until nothing changes: Newton's method for the distances, successive approximations for the
 directions of the forces, whose rate is the displacement under contact forces over the radii of
-curvature. What is missed is measured at the solution u with multipliers lambda,
+curvature. Where these do not contract Anderson acceleration combines them. What is missed is measured at the solution u with multipliers lambda,
 
     | (d_u - d_w - n_w . [u - w]) | / delta,      | (B_u - B_w)' lambda | / f,
 
@@ -17,6 +17,7 @@ with the displacements u_0 of the same vertices at the end of the step before, s
 carries with it (slip so far, wear) stays with the node.
 """
 
+import dataclasses
 import time
 
 import numpy as np
@@ -24,11 +25,18 @@ import numpy as np
 from ..contact.states import OPEN
 from ..errors import DriverError, InputError, NotConverged
 from ..feti.nodal import NodalFields
+from ..qp.anderson import Anderson
 from ..text import step_name
 from .quasistatic import QuasistaticSolver
 from .step import Step, StepFailed
 
-MOST = 40  # geometries in a step
+MOST = 60  # geometries in a step
+PLAIN = 5  # of them before those that do not settle are combined
+HEADWAY = 0.5  # part of the least that was missed before, below which they settle
+COMBINED = 15  # of them with Anderson acceleration, before ...
+SHARES = (0.5, 0.25)  # ... parts of the way to the next one are taken, so many times in turn:
+EACH = 20
+FINER = 0.01  # part of the tolerances of a step whose geometries do not settle
 
 
 class FollowingSolver(QuasistaticSolver):
@@ -58,9 +66,9 @@ class FollowingSolver(QuasistaticSolver):
     def _advance(self, index: int) -> tuple[Step, DriverError | None]:
         """As without large sliding, about one geometry after the other."""
         operator, products, iterations = self.operator, self.operator.products, 0
-        kept = self._state()
+        kept, asked = self._state(), self.settings
         about = self._moved(self.deformed, np.append(self.amplitudes[index], self.motion))
-        start, geometries, step = None, 0, None
+        start, geometries, step, nearing = None, 0, None, _Nearing()
         while True:
             geometries += 1
             try:
@@ -71,7 +79,7 @@ class FollowingSolver(QuasistaticSolver):
             iterations += step.fixed_point_iterations
             u = self._moved(self._deformations(step), step.weights)
             missed = np.inf if error is not None else self._missed(step, u)
-            if error is not None or missed <= self.settings.primal_rtol:
+            if error is not None or missed <= asked.primal_rtol:
                 break
             if geometries == MOST:
                 error = NotConverged(
@@ -82,7 +90,12 @@ class FollowingSolver(QuasistaticSolver):
             x = step.multipliers
             start = (step.weights[patterns:].copy(), x,
                      self.rows.sliding(x, self.rows.friction_bound(x)))
-            about = u
+            about = nearing.next(about, u, missed)
+            if nearing.stalled is not None:  # perhaps by what steps are solved to
+                self.settings = dataclasses.replace(
+                    asked, rtol=FINER * asked.rtol, friction_rtol=FINER * asked.friction_rtol)
+        if self.settings is not asked:
+            self.settings, self._attached = asked, None
         self._finish(step, error, missed)
         step.about, step.geometries = about, geometries
         step.fixed_point_iterations, step.products = iterations, operator.products - products
@@ -98,7 +111,8 @@ class FollowingSolver(QuasistaticSolver):
             self.history.counts["contact_block_products"] += self.qp.relaxation.products
         clock = time.perf_counter()
         known = self.operator.structure.contact
-        if contact.has_rows_of(known) and contact.has_rows_of(self._attached):
+        attached = self._attached
+        if attached and contact.has_rows_of(known) and contact.has_rows_of(attached):
             self.operator.structure.contact = self.contact = contact
             self.rows.gap = contact.gap[self.rows.normal_node]
             self.qp.bound = kept["bound"]
@@ -163,13 +177,13 @@ class FollowingSolver(QuasistaticSolver):
             node, value = contact.term_node, contact.term_value
             jump = np.bincount(node, value * (contact.normal[node] * u[place]).sum(axis=1),
                                len(contact.gid))
-            over.append(np.where(contact.idle, -np.inf, jump - contact.gap))
+            over.append(jump - contact.gap)
             force = normal[:, None] * contact.normal + tangential[:, None] * contact.tangent
             pushed.append(np.column_stack([
                 np.bincount(place, value * of[node], len(u)) for of in force.T]))
         closed = (touching[0] > 0) & ~used.idle & ~now.idle
-        error = np.abs(over[1] - over[0], where=closed, out=np.zeros(len(closed)))
-        error = np.where(closed, error, np.maximum(over[1], 0.0))
+        error = np.maximum(over[1], 0.0)
+        error[closed] = np.abs(over[1] - over[0])[closed]
         scales, moved = self.scales, np.abs(pushed[1] - pushed[0]).max(initial=0.0)
         return max(_over(float(error.max(initial=0.0)), scales.displacement),
                    _over(float(moved), scales.force))
@@ -185,6 +199,31 @@ class FollowingSolver(QuasistaticSolver):
         """(k, 2) all of the displacements, `deformed` (k, 2) those by deformation."""
         rigid = zip(weights, [*self._travel, *self._motions])
         return deformed + sum((a * r for a, r in rigid), np.zeros_like(deformed))
+
+
+class _Nearing:
+    """Where the next geometry of a step is taken, from those before."""
+
+    def __init__(self):
+        self.count, self.least, self.stalled = 0, np.inf, None
+        self.combined = Anderson(np.dot)
+
+    def next(self, about: np.ndarray, u: np.ndarray, missed: float) -> np.ndarray:
+        """Displacements (k, 2) after those `about` which the solution is `u` (k, 2).
+
+        The solution, unless they go to and fro.
+        """
+        self.count += 1
+        if self.stalled is None and self.count >= PLAIN and missed > HEADWAY * self.least:
+            self.stalled = self.count
+        self.least = min(self.least, missed)
+        if self.stalled is None:
+            return u
+        since = self.count - self.stalled
+        if since < COMBINED:
+            return self.combined.next(about.ravel(), u.ravel()).reshape(u.shape)
+        share = SHARES[min((since - COMBINED) // EACH, len(SHARES) - 1)]
+        return about + share * (u - about)
 
 
 def _over(value: float, size: float) -> float:

@@ -50,7 +50,8 @@ def polygon(curve) -> np.ndarray:
     turned = x * curve.normal[:, 1] - y * curve.normal[:, 0] < 0
     start, end = (np.where(turned[:, None], *ends) for ends in ((end, start), (start, end)))
     size = np.ptp(np.concatenate([start, end]), axis=0).max()
-    first, last = (list(map(tuple, np.rint(ends / size * 1e8).astype(int))) for ends in (start, end))
+    first, last = (list(map(tuple, np.rint(ends / size * 1e8).astype(int)))
+                   for ends in (start, end))
     after, reached = {key: k for k, key in enumerate(first)}, set(last)
     waiting = [k for k, key in enumerate(first) if key not in reached] + list(range(len(first)))
     used, sides = np.zeros(len(start), bool), []
