@@ -4,7 +4,8 @@ A step is solved with the contact conditions about displacements w (contact/foll
 those of the step before, moved on as supports and obstacles move, then those of its own solution,
 until nothing changes: Newton's method for the distances, successive approximations for the
 directions of the forces, whose rate is the displacement under contact forces over the radii of
-curvature. Where these do not contract Anderson acceleration combines them. What is missed is measured at the solution u with multipliers lambda,
+curvature. Where these do not contract Anderson acceleration combines them. What is missed is
+measured at the solution u with multipliers lambda,
 
     | (d_u - d_w - n_w . [u - w]) | / delta,      | (B_u - B_w)' lambda | / f,
 
