@@ -198,7 +198,9 @@ class _Numbering:
         self.shared_stiffness = skeleton.over_subdomains(np.add, skeleton.stiffness)
         self.place_of = np.empty_like(order)
         self.place_of[order] = self.place
-        self.may_touch = contact.term_gid if contact.following is None else contact.following.gids
+        self.may_touch = contact.term_gid
+        if contact.following is not None:
+            self.may_touch = np.union1d(contact.following.gids, contact.term_gid)
         self.at_contact = np.isin(skeleton.gids, self.may_touch)
         here = np.flatnonzero(self.at_contact[skeleton.node_id[order]])
         stiffer = np.lexsort((-skeleton.stiffness[order[here]], self.pairs[here] // self._span))

@@ -124,10 +124,11 @@ class FollowingSolver(QuasistaticSolver):
         self.closure = self._closure()
         slip, rows = self.slip, self.rows
         slip.weights = kept["weights"].copy()
-        jump = np.zeros((len(contact.gid), 2))
-        place = np.searchsorted(self.following.gids, contact.term_gid)
-        np.add.at(jump, contact.term_node, contact.term_value[:, None] * kept["deformed"][place])
-        slip.elastic = (jump * contact.tangent).sum(axis=1)[rows.tangential_node]
+        met = contact.declared
+        jump = np.zeros((len(met.gid), 2))
+        place = np.searchsorted(self.following.gids, met.term_gid)
+        np.add.at(jump, met.term_node, met.term_value[:, None] * kept["deformed"][place])
+        slip.elastic = (jump * met.tangent).sum(axis=1)[rows.tangential_node]
         if kept["coefficient"] is not None:
             rows.coefficient = kept["coefficient"].copy()
         self.bodies.placed = kept["placed"].copy()
@@ -162,16 +163,15 @@ class FollowingSolver(QuasistaticSolver):
 
     def _missed(self, step: Step, u: np.ndarray) -> float:
         """By how much the conditions that were used miss those about the solution u (k, 2)."""
-        used = self.contact
-        now = self.following.about(u, step.time)
-        forces = np.zeros((2, len(used.gid)))
+        used, now = self.contact.declared, self.following.about(u, step.time).declared
+        forces = np.zeros((2, len(self.contact.gid)))
         rows, x = self.rows, step.multipliers
         forces[0, rows.normal_node], forces[1, rows.tangential_node] = (x[rows.normal],
                                                                        x[rows.tangential])
-        status = np.zeros(len(used.gid))
+        status = np.zeros(len(self.contact.gid))
         status[rows.normal_node] = step.status != OPEN
         (normal, tangential), touching = np.split(
-            np.sum(self.operator.comm.allgather(np.vstack([forces, status])), axis=0), [2])
+            np.sum(self.operator.comm.allgather(np.vstack([forces, status])), axis=0)[:, : len(used.gid)], [2])
         over, pushed = [], []
         for contact in (used, now):
             place = np.searchsorted(self.following.gids, contact.term_gid)
@@ -183,7 +183,7 @@ class FollowingSolver(QuasistaticSolver):
             pushed.append(np.column_stack([
                 np.bincount(place, value * of[node], len(u)) for of in force.T]))
         closed = (touching[0] > 0) & ~used.idle & ~now.idle
-        error = np.maximum(over[1], 0.0)
+        error = np.where(used.normal_row >= 0, np.maximum(over[1], 0.0), 0.0)
         error[closed] = np.abs(over[1] - over[0])[closed]
         scales, moved = self.scales, np.abs(pushed[1] - pushed[0]).max(initial=0.0)
         return max(_over(float(error.max(initial=0.0)), scales.displacement),

@@ -261,7 +261,8 @@ def _budget(errors: dict, directory: Path, request: Request, problem: Problem, w
         companions = Companions(levels, problem, settings, record, sizes)
         parts = assess(errors, companions)
         errors["adjoint"] = said
-        errors["energy"] |= of_time(errors["quantities"])
+        if problem.structure.contact.following is None:  # else friction takes most on long ways
+            errors["energy"] |= of_time(errors["quantities"])
         errors["prices"] = price_list(companions, parts, errors["quantities"], request.quantity,
                                       took, *memory, lambda: time.perf_counter() - lap.last)
     finally:
