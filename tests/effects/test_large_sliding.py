@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 from driver.contact import curve, mortar
-from driver.files import read_table
+from driver.files import read_rows, read_table
 from driver.feti.cholesky import TornFactor
 from driver.march.problem import assemble
 from driver.march.saving import restore, snapshot
 from driver.options import Settings
 from driver.scene.freefem import find_scene
+from driver.studies.study import make_study
 
 TIGHT = {"rtol": 1e-13, "friction_rtol": 1e-11, "primal_rtol": 1e-9}
 
@@ -326,3 +327,25 @@ def test_what_cannot_be_had_with_it_says_so(solved, scene, tmp_path):
 def test_the_latch_ships():
     """Where the documents and the gallery have it from."""
     assert find_scene("latch").is_file()
+
+
+@pytest.mark.slow  # studies and runs of their last values
+@pytest.mark.parametrize("text, parameter, values", [
+    (PUNCH, "friction", "0.1,0.3"),
+    (PATH.replace("WHAT MOVES", OBSTACLE).replace("6.*max", "way*max").replace(
+        "real h =", 'real way = physical("way", 6.);\nreal h ='), "way", "2.,6.")])
+def test_values_of_a_study_are_those_of_runs(solved, scene, tmp_path, text, parameter, values):
+    """One after the other on one factorization: each starts from where nothing has moved."""
+    path, options = scene(text), {"steps": "6", "rtol": "1e-11", "friction_rtol": "1e-10"}
+    _, folder = make_study({"scene": str(path), parameter: values, "figures": "no", "quiet": "yes",
+                            "out": str(tmp_path / "study"), **options})
+    last = values.split(",")[-1]
+    single = solved(path, **{parameter: last}, **options)
+    rows = [row for row in read_rows(folder / "contact.csv")
+            if float(row[parameter]) == float(last)]
+    for name in ("sigma_n", "sigma_t", "u_n", "slip"):
+        wanted = single.contact[name][-1]
+        np.testing.assert_allclose([float(row[name]) for row in rows], wanted,
+                                   atol=1e-6 * np.abs(wanted).max(), err_msg=name)
+    work = float(read_rows(folder / "study.csv")[-1]["dissipated"])
+    assert work == pytest.approx(boundaries(single)["dissipated_energy"][-1], rel=1e-6)
