@@ -38,6 +38,8 @@ COMBINED = 15  # of them with Anderson acceleration, before ...
 SHARES = (0.5, 0.25)  # ... parts of the way to the next one are taken, so many times in turn:
 EACH = 20
 FINER = 0.01  # part of the tolerances of a step whose geometries do not settle
+COARSER = 100.0  # times the tolerances to which the first geometries of a step are solved at most
+AHEAD = 0.01  # or so many times what is missed yet
 
 
 class FollowingSolver(QuasistaticSolver):
@@ -67,11 +69,16 @@ class FollowingSolver(QuasistaticSolver):
     def _advance(self, index: int) -> tuple[Step, DriverError | None]:
         """As without large sliding, about one geometry after the other."""
         operator, products, iterations = self.operator, self.operator.products, 0
-        kept, asked = self._state(), self.settings
+        kept, asked, history = self._state(), self.settings, self.history
+        # where all geometries so far were the first ones, so may be this one
+        part = COARSER if history.counts["geometries"] > history.steps else 1.0
         about = self._moved(self.deformed, np.append(self.amplitudes[index], self.motion))
         start, geometries, step, nearing = None, 0, None, _Nearing()
         while True:
             geometries += 1
+            self.settings = dataclasses.replace(
+                asked, rtol=part * asked.rtol, friction_rtol=part * asked.friction_rtol,
+                primal_rtol=max(part, 1.0) * asked.primal_rtol)
             try:
                 self._take(self.following.about(about, float(self.times[index])), index, kept)
             except InputError as problem:
@@ -80,7 +87,7 @@ class FollowingSolver(QuasistaticSolver):
             iterations += step.fixed_point_iterations
             u = self._moved(self._deformations(step), step.weights)
             missed = np.inf if error is not None else self._missed(step, u)
-            if error is not None or missed <= asked.primal_rtol:
+            if error is not None or missed <= asked.primal_rtol and part <= 1:
                 break
             if geometries == MOST:
                 error = NotConverged(
@@ -92,11 +99,10 @@ class FollowingSolver(QuasistaticSolver):
             start = (step.weights[patterns:].copy(), x,
                      self.rows.sliding(x, self.rows.friction_bound(x)))
             about = nearing.next(about, u, missed)
+            part = min(part, max(1.0, AHEAD * missed / asked.primal_rtol))
             if nearing.stalled is not None:  # perhaps by what steps are solved to
-                self.settings = dataclasses.replace(
-                    asked, rtol=FINER * asked.rtol, friction_rtol=FINER * asked.friction_rtol)
-        if self.settings is not asked:
-            self.settings, self._attached = asked, None
+                part = FINER
+        self.settings = asked
         self._finish(step, error, missed)
         step.about, step.geometries = about, geometries
         step.fixed_point_iterations, step.products = iterations, operator.products - products
@@ -112,8 +118,7 @@ class FollowingSolver(QuasistaticSolver):
             self.history.counts["contact_block_products"] += self.qp.relaxation.products
         clock = time.perf_counter()
         known = self.operator.structure.contact
-        attached = self._attached
-        if attached and contact.has_rows_of(known) and contact.has_rows_of(attached):
+        if contact.has_rows_of(known) and contact.has_rows_of(self._attached):
             self.operator.structure.contact = self.contact = contact
             self.rows.gap = contact.gap[self.rows.normal_node]
             self.qp.bound = kept["bound"]
@@ -121,6 +126,7 @@ class FollowingSolver(QuasistaticSolver):
             self.operator.renew(contact)
             self._attach(kept["bound"])
             self._attached = contact
+        self.qp.settings = self.fixed_point.settings = self.settings
         self.closure = self._closure()
         slip, rows = self.slip, self.rows
         slip.weights = kept["weights"].copy()
@@ -170,8 +176,8 @@ class FollowingSolver(QuasistaticSolver):
                                                                        x[rows.tangential])
         status = np.zeros(len(self.contact.gid))
         status[rows.normal_node] = step.status != OPEN
-        (normal, tangential), touching = np.split(
-            np.sum(self.operator.comm.allgather(np.vstack([forces, status])), axis=0)[:, : len(used.gid)], [2])
+        values = np.sum(self.operator.comm.allgather(np.vstack([forces, status])), axis=0)
+        normal, tangential, touching = values[:, : len(used.gid)]
         over, pushed = [], []
         for contact in (used, now):
             place = np.searchsorted(self.following.gids, contact.term_gid)
@@ -182,7 +188,7 @@ class FollowingSolver(QuasistaticSolver):
             force = normal[:, None] * contact.normal + tangential[:, None] * contact.tangent
             pushed.append(np.column_stack([
                 np.bincount(place, value * of[node], len(u)) for of in force.T]))
-        closed = (touching[0] > 0) & ~used.idle & ~now.idle
+        closed = (touching > 0) & ~used.idle & ~now.idle
         error = np.where(used.normal_row >= 0, np.maximum(over[1], 0.0), 0.0)
         error[closed] = np.abs(over[1] - over[0])[closed]
         scales, moved = self.scales, np.abs(pushed[1] - pushed[0]).max(initial=0.0)
