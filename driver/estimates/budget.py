@@ -220,7 +220,7 @@ def finer(knob: str, size: float, factor: float) -> float:
 
 
 def name_of(knob: str, value: float | str) -> str:
-    """A setting as on the command line."""
+    """A setting, a number or a word such as P2, as on the command line."""
     return f"{knob.upper()}={value if isinstance(value, str) else format(value, 'g')}"
 
 
