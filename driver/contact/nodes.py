@@ -74,20 +74,21 @@ def _meeting(label, gid, normal, pairs: list) -> list[list[tuple[int, int]]]:
 
 
 def merge_parts(table: np.ndarray, columns: list[str], pairs: list,
-                curved: bool = False) -> Nodes:
+                one_a_vertex: bool = False, curved: bool = False) -> Nodes:
     """The nodes of a `contact_table`; `columns` are the names of its columns, `pairs` the labels.
 
-    In scenes with `curved` sides weights count along the node's normal: normal times weight is the
-    force of a uniform pressure there, of bodies of revolution that on the ring.
-
-    Raises InputError where a vertex has more than two directions on rigid obstacles.
+    `one_a_vertex`: whatever their directions, all parts at a vertex are one node. In scenes with
+    `curved` sides weights count along the node's normal: normal times weight is the force of a
+    uniform pressure there, of bodies of revolution that on the ring. Raises InputError where a
+    vertex has more than two directions on rigid obstacles.
     """
     label, gid = table[:, :2].T.astype(np.int64)
     normal = table[:, 3:5] / np.linalg.norm(table[:, 3:5], axis=1)[:, None]
     meeting, family = _meeting(label, gid, normal, pairs), np.zeros(len(table), np.int64)
     for k, together in enumerate(meeting):
         family[np.isin(label, [first for first, _ in together])] = k + 1
-    node = _node_of_parts(label, gid, family, normal, table[:, -2:])
+    node = _node_of_parts(label, gid, family, normal, table[:, -2:],
+                          -np.inf if one_a_vertex else TURN)
     count = int(node.max(initial=-1)) + 1
     total = np.zeros((count, table.shape[1] - 4))
     np.add.at(total, node, table[:, 2:-2])
@@ -113,11 +114,11 @@ def merge_parts(table: np.ndarray, columns: list[str], pairs: list,
                  members)
 
 
-def _node_of_parts(label, gid, family, normal, xy) -> np.ndarray:
-    """(parts,) numbers of the nodes that parts belong to."""
+def _node_of_parts(label, gid, family, normal, xy, turn: float) -> np.ndarray:
+    """(parts,) numbers of the nodes that parts belong to; `turn`: cosine of one node's normals."""
     _, first, vertex = np.unique(np.column_stack([family, gid]), axis=0, return_index=True,
                                  return_inverse=True)
-    apart = (normal * normal[first[vertex]]).sum(axis=1) < TURN
+    apart = (normal * normal[first[vertex]]).sum(axis=1) < turn
     node = 2 * vertex
     for kinked in np.unique(vertex[apart & (family == 0)]):
         parts = np.flatnonzero(vertex == kinked)
