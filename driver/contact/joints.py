@@ -29,6 +29,7 @@ from scipy.sparse.csgraph import connected_components
 from ..errors import InputError
 from ..feti.gathering import gather
 from ..feti.skeleton import edge_labels, outward_edges
+from ..scene import sides
 from . import mortar
 from .nodes import TURN
 
@@ -105,7 +106,7 @@ class Edges:
         gids, first, inverse = np.unique(self.gid, return_index=True, return_inverse=True)
         place = self.xy.reshape(-1, 2)[first] + shift
         radius = place[:, 0] if revolved else None
-        curved = mortar.rises(self.xy) if self.xy.shape[1] == 3 else {}
+        curved = sides.rises(self.xy) if self.xy.shape[1] == 3 else {}
         return mortar.Side(place, inverse.reshape(self.gid.shape), self.normals, curved.get("rise"),
                            radius=radius, **curved), gids
 

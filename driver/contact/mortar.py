@@ -35,7 +35,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..scene import sides
+from ..scene import sides as parabolas
 from ..scene.elements import cross
 from ..errors import InputError
 from .axis import on_axis, smooth_normals
@@ -88,17 +88,13 @@ class Side:
         """(m,) length along edges e at the places xi per length of the chord; 1 if straight."""
         if self.rise is None:
             return 1.0
-        tangent = self.chord[e] + 4 * (1 - 2 * xi)[:, None] * self.rise[e]
-        return np.linalg.norm(tangent, axis=1) / self.length[e]
+        return parabolas.speed(self.chord[e], self.rise[e], xi) / self.length[e]
 
     def uniform(self) -> tuple[np.ndarray, np.ndarray]:
-        """(n, 2) int phi_i n ds as the edges lie, and (n,) int phi_i ds, of curved edges."""
+        """As sides.uniform of curved edges as they lie."""
         place = self.xy[self.edges]
         place[:, 2] = place[:, :2].mean(axis=1) + self.bow
-        force, length = np.zeros_like(self.xy), np.zeros(len(self.xy))
-        np.add.at(force, self.edges, sides.normals(place))
-        np.add.at(length, self.edges, sides.integrals(place))
-        return force, length
+        return parabolas.uniform(place, self.edges, len(self.xy))
 
     @property
     def begins_on_axis(self) -> np.ndarray:
@@ -130,38 +126,9 @@ class Side:
         return _unit(total)
 
 
-def rises(xy: np.ndarray) -> dict[str, np.ndarray]:
-    """`chord` and `rise` of a Side with edges at xy (e, 3, 2), nothing if they are straight."""
-    if not sides.are_curved(xy):
-        return {}
-    return {"chord": xy[:, 1] - xy[:, 0], "rise": xy[:, 2] - xy[:, :2].mean(axis=1)}
-
-
 def _unit(vectors: np.ndarray) -> np.ndarray:
     """(n, 2) vectors divided by their lengths."""
     return vectors / np.linalg.norm(vectors, axis=1)[:, None]
-
-
-def sagitta(xy: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """(e,) distance of the middles of edges (e, 2) from the smooth curve through the vertices.
-
-    Positive where the middles are inside, with the body on the left of the edges. The curvature
-    of an edge is that of the circles through its ends and their neighbours, the smaller one;
-    none where they bend to different sides, so that corners stay corners.
-    """
-    along = xy[edges[:, 1]] - xy[edges[:, 0]]
-    length = np.linalg.norm(along, axis=1)
-    before, after = np.full(len(xy), -1), np.full(len(xy), -1)
-    before[edges[:, 1]], after[edges[:, 0]] = np.arange(len(edges)), np.arange(len(edges))
-    inner = (before >= 0) & (after >= 0)
-    arriving, leaving = along[before], along[after]
-    turning = np.arctan2(cross(arriving, leaving), (arriving * leaving).sum(axis=1))
-    curvature = np.where(inner, 2 * turning / (length[before] + length[after]), np.nan)
-    ends = curvature[edges]
-    # at the end of the side the circle of the other end
-    ends = np.where(np.isnan(ends), ends[:, ::-1], ends)
-    least = np.where(ends.prod(axis=1) > 0, np.sign(ends[:, 0]) * np.abs(ends).min(axis=1), 0.0)
-    return least * length**2 / 8
 
 
 @dataclass
@@ -213,7 +180,8 @@ def couple(first: Side, second: Side, held: np.ndarray, able: np.ndarray | None 
     for point, share in zip(POINT, WEIGHT):
         xi = (start + stop) / 2 + (stop - start) / 2 * point
         eta, distance, ds = _project(first, normal, second, e, o, xi)
-        own, others = _shapes(first.edges.shape[1], xi), _shapes(second.edges.shape[1], eta)
+        own = parabolas.shapes(first.edges.shape[1], xi)
+        others = parabolas.shapes(second.edges.shape[1], eta)
         for k in range(first.edges.shape[1]):  # the multipliers of an edge
             row = rows[e, k]
             psi = sum(dual[e, k, b] * phi for b, phi in enumerate(own))
@@ -236,13 +204,6 @@ def couple(first: Side, second: Side, held: np.ndarray, able: np.ndarray | None 
     gap = np.divide(gap, weight, out=np.zeros(n), where=used)
     return Coupling(np.where(used, weight * along, 0.0), np.where(used, length, 0.0), gap, normal,
                     *_merge(node, side, of, value, weight, used))
-
-
-def _shapes(nodes: int, xi: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Shape functions of an edge with 2 or 3 nodes at the places xi (m,), each (m,)."""
-    if nodes == 2:
-        return 1.0 - xi, xi
-    return (1.0 - xi) * (1.0 - 2.0 * xi), xi * (2.0 * xi - 1.0), 4.0 * xi * (1.0 - xi)
 
 
 def _primal(own: tuple[np.ndarray, ...], k: int, whole: np.ndarray) -> np.ndarray:
@@ -289,7 +250,7 @@ def _duals(nodes: int, side: Side, e, start, stop) -> np.ndarray:
     D, M = np.zeros((edges, nodes)), np.zeros((edges, nodes, nodes))
     for point, share in zip(POINT, WEIGHT):
         xi = (start + stop) / 2 + (stop - start) / 2 * point
-        phi = np.column_stack(_shapes(nodes, xi))
+        phi = np.column_stack(parabolas.shapes(nodes, xi))
         part = share * (stop - start) * side.ring(e, xi) * side.stretch(e, xi)
         np.add.at(D, e, part[:, None] * phi)
         np.add.at(M, e, part[:, None, None] * phi[:, :, None] * phi[:, None, :])

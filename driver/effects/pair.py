@@ -9,6 +9,7 @@ from ..contact.boundary import Configuration, held_nodes
 from ..errors import InputError
 from ..feti.gathering import gather
 from ..feti.skeleton import edge_labels, outward_edges
+from ..scene import sides
 from ..scene.loader import Subdomain
 from . import Effect
 
@@ -103,9 +104,9 @@ class PairSides:
         radius = xy.reshape(-1, 2)[first, 0] if self.axisymmetric else None
         curved = {}
         if self.nodes == 2:
-            rise = mortar.sagitta(xy.reshape(-1, 2)[first], inverse.reshape(-1, 2))
+            rise = sides.sagitta(xy.reshape(-1, 2)[first], inverse.reshape(-1, 2))
         else:  # middles stay on the straight edge between the ends
-            curved = mortar.rises(xy)
+            curved = sides.rises(xy)
             straight = u[:, :2].mean(axis=1)
             bow, u[:, 2] = self.bow[here] + u[:, 2] - straight, straight
             if curved:

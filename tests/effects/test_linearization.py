@@ -7,6 +7,7 @@ import pytest
 from mpi4py import MPI
 
 from driver.contact import mortar
+from driver.scene import sides
 from driver.estimates.energy import EnergyEstimator
 from driver.options import Settings
 from driver.march.problem import Problem
@@ -180,12 +181,12 @@ def test_sagitta_of_curves_and_corners():
         edges = side.edges if outward > 0 else side.edges[:, ::-1]
         exact = 2.0 - np.sqrt(4.0 - side.length**2 / 4)
         # third order: angles of 0.1
-        np.testing.assert_allclose(mortar.sagitta(side.xy, edges), outward * exact, rtol=0.02)
+        np.testing.assert_allclose(sides.sagitta(side.xy, edges), outward * exact, rtol=0.02)
     square = np.array([[0.0, 0], [1, 0], [2, 0], [2, 1], [2, 2], [1, 2], [0, 2], [0, 1]])
     ring = np.column_stack([np.arange(8), np.roll(np.arange(8), -1)])
-    assert np.abs(mortar.sagitta(square, ring)).max() < 1e-15
+    assert np.abs(sides.sagitta(square, ring)).max() < 1e-15
     wave = np.column_stack([np.arange(5.0), [0, 1, 0, 1, 0]])
-    assert np.abs(mortar.sagitta(wave,
+    assert np.abs(sides.sagitta(wave,
                                  np.column_stack([np.arange(4), np.arange(1, 5)]))[1:-1]).max() == 0
 
 
