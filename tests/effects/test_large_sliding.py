@@ -294,6 +294,10 @@ def test_a_curve_of_segments_is_smooth_between_them():
     np.testing.assert_allclose(distance, 0.001, atol=1.3 * miss)  # slopes add to it
     assert np.abs(distance - 0.001).max() > 0.5 * miss
     np.testing.assert_allclose(normal, place / 1.001, atol=0.01)
+    # on both sides of a joint alike, also off the curve: there chords alone differ by a hundredth
+    beside = np.pi / 6 + np.array([-1e-9, 1e-9])
+    _, (one, other) = circle.distance(0.9 * np.column_stack([np.cos(beside), np.sin(beside)]))
+    np.testing.assert_allclose(one, other, atol=1e-6)
 
 
 # ---- misuse --------------------------------------------------------------------------------------
