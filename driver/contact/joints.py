@@ -105,8 +105,9 @@ class Edges:
         gids, first, inverse = np.unique(self.gid, return_index=True, return_inverse=True)
         place = self.xy.reshape(-1, 2)[first] + shift
         radius = place[:, 0] if revolved else None
-        return mortar.Side(place, inverse.reshape(self.gid.shape), self.normals,
-                           radius=radius), gids
+        curved = mortar.rises(self.xy) if self.xy.shape[1] == 3 else {}
+        return mortar.Side(place, inverse.reshape(self.gid.shape), self.normals, curved.get("rise"),
+                           radius=radius, **curved), gids
 
 
 def boundary_edges(subdomains, labels, nodes: int, comm) -> Edges:

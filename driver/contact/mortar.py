@@ -26,13 +26,16 @@ mortar projection local and bounded, which is the inf-sup condition, for any rat
 for contact see Hueeber, Mair, Wohlmuth, Appl. Numer. Math. 54 (2005) 555-576. Over a part of an
 edge the integral of an end's function may be negative: edges covered in part have multipliers dual
 to the hats, for their ends alone. The field of normals and the projection are those of the straight
-edges; the gap counts how far the boundary bows from them.
+edges; the gap counts how far the boundary bows from them. Where the sides of elements are curved
+themselves, integrals are along their parabolas, and a node's normal is that of int phi_i n ds: the
+force of a uniform pressure, whose length is the weight.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
+from ..scene import sides
 from ..scene.elements import cross
 from ..errors import InputError
 from .axis import on_axis, smooth_normals
@@ -50,7 +53,9 @@ class Side:
     `edge_normal` (e, 2) are the unit outward normals, `bow` (e, 2) the ways from the middles to the
     boundary's curve, `length` (e,) that of the edges in the configuration that stresses refer to;
     by default as they lie. `radius` (n,) of the nodes there, for bodies of revolution, whose
-    integrals have the weight 2 pi r.
+    integrals have the weight 2 pi r. `chord` and `rise` (e, 2), of edges that are curved
+    themselves, are the ways from end to end and from its middle to the edge's in that
+    configuration.
     """
 
     xy: np.ndarray
@@ -59,6 +64,8 @@ class Side:
     bow: np.ndarray | None = None
     length: np.ndarray | None = None
     radius: np.ndarray | None = None
+    chord: np.ndarray | None = None
+    rise: np.ndarray | None = None
 
     def __post_init__(self):
         if self.length is None:
@@ -72,7 +79,26 @@ class Side:
         if self.radius is None:
             return 1.0
         a, b = self.radius[self.edges[e, :2]].T
-        return 2 * np.pi * np.maximum(a + xi * (b - a), 0.0)
+        r = a + xi * (b - a)
+        if self.rise is not None:
+            r = r + 4 * xi * (1 - xi) * self.rise[e, 0]
+        return 2 * np.pi * np.maximum(r, 0.0)
+
+    def stretch(self, e: np.ndarray, xi: np.ndarray):
+        """(m,) length along edges e at the places xi per length of the chord; 1 if straight."""
+        if self.rise is None:
+            return 1.0
+        tangent = self.chord[e] + 4 * (1 - 2 * xi)[:, None] * self.rise[e]
+        return np.linalg.norm(tangent, axis=1) / self.length[e]
+
+    def uniform(self) -> tuple[np.ndarray, np.ndarray]:
+        """(n, 2) int phi_i n ds as the edges lie, and (n,) int phi_i ds, of curved edges."""
+        place = self.xy[self.edges]
+        place[:, 2] = place[:, :2].mean(axis=1) + self.bow
+        force, length = np.zeros_like(self.xy), np.zeros(len(self.xy))
+        np.add.at(force, self.edges, sides.normals(place))
+        np.add.at(length, self.edges, sides.integrals(place))
+        return force, length
 
     @property
     def begins_on_axis(self) -> np.ndarray:
@@ -83,7 +109,7 @@ class Side:
 
     def nodal_normals(self) -> np.ndarray:
         """(n, 2) unit averages of the edges' normals, see `_averages`; smooth across an axis."""
-        normal = self._averages()
+        normal = self._averages() if self.rise is None else _unit(self.uniform()[0])
         if self.radius is None:
             return normal
         return smooth_normals(normal, self.edges[:, :2], self.radius)
@@ -102,6 +128,13 @@ class Side:
             total[ends] = _unit(total[ends].reshape(-1, 2)).reshape(-1, 2, 2)
             total[self.edges[:, 2]] = total[ends].sum(axis=1)
         return _unit(total)
+
+
+def rises(xy: np.ndarray) -> dict[str, np.ndarray]:
+    """`chord` and `rise` of a Side with edges at xy (e, 3, 2), nothing if they are straight."""
+    if not sides.are_curved(xy):
+        return {}
+    return {"chord": xy[:, 1] - xy[:, 0], "rise": xy[:, 2] - xy[:, :2].mean(axis=1)}
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:
@@ -172,6 +205,10 @@ def couple(first: Side, second: Side, held: np.ndarray, able: np.ndarray | None 
     heir = _heirs(first.edges, whole)
     rows = np.where(held[first.edges], heir, first.edges)
     weight, length, gap = np.zeros(n), np.zeros(n), np.zeros(n)
+    along = 1.0
+    if first.rise is not None:
+        force, whole_length = first.uniform()
+        along = (force * normal).sum(axis=1) / whole_length
     terms = []
     for point, share in zip(POINT, WEIGHT):
         xi = (start + stop) / 2 + (stop - start) / 2 * point
@@ -197,7 +234,7 @@ def couple(first: Side, second: Side, held: np.ndarray, able: np.ndarray | None 
     used = (length > SLIVER * length.max(initial=0.0)) & (weight > 0) & ~held
     node, side, of, value = (np.concatenate([t[k] for t in terms]) for k in range(4))
     gap = np.divide(gap, weight, out=np.zeros(n), where=used)
-    return Coupling(np.where(used, weight, 0.0), np.where(used, length, 0.0), gap, normal,
+    return Coupling(np.where(used, weight * along, 0.0), np.where(used, length, 0.0), gap, normal,
                     *_merge(node, side, of, value, weight, used))
 
 
@@ -253,7 +290,7 @@ def _duals(nodes: int, side: Side, e, start, stop) -> np.ndarray:
     for point, share in zip(POINT, WEIGHT):
         xi = (start + stop) / 2 + (stop - start) / 2 * point
         phi = np.column_stack(_shapes(nodes, xi))
-        part = share * (stop - start) * side.ring(e, xi)
+        part = share * (stop - start) * side.ring(e, xi) * side.stretch(e, xi)
         np.add.at(D, e, part[:, None] * phi)
         np.add.at(M, e, part[:, None, None] * phi[:, :, None] * phi[:, None, :])
     covered = np.bincount(e, minlength=edges) > 0
@@ -389,4 +426,4 @@ def _project(first: Side, normal: np.ndarray, second: Side, e, o, xi):
     for side, edge, place, sign in ((first, e, xi, -1.0), (second, o, eta, 1.0)):
         if side.bow is not None:
             distance += sign * 4.0 * place * (1.0 - place) * (side.bow[edge] * n).sum(axis=1)
-    return eta, distance, first.length[e]
+    return eta, distance, first.length[e] * first.stretch(e, xi)
