@@ -36,9 +36,7 @@ class FrictionQP:
         self.scales, self.history = scales, history
         structure = operator.structure
         self.scale = structure.row_scale[slice(*structure.row_range)]
-        # root of the stiffness of the rows over that of the softest
         self.softest = structure.row_scale.min(initial=1.0)
-        self.stiffer = self.scale / self.softest
         self.bound = self._bound_norm()
         self.preconditioner, self.relaxation = self._accelerators()
         self.tol, self._rigid_bound = 0.0, self.bound

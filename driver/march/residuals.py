@@ -54,9 +54,13 @@ class Residuals:
         if motion is not None:
             self.bodies.shift(load, motion - away)
         nothing = np.zeros_like(x), -load.d
+        known, still = vars(self.scales).copy(), self.still
         residuals = self.of(load, *nothing)
         if self.enough(residuals):
             return *nothing, x, residuals
+        # bodies that nothing stops go far: no scale for the state that is left
+        vars(self.scales).update(known)
+        self.still = still
         if motion is not None:
             self.bodies.shift(load, away - motion)
         return None
@@ -75,11 +79,12 @@ class Residuals:
         if op.modes:
             others["equilibrium"] = self.bodies.imbalance(load, x)
         missed, least = self._changing(x, gradient), self._least_deformation(load)
-        for measure in (op.deformation,) if op.modes else (op.least_deformation, op.deformation):
-            deformation = measure(x, load.weights)
-            self.still = deformation <= least
-            self.scales.renew(displacement=max(deformation, least))
-            kkt = kkt_residuals(self.rows, x, gradient, self.qp.stiffer, self.scales, op.comm)
+        quick = () if op.modes or op.levels > 1 else (op.least_deformation,)
+        for measure in (*quick, op.deformation_by_level):
+            deformations = np.atleast_1d(measure(x, load.weights))
+            self.still = deformations[0] <= least
+            self.scales.renew(displacements=np.maximum(deformations, least))
+            kkt = kkt_residuals(self.rows, x, gradient, op.row_level, self.scales, op.comm)
             if self.scales.force > 0:
                 kkt["cone"] = max(kkt["cone"], missed / self.scales.force)
             if self.enough(kkt):
@@ -89,7 +94,7 @@ class Residuals:
     def _least_deformation(self, load: Load) -> float:
         """Deformation below which displacements of the load are rounding; collective.
 
-        In the scale of the softest parts, in which stiffer ones count by more.
+        Those of the softest parts, which carry the others.
         """
         way = -self.operator.minimum(-max(load.travel, load.farthest))
         return max(CANCELLED * load.extent / self.qp.softest, TRAVELLED * way)
