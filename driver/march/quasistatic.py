@@ -57,7 +57,8 @@ class QuasistaticSolver:
         self.initial_weights = np.zeros(operator.structure.patterns)
         self.slip = SlipState(operator, self.rows, effects, self.initial)
         self.contact = contact
-        self.history, self.scales = History(), Scales()
+        self.history = History()
+        self.scales = Scales(displacements=np.zeros(operator.levels))
         self.qp = FrictionQP(operator, self.rows, settings, self.scales, self.history)
         self.history.counts["dual_multiplications_setup"] = operator.products
         self.bodies = self._bodies()

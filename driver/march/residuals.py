@@ -10,6 +10,7 @@ from .slip import SlipState
 from .step import Load
 
 CANCELLED = 1e-8  # part of the extent below which deformation is rounding: contact takes the loads
+CARRIED = 1e-7  # likewise, of stiff parts: soft ones carry them, whose rounding they have
 TRAVELLED = 1e-9  # part of what bodies move as a whole, likewise
 
 
@@ -82,7 +83,7 @@ class Residuals:
         quick = () if op.modes or op.levels > 1 else (op.least_deformation,)
         for measure in (*quick, op.deformation_by_level):
             deformations = np.atleast_1d(measure(x, load.weights))
-            self.still = deformations[0] <= least
+            self.still = deformations[0] <= least[0]
             self.scales.renew(displacements=np.maximum(deformations, least))
             kkt = kkt_residuals(self.rows, x, gradient, op.row_level, self.scales, op.comm)
             if self.scales.force > 0:
@@ -91,13 +92,14 @@ class Residuals:
                 break
         return others | kkt
 
-    def _least_deformation(self, load: Load) -> float:
-        """Deformation below which displacements of the load are rounding; collective.
+    def _least_deformation(self, load: Load) -> np.ndarray:
+        """(levels,) deformation below which displacements of the load are rounding; collective.
 
         Those of the softest parts, which carry the others.
         """
         way = -self.operator.minimum(-max(load.travel, load.farthest))
-        return max(CANCELLED * load.extent / self.qp.softest, TRAVELLED * way)
+        part = np.append(CANCELLED, np.full(self.operator.levels - 1, CARRIED))
+        return np.maximum(part * load.extent / self.qp.softest, TRAVELLED * way)
 
     def _changing(self, x: np.ndarray, gradient: np.ndarray) -> float:
         """By how much friction bounds miss those of the slip at x, a force; collective."""
