@@ -36,7 +36,7 @@ class FrictionQP:
         self.scales, self.history = scales, history
         structure = operator.structure
         self.scale = structure.row_scale[slice(*structure.row_range)]
-        self.softest = structure.row_scale.min(initial=1.0)
+        self.softest = self._softest()
         self.bound = self._bound_norm()
         self.preconditioner, self.relaxation = self._accelerators()
         self.tol, self._rigid_bound = 0.0, self.bound
@@ -53,6 +53,13 @@ class FrictionQP:
         elif isinstance(self.preconditioner, DeflatedPreconditioner):
             deflation = self.preconditioner.deflation
             deflation.soften(deflation.block.gather(softness))
+
+    def _softest(self) -> np.ndarray:
+        """(levels,) the smallest scale of all rows, then of those of every other level."""
+        softest = np.ones(self.operator.levels)
+        np.minimum.at(softest, self.operator.row_level, self.scale)
+        self.operator.comm.Allreduce(MPI.IN_PLACE, softest, op=MPI.MIN)
+        return np.append(softest.min(), softest[1:])
 
     def _bound_norm(self) -> float:
         """Upper bound of the scaled ||F||; the same random start vector for any number of ranks."""

@@ -10,7 +10,7 @@ from .slip import SlipState
 from .step import Load
 
 CANCELLED = 1e-8  # part of the extent below which deformation is rounding: contact takes the loads
-CARRIED = 1e-7  # likewise, of stiff parts: soft ones carry them, whose rounding they have
+CARRIED = 3e-8  # of what multipliers move, ||F|| ||x||, likewise of stiff parts: 30 roundings
 TRAVELLED = 1e-9  # part of what bodies move as a whole, likewise
 
 
@@ -79,7 +79,7 @@ class Residuals:
         op, others = self.operator, {"stationarity": self._missing(x, gradient)}
         if op.modes:
             others["equilibrium"] = self.bodies.imbalance(load, x)
-        missed, least = self._changing(x, gradient), self._least_deformation(load)
+        missed, least = self._changing(x, gradient), self._least_deformation(load, x)
         quick = () if op.modes or op.levels > 1 else (op.least_deformation,)
         for measure in (*quick, op.deformation_by_level):
             deformations = np.atleast_1d(measure(x, load.weights))
@@ -92,14 +92,13 @@ class Residuals:
                 break
         return others | kkt
 
-    def _least_deformation(self, load: Load) -> np.ndarray:
-        """(levels,) deformation below which displacements of the load are rounding; collective.
-
-        Those of the softest parts, which carry the others.
-        """
+    def _least_deformation(self, load: Load, x: np.ndarray) -> np.ndarray:
+        """(levels,) deformation below which displacements are rounding; collective."""
         way = -self.operator.minimum(-max(load.travel, load.farthest))
-        part = np.append(CANCELLED, np.full(self.operator.levels - 1, CARRIED))
-        return np.maximum(part * load.extent / self.qp.softest, TRAVELLED * way)
+        least = np.full(self.operator.levels, CANCELLED * load.extent / self.qp.softest[0])
+        if len(least) > 1:
+            least[1:] = CARRIED * self.qp.largest(x) / self.qp.softest[1:]
+        return np.maximum(least, TRAVELLED * way)
 
     def _changing(self, x: np.ndarray, gradient: np.ndarray) -> float:
         """By how much friction bounds miss those of the slip at x, a force; collective."""
