@@ -1,4 +1,4 @@
-"""What stiff parts deform by: levels of rows, parts across cuts, units, and what runs earn by it."""
+"""What stiff parts deform by: levels of rows, parts across cuts, and what runs earn by it."""
 
 import numpy as np
 import pytest
@@ -52,7 +52,7 @@ def moved(problem, factor: float) -> list[np.ndarray]:
     return fields
 
 
-@pytest.mark.parametrize("cut", ["1x1", "4x4", "5"])
+@pytest.mark.parametrize("cut", ["1x1", "4x4", "4"])
 def test_stiff_parts_deform_without_their_motion(built, named_scene, cut):
     """Half of the column's diagonal times 1e-6, to what 1e-16 of the motion is beside that."""
     problem = built(scene=named_scene("columns", COLUMNS), cells=4, subdomains=cut)
