@@ -26,6 +26,7 @@ HEADWAY = 1.0  # growth of this imbalance in a QP above which the corrector move
 CONDENSED_PASSES = 30  # corrections of a solution of the condensed contact problem
 IDLE = 4  # of them that do not halve what it leaves: rounding, and residuals say whether it will do
 ASTRAY = 1e6  # growth of multipliers after which they are no start: their rounding hides the loads
+LAW_PASSES = 150  # likewise, where slip changes friction
 LAW_SECANTS = 10  # of friction coefficients that slip changes, combined there
 # tolerance of the gluing multipliers there, relative to ||d|| and ||F|| ||x||: a hundred roundings
 FINEST = 1e-13
@@ -229,7 +230,8 @@ class FixedPoint:
         rows, qp, method, tol = self.rows, self.qp, globalization.NEWTON, self.qp.tol
         secants, aim = Anderson(self._tangential_dot, LAW_SECANTS, 1.0), tol
         idle, best = 0, np.inf
-        for _ in range(CONDENSED_PASSES):
+        changes = self.slip.effects.coefficient_changes
+        for _ in range(LAW_PASSES if changes else CONDENSED_PASSES):
             trace.iterations += 1
             bound, coefficient = rows.friction_bound(x), rows.coefficient
             qp.tol = aim
@@ -247,12 +249,11 @@ class FixedPoint:
                 self.history.fallbacks.note(method, index)
                 return x, result.gradient, rows.sliding(x, bound)
             aim = max(0.3 * aim, min(tol, FINEST * max(qp.scales.d, qp.largest(x))))
-            if self.slip.effects.coefficient_changes:
+            if changes:
                 rows.coefficient = np.maximum(secants.next(coefficient, rows.coefficient), 0.0)
             solution, solver = self._solved_for(load, x, result.gradient)
             if solution is None:
-                law = self.slip.effects.coefficient_changes or rows.corners is not None
-                if solver == globalization.NO_STATE and not law:
+                if solver == globalization.NO_STATE and not changes and rows.corners is None:
                     raise self._without_solution(index, load, x, final=True)
                 return None
             method = method if solver == globalization.NEWTON else solver
@@ -264,7 +265,7 @@ class FixedPoint:
         """A solution of the condensed problem at x and its `gradient`, and the method; or None.
 
         Bodies that ran away have slipped so far that friction by a law of slip holds them no more:
-        where none of all states solves the problem, friction is that of nodes that do not slide.
+        where nothing solves the problem, friction is that of nodes that do not slide.
         """
         for _ in range(2):
             try:
@@ -273,7 +274,7 @@ class FixedPoint:
                 return None, ""
             start = problem.whole(self.condensation.gather(x))
             solution, solver = globalization.solve_condensed(problem, start)
-            if solver != globalization.NO_STATE or not self.slip.effects.coefficient_changes:
+            if solution is not None or not self.slip.effects.coefficient_changes:
                 break
             self.slip.renew_coefficient(np.zeros_like(gradient))
         return solution, solver
