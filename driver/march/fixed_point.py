@@ -26,7 +26,6 @@ HEADWAY = 1.0  # growth of this imbalance in a QP above which the corrector move
 CONDENSED_PASSES = 30  # corrections of a solution of the condensed contact problem
 IDLE = 4  # of them that do not halve what it leaves: rounding, and residuals say whether it will do
 ASTRAY = 1e6  # growth of multipliers after which they are no start: their rounding hides the loads
-LAW_PASSES = 150  # likewise, where slip changes friction
 LAW_SECANTS = 10  # of friction coefficients that slip changes, combined there
 # tolerance of the gluing multipliers there, relative to ||d|| and ||F|| ||x||: a hundred roundings
 FINEST = 1e-13
@@ -231,7 +230,7 @@ class FixedPoint:
         secants, aim = Anderson(self._tangential_dot, LAW_SECANTS, 1.0), tol
         idle, best = 0, np.inf
         changes = self.slip.effects.coefficient_changes
-        for _ in range(LAW_PASSES if changes else CONDENSED_PASSES):
+        for _ in range(CONDENSED_PASSES):
             trace.iterations += 1
             bound, coefficient = rows.friction_bound(x), rows.coefficient
             qp.tol = aim

@@ -51,6 +51,35 @@ include "export.idp"
 """
 
 
+# a plate on rollers that is pushed sideways, with a pin in its hole that may pull
+PIN = """include "scene.idp"
+units("1", "1");
+subdomains("1");
+border a0(t=0, 1) { x = 1.604*t; y = 0.; label = 1; }
+border a1(t=0, 1) { x = 1.604; y = 1.798*t; label = 11; }
+border a2(t=0, 1) { x = 1.604*(1. - t); y = 1.798; label = 21; }
+border a3(t=0, 1) { x = 0.; y = 1.798*(1. - t); label = 31; }
+border a4(t=0., -6.283185307179586) { x = 0.802 + 0.3611*cos(t); y = 0.899 + 0.3611*sin(t);
+                                      label = 91; }
+mesh Th0 = buildmesh(a0(7) + a1(8) + a2(7) + a3(8) + a4(10));
+border b0(t=-2.3561944901923444, 3.926990816987241) { x = 0.802 + 0.359294*cos(t);
+                                                      y = 0.899 + 0.359294*sin(t); label = 101; }
+mesh Th1 = buildmesh(b0(16));
+addBody(Th0)
+addBody(Th1)
+macro planeStress() 1 //
+macro young() 1. //
+macro poisson() 0.45 //
+macro support() on(1, u2 = 0.) //
+macro load1() traction(21, 0.0005, -0.005) //
+macro contactPair() 91, 101 //
+macro pairGap() 0.005*(x - 0.802)^2 //
+macro tresca() 0.0005 //
+macro bilateral() 1 //
+include "export.idp"
+"""
+
+
 def enumerated(K, f, B, gap, u_t, F) -> list[np.ndarray]:
     """Multipliers (2 n,) of all states of contact of a body, held or not, that obey the laws.
 
@@ -499,6 +528,14 @@ def test_a_smooth_preload_of_a_body_that_may_roll(built, steps_of, tmp_path, cut
     assert slip <= 1e-5 * solver.scales.displacement  # a tenth of the accuracy of both states
     smooth = np.abs(steps[0].multipliers[solver.rows.tangential]).max()
     assert smooth <= 1e-3 * np.abs(steps[0].multipliers[solver.rows.normal]).max()
+
+
+def test_a_pin_that_nothing_holds_ends_in_one_line(solved, tmp_path):
+    """Of whose linear program HiGHS with presolve aborted the process: status 3."""
+    path = tmp_path / "pin.edp"
+    path.write_text(PIN)
+    run = solved(path, subdomains=1)
+    assert run.status == 3 and "cannot balance the loads" in run.reason
 
 
 @pytest.mark.parametrize("cut", [1, pytest.param(5, marks=pytest.mark.slow)])
