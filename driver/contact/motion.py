@@ -60,6 +60,18 @@ class ObstacleMotion:
                 for values in (getattr(self, name),)}
         return replace(self, **more)
 
+    def histories(self, nodes: np.ndarray) -> dict[str, list[float]]:
+        """What moves the obstacle that `nodes` of one label meet: shift_x, shift_y, angle.
+
+        Values at `times`, those that are zero all along left out; where none is left, distance,
+        that of the nearest node, if it changes.
+        """
+        shift = self.shift[:, nodes[0]]
+        known = {"shift_x": shift[:, 0], "shift_y": shift[:, 1], "angle": self.angle[:, nodes[0]]}
+        moving = {name: values.tolist() for name, values in known.items() if values.any()}
+        nearest = self.gap[:, nodes].min(axis=1)
+        return moving or ({"distance": nearest.tolist()} if np.ptp(nearest) > 0 else {})
+
     def _index(self, time: float) -> int:
         return int(np.abs(self.times - time).argmin())
 

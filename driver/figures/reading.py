@@ -82,7 +82,7 @@ class Run:
 
     def at(self, time: float) -> str:
         """Words that name a time, none of static runs."""
-        return f" at $t = {time:g}$" if self.quasistatic else ""
+        return f" at $t = {time:.4g}$" if self.quasistatic else ""
 
 
 def read_mesh(path: Path, time: float) -> Mesh:

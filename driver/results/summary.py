@@ -140,6 +140,10 @@ class Summary:
                                    "name, young, poisson", optional=True)
     quantities: dict | None = entry("quantities of interest", "see quantities.py", optional=True)
     quantities_time: float | None = entry("the time they belong to", "time", optional=True)
+    obstacle_motion: dict | None = entry(
+        "of every label that meets an obstacle which moves: its shift_x, shift_y and angle, as far "
+        "as they are not zero, at the start and after every step, else the nearest node's distance",
+        "length, rad", optional=True)
     boundaries: list | None = entry(
         "rows of boundaries.csv in the last step, where there is contact", "see boundaries.csv",
         optional=True)
@@ -186,6 +190,8 @@ def summarize(request, problem: Problem, solver: QuasistaticSolver,
         warnings.append(str(failure))
     if manifest.materials:
         optional["materials"] = manifest.materials
+    if structure.contact.declared.motion is not None:
+        optional["obstacle_motion"] = _motions(structure.contact.declared)
     if writer.history_rows:
         optional["quantities"], index = writer.record.quantities()
         optional["quantities_time"] = writer.history_rows[index]["time"]
@@ -244,6 +250,14 @@ def _loads(problem: Problem) -> list[dict]:
     total = np.concatenate(problem.operator.comm.allgather(own)).sum(axis=0)
     return [{"effect": pattern["kind"], "number": pattern["amplitude"], "force": force.tolist()}
             for pattern, force in zip(problem.manifest.patterns, total)]
+
+
+def _motions(contact) -> dict:
+    """Entry `obstacle_motion`."""
+    own = ~contact.paired
+    moving = {str(label): contact.motion.histories(np.flatnonzero(own & (contact.label == label)))
+              for label in np.unique(contact.label[own]).tolist()}
+    return {label: histories for label, histories in moving.items() if histories}
 
 
 def _ledger(problem: Problem, sizes: Sizes, solver: QuasistaticSolver, writer: Writer) -> dict:

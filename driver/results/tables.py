@@ -114,7 +114,7 @@ BOUNDARY = (
     *(Column(name, "length", "ends of the edge of the outline, the body on its left")
       for name in ("x0", "y0", "x1", "y1")),
     Column("label", "1", "label of the edge in the mesh"),
-    Column("role", "1", "pair, contact, support, load or free"),
+    Column("role", "1", "pair, contact, support, springs, joined (tied, periodic), load or free"),
     Column("traction_x", "stress", "traction of the label at amplitude 1"),
     Column("traction_y", "stress", "traction of the label at amplitude 1"),
     Column("fixed_x", "1", "1 where a support holds this component on the whole label"),

@@ -15,7 +15,7 @@ from ..text import assignments
 from . import peer
 from .case import NO_SOLUTION, Case, Check, compared, refusal, size_effects, solve
 
-MODULES = ("plane", "friction", "revolution")
+MODULES = ("plane", "friction", "revolution", "surfaces")
 COLUMNS = ("case", "quantity", "source", "reference", "value", "error", "tolerance", "met",
            "seconds", "element", "mesh", "claimed", "errors", "remaining", "size_effect", "ratio",
            "size_order", "size_ratios", "size_deviations", "because")
@@ -84,7 +84,7 @@ def judged(chosen: list[Case], folder: Path, jobs: int) -> tuple[list[dict], lis
                 done[name] = future.result()
                 print(f"[{len(done)}/{len(chosen)}] {_line(done[name][0])}", flush=True)
         except BaseException:  # what waits must not begin
-            pool.shutdown(wait=False, cancel_futures=True)
+            pool.shutdown(cancel_futures=True)
             raise
     parts = [done[case.name] for case in chosen]
     return [row for rows, _ in parts for row in rows], [row for _, rows in parts for row in rows]

@@ -1,5 +1,7 @@
 """Ties and periodic boundaries: patches, rates, what meets at their ends, closed forms, misuse."""
 
+import csv
+
 import numpy as np
 import pytest
 
@@ -218,6 +220,9 @@ def test_wavy_contact_is_westergaards(solved, options):
     mean, quantities = options.get("mean", 0.25), run.summary["quantities"]
     half = np.arcsin(np.sqrt(mean)) / np.pi
     full = np.pi / (1 - 0.3**2) * 1e-4
+    with open(run.directory / "boundary.csv") as file:
+        roles = {row["label"]: row["role"] for row in csv.DictReader(file)}
+    assert roles == {"1": "support", "2": "joined", "3": "contact", "4": "joined"}
     assert quantities["normal_resultant"] == pytest.approx(mean * full, rel=1e-5)
     assert quantities["contact_length"] == pytest.approx(2 * half, rel=5e-3)
     assert quantities["peak_pressure"] == pytest.approx(2 * mean * full / np.sqrt(mean), rel=5e-3)

@@ -9,8 +9,11 @@ import numpy as np
 import pytest
 
 from driver.estimates import budget
+from driver.estimates.budget import name_of
 from driver.estimates.levels import Companions
 from driver.options import Settings
+from driver.runs.solve import NO_ESTIMATES
+from driver.scene import freefem
 
 SOURCES = ("mesh", "time", "friction", "solver")
 
@@ -161,6 +164,29 @@ def test_each_tolerance_has_its_share(coulomb, name):
     assert true <= error <= 10 * true
 
 
+@pytest.mark.parametrize("energy, known", [({"mesh": 0.4, "norm": 1.0}, True),
+                                           ({"mesh": 0.6, "norm": 1.0}, False),
+                                           ({"mesh": 0.4, "norm": 1.0,
+                                             "largest": {"mesh": 1.2, "norm": 2.0}}, False),
+                                           ({"reason": "none is made"}, True)])
+def test_a_mesh_that_does_not_resolve_the_solution_leaves_no_claims_of_contact(energy, known):
+    """Differences of such meshes tell nothing; of the displacement an adjoint problem does."""
+    levels = Linear()
+    effects = SimpleNamespace(quasistatic=False, frictional=False, pressure_bounds_friction=False)
+    manifest = SimpleNamespace(parameters={"cells": 8}, steps=1, element="P1")
+    values = {"displacement": 1.0, "contact_length": 0.5, "peak_pressure": 2.0}
+    levels.run = lambda *_, **changes: SimpleNamespace(
+        values={name: value * (1 + 0.01 * bool(changes)) for name, value in values.items()})
+    record = SimpleNamespace(quantities=lambda: (values, 0), singular_places=lambda: (),
+                             between_nodes=lambda _index: {})
+    parts = Companions(levels, SimpleNamespace(manifest=manifest, effects=effects), Settings(),
+                       record, {}, energy).parts()["mesh"]
+    assert parts["displacement"].error > 0
+    for name in ("contact_length", "peak_pressure"):
+        assert (parts[name].error is not None) == known, name
+        assert known or "too coarse" in parts[name].note
+
+
 # ------------------------------------------------------------------------------ runs
 
 def errors(budget_of, scene="model", **options):
@@ -276,6 +302,18 @@ def test_any_number_of_ranks_gives_the_same_budget(solved):
     own, other = ({name: entry for name, entry in run.summary["errors"].items() if name != "prices"}
                   for run in (one, two))
     assert json.dumps(own) == json.dumps(other)
+
+
+@pytest.mark.slow  # every scene that ships, with its companions: some minutes
+@pytest.mark.parametrize("name", sorted(freefem.scenes()))
+def test_errors_of_every_scene_that_ships_are_estimated(solved, name):
+    run = solved(name, errors="yes")
+    assert run.status == 0
+    assert not [warning for warning in run.summary["warnings"] if NO_ESTIMATES in warning]
+
+
+def test_settings_are_named_as_on_the_command_line():
+    assert [name_of("h", 0.05), name_of("element", "P2")] == ["H=0.05", "ELEMENT=P2"]
 
 
 def test_estimates_are_optional_and_named_on_the_screen(command, tmp_path):
