@@ -10,7 +10,7 @@ from .slip import SlipState
 from .step import Load
 
 CANCELLED = 1e-8  # part of the extent below which deformation is rounding: contact takes the loads
-CARRIED = 3e-8  # of what multipliers move, ||F|| ||x||, likewise of stiff parts: 30 roundings
+ROUNDED = 3e-14  # of what multipliers move, ||F|| ||x||: a hundred roundings, as exact as it gets
 TRAVELLED = 1e-9  # part of what bodies move as a whole, likewise
 
 
@@ -97,7 +97,9 @@ class Residuals:
         way = -self.operator.minimum(-max(load.travel, load.farthest))
         least = np.full(self.operator.levels, CANCELLED * load.extent / self.qp.softest[0])
         if len(least) > 1:
-            least[1:] = CARRIED * self.qp.largest(x) / self.qp.softest[1:]
+            # what soft parts move by rounding is to be within what is asked for
+            exact = ROUNDED * self.qp.largest(x) / self.qp.softest[1:]
+            least[1:] = exact / self.asked("penetration")
         return np.maximum(least, TRAVELLED * way)
 
     def _changing(self, x: np.ndarray, gradient: np.ndarray) -> float:

@@ -51,6 +51,32 @@ include "export.idp"
 """
 
 
+# an L on its foot, that rollers keep from moving sideways at its shoulder: it may turn
+ELL = """include "scene.idp"
+units("um", "MPa");
+subdomains("1");
+real slipRange = 0.1;
+quasistatic(1.);
+border a0(t=0, 1) { x = 1099.8648 + 342.233*t; y = 0.; label = 1; }
+border a1(t=0, 1) { x = 1442.0978 + 633.9022*t; y = 0.; label = 2; }
+border a2(t=0, 1) { x = 2076.; y = 1104.*t; label = 11; }
+border a3(t=0, 1) { x = 2076.*(1. - t); y = 1104.; label = 21; }
+border a4(t=0, 1) { x = 0.; y = 1104. - 431.664*t; label = 31; }
+border a5(t=0, 1) { x = 1099.8648*t; y = 672.336; label = 41; }
+border a6(t=0, 1) { x = 1099.8648; y = 672.336*(1. - t); label = 51; }
+mesh Th0 = buildmesh(a0(2) + a1(2) + a2(2) + a3(5) + a4(2) + a5(2) + a6(2));
+body = Th0;
+macro young() (y < 429. ? 3000. : 3.) //
+macro poisson() 0.45 //
+macro support() on(41, u1 = 0.) //
+macro load1() pressure(21, 0.009487) //
+macro contact() 1, 2 //
+macro friction() 0.1 //
+macro displacementFactor(s) (1. + (0.4 - 1.)*s/slipRange) //
+macro amplitude1(t) t //
+include "export.idp"
+"""
+
 # a plate on rollers that is pushed sideways, with a pin in its hole that may pull
 PIN = """include "scene.idp"
 units("1", "1");
@@ -549,3 +575,18 @@ def test_a_body_that_slides_off_is_told_where_to(solved, tmp_path, text, options
     path.write_text(text)
     run = solved(path, subdomains=cut, **options)
     assert run.status == 3 and re.search(way, run.reason)
+
+
+def test_friction_that_falls_with_the_way_holds_a_body_again(solved, tmp_path):
+    """On the way of successive approximations it runs off so far that its friction holds it no
+    more; from that of rest both cuts come to one answer, to a hundred residuals of 1e-8.
+    """
+    path, forces = tmp_path / "ell.edp", []
+    path.write_text(ELL)
+    for cut in (1, 3):
+        run = solved(path, subdomains=cut, element="P2", steps=2, rtol=1e-10,
+                     friction_rtol=1e-8)
+        assert run.status == 0
+        order = np.argsort(run.contact["x"][-1])
+        forces.append(run.contact["sigma_n"][-1][order])
+    assert np.abs(forces[0] - forces[1]).max() <= 1e-6 * np.abs(forces[0]).max()
