@@ -279,6 +279,20 @@ def test_fallbacks_move_free_bodies(built, steps_of, monkeypatch):
     assert np.abs(x - y).max() < 1e-5 * np.abs(x).max()
 
 
+def test_a_proof_that_no_states_solve_a_step_ends_it(built, steps_of, monkeypatch):
+    """With status 3, whatever tolerances of QPs are left to tighten: no second search."""
+    problem, searched = built(HELD, steps=1, subdomains=3, **{**JAM, "n": 2, "friction": 4}), []
+
+    def proved(contact, start):
+        searched.append(contact.n)
+        return None, globalization.NO_STATE
+
+    monkeypatch.setattr(fixedpoint.FixedPoint, "_accelerate", lambda *a: None)
+    monkeypatch.setattr(globalization, "solve_condensed", proved)
+    solver, _ = steps_of(problem, rtol=1e-11, friction_rtol=1e-9, uniqueness="no")
+    assert solver.failure.exit_status == 3 and len(searched) == 1
+
+
 @pytest.mark.parametrize("cut", [1, 3])
 def test_a_body_let_go_comes_to_rest(built, steps_of, tmp_path, cut):
     """Without load its forces are rounding of the places it went to: QPs get exact enough to end.
