@@ -279,6 +279,7 @@ def test_fallbacks_move_free_bodies(built, steps_of, monkeypatch):
     assert np.abs(x - y).max() < 1e-5 * np.abs(x).max()
 
 
+@pytest.mark.slow
 def test_a_proof_that_no_states_solve_a_step_ends_it(built, steps_of, monkeypatch):
     """With status 3, whatever tolerances of QPs are left to tighten: no second search."""
     problem, searched = built(HELD, steps=1, subdomains=3, **{**JAM, "n": 2, "friction": 4}), []
