@@ -27,7 +27,7 @@ class ObstacleMotion:
 
     def gap_at(self, time: float) -> np.ndarray:
         """(n,) distances at one of the `times`."""
-        return self.gap[self._index(time)]
+        return self.gap[self.index(time)]
 
     def way(self, before: float, now: float) -> np.ndarray:
         """(n,) tangential displacement, from one of the `times` to another, of the surfaces met.
@@ -36,7 +36,7 @@ class ObstacleMotion:
         last, differ where obstacles turn; their mean is that of the points in between to second
         order in the angle.
         """
-        first, last = self._index(before), self._index(now)
+        first, last = self.index(before), self.index(now)
         turn = self.angle[last] - self.angle[first]
         shift = self.shift[last] - self.shift[first]
         from_first = shift + _turned(self.xy - self.pivot - self.shift[first], turn)
@@ -72,7 +72,8 @@ class ObstacleMotion:
         nearest = self.gap[:, nodes].min(axis=1)
         return moving or ({"distance": nearest.tolist()} if np.ptp(nearest) > 0 else {})
 
-    def _index(self, time: float) -> int:
+    def index(self, time: float) -> int:
+        """Place of the nearest of the `times`."""
         return int(np.abs(self.times - time).argmin())
 
 

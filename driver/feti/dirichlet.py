@@ -21,8 +21,14 @@ class DirichletPreconditioner:
 
     def __init__(self, operator):
         self.vectors = operator.vectors
-        general = operator.modes or operator.structure.contact.coupled.any()
-        schur = [_released(c) if general else _schur(c) for c in operator.classes]
+        structure = operator.structure
+        following = structure.numbering is not None
+        inverted = _schur
+        if structure.numbering is not None:
+            inverted = _kept
+        elif operator.modes or structure.contact.coupled.any():
+            inverted = _released
+        schur = [inverted(c) for c in operator.classes]
         self.blocks = BlockDiagonal(operator.classes, schur, "rows", "rows")
         self.schur = self.blocks.blocks
 
@@ -36,6 +42,13 @@ class DirichletPreconditioner:
         result = vectors.add_up()
         result[~free] = 0.0
         return result
+
+
+def _kept(c: LocalClass) -> np.ndarray:
+    """`_released` once for all rows of a class: other classes' may change."""
+    if c.schur is None:
+        c.schur = _released(c)
+    return c.schur
 
 
 def _schur(c: LocalClass) -> np.ndarray:

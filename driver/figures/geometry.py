@@ -9,7 +9,7 @@ from matplotlib.patches import Patch
 
 from .labels import label_numbers
 from .layout import map_axes, run_header, shrink_to_body
-from .obstacle import draw_obstacle, hatch, rigid_rows
+from .obstacle import draw_obstacles, hatch
 from .outline import outward_edges, sample
 from .reading import Run
 from .scales import Scale, length_scale, stress_scale
@@ -40,9 +40,9 @@ def geometry(figure: Figure, run: Run) -> None:
     handles += _boundary_handles(role)
     _springs(axes, boundary, edges, size)
     handles += _supports(axes, boundary, edges, size)
-    if (rows := rigid_rows(run, 0.0)) is not None:
-        # without the little more the obstacle would hide the contact boundary where the gap is zero
-        draw_obstacle(axes, rows, size, scale.factor, 0.016 * size)
+    # without the little more the obstacle would hide the contact boundary where the gap is zero
+    draw_obstacles(axes, run, 0.0, size, scale.factor, np.array([xy.min(axis=0), xy.max(axis=0)]),
+                   0.016 * size)
     traction = np.column_stack([boundary["traction_x"], boundary["traction_y"]])
     _load_arrows(axes, edges, traction, boundary["label"], size)
     handles += _weight(axes, run, xy, size)

@@ -31,13 +31,14 @@ class FrictionQP:
     """
 
     def __init__(self, operator: DualProblem, rows: ContactRows, settings: Settings, scales: Scales,
-                 history: History):
+                 history: History, bound: float | None = None):
+        """`bound`: that of other contact rows, to be taken as it is."""
         self.operator, self.rows, self.settings = operator, rows, settings
         self.scales, self.history = scales, history
         structure = operator.structure
         self.scale = structure.row_scale[slice(*structure.row_range)]
         self.softest = self._softest()
-        self.bound = self._bound_norm()
+        self.bound = self._bound_norm() if bound is None else bound
         self.preconditioner, self.relaxation = self._accelerators()
         self.tol, self._rigid_bound = 0.0, self.bound
 

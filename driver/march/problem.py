@@ -33,8 +33,10 @@ class Problem:
         m = self.manifest
         samples = np.arange(m.steps + 1) if samples is None else samples
         times = np.linspace(0, m.t_end, m.steps + 1)
-        return QuasistaticSolver(self.operator, self.effects, m.factors[samples], times[samples],
-                                 settings)
+        kind = QuasistaticSolver
+        if self.structure.contact.following is not None:
+            from .following import FollowingSolver as kind  # here: few scenes need it
+        return kind(self.operator, self.effects, m.factors[samples], times[samples], settings)
 
 
 def assemble(directory: Path, comm, lap=lambda stage: None, widen=None) -> Problem:

@@ -28,6 +28,10 @@ class Step:
     contraction: float  # mean ratio of successive changes of the fixed point, NaN if there was one
     residuals: dict
     moved: np.ndarray  # last change of the multipliers, to the bound of their own pressures
+    # where contact follows the motion: displacements (k, 2) about which the step was solved, and
+    # how many times it was
+    about: np.ndarray | None = None
+    geometries: int = 1
 
 
 @dataclass
@@ -79,6 +83,7 @@ class History:
     contraction: float = 0.0  # worst of the steps
     seconds: float = 0.0  # of the steps, without those of ...
     examining: float = 0.0  # ... the search for other solutions
+    renewing: float = 0.0  # of the steps, in which contact rows were renewed
 
 
 class StepFailed(DriverError):

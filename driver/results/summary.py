@@ -79,7 +79,8 @@ class Summary:
         "dual_multiplications_setup": "products before it",
         "cg_steps": "CG steps of MPRGP", "expansion_steps": "expansion steps of MPRGP",
         "proportioning_steps": "proportioning steps of MPRGP",
-        "contact_block_products": "products with the contact rows' block alone"})
+        "contact_block_products": "products with the contact rows' block alone",
+        "geometries": "contact geometries in all time steps, where contact follows the motion"})
     residuals: dict = entry(
         "relative residuals of the KKT conditions, worst of all steps; a step has converged with "
         "none above PRIMAL_RTOL, equilibrium none above FRICTION_RTOL", parts={
@@ -94,7 +95,9 @@ class Summary:
             "complementarity": "natural residuals of contact and friction, abs(lambda - "
                                "P(lambda + f/delta move)) / f, P the projection on admissible "
                                "forces, move the penetration or the slip",
-            "equilibrium": "forces on bodies that no support holds, over the sum of their sizes"})
+            "equilibrium": "forces on bodies that no support holds, over the sum of their sizes",
+            "geometry": "where contact follows the motion: distances over delta and contact forces "
+                        "over f by which conditions about the solution differ from those used"})
     contraction: float = entry("worst mean ratio of successive changes of a step's fixed point")
     fallbacks: dict = entry("steps that needed another method, by the method's name")
     uniqueness: dict = entry("whether the steps have other solutions", parts={
@@ -116,6 +119,7 @@ class Summary:
         "export": "FreeFEM", "read": "reading its export", "setup": "reduction to the interfaces",
         "solve": "all time steps, those before an interruption included",
         "uniqueness": "search for other solutions of the steps, where there was one",
+        "geometry": "renewing contact rows, where contact follows the motion",
         "output": "contact quantities and fields",
         "validity": "checks of the model's assumptions",
         "energy_error": "error in the energy norm", "estimates": "error budget",
@@ -181,7 +185,7 @@ def summarize(request, problem: Problem, solver: QuasistaticSolver,
     manifest, structure, history = problem.manifest, problem.structure, solver.history
     sizes = Sizes.of(structure)
     warnings = [*history.warnings, *history.fallbacks.warnings(), *solver.uniqueness.warnings(),
-                *omissions.warnings(structure.contact.declared, problem.effects.rooms,
+                *omissions.warnings(structure.contact.start.declared, problem.effects.rooms,
                                     writer.record.displacements, settings)]
     if optional.get("validity") and optional["validity"]["verdict"] != "ok":
         doubt = optional["validity"]

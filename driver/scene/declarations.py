@@ -39,7 +39,7 @@ CONTENTS = {"support": "form", "contact": "labels", "contactPair": "labels",
             "contactNormal": "vector", "young": "number", "poisson": "number", "piece": "number",
             "stepTimes": "list", "tie": "labels", "periodic": "labels", "foundation": "labels",
             "foundationNormal": "number", "foundationTangential": "number", "pointSpring": "list",
-            "normalComplianceExponent": "number",
+            "normalComplianceExponent": "number", "largeSliding": "number",
             "slipFactor": "number", "obstacleX": "number", "obstacleY": "number",
             "obstacleAngle": "number", "obstaclePivot": "vector", "gapInTime": "number",
             "obstacleInTime": "number", "displacementFactor": "number", "amplitude#": "number",
@@ -180,7 +180,8 @@ def _switches(without: tuple[str, ...]) -> list[str]:
         reason = f'refuse("{name} is to be left out, but the scene does not declare it");'
         room = next((room for room in rooms() if room.name == name), None)
         if name == QUASISTATIC:
-            lines += [f"if (!isQuasistatic) {reason}", "isQuasistatic = false;"]
+            lines += [f"if (!isQuasistatic) {reason}", "isQuasistatic = false;",
+                      "macro libTimeLeftOut() 1 //"]
         elif room:
             lines += _unless_any(_asking(room, set()), reason)
         else:
