@@ -18,10 +18,14 @@ def loading(figure: Figure, run: Run) -> None:
     histories = list(run.summary["amplitudes"].values())
     figure.set_figheight(6.5 * INCH)
     axes = figure.add_subplot()
-    handles = []
+    handles, end, note = [], run.summary["t_end"], ""
+    if cycles := run.summary.get("cycles"):  # the history holds one of them
+        end = cycles["start"] + cycles["period"]
+        axes.axvspan(cycles["start"], end, color="0.93", lw=0)
+        note = f"grey: the cycle, gone through {cycles['number']} times"
     for number, (name, values) in enumerate(run.summary["amplitudes"].items()):
         symbol = r"$\varphi(t)$" if len(histories) == 1 else rf"$\varphi_{{{name}}}(t)$"
-        times = np.linspace(0, run.summary["t_end"], len(values))
+        times = np.linspace(0, end, len(values))
         handles += axes.plot(times, values, "-", marker="osD^v"[number % 5], ms=3.2,
                              color=CURVES[number % 5], label=symbol)
     label = r"amplitude $\varphi$ [–]" if len(histories) == 1 else "amplitude [–]"
@@ -29,8 +33,8 @@ def loading(figure: Figure, run: Run) -> None:
     axes.margins(x=0.02)
     axes.autoscale_view()
     axes.grid(color="0.9", lw=0.5)
-    steps = int(run.history["step"].max())
-    run_header(figure, run, f"History of loading, {steps} time steps (markers)", handles)
+    steps = len(values) - 1 if cycles else int(run.history["step"].max())
+    run_header(figure, run, f"History of loading, {steps} time steps (markers)", handles, note)
 
 
 def history(figure: Figure, run: Run) -> None:

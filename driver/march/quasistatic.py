@@ -44,8 +44,11 @@ class QuasistaticSolver:
     """Time steps of one problem. Collective over the operator's communicator."""
 
     def __init__(self, operator: DualProblem, effects: Effects, amplitudes: np.ndarray,
-                 times: np.ndarray, settings: Settings):
-        """`amplitudes` (steps + 1, patterns): factors of the load patterns at `times`."""
+                 times: np.ndarray, settings: Settings, cycles=None):
+        """`amplitudes` (steps + 1, patterns): factors of the load patterns at `times`.
+
+        `cycles`: the Cycles of a history that is repeated; it brings more times by and by.
+        """
         self.operator, self.settings, self.effects = operator, settings, effects
         self.amplitudes, self.times = amplitudes, times
         contact = operator.structure.contact
@@ -75,6 +78,9 @@ class QuasistaticSolver:
         # of the last step and of the one before: rigid motions (modes,), multipliers (owned,)
         self.motion = self.older_motion = np.zeros(operator.modes)
         self.multipliers = self.older = np.zeros(operator.owned)
+        self.cycles = cycles
+        if cycles is not None:
+            cycles.join(self)
 
     def _bodies(self):
         """What bodies without support need, imported only where there are such bodies."""
@@ -97,7 +103,7 @@ class QuasistaticSolver:
         clock = time.perf_counter()
         if self.history.steps == 0:
             self._start()
-        for index in range(self.history.steps + 1, len(self.times)):
+        while (index := self.history.steps + 1) < len(self.times):
             step, error = self._advance(index)
             self.history.seconds += time.perf_counter() - clock
             if error is not None:
@@ -120,6 +126,8 @@ class QuasistaticSolver:
         """
         if self.contact.motion is not None:
             self._move_obstacles(index)
+        if self.cycles is not None:
+            self.cycles.before(self, index)
         try:
             rest = self.bodies.can_rest(index, self.amplitudes[index])
         except DriverError as problem:
@@ -142,6 +150,8 @@ class QuasistaticSolver:
         self.effects.step_ends(self.rows.tangential_node, slip,
                                step.multipliers[self.rows.pair])
         self._record(step)
+        if self.cycles is not None:
+            self.cycles.follow(self, step, slip)
         return step, error
 
     def _move_obstacles(self, index: int) -> None:
