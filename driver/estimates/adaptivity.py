@@ -23,6 +23,7 @@ from ..scene import elements
 
 STEM = "size"  # of the files of a size field, see write_sizes
 GROWTH = 4.0  # triangles of one cycle's mesh over the last one's: as if sizes were halved
+CONTACT_GROWTH = 3.0  # contact nodes likewise: twice by that, and kinks are places of their own
 STEEPEST = 0.5  # difference of sizes over distance: neighbours must not differ too much
 GENTLE = 0.15  # the same next to contact, whose tractions see the meshes behind it
 SMALLEST, LARGEST = 0.125, 2.0  # new size over old in one cycle: an indicator does not see further
@@ -78,25 +79,29 @@ def even(xy: np.ndarray, triangles: np.ndarray, nodal: np.ndarray, slope: float)
 def contact_sizes(boundary, states: list[dict]) -> tuple[np.ndarray, np.ndarray]:
     """(k, 2) places on the contact boundary and (k,) sizes of the next mesh there.
 
-    What tractions of `states` differ from the line between their neighbours is spread evenly over
-    twice as many nodes. Where sticking, slipping and open parts meet tractions have kinks: the
-    error of a node in L2 falls like h^(3/2). The energy of a body hardly knows them.
+    What pressure and shear of `states` differ from the line between their neighbours, each as a
+    part of its largest norm in L2, is spread evenly over CONTACT_GROWTH as many nodes. Where
+    sticking, slipping and open parts meet tractions have kinks: the error of a node in L2 falls
+    like h^(3/2). The energy of a body hardly knows them. A mesh tells the place of a kink no
+    closer than its edges: neighbours are refined alike.
     """
     b, vertices = boundary, np.flatnonzero(~boundary.middle)
     before, own, after = vertices[:-2], vertices[1:-1], vertices[2:]
     inside = (b.chain[before] == b.chain[own]) & (b.chain[own] == b.chain[after])
     before, own, after = before[inside], own[inside], after[inside]
     left, right = b.arc[own] - b.arc[before], b.arc[after] - b.arc[own]
-    square = np.zeros(len(own))
-    for state in states:
-        for name in ("sigma_n", "sigma_t"):
-            t = state[name]
-            square += (t[own] - (right * t[before] + left * t[after]) / (left + right))**2
+    square = np.zeros(len(b.arc))
+    for name in ("sigma_n", "sigma_t"):
+        largest = max((b.weight * state[name]**2).sum() for state in states)
+        for t in (state[name] for state in states if largest > 0):
+            line = (right * t[before] + left * t[after]) / (left + right)
+            square[own] += (t[own] - line)**2 / largest
     size = (left + right) / 2
     if not square.any():
         return np.empty((0, 2)), np.empty(0)
-    indicator = np.sqrt(size * square)
-    return b.xy[own], new_sizes(size, indicator, GROWTH**0.5 * len(own), 0.5, 1)
+    widest = np.max([square[before], square[own], square[after]], axis=0)
+    wanted = CONTACT_GROWTH * len(own)
+    return b.xy[own], new_sizes(size, np.sqrt(size * widest), wanted, 0.5, 1)
 
 
 def next_mesh(stem: Path, estimator, estimates: list) -> None:
@@ -111,22 +116,42 @@ def next_mesh(stem: Path, estimator, estimates: list) -> None:
         raise InputError(f"ADAPT has no error to refine by: {reason}")
     mesh, degree = estimator.body.mesh, elements.DEGREE[estimator.manifest.element]
     states = [state for _, state in estimator.considered]
-    places, sizes = contact_sizes(estimator.contact.boundary, states)
     square = sum(e.indicator**2 * (e.mesh > ROUNDING * e.norm) for e in estimates)
     xy = np.zeros((mesh.triangles.max() + 1, 2))
     xy[mesh.triangles] = mesh.corner
-    wanted, size = GROWTH * len(mesh.triangles), element_sizes(xy, mesh.triangles)
     outline = mesh.edges[mesh.boundary]
-    size = new_sizes(size, np.sqrt(square), wanted, degree)
-    nodal = even(xy, mesh.triangles, vertex_sizes(xy, mesh.triangles, size), STEEPEST)
+    near = _near_contact(xy, mesh.triangles, np.unique(outline),
+                         *contact_sizes(estimator.contact.boundary, states))
+    nodal = _both(xy, mesh.triangles, np.sqrt(square), degree, near)
+    write_sizes(stem, xy, mesh.triangles, outline, nodal)
+
+
+def _near_contact(xy: np.ndarray, triangles: np.ndarray, rim: np.ndarray, places: np.ndarray,
+                  sizes: np.ndarray) -> np.ndarray:
+    """(n_v,) largest sizes at the vertices that `sizes` (k,) at `places` (k, 2) leave."""
+    near = np.full(len(xy), np.inf)
     if len(places):
         from scipy.spatial import cKDTree  # every run imports this module, and FreeFEM starts first
 
-        rim, near = np.unique(outline), np.full(len(xy), np.inf)
         distance, place = cKDTree(places).query(xy[rim])
         near[rim] = sizes[place] + GENTLE * distance
-        nodal = np.minimum(nodal, even(xy, mesh.triangles, near, GENTLE))
-    write_sizes(stem, xy, mesh.triangles, outline, nodal)
+    return even(xy, triangles, near, GENTLE)
+
+
+def _both(xy: np.ndarray, triangles: np.ndarray, indicator: np.ndarray, degree: int,
+          near: np.ndarray) -> np.ndarray:
+    """(n_v,) sizes for the error in energy, at most `near`, on GROWTH as many triangles.
+
+    What contact takes the bodies lack, but for a half of them.
+    """
+    size, wanted = element_sizes(xy, triangles), GROWTH * len(triangles)
+    given = wanted
+    for _ in range(5):
+        own = vertex_sizes(xy, triangles, new_sizes(size, indicator, given, degree))
+        nodal = np.minimum(even(xy, triangles, own, STEEPEST), near)
+        count = (size**2 * (nodal[triangles]**-2.0).mean(axis=1)).sum()
+        given = max(wanted / 2, given * wanted / count)
+    return nodal
 
 
 def write_sizes(stem: Path, xy: np.ndarray, triangles: np.ndarray, edges: np.ndarray,

@@ -32,6 +32,8 @@ UNSEEN = 1e-3  # by how much others may exceed it, relative
 UNTRIED = "no run with more steps to compare with"
 TIGHTER = 100.0  # tolerances of the companions that tell what those of the run leave
 LEFT = 2.0  # safety of what they tell: another mesh answers by chance with more or less
+UNRESOLVED = 0.5  # relative error in energy from which coarser meshes tell nothing of a finer one
+OF_BODIES = ("normal_resultant", "tangential_resultant", "displacement")
 EARNED = 1e-8  # residuals that rounding still lets a companion reach
 
 
@@ -170,8 +172,12 @@ class Companions:
     """Runs beside one run, and what each part of its error follows from."""
 
     def __init__(self, levels: Levels, problem: Problem, settings: Settings, record: Record,
-                 sizes: dict):
-        """`record` of the run of `problem` with `settings`; `sizes` as of adjoint.assess."""
+                 sizes: dict, energy: dict | None = None):
+        """`record` of the run of `problem` with `settings`; `sizes` as of adjoint.assess, `energy`
+        the entry of energy.report.
+        """
+        self.unresolved = max((estimate["mesh"] / estimate["norm"] for estimate in (
+            energy or {}, (energy or {}).get("largest", {})) if estimate.get("norm")), default=0.0)
         self.values, self.at = record.quantities()
         self.singular, self.sizes = record.singular_places(), sizes
         self.open = record.between_nodes(self.at)
@@ -278,8 +284,21 @@ class Companions:
         if unseen and self.meshes[0] != self.base:
             # that of a support: no mesh tells when a place between the supports moves by more
             parts["displacement"] = Part(UNSEEN * value)
-        return {name: located(held(name, part, self.sizes.get(name)), self.open.get(name, 0.0))
-                for name, part in parts.items()}
+        parts = {name: located(held(name, part, self.sizes.get(name)), self.open.get(name, 0.0))
+                 for name, part in parts.items()}
+        return parts | dict.fromkeys(self._unknown(), Part(None, note=(
+            "the mesh is too coarse: its error in the energy norm is "
+            f"{100 * self.unresolved:.0f} %")))
+
+    def _unknown(self) -> list[str]:
+        """Quantities of which a mesh that does not resolve the solution tells no error.
+
+        Where contact opens and slips between its few nodes coarser meshes may agree by chance; of
+        resultants and displacements equilibrium and adjoint problems see the whole body's error.
+        """
+        if self.unresolved <= UNRESOLVED:
+            return []
+        return [name for name in self.values if name not in OF_BODIES]
 
     def _time(self) -> dict[str, Part]:
         """Every second and fourth time; without friction only the instant counts.

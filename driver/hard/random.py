@@ -24,7 +24,7 @@ from .report import Row
 
 CASES = ()  # of this family a seed makes any number
 FAMILY, KEPT = "random", "failed"  # name of the family, directory of the scenes that failed
-FAST = 12  # scenes of the default tests
+FAST = 8  # scenes of the default tests
 QUIET = {"fields": "no", "figures": "no", "quiet": "yes", "resume": "no", "errors": "no"}
 LIMIT = 300  # seconds of one run, on a machine that others may use: beyond them it hangs
 LAWS = 1e-6  # largest violation on the assembled body, as of the other families

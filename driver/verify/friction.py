@@ -197,6 +197,17 @@ PARTIAL = (
          {"steps": 12}, _drawn(cylinders),
          sizes=Sizes(tuple(map(_cylinders, (50, 12.5, 6.25, 3.125))),
                      lambda v: mindlin(v, cylinders)[0] / (2 * cylinders(v)), "a/R")),
+    Case("cattaneo-mindlin-adaptive", "The same cylinders on meshes that find where sticking ends",
+         "verify/cylinders",
+         "Cattaneo (1938), Mindlin (1949); Johnson, Contact Mechanics (1985), 7.2",
+         tuple({"h": 0.05, "adapt": cycles} for cycles in (0, 1, 2)), (
+             Check("half-width of the stick zone", lambda v: mindlin(v, cylinders)[2],
+                   stick_width, 5e-3, ENDS),
+             Check("shear in L1", 0.0, shear_error(cylinders), 5e-3, HALF_PLANE),
+             Check("shear in L2", 0.0, shear_error(cylinders, power=2), 1e-2, ENDS)),
+         {"steps": 3}, _drawn(cylinders),
+         note="The indicator sees how far pressure and shear bend at each node; the scene's own "
+              "mesh is even along the contact. Steps end at t = 1, 2 and 3."),
     Case("fretting", "Fretting under bulk tension", "verify/fretting",
          "Nowell, Hills (1987); Hills, Nowell, Mechanics of Fretting Fatigue (1994), 4",
          ({"h": 0.06}, {"h": 0.03}, {"h": 0.015}), (

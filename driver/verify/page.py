@@ -75,8 +75,9 @@ def _orders(rows: list[dict]) -> str:
              "On the *rough sphere* of `spence-0.2` contact grows, and one step is far off. "
              "Adaptive meshes follow the energy of the whole body, and tractions on the contact "
              "boundary where they bend: with a solution as smooth as that of `zones` they gain "
-             "little, and the meshes of the cylinders are made finer by the scene itself where "
-             "sticking should end.", "",
+             "little; those of the cylinders begin with a mesh that is even along the contact "
+             "(`cattaneo-mindlin-adaptive`), the others with one that the scene makes finer where "
+             "contact and sticking should end.", "",
              "| problem | element | quantity | by | with | errors | order |",
              "| --- | --- | --- | --- | --- | --- | --- |"]
     for row in rows:

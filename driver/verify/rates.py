@@ -100,8 +100,10 @@ SERIES = (
            MINDLIN),
     Series("two cylinders", "P2", "h", "mindlin-bodies",
            tuple({"h": h, "steps": 12} for h in (0.12, 0.06, 0.03)), HALVED, MINDLIN),
-    Series("two cylinders", "adaptive P2", "h", "mindlin-bodies",
-           tuple({"h": 0.12, "steps": 12, "adapt": n} for n in (0, 1)), HALVED[:2], MINDLIN),
+    Series("two cylinders", "adaptive P1", "h", "verify/cylinders",
+           tuple({"h": 0.05, "steps": 3, "adapt": n} for n in (0, 1, 2)), HALVED, MINDLIN),
+    Series("two cylinders", "adaptive P2", "h", "verify/cylinders",
+           tuple({"h": 0.05, "steps": 3, "adapt": n} for n in (0, 1)), HALVED[:2], MINDLIN),
     Series("rough sphere", "P1", "time step", "sphere",
            tuple({"friction": 0.2, "approach": revolution.APPROACH, "h": 2e-4, "steps": n}
                  for n in (1, 2, 4, 8, 16, 32)), (*HALVED, 1 / 8, 1 / 16, 1 / 32), SPHERE),

@@ -84,7 +84,7 @@ def judged(chosen: list[Case], folder: Path, jobs: int) -> tuple[list[dict], lis
                 done[name] = future.result()
                 print(f"[{len(done)}/{len(chosen)}] {_line(done[name][0])}", flush=True)
         except BaseException:  # what waits must not begin
-            pool.shutdown(wait=False, cancel_futures=True)
+            pool.shutdown(cancel_futures=True)
             raise
     parts = [done[case.name] for case in chosen]
     return [row for rows, _ in parts for row in rows], [row for _, rows in parts for row in rows]

@@ -206,6 +206,7 @@ def test_small_scenes_against_enumeration(built, steps_of, options, count):
     assert len(solver.uniqueness.several.get(1, [])) == (count if count > 1 else 0)
 
 
+@pytest.mark.slow
 def test_fallbacks_move_free_bodies(built, steps_of, monkeypatch):
     """A jam that successive approximations miss: Anderson's, and without it Newton's or Lemke's,
     reach the same state.

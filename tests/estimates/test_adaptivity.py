@@ -76,7 +76,7 @@ def chain(pressure, sticks=np.inf):
     x = np.concatenate([np.linspace(-1, 1, 41), 5 + np.arange(5)])
     boundary = types.SimpleNamespace(
         xy=np.column_stack([x, np.zeros(len(x))]), arc=x, chain=(x > 2).astype(int),
-        middle=np.zeros(len(x), bool))
+        middle=np.zeros(len(x), bool), weight=np.full(len(x), 0.05))
     p = pressure(x)
     return boundary, {"sigma_n": -p, "sigma_t": p * (np.abs(x) > sticks)}
 
@@ -90,6 +90,10 @@ def test_contact_is_refined_where_tractions_bend():
     assert {0.5, 0.2} <= set(np.abs(np.round(fine, 9))) and np.abs(fine).max() < 0.6
     assert sizes[places[:, 0] > 2].min() > 1 and len(places) == 39 + 3
     assert sizes[np.isclose(places[:, 0], 0.35)] > 0.05 / 2
+    beside = np.abs(places[:, 0]).round(9)[:, None] == [0.45, 0.55, 0.15, 0.25]
+    assert sizes[beside.any(axis=1)].max() < 0.02  # a kink may be anywhere between its neighbours
+    weak = {**state, "sigma_t": 0.01 * state["sigma_t"]}  # its ends of sticking count as much
+    assert np.allclose(adaptivity.contact_sizes(boundary, [weak])[1], sizes, rtol=1e-9)
     nothing = adaptivity.contact_sizes(boundary, [{"sigma_n": 0 * state["sigma_n"],
                                                    "sigma_t": 0 * state["sigma_t"]}])
     assert len(nothing[1]) == 0

@@ -161,6 +161,29 @@ def test_each_tolerance_has_its_share(coulomb, name):
     assert true <= error <= 10 * true
 
 
+@pytest.mark.parametrize("energy, known", [({"mesh": 0.4, "norm": 1.0}, True),
+                                           ({"mesh": 0.6, "norm": 1.0}, False),
+                                           ({"mesh": 0.4, "norm": 1.0,
+                                             "largest": {"mesh": 1.2, "norm": 2.0}}, False),
+                                           ({"reason": "none is made"}, True)])
+def test_a_mesh_that_does_not_resolve_the_solution_leaves_no_claims_of_contact(energy, known):
+    """Differences of such meshes tell nothing; of the displacement an adjoint problem does."""
+    levels = Linear()
+    effects = SimpleNamespace(quasistatic=False, frictional=False, pressure_bounds_friction=False)
+    manifest = SimpleNamespace(parameters={"cells": 8}, steps=1, element="P1")
+    values = {"displacement": 1.0, "contact_length": 0.5, "peak_pressure": 2.0}
+    levels.run = lambda *_, **changes: SimpleNamespace(
+        values={name: value * (1 + 0.01 * bool(changes)) for name, value in values.items()})
+    record = SimpleNamespace(quantities=lambda: (values, 0), singular_places=lambda: (),
+                             between_nodes=lambda _index: {})
+    parts = Companions(levels, SimpleNamespace(manifest=manifest, effects=effects), Settings(),
+                       record, {}, energy).parts()["mesh"]
+    assert parts["displacement"].error > 0
+    for name in ("contact_length", "peak_pressure"):
+        assert (parts[name].error is not None) == known, name
+        assert known or "too coarse" in parts[name].note
+
+
 # ------------------------------------------------------------------------------ runs
 
 def errors(budget_of, scene="model", **options):

@@ -98,6 +98,10 @@ def test_any_number_of_ranks_gives_the_same_estimate(solved):
     fields = [meshio.read(run.directory / "fields/error_0002.vtu").cell_data["error_indicator"][0]
               for run in (one, two)]
     assert np.array_equal(*fields)
+
+
+@pytest.mark.slow
+def test_pairs_on_any_number_of_ranks_give_the_same_estimate(solved):
     one, two = (solved("stack", subdomains="5", steps=1, errors="energy", np=n) for n in (1, 3))
     assert one.summary["errors"]["energy"]["total"] > 0
     assert json.dumps(one.summary["errors"]) == json.dumps(two.summary["errors"])

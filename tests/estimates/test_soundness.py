@@ -43,6 +43,7 @@ def test_no_locking_in_plane_stress_or_uniform_strain(solved, tmp_path):
     assert not said(solved(patch, SUBDOMAINS="2x1", CELLS=4, ERRORS="no"), "elements lock")
 
 
+@pytest.mark.slow
 def test_locking_does_not_depend_on_ranks(solved):
     one, two = (solved("hard/block", **QUICK, POISSON=0.499, X0=1e5, NP=ranks) for ranks in (1, 2))
     assert one.summary["warnings"] == two.summary["warnings"] and len(one.summary["warnings"]) == 2

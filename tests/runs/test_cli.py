@@ -469,8 +469,9 @@ def heed_sigint():
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-@pytest.mark.parametrize("ranks", [1, 2])
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number, ranks", [
+    (signal.SIGINT, 1), (signal.SIGINT, 2), (signal.SIGTERM, 1),
+    pytest.param(signal.SIGTERM, 2, marks=pytest.mark.slow)])
 def test_interrupted_run_leaves_no_results(tmp_path, ranks, number):
     """Amid the solve: one line, no orphan, and only a run to go on from."""
     words = ["SCENE=model", "LOADING=nonmonotone", "CELLS=4", "RTOL=1e-12", "STEPS=20000",

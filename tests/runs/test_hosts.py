@@ -124,6 +124,7 @@ def ranks(out: Path) -> int:
     return json.loads((out / "summary.json").read_text())["ranks"]
 
 
+@pytest.mark.slow
 @isolated
 def test_three_hosts_find_the_same_bits(cluster, alone):
     out = cluster.folder / "out"

@@ -476,6 +476,7 @@ def test_joint_loses_the_work_of_an_overkill_run(solved):
     assert np.all(np.diff(errors) < 0) and errors[-1] < 0.03
 
 
+@pytest.mark.slow
 def test_the_joint_converges_with_the_elements_at_the_lap(solved):
     """Elsewhere they follow with the root of H, and linear ones err by the square of that: order 1,
     so a fourth is left.

@@ -205,6 +205,7 @@ def test_an_initial_stress_agrees_with_a_single_run(made, solved):
     compare(files["contact"], solved("thermal", rise=140, steps=2, **TIGHT), rise="140")
 
 
+@pytest.mark.slow
 def test_travel_of_bodies_without_support_is_studied_on_any_number_of_ranks(made, solved):
     """The wedge's stroke moves a body as a whole; bodies without support are not condensed."""
     values = dict(scene="wedge", stroke="0.02,0.08", h="8", steps="2")
