@@ -81,8 +81,7 @@ class Closure:
         return error / size if size > 0 else 0.0
 
     def yielded(self, x: np.ndarray) -> np.ndarray:
-        """(k,) by how much more u_n is than gap less gradient, at the end of a step with x (owned,).
-        """
+        """(k,) by how much more u_n is than gap less gradient at the end of a step with x."""
         return self.offset.sum(axis=0) + self.slope.sum(axis=0) * x[self.rows.normal]
 
     def _state(self, x, gradient):
