@@ -199,7 +199,7 @@ SETTINGS = (
            "studies: by Newton's method), or do not"),
     Option("linearization", choice("initial", "updated"), "initial", SOLVER, SOLVING,
            "contact between bodies about the initial geometry, or updated once about the "
-           "displacements of a first run"),
+           "displacements of a first run; not with largeSliding, whose contact follows"),
     Option("uniqueness", choice("auto", "yes", "no"), "auto", SOLVER, SOLVING, "look for other "
            "solutions of every step; auto: where few contact nodes, friction or doubt suggest it"),
     Option("cycles", CYCLES, EVERY, SOLVER, SOLVING,

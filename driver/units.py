@@ -5,6 +5,8 @@ N/mm. Those of bodies of revolution are of the whole body; `units` then has an e
 Values are in the scene's own units and stay as they are; only the names are spelt here.
 """
 
+import re
+
 # powers of ten of SI prefixes; mu is spelt u as well
 PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G", 12: "T"}
 BASES = ("Pa", "N/m", "N/mm", "J/m", "N", "J", "m")
@@ -13,7 +15,14 @@ REVOLUTION = "forces"  # entry of the units of bodies of revolution
 
 
 def split_unit(unit: str) -> tuple[int, str | None]:
-    """Exponent and base of a unit with an SI prefix, (6, "Pa") of MPa; base None of any other."""
+    """Exponent and base of a unit with an SI prefix, (6, "Pa") of MPa; base None of any other.
+
+    Stresses may be spelt as forces over areas, N/mm^2.
+    """
+    if stress := re.fullmatch(r"(.?)N/(m|mm)(?:\^?2|²)", unit):
+        exponents = {prefix: exponent for exponent, prefix in PREFIXES.items()}
+        if stress[1] in exponents:
+            return exponents[stress[1]] + (6 if stress[2] == "mm" else 0), "Pa"
     for base in BASES:
         for exponent, prefix in PREFIXES.items():
             if unit in (prefix + base, prefix.replace("µ", "u") + base):

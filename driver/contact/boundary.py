@@ -91,6 +91,11 @@ class ContactBoundary:
     axisymmetric: bool = False
     motion: object = None  # the ObstacleMotion; None: obstacles stand still
     joined: int = 0
+    # where contact follows the motion: what finds it about other displacements (following.py), the
+    # covered part (n_c,) of the nodes' weights, and the time that it belongs to
+    following: object = None
+    covered: np.ndarray | None = None
+    time: float = 0.0
 
     @property
     def is_joint(self) -> np.ndarray:
@@ -105,6 +110,8 @@ class ContactBoundary:
         count, terms = len(self.gid) - self.joined, ~self.is_joint[self.term_node]
         parts = {name: getattr(self, name)[:count] for name in NODAL}
         parts |= {name: getattr(self, name)[terms] for name in TERMS}
+        if self.covered is not None:
+            parts["covered"] = self.covered[:count]
         return replace(self, **parts, joined=0, motion=self.motion and self.motion.of(
             np.arange(count)), columns={
                 name: column[:count] for name, column in self.columns.items()})
@@ -127,6 +134,26 @@ class ContactBoundary:
     def way(self, before: float, now: float) -> np.ndarray | float:
         """(n_c,) tangential displacement of the obstacles' surfaces, 0 where none moves."""
         return 0.0 if self.motion is None else self.motion.way(before, now)
+
+    def has_rows_of(self, other: "ContactBoundary") -> bool:
+        """Whether another boundary of the same nodes has the same rows, to the last bit."""
+        return all(np.array_equal(getattr(self, name), getattr(other, name))
+                   for name in ("normal", "covered", *TERMS))
+
+    @property
+    def start(self) -> "ContactBoundary":
+        """That before any load, where contact follows the motion; else the boundary itself."""
+        return self if self.following is None else self.following.start
+
+    @property
+    def moves(self) -> bool:
+        """Whether gaps differ from step to step."""
+        return self.motion is not None or self.following is not None
+
+    @property
+    def idle(self) -> np.ndarray:
+        """(n_c,) whether the node faces nothing, and its rows do not act."""
+        return np.zeros(len(self.gid), bool) if self.covered is None else self.covered <= 0
 
     @property
     def paired(self) -> np.ndarray:
@@ -159,64 +186,104 @@ def contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm,
             gid, xy = sub.node_gid[sub.contact.node], sub.xy[sub.contact.node]
             parts.append(contact_table(sub.contact, manifest.columns, gid, xy))
     nodes = merge_parts(gather(comm, np.concatenate(parts)), manifest.columns,
-                        manifest.contact_pairs)
+                        manifest.contact_pairs, effects.one_node_a_vertex)
     known = {label for label, _ in nodes.members}
     missing = [wanted for wanted in manifest.contact_labels if wanted not in known]
     if missing:
         raise InputError(f"no contact node has the label {missing[0]}: the scene declares contact "
                          "on a label that its mesh lacks")
-    along = chains(nodes, skeleton)
-    paired, n = nodes.family > 0, len(nodes.gid)
-    row, other, value = np.arange(n), np.arange(n), np.ones(n)
-    gap, length = effects.distance(nodes.columns, n), nodes.weight
+    found = FoundNodes(nodes, chains(nodes, skeleton), fixed,
+                       np.isin(nodes.gid, skeleton.middles), manifest.axisymmetric)
+    gap = effects.distance(nodes.columns, len(nodes.gid))
     motion = effects.motion(nodes, gap)
-    if manifest.axisymmetric:
-        from . import rings  # here: no plane scene needs it
-
-        nodes.weight, (row, other, value) = rings.ring_rows(nodes.xy, along.edges, along.middles)
-        gap = np.bincount(row, value * gap[other], n)
-        if motion is not None:
-            motion.gap = np.array([np.bincount(row, value * g[other], n) for g in motion.gap])
-        length = length.copy()
-    own = row, nodes.gid[other], value, np.zeros(len(row), bool)
-    terms = [tuple(column[~paired[row]] for column in own)]
-    for k, pairs in enumerate(nodes.meeting):
-        here = np.flatnonzero(nodes.family == k + 1)
-        nodes.weight[here], length[here], nodes.normal[here], more, (node, *term) = sides.couple(
-            pairs, nodes.gid[here])
-        gap[here] += more
-        if motion is not None:
-            motion.gap[:, here] = gap[here]
-        terms.append((here[node], *term))
-    held = held_nodes(nodes.gid, fixed)
-    lost = np.flatnonzero(held & ~paired)
-    unused = held | (nodes.weight <= 0)
-    order = along.order[~unused[along.order]]
-    position = np.full(n, -1)
-    position[order], position[lost] = np.arange(len(order)), len(order) + np.arange(len(lost))
-    node, gids, value, other = (np.concatenate(column) for column in zip(*terms))
-    used = ~unused[node]
-    terms = position[node[used]], gids[used], value[used], other[used]
-    if motion is not None:
-        gap = motion.gap[0]
-    values = fixed[1][np.searchsorted(fixed[0], 2 * nodes.gid[lost][:, None] + [0, 1])]
-    clamped = ClampedContact(*(of[lost] for of in (nodes.gid, nodes.label, nodes.xy, nodes.normal,
-                                                   gap)), values, motion and motion.of(lost))
-    none = np.full(len(order), -1)
-    boundary = ContactBoundary(
-        *(of[order] for of in (nodes.gid, nodes.label, along.number, nodes.xy, along.arc,
-                               nodes.weight, length, nodes.normal)),
-        {name: of[order] for name, of in nodes.columns.items()}, gap[order],
-        nodes.family[order], nodes.meeting, np.isin(nodes.gid[order], skeleton.middles), *terms,
-        none, none.copy(),
-        position[along.edges[~paired[along.edges].any(axis=1)]], clamped,
-        about=sides and sides.about, axisymmetric=manifest.axisymmetric,
-        motion=motion and motion.of(order))
+    following = effects.following(nodes, motion)
+    if following is None:
+        boundary = found.boundary(gap, motion, sides)
+    else:
+        boundary = following.first(found, gap, motion, sides)
     if joints := effects.joints:
-        from .joints import with_joints  # here: few scenes need it
+        from .joints import appended, joint_rows  # here: few scenes need them
 
-        return with_joints(boundary, joints, manifest, subdomains, fixed, comm)
+        rows = joint_rows(boundary, joints, manifest, subdomains, fixed, comm)
+        boundary = appended(boundary, rows)
+        if following is not None:
+            following.joints = rows
     return boundary
+
+
+@dataclass
+class FoundNodes:
+    """The n nodes of all contact labels, of which boundaries are made; `middles` (n,) of edges.
+
+    `fixed` as `fixed_dofs` of feti returns it, `along` the Chains.
+    """
+
+    nodes: object
+    along: object
+    fixed: tuple[np.ndarray, np.ndarray]
+    middles: np.ndarray
+    axisymmetric: bool
+
+    def boundary(self, gap: np.ndarray, motion, sides, following=None,
+                 normal: np.ndarray | None = None) -> ContactBoundary:
+        """The boundary with gaps (n,) and the ObstacleMotion, if any, of the nodes.
+
+        With `following` nodes of pairs that face nothing stay, idle, and all have the weights that
+        they have on boundaries that are faced as a whole; `normal` (n, 2) are those on obstacles.
+        """
+        nodes, along, fixed = self.nodes, self.along, self.fixed
+        paired, n = nodes.family > 0, len(nodes.gid)
+        row, other, value = np.arange(n), np.arange(n), np.ones(n)
+        weight, length = nodes.weight.copy(), nodes.weight.copy()
+        normal = (nodes.normal if normal is None else normal).copy()
+        if self.axisymmetric:
+            from . import rings  # here: no plane scene needs it
+
+            weight, (row, other, value) = rings.ring_rows(nodes.xy, along.edges, along.middles)
+            gap = np.bincount(row, value * gap[other], n)
+            if motion is not None:
+                motion.gap = np.array([np.bincount(row, value * g[other], n) for g in motion.gap])
+        own = row, nodes.gid[other], value, np.zeros(len(row), bool)
+        rigid, whole, terms = ~paired[row], weight.copy(), []
+        for k, pairs in enumerate(nodes.meeting):
+            here = np.flatnonzero(nodes.family == k + 1)
+            weight[here], length[here], normal[here], more, (node, *term) = sides.couple(
+                pairs, nodes.gid[here], following and following.reach)
+            gap[here] += more
+            if motion is not None:
+                motion.gap[:, here] = gap[here]
+            terms.append((here[node], *term))
+        held = held_nodes(nodes.gid, fixed)
+        covered = None
+        if following is not None:
+            covered = np.divide(weight, whole, out=np.zeros(n), where=whole > 0)
+            rigid = rigid | (covered[row] <= 0)
+            weight, length = whole, nodes.weight
+        terms.insert(0, tuple(column[rigid] for column in own))
+        lost = np.flatnonzero(held & ~paired)
+        unused = held | (weight <= 0)
+        order = along.order[~unused[along.order]]
+        position = np.full(n, -1)
+        position[order], position[lost] = np.arange(len(order)), len(order) + np.arange(len(lost))
+        node, gids, value, other = (np.concatenate(column) for column in zip(*terms))
+        used = ~unused[node]
+        terms = position[node[used]], gids[used], value[used], other[used]
+        if motion is not None:
+            gap = motion.gap[0]
+        values = fixed[1][np.searchsorted(fixed[0], 2 * nodes.gid[lost][:, None] + [0, 1])]
+        clamped = ClampedContact(*(of[lost] for of in (nodes.gid, nodes.label, nodes.xy, normal,
+                                                       gap)), values, motion and motion.of(lost))
+        none = np.full(len(order), -1)
+        return ContactBoundary(
+            *(of[order] for of in (nodes.gid, nodes.label, along.number, nodes.xy, along.arc,
+                                   weight, length, normal)),
+            {name: of[order] for name, of in nodes.columns.items()}, gap[order],
+            nodes.family[order], nodes.meeting, self.middles[order], *terms,
+            none, none.copy(),
+            position[along.edges[~paired[along.edges].any(axis=1)]], clamped,
+            about=sides and sides.about, axisymmetric=self.axisymmetric,
+            motion=motion and motion.of(order), following=following,
+            covered=None if covered is None else covered[order])
 
 
 def held_nodes(gid: np.ndarray, fixed) -> np.ndarray:

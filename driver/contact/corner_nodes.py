@@ -74,7 +74,7 @@ class CornerNodes:
 
     `nodes` (v, 2) are contact nodes; `normal`, `tangential` (v, 2) positions in the rank's dual
     vectors, -1 where it owns none; `in_tangential` (v, 2) likewise in ContactRows.
-    `alone` (v,): one displacement is free, and one condition acts. `bilateral` (v, 2). `offset`
+    `alone` (v,): one condition acts at a time, see corner_pairs.py. `bilateral` (v, 2). `offset`
     (v, 2): friction forces that need no pressure. `gap` (v, 2): a corner starts with the side that
     is nearer, alike distances with both.
     """

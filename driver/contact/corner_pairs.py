@@ -5,11 +5,14 @@ import numpy as np
 from ..errors import InputError
 
 DEPENDENT = 1e-8  # singular value below which rows of length one depend on one another
+OPPOSITE = 1e-4  # sine of the angle below which two normals count as opposite
 
 
 def corner_pairs(contact, fixed_keys: np.ndarray) -> np.ndarray:
-    """(v, 3) pairs of contact nodes with dependent rows, and how many of these are independent.
+    """(v, 3) pairs of contact nodes with dependent rows, and how many conditions act at a time.
 
+    Two where the vertex can move freely. One where a support leaves it a single displacement, and
+    where a body lies between two obstacles that face one another: of those it may meet either.
     `fixed_keys` are 2 gid + component of the displacements that supports fix. Raises InputError
     where more than two nodes depend on one another.
     """
@@ -28,8 +31,14 @@ def corner_pairs(contact, fixed_keys: np.ndarray) -> np.ndarray:
             x, y = contact.xy[nodes[0]]
             raise InputError(f"contact at ({x:g}, {y:g}): more than two conditions meet there on "
                              "what can move; declare contact on less of the boundary")
-        pairs += [(nodes[k], nodes[i], rank) for k, i, rank in dependent]
+        pairs += [(nodes[k], nodes[i], 1 if _opposite(contact.normal[nodes[[k, i]]]) else rank)
+                  for k, i, rank in dependent]
     return np.array(pairs, int).reshape(-1, 3)
+
+
+def _opposite(normals: np.ndarray) -> bool:
+    """Whether two normals (2, 2) are along one line."""
+    return bool(abs(np.linalg.det(normals)) < OPPOSITE)
 
 
 def _rows(contact, node: int, fixed_keys: np.ndarray) -> list[dict[int, float]]:

@@ -31,6 +31,9 @@ def rigid_equilibrium(rows: ContactRows, motions: np.ndarray, work: np.ndarray, 
     `motions` (owned, modes): dual rows' displacement under every rigid motion; `work` (modes,) of
     the loads on them, `size` (modes,) of its terms. Collective; the same answer on every rank.
     """
+    if rows.idle is not None:
+        motions = motions.copy()
+        motions[rows.idle] = 0.0
     law = [np.zeros(len(rows.tangential)) if values is None else values
            for values in (rows.coefficient, rows.offset)]
     parts = comm.gather((motions[rows.normal], rows.gap, rows.normal_node, rows.pulls,

@@ -125,8 +125,8 @@ def boundary_edges(subdomains, labels, nodes: int, comm) -> Edges:
                  table[:, 1 + nodes:].reshape(-1, nodes, 2))
 
 
-def with_joints(boundary, joints: list[Joint], manifest, subdomains, fixed, comm):
-    """The ContactBoundary with the rows of `joints` behind its own nodes; collective.
+def joint_rows(boundary, joints: list[Joint], manifest, subdomains, fixed, comm) -> list[dict]:
+    """The rows of `joints`, for `appended` to a ContactBoundary; collective.
 
     `fixed` as fixed_dofs of feti returns it. Raises InputError for boundaries that cannot be
     joined.
@@ -147,7 +147,7 @@ def with_joints(boundary, joints: list[Joint], manifest, subdomains, fixed, comm
             part["chain"] += chain
             chain = part["chain"].max(initial=chain - 1) + 1
         parts += rows
-    return _appended(boundary, parts)
+    return parts
 
 
 def _rows(joint: Joint, edges: Edges, crossing: np.ndarray, fixed: np.ndarray,
@@ -262,18 +262,19 @@ def _along(side: mortar.Side) -> tuple[np.ndarray, np.ndarray]:
     return arc, piece
 
 
-def _appended(boundary, parts: list[dict]):
-    """The boundary with rows of joints behind its nodes."""
-    start, names = len(boundary.gid), [*parts[0]]
+def appended(boundary, parts: list[dict]):
+    """The ContactBoundary with the rows `parts` of `joint_rows` behind its own nodes."""
+    start, placed = len(boundary.gid), []
     for part in parts:
-        part["term_node"] = part["term_node"] + start
+        placed.append(part | {"term_node": part["term_node"] + start})
         start += len(part["gid"])
-    joined = {name: np.concatenate([getattr(boundary, name), *(part[name] for part in parts)])
-              for name in names}
+    joined = {name: np.concatenate([getattr(boundary, name), *(part[name] for part in placed)])
+              for name in parts[0]}
     more = start - len(boundary.gid)
     none, family = np.full(start, -1), len(boundary.meeting) + 1
     return replace(
         boundary, **joined, joined=more, normal_row=none, tangential_row=none.copy(),
         family=np.append(boundary.family, np.full(more, family)),
-        middle=np.append(boundary.middle, np.zeros(more, bool))
+        middle=np.append(boundary.middle, np.zeros(more, bool)),
+        covered=None if boundary.covered is None else np.append(boundary.covered, np.ones(more))
     ).renewed(boundary.columns, boundary.gap, boundary.motion)

@@ -155,17 +155,19 @@ def meets(first: np.ndarray, second: np.ndarray, pairs: list) -> np.ndarray:
     return np.any([np.outer(first == one, second == two) for one, two in pairs], axis=0)
 
 
-def couple(first: Side, second: Side, held: np.ndarray, able: np.ndarray | None = None) -> Coupling:
+def couple(first: Side, second: Side, held: np.ndarray, able: np.ndarray | None = None,
+           reach: float | None = None) -> Coupling:
     """Mortar coupling of two sides; InputError if a place of the first faces several places.
 
-    Edges meet where `able` (e, o) says so, by default all.
+    Edges meet where `able` (e, o) says so, by default all. With a `reach` the nearest place counts
+    of those that are no farther away.
 
     A node of the first side that a support holds (`held`, (n,) bool) has no displacement to
     constrain: the next node's multiplier on the edge takes its part over, which keeps constant
     stress exact and the rows independent.
     """
     normal = first.nodal_normals()
-    e, o, start, stop = _facing_parts(first, normal, second, able)
+    e, o, start, stop = _facing_parts(first, normal, second, able, reach)
     n, (dual, whole) = len(first.xy), _dual_basis(first, e, start, stop)
     heir = _heirs(first.edges, whole)
     rows = np.where(held[first.edges], heir, first.edges)
@@ -298,7 +300,8 @@ def segments(first: Side, second: Side, able: np.ndarray | None = None) -> Segme
     return Segments(e, o, np.column_stack([start, stop]), np.column_stack(facing))
 
 
-def _facing_parts(first: Side, normal: np.ndarray, second: Side, able: np.ndarray | None):
+def _facing_parts(first: Side, normal: np.ndarray, second: Side, able: np.ndarray | None,
+                  reach: float | None = None):
     """Pairs of facing edges and the interval [start, stop] of the first edge that they share."""
     facing = first.edge_normal @ second.edge_normal.T < FACING
     e, o = np.nonzero(facing if able is None else facing & able)
@@ -308,6 +311,8 @@ def _facing_parts(first: Side, normal: np.ndarray, second: Side, able: np.ndarra
     e, o, start, stop = e[keep], o[keep], start[keep], stop[keep]
     keep = _meets(first, normal, second, e, o, (start + stop) / 2)
     e, o, start, stop = e[keep], o[keep], start[keep], stop[keep]
+    if reach is not None:
+        e, o, start, stop = _nearest_parts(first, normal, second, e, o, start, stop, reach)
     covered = np.bincount(e, stop - start, minlength=len(first.edges))
     if covered.max(initial=0.0) > 1.0 + 1e-6:
         place = first.xy[first.edges[covered.argmax()]].mean(axis=0)
@@ -315,6 +320,32 @@ def _facing_parts(first: Side, normal: np.ndarray, second: Side, able: np.ndarra
                          "several places of the other side; label only the parts that can meet")
     order = np.lexsort((start, e))
     return e[order], o[order], start[order], stop[order]
+
+
+def _nearest_parts(first: Side, normal: np.ndarray, second: Side, e, o, start, stop,
+                   reach: float):
+    """The same without what is farther away than `reach`, and behind what is nearer."""
+    _, distance, _ = _project(first, normal, second, e, o, (start + stop) / 2)
+    near = np.abs(distance) <= reach
+    e, o, start, stop = e[near], o[near], start[near], stop[near]
+    order = np.lexsort((start, e))
+    e, o, start, stop = e[order], o[order], start[order], stop[order]
+    last = np.maximum.accumulate(stop + 2.0 * e) - 2.0 * e  # end of the parts so far of an edge
+    doubled = np.unique(e[1:][(e[1:] == e[:-1]) & (start[1:] < last[:-1] - SLIVER)])
+    plain = ~np.isin(e, doubled)
+    parts = [(e[plain], o[plain], start[plain], stop[plain])]
+    for edge in doubled:
+        here = np.flatnonzero(e == edge)
+        cuts = np.unique(np.concatenate([start[here], stop[here]]))
+        for low, high in zip(cuts[:-1], cuts[1:]):
+            over = here[(start[here] <= low) & (stop[here] >= high)]
+            if high - low <= SLIVER or not len(over):
+                continue
+            place = np.full(len(over), (low + high) / 2)
+            _, away, _ = _project(first, normal, second, e[over], o[over], place)
+            nearest = over[np.abs(away).argmin()]
+            parts.append(([edge], [o[nearest]], [low], [high]))
+    return tuple(np.concatenate(column) for column in zip(*parts))
 
 
 def _meets(first: Side, normal: np.ndarray, second: Side, e: np.ndarray, o: np.ndarray,

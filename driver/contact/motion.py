@@ -31,7 +31,7 @@ class ObstacleMotion:
 
     def gap_at(self, time: float) -> np.ndarray:
         """(n,) distances at one of the `times`, or of their repetitions."""
-        return self.gap[self._index(time)]
+        return self.gap[self.index(time)]
 
     def way(self, before: float, now: float) -> np.ndarray:
         """(n,) tangential displacement, from one of these times to another, of the surfaces met.
@@ -40,7 +40,7 @@ class ObstacleMotion:
         last, differ where obstacles turn; their mean is that of the points in between to second
         order in the angle.
         """
-        first, last = self._index(before), self._index(now)
+        first, last = self.index(before), self.index(now)
         turn = self.angle[last] - self.angle[first]
         shift = self.shift[last] - self.shift[first]
         from_first = shift + _turned(self.xy - self.pivot - self.shift[first], turn)
@@ -70,7 +70,20 @@ class ObstacleMotion:
                    <= SAME * np.abs(values).max(initial=0.0)
                    for values in (self.gap, self.shift, self.angle))
 
-    def _index(self, time: float) -> int:
+    def histories(self, nodes: np.ndarray) -> dict[str, list[float]]:
+        """What moves the obstacle that `nodes` of one label meet: shift_x, shift_y, angle.
+
+        Values at `times`, those that are zero all along left out; where none is left, distance,
+        that of the nearest node, if it changes.
+        """
+        shift = self.shift[:, nodes[0]]
+        known = {"shift_x": shift[:, 0], "shift_y": shift[:, 1], "angle": self.angle[:, nodes[0]]}
+        moving = {name: values.tolist() for name, values in known.items() if values.any()}
+        nearest = self.gap[:, nodes].min(axis=1)
+        return moving or ({"distance": nearest.tolist()} if np.ptp(nearest) > 0 else {})
+
+    def index(self, time: float) -> int:
+        """Place of the nearest of the `times`, or of the one that a later time repeats."""
         first, last = self.times[self.again], self.times[-1]
         if time > last + SAME * (last - first):
             time = first + (time - first) % (last - first)

@@ -71,17 +71,20 @@ def _meeting(label, gid, normal, pairs: list) -> list[list[tuple[int, int]]]:
             for one in dict.fromkeys(root)]
 
 
-def merge_parts(table: np.ndarray, columns: list[str], pairs: list) -> Nodes:
+def merge_parts(table: np.ndarray, columns: list[str], pairs: list,
+                one_a_vertex: bool = False) -> Nodes:
     """The nodes of a `contact_table`; `columns` are the names of its columns, `pairs` the labels.
 
-    Raises InputError where a vertex has more than two directions on rigid obstacles.
+    `one_a_vertex`: whatever their directions, all parts at a vertex are one node. Raises InputError
+    where a vertex has more than two directions on rigid obstacles.
     """
     label, gid = table[:, :2].T.astype(np.int64)
     normal = table[:, 3:5] / np.linalg.norm(table[:, 3:5], axis=1)[:, None]
     meeting, family = _meeting(label, gid, normal, pairs), np.zeros(len(table), np.int64)
     for k, together in enumerate(meeting):
         family[np.isin(label, [first for first, _ in together])] = k + 1
-    node = _node_of_parts(label, gid, family, normal, table[:, -2:])
+    node = _node_of_parts(label, gid, family, normal, table[:, -2:],
+                          -np.inf if one_a_vertex else TURN)
     count = int(node.max(initial=-1)) + 1
     total = np.zeros((count, table.shape[1] - 4))
     np.add.at(total, node, table[:, 2:-2])
@@ -104,11 +107,11 @@ def merge_parts(table: np.ndarray, columns: list[str], pairs: list) -> Nodes:
                  members)
 
 
-def _node_of_parts(label, gid, family, normal, xy) -> np.ndarray:
-    """(parts,) numbers of the nodes that parts belong to."""
+def _node_of_parts(label, gid, family, normal, xy, turn: float) -> np.ndarray:
+    """(parts,) numbers of the nodes that parts belong to; `turn`: cosine of one node's normals."""
     _, first, vertex = np.unique(np.column_stack([family, gid]), axis=0, return_index=True,
                                  return_inverse=True)
-    apart = (normal * normal[first[vertex]]).sum(axis=1) < TURN
+    apart = (normal * normal[first[vertex]]).sum(axis=1) < turn
     node = 2 * vertex
     for kinked in np.unique(vertex[apart & (family == 0)]):
         parts = np.flatnonzero(vertex == kinked)

@@ -55,7 +55,7 @@ class ContactRows:
     with `pair`, the position of the same node's normal row, and `node`. `coefficient` (j,) of
     friction, and `offset` (j,) of its bound, are None where no declared effect has one. `corners`
     are vertices with two contact nodes, whose states exclude rows: their multipliers are zero. None
-    where there are none.
+    where there are none. `idle` are rows of nodes that face nothing, likewise, if any.
     """
 
     normal: np.ndarray
@@ -69,6 +69,7 @@ class ContactRows:
     gluing: np.ndarray
     pulls: np.ndarray
     corners: CornerNodes | None = None
+    idle: np.ndarray | None = None
 
     @property
     def bilateral(self) -> np.ndarray:
@@ -94,6 +95,8 @@ class ContactRows:
         if self.corners is not None:
             excluded = self.corners.excluded
             lower[excluded] = upper[excluded] = 0.0
+        if self.idle is not None:
+            lower[self.idle] = upper[self.idle] = 0.0
         return lower, upper
 
     def pressing(self, x: np.ndarray) -> np.ndarray:
@@ -157,8 +160,13 @@ def contact_rows(structure: Substructure, law: ContactLaw) -> ContactRows:
                            for values in (law.coefficient, law.offset))
     place = np.full(len(contact.gid), -1)
     place[tangential] = np.arange(len(tangential))
+    idle = None
+    if contact.idle.any():
+        idle = np.concatenate([contact.normal_row[normal][contact.idle[normal]],
+                               contact.tangential_row[tangential][contact.idle[tangential]]])
+        idle = idle - start
     return ContactRows(contact.normal_row[normal] - start, normal, contact.gap[normal],
                        contact.tangential_row[tangential] - start, tangential,
                        contact.normal_row[tangential] - start, coefficient, offset,
                        np.flatnonzero(structure.row_kind[start : stop] == RowKind.GLUING),
-                       law.bilateral[normal], corner_nodes(structure, place, law))
+                       law.bilateral[normal], corner_nodes(structure, place, law), idle)

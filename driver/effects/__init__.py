@@ -113,6 +113,11 @@ class Effect:
     def motion(self, nodes, distance: np.ndarray):
         """The ObstacleMotion of the contact `nodes`, whose distance is `distance` (n,) else."""
 
+    one_node_a_vertex = False  # contact nodes are made by place, not by direction
+
+    def following(self, nodes, motion):
+        """The Following of the contact `nodes` and their ObstacleMotion; contact/following.py."""
+
     def paired_sides(self, subdomains, fixed, comm, moved=None):
         """Boundaries of two bodies that meet; see effects/pair.py."""
 
@@ -247,6 +252,16 @@ class Effects:
         motions = (room.motion(nodes, distance) for room in self)
         return next((motion for motion in motions if motion is not None), None)
 
+    def following(self, nodes, motion):
+        """The Following of contact nodes, None where their geometry is that of the start."""
+        kinds = (room.following(nodes, motion) for room in self)
+        return next((following for following in kinds if following is not None), None)
+
+    @property
+    def one_node_a_vertex(self) -> bool:
+        """Whether all parts of dual segments at a vertex make one contact node."""
+        return any(room.one_node_a_vertex for room in self)
+
     def paired_sides(self, subdomains, fixed, comm, moved=None):
         """Boundaries of two bodies that meet (effects/pair.py), None without pairs; collective."""
         sides = (room.paired_sides(subdomains, fixed, comm, moved) for room in self)
@@ -264,7 +279,10 @@ class Effects:
         pulls = np.zeros(len(contact.weight), bool) if pulls is None else pulls
         if contact.joined:
             pulls = pulls | contact.is_joint
-        return ContactLaw(coefficient, _sum(room.friction_offset(contact) for room in self), pulls)
+        offset = _sum(room.friction_offset(contact) for room in self)
+        if offset is not None and contact.covered is not None:
+            offset = offset * contact.covered
+        return ContactLaw(coefficient, offset, pulls)
 
     def initial_displacement(self, contact) -> np.ndarray:
         """(n_c,) tangential displacement at time 0, zero if none is declared."""
@@ -282,7 +300,7 @@ class Effects:
         """
         law = self.contact_law(contact)
         return (law.offset is None and not self.coefficient_changes and not self.closes
-                and contact.motion is None
+                and contact.motion is None and contact.following is None
                 and not contact.gap.any() and not initial.any())
 
     def before_first_step(self, solver) -> None:

@@ -17,6 +17,9 @@ class Room(Effect):
         if not (isinstance(start, int) and isinstance(count, int) and count > 0
                 and 0 <= start < manifest.steps):
             raise InputError("cycles must have a start and a count; run the scene again")
+        if "large_sliding" in manifest.rooms:
+            raise InputError("cycles cannot be judged where contact follows the motion: nodes meet "
+                             "another place in every cycle; leave cycles or largeSliding out")
         self.repeats = start, count
         self.summary = {"cycles": count}
         period = manifest.t_end * (1 - start / manifest.steps)

@@ -39,7 +39,9 @@ class Room(Effect):
         pivot = np.column_stack([columns.get(name, np.zeros(count))
                                  for name in ("pivot_x", "pivot_y")])
         tangent = np.column_stack([-nodes.normal[:, 1], nodes.normal[:, 0]])
-        if "phi@0" in columns:
+        if "large_sliding" in self.manifest.rooms:  # finds distances itself
+            gap = np.tile(distance, (steps + 1, 1))
+        elif "phi@0" in columns:
             slope = np.stack([history("phi_x"), history("phi_y")], axis=-1)
             gap = _distance(history("phi"), slope, nodes, times)
         elif "gap_in_time@0" in columns:

@@ -1,5 +1,7 @@
 """Contact between two bodies on non-matching meshes: mortar coupling (contact/mortar.py)."""
 
+import copy
+
 import numpy as np
 
 from ..contact import mortar
@@ -51,8 +53,17 @@ class PairSides:
             gids, first = np.unique(self.gid, return_index=True)
             self.about = Configuration(gids, self.u.reshape(-1, 2)[first])
 
-    def couple(self, pairs: list[tuple[int, int]], nodes: np.ndarray):
+    def displaced(self, about: Configuration) -> "PairSides":
+        """The same boundaries about other displacements of all their nodes."""
+        other = copy.copy(self)
+        other.about, other.u = about, about.u[np.searchsorted(about.gid, self.gid)]
+        return other
+
+    def couple(self, pairs: list[tuple[int, int]], nodes: np.ndarray, reach: float | None = None):
         """Weight, length (n,), normal (n, 2), gap (n,), terms (node, gid, value, other body).
+
+        `reach`: of several places that a place faces within it the nearest counts, and there may
+        be none. By default there must be one.
 
         `pairs` are labels whose first ones make one boundary.
 
@@ -61,8 +72,8 @@ class PairSides:
         """
         (first, gids, one), (second, others, two) = map(self._side, zip(*pairs))
         pair = mortar.couple(first, second, held_nodes(gids, self.fixed),
-                             mortar.meets(one, two, pairs))
-        if not pair.weight.any():
+                             mortar.meets(one, two, pairs), reach)
+        if not pair.weight.any() and reach is None:
             one, two = pairs[0]
             raise InputError(
                 f"the boundaries {one} and {two} of a contact pair do not face each other, or a "

@@ -55,6 +55,7 @@ PRODUCTS = 200  # of one problem at most
 LOOSE = 1e-6  # relative work of contact forces on a motion that nothing but springs resists
 CORNERS = "contact boundaries meet in corners"
 REVOLVED = "a body of revolution"
+FOLLOWS = "contact follows the motion: they keep the geometry of a step"
 EARLIER = "its step was not kept"
 
 
@@ -83,6 +84,8 @@ def unsuited(problem, solver, step) -> str:
     """Why a run has no adjoint problems; empty if it has."""
     if problem.manifest.axisymmetric:
         return REVOLVED
+    if problem.structure.contact.following is not None:
+        return FOLLOWS
     if solver.rows.corners is not None:
         return CORNERS
     if step is None:

@@ -164,6 +164,7 @@ class Alternatives:
         kind = adaptivity.coarse(dataclasses.asdict(self.companions.settings))["estimator"]
         estimator = EnergyEstimator(problem.operator, problem.manifest, contact, kind)
         for step in coarse.steps:
+            problem.operator.follow(step)
             fields = problem.operator.deformations(step.multipliers, step.weights)
             estimator.consider(step, contact.evaluate(step, fields), 1.0)
         estimates = [estimate for _, estimate in estimator.estimates()]

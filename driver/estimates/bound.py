@@ -130,7 +130,8 @@ class EquilibratedBound:
         apart = body.norm(final.stress + body.stress(lift[body.vertex]))
         correction = apart + float(np.sqrt((bumps**2).sum()))
         between += bumps
-        gap = contact.duality_gap() + more
+        # negative where tractions on coarse curved sides leave the cone of friction inside edges
+        gap = max(contact.duality_gap() + more, 0.0)
         shift = base - elastic + thermal - body.stress(lift[body.vertex])  # consistent forces'
         mean = self.deviations.mean(deviation)
         share = self.deviations.energy(deviation) + body.work(2 * mean + shift, shift)

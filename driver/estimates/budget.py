@@ -219,9 +219,9 @@ def finer(knob: str, size: float, factor: float) -> float:
     return min(float(np.floor(size / factor * 10.0**digits + 1e-9) / 10.0**digits), size)
 
 
-def name_of(knob: str, value: float) -> str:
-    """A setting as on the command line."""
-    return f"{knob.upper()}={value:g}"
+def name_of(knob: str, value: float | str) -> str:
+    """A setting, a number or a word such as P2, as on the command line."""
+    return f"{knob.upper()}={value if isinstance(value, str) else format(value, 'g')}"
 
 
 def advice(quantities: dict, remedies: dict[str, str]) -> str:

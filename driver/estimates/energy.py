@@ -28,10 +28,11 @@ class EnergyEstimator:
 
     def __init__(self, operator, manifest: Manifest, contact, kind: str):
         """`contact` is a ContactState; `kind` "equilibrated" (the bound), "recovery" or "none"."""
-        # the bound is for linear elements, and plane
+        # the bound is for linear elements, plane, and contact conditions of one geometry
         self.quadratic, revolved = manifest.element != "P1", manifest.axisymmetric
         self.operator, self.manifest, self.contact = operator, manifest, contact
-        smoothed = kind == "equilibrated" and (self.quadratic or revolved)
+        follows = operator.structure.contact.following is not None
+        smoothed = kind == "equilibrated" and (self.quadratic or revolved or follows)
         self.kind = "recovery" if smoothed else kind
         self.gather = Gather(operator)
         self.bound = None
@@ -75,6 +76,7 @@ class EnergyEstimator:
         """The estimate of one step on rank 0, None elsewhere."""
         if reason := Effects(self.manifest).no_estimate(step.weights):
             return Estimate(step.index, reason=reason)
+        self.operator.follow(step)
         displacements = self.operator.deformations(step.multipliers, step.weights)
         if self.bound is not None and self._changes_kind():
             return Estimate(step.index, reason="where bilateral and unilateral contact meet "

@@ -50,6 +50,7 @@ def locking(problem, step) -> list[str]:
             for sub in structure.subdomains]
     if not comm.allreduce(int(sum(map(np.count_nonzero, soft)))):
         return []
+    problem.operator.follow(step)
     fields = problem.operator.deformations(step.multipliers, step.weights)
     parts = [_stresses(sub, some, u) for sub, some, u in zip(structure.subdomains, soft, fields)]
     linear = manifest.element == "P1"

@@ -105,6 +105,8 @@ class Validity:
     def check(self, step, state: dict) -> None:
         """Check a step with the `state` of its contact nodes, arrays (n_c,) by ContactField."""
         operator = self.problem.operator
+        operator.follow(step)
+        self.boundary = self.structure.contact.declared
         fields = operator.deformations(step.multipliers, step.weights)
         self._check_deformation(step, fields)
         place, moved = self._outline(operator.with_travel(fields, step.weights))
@@ -171,7 +173,10 @@ class Validity:
                 continue
             used = (b.gap - state[ContactField.U_N])[touching]
             xy, u = b.xy[touching], moved[b.gid[touching]]
-            if b.paired[here[0]]:
+            if b.following is not None:
+                true, normal = self._followed(step, moved)
+                true, turn = true[touching], _angle(-normal[touching], b.normal[touching])
+            elif b.paired[here[0]]:
                 others = [two for one, two in pairs if one == b.label[here[0]]]
                 true, turn = self._from_other(others, xy, u, place, moved, touching)
             else:
@@ -183,6 +188,15 @@ class Validity:
             for name, values in (("largest_normal_error", error), ("normal_turn", turn)):
                 k = int(values.argmax())
                 self.note(name, values[k], xy[k], step.index, paired=bool(b.paired[here[0]]))
+
+    def _followed(self, step, moved: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Distances (n_c,) and the contact's normals (n_c, 2) about displacements (nodes, 2)."""
+        following = self.boundary.following
+        u = moved[following.gids]
+        now = following.about(u, step.time).declared
+        jump = (now.normal[now.term_node] * u[np.searchsorted(following.gids, now.term_gid)])
+        over = np.bincount(now.term_node, now.term_value * jump.sum(axis=1), len(now.gid))
+        return now.gap - over, now.normal
 
     @staticmethod
     def _from_obstacle(b, here: np.ndarray, displaced: np.ndarray):
@@ -239,7 +253,7 @@ class Validity:
             depth = np.linalg.norm(end[i] - start[i]) / size[body[i]]
             self._note_depth(step, np.array([i]), np.array([k]), np.array([depth]), pairs, start)
         if len(self.boundary.gid):
-            gap = self.boundary.at(step.time).gap
+            gap = self.boundary.start.at(step.time).gap
             k = int(gap.argmin())
             whole = size[self.body[self.boundary.gid[k]]]
             self.note("gap", -gap[k] / whole, self.boundary.xy[k], step.index)

@@ -39,6 +39,10 @@ class BlockDiagonal:
             rows, columns = matrices[k].shape
             self.blocks[k] = kept[shape].matrices[place, :rows, :columns]
 
+    def put(self, k: int, matrix: np.ndarray) -> None:
+        """Replace the block of class k, which is not shared, by one of the same shape."""
+        self.blocks[k][...] = matrix
+
     def multiply(self, x: np.ndarray, y: np.ndarray, add: bool = False) -> None:
         """Overwrite y, or add to it. Blocks without rows or columns leave y as it is."""
         for k, source, target, M in self.shared:

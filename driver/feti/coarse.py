@@ -43,7 +43,7 @@ class CoarseProblem:
         self._all_numbers = np.concatenate(comm.allgather(joined(corners, int)))
         self.foreign = len(self._all_numbers) - len(self.numbers)
         self._all_forces = Gathering(comm, len(self.numbers))
-        self.factor_entries = 0
+        self.factor_entries, self._latest = 0, None
         if self.dofs:
             self._factorize(_assembled(structure, classes, comm))
 
@@ -101,7 +101,16 @@ class CoarseProblem:
         return self._solution.array
 
     def inverse(self, dofs: np.ndarray) -> np.ndarray:
-        """Rows and columns `dofs` (k,) of S_rho^-1, (k, k); the ranks share the columns."""
+        """Rows and columns `dofs` (k,) of S_rho^-1, (k, k); the ranks share the columns.
+
+        Those of the latest dofs are kept.
+        """
+        if self._latest is None or not np.array_equal(self._latest[0], dofs):
+            self._latest = dofs, self._inverse(dofs)
+        return self._latest[1]
+
+    def _inverse(self, dofs: np.ndarray) -> np.ndarray:
+        """The same anew."""
         mine = dofs[slice(*partition(len(dofs), self.comm))]
         columns, force = np.empty((len(mine), len(dofs))), np.zeros(self.dofs)
         for k, dof in enumerate(mine):

@@ -27,8 +27,13 @@ class DirichletPreconditioner:
 
     def __init__(self, operator):
         self.vectors, self.classes = operator.vectors, operator.classes
-        general = operator.modes or operator.structure.contact.coupled.any()
-        schur = [_released(c) if general else _schur(c) for c in operator.classes]
+        structure = operator.structure
+        inverted = _schur
+        if structure.numbering is not None:
+            inverted = _kept
+        elif operator.modes or structure.contact.coupled.any():
+            inverted = _released
+        schur = [inverted(c) for c in operator.classes]
         self.blocks = BlockDiagonal(operator.classes, schur, "rows", "rows")
         self.schur = self.blocks.blocks
         self.softened: dict[tuple[int, int], _Softened] = {}  # by class and member
@@ -72,6 +77,13 @@ class _Softened:
     def less(self, forces: np.ndarray) -> np.ndarray:
         """(m,) S (D^-1 + S)^-1 `forces`, which are S times displacements."""
         return self.S @ cho_solve(self._factor, forces[self.here], check_finite=False)
+
+
+def _kept(c: LocalClass) -> np.ndarray:
+    """`_released` once for all rows of a class: other classes' may change."""
+    if c.schur is None:
+        c.schur = _released(c)
+    return c.schur
 
 
 def _schur(c: LocalClass) -> np.ndarray:

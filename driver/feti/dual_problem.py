@@ -76,6 +76,9 @@ class DualProblem(ABC):
     def preconditioner(self):
         """Callable (residual, free) -> preconditioned residual on the face, zero elsewhere."""
 
+    def follow(self, step) -> None:
+        """Take the contact rows that a Step was solved with, where they change; collective."""
+
     def norm_bound(self, scale: np.ndarray) -> float | None:
         """Bound of ||D F D||, D = diag(scale), (owned,); None where only products could tell."""
         return None

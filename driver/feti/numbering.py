@@ -90,6 +90,8 @@ def number(manifest, subdomains, first, skeleton, fixed, contact, comm, friction
     row_starts = np.array(starts, np.int64) - row_range[0]
     numbering = _Numbering(skeleton, corner_keys, fixed, gluing, number[:n_g], contact, share)
     local = numbering.localize(subdomains)
+    if contact.following is not None:
+        contact.following.settle(contact)
     primal = comm.allreduce(sum(sub.dofs for sub in subdomains))
     outer = ~skeleton.shared
     middles = skeleton.middles[outer] if len(skeleton.middles) else skeleton.middles
@@ -104,7 +106,8 @@ def number(manifest, subdomains, first, skeleton, fixed, contact, comm, friction
                         rigid_corners=at_corners,
                         uneven=np.intersect1d(skeleton.uneven_gids, contact.gid),
                         outer_edges=skeleton.edges[outer][:, 1:], outer_middles=middles,
-                        primal_dofs=primal)
+                        primal_dofs=primal,
+                        numbering=None if contact.following is None else numbering)
 
 
 def _pair_share(skeleton, contact) -> np.ndarray:
@@ -123,7 +126,8 @@ def _pair_share(skeleton, contact) -> np.ndarray:
         return total / np.maximum(np.bincount(node, size[terms], count), 1e-300)
 
     own, other = mean(~contact.term_other), mean(contact.term_other)
-    return np.where(contact.paired & (own > 0), 2 * other / np.maximum(own + other, 1e-300), 1.0)
+    met = contact.paired & (own > 0) & ~contact.idle
+    return np.where(met, 2 * other / np.maximum(own + other, 1e-300), 1.0)
 
 
 def _row_scale(skeleton, row_gid, kind, share) -> np.ndarray:
@@ -194,7 +198,10 @@ class _Numbering:
         self.shared_stiffness = skeleton.over_subdomains(np.add, skeleton.stiffness)
         self.place_of = np.empty_like(order)
         self.place_of[order] = self.place
-        self.at_contact = np.isin(skeleton.gids, contact.term_gid)
+        self.may_touch = contact.term_gid
+        if contact.following is not None:
+            self.may_touch = np.union1d(contact.following.gids, contact.term_gid)
+        self.at_contact = np.isin(skeleton.gids, self.may_touch)
         here = np.flatnonzero(self.at_contact[skeleton.node_id[order]])
         stiffer = np.lexsort((-skeleton.stiffness[order[here]], self.pairs[here] // self._span))
         self.rank = np.zeros(len(order), np.int64)
@@ -218,11 +225,18 @@ class _Numbering:
         fixed = [self._fixed(sub, held_dof[part]) for sub, part in zip(subdomains, held_at)]
         rows = self._gluing_rows(node_id, dof)
         touching = np.add.reduceat(np.append(self.at_contact[node_id], 0), skeleton.starts[:-1])
-        for s in np.flatnonzero(touching):
+        self.glued = {s: (rows[s], fixed[s][0]) for s in np.flatnonzero(touching).tolist()}
+        for s in self.glued:
             rows[s] = self._with_contact(rows[s], subdomains[s], fixed[s][0])
         return ([dofs for dofs, _ in fixed], [values for _, values in fixed],
                 [corner_dof[part] for part in corner_at],
                 [corner_number[part] for part in corner_at], rows)
+
+    def renewed(self, contact, subdomains: list[Subdomain]) -> dict[int, LocalRows]:
+        """Rows of the local subdomains that may touch, with the rows of another `contact`."""
+        self.contact, self.coupled = contact, contact.coupled
+        return {s: self._with_contact(rows, subdomains[s], fixed)
+                for s, (rows, fixed) in self.glued.items()}
 
     def _present(self, numbers: np.ndarray):
         """Where (nodes, 2) the rank's `numbers` are any, and every subdomain's slice of them."""

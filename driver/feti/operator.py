@@ -30,7 +30,7 @@ from .coarse import CoarseProblem
 from .dirichlet import DirichletPreconditioner
 from .dual_problem import DualProblem
 from .recovery import Recovery
-from .reduction import LocalClass, group, reduce_class, stack
+from .reduction import LocalClass, group, reduce_class, renew_rows, stack
 from .rigid_parts import LeastDeformation, RigidParts
 from .rows import RowKind
 from .structure import Substructure
@@ -53,14 +53,7 @@ class DualOperator(DualProblem):
         super().__init__(structure, structure.row_range[1] - structure.row_range[0], comm)
         self.modes = len(structure.rigid_modes)
         self.classes = _reduced(structure, comm)
-        stack(self.classes)
-        self.vectors = DualVectors(structure, self.classes, comm)
-        self._F = BlockDiagonal(self.classes, [c.F for c in self.classes], "rows", "rows")
-        for c, block in zip(self.classes, self._F.blocks):
-            c.F = block  # where the product keeps it, and not once more
-        self._A = BlockDiagonal(self.classes, [c.A for c in self.classes], "rows", "corners")
-        transposed = [c.A_transposed for c in self.classes]
-        self._A_transposed = BlockDiagonal(self.classes, transposed, "corners", "rows")
+        self._lay_out()
         self.coarse = CoarseProblem(structure, self.classes, comm)
         self._recovery = Recovery(structure, self.classes, self.coarse)
         self.acting = [s for s, sub in enumerate(structure.subdomains)
@@ -82,6 +75,18 @@ class DualOperator(DualProblem):
         self.rigid_parts = RigidParts(structure, comm)
         self._least = LeastDeformation(structure, self.classes, comm)
         self._latest = None  # multipliers, weights and their fields, see `deformations`
+        self._fields = None  # displacements under every load pattern, see `renew`
+
+    def _lay_out(self) -> None:
+        """Local rows of all classes, and products with their matrices."""
+        stack(self.classes)
+        self.vectors = DualVectors(self.structure, self.classes, self.comm)
+        self._F = BlockDiagonal(self.classes, [c.F for c in self.classes], "rows", "rows")
+        for c, block in zip(self.classes, self._F.blocks):
+            c.F = block  # where the product keeps it, and not once more
+        self._A = BlockDiagonal(self.classes, [c.A for c in self.classes], "rows", "corners")
+        transposed = [c.A_transposed for c in self.classes]
+        self._A_transposed = BlockDiagonal(self.classes, transposed, "corners", "rows")
 
     def _response(self, weights: np.ndarray,
                   forces: list | None = None) -> tuple[np.ndarray, np.ndarray]:
@@ -89,6 +94,68 @@ class DualOperator(DualProblem):
         rows, corner = self._recovery.response(weights, forces)
         self._A_transposed.multiply(corner, rows, add=True)
         return self.vectors.assemble(rows * self.vectors.sign), corner
+
+    # ---- contact that follows the motion ---------------------------------------------------------
+    def renew(self, contact) -> None:
+        """Take the contact rows of `contact`, a ContactBoundary with the same nodes; collective.
+
+        Factors of subdomains, the coarse problem and all rows of others stay.
+        """
+        structure = self.structure
+        if self._fields is None:
+            none = np.zeros(len(self.vectors.sign))
+            self._fields = [self._recovery.displacements(none, unit, None, corner) for
+                            unit, (_, corner) in zip(np.eye(structure.patterns), self._loaded)]
+        structure.contact = contact
+        for s, rows in structure.numbering.renewed(contact, structure.subdomains).items():
+            structure.rows[s] = rows
+        changed = [k for k, c in enumerate(self.classes) if c.kept is not None]
+        for k in changed:
+            c = self.classes[k]
+            F, c.A = renew_rows(structure, c)
+            c.A_transposed = np.ascontiguousarray(c.A.T)
+            if contact.paired.any():
+                c.F = F
+            else:
+                for blocks, matrix in ((self._F, F), (self._A, c.A),
+                                       (self._A_transposed, c.A_transposed)):
+                    blocks.put(k, matrix)
+        if contact.paired.any():  # other subdomains may be met
+            self._lay_out()
+        patterns = structure.patterns
+        for k in range(self.modes):
+            self.motions[k] = free_motions.displacement(structure, self.classes, self.vectors, k)
+            self._loaded[patterns + k] = self.motions[k], self._loaded[patterns + k][1]
+        self._motion_columns = np.array(self.motions).reshape(self.modes, self.owned).T
+        self.travels = {k: rows_moved(structure, self.classes, self.vectors, k)
+                        for k in structure.travel.patterns}
+        for k, fields in enumerate(self._fields):
+            d, corner = self._loaded[k]
+            moved = self._contact_rows_of(fields, changed)
+            self._loaded[k] = np.where(self._contact > 0, moved, d), corner
+        self._latest = None
+
+    def follow(self, step) -> None:
+        """See DualProblem; nothing where contact does not follow the motion."""
+        contact = self.structure.contact
+        if contact.following is None or step.about is None:
+            return
+        if contact.about.u is not step.about or contact.time != step.time:
+            now = contact.following.about(step.about, step.time)
+            if now.has_rows_of(contact):
+                self.structure.contact = now
+            else:
+                self.renew(now)
+
+    def _contact_rows_of(self, fields: list[np.ndarray], changed: list[int]) -> np.ndarray:
+        """(owned,) B u of `fields` (dofs,) on contact rows, those of the classes `changed`."""
+        local = np.zeros(len(self.vectors.sign))
+        for k in changed:
+            c, s = self.classes[k], self.classes[k].members[0]
+            rows = self.structure.rows[s]
+            whole = rows.coefficient + rows.fixed_part
+            local[c.rows] = (whole * fields[s][rows.dof]).sum(axis=1)
+        return self.vectors.assemble(local * self.vectors.sign)
 
     # ---- the dual problem --------------------------------------------------------------------
     def apply(self, multipliers: np.ndarray) -> np.ndarray:

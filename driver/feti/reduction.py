@@ -40,8 +40,10 @@ class LocalClass:
     A: np.ndarray  # (m, n_c)
     S: np.ndarray  # (n_c, n_c) local part of S_cc
     shared: bool  # BLOCK members or more on all ranks together
+    kept: "Kept | None" = None  # of a subdomain whose contact rows may change
     rows: slice | None = None
     corners: slice | None = None
+    schur: np.ndarray | None = None  # of the Dirichlet preconditioner, once for all rows
 
     def __post_init__(self):
         self.A_transposed = np.ascontiguousarray(self.A.T)
@@ -53,6 +55,18 @@ class LocalClass:
         A subdomain that hangs on two corners resists none of their motions across their line.
         """
         return np.maximum(np.diag(self.S), LEAST * self.K.diagonal()[self.corner])
+
+
+@dataclass
+class Kept:
+    """What rows that change leave as it is: K_rr^-1 (t, t) and K_rr^-1 K_rc (t, c).
+
+    On the torn dofs t that rows may act on, `seen` (n_r,) of all.
+    """
+
+    seen: np.ndarray
+    inverse: np.ndarray
+    coupling: np.ndarray
 
 
 def stack(classes: list[LocalClass]) -> None:
@@ -128,6 +142,8 @@ def _fingerprint(structure: Substructure, s: int, pattern: bytes) -> bytes:
     parts = [structure.fixed[s], structure.corner_dofs[s], rows.dof, rows.coefficient.round(13)]
     if structure.compliance is not None:
         parts.append(structure.own_compliance(s))
+    if s in structure.renewed:  # its rows will be its own
+        parts.append(np.array([structure.first + s]))
     for part in parts:
         digest.update(part.tobytes())
         digest.update(b"|")
@@ -138,21 +154,46 @@ def reduce_class(structure: Substructure, members: list[int], values: np.ndarray
                  shared: bool) -> LocalClass:
     """Factorize K_rr of a class with stiffness `values` and form its explicit F, A and S."""
     s = members[0]
-    sub, corner, rows = structure.subdomains[s], structure.corner_dofs[s], structure.rows[s]
+    sub, corner = structure.subdomains[s], structure.corner_dofs[s]
     is_torn = np.ones(sub.dofs, bool)
     is_torn[structure.fixed[s]] = is_torn[corner] = False
     torn = np.flatnonzero(is_torn)
     K = sub.stiffness(values)
-    B = constraint_matrix(rows, sub.dofs)
-    B_r, B_c, K_rc = B[:, torn], B[:, corner], K[torn][:, corner]
+    B_r, B_c, K_rc = *_torn_rows(structure, s, torn), K[torn][:, corner]
     seen = np.diff(B_r.tocsc().indptr) > 0
-    factor, B_t = TornFactor(K, torn, seen), B_r[:, seen]
+    changes = s in structure.renewed
+    if changes:
+        seen |= structure.may_move(s)[torn]
+    factor = TornFactor(K, torn, seen)
     inverse, coupling, S = factor.reduced(corner)
+    F, A = _of_rows(structure, s, B_r[:, seen], B_c, inverse, coupling)
+    return LocalClass(members, torn, corner, K, factor, B_r, B_c, K_rc, F, A, S, shared,
+                      Kept(seen, inverse, coupling) if changes else None)
+
+
+def renew_rows(structure: Substructure, c: LocalClass) -> tuple[np.ndarray, np.ndarray]:
+    """F (m, m) and A (m, n_c) of a class with the present rows of its only member.
+
+    Its B_r and B_c are renewed, the factor stays.
+    """
+    s, kept = c.members[0], c.kept
+    c.B_r, c.B_c = _torn_rows(structure, s, c.torn)
+    c.schur = None
+    return _of_rows(structure, s, c.B_r[:, kept.seen], c.B_c, kept.inverse, kept.coupling)
+
+
+def _torn_rows(structure: Substructure, s: int, torn: np.ndarray):
+    """B_r and B_c of local subdomain s as scipy CSR."""
+    B = constraint_matrix(structure.rows[s], structure.subdomains[s].dofs)
+    return B[:, torn], B[:, structure.corner_dofs[s]]
+
+
+def _of_rows(structure: Substructure, s: int, B_t, B_c, inverse, coupling):
+    """F and A of local subdomain s by its rows on the dofs t of `inverse`, and on corners."""
     F = B_t @ (B_t @ inverse).T
     if structure.compliance is not None:
         F[np.diag_indices_from(F)] += structure.own_compliance(s)
-    A = B_c.toarray() - B_t @ coupling
-    return LocalClass(members, torn, corner, K, factor, B_r, B_c, K_rc, (F + F.T) / 2, A, S, shared)
+    return (F + F.T) / 2, B_c.toarray() - B_t @ coupling
 
 
 def constraint_matrix(rows: LocalRows, dofs: int):

@@ -38,6 +38,17 @@ class Substructure:
     outer_edges: np.ndarray  # (n, 3): gid, gid, label of the edges of the untorn body's boundary
     outer_middles: np.ndarray  # (n,) gids of their middles; empty with linear elements
     primal_dofs: int
+    numbering: object = None  # of rows that are renewed, where contact follows the motion
+
+    @property
+    def renewed(self) -> list[int]:
+        """Local subdomains whose contact rows may change: none but where contact follows."""
+        return [] if self.numbering is None else sorted(self.numbering.glued)
+
+    def may_move(self, s: int) -> np.ndarray:
+        """(dofs,) whether contact rows of local subdomain s may ever act on a dof."""
+        may = np.isin(self.subdomains[s].node_gid, self.numbering.may_touch)
+        return np.repeat(may, 2)
 
     def own_compliance(self, s: int) -> np.ndarray:
         """(m,) compliance of the rows of local subdomain s that it owns, zero at its others."""

@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from scipy.spatial import cKDTree
 
 from .layout import map_axes, run_header, shrink_to_body
-from .obstacle import draw_obstacle, pieces, rigid_rows
+from .obstacle import draw_obstacles, pieces
 from .outline import outer
 from .reading import Mesh, Run, select
 from .scales import round_magnification, stress_scale
@@ -38,6 +38,8 @@ def magnification(run: Run, mesh: Mesh | None = None, size: float | None = None)
     size = size or np.ptp(mesh.xy, axis=0).max()
     if run.scene == "model":
         return 300.0
+    if run.summary["effects"].get("large_sliding"):  # what is met is where it is
+        return 1.0
     largest = np.linalg.norm(mesh.displacement, axis=1).max()
     if largest == 0 or largest > LARGE * size:
         return 1.0
@@ -77,8 +79,10 @@ def draw_deformed(figure: Figure, run: Run, mesh: Mesh, times: float, top: float
     size = np.ptp(mesh.xy, axis=0).max() * scale.factor
     moved = (mesh.xy + times * mesh.displacement) * scale.factor
     handles = _outline(axes, run, mesh, moved, scale.factor)
-    if (rows := rigid_rows(run, mesh.time)) is not None:
-        draw_obstacle(axes, rows, size, scale.factor, times=times)
+    shown = np.array([moved.min(axis=0), moved.max(axis=0)])
+    if box is not None:
+        shown = box * scale.factor
+    draw_obstacles(axes, run, mesh.time, size, scale.factor, shown, times=times)
     _name_materials(axes, run, mesh, moved)
     handles += more(axes, run, mesh, moved) if more else []
     axes.autoscale_view()
@@ -193,15 +197,16 @@ def contact_zoom(figure: Figure, run: Run) -> None:
     local = replace(mesh, triangles=mesh.triangles[near[mesh.triangles].any(axis=1)])
     axes, scale = map_axes(figure, run, middle + width * np.array([[-0.5], [0.5]]))
     moved = (mesh.xy + mesh.displacement) * scale.factor
-    if (rows := rigid_rows(run, mesh.time)) is not None:
-        draw_obstacle(axes, rows, width * scale.factor, scale.factor, times=1.0)
+    place = (middle + mesh.displacement[near].mean(axis=0)) * scale.factor
+    half = width * scale.factor / 2
+    draw_obstacles(axes, run, mesh.time, width * scale.factor, scale.factor,
+                   np.array([place - half, place + half]), times=1.0)
     handles = status_nodes(axes, run, mesh, moved)
     if mesh.body.max() > 0 and run.boundary:
         rim = moved[mesh.rim()[0][outer(mesh, run.boundary)]]
         axes.add_collection(LineCollection(rim, colors=RED, linewidths=0.9))
     _stress(figure, axes, run, local, moved, True, float(mesh.von_mises[near].max()))
-    x, y = (middle + mesh.displacement[near].mean(axis=0)) * scale.factor
-    half = width * scale.factor / 2
+    x, y = place
     axes.set(xlim=(x - half, x + half), ylim=(y - 0.55 * half, y + 0.55 * half))
     run_header(figure, run, f"The contact{run.at(mesh.time)}, displacements to scale", handles)
     shrink_to_body(figure, axes)

@@ -11,7 +11,7 @@ from .contact import contact_normal, contact_status, contact_tangential
 from .convergence import adaptivity, convergence
 from .cycles import cycles
 from .geometry import geometry
-from .history import force_displacement, history, loading, loops
+from .history import force_displacement, history, load_histories, loading, loops
 from .reading import Run, read_run
 from .style import KINDS, canvas, write
 
@@ -23,7 +23,7 @@ def wanted(run: Run) -> dict:
     moving = run.quasistatic and steps > 1
     choice = {
         geometry: run.boundary is not None and run.first is not None,
-        loading: moving,
+        loading: moving and bool(load_histories(run)),
         deformed: run.last is not None,
         contact_zoom: contact_window(run) is not None,
         contact_normal: touching,

@@ -7,19 +7,19 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from .labels import label_numbers
 from .layout import map_axes, run_header, shrink_to_body
-from .obstacle import draw_obstacle, hatch, rigid_rows
-from .outline import chains, outward_edges, sample
+from .obstacle import draw_obstacles, hatch
+from .outline import outward_edges, sample
 from .reading import Run
 from .scales import Scale, length_scale, stress_scale
-from .style import BLUE, GREEN, GREY, INK, PURPLE, RED
+from .style import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, RED, SKY
 
 TINTS = ["#F1F1EC", "#DDE8F0", "#F3E6D8", "#E4EEDD", "#EFE1EC", "#E3E3E3"]  # of bodies, materials
-LINES = {"free": INK, "support": BLUE, "load": RED, "contact": GREEN, "pair": GREEN}
+LINES = {"free": INK, "support": BLUE, "load": RED, "contact": GREEN, "pair": GREEN,
+         "springs": SKY, "joined": ORANGE}
 ARROW, SHORTEST = 0.16, 0.2  # longest arrow over the body's size, shortest one over the longest
-MOST_LABELS = 30
 RARE = 0.03  # share of the triangles from which on a material has a tint of its own
-APART = 0.045  # of the body's size: distance of two numbers of labels
 
 
 def geometry(figure: Figure, run: Run) -> None:
@@ -38,14 +38,15 @@ def geometry(figure: Figure, run: Run) -> None:
         axes.add_collection(LineCollection(lines, colors=colour, capstyle="round", zorder=2.5,
                                            linewidths=1 if name == "free" else 2.2))
     handles += _boundary_handles(role)
+    _springs(axes, boundary, edges, size)
     handles += _supports(axes, boundary, edges, size)
-    if (rows := rigid_rows(run, 0.0)) is not None:
-        # without the little more the obstacle would hide the contact boundary where the gap is zero
-        draw_obstacle(axes, rows, size, scale.factor, 0.016 * size)
+    # without the little more the obstacle would hide the contact boundary where the gap is zero
+    draw_obstacles(axes, run, 0.0, size, scale.factor, np.array([xy.min(axis=0), xy.max(axis=0)]),
+                   0.016 * size)
     traction = np.column_stack([boundary["traction_x"], boundary["traction_y"]])
     _load_arrows(axes, edges, traction, boundary["label"], size)
     handles += _weight(axes, run, xy, size)
-    _label_numbers(axes, boundary, edges, size)
+    label_numbers(axes, boundary, edges, size, LINES)
     if run.summary["sizes"]["subdomains"] > 1:
         handles.append(Line2D([], [], color="0.62", lw=0.6, label="subdomains"))
     axes.autoscale_view()
@@ -97,7 +98,8 @@ def _materials(run: Run) -> tuple[np.ndarray, list[str]]:
 def _boundary_handles(role: np.ndarray) -> list:
     """Legend entries for the parts of the boundary that occur."""
     names = {"load": r"$\Gamma_p$ traction", "contact": r"$\Gamma_c$ contact, rigid obstacle",
-             "pair": r"$\Gamma_c$ contact of bodies", "free": "free"}
+             "pair": r"$\Gamma_c$ contact of bodies", "springs": "elastic foundation",
+             "joined": "tied or periodic", "free": "free"}
     return [Line2D([], [], color=LINES[n], lw=1 if n == "free" else 2.2, label=text)
             for n, text in names.items() if (role == n).any()]
 
@@ -130,6 +132,20 @@ def _supports(axes, boundary: dict, edges: tuple, size: float) -> list:
     if moved.any():
         _motion_arrows(axes, boundary, edges, moved, size)
     return handles
+
+
+def _springs(axes, boundary: dict, edges: tuple, size: float) -> None:
+    """Zigzags outside of what an elastic foundation holds."""
+    start, end, normal = edges
+    own = np.flatnonzero(boundary["role"] == "springs")
+    if not len(own):
+        return
+    points, edge = sample(start[own], end[own], 0.06 * size)
+    out = normal[own[edge]]
+    off = np.array([0, 0.2, 0.3, 0.45, 0.55, 0.7, 0.8, 1])[:, None] * 0.05 * size
+    aside = np.array([0, 0, 1, -1, 1, -1, 0, 0])[:, None] * 0.012 * size
+    lines = points[:, None] + off * out[:, None] + aside * _turned(out)[:, None]
+    axes.add_collection(LineCollection(lines, colors=LINES["springs"], linewidths=0.8, zorder=2.4))
 
 
 def _motion_arrows(axes, boundary: dict, edges: tuple, moved: np.ndarray, size: float) -> None:
@@ -196,32 +212,6 @@ def _weight(axes, run: Run, xy: np.ndarray, size: float) -> list:
     _quiver(axes, middles - arrow / 2, np.tile(arrow, (len(middles), 1)), GREY)
     return [Line2D([], [], color=GREY, marker=r"$\downarrow$", ls="none", ms=7,
                    label="body force")]
-
-
-def _label_numbers(axes, boundary: dict, edges: tuple, size: float) -> None:
-    """The number of every label beside its longest piece, where it does not cover another one."""
-    start, end, normal = edges
-    names, taken = np.unique(boundary["label"]), np.empty((0, 2))
-    for name in names if len(names) <= MOST_LABELS else ():
-        own = np.flatnonzero(boundary["label"] == name)
-        groups = [own[chain] for chain in chains(start[own], end[own])]
-        longest = max(groups, key=lambda group: np.linalg.norm(end[group] - start[group],
-                                                               axis=1).sum())
-        points, edge = sample(start[longest], end[longest], np.inf)
-        at = longest[edge[0]]
-        colour = LINES[str(boundary["role"][at])]
-        # in the middle inside, in the middle outside, inside further along
-        along = longest[[len(longest) // 4, 3 * len(longest) // 4]]
-        places = np.vstack([points[0] - 0.032 * size * normal[at],
-                            points[0] + 0.045 * size * normal[at],
-                            (start[along] + end[along]) / 2 - 0.032 * size * normal[along]])
-        free = np.linalg.norm(places[:, None] - taken, axis=2).min(axis=1, initial=np.inf)
-        place = places[np.argmax(free >= APART * size) if (free >= APART * size).any()
-                       else np.argmax(free)]
-        taken = np.vstack([taken, place])
-        axes.text(*place, f"{name:g}", color=colour, fontsize=7, ha="center", va="center",
-                  zorder=4, bbox={"boxstyle": "round,pad=0.12", "fc": "white", "ec": "none",
-                                  "alpha": 0.75})
 
 
 def _note(run: Run, boundary: dict, traction: np.ndarray) -> str:

@@ -10,31 +10,58 @@ from .scales import energy_scale, force_scale, length_scale
 from .style import BLUE, GREEN, INCH, INK, ORANGE, RED
 
 FAINT = 0.15  # a force less than this part of the other has a panel of its own
+WORDS = {"shift_x": "shift in $x$", "shift_y": "shift in $y$", "angle": "angle",
+         "distance": "distance of the nearest node"}  # of obstacles that move
 CURVES = [BLUE, RED, GREEN, ORANGE, INK]
 
 
 def loading(figure: Figure, run: Run) -> None:
-    """Amplitudes of the load patterns over time, with a marker at every step."""
-    histories = list(run.summary["amplitudes"].values())
-    figure.set_figheight(6.5 * INCH)
-    axes = figure.add_subplot()
+    """Amplitudes of the loads and motions of obstacles over time, with a marker at every step."""
+    groups = load_histories(run)
+    figure.set_figheight((2.5 + 4 * len(groups)) * INCH)
+    panels = np.atleast_1d(figure.subplots(len(groups), sharex=True))
     handles, end, note = [], run.summary["t_end"], ""
+    steps = int(run.history["step"].max())
     if cycles := run.summary.get("cycles"):  # the history holds one of them
         end = cycles["start"] + cycles["period"]
-        axes.axvspan(cycles["start"], end, color="0.93", lw=0)
         note = f"grey: the cycle, gone through {cycles['number']} times"
-    for number, (name, values) in enumerate(run.summary["amplitudes"].items()):
-        symbol = r"$\varphi(t)$" if len(histories) == 1 else rf"$\varphi_{{{name}}}(t)$"
-        times = np.linspace(0, end, len(values))
-        handles += axes.plot(times, values, "-", marker="osD^v"[number % 5], ms=3.2,
-                             color=CURVES[number % 5], label=symbol)
-    label = r"amplitude $\varphi$ [–]" if len(histories) == 1 else "amplitude [–]"
-    axes.set(xlabel="time $t$", ylabel=label)
-    axes.margins(x=0.02)
-    axes.autoscale_view()
-    axes.grid(color="0.9", lw=0.5)
-    steps = len(values) - 1 if cycles else int(run.history["step"].max())
+    for axes, (title, curves) in zip(panels, groups.items()):
+        if cycles:
+            axes.axvspan(cycles["start"], end, color="0.93", lw=0)
+            steps = len(next(iter(curves.values()))) - 1
+        for label, values in curves.items():
+            number = len(handles)
+            times = np.linspace(0, end, len(values))
+            handles += axes.plot(times, values, "-", marker="osD^v"[number % 5], ms=3.2,
+                                 color=CURVES[number % 5], label=label)
+        axes.set(ylabel=title)
+        axes.margins(x=0.02)
+        axes.autoscale_view()
+        axes.grid(color="0.9", lw=0.5)
+    panels[-1].set(xlabel="time $t$")
     run_header(figure, run, f"History of loading, {steps} time steps (markers)", handles, note)
+
+
+def load_histories(run: Run) -> dict[str, dict]:
+    """Values at time 0 and after every step, by their label, for every axis that they need."""
+    amplitudes = run.summary["amplitudes"]
+    motions = run.summary.get("obstacle_motion", {})
+    symbol = "" if len(amplitudes) == 1 else r"_{%s}"
+    groups = {}
+    if amplitudes:
+        title = "amplitude [–]" if symbol else r"amplitude $\varphi$ [–]"
+        groups[title] = {r"$\varphi" + (symbol and symbol % name) + "(t)$": np.array(values)
+                         for name, values in amplitudes.items()}
+    lengths = [values for of in motions.values() for name, values in of.items() if name != "angle"]
+    scale = length_scale(run, np.concatenate(lengths)) if lengths else None
+    for label, histories in motions.items():
+        for name, values in histories.items():
+            turns = name == "angle"
+            title = "obstacle turned\nby [rad]" if turns else f"obstacle [{scale.label}]"
+            of = f", label {label}" if len(motions) > 1 else ""
+            curve = f"{WORDS[name]}{of}"
+            groups.setdefault(title, {})[curve] = np.array(values) * (1 if turns else scale.factor)
+    return groups
 
 
 def history(figure: Figure, run: Run) -> None:

@@ -10,6 +10,7 @@ from .reading import Run, select
 from .style import INK
 
 FAR = 0.35  # of the body's size; obstacles farther away are not drawn
+NEAR = 0.1  # of the body's size: what is drawn of an obstacle beyond the picture
 FLAT = 1e-9  # 1 - cosine between normals of a flat obstacle
 BREAK = 0.5  # relative difference of distance and arc where a new piece begins
 
@@ -49,6 +50,32 @@ def pieces(rows: dict) -> list[np.ndarray]:
     away = np.linalg.norm(np.diff(xy, axis=0), axis=1)
     apart = np.abs(away - np.diff(rows["arc"][order])) > BREAK * away
     return np.split(order, np.flatnonzero(apart) + 1)
+
+
+def draw_obstacles(axes, run: Run, time: float, size: float, factor: float, box: np.ndarray,
+                   away: float = 0.0, times: float = 0.0) -> None:
+    """The rigid obstacles of a run at a time, if any; see `draw_obstacle`.
+
+    Of one that contact follows what lies near the `box` (2, 2), its lower and upper ends in the
+    picture.
+    """
+    if run.obstacle is None:
+        if (rows := rigid_rows(run, time)) is not None:
+            draw_obstacle(axes, rows, size, factor, away, times)
+        return
+    table, steps = run.obstacle, run.history["step"]
+    step = 0 if time == 0 else steps[np.abs(run.history["time"] - time).argmin()]
+    sides = select(table, table["step"] == min(step, table["step"].max()))
+    start, end = (factor * np.column_stack([sides[x], sides[y]])
+                  for x, y in (("x0", "y0"), ("x1", "y1")))
+    out = right_of(start, end)
+    low, high = box[0] - NEAR * size, box[1] + NEAR * size
+    near = np.any([((low < ends) & (ends < high)).all(axis=1) for ends in (start, end)], axis=0)
+    if not near.any():
+        return
+    start, end, out = (start + away * out)[near], (end + away * out)[near], out[near]
+    axes.add_collection(LineCollection(np.stack([start, end], axis=1), colors=INK, linewidths=0.8))
+    hatch(axes, start, end, out, size, INK)
 
 
 def draw_obstacle(axes, rows: dict, size: float, factor: float, away: float = 0.0,

@@ -12,7 +12,7 @@ from ..errors import InputError
 from ..files import read_table
 
 TABLES = ("history", "contact", "convergence", "boundary", "adaptivity", "probes",
-          "cycles")
+          "obstacle", "cycles")
 QUARTERS = [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]  # of a six-node triangle in VTK's order
 
 
@@ -61,6 +61,7 @@ class Run:
     adaptivity: dict | None = None
     probes: dict | None = None
     cycles: dict | None = None
+    obstacle: dict | None = None
 
     @property
     def quasistatic(self) -> bool:
@@ -84,7 +85,7 @@ class Run:
 
     def at(self, time: float) -> str:
         """Words that name a time, none of static runs."""
-        return f" at $t = {time:g}$" if self.quasistatic else ""
+        return f" at $t = {time:.4g}$" if self.quasistatic else ""
 
 
 def read_mesh(path: Path, time: float) -> Mesh:

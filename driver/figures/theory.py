@@ -45,8 +45,26 @@ def flat_punch(rows: dict) -> np.ndarray:
 
 
 def uniform(rows: dict) -> np.ndarray:
-    """(n,) sigma_n of a ring on a round shaft (Lame): the same all round."""
+    """(n,) sigma_n that is the same everywhere, as of a ring on a round shaft (Lame)."""
     return np.full(len(rows["arc"]), rows["sigma_n"] @ rows["weight"] / rows["weight"].sum())
+
+
+def westergaard(rows: dict) -> np.ndarray:
+    """(n,) sigma_n of a wavy surface on a flat one (13.2), of which the boundary is a wave length.
+
+    p = 2 P cos(s) sqrt(A - sin^2(s)) / A, A = sin^2(a), where s = pi is a wave length and 2 a the
+    length in contact. P is the mean pressure of the boundary's nodes; their spread gives A, as the
+    mean of cos(2 s) is 1 - A/2 under p. Contact may go on from one end at the other.
+    """
+    force = -rows["sigma_n"] * rows["weight"]
+    if not force.any():
+        return np.zeros(len(force))
+    whole = rows["weight"].sum()
+    turn = 2 * np.pi * (rows["arc"] - rows["arc"][0]) / whole
+    wave = force @ np.exp(1j * turn)
+    s, edge = (turn - np.angle(wave)) / 2, 2 * (1 - np.abs(wave) / force.sum())
+    shape = np.abs(np.cos(s)) * np.sqrt(np.maximum(0.0, edge - np.sin(s) ** 2)) / edge
+    return -2 * force.sum() / whole * shape
 
 
 def mindlin(run: Run, rows: dict) -> np.ndarray | None:
@@ -124,6 +142,10 @@ NORMAL = {"hertz": LINE_CONTACT, "hertz-bodies": LINE_CONTACT, "mindlin": LINE_C
           "mindlin-bodies": LINE_CONTACT,
           "sphere": ("Hertz, same force and radius", hertz_of_spheres),
           "punch": ("flat punch without friction, same force", flat_punch),
+          "ripple": ("Westergaard, same force and spread", westergaard),
+          "bar": ("uniform, same force", uniform), "thermal": ("uniform, same force", uniform),
+          "patch": ("uniform, same force", uniform),
+          "patch-bodies": ("uniform, same force", uniform),
           "pressfit": ("Lam\N{LATIN SMALL LETTER E WITH ACUTE}, same mean", uniform)}
 TANGENTIAL = ("mindlin", "mindlin-bodies")
 

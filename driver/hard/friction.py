@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .case import BLOCK, Case, Check, Outcome
+from .case import BLOCK, KKT, Case, Check, Outcome
 from .checks import BOTH, LAWS, assembled, closed_form, exported, holds, laws, ratio
 
 CYCLES = "hard/cycles"
@@ -124,6 +124,16 @@ CASES = [
          sizes=({"SLIDE": 1}, {"SLIDE": 1e8}),
          checks=(closed_form("T = F N", 1e-6, full_sliding),
                  holds("all slide", lambda o: not {"stick"} & states(o)))),
+    # contact that follows the motion, between bodies and on an obstacle
+    Case("a punch is dragged over three widths", "drag", {"STEPS": 12, "H": 1},
+         sizes=({"SUBDOMAINS": 2}, {"SUBDOMAINS": 9}),
+         checks=(closed_form("T = F N", 1e-6, full_sliding),
+                 holds("all slide at last", lambda o: states(o) == {"slip"}),
+                 holds("its geometry", lambda o: o.summary["residuals"]["geometry"] <= KKT))),
+    Case("a hook goes in and comes out", "latch", {"STEPS": 60, "H": 0.6},
+         sizes=({"SUBDOMAINS": 1}, {"SUBDOMAINS": 7}),
+         checks=(holds("it is out", lambda o: states(o) == {"open"}),
+                 holds("its geometry", lambda o: o.summary["residuals"]["geometry"] <= KKT))),
     Case("everything sticks", BLOCK, {"FRICTION": 1, "LIFT": 0, "PULL": 0},
          # nothing moves: no displacement to compare
          checks=(laws(1e-6), holds("all stick", lambda o: states(o) == {"stick"}))),

@@ -31,7 +31,8 @@ class FrictionQP:
     """
 
     def __init__(self, operator: DualProblem, rows: ContactRows, settings: Settings, scales: Scales,
-                 history: History):
+                 history: History, bound: float | None = None):
+        """`bound`: that of other contact rows, to be taken as it is."""
         self.operator, self.rows, self.settings = operator, rows, settings
         self.scales, self.history = scales, history
         structure = operator.structure
@@ -39,7 +40,7 @@ class FrictionQP:
         # root of the stiffness of the rows over that of the softest
         self.softest = structure.row_scale.min(initial=1.0)
         self.stiffer = self.scale / self.softest
-        self.bound = self._bound_norm()
+        self.bound = self._bound_norm() if bound is None else bound
         self.local = self.deflation = None  # parts of the preconditioner, or of the relaxation
         self.preconditioner, self.relaxation = self._accelerators()
         self.tol, self._rigid_bound = 0.0, self.bound

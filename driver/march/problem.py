@@ -39,8 +39,11 @@ class Problem:
         m, effects = self.manifest, self.effects
         samples = np.arange(m.steps + 1) if samples is None else samples
         times = np.linspace(0, m.t_end, m.steps + 1)
-        return QuasistaticSolver(self.operator, effects, m.factors[samples], times[samples],
-                                 settings, _cycles(effects.repeats, samples, settings, plan))
+        kind = QuasistaticSolver
+        if self.structure.contact.following is not None:
+            from .following import FollowingSolver as kind  # here: few scenes need it
+        return kind(self.operator, effects, m.factors[samples], times[samples], settings,
+                    _cycles(effects.repeats, samples, settings, plan))
 
 
 def _cycles(repeats: tuple[int, int] | None, samples: np.ndarray, settings: Settings, plan):

@@ -53,34 +53,42 @@ class QuasistaticSolver:
         self.amplitudes, self.times = amplitudes, times
         contact = operator.structure.contact
         effects.prepare(contact)
-        self.law = effects.contact_law(contact)
-        self.rows = contact_rows(operator.structure, self.law)
         # tangential displacement at time 0 (n_c,), and the pattern factors whose travel it holds
         self.initial = effects.initial_displacement(contact)
         self.initial_weights = np.zeros(operator.structure.patterns)
-        self.slip = SlipState(operator, self.rows, effects, self.initial)
-        self.contact = contact
         self.history, self.scales = History(), Scales()
-        self.qp = FrictionQP(operator, self.rows, settings, self.scales, self.history)
+        self._attach()
         self.history.counts["dual_multiplications_setup"] = operator.products
-        self.bodies = self._bodies()
-        self.residuals = Residuals(self.qp, self.bodies, self.slip)
-        self.condensation = Condensation(operator, self.rows)
-        self.fixed_point = FixedPoint(self.qp, self.bodies, self.slip, self.condensation)
-        self.corners = self.fixed_point if self.rows.corners is None else (
-            CornerStates(self.fixed_point, operator.structure.contact))
         own = 0.0 if self.rows.bound_is_given else float(self.rows.coefficient.max(initial=0))
         self.largest_friction = operator.comm.allreduce(own, op=MPI.MAX)
-        self.closure = self._closure()
         self.uniqueness = Uniqueness(self.largest_friction > 0)
         self.doubtful = False
         self.loads = [self._size(index) for index in range(1, len(times))]
         # of the last step and of the one before: rigid motions (modes,), multipliers (owned,)
         self.motion = self.older_motion = np.zeros(operator.modes)
         self.multipliers = self.older = np.zeros(operator.owned)
+        # (k, 2) displacements of contact's vertices by deformation, where contact follows them
+        self.deformed = np.zeros((0, 2))
         self.cycles = cycles
         if cycles is not None:
             cycles.join(self)
+
+    def _attach(self, bound: float | None = None) -> None:
+        """Make what solves steps with the operator's contact rows; `bound` as FrictionQP takes it.
+        """
+        operator = self.operator
+        self.contact = operator.structure.contact
+        self.law = self.effects.contact_law(self.contact)
+        self.rows = contact_rows(operator.structure, self.law)
+        self.slip = SlipState(operator, self.rows, self.effects, self.initial)
+        self.qp = FrictionQP(operator, self.rows, self.settings, self.scales, self.history, bound)
+        self.bodies = self._bodies()
+        self.residuals = Residuals(self.qp, self.bodies, self.slip)
+        self.condensation = Condensation(operator, self.rows)
+        self.fixed_point = FixedPoint(self.qp, self.bodies, self.slip, self.condensation)
+        self.corners = self.fixed_point if self.rows.corners is None else (
+            CornerStates(self.fixed_point, self.contact))
+        self.closure = self._closure()
 
     def _bodies(self):
         """What bodies without support need, imported only where there are such bodies."""
@@ -128,22 +136,34 @@ class QuasistaticSolver:
             self._move_obstacles(index)
         if self.cycles is not None:
             self.cycles.before(self, index)
+        step, error = self._step(index, *self._predicted(index))
+        self._ends(step)
+        return step, error
+
+    def _predicted(self, index: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Rigid motions, multipliers and rows that slide from which step `index` starts.
+
+        Raises StepFailed where no state can balance the loads.
+        """
         try:
             rest = self.bodies.can_rest(index, self.amplitudes[index])
         except DriverError as problem:
             raise StepFailed(problem) from None
         if not any(self.loads[: index - 1]) and not self.motion.any():  # the first load
             self.motion = rest
-        last, growth = self.multipliers, 0.0
         if self.rows.corners is not None:
-            last = self.rows.corners.own(last)
+            self.multipliers = self.rows.corners.own(self.multipliers)
+        last, growth = self.multipliers, 0.0
         if self.settings.predictor == "load":
             growth = outlook.growth(self.amplitudes, index)
         sliding = self.rows.sliding(last, self.rows.friction_bound(last))
         start = self.rows.pressing(last + growth * (last - self.older))
         motion = self.motion + growth * (self.motion - self.older_motion)
-        step, error = self._step(index, motion, self.rows.follow(start, sliding), sliding)
-        self.multipliers, self.older = step.multipliers, last
+        return motion, self.rows.follow(start, sliding), sliding
+
+    def _ends(self, step: Step) -> None:
+        """What the next step starts from is what `step` ends in; it is counted."""
+        self.multipliers, self.older = step.multipliers, self.multipliers
         patterns = self.operator.structure.patterns
         self.motion, self.older_motion = step.weights[patterns :], self.motion
         slip = self.slip.advance(step.multipliers, step.gradient, step.weights, self.scales)
@@ -152,7 +172,6 @@ class QuasistaticSolver:
         self._record(step)
         if self.cycles is not None:
             self.cycles.follow(self, step, slip)
-        return step, error
 
     def _move_obstacles(self, index: int) -> None:
         """Obstacles go where they stand at the end of step `index`; slip counts from there."""

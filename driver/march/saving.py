@@ -19,7 +19,7 @@ from .step import Step
 from .uniqueness import Uniqueness
 
 CARRIED = ("counts", "residuals", "steps", "warnings", "contraction", "seconds",
-           "examining")  # of a History
+           "examining", "renewing")  # of a History
 
 
 class Checkpoints:
@@ -98,7 +98,7 @@ def snapshot(solver: QuasistaticSolver) -> dict | None:
         "scales": {name: np.asarray(value) for name, value in solver.scales.largest.items()},
         "deformation": float(solver.scales.displacement), "slip_weights": solver.slip.weights,
         "motion": solver.motion, "older_motion": solver.older_motion,
-        "placed": solver.bodies.placed,
+        "placed": solver.bodies.placed, "deformed": solver.deformed,
         "log_numbers": np.array([product, step, iteration], np.int64),
         "log_kind": np.array(kind, str),
         "log_residual": np.array(residual, float), "fallbacks": history.fallbacks.steps,
@@ -115,7 +115,7 @@ def restore(solver: QuasistaticSolver, state: dict) -> None:
     history = solver.history
     solver.multipliers, solver.older = state["multipliers"][mine], state["older"][mine]
     solver.motion, solver.older_motion = state["motion"], state["older_motion"]
-    solver.bodies.placed = state["placed"]
+    solver.bodies.placed, solver.deformed = state["placed"], state["deformed"]
     solver.slip.elastic = state["carried"]["elastic"][node]
     solver.slip.weights = state["slip_weights"]
     if not solver.rows.bound_is_given:

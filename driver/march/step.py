@@ -31,6 +31,10 @@ class Step:
     cycle: int = 0  # number of the cycle that ends with it, if one does
     skips: int = 0  # cycles that are jumped over after it ...
     grown: tuple = ()  # ... and names of what goes on growing in them, as in march/cycles.py
+    # where contact follows the motion: displacements (k, 2) about which the step was solved, and
+    # how many times it was
+    about: np.ndarray | None = None
+    geometries: int = 1
 
 
 @dataclass
@@ -82,6 +86,7 @@ class History:
     contraction: float = 0.0  # worst of the steps
     seconds: float = 0.0  # of the steps, without those of ...
     examining: float = 0.0  # ... the search for other solutions
+    renewing: float = 0.0  # of the steps, in which contact rows were renewed
 
 
 class StepFailed(DriverError):

@@ -7,6 +7,7 @@ from pathlib import Path
 
 FILE = "report.html"
 WIDE = 2.5  # width of a picture over its height from which on a phone would show it too small
+LONG = 24  # characters of a cell that is not to be broken at every word
 COLOURS = {"good": "#009E73", "doubtful": "#E69F00", "bad": "#D55E00"}  # of verdicts
 STYLE = """
 body { font: 16px/1.45 system-ui, sans-serif; color: #222; margin: 0 auto; padding: 0 1rem 3rem;
@@ -18,6 +19,7 @@ th, td { padding: .25rem .7rem .25rem 0; text-align: left; vertical-align: top;
          border-bottom: 1px solid #e4e4e0; }
 th { font-weight: 600; } .number { text-align: right; font-variant-numeric: tabular-nums;
          white-space: nowrap; }
+.long { min-width: 14rem; }
 figure { margin: 0 0 1.4rem; } img { max-width: 100%; height: auto; display: block; }
 .wide { overflow-x: auto; } .wide img { max-width: none; width: max(100%, 44rem); }
 figcaption { color: #666; font-size: .9rem; } summary { cursor: pointer; margin: .4rem 0; }
@@ -72,14 +74,14 @@ def folded(title: str, content: str) -> str:
     return f"<details><summary>{escape(title)}</summary>{content}</details>"
 
 
-def picture(path: Path, caption: str) -> str:
-    """A PNG or GIF file inside the page; a wide one is scrolled on a narrow screen."""
+def picture(path: Path, caption: str, wide: float = WIDE) -> str:
+    """A PNG or GIF file inside the page; a `wide` one is scrolled on a narrow screen."""
     kind, content = path.suffix.removeprefix("."), path.read_bytes()
     image = (f'<img alt="{escape(caption)}" src="data:image/{kind};base64,'
              f'{base64.b64encode(content).decode()}">')
     if kind == "png":
         width, height = struct.unpack(">II", content[16:24])
-        image = f'<div class="wide">{image}</div>' if width > WIDE * height else image
+        image = f'<div class="wide">{image}</div>' if width > wide * height else image
     return f"<figure>{image}<figcaption>{escape(caption)}</figcaption></figure>"
 
 
@@ -95,5 +97,7 @@ def plain(value) -> str:
 
 
 def _cell(value) -> str:
-    number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    return f"<td{' class=number' if number else ''}>{escape(plain(value))}</td>"
+    kind = "long" if len(plain(value)) > LONG else ""
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        kind = "number"
+    return f"<td{kind and f' class={kind}'}>{escape(plain(value))}</td>"

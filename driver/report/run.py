@@ -114,12 +114,16 @@ def _rows(summary: dict, key: str, first: str, columns: tuple) -> str:
     return page.table(head, [[row[c.name] for c in shown] for row in summary.get(key, [])])
 
 
-def pictures(folder: Path) -> list[str]:
-    """All PNG files and animations of a folder, those of runs in their order."""
-    order = list(CAPTIONS)
+def pictures(folder: Path, captions: dict[str, str] = CAPTIONS,
+             wide: float = page.WIDE) -> list[str]:
+    """All PNG files and animations of a folder in the order of the `captions`, by file name.
+
+    `wide` as of page.picture.
+    """
+    order = list(captions)
     paths = sorted([*folder.glob("*.png"), *folder.glob("*.gif")], key=lambda path: (
         order.index(path.stem) if path.stem in order else len(order), path.stem))
-    return [page.picture(path, CAPTIONS.get(path.stem, path.stem.replace("_", " ")))
+    return [page.picture(path, captions.get(path.stem, path.stem.replace("_", " ")), wide)
             for path in paths]
 
 

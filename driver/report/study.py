@@ -8,6 +8,16 @@ from ..files import read_rows, renamed
 from . import page
 from . import run as single
 
+# what a study is, by the tables that it leaves, and what their figures show
+STUDIES = {"accuracy.csv": "What accuracy costs", "stopping.csv": "Tolerances of the solver",
+           "coverage.csv": "Errors claimed and errors made", "prices.csv": "Prices of accuracy",
+           "requests.csv": "Accuracies asked for", "locking.csv": "Nearly incompressible material",
+           "effects.csv": "What each effect changes and costs", "table.csv": "The slides' table"}
+CAPTIONS = {
+    "work_precision": "Errors of all runs over seconds of the solver; the Pareto front below",
+    "products": "Products with F beside a tenth of the slides', and without an ingredient",
+    "random": "What became of scenes drawn at random", "sweeps": "Products from easy to hard"}
+PANELS = 1.3  # width over height of pictures with two panels side by side
 SHOWN = 200  # rows of a table; the file has all
 # column, its words that are as they should be with what they mean, and its bad words
 JUDGED = (("met", {"yes": "met"}, {"no"}), ("converged", {"yes": "converged"}, {"no"}),
@@ -25,11 +35,14 @@ def write(directory: Path) -> Path:
     if summary.is_file() and "study" not in json.loads(summary.read_text()):
         return single.write(directory)
     tables = {path: read_rows(path) for path in sorted(directory.glob("*.csv"))}
-    pictures = [*single.pictures(directory), *single.pictures(directory / "figures")]
+    pictures = [*single.pictures(directory, CAPTIONS, PANELS),
+                *single.pictures(directory / "figures")]
     if not tables and not pictures:
         raise InputError(f"{directory} holds no finished run and no study to report on")
     path = directory / page.FILE
     title = directory.resolve().name
+    if kind := next((words for name, words in STUDIES.items() if directory / name in tables), ""):
+        title = f"{kind}: {title}"
     if summary.is_file():
         entries = json.loads(summary.read_text())
         title = f"{entries['scene']}: study of {entries['study']}"
@@ -56,8 +69,15 @@ def _judgement(path: Path, rows: list[dict]) -> str:
         said = f"of {len(texts)} rows {', '.join(counts)}"
         if len(counts) == 1 and not failed:
             said = f"all {counts[0]}"
-        return page.verdict(f"{path.stem}: {said}.", "bad" if failed else "good")
+        verdict = page.verdict(f"{path.stem}: {said}.", "bad" if failed else "good")
+        return verdict + _rows([row for row in rows if row.get(column) in bad])
     return ""
+
+
+def _rows(rows: list[dict]) -> str:
+    """Rows of a study in a table, columns that are empty in all of them left out."""
+    head = [name for name in (rows[0] if rows else ()) if any(row[name] for row in rows)]
+    return page.table(head, [[_number(row[name]) for name in head] for row in rows[:SHOWN]])
 
 
 def _warnings(summary: Path) -> str:
@@ -68,11 +88,9 @@ def _warnings(summary: Path) -> str:
 
 def _table(path: Path, rows: list[dict]) -> str:
     """A table of a study, folded."""
-    head = list(rows[0]) if rows else []
-    shown = [[_number(row[name]) for name in head] for row in rows[:SHOWN]]
     more = page.paragraph(f"{len(rows) - SHOWN} more rows in {path.name}") \
         if len(rows) > SHOWN else ""
-    return page.folded(f"{path.name}, {len(rows)} rows", page.table(head, shown) + more)
+    return page.folded(f"{path.name}, {len(rows)} rows", _rows(rows) + more)
 
 
 def _number(text: str):

@@ -27,24 +27,33 @@ def boundary_rows(record, states: dict[str, np.ndarray],
         states = states | {ContactField.STATUS: np.where(closed, SLIP, OPEN)}
     work = np.array(record.work) if record.work else np.zeros(states[ContactField.SLIP].shape)
     states = states | {WORK: work}
-    tables = [_one_boundary(record.contact.boundary, states, int(label), share)
+    tables = [_one_boundary(record.contact.boundary, states, int(label), share,
+                            record.normals or None)
               for label, share in zip(record.labels, record.shares)]
     names = [str(column.name) for column in BOUNDARIES]
     return [dict(zip(names, (step, time, *table[k])))
             for k, (step, time) in enumerate(times) for table in tables]
 
 
-def _one_boundary(boundary, states: dict[str, np.ndarray], label: int,
-                  share: np.ndarray) -> list[tuple]:
-    """Values after step and time, for every step; `share` (n_c,) of the label in the nodes."""
+def _one_boundary(boundary, states: dict[str, np.ndarray], label: int, share: np.ndarray,
+                  normals: list[np.ndarray] | None) -> list[tuple]:
+    """Values after step and time, for every step; `share` (n_c,) of the label in the nodes.
+
+    `normals` (n_c, 2) of every step, where they change.
+    """
     own = np.flatnonzero(share)
     nodes = {name: getattr(boundary, name)[own] for name in NODES}
     nodes["weight"] = weight = nodes["weight"] * share[own]
     nodes["length"] = nodes["length"] * share[own]
     states, pieces = {name: column[:, own] for name, column in states.items()}, chains(nodes)
-    normal, tangential = boundary.normal[own], boundary.tangent[own]
     pressure, shear = -states[ContactField.SIGMA_N], states[ContactField.SIGMA_T]
-    force = (shear * weight) @ tangential - (pressure * weight) @ normal
+    if normals is None:
+        normal, tangential = boundary.normal[own], boundary.tangent[own]
+        force = (shear * weight) @ tangential - (pressure * weight) @ normal
+    else:
+        x, y = np.array(normals)[:, own].transpose(2, 0, 1)
+        p, t = pressure * weight, shear * weight
+        force = np.column_stack([(-t * y - p * x).sum(axis=1), (t * x - p * y).sum(axis=1)])
     dissipated = np.cumsum(states[WORK] @ share[own])
     rows = []
     for k in range(len(pressure)):

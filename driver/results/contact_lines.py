@@ -18,7 +18,7 @@ class ContactLines:
 
     def __init__(self, directory: Path, structure: Substructure, root: bool):
         """`root`: whether this rank writes."""
-        self.directory, self.boundary = directory, structure.contact.declared
+        self.directory, self.structure = directory, structure
         self.lines = _lines(structure) if root else None
 
     def write(self, index: int, time: float, moved: np.ndarray, state: dict) -> None:
@@ -29,7 +29,7 @@ class ContactLines:
         """
         import meshio
 
-        b = self.boundary.at(time)
+        b = self.structure.contact.declared.at(time)
         opening = b.gap - less_wear(state)[ContactField.U_N]
         data = {"displacement": moved[b.gid], "normal": b.normal,
                 "pressure": -state[ContactField.SIGMA_N] + 0.0,

@@ -3,7 +3,8 @@
 import numpy as np
 
 from ..contact.states import ContactField
-from ..feti.gathering import gather, joined
+from ..feti.gathering import joined
+from ..feti.nodal import NodalFields
 from ..feti.operator import DualOperator
 from ..march.cycle_verdict import MOVED, WORN
 from ..march.quasistatic import QuasistaticSolver
@@ -36,35 +37,30 @@ class ContactState:
         # what the cycle at hand began with, of a history that is repeated
         self._begun: dict[str, np.ndarray] = {}
         self.constrained = self._constrained()
-        self._find_terms()
-        self._travel = self._travel_at_nodes()
+        following, structure = self.boundary.following, operator.structure
+        self._gids = (np.unique(self.boundary.term_gid) if following is None else following.gids)
+        self._nodal = NodalFields(structure, self._gids, operator.comm)
+        travel = structure.travel
+        self._travelled = {k: self._nodal(travel.displacements(unit, structure.subdomains))
+                           for k, unit in enumerate(np.eye(structure.patterns))
+                           if k in travel.patterns}
+        self._before = np.zeros((len(self._gids), 2))  # displacements less travel a step before
+        self._take_geometry()
 
-    def _travel_at_nodes(self) -> np.ndarray:
-        """(patterns, n_c, 2) displacements, between bodies jumps, by the travel of the patterns."""
-        structure = self.operator.structure
-        travel = np.zeros((structure.patterns, len(self.boundary.gid), 2))
-        for k in structure.travel.patterns:
-            unit = np.eye(structure.patterns)[k]
-            travel[k] = self._jump(structure.travel.displacements(unit, structure.subdomains))
-        return travel
+    def _take_geometry(self) -> None:
+        """Take over the present contact boundary."""
+        self.boundary = self.operator.structure.contact.declared
+        self._term = np.searchsorted(self._gids, self.boundary.term_gid)
+        # (patterns, n_c, 2) displacements, between bodies jumps, by the travel of the patterns
+        self._travel = np.zeros((self.operator.structure.patterns, len(self.boundary.gid), 2))
+        for k, moved in self._travelled.items():
+            self._travel[k] = self._jump(moved)
 
     def _constrained(self) -> np.ndarray:
         """(n_c, 2): displacement components of the contact nodes that a support constrains."""
         keys = 2 * self.boundary.gid[:, None] + [0, 1]
         own = np.isin(keys, constrained_keys(self.operator.structure))
         return np.any(self.operator.comm.allgather(own), axis=0)
-
-    def _find_terms(self) -> None:
-        """Find the displacements at the contact nodes in every subdomain with such a node."""
-        gids, self._term = np.unique(self.boundary.term_gid, return_inverse=True)
-        subs = self.operator.structure.subdomains
-        gid = joined((sub.node_gid for sub in subs), np.int64)
-        copies = np.flatnonzero(np.isin(gid, gids))
-        start = np.cumsum([0, *(len(sub.node_gid) for sub in subs)])
-        owner = np.searchsorted(start, copies, side="right") - 1
-        # of the rank: (subdomain, its nodes)
-        self._copies = [(s, copies[owner == s] - start[s]) for s in np.unique(owner)]
-        self._copied = gather(self.operator.comm, np.searchsorted(gids, gid[copies]))
 
     def evaluate(self, step: Step, displacements: list[np.ndarray]) -> dict[str, np.ndarray]:
         """Arrays (n_c,) of every `ContactField` at the end of `step`, status as code; collective.
@@ -74,6 +70,10 @@ class ContactState:
         `displacements` (dofs,) of the rank's subdomains, less the travel. Steps must come in their
         order: slip is counted from the step before.
         """
+        follows = self.boundary.following is not None
+        if follows:
+            self._take_geometry()
+            self.law = self.solver.effects.contact_law(self.boundary)
         b, rows, n = self.boundary, self.rows, len(self.operator.structure.contact.gid)
         values = np.zeros((4, n))  # lambda_n, lambda_t, bound, status
         values[0, rows.normal_node] = step.multipliers[rows.normal]
@@ -85,7 +85,8 @@ class ContactState:
         if self.frictional:  # a node constrained tangentially has no row of its own, but a bound
             alone = b.tangential_row < 0
             values[2, alone] = self.law.friction_bound(values[0])[alone]
-        u = self._jump(displacements)
+        moved = self._nodal(displacements)
+        u = self._jump(moved)
         u_n, elastic = (u * b.normal).sum(axis=1), (u * b.tangent).sum(axis=1)
         weights = step.weights[: len(self._travel)]
         carried = np.tensordot(weights, self._travel, axes=1)
@@ -95,10 +96,12 @@ class ContactState:
             self._elastic = self.solver.initial[: len(b.gid)] - self._carried_t(self._weights)
         if self.solver.cycles is not None and step.index == self.solver.cycles.begin + 1:
             self._begun = {MOVED: self._elastic, WORN: self.worn}
+        if follows:  # along the tangents of now
+            self._elastic = (self._jump(self._before) * b.tangent).sum(axis=1)
         slip = elastic - self._elastic + self._carried_t(weights - self._weights)
         slip -= b.way(self._time, step.time)
         self._time = step.time
-        self._elastic, self._weights = elastic, weights
+        self._elastic, self._weights, self._before = elastic, weights, moved
         more = {} if self.worn is None else {WEAR: self._wear(slip, values[0])}
         if step.cycle:
             self._cycle_ends(step)
@@ -128,15 +131,14 @@ class ContactState:
         carried = np.tensordot(weights, self._travel, axes=1)
         return (carried * self.boundary.tangent).sum(axis=1)
 
-    def _jump(self, displacements: list[np.ndarray]) -> np.ndarray:
-        """(n_c, 2) displacement of the contact nodes, between bodies the jump."""
+    def _jump(self, moved: np.ndarray) -> np.ndarray:
+        """(n_c, 2) displacement of the contact nodes, between bodies the jump.
+
+        `moved` (k, 2) are displacements of the vertices.
+        """
         b = self.boundary
-        own = (displacements[s].reshape(-1, 2)[node] for s, node in self._copies)
-        copies = gather(self.operator.comm, joined(own, float, 2))  # in the order of subdomains
-        count = np.bincount(self._copied)
-        mean = np.column_stack([np.bincount(self._copied, u) for u in copies.T]) / count[:, None]
         jump = np.zeros((len(b.gid), 2))
-        np.add.at(jump, b.term_node, b.term_value[:, None] * mean[self._term])
+        np.add.at(jump, b.term_node, b.term_value[:, None] * moved[self._term])
         return jump
 
 

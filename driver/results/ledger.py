@@ -19,7 +19,7 @@ def ledger(solver, sizes: dict, amplitudes: np.ndarray, largest: np.ndarray,
     `largest` (patterns,) the largest nodal value of every pattern, `history` the rows of
     history.csv, empty if no step was kept.
     """
-    contact = solver.operator.structure.contact
+    contact = solver.operator.structure.contact.start
     facts = RunFacts(sizes, amplitudes, largest,
                      {state: np.array([row[f"nodes_{state}"] for row in history], int)
                       for state in STATUS_NAMES},

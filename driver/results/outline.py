@@ -49,6 +49,9 @@ def _rows(manifest: Manifest, structure: Substructure, parts: list[tuple]) -> li
     start, end, label = edges.T
     whole = {name: fixed[edges[label == name, :2]].min(axis=(0, 1))
              for name in np.unique(label).tolist()}  # a support holds a label, not its neighbours
+    sprung = manifest.rooms.get("springs", {}).get("labels", [])
+    joined_labels = {label for kind in ("tie", "periodic")
+                     for pair in manifest.rooms.get(kind, {}).get("labels", []) for label in pair}
     motion = (moved[start] + moved[end]) / 2
     rows = []
     for p, q, edge, move, pull in zip(place[start].tolist(), place[end].tolist(), label.tolist(),
@@ -60,6 +63,10 @@ def _rows(manifest: Manifest, structure: Substructure, parts: list[tuple]) -> li
             role = "contact"
         elif held.any():
             role = "support"
+        elif edge in sprung:
+            role = "springs"
+        elif edge in joined_labels:
+            role = "joined"
         else:
             role = "load" if any(pull) else "free"
         rows.append([*p, *q, edge, role, *pull, *held.astype(int).tolist(),

@@ -209,7 +209,7 @@ class _Point:
         places = [place for part in operator.comm.allgather(found) for place in part]
         depth = max(place[0] for place in places)
         if depth < -OUTSIDE:
-            raise InputError(f"the probe at ({xy[0]:g}, {xy[1]:g}) lies outside the body")
+            raise InputError(f"probePoints: ({xy[0]:g}, {xy[1]:g}) lies outside the body")
         depth = min(depth, -1e-9)  # on common sides any subdomain is as good: the first one
         _, self.triangle, self.place, owner = next(p for p in places if p[0] >= depth)
         self.own = owner - first

@@ -174,17 +174,35 @@ def peak(arc: np.ndarray, values: np.ndarray) -> float:
 
 
 def contact_length(nodes: dict, pieces: list[np.ndarray], steps: dict, index: int) -> float:
-    """Length in contact at step `index`; edges between a closed and an open node count in part."""
-    total, weight = 0.0, nodes["weight"]
+    """Length in contact at step `index`; edges between a closed and an open node count in part.
+
+    A node that touches alone, and has no part of its edges by how they open, counts by its dual
+    segment: what bears a force has a length.
+    """
+    total, own = 0.0, nodes.get("length", nodes["weight"])
     for piece in pieces:
         closed = steps["status"][index][piece] != OPEN
         if len(piece) == 1:
-            total += float(nodes.get("length", weight)[piece[0]]) * closed[0]
+            total += float(own[piece[0]]) * closed[0]
             continue
         inside = float(np.diff(nodes["arc"][piece]) @ (closed[1:] & closed[:-1]))
-        total += float(_beyond(nodes, piece) @ closed[[0, -1]]) + inside
-        total += sum(part for _, _, part in edges_of_contact(nodes, piece, steps, index))
+        beyond = _beyond(nodes, piece)
+        total += float(beyond @ closed[[0, -1]]) + inside
+        parts = edges_of_contact(nodes, piece, steps, index)
+        total += sum(part for _, _, part in parts)
+        ends = [(0, -1, beyond[0]), (len(piece) - 1, len(piece), beyond[1])]
+        total += sum(own[piece[alone]] for alone in _pointlike(closed, parts + ends))
     return float(total)
+
+
+def _pointlike(closed: np.ndarray, parts: list[tuple[int, int, float]]) -> list[int]:
+    """Places of closed nodes between open ones, or at an end, whose edges have no part in contact.
+
+    `closed` (k,) of a piece, `parts` of its edges from `edges_of_contact`.
+    """
+    beside = np.concatenate([[False], closed, [False]])
+    alone = np.flatnonzero(closed & ~beside[:-2] & ~beside[2:])
+    return [k for k in alone if not sum(part for node, _, part in parts if node == k) > 0]
 
 
 def edges_of_contact(nodes: dict, piece: np.ndarray, steps: dict,

@@ -24,6 +24,7 @@ class Record:
         # one array (n_c,) a step, gap besides
         self.states = {name: [] for name in (*ContactField, *more)}
         self.gaps = []
+        self.normals = []  # (n_c, 2) a step, where contact follows the motion
         self.displacements = []  # the largest of the body, one number a step
         self.work = []  # of friction, one array (n_c,) a step, in cycles jumped over too
         # how often steps are gone through, where cycles are jumped over, and work of each cycle
@@ -37,9 +38,13 @@ class Record:
 
     def add(self, step: Step) -> tuple[list[np.ndarray], dict[str, np.ndarray]]:
         """Displacements (dofs,) of the rank's subdomains, less travel, and the contact state."""
+        self.operator.follow(step)
         fields = self.operator.deformations(step.multipliers, step.weights)
         state = self.contact.evaluate(step, fields)
-        self.gaps.append(self.contact.boundary.at(step.time).gap)
+        boundary = self.contact.boundary
+        self.gaps.append(boundary.at(step.time).gap)
+        if boundary.following is not None:
+            self.normals.append(boundary.normal)
         for name, column in self.states.items():
             column.append(state[name])
         if self.dissipation:
@@ -117,6 +122,6 @@ class Record:
         nodes["mirrored"] = fixed.max(axis=1, initial=0.0) > 0.99
         steps = less_wear({name: np.array(column) for name, column in self.states.items()})
         steps |= {"work": np.array(self.work), **self.counted}
-        if self.contact.boundary.motion is not None:
+        if self.contact.boundary.moves:
             steps["gap"] = np.array(self.gaps)
         return nodes, steps

@@ -35,6 +35,9 @@ def linearized(problem: Problem, settings: Settings, comm) -> Problem:
     manifest, structure = problem.manifest, problem.structure
     if settings.linearization == "initial":
         return problem
+    if structure.contact.following is not None:
+        raise InputError("LINEARIZATION=updated and largeSliding: contact follows the motion "
+                         "already; leave LINEARIZATION out")
     if not manifest.contact_pairs:
         raise InputError("LINEARIZATION=updated is about contact between bodies: "
                          "the scene declares no contactPair")

@@ -79,7 +79,8 @@ class Summary:
         "dual_multiplications_setup": "products before it",
         "cg_steps": "CG steps of MPRGP", "expansion_steps": "expansion steps of MPRGP",
         "proportioning_steps": "proportioning steps of MPRGP",
-        "contact_block_products": "products with the contact rows' block alone"})
+        "contact_block_products": "products with the contact rows' block alone",
+        "geometries": "contact geometries in all time steps, where contact follows the motion"})
     residuals: dict = entry(
         "relative residuals of the KKT conditions, worst of all steps; a step has converged with "
         "none above PRIMAL_RTOL, equilibrium none above FRICTION_RTOL", parts={
@@ -94,7 +95,9 @@ class Summary:
             "complementarity": "natural residuals of contact and friction, abs(lambda - "
                                "P(lambda + f/delta move)) / f, P the projection on admissible "
                                "forces, move the penetration or the slip",
-            "equilibrium": "forces on bodies that no support holds, over the sum of their sizes"})
+            "equilibrium": "forces on bodies that no support holds, over the sum of their sizes",
+            "geometry": "where contact follows the motion: distances over delta and contact forces "
+                        "over f by which conditions about the solution differ from those used"})
     contraction: float = entry("worst mean ratio of successive changes of a step's fixed point")
     fallbacks: dict = entry("steps that needed another method, by the method's name")
     uniqueness: dict = entry("whether the steps have other solutions", parts={
@@ -117,6 +120,7 @@ class Summary:
         "export": "FreeFEM", "read": "reading its export", "setup": "reduction to the interfaces",
         "solve": "all time steps, those before an interruption included",
         "uniqueness": "search for other solutions of the steps, where there was one",
+        "geometry": "renewing contact rows, where contact follows the motion",
         "output": "contact quantities and fields",
         "validity": "checks of the model's assumptions",
         "energy_error": "error in the energy norm", "estimates": "error budget",
@@ -147,6 +151,10 @@ class Summary:
         "last": "row of cycles.csv of the last cycle"})
     quantities: dict | None = entry("quantities of interest", "see quantities.py", optional=True)
     quantities_time: float | None = entry("the time they belong to", "time", optional=True)
+    obstacle_motion: dict | None = entry(
+        "of every label that meets an obstacle which moves: its shift_x, shift_y and angle, as far "
+        "as they are not zero, at the start and after every step, else the nearest node's distance",
+        "length, rad", optional=True)
     boundaries: list | None = entry(
         "rows of boundaries.csv in the last step, where there is contact", "see boundaries.csv",
         optional=True)
@@ -184,7 +192,7 @@ def summarize(request, problem: Problem, solver: QuasistaticSolver,
     manifest, structure, history = problem.manifest, problem.structure, solver.history
     sizes = Sizes.of(structure)
     warnings = [*history.warnings, *history.fallbacks.warnings(), *solver.uniqueness.warnings(),
-                *omissions.warnings(structure.contact.declared, problem.effects.rooms,
+                *omissions.warnings(structure.contact.start.declared, problem.effects.rooms,
                                     writer.record.displacements, settings)]
     if optional.get("validity") and optional["validity"]["verdict"] != "ok":
         doubt = optional["validity"]
@@ -195,6 +203,8 @@ def summarize(request, problem: Problem, solver: QuasistaticSolver,
         optional["materials"] = manifest.materials
     if writer.cycle_rows:
         optional["cycles"] = _cycles(solver.cycles, writer.cycle_rows)
+    if structure.contact.declared.motion is not None:
+        optional["obstacle_motion"] = _motions(structure.contact.declared)
     if writer.history_rows:
         optional["quantities"], index = writer.record.quantities()
         optional["quantities_time"] = writer.history_rows[index]["time"]
@@ -266,6 +276,14 @@ def _loads(problem: Problem) -> list[dict]:
     total = np.concatenate(problem.operator.comm.allgather(own)).sum(axis=0)
     return [{"effect": pattern["kind"], "number": pattern["amplitude"], "force": force.tolist()}
             for pattern, force in zip(problem.manifest.patterns, total)]
+
+
+def _motions(contact) -> dict:
+    """Entry `obstacle_motion`."""
+    own = ~contact.paired
+    moving = {str(label): contact.motion.histories(np.flatnonzero(own & (contact.label == label)))
+              for label in np.unique(contact.label[own]).tolist()}
+    return {label: histories for label, histories in moving.items() if histories}
 
 
 def _ledger(problem: Problem, sizes: Sizes, solver: QuasistaticSolver, writer: Writer) -> dict:

@@ -33,10 +33,12 @@ CONTACT = (
     Column("arc", "length", "arc length along the boundary"),
     Column("weight", "length", "length of the node's dual segment; of bodies of revolution the "
            "area that it sweeps"),
-    Column("normal_x", "1", "outward unit normal n of the body; t is n turned by +90 degrees"),
+    Column("normal_x", "1", "outward unit normal n of the body, at the end of the step where "
+           "contact follows the motion; t is n turned by +90 degrees"),
     Column("normal_y", "1", "outward unit normal n of the body; t is n turned by +90 degrees"),
     Column("gap", "length", "distance to the obstacle or the other body along n before any "
-           "load; of obstacles that move, where they stand at the end of the step"),
+           "load; of obstacles that move, where they stand at the end of the step; where contact "
+           "follows the motion u_n and the distance at the end of the step"),
     Column(ContactField.U_N, "length",
            "displacement along n, between bodies the jump; at most the gap"),
     Column(ContactField.U_T, "length", "displacement along t, between bodies the jump"),
@@ -50,6 +52,8 @@ CONTACT = (
 )
 WORN = Column("wear", "length", "worn depth since time 0, where the scene declares wear: u_n is at "
               "most the gap and this")
+GEOMETRIES = Column("geometries", "1", "contact geometries of the step, where contact follows the "
+                    "motion")
 LABEL = Column("boundary", "1", "label of the contact boundary, where there are several; at a node "
                "in which one goes on in another that of the longer part")
 
@@ -135,13 +139,19 @@ BOUNDARY = (
     *(Column(name, "length", "ends of the edge of the outline, the body on its left")
       for name in ("x0", "y0", "x1", "y1")),
     Column("label", "1", "label of the edge in the mesh"),
-    Column("role", "1", "pair, contact, support, load or free"),
+    Column("role", "1", "pair, contact, support, springs, joined (tied, periodic), load or free"),
     Column("traction_x", "stress", "traction of the label at amplitude 1"),
     Column("traction_y", "stress", "traction of the label at amplitude 1"),
     Column("fixed_x", "1", "1 where a support holds this component on the whole label"),
     Column("fixed_y", "1", "1 where a support holds this component on the whole label"),
     Column("moved_x", "length", "displacement that is prescribed there at amplitude 1"),
     Column("moved_y", "length", "displacement that is prescribed there at amplitude 1"),
+)
+
+OBSTACLE = (
+    Column("step", "1", "number of the step, 0 is the start; of an obstacle that stands 0 alone"),
+    *(Column(name, "length", "ends of a side of a polygon that is like the obstacle, the body on "
+             "its left") for name in ("x0", "y0", "x1", "y1")),
 )
 
 TABLES = {
@@ -152,6 +162,8 @@ TABLES = {
     "cycles.csv": ("a row per cycle of a history that is repeated", CYCLES),
     "convergence.csv": ("a row per step of the QP solver", CONVERGENCE),
     "boundary.csv": ("a row per edge of the outline", BOUNDARY),
+    "obstacle.csv": ("a row per side of a rigid obstacle that contact follows (and step)",
+                     OBSTACLE),
 }
 
 # ---- files for ParaView, in the folder of a run --------------------------------------------------

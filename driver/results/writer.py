@@ -23,8 +23,8 @@ from .outline import write_outline
 from .quantities import resultant
 from .record import Record
 from .resultants import resultants
-from .tables import (BOUNDARIES, CONTACT, CONVERGENCE, CYCLES, HISTORY, LABEL, PROBES, WORN, header,
-                     shown)
+from .tables import (BOUNDARIES, CONTACT, CONVERGENCE, CYCLES, GEOMETRIES, HISTORY, LABEL, PROBES,
+                     WORN, header, shown)
 
 
 class Writer:
@@ -42,6 +42,11 @@ class Writer:
         self.fields = Fields(directory, manifest.element, operator) if fields else None
         self.probes = _probes(manifest, operator, self.record.effects)
         write_outline(directory / "boundary.csv", manifest, operator.structure, operator.comm)
+        following = operator.structure.contact.following
+        if following is not None:
+            from .obstacle import write_obstacle  # here: few scenes need it
+
+            write_obstacle(directory / "obstacle.csv", following, operator.comm)
 
     def add(self, step: Step, replayed: bool = False) -> tuple[dict[str, np.ndarray], float]:
         """Record one step; the state of the contact nodes and the body's energy u' K u.
@@ -99,7 +104,7 @@ class Writer:
     def boundary_rows(self) -> list[dict]:
         """Rows of boundaries.csv; once all steps are recorded."""
         states = less_wear({name: np.array(column) for name, column in self.record.states.items()})
-        if self.contact.boundary.motion is not None:
+        if self.contact.boundary.moves:
             states["gap"] = np.array(self.record.gaps)
         states |= self.record.counted
         times = [(row["step"], row["time"]) for row in self.history_rows]
@@ -132,6 +137,8 @@ class Writer:
         row |= {"contact_length": float(boundary.length[touching].sum()),
                 "max_displacement": self.record.displacements[-1],
                 "peak_pressure": float(-sigma_n.min(initial=0)), "dissipated": self.dissipated}
+        if boundary.following is not None:
+            row["geometries"] = step.geometries
         row |= {f"kkt_{name}": value for name, value in step.residuals.items()}
         return row
 
@@ -139,7 +146,7 @@ class Writer:
         """Rows of contact.csv, with the label of the boundary if `labelled`."""
         b, states = self.contact.boundary, self.record.states
         worn = WEAR in states
-        nodes = [[repr(float(v)) for v in (*b.xy[i], b.arc[i], b.weight[i], *b.normal[i])]
+        nodes = [[repr(float(v)) for v in (*b.xy[i], b.arc[i], b.weight[i])]
                  for i in range(len(b.gid))]
         labels = [[label] if labelled else [] for label in b.label]
         for k, row in enumerate(self.history_rows):
@@ -147,8 +154,10 @@ class Writer:
             depth = [[repr(value)] for value in states[WEAR][k].tolist()] if worn else [[]] * len(
                 status)
             gap = self.record.gaps[k].tolist()
+            normal = (self.record.normals[k] if self.record.normals else b.normal).tolist()
             for i, quantities in enumerate(zip(*values)):
-                yield [row["step"], repr(row["time"]), i, *nodes[i], repr(gap[i]),
+                yield [row["step"], repr(row["time"]), i, *nodes[i], *map(repr, normal[i]),
+                       repr(gap[i]),
                        *map(repr, quantities), STATUS_NAMES[status[i]], *depth[i], *labels[i]]
 
     def _write_tables(self) -> None:
@@ -161,9 +170,10 @@ class Writer:
             write_rows(self.directory / "boundaries.csv", header(BOUNDARIES),
                        (row.values() for row in self.boundary_rows))
         if self.history_rows:
+            more = (GEOMETRIES,) if self.record.normals else ()
             residuals = [name.removeprefix("kkt_") for name in self.history_rows[0]
                          if name.startswith("kkt_")]
-            columns = header(HISTORY, amplitude=self.manifest.amplitudes, kkt=residuals)
+            columns = header((*HISTORY, *more), amplitude=self.manifest.amplitudes, kkt=residuals)
             rows = ([row[name] for name in columns] for row in self.history_rows)
             write_rows(self.directory / "history.csv", columns, rows)
         if self.probes is not None:

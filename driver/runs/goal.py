@@ -141,6 +141,8 @@ class Search:
         contact, effects = problem.structure.contact, self.effects
         if not self.effects.quasistatic or self._level(size).at < self.steps - 1:
             return False  # nothing to choose, or the quantity belongs to a moment before the end
+        if contact.following is not None:
+            return False  # the way there is found step by step
         return not effects.frictional or (
             "preload" not in effects
             and effects.homogeneous(contact, effects.initial_displacement(contact))

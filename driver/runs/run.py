@@ -20,7 +20,7 @@ from ..march.checkpoint import fingerprint
 from ..options import RESULTS
 from ..report import run as report
 from ..results import screen
-from ..scene import freefem, grammar, seal
+from ..scene import explain, freefem, grammar, seal
 from ..text import shown
 from . import guard, hosts, launch
 from .request import Request
@@ -97,7 +97,7 @@ def execute(run: Run) -> dict:
         hosts.check(place.path, run.ranks)
         cycles = _refine(run, place)
         if run.accuracy:
-            status, reason = launch.solve(place.path, Request.of(run), run.ranks, search)
+            status, reason = solve(run, place.path, Request.of(run), search)
         else:
             request = Request.of(run, cycles=tuple(map(str, cycles)))
             status, reason = _cycle(run, place, place.path, cycles, request)
@@ -142,7 +142,14 @@ def _cycle(run: Run, place: Workspace, work: Path, before: list[Path],
     _resume(run, place, work, identity)
     seconds = {**adaptivity.seconds(before), "export": time.perf_counter() - clock}
     request = dataclasses.replace(request, fingerprint=identity, seconds=seconds)
-    return launch.solve(work, request, run.ranks, solver)
+    return solve(run, work, request, solver)
+
+
+def solve(run: Run, work: Path, request: Request, stage) -> tuple[int, str]:
+    """Exit status and reason of a stage on the ranks; a refusal has the scene's line."""
+    status, reason = launch.solve(work, request, run.ranks, stage)
+    refused = status == InputError.exit_status
+    return status, explain.placed(reason, run.scene) if refused else reason
 
 
 def _resume(run: Run, place: Workspace, work: Path, identity: dict) -> None:

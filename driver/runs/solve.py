@@ -106,6 +106,9 @@ def run(directory: Path, request: Request, comm) -> tuple[int, str]:
     seconds["solve"] = history.seconds  # of all steps
     if history.examining:
         seconds["uniqueness"] = history.examining
+    if history.renewing:
+        seconds["solve"] -= history.renewing
+        seconds["geometry"] = history.renewing
     valid, doubt = _validity(directory, problem, writer, estimator)
     lap("validity")
     status, reason = (failure.exit_status, str(failure)) if failure else (0, "")
@@ -278,7 +281,8 @@ def _budget(errors: dict, directory: Path, request: Request, problem: Problem, w
         companions = Companions(levels, problem, settings, record, sizes, errors["energy"])
         parts = assess(errors, companions)
         errors["adjoint"] = said
-        errors["energy"] |= of_time(errors["quantities"])
+        if problem.structure.contact.following is None:  # else friction takes most on long ways
+            errors["energy"] |= of_time(errors["quantities"])
         errors["prices"] = price_list(companions, parts, errors["quantities"], request.quantity,
                                       took, *memory, lambda: time.perf_counter() - lap.last)
     finally:

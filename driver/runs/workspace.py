@@ -48,7 +48,13 @@ class Workspace:
         self._made = []  # directories above `out` that were not there
         try:
             self._take_back()
-            self.abandoned += filter(None, map(self._hold, self._private()))
+            self._before = _identity(self.out)
+            private = self._private()
+            self.abandoned += filter(None, map(self._hold, private))
+            held = [name for name, _ in self._held.values()]
+            if any(_alive(name) for name in private if name not in held):
+                _warn(f"another run is on its way to {shown(self.out)}: the one that ends last "
+                      "stays there; stop one, or give it an OUT of its own")
             for path in list(self.abandoned):
                 if guard.foreign(path, unfinished=True):
                     self._release(path)
@@ -158,6 +164,9 @@ class Workspace:
         with _undisturbed():
             os.fchmod(descriptor, 0o777 & ~_umask())
             wanted, out = out, _free(out)
+            if out == self.out and _identity(out) != self._before:
+                _warn(f"another run has put its results into {shown(out)} meanwhile: these "
+                      "replace them")
             if not out.exists():
                 name.rename(out)
             elif _exchange(name, out):
@@ -268,6 +277,28 @@ def _umask() -> int:
 def _has_checkpoint(path: Path) -> bool:
     """Whether a run left a checkpoint in its directory, of itself or of a refinement cycle."""
     return any(path.rglob(checkpoint.NAME))
+
+
+def _identity(out: Path) -> tuple[int, int] | None:
+    """What tells the directory at `out` from another one that takes its name; None without one."""
+    try:
+        found = os.stat(out)
+    except OSError:
+        return None
+    return found.st_dev, found.st_ino
+
+
+def _alive(name: Path) -> bool:
+    """Whether a run of this user works in a private directory that is locked."""
+    descriptor = guard.open_own(name)
+    if descriptor is not None:
+        os.close(descriptor)
+    return descriptor is not None
+
+
+def _warn(words: str) -> None:
+    """A line on the screen, also of quiet runs."""
+    print(f"warning: {words}", file=sys.stderr, flush=True)
 
 
 def _locked(descriptor) -> bool:

@@ -39,7 +39,7 @@ CONTENTS = {"support": "form", "contact": "labels", "contactPair": "labels",
             "contactNormal": "vector", "young": "number", "poisson": "number", "piece": "number",
             "stepTimes": "list", "tie": "labels", "periodic": "labels", "foundation": "labels",
             "foundationNormal": "number", "foundationTangential": "number", "pointSpring": "list",
-            "normalComplianceExponent": "number",
+            "normalComplianceExponent": "number", "largeSliding": "number",
             "slipFactor": "number", "obstacleX": "number", "obstacleY": "number",
             "obstacleAngle": "number", "obstaclePivot": "vector", "gapInTime": "number",
             "obstacleInTime": "number", "displacementFactor": "number", "amplitude#": "number",
@@ -266,11 +266,14 @@ def _amplitude(number: int, absent: set[str]) -> list[str]:
 
 
 def _idle(absent: set[str]) -> list[str]:
-    """Refusal of amplitudes without a load, unless that is left out."""
+    """Refusal of amplitudes without a load or without time, unless that is left out."""
     left_out = {name[-1] for name in absent} | ({*map(str, NUMBERS)} if absent & _all_loads() else
                                                 set())
-    return [line for k in NUMBERS if str(k) not in left_out
-            for line in _if(f"amplitude{k}", f"refuseIdle({k});")]
+    histories = [k for k in NUMBERS if f"amplitude{k}" not in absent]
+    timeless = [] if QUASISTATIC in absent else histories
+    idle = [k for k in NUMBERS if str(k) not in left_out]
+    return [line for check, numbers in (("refuseTimeless", timeless), ("refuseIdle", idle))
+            for k in numbers for line in _if(f"amplitude{k}", f"{check}({k});")]
 
 
 def _all_loads() -> set[str]:

@@ -31,7 +31,8 @@ MEANINGS = (
                                       "least; is the element size (H) far too large?"),
     (r"boundary is not closed", "borders that do not close a curve"),
     (r"boundary is crossing", "borders that cross one another"),
-    (r"wrong direction", "a border that runs the wrong way round: the body must lie on its left"),
+    (r"wrong direction", "a border that runs the wrong way round, as the body must lie on its "
+                         "left, or one without elements: is the element size (H) too large?"),
     (r"Assertion fail", "a mesh that FreeFEM cannot work with: triangles that are flat, vertices "
                         "that are no numbers or coincide"),
     (r"mesh generator", "a mesh with triangles that are flat or run clockwise, or with vertices "
@@ -62,9 +63,39 @@ def refusal(said: str, scene: Path) -> str:
     for name in named:
         if name in rooms.vocabulary() and _places(scene, rf"macro {name}\b"):
             return f"{_place(scene, rf'macro {name}')}: {said}"
-    if re.match(r"(rectangle|units|quasistatic)\b", said):
+    if re.match(r"(rectangle|units|quasistatic|addBody|bodyMaterial)\b", said):
         return f"{_uses(scene, first)}: {said}"
+    if file := re.search(r"[\w./-]+\.(?:geo|msh)\b", said):
+        return f"{_place(scene, re.escape(file[0]))}: {said}"
     return f"{scene.name}: {said}"
+
+
+def _as_options(said: str, scene: Path) -> str:
+    """FreeFEM's flags, -friction 0.3, as a user gives them to the driver, FRICTION=0.3."""
+    known = [*grammar.parameters(scene).values(), *grammar.OF_LIBRARY, "h", "cells"]
+    if unknown := re.match(r"unknown parameter '-(\w+)'; this scene reads", said):
+        names = [name.upper() for name in re.findall(r" -(\w+)", said)]
+        return (f"unknown parameter {unknown[1].upper()}; this scene reads {', '.join(names)}"
+                f"{script.near(unknown[1].upper(), names)}")
+    flags = "|".join(sorted(known, key=len, reverse=True))
+    return re.sub(rf"(?<![\w-])-({flags})\b", lambda flag: flag[1].upper(), said)
+
+
+def placed(reason: str, scene: Path) -> str:
+    """What the solver refuses, with the line of the macro of the scene that it names first.
+
+    It speaks of a contactPair as of a contact pair. What it says of an option has none.
+    """
+    if re.match(r"[A-Z_]+\b", reason):
+        return reason
+    named = []
+    for source in grammar.sources(scene):
+        for macro in grammar.definitions(source):
+            words = re.findall("[A-Z]?[a-z]+", macro.name)
+            said = re.search(r"\b" + r"\w*\s?".join(words), reason, re.IGNORECASE)
+            if said and macro.name in rooms.vocabulary():
+                named.append((said.start(), -len(words), f"{source.path.name} line {macro.line}"))
+    return f"{min(named)[2]}: {reason}" if named else reason
 
 
 def failure(output: str, status: int, scene: Path, folder: Path, retrace) -> str:
@@ -74,7 +105,7 @@ def failure(output: str, status: int, scene: Path, folder: Path, retrace) -> str
     returns the output.
     """
     if refused := re.search(rf"{REFUSED}(.*)", output):
-        return refusal(refused[1], scene)
+        return refusal(_as_options(refused[1], scene), scene)
     taken = re.search(r"(?:The identifier )?(\w+) (?:exists\b|is not a Polymorphic id)", output)
     if taken and script.declared_by_library(taken[1]):
         return script.taken_name(scene, taken[1])
@@ -134,9 +165,21 @@ def _misunderstood(error: re.Match, lines: list[str], scene: Path, folder: Path)
     said = said or next((line for line in lines if " exists" in line), "values of the wrong kind")
     if said == "syntax error" and _declares(scene, path.name, int(number), error[4].strip()):
         said = f"'{error[4].strip()}' is a word of FreeFEM's own: choose another name"
+    elif said == MISTAKES[1][1] and (form := _form(_line(scene, path.name, int(number)))):
+        return f"{path.name} line {number}: {form}"
     elif said == "syntax error" and (unfinished := _unfinished(scene, path.name, int(number))):
         said = f"syntax error; line {unfinished} may lack its ;"
     return f"FreeFEM failed in {path.name} line {number}{token}: {said}{remedy}"
+
+
+def _form(code: str) -> str:
+    """What is wrong with the call of the library's that a line makes; "" if it makes none."""
+    for name in re.findall(r"\b(\w+)\s*\(", code):
+        for form, meaning in rooms.listed_calls(environment.LIBRARY / "scene.idp"):
+            if form.startswith(f"{name}("):
+                return (f"{name} is called with arguments of a wrong number or kind: {form}  "
+                        f"{meaning}")
+    return ""
 
 
 def _content_read(path: Path, number: int, scene: Path) -> str:
@@ -220,6 +263,8 @@ def _unknown(name: str, error: re.Match | None, scene: Path) -> str:
         hint = '; it needs  include "gmsh.idp"  after scene.idp'
     elif name == "t":
         hint = "; the time is the argument of an amplitude: macro amplitude1(t) ... //"
+    elif re.fullmatch("u|v|u_?[xyrz]|v_?[xyrz]", name):
+        hint = "; displacements are u1, u2, along x, y or r, z, with test functions v1, v2"
     elif name in ("c11", "c12", "c13", "c22", "c23", "c33"):
         return (f"{scene.name}: the scene declares no {name}: a material is given by young and "
                 "poisson or by all of c11, c12, c13, c22, c23, c33")

@@ -106,14 +106,17 @@ def check(scene: Path) -> None:
     if not any(line.split("//")[0].strip() for source in files for line in source.lines):
         raise InputError(f"{scene.name} is empty: see edp/tutorial.edp for how to write a scene")
     _check_includes(files)
+    _check_end(files[0])
+    _check_circles(files)
     for source in files:
         _check_characters(source)
+        _check_brackets(source)
         _check_bodies(source)
         for definition in definitions(source):
             if reason := _fault(definition):
                 raise InputError(f"{source.path.name} line {definition.line}: {reason}")
         _check_parameters(source)
-        for line, name in _declared(source):
+        for line, name in declared(source):
             if name in VOCABULARY:
                 raise InputError(f"{source.path.name} line {line}: the name '{name}' is the "
                                  "library's own; choose another")
@@ -134,6 +137,43 @@ def _check_includes(files: list[Source]) -> None:
     if "export" in known and "scene" not in known:
         raise InputError(f"{files[0].path.name} does not include scene.idp: its first line must be "
                          ' include "scene.idp"')
+
+
+def _check_end(scene: Source) -> None:
+    """Nothing is declared after export.idp, which has read all that the scene declares."""
+    lines = [number for number, line in enumerate(scene.lines, 1)
+             if re.match(r'\s*include\s+"export\.idp"', line)]
+    for macro in definitions(scene):
+        if lines and macro.line > lines[0]:
+            raise InputError(f"{scene.path.name} line {macro.line}: the macro {macro.name} stands "
+                             'after  include "export.idp", which is the last line of a scene')
+
+
+def _check_brackets(source: Source) -> None:
+    """Every bracket of what is no macro has its partner, before the end of the statement."""
+    pairs, opened = {")": "(", "]": "[", "}": "{"}, []
+    for letter, number, loops in _marks(source):
+        if letter in pairs.values():
+            opened.append((letter, number, loops))
+        elif letter in pairs and (not opened or opened.pop()[0] != pairs[letter]):
+            raise InputError(f"{source.path.name} line {number}: a '{letter}' too many, or the "
+                             "wrong one")
+        elif letter == ";" and opened and opened[-1][0] != "{" and not opened[-1][2]:
+            break
+    if opened:
+        raise InputError(f"{source.path.name} line {opened[-1][1]}: a '{opened[-1][0]}' is not "
+                         "closed")
+
+
+def _marks(source: Source):
+    """Brackets and semicolons outside of macros, the line of each, and whether it opens a loop."""
+    within = set()
+    for macro in definitions(source):
+        within |= set(range(macro.line, macro.line + 1 + macro.content.count("\n")))
+    for number, line in enumerate(source.lines, 1):
+        code = "" if number in within else re.sub(r'"[^"\n]*"', "", line.split("//")[0])
+        for mark in re.finditer(r"(\bfor\s*)?([][(){};])", code):
+            yield mark[2], number, bool(mark[1])
 
 
 def _check_characters(source: Source) -> None:
@@ -175,6 +215,28 @@ def _fault(definition: Definition) -> str:
     return _unbalanced(name, content)
 
 
+def _check_circles(files: list[Source]) -> None:
+    """Refuse macros that contain themselves, directly or by others. Raises InputError.
+
+    FreeFEM would put the content in without end.
+    """
+    macros = {macro.name: macro for source in files for macro in definitions(source)}
+    reads = {name: {word for word in re.findall(r"[A-Za-z_]\w*", re.sub(r'"[^"\n]*"', "",
+                                                                        macro.content))
+                    if word in macros and word not in re.findall(r"\w+", macro.arguments or "")}
+             for name, macro in macros.items()}
+    for name, macro in macros.items():
+        reached, remaining = set(), set(reads[name])
+        while remaining:
+            word = remaining.pop()
+            reached.add(word)
+            remaining |= reads[word] - reached
+        if name in reached:
+            raise InputError(f"{macro.path.name} line {macro.line}: the macro {name} contains "
+                             f"itself: give what it is to stand for another name, as in  real "
+                             f"{name}Value = ...; macro {name}() {name}Value //")
+
+
 def _unbalanced(name: str, content: str) -> str:
     """Which bracket of a macro has no partner; empty if all have."""
     pairs, opened = {")": "(", "]": "[", "}": "{"}, []
@@ -205,7 +267,7 @@ def _check_parameters(source: Source) -> None:
                                  "meaning for the driver or FreeFEM; choose another")
 
 
-def _declared(source: Source) -> list[tuple[int, str]]:
+def declared(source: Source) -> list[tuple[int, str]]:
     """Global names that a file declares, each with its line."""
     found, depth = [], 0
     for number, line in enumerate(source.lines, 1):

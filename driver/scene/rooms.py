@@ -126,6 +126,17 @@ def head(path: Path) -> list[str]:
     return lines
 
 
+def listed_calls(path: Path) -> list[tuple[str, str]]:
+    """Form and meaning of every call that the head of a file of the library lists."""
+    calls = []
+    for line in head(path):
+        if entry := re.fullmatch(r"   (\S.*?)  +(\S.*)", line):
+            calls.append((entry[1], " ".join(entry[2].split())))
+        elif calls and (more := re.fullmatch(r" {20,}(\S.*)", line)):
+            calls[-1] = calls[-1][0], f"{calls[-1][1]} {more[1]}"
+    return calls
+
+
 def take_title(lines: list[str], name: str) -> str:
     """Take the title, up to a line that ends with a full stop, off the head of the file `name`."""
     title = lines.pop(0).strip().removeprefix(f"{name} - ")

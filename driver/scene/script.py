@@ -43,15 +43,24 @@ def text_digest(scene: Path) -> str:
 def check_names(scene: Path) -> None:
     """Refuse macros that nothing reads, and macros and functions with names of the library's own.
 
-    FreeFEM would put such a macro into the library's text, and call such a function from there.
-    Variables need no check: FreeFEM refuses a second one, see `taken_name`. Raises InputError.
+    FreeFEM would put such a macro into the library's text, and call such a function from there, and
+    replace a variable by the library's macro of its name. That a variable of the library has this
+    name FreeFEM says itself, see `taken_name`. Raises InputError.
     """
     files = grammar.sources(scene)
     code = "\n".join(line.split("//")[0] for source in files for line in source.lines)
     if 'include "export.idp"' not in code:
         return
     library = "\n".join(path.read_text() for path in environment.LIBRARY.rglob("*.idp"))
+    hidden = {"evaluating", *re.findall(r"^\s*macro (\w+)", library, re.MULTILINE)}
+    hidden -= rooms.vocabulary()
+    own = {macro.name: macro for source in files for macro in grammar.definitions(source)}
     for source in files:
+        for line, name in grammar.declared(source):
+            if name in hidden:
+                raise InputError(own_name(source.path, line, name))
+            if reason := _variable_fault(name, own, code):
+                raise InputError(f"{source.path.name} line {line}: {reason}")
         for macro in grammar.definitions(source):
             if reason := _macro_fault(macro.name, code, library):
                 raise InputError(f"{source.path.name} line {macro.line}: {reason}")
@@ -59,6 +68,19 @@ def check_names(scene: Path) -> None:
             function = re.match(r"\s*func\s+\w+\s+(\w+)", line)
             if function and re.search(rf"^func \w+ {function[1]}\(", library, re.MULTILINE):
                 raise InputError(own_name(source.path, number, function[1]))
+
+
+def _variable_fault(name: str, macros: dict, code: str) -> str:
+    """Why a scene with these macros may not give a variable or function this name, or ""."""
+    if name in macros:
+        return (f"'{name}' is also a macro, in line {macros[name].line}, which stands for it from "
+                f"there on; choose another name, such as {name}Value")
+    macro = next((macro for macro in rooms.all_macros() if name in macro.names), None)
+    declares = macro is not None and macro.arguments is not None  # and is no number, as slipRange
+    if declares and len(re.findall(rf"\b{name}\b", code)) == 1:
+        return (f"nothing reads '{name}': what a scene declares is given by macros: "
+                f"macro {name}({macro.arguments}) ... //")
+    return ""
 
 
 def _macro_fault(name: str, code: str, library: str) -> str:
@@ -95,7 +117,7 @@ def check_gmsh_numbers(scene: Path) -> None:
                 if not _is_word(name, text):
                     known = re.findall(r"(\w+)\s*=\s*\{", text)
                     raise InputError(f"{source.path.name} line {number}: no .geo file of the scene "
-                                     f"reads the number {name}{_near(name, known)}")
+                                     f"reads the number {name}{near(name, known)}")
 
 
 def check_statements(scene: Path) -> None:
@@ -108,13 +130,15 @@ def check_statements(scene: Path) -> None:
             if re.search(r"\bon\(\s*u[12]\s*=", line.split("//")[0]):
                 raise InputError(f"{source.path.name} line {number}: on(...) names no boundary: "
                                  "its label comes first, as in on(4, u1 = 0.)")
-    for name, body in _definitions(scene.read_text(errors="replace"))[0]:
-        unknown = re.search(r"\bu[12]\b", _without_texts(body))
-        if re.fullmatch(r"(load|bodyForce)\d", name) and unknown:
+    for macro in (macro for source in grammar.sources(scene)
+                  for macro in grammar.definitions(source)):
+        unknown = re.search(r"\bu[12]\b", _without_texts(macro.content))
+        if re.fullmatch(r"(load|bodyForce)\d", macro.name) and unknown:
             raise InputError(
-                f"{scene.name}: {name} contains {unknown[0]}, the unknown displacement: a load is "
-                "given and such a term (a spring, a Robin condition) would be left out; write "
-                "loads with v1 and v2 alone, or a spring as a thin soft body")
+                f"{macro.path.name} line {macro.line}: {macro.name} contains {unknown[0]}, the "
+                "unknown displacement: a load is given and such a term (a spring, a Robin "
+                "condition) would be left out; write loads with v1 and v2 alone, and springs by "
+                "macro foundation() label // or pointSpring")
 
 
 def taken_name(scene: Path, name: str) -> str:
@@ -153,10 +177,11 @@ def _without_texts(code: str) -> str:
 
 def hint(name: str, words=()) -> str:
     """The declaration, or one of other `words`, that a misspelt one may mean."""
-    return _near(name, {*rooms.vocabulary(), *words})
+    return near(name, {*rooms.vocabulary(), *words})
 
 
-def _near(name: str, words) -> str:
+def near(name: str, words) -> str:
+    """What a misspelt name may mean, as the end of a message; "" if nothing is near."""
     import difflib  # takes longer to import than the check takes
 
     near = difflib.get_close_matches(name, sorted(words), 1)
@@ -191,8 +216,10 @@ def check_regions(scene: Path, manifest: Manifest) -> None:
     for _ in macros:  # a macro may call one that asks
         asking |= {name for name, body in macros if asking & set(re.findall(r"\w+", body))}
     for name in sorted(asking & rooms.vocabulary()):
+        line = next((f" line {macro.line}" for source in grammar.sources(scene)
+                     for macro in grammar.definitions(source) if macro.name == name), "")
         raise InputError(
-            f"{scene.name}: {name} asks for the region, but all of the mesh is region 0, as "
+            f"{scene.name}{line}: {name} asks for the region, but all of the mesh is region 0, as "
             "FreeFEM makes it; give meshes regions by square(..., region = 1), "
             "Th = change(Th, fregion = 1) or physical surfaces of gmsh")
 

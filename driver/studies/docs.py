@@ -19,7 +19,7 @@ from ..effects import Effect
 from ..results import summary, tables
 from ..runs.run import Run, execute
 from ..scene import freefem
-from ..scene.rooms import Room, general_macros, head, rooms
+from ..scene.rooms import Room, general_macros, head, listed_calls, rooms
 from ..text import words
 
 ROOT = environment.ROOT
@@ -96,12 +96,7 @@ def _code(names) -> str:
 
 def calls(name: str) -> str:
     """The calls that the head of a file of edp/lib lists."""
-    rows = []
-    for line in head(environment.LIBRARY / name):
-        if entry := re.fullmatch(r"   (\S.*?)  +(\S.*)", line):
-            rows.append((f"`{entry[1]}`", " ".join(entry[2].split())))
-        elif rows and (more := re.fullmatch(r" {20,}(\S.*)", line)):
-            rows[-1] = rows[-1][0], f"{rows[-1][1]} {more[1]}"
+    rows = [(f"`{form}`", meaning) for form, meaning in listed_calls(environment.LIBRARY / name)]
     return markdown(("call", "meaning"), rows)
 
 

@@ -22,6 +22,7 @@ from ..results.boundaries import NODES
 from ..results.contact_state import WEAR, less_wear
 from ..results.dissipation import Dissipation, start
 from ..results.quantities import chains, contact_length, peak, resultant, traction
+from ..results.record import Record
 from ..results.shares import label_shares
 from ..results.tables import shown
 from ..runs.request import Request
@@ -59,7 +60,8 @@ def run(directory: Path, request: Request, comm) -> tuple[int, str]:
               for k, (own, value) in enumerate(values)]
     lap("setup")
     rows = int(np.count_nonzero(structure.row_kind != RowKind.GLUING))
-    condensed = rows <= LARGEST and not structure.rigid_modes
+    follows = structure.contact.following is not None
+    condensed = rows <= LARGEST and not structure.rigid_modes and not follows
     if condensed:
         try:
             operator = ContactCompliance(operator)
@@ -125,9 +127,15 @@ def _outcomes(problem, settings, values: list, request: Request, apart: bool, co
     try:
         for done, k in enumerate(mine, 1):
             manifest, value = values[k]
-            contact = _contact_of(request.study, Effects(manifest), structure.contact,
-                                  value.contact, value.gid, manifest.contact_pairs)
-            operator, near = problem.operator.with_contact(contact), near if k % chain else None
+            effects, whole = Effects(manifest), structure.contact
+            if whole.following is not None:
+                operator = problem.operator
+                _follow(request.study, effects, operator, value, manifest.contact_pairs)
+            else:
+                contact = _contact_of(request.study, effects, whole, value.contact, value.gid,
+                                      manifest.contact_pairs)
+                operator = problem.operator.with_contact(contact)
+            near = near if k % chain else None
             own = dataclasses.replace(problem, manifest=manifest, operator=operator)
             solved[k], near = _solve(own, settings, near)
             _progress(request, comm, k, done, len(mine))
@@ -192,6 +200,28 @@ def _contact_of(name: str, effects, whole, data, gid: np.ndarray, pairs: list):
     return whole.renewed(columns, gap, motion)
 
 
+def _follow(name: str, effects, operator, value, pairs: list) -> None:
+    """Let contact of the operator follow the motion of one value, from the start on."""
+    start = operator.structure.contact.start
+    old = start.following
+    table = contact_table(value.contact, list(value.contact.columns), value.gid,
+                          np.zeros((len(value.gid), 2)))
+    read = merge_parts(table, list(value.contact.columns), pairs, effects.one_node_a_vertex)
+    if not (np.array_equal(read.gid, old.nodes.gid)
+            and np.allclose(read.weight, old.nodes.weight, rtol=1e-9)):
+        raise InputError(f"a study cannot vary {name.upper()}: it moves the contact boundary")
+    nodes = dataclasses.replace(old.nodes, columns=read.columns)
+    gap = effects.distance(read.columns, len(read.gid))
+    motion = effects.motion(nodes, gap)
+    following = effects.following(nodes, motion)
+    first = following.first(dataclasses.replace(old.found, nodes=nodes), gap, motion, old.sides)
+    following.joints = old.joints
+    following.settle(start)  # rows and corners
+    following.settle(following.about(first.about.u, 0.0))
+    operator.renew(following.start)
+    operator.products = 0
+
+
 def _of_rows(boundary, read, distance: np.ndarray) -> np.ndarray:
     """(n_c,) sums of the terms of the boundary's rows with the `distance` (n,) of nodes `read`."""
     known = dict(zip(read.gid.tolist(), distance))
@@ -242,11 +272,15 @@ def _solve(problem, settings, near: np.ndarray | None) -> tuple[Outcome, np.ndar
                            start(solver.effects, law, contact.weight, solver.amplitudes))
 
     shares, before = label_shares(operator.structure)[1], 0.0
+    record = Record(operator, solver) if contact.following is not None else None
 
     def add(step) -> None:
         nonlocal fields, u_t, before
-        fields = _fields(solver, step, u_t + contact.way(before, step.time))
-        fields["gap"] = contact.at(step.time).gap
+        if record is not None:
+            fields = dict(record.add(step)[1]) | {"gap": record.gaps[-1]}
+        else:
+            fields = _fields(solver, step, u_t + contact.way(before, step.time))
+            fields["gap"] = contact.at(step.time).gap
         u_t, before = fields["u_t"], step.time
         bare = less_wear(fields)
         row = _quantities(contact, shares, bare)

@@ -24,7 +24,7 @@ from ..errors import InputError, error_of
 from ..options import RESULTS
 from ..runs import hosts, launch
 from ..runs.request import Request
-from ..runs.run import Run
+from ..runs.run import Run, solve
 from ..runs.workspace import Workspace
 from ..scene import freefem
 from ..text import shown
@@ -61,7 +61,7 @@ def make_study(pairs: dict[str, str]) -> tuple[dict, Path]:
             run.without)
         request = Request.of(run, study=name, values=tuple(values),
                              seconds={"export": time.perf_counter() - clock})
-        status, reason = launch.solve(work, request, run.ranks, solver)
+        status, reason = solve(run, work, request, solver)
         if not (work / "summary.json").exists():
             raise error_of(status, reason)
         if run.figures:

@@ -186,3 +186,39 @@ def test_least_friction_shares_a_force():
             assert (p >= 0).all() and (np.abs(q) <= F * p + c).all()
             assert np.abs(q).sum() == pytest.approx(best.fun, abs=1e-6)
     assert 10 < sum(ended) < 50
+
+
+RING = """// a ring between two plates, whose labels meet where neither touches it
+include "scene.idp"
+units("mm", "MPa");
+subdomains("3");
+border lower(t = pi, 2*pi) { x = 20*cos(t); y = 20*sin(t); label = 1; }
+border upper(t = 0, pi) { x = 20*cos(t); y = 20*sin(t); label = 2; }
+border inner(t = 0, 2*pi) { x = 14*cos(t); y = 14*sin(t); label = 3; }
+body = buildmesh(lower(20) + upper(20) + inner(-28));
+if (physical("apart", 0.) > 0)
+  body = change(body, flabel = (label < 3 && abs(y) < 4. ? 5 : label));
+quasistatic(1.);
+macro young() 5. //
+macro poisson() 0.4 //
+macro contact() 1, 2 //
+macro obstacle(x, y) (label == 1 ? y + 20. : 20. - y) //
+macro obstacleY(t) (label == 2 ? -0.5*t : 0.) //
+macro obstacleX(t) (label == 2 ? 0.1*t : 0.) //
+macro friction() 0.5 //
+include "export.idp"
+"""
+
+
+def test_a_vertex_between_obstacles_that_face_one_another(solved, tmp_path):
+    """Its two normals are opposite. Without contact there, a label of its own, forces are the same,
+    but for what the fixed point leaves, 1e-6 of the pressures.
+    """
+    path = tmp_path / "ring.edp"
+    path.write_text(RING)
+    meeting, apart = (solved(path, apart=apart, steps=2, errors="energy") for apart in (0, 1))
+    assert meeting.status == apart.status == 0 and meeting.summary["errors"]["energy"]["total"] > 0
+    for one, other in zip(meeting.summary["boundaries"], apart.summary["boundaries"]):
+        assert one["normal_resultant"] > 0.05
+        for name in ("force_x", "force_y", "dissipated_energy"):
+            assert one[name] == pytest.approx(other[name], abs=1e-5 * one["normal_resultant"])

@@ -333,6 +333,8 @@ def test_words_of_the_option(words, expected):
     ([("macro cycles() 4 //", "macro cycles() 0 //")], {}, "whole number of at least 1"),
     ([("macro cycleStart() 1. //", "macro cycleStart() 5. //")], {}, "no cycle begins at 5"),
     ([("macro cycleStart() 1. //", "macro cycleStart() 2. //")], {}, "where the cycle begins"),
+    ([("macro friction() 0.4 //", "macro friction() 0.4 //\nmacro largeSliding() 1 //"),
+      ("macro wear() wears //\n", "")], {}, "where contact follows the motion"),
     ([], {"steps": 7}, "no step ends at cycleStart"),
     ([("macro contact() 1 //", "macro contact() 1 //\nmacro obstacleX(t) t //")], {},
      "an obstacle stands elsewhere"),
@@ -343,6 +345,6 @@ def test_words_of_the_option(words, expected):
      "give their number"),
 ])
 def test_misuse_is_refused_in_one_line(solved, scene, changes, options, reason):
-    options = {name: value for name, value in {"cells": 1, **options}.items() if value}
+    options = {name: value for name, value in {"cells": 2, **options}.items() if value}
     run = solved(scene(STRIP, *changes), **options)
     assert run.status == 2 and reason in run.reason and "\n" not in run.reason

@@ -1,5 +1,7 @@
 """Ties and periodic boundaries: patches, rates, what meets at their ends, closed forms, misuse."""
 
+import csv
+
 import numpy as np
 import pytest
 
@@ -218,6 +220,9 @@ def test_wavy_contact_is_westergaards(solved, options):
     mean, quantities = options.get("mean", 0.25), run.summary["quantities"]
     half = np.arcsin(np.sqrt(mean)) / np.pi
     full = np.pi / (1 - 0.3**2) * 1e-4
+    with open(run.directory / "boundary.csv") as file:
+        roles = {row["label"]: row["role"] for row in csv.DictReader(file)}
+    assert roles == {"1": "support", "2": "joined", "3": "contact", "4": "joined"}
     assert quantities["normal_resultant"] == pytest.approx(mean * full, rel=1e-5)
     assert quantities["contact_length"] == pytest.approx(2 * half, rel=5e-3)
     assert quantities["peak_pressure"] == pytest.approx(2 * mean * full / np.sqrt(mean), rel=5e-3)
@@ -236,6 +241,21 @@ def test_a_tie_does_not_depend_on_cut_and_ranks(solved, scene):
                                    atol=1e-7 * np.abs(other.contact[name]).max())
 
 
+# sides of one edge, one end of which is held along x and the other in contact: none is left that
+# could be periodic in this direction
+ONE_EDGE = """include "scene.idp"
+subdomains("1");
+body = square(2, 1, [2.*x, y]);
+macro young() 1000. //
+macro poisson() 0.3 //
+macro periodic() 2, 4 //
+macro displacement1() on(3, u1 = 0.01) //
+macro load1() pressure(3, 4.) //
+macro contact() 1 //
+include "export.idp"
+"""
+
+
 @pytest.mark.parametrize("text, old, new, reason", [
     (SIDE, "[1 + x, y]", "[1.2 + x, y]", "tied boundaries 11 and 21 do not lie on one another"),
     (SIDE, "11, 21 //", "5, 21 //", "label 5 is declared for contact and tied"),
@@ -245,6 +265,7 @@ def test_a_tie_does_not_depend_on_cut_and_ranks(solved, scene):
      "label 21 is periodic and tied"),
     (STRIP % (5, 5), "periodic() 4, 2", "periodic() 4, 3", "are no translates of one another"),
     (STRIP % (5, 5), "periodic() 4, 2", "periodic() 4, 9", "no boundary with label 9"),
+    (ONE_EDGE, "", "", "constrain all nodes of 2"),
     (STRIP % (5, 5), "macro periodic() 4, 2 //", "macro periodic() 4, 2 //\nmacro contact() 2 //",
      "label 2 is periodic and declared for contact")])
 def test_misuse_is_refused_in_one_line(solved, scene, text, old, new, reason):

@@ -93,6 +93,9 @@ def test_a_block_on_a_sliding_floor_drags_with_friction_times_pressure(solved, s
                     for name in ("normal", "tangential"))
     np.testing.assert_allclose(normal, 8.0, rtol=1e-9)
     np.testing.assert_allclose(drag, 0.3 * normal * [1, 1, -1], rtol=1e-9)
+    times = np.linspace(0, 2, 9)
+    assert run.summary["obstacle_motion"] == {
+        "1": {"shift_x": pytest.approx(0.5 * (1 - abs(times - 1)), abs=1e-15)}}
     # what slides takes F N over the way of the floor: an eighth of 1 in the last step
     work = np.array(table["dissipated_energy"])
     assert work[-1] - work[-2] == pytest.approx(0.3 * 8 * 0.125, rel=1e-8)

@@ -9,8 +9,11 @@ import numpy as np
 import pytest
 
 from driver.estimates import budget
+from driver.estimates.budget import name_of
 from driver.estimates.levels import Companions
 from driver.options import Settings
+from driver.runs.solve import NO_ESTIMATES
+from driver.scene import freefem
 
 SOURCES = ("mesh", "time", "friction", "solver")
 
@@ -299,6 +302,18 @@ def test_any_number_of_ranks_gives_the_same_budget(solved):
     own, other = ({name: entry for name, entry in run.summary["errors"].items() if name != "prices"}
                   for run in (one, two))
     assert json.dumps(own) == json.dumps(other)
+
+
+@pytest.mark.slow  # every scene that ships, with its companions: some minutes
+@pytest.mark.parametrize("name", sorted(freefem.scenes()))
+def test_errors_of_every_scene_that_ships_are_estimated(solved, name):
+    run = solved(name, errors="yes")
+    assert run.status == 0
+    assert not [warning for warning in run.summary["warnings"] if NO_ESTIMATES in warning]
+
+
+def test_settings_are_named_as_on_the_command_line():
+    assert [name_of("h", 0.05), name_of("element", "P2")] == ["H=0.05", "ELEMENT=P2"]
 
 
 def test_estimates_are_optional_and_named_on_the_screen(command, tmp_path):

@@ -11,13 +11,14 @@ from types import SimpleNamespace
 import meshio
 import numpy as np
 import pytest
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from PIL import Image
 
 from driver import figures
 from driver.errors import InputError
-from driver.figures import (animation, body, contact, convergence, history, layout, obstacle,
-                            outline, redraw, scales, style, theory)
+from driver.figures import (animation, body, contact, convergence, history, labels, layout,
+                            obstacle, outline, redraw, scales, style, theory)
 
 ALL = ["geometry", "loading", "deformed", "contact_normal", "contact_tangential", "contact_status",
        "history", "convergence"]
@@ -394,6 +395,28 @@ def test_loading_has_a_curve_for_every_amplitude_from_time_zero(drawn):
         assert line.get_marker() != "None"
 
 
+def test_loading_shows_where_obstacles_go(run):
+    """Shifts in one panel, angles in one of their own; without loads these alone, and without
+    either there is no such figure.
+    """
+    moved = {"3": {"shift_x": [0.0, 2e-3, 5e-3], "angle": [0.0, 0.1, 0.2]},
+             "4": {"distance": [1e-3, 0.0, 0.0]}}
+    def own(**entries):
+        return dataclasses.replace(run, summary={**run.summary, **entries})
+
+    figure = figures.compose("loading", own(obstacle_motion=moved))
+    assert [len(axes.lines) for axes in figure.axes] == [2, 2, 1]
+    assert [axes.get_ylabel() for axes in figure.axes] == [
+        "amplitude [–]", "obstacle [mm]", "obstacle turned\nby [rad]"]
+    assert legend_words(figure)[2:] == ["shift in $x$, label 3", "distance of the nearest node, "
+                                        "label 4", "angle, label 3"]
+    assert figure.axes[1].lines[0].get_ydata() == pytest.approx([0, 2, 5])
+    assert not overlaps(figure) and not outside(figure)
+    alone = figures.compose("loading", own(amplitudes={}, obstacle_motion={"3": moved["3"]}))
+    assert len(alone.axes) == 2 and legend_words(alone) == ["shift in $x$", "angle"]
+    assert "loading" not in figures.wanted(own(amplitudes={}))
+
+
 def test_history_may_start_at_step_one_and_have_empty_cells(tmp_path):
     directory = make_run(tmp_path, steps=3, products=6)
     first, _, *rows = (directory / "history.csv").read_text().splitlines()
@@ -605,6 +628,20 @@ def test_supports_rollers_and_moved_supports_look_different(tmp_path, changes, w
     assert ("moved by up to 1 mm" in words(figure)) == any("moved" in name for name in changes)
 
 
+@pytest.mark.parametrize("role, words, zigzags", [
+    ("springs", "elastic foundation", 1), ("joined", "tied or periodic", 0)])
+def test_foundations_and_joined_boundaries_are_no_free_ones(tmp_path, role, words, zigzags):
+    """Springs stand outside of the left side, x = 0, beside each other."""
+    run = moved_run(tmp_path, {"role": role, "fixed_x": "0", "fixed_y": "0"})
+    figure = figures.compose("geometry", run)
+    assert words in legend_words(figure)
+    found = [lines for lines in figure.axes[0].collections if isinstance(lines, LineCollection)
+             and any(len(line) == 8 for line in lines.get_segments())]
+    assert len(found) == zigzags
+    for line in (line for lines in found for line in lines.get_segments()):
+        assert line[0, 0] == pytest.approx(0.0, abs=1e-9) and (np.diff(line[:, 0]) < 0).all()
+
+
 def test_labels_loads_and_weight_are_on_the_picture(tmp_path):
     run = moved_run(tmp_path, {"traction_x": 2e7, "traction_y": 0},
                     loads=[{"effect": "body_force", "number": 2, "force": [0.0, -5.0]}])
@@ -658,6 +695,34 @@ def test_arrows_along_a_boundary_do_not_stand_on_each_other(tmp_path):
     assert np.all(ends[0][order][1:] > ends[1][order][:-1])
 
 
+@pytest.mark.parametrize("high, led", [(0.15, {5}), (4.0, set())], ids=["thin", "thick"])
+def test_numbers_of_labels_stand_beside_their_boundary(high, led):
+    """A bar of length 9 under a wheel, label 5 on a short part of its top with an arrow above it:
+    of a thick one all numbers are inside, of a thin one outside, that of the wheel on a line.
+    """
+    x = np.linspace(-4.5, 4.5, 91)
+    corners = np.concatenate([
+        np.column_stack([x, 0 * x]), [[4.5, high]], np.column_stack([x[-2::-1], 0 * x[1:] + high])])
+    start, end = corners, np.roll(corners, -1, axis=0)
+    middle = (start + end) / 2
+    label = np.select([middle[:, 1] == 0, middle[:, 0] == 4.5, middle[:, 0] == -4.5,
+                       np.abs(middle[:, 0]) < 0.06], [1, 2, 4, 5], 3)
+    axes = Figure().add_subplot()
+    axes.quiver([0], [high + 1.5], [0], [-1.4], angles="xy", scale_units="xy", scale=1)
+    roles = np.where(label == 5, "load", "free")
+    labels.label_numbers(axes, {"label": label, "role": roles},
+                         (start, end, outline.right_of(start, end)), 9.0,
+                         {"load": "red", "free": "black"})
+    places = {int(text.get_text()): np.array(text.get_position()) for text in axes.texts}
+    assert len(places) == 5 and len(axes.lines) == len(led)
+    for name, place in places.items():
+        away = labels.distances(place, start, end)
+        assert name in led or away.min() == away[label == name].min() > 0.2
+        assert (0 < place[1] < high and abs(place[0]) < 4.5) == (high == 4.0)
+        assert labels.distances(place, *np.array([[[0, high + 1.5]], [[0, high + 0.1]]])) > 0.2
+        assert all(np.linalg.norm(place - other) > 0.4 for k, other in places.items() if k != name)
+
+
 def test_magnification_respects_gaps_and_large_displacements(tmp_path):
     """Closed nodes on a gap of 1 mm under a body of 2 m: (s - 1) 1 mm stay below a hundredth of
     the size; displacements of a tenth of the size are to scale.
@@ -699,6 +764,22 @@ def test_hertz_has_its_ellipse(tmp_path):
     assert (theory.hertz(rows) @ rows["weight"]) == pytest.approx(true @ rows["weight"], rel=1e-2)
     run = figures.read_run(make_run(tmp_path, steps=2, scene="edp/hertz.edp", products=6))
     assert "Hertz, same force and length" in legend_words(figures.compose("contact_normal", run))
+
+
+@pytest.mark.parametrize("crest", [0.0, 0.3, 0.5])
+def test_waves_have_the_pressure_of_westergaard(crest):
+    """From nodes 1/1000 of a wave apart the same, but for the root at the edge: there the spread
+    errs by some (1/1000)^1.5. Wherever the crest is, for a wave length of 3.
+    """
+    arc, half, mean = np.linspace(0, 3, 1001), 0.2, 7.0
+    s = np.pi * (arc / 3 - crest)
+    room = np.maximum(0.0, np.sin(np.pi * half) ** 2 - np.sin(s) ** 2)
+    true = -2 * mean * np.abs(np.cos(s)) * np.sqrt(room) / np.sin(np.pi * half) ** 2
+    weight = np.full(1001, 3e-3)
+    weight[[0, -1]] /= 2
+    rows = {"arc": arc, "weight": weight, "sigma_n": true}
+    assert theory.westergaard(rows) == pytest.approx(true, abs=2e-3 * -true.min())
+    assert true @ weight == pytest.approx(-3 * mean, rel=1e-3)
 
 
 @pytest.mark.parametrize("history, remembered", [

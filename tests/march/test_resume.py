@@ -284,6 +284,26 @@ def test_a_living_run_keeps_its_directory(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_two_runs_to_the_same_place_say_so(tmp_path, capsys):
+    """The second that there is another one, the one that ends last whose results it replaces."""
+    out = tmp_path / "out"
+    said = []
+    with workspace.Workspace(out) as first, workspace.Workspace(out) as second:
+        said.append(capsys.readouterr().err)
+        for place, name in ((second, "second"), (first, "first")):
+            (place.path / "summary.json").write_text(SUMMARY % name)
+            place.publish(out)
+            said.append(capsys.readouterr().err)
+    assert [len(words.splitlines()) for words in said] == [1, 0, 1]
+    assert "another run is on its way to" in said[0] and "an OUT of its own" in said[0]
+    assert "another run has put its results into" in said[2]
+    assert '"first"' in (out / "summary.json").read_text()
+    with workspace.Workspace(out) as alone:
+        (alone.path / "summary.json").write_text(SUMMARY % "third")
+        alone.publish(out)
+    assert not capsys.readouterr().err
+
+
 def test_directories_of_other_results_are_left_alone(tmp_path):
     """OUT=a next to OUT=a.b, and hidden directories that no run has made."""
     for name in (".a.b.1", ".a.1x", ".a.old", ".ab.1"):

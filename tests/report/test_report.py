@@ -140,6 +140,19 @@ def test_the_command_renews_pages(finished, tmp_path, capsys):
     assert "Converged" in Page(copy / "report.html").words
 
 
+def test_what_a_benchmark_missed_stands_below_its_verdict(tmp_path):
+    names = ("part", "name", "value", "unit", "target", "met")
+    rows = [("products", "one", 52, "", "<= 651", "yes"), ("studies", "two", 5.2, "", "<= 5", "no")]
+    write_table(tmp_path / "report.csv", [dict(zip(names, row)) for row in rows])
+    write_table(tmp_path / "accuracy.csv", [{"sweep": "mesh", "value": 0.5}])
+    (tmp_path / "products.png").write_bytes(PNG)
+    found = Page(study.write(tmp_path))
+    assert "What accuracy costs: " in found.words and "of 2 rows 1 met, 1 not" in found.words
+    assert found.rows[:2] == [["part", "name", "value", "target", "met"],
+                              ["studies", "two", "5.2", "<= 5", "no"]]
+    assert "Products with F beside a tenth" in found.words
+
+
 def test_the_page_of_a_parameter_study(tmp_path, command_here):
     done = command_here("study", "SCENE=model", "FRICTION=0.1,0.3", "CELLS=2", "STEPS=2",
                         "FIGURES=no", "QUIET=yes", f"OUT={tmp_path / 'out'}")

@@ -1,5 +1,7 @@
 """Probes: places and labels where a scene asks for displacements and forces."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -131,8 +133,10 @@ def test_the_number_of_ranks_does_not_matter(block):
     ("macro probePoints() [1., 1., 2.] //", "not 3 numbers"),
     ("macro probeLabels() [8] //", "8")])
 def test_probes_that_cannot_be_meant_are_refused(block, more, reason):
-    run, _ = block(f"refused-{abs(hash(reason))}", more=more)
+    name = f"refused-{abs(hash(reason))}"
+    run, _ = block(name, more=more)
     assert run.status == 2 and reason in run.reason
+    assert re.match(r"\S+\.edp line \d+: probe", run.reason)
 
 
 def test_places_of_a_spoiled_manifest_are_refused(built):

@@ -89,6 +89,19 @@ def test_edges_on_clamped_nodes_and_ends_of_the_boundary():
     assert 0.8 <= values(clamped, steps)["contact_length"] <= 0.9
 
 
+@pytest.mark.parametrize("touching, expected", [
+    ([5], 0.1), ([0], 0.05), ([10], 0.05), ([2, 8], 0.2), ([4, 5], 0.1), ([], 0.0)])
+def test_a_node_that_touches_alone_counts_by_its_dual_segment(touching, expected):
+    """Openings grow from it like |x|, whose 2/3 power puts the edge of contact behind the node; a
+    neighbour in contact gives the length itself.
+    """
+    x = np.linspace(0, 1, 11)
+    closed = np.isin(np.arange(11), touching)
+    away = np.abs(x[:, None] - x[touching]).min(axis=1, initial=9.0)
+    nodes, steps = line(x, closed, 1.0 * closed, np.where(closed, 0.0, 0.1 + away))
+    assert values(nodes, steps)["contact_length"] == pytest.approx(expected, rel=1e-12)
+
+
 @pytest.mark.parametrize("clamped", [1, 2], ids=["vertex next", "middle next"])
 def test_quadratic_nodes_beside_a_clamped_end(clamped):
     """Edges of length 0.2 over [0, 1], whose first node or first two are clamped: closed

@@ -95,6 +95,10 @@ def test_a_macro_that_does_not_end(said, name):
     ("real F", "int[int] traction(3); real F", "'traction'"),
     ('units("mm"', 'units("µm"', "µ"), ("MPa", "MPä", "ä"),
     ('include "export.idp"', 'include "export.idp"\ninclude "export.idp"', "second time"),
+    ('include "export.idp"', 'include "export.idp"\nmacro gap() 0.1 //', "macro gap stands after"),
+    ("rectangle(0., 2., 0., 1.);", "rectangle(0., (2., 0., 1.);", "'(' is not closed"),
+    ("rectangle(0., 2., 0., 1.);", "rectangle(0., 2., 0., 1.]);", "a ']' too many, or the wrong"),
+    ("quasistatic(1.);", "for (int i = 0; i < 2; ++i) { quasistatic(1.);", "'{' is not closed"),
 ])
 def test_what_the_text_shows(said, old, new, words):
     message = said((old, new))
@@ -153,8 +157,14 @@ def test_names_of_freefem_are_what_the_library_has_undeclared():
     ("traction(3, 2., -10.)", "traction(3, -10.)", "traction(label, px, py)"),
     ("traction(3, 2., -10.)", "tracton(3, 2., -10.)", "did you mean traction"),
     ("traction(3, 2., -10.)", "traction(3, 2., q)", "'q'"),
+    ("traction(3, 2., -10.)", "int1d(Ti, 3)(u1*v1)", "and springs by macro foundation() label //"),
+    ("u1 = 0., u2", "ux = 0., u2", "displacements are u1, u2, along x, y or r, z"),
     ("amplitude1(t) t", "amplitude1(s) t", "argument of an amplitude"),
-    ("quasistatic(1.)", "quasistatic()", "arguments"),
+    ("quasistatic(1.)", "quasistatic()", "arguments of a wrong number or kind: quasistatic(T)"),
+    ('units("mm", "MPa");', 'units("mm");', 'units("m", "Pa")  the scene'),
+    ("rectangle(0., 2., 0., 1.)", "rectangle(2., 1.)", "rectangle(x0, x1, y0, y1)"),
+    ("rectangle(0., 2., 0., 1.);", "rectangle(0., 2., 0., 1.); addBody(square(3, 3))",
+     "give each body by addBody(mesh)"),
     # numbers that are none
     ("-10.)", "1./0.)", "load1"), ("-10.)", "1e400)", "load1"), ("-10.)", "sqrt(-x - 1))", "load1"),
     ("amplitude1(t) t", "amplitude1(t) sqrt(t - 0.5)", "amplitude1"),
@@ -176,6 +186,24 @@ def test_what_freefem_trips_over(said, old, new, words):
     message = said((old, new))
     assert words in message
     assert place(message) == line_of(old) + ("// \nmacro a" in new or "// \nmacro pairG" in new)
+
+
+@pytest.mark.parametrize("changes, words, place_of", [
+    (("quasistatic(1.);", ""), "amplitude1 is a history, but the scene has no time: call",
+     "amplitude1"),
+    (("rectangle(0., 2., 0., 1.);", "body = square(2, 2); addBody(square(3, 3))"),
+     "body is set to another mesh, which would be left out: give each body by addBody(mesh)",
+     "rectangle")])
+def test_what_would_be_left_out_in_silence(said, changes, words, place_of):
+    message = said(changes, parameters={})
+    assert words in message and place(message) == line_of(place_of)
+
+
+def test_a_body_may_be_called_body_and_added(tmp_path):
+    path, added = tmp_path / "mine.edp", "body = square(2, 2); addBody(body)"
+    path.write_text(SCENE.replace("rectangle(0., 2., 0., 1.);", added))
+    export = freefem.export(path, tmp_path / "export", {"subdomains": "2", "steps": "1"})
+    assert export.bodies == 1
 
 
 def test_a_statement_without_its_end_is_found(said):
@@ -317,6 +345,22 @@ def test_a_small_size_that_memory_holds_is_only_counted(tmp_path):
     assert manifest.parameters["h"] == 0.008 and "counted" not in manifest.parameters
 
 
+@pytest.mark.parametrize("given, words", [
+    ({"fricton": "1"}, "unknown parameter FRICTON; this scene reads FRICTION, SUBDOMAINS, STEPS, "
+                       "ELEMENT, CELLS; did you mean FRICTION?"),
+    ({"steps": "2.5"}, "STEPS expects a whole number of at least 1, not '2.5'"),
+    ({"subdomains": "4by2"}, "SUBDOMAINS expects NxM (structured)")])
+def test_options_are_named_as_users_give_them(said, given, words):
+    assert said(parameters=given) == f"mine.edp: {words}" or words in said(parameters=given)
+
+
+def test_what_the_solver_says_of_an_option_has_no_line_of_the_scene(tmp_path):
+    path = tmp_path / "mine.edp"
+    path.write_text(SCENE)
+    reason = "QUANTITY=torque: the scene has no such quantity; it has contact_length"
+    assert explain.placed(reason, path) == reason
+
+
 def test_labels_that_are_names_are_said_to_be_none(said):
     message = said(("macro contact() 1 //", "border bottom(t=0, 1) { x = t; y = 0; }\n"
                                             "macro contact() bottom //"))
@@ -342,6 +386,19 @@ def test_times_that_no_step_can_end_at(said, times, words):
 def test_an_obstacle_without_slope_gives_no_direction(said):
     message = said(("macro contact() 1 //", "macro contact() 1 //\nmacro obstacle(x, y) 1. //"))
     assert "obstacle cannot be evaluated" in message and "no direction" in message
+
+
+@pytest.mark.parametrize("reason, line", [
+    ("the boundaries 1 and 3 of a contact pair do not face each other, or a support holds", 3),
+    ("the tied boundaries 1 and 5 do not face each other", 4),
+    ("the factor of the friction coefficient is negative at slip 2", 5),
+    ("parts of a body share no edge", None)])
+def test_what_the_solver_refuses_has_a_line_too(tmp_path, reason, line):
+    path = tmp_path / "mine.edp"
+    path.write_text("// four\nmacro contact() 9 //\nmacro contactPair() 1, 3 //\n"
+                    "macro tie() 1, 5 //\nmacro friction() 1. //\nmacro other() 2 //\n")
+    placed = f"mine.edp line {line}: {reason}" if line else reason
+    assert explain.placed(reason, path) == placed
 
 
 # ---- gmsh ----------------------------------------------------------------------------------------

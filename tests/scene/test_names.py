@@ -110,7 +110,9 @@ def test_scenes_may_use_every_local_name_of_the_library(tmp_path, scene, element
 
 
 def test_names_that_users_choose(variant, exported, tmp_path):
+    usual = "turn = 1., part = 2., group = 3., mark = 4., points = 5., corner = 6., segment = 7."
     scene = variant("usual-names", (HERE[0], 'int t = 2, k = 3;\nreal p = 0., s = 1., first = 2.;\n'
+                                    f"real {usual}, slopeX = 8., steepness = 9.;\n"
                                     'func real history(real t) { return t*s; }\n' + HERE[0]))
     freefem.export(scene, tmp_path, {"cells": "2"})
     plain = exported("model", cells=2)
@@ -119,11 +121,10 @@ def test_names_that_users_choose(variant, exported, tmp_path):
 
 
 @pytest.mark.parametrize("line, name", [
-    ("real part = 1; int t = 2;", "part"), ("real body = 1;", "body"), ("int parts;", "parts"),
-    ("mesh group;", "group"), ("real[int] loads(3);", "loads"), ("real gid = 1;", "gid"),
-    ("real corner = 1;", "corner"),
-    ("real mark = 1;", "mark"), ("int patterns = 1;", "patterns"), ("real steps = 3;", "steps"),
-    ("macro corner() 1. //\nreal z = corner;", "corner"), ("macro h() 1. //\nreal z = h;", "h"),
+    ("real body = 1; int t = 2;", "body"), ("int parts;", "parts"),
+    ("real[int] loads(3);", "loads"), ("real gid = 1;", "gid"), ("real nodeX = 1.;", "nodeX"),
+    ("int patterns = 1;", "patterns"), ("real steps = 3;", "steps"),
+    ("macro gid() 1. //\nreal z = gid;", "gid"), ("macro h() 1. //\nreal z = h;", "h"),
     ("macro rigidX() 1. //", "rigidX"), ("func real amplitude(int k, real t) { return 1.; }",
                                          "amplitude"),
     ("func real known(real z) { return z; }", "known"),
@@ -141,3 +142,61 @@ def test_a_name_that_the_scene_declares_twice(tmp_path, variant):
     scene = variant("twice", (HERE[0], HERE[1].replace("NAME", "real zz = 1;\nreal zz = 2;")))
     with pytest.raises(InputError, match="twice.edp line .*The identifier zz exists"):
         freefem.export(scene, tmp_path, {"cells": "2"})
+
+
+def global_names() -> list[str]:
+    """Every macro, function and variable of the library, but for what scenes call or declare."""
+    code = library()
+    found = set(re.findall(r"^\s*macro (\w+)", code, re.MULTILINE))
+    for declarators in re.findall(script.DECLARATION, code, re.MULTILINE):
+        found.update(script.declared_names(declarators))
+    return sorted(name for name in found if not name.startswith("lib")
+                  and name not in {*rooms.vocabulary(), *TAKEN, *TYPES.split("|"), "u", "v"})
+
+
+def test_macros_of_the_library_are_known_before_freefem_runs(tmp_path, monkeypatch):
+    """FreeFEM would replace such a variable by the macro, wherever it is put after its definition.
+    """
+    monkeypatch.setattr(freefem.environment, "run_child", None)
+    macros = set(re.findall(r"^\s*macro (\w+)", library(), re.MULTILINE)) & set(global_names())
+    assert {"nodeX", "muLame", "measured", "rigidX"} <= macros
+    path = tmp_path / "mine.edp"
+    for name in macros | {"evaluating"}:
+        path.write_text(PLANE.replace("DECLARATIONS", f"real {name} = 1.;"))
+        with pytest.raises(InputError, match=f"mine.edp line 2: the name '{name}' is the library"):
+            freefem.export(path, tmp_path / "export", {})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scene", [PLANE, BODIES], ids=["plane", "bodies"])
+def test_a_name_of_the_library_is_refused_or_changes_no_bit(tmp_path, scene):
+    """Global names alone: what the library has in braces is put to the test above."""
+    path, contents, refused = tmp_path / "mine.edp", set(), 0
+    for name in ["myOwn", *global_names()]:
+        path.write_text(scene.replace("DECLARATIONS", f"real {name} = 1.;")
+                        .replace("ONE", f"(1. + 0.*{name})"))
+        try:
+            contents.add(freefem.export(path, tmp_path / name, {}).seal.content)
+        except InputError as refusal:
+            refused += 1
+            assert f"mine.edp line 2: the name '{name}' is" in str(refusal)
+    assert len(contents) == 1 and refused > 150
+
+
+@pytest.mark.parametrize("old, new, words", [
+    ("macro gap() 1e-3*x*ONE //", "real gap = 1e-3;\nmacro gap() gap //",
+     "line 20: the macro gap contains itself"),
+    ("macro young() (x < 1 ? 3e9 : 2e9)*ONE //", "macro E() young //\nmacro young() E //",
+     "line 7: the macro E contains itself"),
+    ("real slipRange", "real young = 3e9;\nreal slipRange",
+     "line 6: 'young' is also a macro, in line 8, which stands for it from there on"),
+    ("macro amplitude2(time) time^2*ONE //", "func real amplitude2(real t) { return t; }",
+     "nothing reads 'amplitude2': what a scene declares is given by macros: macro amplitude2(t)"),
+])
+def test_variables_with_the_name_of_a_declaration(tmp_path, old, new, words):
+    path = tmp_path / "mine.edp"
+    assert old in PLANE
+    path.write_text(PLANE.replace(old, new).replace("DECLARATIONS", "").replace("*ONE", ""))
+    with pytest.raises(InputError) as refusal:
+        freefem.export(path, tmp_path / "export", {})
+    assert words in str(refusal.value) and "mine.edp line" in str(refusal.value)

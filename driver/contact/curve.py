@@ -1,0 +1,75 @@
+"""A boundary that bodies are to stay off, as a curve: distances and normals of any places."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+CHUNK = 2_000_000  # pairs of places and segments that are compared at a time
+
+
+@dataclass
+class Curve:
+    """A chain of segments from `start` to `end` (s, 2), which the body is to stay off.
+
+    The curve leaves the chord by the slopes `rise` and `fall` (s,) at its ends, to the side of
+    `normal` (s, 2), which points to the body. `before` and `after` (s,): it goes on beyond
+    that end, where no segment follows.
+    """
+
+    start: np.ndarray
+    end: np.ndarray
+    normal: np.ndarray
+    rise: np.ndarray
+    fall: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+
+    def distance(self, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(n,) distances of places (n, 2), negative beyond the curve, and (n, 2) normals there."""
+        distance, normal = np.empty(len(place)), np.empty((len(place), 2))
+        step = max(1, CHUNK // len(self.start))
+        for low in range(0, len(place), step):
+            part = slice(low, low + step)
+            distance[part], normal[part] = self._distance(place[part])
+        return distance, normal
+
+    def _distance(self, place):
+        chord = self.end - self.start
+        length = np.linalg.norm(chord, axis=1)
+        along = chord / length[:, None]
+        away = place[:, None] - self.start
+        s = np.einsum("nsk,sk->ns", away, along) / length
+        inside = np.clip(s, np.where(self.before, -np.inf, 0.0), np.where(self.after, np.inf, 1.0))
+        square = (((away - (inside * length)[..., None] * along) ** 2).sum(axis=2))
+        nearest = square.argmin(axis=1)
+        k = np.arange(len(place))
+        s, off = inside[k, nearest], away[k, nearest]
+        along, length, normal = along[nearest], length[nearest], self.normal[nearest]
+        rise, fall = self.rise[nearest], self.fall[nearest]
+        # on the segment the cubic, beyond it a parabola with the curve's slope and mean curvature
+        cubic = s * (1 - s) ** 2 * rise - s**2 * (1 - s) * fall
+        slope = (1 - s) * (1 - 3 * s) * rise - s * (2 - 3 * s) * fall
+        bend = fall - rise
+        low, high = s < 0, s > 1
+        cubic = np.where(low, s * rise + bend * s**2 / 2, cubic)
+        slope = np.where(low, rise + bend * s, slope)
+        cubic = np.where(high, (s - 1) * fall + bend * (s - 1) ** 2 / 2, cubic)
+        slope = np.where(high, fall + bend * (s - 1), slope)
+        turned = normal - slope[:, None] * along
+        turned /= np.linalg.norm(turned, axis=1)[:, None]
+        foot = (s * length)[:, None] * along + (cubic * length)[:, None] * normal
+        return ((off - foot) * turned).sum(axis=1), turned
+
+
+def through(segments: np.ndarray) -> Curve:
+    """The curve of segments (s, 8) by both ends and the directions to the body there."""
+    start, end = segments[:, :2], segments[:, 2:4]
+    chord = end - start
+    along = chord / np.linalg.norm(chord, axis=1)[:, None]
+    away = np.column_stack([-along[:, 1], along[:, 0]])
+    toward = (away * (segments[:, 4:6] + segments[:, 6:8])).sum(axis=1)
+    away = np.where(toward < 0, -1.0, 1.0)[:, None] * away
+    rise, fall = (-(way * along).sum(axis=1) / (way * away).sum(axis=1)
+                  for way in (segments[:, 4:6], segments[:, 6:8]))
+    no = np.zeros(len(start), bool)
+    return Curve(start, end, away, rise, fall, no, no)
