@@ -97,6 +97,41 @@ def test_the_history_is_repeated_in_all_tables(strip):
         strip.history["dissipated"][1] + cycles_of(strip)["dissipated"].sum(), rel=1e-12)
 
 
+# a block that an obstacle rubs to and fro under a pressure that varies as well
+RUBBED = """include "scene.idp"
+subdomains("2x1");
+rectangle(0., 2., 0., 1.);
+macro young() 1000. //
+macro poisson() 0.3 //
+quasistatic(3.);
+macro support() on(3, u1 = 0.) //
+macro load1() pressure(3, 4.) //
+macro amplitude1(t) (min(1., t) + 0.3*sin(pi*t)^2) //
+macro contact() 1 //
+macro friction() 0.4 //
+macro obstacleX(t) (0.01*sin(pi*t)*min(1., t)) //
+macro cycles() 3 //
+macro cycleStart() 1. //
+include "export.idp"
+"""
+
+
+def test_a_repeated_history_is_the_long_one_written_out(solved, scene):
+    """Loads and an obstacle that moves, to the tolerances: histories differ in their last digits.
+    """
+    tight = {"cells": 2, **TIGHT}
+    cycles = solved(scene(RUBBED, name="cycles"), steps=12, **tight)
+    long = solved(scene(RUBBED, ("quasistatic(3.)", "quasistatic(7.)"),
+                        ("macro cycles() 3 //\nmacro cycleStart() 1. //\n", ""), name="long"),
+                  steps=28, **tight)
+    np.testing.assert_allclose(cycles.history["time"], long.history["time"], rtol=1e-12)
+    for name in ("sigma_n", "sigma_t", "u_t", "slip"):
+        np.testing.assert_allclose(cycles.contact[name], long.contact[name], rtol=0,
+                                   atol=1e-6 * np.abs(long.contact[name]).max())
+    assert cycles.history["dissipated"][-1] == pytest.approx(long.history["dissipated"][-1],
+                                                             rel=1e-6)
+
+
 @pytest.mark.slow  # further runs
 @pytest.mark.parametrize("words, cycles", [("until settled", 3), ("2 until settled", 2), ("7", 7)])
 def test_cycles_as_many_as_asked_for(solved, named_scene, words, cycles):
