@@ -165,7 +165,11 @@ def _rows(joint: Joint, edges: Edges, crossing: np.ndarray, fixed: np.ndarray,
     crossing, longest = np.append(crossing, corners), max(one.lengths.max(), two.lengths.max())
     parts = [part for piece in pieces
              for part in _of_piece(joint, piece, side, crossing, fixed, revolved, longest)]
-    if not sum(len(part["gid"]) for part in parts):
+    joined, gids = np.zeros(2, int), np.unique(one.gid)
+    for k, part in enumerate(parts):
+        joined[k % 2] += len(part["gid"])
+    held = [np.isin(2 * gids + component, fixed).all() for component in (0, 1)]
+    if not joined.any() or any(not joined[k] and not held[k] for k in (0, 1)):
         raise InputError(f"{_words(joint)} do not face each other, or supports, contact and other "
                          f"joints constrain all nodes of {joint.first}: name {joint.second} first, "
                          "or take a finer mesh")
