@@ -12,7 +12,8 @@ from dataclasses import dataclass, make_dataclass
 from enum import Enum
 
 from . import environment
-from .arguments import NAMES, POSITIVE, SHARE, YES_NO, Kind, choice, path, several, text, whole
+from .arguments import (CYCLES, EVERY, NAMES, POSITIVE, SHARE, YES_NO, Kind, choice, path, several,
+                        text, whole)
 from .errors import InputError
 
 RESULTS = environment.ROOT / "results"
@@ -201,6 +202,11 @@ SETTINGS = (
            "displacements of a first run; not with largeSliding, whose contact follows"),
     Option("uniqueness", choice("auto", "yes", "no"), "auto", SOLVER, SOLVING, "look for other "
            "solutions of every step; auto: where few contact nodes, friction or doubt suggest it"),
+    Option("cycles", CYCLES, EVERY, SOLVER, SOLVING,
+           "of a history that is repeated: another number of cycles, an end where they have "
+           "settled, or jumps over cycles where what grows does so steadily, each jump erring by "
+           "this part of what grows in it; 'n until settled' and 'n jump 1%' have a number, too",
+           "the scene's"),
 )
 
 STUDIES = (

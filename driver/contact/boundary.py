@@ -202,7 +202,7 @@ def contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm,
     if following is None:
         boundary = found.boundary(gap, motion, sides)
     else:
-        boundary = following.first(found, gap, motion, sides)
+        boundary = following.first(found, gap, sides)
     if joints := effects.joints:
         from .joints import appended, joint_rows  # here: few scenes need them
 

@@ -35,100 +35,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..scene import sides as parabolas
-from ..scene.elements import cross
 from ..errors import InputError
-from .axis import on_axis, smooth_normals
+from ..scene.elements import cross
+from .side import POINT, WEIGHT, Side
 
-POINT = np.array([-np.sqrt(0.6), 0.0, np.sqrt(0.6)])  # Gauss, exact to degree 5 on [-1, 1]
-WEIGHT = np.array([5.0, 8.0, 5.0]) / 18.0  # of an interval of length 1
 FACING = -0.2  # cosine between the normals of facing edges, at most
 SLIVER = 1e-6  # parts of an edge shorter than this, relative to the edge, do not count
-
-
-@dataclass
-class Side:
-    """One side of a pair: nodes with place (n, 2), and edges (e, 2), or (e, 3) with their middles.
-
-    `edge_normal` (e, 2) are the unit outward normals, `bow` (e, 2) the ways from the middles to the
-    boundary's curve, `length` (e,) that of the edges in the configuration that stresses refer to;
-    by default as they lie. `radius` (n,) of the nodes there, for bodies of revolution, whose
-    integrals have the weight 2 pi r. `chord` and `rise` (e, 2), of edges that are curved
-    themselves, are the ways from end to end and from its middle to the edge's in that
-    configuration.
-    """
-
-    xy: np.ndarray
-    edges: np.ndarray
-    edge_normal: np.ndarray
-    bow: np.ndarray | None = None
-    length: np.ndarray | None = None
-    radius: np.ndarray | None = None
-    chord: np.ndarray | None = None
-    rise: np.ndarray | None = None
-
-    def __post_init__(self):
-        if self.length is None:
-            self.length = self._length()
-
-    def _length(self) -> np.ndarray:
-        return np.linalg.norm(self.xy[self.edges[:, 1]] - self.xy[self.edges[:, 0]], axis=1)
-
-    def ring(self, e: np.ndarray, xi: np.ndarray):
-        """(m,) 2 pi r at the places xi of edges e; 1 of plane bodies."""
-        if self.radius is None:
-            return 1.0
-        a, b = self.radius[self.edges[e, :2]].T
-        r = a + xi * (b - a)
-        if self.rise is not None:
-            r = r + 4 * xi * (1 - xi) * self.rise[e, 0]
-        return 2 * np.pi * np.maximum(r, 0.0)
-
-    def stretch(self, e: np.ndarray, xi: np.ndarray):
-        """(m,) length along edges e at the places xi per length of the chord; 1 if straight."""
-        if self.rise is None:
-            return 1.0
-        return parabolas.speed(self.chord[e], self.rise[e], xi) / self.length[e]
-
-    def uniform(self) -> tuple[np.ndarray, np.ndarray]:
-        """As sides.uniform of curved edges as they lie."""
-        place = self.xy[self.edges]
-        place[:, 2] = place[:, :2].mean(axis=1) + self.bow
-        return parabolas.uniform(place, self.edges, len(self.xy))
-
-    @property
-    def begins_on_axis(self) -> np.ndarray:
-        """(e,) whether an end of an edge is on the axis."""
-        if self.radius is None:
-            return np.zeros(len(self.edges), bool)
-        return on_axis(self.radius)[self.edges[:, :2]].any(axis=1)
-
-    def nodal_normals(self) -> np.ndarray:
-        """(n, 2) unit averages of the edges' normals, see `_averages`; smooth across an axis."""
-        normal = self._averages() if self.rise is None else _unit(self.uniform()[0])
-        if self.radius is None:
-            return normal
-        return smooth_normals(normal, self.edges[:, :2], self.radius)
-
-    def _averages(self) -> np.ndarray:
-        """(n, 2) unit averages of the edges' normals, each weighted with the other edge's length.
-
-        That is the normal of the circle through a vertex and its neighbours: right to second order
-        on curves, however lengths change from edge to edge. Weights that grow with the edge's own
-        length would be right to first order. In middles the average of both ends'.
-        """
-        ends, total = self.edges[:, :2], np.zeros_like(self.xy)
-        np.add.at(total, ends.ravel(),
-                  np.repeat(self.edge_normal / self._length()[:, None], 2, axis=0))
-        if self.edges.shape[1] == 3:
-            total[ends] = _unit(total[ends].reshape(-1, 2)).reshape(-1, 2, 2)
-            total[self.edges[:, 2]] = total[ends].sum(axis=1)
-        return _unit(total)
-
-
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    """(n, 2) vectors divided by their lengths."""
-    return vectors / np.linalg.norm(vectors, axis=1)[:, None]
 
 
 @dataclass
@@ -180,8 +92,7 @@ def couple(first: Side, second: Side, held: np.ndarray, able: np.ndarray | None 
     for point, share in zip(POINT, WEIGHT):
         xi = (start + stop) / 2 + (stop - start) / 2 * point
         eta, distance, ds = _project(first, normal, second, e, o, xi)
-        own = parabolas.shapes(first.edges.shape[1], xi)
-        others = parabolas.shapes(second.edges.shape[1], eta)
+        own, others = _shapes(first.edges.shape[1], xi), _shapes(second.edges.shape[1], eta)
         for k in range(first.edges.shape[1]):  # the multipliers of an edge
             row = rows[e, k]
             psi = sum(dual[e, k, b] * phi for b, phi in enumerate(own))
@@ -204,6 +115,13 @@ def couple(first: Side, second: Side, held: np.ndarray, able: np.ndarray | None 
     gap = np.divide(gap, weight, out=np.zeros(n), where=used)
     return Coupling(np.where(used, weight * along, 0.0), np.where(used, length, 0.0), gap, normal,
                     *_merge(node, side, of, value, weight, used))
+
+
+def _shapes(nodes: int, xi: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Shape functions of an edge with 2 or 3 nodes at the places xi (m,), each (m,)."""
+    if nodes == 2:
+        return 1.0 - xi, xi
+    return (1.0 - xi) * (1.0 - 2.0 * xi), xi * (2.0 * xi - 1.0), 4.0 * xi * (1.0 - xi)
 
 
 def _primal(own: tuple[np.ndarray, ...], k: int, whole: np.ndarray) -> np.ndarray:
@@ -250,7 +168,7 @@ def _duals(nodes: int, side: Side, e, start, stop) -> np.ndarray:
     D, M = np.zeros((edges, nodes)), np.zeros((edges, nodes, nodes))
     for point, share in zip(POINT, WEIGHT):
         xi = (start + stop) / 2 + (stop - start) / 2 * point
-        phi = np.column_stack(parabolas.shapes(nodes, xi))
+        phi = np.column_stack(_shapes(nodes, xi))
         part = share * (stop - start) * side.ring(e, xi) * side.stretch(e, xi)
         np.add.at(D, e, part[:, None] * phi)
         np.add.at(M, e, part[:, None, None] * phi[:, :, None] * phi[:, None, :])

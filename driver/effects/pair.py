@@ -5,11 +5,11 @@ import copy
 import numpy as np
 
 from ..contact import mortar
+from ..contact.side import Side, rises, sagitta
 from ..contact.boundary import Configuration, held_nodes
 from ..errors import InputError
 from ..feti.gathering import gather
 from ..feti.skeleton import edge_labels, outward_edges
-from ..scene import sides
 from ..scene.loader import Subdomain
 from . import Effect
 
@@ -92,7 +92,7 @@ class PairSides:
         terms = position[pair.node], node_gid, pair.value, pair.side == 1
         return pair.weight[places], pair.length[places], pair.normal[places], gap[places], terms
 
-    def _side(self, labels: tuple[int, ...]) -> tuple[mortar.Side, np.ndarray, np.ndarray]:
+    def _side(self, labels: tuple[int, ...]) -> tuple[Side, np.ndarray, np.ndarray]:
         """The side about `about`, with the initial geometry's lengths and radii.
 
         Also gids of its nodes, labels of its edges.
@@ -104,9 +104,9 @@ class PairSides:
         radius = xy.reshape(-1, 2)[first, 0] if self.axisymmetric else None
         curved = {}
         if self.nodes == 2:
-            rise = sides.sagitta(xy.reshape(-1, 2)[first], inverse.reshape(-1, 2))
+            rise = sagitta(xy.reshape(-1, 2)[first], inverse.reshape(-1, 2))
         else:  # middles stay on the straight edge between the ends
-            curved = sides.rises(xy)
+            curved = rises(xy)
             straight = u[:, :2].mean(axis=1)
             bow, u[:, 2] = self.bow[here] + u[:, 2] - straight, straight
             if curved:
@@ -118,5 +118,5 @@ class PairSides:
         if self.nodes == 2:
             bow = rise[:, None] * normal
         edges = inverse.reshape(-1, self.nodes)
-        side = mortar.Side(xy.reshape(-1, 2)[first], edges, normal, bow, length, radius, **curved)
+        side = Side(xy.reshape(-1, 2)[first], edges, normal, bow, length, radius, **curved)
         return side, gids, self.label[here]
