@@ -56,6 +56,9 @@ class ContactCompliance(DualProblem):
         loads = np.column_stack([np.empty((structure.dual_dofs, 0)), *(
             np.concatenate(operator.comm.allgather(operator.elastic_response(weights)))
             for weights in patterns)])
+        self._exponents = operator.stiff_parts.exponents
+        level = np.concatenate(operator.comm.allgather(operator.row_level))
+        self.row_level, self.levels = level[rows], operator.levels
         self.C, self.d, self._moved, self._loaded = _eliminated(operator, rows, loads)
         self.travels = {k: np.concatenate(operator.comm.allgather(moved))[rows]
                         for k, moved in operator.travels.items()}
@@ -74,9 +77,10 @@ class ContactCompliance(DualProblem):
         return float(np.linalg.norm(scale[:, None] * self.C * scale)) or 1.0
 
     def apply(self, multipliers: np.ndarray) -> np.ndarray:
-        """C times a vector of contact multipliers."""
+        """C times a vector of contact multipliers, and the diagonal of the step."""
         self.products += 1
-        return self.C @ multipliers
+        product = self.C @ multipliers
+        return product if self.softness is None else product + self.softness * multipliers
 
     def dot(self, a: np.ndarray, b: np.ndarray) -> float:
         """Scalar product."""
@@ -92,6 +96,10 @@ class ContactCompliance(DualProblem):
         return float(max(np.abs(corner).max(initial=0.0),
                          np.abs(self.C @ multipliers).max(initial=0.0)))
 
+    def deformation_by_level(self, multipliers: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """(levels,) by a rule, as there are no fields: by the root of the stiffness."""
+        return self.deformation(multipliers, weights) * 10.0 ** (-0.5 * self._exponents)
+
     def preconditioner(self) -> "FaceInverse":
         """The inverse of C on a face."""
         return FaceInverse(self.C)
@@ -101,7 +109,11 @@ class FaceInverse:
     """(C_ff)^-1 by a Cholesky factorization that is kept as long as the face f stays."""
 
     def __init__(self, C: np.ndarray):
-        self.C, self.face, self.factor = C, None, None
+        self.C, self.rigid, self.face, self.factor = C, C, None, None
+
+    def soften(self, softness: np.ndarray) -> None:
+        """Take up a diagonal (c,) of C, in the place of the one before."""
+        self.C, self.face = self.rigid + np.diag(softness), None
 
     def __call__(self, residual: np.ndarray, free: np.ndarray) -> np.ndarray:
         """C_ff^-1 residual_f on the face `free`, zero elsewhere."""
@@ -127,7 +139,8 @@ def _on_contact_rows(structure, rows: np.ndarray):
     return dataclasses.replace(structure, contact=contact, dual_dofs=len(rows),
                                compliance=None if yielding is None else yielding[rows],
                                row_range=(0, len(rows)), row_kind=structure.row_kind[rows],
-                               row_scale=structure.row_scale[rows])
+                               row_scale=structure.row_scale[rows],
+                               row_stiffness=structure.row_stiffness[rows])
 
 
 def _eliminated(operator: DualOperator, rows: np.ndarray, loads: np.ndarray):

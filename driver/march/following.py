@@ -45,8 +45,8 @@ AHEAD = 0.01  # or so many times what is missed yet
 class FollowingSolver(QuasistaticSolver):
     """Steps of one problem with the effect large_sliding. Collective."""
 
-    def __init__(self, operator, effects, amplitudes, times, settings):
-        super().__init__(operator, effects, amplitudes, times, settings)
+    def __init__(self, operator, effects, amplitudes, times, settings, cycles=None):
+        super().__init__(operator, effects, amplitudes, times, settings, cycles)
         structure = operator.structure
         self.following, self._examined = structure.contact.following, None
         self._attached = structure.contact  # whose rows the parts of the solver know

@@ -82,6 +82,7 @@ def snapshot(solver: QuasistaticSolver) -> dict | None:
     number of ranks goes on from it with the same bits.
     """
     op, history, rows, carried = solver.operator, solver.history, solver.rows, _carried(solver)
+    cycles = {} if solver.cycles is None else solver.cycles.kept(solver)
     parts = op.comm.gather(
         (solver.multipliers, solver.older, solver.rows.tangential_node, *carried.values()))
     if parts is None:
@@ -95,14 +96,14 @@ def snapshot(solver: QuasistaticSolver) -> dict | None:
         "initial": solver.initial, "initial_weights": solver.initial_weights,
         "norm_bound": float(solver.qp.bound), "products": op.products,
         "scales": {name: np.asarray(value) for name, value in solver.scales.largest.items()},
-        "deformation": float(solver.scales.displacement), "slip_weights": solver.slip.weights,
+        "deformation": solver.scales.displacements, "slip_weights": solver.slip.weights,
         "motion": solver.motion, "older_motion": solver.older_motion,
         "placed": solver.bodies.placed, "deformed": solver.deformed,
         "log_numbers": np.array([product, step, iteration], np.int64),
         "log_kind": np.array(kind, str),
         "log_residual": np.array(residual, float), "fallbacks": history.fallbacks.steps,
         "history": {name: getattr(history, name) for name in CARRIED},
-        "corners": {} if rows.corners is None else rows.corners.carried(),
+        "cycles": cycles, "corners": {} if rows.corners is None else rows.corners.carried(),
         "doubtful": solver.doubtful, "uniqueness": {
             **asdict(solver.uniqueness), "several": list(solver.uniqueness.several.items())}
     }
@@ -121,13 +122,15 @@ def restore(solver: QuasistaticSolver, state: dict) -> None:
         solver.rows.coefficient = state["carried"]["coefficient"][node]
     for name, values in solver.effects.carried().items():
         values[:] = state["carried"][name]
+    if solver.cycles is not None:
+        solver.cycles.resume(solver, state["cycles"])
     solver.initial[:], solver.initial_weights[:] = state["initial"], state["initial_weights"]
     if solver.rows.corners is not None:
         solver.rows.corners.restore(state["corners"])
         solver.condensation.select()
     solver.qp.bound, solver.doubtful = state["norm_bound"], state["doubtful"]
     solver.scales.largest = dict(state["scales"])
-    solver.scales.displacement = state["deformation"]
+    solver.scales.displacements = state["deformation"]
     several = dict(state["uniqueness"]["several"])
     solver.uniqueness = Uniqueness(**state["uniqueness"] | {"several": several})
     solver.operator.products = state["products"]

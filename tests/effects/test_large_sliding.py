@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from driver.contact import curve, mortar
+from driver.contact.side import Side
 from driver.files import read_rows, read_table
 from driver.feti.cholesky import TornFactor
 from driver.feti.operator import DualOperator
@@ -292,8 +293,8 @@ macro wear() 1e-4 //"""), name="worn"), steps=8)
 
 def test_of_several_places_that_are_faced_the_nearest_counts():
     """A side below two others, the farther one longer, is coupled to either where it is nearer."""
-    first = mortar.Side(np.array([[0.0, 0], [4, 0]]), np.array([[1, 0]]), np.array([[0.0, 1]]))
-    second = mortar.Side(np.array([[1.0, 0.5], [2, 0.5], [-1, 2], [6, 2.0]]),
+    first = Side(np.array([[0.0, 0], [4, 0]]), np.array([[1, 0]]), np.array([[0.0, 1]]))
+    second = Side(np.array([[1.0, 0.5], [2, 0.5], [-1, 2], [6, 2.0]]),
                          np.array([[0, 1], [2, 3]]), np.array([[0.0, -1], [0, -1]]))
     held = np.zeros(2, bool)
     coupled = mortar.couple(first, second, held, reach=3.0)
