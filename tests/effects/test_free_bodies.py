@@ -423,7 +423,8 @@ def test_equilibrium_does_not_depend_on_which_rank_owns_a_node(friction, carried
 
     rows = SimpleNamespace(normal=np.arange(count), tangential=np.arange(count), gap=None,
                            normal_node=None,
-                           tangential_node=None, coefficient=None, offset=None, pulls=None)
+                           tangential_node=None, coefficient=None, offset=None, pulls=None,
+                           idle=None)
     for owned in ([np.arange(count)], [np.arange(0, count, 2), np.arange(1, count, 2)]):
         found = rigid_equilibrium(rows, normal, work, size,
                                   RanksInTurn([part(own) for own in owned]))
