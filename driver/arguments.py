@@ -9,6 +9,9 @@ from .errors import InputError
 
 NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 DIGITS = 18  # of a whole number at most
+EVERY = "all"  # cycles that a scene declares
+_CYCLES = r"until settled|jump( \d*\.?\d+%)?"
+CYCLE_WORDS = re.compile(rf"{EVERY}|{_CYCLES}|[1-9]\d{{0,8}}( ({_CYCLES}))?")
 
 
 @dataclass(frozen=True)
@@ -104,9 +107,17 @@ def _names(name: str, text: str) -> tuple[str, ...]:
     return names
 
 
+def _cycles(name: str, text: str) -> str:
+    if not CYCLE_WORDS.fullmatch(text):
+        raise InputError(f"{name} expects a number of cycles, 'until settled', 'jump', or 'jump "
+                         f"1%' with the error that a jump may have, not '{text}'")
+    return text
+
+
 YES_NO = Kind("yes|no", _yes, ("yes", "no"))
 POSITIVE = Kind("number", _positive)
 NAMES = Kind("name,...", _names)  # checked where they are used
+CYCLES = Kind("n|until settled|jump 1%", _cycles)  # or with a number before the words
 SHARE = Kind("1%[,quantity]", _share)  # relative error and quantity, "" where none is named
 
 

@@ -6,7 +6,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 FIGURES = ("geometry", "loading", "deformed", "contact_zoom", "contact_normal",
-           "contact_tangential", "contact_status", "force_displacement", "history", "convergence",
+           "contact_tangential", "contact_status", "force_displacement", "cycles", "history",
+           "convergence",
            "adaptivity")  # of a run
 
 

@@ -12,7 +12,8 @@ from dataclasses import dataclass, make_dataclass
 from enum import Enum
 
 from . import environment
-from .arguments import NAMES, POSITIVE, SHARE, YES_NO, Kind, choice, path, several, text, whole
+from .arguments import (CYCLES, EVERY, NAMES, POSITIVE, SHARE, YES_NO, Kind, choice, path, several,
+                        text, whole)
 from .errors import InputError
 
 RESULTS = environment.ROOT / "results"
@@ -201,6 +202,11 @@ SETTINGS = (
            "displacements of a first run; not with largeSliding, whose contact follows"),
     Option("uniqueness", choice("auto", "yes", "no"), "auto", SOLVER, SOLVING, "look for other "
            "solutions of every step; auto: where few contact nodes, friction or doubt suggest it"),
+    Option("cycles", CYCLES, EVERY, SOLVER, SOLVING,
+           "of a history that is repeated: another number of cycles, an end where they have "
+           "settled, or jumps over cycles where what grows does so steadily, each jump erring by "
+           "this part of what grows in it; 'n until settled' and 'n jump 1%' have a number, too",
+           "the scene's"),
 )
 
 STUDIES = (
@@ -209,11 +215,12 @@ STUDIES = (
     Option("method", several("default", "plain"), ("default", "plain"), STUDY, ("table",),
            "the driver as it comes, and the slides' own method", "both"),
     Option("fresh", YES_NO, False, STUDY, ("table",), "make rows anew that are there already"),
-    Option("part", choice("sweeps", "locking", "stopping", "coverage", "prices", "requests"),
+    Option("part", choice("sweeps", "locking", "curved", "stopping", "coverage", "prices",
+                          "requests"),
            "sweeps", STUDY, ("accuracy",),
-           "sweeps of a scene; how elements converge near incompressibility; what stopping by the "
-           "error budget saves on the model example; whether claimed errors hold; whether prices "
-           "of accuracy do; or whether ACCURACY keeps its word"),
+           "sweeps of a scene; how elements converge near incompressibility, or with curved sides; "
+           "what stopping by the error budget saves on the model example; whether claimed errors "
+           "hold; whether prices of accuracy do; or whether ACCURACY keeps its word"),
     Option("rows", several(*"12345"), tuple("1234"), STUDY, ("accuracy",), "PART=stopping: "
            "meshes, coarse to fine, with as many subdomains as those of the table", "1,2,3,4"),
     Option("effort", choice("quick", "full"), "full", STUDY, ("accuracy",), "length of the sweeps"),

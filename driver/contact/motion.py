@@ -4,6 +4,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+SAME = 1e-9  # of a history's largest value, or of a period, that is rounding
+
 
 @dataclass
 class ObstacleMotion:
@@ -11,7 +13,8 @@ class ObstacleMotion:
 
     `gap` (T, n) is the distance along the nodes' normals. The obstacle of a node has shifted by
     `shift` (T, n, 2) and turned by `angle` (T, n), in radians, about the point `pivot` (n, 2),
-    which shifts with it. `xy` (n, 2) are the nodes' places, `tangent` (n, 2) their tangents.
+    which shifts with it. `xy` (n, 2) are the nodes' places, `tangent` (n, 2) their tangents. From
+    the last of the times on they stand where they stood after the one with the index `again`.
     """
 
     times: np.ndarray
@@ -24,13 +27,14 @@ class ObstacleMotion:
     # by macro the largest departure from straight lines between the times, over the largest value,
     # and when
     missed: dict[str, tuple[float, float]] = field(default_factory=dict)
+    again: int = 0
 
     def gap_at(self, time: float) -> np.ndarray:
-        """(n,) distances at one of the `times`."""
+        """(n,) distances at one of the `times`, or of their repetitions."""
         return self.gap[self.index(time)]
 
     def way(self, before: float, now: float) -> np.ndarray:
-        """(n,) tangential displacement, from one of the `times` to another, of the surfaces met.
+        """(n,) tangential displacement, from one of these times to another, of the surfaces met.
 
         That of the point which is at the node's place at first, and of the one which is there at
         last, differ where obstacles turn; their mean is that of the points in between to second
@@ -60,6 +64,12 @@ class ObstacleMotion:
                 for values in (getattr(self, name),)}
         return replace(self, **more)
 
+    def returns(self) -> bool:
+        """Whether obstacles stand at the last time where they stood at the time `again`."""
+        return all(np.abs(values[-1] - values[self.again]).max(initial=0.0)
+                   <= SAME * np.abs(values).max(initial=0.0)
+                   for values in (self.gap, self.shift, self.angle))
+
     def histories(self, nodes: np.ndarray) -> dict[str, list[float]]:
         """What moves the obstacle that `nodes` of one label meet: shift_x, shift_y, angle.
 
@@ -73,7 +83,10 @@ class ObstacleMotion:
         return moving or ({"distance": nearest.tolist()} if np.ptp(nearest) > 0 else {})
 
     def index(self, time: float) -> int:
-        """Place of the nearest of the `times`."""
+        """Place of the nearest of the `times`, or of the one that a later time repeats."""
+        first, last = self.times[self.again], self.times[-1]
+        if time > last + SAME * (last - first):
+            time = first + (time - first) % (last - first)
         return int(np.abs(self.times - time).argmin())
 
 

@@ -91,6 +91,8 @@ class Effect:
     frictional = False  # adds tangential rows
     changes_coefficient = False  # the friction coefficient depends on the state
     closes = False  # nodes yield by a law of their force and slip, see march/closure.py
+    # the step at which a part of the history begins that is repeated, and how often it is there
+    repeats: tuple[int, int] | None = None
     # quantities of interest that it gives sense to, see results/quantities.py
     quantities: tuple[str, ...] = ()
     # entries of `effects` in summary.json that differ from those of a scene without it
@@ -209,6 +211,7 @@ class Effects:
         self.frictional = any(room.frictional for room in self)
         self.coefficient_changes = any(room.changes_coefficient for room in self)
         self.closes = any(room.closes for room in self)
+        self.repeats = next((room.repeats for room in self if room.repeats), None)
         self.quasistatic = manifest.quasistatic
         self.bodies = manifest.bodies
 

@@ -54,7 +54,13 @@ class Room(Effect):
         missed = {macro: _missed(columns, name, values) for macro, name, values in (
             ("obstacleX", "obstacle_x", shift[..., 0]), ("obstacleY", "obstacle_y", shift[..., 1]),
             ("obstacleAngle", "obstacle_angle", angle)) if f"{name}_missed" in columns}
-        return ObstacleMotion(times, gap, shift, angle, pivot, nodes.xy, tangent, missed)
+        motion = ObstacleMotion(times, gap, shift, angle, pivot, nodes.xy, tangent, missed)
+        if cycles := self.manifest.rooms.get("cycles"):
+            motion.again = cycles["start"]
+            if not motion.returns():
+                raise InputError("a cycle ends where it begins, but an obstacle stands elsewhere "
+                                 "at its end")
+        return motion
 
     def ledger(self, facts: RunFacts) -> dict[str, dict]:
         """Active where any node touched: what is open does not know where its obstacle went."""

@@ -197,7 +197,8 @@ class Alternatives:
         times = {steps: time.error if time else 0.0}
         if time and self.companions.effects.frictional:
             for stride in (2, 4):
-                if steps % stride or self.companions.stride(stride) != stride:
+                if (steps % stride or self.companions.manifest.cycle_start % stride
+                        or self.companions.stride(stride) != stride):
                     continue
                 level = self.companions.level(self.companions.base, stride)
                 apart = None if level is None else self._apart(level.values, self.companions.base,

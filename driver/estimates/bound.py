@@ -229,11 +229,11 @@ class EquilibratedBound:
 
     def _contact(self, step: Step, state: dict) -> ContactTractions:
         now = step.weights[: len(self.manifest.patterns)]
-        before = self.manifest.factors[step.index - 1]
+        solver = self.state.solver
+        before = solver.amplitudes[step.index - 1]
         values = self.boundary.clamped.values
-        started = self.manifest.t_end * (step.index - 1) / self.manifest.steps
         return ContactTractions(self.state, state, values @ now, values @ (now - before),
-                                (started, step.time))
+                                (solver.times[step.index - 1], step.time))
 
     def _pairs(self, state: dict) -> list | None:
         """The PairBound of every contact pair in one step, on rank 0."""

@@ -42,9 +42,14 @@ def spelled(value: float | str) -> str:
     return value if isinstance(value, str) else f"{value:.17g}"
 
 
-def samples(steps: int, stride: int) -> np.ndarray:
-    """Indices of every `stride`-th of `steps` + 1 times, from the last back, and of the first."""
-    return np.unique(np.r_[0, np.arange(steps, -1, -stride)])
+def samples(manifest, stride: int) -> np.ndarray:
+    """Indices of every `stride`-th time of a history, from the last back, and of the first.
+
+    Where a cycle begins the history is cut in two.
+    """
+    start = manifest.cycle_start
+    return np.unique(np.r_[0, np.arange(start, -1, -stride),
+                           np.arange(manifest.steps, start, -stride)])
 
 
 @dataclasses.dataclass
@@ -78,6 +83,7 @@ class Levels:
         """
         self.scene, self.parameters, self.settings = scene, parameters, settings
         self.folder, self.comm, self.cycles, self.without = folder, comm, cycles, without
+        self.plan: list | None = None  # cycles of the run that were jumped over after each
         self.problems: dict = {}
         self.runs: dict = {}
         self.seconds = dict.fromkeys(("export", "setup", "solve"), 0.0)
@@ -143,7 +149,7 @@ class Levels:
 
     def _run(self, problem: Problem, settings: Settings, stride: int) -> Level:
         clock, before = time.perf_counter(), problem.operator.products
-        solver = problem.solver(settings, samples(problem.manifest.steps, stride))
+        solver = problem.solver(settings, samples(problem.manifest, stride), self.plan)
         record, steps = Record(problem.operator, solver), []
         try:
             for step in solver.steps():
@@ -306,7 +312,7 @@ class Companions:
         strides = [1, 2, 4] if self.effects.frictional else [1, 2]
         strides = [stride for stride in strides if stride <= steps]
         values = [self._values(self.base, stride) for stride in strides]
-        counts = [len(samples(steps, stride)) - 1 for stride in strides]
+        counts = [len(samples(self.manifest, stride)) - 1 for stride in strides]
         ratios = [a / b for a, b in zip(counts, counts[1:])]
         return self._parts("time", list(zip(values, values[1:])), ratios)
 

@@ -77,9 +77,10 @@ class ContactCompliance(DualProblem):
         return float(np.linalg.norm(scale[:, None] * self.C * scale)) or 1.0
 
     def apply(self, multipliers: np.ndarray) -> np.ndarray:
-        """C times a vector of contact multipliers."""
+        """C times a vector of contact multipliers, and the diagonal of the step."""
         self.products += 1
-        return self.C @ multipliers
+        product = self.C @ multipliers
+        return product if self.softness is None else product + self.softness * multipliers
 
     def dot(self, a: np.ndarray, b: np.ndarray) -> float:
         """Scalar product."""
@@ -108,7 +109,11 @@ class FaceInverse:
     """(C_ff)^-1 by a Cholesky factorization that is kept as long as the face f stays."""
 
     def __init__(self, C: np.ndarray):
-        self.C, self.face, self.factor = C, None, None
+        self.C, self.rigid, self.face, self.factor = C, C, None, None
+
+    def soften(self, softness: np.ndarray) -> None:
+        """Take up a diagonal (c,) of C, in the place of the one before."""
+        self.C, self.face = self.rigid + np.diag(softness), None
 
     def __call__(self, residual: np.ndarray, free: np.ndarray) -> np.ndarray:
         """C_ff^-1 residual_f on the face `free`, zero elsewhere."""

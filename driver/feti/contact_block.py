@@ -120,6 +120,7 @@ class Galerkin:
         W, k = np.ascontiguousarray(W.T), self.size
         products = self._L(W)[:, None] * np.take(W, self._row, axis=1)
         local = np.bincount(self._cell, products.ravel(), minlength=k * k).reshape(k, k)
+        local = local.astype(float, copy=False)  # whole numbers where there is none to add
         T = self._coupling
         T.data = np.bincount(self._slot, self._A(W).ravel(), minlength=len(T.data))
         coarse = T @ (T @ self.G).T

@@ -193,8 +193,8 @@ class Deflation:
         self._free = self._face = None
 
     def soften(self, softness: np.ndarray) -> None:
-        """Add a diagonal (n,) to F_cc, in the place of the one before."""
-        self.block.softness, self._free, self._face = softness, None, None
+        """Add a diagonal (owned,) to F_cc, in the place of the one before; collective."""
+        self.block.softness, self._free, self._face = self.block.gather(softness), None, None
 
     def face(self, free: np.ndarray) -> Face:
         """The hats on the contact rows where `free` (n,) is set."""

@@ -4,15 +4,21 @@ S_i is the stiffness of the subdomain in the displacements of its rows, the (pse
 explicit local F_i; corners that carry contact rows of their own are released: with v_b = B_r u, v_c
 = B_c' x the energy is that of v_b - A v_c plus that of v_c in S. The weights in B_D are shares of
 the stiffness (Klawonn, Rheinbach).
+
+Where rows yield by themselves, F has a diagonal D besides (surfaces that are rough or wear). Each
+subdomain of a row takes its share D_i of it, by its weight in B_D: S_i gives way to
+
+    (S_i^-1 + D_i)^-1 = S_i - S_i (D_i^-1 + S_i)^-1 S_i    on the rows that yield.
 """
 
 import numpy as np
-from scipy.linalg import lapack
+from scipy.linalg import cho_factor, cho_solve, lapack
 
 from .blocks import BlockDiagonal
 from .reduction import LocalClass
 
 DEPENDENT = 1e-9  # relative eigenvalues of a local F: rows below depend on one another
+YIELDS = 1e-3  # of a row's own compliance, below which what it yields makes no difference
 FLOOR = 0.01  # of a released corner's stiffness: holds a subdomain with all corners released
 
 
@@ -20,9 +26,8 @@ class DirichletPreconditioner:
     """M on the faces of a DualOperator's dual vectors; `schur` are the S_i of its classes."""
 
     def __init__(self, operator):
-        self.vectors = operator.vectors
+        self.vectors, self.classes = operator.vectors, operator.classes
         structure = operator.structure
-        following = structure.numbering is not None
         inverted = _schur
         if structure.numbering is not None:
             inverted = _kept
@@ -31,6 +36,21 @@ class DirichletPreconditioner:
         schur = [inverted(c) for c in operator.classes]
         self.blocks = BlockDiagonal(operator.classes, schur, "rows", "rows")
         self.schur = self.blocks.blocks
+        self.softened: dict[tuple[int, int], _Softened] = {}  # by class and member
+
+    def soften(self, softness: np.ndarray) -> None:
+        """Take up a diagonal (owned,) of F, in the place of the one before; collective."""
+        vectors, self.softened = self.vectors, {}
+        share = np.abs(vectors.scaling)
+        total = vectors.gather(vectors.assemble(share)).copy()
+        share = np.divide(share, total, out=np.zeros(len(share)), where=total > 0)
+        own = share * vectors.gather(softness)
+        for number, (c, S) in enumerate(zip(self.classes, self.schur)):
+            for k, _ in enumerate(c.members):
+                rows = slice(c.rows.start + k * len(S), c.rows.start + (k + 1) * len(S))
+                here = np.flatnonzero(own[rows] * np.diag(S) > YIELDS)
+                if len(here):
+                    self.softened[number, k] = _Softened(S, rows, here, own[rows][here])
 
     def __call__(self, residual: np.ndarray, free: np.ndarray) -> np.ndarray:
         """M residual on the face `free`, zero elsewhere."""
@@ -38,10 +58,25 @@ class DirichletPreconditioner:
         x, y = vectors.gather(np.where(free, residual, 0.0)), vectors.local
         x *= vectors.scaling
         self.blocks.multiply(x, y)
+        for member in self.softened.values():
+            y[member.rows] -= member.less(y[member.rows])
         y *= vectors.scaling
         result = vectors.add_up()
         result[~free] = 0.0
         return result
+
+
+class _Softened:
+    """What a subdomain with stiffness S (m, m) of its `rows` loses where rows `here` yield."""
+
+    def __init__(self, S: np.ndarray, rows: slice, here: np.ndarray, softness: np.ndarray):
+        self.rows, self.here, self.S = rows, here, np.ascontiguousarray(S[:, here])
+        self._factor = cho_factor(S[np.ix_(here, here)] + np.diag(1.0 / softness),
+                                  check_finite=False)
+
+    def less(self, forces: np.ndarray) -> np.ndarray:
+        """(m,) S (D^-1 + S)^-1 `forces`, which are S times displacements."""
+        return self.S @ cho_solve(self._factor, forces[self.here], check_finite=False)
 
 
 def _kept(c: LocalClass) -> np.ndarray:

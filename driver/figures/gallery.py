@@ -9,6 +9,7 @@ from ..files import FIGURES
 from .body import contact_window, contact_zoom, deformed
 from .contact import contact_normal, contact_status, contact_tangential
 from .convergence import adaptivity, convergence
+from .cycles import cycles
 from .geometry import geometry
 from .history import force_displacement, history, load_histories, loading, loops
 from .reading import Run, read_run
@@ -29,6 +30,7 @@ def wanted(run: Run) -> dict:
         contact_tangential: touching and run.friction,
         contact_status: touching and run.quasistatic and len(np.unique(run.contact["step"])) > 1,
         force_displacement: moving and bool(loops(run)),
+        cycles: run.cycles is not None,
         history: touching and moving,
         convergence: run.convergence is not None,
         adaptivity: (run.adaptivity is not None and run.first is not None

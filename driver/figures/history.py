@@ -20,11 +20,18 @@ def loading(figure: Figure, run: Run) -> None:
     groups = load_histories(run)
     figure.set_figheight((2.5 + 4 * len(groups)) * INCH)
     panels = np.atleast_1d(figure.subplots(len(groups), sharex=True))
-    handles = []
+    handles, end, note = [], run.summary["t_end"], ""
+    steps = int(run.history["step"].max())
+    if cycles := run.summary.get("cycles"):  # the history holds one of them
+        end = cycles["start"] + cycles["period"]
+        note = f"grey: the cycle, gone through {cycles['number']} times"
     for axes, (title, curves) in zip(panels, groups.items()):
+        if cycles:
+            axes.axvspan(cycles["start"], end, color="0.93", lw=0)
+            steps = len(next(iter(curves.values()))) - 1
         for label, values in curves.items():
             number = len(handles)
-            times = np.linspace(0, run.summary["t_end"], len(values))
+            times = np.linspace(0, end, len(values))
             handles += axes.plot(times, values, "-", marker="osD^v"[number % 5], ms=3.2,
                                  color=CURVES[number % 5], label=label)
         axes.set(ylabel=title)
@@ -32,8 +39,7 @@ def loading(figure: Figure, run: Run) -> None:
         axes.autoscale_view()
         axes.grid(color="0.9", lw=0.5)
     panels[-1].set(xlabel="time $t$")
-    steps = int(run.history["step"].max())
-    run_header(figure, run, f"History of loading, {steps} time steps (markers)", handles)
+    run_header(figure, run, f"History of loading, {steps} time steps (markers)", handles, note)
 
 
 def load_histories(run: Run) -> dict[str, dict]:

@@ -12,7 +12,7 @@ from ..errors import InputError
 from ..files import read_table
 
 TABLES = ("history", "contact", "convergence", "boundary", "adaptivity", "probes",
-          "obstacle")
+          "obstacle", "cycles")
 QUARTERS = [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]  # of a six-node triangle in VTK's order
 
 
@@ -60,6 +60,7 @@ class Run:
     last: Mesh | None
     adaptivity: dict | None = None
     probes: dict | None = None
+    cycles: dict | None = None
     obstacle: dict | None = None
 
     @property

@@ -6,6 +6,7 @@ Cases of single numbers show by how much these miss their references on one mesh
 from pathlib import Path
 
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from ..files import read_rows
 from ..text import words
@@ -75,11 +76,12 @@ def _fill(figure: Figure, rows: list[dict]) -> None:
     known = [float(row["y"]) for row in rows if row["kind"] == "reference"]
     low, high = min(known), max(known)
     if low < 0.8 * high:  # from zero; where the pressure is infinite nodes have large means
-        axes.set_ylim(0, 1.15 * high)
+        axes.set_ylim(1.3 * min(low, 0.0), 1.15 * high)
     else:
         axes.set_ylim(low - max(high - low, 0.02 * high), high + max(high - low, 0.02 * high))
     across = [float(row["x"]) for row in rows if row["kind"] == "reference"]
     margin = 0.15 * (max(across) - min(across))
     axes.set_xlim(min(across) - margin, max(across) + margin)
+    axes.xaxis.set_major_locator(MaxNLocator(7))
     axes.set(xlabel=rows[0]["x_name"], ylabel=rows[0]["y_name"])
     axes.legend()

@@ -39,8 +39,12 @@ def _exports(case: Case, size: dict) -> tuple[str, tuple]:
 
 
 def exported(case: Case, size: dict):
-    """Manifest and subdomains of the case, exported anew."""
-    return _read(*_exports(case, size))
+    """Manifest and subdomains of the case, exported anew; cycles one after the other."""
+    manifest, subdomains = _read(*_exports(case, size))
+    if "cycles" in manifest.rooms:
+        count = case.arguments(size).get("CYCLES", manifest.rooms["cycles"]["count"])
+        manifest = manifest.unrolled(int(count))
+    return manifest, subdomains
 
 
 @functools.lru_cache(maxsize=2)

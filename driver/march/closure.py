@@ -80,6 +80,10 @@ class Closure:
         size = max(comm.allreduce(size, op=MPI.MAX), self.residuals.scales.displacement)
         return error / size if size > 0 else 0.0
 
+    def yielded(self, x: np.ndarray) -> np.ndarray:
+        """(k,) by how much more u_n is than gap less gradient at the end of a step with x."""
+        return self.offset.sum(axis=0) + self.slope.sum(axis=0) * x[self.rows.normal]
+
     def _state(self, x, gradient):
         """Forces (k,), closures of every room (rooms, k) by tangents, and slips (k,)."""
         force = np.maximum(x[self.rows.normal], 0.0)

@@ -84,7 +84,7 @@ class Condensation:
         """C (n + m, n + m), computed at the first call. Raises NotConverged."""
         if self._compliance is None:
             self._compliance = contact_compliance(self.operator)
-        if self._selected is None:
+        if self._selected is None or self.operator.softness is not None:  # which changes
             self._selected = self._compliance
             if self.operator.softness is not None:
                 every = np.zeros(self.operator.structure.dual_dofs)
@@ -131,7 +131,7 @@ class Condensation:
         if self.unpaired:
             raise NotConverged("corners that are open rub without a normal condition")
         op, balance, rows = self.operator, None, self.rows
-        if self._law is None:
+        if self._law is None or op.softness is not None:
             motions = np.column_stack([self.gather(d) for d in op.motions]) if op.modes else None
             self._law = CoulombProblem(self.compliance(), np.zeros(self.n + self.m),
                                        np.zeros(self.m), self.pair, self._bilateral(), motions)

@@ -39,6 +39,7 @@ class FrictionQP:
         self.scale = structure.row_scale[slice(*structure.row_range)]
         self.softest = self._softest()
         self.bound = self._bound_norm() if bound is None else bound
+        self.local = self.deflation = None  # parts of the preconditioner, or of the relaxation
         self.preconditioner, self.relaxation = self._accelerators()
         self.tol, self._rigid_bound = 0.0, self.bound
 
@@ -48,12 +49,12 @@ class FrictionQP:
         op.softness = softness
         largest = -op.minimum(-float((self.scale**2 * softness).max(initial=0.0)))
         self.bound = self._rigid_bound + largest
+        if self.local is not None:
+            self.local.soften(softness)
+        if self.deflation is not None:
+            self.deflation.soften(softness)
         if self.relaxation is not None:
-            self.relaxation.norm_bound, deflation = self.bound, self.relaxation.deflation
-            deflation.soften(deflation.block.gather(softness))
-        elif isinstance(self.preconditioner, DeflatedPreconditioner):
-            deflation = self.preconditioner.deflation
-            deflation.soften(deflation.block.gather(softness))
+            self.relaxation.norm_bound = self.bound
 
     def _softest(self) -> np.ndarray:
         """(levels,) the smallest scale of all rows, then of those of every other level."""
@@ -87,10 +88,10 @@ class FrictionQP:
         beside_contact = RowKind.GLUING in kinds or op.modes > 0 or len(op.structure.uneven) > 0
         coupled = wanted and beside_contact and np.any(kinds != RowKind.GLUING)
         local = op.preconditioner() if settings.preconditioner != "none" or coupled else None
-        chosen = local if settings.preconditioner != "none" else None
+        chosen, self.local = local if settings.preconditioner != "none" else None, local
         if not coupled:
             return chosen, None
-        deflation = Deflation(ContactBlock(op, local), op.structure)
+        self.deflation = deflation = Deflation(ContactBlock(op, local), op.structure)
         if settings.preconditioner == "deflated":
             chosen = DeflatedPreconditioner(local, deflation)
         return chosen, ContactRelaxation(op, deflation, self.bound, self.scale) if relaxed else None

@@ -5,7 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
+from ..arguments import EVERY
 from ..effects import Effects
+from ..errors import InputError
 from ..feti.operator import DualOperator
 from ..feti.structure import Substructure, partition
 from ..options import Settings
@@ -28,15 +30,33 @@ class Problem:
         """The declared effects, with nothing carried yet."""
         return Effects(self.manifest)
 
-    def solver(self, settings: Settings, samples=None) -> QuasistaticSolver:
-        """Solver that steps through the exported times with indices `samples`, by default all."""
-        m = self.manifest
+    def solver(self, settings: Settings, samples=None, plan=None) -> QuasistaticSolver:
+        """Solver that steps through the exported times with indices `samples`, by default all.
+
+        A history that is repeated is repeated at these times; `plan`, if given, says how many of
+        its cycles were skipped after each. Raises InputError for CYCLES= without cycles.
+        """
+        m, effects = self.manifest, self.effects
         samples = np.arange(m.steps + 1) if samples is None else samples
         times = np.linspace(0, m.t_end, m.steps + 1)
         kind = QuasistaticSolver
         if self.structure.contact.following is not None:
             from .following import FollowingSolver as kind  # here: few scenes need it
-        return kind(self.operator, self.effects, m.factors[samples], times[samples], settings)
+        return kind(self.operator, effects, m.factors[samples], times[samples], settings,
+                    _cycles(effects.repeats, samples, settings, plan))
+
+
+def _cycles(repeats: tuple[int, int] | None, samples: np.ndarray, settings: Settings, plan):
+    """The Cycles of a history that is repeated from a step on, so often; None for any other."""
+    if repeats is None:
+        if settings.cycles != EVERY:
+            raise InputError(f"CYCLES={settings.cycles}: the scene declares no cycles; add  "
+                             "macro cycles() number //")
+        return None
+    from .cycles import Cycles
+
+    begin, count = repeats
+    return Cycles(int(np.searchsorted(samples, begin)), count, settings.cycles, plan)
 
 
 def assemble(directory: Path, comm, lap=lambda stage: None, widen=None) -> Problem:

@@ -44,8 +44,11 @@ class QuasistaticSolver:
     """Time steps of one problem. Collective over the operator's communicator."""
 
     def __init__(self, operator: DualProblem, effects: Effects, amplitudes: np.ndarray,
-                 times: np.ndarray, settings: Settings):
-        """`amplitudes` (steps + 1, patterns): factors of the load patterns at `times`."""
+                 times: np.ndarray, settings: Settings, cycles=None):
+        """`amplitudes` (steps + 1, patterns): factors of the load patterns at `times`.
+
+        `cycles`: the Cycles of a history that is repeated; it brings more times by and by.
+        """
         self.operator, self.settings, self.effects = operator, settings, effects
         self.amplitudes, self.times = amplitudes, times
         contact = operator.structure.contact
@@ -67,6 +70,9 @@ class QuasistaticSolver:
         self.multipliers = self.older = np.zeros(operator.owned)
         # (k, 2) displacements of contact's vertices by deformation, where contact follows them
         self.deformed = np.zeros((0, 2))
+        self.cycles = cycles
+        if cycles is not None:
+            cycles.join(self)
 
     def _attach(self, bound: float | None = None) -> None:
         """Make what solves steps with the operator's contact rows; `bound` as FrictionQP takes it.
@@ -106,7 +112,7 @@ class QuasistaticSolver:
         clock = time.perf_counter()
         if self.history.steps == 0:
             self._start()
-        for index in range(self.history.steps + 1, len(self.times)):
+        while (index := self.history.steps + 1) < len(self.times):
             step, error = self._advance(index)
             self.history.seconds += time.perf_counter() - clock
             if error is not None:
@@ -129,6 +135,8 @@ class QuasistaticSolver:
         """
         if self.contact.motion is not None:
             self._move_obstacles(index)
+        if self.cycles is not None:
+            self.cycles.before(self, index)
         step, error = self._step(index, *self._predicted(index))
         self._ends(step)
         return step, error
@@ -163,6 +171,8 @@ class QuasistaticSolver:
         self.effects.step_ends(self.rows.tangential_node, slip,
                                step.multipliers[self.rows.pair])
         self._record(step)
+        if self.cycles is not None:
+            self.cycles.follow(self, step, slip)
 
     def _move_obstacles(self, index: int) -> None:
         """Obstacles go where they stand at the end of step `index`; slip counts from there."""

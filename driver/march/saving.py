@@ -82,6 +82,7 @@ def snapshot(solver: QuasistaticSolver) -> dict | None:
     number of ranks goes on from it with the same bits.
     """
     op, history, rows, carried = solver.operator, solver.history, solver.rows, _carried(solver)
+    cycles = {} if solver.cycles is None else solver.cycles.kept(solver)
     parts = op.comm.gather(
         (solver.multipliers, solver.older, solver.rows.tangential_node, *carried.values()))
     if parts is None:
@@ -102,7 +103,7 @@ def snapshot(solver: QuasistaticSolver) -> dict | None:
         "log_kind": np.array(kind, str),
         "log_residual": np.array(residual, float), "fallbacks": history.fallbacks.steps,
         "history": {name: getattr(history, name) for name in CARRIED},
-        "corners": {} if rows.corners is None else rows.corners.carried(),
+        "cycles": cycles, "corners": {} if rows.corners is None else rows.corners.carried(),
         "doubtful": solver.doubtful, "uniqueness": {
             **asdict(solver.uniqueness), "several": list(solver.uniqueness.several.items())}
     }
@@ -121,6 +122,8 @@ def restore(solver: QuasistaticSolver, state: dict) -> None:
         solver.rows.coefficient = state["carried"]["coefficient"][node]
     for name, values in solver.effects.carried().items():
         values[:] = state["carried"][name]
+    if solver.cycles is not None:
+        solver.cycles.resume(solver, state["cycles"])
     solver.initial[:], solver.initial_weights[:] = state["initial"], state["initial_weights"]
     if solver.rows.corners is not None:
         solver.rows.corners.restore(state["corners"])

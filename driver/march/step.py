@@ -28,6 +28,9 @@ class Step:
     contraction: float  # mean ratio of successive changes of the fixed point, NaN if there was one
     residuals: dict
     moved: np.ndarray  # last change of the multipliers, to the bound of their own pressures
+    cycle: int = 0  # number of the cycle that ends with it, if one does
+    skips: int = 0  # cycles that are jumped over after it ...
+    grown: tuple = ()  # ... and names of what goes on growing in them, as in march/cycles.py
     # where contact follows the motion: displacements (k, 2) about which the step was solved, and
     # how many times it was
     about: np.ndarray | None = None

@@ -40,6 +40,10 @@ class RigidSurfaces:
     def begin_step(self, moving: bool, slides: bool = True) -> None:
         """Nothing has worn away."""
 
+    def yielded(self, x: np.ndarray) -> float:
+        """No closure."""
+        return 0.0
+
     def settled(self, index: int, load, start: tuple, trace, solve):
         """What `solve` finds."""
         return solve(index, load, *start, trace)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from ..estimates import budget, prices
 from ..files import renamed
+from ..results import screen
 from ..results.tables import BOUNDARIES, PROBES
 from ..units import generic
 from . import page
@@ -16,6 +17,7 @@ CAPTIONS = {
     "contact_normal": "Normal traction and displacement on the contact boundary",
     "contact_tangential": "Shear traction, friction bound and displacement",
     "contact_status": "Contact status over time", "force_displacement": "Force and displacement",
+    "cycles": "Hysteresis, and what cycles have in common",
     "loading": "History of loading", "history": "Contact forces over time",
     "convergence": "Convergence of the solver", "adaptivity": "Adaptive refinement",
 }
@@ -38,6 +40,8 @@ def write(directory: Path) -> Path:
             page.section("Contact boundaries, last step",
                          _rows(summary, "boundaries", "boundary", BOUNDARIES)),
             page.section("Probes, last step", _rows(summary, "probes", "probe", PROBES)),
+            page.section("Cycles", *map(page.paragraph, screen.cycles(
+                summary.get("cycles"), summary["units"]))),
             page.section("Warnings", page.bullets(summary["warnings"])),
             page.section("Figures", *pictures(directory / "figures")),
             page.section("The run", *_settings(summary))]), encoding="utf-8")

@@ -6,6 +6,7 @@ from ..contact.states import ContactField
 from ..feti.gathering import joined
 from ..feti.nodal import NodalFields
 from ..feti.operator import DualOperator
+from ..march.cycle_verdict import MOVED, WORN
 from ..march.quasistatic import QuasistaticSolver
 from ..march.step import Step
 
@@ -33,6 +34,8 @@ class ContactState:
         # depth so far, where the scene declares wear
         self.worn = np.zeros(len(self.boundary.gid)) if "wear" in solver.effects else None
         self._time = 0.0
+        # what the cycle at hand began with, of a history that is repeated
+        self._begun: dict[str, np.ndarray] = {}
         self.constrained = self._constrained()
         following, structure = self.boundary.following, operator.structure
         self._gids = (np.unique(self.boundary.term_gid) if following is None else following.gids)
@@ -91,6 +94,8 @@ class ContactState:
         if self._weights is None:
             self._weights = self.solver.initial_weights
             self._elastic = self.solver.initial[: len(b.gid)] - self._carried_t(self._weights)
+        if self.solver.cycles is not None and step.index == self.solver.cycles.begin + 1:
+            self._begun = {MOVED: self._elastic, WORN: self.worn}
         if follows:  # along the tangents of now
             self._elastic = (self._jump(self._before) * b.tangent).sum(axis=1)
         slip = elastic - self._elastic + self._carried_t(weights - self._weights)
@@ -98,11 +103,21 @@ class ContactState:
         self._time = step.time
         self._elastic, self._weights, self._before = elastic, weights, moved
         more = {} if self.worn is None else {WEAR: self._wear(slip, values[0])}
+        if step.cycle:
+            self._cycle_ends(step)
         return {**more, ContactField.U_N: u_n, ContactField.U_T: u_t, ContactField.SLIP: slip,
                 ContactField.SIGMA_N: 0.0 - values[0] / b.weight,
                 ContactField.SIGMA_T: 0.0 - values[1] / b.weight,
                 ContactField.BOUND: values[2] / b.weight,
                 ContactField.STATUS: values[3].astype(int), JOINTS: joints}
+
+    def _cycle_ends(self, step: Step) -> None:
+        """A cycle ends; what grows in those that are jumped over after it has grown."""
+        now = {MOVED: self._elastic, WORN: self.worn}
+        for name in step.grown if step.skips else ():
+            if name in now:
+                now[name] = now[name] + step.skips * (now[name] - self._begun[name])
+        self._begun, self._elastic, self.worn = now, now[MOVED], now[WORN]
 
     def _wear(self, slip: np.ndarray, force: np.ndarray) -> np.ndarray:
         """(n_c,) worn depth at the end of a step with slips and normal forces (n_c,)."""

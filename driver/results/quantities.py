@@ -28,6 +28,7 @@ from ..contact.states import OPEN, SLIP
 END = 2  # nodes that count as the end of a boundary
 NEARLY = 0.5  # part of the largest pressure that may exceed it on a finer mesh
 FEW = 6  # nodes in contact, among which the next may differ by all of a quantity's error
+REPEATS = "repeats"  # column of steps: how often each is gone through, if not once
 NOTHING = 1e-5  # part of the largest resultant of the history that tolerances leave
 
 
@@ -223,13 +224,19 @@ def edges_of_contact(nodes: dict, piece: np.ndarray, steps: dict,
     return edges
 
 
+def moves(steps: dict) -> np.ndarray:
+    """(steps, n) sizes of slips, as often as each step is gone through."""
+    size = np.abs(steps["slip"])
+    return size * steps[REPEATS] if REPEATS in steps else size
+
+
 def longest_way(nodes: dict, piece: np.ndarray, steps: dict, index: int) -> float:
     """Longest way that a point of a piece has slid in contact, also between its nodes.
 
     Slip is often largest at an edge of contact; the last closed node alone would tell it by the
     mesh size only. What the open node beyond has moved while its neighbour slid counts up to it.
     """
-    move, sliding = np.abs(steps["slip"])[:, piece], steps["status"][:, piece] == SLIP
+    move, sliding = moves(steps)[:, piece], steps["status"][:, piece] == SLIP
     way = np.where(sliding, move, 0.0).sum(axis=0)
     longest = peak(nodes["arc"][piece], way)
     for closed, beyond, part in edges_of_contact(nodes, piece, steps, index):
@@ -252,7 +259,7 @@ def peak_nodes(nodes: dict, steps: dict, index: int) -> np.ndarray:
 def farthest_node(steps: dict, index: int) -> int:
     """Node that has slid farthest in contact until step `index`."""
     sliding = steps["status"][: index + 1] == SLIP
-    return int(np.where(sliding, np.abs(steps["slip"][: index + 1]), 0.0).sum(axis=0).argmax())
+    return int(np.where(sliding, moves(steps)[: index + 1], 0.0).sum(axis=0).argmax())
 
 
 def between_nodes(nodes: dict, steps: dict, index: int) -> dict[str, float]:
@@ -264,7 +271,7 @@ def between_nodes(nodes: dict, steps: dict, index: int) -> dict[str, float]:
     """
     closed, length, apart = steps["status"][index] != OPEN, 0.0, 0.0
     sliding = steps["status"][: index + 1] == SLIP
-    way = np.where(sliding, np.abs(steps["slip"][: index + 1]), 0.0).sum(axis=0)
+    way = np.where(sliding, moves(steps)[: index + 1], 0.0).sum(axis=0)
     top = farthest_node(steps, index)
     for piece in chains(nodes):
         if len(piece) > 1 and not _is_ring(nodes, piece):

@@ -8,7 +8,8 @@ from ..march.quasistatic import QuasistaticSolver
 from ..march.step import Step
 from .contact_state import WEAR, ContactState, less_wear
 from .dissipation import Dissipation, start
-from .quantities import between_nodes, farthest_node, peak_nodes, quantities, singular_places
+from .quantities import (REPEATS, between_nodes, farthest_node, peak_nodes, quantities,
+                         singular_places)
 from .shares import label_shares
 
 
@@ -25,7 +26,10 @@ class Record:
         self.gaps = []
         self.normals = []  # (n_c, 2) a step, where contact follows the motion
         self.displacements = []  # the largest of the body, one number a step
-        self.work = []  # of friction, one array (n_c,) a step
+        self.work = []  # of friction, one array (n_c,) a step, in cycles jumped over too
+        # how often steps are gone through, where cycles are jumped over, and work of each cycle
+        self.repeats, self.cycle_work = [], []
+        self.cycles, self.jumped = solver.cycles, 0.0  # time
         b = self.contact.boundary
         self.dissipation = None
         if self.effects.frictional:
@@ -45,12 +49,34 @@ class Record:
             column.append(state[name])
         if self.dissipation:
             bare = less_wear(state)
-            self.work.append(self.dissipation.add(step.time, bare, self.gaps[-1]))
+            self.work.append(self.dissipation.add(step.time - self.jumped, bare,
+                                                  self.gaps[-1]))
+        if self.cycles is not None:
+            self._count(step)
         whole = self.operator.with_travel(fields, step.weights)
         squares = np.concatenate([np.zeros(2), *whole]).reshape(-1, 2) ** 2
         largest = float(np.sqrt(squares.sum(axis=1).max()))
         self.displacements.append(max(self.operator.comm.allgather(largest)))
         return fields, state
+
+    def _count(self, step: Step) -> None:
+        """The steps of a cycle before a jump are gone through in all the cycles jumped over."""
+        self.repeats.append(1.0)
+        if step.cycle:
+            own = slice(-self.cycles.length, None)
+            self.cycle_work.append(float(np.sum(self.work[own])))
+            self.jumped += step.skips * self.cycles.period
+            if step.skips:
+                self.repeats[own] = [1.0 + step.skips] * self.cycles.length
+                self.work[own] = [(1.0 + step.skips) * work for work in self.work[own]]
+
+    @property
+    def counted(self) -> dict[str, np.ndarray]:
+        """Column REPEATS (steps, n_c) of quantities.py, where cycles are jumped over."""
+        if not any(repeats > 1 for repeats in self.repeats):
+            return {}
+        nodes = len(self.contact.boundary.gid)
+        return {REPEATS: np.repeat(np.array(self.repeats)[:, None], nodes, axis=1)}
 
     def quantities(self) -> tuple[dict[str, float], int]:
         """Quantities of interest, and the index in the record of the step that they belong to."""
@@ -95,7 +121,7 @@ class Record:
         fixed = self.contact.constrained * np.abs(self.contact.boundary.tangent)
         nodes["mirrored"] = fixed.max(axis=1, initial=0.0) > 0.99
         steps = less_wear({name: np.array(column) for name, column in self.states.items()})
-        steps["work"] = np.array(self.work)
+        steps |= {"work": np.array(self.work), **self.counted}
         if self.contact.boundary.moves:
             steps["gap"] = np.array(self.gaps)
         return nodes, steps

@@ -35,6 +35,27 @@ def materials(bodies: list[dict], units: dict[str, str]) -> list[str]:
     return aligned(table).splitlines()
 
 
+def cycles(found: dict | None, units: dict[str, str]) -> list[str]:
+    """A line about the cycles of a repeated history, from `cycles` of summary.json."""
+    if not found:
+        return []
+    last, length = found["last"], units["length"]
+    count = f"{found['number']} cycles"
+    if found["skipped"]:
+        count += (f", {found['skipped']} of them jumped over, which may err by "
+                  f"{found['error']:.2g} {length}")
+    if found["settled_after"] is None:
+        verdict = f"not settled, {last['kind']} so far: "
+    else:
+        verdict = f"settled from cycle {found['settled_after']} on: {last['kind']}; "
+    grows = {"shakedown": "", "alternating slip": f"slip of {last['slip']:.3g} {length} a cycle, ",
+             "ratcheting": f"advance of {last['drift']:.3g} {length} a cycle, ",
+             "wear": f"{last['wear']:.3g} {length} worn off a cycle, "}[last["kind"]]
+    energy = generic("stress length^2", units)
+    return [f"{count}, {verdict}forces change by {last['change']:.1e} a cycle, {grows}"
+            f"friction takes {last['dissipated']:.4g} {energy}"]
+
+
 def warnings(sentences: list[str]) -> list[str]:
     """Warnings as lines; those that differ in the number of the step alone are one, counted."""
     steps: dict[str, list[str]] = {}

@@ -110,7 +110,8 @@ class Summary:
     units: dict = entry("names of the scene's units",
                         parts={"length": "m, mm, ...", "stress": "Pa, MPa, ..."})
     amplitudes: dict = entry(
-        "factors of the loads at the start and after every step, by number of the load")
+        "factors of the loads at the start and after every step, by number of the load; of a "
+        "history that is repeated with its cycle once")
     loads: list = entry("resultant of every load at amplitude 1: effect, number of the amplitude, "
                         "force", "stress length")
     parameters: dict = entry("parameters of the scene and options of the solver")
@@ -142,6 +143,12 @@ class Summary:
                   "meshes would take; or the reason why there are none"})
     materials: list | None = entry("of every body, where the scene gives them body by body: body, "
                                    "name, young, poisson", optional=True)
+    cycles: dict | None = entry("of a history that is repeated", optional=True, parts={
+        "start": "time at which its cycle begins", "period": "of a cycle",
+        "number": "cycles gone through, those jumped over included", "skipped": "of them",
+        "settled_after": "cycle from which on all were settled; null if the last is not",
+        "error": "by how much all jumps together may err in what grows, a length",
+        "last": "row of cycles.csv of the last cycle"})
     quantities: dict | None = entry("quantities of interest", "see quantities.py", optional=True)
     quantities_time: float | None = entry("the time they belong to", "time", optional=True)
     obstacle_motion: dict | None = entry(
@@ -194,6 +201,8 @@ def summarize(request, problem: Problem, solver: QuasistaticSolver,
         warnings.append(str(failure))
     if manifest.materials:
         optional["materials"] = manifest.materials
+    if writer.cycle_rows:
+        optional["cycles"] = _cycles(solver.cycles, writer.cycle_rows)
     if structure.contact.declared.motion is not None:
         optional["obstacle_motion"] = _motions(structure.contact.declared)
     if writer.history_rows:
@@ -207,7 +216,8 @@ def summarize(request, problem: Problem, solver: QuasistaticSolver,
     return Summary(
         scene=request.scene, variant=str(manifest.parameters.get("loading", "")),
         converged=failure is None, reason=str(failure or ""), warnings=warnings,
-        effects=solver.effects.summary, sizes=sizes, steps=history.steps, t_end=manifest.t_end,
+        effects=solver.effects.summary, sizes=sizes, steps=history.steps,
+        t_end=manifest.t_end if solver.cycles is None else float(solver.times[-1]),
         counts=history.counts, residuals=history.residuals, contraction=history.contraction,
         fallbacks={name: len(steps) for name, steps in history.fallbacks.steps.items()},
         uniqueness=solver.uniqueness.summary(), memory_mib=memory_mib,
@@ -216,6 +226,18 @@ def summarize(request, problem: Problem, solver: QuasistaticSolver,
         parameters={**manifest.parameters, **asdict(settings)}, versions=_versions(),
         seconds=seconds, effects_ledger=_ledger(problem, sizes, solver, writer),
         balance=writer.balance, dissipated=writer.dissipated, **optional)
+
+
+def _cycles(cycles, rows: list[dict]) -> dict:
+    """Entry `cycles`."""
+    number, after = rows[-1]["cycle"], None
+    for row in reversed(rows):
+        if not row["settled"]:
+            break
+        after = row["cycle"]
+    return {"start": float(cycles.times[-1] - cycles.period), "period": cycles.period,
+            "number": number, "skipped": sum(row["skipped"] for row in rows),
+            "settled_after": after, "error": sum(row["error"] for row in rows), "last": rows[-1]}
 
 
 def write(directory: Path, summary: Summary, comm) -> None:

@@ -106,6 +106,27 @@ PROBES = (
     Column("force_y", FORCE, "force on the body through the label, or at the vertex"),
 )
 
+CYCLES = (
+    Column("cycle", "1", "number of the cycle, those jumped over included"),
+    Column("step", "1", "number of the step that ends it"),
+    Column("time", "time", "at its end"),
+    Column("kind", "1", "what it is, or seems to come to: shakedown (nothing slides), alternating "
+           "slip (what slides comes back), ratcheting (it goes on), wear (surfaces that slide "
+           "wear)"),
+    Column("settled", "1", "yes, if cycles to come are like it: the same forces, within a "
+           "thousandth of the largest, and slips and growths, within a hundredth"),
+    Column("change", "1", "largest change of a contact force against the same step of the cycle "
+           "before, over the largest contact force; 1 in the first cycle"),
+    Column("remaining", "1", "what cycles to come will change it by, as a geometric series; at "
+           "most 1, which also stands where three cycles do not tell"),
+    Column("slip", "length", "longest way that a node slides in the cycle"),
+    Column("drift", "length", "largest change of a node's u_t over the cycle"),
+    Column("wear", "length", "largest growth of the worn depth"),
+    Column("dissipated", ENERGY, "work that friction takes in the cycle"),
+    Column("skipped", "1", "cycles jumped over before it"),
+    Column("error", "length", "by how much the jump may err in what grows, drift or wear"),
+)
+
 CONVERGENCE = (
     Column("product", "1", "products with the dual matrix so far"),
     Column("step", "1", "number of the step"),
@@ -115,7 +136,8 @@ CONVERGENCE = (
 )
 
 BOUNDARY = (
-    *(Column(name, "length", "ends of the edge of the outline, the body on its left")
+    *(Column(name, "length",
+             "ends of the edge of the outline, or of half of a curved one, the body on its left")
       for name in ("x0", "y0", "x1", "y1")),
     Column("label", "1", "label of the edge in the mesh"),
     Column("role", "1", "pair, contact, support, springs, joined (tied, periodic), load or free"),
@@ -138,6 +160,7 @@ TABLES = {
     "history.csv": ("a row per step", HISTORY),
     "boundaries.csv": ("a row per step and contact boundary", BOUNDARIES),
     "probes.csv": ("a row per step and probe", PROBES),
+    "cycles.csv": ("a row per cycle of a history that is repeated", CYCLES),
     "convergence.csv": ("a row per step of the QP solver", CONVERGENCE),
     "boundary.csv": ("a row per edge of the outline", BOUNDARY),
     "obstacle.csv": ("a row per side of a rigid obstacle that contact follows (and step)",
@@ -174,6 +197,11 @@ def header(columns: tuple[Column, ...], **families) -> list[str]:
         else:
             names.append(str(column.name))
     return names
+
+
+def shown(value):
+    """A value as it stands in a table: yes or no for a bool."""
+    return {True: "yes", False: "no"}[value] if isinstance(value, bool) else value
 
 
 def reference() -> list[dict[str, str]]:

@@ -23,8 +23,8 @@ from .outline import write_outline
 from .quantities import resultant
 from .record import Record
 from .resultants import resultants
-from .tables import (BOUNDARIES, CONTACT, CONVERGENCE, GEOMETRIES, HISTORY, LABEL, PROBES, WORN,
-                     header)
+from .tables import (BOUNDARIES, CONTACT, CONVERGENCE, CYCLES, GEOMETRIES, HISTORY, LABEL, PROBES,
+                     WORN, header, shown)
 
 
 class Writer:
@@ -92,12 +92,21 @@ class Writer:
         """Largest sum of a step's resultants over the largest sum of nodal forces' sizes."""
         return self.largest_imbalance / self.largest_forces if self.largest_forces > 0 else 0.0
 
+    @property
+    def cycle_rows(self) -> list[dict]:
+        """Rows of cycles.csv."""
+        if self.solver.cycles is None:
+            return []
+        return [row | {"dissipated": work} for row, work in
+                zip(self.solver.cycles.past.rows, self.record.cycle_work)]
+
     @functools.cached_property
     def boundary_rows(self) -> list[dict]:
         """Rows of boundaries.csv; once all steps are recorded."""
         states = less_wear({name: np.array(column) for name, column in self.record.states.items()})
         if self.contact.boundary.moves:
             states["gap"] = np.array(self.record.gaps)
+        states |= self.record.counted
         times = [(row["step"], row["time"]) for row in self.history_rows]
         return boundary_rows(self.record, states, times)
 
@@ -113,7 +122,9 @@ class Writer:
         weight = boundary.weight
         sigma_n, sigma_t = state[ContactField.SIGMA_N], state[ContactField.SIGMA_T]
         row = {"step": step.index, "time": step.time}
-        row |= {f"amplitude_{number}": history[step.index]
+        cycles = self.solver.cycles
+        place = step.index if cycles is None else cycles.place(step.index)
+        row |= {f"amplitude_{number}": history[place]
                 for number, history in self.manifest.amplitudes.items()}
         row |= {"fixed_point_iterations": step.fixed_point_iterations,
                 "dual_multiplications": step.products, "contraction": step.contraction,
@@ -168,6 +179,10 @@ class Writer:
         if self.probes is not None:
             write_rows(self.directory / "probes.csv", header(PROBES),
                        (row.values() for row in self.probes.rows))
+        if self.cycle_rows:
+            names = header(CYCLES)
+            write_rows(self.directory / "cycles.csv", names,
+                       ([shown(row[name]) for name in names] for row in self.cycle_rows))
         write_rows(self.directory / "convergence.csv", header(CONVERGENCE), self.solver.history.log)
         if self.fields is not None and self.fields.steps:
             self.fields.write_collections()

@@ -20,6 +20,7 @@ may agree by accident. It is meant to be met in at least 95 of 100 cases.
 """
 
 import dataclasses
+import math
 
 from ..effects import Effects
 from ..effects.quasistatic import proportional
@@ -55,7 +56,7 @@ class Search:
                              "ACCURACY has nothing to choose")
         self.sizes = [self.first.parameters[self.knob]]
         self.effects, self.total = Effects(self.first), self.first.steps
-        self.stride = SAMPLING * FEWEST if self.effects.quasistatic else 1
+        self.stride = self._longest_stride() if self.effects.quasistatic else 1
         self.name = quantity
         self.parts: dict = {}  # by source: {quantity: Part}
 
@@ -73,6 +74,10 @@ class Search:
                 key = ((knob, manifest.parameters[knob]),)
                 self.levels.problems[key] = self.levels.problems[(("coarsening", factor),)]
             return factor, manifest
+
+    def _longest_stride(self) -> int:
+        """With which the choice of steps starts: a power of two that ends where histories turn."""
+        return math.gcd(SAMPLING * FEWEST, self.total, self.first.cycle_start)
 
     # ---- runs ------------------------------------------------------------------------------------
     def _level(self, size, stride=None, settings=None):

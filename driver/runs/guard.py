@@ -16,7 +16,7 @@ from ..files import FIGURES
 # of results, relative to their directory; a dot in front while a file is being written
 RESULTS = (r"summary\.json",
            r"(contact|history|convergence|boundary|boundaries|obstacle|probes|adaptivity)\.csv",
-           r"study\.csv",
+           r"(study|cycles)\.csv",
            r"(run|freefem)\.log", r"(fields|contact|error)\.pvd",
            r"fields/(step|contact|error)_\d+\.vtu", r"report\.html", r"figures/animation\.gif",
            rf"figures/({'|'.join(FIGURES)}|study)\.(png|pdf)",

@@ -12,6 +12,7 @@ import time
 from pathlib import Path
 
 from .. import options
+from ..arguments import EVERY
 from ..errors import PARTIAL, InputError, error_of, shortage
 from ..estimates import adaptivity, budget, prices
 from ..files import write_json
@@ -58,6 +59,9 @@ class Run:
                                  "driver use the word themselves")
         if given["animate"] and not given["fields"]:
             raise InputError("ANIMATE=yes needs the fields: leave FIELDS=no out")
+        if given["accuracy"] and not given.settings.get("cycles", EVERY).isalnum():
+            raise InputError("ACCURACY compares runs of the same cycles: give their number, such "
+                             "as CYCLES=10")
         names = ("without", "fields", "figures", "animate", "quiet", "resume", "adapt", "errors",
                  "accuracy", "quantity")
         return cls(scene, given["out"] or RESULTS / scene.stem,
@@ -245,6 +249,7 @@ def describe(summary: dict, out: Path) -> str:
              *screen.materials(summary.get("materials", []), summary["units"]),
              *screen.boundaries(summary.get("boundaries", []), summary["units"]),
              *screen.probes(summary.get("probes", []), summary["units"]),
+             *screen.cycles(summary.get("cycles"), summary["units"]),
              *budget.describe(summary.get("errors", {}), summary["units"]),
              *prices.describe(summary.get("errors", {}).get("prices")),
              *screen.warnings(summary["warnings"])]

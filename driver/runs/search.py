@@ -124,7 +124,12 @@ def _as_asked(search: goal.Search, problem):
     manifest = problem.manifest
     parameters = {name: value for name, value in manifest.parameters.items()
                   if name not in ("sampling", "coarsening")}
+    rooms = manifest.rooms
+    if "cycles" in rooms:
+        cycles = rooms["cycles"]
+        rooms = {**rooms, "cycles": {**cycles, "start": cycles["start"] // search.stride}}
     return dataclasses.replace(problem, manifest=dataclasses.replace(
-        manifest, steps=search.steps, parameters={**parameters, "steps": search.steps},
+        manifest, rooms=rooms, steps=search.steps,
+        parameters={**parameters, "steps": search.steps},
         amplitudes={name: values[:: search.stride]
                     for name, values in manifest.amplitudes.items()}))

@@ -32,6 +32,7 @@ class Progress:
     def __init__(self, total: int, done: int, label: str, quiet: bool, log: Path | None):
         """`done` steps of `total` are those of an interrupted run."""
         self.total, self.done, self.label, self.quiet, self.bar = total, done, label, quiet, None
+        self.verdict = None  # on the last cycle
         self.log = open(log, "a") if log else None
         if self.log:
             lock_log(self.log)
@@ -56,6 +57,17 @@ class Progress:
         elif due and not self.quiet:
             remaining = spent * (self.total - step.index) / (step.index - self.done)
             print(f"{line}, {remaining:.0f} s left", flush=True)
+
+    def judge(self, cycles) -> None:
+        """Report the cycle that has ended: on the screen where it says something new."""
+        self.total, (last, *_) = cycles.total, cycles.past.rows[::-1]
+        line = (f"{self.label}: cycle {last['cycle']}: {'' if last['settled'] else 'not '}settled, "
+                f"{last['kind']}, change {last['change']:.1e}, slip {last['slip']:.3g}")
+        self.note(line)
+        verdict = last["kind"], last["settled"]
+        if self.bar is None and not self.quiet and verdict != self.verdict:
+            print(line, flush=True)
+        self.verdict = verdict
 
     def note(self, line: str) -> None:
         """One line for the log alone."""
@@ -139,11 +151,14 @@ def _march(directory: Path, request: Request, problem: Problem, solver: Quasista
         estimator.consider(step, *writer.add(step, replayed=True))
     resumed, before = history.steps, history.seconds + history.examining
     with agreed_writes(comm):
-        progress = _progress(directory, request, problem, resumed, comm)
+        total = problem.manifest.steps if solver.cycles is None else solver.cycles.total
+        progress = _progress(directory, request, problem, total, resumed, comm)
 
     def add(step: Step) -> None:
         with agreed_writes(comm):
             progress.update(step)
+            if step.cycle:
+                progress.judge(solver.cycles)
         estimator.consider(step, *writer.add(step))
 
     try:
@@ -156,6 +171,8 @@ def _march(directory: Path, request: Request, problem: Problem, solver: Quasista
         failure = stop
         if failure.step is not None:
             add(failure.step)
+    if solver.cycles is not None:
+        history.warnings += solver.cycles.warnings()
     history.warnings += soundness.warnings(problem, estimator.largest and estimator.largest[1])
     if problem.effects.frictional:  # else the end does not depend on the way
         history.warnings += between_steps.warnings(
@@ -165,10 +182,11 @@ def _march(directory: Path, request: Request, problem: Problem, solver: Quasista
     return resumed, before, failure
 
 
-def _progress(directory: Path, request: Request, problem: Problem, resumed: int, comm) -> Progress:
+def _progress(directory: Path, request: Request, problem: Problem, total: int, resumed: int,
+              comm) -> Progress:
     """The report of progress, with its first line."""
     root = comm.rank == 0
-    progress = Progress(problem.manifest.steps, resumed, request.scene, request.quiet or not root,
+    progress = Progress(total, resumed, request.scene, request.quiet or not root,
                         directory / "run.log" if root else None)
     line = f"{request.scene} {problem.manifest.parameters} {request.settings} on {comm.size} ranks"
     progress.note(f"{line}, resumed after step {resumed}" if resumed else line)
@@ -253,6 +271,8 @@ def _budget(errors: dict, directory: Path, request: Request, problem: Problem, w
     levels = Levels(Path(request.script), request.parameters, directory / "companions",
                     writer.operator.comm, settings, [Path(place) for place in request.cycles],
                     request.without)
+    if writer.solver.cycles is not None:
+        levels.plan = writer.solver.cycles.past.plan
     took, record = Measured.of(lap.seconds, problem.manifest), writer.record
     values, at = record.quantities()
     step = next((step for step, _ in estimator.considered if step.index == at + 1), None)

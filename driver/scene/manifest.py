@@ -6,7 +6,7 @@ fit together.
 
 import json
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,7 @@ from .declarations import QUASISTATIC
 from .rooms import EFFECTS, LOADS
 
 AXISYMMETRIC = "axisymmetric"  # the room of bodies of revolution
+CURVED = "curved"  # the room of sides that follow curved boundaries
 
 KINDS = {"subdomains": int, "blocks": int, "nodes": int, "interface_label": int, "element": str,
          "plane": str, "material": str, "units": dict, "rooms": dict, "columns": list,
@@ -78,6 +79,16 @@ class Manifest:
         return AXISYMMETRIC in self.rooms
 
     @property
+    def curved(self) -> list:
+        """Labels of the boundaries whose sides are curved; linear elements have none."""
+        return self.rooms[CURVED]["labels"] if CURVED in self.rooms and self.element != "P1" else []
+
+    @property
+    def cycle_start(self) -> int:
+        """The step after which the cycle of a repeated history begins; 0 without cycles."""
+        return self.rooms.get("cycles", {}).get("start", 0)
+
+    @property
     def contact_pairs(self) -> list:
         """Pairs [label with contact nodes, label of the other body]."""
         return self.rooms.get("pair", {}).get("labels", [])
@@ -95,6 +106,16 @@ class Manifest:
         largest = np.maximum(np.abs(factors).max(axis=0, initial=0.0),
                              [np.abs(values).max(initial=0.0) for values in finer])
         return np.where(np.abs(factors) > NOTHING * largest, factors, 0.0)
+
+    def unrolled(self, count: int) -> "Manifest":
+        """The same with the cycle of a repeated history `count` times, as one long history."""
+        start, steps = self.cycle_start, self.steps
+        amplitudes = {number: [*history[: start + 1], *count * history[start + 1:]]
+                      for number, history in self.amplitudes.items()}
+        rooms = {name: room for name, room in self.rooms.items() if name != "cycles"}
+        total = start + count * (steps - start)
+        return replace(self, steps=total, t_end=self.t_end * total / steps, between={},
+                       amplitudes=amplitudes, rooms=rooms)
 
 
 def read_manifest(directory: Path, scene: str | None = None) -> Manifest:

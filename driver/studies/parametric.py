@@ -19,10 +19,12 @@ from ..march.step import StepFailed
 from ..march.uniqueness import DOUBTFUL_FRICTION
 from ..options import Settings
 from ..results.boundaries import NODES
+from ..results.contact_state import WEAR, less_wear
 from ..results.dissipation import Dissipation, start
 from ..results.quantities import chains, contact_length, peak, resultant, traction
 from ..results.record import Record
 from ..results.shares import label_shares
+from ..results.tables import shown
 from ..runs.request import Request
 from ..scene.manifest import Manifest, read_manifest
 from ..scene.study_value import read_value
@@ -48,9 +50,8 @@ def run(directory: Path, request: Request, comm) -> tuple[int, str]:
             "a study needs a scene with contact: without it the response is linear in its loads")
     if settings.linearization != "initial":
         raise InputError("a study keeps one geometry of contact: leave LINEARIZATION out")
-    if Effects(manifest).closes:
-        raise InputError("a study keeps contact surfaces as they are: leave wear and "
-                         "normalComplianceExponent out, or make single runs")
+    if "jump" in settings.cycles:
+        raise InputError("a study goes through all cycles: make single runs with CYCLES=\"jump\"")
     values = _values(directory, request, manifest, comm)
     loads = LoadValues(request.study, [value for _, value in values], comm)
     problem = assemble(directory / "export", comm, lap, loads.widen)
@@ -213,7 +214,7 @@ def _follow(name: str, effects, operator, value, pairs: list) -> None:
     gap = effects.distance(read.columns, len(read.gid))
     motion = effects.motion(nodes, gap)
     following = effects.following(nodes, motion)
-    first = following.first(dataclasses.replace(old.found, nodes=nodes), gap, motion, old.sides)
+    first = following.first(dataclasses.replace(old.found, nodes=nodes), gap, old.sides)
     following.joints = old.joints
     following.settle(start)  # rows and corners
     following.settle(following.about(first.about.u, 0.0))
@@ -278,11 +279,14 @@ def _solve(problem, settings, near: np.ndarray | None) -> tuple[Outcome, np.ndar
         if record is not None:
             fields = dict(record.add(step)[1]) | {"gap": record.gaps[-1]}
         else:
-            fields = _fields(operator, solver.rows, step, u_t + contact.way(before, step.time))
+            fields = _fields(solver, step, u_t + contact.way(before, step.time))
             fields["gap"] = contact.at(step.time).gap
         u_t, before = fields["u_t"], step.time
-        row = _quantities(contact, shares, fields)
-        dissipated = float(friction.add(step.time, fields, fields["gap"]).sum())
+        bare = less_wear(fields)
+        row = _quantities(contact, shares, bare)
+        if WEAR in fields:
+            row["worn_volume"] = float(fields[WEAR] @ contact.weight)
+        dissipated = float(friction.add(step.time, bare, fields["gap"]).sum())
         dissipated += history[-1]["dissipated"] if history else 0.0
         history.append({"step": step.index, "time": step.time, **row, "dissipated": dissipated,
                         "fixed_point_iterations": step.fixed_point_iterations,
@@ -302,7 +306,7 @@ def _solve(problem, settings, near: np.ndarray | None) -> tuple[Outcome, np.ndar
            "fixed_point_iterations": counts["fixed_point_iterations"],
            "dual_multiplications": counts["dual_multiplications"],
            "kkt": max(ended.residuals.values(), default=0.0),
-           "uniqueness": solver.uniqueness.verdict}
+           "uniqueness": solver.uniqueness.verdict, **_cycles(solver)}
     row.pop("step", None)
     row.pop("time", None)
     warnings = [*ended.warnings, *ended.fallbacks.warnings(), *solver.uniqueness.warnings()]
@@ -310,14 +314,27 @@ def _solve(problem, settings, near: np.ndarray | None) -> tuple[Outcome, np.ndar
     return Outcome(status, reason, row, history, fields, warnings), first
 
 
-def _fields(operator, rows, step, u_t: np.ndarray) -> dict[str, np.ndarray]:
+def _cycles(solver) -> dict:
+    """Columns on the cycles of a history that is repeated."""
+    if solver.cycles is None or not solver.cycles.past.rows:
+        return {}
+    last = solver.cycles.past.rows[-1]
+    return {"cycles": last["cycle"], "kind": last["kind"], "settled": shown(last["settled"])}
+
+
+def _fields(solver, step, u_t: np.ndarray) -> dict[str, np.ndarray]:
     """Nodal contact quantities from multipliers and gradient: at its rows B u = c - gradient.
 
-    `u_t` (n_c,) are tangential displacements of nodes that have not slid in the step.
+    `u_t` (n_c,) are tangential displacements of nodes that have not slid in the step. Where the
+    scene declares wear its depth is among them.
     """
+    operator, rows, wear = solver.operator, solver.rows, solver.effects.rooms.get(WEAR)
     contact = operator.structure.contact.declared
-    values = np.zeros((6, len(operator.structure.contact.gid)))
-    values[0, rows.normal_node] = rows.gap - step.gradient[rows.normal]
+    values = np.zeros((7, len(operator.structure.contact.gid)))
+    yielded = solver.closure.yielded(step.multipliers)  # beside what the gap has grown by before
+    values[0, rows.normal_node] = rows.gap + yielded - step.gradient[rows.normal]
+    if wear is not None:
+        values[6, rows.tangential_node] = wear.depth[rows.tangential_node]
     compliance = operator.structure.compliance
     if compliance is not None:  # B u = c - gradient + what the asperities yield
         own = compliance[slice(*operator.structure.row_range)][rows.normal]
@@ -329,10 +346,11 @@ def _fields(operator, rows, step, u_t: np.ndarray) -> dict[str, np.ndarray]:
     values[5, rows.normal_node] = step.status
     # a node has one rank: no sum depends on their order
     operator.comm.Allreduce(MPI.IN_PLACE, values)
-    u_n, slip, force_n, force_t, bound, status = values[:, : len(contact.gid)]
+    u_n, slip, force_n, force_t, bound, status, depth = values[:, : len(contact.gid)]
     w = contact.weight
-    return {"u_n": u_n, "u_t": u_t + slip, "slip": slip, "sigma_n": force_n / w + 0.0,
-            "sigma_t": force_t / w + 0.0, "bound": bound / w, "status": status.astype(int)}
+    fields = {"u_n": u_n, "u_t": u_t + slip, "slip": slip, "sigma_n": force_n / w + 0.0,
+              "sigma_t": force_t / w + 0.0, "bound": bound / w, "status": status.astype(int)}
+    return fields if wear is None else fields | {WEAR: depth}
 
 
 def _quantities(contact, shares: np.ndarray, fields: dict) -> dict:
@@ -365,12 +383,14 @@ def _write(directory: Path, request: Request, contact, outcomes: list[Outcome],
     if steps:
         write_table(directory / "history.csv", steps)
     place = [contact.label, *contact.xy.T, contact.arc, contact.weight]
+    worn = [WEAR] if WEAR in outcomes[0].fields else []
     rows = [row for value, outcome in zip(values, outcomes) if outcome.fields
             for row in zip(itertools.repeat(value), itertools.count(),
                            *(part.tolist() for part in place),
-                           *(outcome.fields[name].tolist() for name in FIELDS),
+                           *(outcome.fields[field].tolist() for field in (*FIELDS, *worn)),
                            map(STATUS_NAMES.__getitem__, outcome.fields["status"]))]
     if rows:
         write_rows(directory / "contact.csv",
-                   [name, "node", "boundary", "x", "y", "arc", "weight", *FIELDS, "status"], rows)
+                   [name, "node", "boundary", "x", "y", "arc", "weight", *FIELDS,
+                    *("worn_depth" for _ in worn), "status"], rows)
     write_json(directory / "summary.json", summary)

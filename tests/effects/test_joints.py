@@ -241,6 +241,21 @@ def test_a_tie_does_not_depend_on_cut_and_ranks(solved, scene):
                                    atol=1e-7 * np.abs(other.contact[name]).max())
 
 
+# sides of one edge, one end of which is held along x and the other in contact: none is left that
+# could be periodic in this direction
+ONE_EDGE = """include "scene.idp"
+subdomains("1");
+body = square(2, 1, [2.*x, y]);
+macro young() 1000. //
+macro poisson() 0.3 //
+macro periodic() 2, 4 //
+macro displacement1() on(3, u1 = 0.01) //
+macro load1() pressure(3, 4.) //
+macro contact() 1 //
+include "export.idp"
+"""
+
+
 @pytest.mark.parametrize("text, old, new, reason", [
     (SIDE, "[1 + x, y]", "[1.2 + x, y]", "tied boundaries 11 and 21 do not lie on one another"),
     (SIDE, "11, 21 //", "5, 21 //", "label 5 is declared for contact and tied"),
@@ -250,6 +265,7 @@ def test_a_tie_does_not_depend_on_cut_and_ranks(solved, scene):
      "label 21 is periodic and tied"),
     (STRIP % (5, 5), "periodic() 4, 2", "periodic() 4, 3", "are no translates of one another"),
     (STRIP % (5, 5), "periodic() 4, 2", "periodic() 4, 9", "no boundary with label 9"),
+    (ONE_EDGE, "", "", "constrain all nodes of 2"),
     (STRIP % (5, 5), "macro periodic() 4, 2 //", "macro periodic() 4, 2 //\nmacro contact() 2 //",
      "label 2 is periodic and declared for contact")])
 def test_misuse_is_refused_in_one_line(solved, scene, text, old, new, reason):

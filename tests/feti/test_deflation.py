@@ -288,3 +288,25 @@ def test_every_ingredient_has_its_share(solved, left_out):
     """On the finer partition each saves products, and each can be switched off."""
     default = products(solved, "nonmonotone", FINE)["dual_multiplications"]
     assert products(solved, "nonmonotone", FINE, **left_out)["dual_multiplications"] > default
+
+
+@pytest.mark.parametrize("size", [0.1, 10.0, 1e3])
+def test_what_surfaces_yield_leaves_the_condition_alone(built, size):
+    """A diagonal of F on normal rows that varies from node to node, up to `size` times a row's own
+    compliance: as if there were none; without it in the preconditioner it grows with the size.
+    """
+    problem = built(cells=5, subdomains="4x2")
+    kind, local = problem.structure.row_kind, problem.operator.preconditioner()
+    normal = np.flatnonzero(kind == RowKind.NORMAL)
+    D = np.zeros(len(kind))
+    D[normal] = size * np.diag(problem.F)[normal] * np.random.default_rng(3).random(len(normal))
+    deflation = Deflation(ContactBlock(problem.operator, local), problem.structure)
+    deflation.soften(D)
+    deflated = DeflatedPreconditioner(local, deflation)
+    for free in faces(problem.structure)[:3]:
+        F = (problem.F + np.diag(D))[np.ix_(free, free)]
+        local.soften(np.zeros(len(D)))
+        before = condition(dense(deflated, free), F)
+        local.soften(D)
+        after = condition(dense(deflated, free), F)
+        assert after < 35 and (size < 1 or before > 2 * after)

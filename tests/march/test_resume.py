@@ -110,6 +110,7 @@ CASES = {
     "quadratic": ("ELEMENT=P2", "CELLS=2", "FIELDS=yes", "ERRORS=energy"),
     "slip law": ("SCENE=punch", "LOADING=", "CELLS="),
     "wear": ("SCENE=worn-pad", "LOADING=", "CELLS=3"),
+    "cycles": ("SCENE=walking", "LOADING=", "CELLS=2", "STEPS=3", "CYCLES=30 jump 5%"),
     "several boundaries": ("SCENE=bracket", "LOADING=", "CELLS=", "H=8", "SUBDOMAINS=4"),
     "corners": ("SCENE=hard/hole", "LOADING=", "CELLS="),
     "floating stack": ("SCENE=stack", "LOADING=", "CELLS=", "H=0.25", "SUBDOMAINS=3")}

@@ -367,3 +367,46 @@ def test_a_value_without_solution_is_reported_and_the_others_kept(tmp_path):
         study.make_study(pairs)
     rows = read_rows(out / "study.csv")
     assert [row["converged"] for row in rows] == ["no", "no"]
+
+
+@pytest.mark.parametrize("scene, name, values, options", [
+    ("worn-pad", "wear", ("1e-5", "2e-4"), {"cells": "3", "steps": "6"}),
+    pytest.param("flange", "exponent", ("0.6", "2.5"), {"h": "4", "asperities": "1e5"},
+                 marks=pytest.mark.slow),
+    pytest.param("worn-pad", "wear", ("0", "1e-3"),
+                 {"cells": "2", "steps": "4", "element": "P2", "subdomains": "5"},
+                 marks=pytest.mark.slow)])
+def test_surfaces_that_wear_or_yield_agree_with_single_runs(made, solved, scene, name, values,
+                                                            options):
+    """Tractions, displacements and wear of every value; where supports hold bodies condensed."""
+    tight = {**options, "primal_rtol": "1e-8"}
+    summary, files = made(scene=scene, **{name: ",".join(values)}, **tight)
+    assert summary["condensed"] == (scene == "worn-pad") and summary["converged"]
+    for value, row in zip(values, files["study"]):
+        single = solved(scene, **{name: value}, **tight, **TIGHT)
+        compare(files["contact"], single, **{name: value})
+        mine = [row for row in files["contact"] if row[name] == value]
+        worn = {"worn_depth": "wear"} if scene == "worn-pad" else {}
+        for field in ("u_n", "slip", *worn):
+            expected = single.contact[worn.get(field, field)][-1]
+            ours = np.array([float(row[field]) for row in mine])
+            assert np.abs(ours - expected).max() <= CLOSE * np.abs(expected).max()
+        assert float(row["dissipated"]) == pytest.approx(single.summary["dissipated"], rel=1e-5)
+        if scene == "worn-pad":
+            assert float(row["worn_volume"]) == pytest.approx(
+                single.summary["quantities"]["worn_volume"], rel=1e-6, abs=1e-12)
+
+
+@pytest.mark.slow  # runs of its own
+def test_cycles_of_every_value_end_where_they_settle(made, solved):
+    """As in single runs: number, kind, work; jumps are refused."""
+    options = {"cells": "3", "steps": "16", "cycles": "5 until settled"}
+    _, files = made(scene="hard/cycles", friction="0.1,0.4", **options)
+    for row in files["study"]:
+        single = solved("hard/cycles", friction=row["friction"], **options, **TIGHT).summary
+        last = single["cycles"]["last"]
+        assert (int(row["cycles"]), row["kind"], row["settled"]) == (
+            last["cycle"], last["kind"], "yes")
+        assert float(row["dissipated"]) == pytest.approx(single["dissipated"], rel=1e-5)
+    with pytest.raises(InputError, match="goes through all cycles"):
+        made(scene="hard/cycles", friction="0.1,0.4", cycles="jump")

@@ -107,8 +107,8 @@ CASES = (
     Case("verify/shrinkfit", _by("h", 4, 2), _by("h", 0.6, 0.4)),
     Case("hard/block", ({"cells": 4, "steps": 4}, {"cells": 8, "steps": 8}),
          ({"cells": 16, "steps": 10}, {"cells": 32, "steps": 20})),
-    Case("hard/cycles", ({"cells": 3, "steps": 40}, {"cells": 6, "steps": 80}),
-         ({"cells": 12, "steps": 160}, {"cells": 24, "steps": 160})),
+    Case("hard/cycles", ({"cells": 3, "steps": 20}, {"cells": 6, "steps": 40}),
+         ({"cells": 12, "steps": 80}, {"cells": 24, "steps": 80})),
 )
 
 EXACT = {case.scene: case.exact for case in CASES if case.exact}  # closed forms by scene
