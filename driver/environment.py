@@ -2,6 +2,7 @@
 
 import contextlib
 import ctypes
+import importlib.util
 import mmap
 import os
 import re
@@ -80,6 +81,17 @@ def _find_petsc() -> None:
     packages = Path(os.environ.get("PETSC_DIR", "/usr/lib/petsc")) / "lib/python3/dist-packages"
     if packages.is_dir() and str(packages) not in sys.path:
         sys.path.append(str(packages))
+
+
+def interpreter() -> str:
+    """The Python that a run from Python is made with: this one, if it can have Debian's packages.
+
+    The kernel of a notebook is often one of its own, without them or with another numpy.
+    """
+    debian = shutil.which("python3", path="/usr/bin")
+    if debian is None or importlib.util.find_spec("mpi4py"):
+        return sys.executable
+    return debian
 
 
 def check_process() -> None:

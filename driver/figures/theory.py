@@ -49,6 +49,12 @@ def uniform(rows: dict) -> np.ndarray:
     return np.full(len(rows["arc"]), rows["sigma_n"] @ rows["weight"] / rows["weight"].sum())
 
 
+def parabola(rows: dict) -> np.ndarray:
+    """(n,) sigma_n of the manufactured problem of scene zones, p ~ (1.5 - x)^2 up to x = 1.5."""
+    shape = np.maximum(0.0, 1.5 - rows["x"])**2
+    return shape * (rows["sigma_n"] @ rows["weight"]) / (shape @ rows["weight"])
+
+
 def westergaard(rows: dict) -> np.ndarray:
     """(n,) sigma_n of a wavy surface on a flat one (13.2), of which the boundary is a wave length.
 
@@ -142,6 +148,7 @@ NORMAL = {"hertz": LINE_CONTACT, "hertz-bodies": LINE_CONTACT, "mindlin": LINE_C
           "mindlin-bodies": LINE_CONTACT,
           "sphere": ("Hertz, same force and radius", hertz_of_spheres),
           "punch": ("flat punch without friction, same force", flat_punch),
+          "zones": ("manufactured, same force", parabola),
           "ripple": ("Westergaard, same force and spread", westergaard),
           "bar": ("uniform, same force", uniform), "thermal": ("uniform, same force", uniform),
           "patch": ("uniform, same force", uniform),

@@ -55,7 +55,7 @@ def _text(value) -> str:
 
 def _execute(words: list[str], name: str, progress: bool) -> tuple[int, str, str]:
     """Exit status, output and errors of `python3 -m driver run` with these words."""
-    command = [sys.executable, "-m", "driver", "run", *words]
+    command = [environment.interpreter(), "-m", "driver", "run", *words]
     env = {**os.environ, "PYTHONPATH": environment.python_path(), EVERY_STEP: "yes"}
     lines, (reading, writing) = [], os.pipe()
     with tempfile.TemporaryFile("w+", errors="replace") as errors:

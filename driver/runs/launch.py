@@ -71,6 +71,11 @@ def load(stage):
         run = stage()
     except ImportError as problem:
         raise environment.package_error(problem) from None
+    except ValueError as problem:
+        if "numpy" not in str(problem):
+            raise
+        raise InputError(f"the numpy of this Python is not the one that petsc4py was built with "
+                         f"({problem}): use /usr/bin/python3") from None
     if len(sys.modules) > known:
         gc.freeze()  # modules stay to the end: the collector need not look through them again
     return run

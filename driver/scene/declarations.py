@@ -180,7 +180,8 @@ def _switches(without: tuple[str, ...]) -> list[str]:
         reason = f'refuse("{name} is to be left out, but the scene does not declare it");'
         room = next((room for room in rooms() if room.name == name), None)
         if name == QUASISTATIC:
-            lines += [f"if (!isQuasistatic) {reason}", "isQuasistatic = false;"]
+            lines += [f"if (!isQuasistatic) {reason}", "isQuasistatic = false;",
+                      "macro libTimeLeftOut() 1 //"]
         elif room:
             lines += _unless_any(_asking(room, set()), reason)
         else:

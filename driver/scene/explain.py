@@ -63,11 +63,15 @@ def refusal(said: str, scene: Path) -> str:
     for name in named:
         if name in rooms.vocabulary() and _places(scene, rf"macro {name}\b"):
             return f"{_place(scene, rf'macro {name}')}: {said}"
-    if re.match(r"(rectangle|units|quasistatic|addBody|bodyMaterial)\b", said):
-        return f"{_uses(scene, first)}: {said}"
+    if twice := re.match(r"the parameter ('\w+') is read twice", said):
+        quoted = twice[1].replace("'", '"')
+        return f"{_place(scene, quoted, -1)}: {said}"
+    if re.match(r"(rectangle|rotate|units|quasistatic|addBody|bodyMaterial)\b", said):
+        return f"{_uses(scene, first, -1 if 'twice' in said else 0)}: {said}"
     if file := re.search(r"[\w./-]+\.(?:geo|msh)\b", said):
         return f"{_place(scene, re.escape(file[0]))}: {said}"
-    return f"{scene.name}: {said}"
+    found = placed(said, scene)
+    return found if found != said else f"{scene.name}: {said}"
 
 
 def _as_options(said: str, scene: Path) -> str:
@@ -88,11 +92,12 @@ def placed(reason: str, scene: Path) -> str:
     """
     if re.match(r"[A-Z_]+\b", reason):
         return reason
-    named = []
+    named, fault = [], reason.split(": add ")[0]  # the rest is the remedy
     for source in grammar.sources(scene):
         for macro in grammar.definitions(source):
             words = re.findall("[A-Z]?[a-z]+", macro.name)
-            said = re.search(r"\b" + r"\w*\s?".join(words), reason, re.IGNORECASE)
+            forms = [f"[{word[0]}{word[0].lower()}]{word[1:]}" for word in words]
+            said = re.search(r"\b" + r"\w*\s?".join(forms), fault)
             if said and macro.name in rooms.vocabulary():
                 named.append((said.start(), -len(words), f"{source.path.name} line {macro.line}"))
     return f"{min(named)[2]}: {reason}" if named else reason
@@ -268,6 +273,8 @@ def _unknown(name: str, error: re.Match | None, scene: Path) -> str:
     elif name in ("c11", "c12", "c13", "c22", "c23", "c33"):
         return (f"{scene.name}: the scene declares no {name}: a material is given by young and "
                 "poisson or by all of c11, c12, c13, c22, c23, c33")
+    elif _places(scene, rf"\b(physical|choice|whole)\s*\(\s*{name}\b"):
+        hint = "; is it a name that belongs in quotes?"
     elif name in rooms.vocabulary():
         macro = next(macro for macro in rooms.all_macros() if name in macro.names)
         return f"{scene.name}: the scene must give {name}: {macro.text}"

@@ -185,11 +185,17 @@ def _check_characters(source: Source) -> None:
 
 
 def _check_bodies(source: Source) -> None:
+    arrays = {name: len(re.findall("[^,]+", items)) for line in source.lines
+              for name, items in re.findall(r"(\w+)\s*=\s*\[([^][]*)\]", line.split("//")[0])}
     for number, line in enumerate(source.lines, 1):
         if literal := re.search(r"\blabel\s*=\s*(\[[^\]]*\])", line.split("//")[0]):
             raise InputError(f"{source.path.name} line {number}: FreeFEM takes labels of a mesh "
                              f"from a variable alone: int[int] sides = {literal[1]}; and  "
                              "label = sides")
+        for used in re.findall(r"\bsquare\s*\(.*\blabel\s*=\s*(\w+)", line.split("//")[0]):
+            if used in arrays and arrays[used] != 4:
+                raise InputError(f"{source.path.name} line {number}: {used} has {arrays[used]} "
+                                 "labels, but a square has four sides: bottom, right, top, left")
         if re.search(r"(\baddBody\s*\(|=)\s*rectangle\s*\(", line.split("//")[0]):
             raise InputError(f"{source.path.name} line {number}: rectangle(...) declares the only "
                              "body itself and is no mesh; several bodies are given by "
@@ -212,6 +218,8 @@ def _fault(definition: Definition) -> str:
                 f"{given or 'none'}: {form}")
     if not content and not macro.text.startswith("any content"):
         return f"the macro {name} is empty: it expects {macro.text}"
+    if macro.text.startswith("[") and re.fullmatch(r"[-+.,\d\s]+", content):
+        return f"{name} expects brackets around its numbers: macro {name}() [{content}] //"
     return _unbalanced(name, content)
 
 

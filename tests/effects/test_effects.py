@@ -127,7 +127,8 @@ def entries(effects=declared(*PLAIN), nodes=None, amplitudes=((0,), (1,), (0.5,)
             log=(), seconds=0.0, gap=False, initial=False, sizes=None):
     """Ledger of a run; what is not given is that of a run in which all of PLAIN matters."""
     nodes = nodes or counted([9, 0], [0, 4], [0, 5])
-    contact = SimpleNamespace(motion=None, gap=np.array([float(gap)]), joined=0,
+    contact = SimpleNamespace(motion=None, following=None, covered=None, joined=0,
+                              gap=np.array([float(gap)]),
                               columns={"friction": np.ones(1), "tresca": np.ones(1)},
                               weight=np.ones(1))
     homogeneous = effects.homogeneous(contact, np.array([float(initial)]))

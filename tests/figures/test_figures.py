@@ -874,3 +874,12 @@ def test_bodies_that_do_overlap_are_named(tmp_path):
     assert "overlap" not in words(figures.compose("deformed", run))
     run.summary["validity"] = {"overlaps": [[4, 7, 0.01], [2, 9, 0.03]]}
     assert "boundaries 2 and 9 overlap" in words(figures.compose("deformed", run))
+
+
+def test_the_manufactured_pressure_of_zones():
+    """On the scene's own base of length 2, at nodes a tenth apart, the true one at any load."""
+    x = np.linspace(0, 2, 21)
+    true = -7.0 * np.maximum(0.0, 1.5 - x)**2
+    rows = {"x": x, "sigma_n": true, "weight": np.r_[0.05, np.full(19, 0.1), 0.05]}
+    assert theory.parabola(rows) == pytest.approx(true, abs=1e-12)
+    assert theory.NORMAL["zones"][1] is theory.parabola

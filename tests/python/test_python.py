@@ -50,6 +50,15 @@ def test_fields_are_arrays(result):
         result.fields(4)
 
 
+def test_a_python_without_the_packages_starts_debians(monkeypatch):
+    """As the kernel of a notebook that is installed beside them."""
+    assert environment.interpreter() == sys.executable
+    monkeypatch.setattr(environment.importlib.util, "find_spec", lambda name: None)
+    assert environment.interpreter() == "/usr/bin/python3"
+    monkeypatch.setattr(environment.shutil, "which", lambda *_, **__: None)
+    assert environment.interpreter() == sys.executable
+
+
 def test_a_finished_run_is_opened_without_solving(result):
     again = driver.open(str(result.directory))
     assert again.summary == result.summary
@@ -57,7 +66,7 @@ def test_a_finished_run_is_opened_without_solving(result):
 
 
 @pytest.mark.parametrize("scene, options, status, words", [
-    ("model", {"frction": 0.3}, 2, "frction"), ("no-such-scene", {}, 2, "no-such-scene"),
+    ("model", {"frction": 0.3}, 2, "FRCTION"), ("no-such-scene", {}, 2, "no-such-scene"),
     ("model", {"cells": 3, "CELLS": 4}, 2, "twice"), ("model", {"steps": "few"}, 2, "few"),
     ("slope", {"angle": 60, "cells": 3}, 3, "friction"),
     ("model", {**CASE, "max_products": 1}, 4, "partial results")])

@@ -153,7 +153,7 @@ def test_study_of_a_known_solution(swept):
     ({"scene": "zones", "repeats": "0"}, "REPEATS expects"),
     ({"part": "moon"}, "PART must be one of"),
     ({"scene": "zones", "rows": "1"}, "PART=sweeps does not read ROWS"),
-    ({"scene": "zones", "frictoin": "1"}, "frictoin"),
+    ({"scene": "zones", "frictoin": "1"}, "FRICTOIN"),
 ])
 def test_mistakes_are_reported_in_one_line(tmp_path, pairs, reason):
     with pytest.raises(InputError) as problem:
