@@ -131,6 +131,10 @@ def single_threaded() -> None:
         os.environ.setdefault(name, "1")
 
 
+# options of linear programs: the postsolve of HiGHS in scipy 1.10 may abort the whole process
+PLAIN_PROGRAM = {"presolve": False}
+
+
 @contextlib.contextmanager
 def silenced():
     """Keep what libraries print themselves off the screen: HiGHS tells of its phases."""

@@ -186,21 +186,23 @@ def contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm,
             gid, xy = sub.node_gid[sub.contact.node], sub.xy[sub.contact.node]
             parts.append(contact_table(sub.contact, manifest.columns, gid, xy))
     nodes = merge_parts(gather(comm, np.concatenate(parts)), manifest.columns,
-                        manifest.contact_pairs, effects.one_node_a_vertex)
+                        manifest.contact_pairs, effects.one_node_a_vertex,
+                        bool(manifest.curved))
     known = {label for label, _ in nodes.members}
     missing = [wanted for wanted in manifest.contact_labels if wanted not in known]
     if missing:
         raise InputError(f"no contact node has the label {missing[0]}: the scene declares contact "
                          "on a label that its mesh lacks")
     found = FoundNodes(nodes, chains(nodes, skeleton), fixed,
-                       np.isin(nodes.gid, skeleton.middles), manifest.axisymmetric)
+                       np.isin(nodes.gid, skeleton.middles), manifest.axisymmetric,
+                       bool(manifest.curved))
     gap = effects.distance(nodes.columns, len(nodes.gid))
     motion = effects.motion(nodes, gap)
     following = effects.following(nodes, motion)
     if following is None:
         boundary = found.boundary(gap, motion, sides)
     else:
-        boundary = following.first(found, gap, motion, sides)
+        boundary = following.first(found, gap, sides)
     if joints := effects.joints:
         from .joints import appended, joint_rows  # here: few scenes need them
 
@@ -223,6 +225,7 @@ class FoundNodes:
     fixed: tuple[np.ndarray, np.ndarray]
     middles: np.ndarray
     axisymmetric: bool
+    curved: bool = False  # sides of elements, see nodes.merge_parts
 
     def boundary(self, gap: np.ndarray, motion, sides, following=None,
                  normal: np.ndarray | None = None) -> ContactBoundary:
@@ -234,12 +237,14 @@ class FoundNodes:
         nodes, along, fixed = self.nodes, self.along, self.fixed
         paired, n = nodes.family > 0, len(nodes.gid)
         row, other, value = np.arange(n), np.arange(n), np.ones(n)
-        weight, length = nodes.weight.copy(), nodes.weight.copy()
+        weight, length = nodes.weight.copy(), nodes.length.copy()
         normal = (nodes.normal if normal is None else normal).copy()
         if self.axisymmetric:
             from . import rings  # here: no plane scene needs it
 
             weight, (row, other, value) = rings.ring_rows(nodes.xy, along.edges, along.middles)
+            if self.curved:  # the export's weights are those of rings
+                weight = np.where(weight > 0, nodes.weight, 0.0)
             gap = np.bincount(row, value * gap[other], n)
             if motion is not None:
                 motion.gap = np.array([np.bincount(row, value * g[other], n) for g in motion.gap])
@@ -258,7 +263,7 @@ class FoundNodes:
         if following is not None:
             covered = np.divide(weight, whole, out=np.zeros(n), where=whole > 0)
             rigid = rigid | (covered[row] <= 0)
-            weight, length = whole, nodes.weight
+            weight, length = whole, nodes.length
         terms.insert(0, tuple(column[rigid] for column in own))
         lost = np.flatnonzero(held & ~paired)
         unused = held | (weight <= 0)

@@ -154,11 +154,12 @@ class CornerNodes:
 
     # ---- which state is right --------------------------------------------------------------------
     def switch(self, x: np.ndarray, gradient: np.ndarray, rows, scale: np.ndarray, tol: float,
-               comm, deformation: float = 0.0) -> bool:
+               comm, deformation: np.ndarray) -> bool:
         """Whether a corner has changed its state at multipliers x, where F x - d is `gradient`.
 
         `rows` are the ContactRows, None without friction; `scale` (owned,) times displacements over
-        `tol` count if they are more than NEAR, slip if it is more than SLIPS times `deformation`.
+        `tol` count if they are more than NEAR, slip if it is more than SLIPS times `deformation`
+        (owned,).
         Collective.
         """
         wanted = np.zeros(len(self.nodes), int)
@@ -167,12 +168,12 @@ class CornerNodes:
             if self.acting[v] == STANDING:
                 wanted[v] = self._stands(v, x, rows)
                 continue
-            near = max(tol, NEAR * deformation * scale[n].max())
+            near = max(tol, (NEAR * deformation[n] * scale[n]).max())
             wanted[v] = self._wanted(v, x[n], -gradient[n] * scale[n], near)
             if wanted[v] == self.acting[v] == BOTH:
                 # friction on the way would have stopped it short of one side
                 t, missed = self.tangential[v], np.zeros(2, bool)
-                least = np.maximum(NOISE * tol / scale[t], SLIPS * deformation)
+                least = np.maximum(NOISE * tol / scale[t], SLIPS * deformation[t])
                 parts = self._parts(v, self._force(v, x), -gradient[t], rows, least)
                 if parts is not None and x[n].all():
                     missed = ~self._able(v, parts[0])
@@ -230,22 +231,22 @@ class CornerNodes:
                     and not self.bilateral[v].any() and not self.alone[v])
 
     # ---- how forces are shared -------------------------------------------------------------------
-    def end_step(self, x: np.ndarray, gradient: np.ndarray, rows, deformation: float,
+    def end_step(self, x: np.ndarray, gradient: np.ndarray, rows, deformation: np.ndarray,
                  comm) -> tuple[np.ndarray, bool]:
         """Multipliers x shared by the vertices that touch both sides, and whether states change.
 
-        `rows` are the ContactRows, None without friction; nearer than `deformation` times TOUCHES
-        is touching, slip by SLIPS times as much counts. Collective.
+        `rows` are the ContactRows, None without friction; nearer than `deformation` (owned,)
+        times TOUCHES is touching, slip by SLIPS times as much counts. Collective.
         """
         shared, inside = x.copy(), np.zeros(len(self.nodes), int)
         acting = np.zeros(len(self.nodes), int)
         for v in np.flatnonzero(self.normal[:, 0] >= 0):
             n, t = self.normal[v], self.tangential[v]
             acting[v] = self.acting[v]
-            if self.alone[v] or (np.abs(gradient[n]) > TOUCHES * deformation).any():
+            if self.alone[v] or (np.abs(gradient[n]) > TOUCHES * deformation[n]).any():
                 continue
             force, inside[v] = self._force(v, x), 1
-            parts = self._parts(v, force, -gradient[t], rows, SLIPS * deformation)
+            parts = self._parts(v, force, -gradient[t], rows, SLIPS * deformation[t])
             if parts is None or not self._able(v, parts[0]).all():
                 parts = self._shared_at_rest(v, force, rows)
             if parts is not None:

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 CHUNK = 2_000_000  # pairs of places and segments that are compared at a time
+FEET = 4  # steps of Newton's method
+BEYOND = 0.1  # of a segment by which a foot may be beyond its end, on the next one
 
 
 @dataclass
@@ -61,7 +63,42 @@ class Curve:
         return ((off - foot) * turned).sum(axis=1), turned
 
 
-def through(segments: np.ndarray) -> Curve:
+@dataclass
+class SmoothCurve(Curve):
+    """The same with the feet of places where their normals are: smooth from segment to segment."""
+
+    def _distance(self, place):
+        chord = self.end - self.start
+        length = np.linalg.norm(chord, axis=1)
+        along = chord / length[:, None]
+        away = place[:, None] - self.start
+        s = np.clip(np.einsum("nsk,sk->ns", away, along) / length, 0.0, 1.0)
+        nearest = ((away - (s * length)[..., None] * along) ** 2).sum(axis=2).argmin(axis=1)
+        k = np.arange(len(place))
+        s, away, length = s[k, nearest], away[k, nearest], length[nearest]
+        along, normal = along[nearest], self.normal[nearest]
+        x, y = ((away * of).sum(axis=1) / length for of in (along, normal))
+        rise, fall = self.rise[nearest], self.fall[nearest]
+        for _ in range(FEET):  # Newton's method for (x - s) + (y - c) c' = 0
+            cubic, slope, bend = _cubic(s, rise, fall)
+            steepness = 1 + slope**2 - (y - cubic) * bend
+            step = ((x - s) + (y - cubic) * slope) / np.maximum(steepness, 0.5)
+            s = np.clip(s + step, -BEYOND, 1 + BEYOND)
+        cubic, slope, _ = _cubic(s, rise, fall)
+        turned = normal - slope[:, None] * along
+        turned /= np.linalg.norm(turned, axis=1)[:, None]
+        foot = length[:, None] * (s[:, None] * along + cubic[:, None] * normal)
+        return ((away - foot) * turned).sum(axis=1), turned
+
+
+def _cubic(s, rise, fall):
+    """The cubic with slopes at both ends (n,), its slope and second derivative at s (n,)."""
+    return (s * (1 - s) ** 2 * rise - s**2 * (1 - s) * fall,
+            (1 - s) * (1 - 3 * s) * rise - s * (2 - 3 * s) * fall,
+            (6 * s - 4) * rise + (6 * s - 2) * fall)
+
+
+def through(segments: np.ndarray) -> SmoothCurve:
     """The curve of segments (s, 8) by both ends and the directions to the body there."""
     start, end = segments[:, :2], segments[:, 2:4]
     chord = end - start
@@ -72,4 +109,4 @@ def through(segments: np.ndarray) -> Curve:
     rise, fall = (-(way * along).sum(axis=1) / (way * away).sum(axis=1)
                   for way in (segments[:, 4:6], segments[:, 6:8]))
     no = np.zeros(len(start), bool)
-    return Curve(start, end, away, rise, fall, no, no)
+    return SmoothCurve(start, end, away, rise, fall, no, no)

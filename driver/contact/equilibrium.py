@@ -18,7 +18,7 @@ against one another have it: the answer "cannot" stays certain.
 import numpy as np
 from scipy.sparse import bmat, csr_matrix, diags, hstack, identity
 
-from ..environment import silenced
+from ..environment import PLAIN_PROGRAM, silenced
 from .rows import ContactRows
 
 SLACK = 1e-7  # relative imbalance that counts as balanced: the solver's own tolerance
@@ -77,7 +77,7 @@ def _solve(normal, gap, tangential, pair, coefficient, offset, pulls, work, size
     with silenced():
         answer = linprog(np.concatenate([gap / far, np.zeros(j)]), A_ub=cone,
                          b_ub=None if cone is None else np.tile(offset / force, 2), A_eq=balance,
-                         b_eq=work / reach / force, method="highs",
+                         b_eq=work / reach / force, method="highs", options=PLAIN_PROGRAM,
                          bounds=[(0.0, None)] * k + [(-b, b) for b in limit])
     if answer.status == 2:
         return None

@@ -78,7 +78,7 @@ class Following:
         self.rigid = np.flatnonzero(nodes.family == 0)
         self.joints = []  # rows of joints.py
 
-    def first(self, found, gap: np.ndarray, motion, sides) -> ContactBoundary:
+    def first(self, found, gap: np.ndarray, sides) -> ContactBoundary:
         """The boundary before any load; `found` the FoundNodes, `gap` (n,) what pairs have beyond
         their geometry, `sides` their boundaries.
         """

@@ -30,6 +30,7 @@ from ..errors import InputError
 from ..feti.gathering import gather
 from ..feti.skeleton import edge_labels, outward_edges
 from . import mortar
+from .side import Side, rises
 from .nodes import TURN
 
 APART = 0.2  # distance of the sides over their longest edge from which they do not lie together
@@ -100,13 +101,14 @@ class Edges:
                   for here in (number == k for k in range(count))]
         return pieces, gids[sharp]
 
-    def side(self, shift: np.ndarray, revolved: bool) -> tuple[mortar.Side, np.ndarray]:
+    def side(self, shift: np.ndarray, revolved: bool) -> tuple[Side, np.ndarray]:
         """The side that they make, moved by `shift` (2,), and the gids (n,) of its nodes."""
         gids, first, inverse = np.unique(self.gid, return_index=True, return_inverse=True)
         place = self.xy.reshape(-1, 2)[first] + shift
         radius = place[:, 0] if revolved else None
-        return mortar.Side(place, inverse.reshape(self.gid.shape), self.normals,
-                           radius=radius), gids
+        curved = rises(self.xy) if self.xy.shape[1] == 3 else {}
+        return Side(place, inverse.reshape(self.gid.shape), self.normals, curved.get("rise"),
+                           radius=radius, **curved), gids
 
 
 def boundary_edges(subdomains, labels, nodes: int, comm) -> Edges:
@@ -239,7 +241,7 @@ def _translation(joint: Joint, one: Edges, two: Edges, revolved: bool) -> np.nda
     return shift
 
 
-def _along(side: mortar.Side) -> tuple[np.ndarray, np.ndarray]:
+def _along(side: Side) -> tuple[np.ndarray, np.ndarray]:
     """Arc lengths (n,) of the nodes along the side, and the numbers (n,) of its connected pieces.
     """
     after = dict(zip(side.edges[:, 0].tolist(), map(np.ndarray.tolist, side.edges)))

@@ -1,8 +1,8 @@
 """Relative KKT residuals of a time step at the contact and gluing rows.
 
-Displacements are relative to delta, the largest deformation (rigid motions of bodies left out),
-forces to f, the largest contact force of a node. Contact and friction are measured by the natural
-residuals of their complementarity conditions,
+Displacements are relative to delta, the largest deformation (rigid motions of bodies left out) of
+material such as the node's (feti/stiff_parts.py), forces to f, the largest contact force of a node.
+Contact and friction are measured by the natural residuals of their complementarity conditions,
 
     | l_n - P_[0, inf) (l_n + o) |,   | l_t - P_[-g, g] (l_t + s) |,
     l = lambda / f,   o = (u_n - gap) / delta,   s = slip / delta,   g = bound / f,
@@ -31,11 +31,17 @@ class Scales:
     """
 
     d: float = 0.0  # norm of the displacements that the QP has to overcome
-    displacement: float = 0.0  # largest deformation
+    # (levels,) deformation of what rows of a level of stiffness touch, see feti/stiff_parts.py
+    displacements: np.ndarray = field(default_factory=lambda: np.zeros(1))
     force: float = 0.0  # largest contact force of a node
     pressing: float = 0.0  # norm of all contact forces
     work: np.ndarray | float = 0.0  # (modes,) of absolute forces on every free rigid motion
     largest: dict = field(default_factory=dict)  # of these so far, by name
+
+    @property
+    def displacement(self) -> float:
+        """The largest deformation."""
+        return float(self.displacements[0])
 
     def faded(self, name: str) -> float:
         """The value of this name below which a step's own is rounding beside the steps before."""
@@ -48,28 +54,26 @@ class Scales:
 
     def keep(self) -> None:
         """The step is over: its values count for those to come."""
-        for name in ("d", "displacement", "force", "pressing", "work"):
+        for name in ("d", "displacements", "force", "pressing", "work"):
             self.largest[name] = np.maximum(self.largest.get(name, 0.0), getattr(self, name))
 
 
 def kkt_residuals(rows: ContactRows, multipliers: np.ndarray, gradient: np.ndarray,
-                  stiffer: np.ndarray, scales: Scales, comm) -> dict[str, float]:
+                  level: np.ndarray, scales: Scales, comm) -> dict[str, float]:
     """Relative KKT residuals of one time step, the largest over the contact and gluing rows.
 
     gluing, penetration: relative to the deformation; sign, cone: relative to the largest contact
-    force; complementarity: the larger of the natural residuals. Movements count by `stiffer`
-    (owned,), the root of the rows' stiffness over that of the softest: where it jumps, stiff parts
-    deform by little, and a way that is nothing to the soft ones decides on their contact. Renews
-    the force in `scales`. Collective over `comm`.
+    force; complementarity: the larger of the natural residuals. Where stiffness jumps the
+    deformation is that of the row's `level` (owned,): a way that is nothing to soft parts decides
+    on the contact of stiff ones. Renews the force in `scales`. Collective over `comm`.
     """
-    move = -gradient * stiffer
+    move = _over(-gradient, scales.displacements[level])
     lambda_n, lambda_t = multipliers[rows.normal], multipliers[rows.tangential]
     force = max(np.abs(lambda_n).max(initial=0), np.abs(lambda_t).max(initial=0))
     force = comm.allreduce(float(force) if np.isfinite(force) else np.inf, op=MPI.MAX)
     scales.renew(force=force)
     bound = rows.friction_bound(multipliers)
-    gluing, over, slip = (_over(move[part], scales.displacement)
-                          for part in (rows.gluing, rows.normal, rows.tangential))
+    gluing, over, slip = (move[part] for part in (rows.gluing, rows.normal, rows.tangential))
     l_n, l_t, g = (_over(values, scales.force) for values in (lambda_n, lambda_t, bound))
     bilateral = rows.bilateral
     natural = np.where(bilateral, over, l_n - np.maximum(l_n + over, 0))
@@ -87,6 +91,6 @@ def kkt_residuals(rows: ContactRows, multipliers: np.ndarray, gradient: np.ndarr
     return dict(zip(names, local.tolist()))
 
 
-def _over(values: np.ndarray, size: float) -> np.ndarray:
+def _over(values: np.ndarray, size: np.ndarray | float) -> np.ndarray:
     """values / size; where `size` is zero the signs of the values."""
-    return values / size if size > 0 else np.sign(values)
+    return np.where(size > 0, values / np.where(size > 0, size, 1.0), np.sign(values))

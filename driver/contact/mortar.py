@@ -26,109 +26,21 @@ mortar projection local and bounded, which is the inf-sup condition, for any rat
 for contact see Hueeber, Mair, Wohlmuth, Appl. Numer. Math. 54 (2005) 555-576. Over a part of an
 edge the integral of an end's function may be negative: edges covered in part have multipliers dual
 to the hats, for their ends alone. The field of normals and the projection are those of the straight
-edges; the gap counts how far the boundary bows from them.
+edges; the gap counts how far the boundary bows from them. Where the sides of elements are curved
+themselves, integrals are along their parabolas, and a node's normal is that of int phi_i n ds: the
+force of a uniform pressure, whose length is the weight.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..scene.elements import cross
 from ..errors import InputError
-from .axis import on_axis, smooth_normals
+from ..scene.elements import cross
+from .side import POINT, WEIGHT, Side
 
-POINT = np.array([-np.sqrt(0.6), 0.0, np.sqrt(0.6)])  # Gauss, exact to degree 5 on [-1, 1]
-WEIGHT = np.array([5.0, 8.0, 5.0]) / 18.0  # of an interval of length 1
 FACING = -0.2  # cosine between the normals of facing edges, at most
 SLIVER = 1e-6  # parts of an edge shorter than this, relative to the edge, do not count
-
-
-@dataclass
-class Side:
-    """One side of a pair: nodes with place (n, 2), and edges (e, 2), or (e, 3) with their middles.
-
-    `edge_normal` (e, 2) are the unit outward normals, `bow` (e, 2) the ways from the middles to the
-    boundary's curve, `length` (e,) that of the edges in the configuration that stresses refer to;
-    by default as they lie. `radius` (n,) of the nodes there, for bodies of revolution, whose
-    integrals have the weight 2 pi r.
-    """
-
-    xy: np.ndarray
-    edges: np.ndarray
-    edge_normal: np.ndarray
-    bow: np.ndarray | None = None
-    length: np.ndarray | None = None
-    radius: np.ndarray | None = None
-
-    def __post_init__(self):
-        if self.length is None:
-            self.length = self._length()
-
-    def _length(self) -> np.ndarray:
-        return np.linalg.norm(self.xy[self.edges[:, 1]] - self.xy[self.edges[:, 0]], axis=1)
-
-    def ring(self, e: np.ndarray, xi: np.ndarray):
-        """(m,) 2 pi r at the places xi of edges e; 1 of plane bodies."""
-        if self.radius is None:
-            return 1.0
-        a, b = self.radius[self.edges[e, :2]].T
-        return 2 * np.pi * np.maximum(a + xi * (b - a), 0.0)
-
-    @property
-    def begins_on_axis(self) -> np.ndarray:
-        """(e,) whether an end of an edge is on the axis."""
-        if self.radius is None:
-            return np.zeros(len(self.edges), bool)
-        return on_axis(self.radius)[self.edges[:, :2]].any(axis=1)
-
-    def nodal_normals(self) -> np.ndarray:
-        """(n, 2) unit averages of the edges' normals, see `_averages`; smooth across an axis."""
-        normal = self._averages()
-        if self.radius is None:
-            return normal
-        return smooth_normals(normal, self.edges[:, :2], self.radius)
-
-    def _averages(self) -> np.ndarray:
-        """(n, 2) unit averages of the edges' normals, each weighted with the other edge's length.
-
-        That is the normal of the circle through a vertex and its neighbours: right to second order
-        on curves, however lengths change from edge to edge. Weights that grow with the edge's own
-        length would be right to first order. In middles the average of both ends'.
-        """
-        ends, total = self.edges[:, :2], np.zeros_like(self.xy)
-        np.add.at(total, ends.ravel(),
-                  np.repeat(self.edge_normal / self._length()[:, None], 2, axis=0))
-        if self.edges.shape[1] == 3:
-            total[ends] = _unit(total[ends].reshape(-1, 2)).reshape(-1, 2, 2)
-            total[self.edges[:, 2]] = total[ends].sum(axis=1)
-        return _unit(total)
-
-
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    """(n, 2) vectors divided by their lengths."""
-    return vectors / np.linalg.norm(vectors, axis=1)[:, None]
-
-
-def sagitta(xy: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """(e,) distance of the middles of edges (e, 2) from the smooth curve through the vertices.
-
-    Positive where the middles are inside, with the body on the left of the edges. The curvature
-    of an edge is that of the circles through its ends and their neighbours, the smaller one;
-    none where they bend to different sides, so that corners stay corners.
-    """
-    along = xy[edges[:, 1]] - xy[edges[:, 0]]
-    length = np.linalg.norm(along, axis=1)
-    before, after = np.full(len(xy), -1), np.full(len(xy), -1)
-    before[edges[:, 1]], after[edges[:, 0]] = np.arange(len(edges)), np.arange(len(edges))
-    inner = (before >= 0) & (after >= 0)
-    arriving, leaving = along[before], along[after]
-    turning = np.arctan2(cross(arriving, leaving), (arriving * leaving).sum(axis=1))
-    curvature = np.where(inner, 2 * turning / (length[before] + length[after]), np.nan)
-    ends = curvature[edges]
-    # at the end of the side the circle of the other end
-    ends = np.where(np.isnan(ends), ends[:, ::-1], ends)
-    least = np.where(ends.prod(axis=1) > 0, np.sign(ends[:, 0]) * np.abs(ends).min(axis=1), 0.0)
-    return least * length**2 / 8
 
 
 @dataclass
@@ -172,6 +84,10 @@ def couple(first: Side, second: Side, held: np.ndarray, able: np.ndarray | None 
     heir = _heirs(first.edges, whole)
     rows = np.where(held[first.edges], heir, first.edges)
     weight, length, gap = np.zeros(n), np.zeros(n), np.zeros(n)
+    along = 1.0
+    if first.rise is not None:
+        force, whole_length = first.uniform()
+        along = (force * normal).sum(axis=1) / whole_length
     terms = []
     for point, share in zip(POINT, WEIGHT):
         xi = (start + stop) / 2 + (stop - start) / 2 * point
@@ -197,7 +113,7 @@ def couple(first: Side, second: Side, held: np.ndarray, able: np.ndarray | None 
     used = (length > SLIVER * length.max(initial=0.0)) & (weight > 0) & ~held
     node, side, of, value = (np.concatenate([t[k] for t in terms]) for k in range(4))
     gap = np.divide(gap, weight, out=np.zeros(n), where=used)
-    return Coupling(np.where(used, weight, 0.0), np.where(used, length, 0.0), gap, normal,
+    return Coupling(np.where(used, weight * along, 0.0), np.where(used, length, 0.0), gap, normal,
                     *_merge(node, side, of, value, weight, used))
 
 
@@ -253,7 +169,7 @@ def _duals(nodes: int, side: Side, e, start, stop) -> np.ndarray:
     for point, share in zip(POINT, WEIGHT):
         xi = (start + stop) / 2 + (stop - start) / 2 * point
         phi = np.column_stack(_shapes(nodes, xi))
-        part = share * (stop - start) * side.ring(e, xi)
+        part = share * (stop - start) * side.ring(e, xi) * side.stretch(e, xi)
         np.add.at(D, e, part[:, None] * phi)
         np.add.at(M, e, part[:, None, None] * phi[:, :, None] * phi[:, None, :])
     covered = np.bincount(e, minlength=edges) > 0
@@ -389,4 +305,4 @@ def _project(first: Side, normal: np.ndarray, second: Side, e, o, xi):
     for side, edge, place, sign in ((first, e, xi, -1.0), (second, o, eta, 1.0)):
         if side.bow is not None:
             distance += sign * 4.0 * place * (1.0 - place) * (side.bow[edge] * n).sum(axis=1)
-    return eta, distance, first.length[e]
+    return eta, distance, first.length[e] * first.stretch(e, xi)

@@ -30,7 +30,8 @@ class Nodes:
 
     `label` is that of the longest part of the dual segment, of equal ones the smallest;
     `family` (n,) is 0 on rigid obstacles, between bodies the number of those `meeting`, from 1 on:
-    the pairs of labels that are one boundary. `members` are the nodes at a vertex on a label, by
+    the pairs of labels that are one boundary. `length` is the part of the boundary, which `weight`
+    is as well on straight sides. `members` are the nodes at a vertex on a label, by
     (label, gid).
     """
 
@@ -39,6 +40,7 @@ class Nodes:
     family: np.ndarray
     xy: np.ndarray
     weight: np.ndarray
+    length: np.ndarray
     normal: np.ndarray
     columns: dict[str, np.ndarray]
     meeting: list[list[tuple[int, int]]]
@@ -72,11 +74,13 @@ def _meeting(label, gid, normal, pairs: list) -> list[list[tuple[int, int]]]:
 
 
 def merge_parts(table: np.ndarray, columns: list[str], pairs: list,
-                one_a_vertex: bool = False) -> Nodes:
+                one_a_vertex: bool = False, curved: bool = False) -> Nodes:
     """The nodes of a `contact_table`; `columns` are the names of its columns, `pairs` the labels.
 
-    `one_a_vertex`: whatever their directions, all parts at a vertex are one node. Raises InputError
-    where a vertex has more than two directions on rigid obstacles.
+    `one_a_vertex`: whatever their directions, all parts at a vertex are one node. In scenes with
+    `curved` sides weights count along the node's normal: normal times weight is the force of a
+    uniform pressure there, of bodies of revolution that on the ring. Raises InputError where a
+    vertex has more than two directions on rigid obstacles.
     """
     label, gid = table[:, :2].T.astype(np.int64)
     normal = table[:, 3:5] / np.linalg.norm(table[:, 3:5], axis=1)[:, None]
@@ -101,9 +105,12 @@ def merge_parts(table: np.ndarray, columns: list[str], pairs: list,
     members = {}
     for of, one in keys.tolist():
         members.setdefault((one, int(gid[first[of]])), []).append(of)
-    return Nodes(gid[first], reported, family[first], table[first, -2:], weight,
-                 total[:, 1:3] / np.linalg.norm(total[:, 1:3], axis=1)[:, None],
-                 {name: total[:, 3 + k] / weight for k, name in enumerate(columns)}, meeting,
+    unit = total[:, 1:3] / np.linalg.norm(total[:, 1:3], axis=1)[:, None]
+    length = weight
+    if curved:
+        weight = np.linalg.norm(total[:, 1:3], axis=1)
+    return Nodes(gid[first], reported, family[first], table[first, -2:], weight, length, unit,
+                 {name: total[:, 3 + k] / length for k, name in enumerate(columns)}, meeting,
                  members)
 
 

@@ -9,15 +9,16 @@ that begins on the axis: there multipliers belong to the two ends alone, dual to
     = delta_ij int hat_i r ds,
 
 as on edges that a mortar coupling covers in part (mortar.py). The psi_i add up to one, so that
-uniform pressure passes exactly in cells on the axis as well.
+uniform pressure passes exactly in cells on the axis as well. Along curved sides (scene/sides.py)
+the integrals are by Gauss's rule.
 """
 
 import numpy as np
 
+from ..scene import sides
 from .axis import on_axis
 
-POINT = np.array([-np.sqrt(0.6), 0.0, np.sqrt(0.6)])  # Gauss, exact to degree 5 on [-1, 1]
-WEIGHT = np.array([5.0, 8.0, 5.0]) / 18.0  # of an interval of length 1
+HAT = np.column_stack([1 - sides.POINT, sides.POINT])  # at Gauss's points
 
 
 def ring_rows(xy: np.ndarray, edges: np.ndarray, middles: np.ndarray):
@@ -36,13 +37,19 @@ def ring_rows(xy: np.ndarray, edges: np.ndarray, middles: np.ndarray):
         own = np.arange(len(xy))
         return weight, (own, own, np.ones(len(xy)))
     begins = on_axis(xy[:, 0])[edges].any(axis=1)
-    np.add.at(weight, edges, np.where(begins[:, None], hats, share * r / 6))
-    np.add.at(weight, middles[~begins], (share * r * 2 / 6).sum(axis=1)[~begins])
+    whole = np.column_stack([edges, middles])
+    ring = share * sides.WEIGHT * (r @ HAT.T)  # (e, points)
+    own = np.column_stack([share * r / 6, (share * r * 2 / 6).sum(axis=1)])
+    if sides.are_curved(xy[whole]):
+        ring = sides.densities(xy[whole], revolved=True)
+        hats, own = ring @ HAT, ring @ sides.SHAPE
+    np.add.at(weight, edges, np.where(begins[:, None], hats, own[:, :2]))
+    np.add.at(weight, middles[~begins], own[~begins, 2])
     plain = weight.copy()  # what a row has of its own node's displacement without the axis
     np.add.at(plain, edges[begins], -hats[begins])
     rows, others, values = [np.arange(len(xy))], [np.arange(len(xy))], [plain]
-    whole = np.column_stack([edges, middles])[begins]
-    for k, part in enumerate(_axis_terms(r[begins], share[begins, 0]).transpose(1, 2, 0)):
+    whole = whole[begins]
+    for k, part in enumerate(_axis_terms(ring[begins]).transpose(1, 2, 0)):
         for j, value in enumerate(part):
             rows.append(whole[:, k])
             others.append(whole[:, j])
@@ -55,16 +62,12 @@ def ring_rows(xy: np.ndarray, edges: np.ndarray, middles: np.ndarray):
     return weight, (row[used], other[used], value[used])
 
 
-def _axis_terms(r: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """(e, 2, 3) int psi_k phi_j 2 pi r ds of edges with radii (e, 2) at the ends.
+def _axis_terms(ring: np.ndarray) -> np.ndarray:
+    """(e, 2, 3) int psi_k phi_j 2 pi r ds of edges with 2 pi r ds (e, points) at Gauss's points.
 
-    `share` (e,) is 2 pi times their length; phi_j are the functions of the ends and the middle.
+    phi_j are the functions of the ends and the middle.
     """
-    xi = (1 + POINT) / 2
-    hat = np.column_stack([1 - xi, xi])
-    phi = np.column_stack([(1 - xi) * (1 - 2 * xi), xi * (2 * xi - 1), 4 * xi * (1 - xi)])
-    ring = share[:, None] * WEIGHT * (r @ hat.T)  # (e, points)
-    D = np.einsum("ep,pk->ek", ring, hat)
-    M = np.einsum("ep,pk,pj->ekj", ring, hat, hat)
-    mixed = np.einsum("ep,pk,pj->ekj", ring, hat, phi)
+    D = np.einsum("ep,pk->ek", ring, HAT)
+    M = np.einsum("ep,pk,pj->ekj", ring, HAT, HAT)
+    mixed = np.einsum("ep,pk,pj->ekj", ring, HAT, sides.SHAPE)
     return D[:, :, None] * np.linalg.solve(M, mixed)

@@ -5,6 +5,7 @@ import copy
 import numpy as np
 
 from ..contact import mortar
+from ..contact.side import Side, rises, sagitta
 from ..contact.boundary import Configuration, held_nodes
 from ..errors import InputError
 from ..feti.gathering import gather
@@ -91,7 +92,7 @@ class PairSides:
         terms = position[pair.node], node_gid, pair.value, pair.side == 1
         return pair.weight[places], pair.length[places], pair.normal[places], gap[places], terms
 
-    def _side(self, labels: tuple[int, ...]) -> tuple[mortar.Side, np.ndarray, np.ndarray]:
+    def _side(self, labels: tuple[int, ...]) -> tuple[Side, np.ndarray, np.ndarray]:
         """The side about `about`, with the initial geometry's lengths and radii.
 
         Also gids of its nodes, labels of its edges.
@@ -101,16 +102,21 @@ class PairSides:
         xy, u = self.xy[here], self.u[here].copy()
         length = np.linalg.norm(xy[:, 1] - xy[:, 0], axis=1)
         radius = xy.reshape(-1, 2)[first, 0] if self.axisymmetric else None
+        curved = {}
         if self.nodes == 2:
-            rise = mortar.sagitta(xy.reshape(-1, 2)[first], inverse.reshape(-1, 2))
+            rise = sagitta(xy.reshape(-1, 2)[first], inverse.reshape(-1, 2))
         else:  # middles stay on the straight edge between the ends
+            curved = rises(xy)
             straight = u[:, :2].mean(axis=1)
             bow, u[:, 2] = self.bow[here] + u[:, 2] - straight, straight
+            if curved:
+                bow = bow + curved["rise"]
+                xy = np.concatenate([xy[:, :2], xy[:, :2].mean(axis=1, keepdims=True)], axis=1)
         xy = xy + u
         x, y = (xy[:, 1] - xy[:, 0]).T
         normal = np.column_stack([y, -x]) / np.hypot(x, y)[:, None]
         if self.nodes == 2:
             bow = rise[:, None] * normal
         edges = inverse.reshape(-1, self.nodes)
-        side = mortar.Side(xy.reshape(-1, 2)[first], edges, normal, bow, length, radius)
+        side = Side(xy.reshape(-1, 2)[first], edges, normal, bow, length, radius, **curved)
         return side, gids, self.label[here]

@@ -22,7 +22,8 @@ class Room(initial_state.Room):
         op, rows = solver.operator, solver.rows
         x, gradient, load = solver.without_friction()
         if rows.corners is not None:
-            rows.corners.end_step(x, gradient, None, op.deformation(x, load.weights), op.comm)
+            deformation = op.deformation_by_level(x, load.weights)[op.row_level]
+            rows.corners.end_step(x, gradient, None, deformation, op.comm)
         solver.multipliers, solver.motion = x, load.weights[op.structure.patterns :]
         solver.slip.advance(x, gradient, load.weights, solver.scales)
         u_t = np.zeros(len(solver.initial))

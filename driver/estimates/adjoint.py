@@ -194,7 +194,7 @@ class Adjoint:
         other = self._deviation(fields)
         if other is None:
             return None
-        area, law = self.body.mesh.area, self.body.compliance
+        area, law = self.body.area, self.body.compliance
         work = recovery.work(area, law, self.own, other)
         norms = [np.sqrt(recovery.energy(area, law, d).sum()) for d in (self.own, other)]
         return Sizes(abs(work.sum()), np.abs(work).sum(), 0.5 * norms[0] * norms[1])

@@ -114,7 +114,7 @@ class EnergyEstimator:
                                    step.weights)
         if found is None:
             return None
-        share, square = (recovery.energy(self.body.mesh.area, self.body.compliance, stress)
+        share, square = (recovery.energy(self.body.area, self.body.compliance, stress)
                          for stress in found)
         return _recovered(step, share, float(np.sqrt(square.sum())))
 

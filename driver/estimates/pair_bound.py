@@ -40,6 +40,7 @@ from functools import cached_property
 import numpy as np
 
 from ..contact import mortar
+from ..contact.side import POINT, Side, WEIGHT
 from .contact_tractions import continued, slid
 from .edge_mesh import Mesh
 from .edge_remainder import Fan, remainder_constant
@@ -49,7 +50,7 @@ from .edge_remainder import Fan, remainder_constant
 class _Boundary:
     """One side of the pair on the untorn mesh; edges have the body on their left."""
 
-    side: mortar.Side  # as it lies where contact is linearized
+    side: Side  # as it lies where contact is linearized
     vertex: np.ndarray  # (n,) untorn vertex of those of the side, ascending
     triangle: np.ndarray  # (e,) behind each edge
     corner: np.ndarray  # (e, 3, 2) of that triangle: start and end of the edge, apex
@@ -68,7 +69,7 @@ class _Boundary:
         along = now[edges[:, 1]] - now[edges[:, 0]]
         normal = -_turned(along) / np.linalg.norm(along, axis=1)[:, None]
         length = np.linalg.norm(corner[:, 1] - corner[:, 0], axis=1)
-        return cls(mortar.Side(now, edges, normal, length=length), vertex, triangle, corner)
+        return cls(Side(now, edges, normal, length=length), vertex, triangle, corner)
 
     def at(self, values: np.ndarray, edge: np.ndarray, place: np.ndarray) -> np.ndarray:
         """Nodal values, linear in between, at places (m, k) of edges (m,): (m, k, ...)."""
@@ -260,7 +261,7 @@ class PairBound:
         p, total = self.parts, 0.0
         fields = self.gap, self.before, self.bound, self.traction
         gap, before, bound, traction = (self.first.at(values, p.edge, p.at) for values in fields)
-        for point, share in zip(mortar.POINT, mortar.WEIGHT):
+        for point, share in zip(POINT, WEIGHT):
             s = (1.0 + point) / 2
             normal = _between(self._frame[0], s)
             size = np.linalg.norm(normal, axis=1)

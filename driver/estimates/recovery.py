@@ -24,20 +24,22 @@ def recovered_stress(corner: np.ndarray, triangles: np.ndarray, region: np.ndarr
                      stress: np.ndarray) -> np.ndarray:
     """(n_t, 6, 3) nodal values of the recovered stress; patches end where the region changes.
 
-    `corner` (n_t, 3, 2), `triangles` (n_t, 3) untorn, `stress` (n_t, 3 corners, 3) linear on each.
+    `corner` (n_t, 3, 2), or (n_t, 6, 2) with the middles of curved sides, `triangles` (n_t, 3)
+    untorn, `stress` (n_t, 3 corners, 3) linear on each.
     """
+    nodal_place, corner = (corner if corner.shape[1] == 6 else AT_NODES @ corner), corner[:, :3]
     _, first, vertex = np.unique(region[:, None] * (triangles.max() + 1) + triangles,
                                  return_index=True, return_inverse=True)
     vertex, place = vertex.reshape(-1, 3), corner.reshape(-1, 2)[first]
     patch, t = _patches(vertex, len(place))
     center, size = place[patch][:, None], np.zeros(len(place))
     np.maximum.at(size, patch, np.linalg.norm(corner[t] - center, axis=2).max(axis=1))
-    basis = _quadratics(((AT_MIDDLES @ corner)[t] - center) / size[patch][:, None, None])
+    basis = _quadratics((nodal_place[t, 3:] - center) / size[patch][:, None, None])
     normal, right = np.zeros((len(place), 6, 6)), np.zeros((len(place), 6, stress.shape[-1]))
     np.add.at(normal, patch, basis.transpose(0, 2, 1) @ basis)
     np.add.at(right, patch, basis.transpose(0, 2, 1) @ (AT_MIDDLES @ stress)[t])
     fitted = np.linalg.pinv(normal, rcond=1e-10, hermitian=True) @ right
-    nodes = (AT_NODES @ corner)[:, None] - place[vertex][:, :, None]  # [triangle, patch, node]
+    nodes = nodal_place[:, None] - place[vertex][:, :, None]  # [triangle, patch, node]
     nodal = _quadratics(nodes / size[vertex][..., None, None]) @ fitted[vertex]
     vertices, middles = nodal[:, [0, 1, 2], [0, 1, 2]], nodal[:, :, 3:]
     means = [(middles[:, (k + 1) % 3, k] + middles[:, (k + 2) % 3, k]) / 2 for k in range(3)]
@@ -121,7 +123,7 @@ def deviation(gather, body, displacements: list[np.ndarray], quadratic: bool,
 
     def stress(s, sub):
         u = displacements[s].reshape(-1, 2)[sub.elements]
-        strain = elements.linear_strains(sub.xy[sub.triangles], u)
+        strain = elements.linear_strains(sub.corner, u)
         return np.einsum("tmij,tmj->tmi", sub.corner_elasticity, strain)
 
     thermal = 0.0 if weights is None else gather.thermal(weights, (3, 3))
@@ -129,5 +131,5 @@ def deviation(gather, body, displacements: list[np.ndarray], quadratic: bool,
     if not gather.root:
         return None
     sigma, mesh = elastic - thermal, body.mesh
-    smooth = recovered_stress(mesh.corner, mesh.triangles, body.region, sigma)
+    smooth = recovered_stress(body.place, mesh.triangles, body.region, sigma)
     return smooth - AT_NODES @ sigma, elastic

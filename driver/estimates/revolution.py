@@ -28,7 +28,7 @@ def squares(gather: Gather, body: TornBody | None, displacements: list[np.ndarra
     mesh = body.mesh
     if quadratic:
         sigma = elastic - elements.POINTS @ thermal
-        nodal = recovery.recovered_stress(mesh.corner, mesh.triangles, body.region,
+        nodal = recovery.recovered_stress(body.place, mesh.triangles, body.region,
                                           smooth - thermal)
         recovered = elements.shapes(6, elements.POINTS) @ nodal
     else:
@@ -36,15 +36,15 @@ def squares(gather: Gather, body: TornBody | None, displacements: list[np.ndarra
         nodal = recovery.averaged_stress(mesh.triangles, body.region, mesh.area,
                                          smooth[:, 0] - thermal)
         recovered = elements.POINTS @ nodal
-    ring = 2 * np.pi * (mesh.corner[..., 0] @ elements.POINTS.T) * elements.WEIGHTS
-    ring = ring * mesh.area[:, None]
+    ring = 2 * np.pi * elements.radii(body.place, elements.POINTS) * elements.WEIGHTS
+    ring = ring * body.area[:, None]
     return tuple(np.einsum("tmi,tij,tmj,tm->t", s, body.compliance, s, ring)
                  for s in (recovered - sigma, elastic))
 
 
 def _at_points(sub, u: np.ndarray) -> np.ndarray:
     """(n_t, points, 4) elastic stresses of the displacements u (dofs,) at the quadrature points."""
-    corner, value = sub.xy[sub.triangles], u.reshape(-1, 2)[sub.elements]
+    corner, value = sub.corner, u.reshape(-1, 2)[sub.elements]
     if sub.elements.shape[1] == 7:  # the stress of P2-mixed has the projected strain
         strain = elements.POINTS @ kinematics.linear_strains(sub, u)
     else:

@@ -70,7 +70,7 @@ def locking(problem, step) -> list[str]:
 
 def _stresses(sub, soft, u):
     """Vertices (n, 3), areas, lambda, mu (n,), p and s (n, 3 corners, 5) of triangles `soft`."""
-    corner = sub.xy[sub.triangles[soft]]
+    corner = sub.corner[soft]
     lam, mu = sub.elasticity[soft, 0, 1], sub.elasticity[soft, 2, 2]
     if sub.axisymmetric:
         strain = kinematics.linear_strains(sub, u)[soft]

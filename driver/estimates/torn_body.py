@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from ..feti.operator import DualOperator
+from ..scene.elements import areas
 from .edge_mesh import Mesh
 from .equilibration import Chains, chains
 
@@ -48,6 +49,12 @@ class TornBody:
     mesh: Mesh
     constrained: np.ndarray  # (vertices, 2) components that supports constrain
     given: np.ndarray  # (half-edges, 2) tractions: of boundary edges without support, by component
+    place: np.ndarray  # (n_t, 3, 2) corners or, where sides are curved, (n_t, 6, 2) with middles
+
+    @cached_property
+    def area(self) -> np.ndarray:
+        """(n_t,) areas of the triangles, with their curved sides."""
+        return areas(self.place)
 
     @cached_property
     def chains(self) -> Chains:
@@ -99,7 +106,9 @@ def gather_body(gather: Gather) -> TornBody | None:
     gid = gather((), int, lambda s, sub: sub.node_gid[sub.vertices])
     size = gather((2,), int, lambda s, sub: np.array([[sub.vertices.sum(), len(sub.triangles)]]))
     triangles = gather((3,), int, lambda s, sub: (np.cumsum(sub.vertices) - 1)[sub.triangles])
-    corner = gather((3, 2), float, lambda s, sub: sub.xy[sub.triangles])
+    corner = place = gather((3, 2), float, lambda s, sub: sub.xy[sub.triangles])
+    if gather.comm.allreduce(any(sub.curved for sub in structure.subdomains)):
+        place = gather((6, 2), float, lambda s, sub: sub.xy[sub.elements[:, :6]])
     region = gather((), int, lambda s, sub: sub.region)
     size_of_law = (4, 4) if structure.contact.axisymmetric else (3, 3)
     elasticity = gather(size_of_law, float, lambda s, sub: sub.elasticity)
@@ -113,7 +122,7 @@ def gather_body(gather: Gather) -> TornBody | None:
     fixed = fixed[np.isin(fixed[:, 0], number)]  # at the vertices
     constrained[np.searchsorted(number, fixed[:, 0]), fixed[:, 1]] = True
     return TornBody(number, vertex, torn, region, elasticity, np.linalg.inv(elasticity), mesh,
-                    constrained, _given(structure.outer_edges, mesh, number, constrained))
+                    constrained, _given(structure.outer_edges, mesh, number, constrained), place)
 
 
 def _given(outer_edges: np.ndarray, mesh: Mesh, number: np.ndarray,

@@ -56,6 +56,9 @@ class ContactCompliance(DualProblem):
         loads = np.column_stack([np.empty((structure.dual_dofs, 0)), *(
             np.concatenate(operator.comm.allgather(operator.elastic_response(weights)))
             for weights in patterns)])
+        self._exponents = operator.stiff_parts.exponents
+        level = np.concatenate(operator.comm.allgather(operator.row_level))
+        self.row_level, self.levels = level[rows], operator.levels
         self.C, self.d, self._moved, self._loaded = _eliminated(operator, rows, loads)
         self.travels = {k: np.concatenate(operator.comm.allgather(moved))[rows]
                         for k, moved in operator.travels.items()}
@@ -92,6 +95,10 @@ class ContactCompliance(DualProblem):
         corner = weights @ self._loaded + self._moved @ multipliers
         return float(max(np.abs(corner).max(initial=0.0),
                          np.abs(self.C @ multipliers).max(initial=0.0)))
+
+    def deformation_by_level(self, multipliers: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """(levels,) by a rule, as there are no fields: by the root of the stiffness."""
+        return self.deformation(multipliers, weights) * 10.0 ** (-0.5 * self._exponents)
 
     def preconditioner(self) -> "FaceInverse":
         """The inverse of C on a face."""
@@ -132,7 +139,8 @@ def _on_contact_rows(structure, rows: np.ndarray):
     return dataclasses.replace(structure, contact=contact, dual_dofs=len(rows),
                                compliance=None if yielding is None else yielding[rows],
                                row_range=(0, len(rows)), row_kind=structure.row_kind[rows],
-                               row_scale=structure.row_scale[rows])
+                               row_scale=structure.row_scale[rows],
+                               row_stiffness=structure.row_stiffness[rows])
 
 
 def _eliminated(operator: DualOperator, rows: np.ndarray, loads: np.ndarray):

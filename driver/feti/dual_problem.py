@@ -21,7 +21,8 @@ class DualProblem(ABC):
     Of bodies that no support holds, nothing by default: `modes` is the number of their rigid
     motions, `motions` (owned,) each the displacements of the dual rows under them, `rho` (modes,)
     the compliances of the springs that hold them and `rigid_work` (2, patterns, modes) the work of
-    the load patterns on them, and that of its absolute values. `travels` holds by load pattern the
+    the load patterns on them, and that of its absolute values. `row_level` (owned,) is which of the
+    `levels` of stiffness a row belongs to, see stiff_parts.py. `travels` holds by load pattern the
     displacements (owned,) of the dual rows by the rigid motion that supports prescribe, where any.
     """
 
@@ -33,11 +34,14 @@ class DualProblem(ABC):
     modes = 0
     motions: list[np.ndarray]
     travels: dict[int, np.ndarray]
+    levels = 1
+    row_level: np.ndarray
     rho: np.ndarray
     rigid_work: np.ndarray
 
     def __init__(self, structure: Substructure, owned: int, comm):
         self.structure, self.owned, self.comm = structure, owned, comm
+        self.row_level = np.zeros(owned, int)
         self.motions, self.travels, self.rho = [], {}, np.zeros(0)
         self.rigid_work = np.zeros((2, structure.patterns, 0))
 
@@ -67,6 +71,10 @@ class DualProblem(ABC):
     @abstractmethod
     def deformation(self, multipliers: np.ndarray, weights: np.ndarray) -> float:
         """Largest displacement of a node relative to the rigid motion of its body; collective."""
+
+    def deformation_by_level(self, multipliers: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """(levels,) what displacements of the rows of every level are relative to; collective."""
+        return np.array([self.deformation(multipliers, weights)])
 
     def least_deformation(self, multipliers: np.ndarray, weights: np.ndarray) -> float:
         """A lower bound of the deformation, for less work where there is one; collective."""

@@ -16,6 +16,8 @@ from .rows import LocalRows, RowKind
 from .structure import Substructure
 from .travel import separated
 
+CROWDED = 1.2  # rows for every vertex of the other body, from which they depend on one another
+
 
 def fixed_dofs(manifest: Manifest, subdomains: list[Subdomain],
                comm) -> tuple[np.ndarray, np.ndarray]:
@@ -83,7 +85,11 @@ def number(manifest, subdomains, first, skeleton, fixed, contact, comm, friction
         yielding[number[n_g : n_g + n_n]] = compliance[normal_rows]
     share = _pair_share(skeleton, contact)
     shares = np.concatenate([np.ones(len(gluing)), share[normal_rows], share[tangential_rows]])
-    row_scale = _row_scale(skeleton, row_gid[order], kind[order], shares[order])
+    seen = seen_stiffness(skeleton, row_gid[order], kind[order], shares[order])
+    own = np.concatenate([np.zeros(len(gluing), bool), *(
+        _crowded(contact)[rows] for rows in (normal_rows, tangential_rows))])
+    stiffness = seen_stiffness(skeleton, row_gid[order], kind[order],
+                               np.where(own, np.maximum(shares, 1.0), shares)[order])
     subdomain = first + np.arange(len(subdomains) + 1)
     *starts, stop = np.searchsorted(row_owner[order], subdomain).tolist()
     row_range = (starts[0] if starts else stop, stop)
@@ -99,7 +105,8 @@ def number(manifest, subdomains, first, skeleton, fixed, contact, comm, friction
                                     manifest.axisymmetric)
     return Substructure(subdomains, first, manifest.subdomains, *local,
                         coarse_dofs=len(corner_keys), dual_dofs=len(order), row_kind=kind[order],
-                        row_scale=row_scale, compliance=yielding,
+                        row_scale=_row_scale(seen), row_stiffness=stiffness,
+                        compliance=yielding,
                         row_range=row_range, row_starts=row_starts,
                         patterns=len(manifest.patterns), travel=travel,
                         contact=contact, rigid_modes=modes,
@@ -130,17 +137,39 @@ def _pair_share(skeleton, contact) -> np.ndarray:
     return np.where(met, 2 * other / np.maximum(own + other, 1e-300), 1.0)
 
 
-def _row_scale(skeleton, row_gid, kind, share) -> np.ndarray:
-    """(rows,) D for a diagonal of D F D of like size where stiffness jumps; ones where it does not.
+def _crowded(contact) -> np.ndarray:
+    """(n_c,) nodes that meet so coarse a mesh that it cannot follow each of them on its own.
+
+    More than CROWDED of them share a vertex of the other body: how they share a force is up to the
+    stiffness of their own body, however soft the other one is.
+    """
+    other = contact.term_other
+    node, size = contact.term_node[other], np.abs(contact.term_value[other])
+    _, vertex = np.unique(contact.term_gid[other], return_inverse=True)
+    rows = np.bincount(vertex, size)  # that a vertex of the other body has to follow
+    count = len(contact.gid)
+    total = np.bincount(node, size, count)
+    return np.bincount(node, size * rows[vertex], count) > CROWDED * np.maximum(total, 1e-300)
+
+
+def seen_stiffness(skeleton, row_gid, kind, share) -> np.ndarray:
+    """(rows,) traces of Hooke's law that rows meet.
 
     A gluing row meets the more compliant of its two sides, a contact row the stiffest of its node's
-    subdomains, or `share` (rows,) of that. Powers of two, so that scaling rounds nothing; relative
-    to the stiffest row, so that units do not matter.
+    subdomains, or `share` (rows,) of that.
     """
     low, high = (skeleton.over_subdomains(extreme, skeleton.stiffness)
                  for extreme in (np.minimum, np.maximum))
     node = np.searchsorted(skeleton.gids, row_gid)
-    seen = np.where(kind == RowKind.GLUING, low[node], high[node] * share)
+    return np.where(kind == RowKind.GLUING, low[node], high[node] * share)
+
+
+def _row_scale(seen: np.ndarray) -> np.ndarray:
+    """(rows,) D for a diagonal of D F D of like size where stiffness jumps; ones where it does not.
+
+    `seen` (rows,) is the stiffness of the rows. Powers of two, so that scaling rounds nothing;
+    relative to the stiffest row, so that units do not matter.
+    """
     ratio = np.round(np.log2(seen / seen.max(initial=0)), 6)  # no rounding decides
     return 2.0 ** np.round(0.5 * ratio)
 

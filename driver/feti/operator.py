@@ -33,6 +33,7 @@ from .recovery import Recovery
 from .reduction import LocalClass, group, reduce_class, renew_rows, stack
 from .rigid_parts import LeastDeformation, RigidParts
 from .rows import RowKind
+from .stiff_parts import StiffParts
 from .structure import Substructure
 from .travel import rows_moved
 from .vectors import DualVectors
@@ -73,6 +74,9 @@ class DualOperator(DualProblem):
         self._loaded += [(d, corners[:, k]) for k, d in enumerate(self.motions)]
         self.rigid_work = free_motions.work_of_loads(structure, comm)
         self.rigid_parts = RigidParts(structure, comm)
+        self.stiff_parts = StiffParts(structure, comm)
+        self.row_level = self.stiff_parts.level
+        self.levels = len(self.stiff_parts.exponents)
         self._least = LeastDeformation(structure, self.classes, comm)
         self._latest = None  # multipliers, weights and their fields, see `deformations`
         self._fields = None  # displacements under every load pattern, see `renew`
@@ -215,6 +219,11 @@ class DualOperator(DualProblem):
     def deformation(self, multipliers: np.ndarray, weights: np.ndarray) -> float:
         """Largest displacement of a node relative to the rigid motion of its body; collective."""
         return self.rigid_parts.deformation(self.deformations(multipliers, weights))
+
+    def deformation_by_level(self, multipliers: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """(levels,) what displacements of the rows of every level are relative to; collective."""
+        fields = self.deformations(multipliers, weights)
+        return self.stiff_parts.deformations(fields, self.rigid_parts.deformation(fields))
 
     def least_deformation(self, multipliers: np.ndarray, weights: np.ndarray) -> float:
         """A lower bound of the deformation that takes no fields; collective."""

@@ -196,7 +196,7 @@ class Outline:
     """
 
     def __init__(self, sub: Subdomain):
-        self.edges, triangle, inner = _edges(sub.triangles)
+        self.edges, triangle, inner = split_edges(sub.triangles)
         count = len(sub.triangles)
         graph = coo_matrix((np.ones(len(inner)), inner.T), shape=(count, count))
         self.component = connected_components(graph, directed=False)[1][triangle]
@@ -242,7 +242,7 @@ def _shear_ratio(C: np.ndarray) -> np.ndarray:
     return (middle + half) / np.maximum(middle - half, np.finfo(float).eps * middle)
 
 
-def _edges(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def split_edges(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Edges (n, 2) of one triangle only, smaller vertex first, and that triangle (n,).
 
     Last (k, 2) the triangles that inner edges connect.

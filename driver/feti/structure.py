@@ -26,6 +26,7 @@ class Substructure:
     dual_dofs: int
     row_kind: np.ndarray  # (dual_dofs,) RowKind
     row_scale: np.ndarray  # (dual_dofs,) power of two near the root of a row's relative stiffness
+    row_stiffness: np.ndarray  # (dual_dofs,) that forces of a row answer to, trace of Hooke's law
     compliance: np.ndarray | None  # (dual_dofs,) what contact rows yield per force; None: nothing
     row_range: tuple[int, int]  # rows owned by this rank
     row_starts: np.ndarray  # per local subdomain: its first row, counted from row_range[0]

@@ -5,12 +5,13 @@ import json
 from pathlib import Path
 
 from ..errors import InputError
-from . import (accuracy, animation, bench, effects, hard, locking, saddle, stopping, study, table,
-               verify)
+from . import (accuracy, animation, bench, curved, effects, hard, locking, saddle, stopping, study,
+               table, verify)
 from .gallery import draw_run
 
 TABLES = {  # first column of a study's table: what draws it
     "sweep": functools.partial(accuracy.draw, every=True), "element": locking.draw,
+    "sides": curved.draw,
     "row": stopping.draw,
     "without": effects.draw, "n_s": table.draw, "family": hard.draw, "part": bench.draw,
     "kind": verify.draw}

@@ -57,6 +57,13 @@ def revolved(name: str, **more) -> Case:
                 sizes=({"SUBDOMAINS": "3x2", "CELLS": 4}, {"SUBDOMAINS": 13, "CELLS": 4}))
 
 
+def curved(name: str, **more) -> Case:
+    """Curved sides of quadratic elements; `more` are settings."""
+    return Case(f"curved sides: {name}", "hard/curved", {"STEPS": 6, "ELEMENT": "P2", **more},
+                checks=LAWS, easy={"RATIO": 1},
+                sizes=({"SUBDOMAINS": 3}, {"SUBDOMAINS": 13, "SIDES": 30}))
+
+
 CASES = [
     layout("elements", "subdomains of one element", fast=True),
     layout("sizes", "subdomains of very different sizes"),
@@ -94,6 +101,15 @@ CASES = [
     revolved("stiffness jumps by 1e6", JUMP=1e6),
     revolved("quadratic elements on the axis", ELEMENT="P2"),
     revolved("much friction, units of 1e9 and 1e-12", FRICTION=2, LENGTH=1e9, STRESS=1e-12),
+    curved("an elliptic hole"),
+    curved("a slit, seven times as wide as high", RATIO=7, SIDES=16),
+    curved("sides of 40 degrees", RATIO=1, SIDES=9),
+    curved("nearly incompressible", ELEMENT="P2-mixed", POISSON=0.4999),
+    curved("much friction, units of 1e9 and 1e-12", FRICTION=2, LENGTH=1e9, STRESS=1e-12),
+    Case("sides that turn a triangle inside out", "hard/curved",
+         {"RATIO": 1, "RIM": 1.05, "ELEMENT": "P2"}, status=2,
+         sizes=({"SIDES": 12}, {"SIDES": 16}),
+         reason="turn a triangle inside out, at"),
     Case("rough sphere", "sphere", {"STEPS": 6}, checks=LAWS,
          sizes=({"H": 0.004}, {"H": 0.002, "SUBDOMAINS": 7})),
     Case("curved contact boundary", "mindlin", {"STEPS": 6}, checks=LAWS,

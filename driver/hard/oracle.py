@@ -112,7 +112,7 @@ class Assembled:
             place[k] = sub.xy[sub.dof_node, sub.dof_component]
         self.motions = self._free_motions(place, manifest.axisymmetric)
         self._factorize()
-        self._collect_contact(manifest.columns, subdomains)
+        self._collect_contact(manifest.columns, subdomains, bool(manifest.curved))
         if manifest.axisymmetric:
             self._revolve(manifest, subdomains)
 
@@ -169,7 +169,7 @@ class Assembled:
             columns.append(free)
         return np.hstack(columns)
 
-    def _collect_contact(self, names, subdomains):
+    def _collect_contact(self, names, subdomains, curved):
         parts, last = {}, 3 + len(names)
         for sub in subdomains:
             if sub.contact is None:
@@ -195,6 +195,8 @@ class Assembled:
         self.bilateral = self.columns.get("bilateral", np.zeros(len(kept))) > 0
         self.xy = np.array([p[0, last:] for _, _, p in kept]).reshape(-1, 2)
         self.normal = total[:, 1:3] / np.linalg.norm(total[:, 1:3], axis=1)[:, None]
+        if curved:  # a uniform pressure's force
+            self.weight = np.linalg.norm(total[:, 1:3], axis=1)
         self.tangent = np.column_stack([-self.normal[:, 1], self.normal[:, 0]])
         # node, vertex, weight in what meets
         self.terms = np.arange(len(self.gid)), self.gid, np.ones(len(self.gid))

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import linprog
 from scipy.sparse import bmat, csr_matrix, diags, identity
 
-from ..environment import silenced
+from ..environment import PLAIN_PROGRAM, silenced
 from . import laws
 from .oracle import Assembled
 from .states import States
@@ -52,7 +52,7 @@ def unbalanced(body: Assembled, manifest, weights: np.ndarray, rough: bool = Tru
                        [csr_matrix(-moves), -share]]).tocsr() if modes else None,
             b_ub=np.concatenate([room[kept], -work, work]),
             bounds=[(None, None if pull else 0.0) for pull in pulls] + [(None, None)] * count
-            + [(0.0, None)], method="highs")
+            + [(0.0, None)], method="highs", options=PLAIN_PROGRAM)
     return float(answer.fun) if answer.status == 0 else 0.0
 
 

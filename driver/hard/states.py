@@ -15,7 +15,7 @@ import numpy as np
 from scipy.optimize import Bounds, LinearConstraint, milp
 from scipy.sparse import csc_matrix
 
-from ..environment import silenced
+from ..environment import PLAIN_PROGRAM, silenced
 
 UNDECIDED, OPEN, PRESSES, PULLS = range(4)
 STICKS, FORTH, BACK, RESTS = range(1, 5)  # of friction, 0: undecided; RESTS: see `States`
@@ -111,7 +111,7 @@ class States:
         aim = -np.asarray(rows[:n][undecided].sum(axis=0)).ravel()
         aim[:n][undecided & ~self.pulls] -= 1.0
         for cost in (aim, 0.0 * aim):  # which rounding may keep it from, or openings without end
-            answer = milp(cost, bounds=Bounds(least, largest),
+            answer = milp(cost, bounds=Bounds(least, largest), options=PLAIN_PROGRAM,
                           constraints=LinearConstraint(rows, low, high))
             if answer.status == 2:
                 return False, None

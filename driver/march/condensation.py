@@ -52,6 +52,11 @@ class Condensation:
         self._selected = self._law = None
 
     @property
+    def size(self) -> int:
+        """Number of contact rows that act."""
+        return self.n + self.m
+
+    @property
     def whole(self) -> bool:
         """Whether the contact rows are all there are."""
         return self.operator.contact_rows_only

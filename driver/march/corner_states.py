@@ -53,16 +53,21 @@ class CornerStates:
         self.fixed_point.bodies.shift(load, motion - load.weights[patterns:])
         return x, self.qp.operator.apply(x) - load.d, sliding
 
-    def _deformation(self, load: Load, x: np.ndarray) -> float:
-        """Of the step, where a vertex may have arrived in its corner, else the last; collective."""
+    def _deformation(self, load: Load, x: np.ndarray) -> np.ndarray:
+        """(owned,) of the step, where a vertex may have arrived in its corner, else the last.
+
+        Collective.
+        """
+        op = self.qp.operator
         if self.corners.arriving:
-            return self.qp.operator.deformation(x, load.weights)
-        return self.qp.scales.displacement
+            return op.deformation_by_level(x, load.weights)[op.row_level]
+        return self.qp.scales.displacements[op.row_level]
 
     def end_step(self, x: np.ndarray, gradient: np.ndarray) -> np.ndarray:
         """Multipliers (owned,) of the end of a step: forces at corners as `shared` there."""
+        op = self.qp.operator
         x, changed = self.corners.end_step(x, gradient, self.fixed_point.rows,
-                                           self.qp.scales.displacement, self.qp.operator.comm)
+                                           self.qp.scales.displacements[op.row_level], op.comm)
         if changed:
             self.fixed_point.condensation.select()
         return x

@@ -171,17 +171,23 @@ class FixedPoint:
             try:
                 solution = method(index, load, x, trace)
             except Unfinished as problem:  # a QP with bounds that are those of no solution
+                if problem.final:
+                    raise
                 failed = problem
             if solution is not None:
                 return solution
-        unbalanced = self.bodies.imbalance(load, x) > self.rtol
-        if failed and not unbalanced:
+        if failed and self.bodies.imbalance(load, x) <= self.rtol:
             raise failed
+        raise self._without_solution(index, load, x)
+
+    def _without_solution(self, index: int, load: Load, x, final: bool = False) -> Unfinished:
+        """What ends a step in which x is the latest of no solution; `final`: there is none."""
+        unbalanced = self.bodies.imbalance(load, x) > self.rtol
         why = self.bodies.why_unbalanced(load, x) if unbalanced else (
             "the fixed point for the friction bound does not contract, and no other method found "
             "a solution; the friction coefficient is beyond the range of a unique one")
-        raise Unfinished(NoSolution(f"{step_name(index)}: {why}"), x,
-                         self.operator.apply(x) - load.d)
+        return Unfinished(NoSolution(f"{step_name(index)}: {why}"), x,
+                          self.operator.apply(x) - load.d, final)
 
     def _accelerate(self, index: int, load: Load, x, trace: Trace):
         """Anderson acceleration of friction bounds and of motions, as forces of their springs.
@@ -223,6 +229,7 @@ class FixedPoint:
         rows, qp, method, tol = self.rows, self.qp, globalization.NEWTON, self.qp.tol
         secants, aim = Anderson(self._tangential_dot, LAW_SECANTS, 1.0), tol
         idle, best = 0, np.inf
+        changes = self.slip.effects.coefficient_changes
         for _ in range(CONDENSED_PASSES):
             trace.iterations += 1
             bound, coefficient = rows.friction_bound(x), rows.coefficient
@@ -241,20 +248,35 @@ class FixedPoint:
                 self.history.fallbacks.note(method, index)
                 return x, result.gradient, rows.sliding(x, bound)
             aim = max(0.3 * aim, min(tol, FINEST * max(qp.scales.d, qp.largest(x))))
-            if self.slip.effects.coefficient_changes:
+            if changes:
                 rows.coefficient = np.maximum(secants.next(coefficient, rows.coefficient), 0.0)
-            try:
-                problem = self.condensation.problem(load, x, result.gradient)
-            except NotConverged:
-                return None
-            start = problem.whole(self.condensation.gather(x))
-            solution, solver = globalization.solve_condensed(problem, start)
+            solution, solver = self._solved_for(load, x, result.gradient)
             if solution is None:
+                if solver == globalization.NO_STATE and not changes and rows.corners is None:
+                    raise self._without_solution(index, load, x, final=True)
                 return None
             method = method if solver == globalization.NEWTON else solver
-            x = self.condensation.place(solution[: problem.rows], x)
-            self.bodies.shift(load, solution[problem.rows :])
+            x = self.condensation.place(solution[: self.condensation.size], x)
+            self.bodies.shift(load, solution[self.condensation.size :])
         return None
+
+    def _solved_for(self, load: Load, x, gradient) -> tuple[np.ndarray | None, str]:
+        """A solution of the condensed problem at x and its `gradient`, and the method; or None.
+
+        Bodies that ran away have slipped so far that friction by a law of slip holds them no more:
+        where nothing solves the problem, friction is that of nodes that do not slide.
+        """
+        for _ in range(2):
+            try:
+                problem = self.condensation.problem(load, x, gradient)
+            except NotConverged:
+                return None, ""
+            start = problem.whole(self.condensation.gather(x))
+            solution, solver = globalization.solve_condensed(problem, start)
+            if solution is not None or not self.slip.effects.coefficient_changes:
+                break
+            self.slip.renew_coefficient(np.zeros_like(gradient))
+        return solution, solver
 
     # ---- norms of values on contact rows -------------------------------------------------------
     def _on(self, rows: np.ndarray, values: np.ndarray) -> np.ndarray:

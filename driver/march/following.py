@@ -73,16 +73,13 @@ class FollowingSolver(QuasistaticSolver):
         # where all geometries so far were the first ones, so may be this one
         part = COARSER if history.counts["geometries"] > history.steps else 1.0
         about = self._moved(self.deformed, np.append(self.amplitudes[index], self.motion))
-        start, geometries, step, nearing = None, 0, None, _Nearing()
+        start, geometries, nearing = None, 0, _Nearing()
         while True:
             geometries += 1
             self.settings = dataclasses.replace(
                 asked, rtol=part * asked.rtol, friction_rtol=part * asked.friction_rtol,
                 primal_rtol=max(part, 1.0) * asked.primal_rtol)
-            try:
-                self._take(self.following.about(about, float(self.times[index])), index, kept)
-            except InputError as problem:
-                raise StepFailed(NotConverged(f"{step_name(index)}: {problem}"), step) from None
+            self._take(self._about(about, index), index, kept)
             step, error = self._step(index, *(start or self._predicted(index)))
             iterations += step.fixed_point_iterations
             u = self._moved(self._deformations(step), step.weights)
@@ -112,6 +109,16 @@ class FollowingSolver(QuasistaticSolver):
         return step, error
 
     # ---- geometries ------------------------------------------------------------------------------
+    def _about(self, u: np.ndarray, index: int):
+        """The ContactBoundary about displacements u (k, 2) in step `index`.
+
+        Raises StepFailed where places go farther than the scene says.
+        """
+        try:
+            return self.following.about(u, float(self.times[index]))
+        except InputError as problem:
+            raise StepFailed(NotConverged(f"{step_name(index)}: {problem}")) from None
+
     def _take(self, contact, index: int, kept: dict) -> None:
         """Take the rows of `contact` for step `index`; all that is carried is as it was `kept`."""
         if self.qp.relaxation is not None:
@@ -169,7 +176,7 @@ class FollowingSolver(QuasistaticSolver):
 
     def _missed(self, step: Step, u: np.ndarray) -> float:
         """By how much the conditions that were used miss those about the solution u (k, 2)."""
-        used, now = self.contact.declared, self.following.about(u, step.time).declared
+        used, now = self.contact.declared, self._about(u, step.index).declared
         forces = np.zeros((2, len(self.contact.gid)))
         rows, x = self.rows, step.multipliers
         forces[0, rows.normal_node], forces[1, rows.tangential_node] = (x[rows.normal],

@@ -37,9 +37,7 @@ class FrictionQP:
         self.scales, self.history = scales, history
         structure = operator.structure
         self.scale = structure.row_scale[slice(*structure.row_range)]
-        # root of the stiffness of the rows over that of the softest
-        self.softest = structure.row_scale.min(initial=1.0)
-        self.stiffer = self.scale / self.softest
+        self.softest = self._softest()
         self.bound = self._bound_norm() if bound is None else bound
         self.local = self.deflation = None  # parts of the preconditioner, or of the relaxation
         self.preconditioner, self.relaxation = self._accelerators()
@@ -58,6 +56,13 @@ class FrictionQP:
         if self.relaxation is not None:
             self.relaxation.norm_bound = self.bound
 
+    def _softest(self) -> np.ndarray:
+        """(levels,) the smallest scale of all rows, then of those of every other level."""
+        softest = np.ones(self.operator.levels)
+        np.minimum.at(softest, self.operator.row_level, self.scale)
+        self.operator.comm.Allreduce(MPI.IN_PLACE, softest, op=MPI.MIN)
+        return np.append(softest.min(), softest[1:])
+
     def _bound_norm(self) -> float:
         """Upper bound of the scaled ||F||; the same random start vector for any number of ranks."""
         structure, op = self.operator.structure, self.operator
@@ -73,15 +78,15 @@ class FrictionQP:
     def _accelerators(self):
         """Preconditioner and relaxation of the contact multipliers, each None if not asked for.
 
-        Without gluing the contact block is the whole operator: deflation and relaxation only make
-        sense where they let bodies without support settle or nodes are held unevenly.
+        Without gluing too, where the contact block is the whole operator: what a body may do nearly
+        as a rigid one, beyond a thin neck or on its clamped end, only deflation knows.
         """
         settings, op = self.settings, self.operator
         relaxed = "contact" in (settings.expansion, settings.corrector)
         kinds = np.unique(op.structure.row_kind)
         wanted = relaxed or settings.preconditioner == "deflated"
-        beside_contact = RowKind.GLUING in kinds or op.modes > 0 or len(op.structure.uneven) > 0
-        coupled = wanted and beside_contact and np.any(kinds != RowKind.GLUING)
+        # the inverse on a face is at hand where the problem is condensed
+        coupled = wanted and np.any(kinds != RowKind.GLUING) and not op.contact_rows_only
         local = op.preconditioner() if settings.preconditioner != "none" or coupled else None
         chosen, self.local = local if settings.preconditioner != "none" else None, local
         if not coupled:

@@ -24,6 +24,7 @@ NEWTON = "Newton on the condensed contact rows"
 LEMKE = "Lemke's method"
 CONTINUATION = "growing friction"
 SEARCH = "a search of the states of contact nodes"
+NO_STATE = "none of all states"  # is a solution, which that search has proved
 CONDENSED_NODES = 1000  # contact nodes up to which their compliance, a dense matrix, is made
 
 
@@ -47,7 +48,10 @@ class Fallbacks:
 
 
 def solve_condensed(problem: CoulombProblem, start: np.ndarray) -> tuple[np.ndarray | None, str]:
-    """A solution z of the condensed problem, and the method that found it; None if none did."""
+    """A solution z of the condensed problem, and the method that found it; None if none did.
+
+    With NO_STATE for the method where there is none.
+    """
     z = complementarity.newton(problem, start)
     if z is not None:
         return z, NEWTON
@@ -61,8 +65,10 @@ def solve_condensed(problem: CoulombProblem, start: np.ndarray) -> tuple[np.ndar
     if problem.n > MOST_NODES:
         return None, ""
     found = search_states(problem)
-    if found.solution is not None or found.certain:
+    if found.solution is not None:
         return found.solution, SEARCH
+    if found.certain:
+        return None, NO_STATE
     if problem.coefficient.any():
         z = with_growing_friction(problem, start)
         if z is not None:

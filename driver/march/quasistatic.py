@@ -56,7 +56,8 @@ class QuasistaticSolver:
         # tangential displacement at time 0 (n_c,), and the pattern factors whose travel it holds
         self.initial = effects.initial_displacement(contact)
         self.initial_weights = np.zeros(operator.structure.patterns)
-        self.history, self.scales = History(), Scales()
+        self.history = History()
+        self.scales = Scales(displacements=np.zeros(operator.levels))
         self._attach()
         self.history.counts["dual_multiplications_setup"] = operator.products
         own = 0.0 if self.rows.bound_is_given else float(self.rows.coefficient.max(initial=0))

@@ -10,6 +10,7 @@ from .slip import SlipState
 from .step import Load
 
 CANCELLED = 1e-8  # part of the extent below which deformation is rounding: contact takes the loads
+ROUNDED = 3e-14  # of what multipliers move, ||F|| ||x||: a hundred roundings, as exact as it gets
 TRAVELLED = 1e-9  # part of what bodies move as a whole, likewise
 
 
@@ -54,9 +55,13 @@ class Residuals:
         if motion is not None:
             self.bodies.shift(load, motion - away)
         nothing = np.zeros_like(x), -load.d
+        known, still = vars(self.scales).copy(), self.still
         residuals = self.of(load, *nothing)
         if self.enough(residuals):
             return *nothing, x, residuals
+        # bodies that nothing stops go far: no scale for the state that is left
+        vars(self.scales).update(known)
+        self.still = still
         if motion is not None:
             self.bodies.shift(load, away - motion)
         return None
@@ -74,25 +79,28 @@ class Residuals:
         op, others = self.operator, {"stationarity": self._missing(x, gradient)}
         if op.modes:
             others["equilibrium"] = self.bodies.imbalance(load, x)
-        missed, least = self._changing(x, gradient), self._least_deformation(load)
-        for measure in (op.deformation,) if op.modes else (op.least_deformation, op.deformation):
-            deformation = measure(x, load.weights)
-            self.still = deformation <= least
-            self.scales.renew(displacement=max(deformation, least))
-            kkt = kkt_residuals(self.rows, x, gradient, self.qp.stiffer, self.scales, op.comm)
+        missed, least = self._changing(x, gradient), self._least_deformation(load, x)
+        quick = () if op.modes or op.levels > 1 else (op.least_deformation,)
+        for measure in (*quick, op.deformation_by_level):
+            deformations = np.atleast_1d(measure(x, load.weights))
+            self.still = deformations[0] <= least[0]
+            self.scales.renew(displacements=np.maximum(deformations, least))
+            kkt = kkt_residuals(self.rows, x, gradient, op.row_level, self.scales, op.comm)
             if self.scales.force > 0:
                 kkt["cone"] = max(kkt["cone"], missed / self.scales.force)
             if self.enough(kkt):
                 break
         return others | kkt
 
-    def _least_deformation(self, load: Load) -> float:
-        """Deformation below which displacements of the load are rounding; collective.
-
-        In the scale of the softest parts, in which stiffer ones count by more.
-        """
+    def _least_deformation(self, load: Load, x: np.ndarray) -> np.ndarray:
+        """(levels,) deformation below which displacements are rounding; collective."""
         way = -self.operator.minimum(-max(load.travel, load.farthest))
-        return max(CANCELLED * load.extent / self.qp.softest, TRAVELLED * way)
+        least = np.full(self.operator.levels, CANCELLED * load.extent / self.qp.softest[0])
+        if len(least) > 1:
+            # what soft parts move by rounding is to be within what is asked for
+            exact = ROUNDED * self.qp.largest(x) / self.qp.softest[1:]
+            least[1:] = exact / self.asked("penetration")
+        return np.maximum(least, TRAVELLED * way)
 
     def _changing(self, x: np.ndarray, gradient: np.ndarray) -> float:
         """By how much friction bounds miss those of the slip at x, a force; collective."""

@@ -96,7 +96,7 @@ def snapshot(solver: QuasistaticSolver) -> dict | None:
         "initial": solver.initial, "initial_weights": solver.initial_weights,
         "norm_bound": float(solver.qp.bound), "products": op.products,
         "scales": {name: np.asarray(value) for name, value in solver.scales.largest.items()},
-        "deformation": float(solver.scales.displacement), "slip_weights": solver.slip.weights,
+        "deformation": solver.scales.displacements, "slip_weights": solver.slip.weights,
         "motion": solver.motion, "older_motion": solver.older_motion,
         "placed": solver.bodies.placed, "deformed": solver.deformed,
         "log_numbers": np.array([product, step, iteration], np.int64),
@@ -130,7 +130,7 @@ def restore(solver: QuasistaticSolver, state: dict) -> None:
         solver.condensation.select()
     solver.qp.bound, solver.doubtful = state["norm_bound"], state["doubtful"]
     solver.scales.largest = dict(state["scales"])
-    solver.scales.displacement = state["deformation"]
+    solver.scales.displacements = state["deformation"]
     several = dict(state["uniqueness"]["several"])
     solver.uniqueness = Uniqueness(**state["uniqueness"] | {"several": several})
     solver.operator.products = state["products"]

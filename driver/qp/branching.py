@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csc_matrix
 
-from ..environment import silenced
+from ..environment import PLAIN_PROGRAM, silenced
 from .complementarity import BRIEFLY, newton
 from .coulomb import CoulombProblem
 
@@ -149,7 +149,7 @@ class _Search:
         cost[:n] += undecided & ~self.problem.bilateral
         for aim in (cost, 0.0 * cost):  # openings may be without end
             with silenced():
-                answer = milp(aim, bounds=Bounds(low, high),
+                answer = milp(aim, bounds=Bounds(low, high), options=PLAIN_PROGRAM,
                               constraints=LinearConstraint(self.rows, row_low, row_high))
             if answer.status == INFEASIBLE:
                 return False, None

@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 
-from ..environment import silenced
+from ..environment import PLAIN_PROGRAM, silenced
 from .coulomb import BACKWARD, FORWARD, OPEN, STICK, CoulombProblem
 
 DISTINCT = 1e-6  # solutions nearer than this part of the largest multiplier are the same
@@ -286,7 +286,8 @@ def _obeys_somewhere(problem: CoulombProblem, states, z, directions) -> bool:
     size = max(np.abs(rest).max(initial=0.0), np.abs(problem.rigidity * problem.load).max())
     with silenced():
         answer = linprog(np.zeros(len(slopes)), A_ub=-np.array(slopes).T / size,
-                         b_ub=rest / size + SLACK, bounds=(None, None))
+                         b_ub=rest / size + SLACK, bounds=(None, None),
+                         options=PLAIN_PROGRAM)
     return answer.status != 2  # infeasible
 
 

@@ -8,6 +8,7 @@ from ..errors import agreed_writes
 from ..feti.gathering import joined
 from ..feti.structure import Substructure
 from ..files import write_rows
+from ..scene import sides
 from ..scene.manifest import Manifest
 from .contact_state import constrained_keys
 from .tables import BOUNDARY, header
@@ -54,8 +55,8 @@ def _rows(manifest: Manifest, structure: Substructure, parts: list[tuple]) -> li
                      for pair in manifest.rooms.get(kind, {}).get("labels", []) for label in pair}
     motion = (moved[start] + moved[end]) / 2
     rows = []
-    for p, q, edge, move, pull in zip(place[start].tolist(), place[end].tolist(), label.tolist(),
-                                      motion, traction.tolist()):
+    for points, edge, move, pull in zip(_points(place, edges, structure.outer_middles),
+                                        label.tolist(), motion, traction.tolist()):
         held = whole[edge]
         if edge in paired:
             role = "pair"
@@ -69,9 +70,17 @@ def _rows(manifest: Manifest, structure: Substructure, parts: list[tuple]) -> li
             role = "joined"
         else:
             role = "load" if any(pull) else "free"
-        rows.append([*p, *q, edge, role, *pull, *held.astype(int).tolist(),
-                     *(held * move).tolist()])
+        rows += [[*p, *q, edge, role, *pull, *held.astype(int).tolist(),
+                  *(held * move).tolist()] for p, q in zip(points, points[1:])]
     return rows
+
+
+def _points(place: np.ndarray, edges: np.ndarray, middles: np.ndarray) -> list[list]:
+    """Ends of every edge, between those of a curved one its middle."""
+    ends = place[edges[:, :2]].tolist()
+    if not len(middles) or not sides.are_curved(place[np.column_stack([edges[:, :2], middles])]):
+        return ends
+    return [[p, m, q] for (p, q), m in zip(ends, place[middles].tolist())]
 
 
 def _moves(structure: Substructure) -> np.ndarray:
@@ -94,9 +103,13 @@ def _edge_tractions(edges: np.ndarray, middles: np.ndarray, place: np.ndarray,
     outward = np.column_stack([along[:, 1], -along[:, 0]])
     nodes = np.column_stack([edges[:, :2], middles]) if len(middles) else edges[:, :2]
     parts = _shape_integrals(place[edges[:, :2], 0] if revolved else None, len(middles) > 0)
-    length = np.bincount(nodes.ravel(), (size[:, None] * parts).ravel(), len(place))
-    normal = np.column_stack([np.bincount(nodes.ravel(), (c[:, None] * parts).ravel(), len(place))
-                              for c in outward.T])
+    lengths, normals = size[:, None] * parts, [c[:, None] * parts for c in outward.T]
+    if len(middles) and sides.are_curved(place[nodes]):
+        lengths = sides.integrals(place[nodes], revolved)
+        normals = np.moveaxis(sides.normals(place[nodes]), 2, 0)
+    length = np.bincount(nodes.ravel(), lengths.ravel(), len(place))
+    normal = np.column_stack([np.bincount(nodes.ravel(), of.ravel(), len(place))
+                              for of in normals])
     first = np.full(len(place), np.iinfo(np.int64).max)
     last = np.full(len(place), np.iinfo(np.int64).min)
     np.minimum.at(first, nodes, edges[:, 2:])

@@ -16,11 +16,12 @@ from ..contact.states import ContactField
 from ..errors import InputError
 from ..feti.operator import DualOperator
 from ..march.step import Step
-from ..scene import elements, springs
+from ..scene import elements, sides, springs
 from .contact_state import JOINTS, constrained_keys
 from .tables import PROBES
 
 OUTSIDE = 0.25  # of an element's height; nearer ones belong to a curved side that chords cut off
+STEPS = 8  # of Newton's method for a place in a curved triangle, from that in the straight one
 MEANS = {2: (1 / 2, 1 / 2), 3: (1 / 6, 1 / 6, 4 / 6)}  # of shape functions of an edge's nodes
 
 
@@ -130,15 +131,21 @@ class _Shares:
 
 @dataclass
 class _Edges:
-    """Edges of a label in a subdomain: their numbers, nodes (n, 2 or 3) and lengths (n,)."""
+    """Edges of a label in a subdomain: their numbers, nodes (n, 2 or 3), lengths (n,).
+
+    `parts` (n, 3) are the integrals of the shape functions over curved ones, else None.
+    """
 
     number: np.ndarray
     nodes: np.ndarray
     length: np.ndarray
+    parts: np.ndarray | None = None
 
     def rings(self, sub) -> np.ndarray:
         """(n, 2 or 3) integrals of the shape functions times the radius: Simpson's rule is exact.
         """
+        if self.parts is not None:
+            return sides.integrals(sub.xy[self.nodes], revolved=True) / (2 * np.pi)
         r = np.maximum(sub.xy[self.nodes, 0], 0.0)
         if self.nodes.shape[1] == 2:
             r = (2 * r + r[:, ::-1]) / 6
@@ -233,8 +240,25 @@ def _nearest(sub, xy: np.ndarray) -> tuple[float, int, np.ndarray]:
     edge = corner[:, [2, 0, 1]] - corner[:, [1, 2, 0]]  # opposite to each vertex
     parts = elements.cross(edge, xy - corner[:, [1, 2, 0]])
     parts = parts / parts.sum(axis=1, keepdims=True)
+    if sub.curved:
+        parts = _on_curved(sub.corner, xy, parts)
     triangle = int(np.argmax(parts.min(axis=1)))
     return float(parts[triangle].min()), triangle, parts[triangle]
+
+
+def _on_curved(corner: np.ndarray, xy: np.ndarray, start: np.ndarray) -> np.ndarray:
+    """(n_t, 3) coordinates of a place in triangles with curved sides, by Newton's method.
+
+    `start` (n_t, 3) are those in the straight triangles; where these are far away they stay.
+    """
+    near = np.flatnonzero(start.min(axis=1) > -1.0)
+    parts, found = start.copy(), start[near]
+    for _ in range(STEPS):
+        place, tangent = elements.located(corner[near], found)
+        step = np.linalg.solve(tangent.transpose(0, 2, 1), (xy - place)[..., None])[..., 0]
+        found = found + np.column_stack([-step.sum(axis=1), step])
+    parts[near] = found
+    return parts
 
 
 def _edges_of(sub, label: int) -> _Edges:
@@ -243,7 +267,13 @@ def _edges_of(sub, label: int) -> _Edges:
     nodes = sub.edges[own]
     length = np.linalg.norm(np.subtract(*sub.xy[nodes.T]), axis=1)
     middles = sub.middles(nodes) if len(own) else []
-    return _Edges(own, np.column_stack([nodes, middles]) if len(middles) else nodes, length)
+    if not len(middles):
+        return _Edges(own, nodes, length)
+    nodes = np.column_stack([nodes, middles])
+    if not sides.are_curved(sub.xy[nodes]):
+        return _Edges(own, nodes, length)
+    parts = sides.integrals(sub.xy[nodes])
+    return _Edges(own, nodes, parts.sum(axis=1), parts)
 
 
 def _tractions(sub, edges: _Edges, patterns: list[int], revolved: bool) -> np.ndarray:
@@ -288,6 +318,8 @@ def _integral(edges: _Edges, values: np.ndarray) -> np.ndarray:
     """(2,) integral of nodal values (n_v, 2) over the edges."""
     if not len(edges.number):
         return np.zeros(2)
+    if edges.parts is not None:
+        return np.einsum("en,enc->c", edges.parts, values[edges.nodes])
     means = np.tensordot(MEANS[edges.nodes.shape[1]], values[edges.nodes], axes=(0, 1))
     return edges.length @ means
 

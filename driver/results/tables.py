@@ -136,7 +136,8 @@ CONVERGENCE = (
 )
 
 BOUNDARY = (
-    *(Column(name, "length", "ends of the edge of the outline, the body on its left")
+    *(Column(name, "length",
+             "ends of the edge of the outline, or of half of a curved one, the body on its left")
       for name in ("x0", "y0", "x1", "y1")),
     Column("label", "1", "label of the edge in the mesh"),
     Column("role", "1", "pair, contact, support, springs, joined (tied, periodic), load or free"),

@@ -37,7 +37,8 @@ GIVEN_ON = {"edges": "form", "supports": "form", "triangles": "vector", "initial
             "nodes": "list"}
 CONTENTS = {"support": "form", "contact": "labels", "contactPair": "labels",
             "contactNormal": "vector", "young": "number", "poisson": "number", "piece": "number",
-            "stepTimes": "list", "tie": "labels", "periodic": "labels", "foundation": "labels",
+            "stepTimes": "list", "tie": "labels", "curved": "labels", "periodic": "labels",
+            "foundation": "labels",
             "foundationNormal": "number", "foundationTangential": "number", "pointSpring": "list",
             "normalComplianceExponent": "number", "largeSliding": "number",
             "slipFactor": "number", "obstacleX": "number", "obstacleY": "number",

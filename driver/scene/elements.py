@@ -7,6 +7,10 @@ centroid c:
     phi_i = l_i (2 l_i - 1),    phi_3+i = 4 l_j l_k    (i, j, k different),
 
 less phi(c) phi_6 with phi_6 = 27 l_0 l_1 l_2.
+
+Triangles are given by their vertices, `corner` (n_t, 3, 2), or, where sides are curved, by vertices
+and middles (n_t, 6, 2), whose quadratic shape functions make the places (isoparametric). Strains
+of these are rational functions.
 """
 
 import numpy as np
@@ -15,6 +19,8 @@ NODES = {"P1": 3, "P2": 6, "P2-mixed": 7}  # of a triangle
 # a smooth solution's error in the energy norm falls like h to this power
 DEGREE = {"P1": 1, "P2": 2, "P2-mixed": 2}
 CENTER = np.full((1, 3), 1 / 3)
+NODE_PLACES = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1],
+                        [0, 0.5, 0.5], [0.5, 0, 0.5], [0.5, 0.5, 0]])  # of quadratic triangles
 AT_CENTER = np.array([-1.0, -1, -1, 4, 4, 4]) / 9  # quadratic shape functions at the centroid
 INVERSE_MASS = 12 * (np.eye(3) - 0.25)  # of the hat functions on triangles of area 1
 TO_VTK = [0, 1, 2, 5, 3, 4]  # VTK goes round the sides from vertex 0
@@ -31,7 +37,9 @@ def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def areas(corner: np.ndarray) -> np.ndarray:
-    """(n_t,) areas of triangles with corners (n_t, 3, 2), negative if these run clockwise."""
+    """(n_t,) areas of triangles, negative if their corners run clockwise."""
+    if corner.shape[1] == 6:
+        return 0.5 * jacobians(corner, POINTS) @ WEIGHTS
     return 0.5 * cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
 
 
@@ -63,7 +71,13 @@ def slopes(nodes: int, places: np.ndarray) -> np.ndarray:
 
 
 def mean_strains(corner: np.ndarray, value: np.ndarray) -> np.ndarray:
-    """(n_t, 3) means over the triangles of the strains as in `strains`; a bubble has none."""
+    """(n_t, 3) means over the triangles of the strains as in `strains`.
+
+    A bubble has none on straight triangles.
+    """
+    if corner.shape[1] == 6:
+        share = jacobians(corner, POINTS) * WEIGHTS
+        return (share[:, None] @ strains(corner, value, POINTS))[:, 0] / share.sum(axis=1)[:, None]
     return strains(corner, value[:, :6], CENTER)[:, 0]
 
 
@@ -73,7 +87,48 @@ def linear_strains(corner: np.ndarray, value: np.ndarray) -> np.ndarray:
     Of quadratic displacements these are the strains; with a bubble they are what the stress of
     P2-mixed has for its pressure.
     """
+    if corner.shape[1] == 6:
+        return projected(jacobians(corner, POINTS), strains(corner, value, POINTS))
     return (INVERSE_MASS @ (POINTS.T * WEIGHTS)) @ strains(corner, value, POINTS)
+
+
+def projected(density: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """(n_t, 3 corners, k) linear functions next to `values` (n_t, POINTS, k) in L2.
+
+    `density` (n_t, POINTS) weighs the places.
+    """
+    weight = WEIGHTS * density
+    right = np.einsum("tm,mi,tmk->tik", weight, POINTS, values)
+    mass = np.einsum("tm,mi,mj->tij", weight, POINTS, POINTS)
+    return np.linalg.solve(mass, right)
+
+
+def radii(corner: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """(n_t, m) x at the places (m, 3) in triangles."""
+    return corner[..., 0] @ shapes(corner.shape[1], places).T
+
+
+def located(corner: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(n_t, 2) coordinates of a place (n_t, 3) of each curved triangle, and derivatives there.
+
+    These as `_tangents` has them, (n_t, 2, 2).
+    """
+    at = np.einsum("tn,tnk->tk", shapes(6, place), corner)
+    by_place = np.einsum("tnc,tnk->tck", slopes(6, place), corner)
+    return at, by_place[:, 1:] - by_place[:, :1]
+
+
+def _tangents(corner: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """(n_t, m, 2, 2) derivatives [c, k] of coordinate k by l_1 and l_2, with l_0 = 1 - l_1 - l_2.
+    """
+    by_place = np.einsum("mnc,tnk->tmck", slopes(corner.shape[1], places), corner)
+    return by_place[:, :, 1:] - by_place[:, :, :1]
+
+
+def jacobians(corner: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """(n_t, m) twice the area that triangles have per area of their places (m, 3)."""
+    tangent = _tangents(corner, places)
+    return cross(tangent[:, :, 0], tangent[:, :, 1])
 
 
 def hat_gradients(corner: np.ndarray) -> np.ndarray:
@@ -86,20 +141,28 @@ def hat_gradients(corner: np.ndarray) -> np.ndarray:
 def strains(corner: np.ndarray, value: np.ndarray, places: np.ndarray) -> np.ndarray:
     """(n_t, m, 3) strains e11, e22, 2 e12 at places (m, 3).
 
-    `corner` (n_t, 3, 2) vertices, `value` (n_t, nodes, 2) displacements of the nodes.
+    `value` (n_t, nodes, 2) displacements of the nodes.
     """
     nodes = value.shape[1]
+    if corner.shape[1] == 6:
+        moved = np.einsum("mnc,tnk->tmck", slopes(nodes, places), value)
+        return _strains(np.linalg.solve(_tangents(corner, places),
+                                        moved[:, :, 1:] - moved[:, :, :1]))
     if nodes == 3:
         at_corners = value[:, None]
     else:
         at_corners = np.einsum("mnc,tnk->tmck", slopes(nodes, places), value)
     # d[t, m, j, k] = d u_k / d x_j
     d = np.einsum("tcj,tmck->tmjk", hat_gradients(corner), at_corners)
-    strain = np.stack([d[..., 0, 0], d[..., 1, 1], d[..., 1, 0] + d[..., 0, 1]], axis=-1)
-    return np.broadcast_to(strain, (len(corner), len(places), 3))  # constant with linear elements
+    # constant with linear elements
+    return np.broadcast_to(_strains(d), (len(corner), len(places), 3))
+
+
+def _strains(d: np.ndarray) -> np.ndarray:
+    """(..., 3) strains e11, e22, 2 e12 from d (..., 2, 2), d[j, k] = d u_k / d x_j."""
+    return np.stack([d[..., 0, 0], d[..., 1, 1], d[..., 1, 0] + d[..., 0, 1]], axis=-1)
 
 
 def hoop_strains(corner: np.ndarray, value: np.ndarray, places: np.ndarray) -> np.ndarray:
     """(n_t, m) hoop strains u_x / x at places (m, 3) inside of triangles; arrays as `strains`."""
-    radius = corner[..., 0] @ places.T
-    return value[..., 0] @ shapes(value.shape[1], places).T / radius
+    return value[..., 0] @ shapes(value.shape[1], places).T / radii(corner, places)

@@ -15,7 +15,7 @@ def strains(sub: Subdomain, u: np.ndarray) -> np.ndarray:
     Of bodies of revolution (n_t, 4); u_r / r is that of the means of u_r and r, which with linear
     elements is its mean over the revolved triangle.
     """
-    corner, value = sub.xy[sub.triangles], u.reshape(-1, 2)[sub.elements]
+    corner, value = sub.corner, u.reshape(-1, 2)[sub.elements]
     plane = elements.mean_strains(corner, value)
     if not sub.axisymmetric:
         return plane
@@ -28,16 +28,16 @@ def linear_strains(sub: Subdomain, u: np.ndarray) -> np.ndarray:
 
     Of bodies of revolution they are projected with the weight r, as P2-mixed does.
     """
-    corner, value = sub.xy[sub.triangles], u.reshape(-1, 2)[sub.elements]
+    corner, value = sub.corner, u.reshape(-1, 2)[sub.elements]
     if not sub.axisymmetric:
         return elements.linear_strains(corner, value)
     places = elements.POINTS
     hoop = elements.hoop_strains(corner, value, places)
     strain = np.concatenate([elements.strains(corner, value, places), hoop[..., None]], axis=-1)
-    weight = elements.WEIGHTS * (corner[..., 0] @ places.T)  # (n_t, points)
-    right = np.einsum("tm,mi,tmk->tik", weight, places, strain)
-    mass = np.einsum("tm,mi,mj->tij", weight, places, places)
-    return np.linalg.solve(mass, right)
+    density = elements.radii(corner, places)
+    if sub.curved:
+        density = density * elements.jacobians(corner, places)
+    return elements.projected(density, strain)
 
 
 def stresses(sub: Subdomain, u: np.ndarray, weights: np.ndarray) -> np.ndarray:

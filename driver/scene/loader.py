@@ -90,8 +90,15 @@ def _subdomains(stack: dict, head: Head, manifest: Manifest, pieces: "_Pieces",
                       loads=loads[s], edge_loads=_of_record(edge_loads, s),
                       body_loads=_of_record(body_loads, s), fixed=stack["fixed"][s],
                       fixed_values=fixed_values[s], contact=contact[s],
-                      fields=_of_record(fields, s))
+                      fields=_of_record(fields, s),
+                      curved=bool(manifest.curved) and _is_curved(xy[s], piece["elements"]))
             for s, piece in enumerate(common)]
+
+
+def _is_curved(xy: np.ndarray, nodes: np.ndarray) -> bool:
+    """Whether middles of sides are off their chords."""
+    chords = (xy[nodes[:, [1, 2, 0]]] + xy[nodes[:, [2, 0, 1]]]) / 2
+    return bool((np.abs(xy[nodes[:, 3:6]] - chords) > 1e-12 * np.ptp(xy, axis=0).max()).any())
 
 
 def _by_pattern(stack: dict, head: Head, name: str) -> dict[int, np.ndarray]:
@@ -166,7 +173,7 @@ class _Pieces:
         """Pieces with a mesh and a stiffness in their record; equal arrays are kept once."""
         nodes = stack["elements"].reshape(len(xy), head.triangles, -1)
         edges = stack["edges"].reshape(len(xy), head.edges, 2)
-        _check_mesh(stack, head, nodes, edges, xy, place)
+        _check_mesh(stack, head, nodes, edges, xy, place, bool(self.manifest.curved))
         # whole numbers of 4 bytes hold any piece, and half the memory
         rows, columns = (stack[name].astype(np.int32) for name in ("rows", "columns"))
         arrays = {"elements": nodes, "edges": edges, "rows": rows, "columns": columns,
@@ -203,10 +210,10 @@ class _Pieces:
 
 
 def _check_mesh(stack: dict, head: Head, nodes: np.ndarray, edges: np.ndarray, xy: np.ndarray,
-                place: checks.Place) -> None:
+                place: checks.Place, curved: bool) -> None:
     """Triangles `nodes` (n, n_t, nodes), `edges` (n, n_e, 2), dofs and indices are sound."""
     checks.check_indices(stack["elements"], head.nodes, "triangle node", place)
-    checks.check_mesh(xy, nodes, place)
+    checks.check_mesh(xy, nodes, place, curved)
     checks.check_edges(edges, nodes, head.nodes, place)
     checks.check_dofs(stack["dof_coordinate"], stack["is_x"], xy, place)
     checks.check_indices(stack["rows"], head.dofs, "stiffness row", place)

@@ -18,6 +18,7 @@ from .declarations import QUASISTATIC
 from .rooms import EFFECTS, LOADS
 
 AXISYMMETRIC = "axisymmetric"  # the room of bodies of revolution
+CURVED = "curved"  # the room of sides that follow curved boundaries
 
 KINDS = {"subdomains": int, "blocks": int, "nodes": int, "interface_label": int, "element": str,
          "plane": str, "material": str, "units": dict, "rooms": dict, "columns": list,
@@ -76,6 +77,11 @@ class Manifest:
     def axisymmetric(self) -> bool:
         """Whether x is a radius, and all integrals are over the revolution about x = 0."""
         return AXISYMMETRIC in self.rooms
+
+    @property
+    def curved(self) -> list:
+        """Labels of the boundaries whose sides are curved; linear elements have none."""
+        return self.rooms[CURVED]["labels"] if CURVED in self.rooms and self.element != "P1" else []
 
     @property
     def cycle_start(self) -> int:

@@ -73,16 +73,36 @@ def at_nodes(values: np.ndarray, nodes: np.ndarray) -> np.ndarray:
     return values.reshape(-1, values.shape[-1])[start + nodes]
 
 
-def check_mesh(xy: np.ndarray, nodes: np.ndarray, place: Place) -> None:
-    """Triangles are not turned; middles of sides, and centroids, are where they belong."""
+def check_mesh(xy: np.ndarray, nodes: np.ndarray, place: Place, curved: bool = False) -> None:
+    """Triangles are not turned; middles of sides, and centroids, are where they belong.
+
+    Where sides are `curved` middles within a record are, and all triangles have positive Jacobians.
+    """
     corner = at_nodes(xy, nodes[..., :3])
-    place.refuse(elements.areas(corner.reshape(-1, 3, 2)).reshape(len(xy), -1) <= 0,
-                 "a triangle is flat or turned inside out; the body penetrates itself")
+    turned = elements.areas(corner.reshape(-1, 3, 2)).reshape(len(xy), -1) <= 0
+    if curved:
+        whole = at_nodes(xy, nodes[..., :6]).reshape(-1, 6, 2)
+        sound = (elements.jacobians(whole, elements.NODE_PLACES) > 0).all(axis=1)
+        turned |= ~sound.reshape(len(xy), -1)
+    place.refuse(turned, "a triangle is flat or turned inside out; the body penetrates itself")
     for k in range(3, nodes.shape[-1]):
         around = corner[:, :, [0, 1, 2] if k == 6 else [(k + 1) % 3, (k + 2) % 3]].mean(axis=2)
-        off = np.abs(at_nodes(xy, nodes[..., k]) - around).max(axis=(1, 2))
+        off = np.abs(at_nodes(xy, nodes[..., k]) - around).max(axis=2)
+        if curved:
+            off = np.where(_inner(nodes, k, len(xy[0])), off, 0.0)
+        off = off.max(axis=1)
         place.refuse(off > 1e-12 * np.ptp(xy, axis=(1, 2)),
                      "the middle of a triangle or of its side is elsewhere")
+
+
+def _inner(nodes: np.ndarray, k: int, count: int) -> np.ndarray:
+    """(n, n_t) whether node k of the triangles belongs to the side of another one as well.
+
+    There are `count` nodes in a record; no centroid counts.
+    """
+    sides = nodes[..., 3:6] + count * np.arange(len(nodes))[:, None, None]
+    shared = np.bincount(sides.ravel(), minlength=count * len(nodes)) > 1
+    return shared[sides[..., k - 3]] if k < 6 else np.zeros(nodes.shape[:2], bool)
 
 
 def check_edges(edges: np.ndarray, nodes: np.ndarray, count: int, place: Place) -> None:

@@ -32,9 +32,10 @@ class Subdomain:
     """One torn subdomain as exported.
 
     Its n_v nodes are the vertices of the mesh and, with quadratic elements, the middles of the
-    (straight) edges and, with P2-mixed, the centroids. `dof_node` and `dof_component` give node and
-    displacement component of every dof; `rows`, `columns`, `values` are the pure Neumann stiffness,
-    with that of `springs`, in coordinate form, both triangles, sorted by rows. Of `thermal`,
+    edges, straight if not `curved`, and, with P2-mixed, the centroids. `dof_node` and
+    `dof_component` give node and displacement component of every dof; `rows`, `columns`, `values`
+    are the pure Neumann stiffness, with that of `springs`, in coordinate form, both triangles,
+    sorted by rows. Of `thermal`,
     `edge_loads` and `body_loads` the keys are the patterns that are given as initial stress, on
     edges and on triangles.
     """
@@ -71,6 +72,7 @@ class Subdomain:
     fields: dict[str, np.ndarray] = field(default_factory=dict)
     # (n_v, 3) stiffness xx, xy, yy of the nodes' springs, which `values` has too; None without any
     springs: np.ndarray | None = None
+    curved: bool = False  # middles of some sides are off the chord
 
     @property
     def dofs(self) -> int:
@@ -86,6 +88,11 @@ class Subdomain:
     def triangles(self) -> np.ndarray:
         """(n_t, 3) vertices of the triangles."""
         return self.elements[:, :3]
+
+    @property
+    def corner(self) -> np.ndarray:
+        """(n_t, 3, 2) vertices of the triangles or, with curved sides, (n_t, 6, 2) with middles."""
+        return self.xy[self.elements[:, :6] if self.curved else self.triangles]
 
     @property
     def vertices(self) -> np.ndarray:

@@ -214,7 +214,7 @@ def _follow(name: str, effects, operator, value, pairs: list) -> None:
     gap = effects.distance(read.columns, len(read.gid))
     motion = effects.motion(nodes, gap)
     following = effects.following(nodes, motion)
-    first = following.first(dataclasses.replace(old.found, nodes=nodes), gap, motion, old.sides)
+    first = following.first(dataclasses.replace(old.found, nodes=nodes), gap, old.sides)
     following.joints = old.joints
     following.settle(start)  # rows and corners
     following.settle(following.about(first.about.u, 0.0))

@@ -1,6 +1,7 @@
 """A case in GetFEM, as a process: getfem_peer.py PROBLEM.npz OUT.npz
 
-PROBLEM.npz holds nodes (n, 2), triangles (m, 3), order (1 or 2), E, nu, fixed (f, 2) rows [node,
+PROBLEM.npz holds nodes (n, 2), triangles (m, 3), or (m, 6) with middles where sides are curved, in
+VTK's order, the element's order (1 or 2), E, nu, fixed (f, 2) rows [node,
 component] with displacements (f, steps), contact (k,) nodes, normals (k, 2), gap (k,), friction
 (the coefficient; not used if `rough` is 0) and preload (1: the first step has no friction, and
 what follows slides from there). OUT.npz gets the nodal contact forces after the last step: force
@@ -20,7 +21,10 @@ def main(problem: str, out: str) -> None:
     given = np.load(problem)
     nodes, unit = given["nodes"], float(given["E"])  # forces over E: near one
     mesh = gf.Mesh("empty", 2)
-    mesh.add_convex(gf.GeoTrans("GT_PK(2,1)"), nodes[given["triangles"]].transpose(2, 1, 0))
+    triangles, curved = given["triangles"], given["triangles"].shape[1] == 6
+    if curved:
+        triangles = triangles[:, [0, 3, 1, 5, 4, 2]]  # line by line
+    mesh.add_convex(gf.GeoTrans(f"GT_PK(2,{1 + curved})"), nodes[triangles].transpose(2, 1, 0))
     space = gf.MeshFem(mesh, 2)
     space.set_fem(gf.Fem(f"FEM_PK(2,{int(given['order'])})"))
     place = space.basic_dof_nodes().T[::2]  # dofs go node by node
@@ -29,7 +33,8 @@ def main(problem: str, out: str) -> None:
     md.add_fem_variable("u", space)
     md.add_initialized_data("lambda", [nu / ((1 + nu) * (1 - 2 * nu))])
     md.add_initialized_data("mu", [1 / (2 * (1 + nu))])
-    quadrature = gf.MeshIm(mesh, gf.Integ("IM_TRIANGLE(6)"))
+    # on curved triangles no rule is exact: FreeFEM's own
+    quadrature = gf.MeshIm(mesh, gf.Integ(f"IM_TRIANGLE({5 if curved else 6})"))
     md.add_isotropic_linearized_elasticity_brick(quadrature, "u", "lambda", "mu")
     fixed, moved = given["fixed"], given["displacements"]
     held = gf.Spmat("empty", len(fixed), space.nbdof())

@@ -10,7 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import DriverError
+from ..scene import sides
 
+SIDES = [[0, 1, 3], [1, 2, 4], [2, 0, 5]]  # of a quadratic triangle in VTK's order
 SAME = 1e-6  # of the largest force: the same discrete problem, so tolerances alone are between them
 NOTE = "GetFEM is not installed (apt package python3-getfem): not compared with it"
 
@@ -49,10 +51,14 @@ def difference(view, peer: Peer, folder: Path) -> float:
             for where, component, value in peer.supports for node in np.flatnonzero(where(x))]
     place = np.column_stack([view["x"], view["y"]])
     contact = np.array([np.hypot(*(x - node).T).argmin() for node in place])
+    cells = fields.elements
+    quadratic = cells.shape[1] == 6
+    if not (quadratic and sides.are_curved(x[cells[:, SIDES].reshape(-1, 3)])):
+        cells = fields.triangles
     problem, out = folder / "peer.npz", folder / "getfem.npz"
-    np.savez(problem, nodes=x, triangles=fields.triangles, E=peer.E, nu=peer.nu,
+    np.savez(problem, nodes=x, triangles=cells, E=peer.E, nu=peer.nu,
              fixed=[row[:2] for row in rows], displacements=[row[2] for row in rows],
-             order=2 if fields.elements.shape[1] == 6 else 1, contact=contact,
+             order=1 + quadratic, contact=contact,
              normals=np.column_stack([view["normal_x"], view["normal_y"]]), gap=view["gap"],
              rough=peer.friction is not None, friction=peer.friction or 0.0, preload=peer.preload)
     script = Path(__file__).with_name("getfem_peer.py")

@@ -25,7 +25,8 @@ def switched(nodes: CornerNodes, force, over) -> tuple[bool, int]:
     law = SimpleNamespace(coefficient=None, offset=None)
     alone = SimpleNamespace(allgather=lambda value: [value])
     x, gradient = np.append(force, [0.0, 0.0]), -np.append(over, [0.0, 0.0])
-    return nodes.switch(x, gradient, law, np.ones(4), 1e-9, alone), int(nodes.acting[0])
+    changed = nodes.switch(x, gradient, law, np.ones(4), 1e-9, alone, np.zeros(4))
+    return changed, int(nodes.acting[0])
 
 
 def test_a_corner_takes_the_state_that_its_conditions_ask_for():
@@ -82,10 +83,10 @@ def test_a_corner_that_circles_stands_where_friction_can_hold_it():
     x, law = np.array([1.0, -0.4, 0.0, 0.0]), SimpleNamespace(coefficient=np.full(2, 0.5),
                                                               offset=None)
     alone = SimpleNamespace(allgather=lambda value: [value])
-    assert not nodes.switch(x, np.zeros(4), law, np.ones(4), 1e-9, alone)
+    assert not nodes.switch(x, np.zeros(4), law, np.ones(4), 1e-9, alone, np.zeros(4))
     assert not nodes.undecided[0]
     # the sides' normals are -x and -y, the first one's tangent is -y
-    shared, changed = nodes.end_step(x, np.zeros(4), law, 1.0, alone)
+    shared, changed = nodes.end_step(x, np.zeros(4), law, np.ones(4), alone)
     assert nodes.rested.all() and changed and nodes.acting[0] == FIRST  # which alone can hold it
     assert shared == pytest.approx([1.0, 0.0, -0.4, 0.0])
 
@@ -99,7 +100,7 @@ def ended(state, x, *, slip=(0.0, 0.0), over=(0.0, 0.0), rested=False):
     nodes = corner()
     nodes.acting[:], nodes.rested[:] = state, rested
     gradient = -np.array([*over, *slip])
-    return nodes, nodes.end_step(np.array(x), gradient, LAW, 1.0, ALONE)[0]
+    return nodes, nodes.end_step(np.array(x), gradient, LAW, np.ones(4), ALONE)[0]
 
 
 def test_slip_of_a_vertex_that_was_there_is_an_error():
@@ -141,7 +142,7 @@ def test_a_touch_within_the_tolerance_changes_no_state():
     for over, changes in ((5e-8, False), (5e-7, True)):
         gradient = -np.array([0.0, over, 0.0, 0.0])
         assert nodes.switch(np.array([1.0, 0, 0, 0]), gradient, None, np.ones(4), 1e-13, ALONE,
-                            1.0) == changes
+                            np.ones(4)) == changes
 
 
 def test_a_corner_that_no_state_holds_is_undecided():

@@ -254,7 +254,7 @@ def test_screen_says_what_never_mattered(command, tmp_path):
     ("model", {"contact", "friction", "time"}),
     ("bracket", {"contact", "friction", "gap", "body force", "load 1", "time", "history of 1",
                  "history of 2"}),
-    ("pressfit", {"contact", "gap"}),
+    ("pressfit", {"contact", "curved", "gap"}),
     ("thermal", {"contact", "gap", "thermal strain", "time"}),
 ])
 def test_variants_of_a_scene(exported, scene, expected):

@@ -11,7 +11,7 @@ import pytest
 
 from driver.qp import complementarity
 from driver.errors import NotConverged
-from driver.march import fixed_point as fixedpoint, globalization
+from driver.march import fixed_point as fixedpoint, globalization, quasistatic
 from driver.march.friction_qp import FrictionQP
 from driver.march.step import Unfinished
 from driver.qp.coulomb import CoulombProblem
@@ -47,6 +47,61 @@ macro contact() 1, 2 //
 macro gap() (label == 2 ? 0. : 1e-3) //
 macro tresca() (label == 2 ? 1e-3 : 0.) //
 macro amplitude1(t) (1. - abs(2*t - 1.)) //
+include "export.idp"
+"""
+
+
+# an L on its foot, that rollers keep from moving sideways at its shoulder: it may turn
+ELL = """include "scene.idp"
+units("um", "MPa");
+subdomains("1");
+real slipRange = 0.1;
+quasistatic(1.);
+border a0(t=0, 1) { x = 1099.8648 + 342.233*t; y = 0.; label = 1; }
+border a1(t=0, 1) { x = 1442.0978 + 633.9022*t; y = 0.; label = 2; }
+border a2(t=0, 1) { x = 2076.; y = 1104.*t; label = 11; }
+border a3(t=0, 1) { x = 2076.*(1. - t); y = 1104.; label = 21; }
+border a4(t=0, 1) { x = 0.; y = 1104. - 431.664*t; label = 31; }
+border a5(t=0, 1) { x = 1099.8648*t; y = 672.336; label = 41; }
+border a6(t=0, 1) { x = 1099.8648; y = 672.336*(1. - t); label = 51; }
+mesh Th0 = buildmesh(a0(2) + a1(2) + a2(2) + a3(5) + a4(2) + a5(2) + a6(2));
+body = Th0;
+macro young() (y < 429. ? 3000. : 3.) //
+macro poisson() 0.45 //
+macro support() on(41, u1 = 0.) //
+macro load1() pressure(21, 0.009487) //
+macro contact() 1, 2 //
+macro friction() 0.1 //
+macro displacementFactor(s) (1. + (0.4 - 1.)*s/slipRange) //
+macro amplitude1(t) t //
+include "export.idp"
+"""
+
+# a plate on rollers that is pushed sideways, with a pin in its hole that may pull
+PIN = """include "scene.idp"
+units("1", "1");
+subdomains("1");
+border a0(t=0, 1) { x = 1.604*t; y = 0.; label = 1; }
+border a1(t=0, 1) { x = 1.604; y = 1.798*t; label = 11; }
+border a2(t=0, 1) { x = 1.604*(1. - t); y = 1.798; label = 21; }
+border a3(t=0, 1) { x = 0.; y = 1.798*(1. - t); label = 31; }
+border a4(t=0., -6.283185307179586) { x = 0.802 + 0.3611*cos(t); y = 0.899 + 0.3611*sin(t);
+                                      label = 91; }
+mesh Th0 = buildmesh(a0(7) + a1(8) + a2(7) + a3(8) + a4(10));
+border b0(t=-2.3561944901923444, 3.926990816987241) { x = 0.802 + 0.359294*cos(t);
+                                                      y = 0.899 + 0.359294*sin(t); label = 101; }
+mesh Th1 = buildmesh(b0(16));
+addBody(Th0)
+addBody(Th1)
+macro planeStress() 1 //
+macro young() 1. //
+macro poisson() 0.45 //
+macro support() on(1, u2 = 0.) //
+macro load1() traction(21, 0.0005, -0.005) //
+macro contactPair() 91, 101 //
+macro pairGap() 0.005*(x - 0.802)^2 //
+macro tresca() 0.0005 //
+macro bilateral() 1 //
 include "export.idp"
 """
 
@@ -222,6 +277,22 @@ def test_fallbacks_move_free_bodies(built, steps_of, monkeypatch):
     assert first == {globalization.ANDERSON} and len(second) == 1
     assert second <= {globalization.NEWTON, globalization.LEMKE}
     assert np.abs(x - y).max() < 1e-5 * np.abs(x).max()
+
+
+@pytest.mark.slow
+def test_a_proof_that_no_states_solve_a_step_ends_it(built, steps_of, monkeypatch):
+    """With status 3, whatever tolerances of QPs are left to tighten: no second search."""
+    problem, searched = built(HELD, steps=1, subdomains=3, **{**JAM, "n": 2, "friction": 4}), []
+
+    def proved(contact, start):
+        searched.append(contact.n)
+        return None, globalization.NO_STATE
+
+    monkeypatch.setattr(fixedpoint.FixedPoint, "_accelerate", lambda *a: None)
+    monkeypatch.setattr(globalization, "solve_condensed", proved)
+    monkeypatch.setattr(quasistatic, "NEARLY", np.inf)  # exacter QPs might settle any state
+    solver, _ = steps_of(problem, rtol=1e-11, friction_rtol=1e-9, uniqueness="no")
+    assert solver.failure.exit_status == 3 and len(searched) == 1
 
 
 @pytest.mark.parametrize("cut", [1, 3])
@@ -502,6 +573,14 @@ def test_a_smooth_preload_of_a_body_that_may_roll(built, steps_of, tmp_path, cut
     assert smooth <= 1e-3 * np.abs(steps[0].multipliers[solver.rows.normal]).max()
 
 
+def test_a_pin_that_nothing_holds_ends_in_one_line(solved, tmp_path):
+    """Of whose linear program HiGHS with presolve aborted the process: status 3."""
+    path = tmp_path / "pin.edp"
+    path.write_text(PIN)
+    run = solved(path, subdomains=1)
+    assert run.status == 3 and "cannot balance the loads" in run.reason
+
+
 @pytest.mark.parametrize("cut", [1, pytest.param(5, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("text, options, way", [
     pytest.param(SHRUNK, {"twist": 20}, "body 1 is free to turn", marks=pytest.mark.slow),
@@ -512,3 +591,18 @@ def test_a_body_that_slides_off_is_told_where_to(solved, tmp_path, text, options
     path.write_text(text)
     run = solved(path, subdomains=cut, **options)
     assert run.status == 3 and re.search(way, run.reason)
+
+
+def test_friction_that_falls_with_the_way_holds_a_body_again(solved, tmp_path):
+    """On the way of successive approximations it runs off so far that its friction holds it no
+    more; from that of rest both cuts come to one answer, to a hundred residuals of 1e-8.
+    """
+    path, forces = tmp_path / "ell.edp", []
+    path.write_text(ELL)
+    for cut in (1, 3):
+        run = solved(path, subdomains=cut, element="P2", steps=2, rtol=1e-10,
+                     friction_rtol=1e-8)
+        assert run.status == 0
+        order = np.argsort(run.contact["x"][-1])
+        forces.append(run.contact["sigma_n"][-1][order])
+    assert np.abs(forces[0] - forces[1]).max() <= 1e-6 * np.abs(forces[0]).max()

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from driver.contact import curve, mortar
+from driver.contact.side import Side
 from driver.files import read_rows, read_table
 from driver.feti.cholesky import TornFactor
+from driver.feti.operator import DualOperator
 from driver.march.problem import assemble
 from driver.march.saving import restore, snapshot
 from driver.options import Settings
@@ -52,6 +54,7 @@ macro displacement1() on(13, u1 = 0., u2 = -0.02) //
 macro amplitude1(t) min(1., t) //
 macro displacement2() on(13, u1 = 4., u2 = 0.) //
 macro amplitude2(t) max(0., t - 1.) //
+macro load1() traction(3, 0., -1.) + traction(12, -2., 0.) //
 macro contactPair() 11, 3 //
 macro largeSliding() 16. //
 macro friction() F //
@@ -146,6 +149,20 @@ def test_a_punch_is_dragged_over_three_of_its_widths(solved, scene):
     assert not summary["warnings"]
 
 
+@pytest.mark.parametrize("options", [{}, pytest.param({"element": "P2", "subdomains": 5},
+                                                      marks=pytest.mark.slow)])
+def test_on_a_plane_nothing_changes(solved, scene, options):
+    """To and fro, sticking and slipping: as without the effect, rounding of coordinates apart."""
+    path = scene(INCLINE, ("OBSTACLE", ""), ("(way*max(0., t - 1.))", "(0.02*sin(6*t))"))
+    one, other = (solved(path, steps=8, **TIGHT, **options, **more)
+                  for more in ({}, {"without": "large_sliding"}))
+    assert {"stick", "slip"} <= set(one.contact["status"].ravel())
+    for name in ("sigma_n", "sigma_t", "u_n", "u_t", "slip", "gap"):
+        size = np.abs(other.contact[name]).max()
+        np.testing.assert_allclose(one.contact[name], other.contact[name], atol=1e-9 * (size or 1))
+    assert one.summary["counts"]["geometries"] == 8
+
+
 @pytest.mark.slow  # four runs, two of them on ranks
 @pytest.mark.parametrize("options", [{}, {"element": "P2"}])
 def test_cuts_and_ranks_change_nothing(solved, scene, options):
@@ -234,6 +251,15 @@ def test_only_contact_rows_are_renewed(exported, scene, monkeypatch):
             kept = snapshot(solver)
     assert len(count) == made and problem.operator.coarse is coarse
     assert solver.history.counts["geometries"] > 8
+    # what is renewed is what an operator with these rows would have
+    operator, fresh = problem.operator, DualOperator(problem.structure, MPI.COMM_WORLD)
+    x = np.random.default_rng(1).standard_normal(operator.owned)
+    weights = np.array([1.0, 2.0, 0.5])[: problem.structure.patterns]
+    for one, other in ((operator.apply(x), fresh.apply(x)),
+                       (operator.elastic_response(weights), fresh.elastic_response(weights)),
+                       (operator.rigid_response(weights), fresh.rigid_response(weights))):
+        assert np.abs(other).max() > 0
+        np.testing.assert_allclose(one, other, atol=1e-12 * np.abs(other).max())
     again = assemble(place, MPI.COMM_WORLD).solver(Settings())
     restore(again, kept)
     for step, other in zip(steps[5:], again.steps(), strict=True):
@@ -267,8 +293,8 @@ macro wear() 1e-4 //"""), name="worn"), steps=8)
 
 def test_of_several_places_that_are_faced_the_nearest_counts():
     """A side below two others, the farther one longer, is coupled to either where it is nearer."""
-    first = mortar.Side(np.array([[0.0, 0], [4, 0]]), np.array([[1, 0]]), np.array([[0.0, 1]]))
-    second = mortar.Side(np.array([[1.0, 0.5], [2, 0.5], [-1, 2], [6, 2.0]]),
+    first = Side(np.array([[0.0, 0], [4, 0]]), np.array([[1, 0]]), np.array([[0.0, 1]]))
+    second = Side(np.array([[1.0, 0.5], [2, 0.5], [-1, 2], [6, 2.0]]),
                          np.array([[0, 1], [2, 3]]), np.array([[0.0, -1], [0, -1]]))
     held = np.zeros(2, bool)
     coupled = mortar.couple(first, second, held, reach=3.0)
@@ -294,6 +320,10 @@ def test_a_curve_of_segments_is_smooth_between_them():
     np.testing.assert_allclose(distance, 0.001, atol=1.3 * miss)  # slopes add to it
     assert np.abs(distance - 0.001).max() > 0.5 * miss
     np.testing.assert_allclose(normal, place / 1.001, atol=0.01)
+    # on both sides of a joint alike, also off the curve: there chords alone differ by a hundredth
+    beside = np.pi / 6 + np.array([-1e-9, 1e-9])
+    _, (one, other) = circle.distance(0.9 * np.column_stack([np.cos(beside), np.sin(beside)]))
+    np.testing.assert_allclose(one, other, atol=1e-6)
 
 
 # ---- misuse --------------------------------------------------------------------------------------

@@ -7,6 +7,7 @@ import pytest
 from mpi4py import MPI
 
 from driver.contact import mortar
+from driver.contact.side import Side, sagitta
 from driver.estimates.energy import EnergyEstimator
 from driver.options import Settings
 from driver.march.problem import Problem
@@ -180,12 +181,12 @@ def test_sagitta_of_curves_and_corners():
         edges = side.edges if outward > 0 else side.edges[:, ::-1]
         exact = 2.0 - np.sqrt(4.0 - side.length**2 / 4)
         # third order: angles of 0.1
-        np.testing.assert_allclose(mortar.sagitta(side.xy, edges), outward * exact, rtol=0.02)
+        np.testing.assert_allclose(sagitta(side.xy, edges), outward * exact, rtol=0.02)
     square = np.array([[0.0, 0], [1, 0], [2, 0], [2, 1], [2, 2], [1, 2], [0, 2], [0, 1]])
     ring = np.column_stack([np.arange(8), np.roll(np.arange(8), -1)])
-    assert np.abs(mortar.sagitta(square, ring)).max() < 1e-15
+    assert np.abs(sagitta(square, ring)).max() < 1e-15
     wave = np.column_stack([np.arange(5.0), [0, 1, 0, 1, 0]])
-    assert np.abs(mortar.sagitta(wave,
+    assert np.abs(sagitta(wave,
                                  np.column_stack([np.arange(4), np.arange(1, 5)]))[1:-1]).max() == 0
 
 
@@ -198,7 +199,7 @@ def uneven_arc(radius, n, outward, rng):
     angle[1:-1] += rng.uniform(-0.3, 0.3, n - 1) * angle[1]
     middle = (angle[1:] + angle[:-1]) / 2
     edges = np.column_stack([np.arange(n), np.arange(1, n + 1)])
-    return mortar.Side(radius * np.column_stack([np.cos(angle), np.sin(angle)]), edges,
+    return Side(radius * np.column_stack([np.cos(angle), np.sin(angle)]), edges,
                        outward * np.column_stack([np.cos(middle), np.sin(middle)]))
 
 
@@ -217,7 +218,7 @@ def test_normals_are_right_to_second_order_on_uneven_meshes():
             normal = np.column_stack([t[:, 1], -t[:, 0]]) / np.linalg.norm(t, axis=1)[:, None]
             exact = xy / [4.0, 1.0]
             exact /= np.linalg.norm(exact, axis=1)[:, None]
-            worst.append(np.abs(mortar.Side(xy, side.edges, normal).nodal_normals()
+            worst.append(np.abs(Side(xy, side.edges, normal).nodal_normals()
                                 - exact)[1:-1].max())
         errors.append(np.mean(worst))
     assert errors[1] < errors[0] / 10  # 16 at order 2, 4 at order 1
@@ -246,7 +247,7 @@ def test_a_common_rotation_turns_normals_and_nothing_else():
     sides = uneven_arc(1.0, 9, 1.0, rng), uneven_arc(1.1, 14, -1.0, rng)
     c, s = np.cos(2.0), np.sin(2.0)
     turn = np.array([[c, s], [-s, c]])  # of rows
-    turned = [mortar.Side(side.xy @ turn + [7.0, -3.0], side.edges, side.edge_normal @ turn)
+    turned = [Side(side.xy @ turn + [7.0, -3.0], side.edges, side.edge_normal @ turn)
               for side in sides]
     one, two = (mortar.couple(*both, np.zeros(10, bool)) for both in (sides, turned))
     np.testing.assert_allclose(two.normal, one.normal @ turn, atol=1e-14)
@@ -266,7 +267,7 @@ def test_a_round_body_faces_what_is_before_it_only():
         sides = []
         for xy, outward in ((10.0 * circle + shift, 1.0), (10.5 * circle[:, ::-1], -1.0)):
             middle = xy[ring].mean(axis=1) - (shift if outward > 0 else 0.0)
-            sides.append(mortar.Side(xy, ring,
+            sides.append(Side(xy, ring,
                                      outward * middle / np.linalg.norm(middle, axis=1)[:, None]))
         found = mortar.couple(*sides, np.zeros(63, bool))
         assert found.weight.sum() == pytest.approx(sides[0].length.sum(), rel=1e-6)

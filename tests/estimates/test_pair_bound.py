@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bounds import SCENES, Recorded, slip_away, stir, true_error
-from driver.contact import mortar
+from driver.contact.side import Side
 from driver.estimates import recovery
 from driver.estimates.edge_remainder import Fan, remainder_constant
 from driver.estimates.torn_body import Gather, gather_body
@@ -252,10 +252,10 @@ def test_effectivity_where_normals_turn(estimated, split, exported, read, steps_
         turned = along(pair.normal, side.xy)
         return turned / np.linalg.norm(turned, axis=1)[:, None]
 
-    own = mortar.Side.nodal_normals
-    monkeypatch.setattr(mortar.Side, "nodal_normals", normals)
+    own = Side.nodal_normals
+    monkeypatch.setattr(Side, "nodal_normals", normals)
     problem = read(exported(split("pin", 4), h=1))
-    monkeypatch.setattr(mortar.Side, "nodal_normals", own)
+    monkeypatch.setattr(Side, "nodal_normals", own)
     fine = problem.structure.contact
     problem.operator = problem.operator.with_contact(
         dataclasses.replace(fine, gap=along(pair.gap, fine.xy)))

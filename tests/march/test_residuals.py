@@ -90,7 +90,7 @@ def rows(friction: float) -> ContactRows:
 def residuals(friction: float, multipliers, move) -> dict:
     """Residuals of forces and movements (5,) where the deformation is 1e-3."""
     return kkt_residuals(rows(friction), np.array(multipliers, float), -np.array(move, float),
-                         np.ones(5), Scales(displacement=1e-3), MPI.COMM_SELF)
+                         np.zeros(5, int), Scales(displacements=np.array([1e-3])), MPI.COMM_SELF)
 
 
 @pytest.mark.parametrize("friction", [0.3, 1e3, 1e12])

@@ -80,6 +80,7 @@ macro support() on(11, u1 = 0.*ONE, u2 = 0.*ONE) //
 macro load1() traction(3, x*ONE, -10e7*ONE) //
 macro contact() 12 //
 macro contactPair() 1, 13 //
+macro curved() 3, 13 //
 macro obstacle(atX, atY) (2.1 - atX + 0.1*atY^2)*ONE //
 macro pairGap() 1e-3*x*ONE //
 macro tresca() 1e5*(1 + y)*ONE //

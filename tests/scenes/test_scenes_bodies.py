@@ -7,6 +7,7 @@ import pytest
 
 from driver import environment
 from driver.contact import mortar
+from driver.contact.side import Side
 
 EXACT = {"rtol": 1e-12, "friction_rtol": 1e-10}
 
@@ -45,10 +46,10 @@ def test_contact_patch_test(solved, options):
     assert run.summary["quantities"]["contact_length"] == pytest.approx(2 / c, rel=1e-6)
 
 
-def quadratic(side: mortar.Side, bow=None) -> mortar.Side:
+def quadratic(side: Side, bow=None) -> Side:
     """The side with the middles of its edges."""
     ends, count = side.edges, len(side.xy)
-    return mortar.Side(np.concatenate([side.xy, side.xy[ends].mean(axis=1)]),
+    return Side(np.concatenate([side.xy, side.xy[ends].mean(axis=1)]),
                        np.column_stack([ends, count + np.arange(len(ends))]), side.edge_normal, bow)
 
 
@@ -59,12 +60,12 @@ def sides(n: int, m: int, gap: float, degree: int = 1):
         x = np.linspace(0, 1, count + 1)
         xy = np.column_stack([x, 0 * x + lift])
         edges = np.column_stack([np.arange(count), np.arange(1, count + 1)])
-        side = mortar.Side(xy, edges, np.tile([0.0, up], (count, 1)))
+        side = Side(xy, edges, np.tile([0.0, up], (count, 1)))
         made.append(side if degree == 1 else quadratic(side))
     return made
 
 
-def free(side: mortar.Side) -> np.ndarray:
+def free(side: Side) -> np.ndarray:
     return np.zeros(len(side.xy), bool)
 
 
@@ -157,12 +158,12 @@ def test_multipliers_are_dual(n, m):
     assert found.weight.sum() == pytest.approx(0.6, rel=1e-12)
 
 
-def arc(radius: float, n: int, outward: float) -> mortar.Side:
+def arc(radius: float, n: int, outward: float) -> Side:
     """n chords of a quarter circle about the origin; the body lies inside if `outward` is 1."""
     angle = np.linspace(0, np.pi / 2, n + 1)
     xy = radius * np.column_stack([np.cos(angle), np.sin(angle)])
     middle = (angle[1:] + angle[:-1]) / 2
-    return mortar.Side(xy, np.column_stack([np.arange(n), np.arange(1, n + 1)]),
+    return Side(xy, np.column_stack([np.arange(n), np.arange(1, n + 1)]),
                        outward * np.column_stack([np.cos(middle), np.sin(middle)]))
 
 

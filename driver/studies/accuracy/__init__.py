@@ -1,9 +1,10 @@
 """make accuracy: which error of a scene comes from which setting, and what each digit takes.
 
 `sweeps` plans and runs, `reference` says what the quantities are, `cheapest` judges the runs. Some
-more parts have scenes of their own: `locking`, elements near incompressibility, `stopping`,
-tolerances from the error budget, `coverage`, whether claimed errors hold, `prices`, whether what
-the next digit is said to take holds, and `requests`, whether ACCURACY keeps its word.
+more parts have scenes of their own: `locking`, elements near incompressibility, `curved`, sides of
+elements that follow curved boundaries, `stopping`, tolerances from the error budget, `coverage`,
+whether claimed errors hold, `prices`, whether what the next digit is said to take holds, and
+`requests`, whether ACCURACY keeps its word.
 """
 
 from pathlib import Path
@@ -12,8 +13,8 @@ from ... import environment, options
 from ...errors import InputError
 from ...runs.guard import study_folder
 
-UNREAD = {"sweeps": ("rows",), "locking": ("rows", "scene"), "stopping": ("scene",),
-          "coverage": ("rows",), "prices": ("rows",), "requests": ("rows",)}
+UNREAD = {"sweeps": ("rows",), "locking": ("rows", "scene"), "curved": ("rows", "scene"),
+          "stopping": ("scene",), "coverage": ("rows",), "prices": ("rows",), "requests": ("rows",)}
 
 
 def run_accuracy(pairs: dict[str, str]) -> list[Path]:
@@ -44,6 +45,10 @@ def run_accuracy(pairs: dict[str, str]) -> list[Path]:
         from .requests import run_requests
 
         return run_requests(out, given["scene"])
+    if part == "curved":
+        from .curved import run_curved
+
+        return run_curved(out)
     environment.start_petsc()
     from .locking import run_locking
     from .stopping import run_stopping

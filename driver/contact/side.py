@@ -1,0 +1,134 @@
+"""One side of a mortar coupling: its edges, normals, curved places and their measure.
+
+The sides of elements may be curved themselves (quadratic elements along parabolas), or be chords of
+a smooth curve that bows from them by its sagitta; see mortar.py.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..scene import sides
+from ..scene.elements import cross
+from .axis import on_axis, smooth_normals
+
+POINT = np.array([-np.sqrt(0.6), 0.0, np.sqrt(0.6)])  # Gauss, exact to degree 5 on [-1, 1]
+WEIGHT = np.array([5.0, 8.0, 5.0]) / 18.0  # of an interval of length 1
+
+
+@dataclass
+class Side:
+    """One side of a pair: nodes with place (n, 2), and edges (e, 2), or (e, 3) with their middles.
+
+    `edge_normal` (e, 2) are the unit outward normals, `bow` (e, 2) the ways from the middles to the
+    boundary's curve, `length` (e,) that of the edges in the configuration that stresses refer to;
+    by default as they lie. `radius` (n,) of the nodes there, for bodies of revolution, whose
+    integrals have the weight 2 pi r. `chord` and `rise` (e, 2), of edges that are curved
+    themselves, are the ways from end to end and from its middle to the edge's in that
+    configuration.
+    """
+
+    xy: np.ndarray
+    edges: np.ndarray
+    edge_normal: np.ndarray
+    bow: np.ndarray | None = None
+    length: np.ndarray | None = None
+    radius: np.ndarray | None = None
+    chord: np.ndarray | None = None
+    rise: np.ndarray | None = None
+
+    def __post_init__(self):
+        if self.length is None:
+            self.length = self._length()
+
+    def _length(self) -> np.ndarray:
+        return np.linalg.norm(self.xy[self.edges[:, 1]] - self.xy[self.edges[:, 0]], axis=1)
+
+    def ring(self, e: np.ndarray, xi: np.ndarray):
+        """(m,) 2 pi r at the places xi of edges e; 1 of plane bodies."""
+        if self.radius is None:
+            return 1.0
+        a, b = self.radius[self.edges[e, :2]].T
+        r = a + xi * (b - a)
+        if self.rise is not None:
+            r = r + 4 * xi * (1 - xi) * self.rise[e, 0]
+        return 2 * np.pi * np.maximum(r, 0.0)
+
+    def stretch(self, e: np.ndarray, xi: np.ndarray):
+        """(m,) length along edges e at the places xi per length of the chord; 1 if straight."""
+        if self.rise is None:
+            return 1.0
+        tangent = self.chord[e] + 4 * (1 - 2 * xi)[:, None] * self.rise[e]
+        return np.linalg.norm(tangent, axis=1) / self.length[e]
+
+    def uniform(self) -> tuple[np.ndarray, np.ndarray]:
+        """(n, 2) int phi_i n ds as the edges lie, and (n,) int phi_i ds, of curved edges."""
+        place = self.xy[self.edges]
+        place[:, 2] = place[:, :2].mean(axis=1) + self.bow
+        force, length = np.zeros_like(self.xy), np.zeros(len(self.xy))
+        np.add.at(force, self.edges, sides.normals(place))
+        np.add.at(length, self.edges, sides.integrals(place))
+        return force, length
+
+    @property
+    def begins_on_axis(self) -> np.ndarray:
+        """(e,) whether an end of an edge is on the axis."""
+        if self.radius is None:
+            return np.zeros(len(self.edges), bool)
+        return on_axis(self.radius)[self.edges[:, :2]].any(axis=1)
+
+    def nodal_normals(self) -> np.ndarray:
+        """(n, 2) unit averages of the edges' normals, see `_averages`; smooth across an axis."""
+        normal = self._averages() if self.rise is None else _unit(self.uniform()[0])
+        if self.radius is None:
+            return normal
+        return smooth_normals(normal, self.edges[:, :2], self.radius)
+
+    def _averages(self) -> np.ndarray:
+        """(n, 2) unit averages of the edges' normals, each weighted with the other edge's length.
+
+        That is the normal of the circle through a vertex and its neighbours: right to second order
+        on curves, however lengths change from edge to edge. Weights that grow with the edge's own
+        length would be right to first order. In middles the average of both ends'.
+        """
+        ends, total = self.edges[:, :2], np.zeros_like(self.xy)
+        np.add.at(total, ends.ravel(),
+                  np.repeat(self.edge_normal / self._length()[:, None], 2, axis=0))
+        if self.edges.shape[1] == 3:
+            total[ends] = _unit(total[ends].reshape(-1, 2)).reshape(-1, 2, 2)
+            total[self.edges[:, 2]] = total[ends].sum(axis=1)
+        return _unit(total)
+
+
+def rises(xy: np.ndarray) -> dict[str, np.ndarray]:
+    """`chord` and `rise` of a Side with edges at xy (e, 3, 2), nothing if they are straight."""
+    if not sides.are_curved(xy):
+        return {}
+    return {"chord": xy[:, 1] - xy[:, 0], "rise": xy[:, 2] - xy[:, :2].mean(axis=1)}
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    """(n, 2) vectors divided by their lengths."""
+    return vectors / np.linalg.norm(vectors, axis=1)[:, None]
+
+
+def sagitta(xy: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """(e,) distance of the middles of edges (e, 2) from the smooth curve through the vertices.
+
+    Positive where the middles are inside, with the body on the left of the edges. The curvature
+    of an edge is that of the circles through its ends and their neighbours, the smaller one;
+    none where they bend to different sides, so that corners stay corners.
+    """
+    along = xy[edges[:, 1]] - xy[edges[:, 0]]
+    length = np.linalg.norm(along, axis=1)
+    before, after = np.full(len(xy), -1), np.full(len(xy), -1)
+    before[edges[:, 1]], after[edges[:, 0]] = np.arange(len(edges)), np.arange(len(edges))
+    inner = (before >= 0) & (after >= 0)
+    arriving, leaving = along[before], along[after]
+    turning = np.arctan2(cross(arriving, leaving), (arriving * leaving).sum(axis=1))
+    curvature = np.where(inner, 2 * turning / (length[before] + length[after]), np.nan)
+    ends = curvature[edges]
+    # at the end of the side the circle of the other end
+    ends = np.where(np.isnan(ends), ends[:, ::-1], ends)
+    least = np.where(ends.prod(axis=1) > 0, np.sign(ends[:, 0]) * np.abs(ends).min(axis=1), 0.0)
+    return least * length**2 / 8
