@@ -15,7 +15,7 @@ from ..text import assignments
 from . import peer
 from .case import NO_SOLUTION, Case, Check, compared, refusal, size_effects, solve
 
-MODULES = ("plane", "friction", "revolution", "surfaces")
+MODULES = ("plane", "friction", "revolution", "surfaces", "cycles")
 COLUMNS = ("case", "quantity", "source", "reference", "value", "error", "tolerance", "met",
            "seconds", "element", "mesh", "claimed", "errors", "remaining", "size_effect", "ratio",
            "size_order", "size_ratios", "size_deviations", "because")

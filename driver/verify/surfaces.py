@@ -1,240 +1,114 @@
-"""Cases of springs, ties, periodic bodies, surfaces that are rough or wear, and of cycles."""
+"""Cases of what joins and supports bodies: wear, rough surfaces, ties, foundations."""
 
 import numpy as np
 
 from .case import Case, Check, Curve, View
-from .plane import ROUNDING, column, places, pressures
+from .plane import places, pressures
 
-# ---- ties, springs, periodicity ------------------------------------------------------------------
-
-
-def beam(x: float, k: float, EI: float, GA: float, P: float, width: float) -> float:
-    """Deflection of an endless beam on a foundation k under P on `width`, at x from its middle.
-
-    Hetenyi's beam with Timoshenko's shear, by the Fourier transform of
-    EI w'''' - (EI k/GA) w'' + k w = q - (EI/GA) q''.
-    """
-    from scipy.integrate import quad  # the pages of reports import this module
-
-    soft, scale = EI / GA, (k / EI) ** 0.25
-
-    def part(q):
-        return (np.cos(q * x) * np.sinc(q * width / 2 / np.pi) * (1 + soft * q**2)
-                / (EI * q**4 + soft * k * q**2 + k))
-
-    return P / np.pi * scale * quad(lambda z: part(scale * z), 0, 400, limit=2000)[0]
+STATICS = "the law and equilibrium: exact but for the tolerances of the solver"
+LOCKING = "linear triangles are too stiff in bending, like (element size / height)^2"
 
 
-def _rail(x: float) -> float:
-    E, nu, d = 210e3, 0.3, 150.0
-    return beam(x, 0.7, E * d**3 / 12, 10 * (1 + nu) / (12 + 11 * nu) * E / (2 * (1 + nu)) * d,
-                100.0, 100.0)
+# ---- wear ----------------------------------------------------------------------------------------
 
-
-def _curvature(view: View) -> float:
-    """Of a bimetal strip, by the deflections of three points 10 mm apart."""
-    left, middle, right = (view.probe(f"point{k}", "u_y") for k in (1, 2, 3))
-    return (2 * middle - left - right) / 10**2
-
-
-def timoshenko(expansion: float, rise: float, height: float, ratio: float) -> float:
-    """Curvature of two strips of the same height, `ratio` of their moduli (1925)."""
-    return 6 * expansion * rise * 4 / (2 * height * (12 + (1 + ratio) * (1 + 1 / ratio)))
-
-
-WAVE, FULL = 1 / 6, np.pi / (1 - 0.3**2) * 1e-4  # half-width at a quarter of the full pressure
-
-
-def _wavy(x) -> np.ndarray:
-    """Westergaard's pressure at a quarter of the pressure that flattens the surface."""
-    inside = np.maximum(0.0, np.sin(np.pi * WAVE)**2 - np.sin(np.pi * np.asarray(x))**2)
-    return 2 * 0.25 * FULL * np.cos(np.pi * np.asarray(x)) / 0.25 * np.sqrt(inside)
-
-
-JOINED = (
-    Case("patch-tied", "Two blocks tied across meshes that do not match", "verify/tied",
-         "Taylor's patch test; numbers of Code_Aster SSNP170", ({"h": 0.2}, {"h": 0.1}), (
-             Check("u_y of the top", -2 * 25 * (1 - 0.3**2) / 2000,
-                   lambda v: v.probe("label3", "u_y"), 1e-8, ROUNDING),
-             Check("u_x of the free sides", 25 * 0.3 * 1.3 / 2000,
-                   lambda v: v.probe("label2", "u_x"), 1e-8, ROUNDING),
-             Check("force through the tie", 25.0, lambda v: v.probe("label6", "force_y"), 1e-8,
-                   ROUNDING))),
-    Case("rail", "Beam on an elastic foundation", "rail",
-         "Hetenyi, Beams on Elastic Foundation (1946), with Timoshenko's shear",
-         ({"h": 75}, {"h": 37.5}, {"h": 18.75}), (
-             Check("deflection 1 m from the wheel", _rail(1000.0),
-                   lambda v: -v.probe("point2", "u_y"), 2e-2,
-                   "linear elements lock by (h / height)^2, 1.5 % of the largest deflection"),
-             Check("force of the foundation", 100.0, lambda v: v.probe("label1", "force_y"), 1e-8,
-                   "equilibrium alone")),
-         note="Quadratic elements come to 0.1 %."),
-    Case("bimetal", "Strip of two metals that heat bends", "bimetal",
-         "Timoshenko, J. Opt. Soc. Am. 11 (1925) 233",
-         ({"h": 0.25}, {"h": 0.125}, {"h": 0.0625}), (
-             Check("curvature", timoshenko(7e-6, 50.0, 1.0, 2.1), _curvature, 2e-2,
-                   "linear elements bend too stiffly, by h^2"),)),
-    Case("westergaard-periodic", "Wavy surface between periodic sides that are curved", "ripple",
-         "Westergaard (1939); Johnson, Contact Mechanics (1985), 13.2",
-         ({"h": 0.01}, {"h": 0.005}, {"h": 0.0025}), (
-             Check("contact_length", 2 * WAVE, column("contact_length"), 5e-3,
-                   "the end of contact is known to a part of an element", "contact_length"),
-             Check("peak_pressure", float(_wavy(0.0)), column("peak_pressure"), 5e-3,
-                   "a node's pressure is a mean over its surroundings", "peak_pressure")),
-         {}, Curve("x / wave length", "pressure / E", pressures,
-                   lambda _: (places(WAVE, -WAVE), _wavy(places(WAVE, -WAVE))))),
-)
-
-# ---- rough and worn surfaces ---------------------------------------------------------------------
-
-
-def _steps(view: View, name: str) -> np.ndarray:
-    """A column of contact.csv, (steps, nodes)."""
-    table = view.result.contact
-    return table[name].reshape(len(np.unique(table["step"])), -1)
-
-
-def _rough(exponent: float) -> Case:
-    def law(p):
-        return (p / 100.0) ** (1 / exponent)
-
-    def closures(view: View):
-        return _steps(view, "u_n").mean(axis=1), -_steps(view, "sigma_n").mean(axis=1)
-
-    def reference(_: View):
-        p = np.linspace(0.4, 8.0, 20)
-        return law(p), p
-
-    return Case(
-        f"rough-block-{exponent:g}", f"Block on a rough floor, p = c z^{exponent:g}",
-        "verify/rough-block", "closure (p/c)^(1/m) of a uniform block",
-        ({"cells": 3}, {"cells": 6}),
-        (Check("closure", law(8.0), lambda v: float(v["u_n"].max()), 1e-6, ROUNDING),
-         Check("smallest closure", law(8.0), lambda v: float(v["u_n"].min()), 1e-6, ROUNDING)),
-        {"exponent": exponent, "steps": 10},
-        Curve("closure [mm]", "pressure [MPa]", closures, reference))
+WEAR, WAY = 1e-4, 4000.0  # of worn-pad: Archard's k [1/MPa], how far the disc slides [mm]
 
 
 def _worn(view: View) -> float:
-    """k N S, added up step by step, of the pad of worn-pad.edp while its disc moves."""
-    history = view.result.history
-    way = np.diff(np.maximum(0.0, np.append(0.0, history["time"]) - 1.0)) * 4000.0
-    return float(1e-4 * (way * -history["resultant_n"]).sum())
+    """k times the sum of what each step slides under its normal force: implicit steps."""
+    b = view.result.boundaries
+    slid = WAY * np.diff(np.maximum(0.0, np.r_[0.0, b["time"]] - 1.0))
+    return float(WEAR * (np.abs(b["normal_resultant"]) * slid).sum())
 
 
-SURFACES = (
-    *map(_rough, (0.5, 1.0, 2.0)),
-    Case("archard", "Brake lining that wears off", "worn-pad", "Archard (1953): k N S; p = N/2a",
-         ({"cells": 2}, {"cells": 4}), (
-             Check("worn_volume", _worn, column("worn_volume"), 2e-5,
-                   "Archard's law alone; the lining's own shear, F p H/G, takes 1e-5 of the way",
-                   "worn_volume"),
-             Check("largest pressure over N/2a", 1.0,
-                   lambda v: float(-v["sigma_n"].min() * 20 / v.P), 1e-3,
-                   "as far as wear has levelled the pressure on this way")),
-         {"stroke": 4000, "steps": 12},
-         Curve("x [mm]", "pressure [MPa]", pressures,
-               lambda _: (places(10.0, -10.0), np.full(25, 5.0)))),
-)
-
-# ---- cycles --------------------------------------------------------------------------------------
-
-YIELD = 0.4 * 4.0 / (1000 / 2.6)  # F p H/G of the strip
+def _level(view: View) -> float:
+    """Mean pressure of the lining, N/2a."""
+    return view.P / 20
 
 
-def _last(name: str):
-    """A number of the last cycle."""
-    return lambda view: float(view.result.summary["cycles"]["last"][name])
+ARCHARD = Case(
+    "archard", "Lining that slides until its pressure is level", "worn-pad",
+    "Archard, J. Appl. Phys. 24 (1953) 981-988: volume k N S; Johnson, Contact Mechanics (1985), "
+    "a flat punch wears towards p = N/2a",
+    ({"cells": 3}, {"cells": 6}, {"cells": 12}), (
+        Check("worn volume", _worn, lambda v: v.quantities["worn_volume"], 1e-4,
+              "the lining's shear takes 0.03 mm of a way of 4000 mm", "worn_volume"),
+        Check("largest pressure", _level, lambda v: float(-v["sigma_n"].min()), 1e-3,
+              "what pressure is left to level falls exponentially with the way", "peak_pressure")),
+    {"steps": 12, "stroke": WAY},
+    Curve("x [mm]", "pressure [MPa]", pressures,
+          lambda view: (places(10.0, -10.0), np.full(25, _level(view)))))
+
+# ---- rough surfaces ------------------------------------------------------------------------------
+
+PRESSURE, STIFFNESS = 8.0, 1e3  # of edp/verify/asperities
 
 
-def _is(kind: str):
-    """Whether that is what the cycles have settled into, as 1 or 0."""
-    def judged(view: View) -> float:
-        found = view.result.summary["cycles"]
-        return float(found["last"]["kind"] == kind and found["settled_after"] is not None)
-    return judged
+def _closure(exponent: float) -> Case:
+    name = "asperities" if exponent == 1 else f"asperities-{exponent:g}"
+    return Case(
+        name, f"Block on a rough floor that yields by the power {exponent:g}", "verify/asperities",
+        "Oden, Martins, CMAME 52 (1985) 527-634: normal compliance",
+        ({"cells": 4}, {"cells": 8}), (
+            Check("closure", (PRESSURE / STIFFNESS) ** (1 / exponent),
+                  lambda v: float((v["u_n"] - v["gap"]).max()), 1e-6, STATICS),
+            Check("largest pressure", PRESSURE, lambda v: float(-v["sigma_n"].min()), 1e-6,
+                  STATICS, "peak_pressure")),
+        {"exponent": exponent}, fast=exponent != 0.5)
 
 
-def _loop(view: View) -> tuple[np.ndarray, np.ndarray]:
-    """Displacement of the top and shear traction, over the whole history."""
-    probes = view.result.probes
-    return probes["u_x"], probes["force_x"] / 2
+# ---- beams ---------------------------------------------------------------------------------------
 
+def deflection(x: float, foundation: float, bending: float, shear: float, load: float,
+               width: float) -> float:
+    """Of an endless beam on a foundation under a load on `width`, at x from its middle.
 
-def _along(*corners: tuple[float, float]):
-    """Curve.reference: three places on every side of a polygon, off its corners, which steps cut.
-    """
-    ends = np.array(corners)
-    inside = [start + part * (end - start) for start, end in zip(ends, ends[1:])
-              for part in (0.2, 0.5, 0.8)]
-    return lambda _: tuple(np.array(inside).T)
-
-
-def _parallelogram(amount: float, mean: float):
-    """The loop of the strip."""
-    high, low, turn = mean + amount, mean - amount, 2 * YIELD
-    return _along((low, -1.6), (low + turn, 1.6), (high, 1.6), (high - turn, -1.6), (low, -1.6))
-
-
-def loop_area(P: float, Q: float, F: float, modulus: float) -> float:
-    """Work lost in a cycle between -Q and Q by two cylinders under P (Mindlin; Masing).
-
-    d delta/dP = (const - ln P)/(pi E*) and delta_t(Q) = F (delta(P) - delta(P - Q/F)) make
-    4 F^2 int_0^S (2s - S) (-ln(P - s))/(pi E*) ds, S = Q/F.
+    Hetenyi's (Beams on elastic foundation, 1946) with Timoshenko's shear: the Fourier transform of
+    EI w'''' - (EI k/GA) w'' + k w = q - (EI/GA) q''; `bending` is EI, `shear` GA, infinite for
+    Hetenyi's own. All per width of the beam.
     """
     from scipy.integrate import quad  # the pages of reports import this module
 
-    S = Q / F
-    return -4 * F**2 / (np.pi * modulus) * quad(lambda s: (2 * s - S) * np.log(P - s), 0, S)[0]
+    soft = bending / shear
+
+    def part(q):
+        return (np.cos(q * x) * np.sinc(q * width / 2 / np.pi) * (1 + soft * q**2)
+                / (bending * q**4 + soft * foundation * q**2 + foundation))
+
+    scale = (foundation / bending) ** 0.25
+    return load / np.pi * scale * quad(lambda z: part(scale * z), 0, 400, limit=2000)[0]
 
 
-def _mindlin_loop(view: View) -> float:
-    history = view.result.history
-    shear, normal = np.abs(history["resultant_t"]).max(), -history["resultant_n"].mean()
-    return loop_area(normal, shear, 0.02, 2000 / (1 - 0.45**2))
+HEIGHT, YOUNG = 150.0, 210e3  # of rail
+BENDING = YOUNG * HEIGHT**3 / 12
+SHEAR = 10 * 1.3 / (12 + 11 * 0.3) * YOUNG / 2.6 * HEIGHT  # Cowper's factor at a ratio of 0.3
+RAIL = Case(
+    "rail", "Rail on ballast under a wheel", "rail",
+    "Hetenyi, Beams on elastic foundation (1946); Timoshenko, Phil. Mag. 41 (1921) 744-746",
+    ({"h": 75}, {"h": 37.5}, {"h": 18.75}), (
+        Check("deflection under the wheel",
+              deflection(0.0, 0.7, BENDING, SHEAR, 100.0, 100.0),
+              lambda v: -v.probe("point1", "u_y"), 2e-2,
+              LOCKING + ", 1.5 %; the wheel presses the rail flat by P/E, 0.5 %"),
+        Check("deflection 1 m away", deflection(1000.0, 0.7, BENDING, SHEAR, 100.0, 100.0),
+              lambda v: -v.probe("point2", "u_y"), 1.5e-2, LOCKING + ", of that under the wheel"),
+        Check("reaction of the ballast", 100.0, lambda v: v.probe("label1", "force_y"), 1e-6,
+              STATICS)))
+
+RISE, RATIO = 50.0, 210 / 100  # of bimetal: heat [K], moduli of steel over brass
+CURVATURE = 6 * 7e-6 * RISE * 4 / (2 * (3 * 4 + (1 + RATIO) * (1 + 1 / RATIO)))
 
 
-STRIP = "a Jenkins element at every place"
-STEPS = "Steps cut the corners of the loop in the picture; what they end in is exact."
-MELAN = "Melan's theorem for contact without coupling: Klarbring, Ciavarella, Barber, IJSS 44 " \
-        "(2007) 8355"
-CYCLES = (
-    Case("shakedown", "Strip sheared by 99 % of what can shake down, about three times as much",
-         "verify/strip", MELAN, ({"cells": 2}, {"cells": 4}), (
-             Check("shakes down", 1.0, _is("shakedown"), 1e-9, "the theorem"),
-             Check("slip", 3.99 * YIELD - YIELD, column("slip"), 1e-6, ROUNDING, "slip"),
-             Check("dissipated_energy", 1.6 * 2 * 2.99 * YIELD, column("dissipated_energy"), 1e-6,
-                   ROUNDING, "dissipated_energy")),
-         {"amount": 0.99 * YIELD, "mean": 3 * YIELD}, Curve(
-             "displacement of the top [mm]", "shear traction [MPa]", _loop,
-             _along((0, 0), (YIELD, 1.6), (3.99 * YIELD, 1.6), (2.01 * YIELD, -0.98 * 1.6))),
-         note=STEPS),
-    Case("alternating-slip", "The same strip, sheared by more than can shake down", "verify/strip",
-         f"{STRIP}; {MELAN}", ({"cells": 2}, {"cells": 4}), (
-             Check("slides to and fro", 1.0, _is("alternating slip"), 1e-9, "the theorem"),
-             Check("work of friction in a cycle", 2 * 1.6 * 4 * (0.02 - YIELD), _last("dissipated"),
-                   1e-6, ROUNDING),
-             Check("slip in a cycle", 4 * (0.02 - YIELD), _last("slip"), 1e-6, ROUNDING)),
-         {"amount": 0.02, "mean": 0.01}, Curve(
-             "displacement of the top [mm]", "shear traction [MPa]", _loop,
-             _parallelogram(0.02, 0.01)), note=STEPS),
-    Case("fretting-wear", "A thousand cycles of wear, most of them jumped over", "verify/strip",
-         f"{STRIP}; Archard: k p s", ({"cells": 2}, {"cells": 4}), (
-             Check("worn_volume", 2 * 1e-4 * 4 * (
-                 3 * (0.02 - YIELD) + 0.02 - 2 * YIELD + 999 * 4 * (0.02 - YIELD)),
-                   column("worn_volume"), 1e-6, "what jumps state as their error, and tolerances",
-                   "worn_volume"),
-             Check("cycles jumped over", 1.0,
-                   lambda v: float(v.result.summary["cycles"]["skipped"] > 900), 1e-9,
-                   "growth is the same in every cycle")),
-         {"amount": 0.02, "wears": 1e-4, "cycles": "1000 jump"}),
-    Case("mindlin-cycles", "Half-disc pushed to and fro, cycle by cycle", "mindlin",
-         "Mindlin, Deresiewicz (1953); Johnson, Contact Mechanics (1985), 7.4",
-         ({"h": 0.004}, {"h": 0.002}, {"h": 0.001}), (
-             Check("work of friction in a cycle", _mindlin_loop, _last("dissipated"), 3e-2,
-                   "shear and pressure move each other's surface: 1.7 beta^2, 1.4 %"),
-             Check("slides to and fro", 1.0, _is("alternating slip"), 1e-9, "a closed loop")),
-         {"nu": 0.45, "steps": 20, "cycles": 3}, elements=("P1",)),
-)
+def _curvature(view: View) -> float:
+    """Of the strip's middle, from three probes 10 mm apart."""
+    a, b, c = (-view.probe(f"point{k}", "u_y") for k in (1, 2, 3))
+    return (a - 2 * b + c) / 10**2
 
-CASES = (*JOINED, *SURFACES, *CYCLES)
+
+BIMETAL = Case(
+    "bimetal", "Strip of two metals, tied, that heat bends", "bimetal",
+    "Timoshenko, J. Opt. Soc. Am. 11 (1925) 233-255",
+    ({"h": 0.5}, {"h": 0.25}, {"h": 0.125}), (
+        Check("curvature", CURVATURE, _curvature, 2e-2, LOCKING),))
+
+CASES = (ARCHARD, *map(_closure, (0.5, 1.0, 2.0)), RAIL, BIMETAL)
