@@ -187,7 +187,7 @@ class Cycles:
     def nothing(self, solver) -> float:
         """Slip over a cycle that tolerances leave open."""
         return self.length * solver.settings.primal_rtol * float(
-            solver.scales.largest["displacement"])
+            np.max(solver.scales.largest["displacements"]))
 
     def _warn(self, solver, row: Cycle) -> None:
         """Where the jump before a cycle errs by more than was foreseen."""
