@@ -26,6 +26,9 @@ import numpy as np
 from ..contact.states import OPEN, SLIP
 
 END = 2  # nodes that count as the end of a boundary
+# of a chord: what the boundary between contact nodes is longer, where one in between has none; on
+# smooth boundaries L^2/24 R^2 of it, in corners more
+BEND = 1e-2
 NEARLY = 0.5  # part of the largest pressure that may exceed it on a finer mesh
 FEW = 6  # nodes in contact, among which the next may differ by all of a quantity's error
 REPEATS = "repeats"  # column of steps: how often each is gone through, if not once
@@ -106,7 +109,7 @@ def chains(nodes: dict) -> list[np.ndarray]:
     """Indices of the contact nodes of every connected boundary piece, in the order of arc."""
     arc, xy, chain = nodes["arc"], nodes["xy"], nodes["chain"]
     along, across = np.diff(arc), np.linalg.norm(np.diff(xy, axis=0), axis=1)
-    breaks = (chain[1:] != chain[:-1]) | (np.abs(along - across) > 1e-6 * across)
+    breaks = (chain[1:] != chain[:-1]) | (np.abs(along - across) > BEND * across)
     breaks |= across < 1e-9 * across.max(initial=0.0)  # bodies side by side, one label
     return np.split(np.arange(len(arc)), np.flatnonzero(breaks) + 1)
 

@@ -266,3 +266,18 @@ def test_outline_of_a_ring_under_pressure(solved, tmp_path, element):
             assert out @ middle < -0.4 and row["role"] == "support"
             assert [row["fixed_x"], row["fixed_y"]] == [1, 1]
             assert [row["moved_x"], row["moved_y"]] == [0.001, 0]
+
+
+def test_a_node_that_is_missing_on_a_curve_does_not_end_it():
+    """The middle of a curved side on an axis has no condition: contact is as long as the arc; in a
+    corner another boundary begins.
+    """
+    angle = np.delete(np.linspace(0, 0.5, 26), 1)
+    nodes, steps = line(angle, angle < 0.3, np.maximum(0.0, 0.3 - angle), np.maximum(0, angle - 0.3))
+    nodes["xy"] = np.column_stack([np.sin(angle), np.cos(angle)])
+    assert len(q.chains(nodes)) == 1
+    length = q.contact_length(nodes, q.chains(nodes), steps, 0)
+    assert length == pytest.approx(0.3, abs=0.02)  # an edge
+    nodes["xy"][1:] = [0.03, 0.97] + 0.03 * np.outer(np.arange(len(angle) - 1), [0, -1])
+    nodes["arc"][1:] = 0.06 + 0.03 * np.arange(len(angle) - 1)
+    assert [len(piece) for piece in q.chains(nodes)] == [1, len(angle) - 1]
