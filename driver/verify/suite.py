@@ -74,8 +74,7 @@ def run_suite(pairs: dict[str, str]) -> list[Path]:
 def judged(chosen: list[Case], folder: Path, jobs: int) -> tuple[list[dict], list[dict]]:
     """Rows of the table and of the curves of all cases, in their order."""
     done = {}
-    # processes begin anew after a few cases: what libraries keep of a run adds up to gigabytes
-    with ProcessPoolExecutor(min(jobs, len(chosen)), max_tasks_per_child=4,
+    with ProcessPoolExecutor(min(jobs, len(chosen)),
                              mp_context=multiprocessing.get_context("spawn")) as pool:
         waiting = {pool.submit(judge, case.name, case.elements, folder): case.name
                    for case in chosen}

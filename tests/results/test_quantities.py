@@ -273,7 +273,8 @@ def test_a_node_that_is_missing_on_a_curve_does_not_end_it():
     corner another boundary begins.
     """
     angle = np.delete(np.linspace(0, 0.5, 26), 1)
-    nodes, steps = line(angle, angle < 0.3, np.maximum(0.0, 0.3 - angle), np.maximum(0, angle - 0.3))
+    apart = angle - 0.3
+    nodes, steps = line(angle, apart < 0, np.maximum(0.0, -apart), np.maximum(0.0, apart))
     nodes["xy"] = np.column_stack([np.sin(angle), np.cos(angle)])
     assert len(q.chains(nodes)) == 1
     length = q.contact_length(nodes, q.chains(nodes), steps, 0)
