@@ -21,8 +21,8 @@ def draw(table: Path) -> list[Path]:
 def _fill(figure: Figure, table: dict) -> None:
     """Pressures left, displacements right."""
     h = np.unique(table["h"])[::-1]
-    for panel, quantity, orders in zip(figure.subplots(1, 2), ("pressure", "displacement"),
-                                       ((1, 2), (2, 3))):
+    panels = figure.subplots(1, 2)
+    for panel, quantity, orders in zip(panels, ("pressure", "displacement"), ((1, 2), (2, 3))):
         for sides, (colour, marker, label) in LOOK.items():
             own = table["sides"] == sides
             panel.loglog(table["h"][own], table[quantity][own], color=colour, marker=marker, ms=4,
@@ -38,4 +38,4 @@ def _fill(figure: Figure, table: dict) -> None:
         panel.minorticks_off()
         panel.set_xlim(right=1.25 * h[0])
     header(figure, "Straight and curved sides of elements", "two rings under even pressure, "
-           "meshes that do not match: scene verify/rings", panel.get_legend_handles_labels()[0])
+           "meshes that do not match: scene verify/rings", panels[-1].get_legend_handles_labels()[0])

@@ -18,7 +18,7 @@ from dataclasses import asdict
 import numpy as np
 from mpi4py import MPI
 
-from .cycle_verdict import (FOLLOWING, MOVED, RIGID, ROUNDED, WORN, Choice, Cycle, Past, judged,
+from .cycle_verdict import (FOLLOWING, MOVED, RIGID, ROUNDED, Choice, Cycle, Past, judged,
                             significant)
 
 SHORTEST = 2  # cycles that are worth a jump

@@ -114,12 +114,13 @@ def _rows(summary: dict, key: str, first: str, columns: tuple) -> str:
     return page.table(head, [[row[c.name] for c in shown] for row in summary.get(key, [])])
 
 
-def pictures(folder: Path, captions: dict[str, str] = CAPTIONS,
+def pictures(folder: Path, captions: dict[str, str] | None = None,
              wide: float = page.WIDE) -> list[str]:
     """All PNG files and animations of a folder in the order of the `captions`, by file name.
 
-    `wide` as of page.picture.
+    `captions` by default those of a run, `wide` as of page.picture.
     """
+    captions = CAPTIONS if captions is None else captions
     order = list(captions)
     paths = sorted([*folder.glob("*.png"), *folder.glob("*.gif")], key=lambda path: (
         order.index(path.stem) if path.stem in order else len(order), path.stem))
