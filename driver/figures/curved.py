@@ -38,4 +38,5 @@ def _fill(figure: Figure, table: dict) -> None:
         panel.minorticks_off()
         panel.set_xlim(right=1.25 * h[0])
     header(figure, "Straight and curved sides of elements", "two rings under even pressure, "
-           "meshes that do not match: scene verify/rings", panels[-1].get_legend_handles_labels()[0])
+           "meshes that do not match: scene verify/rings",
+           panels[-1].get_legend_handles_labels()[0])
