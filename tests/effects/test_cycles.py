@@ -116,6 +116,7 @@ include "export.idp"
 """
 
 
+@pytest.mark.slow
 def test_a_repeated_history_is_the_long_one_written_out(solved, scene):
     """Loads and an obstacle that moves, to the tolerances: histories differ in their last digits.
     """
@@ -254,6 +255,7 @@ def rocking(xy, tops, turn: float) -> np.ndarray:
     return force
 
 
+@pytest.mark.slow
 def test_three_feet_walk_as_all_their_states_say(solved, built):
     """A block of two cells: in each step of four cycles one solution in the 4^3 states of its feet.
 

@@ -845,6 +845,7 @@ def test_a_flat_punch_and_a_ring():
     assert theory.uniform(rows) == pytest.approx(np.full(2001, force / rows["weight"].sum()))
 
 
+@pytest.mark.slow
 def test_the_animation_has_a_frame_a_step_all_alike(tmp_path):
     """The start and three steps in one box; the last frame is no longer the first."""
     directory = make_run(tmp_path, steps=3, scene="own", products=6)

@@ -332,6 +332,7 @@ def test_each_demand_counts(change, why, monkeypatch, tmp_path):
     assert why in row.why
 
 
+@pytest.mark.slow
 def test_other_bits_of_two_ranks_are_noticed(problem, tmp_path):
     _, path, given = problem(CLAMPED)
     scene = _scene(given)
