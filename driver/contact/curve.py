@@ -35,22 +35,27 @@ class Curve:
             distance[part], normal[part] = self._distance(place[part])
         return distance, normal
 
-    def _distance(self, place):
+    def _nearest(self, place, low, high):
+        """Of the chords, from `low` to `high` (s,) parts of them, the nearest to places (n, 2).
+
+        The foot's part of it, the way from its start, its length, direction and normal, and the
+        slopes at its ends; all (n,) or (n, 2).
+        """
         chord = self.end - self.start
         length = np.linalg.norm(chord, axis=1)
         along = chord / length[:, None]
         away = place[:, None] - self.start
-        s = np.einsum("nsk,sk->ns", away, along) / length
-        inside = np.clip(s, np.where(self.before, -np.inf, 0.0), np.where(self.after, np.inf, 1.0))
-        square = (((away - (inside * length)[..., None] * along) ** 2).sum(axis=2))
-        nearest = square.argmin(axis=1)
+        s = np.clip(np.einsum("nsk,sk->ns", away, along) / length, low, high)
+        nearest = ((away - (s * length)[..., None] * along) ** 2).sum(axis=2).argmin(axis=1)
         k = np.arange(len(place))
-        s, off = inside[k, nearest], away[k, nearest]
-        along, length, normal = along[nearest], length[nearest], self.normal[nearest]
-        rise, fall = self.rise[nearest], self.fall[nearest]
+        return (s[k, nearest], away[k, nearest],
+                *(of[nearest] for of in (length, along, self.normal, self.rise, self.fall)))
+
+    def _distance(self, place):
+        s, off, length, along, normal, rise, fall = self._nearest(
+            place, np.where(self.before, -np.inf, 0.0), np.where(self.after, np.inf, 1.0))
         # on the segment the cubic, beyond it a parabola with the curve's slope and mean curvature
-        cubic = s * (1 - s) ** 2 * rise - s**2 * (1 - s) * fall
-        slope = (1 - s) * (1 - 3 * s) * rise - s * (2 - 3 * s) * fall
+        cubic, slope, _ = _cubic(s, rise, fall)
         bend = fall - rise
         low, high = s < 0, s > 1
         cubic = np.where(low, s * rise + bend * s**2 / 2, cubic)
@@ -68,17 +73,8 @@ class SmoothCurve(Curve):
     """The same with the feet of places where their normals are: smooth from segment to segment."""
 
     def _distance(self, place):
-        chord = self.end - self.start
-        length = np.linalg.norm(chord, axis=1)
-        along = chord / length[:, None]
-        away = place[:, None] - self.start
-        s = np.clip(np.einsum("nsk,sk->ns", away, along) / length, 0.0, 1.0)
-        nearest = ((away - (s * length)[..., None] * along) ** 2).sum(axis=2).argmin(axis=1)
-        k = np.arange(len(place))
-        s, away, length = s[k, nearest], away[k, nearest], length[nearest]
-        along, normal = along[nearest], self.normal[nearest]
+        s, away, length, along, normal, rise, fall = self._nearest(place, 0.0, 1.0)
         x, y = ((away * of).sum(axis=1) / length for of in (along, normal))
-        rise, fall = self.rise[nearest], self.fall[nearest]
         for _ in range(FEET):  # Newton's method for (x - s) + (y - c) c' = 0
             cubic, slope, bend = _cubic(s, rise, fall)
             steepness = 1 + slope**2 - (y - cubic) * bend

@@ -91,6 +91,8 @@ class Effect:
     frictional = False  # adds tangential rows
     changes_coefficient = False  # the friction coefficient depends on the state
     closes = False  # nodes yield by a law of their force and slip, see march/closure.py
+    one_node_a_vertex = False  # contact nodes are made by place, not by direction
+    labelled = False  # its data name boundaries of the mesh
     # the step at which a part of the history begins that is repeated, and how often it is there
     repeats: tuple[int, int] | None = None
     # quantities of interest that it gives sense to, see results/quantities.py
@@ -105,6 +107,9 @@ class Effect:
         self.name, self.manifest, self.data = name, manifest, manifest.rooms[name]
         kinds = [pattern["kind"] for pattern in manifest.patterns]
         self.patterns = [number for number, kind in enumerate(kinds) if kind == name]
+        labels = self.data.get("labels") if self.labelled else []
+        if not isinstance(labels, list) or any(k not in manifest.labels for k in labels):
+            raise InputError(f"the labels of {name} are none of the mesh")
 
     # ---- what it adds to the problem ------------------------------------------------------------
     def distance(self, columns: dict[str, np.ndarray]) -> np.ndarray | None:
@@ -112,8 +117,6 @@ class Effect:
 
     def motion(self, nodes, distance: np.ndarray):
         """The ObstacleMotion of the contact `nodes`, whose distance is `distance` (n,) else."""
-
-    one_node_a_vertex = False  # contact nodes are made by place, not by direction
 
     def following(self, nodes, motion):
         """The Following of the contact `nodes` and their ObstacleMotion; contact/following.py."""

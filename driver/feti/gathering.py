@@ -26,6 +26,19 @@ def joined(arrays, kind, *width: int) -> np.ndarray:
     return np.concatenate([np.empty((0, *width), kind), *arrays]).astype(kind, copy=False)
 
 
+def by_node(arrays: dict[str, np.ndarray], nodes: np.ndarray, count: int,
+            comm) -> dict[str, np.ndarray] | None:
+    """Arrays of the rank's `nodes` as (count,) of all nodes, by name, on rank 0; collective."""
+    parts = comm.gather((nodes, list(arrays.values())))
+    if parts is None:
+        return None
+    whole = {name: np.zeros(count) for name in arrays}
+    for own, values in parts:
+        for array, part in zip(whole.values(), values):
+            array[own] = part
+    return whole
+
+
 def gather(comm, local: np.ndarray) -> np.ndarray:
     """The ranks' arrays (n, ...) in rank order, which is subdomain order; collective."""
     return np.concatenate(comm.allgather(local)) if comm.size > 1 else local

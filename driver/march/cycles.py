@@ -18,6 +18,7 @@ from dataclasses import asdict
 import numpy as np
 from mpi4py import MPI
 
+from ..feti.gathering import by_node
 from .cycle_verdict import (FOLLOWING, MOVED, RIGID, ROUNDED, Choice, Cycle, Past, judged,
                             significant)
 
@@ -152,8 +153,8 @@ class Cycles:
                 for k, value in enumerate(values):
                     (pressed if name == "normal" else nodal)[f"{part}.{name}.{k}"] = value
         count = len(solver.operator.structure.contact.gid)
-        nodal = _by_node(nodal, rows.tangential_node, count, comm)
-        pressed = _by_node(pressed, rows.normal_node, count, comm)
+        nodal = by_node(nodal, rows.tangential_node, count, comm)
+        pressed = by_node(pressed, rows.normal_node, count, comm)
         rigid = {f"{part}.{name}": values for part in ("start", "growth")
                  for name, values in getattr(past, part).items() if name in RIGID}
         return {"number": past.number, "plan": past.plan, "rows": past.rows, "count": self.count,
@@ -251,15 +252,3 @@ def _largest(solver):
         return solver.operator.comm.allreduce(own, op=MPI.MAX)
 
     return largest
-
-
-def _by_node(arrays: dict, nodes: np.ndarray, count: int, comm) -> dict | None:
-    """Arrays of the rank's `nodes` as (count,) of all contact nodes, on rank 0."""
-    parts = comm.gather((nodes, list(arrays.values())))
-    if parts is None:
-        return None
-    whole = {name: np.zeros(count) for name in arrays}
-    for own, values in parts:
-        for array, part in zip(whole.values(), values):
-            array[own] = part
-    return whole

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import agreed_writes
+from ..feti.gathering import by_node
 from . import checkpoint
 from .quasistatic import QuasistaticSolver
 from .step import Step
@@ -83,16 +84,14 @@ def snapshot(solver: QuasistaticSolver) -> dict | None:
     """
     op, history, rows, carried = solver.operator, solver.history, solver.rows, _carried(solver)
     cycles = {} if solver.cycles is None else solver.cycles.kept(solver)
-    parts = op.comm.gather(
-        (solver.multipliers, solver.older, solver.rows.tangential_node, *carried.values()))
+    nodes = by_node(carried, rows.tangential_node, len(op.structure.contact.gid), op.comm)
+    parts = op.comm.gather((solver.multipliers, solver.older))
     if parts is None:
         return None
-    multipliers, older, node, *values = map(np.concatenate, zip(*parts))
-    by_node = np.zeros((len(carried), len(op.structure.contact.gid)))
-    by_node[:, node] = values
+    multipliers, older = map(np.concatenate, zip(*parts))
     product, step, iteration, kind, residual = zip(*history.log) if history.log else ((),) * 5
     return {
-        "multipliers": multipliers, "older": older, "carried": dict(zip(carried, by_node)),
+        "multipliers": multipliers, "older": older, "carried": nodes,
         "initial": solver.initial, "initial_weights": solver.initial_weights,
         "norm_bound": float(solver.qp.bound), "products": op.products,
         "scales": {name: np.asarray(value) for name, value in solver.scales.largest.items()},
