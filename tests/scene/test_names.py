@@ -87,7 +87,7 @@ macro tresca() 1e5*(1 + y)*ONE //
 include "export.idp"
 """
 CASES = [pytest.param(scene, element, id=f"{name}-{element}",
-                      marks=[pytest.mark.slow] if name == "plane" and element == "P2" else [])
+                      marks=[pytest.mark.slow] if (name, element) in (("plane", "P2"), ("plane", "P1"), ("bodies", "P2")) else [])
          for name, scene, elements in (("plane", PLANE, ("P1", "P2", "P2-mixed")),
                                        ("bodies", BODIES, ("P1", "P2")))
          for element in elements]
