@@ -4,16 +4,18 @@
     summary = execute(run)
 """
 
+import contextlib
 import dataclasses
 import json
 import shutil
 import sys
 import time
+import traceback
 from pathlib import Path
 
 from .. import options
 from ..arguments import EVERY
-from ..errors import PARTIAL, InputError, error_of, shortage
+from ..errors import PARTIAL, InputError, error_of, words_of
 from ..estimates import adaptivity, budget, prices
 from ..files import write_json
 from ..march.checkpoint import fingerprint
@@ -196,7 +198,7 @@ def _draw(work: Path) -> None:
 
         draw_run(work, ("png",))
 
-    _try(draw)
+    _try(draw, work)
 
 
 def _animate(work: Path) -> None:
@@ -206,17 +208,18 @@ def _animate(work: Path) -> None:
 
         draw_animation(work)
 
-    _try(draw)
+    _try(draw, work)
 
 
-def _try(draw) -> None:
-    """Draw; where that fails a line says so, and the results stay."""
+def _try(draw, work: Path) -> None:
+    """Draw; where that fails a line says so, the run's log has more, and the results stay."""
     try:
         draw()
     except Exception as problem:  # whatever it is, the results stand
-        reason = shortage(problem) or " ".join(str(problem).split()) or type(problem).__name__
-        print(f"warning: the figures could not be drawn: {reason}; 'make figures' draws them from "
-              "the results", file=sys.stderr)
+        with contextlib.suppress(OSError), open(work / "run.log", "a") as log:
+            traceback.print_exc(file=log)
+        print(f"warning: the figures could not be drawn: {words_of(problem)}; 'make figures' draws "
+              "them from the results", file=sys.stderr)
 
 
 def _publish(place: Workspace, converged: bool) -> Path:
