@@ -4,17 +4,23 @@ import numpy as np
 
 from ..contact.boundary import ContactBoundary
 from ..options import Settings
+from ..units import split_unit
 
+DIAMOND = 1e12  # Pa: twice its shear modulus
 COARSE = 0.01  # RTOL beyond which forces are guesses; FRICTION_RTOL: ten times that
 OVERLAP, FACETS = 1e-3, 0.05  # of the boundary's size, of a dual segment: what facets may overlap
 
 
 def warnings(boundary: ContactBoundary, declared, displacements: list[float],
-             settings: Settings) -> list[str]:
+             settings: Settings, softest: float, units: dict[str, str]) -> list[str]:
     """A sentence for each; `declared` are the names of the declared effects, `displacements` the
-    largest of every step.
+    largest of every step, `softest` the smallest shear modulus in the scene's `units`.
     """
     said = []
+    exponent, pascal = split_unit(units["stress"])
+    if pascal == "Pa" and softest * 10.0**exponent > DIAMOND:
+        said.append(f"the softest material has a shear modulus of {softest:.2g} {units['stress']}, "
+                    "more than twice that of diamond: is young in the scene's unit of stress?")
     if displacements and not any(displacements):
         said.append("nothing moves: no load, prescribed displacement or overlap acts on the bodies")
     if "gap" not in declared and len(boundary.gid):

@@ -162,6 +162,8 @@ def _misunderstood(error: re.Match, lines: list[str], scene: Path, folder: Path)
         return (f"{_place(scene, rf'macro {wrapper}')}: FreeFEM does not understand "
                 f"{wrapper}{token}{remedy}")
     if wrapper in dict(library_words()):
+        if place := _after_unfinished(scene, wrapper):
+            return f"{place} lacks its ;"
         return (f"{_uses(scene, wrapper)}: FreeFEM does not understand what {wrapper} is "
                 f"given{token}")
     if path.suffix not in (".edp", ".idp"):  # the end of the file
@@ -259,6 +261,16 @@ def _unfinished(scene: Path, name: str, number: int) -> int:
         if code and at not in within and not re.match(r"(END)?IFMACRO|include|load", code):
             return 0 if code.endswith((";", "}", "{", ",")) or "addBody" in code else at
     return 0
+
+
+def _after_unfinished(scene: Path, name: str) -> str:
+    """The line of code before one that begins with `name`, if it is no macro and does not end."""
+    for source in grammar.sources(scene):
+        for number, line in enumerate(source.lines, 1):
+            if re.match(rf"\s*{name}\b", line):
+                if at := _unfinished(scene, source.path.name, number):
+                    return f"{source.path.name} line {at}"
+    return ""
 
 
 def _unknown(name: str, error: re.Match | None, scene: Path) -> str:
