@@ -2,9 +2,12 @@
 and warnings that repeat are counted.
 """
 
+from types import SimpleNamespace
+
 import pytest
 
-from driver.results import screen
+from driver.options import Settings
+from driver.results import omissions, screen
 
 BLOCK = """include "scene.idp"
 units("mm", "MPa");
@@ -43,6 +46,17 @@ def run_of(solved, tmp_path):
         return solved(path, **options)
 
     return get
+
+
+def test_a_material_stiffer_than_any_is_said():
+    """Of the softest alone: a body may be given any stiffness so that it hardly yields."""
+    def said(softest, stress):
+        none = SimpleNamespace(gid=())
+        return omissions.warnings(none, {"gap"}, [1.0], Settings(), softest,
+                                  {"length": "mm", "stress": stress})
+
+    assert "unit of stress" in said(8.1e10, "MPa")[0]
+    assert not said(8.1e10, "Pa") and not said(8.1e4, "MPa") and not said(1e20, "1")
 
 
 @pytest.mark.parametrize("more, words", [

@@ -75,7 +75,7 @@ def test_a_defect_before_any_result_is_one_line(tmp_path, monkeypatch, logs, cap
 
 def test_a_defect_on_a_rank_is_one_line(logs):
     """What the ranks have printed goes to the log; of a rank that was killed there is none."""
-    words = "Traceback (most recent call last):\n  File x\nValueError: singular\nMPI_ABORT was ...\n"
+    words = "Traceback (most recent call last):\n  File x\nValueError: singular\nMPI_ABORT\n"
     error = launch._why_no_answer(subprocess.CompletedProcess([], 1, "", words))
     assert isinstance(error, Defect) and "ValueError: singular" in str(error)
     log, = logs.iterdir()
