@@ -12,6 +12,7 @@ from .style import INK
 FAR = 0.35  # of the body's size; obstacles farther away are not drawn
 NEAR = 0.1  # of the body's size: what is drawn of an obstacle beyond the picture
 FLAT = 1e-9  # 1 - cosine between normals of a flat obstacle
+ROUND = 4  # marks of an obstacle are those of a body at most so many times as large
 BREAK = 0.5  # relative difference of distance and arc where a new piece begins
 
 
@@ -23,6 +24,11 @@ def hatch(axes, start, end, normal, size: float, colour) -> None:
     axes.add_collection(LineCollection(
         np.stack([points, tips], axis=1), colors=colour, linewidths=0.6))
     axes.update_datalim(tips)
+
+
+def marks_size(points: np.ndarray, size: float) -> float:
+    """The size that marks are scaled by: a small obstacle has small ones."""
+    return min(size, ROUND * np.ptp(points, axis=0).max())
 
 
 def rigid_rows(run: Run, time: float) -> dict | None:
@@ -75,7 +81,7 @@ def draw_obstacles(axes, run: Run, time: float, size: float, factor: float, box:
         return
     start, end, out = (start + away * out)[near], (end + away * out)[near], out[near]
     axes.add_collection(LineCollection(np.stack([start, end], axis=1), colors=INK, linewidths=0.8))
-    hatch(axes, start, end, out, size, INK)
+    hatch(axes, start, end, out, marks_size(start, size), INK)
 
 
 def draw_obstacle(axes, rows: dict, size: float, factor: float, away: float = 0.0,
@@ -109,4 +115,4 @@ def draw_obstacle(axes, rows: dict, size: float, factor: float, away: float = 0.
         out = np.where((out * middle).sum(axis=1, keepdims=True) < 0, -out, out)
         axes.add_collection(LineCollection(np.stack([start, end], axis=1), colors=INK,
                                            linewidths=0.8))
-        hatch(axes, start, end, out, size, INK)
+        hatch(axes, start, end, out, marks_size(points, size), INK)

@@ -742,6 +742,36 @@ def test_magnification_respects_gaps_and_large_displacements(tmp_path):
     assert "displacements to scale" in words(figures.compose("deformed", run))
 
 
+def test_a_slender_body_is_magnified_until_it_bends_visibly(tmp_path):
+    """Bent like a beam 2 x 0.02 its deflection is shown with 8 % of its length, though that is many
+    times its height; squeezed as much it would turn inside out, and a strain of 1/4 is shown.
+    """
+    run = figures.read_run(make_run(tmp_path, steps=1, scene="own", products=6, contact="none"))
+    mesh = run.last
+    mesh.xy = mesh.xy * [1.0, 0.02]
+    x, y = mesh.xy.T
+    mesh.displacement = 1e-6 * np.column_stack([-2 * x * y, x**2])
+    largest = np.linalg.norm(mesh.displacement, axis=1).max()
+    assert 0.08 / math.sqrt(2) <= body.magnification(run) * largest / 2 <= 0.08 * math.sqrt(2)
+    mesh.displacement = np.column_stack([0 * x, -1e-4 * y])
+    assert body._strain(mesh) == pytest.approx(1e-4)
+    assert 0.25 / math.sqrt(2) <= body.magnification(run) * 1e-4 <= 0.25 * math.sqrt(2)
+
+
+def test_a_small_obstacle_has_small_marks():
+    """As those of a body four times its size; those of a large one follow the body."""
+    points = np.array([[0.0, 0.0], [1.0, 0.5]])
+    assert obstacle.marks_size(points, 100.0) == 4.0 and obstacle.marks_size(points, 2.0) == 2.0
+
+
+def test_a_run_without_iterations_has_no_picture_of_them(tmp_path):
+    """Without multipliers one solution is all: an empty diagram would say nothing."""
+    run = figures.read_run(make_run(tmp_path, steps=1, products=6))
+    assert "convergence" in figures.wanted(run)
+    run.convergence["residual"] *= 0
+    assert "convergence" not in figures.wanted(run)
+
+
 def test_a_small_contact_has_a_picture_to_scale(tmp_path):
     run = figures.read_run(make_run(tmp_path, steps=2, scene="own", products=6))
     assert body.contact_window(run) is None
