@@ -111,7 +111,8 @@ def _rows(summary: dict, key: str, first: str, columns: tuple) -> str:
     head = [f"{c.name.replace('_', ' ')} [{unit[c.name]}]".removesuffix(" []").removesuffix(" [1]")
             for c in shown]
     head[0] = first
-    return page.table(head, [[row[c.name] for c in shown] for row in summary.get(key, [])])
+    rows = screen.without_noise(summary.get(key, []), shown)
+    return page.table(head, [[row[c.name] for c in shown] for row in rows])
 
 
 def pictures(folder: Path, captions: dict[str, str] | None = None,
