@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from scipy.spatial import cKDTree
 
 from .layout import map_axes, run_header, shrink_to_body
-from .obstacle import draw_obstacles, pieces
+from .obstacle import draw_obstacles, draw_planes, pieces, rigid_rows
 from .outline import outer
 from .reading import Mesh, Run, select
 from .scales import round_magnification, stress_scale
@@ -215,6 +215,7 @@ def contact_zoom(figure: Figure, run: Run) -> None:
     half = width * scale.factor / 2
     draw_obstacles(axes, run, mesh.time, width * scale.factor, scale.factor,
                    np.array([place - half, place + half]), times=1.0)
+    _planes(axes, run, mesh, moved, width * scale.factor, scale.factor)
     handles = status_nodes(axes, run, mesh, moved)
     if mesh.body.max() > 0 and run.boundary:
         rim = moved[mesh.rim()[0][outer(mesh, run.boundary)]]
@@ -224,6 +225,16 @@ def contact_zoom(figure: Figure, run: Run) -> None:
     axes.set(xlim=(x - half, x + half), ylim=(y - 0.55 * half, y + 0.55 * half))
     run_header(figure, run, f"The contact{run.at(mesh.time)}, displacements to scale", handles)
     shrink_to_body(figure, axes)
+
+
+def _planes(axes, run: Run, mesh: Mesh, moved: np.ndarray, width: float, factor: float) -> None:
+    """Where closed nodes are far from the obstacle's known points, its planes beside them."""
+    rows = rigid_rows(run, mesh.time) if run.obstacle is None else None
+    if rows is None:
+        return
+    closed = select(rows, rows["status"] != "open")
+    node = cKDTree(mesh.xy).query(np.column_stack([closed["x"], closed["y"]]))[1]
+    draw_planes(axes, closed, moved[node], width, factor)
 
 
 def status_nodes(axes, run: Run, mesh: Mesh, moved: np.ndarray) -> list:

@@ -12,6 +12,7 @@ from .style import INK
 FAR = 0.35  # of the body's size; obstacles farther away are not drawn
 NEAR = 0.1  # of the body's size: what is drawn of an obstacle beyond the picture
 FLAT = 1e-9  # 1 - cosine between normals of a flat obstacle
+REACH = 0.2  # of a picture's width: half of what is drawn of a plane
 ROUND = 4  # marks of an obstacle are those of a body at most so many times as large
 BREAK = 0.5  # relative difference of distance and arc where a new piece begins
 
@@ -84,6 +85,22 @@ def draw_obstacles(axes, run: Run, time: float, size: float, factor: float, box:
     hatch(axes, start, end, out, marks_size(start, size), INK)
 
 
+def draw_planes(axes, rows: dict, places: np.ndarray, width: float, factor: float) -> None:
+    """The planes by which contact sees an obstacle that has no point in a picture.
+
+    `rows` are the closed ones of `rigid_rows`, `places` (n, 2) where their nodes are in a picture
+    of this `width`: bodies that have gone far along an obstacle which is linearized.
+    """
+    normal = np.column_stack([rows["normal_x"], rows["normal_y"]])
+    surface = factor * (np.column_stack([rows["x"], rows["y"]]) + rows["gap"][:, None] * normal)
+    if (np.abs(surface[:, None] - places).max(axis=2) < width / 2).any():
+        return
+    along = REACH * width * np.column_stack([-normal[:, 1], normal[:, 0]])
+    start, end = places - along, places + along
+    axes.add_collection(LineCollection(np.stack([start, end], axis=1), colors=INK, linewidths=0.8))
+    hatch(axes, start, end, normal, width, INK)
+
+
 def draw_obstacle(axes, rows: dict, size: float, factor: float, away: float = 0.0,
                   times: float = 0.0) -> None:
     """The surface of the rigid obstacles, hatched, `away` outside of where it is.
@@ -103,10 +120,10 @@ def draw_obstacle(axes, rows: dict, size: float, factor: float, away: float = 0.
             along = np.column_stack([-normal[near][:, 1], normal[near][:, 0]]) * 0.05 * size
             points = np.concatenate([points - along, points + along])
         way = times * factor * np.abs(rows["u_t"][near]).max() if times else 0.0
-        even = np.ptp(gap[near]) < 1e-6 * size
+        along = points[-1] - points[0]
+        along = along / (np.linalg.norm(along) or 1.0)
+        even = np.abs((points - points[0]) @ [-along[1], along[0]]).max() < 1e-6 * size
         if way > 0 and even and (normal[near] @ normal[near[0]] > 1 - FLAT).all():
-            along = points[-1] - points[0]
-            along = along / np.linalg.norm(along)
             points = np.vstack([points[0] - way * along, points[-1] + way * along])
         start, end = points[:-1], points[1:]
         out = right_of(start, end)

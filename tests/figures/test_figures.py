@@ -382,6 +382,31 @@ def test_a_flat_foundation_goes_on_as_far_as_the_body_slides(bent, longer):
     assert (line.min(), line.max()) == pytest.approx((-longer, 2.0 + longer))
 
 
+def test_a_ramp_beside_a_round_body_goes_on_as_well():
+    """Its points lie on a line though the gaps differ."""
+    x = np.linspace(0, 1, 5)
+    contact = {"x": x, "y": x**2 / 9, "normal_x": 0 * x, "normal_y": 0 * x - 1, "gap": x**2 / 9,
+               "arc": x, "u_t": 0.1 + 0 * x}
+    axes = Figure().add_subplot()
+    obstacle.draw_obstacle(axes, contact, 1.0, 1.0, times=1.0)
+    line = np.array(axes.collections[0].get_segments())[:, :, 0]
+    assert (line.min(), line.max()) == pytest.approx((-0.1, 1.1))
+
+
+@pytest.mark.parametrize("far, planes", [(0.0, 0), (3.0, 1)])
+def test_planes_stand_in_for_an_obstacle_that_is_not_in_the_picture(far, planes):
+    """Two nodes that have gone `far` along a floor at y = 0, in a picture 1 wide."""
+    zero = np.zeros(2)
+    rows = {"x": np.array([0.0, 0.1]), "y": zero, "normal_x": zero, "normal_y": zero - 1,
+            "gap": zero}
+    axes = Figure().add_subplot()
+    obstacle.draw_planes(axes, rows, np.array([[far, 0.0], [far + 0.1, 0.0]]), 1.0, 1.0)
+    assert len(axes.collections) == 2 * planes
+    if planes:
+        line, marks = (np.array(drawn.get_segments()) for drawn in axes.collections)
+        assert line[0].min() == 0 == line[:, :, 1].max() and (marks[:, 1, 1] < 0).all()
+
+
 def test_rim_of_the_torn_mesh_is_the_boundary_of_every_subdomain(run):
     edges, _ = run.first.rim()
     length = np.linalg.norm(np.diff(run.first.xy[edges], axis=1), axis=2).sum()
