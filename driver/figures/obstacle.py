@@ -13,7 +13,8 @@ FAR = 0.35  # of the body's size; obstacles farther away are not drawn
 NEAR = 0.1  # of the body's size: what is drawn of an obstacle beyond the picture
 FLAT = 1e-9  # 1 - cosine between normals of a flat obstacle
 REACH = 0.2  # of a picture's width: half of what is drawn of a plane
-ROUND = 4  # marks of an obstacle are those of a body at most so many times as large
+ROUND = 4  # marks of a curved obstacle are those of a body at most so many times as large
+STRAIGHT = 1.2  # length of an obstacle over its extent up to which its marks do not meet
 BREAK = 0.5  # relative difference of distance and arc where a new piece begins
 
 
@@ -27,9 +28,11 @@ def hatch(axes, start, end, normal, size: float, colour) -> None:
     axes.update_datalim(tips)
 
 
-def marks_size(points: np.ndarray, size: float) -> float:
-    """The size that marks are scaled by: a small obstacle has small ones."""
-    return min(size, ROUND * np.ptp(points, axis=0).max())
+def marks_size(start: np.ndarray, end: np.ndarray, size: float) -> float:
+    """The size that marks are scaled by: small ones, where those of a body would fill a curve."""
+    extent = np.ptp(np.concatenate([start, end]), axis=0)
+    straight = np.linalg.norm(end - start, axis=1).sum() < STRAIGHT * np.linalg.norm(extent)
+    return size if straight else min(size, ROUND * extent.max())
 
 
 def rigid_rows(run: Run, time: float) -> dict | None:
@@ -82,7 +85,7 @@ def draw_obstacles(axes, run: Run, time: float, size: float, factor: float, box:
         return
     start, end, out = (start + away * out)[near], (end + away * out)[near], out[near]
     axes.add_collection(LineCollection(np.stack([start, end], axis=1), colors=INK, linewidths=0.8))
-    hatch(axes, start, end, out, marks_size(start, size), INK)
+    hatch(axes, start, end, out, marks_size(start, end, size), INK)
 
 
 def draw_planes(axes, rows: dict, places: np.ndarray, width: float, factor: float) -> None:
@@ -132,4 +135,4 @@ def draw_obstacle(axes, rows: dict, size: float, factor: float, away: float = 0.
         out = np.where((out * middle).sum(axis=1, keepdims=True) < 0, -out, out)
         axes.add_collection(LineCollection(np.stack([start, end], axis=1), colors=INK,
                                            linewidths=0.8))
-        hatch(axes, start, end, out, marks_size(points, size), INK)
+        hatch(axes, start, end, out, marks_size(start, end, size), INK)

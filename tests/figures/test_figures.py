@@ -784,10 +784,12 @@ def test_a_slender_body_is_magnified_until_it_bends_visibly(tmp_path):
     assert 0.25 / math.sqrt(2) <= body.magnification(run) * 1e-4 <= 0.25 * math.sqrt(2)
 
 
-def test_a_small_obstacle_has_small_marks():
-    """As those of a body four times its size; those of a large one follow the body."""
-    points = np.array([[0.0, 0.0], [1.0, 0.5]])
-    assert obstacle.marks_size(points, 100.0) == 4.0 and obstacle.marks_size(points, 2.0) == 2.0
+def test_a_small_round_obstacle_has_small_marks():
+    """As those of a body four times its size; those of a large or a flat one follow the body."""
+    ends = circle(1, np.linspace(0, 2 * np.pi, 33))
+    assert obstacle.marks_size(ends[:-1], ends[1:], 100.0) == pytest.approx(8.0)
+    assert obstacle.marks_size(ends[:-1], ends[1:], 2.0) == 2.0
+    assert obstacle.marks_size(np.zeros((1, 2)), np.array([[1.0, 0.5]]), 100.0) == 100.0
 
 
 def test_a_run_without_iterations_has_no_picture_of_them(tmp_path):
