@@ -6,6 +6,8 @@ from ..contact.boundary import ContactBoundary
 from ..options import Settings
 from ..units import split_unit
 
+SHAPED = {"obstacle", "obstacle_motion", "large_sliding", "bilateral"}  # else it is a mould
+SMOOTH, ROUND = np.cos(np.radians((20, 30)))  # normals of neighbours, and of a label's ends
 DIAMOND = 1e12  # Pa: twice its shear modulus
 COARSE = 0.01  # RTOL beyond which forces are guesses; FRICTION_RTOL: ten times that
 OVERLAP, FACETS = 1e-3, 0.05  # of the boundary's size, of a dual segment: what facets may overlap
@@ -25,10 +27,26 @@ def warnings(boundary: ContactBoundary, declared, displacements: list[float],
         said.append("nothing moves: no load, prescribed displacement or overlap acts on the bodies")
     if "gap" not in declared and len(boundary.gid):
         said += _overlaps(boundary)
+        if not SHAPED & set(declared):
+            said += _moulds(boundary)
     for name, limit in (("rtol", COARSE), ("friction_rtol", 10 * COARSE)):
         if getattr(settings, name) > limit:
             said.append(f"{name.upper()}={getattr(settings, name):g} is so coarse that forces and "
                         f"zones are guesses; {limit:g} is the most that makes sense")
+    return said
+
+
+def _moulds(b: ContactBoundary) -> list[str]:
+    """Of every round boundary whose rigid obstacle has its shape, as none is declared."""
+    said = []
+    for label in np.unique(b.label[~b.paired]):
+        normal = b.normal[(b.label == label) & ~b.paired]
+        turns = np.einsum("ij,ij->i", normal[1:], normal[:-1])
+        if len(turns) and turns.min() > SMOOTH and (normal @ normal[0]).min() < ROUND:
+            said.append(
+                f"contact label {label} is round, and so is what it meets: without gap and "
+                "obstacle a rigid obstacle has the shape of the boundary; declare  macro "
+                "obstacle(x, y) ... //  or, if that is meant, macro gap() 0. //")
     return said
 
 

@@ -94,8 +94,10 @@ def _table(first: str, rows: list[dict], columns: tuple, units: dict[str, str]) 
 def without_noise(rows: list[dict], columns) -> list[dict]:
     """The rows with zeros where a value is rounding beside the largest of its unit."""
     cleaned = [dict(row) for row in rows]
-    for unit in filter(None, {column.unit for column in columns}):
-        names = [column.name for column in columns if column.unit == unit]
+    numbers = [column for column in columns if column.unit and all(
+        isinstance(row[column.name], float) for row in rows)]
+    for unit in {column.unit for column in numbers}:
+        names = [column.name for column in numbers if column.unit == unit]
         least = ROUNDING * max((abs(row[name]) for row in rows for name in names), default=0.0)
         for row in cleaned:
             row |= {name: 0.0 for name in names if abs(row[name]) < least}

@@ -29,6 +29,9 @@ from .request import Request
 from .workspace import Workspace, unconverged
 
 
+NO_FIGURES = ("the figures could not be drawn: {}; 'make figures' draws them from the results")
+
+
 @dataclasses.dataclass
 class Run:
     """A run as a user asks for it; what the entries mean stands in options.TABLE."""
@@ -177,7 +180,8 @@ def _complete(run: Run, work: Path, cycles: list[Path]) -> None:
         _animate(work)
     if run.figures or run.animate:
         _count(work, "figures", time.perf_counter() - clock)
-    report.write(work)
+    _try(lambda: report.write(work), work, "report.html could not be written: {}; 'make report' "
+         "writes it from the results")
     (work / "export" / "freefem.log").rename(work / "freefem.log")
     for folder in ("export", "companions"):  # the latter if a rank has died over the estimates
         shutil.rmtree(work / folder, ignore_errors=True)
@@ -211,15 +215,14 @@ def _animate(work: Path) -> None:
     _try(draw, work)
 
 
-def _try(draw, work: Path) -> None:
-    """Draw; where that fails a line says so, the run's log has more, and the results stay."""
+def _try(make, work: Path, failed: str = NO_FIGURES) -> None:
+    """Make what the results can do without; where it fails a line says so, the log has more."""
     try:
-        draw()
+        make()
     except Exception as problem:  # whatever it is, the results stand
         with contextlib.suppress(OSError), open(work / "run.log", "a") as log:
             traceback.print_exc(file=log)
-        print(f"warning: the figures could not be drawn: {words_of(problem)}; 'make figures' draws "
-              "them from the results", file=sys.stderr)
+        print(f"warning: {failed.format(words_of(problem))}", file=sys.stderr)
 
 
 def _publish(place: Workspace, converged: bool) -> Path:

@@ -60,6 +60,15 @@ def test_a_defect_in_a_step_leaves_the_steps_before(tmp_path, monkeypatch, logs)
     assert not list(logs.iterdir())
 
 
+def test_a_page_that_cannot_be_written_leaves_the_results(tmp_path, monkeypatch, capsys):
+    """As figures that cannot be drawn: a line, and the traceback in the log of the run."""
+    monkeypatch.setattr(run.report, "write", lambda work: {}["no such key"])
+    asked = run.Run.from_pairs(cli.parse_pairs([*WORDS, f"OUT={tmp_path / 'out'}"]))
+    assert run.execute(asked)["converged"]
+    assert "report.html could not be written: 'no such key'" in capsys.readouterr().err
+    assert "Traceback" in (tmp_path / "out" / "run.log").read_text()
+
+
 def test_a_defect_before_any_result_is_one_line(tmp_path, monkeypatch, logs, capsys):
     """As the command line has it: exit status 1, place of the log, nothing left at OUT."""
     spoil(monkeypatch, 1)
