@@ -119,6 +119,9 @@ def file_error(problem: Exception, message: str) -> InputError:
 
 def write_error(problem: OSError) -> InputError:
     """A full disk, a directory that is not writable, ... in one line."""
+    if problem.errno == errno.EPIPE:
+        return InputError("what reads the output has ended: let it read to the end, or give "
+                          "QUIET=yes")
     where = f" ({problem.filename})" if problem.filename else ""
     return file_error(problem, f"writing the results failed: {problem.strerror or problem}{where}")
 

@@ -2,7 +2,9 @@
 stays.
 """
 
+import errno
 import json
+import os
 import runpy
 import subprocess
 import sys
@@ -10,8 +12,8 @@ import tempfile
 
 import pytest
 
-from driver import cli
-from driver.errors import Defect
+from driver import cli, environment
+from driver.errors import Defect, write_error
 from driver.march.quasistatic import QuasistaticSolver
 from driver.runs import launch, run
 
@@ -40,10 +42,16 @@ def logs(tmp_path, monkeypatch):
     return folder
 
 
-def test_a_defect_in_a_step_leaves_the_steps_before(tmp_path, monkeypatch, logs):
-    """They are marked as not converged; results of a converged run stay where they are."""
+def test_a_defect_in_a_step_leaves_the_steps_before(tmp_path, monkeypatch, logs, capsys):
+    """They are marked as not converged; results of a converged run stay where they are, and were
+    left although its page could not be written.
+    """
     asked = run.Run.from_pairs(cli.parse_pairs([*WORDS, f"OUT={tmp_path / 'out'}"]))
-    run.execute(asked)
+    with monkeypatch.context() as patch:
+        patch.setattr(run.report, "write", lambda work: {}["no such key"])
+        assert run.execute(asked)["converged"]
+    assert "report.html could not be written: 'no such key'" in capsys.readouterr().err
+    assert "Traceback" in (tmp_path / "out" / "run.log").read_text()
     spoil(monkeypatch, 3)
     with pytest.raises(Defect) as raised:
         run.execute(asked)
@@ -58,15 +66,6 @@ def test_a_defect_in_a_step_leaves_the_steps_before(tmp_path, monkeypatch, logs)
     assert "Traceback" in (left / "run.log").read_text()
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["converged"]
     assert not list(logs.iterdir())
-
-
-def test_a_page_that_cannot_be_written_leaves_the_results(tmp_path, monkeypatch, capsys):
-    """As figures that cannot be drawn: a line, and the traceback in the log of the run."""
-    monkeypatch.setattr(run.report, "write", lambda work: {}["no such key"])
-    asked = run.Run.from_pairs(cli.parse_pairs([*WORDS, f"OUT={tmp_path / 'out'}"]))
-    assert run.execute(asked)["converged"]
-    assert "report.html could not be written: 'no such key'" in capsys.readouterr().err
-    assert "Traceback" in (tmp_path / "out" / "run.log").read_text()
 
 
 def test_a_defect_before_any_result_is_one_line(tmp_path, monkeypatch, logs, capsys):
@@ -91,3 +90,14 @@ def test_a_defect_on_a_rank_is_one_line(logs):
     assert log.read_text() == words and str(log) in str(error)
     killed = launch._why_no_answer(subprocess.CompletedProcess([], 137, "", "mpirun noticed ..."))
     assert killed.exit_status == 2
+
+
+def test_an_output_that_nobody_reads_any_more_is_no_disk_error():
+    """As with make run | head: the run stops with a line that says why, help without one."""
+    assert "reads the output" in str(write_error(BrokenPipeError(errno.EPIPE, "Broken pipe")))
+    reading, writing = os.pipe()
+    os.close(reading)
+    done = subprocess.run([sys.executable, "-m", "driver.options"], cwd=environment.ROOT,
+                          stdout=writing, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(writing)
+    assert done.returncode == 0 and not done.stderr
