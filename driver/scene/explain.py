@@ -166,6 +166,9 @@ def _misunderstood(error: re.Match, lines: list[str], scene: Path, folder: Path)
             return f"{place} lacks its ;"
         return (f"{_uses(scene, wrapper)}: FreeFEM does not understand what {wrapper} is "
                 f"given{token}")
+    if name := _holding(error[4].strip(), path, scene):
+        return (f"{_place(scene, rf'macro {name}')}: FreeFEM does not understand {name}{token}"
+                f"{remedy}")
     if path.suffix not in (".edp", ".idp"):  # the end of the file
         path = scene
     said = next((words for start, words in MISTAKES if any(map(start.match, lines))), "")
@@ -177,6 +180,18 @@ def _misunderstood(error: re.Match, lines: list[str], scene: Path, folder: Path)
     elif said == "syntax error" and (unfinished := _unfinished(scene, path.name, int(number))):
         said = f"syntax error; line {unfinished} may lack its ;"
     return f"FreeFEM failed in {path.name} line {number}{token}: {said}{remedy}"
+
+
+def _holding(token: str, path: Path, scene: Path) -> str:
+    """The first macro of the scene with the token at which FreeFEM trips over a line of the
+    library's, which the macro's content was put into; "" for none.
+    """
+    files = grammar.sources(scene)
+    if not token or path.suffix != ".idp" or any(file.path.name == path.name for file in files):
+        return ""
+    word = rf"(?<!\w){re.escape(token)}(?!\w)"
+    return next((macro.name for file in files for macro in grammar.definitions(file)
+                 if macro.name in rooms.vocabulary() and re.search(word, macro.content)), "")
 
 
 def _form(code: str) -> str:

@@ -15,6 +15,7 @@ from .grammar import declared_names
 from .manifest import Manifest
 
 OWN_FILES = ("scene.idp", "export.idp", "gmsh.idp")  # includes of a scene that declare nothing
+OPERATORS = {"and": "&&", "or": "||"}
 # whole numbers alone: what multiplies or divides them before makes another quotient
 WHOLE_QUOTIENT = r"(?<![\w.^*/)\]\s])\s*\b(\d+)\s*/\s*(\d+)(?![\w.])"
 DECLARATION = r"^(?!macro)(?:func )?\w+(?:\[[^\]]*\])? ([^;\n]*)"  # global: type, declarators
@@ -150,6 +151,8 @@ def _statement_fault(code: str) -> str:
     if alone := re.search(r"\bon\(([\w\s,+-]*)\)", code):
         return (f"{alone[0]} holds no displacement: name components and values, as in "
                 "on(4, u1 = 0., u2 = 0.)")
+    if python := re.search(r"[\w)\].]\s+(and|or)\s+[\w(!]", code):
+        return f"'{python[1]}' is no operator of FreeFEM: it writes {OPERATORS[python[1]]}"
     if "**" in code:
         return "** is no operator of FreeFEM: powers are x^2"
     content = re.sub(r"^\s*macro\s+\w+\s*(\([^()]*\))?", "", code)

@@ -101,6 +101,8 @@ def test_a_macro_that_does_not_end(said, name):
     ("rectangle(0., 2., 0., 1.);", "rectangle(0., 2., 0., 1.]);", "a ']' too many, or the wrong"),
     ("quasistatic(1.);", "for (int i = 0; i < 2; ++i) { quasistatic(1.);", "'{' is not closed"),
     ("on(4, u1 = 0., u2 = 0.)", "on(4)", "on(4) holds no displacement"),
+    ("macro contact", "/* macro contact", "not closed by */"),
+    ("friction() F", "friction() (x > 1. and y < 1. ? F : 0.)", "it writes &&"),
     ("2., -10.", "2.*x**2, -10.", "powers are x^2"), ("0.3 //", "3/10 //", "is 0: write 3./10"),
     ("amplitude1(t) t", "amplitude1(t) t^(1/2)", "is 0: write 1./2"),
 ])
@@ -242,6 +244,13 @@ def test_a_body_may_be_called_body_and_added(tmp_path):
 def test_a_statement_without_its_end_is_found(said):
     """FreeFEM names the next statement, which comes behind all macros."""
     assert f"line {line_of('quasistatic')} may lack its ;" in said(("(1.);", "(1.)"))
+
+
+def test_a_token_in_a_line_of_the_library_is_that_of_a_macro(said):
+    """The line has the scene's own words in it; the message names where they stand."""
+    message = said(("2., -10.", "2., -10.%%x"))
+    assert "FreeFEM does not understand load1 before token %" in message
+    assert place(message) == line_of("macro load1")
 
 
 BODY = ("rectangle(0., 2., 0., 1.);", "{}")
