@@ -291,7 +291,7 @@ class Companions:
         return parts | self._unknown()
 
     def _unknown(self) -> dict[str, Part]:
-        """Parts of the quantities of which a mesh that does not resolve the solution tells no error.
+        """Parts of what a mesh that does not resolve the solution tells no error of.
 
         Where contact opens and slips between its few nodes coarser meshes may agree by chance; of
         resultants and displacements equilibrium and adjoint problems see the whole body's error,
