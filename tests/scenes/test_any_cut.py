@@ -154,3 +154,32 @@ def test_numbers_of_subdomains_that_cannot_be_meant_are_refused(solved, variant,
 def test_more_subdomains_than_triangles_are_refused(solved, one_mesh):
     refused = solved(one_mesh("model"), subdomains=65)
     assert refused.status == 2 and "65 subdomains of 64 triangles" in refused.reason
+
+
+SLIT = """include "scene.idp"
+border a0(t=0, 1) { x = 2*t; y = 0.; label = 2; }
+border a1(t=0, 1) { x = 2.; y = 0.4995*t; label = 3; }
+border a2(t=0, 1) { x = 2. - t; y = 0.4995; label = 9; }
+border a3(t=0, 1) { x = 1.; y = 0.5 + 0.001*(t - 0.5); label = 9; }
+border a4(t=0, 1) { x = 1. + t; y = 0.5005; label = 9; }
+border a5(t=0, 1) { x = 2.; y = 0.5005 + 0.4995*t; label = 6; }
+border a6(t=0, 1) { x = 2. - 2*t; y = 1.; label = 4; }
+border a7(t=0, 1) { x = 0.; y = 1. - t; label = 5; }
+body = buildmesh(a0(20) + a1(5) + a2(10) + a3(1) + a4(10) + a5(5) + a6(20) + a7(10));
+macro young() 1000. //
+macro poisson() 0.3 //
+macro support() on(5, u1 = 0., u2 = 0.) //
+macro load1() traction(6, 0., 1.) + traction(3, 0., -1.) //
+macro contact() 2 //
+macro friction() 0.3 //
+include "export.idp"
+"""
+
+
+@pytest.mark.parametrize("element, cuts", [
+    ("P1", (1, 5, "10x1")),
+    pytest.param("P2", (1, 5, "10x1", "3x1"), marks=pytest.mark.slow)])
+def test_a_slit_much_narrower_than_triangles(solved, named_scene, element, cuts):
+    """The faces of a slit stay apart, in subdomains with both of them and none of its end, too."""
+    runs = compare(solved, named_scene("slit", SLIT), {"element": element}, cuts)
+    assert runs[0].history["max_displacement"][-1] > 0.01  # the upper half bends off
