@@ -43,7 +43,8 @@ from enum import IntEnum
 
 import numpy as np
 
-from .sharing import least_friction
+from .beside import Beside, beside
+from .sharing import alike, least_friction
 
 MOST = 12  # changes of a corner's state in one step
 AGAIN = 2  # changes after which it stands where both would press
@@ -88,6 +89,8 @@ class CornerNodes:
     offset: np.ndarray
     gap: np.ndarray
     directions: np.ndarray  # (v, 2, 2) normals
+    exact: np.ndarray  # (v,) rows depend exactly: the same force in others of them moves nothing
+    beside: Beside | None  # where corners lie between bodies
     acting: np.ndarray = field(init=False)
     switches: np.ndarray = field(init=False)
     rested: np.ndarray = field(init=False)  # (v,) was in its corner at the end of the step before
@@ -240,15 +243,22 @@ class CornerNodes:
         """
         shared, inside = x.copy(), np.zeros(len(self.nodes), int)
         acting = np.zeros(len(self.nodes), int)
+        near = None if self.beside is None else self.beside.forces(x, comm)
         for v in np.flatnonzero(self.normal[:, 0] >= 0):
             n, t = self.normal[v], self.tangential[v]
             acting[v] = self.acting[v]
             if self.alone[v] or (np.abs(gradient[n]) > TOUCHES * deformation[n]).any():
                 continue
             force, inside[v] = self._force(v, x), 1
+            if not self.exact[v]:
+                continue
             parts = self._parts(v, force, -gradient[t], rows, SLIPS * deformation[t])
             if parts is None or not self._able(v, parts[0]).all():
-                parts = self._shared_at_rest(v, force, rows)
+                if near is not None and self.beside.known[v]:
+                    parts = alike(force, self.directions[v], *self._law(v, rows),
+                                  self.bilateral[v], near[v])
+                else:
+                    parts = self._shared_at_rest(v, force, rows)
             if parts is not None:
                 shared[n], shared[t[t >= 0]] = parts[0], parts[1][t >= 0]
                 acting[v] = self._state_of(v, force, rows)
@@ -348,7 +358,7 @@ def corner_nodes(structure, in_tangential: np.ndarray, law) -> CornerNodes | Non
     contact, (start, stop) = structure.contact, structure.row_range
     if not len(contact.corners):
         return None
-    nodes, rank = contact.corners[:, :2], contact.corners[:, 2]
+    nodes, rank, exact = contact.corners[:, :2], contact.corners[:, 2], contact.corners[:, 3]
     normal, tangential = contact.normal_row[nodes], contact.tangential_row[nodes]
 
     def owned(rows: np.ndarray) -> np.ndarray:
@@ -357,4 +367,5 @@ def corner_nodes(structure, in_tangential: np.ndarray, law) -> CornerNodes | Non
     offset = np.zeros(len(contact.gid)) if law.offset is None else law.offset
     return CornerNodes(nodes, owned(normal), owned(tangential), in_tangential[nodes], rank == 1,
                        law.bilateral[nodes], offset[nodes], contact.gap[nodes],
-                       contact.normal[nodes])
+                       contact.normal[nodes], exact == 1,
+                       beside(contact, nodes, owned) if contact.paired[nodes].any() else None)

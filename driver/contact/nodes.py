@@ -120,7 +120,7 @@ def _node_of_parts(label, gid, family, normal, xy, turn: float) -> np.ndarray:
                                  return_inverse=True)
     apart = (normal * normal[first[vertex]]).sum(axis=1) < turn
     node = 2 * vertex
-    for kinked in np.unique(vertex[apart & (family == 0)]):
+    for kinked in np.unique(vertex[apart]):
         parts = np.flatnonzero(vertex == kinked)
         # in an order that does not depend on the cut
         parts = parts[np.lexsort((np.arctan2(*normal[parts].T), label[parts]))]

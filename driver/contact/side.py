@@ -100,6 +100,27 @@ class Side:
         return _unit(total)
 
 
+def split(edges: np.ndarray, edge_normal: np.ndarray, vertex: np.ndarray,
+          facing: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Edges (e, 2 or 3) of a side whose corners are two vertices, one of each flank.
+
+    Its contact nodes lie at `vertex` (n,) and face as `facing` (n, 2); where two have one vertex,
+    that of the second becomes a new one, at the ends of the edges that face more like it. Also the
+    vertices (k,) that the new ones, numbered on, are copies of, and the (n,) vertices of the nodes.
+    """
+    order = np.argsort(vertex, kind="stable")
+    twin = vertex[order][1:] == vertex[order][:-1]
+    one, two = order[:-1][twin], order[1:][twin]
+    copied, vertex, edges = vertex[two], vertex.copy(), edges.copy()
+    new = edges.max(initial=-1) + 1 + np.arange(len(two))
+    vertex[two] = new
+    for old, number, ahead in zip(copied, new, facing[two] - facing[one]):
+        e, end = np.nonzero(edges == old)
+        own = edge_normal[e] @ ahead > 0
+        edges[e[own], end[own]] = number
+    return edges, copied, vertex
+
+
 def rises(xy: np.ndarray) -> dict[str, np.ndarray]:
     """`chord` and `rise` of a Side with edges at xy (e, 3, 2), nothing if they are straight."""
     if not sides.are_curved(xy):
