@@ -8,6 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
 from ..scene import sides
 from ..scene.elements import cross
 from .axis import on_axis, smooth_normals
@@ -119,6 +122,28 @@ def split(edges: np.ndarray, edge_normal: np.ndarray, vertex: np.ndarray,
         own = edge_normal[e] @ ahead > 0
         edges[e[own], end[own]] = number
     return edges, copied, vertex
+
+
+def before_flanks(first: Side, twins: np.ndarray, second_normal: np.ndarray) -> np.ndarray:
+    """(e, o) whether edges of the first side are before edges with `second_normal` (o, 2).
+
+    At a corner, whose two vertices are `twins` (k, 2), what opposes one flank more than the other
+    is not before the other: beyond the end of a flank in a corner that is not quite filled its
+    normals meet the other flank's side askew.
+    """
+    edges = first.edges
+    able = np.ones((len(edges), len(second_normal)), bool)
+    graph = coo_matrix((np.ones(len(edges)), edges[:, :2].T), shape=(len(first.xy),) * 2)
+    piece = connected_components(graph, directed=False)[1]
+    for pair in twins:
+        (here,), (there,) = (np.flatnonzero((edges[:, :2] == vertex).any(axis=1))[:1]
+                             for vertex in pair)
+        if piece[pair[0]] == piece[pair[1]]:
+            continue
+        away = second_normal @ (first.edge_normal[there] - first.edge_normal[here])
+        for vertex, other in ((pair[0], away < 0), (pair[1], away > 0)):
+            able[np.ix_(piece[edges[:, 0]] == piece[vertex], other)] = False
+    return able
 
 
 def rises(xy: np.ndarray) -> dict[str, np.ndarray]:

@@ -5,7 +5,7 @@ import copy
 import numpy as np
 
 from ..contact import mortar
-from ..contact.side import Side, rises, sagitta, split
+from ..contact.side import Side, before_flanks, rises, sagitta, split
 from ..contact.boundary import Configuration, held_nodes
 from ..errors import InputError
 from ..feti.gathering import gather
@@ -77,12 +77,15 @@ class PairSides:
         <= gap has as much room at u = w as there is distance then: gap = distance + n . [w].
         """
         labels, other_labels = zip(*pairs)
-        first, gids, one, places = self._side(labels, nodes, facing)
-        second, others, two, _ = self._side(other_labels)
+        first, gids, one, places, twins = self._side(labels, nodes, facing)
+        second, others, two, *_ = self._side(other_labels)
+        able = mortar.meets(one, two, pairs)
+        if len(twins):
+            able &= before_flanks(first, twins, second.edge_normal)
         sharp = np.zeros(len(gids), bool)
         sharp[places] = corner
         pair = mortar.couple(first, second, held_nodes(gids, self.fixed),
-                             mortar.meets(one, two, pairs), reach, sharp if sharp.any() else None)
+                             able, reach, sharp if sharp.any() else None)
         if not pair.weight.any() and reach is None:
             one, two = pairs[0]
             raise InputError(
@@ -104,13 +107,15 @@ class PairSides:
               facing: np.ndarray = np.zeros((0, 2))):
         """The Side about `about`, with the initial geometry's lengths and radii.
 
-        Also gids of its nodes, labels of its edges, and which of its nodes the contact `nodes` are.
+        Also gids of its nodes, labels of its edges, which of its nodes the contact `nodes` are, and
+        its nodes (k, 2) that are the two of a corner.
         """
         here = np.isin(self.label, labels)
         gids, first, inverse = np.unique(self.gid[here], return_index=True, return_inverse=True)
         xy, u = self.xy[here], self.u[here].copy()
         edges = inverse.reshape(-1, self.nodes)
         edges, copied, places = split(edges, _normals(xy), np.searchsorted(gids, nodes), facing)
+        twins = np.column_stack([copied, len(gids) + np.arange(len(copied))])
         first, gids = np.append(first, first[copied]), np.append(gids, gids[copied])
         length = np.linalg.norm(xy[:, 1] - xy[:, 0], axis=1)
         radius = xy.reshape(-1, 2)[first, 0] if self.axisymmetric else None
@@ -129,7 +134,7 @@ class PairSides:
         if self.nodes == 2:
             bow = rise[:, None] * normal
         side = Side(xy.reshape(-1, 2)[first], edges, normal, bow, length, radius, **curved)
-        return side, gids, self.label[here], places
+        return side, gids, self.label[here], places, twins
 
 
 def _normals(xy: np.ndarray) -> np.ndarray:

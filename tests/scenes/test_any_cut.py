@@ -29,7 +29,7 @@ OPTIONS = {
     "model-frictionless": STEPS, "model-tresca": STEPS, "patch-bodies": {"h": 0.2},
     "pin": {"h": 1}, "pressfit": {"h": 2}, "punch": {"h": 0.1, "steps": 3},
     "stack": {**STEPS, "h": 0.2}, "thermal": STEPS, "tutorial": {**STEPS, "h": 4},
-    "wedge": {**STEPS, "h": 5}, "zones": STEPS, "hard/block": STEPS, "hard/cycles": STEPS,
+    "wedge": {**STEPS, "h": 5}, "zones": STEPS, "hard/block": STEPS, "hard/cycles": {"steps": 8},
     "hard/fibre": STEPS, "hard/held": {**STEPS, "n": 6}, "hard/hole": STEPS,
     "hard/pair": {**STEPS, "h": 0.25},
     "hard/pieces": {**STEPS, "nx": 8, "ny": 4}, "hard/slope": {**STEPS, "n": 6},
