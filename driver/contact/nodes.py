@@ -80,7 +80,7 @@ def merge_parts(table: np.ndarray, columns: list[str], pairs: list,
     `one_a_vertex`: whatever their directions, all parts at a vertex are one node. In scenes with
     `curved` sides weights count along the node's normal: normal times weight is the force of a
     uniform pressure there, of bodies of revolution that on the ring. Raises InputError where a
-    vertex has more than two directions on rigid obstacles.
+    vertex has more than two directions.
     """
     label, gid = table[:, :2].T.astype(np.int64)
     normal = table[:, 3:5] / np.linalg.norm(table[:, 3:5], axis=1)[:, None]
