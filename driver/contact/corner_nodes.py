@@ -36,9 +36,9 @@ alone do not tell apart. So the end of a step does not know in which one it got 
 its corner both sides have rubbed on the way, each obeys Coulomb's law with that slip; one that was
 there a step ago and still is has not slid, whatever the errors of two steps add up to, and is held
 with the least friction; between bodies with the forces nearest to those that the tractions of the
-next nodes would make (beside.py), as one stress on both sides of the corner asks for. Where rows of
-pairs depend only nearly, as where a gap is left in the corner, forces stay in the rows of the state.
-The next step starts with the force in the rows of its state (`own`).
+next nodes would make (beside.py), as one stress on both sides of the corner asks for. Where rows
+between bodies depend only nearly, as they do with a gap left in the corner, forces stay in the rows
+of the state. The next step starts with the force in the rows of its state (`own`).
 """
 
 from dataclasses import dataclass, field
