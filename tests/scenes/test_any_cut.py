@@ -23,17 +23,19 @@ EDP = environment.ROOT / "edp"
 # coarse meshes and few steps; scenes that are not named here have no steps to choose
 STEPS = {"steps": 4}
 OPTIONS = {
-    "bar": STEPS, "bracket": {**STEPS, "h": 8}, "cohesion": STEPS, "hertz": {"h": 0.004},
-    "hertz-bodies": {"h": 0.004}, "joint": {"h": 2, "steps": 5},
+    "bar": STEPS, "bimetal": {"h": 0.5}, "bracket": {**STEPS, "h": 8},
+    "brake-pad": {"h": 2, "steps": 6}, "cohesion": STEPS, "dovetail": {"h": 1, "steps": 6},
+    "drag": {"h": 1, "steps": 8}, "hertz": {"h": 0.004}, "hertz-bodies": {"h": 0.004},
+    "indenter": {"h": 0.5, "steps": 6}, "joint": {"h": 2, "steps": 5},
     "mindlin": {"h": 0.004, "steps": 5}, "mindlin-bodies": {"steps": 3, "h": 0.05}, "model": STEPS,
-    "model-frictionless": STEPS, "model-tresca": STEPS, "patch-bodies": {"h": 0.2},
-    "pin": {"h": 1}, "pressfit": {"h": 2}, "punch": {"h": 0.1, "steps": 3},
-    "stack": {**STEPS, "h": 0.2}, "thermal": STEPS, "tutorial": {**STEPS, "h": 4},
-    "wedge": {**STEPS, "h": 5}, "zones": STEPS, "hard/block": STEPS, "hard/cycles": {"steps": 8},
-    "hard/fibre": STEPS, "hard/held": {**STEPS, "n": 6}, "hard/hole": STEPS,
-    "hard/pair": {**STEPS, "h": 0.25},
-    "hard/pieces": {**STEPS, "nx": 8, "ny": 4}, "hard/slope": {**STEPS, "n": 6},
-    "hard/tower": STEPS, "hard/wedge": {**STEPS, "n": 6},
+    "model-frictionless": STEPS, "model-tresca": STEPS, "o-ring": {"h": 0.08, "steps": 6},
+    "patch-bodies": {"h": 0.2}, "pin": {"h": 1}, "pressfit": {"h": 2},
+    "punch": {"h": 0.1, "steps": 3}, "roller": {"h": 0.5, "steps": 6}, "stack": {**STEPS, "h": 0.2},
+    "thermal": STEPS, "tutorial": {**STEPS, "h": 4}, "wedge": {**STEPS, "h": 5}, "zones": STEPS,
+    "hard/block": STEPS, "hard/cycles": {"steps": 8}, "hard/fibre": STEPS,
+    "hard/held": {**STEPS, "n": 6}, "hard/hole": STEPS, "hard/pair": {**STEPS, "h": 0.25},
+    "hard/pieces": {**STEPS, "nx": 8, "ny": 4}, "hard/revolved": {"steps": 8},
+    "hard/slope": {**STEPS, "n": 6}, "hard/tower": STEPS, "hard/wedge": {**STEPS, "n": 6},
 }
 SCENES = sorted(path.relative_to(EDP).with_suffix("").as_posix()
                 for path in (*EDP.glob("*.edp"), *EDP.glob("hard/*.edp")))
