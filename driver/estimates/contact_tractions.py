@@ -7,7 +7,8 @@ class ContactTractions:
     """Tractions t* of rigid obstacles in the cone, linear on edges between the computed nodal ones.
 
     Arrays over the nodes: those of the contact boundary, then the clamped ones. A node has no
-    traction of its own in a direction that a support holds, and takes its neighbours' mean.
+    traction of its own in a direction that a support holds, and takes its neighbours' mean: of the
+    pressure, and of the part of the friction bound that the shear is.
     """
 
     def __init__(self, contact, state: dict, move: np.ndarray, step_move: np.ndarray,
@@ -34,7 +35,11 @@ class ContactTractions:
         self.bound = continued(self.node, bound, self.own_normal)
         self.shear = np.zeros(len(self.gid))
         if contact.frictional:
-            self.shear = continued(self.node, sigma_t, self.own_tangential)
+            # what a support holds there is its own: of t* the part of the bound goes on, so that
+            # no work is missed, on a way of any length, beside nodes that all slide
+            part = sigma_t / np.where(bound > 0, bound, np.inf)
+            part = continued(self.node, part, self.own_tangential)
+            self.shear = np.where(self.own_tangential, sigma_t, part * self.bound)
             self.shear = np.clip(self.shear, -self.bound, self.bound)
         self.bilateral = contact.law.bilateral
         self.before = state["u_t"] - state["slip"]

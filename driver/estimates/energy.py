@@ -155,11 +155,17 @@ def report(estimates: list[tuple[Step, Estimate]], kind: str, left_out=(), why: 
             **named}
 
 
-def of_time(budget: dict) -> dict:
+def of_time(budget: dict, energy: dict) -> dict:
     """What time steps add in the energy norm, {"time": ...}, by the `budget` of the quantities.
 
-    Empty where it is not known. What dissipated energies of two evolutions differ by is taken for
-    the elastic energy of their difference, half the square of its norm: an estimate.
+    What dissipated energies of two evolutions differ by is taken for the elastic energy of their
+    difference, half the square of its norm: an estimate. Empty where the difference is not known,
+    or where friction has taken more than the bodies ever store by `energy`, the entry of the
+    summary: on a way that is long beside the deformation its work errs by the force times what the
+    steps miss of the way, of which nothing is stored.
     """
-    error = budget.get("dissipated_energy", {}).get("time")
-    return {} if error is None else {"time": float(np.sqrt(2 * error))}
+    work = budget.get("dissipated_energy", {})
+    norm = max(entry.get("norm", 0.0) for entry in (energy, energy.get("largest", {})))
+    if work.get("time") is None or 2 * work["value"] > norm**2:
+        return {}
+    return {"time": float(np.sqrt(2 * work["time"]))}

@@ -296,8 +296,7 @@ def _budget(errors: dict, directory: Path, request: Request, problem: Problem, w
         companions = Companions(levels, problem, settings, record, sizes, errors["energy"])
         parts = assess(errors, companions)
         errors["adjoint"] = said
-        if problem.structure.contact.following is None:  # else friction takes most on long ways
-            errors["energy"] |= of_time(errors["quantities"])
+        errors["energy"] |= of_time(errors["quantities"], errors["energy"])
         errors["prices"] = price_list(companions, parts, errors["quantities"], request.quantity,
                                       took, *memory, lambda: time.perf_counter() - lap.last)
     finally:

@@ -9,6 +9,7 @@ import pytest
 from bounds import expected_total, true_error
 from driver.estimates import budget
 from driver.estimates.bound import COULOMB, EARLIER, coupling
+from driver.estimates.energy import of_time
 
 
 def test_parts_answer_to_their_own_knob(estimated):
@@ -88,6 +89,36 @@ def test_what_coulombs_law_and_time_add_is_named_beside_the_bound(solved):
     assert "Coulomb's law about" in words[1] and EARLIER in words[2]
     given = solved("model-tresca", cells=3, steps=1, errors="energy").summary["errors"]["energy"]
     assert given["coupling"] == 0 and not {EARLIER, COULOMB} & set(given["excluded"])
+
+
+def test_a_long_way_adds_nothing_to_the_error_of_what_is_stored(solved, tmp_path):
+    """A pad whose ends are held in x slides steadily: its stresses do not know how far.
+
+    The bound is at most that of a way of a hundredth: beside the ends all shear is F |sigma_n|, of
+    which the friction bound misses nothing. Work of friction on it says nothing of what is stored.
+    """
+    scene = tmp_path / "pad.edp"
+    scene.write_text("""include "scene.idp"
+real way = physical("way", 5.);
+rectangle(0., 7., 0., 3.);
+quasistatic(1.);
+macro young() 800. //
+macro poisson() 0.25 //
+macro support() on(2, u1 = 0.) + on(4, u1 = 0.) //
+macro load1() pressure(3, 3.) //
+macro contact() 1 //
+macro friction() 0.35 //
+macro obstacleX(t) way*t //
+include "export.idp"
+""")
+    near, far = (solved(str(scene), way=way, cells=6, steps=3, errors="energy")
+                 .summary["errors"]["energy"] for way in (5.0, 500.0))
+    assert far["total"] == pytest.approx(near["total"], rel=0.05) and far["relative"] < 0.1
+    stored = far["norm"] ** 2 / 2
+    for taken in (0.5, 2.0):
+        work = {"dissipated_energy": {"value": taken * stored, "time": 0.01 * stored}}
+        assert of_time(work, far) == ({"time": pytest.approx(0.02**0.5 * stored**0.5)}
+                                      if taken < 1 else {})
 
 
 def test_any_number_of_ranks_gives_the_same_estimate(solved):
