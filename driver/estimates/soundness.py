@@ -1,4 +1,4 @@
-"""What a run must report: elements that lock, digits of coordinates lost far from the origin.
+"""What a run must report: elements that lock, digits lost far from the origin, loads edges miss.
 
 Locking. In a nearly incompressible material (Lame's lambda far above mu) P1 elements have more
 volumes to keep than displacements to keep them with, and P2 elements hardly less. They answer with
@@ -29,13 +29,36 @@ DOMINANCE = 4.0
 TIMES = 3.0
 NOTICEABLE = 0.1
 MIXED = "P2-mixed"  # the element that does not lock
+UNSEEN = 1e-3  # part of a load by which quadrature may change it without a word
 FAR = 1e3  # body lengths from the origin: three digits
 
 
 def warnings(problem, step) -> list[str]:
     """Warnings about the solved `problem` and its finished `step`, if any; collective."""
     return [*(locking(problem, step) if step else []),
-            *lost_digits(problem.structure, problem.operator.comm)]
+            *lost_digits(problem.structure, problem.operator.comm), *unseen_loads(problem)]
+
+
+def unseen_loads(problem) -> list[str]:
+    """A line for every load that jumps, or bends much, between the quadrature points of edges.
+
+    Five points an edge would find other nodal forces than three: the sizes of the differences, over
+    those of the forces, tell that edges miss or double some of the load, and its order of size.
+    """
+    subs, lines = problem.structure.subdomains, []
+    for k, pattern in enumerate(problem.manifest.patterns):
+        if pattern["given_on"] != "edges":
+            continue
+        parts = [(float(sub.unseen[k]), float(np.abs(sub.loads[k]).sum())) for sub in subs]
+        everywhere = problem.operator.comm.allgather(parts)
+        unseen, force = np.sum([part for parts in everywhere for part in parts], axis=0)
+        if unseen > UNSEEN * force:
+            lines.append(
+                f"load{pattern['amplitude']} jumps inside an edge, or is too steep for the mesh: "
+                f"three or five points an edge differ by {100 * unseen / force:.1g} % of its "
+                "forces, and its resultant errs by as much or some times that; let it end where "
+                "a label ends, or take a finer mesh there")
+    return lines
 
 
 def locking(problem, step) -> list[str]:

@@ -73,6 +73,7 @@ def _subdomains(stack: dict, head: Head, manifest: Manifest, pieces: "_Pieces",
         loads[:, k] = values
     edge_loads = {k: values.reshape(len(gid), -1, 2, 2)
                   for k, values in _by_pattern(stack, head, "edge_load").items()}
+    unseen = {k: values[:, 0] for k, values in _by_pattern(stack, head, "unseen").items()}
     body_loads = _body_loads(stack, head, common, xy)
     _check_distributed(loads, edge_loads, body_loads, common, xy, place)
     suppressed = _suppressed(stack, head, manifest)
@@ -88,6 +89,7 @@ def _subdomains(stack: dict, head: Head, manifest: Manifest, pieces: "_Pieces",
                       **springs.stiffened(piece, _of_record(fields, s)),
                       edge_label=stack["edge_label"][s], thermal=_of_record(suppressed, s),
                       loads=loads[s], edge_loads=_of_record(edge_loads, s),
+                      unseen=_of_record(unseen, s),
                       body_loads=_of_record(body_loads, s), fixed=stack["fixed"][s],
                       fixed_values=fixed_values[s], contact=contact[s],
                       fields=_of_record(fields, s),

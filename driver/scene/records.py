@@ -58,8 +58,9 @@ def pattern_layout(given_on: str, head: Head, manifest: Manifest) -> list[tuple[
 
     ``edp/lib/given/<given_on>.idp`` writes them.
     """
-    if given_on == "edges" and manifest.element == "P1":
-        return [("edge_load", 4 * head.edges)]
+    if given_on == "edges":
+        moments = [("edge_load", 4 * head.edges)] if manifest.element == "P1" else []
+        return [*moments, ("unseen", 1)]
     if given_on == "triangles" and manifest.element == "P1":
         return [(f"body_load_{factor}", 2 * head.triangles) for factor in "1xy"]
     if given_on == "initial_stress":

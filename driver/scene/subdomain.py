@@ -73,6 +73,8 @@ class Subdomain:
     # (n_v, 3) stiffness xx, xy, yy of the nodes' springs, which `values` has too; None without any
     springs: np.ndarray | None = None
     curved: bool = False  # middles of some sides are off the chord
+    # of patterns on edges the sum of sizes by which nodal forces change with the quadrature
+    unseen: dict[int, float] = field(default_factory=dict)
 
     @property
     def dofs(self) -> int:

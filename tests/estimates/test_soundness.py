@@ -52,3 +52,27 @@ def test_locking_does_not_depend_on_ranks(solved):
 @pytest.mark.parametrize("x0, far", [(0, False), (1000, False), (1e4, True), (-1e6, True)])
 def test_lost_digits(solved, x0, far):
     assert said(solved("hard/block", **QUICK, X0=x0), "digits") == far
+
+
+def test_a_load_that_jumps_inside_an_edge(solved, tmp_path):
+    """Three points an edge see 0, 5, 13 or 18 eighteenths of it: what they miss is said.
+
+    The edges of the top are 0.25 long and the pressure ends at 0.31, in the first quarter of the
+    second; with straight lines instead nothing is missed.
+    """
+    block = tmp_path / "jump.edp"
+    text = """include "scene.idp"
+body = square(4, 4);
+macro young() 1e3 //
+macro poisson() 0.3 //
+macro support() on(1, u1 = 0., u2 = 0.) //
+macro load3() traction(3, 0., PRESSED) //
+include "export.idp"
+"""
+    quick = {"SUBDOMAINS": "3", "ERRORS": "no"}
+    for pressed, lost in ("(x < 0.31 ? -9. : 0.)", 0.31 - 0.25 * (1 + 5 / 18)), ("-9.*x", 0.0):
+        block.write_text(text.replace("PRESSED", pressed))
+        run = solved(str(block), **quick)
+        whole = 9 * 0.31 if lost else 4.5
+        assert run.history["load_y"][-1] + whole == pytest.approx(9 * lost, abs=1e-12)
+        assert said(run, "load3 jumps inside an edge") == bool(lost)

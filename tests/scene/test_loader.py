@@ -17,7 +17,7 @@ YOUNG, POISSON = 21.19e10, 0.277
 # arrays of a record of the model example, in the order of export.idp
 (HEAD, GID, X, Y, LABELS, TRIANGLES, REGION, EDGES, LAMBDA, MU, DOF_COORDINATE, IS_X, ROWS, COLUMNS,
  VALUES, LOAD, FIXED,
- EDGE_LOAD, CONTACT) = range(19)
+ EDGE_LOAD, UNSEEN, CONTACT) = range(20)
 
 
 # ------------------------------------------------------------------------------ a sound export
@@ -330,7 +330,7 @@ def spoil(directory, array, change, record=0):
     """Apply `change` to one array of a record, seen as what it holds."""
     records = arrays(directory)
     real = array in (X, Y, LAMBDA, MU, DOF_COORDINATE, IS_X, VALUES, LOAD,
-                     EDGE_LOAD) or array >= CONTACT + 2
+                     EDGE_LOAD, UNSEEN) or array >= CONTACT + 2
     change(records[record][array].view(np.float64 if real else np.int64))
     write(directory, records)
 
