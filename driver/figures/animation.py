@@ -3,13 +3,13 @@
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
+from PIL import Image, ImageColor
 
 from ..errors import InputError
 from ..files import renamed
 from .body import draw_deformed, magnification, status_nodes
 from .reading import Run, field_files, read_mesh, read_run
-from .style import canvas
+from .style import STATUS, canvas
 
 NAME = "animation.gif"
 DPI = 100
@@ -50,4 +50,18 @@ def _frame(run: Run, mesh, times: float, top: float, box: np.ndarray) -> Image.I
     figure.set_dpi(DPI)
     figure.canvas.draw()
     picture = Image.fromarray(np.asarray(figure.canvas.buffer_rgba())).convert("RGB")
-    return picture.quantize(colors=256)
+    return _quantized(picture)
+
+
+def _quantized(picture: Image.Image) -> Image.Image:
+    """The RGB picture in 256 colours of its own, those of contact nodes among them.
+
+    Nodes are too few pixels for their colours to have a place in the palette: swatches of the size
+    of the picture give them one.
+    """
+    swatches = Image.new("RGB", (picture.width, picture.height * (1 + len(STATUS))))
+    swatches.paste(picture)
+    for k, colour in enumerate(STATUS.values(), 1):
+        swatches.paste(ImageColor.getrgb(colour),
+                       (0, k * picture.height, picture.width, (k + 1) * picture.height))
+    return picture.quantize(palette=swatches.quantize(colors=256), dither=Image.Dither.NONE)

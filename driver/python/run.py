@@ -83,8 +83,11 @@ def _follow(reading: int, lines: list[str], name: str, progress: bool) -> None:
             if progress:
                 bar = bar or _bar(int(step[2]), name)
                 bar.n = int(step[1])
+                if bar.n == bar.total:  # what is left may take longer than the steps
+                    bar.set_description_str(f"{name}, estimates and figures", refresh=False)
                 bar.refresh()
     if bar:
+        bar.set_description_str(name, refresh=False)
         bar.close()
 
 

@@ -366,8 +366,10 @@ def _execution(output: str, status: int, scene: Path, retrace) -> str:
         return f"{_uses(scene, 'addBody', bodies - 1)}: this body cannot be made: {reason}"
     where = scene.name
     if number and ("export" not in traced or now == "end"):
-        files = [source.path.name for source in grammar.sources(scene)]
-        where = " or ".join(f"{name} line {number[1]}" for name in files)
+        # a line of a file of the library, where the scene's own have not as many
+        files = [source.path for source in grammar.sources(scene)]
+        where = " or ".join(f"{path.name} line {number[1]}" for path in files
+                            if len(path.read_text().splitlines()) >= int(number[1])) or where
     return f"FreeFEM failed in {where} (exit {status}): {reason}"
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from PIL import Image
+from PIL import Image, ImageColor
 
 from driver import figures
 from driver.errors import InputError
@@ -922,6 +922,12 @@ def test_long_histories_are_thinned_and_runs_without_fields_refused(tmp_path, mo
     directory = make_run(tmp_path, steps=5, products=6)
     with Image.open(animation.draw_animation(directory)) as picture:
         assert picture.n_frames == 4  # start, 1, 3 and 5
+        picture.seek(3)
+        seen = np.asarray(picture.convert("RGB"), int).reshape(-1, 3)
+    for status in set(figures.read_run(directory).contact["status"]):
+        # few pixels, of the colour of the other figures all the same
+        colour = np.array(ImageColor.getrgb(style.STATUS[status]))
+        assert (np.abs(seen - colour).max(axis=1) <= 4).any()
     (directory / "fields.pvd").unlink()
     with pytest.raises(InputError, match="FIELDS=yes"):
         animation.draw_animation(directory)

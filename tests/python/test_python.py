@@ -102,7 +102,11 @@ def test_the_bar_follows_every_step(tmp_path, capsys, monkeypatch):
     seen = []
 
     class Bar:
-        n = 0
+        n, total = 0, 7
+
+        def set_description_str(self, words, refresh):
+            assert not refresh and words.startswith("model")
+            seen.append(words.removeprefix("model"))
 
         def refresh(self):
             seen.append(self.n)
@@ -114,7 +118,8 @@ def test_the_bar_follows_every_step(tmp_path, capsys, monkeypatch):
     driver.run("patch", out=tmp_path / "static", errors="no", figures=False, fields=False,
                progress=False)
     driver.run("model", out=tmp_path / "out", progress=True, **{**CASE, "steps": 7})
-    assert seen == [1, 2, 3, 4, 5, 6, 7, "closed"] and capsys.readouterr() == ("", "")
+    assert seen == [1, 2, 3, 4, 5, 6, ", estimates and figures", 7, "", "closed"]
+    assert capsys.readouterr() == ("", "")
 
 
 def test_importing_is_cheap_and_running_starts_no_petsc(tmp_path):

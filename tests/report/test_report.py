@@ -115,6 +115,16 @@ def test_a_study_is_judged_by_its_table(tmp_path):
     assert ["<a>", "solved", "1.5"] in page.rows
 
 
+def test_the_slides_table_is_read_beside_ours(tmp_path):
+    write_table(tmp_path / "table.csv", [
+        {"n_s": "8", "it_monotone": "25", "slides_n_s": "8", "slides_it_monotone": "135",
+         "seconds": "0.6", "method": "plain"}])
+    text = study.write(tmp_path).read_text()
+    first = text[text.index("fixed-point iterations"): text.index("<details")]
+    assert "25 / 135" in first and "plain" in first and "slides_" not in first
+    assert ">8<" in first and "8 / 8" not in first and "slides_n_s" in text
+
+
 def test_a_study_is_named_by_its_table_and_shows_a_short_one(tmp_path):
     """A folder of the user's own name stands in the title; pictures of a kind share a caption."""
     folder = tmp_path / "hard"
