@@ -305,18 +305,24 @@ def seconds(value: float) -> str:
 
 
 def table(prices: dict) -> list[list[str]]:
-    """Head and rows of the list: accuracy, settings, seconds, memory, other kinds of meshes."""
+    """Head and rows of the list: accuracy, settings, seconds, memory, other kinds of meshes.
+
+    Of accuracies that take the same the finest has a row, of those that nothing reaches the first.
+    """
     rows = [["to", "settings", "takes", "without estimates", "memory", "instead"]]
     for entry in prices["lines"]:
         asked = f"{100 * entry['accuracy']:g} %"
         if "settings" not in entry:
-            rows.append([asked, f"more than {MOST / 1e6:g} million unknowns", "", "", "", ""])
+            row = [asked, f"more than {MOST / 1e6:g} million unknowns", "", "", "", ""]
+            rows += [row] if rows[-1][1:] != row[1:] else []
             continue
         others = [f"{assignments(offer['settings'])}: {seconds(offer['seconds'])}"
                   for name, offer in entry["compared"].items() if name != entry["kind"]]
-        rows.append([asked, assignments(entry["settings"]), seconds(entry["seconds"]),
-                     seconds(entry["seconds_bare"]), f"{entry['memory_mib']:.0f} MiB",
-                     "; ".join(others)])
+        row = [asked, assignments(entry["settings"]), seconds(entry["seconds"]),
+               seconds(entry["seconds_bare"]), f"{entry['memory_mib']:.0f} MiB", "; ".join(others)]
+        if rows[-1][1:] == row[1:]:
+            rows.pop()
+        rows.append(row)
     return rows
 
 

@@ -123,6 +123,16 @@ def a_list(times=None, static=False):
     return prices.lines([UNIFORM, adaptive], quantity, Whole(run, 2.0, COSTS, 150.0, 90.0))
 
 
+def test_accuracies_that_take_the_same_have_one_row():
+    """10 to 1 % the same settings, 0.3 and 0.1 % out of reach: 1 % and 0.3 % are said."""
+    offer = {"settings": {"H": "0.1"}, "seconds": 2.0, "seconds_bare": 1.0, "memory_mib": 90.0}
+    reached = [{"accuracy": asked, "kind": "P1", **offer, "compared": {"P1": offer}}
+               for asked in (0.1, 0.03, 0.01)]
+    head, *rows = prices.table({"lines": [*reached, {"accuracy": 0.003}, {"accuracy": 0.001}]})
+    assert [row[0] for row in rows] == ["1 %", "0.3 %"] and len(head) == len(rows[0])
+    assert "H=0.1" in rows[0] and rows[1][1].startswith("more than")
+
+
 def test_every_digit_costs_more_and_names_the_fastest():
     table = a_list()
     assert [entry["accuracy"] for entry in table] == list(prices.ASKED)
