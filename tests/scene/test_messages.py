@@ -443,6 +443,16 @@ def test_what_the_solver_refuses_has_a_line_too(tmp_path, reason, line):
     assert explain.placed(reason, path) == placed
 
 
+@pytest.mark.parametrize("number, where", [(2, "mine.edp line 2 "), (62, "mine.edp ")])
+def test_a_line_of_the_library_is_none_of_the_scene(tmp_path, number, where):
+    """FreeFEM counts lines in the file that it is in, and does not say in which."""
+    path = tmp_path / "mine.edp"
+    path.write_text("// three\nmesh Th = square(2, 2);\n// lines\n")
+    message = explain.failure(f"Fatal error in the mesh generator 5\ncurrent line = {number}\n",
+                              5, path, tmp_path, lambda: "")
+    assert message.startswith(f"FreeFEM failed in {where}(exit 5)")
+
+
 # ---- gmsh ----------------------------------------------------------------------------------------
 
 GEO = """DefineConstant[ h = {1}, length = {2} ];
