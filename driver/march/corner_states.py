@@ -28,6 +28,7 @@ class CornerStates:
             self.index = index
             self.corners.begin_step()
         start = x, load.weights[self.qp.operator.structure.patterns :].copy(), sliding
+        others = None  # states to try where those that violations ask for have no solution
         while True:
             failure = None
             try:
@@ -39,13 +40,21 @@ class CornerStates:
                                        self.qp.tol, self.qp.operator.comm,
                                        self._deformation(load, x)):
                 if failure is not None:
-                    raise failure
+                    others = self.corners.others() if others is None else others
+                    if not others:
+                        raise failure
+                    self.corners.begin_step()
+                    self.corners.acting = others.pop(0)
+                    x, gradient, sliding = self._anew(load, *start)
+                    self.fixed_point.condensation.select()
+                    trace.again()
+                    continue
                 self._refuse(index, x, gradient)
                 return x, gradient, sliding
             if failure is not None:  # bodies may be anywhere, under any force
                 x, gradient, sliding = self._anew(load, *start)
             self.fixed_point.condensation.select()
-            trace.changes, trace.fallback, trace.exact = [], False, False
+            trace.again()
 
     def _anew(self, load: Load, x, motion, sliding):
         """The start again: multipliers x, their gradient at rigid motions (modes,), `sliding`."""
