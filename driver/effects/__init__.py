@@ -16,7 +16,8 @@ import numpy as np
 from ..contact.rows import ContactLaw
 from ..errors import InputError
 
-# how well the error in the energy norm is known with an effect: what its room may say
+# how well the error in the energy norm is known with an effect: what its room may say.
+# ESTIMATE: by smoothed stresses
 BOUND, ESTIMATE, NONE = "bound", "estimate", "none"
 NO_STEP = "no step was kept"  # reason in the ledger
 
@@ -330,6 +331,10 @@ class Effects:
         """A step ended; see Effect."""
         for room in self:
             room.step_ends(nodes, slip, force)
+
+    def no_bound(self) -> str:
+        """Why smoothed stresses estimate the error in the energy norm, which nothing bounds."""
+        return next((room.why for room in self if room.estimates == ESTIMATE), "")
 
     def no_estimate(self, weights: np.ndarray) -> str:
         """Why the error in the energy norm has no estimate under the pattern factors `weights`."""

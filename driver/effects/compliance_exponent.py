@@ -9,7 +9,7 @@ way to the solution and not the solution.
 
 import numpy as np
 
-from . import NONE, Effect, RunFacts
+from . import ESTIMATE, Effect, RunFacts
 
 FLOOR = 1e-3  # part of the largest closure below which tangents are steeper than the law
 
@@ -18,7 +18,7 @@ class Room(Effect):
     """A nodal column: the exponent m > 0."""
 
     closes = True
-    estimates, why = NONE, "the bound knows no energy of the asperities"
+    estimates, why = ESTIMATE, "the bound knows no energy of the asperities"
 
     def prepare(self, contact) -> None:
         """Law of the nodes: p = c z^m; c = 0 is a smooth surface."""

@@ -11,14 +11,14 @@ chapter 11.
 
 import numpy as np
 
-from . import NONE, Effect, RunFacts, entry
+from . import ESTIMATE, Effect, RunFacts, entry
 
 
 class Room(Effect):
     """A nodal column: the asperities' stiffness per area, zero where the surface is smooth."""
 
     summary = {"normal_compliance": True}
-    estimates, why = NONE, "the bound knows no energy of the asperities"
+    estimates, why = ESTIMATE, "the bound knows no energy of the asperities"
 
     def compliance(self, contact) -> np.ndarray | None:
         """(n_c,) 1 / (c w); with an exponent the law is followed by tangents instead."""

@@ -1,6 +1,6 @@
 """Springs: elastic foundation of boundaries (Winkler), springs at points."""
 
-from . import NONE, Effect, RunFacts, entry
+from . import ESTIMATE, Effect, RunFacts, entry
 
 
 class Room(Effect):
@@ -8,7 +8,7 @@ class Room(Effect):
 
     labelled = True
     summary = {"springs": True}
-    estimates, why = NONE, "stresses in equilibrium have no part for what springs carry"
+    estimates, why = ESTIMATE, "stresses in equilibrium have no part for what springs carry"
 
     def ledger(self, facts: RunFacts) -> dict[str, dict]:
         """Active in every step: springs follow any displacement."""

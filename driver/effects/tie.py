@@ -2,14 +2,14 @@
 
 from ..contact.joints import Joint
 from ..errors import InputError
-from . import NONE, Effect, RunFacts, entry
+from . import ESTIMATE, Effect, RunFacts, entry
 
 
 class Room(Effect):
     """Pairs of labels; the first one of each carries the multipliers, which have no bounds."""
 
     summary = {"ties": True}
-    estimates, why = NONE, "stresses in equilibrium are not made across ties"
+    estimates, why = ESTIMATE, "stresses in equilibrium are not made across ties"
     periodic = False
 
     def __init__(self, name: str, manifest):

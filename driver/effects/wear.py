@@ -8,7 +8,7 @@ J. Solids Struct. 33 (1996) 1817-1836.
 
 import numpy as np
 
-from . import NONE, Effect, RunFacts, entry
+from . import ESTIMATE, Effect, RunFacts, entry
 
 
 class Room(Effect):
@@ -16,7 +16,7 @@ class Room(Effect):
 
     closes, quantities = True, ("worn_volume",)
     summary = {"wear": True}
-    estimates, why = NONE, "the bound knows no surfaces that wear"
+    estimates, why = ESTIMATE, "the bound knows no surfaces that wear"
 
     def prepare(self, contact) -> None:
         """Nothing has worn away."""

@@ -54,8 +54,6 @@ ROUNDS, STILL = 6, 1e-3  # of Coulomb's coupling, and its change with which they
 PRODUCTS = 200  # of one problem at most
 LOOSE = 1e-6  # relative work of contact forces on a motion that nothing but springs resists
 CORNERS = "contact boundaries meet in corners"
-REVOLVED = "a body of revolution"
-FOLLOWS = "contact follows the motion: they keep the geometry of a step"
 EARLIER = "its step was not kept"
 
 
@@ -82,15 +80,12 @@ def held(name: str, part: Part, sizes: Sizes | None) -> Part:
 
 def unsuited(problem, solver, step) -> str:
     """Why a run has no adjoint problems; empty if it has."""
-    if problem.manifest.axisymmetric:
-        return REVOLVED
-    if problem.structure.contact.following is not None:
-        return FOLLOWS
     if solver.rows.corners is not None:
         return CORNERS
     if step is None:
         return EARLIER
-    return Effects(problem.manifest).no_estimate(step.weights)
+    effects = Effects(problem.manifest)
+    return effects.no_bound() or effects.no_estimate(step.weights)
 
 
 class Adjoint:

@@ -1,7 +1,8 @@
 """Stage 7: estimates of the error in the energy norm for a run's last and most energetic steps.
 
-Of P1 elements it is the bound of `bound`; of quadratic elements, or where ESTIMATOR says so, the
-difference between the computed and a recovered stress, which is no bound.
+Of P1 elements it is the bound of `bound`. Of quadratic ones, where an effect of the scene leaves
+no bound (its room says why), or where ESTIMATOR says so, it is the difference between the computed
+and a recovered stress: an estimate, low where stresses are singular.
 """
 
 from functools import cached_property
@@ -16,8 +17,9 @@ from .bound import (COULOMB, EARLIER, EXCLUDED, EquilibratedBound, Estimate,
                     coupling)
 from .torn_body import Gather, TornBody, gather_body
 
-WHY = ("an estimate by smoothed stresses, no bound: stresses in equilibrium are made of the degree "
-       "that bounds linear elements of plane bodies only")
+QUADRATIC = "stresses in equilibrium are made of the degree that bounds linear elements only"
+BOTH = ("where bilateral and unilateral contact meet tractions between their nodes have no single "
+        "sign")
 NOTHING = 1e-6  # relative displacements below this are what tolerances leave
 
 
@@ -28,15 +30,18 @@ class EnergyEstimator:
 
     def __init__(self, operator, manifest: Manifest, contact, kind: str):
         """`contact` is a ContactState; `kind` "equilibrated" (the bound), "recovery" or "none"."""
-        # the bound is for linear elements, plane, and contact conditions of one geometry
-        self.quadratic, revolved = manifest.element != "P1", manifest.axisymmetric
+        self.quadratic = manifest.element != "P1"
         self.operator, self.manifest, self.contact = operator, manifest, contact
-        follows = operator.structure.contact.following is not None
-        smoothed = kind == "equilibrated" and (self.quadratic or revolved or follows)
-        self.kind = "recovery" if smoothed else kind
+        self.why = self._no_bound() if kind == "equilibrated" else ""
+        self.kind = "recovery" if self.why else kind
         self.gather = Gather(operator)
         self.bound = None
         self.last = self.largest = None  # (energy, step, contact state)
+
+    def _no_bound(self) -> str:
+        """Why smoothed stresses take the place of the bound; empty where they do not."""
+        mixed = BOTH if self._changes_kind() else ""
+        return (QUADRATIC if self.quadratic else "") or Effects(self.manifest).no_bound() or mixed
 
     def consider(self, step: Step, state: dict, energy: float) -> None:
         """Keep a finished step, its contact state and energy, if its estimate may be wanted."""
@@ -78,9 +83,6 @@ class EnergyEstimator:
             return Estimate(step.index, reason=reason)
         self.operator.follow(step)
         displacements = self.operator.deformations(step.multipliers, step.weights)
-        if self.bound is not None and self._changes_kind():
-            return Estimate(step.index, reason="where bilateral and unilateral contact meet "
-                            "tractions between their nodes have no single sign")
         if self.bound is not None:
             found = self.bound.estimate(step, state, displacements)
             if found is not None and Effects(self.manifest).pressure_bounds_friction:
@@ -132,10 +134,10 @@ def excluded(manifest: Manifest) -> list[str]:
             *([COULOMB] if effects.pressure_bounds_friction else [])]
 
 
-def report(estimates: list[tuple[Step, Estimate]], kind: str, left_out=()) -> dict:
+def report(estimates: list[tuple[Step, Estimate]], kind: str, left_out=(), why: str = "") -> dict:
     """Entry for summary.json: of the last step and, as `largest`, of that with most energy.
 
-    `left_out`: what a bound of this scene does not bound.
+    `left_out`: what a bound of this scene does not bound; `why` it has none.
     """
     if not estimates:
         return {"kind": kind}
@@ -147,7 +149,8 @@ def report(estimates: list[tuple[Step, Estimate]], kind: str, left_out=()) -> di
         names = ("mesh", "solver", "friction", "correction", "total", "coupling", "norm")
         entries.append({"step": e.step, **{name: float(getattr(e, name)) for name in names},
                         "relative": float(e.total / e.norm) if e.norm > 0 else 0.0})
-    named = {"excluded": list(left_out)} if kind == "equilibrated" else {"why": WHY}
+    smoothed = ": ".join(filter(None, ("an estimate by smoothed stresses, no bound", why)))
+    named = {"excluded": list(left_out)} if kind == "equilibrated" else {"why": smoothed}
     return {"kind": kind, **entries[0], **({"largest": entries[1]} if len(entries) > 1 else {}),
             **named}
 

@@ -238,7 +238,7 @@ def _estimate(errors: dict, directory: Path, request: Request, problem: Problem,
     for step, estimate in estimates:
         if estimate.indicator is not None:
             writer.indicate(step, estimate.indicator)
-    errors["energy"] = report(estimates, estimator.kind, excluded(problem.manifest))
+    errors["energy"] = report(estimates, estimator.kind, excluded(problem.manifest), estimator.why)
     if request.refine:
         _next_mesh(directory, estimator, estimates)
     lap("energy_error")

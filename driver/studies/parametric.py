@@ -182,8 +182,11 @@ def _contact_of(name: str, effects, whole, data, gid: np.ndarray, pairs: list):
                          "boundary")
     columns = {column: values[place] for column, values in read.columns.items()}
     gap = effects.distance(columns, len(place))
-    if gap[~rigid].any():
-        raise InputError(f"a study cannot vary {name.upper()} in a scene that declares pairGap")
+    # the geometry's part of a pair's gap stays
+    more = np.where(rigid, 0.0, gap - effects.distance(boundary.columns, len(place)))
+    if boundary.axisymmetric and len(np.unique(more[~rigid])) > 1:  # rows there are means of nodes
+        raise InputError(f"a study cannot vary {name.upper()} in a body of revolution: it changes "
+                         "pairGap, and unlike from place to place")
     value = dataclasses.replace(boundary, columns=columns, gap=gap)
     motion = effects.motion(value, gap)
     joint = np.flatnonzero(boundary.coupled & rigid)  # beside an axis: rows of several nodes
@@ -193,9 +196,9 @@ def _contact_of(name: str, effects, whole, data, gid: np.ndarray, pairs: list):
         if motion is not None:
             for now, distance in zip(motion.gap, effects.motion(read, distance).gap):
                 now[joint] = _of_rows(boundary, read, distance)[joint]
-    gap = np.where(rigid, gap, boundary.gap)
+    gap = np.where(rigid, gap, boundary.gap + more)
     if motion is not None:
-        motion.gap = np.where(rigid, motion.gap, boundary.gap)
+        motion.gap = np.where(rigid, motion.gap, boundary.gap + more)
         gap = motion.gap[0]
     return whole.renewed(columns, gap, motion)
 

@@ -266,7 +266,8 @@ def test_hertz_sphere(solved, options):
     assert run.summary["boundaries"][0]["force_y"] == pytest.approx(force, rel=1e-3)
 
 
-@pytest.mark.parametrize("radius", [12, pytest.param(40, marks=pytest.mark.slow)])
+@pytest.mark.slow  # fine meshes at the contact
+@pytest.mark.parametrize("radius", [12, 40])
 def test_a_squeezed_ring_seal_presses_as_hertz_says(solved, radius):
     """Per length of the ring 2 b = 2 sqrt(4 P r (1 - nu^2)/(pi E)). Either edge is located to a
     tenth of an element of 0.05, 4 % of 2 b; the cover feels what the flange does."""

@@ -173,6 +173,7 @@ def test_quadratic_elements_have_the_quadratic_solution(solved, scene):
     np.testing.assert_allclose(fields.displacement, exact, atol=1e-9)
 
 
+@pytest.mark.slow  # long strips on fine meshes
 def test_a_bimetal_strip_bends_as_timoshenko_says(solved):
     """Curvature in its middle; the ends are 20 heights away. Forces of the tie balance.
 

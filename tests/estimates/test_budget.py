@@ -224,10 +224,11 @@ def test_parts_add_up_and_values_are_the_runs(solved):
     assert not (run.directory / "companions").exists()
 
 
-@pytest.mark.parametrize("source, change", [("mesh", {"cells": 24}), ("time", {"steps": 32}),
-                                            ("friction", {"friction_rtol": 0.3,
-                                                          "primal_rtol": 1.0}),
-                                            ("solver", {"rtol": 1e-3, "primal_rtol": 1.0})])
+@pytest.mark.parametrize("source, change", [
+    pytest.param("mesh", {"cells": 24}, marks=pytest.mark.slow),  # a fine mesh
+    ("time", {"steps": 32}),
+    pytest.param("friction", {"friction_rtol": 0.3, "primal_rtol": 1.0}, marks=pytest.mark.slow),
+    ("solver", {"rtol": 1e-3, "primal_rtol": 1.0})])
 def test_parts_answer_to_their_own_knob(budget_of, source, change):
     """The knob's own part changes by a factor of 2 at least; the sum of the large other ones by
     less than half.

@@ -243,6 +243,7 @@ def test_every_figure_is_written_whole(plain):
     assert sorted(p.name for p in (plain / "figures").iterdir()) == sorted(p.name for p in paths)
 
 
+@pytest.mark.slow  # every figure twice
 def test_drawing_again_gives_the_same_files(tmp_path):
     directory = make_run(tmp_path, time="static", friction="none", products=6)
     paths = figures.draw_run(directory)

@@ -38,7 +38,9 @@ def here(monkeypatch):
     monkeypatch.setattr(cases, "run_scene", run_here)
 
 
-@pytest.mark.parametrize("case", FAST, ids=lambda case: case.name)
+@pytest.mark.parametrize("case", [
+    pytest.param(case, id=case.name, marks=[pytest.mark.slow] * (number % 2))  # half by default
+    for number, case in enumerate(FAST)])
 @pytest.mark.usefixtures("here")
 def test_fast(case, tmp_path):
     row = suite.judge(case, case.sizes[0], tmp_path)

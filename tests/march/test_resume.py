@@ -495,7 +495,8 @@ def wait_for(event, seconds=60):
 
 
 @pytest.mark.parametrize("ranks, target, number, again", [
-    (1, "driver", signal.SIGINT, 1), (1, "driver", signal.SIGKILL, 1),
+    pytest.param(1, "driver", signal.SIGINT, 1, marks=pytest.mark.slow),  # as by SIGKILL
+    (1, "driver", signal.SIGKILL, 1),
     pytest.param(2, "driver", signal.SIGKILL, 1, marks=pytest.mark.slow),
     (2, "rank", signal.SIGKILL, 1)])
 def test_killed_run_goes_on(tmp_path, reference, ranks, target, number, again):

@@ -257,6 +257,7 @@ def test_mindlin_loop_closes(solved):
     assert distance(c["weight"][first], c["sigma_t"][last], c["sigma_t"][first]) < 0.01
 
 
+@pytest.mark.slow  # three meshes
 def test_the_resultant_converges_with_the_elements_at_the_contact(solved):
     """Elsewhere they follow with the root of H, and linear ones err by the square of that: order 1,
     so a fourth is left.

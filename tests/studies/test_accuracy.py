@@ -120,6 +120,7 @@ def swept(tmp_path_factory):
     return out
 
 
+@pytest.mark.slow  # a study of thirty runs
 def test_study_of_a_known_solution(swept):
     known = {row["quantity"]: row for row in read_rows(swept / "reference.csv")}
     table = read_rows(swept / "accuracy.csv")

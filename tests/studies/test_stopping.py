@@ -8,7 +8,8 @@ from driver.files import read_rows
 from driver.studies.accuracy import stopping, run_accuracy
 
 
-@pytest.mark.parametrize("row", ["1", pytest.param("2", marks=pytest.mark.slow)])
+@pytest.mark.slow  # runs of one mesh by several tolerances
+@pytest.mark.parametrize("row", ["1", "2"])
 def test_the_two_smallest_meshes(tmp_path, row):
     paths = run_accuracy({"part": "stopping", "rows": row, "out": str(tmp_path)})
     assert [path.name for path in paths] == ["stopping.csv", "stopping.png", "stopping.pdf"]

@@ -213,6 +213,32 @@ def test_travel_of_bodies_without_support_is_studied_on_any_number_of_ranks(made
     assert not summary["condensed"] and files == made(**values, np="2")[1]
     compare(files["contact"], solved("wedge", stroke=0.08, h=8, steps=2, **TIGHT), stroke="0.08")
 
+@pytest.mark.parametrize("axisymmetric, gap", [
+    ("", "d*(1. + x)"), ("macro axisymmetric() 1 //", "d")])
+def test_gaps_between_bodies_vary(made, solved, tmp_path, axisymmetric, gap):
+    """What pairGap adds to the geometry; and contact of a body of revolution without its loads."""
+    path = tmp_path / "apart.edp"
+    path.write_text(f"""include "scene.idp"
+real d = physical("d", 0.002), F = physical("friction", 0.3);
+int[int] lower = [11, 12, 13, 14];
+addBody(square(4, 4))
+addBody(square(5, 4, [x, y - 1], label = lower))
+{axisymmetric}
+macro young() 1000. //
+macro poisson() 0.3 //
+macro contactPair() 1, 13 //
+macro pairGap() {gap} //
+macro friction() F //
+macro support() on(11, u2 = 0.) + on(14, u1 = 0.) //
+macro displacement1() on(3, {"" if axisymmetric else "u1 = 0.002, "}u2 = -0.02) //
+include "export.idp"
+""")
+    for parameter, values in (("d", "0.002,-0.004"), ("friction", "0.3,0.1")):
+        _, files = made(scene=str(path), subdomains="3", **{parameter: values})
+        for value in values.split(","):
+            single = solved(path, subdomains=3, **{parameter: value}, **TIGHT)
+            compare(files["contact"], single, **{parameter: value})
+
 
 def test_loads_that_no_value_changes_are_one_pattern(built):
     """Equal to the last bit: they are solved for once."""

@@ -61,7 +61,9 @@ def test_shrink_fit_is_the_limit_of_a_rigid_shaft():
     assert stiff == pytest.approx(210e3 / 1.3 * A / 0.4 * (45**2 / 30**2 - 1), rel=1e-4)
 
 
-@pytest.mark.parametrize("number", range(len(FAST)))
+@pytest.mark.parametrize("number", [
+    pytest.param(number, marks=[pytest.mark.slow] * (number % 4 > 1))  # half by default
+    for number in range(len(FAST))])
 def test_fast_cases_are_met(number, tmp_path):
     """Linear and quadratic elements in turn; make test-long has both for all."""
     rows, curves = suite.judge(FAST[number], ELEMENTS[number % 2:][:1], tmp_path)
