@@ -129,7 +129,8 @@ def test_friction_that_its_own_slip_changes(monkeypatch):
     problem = CoulombProblem(np.eye(2), np.array([1.0, 1.0]), np.array([0.5]), np.array([0]))
     start = complementarity.newton(problem, np.zeros(2))
     for slope, first, slip in ((-0.5, 0.6, 0.8), (-2.0, 0.6, 1.0), (4.0, 0.5, 0.1)):
-        z = coefficients.consistent(problem, start, lambda s: np.maximum(first + slope * np.abs(s), 0.0))
+        z = coefficients.consistent(
+            problem, start, lambda s: np.maximum(first + slope * np.abs(s), 0.0))
         assert np.isclose(problem.movement(z)[1], slip, rtol=1e-9)
 
 
