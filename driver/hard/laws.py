@@ -97,8 +97,9 @@ def violations(body: Assembled, manifest, contact: dict,
     holds against turning forces that are nothing move nodes far. So displacements are corrected by
     forces, up to `RESTS` of the largest, that bring them nearest to the reported ones.
 
-    Balance is relative to the loads and the reported forces of all conditions on the body, of those
-    at one place as well that hand on to one another what the body does not feel.
+    Balance is relative to the loads and the reported forces of all conditions on the body, in
+    whatever direction, of those at one place as well that hand on to one another what the body
+    does not feel.
 
     What a support prescribes is no matter of contact. At a corner friction belongs to the one
     condition that is closed (contact/corner_nodes.py): a vertex that rests on both does not slide
@@ -130,8 +131,7 @@ def violations(body: Assembled, manifest, contact: dict,
         np.abs(sigma_n), bound - sigma_t, bound + sigma_t))
     slides = parts(slip, scale)  # against friction: along the bound that resists it
     balance = [(np.abs(body.motions.T @ (w @ body.loads + body.B.T @ f)),
-                np.abs(body.motions).T @ (np.abs(w) @ np.abs(body.loads)
-                                          + abs(body.B).T @ np.abs(f)))
+                sizes(body, np.abs(w) @ np.abs(body.loads) + abs(body.B).T @ np.abs(f)))
                for w, f in zip(history[1:], force)]
     largest = np.max([size for _, size in balance], axis=0, initial=0.0)
     return {
@@ -149,6 +149,16 @@ def violations(body: Assembled, manifest, contact: dict,
             rubs * np.abs(slides), np.where(slides > 0, back, forward)).max(initial=0),
         "balance": max((ratio(net.max(initial=0), largest.max(initial=0)) for net, _ in balance),
                        default=0.0)}
+
+
+def sizes(body: Assembled, force: np.ndarray) -> np.ndarray:
+    """(modes,) work of forces of the sizes `force` (dofs,) on free motions, along whatever they are.
+
+    What is across a motion does none, but for rounding.
+    """
+    dofs, modes = body.motions.shape
+    far = np.linalg.norm(body.motions.reshape(dofs // 2, 2, modes), axis=1)
+    return far.T @ np.linalg.norm(force.reshape(-1, 2), axis=1)
 
 
 def rounding(body: Assembled, manifest, contact: dict) -> np.ndarray:

@@ -33,7 +33,7 @@ def unbalanced(body: Assembled, manifest, weights: np.ndarray, rough: bool = Tru
     if not body.motions.shape[1]:
         return 0.0
     work = body.motions.T @ (weights @ body.loads)
-    size = np.abs(body.motions).T @ (np.abs(weights) @ np.abs(body.loads))
+    size = laws.sizes(body, np.abs(weights) @ np.abs(body.loads))
     if not size.any():
         return 0.0
     work, force = work / size.max(), size.max()

@@ -336,6 +336,22 @@ def test_loads_across_a_motion_do_no_work_on_it(built, tmp_path):
         assert work.shape[1] == 1 and not work.any()
 
 
+def test_rounding_resists_no_motion():
+    """Two nodes on a floor that a motion along it moves by 1e-16: pushed along, nothing holds it.
+
+    Pressed on the floor it rests.
+    """
+    normal, nodes, none = np.array([[1.8e-16, 0.5], [1e-16, 0.5]]), np.arange(2), np.zeros(0)
+    rows = SimpleNamespace(idle=None, normal=nodes, normal_node=nodes, gap=np.zeros(2),
+                           pulls=np.ones(2, bool), tangential=none.astype(int),
+                           tangential_node=none.astype(int), coefficient=None, offset=None)
+    one = SimpleNamespace(gather=lambda part: [part], bcast=lambda value: value, rank=0)
+    for pushed in (False, True):
+        work = np.array([1e-4 * pushed, 1e-4])
+        motion = rigid_equilibrium(rows, normal, work, np.full(2, 1e-4), one)
+        assert (motion is None) == pushed
+
+
 @pytest.fixture(scope="module")
 def weighed(tmp_path_factory):
     """Path of the scene WEIGHED."""
