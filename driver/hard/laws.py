@@ -152,7 +152,7 @@ def violations(body: Assembled, manifest, contact: dict,
 
 
 def sizes(body: Assembled, force: np.ndarray) -> np.ndarray:
-    """(modes,) work of forces of the sizes `force` (dofs,) on free motions, along whatever they are.
+    """(modes,) work of forces of the sizes `force` (dofs,) on free motions, whatever their direction.
 
     What is across a motion does none, but for rounding.
     """
