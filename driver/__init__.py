@@ -8,19 +8,24 @@ What they do stands in driver/python; it is imported when it is first called.
 """
 
 from .errors import DriverError
+from .environment import package_error
 
 __all__ = ["DriverError", "open", "run"]
 
 
 def run(scene, *, progress: bool | None = None, **options):
     """Run a scene, by name or path of an .edp, and return its Result; see python/run.py."""
-    from .python.run import run as run_scene
-
+    try:
+        from .python.run import run as run_scene
+    except ImportError as problem:
+        raise package_error(problem) from None
     return run_scene(scene, progress=progress, **options)
 
 
 def open(directory):  # pylint: disable=redefined-builtin
     """The Result of a finished run in `directory`, without solving; see python/result.py."""
-    from .python.result import Result
-
+    try:
+        from .python.result import Result
+    except ImportError as problem:
+        raise package_error(problem) from None
     return Result(directory)

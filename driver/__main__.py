@@ -3,7 +3,7 @@
 import sys
 
 from . import environment
-from .errors import report_error, shortage
+from .errors import defect, report_error, shortage
 
 environment.single_threaded()  # before anything loads the library that reads it
 try:
@@ -18,7 +18,5 @@ except ImportError as problem:
     report_error(environment.package_error(problem))
     sys.exit(2)
 except Exception as problem:
-    if not shortage(problem):
-        raise
-    report_error(shortage(problem))
-    sys.exit(2)
+    report_error(shortage(problem) or defect(problem))
+    sys.exit(2 if shortage(problem) else 1)

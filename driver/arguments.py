@@ -28,8 +28,10 @@ def parse_pairs(words: list[str]) -> dict[str, str]:
     pairs = {}
     for word in words:
         name, equals, value = word.partition("=")
-        if not equals or not name or not value:
+        if not equals or not name:
             raise InputError(f"{word!r} is not of the form NAME=VALUE")
+        if not value:
+            raise InputError(f"{word} has no value: it stands behind the = without a space")
         if not word.isprintable():
             raise InputError(f"{word!r} holds characters that cannot be printed")
         if name.lower() in pairs:

@@ -3,8 +3,9 @@
     python3 -m driver run SCENE=model LOADING=monotone NP=2 OUT=results/mine
     python3 -m driver figures DIRECTORY ...
 
-Commands and options: options.COMMANDS and options.TABLE. Exit status: 0 converged; 2 bad input or
-missing dependency; 3 no (unique) solution the method can vouch for; 4 not converged in time.
+Commands and options: options.COMMANDS and options.TABLE. Exit status: 0 converged; 1 a defect of
+the suite; 2 bad input or missing dependency; 3 no (unique) solution the method can vouch for; 4 not
+converged in time.
 """
 
 import argparse

@@ -187,7 +187,10 @@ def program(name: str) -> str:
 def package_error(problem: ImportError) -> InputError:
     """The error for a Python package that is missing or cannot be loaded, as with little memory."""
     if isinstance(problem, ModuleNotFoundError):
-        return InputError(f"the Python package {problem.name} is not installed; {SET_UP}")
+        debian = shutil.which("python3", path="/usr/bin")
+        other = debian and Path(debian).resolve() != Path(sys.executable).resolve()
+        remedy = f" and use {debian}, not {sys.executable}" if other else ""
+        return InputError(f"the Python package {problem.name} is not installed; {SET_UP}{remedy}")
     words = " ".join(str(problem).split())
     return file_error(problem, f"a Python package cannot be loaded: {words}")
 

@@ -2,8 +2,12 @@
 
 import errno
 import sys
+import tempfile
+import traceback
 from contextlib import contextmanager
+from pathlib import Path
 
+PACKAGE = Path(__file__).resolve().parent
 NO_MEMORY = "not enough memory"
 PARTIAL = "; partial results are in "  # after the reason of a run that did not converge
 PETSC_ERR_MEM = 55
@@ -21,6 +25,10 @@ class InputError(DriverError):
     exit_status = 2
 
 
+class Defect(DriverError):
+    """A defect of the suite, no fault of the input; a log has the traceback (exit status 1)."""
+
+
 class NoSolution(DriverError):
     """The problem has no solution, or none the method can vouch for (exit status 3)."""
 
@@ -35,12 +43,57 @@ class NotConverged(DriverError):
 
 def error_of(status: int, reason: str) -> DriverError:
     """The error that stands for an exit status."""
-    return {2: InputError, 3: NoSolution, 4: NotConverged}[status](reason)
+    return {1: Defect, 2: InputError, 3: NoSolution, 4: NotConverged}[status](reason)
 
 
 def report_error(problem) -> None:
     """An error in one line of its own, also where several ranks write at the same time."""
     sys.stderr.write(f"error: {problem}\n")
+
+
+# ---- defects -------------------------------------------------------------------------------------
+
+def words_of(problem: BaseException) -> str:
+    """An exception in one line: what it says, or what it is."""
+    return shortage(problem) or " ".join(str(problem).split()) or type(problem).__name__
+
+
+def defect(problem: Exception, log: Path | None = None) -> Defect:
+    """The error for an unexpected exception, whose traceback is added to `log`, else to a new file.
+
+    Notes of the exception, such as how the run may go on, end the line.
+    """
+    name = problem.__class__.__name__
+    said = " ".join([name] if str(problem) == name else [f"{name}:", *str(problem).split()])
+    inside = [frame for frame in traceback.extract_tb(problem.__traceback__)
+              if Path(frame.filename).is_relative_to(PACKAGE)]
+    place = "".join(f" ({Path(frame.filename).relative_to(PACKAGE)} line {frame.lineno})"
+                    for frame in inside[-1:])
+    trace = "".join(traceback.format_exception(problem))
+    return Defect("".join([defect_line(f"{said.removesuffix(':')}{place}", trace, log),
+                           *getattr(problem, "__notes__", [])]))
+
+
+def defect_line(cause: str, trace: str, log: Path | None = None) -> str:
+    """One line about a defect; `trace` goes to the end of `log`, else to a file in a place for
+    temporary ones.
+    """
+    try:
+        if log is None:
+            with tempfile.NamedTemporaryFile("w", prefix="driver-", suffix=".log", delete=False,
+                                             errors="replace") as file:
+                file.write(trace)
+            log = file.name
+        else:
+            with open(log, "a", errors="replace") as file:
+                file.write(trace)
+            log = log.name
+    except OSError as failed:
+        log = f"lost ({failed.strerror})"
+    else:
+        log = f"in {log}"
+    return (f"a defect of the suite, not of what it was given: {cause}; please report it with the "
+            f"traceback, which is {log}")
 
 
 # ---- files and memory ----------------------------------------------------------------------------
@@ -66,6 +119,9 @@ def file_error(problem: Exception, message: str) -> InputError:
 
 def write_error(problem: OSError) -> InputError:
     """A full disk, a directory that is not writable, ... in one line."""
+    if problem.errno == errno.EPIPE:
+        return InputError("what reads the output has ended: let it read to the end, or give "
+                          "QUIET=yes")
     where = f" ({problem.filename})" if problem.filename else ""
     return file_error(problem, f"writing the results failed: {problem.strerror or problem}{where}")
 

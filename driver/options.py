@@ -378,4 +378,7 @@ def _escaped(cell: str) -> str:
 
 
 if __name__ == "__main__":
-    print(usage())
+    try:
+        print(usage(), flush=True)
+    except BrokenPipeError:  # who reads it has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)

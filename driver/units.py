@@ -11,6 +11,7 @@ import re
 PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G", 12: "T"}
 BASES = ("Pa", "N/m", "N/mm", "J/m", "N", "J", "m")
 NONE = ("", "1", "-")  # of a scene without units
+OTHERS = {"length": ("psi", "ksi", "bar"), "stress": ("cm", "in", "inch", "ft")}  # no such units
 REVOLUTION = "forces"  # entry of the units of bodies of revolution
 
 
@@ -28,6 +29,16 @@ def split_unit(unit: str) -> tuple[int, str | None]:
             if unit in (prefix + base, prefix.replace("µ", "u") + base):
                 return exponent, base
     return 0, None
+
+
+def fault(length: str, stress: str, **_) -> str:
+    """Why these can be no names of a scene's units of length and stress; "" if they can."""
+    for name, kind, others in ((length, "length", ("Pa", "N", "J")), (stress, "stress", ("m",))):
+        if re.fullmatch(r"[+-]?[\d.,]+([eE][+-]?\d+)?", name) and name not in NONE:
+            return f'"{name}" is a number, no name of a unit of {kind}'
+        if split_unit(name)[1] in others or name in OTHERS[kind]:
+            return f'"{name}" is no unit of {kind}: length comes first, then stress'
+    return ""
 
 
 def spelt(stress: int, length: int, units: dict[str, str]) -> str:

@@ -12,5 +12,6 @@ class Room(Effect):
     def ledger(self, facts: RunFacts) -> dict[str, dict]:
         """Active with quadratic elements."""
         if not self.manifest.curved:
-            return {"curved": entry(False, "linear elements have straight sides")}
+            return {"curved": entry(False, "linear elements have straight sides; ELEMENT=P2 has "
+                                           "curved ones")}
         return {"curved": entry(True, "sides of quadratic elements follow the boundary")}

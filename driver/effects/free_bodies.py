@@ -47,7 +47,7 @@ class FreeBodies:
         work, size = op.imbalance(np.zeros(op.owned), weights)
         motion = rigid_equilibrium(self.rows, np.column_stack(op.motions), work, size, op.comm)
         if motion is None:
-            raise NoSolution(f"{step_name(index)}: {self._why_no_rest(index)}")
+            raise NoSolution(f"{step_name(index)}: {self._why_no_rest(index, work)}")
         return motion
 
     @staticmethod
@@ -79,14 +79,15 @@ class FreeBodies:
         return (f"body {body + 1} is free to move off in the direction "
                 "({:.2g}, {:.2g})".format(*(along / way + 0.0).round(6)))
 
-    def _why_no_rest(self, index: int) -> str:
+    def _why_no_rest(self, index: int, work: np.ndarray) -> str:
+        """`work` (modes,) of the loads on the rigid motions."""
         modes = self.operator.structure.rigid_modes
         how = "contact cannot" if self.effects.contact else "without contact nothing can"
         if self.effects.frictional:
             how = "contact and friction cannot" if index else "contact without friction cannot"
-        return (f"no equilibrium: {how} balance the loads on {self._names(modes)}, which no "
-                "support holds: it slides off, tips over or is pulled away; add supports or "
-                "friction")
+        return (f"no equilibrium: {how} balance the loads on {self._names(modes)}"
+                f"{_sum(modes, work)}, which no support holds: it slides off, tips over or is "
+                "pulled away; add supports or friction")
 
     def follow(self, load, x: np.ndarray) -> np.ndarray:
         """Rigid motions follow what their springs still carry; d with them.
@@ -229,3 +230,13 @@ def _least(held: np.ndarray, limited: np.ndarray, room: np.ndarray,
     moved = least_distance(limited, room - limited @ aim)
     # no motion at all is feasible, but for rounding
     return free.T @ (np.zeros(len(aim)) if moved is None else aim + moved)
+
+
+def _sum(modes, work: np.ndarray) -> str:
+    """The loads' resultant on one body, as far as it may shift; `work` (modes,) of the loads."""
+    shifts = [(force, mode.translation) for force, mode in zip(work, modes) if not mode.rotation]
+    if len({mode.body for mode in modes}) > 1 or not shifts:
+        return ""
+    force = sum(size * along / np.linalg.norm(along) ** 2 for size, along in shifts)
+    rounded = np.round(force / max(np.abs(force).max(), np.finfo(float).tiny), 6)
+    return " ({:.4g}, {:.4g})".format(*(rounded * np.abs(force).max() + 0.0))

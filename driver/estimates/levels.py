@@ -33,6 +33,7 @@ UNTRIED = "no run with more steps to compare with"
 TIGHTER = 100.0  # tolerances of the companions that tell what those of the run leave
 LEFT = 2.0  # safety of what they tell: another mesh answers by chance with more or less
 UNRESOLVED = 0.5  # relative error in energy from which coarser meshes tell nothing of a finer one
+PRESSING = 3  # nodes on a round boundary below which they tell nothing: one has but one normal
 OF_BODIES = ("normal_resultant", "tangential_resultant", "displacement")
 EARNED = 1e-8  # residuals that rounding still lets a companion reach
 
@@ -181,6 +182,7 @@ class Companions:
         self.values, self.at = record.quantities()
         self.singular, self.sizes = record.singular_places(), sizes
         self.open = record.between_nodes(self.at)
+        self.pressing = record.pressing_round(self.at)
         self.levels, self.manifest, self.settings = levels, problem.manifest, settings
         self.effects = problem.effects
         levels.problems[()] = problem
@@ -286,19 +288,22 @@ class Companions:
             parts["displacement"] = Part(UNSEEN * value)
         parts = {name: located(held(name, part, self.sizes.get(name)), self.open.get(name, 0.0))
                  for name, part in parts.items()}
-        return parts | dict.fromkeys(self._unknown(), Part(None, note=(
-            "the mesh is too coarse: its error in the energy norm is "
-            f"{100 * self.unresolved:.0f} %")))
+        return parts | self._unknown()
 
-    def _unknown(self) -> list[str]:
-        """Quantities of which a mesh that does not resolve the solution tells no error.
+    def _unknown(self) -> dict[str, Part]:
+        """Parts of what a mesh that does not resolve the solution tells no error of.
 
         Where contact opens and slips between its few nodes coarser meshes may agree by chance; of
-        resultants and displacements equilibrium and adjoint problems see the whole body's error.
+        resultants and displacements equilibrium and adjoint problems see the whole body's error,
+        but of a round boundary a node or two that carry all have one direction.
         """
-        if self.unresolved <= UNRESOLVED:
-            return []
-        return [name for name in self.values if name not in OF_BODIES]
+        reason, spared = "", OF_BODIES
+        if self.unresolved > UNRESOLVED:
+            reason = f"its error in the energy norm is {100 * self.unresolved:.0f} %"
+        if 0 < self.pressing < PRESSING:
+            reason, spared = "a node or two of a round boundary carry all", OF_BODIES[-1:]
+        names = [name for name in self.values if reason and name not in spared]
+        return dict.fromkeys(names, Part(None, note=f"the mesh is too coarse: {reason}"))
 
     def _time(self) -> dict[str, Part]:
         """Every second and fourth time; without friction only the instant counts.

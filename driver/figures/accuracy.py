@@ -20,6 +20,7 @@ SWEEPS = {  # sweep: its name in the legend, colour, marker and the symbol of wh
     "steps": ("time steps", ORANGE, "s", "$\\Delta t$"),
     "friction_rtol": ("fixed point", PURPLE, "D", "tol"), "rtol": ("MPRGP", RED, "v", "tol"),
     "together": ("together", "#888888", ".", "")}
+SLOW = 0.1  # exponents below it are none
 LEAST = 1e-9  # smaller errors are drawn there
 
 
@@ -141,7 +142,7 @@ def _own(axes, runs: list[Point]) -> tuple[list, list]:
             continue
         errors = [p.own for p in own]
         power = exponent([p.value for p in own], errors, 2) if symbol else None
-        if power is not None:
+        if power is not None and power > SLOW:  # else nothing falls with it
             name += f": error \N{PROPORTIONAL TO} {symbol}$^{{{power:.1f}}}$"
         _curve(axes, own, errors, colour, marker, "-", name)
     return axes.get_legend_handles_labels()

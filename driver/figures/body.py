@@ -14,16 +14,18 @@ from matplotlib.lines import Line2D
 from scipy.spatial import cKDTree
 
 from .layout import map_axes, run_header, shrink_to_body
-from .obstacle import draw_obstacles, pieces
+from .obstacle import draw_obstacles, draw_planes, pieces, rigid_rows
 from .outline import outer
 from .reading import Mesh, Run, select
 from .scales import round_magnification, stress_scale
 from .style import INK, RED, STATUS, status_name
 
 SHOWN = 0.08  # largest displacement in the picture over the body's size
-SLENDER = 0.25  # or over its smallest side, whichever is less
+STRAIN = 0.25  # or where that strains most of the body so much in the picture, whichever is less
+MOST = 98  # percentage of the triangles: corners strain more
 LARGE = 0.03  # displacements of this part of the size are shown as they are
-OVERLAP = 0.01  # of the size: bodies may run so far through each other in the picture
+OVERLAP = 0.01  # of the size: bodies may run so far through each other in the picture,
+ZOOMED = 0.003  # and so far where the contact has a picture of its own
 SMALL = 0.12  # a contact of this part of the size has a picture of its own
 BAR = 40  # length of the bar of colours over its thickness
 ROOM = 3.0  # width of that picture over the length of the contact
@@ -43,23 +45,34 @@ def magnification(run: Run, mesh: Mesh | None = None, size: float | None = None)
     largest = np.linalg.norm(mesh.displacement, axis=1).max()
     if largest == 0 or largest > LARGE * size:
         return 1.0
-    shown = min(SHOWN * size, SLENDER * np.ptp(mesh.xy, axis=0).min())
-    return round_magnification(shown / largest, _without_overlap(run, mesh.time, size))
+    wish = min(SHOWN * size / largest, STRAIN / max(_strain(mesh), np.finfo(float).tiny))
+    return round_magnification(wish, _without_overlap(run, mesh.time, size))
+
+
+def _strain(mesh: Mesh) -> float:
+    """The norm of the strain that MOST triangles stay below."""
+    xy, u = mesh.xy[mesh.triangles], mesh.displacement[mesh.triangles]
+    sides, moves = xy[:, 1:] - xy[:, :1], u[:, 1:] - u[:, :1]
+    plain = np.linalg.det(sides) != 0
+    gradient = np.linalg.solve(sides[plain], moves[plain])
+    return float(np.percentile(np.linalg.norm(gradient + gradient.transpose(0, 2, 1),
+                                              axis=(1, 2)) / 2, MOST))
 
 
 def _without_overlap(run: Run, time: float, size: float) -> float:
     """The magnification at which contact nodes run OVERLAP through what they meet, or closed ones
-    stand so far away from it.
+    stand so far away from it; ZOOMED where the picture at the contact shows more.
     """
     if run.contact is None:
         return np.inf
+    overlap = OVERLAP if contact_window(run) is None else ZOOMED
     times = run.contact["time"]
     rows = select(run.contact, times == times[np.abs(times - time).argmin()])
     towards, closed = rows["u_n"] > 0, rows["status"] != "open"
-    room = rows["gap"][towards] + OVERLAP * size
+    room = rows["gap"][towards] + overlap * size
     limit = np.maximum(room / rows["u_n"][towards], 1.0).min(initial=np.inf)
     gap = np.abs(rows["gap"][closed]).max(initial=0)
-    return float(min(limit, 1 + OVERLAP * size / gap if gap > 0 else np.inf))
+    return float(min(limit, 1 + overlap * size / gap if gap > 0 else np.inf))
 
 
 def deformed(figure: Figure, run: Run) -> None:
@@ -150,9 +163,10 @@ def _stress(figure: Figure, axes, run: Run, mesh: Mesh, moved: np.ndarray, wide:
     """Von Mises stress in colours, and their bar; singularities must not take all of them."""
     stress = stress_scale(run, np.percentile(mesh.von_mises, 99.5) if top is None else top)
     values = mesh.von_mises * stress.factor
+    largest = values[mesh.triangles].max()
     limit = np.percentile(values, 99.5) if top is None else top * stress.factor
-    beyond = values.max() > 1.05 * limit
-    limit = limit if beyond or top is not None else values.max()
+    beyond = largest > 1.05 * limit
+    limit = limit if beyond or top is not None else largest
     # as a bitmap: 1e5 triangles in a PDF would choke a reader
     picture = axes.tripcolor(*moved.T, mesh.triangles, values, shading="gouraud", rasterized=True,
                              cmap="viridis", vmin=0, vmax=limit or 1, zorder=0.5)
@@ -161,8 +175,8 @@ def _stress(figure: Figure, axes, run: Run, mesh: Mesh, moved: np.ndarray, wide:
     bar = figure.colorbar(picture, ax=axes, location="bottom" if wide else "right", aspect=BAR,
                           fraction=max(0.15, thick / (thick + min(width, height))), pad=0.02,
                           extend="max" if beyond else "neither")
-    largest = f", largest value {values.max():.3g}" if beyond else ""
-    bar.set_label(f"von Mises stress [{stress.label}]{largest}")
+    most = f", largest value {largest:.3g}" if largest < 1000 else f", largest value {largest:.0f}"
+    bar.set_label(f"von Mises stress [{stress.label}]{most if beyond else ''}")
 
 
 # ---- at the contact ------------------------------------------------------------------------------
@@ -201,6 +215,7 @@ def contact_zoom(figure: Figure, run: Run) -> None:
     half = width * scale.factor / 2
     draw_obstacles(axes, run, mesh.time, width * scale.factor, scale.factor,
                    np.array([place - half, place + half]), times=1.0)
+    _planes(axes, run, mesh, moved, width * scale.factor, scale.factor)
     handles = status_nodes(axes, run, mesh, moved)
     if mesh.body.max() > 0 and run.boundary:
         rim = moved[mesh.rim()[0][outer(mesh, run.boundary)]]
@@ -210,6 +225,16 @@ def contact_zoom(figure: Figure, run: Run) -> None:
     axes.set(xlim=(x - half, x + half), ylim=(y - 0.55 * half, y + 0.55 * half))
     run_header(figure, run, f"The contact{run.at(mesh.time)}, displacements to scale", handles)
     shrink_to_body(figure, axes)
+
+
+def _planes(axes, run: Run, mesh: Mesh, moved: np.ndarray, width: float, factor: float) -> None:
+    """Where closed nodes are far from the obstacle's known points, its planes beside them."""
+    rows = rigid_rows(run, mesh.time) if run.obstacle is None else None
+    if rows is None:
+        return
+    closed = select(rows, rows["status"] != "open")
+    node = cKDTree(mesh.xy).query(np.column_stack([closed["x"], closed["y"]]))[1]
+    draw_planes(axes, closed, moved[node], width, factor)
 
 
 def status_nodes(axes, run: Run, mesh: Mesh, moved: np.ndarray) -> list:

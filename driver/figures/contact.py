@@ -12,6 +12,9 @@ from .scales import Scale, length_scale, stress_scale
 from .style import BLUE, INK, RED, STATUS, status_name
 
 
+FAINT = 0.01  # of the largest pressure: the least that an axis of stresses shows
+
+
 def pale(colour: str) -> tuple:
     """A tint light enough to carry curves."""
     return tuple(0.72 + 0.28 * c for c in to_rgb(colour))
@@ -90,6 +93,7 @@ def contact_panels(figure: Figure, run: Run, caption: str, panels: tuple) -> Non
             handles.update({line.get_label(): line for line in lines})
             axes.axhline(0, color="0.45", lw=0.5, zorder=1)
             axes.locator_params(axis="y", nbins=6)
+        widen(above, FAINT * np.abs(run.contact["sigma_n"]).max() * stress.factor)
         widen(below, visible(run) * length.factor)
         below.set_xlabel(rf"arc length along $\Gamma_c$ [{arc.label}]")
     figure.align_ylabels()

@@ -30,7 +30,8 @@ def mark_steps(axes, table: dict) -> None:
     begin = table["product"][first]
     for x in begin[1:]:
         axes.axvline(x, color="0.85", lw=0.5, zorder=0)
-    room, ticks = 0.03 * np.ptp(table["product"]), []
+    room = (0.012 + 0.01 * len(f"{steps.max():.0f}")) * np.ptp(table["product"])
+    ticks = []
     for step, x in zip(steps, begin):
         if not ticks or x - ticks[-1][1] >= room:
             ticks.append((step, x))

@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, NullFormatter
 
-from .history import loops
+from .history import coordinate, loops, markers
 from .layout import run_header
 from .reading import Run, contact_boundaries, select
 from .scales import energy_scale, force_scale, length_scale
@@ -23,9 +23,11 @@ def cycles(figure: Figure, run: Run) -> None:
     _work(work, run, table)
     _changes(change, table)
     _ways(way, run, table)
+    first, last = table["cycle"][[0, -1]]
     for axes in (work, change, way):
         axes.set_xlabel("cycle")
-        axes.xaxis.set_major_locator(MaxNLocator(6, integer=True))
+        axes.xaxis.set_major_locator(MaxNLocator(6, integer=True, min_n_ticks=1))
+        axes.set_xlim(first - 0.05 * max(last - first, 10), last + 0.05 * max(last - first, 10))
     for axes in (loop, work, change, way):
         axes.grid(color="0.9", lw=0.5)
         axes.set_axisbelow(True)
@@ -33,7 +35,8 @@ def cycles(figure: Figure, run: Run) -> None:
     verdict = "not settled" if found["settled_after"] is None else (
         f"settled from cycle {found['settled_after']} on")
     skipped = f", {found['skipped']} of them jumped over" if found["skipped"] else ""
-    title = f"{found['number']} cycles{skipped}: {found['last']['kind']}, {verdict}"
+    counted = "1 cycle" if found["number"] == 1 else f"{found['number']} cycles"
+    title = f"{counted}{skipped}: {found['last']['kind']}, {verdict}"
     run_header(figure, run, title, [], f"loop: {named}")
 
 
@@ -44,7 +47,8 @@ def _force_and_way(run: Run) -> tuple[str, np.ndarray, np.ndarray, np.ndarray]:
     of the boundary with most of it; where such forces are constant, shear force and u_t of the node
     that moves most.
     """
-    probes = [(f"force and displacement of {name.replace('label', 'label ')}, ${axis}$",
+    probes = [(f"force and displacement of {name.replace('label', 'label ')}, "
+               f"${coordinate(run, axis)}$",
                rows["step"], rows[f"u_{axis}"], rows[f"force_{axis}"])
               for name, axis, rows in loops(run)]
     own = []
@@ -81,8 +85,9 @@ def _loop(axes, run: Run, table: dict) -> str:
         if k and table["skipped"][k]:  # what comes before belongs to another cycle
             own &= steps > end - count
         last = k == len(ends) - 1
-        axes.plot(u[own] * length.factor, force[own] * unit.factor, "o-" if last else "-",
-                  color=RED if last else "0.7", ms=2.4, lw=1.3 if last else 0.7, zorder=2 + last)
+        style = markers(np.count_nonzero(own)) if last else {"lw": 0.7}
+        axes.plot(u[own] * length.factor, force[own] * unit.factor,
+                  color=RED if last else "0.7", zorder=2 + last, **style)
     axes.set(xlabel=rf"displacement $\delta$ [{length.label}]",
              ylabel=f"force $Q$ [{unit.label}]", title="hysteresis, last cycle in colour")
     axes.xaxis.set_major_locator(MaxNLocator(5))
@@ -99,7 +104,8 @@ def _work(axes, run: Run, table: dict) -> None:
 def _changes(axes, table: dict) -> None:
     later = select(table, slice(1, None))  # the first has nothing to be compared with
     if not np.any(later["change"] > 0):
-        axes.text(0.5, 0.5, "no change", ha="center", transform=axes.transAxes, color="0.4")
+        said = "no change" if len(later["cycle"]) else "one cycle alone"
+        axes.text(0.5, 0.5, said, ha="center", transform=axes.transAxes, color="0.4")
     else:
         seen = np.where(later["change"] > 0, later["change"], np.nan)
         axes.semilogy(later["cycle"], seen, "o-", color=BLUE)

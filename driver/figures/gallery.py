@@ -32,7 +32,7 @@ def wanted(run: Run) -> dict:
         force_displacement: moving and bool(loops(run)),
         cycles: run.cycles is not None,
         history: touching and moving,
-        convergence: run.convergence is not None,
+        convergence: run.convergence is not None and (run.convergence["residual"] > 0).any(),
         adaptivity: (run.adaptivity is not None and run.first is not None
                      and np.isfinite(run.adaptivity["relative"]).all()),
     }

@@ -37,13 +37,13 @@ def geometry(figure: Figure, run: Run) -> None:
         lines = np.stack([edges[0][own], edges[1][own]], axis=1)
         axes.add_collection(LineCollection(lines, colors=colour, capstyle="round", zorder=2.5,
                                            linewidths=1 if name == "free" else 2.2))
-    handles += _boundary_handles(role)
+    traction = np.column_stack([boundary["traction_x"], boundary["traction_y"]])
+    handles += _boundary_handles(role, traction.any(axis=1))
     _springs(axes, boundary, edges, size)
     handles += _supports(axes, boundary, edges, size)
     # without the little more the obstacle would hide the contact boundary where the gap is zero
     draw_obstacles(axes, run, 0.0, size, scale.factor, np.array([xy.min(axis=0), xy.max(axis=0)]),
                    0.016 * size)
-    traction = np.column_stack([boundary["traction_x"], boundary["traction_y"]])
     _load_arrows(axes, edges, traction, boundary["label"], size)
     handles += _weight(axes, run, xy, size)
     label_numbers(axes, boundary, edges, size, LINES)
@@ -76,32 +76,41 @@ def _materials(run: Run) -> tuple[np.ndarray, list[str]]:
     words = [f"region {name:g}" for name in regions]
     if mesh.shear_modulus is None:
         return (of_region, words) if len(regions) > 1 else (mesh.body, [])
-    scale = stress_scale(run, mesh.shear_modulus)
-    modulus = mesh.shear_modulus * scale.factor
+    modulus = mesh.shear_modulus
     digits = np.array([float(f"{value:.3g}") for value in modulus])
     values, kind = np.unique(digits, return_inverse=True)
     if len(regions) > 1 and all(np.ptp(digits[of_region == k]) == 0 for k in range(len(regions))):
         first = [digits[of_region == k][0] for k in range(len(regions))]
-        return of_region, [f"{name}, $G$ = {value:g} {scale.label}"
-                           for name, value in zip(words, first)]
+        return of_region, [f"{name}, {_modulus(run, value)}" for name, value in zip(words, first)]
     share = np.bincount(kind) / len(kind)
     often = np.sort(np.argsort(-share, kind="stable")[:len(TINTS)])
     often = often[share[often] > RARE]
     if share[often].sum() > 0.5:  # triangles across an interface have means of both materials
         nearest = np.abs(np.log(values[kind][:, None] / values[often])).argmin(axis=1)
-        return nearest, [f"$G$ = {value:g} {scale.label}" for value in values[often]]
-    bounds = np.geomspace(values[0], values[-1], len(TINTS) + 1)
-    filled, kind = np.unique(np.digitize(modulus, bounds[1:-1]), return_inverse=True)
+        return nearest, [_modulus(run, value) for value in values[often]]
+    scale = stress_scale(run, modulus)
+    bounds = scale.factor * np.geomspace(values[0], values[-1], len(TINTS) + 1)
+    filled, kind = np.unique(np.digitize(modulus * scale.factor, bounds[1:-1]),
+                             return_inverse=True)
     return kind, [f"$G$ = {bounds[k]:.3g} to {bounds[k + 1]:.3g} {scale.label}" for k in filled]
 
 
-def _boundary_handles(role: np.ndarray) -> list:
-    """Legend entries for the parts of the boundary that occur."""
+def _modulus(run: Run, value: float) -> str:
+    """A shear modulus with the unit that suits it."""
+    return f"$G$ = {_said(value, stress_scale(run, value))}"
+
+
+def _boundary_handles(role: np.ndarray, loaded: np.ndarray) -> list:
+    """Legend entries for the parts of the boundary that occur, and for arrows elsewhere."""
     names = {"load": r"$\Gamma_p$ traction", "contact": r"$\Gamma_c$ contact, rigid obstacle",
              "pair": r"$\Gamma_c$ contact of bodies", "springs": "elastic foundation",
              "joined": "tied or periodic", "free": "free"}
-    return [Line2D([], [], color=LINES[n], lw=1 if n == "free" else 2.2, label=text)
-            for n, text in names.items() if (role == n).any()]
+    handles = [Line2D([], [], color=LINES[n], lw=1 if n == "free" else 2.2, label=text)
+               for n, text in names.items() if (role == n).any()]
+    if (loaded & (role != "load")).any() and not (role == "load").any():
+        handles.append(Line2D([], [], color=RED, marker=r"$\downarrow$", ls="none", ms=7,
+                              label="traction"))
+    return handles
 
 
 def _supports(axes, boundary: dict, edges: tuple, size: float) -> list:

@@ -10,6 +10,8 @@ from .scales import energy_scale, force_scale, length_scale
 from .style import BLUE, GREEN, INCH, INK, ORANGE, RED
 
 FAINT = 0.15  # a force less than this part of the other has a panel of its own
+MANY = 80  # steps, from which on their markers run together
+HEADROOM = 1.1  # height of a panel over its largest value
 WORDS = {"shift_x": "shift in $x$", "shift_y": "shift in $y$", "angle": "angle",
          "distance": "distance of the nearest node"}  # of obstacles that move
 CURVES = [BLUE, RED, GREEN, ORANGE, INK]
@@ -24,7 +26,8 @@ def loading(figure: Figure, run: Run) -> None:
     steps = int(run.history["step"].max())
     if cycles := run.summary.get("cycles"):  # the history holds one of them
         end = cycles["start"] + cycles["period"]
-        note = f"grey: the cycle, gone through {cycles['number']} times"
+        times = "once" if cycles["number"] == 1 else f"{cycles['number']} times"
+        note = f"grey: the cycle, gone through {times}"
     for axes, (title, curves) in zip(panels, groups.items()):
         if cycles:
             axes.axvspan(cycles["start"], end, color="0.93", lw=0)
@@ -32,14 +35,15 @@ def loading(figure: Figure, run: Run) -> None:
         for label, values in curves.items():
             number = len(handles)
             times = np.linspace(0, end, len(values))
-            handles += axes.plot(times, values, "-", marker="osD^v"[number % 5], ms=3.2,
-                                 color=CURVES[number % 5], label=label)
+            handles += axes.plot(times, values, color=CURVES[number % 5], label=label,
+                                 **markers(len(times), "osD^v"[number % 5]))
         axes.set(ylabel=title)
         axes.margins(x=0.02)
         axes.autoscale_view()
         axes.grid(color="0.9", lw=0.5)
     panels[-1].set(xlabel="time $t$")
-    run_header(figure, run, f"History of loading, {steps} time steps (markers)", handles, note)
+    shown = " (markers)" if steps < MANY else ""
+    run_header(figure, run, f"History of loading, {steps} time steps{shown}", handles, note)
 
 
 def load_histories(run: Run) -> dict[str, dict]:
@@ -101,8 +105,8 @@ def _forces(axes, run: Run, time: np.ndarray, group: list) -> list:
     """Forces over time in one panel; legend entries."""
     scale, lines = force_scale(run, np.concatenate([values for *_, values in group])), []
     for word, colour, marker, values in group:
-        lines += axes.plot(time, values * scale.factor, marker=marker, ms=3, color=colour,
-                           label=word)
+        lines += axes.plot(time, values * scale.factor, color=colour, label=word,
+                           **markers(len(time), marker))
     axes.axhline(0, color="0.45", lw=0.5, zorder=1)
     axes.yaxis.set_major_locator(MaxNLocator(5))
     axes.set_ylabel(f"contact force\n[{scale.label}]")
@@ -122,10 +126,21 @@ def _iterations(axes, table: dict) -> None:
 def _over_time(axes, table: dict, column: str, scale_of, run: Run, name: str) -> None:
     """A column of history.csv in a panel of its own."""
     scale = scale_of(run, table[column])
-    axes.plot(table["time"], table[column] * scale.factor, "o-", ms=3, color=INK)
+    axes.plot(table["time"], table[column] * scale.factor, color=INK,
+              **markers(len(table["time"])))
     axes.set_ylabel(f"{name}\n[{scale.label}]")
     axes.yaxis.set_major_locator(MaxNLocator(4))
-    axes.set_ylim(bottom=0)
+    axes.set_ylim(0, HEADROOM * scale.factor * table[column].max() or None)
+
+
+def markers(points: int, marker: str = "o") -> dict:
+    """Markers at the steps as long as they can be told apart."""
+    return {"marker": marker, "ms": 3} if points <= MANY else {"lw": 1.0}
+
+
+def coordinate(run: Run, name: str) -> str:
+    """x or y as the run's pictures call it: r and z of bodies of revolution."""
+    return dict(x="r", y="z")[name] if run.summary["effects"].get("axisymmetric") else name
 
 
 def loops(run: Run) -> list[tuple[str, str, dict]]:
@@ -153,7 +168,8 @@ def force_displacement(figure: Figure, run: Run) -> None:
         u, f = rows[f"u_{c}"] * length.factor, rows[f"force_{c}"] * force.factor
         colour = CURVES[number % len(CURVES)]
         word = name.replace("label", "label ").replace("point", "point ")
-        handles += axes.plot(u, f, "o-", color=colour, ms=2.6, label=f"{word}, ${c}$")
+        handles += axes.plot(u, f, color=colour, label=f"{word}, ${coordinate(run, c)}$",
+                             **markers(len(u)))
         axes.plot(u[0], f[0], "o", ms=7, mfc="none", mec=colour, mew=1)
         axes.plot(u[-1], f[-1], "s", ms=6, mfc="none", mec=colour, mew=1)
     axes.axhline(0, color="0.45", lw=0.5, zorder=1)

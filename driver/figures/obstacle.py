@@ -12,6 +12,9 @@ from .style import INK
 FAR = 0.35  # of the body's size; obstacles farther away are not drawn
 NEAR = 0.1  # of the body's size: what is drawn of an obstacle beyond the picture
 FLAT = 1e-9  # 1 - cosine between normals of a flat obstacle
+REACH = 0.2  # of a picture's width: half of what is drawn of a plane
+ROUND = 4  # marks of a curved obstacle are those of a body at most so many times as large
+STRAIGHT = 1.2  # length of an obstacle over its extent up to which its marks do not meet
 BREAK = 0.5  # relative difference of distance and arc where a new piece begins
 
 
@@ -23,6 +26,13 @@ def hatch(axes, start, end, normal, size: float, colour) -> None:
     axes.add_collection(LineCollection(
         np.stack([points, tips], axis=1), colors=colour, linewidths=0.6))
     axes.update_datalim(tips)
+
+
+def marks_size(start: np.ndarray, end: np.ndarray, size: float) -> float:
+    """The size that marks are scaled by: small ones, where those of a body would fill a curve."""
+    extent = np.ptp(np.concatenate([start, end]), axis=0)
+    straight = np.linalg.norm(end - start, axis=1).sum() < STRAIGHT * np.linalg.norm(extent)
+    return size if straight else min(size, ROUND * extent.max())
 
 
 def rigid_rows(run: Run, time: float) -> dict | None:
@@ -75,7 +85,23 @@ def draw_obstacles(axes, run: Run, time: float, size: float, factor: float, box:
         return
     start, end, out = (start + away * out)[near], (end + away * out)[near], out[near]
     axes.add_collection(LineCollection(np.stack([start, end], axis=1), colors=INK, linewidths=0.8))
-    hatch(axes, start, end, out, size, INK)
+    hatch(axes, start, end, out, marks_size(start, end, size), INK)
+
+
+def draw_planes(axes, rows: dict, places: np.ndarray, width: float, factor: float) -> None:
+    """The planes by which contact sees an obstacle that has no point in a picture.
+
+    `rows` are the closed ones of `rigid_rows`, `places` (n, 2) where their nodes are in a picture
+    of this `width`: bodies that have gone far along an obstacle which is linearized.
+    """
+    normal = np.column_stack([rows["normal_x"], rows["normal_y"]])
+    surface = factor * (np.column_stack([rows["x"], rows["y"]]) + rows["gap"][:, None] * normal)
+    if (np.abs(surface[:, None] - places).max(axis=2) < width / 2).any():
+        return
+    along = REACH * width * np.column_stack([-normal[:, 1], normal[:, 0]])
+    start, end = places - along, places + along
+    axes.add_collection(LineCollection(np.stack([start, end], axis=1), colors=INK, linewidths=0.8))
+    hatch(axes, start, end, normal, width, INK)
 
 
 def draw_obstacle(axes, rows: dict, size: float, factor: float, away: float = 0.0,
@@ -97,10 +123,10 @@ def draw_obstacle(axes, rows: dict, size: float, factor: float, away: float = 0.
             along = np.column_stack([-normal[near][:, 1], normal[near][:, 0]]) * 0.05 * size
             points = np.concatenate([points - along, points + along])
         way = times * factor * np.abs(rows["u_t"][near]).max() if times else 0.0
-        even = np.ptp(gap[near]) < 1e-6 * size
+        along = points[-1] - points[0]
+        along = along / (np.linalg.norm(along) or 1.0)
+        even = np.abs((points - points[0]) @ [-along[1], along[0]]).max() < 1e-6 * size
         if way > 0 and even and (normal[near] @ normal[near[0]] > 1 - FLAT).all():
-            along = points[-1] - points[0]
-            along = along / np.linalg.norm(along)
             points = np.vstack([points[0] - way * along, points[-1] + way * along])
         start, end = points[:-1], points[1:]
         out = right_of(start, end)
@@ -109,4 +135,4 @@ def draw_obstacle(axes, rows: dict, size: float, factor: float, away: float = 0.
         out = np.where((out * middle).sum(axis=1, keepdims=True) < 0, -out, out)
         axes.add_collection(LineCollection(np.stack([start, end], axis=1), colors=INK,
                                            linewidths=0.8))
-        hatch(axes, start, end, out, size, INK)
+        hatch(axes, start, end, out, marks_size(start, end, size), INK)

@@ -10,6 +10,7 @@ from matplotlib.ticker import MaxNLocator
 
 from ..files import read_rows
 from ..text import words
+from .scales import scale_for
 from .style import BLUE, INK, ORANGE, canvas, write
 
 LINES = {"P1": (BLUE, "-"), "P2": (ORANGE, "--")}
@@ -66,14 +67,16 @@ def _errors(figure: Figure, rows: list[dict]) -> None:
 
 def _fill(figure: Figure, rows: list[dict]) -> None:
     axes = figure.subplots()
+    scale, name = _unit(rows)
     for kind in dict.fromkeys(row["kind"] for row in rows):
-        x, y = zip(*((float(row["x"]), float(row["y"])) for row in rows if row["kind"] == kind))
+        x, y = zip(*((float(row["x"]), scale * float(row["y"]))
+                     for row in rows if row["kind"] == kind))
         if kind == "reference":
             axes.plot(x, y, "o", color=INK, mfc="none", ms=3.5, mew=0.7, label="reference")
         else:
             colour, line = LINES[kind]
             axes.plot(x, y, line, color=colour, lw=1.2, label=kind)
-    known = [float(row["y"]) for row in rows if row["kind"] == "reference"]
+    known = [scale * float(row["y"]) for row in rows if row["kind"] == "reference"]
     low, high = min(known), max(known)
     if low < 0.8 * high:  # from zero; where the pressure is infinite nodes have large means
         axes.set_ylim(1.3 * min(low, 0.0), 1.15 * high)
@@ -83,5 +86,15 @@ def _fill(figure: Figure, rows: list[dict]) -> None:
     margin = 0.15 * (max(across) - min(across))
     axes.set_xlim(min(across) - margin, max(across) + margin)
     axes.xaxis.set_major_locator(MaxNLocator(7))
-    axes.set(xlabel=rows[0]["x_name"], ylabel=rows[0]["y_name"])
+    axes.set(xlabel=rows[0]["x_name"], ylabel=name)
     axes.legend()
+
+
+def _unit(rows: list[dict]) -> tuple[float, str]:
+    """Factor and name of the values of a curve, "pressure [Pa]", with a prefix that suits them."""
+    name, bracket, unit = rows[0]["y_name"].partition(" [")
+    if not bracket:
+        return 1.0, name
+    scale = scale_for(unit.removesuffix("]"), [float(row["y"]) for row in rows
+                                               if row["kind"] == "reference"])
+    return scale.factor, f"{name} [{scale.label}]"

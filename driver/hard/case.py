@@ -32,7 +32,7 @@ class Outcome:
     summary: dict = field(default_factory=dict)
     contact: dict = field(default_factory=dict)
     history: dict = field(default_factory=dict)
-    crashed: bool = False  # traceback or death by a signal
+    crashed: bool = False  # a defect, a traceback or death by a signal
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,7 @@ def run_command(words: list[str], directory: Path, limit: float, prefix: list[st
             status, errors = -1, f"killed after {limit:g} s\n"
     seconds = time.perf_counter() - clock
     lines = errors.strip().splitlines() or [""]
-    crashed = "Traceback" in errors or status < -1 or status > 128
+    crashed = "Traceback" in errors or status == 1 or status < -1 or status > 128
     return read_results(Outcome(status, lines[-1], seconds, directory, crashed=crashed))
 
 

@@ -152,7 +152,7 @@ def violations(body: Assembled, manifest, contact: dict,
 
 
 def sizes(body: Assembled, force: np.ndarray) -> np.ndarray:
-    """(modes,) work of forces of the sizes `force` (dofs,) on free motions, whatever their direction.
+    """(modes,) work of forces of the sizes `force` (dofs,) on free motions, in any direction.
 
     What is across a motion does none, but for rounding.
     """

@@ -137,6 +137,7 @@ def run(scene: RandomScene, path: Path, folder: Path, cut: dict[str, str],
             execute(Run.from_pairs(pairs))
     except DriverError as problem:
         outcome.status, outcome.message = problem.exit_status, str(problem)
+        outcome.crashed = outcome.status == 1
     except TooLong:
         outcome.status, outcome.message = -1, f"not finished after {LIMIT} s"
     except Exception:  # pylint: disable=broad-exception-caught  # what a user would see as a crash

@@ -42,12 +42,27 @@ class Fields:
         return getattr(self, name)
 
 
+class Columns(dict):
+    """Columns of a table by their names; one that is not there is a KeyError that lists them."""
+
+    def __init__(self, name: str, columns: dict[str, np.ndarray]):
+        super().__init__(columns)
+        self.name = name
+
+    def __missing__(self, column):
+        if not self:
+            raise KeyError(f"the run left no {self.name}.csv")
+        raise KeyError(f"{self.name}.csv has no column {column!r}; it has {', '.join(self)}")
+
+
 class Result:
     """A finished run; tables are dictionaries of columns, empty where the run has no such table."""
 
     def __init__(self, directory, text: str = ""):
         """`text` is what the run printed. Raises InputError where there is no finished run."""
         self.directory, self.text = Path(directory), text
+        if self.directory.is_file():
+            raise InputError(f"{directory} is a file: give the directory of a run")
         try:
             self.summary = json.loads((self.directory / "summary.json").read_text())
         except FileNotFoundError:
@@ -79,8 +94,15 @@ class Result:
         """probes.csv: columns (steps x probes,) by name."""
         return self._table("probes")
 
+    @functools.cached_property
+    def cycles(self) -> dict[str, np.ndarray]:
+        """cycles.csv: columns (cycles,) by name, of a history that is repeated."""
+        return self._table("cycles")
+
     def fields(self, step: int = -1) -> Fields:
         """Fields at the end of `step`; 0 is the start, -1 the last. Raises InputError."""
+        if not isinstance(step, (int, np.integer)):
+            raise InputError(f"fields takes the number of a step, not {step!r}")
         step = self.summary["steps"] + 1 + step if step < 0 else step
         path = self.directory / field_file(step)
         if not path.is_file():
@@ -100,5 +122,5 @@ class Result:
 
     def _table(self, name: str) -> dict[str, np.ndarray]:
         columns = read_table(self.directory / f"{name}.csv") or {}
-        return {column: values.astype(int) if column in WHOLE else values
-                for column, values in columns.items()}
+        return Columns(name, {column: values.astype(int) if column in WHOLE else values
+                              for column, values in columns.items()})

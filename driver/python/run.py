@@ -106,6 +106,6 @@ def _error(status: int, errors: str) -> Exception:
         return KeyboardInterrupt()
     lines = [line.removeprefix("error: ") for line in errors.splitlines()
              if line.startswith("error: ")]
-    if status in (2, 3, 4) and lines:
+    if status in (1, 2, 3, 4) and lines:
         return error_of(status, lines[-1])
     return InputError(f"the driver ended with status {status}: {errors.strip() or 'no message'}")

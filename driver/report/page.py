@@ -7,6 +7,7 @@ from pathlib import Path
 
 FILE = "report.html"
 WIDE = 2.5  # width of a picture over its height from which on a phone would show it too small
+NARROW = 900  # pixels of a picture that a phone can show as it is
 LONG = 24  # characters of a cell that is not to be broken at every word
 COLOURS = {"good": "#009E73", "doubtful": "#E69F00", "bad": "#D55E00"}  # of verdicts
 STYLE = """
@@ -81,7 +82,8 @@ def picture(path: Path, caption: str, wide: float = WIDE) -> str:
              f'{base64.b64encode(content).decode()}">')
     if kind == "png":
         width, height = struct.unpack(">II", content[16:24])
-        image = f'<div class="wide">{image}</div>' if width > wide * height else image
+        if width > wide * height and width > NARROW:
+            image = f'<div class="wide">{image}</div>'
     return f"<figure>{image}<figcaption>{escape(caption)}</figcaption></figure>"
 
 

@@ -111,7 +111,8 @@ def _rows(summary: dict, key: str, first: str, columns: tuple) -> str:
     head = [f"{c.name.replace('_', ' ')} [{unit[c.name]}]".removesuffix(" []").removesuffix(" [1]")
             for c in shown]
     head[0] = first
-    return page.table(head, [[row[c.name] for c in shown] for row in summary.get(key, [])])
+    rows = screen.without_noise(summary.get(key, []), shown)
+    return page.table(head, [[row[c.name] for c in shown] for row in rows])
 
 
 def pictures(folder: Path, captions: dict[str, str] | None = None,
@@ -124,8 +125,15 @@ def pictures(folder: Path, captions: dict[str, str] | None = None,
     order = list(captions)
     paths = sorted([*folder.glob("*.png"), *folder.glob("*.gif")], key=lambda path: (
         order.index(path.stem) if path.stem in order else len(order), path.stem))
-    return [page.picture(path, captions.get(path.stem, path.stem.replace("_", " ")), wide)
-            for path in paths]
+    return [page.picture(path, _caption(path.stem, captions), wide) for path in paths]
+
+
+def _caption(name: str, captions: dict[str, str]) -> str:
+    """What a picture shows: its own caption, that of the pictures of its kind, or its name."""
+    kind = max((known for known in captions if name.startswith(f"{known}_")), default="", key=len)
+    if name not in captions and kind:
+        return f"{captions[kind]}: {name.removeprefix(f'{kind}_').replace('_', ' ')}"
+    return captions.get(name, name.replace("_", " "))
 
 
 def _settings(summary: dict) -> list[str]:

@@ -8,17 +8,22 @@ from ..files import read_rows, renamed
 from . import page
 from . import run as single
 
-# what a study is, by the tables that it leaves, and what their figures show
+# what a study is, by the tables that it leaves or by the first column of one, and what its figures
+# show
 STUDIES = {"accuracy.csv": "What accuracy costs", "stopping.csv": "Tolerances of the solver",
            "coverage.csv": "Errors claimed and errors made", "prices.csv": "Prices of accuracy",
            "requests.csv": "Accuracies asked for", "locking.csv": "Nearly incompressible material",
-           "effects.csv": "What each effect changes and costs", "table.csv": "The slides' table"}
+           "table.csv": "The slides' table", "without": "What each effect changes and costs",
+           "family": "Hard cases", "case": "Published cases and closed forms", "part": "Benchmark"}
 CAPTIONS = {
+    "report": "Every case with its residuals, its error and its work",
+    "study": "Forces, pressure, states of the contact nodes and work of friction",
     "work_precision": "Errors of all runs over seconds of the solver; the Pareto front below",
     "products": "Products with F beside a tenth of the slides', and without an ingredient",
     "random": "What became of scenes drawn at random", "sweeps": "Products from easy to hard"}
-PANELS = 1.3  # width over height of pictures with two panels side by side
+DEFAULTS = ("effects", "hard", "verify", "bench", "accuracy", "table")  # directories
 SHOWN = 200  # rows of a table; the file has all
+OPEN = 12  # rows of a table that is not folded
 # column, its words that are as they should be with what they mean, and its bad words
 JUDGED = (("met", {"yes": "met"}, {"no"}), ("converged", {"yes": "converged"}, {"no"}),
           ("status", {"solved": "solved", "refused": "refused as it should be"}, {"FAILED"}),
@@ -35,20 +40,25 @@ def write(directory: Path) -> Path:
     if summary.is_file() and "study" not in json.loads(summary.read_text()):
         return single.write(directory)
     tables = {path: read_rows(path) for path in sorted(directory.glob("*.csv"))}
-    pictures = [*single.pictures(directory, CAPTIONS, PANELS),
-                *single.pictures(directory / "figures")]
+    # pictures of studies have panels side by side: all but narrow ones are scrolled
+    pictures = [*single.pictures(directory, CAPTIONS, 0),
+                *single.pictures(directory / "figures", CAPTIONS, 0)]
     if not tables and not pictures:
         raise InputError(f"{directory} holds no finished run and no study to report on")
     path = directory / page.FILE
     title = directory.resolve().name
-    if kind := next((words for name, words in STUDIES.items() if directory / name in tables), ""):
-        title = f"{kind}: {title}"
+    found = {path.name for path in tables} | {next(iter(rows[0]), "") for rows in tables.values()
+                                              if rows}
+    if kind := next((words for name, words in STUDIES.items() if name in found), ""):
+        title = kind if title in DEFAULTS else f"{kind}: {title}"
     if summary.is_file():
         entries = json.loads(summary.read_text())
         title = f"{entries['scene']}: study of {entries['study']}"
+    judgements = [_judgement(table, rows) for table, rows in tables.items()]
+    tables = dict(sorted(tables.items(), key=lambda table: not _judgement(*table)))
     with renamed(path) as hidden:
         hidden.write_text(page.page(title, [
-            *(_judgement(table, rows) for table, rows in tables.items()),
+            *judgements,
             page.section("Warnings", _warnings(summary)),
             page.section("Figures", *pictures),
             page.section("Tables", *(_table(table, rows) for table, rows in tables.items()))]),
@@ -87,10 +97,13 @@ def _warnings(summary: Path) -> str:
 
 
 def _table(path: Path, rows: list[dict]) -> str:
-    """A table of a study, folded."""
+    """A table of a study, folded unless it is a short one that judges."""
     more = page.paragraph(f"{len(rows) - SHOWN} more rows in {path.name}") \
         if len(rows) > SHOWN else ""
-    return page.folded(f"{path.name}, {len(rows)} rows", _rows(rows) + more)
+    title = f"{path.name}, {len(rows)} row{'s' if len(rows) > 1 else ''}"
+    if len(rows) <= OPEN and _judgement(path, rows):
+        return page.paragraph(title) + _rows(rows)
+    return page.folded(title, _rows(rows) + more)
 
 
 def _number(text: str):

@@ -4,25 +4,49 @@ import numpy as np
 
 from ..contact.boundary import ContactBoundary
 from ..options import Settings
+from ..units import split_unit
 
+SHAPED = {"obstacle", "obstacle_motion", "large_sliding", "bilateral"}  # else it is a mould
+SMOOTH, ROUND = np.cos(np.radians((20, 30)))  # normals of neighbours, and of a label's ends
+DIAMOND = 1e12  # Pa: twice its shear modulus
 COARSE = 0.01  # RTOL beyond which forces are guesses; FRICTION_RTOL: ten times that
 OVERLAP, FACETS = 1e-3, 0.05  # of the boundary's size, of a dual segment: what facets may overlap
 
 
 def warnings(boundary: ContactBoundary, declared, displacements: list[float],
-             settings: Settings) -> list[str]:
+             settings: Settings, softest: float, units: dict[str, str]) -> list[str]:
     """A sentence for each; `declared` are the names of the declared effects, `displacements` the
-    largest of every step.
+    largest of every step, `softest` the smallest shear modulus in the scene's `units`.
     """
     said = []
+    exponent, pascal = split_unit(units["stress"])
+    if pascal == "Pa" and softest * 10.0**exponent > DIAMOND:
+        said.append(f"the softest material has a shear modulus of {softest:.2g} {units['stress']}, "
+                    "more than twice that of diamond: is young in the scene's unit of stress?")
     if displacements and not any(displacements):
         said.append("nothing moves: no load, prescribed displacement or overlap acts on the bodies")
     if "gap" not in declared and len(boundary.gid):
         said += _overlaps(boundary)
+        if not SHAPED & set(declared):
+            said += _moulds(boundary)
     for name, limit in (("rtol", COARSE), ("friction_rtol", 10 * COARSE)):
         if getattr(settings, name) > limit:
             said.append(f"{name.upper()}={getattr(settings, name):g} is so coarse that forces and "
                         f"zones are guesses; {limit:g} is the most that makes sense")
+    return said
+
+
+def _moulds(b: ContactBoundary) -> list[str]:
+    """Of every round boundary whose rigid obstacle has its shape, as none is declared."""
+    said = []
+    for label in np.unique(b.label[~b.paired]):
+        normal = b.normal[(b.label == label) & ~b.paired]
+        turns = np.einsum("ij,ij->i", normal[1:], normal[:-1])
+        if len(turns) and turns.min() > SMOOTH and (normal @ normal[0]).min() < ROUND:
+            said.append(
+                f"contact label {label} is round, and so is what it meets: without gap and "
+                "obstacle a rigid obstacle has the shape of the boundary; declare  macro "
+                "obstacle(x, y) ... //  or, if that is meant, macro gap() 0. //")
     return said
 
 

@@ -12,6 +12,8 @@ from .quantities import (REPEATS, between_nodes, farthest_node, peak_nodes, quan
                          singular_places)
 from .shares import label_shares
 
+ROUND = 1e-6  # change of normals along a boundary that is not straight
+
 
 class Record:
     """The steps of a run at the contact nodes, on every rank; collective."""
@@ -106,6 +108,13 @@ class Record:
     def between_nodes(self, index: int) -> dict[str, float]:
         """What nodes leave open of quantities at places between them, see quantities.py."""
         return between_nodes(*self._columns(), index) if self.effects.contact else {}
+
+    def pressing_round(self, index: int) -> int:
+        """How many nodes press in a step, if some belong to a boundary whose normal varies."""
+        b, presses = self.contact.boundary, self.states["sigma_n"][index] < 0
+        turns = [np.ptp(b.normal[b.chain == chain], axis=0).max() > ROUND
+                 for chain in np.unique(b.chain[presses])]
+        return int(presses.sum()) if any(turns) else 0
 
     def singular_places(self) -> tuple[str, ...]:
         """Names of the quantities whose values belong to places where they may be infinite."""

@@ -7,6 +7,7 @@ from ..units import generic
 from .tables import BOUNDARIES, PROBES
 
 NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(\.\d*)?([eE][-+]?\d+)?")
+ROUNDING = 1e-13  # of the largest value of the same unit
 LONG = 60  # characters; longer lists of steps are left to summary.json
 HEADS = {"force_x": "force x", "force_y": "force y", "u_x": "u x", "u_y": "u y",
          "normal_resultant": "normal", "tangential_resultant": "tangential",
@@ -40,7 +41,7 @@ def cycles(found: dict | None, units: dict[str, str]) -> list[str]:
     if not found:
         return []
     last, length = found["last"], units["length"]
-    count = f"{found['number']} cycles"
+    count = f"{found['number']} cycle{'s' if found['number'] > 1 else ''}"
     if found["skipped"]:
         count += (f", {found['skipped']} of them jumped over, which may err by "
                   f"{found['error']:.2g} {length}")
@@ -85,5 +86,19 @@ def _table(first: str, rows: list[dict], columns: tuple, units: dict[str, str]) 
     unit = {str(column.name): generic(column.unit, units) for column in columns}
     names = [name for name in HEADS if name in unit]
     table = [[first, *(f"{HEADS[name]} [{unit[name]}]".removesuffix(" [1]") for name in names)]]
+    rows = without_noise(rows, columns)
     table += [[row[first], *(f"{row[name]:.4g}" for name in names)] for row in rows]
     return aligned(table).splitlines()
+
+
+def without_noise(rows: list[dict], columns) -> list[dict]:
+    """The rows with zeros where a value is rounding beside the largest of its unit."""
+    cleaned = [dict(row) for row in rows]
+    numbers = [column for column in columns if column.unit and all(
+        isinstance(row[column.name], float) for row in rows)]
+    for unit in {column.unit for column in numbers}:
+        names = [column.name for column in numbers if column.unit == unit]
+        least = ROUNDING * max((abs(row[name]) for row in rows for name in names), default=0.0)
+        for row in cleaned:
+            row |= {name: 0.0 for name in names if abs(row[name]) < least}
+    return cleaned

@@ -193,7 +193,8 @@ def summarize(request, problem: Problem, solver: QuasistaticSolver,
     sizes = Sizes.of(structure)
     warnings = [*history.warnings, *history.fallbacks.warnings(), *solver.uniqueness.warnings(),
                 *omissions.warnings(structure.contact.start.declared, problem.effects.rooms,
-                                    writer.record.displacements, settings)]
+                                    writer.record.displacements, settings, _softest(problem),
+                                manifest.units)]
     if optional.get("validity") and optional["validity"]["verdict"] != "ok":
         doubt = optional["validity"]
         warnings.append(f"results are {doubt['verdict']}: {doubt['reason']}")
@@ -226,6 +227,12 @@ def summarize(request, problem: Problem, solver: QuasistaticSolver,
         parameters={**manifest.parameters, **asdict(settings)}, versions=_versions(),
         seconds=seconds, effects_ledger=_ledger(problem, sizes, solver, writer),
         balance=writer.balance, dissipated=writer.dissipated, **optional)
+
+
+def _softest(problem: Problem) -> float:
+    """The smallest shear modulus of the bodies; collective."""
+    own = [sub.elasticity[:, 2, 2].min() for sub in problem.structure.subdomains]
+    return min(problem.operator.comm.allgather(min(own, default=np.inf)))
 
 
 def _cycles(cycles, rows: list[dict]) -> dict:

@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 
 from .. import environment
-from ..errors import DriverError, InputError
+from ..errors import Defect, DriverError, InputError, defect_line
 from . import hosts
 from .request import NAME, Request
 
@@ -20,7 +20,10 @@ ANSWER = "answer.json"
 
 
 def solve(work: Path, request: Request, ranks: int, stage) -> tuple[int, str]:
-    """Run a stage on `ranks` ranks; exit status and reason. Raises InputError if a rank dies."""
+    """Run a stage on `ranks` ranks; exit status and reason.
+
+    Raises InputError if a rank dies, Defect if it does of an unexpected exception.
+    """
     if ranks == 1:
         return solve_here(work, request, stage)
     request.write(work)
@@ -31,7 +34,7 @@ def solve(work: Path, request: Request, ranks: int, stage) -> tuple[int, str]:
     try:
         answer = json.loads((work / ANSWER).read_text())
     except FileNotFoundError:
-        raise InputError(_why_no_answer(done)) from None
+        raise _why_no_answer(done) from None
     if done.returncode == 0:
         sys.stderr.write(done.stderr)
     else:  # a rank died when the results were there
@@ -47,15 +50,21 @@ def write_answer(work: Path, status: int, reason: str) -> None:
     (work / ANSWER).write_text(json.dumps({"status": status, "reason": reason}))
 
 
-def _why_no_answer(done: subprocess.CompletedProcess) -> str:
-    """One line out of what mpirun and its ranks have said; a traceback is shown whole."""
+def _why_no_answer(done: subprocess.CompletedProcess) -> DriverError:
+    """The error that mpirun and its ranks tell of; a traceback goes to a log."""
+    if "Traceback" in done.stderr:
+        last = next(line for line in done.stderr.partition("Traceback")[2].splitlines()[1:]
+                    if line[:1].strip())
+        return Defect(defect_line(f"{last} on a rank of the solver", done.stderr))
+    return InputError(_why_it_died(done))
+
+
+def _why_it_died(done: subprocess.CompletedProcess) -> str:
+    """One line on ranks that ended without a traceback."""
     errors = [line.removeprefix("error: ") for line in done.stderr.splitlines()
               if line.startswith("error: ")]
     if errors:
         return errors[0]
-    if "Traceback" in done.stderr:
-        sys.stderr.write(done.stderr)
-        return "a rank of the solver failed"
     if environment.several_hosts():
         return f"{hosts.lost(done.stderr)} was lost: it is down or a rank there was killed"
     if done.returncode in (-signal.SIGKILL, 128 + signal.SIGKILL):

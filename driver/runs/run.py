@@ -4,16 +4,18 @@
     summary = execute(run)
 """
 
+import contextlib
 import dataclasses
 import json
 import shutil
 import sys
 import time
+import traceback
 from pathlib import Path
 
 from .. import options
 from ..arguments import EVERY
-from ..errors import PARTIAL, InputError, error_of, shortage
+from ..errors import PARTIAL, InputError, error_of, words_of
 from ..estimates import adaptivity, budget, prices
 from ..files import write_json
 from ..march.checkpoint import fingerprint
@@ -25,6 +27,9 @@ from ..text import shown
 from . import guard, hosts, launch
 from .request import Request
 from .workspace import Workspace, unconverged
+
+
+NO_FIGURES = ("the figures could not be drawn: {}; 'make figures' draws them from the results")
 
 
 @dataclasses.dataclass
@@ -175,7 +180,8 @@ def _complete(run: Run, work: Path, cycles: list[Path]) -> None:
         _animate(work)
     if run.figures or run.animate:
         _count(work, "figures", time.perf_counter() - clock)
-    report.write(work)
+    _try(lambda: report.write(work), work, "report.html could not be written: {}; 'make report' "
+         "writes it from the results")
     (work / "export" / "freefem.log").rename(work / "freefem.log")
     for folder in ("export", "companions"):  # the latter if a rank has died over the estimates
         shutil.rmtree(work / folder, ignore_errors=True)
@@ -196,7 +202,7 @@ def _draw(work: Path) -> None:
 
         draw_run(work, ("png",))
 
-    _try(draw)
+    _try(draw, work)
 
 
 def _animate(work: Path) -> None:
@@ -206,17 +212,17 @@ def _animate(work: Path) -> None:
 
         draw_animation(work)
 
-    _try(draw)
+    _try(draw, work)
 
 
-def _try(draw) -> None:
-    """Draw; where that fails a line says so, and the results stay."""
+def _try(make, work: Path, failed: str = NO_FIGURES) -> None:
+    """Make what the results can do without; where it fails a line says so, the log has more."""
     try:
-        draw()
+        make()
     except Exception as problem:  # whatever it is, the results stand
-        reason = shortage(problem) or " ".join(str(problem).split()) or type(problem).__name__
-        print(f"warning: the figures could not be drawn: {reason}; 'make figures' draws them from "
-              "the results", file=sys.stderr)
+        with contextlib.suppress(OSError), open(work / "run.log", "a") as log:
+            traceback.print_exc(file=log)
+        print(f"warning: {failed.format(words_of(problem))}", file=sys.stderr)
 
 
 def _publish(place: Workspace, converged: bool) -> Path:

@@ -7,7 +7,7 @@ import traceback
 from pathlib import Path
 
 from ..environment import EVERY_STEP
-from ..errors import DriverError, InputError, agreed_writes, shortage
+from ..errors import Defect, DriverError, InputError, agreed_writes, defect, shortage, words_of
 from ..estimates import adaptivity, between_steps, soundness, validity
 from ..estimates.energy import EnergyEstimator, excluded, of_time, report
 from ..march.problem import Problem, assemble
@@ -162,7 +162,7 @@ def _march(directory: Path, request: Request, problem: Problem, solver: Quasista
         estimator.consider(step, *writer.add(step))
 
     try:
-        for step in solver.steps():
+        for step in _steps(solver, directory):
             add(step)
             checkpoints.save(step, writer.files)
     except StepFailed as stop:
@@ -180,6 +180,22 @@ def _march(directory: Path, request: Request, problem: Problem, solver: Quasista
     with agreed_writes(comm):
         progress.close(str(failure or "converged"))
     return resumed, before, failure
+
+
+def _steps(solver: QuasistaticSolver, directory: Path):
+    """The steps of `solver`; a defect of the suite ends them as StepFailed where some are done.
+
+    With several ranks it ends them all: the others do not know of it.
+    """
+    try:
+        yield from solver.steps()
+    except DriverError:
+        raise
+    except Exception as problem:  # whatever it is, steps that are done stand
+        if not solver.history.steps or solver.operator.comm.size > 1 or shortage(problem):
+            raise
+        reason = defect(problem, directory / "run.log")
+        raise StepFailed(Defect(f"step {solver.history.steps + 1}: {reason}")) from None
 
 
 def _progress(directory: Path, request: Request, problem: Problem, total: int, resumed: int,
@@ -203,7 +219,7 @@ def _validity(directory: Path, problem: Problem, writer: Writer,
             raise
         with open(directory / "run.log", "a") as log:
             traceback.print_exc(file=log)
-        return None, f"validity was not checked: {' '.join(str(trouble).split())}"
+        return None, f"validity was not checked: {words_of(trouble)}"
 
 
 def _may_fail(request: Request) -> bool:
@@ -224,15 +240,14 @@ def _estimated(directory: Path, request: Request, *parts) -> tuple[dict | None, 
         if comm.rank == 0 and not isinstance(problem, DriverError):
             with open(directory / "run.log", "a") as log:
                 traceback.print_exc(file=log)
-        reason = shortage(problem) or " ".join(str(problem).split()) or type(problem).__name__
-        return errors or None, f"{NO_ESTIMATES}: {reason}"
+        return errors or None, f"{NO_ESTIMATES}: {words_of(problem)}"
 
 
 def _estimate(errors: dict, directory: Path, request: Request, problem: Problem,
               failure: DriverError | None, writer: Writer, estimator: EnergyEstimator,
               lap: Laps, memory: tuple[float, float]) -> None:
     """Fill the entry `errors` of the summary as far as `request` asks for it; collective."""
-    if request.errors == "no" or failure and failure.exit_status == 3:
+    if request.errors == "no" or failure and failure.exit_status in (1, 3):
         return
     estimates = estimator.estimates()
     for step, estimate in estimates:

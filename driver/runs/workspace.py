@@ -20,7 +20,7 @@ import sys
 import time
 from pathlib import Path
 
-from ..errors import InputError, NoSolution, NotConverged, file_error, write_error
+from ..errors import Defect, InputError, NoSolution, NotConverged, file_error, write_error
 from ..march import checkpoint
 from ..text import shown
 from . import guard
@@ -79,8 +79,10 @@ class Workspace:
             self._release_all()
         if stopped and issubclass(kind, OSError):
             raise InputError(f"{write_error(problem)}{outlook}") from None
-        if outlook and issubclass(kind, (InputError, KeyboardInterrupt)):
+        if outlook and issubclass(kind, (InputError, Defect, KeyboardInterrupt)):
             raise kind(f"{problem}{outlook}") from None
+        if outlook:
+            problem.add_note(outlook)
 
     def _outlook(self) -> str:
         """What another run with the same arguments would save."""

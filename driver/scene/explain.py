@@ -162,8 +162,13 @@ def _misunderstood(error: re.Match, lines: list[str], scene: Path, folder: Path)
         return (f"{_place(scene, rf'macro {wrapper}')}: FreeFEM does not understand "
                 f"{wrapper}{token}{remedy}")
     if wrapper in dict(library_words()):
+        if place := _after_unfinished(scene, wrapper):
+            return f"{place} lacks its ;"
         return (f"{_uses(scene, wrapper)}: FreeFEM does not understand what {wrapper} is "
                 f"given{token}")
+    if name := _holding(error[4].strip(), path, scene):
+        return (f"{_place(scene, rf'macro {name}')}: FreeFEM does not understand {name}{token}"
+                f"{remedy}")
     if path.suffix not in (".edp", ".idp"):  # the end of the file
         path = scene
     said = next((words for start, words in MISTAKES if any(map(start.match, lines))), "")
@@ -175,6 +180,18 @@ def _misunderstood(error: re.Match, lines: list[str], scene: Path, folder: Path)
     elif said == "syntax error" and (unfinished := _unfinished(scene, path.name, int(number))):
         said = f"syntax error; line {unfinished} may lack its ;"
     return f"FreeFEM failed in {path.name} line {number}{token}: {said}{remedy}"
+
+
+def _holding(token: str, path: Path, scene: Path) -> str:
+    """The first macro of the scene with the token at which FreeFEM trips over a line of the
+    library's, which the macro's content was put into; "" for none.
+    """
+    files = grammar.sources(scene)
+    if not token or path.suffix != ".idp" or any(file.path.name == path.name for file in files):
+        return ""
+    word = rf"(?<!\w){re.escape(token)}(?!\w)"
+    return next((macro.name for file in files for macro in grammar.definitions(file)
+                 if macro.name in rooms.vocabulary() and re.search(word, macro.content)), "")
 
 
 def _form(code: str) -> str:
@@ -259,6 +276,16 @@ def _unfinished(scene: Path, name: str, number: int) -> int:
         if code and at not in within and not re.match(r"(END)?IFMACRO|include|load", code):
             return 0 if code.endswith((";", "}", "{", ",")) or "addBody" in code else at
     return 0
+
+
+def _after_unfinished(scene: Path, name: str) -> str:
+    """The line of code before one that begins with `name`, if it is no macro and does not end."""
+    for source in grammar.sources(scene):
+        for number, line in enumerate(source.lines, 1):
+            if re.match(rf"\s*{name}\b", line):
+                if at := _unfinished(scene, source.path.name, number):
+                    return f"{source.path.name} line {at}"
+    return ""
 
 
 def _unknown(name: str, error: re.Match | None, scene: Path) -> str:

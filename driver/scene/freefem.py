@@ -28,7 +28,15 @@ def find_scene(name: str) -> Path:
         with contextlib.suppress(OSError, ValueError):  # names that are no names
             if path.suffix == ".edp" and path.is_file():
                 return path.resolve()
-    raise InputError(f"no scene '{name}'; a path to an .edp file or one of: {', '.join(scenes())}")
+    known, given = list(scenes()), Path(name)
+    with contextlib.suppress(OSError, ValueError):
+        if given.exists():
+            kind = "a directory" if given.is_dir() else "no .edp file"
+            raise InputError(f"no scene '{name}': it is {kind}; SCENE takes a name, which 'make "
+                             "run' lists, or the path of an .edp file")
+    if "/" not in name and (hint := script.near(given.stem, known)):
+        raise InputError(f"no scene '{name}' here, nor one of that name{hint}")
+    raise InputError(f"no scene '{name}'; a path to an .edp file or one of: {', '.join(known)}")
 
 
 def nothing() -> None:
@@ -66,6 +74,7 @@ def export(scene: Path, directory: Path, parameters: dict[str, str], ranks: int 
     _check_echo(manifest, parameters)
     script.check_fixed_labels(scene, manifest)
     script.check_regions(scene, manifest)
+    script.check_units(scene, manifest)
     return manifest
 
 

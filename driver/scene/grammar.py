@@ -178,6 +178,9 @@ def _marks(source: Source):
 
 def _check_characters(source: Source) -> None:
     for number, line in enumerate(source.lines, 1):
+        if "/*" in re.sub(r'"[^"\n]*"', "", line.split("//")[0]):
+            raise InputError(f"{source.path.name} line {number}: a comment begins by /* and is not "
+                             "closed by */")
         for letter in line.split("//")[0]:
             if not letter.isascii():
                 raise InputError(f"{source.path.name} line {number}: '{letter}' stands outside a "

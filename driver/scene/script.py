@@ -8,13 +8,16 @@ import hashlib
 import re
 from pathlib import Path
 
-from .. import environment
+from .. import environment, units
 from ..errors import InputError
 from . import grammar, rooms
 from .grammar import declared_names
 from .manifest import Manifest
 
 OWN_FILES = ("scene.idp", "export.idp", "gmsh.idp")  # includes of a scene that declare nothing
+OPERATORS = {"and": "&&", "or": "||"}
+# whole numbers alone: what multiplies or divides them before makes another quotient
+WHOLE_QUOTIENT = r"(?<![\w.^*/)\]\s])\s*\b(\d+)\s*/\s*(\d+)(?![\w.])"
 DECLARATION = r"^(?!macro)(?:func )?\w+(?:\[[^\]]*\])? ([^;\n]*)"  # global: type, declarators
 
 
@@ -121,15 +124,15 @@ def check_gmsh_numbers(scene: Path) -> None:
 
 
 def check_statements(scene: Path) -> None:
-    """Refuse terms that FreeFEM takes without effect. Raises InputError.
+    """Refuse terms that FreeFEM takes without effect or for others. Raises InputError.
 
-    Loads with unknown displacements, and conditions on no boundary.
+    Loads with unknown displacements, conditions on no boundary or of no displacement, powers
+    spelt as in Python, and divisions of whole numbers, whose remainder FreeFEM drops.
     """
     for source in grammar.sources(scene):
         for number, line in enumerate(source.lines, 1):
-            if re.search(r"\bon\(\s*u[12]\s*=", line.split("//")[0]):
-                raise InputError(f"{source.path.name} line {number}: on(...) names no boundary: "
-                                 "its label comes first, as in on(4, u1 = 0.)")
+            if reason := _statement_fault(_without_texts(line)):
+                raise InputError(f"{source.path.name} line {number}: {reason}")
     for macro in (macro for source in grammar.sources(scene)
                   for macro in grammar.definitions(source)):
         unknown = re.search(r"\bu[12]\b", _without_texts(macro.content))
@@ -139,6 +142,35 @@ def check_statements(scene: Path) -> None:
                 "unknown displacement: a load is given and such a term (a spring, a Robin "
                 "condition) would be left out; write loads with v1 and v2 alone, and springs by "
                 "macro foundation() label // or pointSpring")
+
+
+def _statement_fault(code: str) -> str:
+    """Why a line does not mean what it seems to; empty if it does."""
+    if re.search(r"\bon\(\s*u[12]\s*=", code):
+        return "on(...) names no boundary: its label comes first, as in on(4, u1 = 0.)"
+    if alone := re.search(r"\bon\(([\w\s,+-]*)\)", code):
+        return (f"{alone[0]} holds no displacement: name components and values, as in "
+                "on(4, u1 = 0., u2 = 0.)")
+    if python := re.search(r"[\w)\].]\s+(and|or)\s+[\w(!]", code):
+        return f"'{python[1]}' is no operator of FreeFEM: it writes {OPERATORS[python[1]]}"
+    if "**" in code:
+        return "** is no operator of FreeFEM: powers are x^2"
+    content = re.sub(r"^\s*macro\s+\w+\s*(\([^()]*\))?", "", code)
+    for whole in re.finditer(WHOLE_QUOTIENT, content):
+        over, under = int(whole[1]), int(whole[2])
+        if under and over % under and not re.match(r"\s*int\b", code):
+            return (f"{whole[1]}/{whole[2]} divides whole numbers, which in FreeFEM is "
+                    f"{over // under}: write {whole[1]}./{whole[2]}")
+    return ""
+
+
+def check_units(scene: Path, manifest: Manifest) -> None:
+    """Refuse names of units that can be none: numbers, a stress for a length. Raises InputError."""
+    if reason := units.fault(**manifest.units):
+        line = next((f" line {number}" for source in grammar.sources(scene)
+                     for number, line in enumerate(source.lines, 1)
+                     if re.search(r"\bunits\s*\(", line.split("//")[0])), "")
+        raise InputError(f'{scene.name}{line}: units: {reason}; such as units("mm", "MPa")')
 
 
 def taken_name(scene: Path, name: str) -> str:

@@ -151,7 +151,8 @@ def run_effects(pairs: dict[str, str]) -> list[Path]:
             done.append(variant)
             print(f"{variant.label}: {variant.reason or 'done'}", flush=True)
             if done[0].status:
-                raise error_of(done[0].status if done[0].status in (2, 3, 4) else 2, done[0].reason)
+                status = done[0].status
+                raise error_of(status if status in (1, 2, 3, 4) else 2, done[0].reason)
     compare(done)
     rows = [{**v.row, "without": v.name, "status": v.status, "reason": v.reason} for v in done]
     table = files.write_table(out / f"{scene.stem}.csv", rows, COLUMNS)

@@ -382,6 +382,31 @@ def test_a_flat_foundation_goes_on_as_far_as_the_body_slides(bent, longer):
     assert (line.min(), line.max()) == pytest.approx((-longer, 2.0 + longer))
 
 
+def test_a_ramp_beside_a_round_body_goes_on_as_well():
+    """Its points lie on a line though the gaps differ."""
+    x = np.linspace(0, 1, 5)
+    contact = {"x": x, "y": x**2 / 9, "normal_x": 0 * x, "normal_y": 0 * x - 1, "gap": x**2 / 9,
+               "arc": x, "u_t": 0.1 + 0 * x}
+    axes = Figure().add_subplot()
+    obstacle.draw_obstacle(axes, contact, 1.0, 1.0, times=1.0)
+    line = np.array(axes.collections[0].get_segments())[:, :, 0]
+    assert (line.min(), line.max()) == pytest.approx((-0.1, 1.1))
+
+
+@pytest.mark.parametrize("far, planes", [(0.0, 0), (3.0, 1)])
+def test_planes_stand_in_for_an_obstacle_that_is_not_in_the_picture(far, planes):
+    """Two nodes that have gone `far` along a floor at y = 0, in a picture 1 wide."""
+    zero = np.zeros(2)
+    rows = {"x": np.array([0.0, 0.1]), "y": zero, "normal_x": zero, "normal_y": zero - 1,
+            "gap": zero}
+    axes = Figure().add_subplot()
+    obstacle.draw_planes(axes, rows, np.array([[far, 0.0], [far + 0.1, 0.0]]), 1.0, 1.0)
+    assert len(axes.collections) == 2 * planes
+    if planes:
+        line, marks = (np.array(drawn.get_segments()) for drawn in axes.collections)
+        assert line[0].min() == 0 == line[:, :, 1].max() and (marks[:, 1, 1] < 0).all()
+
+
 def test_rim_of_the_torn_mesh_is_the_boundary_of_every_subdomain(run):
     edges, _ = run.first.rim()
     length = np.linalg.norm(np.diff(run.first.xy[edges], axis=1), axis=2).sum()
@@ -741,6 +766,38 @@ def test_magnification_respects_gaps_and_large_displacements(tmp_path):
     run.last.displacement *= 0.2 / np.linalg.norm(run.last.displacement, axis=1).max()
     assert body.magnification(run) == 1
     assert "displacements to scale" in words(figures.compose("deformed", run))
+
+
+def test_a_slender_body_is_magnified_until_it_bends_visibly(tmp_path):
+    """Bent like a beam 2 x 0.02 its deflection is shown with 8 % of its length, though that is many
+    times its height; squeezed as much it would turn inside out, and a strain of 1/4 is shown.
+    """
+    run = figures.read_run(make_run(tmp_path, steps=1, scene="own", products=6, contact="none"))
+    mesh = run.last
+    mesh.xy = mesh.xy * [1.0, 0.02]
+    x, y = mesh.xy.T
+    mesh.displacement = 1e-6 * np.column_stack([-2 * x * y, x**2])
+    largest = np.linalg.norm(mesh.displacement, axis=1).max()
+    assert 0.08 / math.sqrt(2) <= body.magnification(run) * largest / 2 <= 0.08 * math.sqrt(2)
+    mesh.displacement = np.column_stack([0 * x, -1e-4 * y])
+    assert body._strain(mesh) == pytest.approx(1e-4)
+    assert 0.25 / math.sqrt(2) <= body.magnification(run) * 1e-4 <= 0.25 * math.sqrt(2)
+
+
+def test_a_small_round_obstacle_has_small_marks():
+    """As those of a body four times its size; those of a large or a flat one follow the body."""
+    ends = circle(1, np.linspace(0, 2 * np.pi, 33))
+    assert obstacle.marks_size(ends[:-1], ends[1:], 100.0) == pytest.approx(8.0)
+    assert obstacle.marks_size(ends[:-1], ends[1:], 2.0) == 2.0
+    assert obstacle.marks_size(np.zeros((1, 2)), np.array([[1.0, 0.5]]), 100.0) == 100.0
+
+
+def test_a_run_without_iterations_has_no_picture_of_them(tmp_path):
+    """Without multipliers one solution is all: an empty diagram would say nothing."""
+    run = figures.read_run(make_run(tmp_path, steps=1, products=6))
+    assert "convergence" in figures.wanted(run)
+    run.convergence["residual"] *= 0
+    assert "convergence" not in figures.wanted(run)
 
 
 def test_a_small_contact_has_a_picture_to_scale(tmp_path):

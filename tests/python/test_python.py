@@ -48,6 +48,16 @@ def test_fields_are_arrays(result):
     assert result.fields().step == 3 and not result.fields(0).displacement.any()
     with pytest.raises(driver.DriverError, match="no fields of step 4"):
         result.fields(4)
+    with pytest.raises(driver.DriverError, match="number of a step, not 'last'"):
+        result.fields("last")
+
+
+def test_a_column_that_is_not_there_names_those_that_are(result):
+    with pytest.raises(KeyError, match="no column 'pressure'; it has step, .*sigma_n"):
+        result.contact["pressure"]  # pylint: disable=expression-not-assigned
+    with pytest.raises(KeyError, match="left no probes.csv"):
+        result.probes["u_x"]  # pylint: disable=expression-not-assigned
+    assert result.contact.get("pressure") is None and result.cycles == {}
 
 
 def test_a_python_without_the_packages_starts_debians(monkeypatch):
@@ -84,6 +94,8 @@ def test_no_finished_run_to_open(tmp_path):
     (tmp_path / "summary.json").write_text("{")
     with pytest.raises(driver.DriverError, match="not readable"):
         driver.open(tmp_path)
+    with pytest.raises(driver.DriverError, match="is a file: give the directory"):
+        driver.open(tmp_path / "summary.json")
 
 
 def test_the_bar_follows_every_step(tmp_path, capsys, monkeypatch):

@@ -115,6 +115,21 @@ def test_a_study_is_judged_by_its_table(tmp_path):
     assert ["<a>", "solved", "1.5"] in page.rows
 
 
+def test_a_study_is_named_by_its_table_and_shows_a_short_one(tmp_path):
+    """A folder of the user's own name stands in the title; pictures of a kind share a caption."""
+    folder = tmp_path / "hard"
+    folder.mkdir()
+    write_table(folder / "report.csv", [{"family": "contact", "status": "solved"}])
+    write_table(folder / "more.csv", [{"x": str(k)} for k in range(3)])
+    (folder / "work_precision_slip.png").write_bytes(
+        PNG[:16] + (1200).to_bytes(4, "big") + (900).to_bytes(4, "big") + PNG[24:])
+    text = study.write(folder).read_text()
+    assert "<h1>Hard cases</h1>" in text and "front below: slip" in text and 'class="wide"' in text
+    assert "<summary>more.csv" in text and "<p>report.csv, 1 row</p>" in text
+    mine = folder.rename(tmp_path / "mine")
+    assert "<h1>Hard cases: mine</h1>" in study.write(mine).read_text()
+
+
 def test_effects_that_are_needed_are_no_failure(tmp_path):
     """Left out, a support or friction may leave no solution: that is what the study shows."""
     write_table(tmp_path / "slope.csv", [{"without": "", "status": "0"},
@@ -163,7 +178,7 @@ def test_the_page_of_a_parameter_study(tmp_path, command_here):
 
 def test_wide_pictures_are_scrolled_where_the_screen_is_narrow(tmp_path):
     """Numbers of the width and height of a PNG stand in its first bytes."""
-    for width, height, wide in ((5, 1, True), (2, 1, False)):
+    for width, height, wide in ((5000, 1000, True), (2000, 1000, False), (800, 200, False)):
         path = tmp_path / "picture.png"
         path.write_bytes(PNG[:16] + width.to_bytes(4, "big") + height.to_bytes(4, "big") + PNG[24:])
         assert ('class="wide"' in page.picture(path, "")) == wide

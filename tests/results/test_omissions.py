@@ -2,9 +2,13 @@
 and warnings that repeat are counted.
 """
 
+from types import SimpleNamespace
+
+import numpy as np
 import pytest
 
-from driver.results import screen
+from driver.options import Settings
+from driver.results import omissions, screen, tables
 
 BLOCK = """include "scene.idp"
 units("mm", "MPa");
@@ -43,6 +47,35 @@ def run_of(solved, tmp_path):
         return solved(path, **options)
 
     return get
+
+
+def test_a_material_stiffer_than_any_is_said():
+    """Of the softest alone: a body may be given any stiffness so that it hardly yields."""
+    def said(softest, stress):
+        none = SimpleNamespace(gid=())
+        return omissions.warnings(none, {"gap"}, [1.0], Settings(), softest,
+                                  {"length": "mm", "stress": stress})
+
+    assert "unit of stress" in said(8.1e10, "MPa")[0]
+    assert not said(8.1e10, "Pa") and not said(8.1e4, "MPa") and not said(1e20, "1")
+
+
+def test_an_obstacle_of_the_shape_of_a_round_boundary_is_said():
+    """Where none is declared; flat boundaries, corners and pairs are what they seem to be."""
+    def said(degrees, paired=False, declared=()):
+        angle = np.radians(degrees)
+        n = len(angle)
+        none = SimpleNamespace(gid=np.arange(n), label=np.full(n, 7), paired=np.full(n, paired),
+                               normal=np.column_stack([np.sin(angle), -np.cos(angle)]),
+                               gap=np.zeros(n), length=np.ones(n), xy=np.eye(n, 2))
+        return omissions.warnings(none, declared, [1.0], Settings(), 1.0,
+                                  {"length": "mm", "stress": "MPa"})
+
+    arc = np.linspace(-40, 40, 9)
+    assert ["label 7 is round" in line for line in said(arc)] == [True]
+    for clear in (said(0 * arc), said([0, 0, 90, 90]), said(arc, paired=True),
+                  said(arc, declared={"gap"}), said(arc, declared={"obstacle"})):
+        assert not clear
 
 
 @pytest.mark.parametrize("more, words", [
@@ -101,3 +134,11 @@ def test_repeated_warnings_are_one_line():
     assert lines == [
         "warning: step 1: residual 1.0e-01 above 1e-04 (and 2 more like it, steps 2, 5)",
         "warning: locking", "warning: step 1: slides (and 38 more like it)"]
+
+
+def test_rounding_beside_large_values_is_shown_as_zero():
+    """A coordinate of -3e-17 in a body of some millimetres; texts and other units stay."""
+    row = {"probe": "label3", "x": -2.8e-17, "y": 16.0, "u_x": 1e-3, "u_y": 1e-14, "force_x": 1e-9,
+           "force_y": 0.0, "step": 3, "time": 1.0}
+    cleaned, = screen.without_noise([row], tables.PROBES)
+    assert cleaned == row | {"x": 0.0, "u_y": 0.0}

@@ -87,7 +87,7 @@ def scene(tmp_path_factory):
     (("SCENE=model", "FIELDS=maybe"), ["FIELDS", "yes or no"]),
     (("SCENE=model", "RTOL"), ["NAME=VALUE"]),
     (("SCENE=model", "=3"), ["NAME=VALUE"]),
-    (("SCENE=model", "RTOL="), ["NAME=VALUE"]),
+    (("SCENE=model", "RTOL="), ["RTOL= has no value"]),
 ], ids=lambda v: "_".join(v) if isinstance(v, tuple) else "")
 def test_mistyped_words(command_here, tmp_path, words, expected):
     """Names and values: said in one line, with what was expected; nothing is left on disk."""

@@ -4,6 +4,7 @@ What the text alone shows is said without FreeFEM. The rest is told by how FreeF
 """
 
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -99,11 +100,37 @@ def test_a_macro_that_does_not_end(said, name):
     ("rectangle(0., 2., 0., 1.);", "rectangle(0., (2., 0., 1.);", "'(' is not closed"),
     ("rectangle(0., 2., 0., 1.);", "rectangle(0., 2., 0., 1.]);", "a ']' too many, or the wrong"),
     ("quasistatic(1.);", "for (int i = 0; i < 2; ++i) { quasistatic(1.);", "'{' is not closed"),
+    ("on(4, u1 = 0., u2 = 0.)", "on(4)", "on(4) holds no displacement"),
+    ("macro contact", "/* macro contact", "not closed by */"),
+    ("friction() F", "friction() (x > 1. and y < 1. ? F : 0.)", "it writes &&"),
+    ("2., -10.", "2.*x**2, -10.", "powers are x^2"), ("0.3 //", "3/10 //", "is 0: write 3./10"),
+    ("amplitude1(t) t", "amplitude1(t) t^(1/2)", "is 0: write 1./2"),
 ])
 def test_what_the_text_shows(said, old, new, words):
     message = said((old, new))
     extra = new.count("\n")  # the second of two includes is the one too many
     assert words in message and place(message) == line_of(old) + extra
+
+
+def test_quotients_that_are_meant():
+    """Whole ones, those of reals, and the sizes of arrays that are declared as whole numbers."""
+    for code in ("10/2", "2.*1/3", "1./3", "x/3", "(x + 1)/2", "x^1/2", "int n = 7/2;", "pi/2"):
+        assert not script._statement_fault(code), code
+
+
+def test_units_that_can_be_none(tmp_path):
+    """Numbers and exchanged names are refused with the line; odd names that could be meant not."""
+    path = tmp_path / "mine.edp"
+    path.write_text(SCENE)
+    for length, stress, words in (("mm", "3", '"3" is a number'), ("1e3", "Pa", "is a number"),
+                                  ("MPa", "mm", '"MPa" is no unit of length'),
+                                  ("m", "mm", '"mm" is no unit of stress')):
+        with pytest.raises(InputError, match=words) as refusal:
+            script.check_units(path, SimpleNamespace(units={"length": length, "stress": stress}))
+        assert place(str(refusal.value)) == line_of("units")
+    for length, stress in (("1", "1"), ("-", "-"), ("a", "E"), ("in", "psi"), ("mm", "N/mm^2")):
+        script.check_units(path, SimpleNamespace(units={"length": length, "stress": stress,
+                                                        "forces": "all"}))
 
 
 @pytest.mark.usefixtures("without_freefem")
@@ -219,13 +246,20 @@ def test_a_statement_without_its_end_is_found(said):
     assert f"line {line_of('quasistatic')} may lack its ;" in said(("(1.);", "(1.)"))
 
 
+def test_a_token_in_a_line_of_the_library_is_that_of_a_macro(said):
+    """The line has the scene's own words in it; the message names where they stand."""
+    message = said(("2., -10.", "2., -10.%%x"))
+    assert "FreeFEM does not understand load1 before token %" in message
+    assert place(message) == line_of("macro load1")
+
+
 BODY = ("rectangle(0., 2., 0., 1.);", "{}")
 
 
 @pytest.mark.parametrize("text, words", [
     ("body = square(2, 2); body = movemesh(body, [x, y*1e-8]);", "nearly flat"),
     ("body = square(2, 2); body = movemesh(body, [x, y + 2*(y < 0.7)*(y > 0.2)]);", "movemesh"),
-    ("addBody(square(2, 2)) addBody(square(int(1/5), 1))", "far too large"),
+    ("addBody(square(2, 2)) addBody(square(int(0.2), 1))", "far too large"),
     ("border a(t=0, 1) { x = t; y = t*t; label = 1; } body = buildmesh(a(5));", "close a curve"),
     ('body = readmesh("none.msh");', "mesh file"), ("", "rectangle(...)")])
 def test_bodies_that_are_none(said, text, words):

@@ -1,0 +1,103 @@
+"""Unexpected exceptions: one line that names them as a defect of the suite, and a log; what is done
+stays.
+"""
+
+import errno
+import json
+import os
+import runpy
+import subprocess
+import sys
+import tempfile
+
+import pytest
+
+from driver import cli, environment
+from driver.errors import Defect, write_error
+from driver.march.quasistatic import QuasistaticSolver
+from driver.runs import launch, run
+
+WORDS = ("SCENE=model", "LOADING=monotone", "CELLS=2", "SUBDOMAINS=2x1", "STEPS=3", "FIGURES=no",
+         "FIELDS=no", "QUIET=yes", "ERRORS=no")
+
+
+def spoil(patch, step: int) -> None:
+    """Let time step `step` come to an exception that nobody has thought of."""
+    advance = QuasistaticSolver._step
+
+    def fails(self, index, *rest):
+        if index == step:
+            raise KeyError("no such key")
+        return advance(self, index, *rest)
+
+    patch.setattr(QuasistaticSolver, "_step", fails)
+
+
+@pytest.fixture
+def logs(tmp_path, monkeypatch):
+    """Folder of the logs that belong to no results."""
+    folder = tmp_path / "logs"
+    folder.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    return folder
+
+
+def test_a_defect_in_a_step_leaves_the_steps_before(tmp_path, monkeypatch, logs, capsys):
+    """They are marked as not converged; results of a converged run stay where they are, and were
+    left although its page could not be written.
+    """
+    asked = run.Run.from_pairs(cli.parse_pairs([*WORDS, f"OUT={tmp_path / 'out'}"]))
+    with monkeypatch.context() as patch:
+        patch.setattr(run.report, "write", lambda work: {}["no such key"])
+        assert run.execute(asked)["converged"]
+    assert "report.html could not be written: 'no such key'" in capsys.readouterr().err
+    assert "Traceback" in (tmp_path / "out" / "run.log").read_text()
+    spoil(monkeypatch, 3)
+    with pytest.raises(Defect) as raised:
+        run.execute(asked)
+    said = str(raised.value)
+    assert raised.value.exit_status == 1 and len(said.splitlines()) == 1
+    for words in ("step 3: a defect of the suite", "KeyError: 'no such key'", "run.log",
+                  "out-unconverged"):
+        assert words in said
+    left = tmp_path / "out-unconverged"
+    summary = json.loads((left / "summary.json").read_text())
+    assert (summary["converged"], summary["steps"]) == (False, 2)
+    assert "Traceback" in (left / "run.log").read_text()
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["converged"]
+    assert not list(logs.iterdir())
+
+
+def test_a_defect_before_any_result_is_one_line(tmp_path, monkeypatch, logs, capsys):
+    """As the command line has it: exit status 1, place of the log, nothing left at OUT."""
+    spoil(monkeypatch, 1)
+    monkeypatch.setattr(sys, "argv", ["driver", "run", *WORDS, f"OUT={tmp_path / 'out'}"])
+    with pytest.raises(SystemExit) as ended:
+        runpy.run_module("driver", run_name="__main__")
+    said = capsys.readouterr().err
+    assert ended.value.code == 1 and len(said.splitlines()) == 1
+    log, = logs.iterdir()
+    assert said.startswith("error: a defect of the suite") and str(log) in said
+    assert "Traceback" in log.read_text() and not list(tmp_path.glob("*out*"))
+
+
+def test_a_defect_on_a_rank_is_one_line(logs):
+    """What the ranks have printed goes to the log; of a rank that was killed there is none."""
+    words = "Traceback (most recent call last):\n  File x\nValueError: singular\nMPI_ABORT\n"
+    error = launch._why_no_answer(subprocess.CompletedProcess([], 1, "", words))
+    assert isinstance(error, Defect) and "ValueError: singular" in str(error)
+    log, = logs.iterdir()
+    assert log.read_text() == words and str(log) in str(error)
+    killed = launch._why_no_answer(subprocess.CompletedProcess([], 137, "", "mpirun noticed ..."))
+    assert killed.exit_status == 2
+
+
+def test_an_output_that_nobody_reads_any_more_is_no_disk_error():
+    """As with make run | head: the run stops with a line that says why, help without one."""
+    assert "reads the output" in str(write_error(BrokenPipeError(errno.EPIPE, "Broken pipe")))
+    reading, writing = os.pipe()
+    os.close(reading)
+    done = subprocess.run([sys.executable, "-m", "driver.options"], cwd=environment.ROOT,
+                          stdout=writing, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(writing)
+    assert done.returncode == 0 and not done.stderr
