@@ -573,6 +573,7 @@ include "export.idp"
 SLEEVE = """include "scene.idp"
 units("mm", "MPa");
 subdomains("3");
+int[int] sides = [11, 12, 13, 14];
 body = square(4, 8, [20 + 5*x, 20*y], label = sides);
 macro axisymmetric() 1 //
 macro young() 210e3 //
