@@ -60,7 +60,7 @@ class ContactBoundary:
     global dual rows, -1 where a node has none (frictionless contact, or a direction that the
     support fixes). What meets at node i is the sum of value_k u(gid_k) over the terms k with
     node_k = i: its own displacement on a rigid obstacle, a mortar jump where `paired`. `edges` are
-    pairs of nodes, those of `clamped` counted on. `corners` (v, 3) as from corner_pairs.py. The
+    pairs of nodes, those of `clamped` counted on. `corners` (v, 4) as from corner_pairs.py. The
     last `joined` entries are no contact nodes but rows of joints.py: without gap and friction, with
     a component of the displacement in the place of the normal one.
     """
@@ -86,7 +86,7 @@ class ContactBoundary:
     tangential_row: np.ndarray
     edges: np.ndarray  # (e, 2), on rigid obstacles
     clamped: ClampedContact
-    corners: np.ndarray = field(default_factory=lambda: np.empty((0, 3), int))
+    corners: np.ndarray = field(default_factory=lambda: np.empty((0, 4), int))
     about: Configuration | None = None  # of pairs; None: the initial geometry
     axisymmetric: bool = False
     motion: object = None  # the ObstacleMotion; None: obstacles stand still
@@ -250,10 +250,14 @@ class FoundNodes:
                 motion.gap = np.array([np.bincount(row, value * g[other], n) for g in motion.gap])
         own = row, nodes.gid[other], value, np.zeros(len(row), bool)
         rigid, whole, terms = ~paired[row], weight.copy(), []
+        _, vertex, count = np.unique(nodes.gid[paired], return_inverse=True, return_counts=True)
+        twin = np.zeros(n, bool)
+        twin[paired] = count[vertex] > 1
         for k, pairs in enumerate(nodes.meeting):
             here = np.flatnonzero(nodes.family == k + 1)
             weight[here], length[here], normal[here], more, (node, *term) = sides.couple(
-                pairs, nodes.gid[here], following and following.reach)
+                pairs, nodes.gid[here], nodes.normal[here], twin[here],
+                following and following.reach)
             gap[here] += more
             if motion is not None:
                 motion.gap[:, here] = gap[here]

@@ -46,7 +46,9 @@ def chains(nodes: Nodes, skeleton) -> Chains:
                 links[p].append(q)
                 links[q].append(p)
     _, vertex, count = np.unique(nodes.gid, return_inverse=True, return_counts=True)
-    corner = (count[vertex] > 1) & (nodes.family == 0)
+    _, side, shared = np.unique(np.column_stack([nodes.family, nodes.gid]), axis=0,
+                                return_inverse=True, return_counts=True)
+    corner = (count[vertex] > 1) & (nodes.family == 0) | (shared[side] > 1)
     arc, number, sequence = np.zeros(len(links)), np.zeros(len(links), int), 0
     for together in _joined(nodes, labels):
         plain, start, remaining = sequence, 0.0, set(together)

@@ -35,7 +35,10 @@ alone do not tell apart. So the end of a step does not know in which one it got 
 `shared` anew between the sides, and the state becomes that of the shares. Where a vertex arrives in
 its corner both sides have rubbed on the way, each obeys Coulomb's law with that slip; one that was
 there a step ago and still is has not slid, whatever the errors of two steps add up to, and is held
-with the least friction. The next step starts with the force in the rows of its state (`own`).
+with the least friction; between bodies with the forces nearest to those that the tractions of the
+next nodes would make (beside.py), as one stress on both sides of the corner asks for. Where rows
+between bodies depend only nearly, as they do with a gap left in the corner, forces stay in the rows
+of the state. The next step starts with the force in the rows of its state (`own`).
 """
 
 from dataclasses import dataclass, field
@@ -43,7 +46,8 @@ from enum import IntEnum
 
 import numpy as np
 
-from .sharing import least_friction
+from .beside import Beside, beside
+from .sharing import alike, least_friction
 
 MOST = 12  # changes of a corner's state in one step
 AGAIN = 2  # changes after which it stands where both would press
@@ -88,6 +92,8 @@ class CornerNodes:
     offset: np.ndarray
     gap: np.ndarray
     directions: np.ndarray  # (v, 2, 2) normals
+    exact: np.ndarray  # (v,) rows depend exactly: the same force in others of them moves nothing
+    beside: Beside | None  # where corners lie between bodies
     acting: np.ndarray = field(init=False)
     switches: np.ndarray = field(init=False)
     rested: np.ndarray = field(init=False)  # (v,) was in its corner at the end of the step before
@@ -251,15 +257,22 @@ class CornerNodes:
         """
         shared, inside = x.copy(), np.zeros(len(self.nodes), int)
         acting = np.zeros(len(self.nodes), int)
+        near = None if self.beside is None else self.beside.forces(x, comm)
         for v in np.flatnonzero(self.normal[:, 0] >= 0):
             n, t = self.normal[v], self.tangential[v]
             acting[v] = self.acting[v]
             if self.alone[v] or (np.abs(gradient[n]) > TOUCHES * deformation[n]).any():
                 continue
             force, inside[v] = self._force(v, x), 1
+            if not self.exact[v]:
+                continue
             parts = self._parts(v, force, -gradient[t], rows, SLIPS * deformation[t])
             if parts is None or not self._able(v, parts[0]).all():
-                parts = self._shared_at_rest(v, force, rows)
+                if near is not None and self.beside.known[v]:
+                    parts = alike(force, self.directions[v], *self._law(v, rows),
+                                  self.bilateral[v], near[v])
+                else:
+                    parts = self._shared_at_rest(v, force, rows)
             if parts is not None:
                 shared[n], shared[t[t >= 0]] = parts[0], parts[1][t >= 0]
                 acting[v] = self._state_of(v, force, rows)
@@ -359,7 +372,7 @@ def corner_nodes(structure, in_tangential: np.ndarray, law) -> CornerNodes | Non
     contact, (start, stop) = structure.contact, structure.row_range
     if not len(contact.corners):
         return None
-    nodes, rank = contact.corners[:, :2], contact.corners[:, 2]
+    nodes, rank, exact = contact.corners[:, :2], contact.corners[:, 2], contact.corners[:, 3]
     normal, tangential = contact.normal_row[nodes], contact.tangential_row[nodes]
 
     def owned(rows: np.ndarray) -> np.ndarray:
@@ -368,4 +381,5 @@ def corner_nodes(structure, in_tangential: np.ndarray, law) -> CornerNodes | Non
     offset = np.zeros(len(contact.gid)) if law.offset is None else law.offset
     return CornerNodes(nodes, owned(normal), owned(tangential), in_tangential[nodes], rank == 1,
                        law.bilateral[nodes], offset[nodes], contact.gap[nodes],
-                       contact.normal[nodes])
+                       contact.normal[nodes], exact == 1,
+                       beside(contact, nodes, owned) if contact.paired[nodes].any() else None)

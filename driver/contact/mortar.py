@@ -68,7 +68,7 @@ def meets(first: np.ndarray, second: np.ndarray, pairs: list) -> np.ndarray:
 
 
 def couple(first: Side, second: Side, held: np.ndarray, able: np.ndarray | None = None,
-           reach: float | None = None) -> Coupling:
+           reach: float | None = None, corners: np.ndarray | None = None) -> Coupling:
     """Mortar coupling of two sides; InputError if a place of the first faces several places.
 
     Edges meet where `able` (e, o) says so, by default all. With a `reach` the nearest place counts
@@ -76,7 +76,10 @@ def couple(first: Side, second: Side, held: np.ndarray, able: np.ndarray | None 
 
     A node of the first side that a support holds (`held`, (n,) bool) has no displacement to
     constrain: the next node's multiplier on the edge takes its part over, which keeps constant
-    stress exact and the rows independent.
+    stress exact and the rows independent. At `corners` ((n,) bool), where the boundary goes on in
+    another direction, the condition is that of the place alone: what a multiplier has else goes
+    to the next node's. So both flanks of a corner that lies in one have the same condition, however
+    the meshes meet, instead of two that hardly differ.
     """
     normal = first.nodal_normals()
     e, o, start, stop = _facing_parts(first, normal, second, able, reach)
@@ -108,6 +111,15 @@ def couple(first: Side, second: Side, held: np.ndarray, able: np.ndarray | None 
                 sides = np.full(len(row), side)
                 for corner, value in enumerate(shapes):
                     terms.append((row, sides, edges[:, corner], sign * part * value))
+    for row, next_row, side, of, value, distance in (
+            () if corners is None else _at_corners(corners & ~held, first, normal, second, heir,
+                                                  whole, (e, o, start, stop))):
+        moved = [np.where(here == row, next_row, here) for here, *_ in terms]
+        terms = [(here, *rest) for here, (_, *rest) in zip(moved, terms)]
+        for to, sign in ((row, 1.0), (next_row, -1.0)):
+            terms.append((np.full(len(of), to), side, of, sign * weight[row] * value))
+        gap[next_row] += gap[row] - weight[row] * distance
+        gap[row] = weight[row] * distance
     if first.radius is None:
         length = weight
     used = (length > SLIVER * length.max(initial=0.0)) & (weight > 0) & ~held
@@ -115,6 +127,24 @@ def couple(first: Side, second: Side, held: np.ndarray, able: np.ndarray | None 
     gap = np.divide(gap, weight, out=np.zeros(n), where=used)
     return Coupling(np.where(used, weight * along, 0.0), np.where(used, length, 0.0), gap, normal,
                     *_merge(node, side, of, value, weight, used))
+
+
+def _at_corners(corner: np.ndarray, first: Side, normal: np.ndarray, second: Side,
+                heir: np.ndarray, whole: np.ndarray, parts):
+    """Conditions at corners that face the other side: (node, next node, sides, nodes, values, gap).
+
+    None where the next node is a corner, too.
+    """
+    e, o, start, stop = parts
+    for end, there in ((0, start < SLIVER), (1, stop > 1.0 - SLIVER)):
+        row = first.edges[e, end]
+        for k in np.flatnonzero(there & corner[row] & whole[e] & ~corner[heir[e, end]]):
+            xi = np.array([float(end)])
+            eta, distance, _ = _project(first, normal, second, e[[k]], o[[k]], xi)
+            values = np.array([1.0, *(-shape[0] for shape in _shapes(second.edges.shape[1], eta))])
+            nodes = np.array([row[k], *second.edges[o[k]]])
+            sides = np.array([0] + [1] * (len(nodes) - 1))
+            yield row[k], heir[e[k], end], sides, nodes, values, distance[0]
 
 
 def _shapes(nodes: int, xi: np.ndarray) -> tuple[np.ndarray, ...]:

@@ -80,7 +80,7 @@ def merge_parts(table: np.ndarray, columns: list[str], pairs: list,
     `one_a_vertex`: whatever their directions, all parts at a vertex are one node. In scenes with
     `curved` sides weights count along the node's normal: normal times weight is the force of a
     uniform pressure there, of bodies of revolution that on the ring. Raises InputError where a
-    vertex has more than two directions on rigid obstacles.
+    vertex has more than two directions.
     """
     label, gid = table[:, :2].T.astype(np.int64)
     normal = table[:, 3:5] / np.linalg.norm(table[:, 3:5], axis=1)[:, None]
@@ -120,7 +120,7 @@ def _node_of_parts(label, gid, family, normal, xy, turn: float) -> np.ndarray:
                                  return_inverse=True)
     apart = (normal * normal[first[vertex]]).sum(axis=1) < turn
     node = 2 * vertex
-    for kinked in np.unique(vertex[apart & (family == 0)]):
+    for kinked in np.unique(vertex[apart]):
         parts = np.flatnonzero(vertex == kinked)
         # in an order that does not depend on the cut
         parts = parts[np.lexsort((np.arctan2(*normal[parts].T), label[parts]))]

@@ -8,6 +8,30 @@ SLIGHT = 1e-9  # part of the force by which a bound may be missed: rounding
 PARALLEL = 1e-12  # determinant of lines of unit length that do not meet
 
 
+def alike(force: np.ndarray, normals: np.ndarray, F: np.ndarray, c: np.ndarray,
+          bilateral: np.ndarray, beside: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    """Forces of two nodes at one vertex as `least_friction` has them, but nearest to others.
+
+    `beside` (2, 2) are the pressure and the friction force of either node, p_i and q_i, if the
+    tractions of the next node on its side were its own: what one stress leaves on both sides is
+    what comes out. For given signs of p a convex quadratic program in q, whose solution is its
+    minimum in the plane, on one of the lines of the bounds, or where two of them meet.
+    """
+    own, turn, slight = _resolved(force, normals)
+    (P, Q), best, least = beside.T, None, np.inf
+    inverse = np.linalg.inv(turn.T @ turn + np.eye(2))
+    middle = inverse @ (turn.T @ (own - P) + Q)
+    for signs in product(*([1.0, -1.0] if pulls else [1.0] for pulls in bilateral)):
+        on_lines = [middle + inverse @ a * ((b - a @ middle) / (a @ inverse @ a))
+                    for a, b in _lines(own, turn, F * signs, c)]
+        for q in [middle, *on_lines, *_crossings(own, turn, F * signs, c)]:
+            p = own - turn @ q
+            away = np.linalg.norm(p - P) + np.linalg.norm(q - Q)
+            if _fits(p, q, signs, F, c, slight) and away < least - slight:
+                best, least = _within(p, q, signs, F, c), away
+    return best
+
+
 def least_friction(force: np.ndarray, normals: np.ndarray, F: np.ndarray, c: np.ndarray,
                    bilateral: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
     """Pressures p and friction forces q (2,) of two nodes at one vertex that make up `force` (2,).
@@ -20,28 +44,48 @@ def least_friction(force: np.ndarray, normals: np.ndarray, F: np.ndarray, c: np.
     program in q, whose solution is where two of its lines meet: those of the bounds, p_i = 0 and
     q_i = 0. Ties are for the first of them.
     """
-    tangents = np.column_stack([-normals[:, 1], normals[:, 0]])
-    own = np.linalg.solve(normals.T, force)  # p = own - turn q
-    turn = np.linalg.solve(normals.T, tangents.T)
-    slight, best, least = SLIGHT * np.linalg.norm(force), None, np.inf
+    own, turn, slight = _resolved(force, normals)
+    best, least = None, np.inf
     for signs in product(*([1.0, -1.0] if pulls else [1.0] for pulls in bilateral)):
         for q in _crossings(own, turn, F * signs, c):
             p, rub = own - turn @ q, np.abs(q).sum()
-            fits = (p * signs >= -slight).all() and (np.abs(q) <= F * np.abs(p) + c + slight).all()
-            if fits and rub < least - slight:
-                p = np.where(p * signs > 0, p, 0.0)
-                best, least = (p, np.clip(q, -F * np.abs(p) - c, F * np.abs(p) + c)), rub
+            if _fits(p, q, signs, F, c, slight) and rub < least - slight:
+                best, least = _within(p, q, signs, F, c), rub
     return best
 
 
-def _crossings(own, turn, F, c) -> list[np.ndarray]:
-    """Points q (2,) where two lines meet: q_i = 0, p_i = 0, q_i = -+(F_i p_i + c_i)."""
-    lines = []  # a . q = b
+def _resolved(force, normals) -> tuple[np.ndarray, np.ndarray, float]:
+    """own (2,), turn (2, 2) with p = own - turn q, and the force that rounding may leave."""
+    tangents = np.column_stack([-normals[:, 1], normals[:, 0]])
+    return (np.linalg.solve(normals.T, force), np.linalg.solve(normals.T, tangents.T),
+            SLIGHT * np.linalg.norm(force))
+
+
+def _fits(p, q, signs, F, c, slight: float) -> bool:
+    """Whether forces have their `signs` and obey the law of friction."""
+    return bool((p * signs >= -slight).all()
+                and (np.abs(q) <= F * np.abs(p) + c + slight).all())
+
+
+def _within(p, q, signs, F, c) -> tuple[np.ndarray, np.ndarray]:
+    """The same without what rounding left."""
+    p = np.where(p * signs > 0, p, 0.0)
+    return p, np.clip(q, -F * np.abs(p) - c, F * np.abs(p) + c)
+
+
+def _lines(own, turn, F, c) -> list[tuple[np.ndarray, float]]:
+    """(a, b) of the lines a . q = b: q_i = 0, p_i = 0, q_i = -+(F_i p_i + c_i)."""
+    lines = []
     for i, unit in enumerate(np.eye(2)):
         lines += [(unit, 0.0), (turn[i], own[i])]
         lines += [(unit + way * F[i] * turn[i], way * (F[i] * own[i] + c[i])) for way in (1, -1)]
+    return lines
+
+
+def _crossings(own, turn, F, c) -> list[np.ndarray]:
+    """Points q (2,) where two of the lines meet."""
     points = []
-    for (a, b), (other, value) in combinations(lines, 2):
+    for (a, b), (other, value) in combinations(_lines(own, turn, F, c), 2):
         matrix = np.array([a, other])
         sizes = np.linalg.norm(matrix, axis=1)
         if abs(np.linalg.det(matrix)) > PARALLEL * sizes.prod():

@@ -8,6 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
 from ..scene import sides
 from ..scene.elements import cross
 from .axis import on_axis, smooth_normals
@@ -98,6 +101,49 @@ class Side:
             total[ends] = _unit(total[ends].reshape(-1, 2)).reshape(-1, 2, 2)
             total[self.edges[:, 2]] = total[ends].sum(axis=1)
         return _unit(total)
+
+
+def split(edges: np.ndarray, edge_normal: np.ndarray, vertex: np.ndarray,
+          facing: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Edges (e, 2 or 3) of a side whose corners are two vertices, one of each flank.
+
+    Its contact nodes lie at `vertex` (n,) and face as `facing` (n, 2); where two have one vertex,
+    that of the second becomes a new one, at the ends of the edges that face more like it. Also the
+    vertices (k,) that the new ones, numbered on, are copies of, and the (n,) vertices of the nodes.
+    """
+    order = np.argsort(vertex, kind="stable")
+    twin = vertex[order][1:] == vertex[order][:-1]
+    one, two = order[:-1][twin], order[1:][twin]
+    copied, vertex, edges = vertex[two], vertex.copy(), edges.copy()
+    new = edges.max(initial=-1) + 1 + np.arange(len(two))
+    vertex[two] = new
+    for old, number, ahead in zip(copied, new, facing[two] - facing[one]):
+        e, end = np.nonzero(edges == old)
+        own = edge_normal[e] @ ahead > 0
+        edges[e[own], end[own]] = number
+    return edges, copied, vertex
+
+
+def before_flanks(first: Side, twins: np.ndarray, second_normal: np.ndarray) -> np.ndarray:
+    """(e, o) whether edges of the first side are before edges with `second_normal` (o, 2).
+
+    At a corner, whose two vertices are `twins` (k, 2), what opposes one flank more than the other
+    is not before the other: beyond the end of a flank in a corner that is not quite filled its
+    normals meet the other flank's side askew.
+    """
+    edges = first.edges
+    able = np.ones((len(edges), len(second_normal)), bool)
+    graph = coo_matrix((np.ones(len(edges)), edges[:, :2].T), shape=(len(first.xy),) * 2)
+    piece = connected_components(graph, directed=False)[1]
+    for pair in twins:
+        (here,), (there,) = (np.flatnonzero((edges[:, :2] == vertex).any(axis=1))[:1]
+                             for vertex in pair)
+        if piece[pair[0]] == piece[pair[1]]:
+            continue
+        away = second_normal @ (first.edge_normal[there] - first.edge_normal[here])
+        for vertex, other in ((pair[0], away < 0), (pair[1], away > 0)):
+            able[np.ix_(piece[edges[:, 0]] == piece[vertex], other)] = False
+    return able
 
 
 def rises(xy: np.ndarray) -> dict[str, np.ndarray]:

@@ -5,7 +5,7 @@ import copy
 import numpy as np
 
 from ..contact import mortar
-from ..contact.side import Side, rises, sagitta
+from ..contact.side import Side, before_flanks, rises, sagitta, split
 from ..contact.boundary import Configuration, held_nodes
 from ..errors import InputError
 from ..feti.gathering import gather
@@ -60,8 +60,13 @@ class PairSides:
         other.about, other.u = about, about.u[np.searchsorted(about.gid, self.gid)]
         return other
 
-    def couple(self, pairs: list[tuple[int, int]], nodes: np.ndarray, reach: float | None = None):
+    def couple(self, pairs: list[tuple[int, int]], nodes: np.ndarray, facing: np.ndarray,
+               corner: np.ndarray, reach: float | None = None):
         """Weight, length (n,), normal (n, 2), gap (n,), terms (node, gid, value, other body).
+
+        The contact `nodes` (n,), by gids, face as `facing` (n, 2): two at a corner are a condition
+        each, the first boundary's normals and multipliers being those of one of its flanks. At a
+        `corner` (n,) there is another condition, on this boundary or another one.
 
         `reach`: of several places that a place faces within it the nearest counts, and there may
         be none. By default there must be one.
@@ -71,15 +76,21 @@ class PairSides:
         About a displacement w with the normals n of the displaced boundaries the condition n . [u]
         <= gap has as much room at u = w as there is distance then: gap = distance + n . [w].
         """
-        (first, gids, one), (second, others, two) = map(self._side, zip(*pairs))
+        labels, other_labels = zip(*pairs)
+        first, gids, one, places, twins = self._side(labels, nodes, facing)
+        second, others, two, *_ = self._side(other_labels)
+        able = mortar.meets(one, two, pairs)
+        if len(twins):
+            able &= before_flanks(first, twins, second.edge_normal)
+        sharp = np.zeros(len(gids), bool)
+        sharp[places] = corner
         pair = mortar.couple(first, second, held_nodes(gids, self.fixed),
-                             mortar.meets(one, two, pairs), reach)
+                             able, reach, sharp if sharp.any() else None)
         if not pair.weight.any() and reach is None:
             one, two = pairs[0]
             raise InputError(
                 f"the boundaries {one} and {two} of a contact pair do not face each other, or a "
                 f"support holds all nodes of {one}: then name {two} first")
-        places = np.searchsorted(gids, nodes)
         position = np.full(len(gids), -1)
         position[places] = np.arange(len(nodes))
         node_gid = np.where(pair.side == 0, gids[np.where(pair.side == 0, pair.of, 0)],
@@ -92,19 +103,25 @@ class PairSides:
         terms = position[pair.node], node_gid, pair.value, pair.side == 1
         return pair.weight[places], pair.length[places], pair.normal[places], gap[places], terms
 
-    def _side(self, labels: tuple[int, ...]) -> tuple[Side, np.ndarray, np.ndarray]:
-        """The side about `about`, with the initial geometry's lengths and radii.
+    def _side(self, labels: tuple[int, ...], nodes: np.ndarray = np.zeros(0, int),
+              facing: np.ndarray = np.zeros((0, 2))):
+        """The Side about `about`, with the initial geometry's lengths and radii.
 
-        Also gids of its nodes, labels of its edges.
+        Also gids of its nodes, labels of its edges, which of its nodes the contact `nodes` are, and
+        its nodes (k, 2) that are the two of a corner.
         """
         here = np.isin(self.label, labels)
         gids, first, inverse = np.unique(self.gid[here], return_index=True, return_inverse=True)
         xy, u = self.xy[here], self.u[here].copy()
+        edges = inverse.reshape(-1, self.nodes)
+        edges, copied, places = split(edges, _normals(xy), np.searchsorted(gids, nodes), facing)
+        twins = np.column_stack([copied, len(gids) + np.arange(len(copied))])
+        first, gids = np.append(first, first[copied]), np.append(gids, gids[copied])
         length = np.linalg.norm(xy[:, 1] - xy[:, 0], axis=1)
         radius = xy.reshape(-1, 2)[first, 0] if self.axisymmetric else None
         curved = {}
         if self.nodes == 2:
-            rise = sagitta(xy.reshape(-1, 2)[first], inverse.reshape(-1, 2))
+            rise = sagitta(xy.reshape(-1, 2)[first], edges)
         else:  # middles stay on the straight edge between the ends
             curved = rises(xy)
             straight = u[:, :2].mean(axis=1)
@@ -113,10 +130,14 @@ class PairSides:
                 bow = bow + curved["rise"]
                 xy = np.concatenate([xy[:, :2], xy[:, :2].mean(axis=1, keepdims=True)], axis=1)
         xy = xy + u
-        x, y = (xy[:, 1] - xy[:, 0]).T
-        normal = np.column_stack([y, -x]) / np.hypot(x, y)[:, None]
+        normal = _normals(xy)
         if self.nodes == 2:
             bow = rise[:, None] * normal
-        edges = inverse.reshape(-1, self.nodes)
         side = Side(xy.reshape(-1, 2)[first], edges, normal, bow, length, radius, **curved)
-        return side, gids, self.label[here]
+        return side, gids, self.label[here], places, twins
+
+
+def _normals(xy: np.ndarray) -> np.ndarray:
+    """(e, 2) outward unit normals of straight edges between the first two of places (e, k, 2)."""
+    x, y = (xy[:, 1] - xy[:, 0]).T
+    return np.column_stack([y, -x]) / np.hypot(x, y)[:, None]

@@ -248,8 +248,9 @@ class EquilibratedBound:
         values = {"vertex": np.searchsorted(body.gid, b.gid), "weight": b.weight,
                   "bilateral": self.state.law.bilateral,
                   "own_normal": b.normal_row >= 0, "own_tangential": b.tangential_row >= 0,
-                  "gap": b.gap, "pressure": -state["sigma_n"], "shear": state["sigma_t"],
-                  "bound": state["bound"], "before": state["u_t"] - state["slip"]}
+                  "normal": b.normal, "gap": b.gap, "pressure": -state["sigma_n"],
+                  "shear": state["sigma_t"], "bound": state["bound"],
+                  "before": state["u_t"] - state["slip"]}
         about = None
         if b.about is not None:
             about = np.zeros((len(body.gid), 2))

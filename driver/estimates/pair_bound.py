@@ -40,7 +40,7 @@ from functools import cached_property
 import numpy as np
 
 from ..contact import mortar
-from ..contact.side import POINT, Side, WEIGHT
+from ..contact.side import POINT, Side, WEIGHT, before_flanks, split
 from .contact_tractions import continued, slid
 from .edge_mesh import Mesh
 from .edge_remainder import Fan, remainder_constant
@@ -51,25 +51,37 @@ class _Boundary:
     """One side of the pair on the untorn mesh; edges have the body on their left."""
 
     side: Side  # as it lies where contact is linearized
-    vertex: np.ndarray  # (n,) untorn vertex of those of the side, ascending
+    vertex: np.ndarray  # (n,) untorn vertex of those of the side, at corners one of each flank
     triangle: np.ndarray  # (e,) behind each edge
     corner: np.ndarray  # (e, 3, 2) of that triangle: start and end of the edge, apex
+    place: np.ndarray  # which vertices of the side the contact nodes are
+    twins: np.ndarray  # (k, 2) vertices of the side that are the two of a corner
 
     @classmethod
-    def of(cls, mesh: Mesh, ends: np.ndarray, about: np.ndarray | None) -> "_Boundary":
-        """Of boundary edges by vertices (e, 2); `about`: displacements (vertices, 2) or None."""
+    def of(cls, mesh: Mesh, ends: np.ndarray, about: np.ndarray | None,
+           nodes: np.ndarray = np.zeros(0, int),
+           facing: np.ndarray = np.zeros((0, 2))) -> "_Boundary":
+        """Of boundary edges by vertices (e, 2); `about`: displacements (vertices, 2) or None.
+
+        `nodes`: vertices of contact nodes, which face as `facing` says.
+        """
         owner = np.empty(len(mesh.edges), int)
         owner[mesh.first // 2] = np.arange(mesh.first.size).reshape(-1, 3)
         triangle, k = np.divmod(owner[mesh.find(ends)], 3)
         corner = mesh.corner[triangle[:, None], (k[:, None] + [0, 1, 2]) % 3]
         ends = mesh.triangles[triangle[:, None], (k[:, None] + [0, 1]) % 3]
         vertex, known, edges = np.unique(ends, return_index=True, return_inverse=True)
-        edges, place = edges.reshape(-1, 2), corner[:, :2].reshape(-1, 2)[known]
+        place = corner[:, :2].reshape(-1, 2)
+        outward = -_turned(corner[:, 1] - corner[:, 0])
+        edges, copied, nodes = split(edges.reshape(-1, 2), outward,
+                                     np.searchsorted(vertex, nodes), facing)
+        twins = np.column_stack([copied, len(vertex) + np.arange(len(copied))])
+        vertex, place = np.append(vertex, vertex[copied]), place[np.append(known, known[copied])]
         now = place if about is None else place + about[vertex]
         along = now[edges[:, 1]] - now[edges[:, 0]]
         normal = -_turned(along) / np.linalg.norm(along, axis=1)[:, None]
         length = np.linalg.norm(corner[:, 1] - corner[:, 0], axis=1)
-        return cls(Side(now, edges, normal, length=length), vertex, triangle, corner)
+        return cls(Side(now, edges, normal, length=length), vertex, triangle, corner, nodes, twins)
 
     def at(self, values: np.ndarray, edge: np.ndarray, place: np.ndarray) -> np.ndarray:
         """Nodal values, linear in between, at places (m, k) of edges (m,): (m, k, ...)."""
@@ -97,17 +109,22 @@ class PairBound:
         """`first`, `second` (e, 2): vertices of the boundary edges of both sides.
 
         `nodes`: arrays over the pair's contact nodes: vertex, weight, own_normal, own_tangential
-        (whether it has such a row), gap, pressure, shear, bound, before (tangential jump at the end
-        of the step before). `able` (e, o): which edges are to meet. `about` (vertices, 2):
+        (whether it has such a row), normal, gap, pressure, shear, bound, before (tangential jump at
+        the end of the step before). `able` (e, o): which edges are to meet. `about` (vertices, 2):
         displacements of the linearization, or None.
         """
         self.mesh, self.frictional, self.bilateral = mesh, frictional, bilateral
-        self.first, self.second = (_Boundary.of(mesh, side, about) for side in (first, second))
+        facing = nodes.pop("normal")
+        self.first = _Boundary.of(mesh, first, about, nodes["vertex"], facing)
+        self.second = _Boundary.of(mesh, second, about)
+        if len(self.first.twins):
+            able = able & before_flanks(self.first.side, self.first.twins,
+                                        self.second.side.edge_normal)
         self.parts = mortar.segments(self.first.side, self.second.side, able)
         self.normal = self.first.side.nodal_normals()
         self.tangent = _turned(self.normal)
         n, edges = len(self.first.vertex), self.first.side.edges
-        place = np.searchsorted(self.first.vertex, nodes["vertex"])
+        place = self.first.place
         # on all vertices of the side, zero where there is no contact node
         spread = {name: _spread(n, place, values) for name, values in nodes.items()}
         known = _spread(n, place, np.ones(len(place), bool))
@@ -172,7 +189,7 @@ class PairBound:
         closing = move = self._closing(jump, stiffness[vertex].max(axis=1), ~constrained[vertex],
                                        free)
         for _ in range(3):  # the move times the turn of the normals changes the excess
-            move = closing - self._excess(jump + move[self._point], free)
+            move = self._agreed(closing - self._excess(jump + move[self._point], free), free)
         jump += move[self._point]
         change = np.zeros_like(u)
         change[vertex] = move[: len(vertex)]
@@ -243,6 +260,16 @@ class PairBound:
         between = (stuck | ~self.own_tangential)[ends].all(axis=1)
         stuck = np.concatenate([stuck, between]) & seen
         return move - (self.frictional * stuck * slip)[:, None] * _turned(direction)
+
+    def _agreed(self, move: np.ndarray, free: np.ndarray) -> np.ndarray:
+        """Moves (points, 2) whose vertices at corners have one move that both normals see alike."""
+        twins = self.first.twins
+        if len(twins):
+            normal = self.normal[twins]
+            both = np.linalg.solve(normal, (move[twins] * normal).sum(axis=2)[..., None])
+            move = move.copy()
+            move[twins] = np.where(free[twins].all(axis=1)[:, None, None], both.swapaxes(1, 2), 0.0)
+        return move
 
     def _excess(self, jump: np.ndarray, free: np.ndarray) -> np.ndarray:
         """(points, 2) most by which a jump, quadratic on a part, exceeds its chord there."""

@@ -26,6 +26,7 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from ..contact.nodes import TURN
 from ..contact.states import OPEN, ContactField
 from ..feti.gathering import gather, joined
 from ..scene import elements, kinematics
@@ -210,7 +211,8 @@ class Validity:
     def _from_other(self, labels: list, xy, u, place, moved, touching):
         """Distances from the boundaries `labels` of other bodies, and turns of their normals.
 
-        What polygons lack of curved boundaries is there before any load and does not count.
+        What polygons lack of curved boundaries is there before any load and does not count. Nodes
+        at corners meet what faces them.
         """
         edges = self.structure.outer_edges
         start, end, _ = edges[np.isin(edges[:, 2], labels)].T
@@ -219,13 +221,26 @@ class Validity:
         outward = (place[end] - place[start])[:, ::-1] * [1, -1]  # of edges with the body left
         back = (outward * own[near]).sum(axis=1) > 0
         start, end = np.where(back, end, start), np.where(back, start, end)
-        now = true_distance.polygon(place[start] + moved[start], place[end] + moved[end])
-        true, normal = now.distance(xy + u)
-        turn = _angle(normal, own)
-        if self.boundary.about is None:
-            before, normal = true_distance.polygon(place[start], place[end]).distance(xy)
-            true = true - before + self.boundary.gap[touching]
-            turn = np.maximum(turn - _angle(normal, own), 0.0)
+
+        def measured(at, edges) -> tuple[np.ndarray, np.ndarray]:
+            a, b = start[edges], end[edges]
+            now = true_distance.polygon(place[a] + moved[a], place[b] + moved[b])
+            true, normal = now.distance((xy + u)[at])
+            turn = _angle(normal, own[at])
+            if self.boundary.about is None:
+                before, normal = true_distance.polygon(place[a], place[b]).distance(xy[at])
+                true = true - before + self.boundary.gap[touching[at]]
+                turn = np.maximum(turn - _angle(normal, own[at]), 0.0)
+            return true, turn
+
+        true, turn = measured(slice(None), slice(None))
+        outward = (place[end] - place[start])[:, ::-1] * [1, -1]
+        outward /= np.linalg.norm(outward, axis=1)[:, None]
+        gid, count = np.unique(self.boundary.gid[self.boundary.paired], return_counts=True)
+        for node in np.flatnonzero(np.isin(self.boundary.gid[touching], gid[count > 1])):
+            facing = outward @ own[node] < -TURN
+            if facing.any():
+                (true[node],), (turn[node],) = measured([node], facing)
         return true, turn
 
     # ---- overlaps --------------------------------------------------------------------------------

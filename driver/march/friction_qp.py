@@ -78,15 +78,15 @@ class FrictionQP:
     def _accelerators(self):
         """Preconditioner and relaxation of the contact multipliers, each None if not asked for.
 
-        Without gluing the contact block is the whole operator: deflation and relaxation only make
-        sense where they let bodies without support settle or nodes are held unevenly.
+        Without gluing too, where the contact block is the whole operator: what a body may do nearly
+        as a rigid one, beyond a thin neck or on its clamped end, only deflation knows.
         """
         settings, op = self.settings, self.operator
         relaxed = "contact" in (settings.expansion, settings.corrector)
         kinds = np.unique(op.structure.row_kind)
         wanted = relaxed or settings.preconditioner == "deflated"
-        beside_contact = RowKind.GLUING in kinds or op.modes > 0 or len(op.structure.uneven) > 0
-        coupled = wanted and beside_contact and np.any(kinds != RowKind.GLUING)
+        # the inverse on a face is at hand where the problem is condensed
+        coupled = wanted and np.any(kinds != RowKind.GLUING) and not op.contact_rows_only
         local = op.preconditioner() if settings.preconditioner != "none" or coupled else None
         chosen, self.local = local if settings.preconditioner != "none" else None, local
         if not coupled:

@@ -18,7 +18,8 @@ def corner(alone=False, bilateral=(False, False), offset=(0.0, 0.0), gap=(0.0, 0
     """One corner, with dual rows n1, n2, t1, t2."""
     return CornerNodes(np.array([[0, 1]]), np.array([[0, 1]]), np.array([[2, 3]]),
                        np.array([[0, 1]]), np.array([alone]), np.array([bilateral]),
-                       np.array([offset]), np.array([gap]), -np.eye(2)[None])
+                       np.array([offset]), np.array([gap]), -np.eye(2)[None],
+                       np.array([True]), None)
 
 
 def switched(nodes: CornerNodes, force, over) -> tuple[bool, int]:

@@ -1,10 +1,13 @@
 """Cycles: what they come to, against closed forms, enumeration and a theorem; jumps; misuse."""
 
 import itertools
+import types
 
 import numpy as np
 import pytest
 
+from driver.effects.cycles import Room
+from driver.errors import InputError
 from driver.files import read_table
 from driver.march.cycle_verdict import Choice, geometric, limit
 
@@ -385,3 +388,17 @@ def test_misuse_is_refused_in_one_line(solved, scene, changes, options, reason):
     options = {name: value for name, value in {"cells": 2, **options}.items() if value}
     run = solved(scene(STRIP, *changes), **options)
     assert run.status == 2 and reason in run.reason and "\n" not in run.reason
+
+
+@pytest.mark.parametrize("history, closed", [
+    ((0.0, 1e-16, -2e-16, 4e-16, -5e-16), True), ((0.0, 1.0, 0.0, -1.0, 1e-12), True),
+    ((0.0, 1.0, 0.0, -1.0, 1e-6), False)])
+def test_a_cycle_closes_but_for_rounding(history, closed):
+    """Steps at the zeros of a sine alone see nothing but rounding: no cycle that stays open."""
+    manifest = types.SimpleNamespace(rooms={"cycles": {"start": 0, "count": 3}}, steps=4, t_end=1.0,
+                                     patterns=[], labels=[], amplitudes={1: history})
+    if closed:
+        assert Room("cycles", manifest).repeats == (0, 3)
+    else:
+        with pytest.raises(InputError, match="a cycle ends where it begins, but amplitude1"):
+            Room("cycles", manifest)
