@@ -158,6 +158,17 @@ class CornerNodes:
             of[self.nodes[excluded]] = False
         return acts[0], acts[1]
 
+    def others(self) -> list[np.ndarray]:
+        """Other states (v,) of all corners, one of which is changed to each of its own.
+
+        Standing, which holds whatever friction can, before one side alone.
+        """
+        changed = []
+        for state in (STANDING, FIRST, SECOND):
+            for v in np.flatnonzero((self.acting != state) & ~self.alone):
+                changed.append(np.where(np.arange(len(self.acting)) == v, state, self.acting))
+        return changed
+
     # ---- which state is right --------------------------------------------------------------------
     def switch(self, x: np.ndarray, gradient: np.ndarray, rows, scale: np.ndarray, tol: float,
                comm, deformation: np.ndarray) -> bool:

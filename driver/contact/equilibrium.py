@@ -19,6 +19,7 @@ import numpy as np
 from scipy.sparse import bmat, csr_matrix, diags, hstack, identity
 
 from ..environment import PLAIN_PROGRAM, silenced
+from ..feti.free_motions import STILL
 from .rows import ContactRows
 
 SLACK = 1e-7  # relative imbalance that counts as balanced: the solver's own tolerance
@@ -56,6 +57,7 @@ def _solve(normal, gap, tangential, pair, coefficient, offset, pulls, work, size
     reach = np.abs(np.vstack([normal, tangential])).max(axis=0, initial=0.0)
     if not size.any():
         return np.zeros(len(work))  # no load: no motion
+    reach[reach <= STILL] = 0.0  # rounding, by which forces without end would resist a motion
     if np.any(reach[np.abs(work) > SLACK * size] == 0):
         return None  # a motion that no contact resists
     if not k + j:

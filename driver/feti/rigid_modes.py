@@ -8,6 +8,10 @@ from scipy.sparse.csgraph import connected_components
 
 from .gathering import gather
 
+# part of a motion below which it is rounding: loads across do no work on it, which is all there
+# may be
+ROUNDED = 1e-14
+
 
 @dataclass
 class RigidMode:
@@ -93,7 +97,7 @@ def rigid_modes(skeleton, fixed_keys, corner_keys, springs: Springs,
         _, sizes, basis = np.linalg.svd(held, full_matrices=True)
         rank = int((sizes > 1e-10 * max(1.0, sizes.max(initial=0.0))).sum())
         free = np.zeros((3, basis.shape[1] - rank))
-        free[possible] = basis[rank:].T
+        free[possible] = np.where(np.abs(basis[rank:]) > ROUNDED, basis[rank:], 0.0).T
         at_corner = np.isin(keys, corner_keys)
         if not free.shape[1] or not at_corner.any():
             continue

@@ -114,10 +114,10 @@ class Problem:
         gaps, ways = self.body.distances(), self.body.ways()
         u_t = self._before(first, step) + ways[min(step, len(ways)) - 1]
         gap = gaps[min(step, len(gaps) - 1)]
-        reason = refusals.no_state(self.body, self.manifest, weights, u_t, slipped, gap)
-        if not reason:
-            return "refused", f"{said}; search of states: none of the nodes' solves it"
-        return "FAILED", f"{said}; not confirmed: {reason}"
+        shown, why = refusals.no_state(self.body, self.manifest, weights, u_t, slipped, gap)
+        if shown:
+            return "refused", f"{said}; {why}"
+        return "FAILED", f"{said}; not confirmed: {why}"
 
     def _slipped(self, outcome: Outcome, step: int) -> np.ndarray:
         """(n_c,) sum of |slip| before a step, as the run reports it."""

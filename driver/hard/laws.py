@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from . import deformations
 from .oracle import Assembled
 
 ROUNDINGS = 4  # random ones of the stiffness
@@ -82,19 +83,23 @@ def bounds(body: Assembled, manifest, reported: Reported, start: np.ndarray) -> 
         column["cohesion"] + column["tresca"])
 
 
-def violations(body: Assembled, manifest, contact: dict, far: float = 0.0) -> dict[str, float]:
+def violations(body: Assembled, manifest, contact: dict,
+               far: np.ndarray | float = 0.0) -> dict[str, float]:
     """Relative violation of every law by the displacements under the reported forces.
 
-    Displacements and gaps are relative to the largest displacement of the run, rigid motions that
-    no support resists apart, or `far` if that is larger; tractions to its largest one. Bodies that
-    no support holds: the forces must balance, and their rigid motion is fitted to the reported one.
+    Displacements and gaps are relative to what material like the node's deforms by in the run
+    (deformations.py), or `far` (n_c,) if that is larger; tractions to the largest one. Contact and
+    friction are complementary: of pressure, a part of the largest nodal force, and distance the
+    smaller is the violation, of what friction may still grow by and slip as well. Bodies that no
+    support holds: the forces must balance, and their rigid motion is fitted to the reported one.
 
     Reported are forces and displacements, each to its own accuracy: of a body that hardly anything
     holds against turning forces that are nothing move nodes far. So displacements are corrected by
     forces, up to `RESTS` of the largest, that bring them nearest to the reported ones.
 
-    Balance is relative to the loads and the reported forces of all conditions on the body, of those
-    at one place as well that hand on to one another what the body does not feel.
+    Balance is relative to the loads and the reported forces of all conditions on the body, in
+    whatever direction, of those at one place as well that hand on to one another what the body
+    does not feel.
 
     What a support prescribes is no matter of contact. At a corner friction belongs to the one
     condition that is closed (contact/corner_nodes.py): a vertex that rests on both does not slide
@@ -103,13 +108,12 @@ def violations(body: Assembled, manifest, contact: dict, far: float = 0.0) -> di
     reported, history = Reported.of(body, contact), manifest.factors
     force = reported.forces(body)
     fields = np.array([body.solve(w, body.B.T @ f) for w, f in zip(history[1:], force)])
-    # lengths, which no turn of the axes changes
-    deformation = np.linalg.norm(fields.reshape(len(fields), -1, 2), axis=2).max(initial=far)
+    scale = np.maximum(deformations.of_nodes(body, fields, manifest.axisymmetric), far)
     turned = body.B @ body.motions
     told = np.concatenate([reported.u_n, reported.u_t], axis=1)
     u = fields @ body.B.T
     u += (turned @ np.linalg.lstsq(turned, (told - u).T, rcond=None)[0]).T
-    u += _moved_by_little(body, turned, told - u, deformation, np.abs(force).max())
+    u += _moved_by_little(body, turned, told - u, np.tile(scale, 2), np.abs(force).max())
     start = reported.u_t[:1] - reported.slip[:1] - body.ways()[:1]
     u_n, u_t = np.split(u, 2, axis=1)
     slip = np.diff(np.concatenate([start, u_t]), axis=0) - body.ways()
@@ -117,73 +121,94 @@ def violations(body: Assembled, manifest, contact: dict, far: float = 0.0) -> di
     press = max(np.abs(reported.sigma_n).max(), np.abs(reported.sigma_t).max())
     bound = bounds(body, manifest, reported, start)
     held, rubs = supported(body), rubbing(body)
-    over, sigma_n, sigma_t = u_n - gap, reported.sigma_n, reported.sigma_t
-    one_sided, over = ~pulling(body, manifest), np.where(held, 0.0, over)
+    over, sigma_n, sigma_t = np.where(held, 0.0, u_n - gap), reported.sigma_n, reported.sigma_t
+    over, one_sided = parts(over, scale), ~pulling(body, manifest)
     # what presses touches, to the accuracy that penetration and distance are judged by
-    closed, beside = (np.abs(over) <= RESTS * deformation) | (sigma_n < 0), corners(body)
+    closed, beside = (np.abs(over) <= RESTS) | (sigma_n < 0), corners(body)
     alone = closed & ~((closed.astype(int) @ beside) > 0)
     rubs = rubs & (alone | ~beside.any(axis=1))
+    pressing, forward, back = (parts(of * body.weight, np.abs(force).max()) for of in (
+        np.abs(sigma_n), bound - sigma_t, bound + sigma_t))
+    slides = parts(slip, scale)  # against friction: along the bound that resists it
     balance = [(np.abs(body.motions.T @ (w @ body.loads + body.B.T @ f)),
-                np.abs(body.motions).T @ (np.abs(w) @ np.abs(body.loads)
-                                          + abs(body.B).T @ np.abs(f)))
+                sizes(body, np.abs(w) @ np.abs(body.loads) + abs(body.B).T @ np.abs(f)))
                for w, f in zip(history[1:], force)]
     largest = np.max([size for _, size in balance], axis=0, initial=0.0)
     return {
         "weight": np.abs(reported.weight / body.weight - 1).max(),
-        "gap": ratio(np.abs(reported.gap - gap).max(), max(deformation, np.abs(gap).max())),
-        "displacement": ratio(np.abs(u - told).max(), deformation),
-        "penetration": ratio(np.where(one_sided, over, np.abs(over)).max(initial=0), deformation),
+        "gap": parts(np.abs(reported.gap - gap).max(axis=0),
+                     np.maximum(scale, np.abs(gap).max())).max(),
+        "displacement": parts(np.abs(u - told), np.tile(scale, 2)).max(),
+        "penetration": np.where(one_sided, over, np.abs(over)).max(initial=0),
         "tension": ratio((one_sided * sigma_n).max(initial=0), press),
-        "pressure at a distance": ratio(np.abs(one_sided * sigma_n * over).max(),
-                                        deformation * press),
+        "pressure at a distance": np.minimum(pressing, one_sided * np.abs(over)).max(),
         "friction bound": ratio((np.abs(sigma_t) - bound).max(initial=0), press),
         "reported bound": ratio((rubs * np.abs(reported.bound - bound)).max(initial=0),
                                 np.abs(bound).max(initial=press)),
-        "slip along friction": ratio(
-            (rubs * (bound * np.abs(slip) + sigma_t * slip)).max(initial=0),
-            deformation * np.abs(bound).max(initial=press)),
+        "slip along friction": np.minimum(
+            rubs * np.abs(slides), np.where(slides > 0, back, forward)).max(initial=0),
         "balance": max((ratio(net.max(initial=0), largest.max(initial=0)) for net, _ in balance),
                        default=0.0)}
 
 
-def rounding(body: Assembled, manifest, contact: dict) -> float:
-    """By how much displacements change when every entry of the stiffness is rounded once.
+def sizes(body: Assembled, force: np.ndarray) -> np.ndarray:
+    """(modes,) work of forces of the sizes `force` (dofs,) on free motions, in any direction.
+
+    What is across a motion does none, but for rounding.
+    """
+    dofs, modes = body.motions.shape
+    far = np.linalg.norm(body.motions.reshape(dofs // 2, 2, modes), axis=1)
+    return far.T @ np.linalg.norm(force.reshape(-1, 2), axis=1)
+
+
+def rounding(body: Assembled, manifest, contact: dict) -> np.ndarray:
+    """(n_c,) by how much displacements change when every entry of the stiffness is rounded once.
 
     The driver's subdomains and the oracle's body round each for themselves. Where stiffness jumps,
     or hardly any change of volume is left, no solver knows displacements better. The largest of a
-    few random roundings.
+    few random roundings, and of nodes with one deformation.
     """
     force = Reported.of(body, contact).forces(body)
     turned = body.B @ body.motions
 
     def moved(of: Assembled) -> np.ndarray:
-        u = np.array([of.solve(w, of.B.T @ f) for w, f in zip(manifest.factors[1:], force)])
-        u = u @ of.B.T
+        return np.array([of.solve(w, of.B.T @ f) for w, f in zip(manifest.factors[1:], force)])
+
+    def of_nodes(fields: np.ndarray) -> np.ndarray:
+        u = fields @ body.B.T
         return u - (turned @ np.linalg.lstsq(turned, u.T, rcond=None)[0]).T
 
     exact = moved(body)
-    return 2 * max(np.abs(moved(body.rounded(seed)) - exact).max() for seed in range(ROUNDINGS))
+    scale = deformations.of_nodes(body, exact, manifest.axisymmetric)
+    apart = np.zeros(len(scale))
+    for seed in range(ROUNDINGS):
+        of_rows = np.abs(of_nodes(moved(body.rounded(seed)) - exact)).max(axis=0)
+        apart = np.maximum(apart, of_rows.reshape(2, -1).max(axis=0))
+    _, alike = np.unique(scale, return_inverse=True)
+    largest = np.zeros(alike.max(initial=-1) + 1)
+    np.maximum.at(largest, alike, apart)
+    return 2 * largest[alike]
 
 
-def _moved_by_little(body: Assembled, turned: np.ndarray, missing: np.ndarray, deformation: float,
+def _moved_by_little(body: Assembled, turned: np.ndarray, missing: np.ndarray, scale: np.ndarray,
                      largest: float) -> np.ndarray:
     """(steps, 2 n_c) part of the displacements `missing` that next to no contact forces make.
 
-    Those of least |missing - C f|^2 / deformation^2 + |f|^2 / largest^2, rigid motions `turned`
-    (2 n_c, modes) apart, cut to RESTS of the largest force.
+    Those of least |(missing - C f) / scale|^2 + |f|^2 / largest^2, with `scale` (2 n_c,), rigid
+    motions `turned` (2 n_c, modes) apart, cut to RESTS of the largest force.
     """
-    if not largest > 0 or np.abs(missing).max() <= 0.1 * RESTS * deformation:
+    if not largest > 0 or (np.abs(missing) <= 0.1 * RESTS * scale).all() or not scale.min() > 0:
         return np.zeros_like(missing)
     C = np.array([body.B @ body.solve(np.zeros(len(body.loads)), row) for row in body.B]).T
-    unit = C * largest / deformation
+    unit, turned = C * largest / scale[:, None], turned / scale[:, None]
     size = np.abs(turned).max(axis=0, initial=0.0)
     both = np.hstack([unit, turned[:, size > 0] / size[size > 0]])
     smallness = np.eye(both.shape[1])[: unit.shape[1]]
     found = np.linalg.lstsq(np.vstack([both, smallness]),
-                            np.vstack([missing.T / deformation, np.zeros((len(C), len(missing)))]),
+                            np.vstack([(missing / scale).T, np.zeros((len(C), len(missing)))]),
                             rcond=None)[0]
     share = np.minimum(1.0, RESTS / np.maximum(np.abs(found[: len(C)]).max(axis=0), 1e-300))
-    return (share * (both @ found)).T * deformation
+    return (share * (both @ found)).T * scale
 
 
 def pulling(body: Assembled, manifest) -> np.ndarray:
@@ -226,6 +251,13 @@ def distance(body: Assembled, one: dict, other: dict) -> float:
         return max(float(f @ u) for f, u in zip(forces, moved))
 
     return np.sqrt(ratio(energy(first - second), energy(first)))
+
+
+def parts(values: np.ndarray, whole: np.ndarray | float) -> np.ndarray:
+    """`ratio` of every one of the `values`, with its sign, to its own of `whole`."""
+    whole = np.broadcast_to(whole, values.shape)
+    infinite = np.where(values == 0, 0.0, np.copysign(np.inf, values))
+    return np.where(whole > 0, values / np.where(whole > 0, whole, 1.0), infinite)
 
 
 def ratio(part: float, whole: float) -> float:

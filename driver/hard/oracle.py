@@ -91,7 +91,7 @@ class Assembled:
     def __init__(self, manifest, subdomains):
         from scipy.sparse import coo_matrix
 
-        size = 2 * manifest.nodes
+        size, self.subdomains = 2 * manifest.nodes, subdomains
         keys = [2 * sub.node_gid[sub.dof_node] + sub.dof_component for sub in subdomains]
         self.K = sum(coo_matrix((sub.values, (k[sub.rows], k[sub.columns])),
                                 shape=(size, size)).tocsc() for sub, k in zip(subdomains, keys))

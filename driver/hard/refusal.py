@@ -12,6 +12,7 @@ from scipy.sparse import bmat, csr_matrix, diags, identity
 from ..environment import PLAIN_PROGRAM, silenced
 from . import laws
 from .oracle import Assembled
+from .programs import MOST, none_within
 from .states import States
 
 SLACK = 1e-6  # share of the forces that must stay unbalanced at least
@@ -32,7 +33,7 @@ def unbalanced(body: Assembled, manifest, weights: np.ndarray, rough: bool = Tru
     if not body.motions.shape[1]:
         return 0.0
     work = body.motions.T @ (weights @ body.loads)
-    size = np.abs(body.motions).T @ (np.abs(weights) @ np.abs(body.loads))
+    size = laws.sizes(body, np.abs(weights) @ np.abs(body.loads))
     if not size.any():
         return 0.0
     work, force = work / size.max(), size.max()
@@ -77,8 +78,8 @@ def largest_friction(body: Assembled, manifest, slipped: np.ndarray | None = Non
 
 
 def no_state(body: Assembled, manifest, weights: np.ndarray, u_t: np.ndarray,
-             slipped: np.ndarray | None = None, gap: np.ndarray | None = None) -> str:
-    """Empty if the step has no solution, else why that is not shown.
+             slipped: np.ndarray | None = None, gap: np.ndarray | None = None) -> tuple[bool, str]:
+    """Whether the step is shown to have no solution, and by which argument, or why not.
 
     `weights` (patterns,) of the step's loads, `u_t` (n_c,) tangential displacements of nodes that
     do not slide in it, `slipped` (n_c,) the way of nodes until then, `gap` (n_c,) if it is not
@@ -86,21 +87,40 @@ def no_state(body: Assembled, manifest, weights: np.ndarray, u_t: np.ndarray,
     between the least and the largest that it can give is admitted, and where friction needs no
     pressure any inside its bound at corners: more than there is, so that "no solution" is certain.
     """
+    states = _in_units(body, manifest, weights, u_t, slipped, gap)
+    solved = states.search(SECONDS)
+    if solved:
+        return False, "it has a solution, in states that the search has come to"
+    if solved is None:
+        if none_within(states, SECONDS):
+            return True, (f"mixed-integer program: no states solve it by forces and ways of up to "
+                          f"{MOST:g} times the loads'")
+        return False, (f"neither the search of the states of {len(u_t)} nodes nor a program has "
+                       "come to an end")
+    return True, "search of states: none of the nodes' solves it"
+
+
+def _in_units(body: Assembled, manifest, weights, u_t, slipped, gap) -> States:
+    """The step in which loads make forces and ways of order one; every row in its own stiffness.
+
+    Stiff nodes: large forces, small ways, by the root of their compliance over the largest.
+    """
     count, gap = len(body.gid), body.gap if gap is None else gap
     most, offset = largest_friction(body, manifest, slipped)
     least, _ = largest_friction(body, manifest, slipped, np.minimum)
     C = np.array([body.B @ body.solve(0 * weights, row) for row in body.B]).T
     loaded, turned = body.B @ body.solve(weights), body.B @ body.motions
+    own = np.diag(C)
+    unit = np.sqrt(own.max() / np.where(own > 1e-12 * own.max(), own, own.max()))
+    u_n, u_s = unit[:count], unit[count:]
     near = max(np.abs(loaded).max(), np.abs(gap).max(), np.abs(u_t).max())
-    force = near / np.diag(C).max()
+    force = near / own.max()
     size = np.abs(turned).max(axis=0, initial=0.0)
     size[size == 0] = 1.0
-    room = np.where(laws.supported(body), np.inf, (gap - loaded[:count]) / near)
-    solved = States(
-        np.hstack([C * force / near, turned / size]), room, (u_t - loaded[count:]) / near, least,
-        most, offset / force, (turned / size).T,
-        body.motions.T @ (weights @ body.loads) / force / size, laws.pulling(body, manifest),
-        laws.corners(body)).search(SECONDS)
-    if solved is None:
-        return f"the search of the states of {count} nodes has not come to an end"
-    return "it has a solution, in states that the search has come to" if solved else ""
+    room = np.where(laws.supported(body), np.inf, (gap - loaded[:count]) * u_n / near)
+    turned = turned / size * unit[:, None]
+    return States(
+        np.hstack([C * unit[:, None] * unit * force / near, turned]), room,
+        (u_t - loaded[count:]) * u_s / near, least * u_n / u_s, most * u_n / u_s,
+        offset / force / u_s, turned.T, body.motions.T @ (weights @ body.loads) / force / size,
+        laws.pulling(body, manifest), laws.corners(body))

@@ -1,21 +1,23 @@
 """How far contact forces may be off by the residuals with which a run has converged.
 
 In the states that a run ends a step in, contact and friction are one linear system of forces and
-rigid motions of the assembled body. Its inverse says what errors of its rows, of displacements and
-of forces, do to the forces: two runs whose forces differ by no more are the same solution, to the
-accuracy that was asked for. Where a body hardly feels forces that stand against one another, or
-friction is near that from which a step has several solutions, that is many times the residuals. As
-in the residuals of runs a displacement counts by the root of its node's stiffness: where it jumps,
-stiff bodies are pressed by little ways.
+rigid motions of the assembled body. The difference of two runs makes its rows, displacements and
+forces, differ by what both leave of them: where some rigid motions make every row differ by no more
+than the residuals, the runs are the same solution, to the accuracy that was asked for. Where a body
+hardly feels forces that stand against one another, or friction is near that from which a step has
+several solutions, forces differ by many times the residuals. No difference is excused by the mere
+condition of the system: only that which the residuals themselves make. Displacements count by what
+material like the node's deforms by, as in the laws.
 """
 
 import numpy as np
+from scipy.optimize import linprog
 
-from . import laws
+from . import deformations, laws
+from ..environment import PLAIN_PROGRAM, silenced
 from .oracle import Assembled
 
 SAME = 1e-6  # of the largest force or deformation: on the border of two states
-SINGULAR = 1e12  # condition from which a linear system says nothing
 LARGEST = 1e-2  # a larger difference is none of residuals, however ill-conditioned
 
 
@@ -32,21 +34,35 @@ def explained(body: Assembled, manifest, one: dict, other: dict, residual: float
         return False
     C = np.array([body.B @ body.solve(np.zeros(len(body.loads)), row) for row in body.B]).T
     turned = body.B @ body.motions
-    difference = np.abs(first.forces(body) - second.forces(body)) / force
-    soft = np.sqrt(np.diag(C) / np.diag(C).max())
-    deformation = max(np.abs(C @ f).max() for f in first.forces(body))
-    before = np.abs(np.vstack([0 * first.u_t[:1], (first.u_t - second.u_t)[:-1]])) / deformation
-    for step, apart in enumerate(difference):
-        matrix, moves = _system(body, first, step, C * force / deformation, turned)
-        if np.linalg.cond(matrix) > SINGULAR:
-            return False
-        inverse, n = np.abs(np.linalg.inv(matrix)), len(body.gid)
+    fields = np.array([body.solve(w, body.B.T @ f)
+                       for w, f in zip(manifest.factors[1:], first.forces(body))])
+    scale = np.tile(deformations.of_nodes(body, fields, manifest.axisymmetric), 2)
+    change = (second.forces(body) - first.forces(body)) / force
+    before = np.abs(np.vstack([0 * first.u_t[:1], (first.u_t - second.u_t)[:-1]]))
+    n = len(body.gid)
+    for step, apart in enumerate(change):
+        matrix, moves = _system(body, first, step, C * force / scale[:, None],
+                                turned / scale[:, None])
         error = np.full(len(matrix), residual)
-        error[: 2 * n][moves] *= soft[moves]
-        error[n : 2 * n] += moves[n:] * before[step]
-        if (apart > (inverse @ error)[: 2 * n]).any() or apart.max() > LARGEST:
+        error[n : 2 * n] += np.where(moves[n:], before[step] / scale[n:], 0.0)
+        rows = matrix / error[:, None]
+        if np.abs(apart).max() > LARGEST or not _within(rows[:, : 2 * n] @ apart, rows[:, 2 * n :]):
             return False
     return True
+
+
+def _within(rows: np.ndarray, motions: np.ndarray) -> bool:
+    """Whether some motions t make all of rows + motions t at most one in size."""
+    count = motions.shape[1]
+    if not count:
+        return bool(np.abs(rows).max(initial=0.0) <= 1)
+    share = np.ones((len(rows), 1))
+    with silenced():
+        answer = linprog(np.append(np.zeros(count), 1.0),
+                         A_ub=np.block([[motions, -share], [-motions, -share]]),
+                         b_ub=np.concatenate([-rows, rows]), bounds=[(None, None)] * (count + 1),
+                         method="highs", options=PLAIN_PROGRAM)
+    return answer.status == 0 and answer.fun <= 1
 
 
 def _system(body: Assembled, reported: laws.Reported, step: int, C: np.ndarray,

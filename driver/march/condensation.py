@@ -137,9 +137,9 @@ class Condensation:
                                        np.zeros(self.m), self.pair, self._bilateral(), motions)
         coefficient, offset = np.zeros(self.m), None
         if not rows.bound_is_given:
-            coefficient = self._tangential(rows.coefficient)
+            coefficient = self.of_tangential(rows.coefficient)
         if rows.offset is not None:
-            offset = self._tangential(rows.offset)
+            offset = self.of_tangential(rows.offset)
         if self.whole:
             d = self.gather(load.d)
         else:
@@ -154,7 +154,7 @@ class Condensation:
         full[self.rows.normal] = self.rows.bilateral
         return self.gather(full)[: self.n] > 0
 
-    def _tangential(self, values: np.ndarray) -> np.ndarray:
+    def of_tangential(self, values: np.ndarray) -> np.ndarray:
         """(m,) values (j,) of the rank's tangential rows, on every rank."""
         full = np.zeros(self.operator.owned)
         full[self.rows.tangential] = values

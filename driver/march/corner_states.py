@@ -15,7 +15,7 @@ class CornerStates:
     def __init__(self, fixed_point: FixedPoint, contact):
         self.fixed_point, self.contact = fixed_point, contact
         self.qp, self.corners = fixed_point.qp, fixed_point.rows.corners
-        self.index = 0
+        self.index, self.others = 0, None  # states left to try where those asked for have failed
 
     def find(self, index: int, load: Load, x, gradient, sliding, trace: Trace, rtol: float):
         """As FixedPoint.find; states that a violated condition refutes are changed.
@@ -25,7 +25,7 @@ class CornerStates:
         if self.index != index:
             if self.index == 0:  # a preload may have changed states
                 self.fixed_point.condensation.select()
-            self.index = index
+            self.index, self.others = index, None
             self.corners.begin_step()
         start = x, load.weights[self.qp.operator.structure.patterns :].copy(), sliding
         while True:
@@ -39,13 +39,22 @@ class CornerStates:
                                        self.qp.tol, self.qp.operator.comm,
                                        self._deformation(load, x)):
                 if failure is not None:
-                    raise failure
+                    if self.others is None:
+                        self.others = self.corners.others()
+                    if not self.others:
+                        raise failure
+                    self.corners.begin_step()
+                    self.corners.acting = self.others.pop(0)
+                    x, gradient, sliding = self._anew(load, *start)
+                    self.fixed_point.condensation.select()
+                    trace.again()
+                    continue
                 self._refuse(index, x, gradient)
                 return x, gradient, sliding
             if failure is not None:  # bodies may be anywhere, under any force
                 x, gradient, sliding = self._anew(load, *start)
             self.fixed_point.condensation.select()
-            trace.changes, trace.fallback, trace.exact = [], False, False
+            trace.again()
 
     def _anew(self, load: Load, x, motion, sliding):
         """The start again: multipliers x, their gradient at rigid motions (modes,), `sliding`."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..errors import NoSolution, NotConverged
 from ..qp.anderson import Anderson, gives_up
+from ..qp.coefficients import consistent
 from ..qp.mprgp import projected_gradient
 from ..text import step_name
 from . import globalization
@@ -273,10 +274,32 @@ class FixedPoint:
                 return None, ""
             start = problem.whole(self.condensation.gather(x))
             solution, solver = globalization.solve_condensed(problem, start)
-            if solution is not None or not self.slip.effects.coefficient_changes:
+            if not self.slip.effects.coefficient_changes:
                 break
+            if solution is not None:
+                return self._with_own_slip(problem, solution), solver
             self.slip.renew_coefficient(np.zeros_like(gradient))
         return solution, solver
+
+    def _with_own_slip(self, problem, solution: np.ndarray) -> np.ndarray:
+        """The solution near this one with the coefficients of its own slip, which `rows` take.
+
+        The same one, with the same coefficients, where none is found.
+        """
+        known = self.rows.coefficient
+
+        def law(slip: np.ndarray) -> np.ndarray:
+            gradient = np.zeros(self.operator.owned)
+            whole = self.condensation.place(np.append(np.zeros(problem.n), -slip), gradient)
+            self.slip.renew_coefficient(whole)
+            return self.condensation.of_tangential(self.rows.coefficient)
+
+        own = consistent(problem, solution, law)
+        if own is None:
+            self.rows.coefficient = known
+            return solution
+        law(problem.movement(own)[problem.n :])
+        return own
 
     # ---- norms of values on contact rows -------------------------------------------------------
     def _on(self, rows: np.ndarray, values: np.ndarray) -> np.ndarray:

@@ -5,7 +5,8 @@
    not settle Lemke's method, which finds a solution for any friction coefficient. It may fail for
    bodies without support and contact that pulls: then branch and bound over all states, which
    may prove that there is no solution, friction that grows from less, and states that violate the
-   law less and less.
+   law less and less. Where slip changes friction, a solution with given coefficients is the start
+   for that with those of its own slip.
 
 Smaller steps are not among them: a time step has a solution whatever its size.
 """

@@ -9,8 +9,9 @@ from scipy.optimize import linprog
 from driver.contact.corner_nodes import (BOTH, FIRST, MOST, NEITHER, SECOND, STANDING,
                                          CornerNodes)
 from driver.contact.sharing import least_friction
+from driver.errors import NotConverged
 from driver.march.corner_states import CornerStates
-from driver.march.step import Unfinished
+from driver.march.step import Trace, Unfinished
 
 
 def corner(alone=False, bilateral=(False, False), offset=(0.0, 0.0), gap=(0.0, 0.0)):
@@ -155,6 +156,42 @@ def test_a_corner_that_no_state_holds_is_undecided():
     assert changes == MOST and nodes.undecided[0]
     nodes.begin_step()
     assert not nodes.undecided[0]
+
+
+def test_other_states_are_tried_before_a_step_is_given_up():
+    """A vertex that only friction holds, standing: in the state it is in nothing solves the step.
+
+    Those that fail all end it, and are not tried again in the same step.
+    """
+    nodes, tried = corner(), []
+
+    def find(_index, _load, x, gradient, sliding, _trace, _rtol):
+        tried.append(int(nodes.acting[0]))
+        if nodes.acting[0] != wanted:
+            raise Unfinished(NotConverged("none"), x, gradient)
+        return x, gradient, sliding
+
+    operator = SimpleNamespace(
+        structure=SimpleNamespace(patterns=0), apply=np.zeros_like, row_level=np.zeros(4, int),
+        comm=SimpleNamespace(allgather=lambda value: [value]),
+        deformation_by_level=lambda x, weights: np.zeros(1))
+    fixed_point = SimpleNamespace(
+        find=find, rows=SimpleNamespace(corners=nodes, coefficient=None, offset=None),
+        qp=SimpleNamespace(operator=operator, scale=np.ones(4), tol=1e-9,
+                           scales=SimpleNamespace(displacements=np.zeros(1))),
+        bodies=SimpleNamespace(shift=lambda load, change: None),
+        condensation=SimpleNamespace(select=lambda: None))
+    states, load = CornerStates(fixed_point, None), SimpleNamespace(weights=np.zeros(0), d=0.0)
+    given = load, np.array([1.0, 1.0, 0.0, 0.0]), np.zeros(4), np.zeros(2), Trace(), 1e-8
+    wanted = STANDING
+    states.find(1, *given)
+    assert tried == [BOTH, STANDING]
+    wanted, tried = None, []
+    for count in (3, 1):  # the states of one corner, then only that which it has
+        with pytest.raises(Unfinished):
+            states.find(2, *given)
+        assert len(tried) == count
+        tried.clear()
 
 
 def test_a_step_with_an_undecided_corner_names_it():

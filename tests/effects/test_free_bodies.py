@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 
 from driver.qp import complementarity
 from driver.errors import NotConverged
@@ -16,6 +17,7 @@ from driver.march.friction_qp import FrictionQP
 from driver.march.step import Unfinished
 from driver.qp.coulomb import CoulombProblem
 from driver.contact.equilibrium import rigid_equilibrium
+from driver.feti import free_motions
 from driver.hard.oracle import Assembled
 
 WEIGHED = """// a block that its weight alone presses on a floor, between walls; warm in the middle
@@ -306,6 +308,48 @@ def test_a_body_let_go_comes_to_rest(built, steps_of, tmp_path, cut):
     assert solver.failure is None
     largest = [np.abs(step.multipliers).max() for step in steps]
     assert largest[-1] <= 1e-6 * max(largest)  # what counts as rounding of a history
+
+
+ALONG = """include "scene.idp"
+subdomains("4");
+border a(t=0, 1) { x = 1.049*t; y = 0.; label = 1; }
+border b(t=0, 1) { x = 1.049; y = 0.955*t; label = 2; }
+border c(t=0, 1) { x = 1.049 - 1.049*t; y = 0.955; label = 3; }
+border d(t=0, 1) { x = 0.; y = 0.955 - 0.955*t; label = 4; }
+body = buildmesh(a(8) + b(8) + c(8) + d(8));
+macro young() 1. //
+macro poisson() 0.3 //
+macro support() on(4, u1 = 0.) //
+macro load1() traction(2, -1e-3, 0.) //
+macro contact() 1 //
+include "export.idp"
+"""
+
+
+def test_loads_across_a_motion_do_no_work_on_it(built, tmp_path):
+    """Not by rounding either: nothing else is on a body that may move up and is pushed aside."""
+    path = tmp_path / "along.edp"
+    path.write_text(ALONG)
+    for cut in ("3", "5", "7", "9", "13"):
+        problem = built(scene=path, subdomains=cut)
+        work, _ = free_motions.work_of_loads(problem.structure, MPI.COMM_SELF)
+        assert work.shape[1] == 1 and not work.any()
+
+
+def test_rounding_resists_no_motion():
+    """Two nodes on a floor that a motion along it moves by 1e-16: pushed along, nothing holds it.
+
+    Pressed on the floor it rests.
+    """
+    normal, nodes, none = np.array([[1.8e-16, 0.5], [1e-16, 0.5]]), np.arange(2), np.zeros(0)
+    rows = SimpleNamespace(idle=None, normal=nodes, normal_node=nodes, gap=np.zeros(2),
+                           pulls=np.ones(2, bool), tangential=none.astype(int),
+                           tangential_node=none.astype(int), coefficient=None, offset=None)
+    one = SimpleNamespace(gather=lambda part: [part], bcast=lambda value: value, rank=0)
+    for pushed in (False, True):
+        work = np.array([1e-4 * pushed, 1e-4])
+        motion = rigid_equilibrium(rows, normal, work, np.full(2, 1e-4), one)
+        assert (motion is None) == pushed
 
 
 @pytest.fixture(scope="module")

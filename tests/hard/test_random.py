@@ -10,7 +10,8 @@ import pytest
 from driver import environment
 from driver.errors import DriverError
 from driver.files import read_rows
-from driver.hard import generator, judgement, laws, random, refusal, sensitivity, states, suite
+from driver.hard import (deformations, generator, judgement, laws, programs, random, refusal,
+                         sensitivity, states, suite)
 from driver.qp import complementarity
 from driver.qp.coulomb import CoulombProblem
 from driver.hard.shapes import block, disc, lattice, split, with_hole
@@ -136,7 +137,8 @@ def test_laws_notice_what_is_wrong(problem, tmp_path):
 
 
 def test_residuals_explain_what_they_do(problem, tmp_path):
-    """Forces of a push 1e-4 larger: by residuals of this size, not by those of a thousandth.
+    """Forces of a push 5e-4 larger, which lifts the far end by 1.3e-3 of the deformation where the
+    contact forces do not follow: by residuals of twice a thousandth, not by those of one.
 
     Nor is anything by the residuals of a run explained that is wrong by a thousandth.
     """
@@ -146,8 +148,8 @@ def test_residuals_explain_what_they_do(problem, tmp_path):
                   for name, words in (("one", given), ("other", {**given, "push": str(push)})))
     tables = one.contact, other.contact
     assert laws.disagreement(right.body, *tables) > 1e-6
-    assert sensitivity.explained(right.body, right.manifest, *tables, 1e-4)
-    assert not sensitivity.explained(right.body, right.manifest, *tables, 1e-7)
+    assert sensitivity.explained(right.body, right.manifest, *tables, 2e-3)
+    assert not sensitivity.explained(right.body, right.manifest, *tables, 1e-3)
     wrong = {**one.contact, "sigma_n": one.contact["sigma_n"] * (1 + 1e-3)}
     assert right.sensitive([one, one])
     assert not right.sensitive([one, replace(one, contact=wrong)])
@@ -161,10 +163,41 @@ def test_rounding_excuses_no_more_than_itself(problem, tmp_path):
     outcome = random.run(_scene(given), path, tmp_path, {"subdomains": "1"})
     contact = laws.Reported.of(right.body, outcome.contact)
     largest = np.abs(contact.u_n).max()
-    assert laws.rounding(right.body, right.manifest, outcome.contact) <= 1e-11 * largest
+    assert laws.rounding(right.body, right.manifest, outcome.contact).max() <= 1e-11 * largest
     path.write_text(path.read_text().replace("young() 1. ", "young() (x > 1 ? 1e9 : 1.) "))
     stiff = judgement.Problem.of(path, given)
-    assert laws.rounding(stiff.body, stiff.manifest, outcome.contact) >= 1e-9 * largest
+    assert laws.rounding(stiff.body, stiff.manifest, outcome.contact).max() >= 1e-9 * largest
+
+
+COLUMN = """
+include "scene.idp"
+subdomains("2");
+body = square(2, 4, [x, 4*y]);
+quasistatic(1.);
+macro young() (y > 2 ? 1e6 : 1.) //
+macro poisson() 0. //
+macro support() on(1, u1 = 0., u2 = 0.) //
+macro load1() traction(3, 0., -1e-3) //
+macro amplitude1(t) t //
+macro contact() 2 //
+macro gap() 1e-12 //
+include "export.idp"
+"""
+
+
+def test_stiff_material_has_a_scale_of_its_own(tmp_path):
+    """A column, 2 of E = 1 below 2 of E = 1e6, pressed by 1e-3: it moves by 1e-3 y up to 2e-3.
+
+    By 1.5e-3 at the mean, so that its foot is as much beyond its rigid motion. The stiff half
+    shortens by 2e-9, of which half is beyond; the stress of the soft one makes 1e-6 of 1.5e-3. The
+    node at the border is a stiff one. By 1 %: the diagonals of the mesh turn the motion a little.
+    """
+    path = tmp_path / "column.edp"
+    path.write_text(COLUMN)
+    body = judgement.Problem.of(path, {"steps": "1"}).body
+    scale, soft = deformations.of_nodes(body, body.solve(np.ones(1))[None]), body.xy[:, 1] < 1.5
+    assert (soft.sum(), (~soft).sum()) == (1, 3)
+    assert np.allclose(scale, np.where(soft, 1.5e-3, 1.5e-9), rtol=1e-2)
 
 
 def test_forces_that_are_nothing_may_move_a_body_that_hangs_loose(problem):
@@ -180,7 +213,7 @@ def test_forces_that_are_nothing_may_move_a_body_that_hangs_loose(problem):
 
     def left(factor):
         explained = laws._moved_by_little(body, body.B @ right.body.motions, factor * moved,
-                                          deformation, largest)
+                                          np.full(len(force), deformation), largest)
         return np.abs(factor * moved - explained).max() / np.abs(factor * moved).max()
 
     assert left(1) <= 1e-2 and left(20) >= 0.5
@@ -251,8 +284,8 @@ def test_refusals_are_confirmed(problem, push, holds):
     weights, start = free.manifest.factors[-1], np.zeros(len(free.body.gid))
     share = refusal.unbalanced(free.body, free.manifest, weights)
     assert (share <= refusal.SLACK) == holds
-    reason = refusal.no_state(free.body, free.manifest, weights, start)
-    assert ("has a solution" in reason) == holds
+    shown, why = refusal.no_state(free.body, free.manifest, weights, start)
+    assert shown != holds and ("has a solution" in why) == holds
 
 
 @pytest.mark.parametrize("modes", [0, 1, 3])
@@ -272,10 +305,11 @@ def test_states_are_searched_as_if_all_were_tried(modes):
             C, load, F, np.arange(n), motions=moved, balance=work)))
         # forces on the body are minus the multipliers
         room = np.where(np.arange(2 * n) < n, -load, -load)
-        found = states.States(np.hstack([C, moved]), room[:n], room[n:], F, F, np.zeros(n),
-                              moved.T, work, np.zeros(n, bool),
-                              np.zeros((n, n), bool)).search(20.0)
-        assert found == expected
+        step = states.States(np.hstack([C, moved]), room[:n], room[n:], F, F, np.zeros(n),
+                             moved.T, work, np.zeros(n, bool), np.zeros((n, n), bool))
+        assert step.search(20.0) == expected
+        # the program may miss a solution beyond its limits, and of these problems none is
+        assert programs.none_within(step, 20.0) == (not expected)
         none += not expected
     assert (none > 0) == (modes > 0)
 
@@ -289,9 +323,11 @@ def test_a_corner_rests_only_where_it_is_closed():
 
     def search(room, friction):
         none = np.zeros(2)
-        return states.States(C, np.array(room), none, none + friction, none + friction, none,
+        step = states.States(C, np.array(room), none, none + friction, none + friction, none,
                              np.zeros((0, 4)), np.zeros(0), np.zeros(2, bool),
-                             np.array([[False, True], [True, False]])).search(20.0)
+                             np.array([[False, True], [True, False]]))
+        assert programs.none_within(step, 20.0) != step.search(20.0)
+        return step.search(20.0)
 
     assert search([-1.0, -1.0], 0.3) and search([-1.0, 5.0], 0.0)
 
@@ -413,7 +449,9 @@ def test_an_interrupted_suite_leaves_its_rows(monkeypatch, tmp_path):
     110062, 120033, 28,  # carried without force
     120025,  # motions that fill the coarse problem
     120178, 120179, 120117, 200077,  # free bodies: balance across, starts that went astray
-    120001, 110063,  # friction that falls with slip, F up to 1000
+    120001, 110063, 300034,  # friction that changes with slip, F up to 1000
+    400243, 200332,  # corners in which friction holds a vertex
+    620009,  # a motion with rounding across it
     102032, 120003, 200063,  # jumps of 1e6: only rounding is left
     102052,  # squeezed all round under given friction
     120224,  # forces that two conditions at one place hand on to one another

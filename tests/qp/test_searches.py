@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from driver.qp import branching, complementarity, continuation
+from driver.qp import branching, coefficients, complementarity, continuation
 from driver.qp.coulomb import CoulombProblem
 from driver.hard.states import States
 
@@ -115,3 +115,43 @@ def test_forces_that_run_in_a_circle_excuse_nothing():
     problem = CoulombProblem(np.ones((2, 2)), np.full(2, 3.0), np.zeros(0), np.zeros(0, int), True)
     assert problem.solves(np.array([2.0, 1.0]))
     assert not problem.solves(np.array([1e12, -1e12]))
+
+
+def test_friction_that_its_own_slip_changes(monkeypatch):
+    """A node of compliance 1 that presses by 1 and is dragged by 1: the slip s is what friction
+    leaves, s = 1 - F(s).
+
+    F falls from 0.6 by s / 2, so that s = 0.8, F = 0.2. With F = 0.6 - 2 s nothing is left of it
+    from s = 0.3 on: s = 1. Where F grows from 0.5 by 4 s, faster than successive approximations
+    follow, s = 0.1, F = 0.9. Steps with the derivative of the law are few.
+    """
+    monkeypatch.setattr(coefficients, "STEPS", 6)
+    problem = CoulombProblem(np.eye(2), np.array([1.0, 1.0]), np.array([0.5]), np.array([0]))
+    start = complementarity.newton(problem, np.zeros(2))
+    for slope, first, slip in ((-0.5, 0.6, 0.8), (-2.0, 0.6, 1.0), (4.0, 0.5, 0.1)):
+        z = coefficients.consistent(
+            problem, start, lambda s: np.maximum(first + slope * np.abs(s), 0.0))
+        assert np.isclose(problem.movement(z)[1], slip, rtol=1e-9)
+
+
+def test_what_is_found_has_the_friction_of_its_slip():
+    """Three nodes of a body that may move one way, friction up to half as much again by slip.
+
+    A solution of the problem with the coefficients of its own slip is right however it is found.
+    """
+    found = 0
+    for seed in range(30):
+        problem = random_problem(seed, 3, 1)
+        start = complementarity.newton(problem, problem.whole(np.zeros(problem.rows)))
+        if start is None:
+            continue
+
+        def law(slip, own=problem.coefficient):
+            return own * (1 + 0.5 * np.tanh(np.abs(slip)))
+
+        z = coefficients.consistent(problem, start, law)
+        if z is not None:
+            slip = problem.movement(z)[problem.n :]
+            assert problem.under(problem.load, law(slip)).solves(z)
+            found += 1
+    assert found >= 10

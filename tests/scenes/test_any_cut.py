@@ -27,6 +27,8 @@ OPTIONS = {
     "brake-pad": {"h": 2, "steps": 6}, "cohesion": STEPS, "dovetail": {"h": 1, "steps": 6},
     "drag": {"h": 1, "steps": 8}, "hertz": {"h": 0.004}, "hertz-bodies": {"h": 0.004},
     "indenter": {"h": 0.5, "steps": 6}, "joint": {"h": 2, "steps": 5},
+    # rounding of a slender beam's forces leaves jumps of 3e-7
+    "latch": {"primal_rtol": 1e-6},
     "mindlin": {"h": 0.004, "steps": 5}, "mindlin-bodies": {"steps": 3, "h": 0.05}, "model": STEPS,
     "model-frictionless": STEPS, "model-tresca": STEPS, "o-ring": {"h": 0.08, "steps": 6},
     "patch-bodies": {"h": 0.2}, "pin": {"h": 1}, "pressfit": {"h": 2},
@@ -94,9 +96,13 @@ def assert_same(found, expected, where):
 def _ordered(run):
     """Columns with the nodes in an order that the cut does not change, and the nodes' places.
 
-    `sigma` and `u` (2, steps, nodes) are normal and tangential.
+    `sigma` (2, steps, nodes) are normal and tangential, `u` (2, steps, nodes) along x and y: open
+    nodes that follow an obstacle have the normal of a place that only rounding may choose.
     """
     c = run.contact
+    along = {"u_n": c["u_n"] * c["normal_x"] - c["u_t"] * c["normal_y"],
+             "u_t": c["u_n"] * c["normal_y"] + c["u_t"] * c["normal_x"]}
+    c = c | along
     order = np.lexsort([np.round(c[name][0], 9) for name in ("normal_x", "y", "x")])
     columns = {name: np.array([c[f"{name}_n"], c[f"{name}_t"]])[:, :, order]
                for name in ("sigma", "u")}
@@ -106,7 +112,7 @@ def _ordered(run):
 
 def compare(solved, scene, options, cuts) -> list:
     """Runs of the scene in `cuts`, each compared with the first."""
-    runs = [solved(scene, subdomains=cut, **TIGHT, **options) for cut in cuts]
+    runs = [solved(scene, subdomains=cut, **(TIGHT | options)) for cut in cuts]
     for cut, run in zip(cuts, runs):
         assert_same(run, runs[0], f"SUBDOMAINS={cut}")
     return runs
