@@ -79,11 +79,13 @@ class Mesh:
         return largest
 
 
-def of_nodes(body: Assembled, fields: np.ndarray, axisymmetric: bool = False) -> np.ndarray:
+def of_nodes(body: Assembled, fields: np.ndarray, axisymmetric: bool = False,
+             whole: np.ndarray | None = None) -> np.ndarray:
     """(n_c,) deformation of what contact nodes touch, in displacements `fields` (steps, dofs).
 
     No less than the stress of softer material makes of it: a stiff triangle in a soft body hardly
-    deforms, but is pressed as its surroundings are. Where bodies meet the softer one counts.
+    deforms, but is pressed as its surroundings are. Where bodies meet the softer one counts. Nodes
+    in `whole` (n_c,) count by all bodies.
     """
     mesh = Mesh.of(body)
     exponent = np.floor(np.log10(mesh.stiffness / mesh.stiffness.min()) + ROUNDED).astype(int)
@@ -93,6 +95,8 @@ def of_nodes(body: Assembled, fields: np.ndarray, axisymmetric: bool = False) ->
     level = np.full(len(body.gid), exponent.max())
     met = value != 0
     np.minimum.at(level, node[met], of_vertex[vertex[met]])
+    if whole is not None:
+        level[whole] = 0
     heated = any(stress.any() for sub in body.subdomains for stress in sub.thermal.values())
     motions = np.array([not axisymmetric, True, not axisymmetric, heated and not axisymmetric])
     fields, least = fields.reshape(len(fields), -1, 2), 0.0

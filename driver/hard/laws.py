@@ -93,6 +93,9 @@ def violations(body: Assembled, manifest, contact: dict,
     smaller is the violation, of what friction may still grow by and slip as well. Bodies that no
     support holds: the forces must balance, and their rigid motion is fitted to the reported one.
 
+    The displacement of a node that never touches is no matter of contact: it counts by what the
+    whole body deforms by, with which stiff parts move.
+
     Reported are forces and displacements, each to its own accuracy: of a body that hardly anything
     holds against turning forces that are nothing move nodes far. So displacements are corrected by
     forces, up to `RESTS` of the largest, that bring them nearest to the reported ones.
@@ -109,6 +112,9 @@ def violations(body: Assembled, manifest, contact: dict,
     force = reported.forces(body)
     fields = np.array([body.solve(w, body.B.T @ f) for w, f in zip(history[1:], force)])
     scale = np.maximum(deformations.of_nodes(body, fields, manifest.axisymmetric), far)
+    never = ~(reported.sigma_n.any(axis=0) | reported.sigma_t.any(axis=0))
+    known_to = deformations.of_nodes(body, fields, manifest.axisymmetric, never)
+    known_to = np.tile(np.maximum(known_to, far), 2)
     turned = body.B @ body.motions
     told = np.concatenate([reported.u_n, reported.u_t], axis=1)
     u = fields @ body.B.T
@@ -138,7 +144,7 @@ def violations(body: Assembled, manifest, contact: dict,
         "weight": np.abs(reported.weight / body.weight - 1).max(),
         "gap": parts(np.abs(reported.gap - gap).max(axis=0),
                      np.maximum(scale, np.abs(gap).max())).max(),
-        "displacement": parts(np.abs(u - told), np.tile(scale, 2)).max(),
+        "displacement": parts(np.abs(u - told), known_to).max(),
         "penetration": np.where(one_sided, over, np.abs(over)).max(initial=0),
         "tension": ratio((one_sided * sigma_n).max(initial=0), press),
         "pressure at a distance": np.minimum(pressing, one_sided * np.abs(over)).max(),

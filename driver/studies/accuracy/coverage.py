@@ -101,8 +101,10 @@ CASES = (
          _by("h", 0.005, 0.003)),
     Case("verify/indenter", (*_by("h", 0.08, 0.04), {"h": 0.08, "element": "P2"}),
          _by("h", 0.01, 0.006)),
+    # shear of linear elements is of first order here: 9 % off at h = 1
+    # quadratic references: with linear elements the shear is still 3 % off at h = 0.2
     Case("verify/cylinder-on-block", (*_by("h", 2, 1), {"h": 2, "element": "P2"}),
-         _by("h", 0.3, 0.2)),
+         _by("h", 0.6, 0.4, element="P2")),
     Case("verify/rings", _by("h", 0.08, 0.04), _by("h", 0.01, 0.006)),
     Case("verify/shrinkfit", _by("h", 4, 2), _by("h", 0.6, 0.4)),
     Case("hard/block", ({"cells": 4, "steps": 4}, {"cells": 8, "steps": 8}),
