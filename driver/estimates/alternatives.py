@@ -17,6 +17,7 @@ from ..scene import elements
 from . import adaptivity, prices
 from .budget import Part, coarser, extrapolate, formal_order, ratio, vanishing
 from .energy import EnergyEstimator
+from .jumps import Jumps
 from .prices import Adaptive, Costs, Measured, Quantity, Uniform, Whole
 
 OTHER = {"P1": "P2", "P2": "P1"}  # P2-mixed: materials in which linear elements lock
@@ -52,7 +53,7 @@ class Alternatives:
         if level is None or key not in self.levels.spent:
             return []
         seconds = {**self.levels.spent[key], "solve": level.seconds}
-        return [Measured(self._unknowns(**mesh, **changes), len(level.steps), seconds)]
+        return [Measured(self._unknowns(**mesh, **changes), level.declared, seconds)]
 
     def _apart(self, values: dict, mesh: dict, stride: int) -> float | None:
         """Distance of a value from that of a companion of the run's own kind."""
@@ -146,7 +147,7 @@ class Alternatives:
         if level is None:
             return None
         key = (("refined", own.sizes[-1]),)
-        self.took["ADAPT"] = [Measured(unknowns, len(level.steps), {
+        self.took["ADAPT"] = [Measured(unknowns, level.declared, {
             **self.levels.spent[key], "solve": level.seconds})]
         first = self._within(level.values[self.name], None, own)
         degree = elements.DEGREE[self.manifest.element]
@@ -207,8 +208,12 @@ class Alternatives:
                     times[steps // stride] = times[steps] + apart
         others = sum(self.parts[source].error for source in ("friction", "solver")
                      if source in self.parts)
-        static = not self.companions.effects.quasistatic
-        return Quantity(self.name, value, steps, static, times, time.rate if time else 1.0, others)
+        static, jumps = not self.companions.effects.quasistatic, None
+        if "jumps" in self.parts:
+            jumps = Jumps.of(self.parts["jumps"].error, self.companions.settings.cycles,
+                             self.companions.jumps)
+        return Quantity(self.name, value, steps, static, times, time.rate if time else 1.0, others,
+                        jumps)
 
 
 def price_list(companions, parts: dict, budget: dict, name: str, run: Measured, memory: float,

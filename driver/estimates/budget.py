@@ -26,14 +26,16 @@ scenes, of which 96 of 100 hold with a median of 3.8. The same holds for time st
 mesh      the same run on meshes with elements 2 and 4 times as long, or of the cycles before
           (ADAPT)
 time      on the finer one of these meshes, every second and every fourth time of the load history
+jumps     on the finer one of these meshes, jumps over cycles of half the length (jumps.py)
 friction  there at every fourth time: FRICTION_RTOL and PRIMAL_RTOL, which makes a step go on,
           against a hundredth of them, both with RTOL/100
 solver    likewise RTOL (MPRGP, gluing) against a hundredth of it, without Coulomb friction
           PRIMAL_RTOL too; both times the ratios of steps and of element sizes, by which a run adds
           up more and answers more to its tolerances
 
-What the run does not have has no part: time in a static scene, or where the end of the history does
-not depend on the way to it (no friction); the fixed point without Coulomb friction.
+What the run does not have has no part: jumps where it made none; time in a static scene, or where
+the end of the history does not depend on the way to it (no friction); the fixed point without
+Coulomb friction.
 """
 
 import dataclasses
@@ -45,7 +47,8 @@ from ..units import spelt
 # orders of the elements for functionals, and of the implicit Euler method. Functionals gain twice
 # the order in the energy norm: 1 with linear elements, with quadratic ones 3/2, as stresses have
 # kinks where contact begins and ends (Moussaoui, Khodja, Comm. PDE 17 (1992) 805-826)
-FORMAL = {"mesh": {"P1": 2.0, "P2": 3.0, "P2-mixed": 3.0}, "time": 1.0}
+FORMAL = {"mesh": {"P1": 2.0, "P2": 3.0, "P2-mixed": 3.0}, "time": 1.0,
+          "jumps": 1.0}
 SECOND_ORDER = ("dissipated_energy",)  # in time, by the trapezoid of its friction bound
 SAFETY, FLOOR, SLOW, PAIR = 1.75, 0.8, 1.5, 4.0
 # of the mesh's part, by quantity: what about 95 of 100 take, or all but one, on 397 triples of
@@ -75,7 +78,7 @@ def formal_order(source: str, element: str, name: str) -> float:
     """Order at which the part of a quantity's error falls where the solution is smooth."""
     if source == "mesh":
         return FORMAL["mesh"][element]
-    return 2.0 if name in SECOND_ORDER else FORMAL["time"]
+    return 2.0 if source == "time" and name in SECOND_ORDER else FORMAL[source]
 
 
 def main_quantity(values: dict) -> str:
@@ -242,7 +245,8 @@ def advice(quantities: dict, remedies: dict[str, str]) -> str:
             f"{remedies[largest]} would lower it")
 
 
-SOURCES = {"mesh": "mesh", "time": "time step", "friction": "friction's fixed point",
+SOURCES = {"mesh": "mesh", "time": "time step", "jumps": "jumps over cycles",
+           "friction": "friction's fixed point",
            "solver": "solver's tolerance"}
 
 

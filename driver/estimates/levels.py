@@ -18,6 +18,7 @@ from ..options import Settings
 from ..results.record import Record
 from ..results.relinearization import linearized
 from ..scene import freefem
+from . import jumps
 from .adjoint import held
 from .between_steps import departures
 from .budget import (CAUTION, OF_TIME, UNBOUNDED, Part, advice, coarser, extrapolate,
@@ -64,6 +65,7 @@ class Level:
     solver: QuasistaticSolver
     steps: list  # its `Step`s
     seconds: float  # of these
+    declared: int  # steps of the history, with one cycle where it is repeated
 
     @property
     def singular(self) -> tuple[str, ...]:
@@ -136,21 +138,27 @@ class Levels:
             self.seconds[stage] += seconds
         return problem
 
-    def run(self, settings: Settings, stride: int = 1, **changes) -> Level:
-        """The run with `settings` on every `stride`-th time. Raises DriverError if it fails."""
-        key = (*dataclasses.astuple(settings), stride, *sorted(changes.items()))
+    def run(self, settings: Settings, stride: int = 1, plan=None, **changes) -> Level:
+        """The run with `settings` on every `stride`-th time. Raises DriverError if it fails.
+
+        `plan`: cycles to skip after each, if not those of the run.
+        """
+        key = (*dataclasses.astuple(settings), stride, plan and tuple(plan),
+               *sorted(changes.items()))
         if key not in self.runs:
             try:
-                self.runs[key] = self._run(self.problem(**changes), settings, stride)
+                self.runs[key] = self._run(self.problem(**changes), settings, stride,
+                                           plan or self.plan)
             except DriverError as failure:
                 self.runs[key] = failure
         if isinstance(self.runs[key], DriverError):
             raise self.runs[key]
         return self.runs[key]
 
-    def _run(self, problem: Problem, settings: Settings, stride: int) -> Level:
+    def _run(self, problem: Problem, settings: Settings, stride: int, plan) -> Level:
         clock, before = time.perf_counter(), problem.operator.products
-        solver = problem.solver(settings, samples(problem.manifest, stride), self.plan)
+        times = samples(problem.manifest, stride)
+        solver = problem.solver(settings, times, plan)
         record, steps = Record(problem.operator, solver), []
         try:
             for step in solver.steps():
@@ -161,7 +169,7 @@ class Levels:
             spent = time.perf_counter() - clock
             self.products += products
             self.seconds["solve"] += spent
-        return Level(record, *record.quantities(), products, solver, steps, spent)
+        return Level(record, *record.quantities(), products, solver, steps, spent, len(times) - 1)
 
     def close(self) -> None:
         """Remove what is left of the exports."""
@@ -185,6 +193,8 @@ class Companions:
         self.pressing = record.pressing_round(self.at)
         self.levels, self.manifest, self.settings = levels, problem.manifest, settings
         self.effects = problem.effects
+        # cycles skipped after each computed one, where any were
+        self.jumps = levels.plan if any(levels.plan or ()) else None
         levels.problems[()] = problem
         self.knob = mesh_knob(self.manifest.parameters)
         self.notes = []
@@ -227,10 +237,10 @@ class Companions:
         return True
 
     def level(self, mesh: dict, stride: int = 1, settings: Settings | None = None,
-              quiet: bool = False) -> Level | None:
+              quiet: bool = False, plan=None) -> Level | None:
         """A run on a mesh, None and, unless `quiet`, a note if it fails."""
         try:
-            return self.levels.run(settings or self.settings, stride, **mesh)
+            return self.levels.run(settings or self.settings, stride, plan, **mesh)
         except DriverError as problem:
             words = " ".join(name_of(*change) for change in mesh.items())
             if not quiet:
@@ -251,6 +261,7 @@ class Companions:
             size = self.manifest.parameters[self.knob]
             mesh = name_of(self.knob, size / 2 if self.knob == "h" else 2 * size)
         return {"mesh": mesh, "time": f"STEPS={2 * self.manifest.steps}",
+                **({"jumps": jumps.remedy(self.settings.cycles, self.jumps)} if self.jumps else {}),
                 "friction": f"FRICTION_RTOL={self.settings.friction_rtol / 10:.0e}",
                 "solver": f"RTOL={self.settings.rtol / 10:.0e}"}
 
@@ -263,6 +274,8 @@ class Companions:
         parts = {"mesh": self._mesh()}
         if effects.quasistatic and (effects.frictional or self.at < self.manifest.steps - 1):
             parts["time"] = self._time()
+        if self.jumps:
+            parts["jumps"] = self._jumps()
         if effects.pressure_bounds_friction:
             settled = min(settings.friction_rtol / TIGHTER, SETTLED)
             parts["friction"] = self._algebraic(tight, earned | {"friction_rtol": settled})
@@ -336,6 +349,11 @@ class Companions:
         return {name: Part(abs(values[2][name] - values[0][name]) + part.error, part.order)
                 for name, part in parts.items()}
 
+    def _jumps(self) -> dict[str, Part]:
+        """Jumps over cycles that are half as long."""
+        shorter = self.level(self.base, plan=jumps.halved(self.jumps))
+        return self._parts("jumps", [(self._values(self.base), shorter and shorter.values)], [2.0])
+
     def _algebraic(self, first: dict, then: dict) -> dict[str, Part]:
         """What settings `then` change in a run with those of `first`.
 
@@ -367,7 +385,7 @@ class Companions:
                 if not any(run is None for before in runs[: k + 1] for run in before)]
         return {name: extrapolate([fine[name] - coarse[name] for fine, coarse in good], ratios,
                                   formal_order(source, self.manifest.element, name), value,
-                                  source == "time" or name not in UNBOUNDED,
+                                  source != "mesh" or name not in UNBOUNDED,
                                   source == "mesh" and name in self.singular,
                                   CAUTION[name] if source == "mesh" else OF_TIME)
                 for name, value in self.values.items()}

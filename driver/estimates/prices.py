@@ -27,6 +27,7 @@ import numpy as np
 
 from ..text import aligned, assignments, words
 from .budget import finer, ratio, share
+from .jumps import Jumps
 
 ASKED = (0.1, 0.03, 0.01, 0.003, 0.001)
 STEPS = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128)  # times the run's
@@ -231,9 +232,21 @@ class Quantity:
     times: dict  # error by number of steps, as far as they were run; the run's at least
     rate: float  # order of the time step
     others: float  # fixed point and solver
+    jumps: Jumps | None = None  # over cycles
 
-    def choices(self, room: float) -> list[tuple[int, float]]:
-        """Numbers of steps and what each leaves of `room` for the mesh, where it leaves any."""
+    def choices(self, room: float) -> list[tuple[dict, float, float]]:
+        """Settings, steps in the run's cycles that cost as much, and what this leaves of `room` for
+        the mesh, where it leaves any.
+        """
+        jumps = self.jumps.choices() if self.jumps else [("", 0.0, 1.0)]
+        return [({} if self.static else {"STEPS": str(steps), **({"CYCLES": f'"{words}"'}
+                                                                 if words else {})},
+                 steps * more, left - error)
+                for steps, left in self._steps(room) for words, error, more in jumps
+                if left > error]
+
+    def _steps(self, room: float) -> list[tuple[int, float]]:
+        """Numbers of steps and what each leaves of `room`, where it leaves any."""
         room -= self.others
         more = [] if self.static or not self.times[self.steps] else STEPS
         known = [(steps, max(error for other, error in self.times.items() if other >= steps))
@@ -262,7 +275,7 @@ class Whole:
 def price(kind: Uniform | Adaptive, quantity: Quantity, whole: Whole, asked: float) -> dict | None:
     """The fastest settings of a kind of mesh for a relative error, with what they take."""
     best = None
-    for steps, room in quantity.choices(asked * abs(quantity.value)):
+    for settings, steps, room in quantity.choices(asked * abs(quantity.value)):
         choice = kind.meets(room)
         if choice is None:
             continue
@@ -272,7 +285,7 @@ def price(kind: Uniform | Adaptive, quantity: Quantity, whole: Whole, asked: flo
                     - (1 - ROUGH) * kind.costs.stage("solve", n, steps) for n in cycles)
         own = whole.costs.companions(whole.run.unknowns, whole.run.steps)
         estimates = whole.estimates * kind.costs.companions(unknowns, steps) / own
-        entry = {"settings": choice.settings | ({} if quantity.static else {"STEPS": str(steps)}),
+        entry = {"settings": choice.settings | settings,
                  "seconds": bare + estimates, "seconds_bare": bare,
                  "memory_mib": whole.memory_of(unknowns)}
         if best is None or entry["seconds"] < best["seconds"]:

@@ -22,7 +22,7 @@ CAPTIONS = {
     "convergence": "Convergence of the solver", "adaptivity": "Adaptive refinement",
 }
 SETTINGS = ("subdomains", "primal_dofs", "dual_dofs", "contact_nodes")
-HEADS = {"total": "estimated error", "mesh": "of it mesh", "time": "time step",
+HEADS = {"total": "estimated error", "mesh": "of it mesh", "time": "time step", "jumps": "jumps",
          "friction": "fixed point", "solver": "solver"}
 KINDS = {"ok": "good", "questionable": "doubtful", "invalid": "bad"}  # of validity's verdict
 

@@ -195,6 +195,27 @@ def test_jumps_err_by_no_more_than_they_say(solved, named_scene):
     assert 0 < error < stated < 0.04 * depth
 
 
+@pytest.mark.slow  # companions of all kinds
+def test_quantities_after_jumps_carry_their_error(solved, named_scene):
+    """In the budget of the same strip: no less than what 200 cycles of the element tell.
+
+    The stated errors are four times what jumps half as long change, the true ones twice that.
+    """
+    held, k = P / OEDOMETER, 2e-5
+    run = solved(named_scene("held", STRIP.replace(*HELD)), cells=4, steps=10, wears=k, held=held,
+                 cycles="200 jump 2%", errors="yes")
+    depth, way, work = jenkins(200, 8, k, held).sum(axis=0)
+    exact = {"worn_volume": WIDTH * depth, "dissipated_energy": WIDTH * work, "slip": way}
+    budget = run.summary["errors"]["quantities"]
+    for name, value in exact.items():
+        error = abs(budget[name]["value"] - value)
+        assert error < budget[name]["jumps"] < 4 * error, name
+        assert budget[name]["total"] >= budget[name]["jumps"]
+    assert 'CYCLES="200 jump 1%"' in run.summary["errors"]["advice"]
+    lines = run.summary["errors"]["prices"]["lines"]
+    assert all("CYCLES" in line["settings"] for line in lines if "settings" in line)
+
+
 # ---------------------------------------------------------------------------- by enumeration
 
 def stiffness(problem) -> tuple[np.ndarray, np.ndarray]:

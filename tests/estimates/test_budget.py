@@ -128,7 +128,7 @@ class Linear:
     FACTORS = {"rtol": 1.0, "primal_rtol": 30.0, "friction_rtol": 1000.0}
 
     def __init__(self):
-        self.problems, self.cycles = {}, ()
+        self.problems, self.cycles, self.plan = {}, (), None
 
     def problem(self, **_changes):
         """Any mesh can be had."""
@@ -137,7 +137,7 @@ class Linear:
         """Displacement of a run."""
         return 1.0 + sum(factor * getattr(settings, name) for name, factor in self.FACTORS.items())
 
-    def run(self, settings, stride=1, **_changes):
+    def run(self, settings, stride=1, plan=None, **_changes):
         """A run of one quantity."""
         return SimpleNamespace(values={"displacement": self.value(settings)})
 
