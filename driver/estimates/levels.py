@@ -18,7 +18,7 @@ from ..options import Settings
 from ..results.record import Record
 from ..results.relinearization import linearized
 from ..scene import freefem
-from . import jumps
+from . import jumps, unresolved
 from .adjoint import held
 from .between_steps import departures
 from .budget import (CAUTION, OF_TIME, UNBOUNDED, Part, advice, coarser, extrapolate,
@@ -33,9 +33,6 @@ UNSEEN = 1e-3  # by how much others may exceed it, relative
 UNTRIED = "no run with more steps to compare with"
 TIGHTER = 100.0  # tolerances of the companions that tell what those of the run leave
 LEFT = 2.0  # safety of what they tell: another mesh answers by chance with more or less
-UNRESOLVED = 0.5  # relative error in energy from which coarser meshes tell nothing of a finer one
-PRESSING = 3  # nodes on a round boundary below which they tell nothing: one has but one normal
-OF_BODIES = ("normal_resultant", "tangential_resultant", "displacement")
 EARNED = 1e-8  # residuals that rounding still lets a companion reach
 
 
@@ -185,12 +182,10 @@ class Companions:
         """`record` of the run of `problem` with `settings`; `sizes` as of adjoint.assess, `energy`
         the entry of energy.report.
         """
-        self.unresolved = max((estimate["mesh"] / estimate["norm"] for estimate in (
-            energy or {}, (energy or {}).get("largest", {})) if estimate.get("norm")), default=0.0)
         self.values, self.at = record.quantities()
         self.singular, self.sizes = record.singular_places(), sizes
         self.open = record.between_nodes(self.at)
-        self.pressing = record.pressing_round(self.at)
+        self.unresolved = unresolved.parts(self.values, energy, record.pressing_round(self.at))
         self.levels, self.manifest, self.settings = levels, problem.manifest, settings
         self.effects = problem.effects
         # cycles skipped after each computed one, where any were
@@ -301,22 +296,7 @@ class Companions:
             parts["displacement"] = Part(UNSEEN * value)
         parts = {name: located(held(name, part, self.sizes.get(name)), self.open.get(name, 0.0))
                  for name, part in parts.items()}
-        return parts | self._unknown()
-
-    def _unknown(self) -> dict[str, Part]:
-        """Parts of what a mesh that does not resolve the solution tells no error of.
-
-        Where contact opens and slips between its few nodes coarser meshes may agree by chance; of
-        resultants and displacements equilibrium and adjoint problems see the whole body's error,
-        but of a round boundary a node or two that carry all have one direction.
-        """
-        reason, spared = "", OF_BODIES
-        if self.unresolved > UNRESOLVED:
-            reason = f"its error in the energy norm is {100 * self.unresolved:.0f} %"
-        if 0 < self.pressing < PRESSING:
-            reason, spared = "a node or two of a round boundary carry all", OF_BODIES[-1:]
-        names = [name for name in self.values if reason and name not in spared]
-        return dict.fromkeys(names, Part(None, note=f"the mesh is too coarse: {reason}"))
+        return parts | self.unresolved
 
     def _time(self) -> dict[str, Part]:
         """Every second and fourth time; without friction only the instant counts.
