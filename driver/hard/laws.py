@@ -12,6 +12,7 @@ from . import deformations
 from .oracle import Assembled
 
 ROUNDINGS = 4  # random ones of the stiffness
+ROUNDED = 4 * np.finfo(float).eps  # of a place, where nothing deforms
 RESTS = 1e-6  # of the deformation: a gap that counts as closed, the accuracy of displacements
 
 
@@ -111,6 +112,8 @@ def violations(body: Assembled, manifest, contact: dict,
     reported, history = Reported.of(body, contact), manifest.factors
     force = reported.forces(body)
     fields = np.array([body.solve(w, body.B.T @ f) for w, f in zip(history[1:], force)])
+    extent = max(np.ptp(sub.xy, axis=0).max() for sub in body.subdomains)
+    far = np.maximum(far, ROUNDED * extent / RESTS)
     scale = np.maximum(deformations.of_nodes(body, fields, manifest.axisymmetric), far)
     never = ~(reported.sigma_n.any(axis=0) | reported.sigma_t.any(axis=0))
     known_to = deformations.of_nodes(body, fields, manifest.axisymmetric, never)
