@@ -63,7 +63,7 @@ WEAR = "macro wear() 2e-4 //\n"
 @pytest.mark.parametrize("text, law, options", [
     (BODIES, "", {}), (BODIES, "", {"element": "P2"}), (BODIES, WEAR, {"element": "P2-mixed"}),
     (FOOT, ROUGH, {"element": "P2"}), (FOOT, POWER, {}), (FOOT, WEAR, {"element": "P2"}),
-    (FOOT, ROUGH + WEAR, {}), (FOOT, WEAR, {"cycles": "40 jump 5%"}),
+    (FOOT, ROUGH + WEAR, {}), (FOOT, WEAR, {"cycles": "20 jump 5%"}),
 ], ids=["bodies", "bodies-P2", "bodies-wear-mixed", "rough-P2", "power", "wear-P2", "rough-wear",
         "jumps"])
 def test_any_cut_and_any_ranks(solved, named_scene, text, law, options):
