@@ -103,7 +103,9 @@ def of_nodes(body: Assembled, fields: np.ndarray, axisymmetric: bool = False,
     known = np.zeros(exponent.max() + 1)
     for e in range(len(known)):
         if e == 0 or (exponent == e).any() or (level == e).any():
-            least = max(least, mesh.deformation(exponent >= e, fields, motions) * 10.0**e)
+            # a body that swells deforms; a stiff part that swells with the rest does not by that
+            admitted = motions if e else motions & [True, True, True, False]
+            least = max(least, mesh.deformation(exponent >= e, fields, admitted) * 10.0**e)
         known[e] = least / 10.0**e
     return known[level]
 
