@@ -108,4 +108,3 @@ def of_nodes(body: Assembled, fields: np.ndarray, axisymmetric: bool = False,
             least = max(least, mesh.deformation(exponent >= e, fields, admitted) * 10.0**e)
         known[e] = least / 10.0**e
     return known[level]
-

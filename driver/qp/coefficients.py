@@ -52,7 +52,7 @@ class _Equations:
 
     def derivative(self, z: np.ndarray) -> np.ndarray:
         """Of the residual by z over the units, (n + m + k, n + m + k)."""
-        problem, n, m, k = self.problem, self.problem.n, self.problem.m, self.problem.k
+        problem, n, k = self.problem, self.problem.n, self.problem.k
         rows, pair, r = problem.rows, problem.pair, problem.rigidity
         unit, move = np.eye(rows + k)[:rows], np.hstack([-problem.compliance, problem.motions])
         slip = problem.movement(z)[n:]
