@@ -40,8 +40,9 @@ class EnergyEstimator:
 
     def _no_bound(self) -> str:
         """Why smoothed stresses take the place of the bound; empty where they do not."""
-        mixed = BOTH if self._changes_kind() else ""
-        return (QUADRATIC if self.quadratic else "") or Effects(self.manifest).no_bound() or mixed
+        if self.quadratic:
+            return QUADRATIC
+        return Effects(self.manifest).no_bound() or (BOTH if self._changes_kind() else "")
 
     def consider(self, step: Step, state: dict, energy: float) -> None:
         """Keep a finished step, its contact state and energy, if its estimate may be wanted."""

@@ -79,13 +79,13 @@ class Mesh:
         return largest
 
 
-def of_nodes(body: Assembled, fields: np.ndarray, axisymmetric: bool = False,
-             whole: np.ndarray | None = None) -> np.ndarray:
-    """(n_c,) deformation of what contact nodes touch, in displacements `fields` (steps, dofs).
+def of_nodes(body: Assembled, fields: np.ndarray,
+             axisymmetric: bool = False) -> tuple[np.ndarray, float]:
+    """Deformation (n_c,) of what contact nodes touch, in displacements `fields` (steps, dofs), and
+    that of all bodies.
 
     No less than the stress of softer material makes of it: a stiff triangle in a soft body hardly
-    deforms, but is pressed as its surroundings are. Where bodies meet the softer one counts. Nodes
-    in `whole` (n_c,) count by all bodies.
+    deforms, but is pressed as its surroundings are. Where bodies meet the softer one counts.
     """
     mesh = Mesh.of(body)
     exponent = np.floor(np.log10(mesh.stiffness / mesh.stiffness.min()) + ROUNDED).astype(int)
@@ -95,8 +95,6 @@ def of_nodes(body: Assembled, fields: np.ndarray, axisymmetric: bool = False,
     level = np.full(len(body.gid), exponent.max())
     met = value != 0
     np.minimum.at(level, node[met], of_vertex[vertex[met]])
-    if whole is not None:
-        level[whole] = 0
     heated = any(stress.any() for sub in body.subdomains for stress in sub.thermal.values())
     motions = np.array([not axisymmetric, True, not axisymmetric, heated and not axisymmetric])
     fields, least = fields.reshape(len(fields), -1, 2), 0.0
@@ -107,4 +105,4 @@ def of_nodes(body: Assembled, fields: np.ndarray, axisymmetric: bool = False,
             admitted = motions if e else motions & [True, True, True, False]
             least = max(least, mesh.deformation(exponent >= e, fields, admitted) * 10.0**e)
         known[e] = least / 10.0**e
-    return known[level]
+    return known[level], float(known[0])

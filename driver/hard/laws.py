@@ -114,10 +114,10 @@ def violations(body: Assembled, manifest, contact: dict,
     fields = np.array([body.solve(w, body.B.T @ f) for w, f in zip(history[1:], force)])
     extent = max(np.ptp(sub.xy, axis=0).max() for sub in body.subdomains)
     far = np.maximum(far, ROUNDED * extent / RESTS)
-    scale = np.maximum(deformations.of_nodes(body, fields, manifest.axisymmetric), far)
-    never = ~(reported.sigma_n.any(axis=0) | reported.sigma_t.any(axis=0))
-    known_to = deformations.of_nodes(body, fields, manifest.axisymmetric, never)
-    known_to = np.tile(np.maximum(known_to, far), 2)
+    scale, whole = deformations.of_nodes(body, fields, manifest.axisymmetric)
+    touched = reported.sigma_n.any(axis=0) | reported.sigma_t.any(axis=0)
+    known_to = np.tile(np.maximum(np.where(touched, scale, whole), far), 2)
+    scale = np.maximum(scale, far)
     turned = body.B @ body.motions
     told = np.concatenate([reported.u_n, reported.u_t], axis=1)
     u = fields @ body.B.T
@@ -188,7 +188,7 @@ def rounding(body: Assembled, manifest, contact: dict) -> np.ndarray:
         return u - (turned @ np.linalg.lstsq(turned, u.T, rcond=None)[0]).T
 
     exact = moved(body)
-    scale = deformations.of_nodes(body, exact, manifest.axisymmetric)
+    scale, _ = deformations.of_nodes(body, exact, manifest.axisymmetric)
     apart = np.zeros(len(scale))
     for seed in range(ROUNDINGS):
         of_rows = np.abs(of_nodes(moved(body.rounded(seed)) - exact)).max(axis=0)

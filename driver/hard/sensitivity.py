@@ -36,7 +36,7 @@ def explained(body: Assembled, manifest, one: dict, other: dict, residual: float
     turned = body.B @ body.motions
     fields = np.array([body.solve(w, body.B.T @ f)
                        for w, f in zip(manifest.factors[1:], first.forces(body))])
-    scale = np.tile(deformations.of_nodes(body, fields, manifest.axisymmetric), 2)
+    scale = np.tile(deformations.of_nodes(body, fields, manifest.axisymmetric)[0], 2)
     change = (second.forces(body) - first.forces(body)) / force
     before = np.abs(np.vstack([0 * first.u_t[:1], (first.u_t - second.u_t)[:-1]]))
     n = len(body.gid)
