@@ -124,8 +124,9 @@ include "export.idp"
 
 @pytest.mark.parametrize("first", ["11, 21", "21, 11"])
 def test_the_bound_where_a_pair_turns_a_corner(estimated, tmp_path, first):
-    """Whichever side has the nodes: flanks face what is parallel to them, the corner's one displacement
-    penetrates neither, and the bound is above the error of forces that are far from a solution.
+    """Whichever side has the nodes: flanks face what is parallel to them, the corner's one
+    displacement penetrates neither, and the bound is above the error of forces that are far from a
+    solution.
     """
     scene = tmp_path / "corner.edp"
     scene.write_text(CORNER.replace("FIRST", first))

@@ -246,5 +246,6 @@ def describe(rows: list[dict]) -> str:
     held = sum(row["held"] == "yes" for row in judged)
     ratio = [row["ratio"] for row in judged if row["ratio"] != ""]
     half = sum(1 for row in judged if row["held"] == "no" and row["ratio"] < 0.5)
+    median = f", median of claim over truth {statistics.median(ratio):.2f}" if ratio else ""
     return (f"{len(judged)} claims, {100 * held / len(judged):.1f} % hold, {half} below half of "
-            f"the true error, median of claim over truth {statistics.median(ratio):.2f}")
+            f"the true error{median}")
