@@ -16,13 +16,14 @@ turning back      error = S times the larger of first and |q1 - q2| / (s - 1)
 no decrease       twice the sum of the differences; a pressure, the only quantity that may be
                   without limit, gets none below the order DOUBTFUL, and at an end of contact none
                   where it changes by more than STILL
-two meshes        error = PAIR |q0 - q1| / (r^q - 1), q = 1; 2 where functionals of quadratic elements
-                  or of adaptive meshes approach so fast
+two meshes        error = PAIR |q0 - q1| / (r^q - 1), q = 1; 2 for what quadratic elements and
+                  adaptive meshes approach so fast
 
 with FLOOR, SLOW, PAIR chosen on synthetic sequences, sums of two powers of h and of a disorder of
-order 1 to 1.5 (tests/estimates/test_budget.py): 95 to 99 of 100 errors are covered, and the median
-of error over truth is 2.5 to 3.5; S by quantity (CAUTION) on 397 triples of meshes of shipped
-scenes, of which 96 of 100 hold with a median of 3.8. The same holds for time steps.
+order 1 to 1.5 (tests/estimates/test_budget.py): 94 to 99 of 100 errors are covered, and the median
+of error over truth is 2.3 to 3.5; S by quantity (CAUTION) on 397 triples of meshes of shipped
+scenes, of which 96 of 100 hold with a median of 3.8; caution.py says where more is needed. The same
+holds for time steps.
 
 mesh      the same run on meshes with elements 2 and 4 times as long, or of the cycles before
           (ADAPT)
