@@ -186,7 +186,7 @@ class Companions:
         self.singular, touch = record.singular_places(), record.touch(self.at)
         error, element = unresolved.energy_error(energy), problem.manifest.element
         self.caution = Caution.of(problem, touch, sizes, error, bool(levels.cycles))
-        self.unresolved = unresolved.parts(self.values, error, touch, element)
+        self.unresolved = unresolved.parts(self.values, error, touch, element, bool(sizes))
         self.levels, self.manifest, self.settings = levels, problem.manifest, settings
         self.effects = problem.effects
         # cycles skipped after each computed one, where any were

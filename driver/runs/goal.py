@@ -303,9 +303,10 @@ class Search:
         values, errors = ({name: entry[key] for name, entry in budget.items()}
                           for key in ("value", "total"))
         if self.name in vanishing(values, errors):
-            raise NoSolution(f"the {self._words()} is zero but for its error of "
-                             f"{errors[self.name] or 0.0:.1g} (by symmetry, or as nothing slides): "
-                             "it has no relative error to be met; ask for another quantity")
+            error = f" but for its error of {errors[self.name]:.1g}" if errors[self.name] else ""
+            raise NoSolution(f"the {self._words()} is zero{error} (by symmetry, or as nothing "
+                             "slides): it has no relative error to be met; ask for another "
+                             "quantity")
 
     def _make(self, size, reached: str) -> None:
         """Have the problem of a finer mesh made. Raises NotConverged if it cannot be."""

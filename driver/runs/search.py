@@ -5,7 +5,7 @@ import json
 import time
 from pathlib import Path
 
-from ..errors import DriverError, error_of
+from ..errors import DriverError, NoSolution, error_of
 from ..estimates.budget import share
 from ..results.summary import largest_memory
 from . import goal
@@ -102,7 +102,8 @@ def _write(directory: Path, request: Request, search: goal.Search, status: int, 
     advice = (f"{search.name.replace('_', ' ')} to {share(entry['total'], entry['value'])}, "
               f"asked for {100 * search.asked:g} %; the same settings by hand: {settings}")
     errors = {"quantities": budget, "notes": [], "advice": advice}
-    accuracy = {"quantity": search.name, "asked": search.asked, "reached": entry["relative"],
+    reached = None if status == NoSolution.exit_status else entry["relative"]
+    accuracy = {"quantity": search.name, "asked": search.asked, "reached": reached,
                 "settings": chosen, "levels": len(search.sizes), "products": levels.products}
     failure = error_of(status, reason) if status else None
     output, memory = time.perf_counter() - begun, largest_memory(comm)
