@@ -303,7 +303,7 @@ class _Writer:
         if not labels or not dice.chance(0.1):
             return
         for axis in "XY" if dice.chance(0.5) else dice.pick("X", "Y"):
-            if axis == "X" and self.declared.get("gap") == "curved":
+            if self.declared.get("gap") == "curved" and self._slides(axis):
                 continue  # its shape would have to shift as well
             content = self.number(0.0)
             for label in labels:
@@ -313,6 +313,12 @@ class _Writer:
             history = dice.pick(*(name for name in HISTORIES if name != "constant"))
             self.say(f"obstacle{axis}(t)", f"({content}*{HISTORIES[history]})")
             self.declared["obstacles"] = "shift"
+
+    def _slides(self, axis: str) -> bool:
+        """Whether an obstacle that shifts along `axis` slides along some contact side."""
+        sides = (side for shape in self.bodies.shapes
+                 for side in shape.labelled(*self.bodies.contact))
+        return any(np.abs(np.delete(side.normal, "XY".index(axis)))[0] > 1e-9 for side in sides)
 
     def by_label(self, value) -> str:
         """A number for every label with contact nodes."""

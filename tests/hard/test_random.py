@@ -308,9 +308,9 @@ def test_states_are_searched_as_if_all_were_tried(modes):
         room = np.where(np.arange(2 * n) < n, -load, -load)
         step = states.States(np.hstack([C, moved]), room[:n], room[n:], F, F, np.zeros(n),
                              moved.T, work, np.zeros(n, bool), np.zeros((n, n), bool))
-        assert step.search(20.0) == expected
+        assert step.search(500) == expected
         # the program may miss a solution beyond its limits, and of these problems none is
-        assert programs.none_within(step, 20.0) == (not expected)
+        assert programs.none_within(step, 500) == (not expected)
         none += not expected
     assert (none > 0) == (modes > 0)
 
@@ -327,8 +327,8 @@ def test_a_corner_rests_only_where_it_is_closed():
         step = states.States(C, np.array(room), none, none + friction, none + friction, none,
                              np.zeros((0, 4)), np.zeros(0), np.zeros(2, bool),
                              np.array([[False, True], [True, False]]))
-        assert programs.none_within(step, 20.0) != step.search(20.0)
-        return step.search(20.0)
+        assert programs.none_within(step, 500) != step.search(500)
+        return step.search(500)
 
     assert search([-1.0, -1.0], 0.3) and search([-1.0, 5.0], 0.0)
 
