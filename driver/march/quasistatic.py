@@ -303,9 +303,11 @@ class QuasistaticSolver:
                 x, gradient, sliding = self.corners.find(
                     index, load, x, gradient, sliding, trace, of_friction * settings.friction_rtol)
             except Unfinished as failed:
-                free = self.residuals.free_of_forces(load, failed.x, motion)
-                if free is not None:
-                    return free
+                # bodies without loads may stay where the step starts, or where they were drawn
+                for place in (motion, np.zeros(op.modes)) if op.modes else (motion,):
+                    free = self.residuals.free_of_forces(load, failed.x, place)
+                    if free is not None:
+                        return free
                 settles = op.modes > 0 and self.bodies.imbalance(load, failed.x) <= NEARLY
                 if failed.final or of_qp == 1.0 and not settles:
                     raise
