@@ -19,7 +19,7 @@ from mpi4py import MPI
 from ..contact.kkt import Scales
 from ..contact.rows import contact_rows
 from ..effects import Effects
-from ..errors import DriverError, NotConverged
+from ..errors import DriverError, NoSolution, NotConverged
 from ..feti.dual_problem import DualProblem
 from ..options import Settings
 from ..text import step_name
@@ -329,6 +329,8 @@ class QuasistaticSolver:
             if worst <= 1:
                 return x, gradient, moved, residuals
             idle = worst > 0.5 * best
+            if isinstance(stop, NoSolution):
+                raise Unfinished(stop, x, gradient)
             if stop or idle and of_qp <= LAST_PART and of_friction <= LAST_FRICTION:
                 raise Unfinished(NotConverged(
                     f"{step_name(index)}: the {name} residual stays at {residuals[name]:.1e}, "
