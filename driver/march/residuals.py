@@ -35,13 +35,13 @@ class Residuals:
         return all(value <= self.asked(name) for name, value in residuals.items())
 
     def faded(self, x: np.ndarray) -> bool:
-        """Whether contact forces may be rounding, but are not zero.
+        """Whether contact forces, or where nothing presses all forces, may be rounding, not zero.
 
         Beside those of the steps before, beside the least forces that make displacements of the
         size that is to be overcome, or because nothing deformed in the latest state: bodies moved.
         """
         least = max(self.scales.faded("pressing"), FADED * self.scales.d / self.qp.bound)
-        size = self._size(x)
+        size = self._size(x) or np.sqrt(self.operator.dot(x, x))
         return 0 < size and (self.still or size <= least)
 
     def free_of_forces(self, load: Load, x: np.ndarray, motion: np.ndarray | None = None):
