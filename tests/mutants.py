@@ -41,7 +41,7 @@ PARTS = (("tests/qp", "tests/contact", "tests/effects", "tests/scene/test_loader
          ("tests/feti", "tests/march", "tests/results", "tests/estimates", "tests/python"),
          ("tests/scenes",))
 CHEAP = 6.0  # CPU seconds of the tests that are tried first
-OWN = 0.2  # what a second of a package's own tests counts in their order
+OWN = 0.2  # what a second of tests of a package or module counts in their order
 SLOW, START = 6.0, 20.0  # what a mutant may take of the time without it, and seconds more
 MEMORY = 8 * 2**30  # bytes that it may take
 COLUMNS = ("file", "line", "before", "after", "outcome", "noticed by", "seconds")
@@ -134,12 +134,15 @@ def concerned(one: Mutant, tables: list[dict]) -> dict[str, dict[str, float]]:
     return tests
 
 
-def phases(tests: dict[str, dict[str, float]], package: str, before: list, limit: float) -> list:
+def phases(tests: dict[str, dict[str, float]], file: str, before: list, limit: float) -> list:
     """Names in the order in which they are tried, by file: cheap ones, and the others up to `limit`
-    CPU seconds, with the seconds of each phase; those of `before` come first.
+    CPU seconds, with the seconds of each phase; those of `before` come first, then those that lie
+    in the folder of the changed `file`'s package or have its name in theirs.
     """
+    folder, stem = f"tests/{Path(file).parent.name}/", Path(file).stem.removesuffix("s")
+
     def price(test: str) -> float:
-        own = test.startswith(f"tests/{package}/")
+        own = test.startswith(folder) or stem in test
         return sum(tests[test].values()) * (0 if test in before else OWN if own else 1)
 
     made, spent, found = set(), [0.0, 0.0], [{}, {}]
@@ -216,7 +219,7 @@ def run(mutants: list[Mutant], out: Path, limit: float, tests=()) -> list[dict]:
             outcome, by, seconds = "equivalent", known[key], 0.0
         else:
             chosen = [(tests, limit)] if tests else phases(
-                concerned(m, tables), m.package, before.setdefault(m.file, []), limit)
+                concerned(m, tables), m.file, before.setdefault(m.file, []), limit)
             folder = copies.get()
             try:
                 outcome, by, seconds = tried(m, folder, chosen, broken)
