@@ -120,7 +120,8 @@ def function_of(text: str, line: int) -> tuple[int, int]:
 def concerned(one: Mutant, tables: list[dict]) -> dict[str, dict[str, float]]:
     """Tests that execute the changed line, and CPU seconds of each and of what it needs.
 
-    What stands outside of functions concerns all that execute anything of the file.
+    What stands outside of functions concerns all that execute anything of the file. What ranks
+    execute is not known: tests of ranks, by their names, concern all of the driver.
     """
     text, tests = (ROOT / one.file).read_text(), {}
     start, _ = function_of(text, one.line) if one.package != "lib" else (0, 0)
@@ -130,7 +131,8 @@ def concerned(one: Mutant, tables: list[dict]) -> dict[str, dict[str, float]]:
         nearest = next((known[line] for line in above if line in known), None)
         bits = [int(by, 16) for by in ([nearest] if nearest else known.values())]
         tests |= {test: needs for k, (test, needs) in enumerate(table["tests"].items())
-                  if any(number >> k & 1 for number in bits)}
+                  if any(number >> k & 1 for number in bits)
+                  or "rank" in test and one.package != "lib"}
     return tests
 
 
@@ -166,8 +168,8 @@ def tried(one: Mutant, folder: Path, chosen: list, broken: set) -> tuple[str, st
     """
     path, clock = folder / one.file, time.perf_counter()
     before, stat = path.read_text(), path.stat()
-    kept = folder.parent / "exports"
-    kept.mkdir(exist_ok=True)
+    kept = HOME / "exports"
+    kept.mkdir(parents=True, exist_ok=True)
     plugin = ("-p", "kept_exports") if one.package != "lib" else ()
 
     def noticed_by() -> str:
