@@ -113,6 +113,11 @@ def test_a_block_climbs_a_slope(solved, scene, obstacle, options):
         np.cos(lean) - 0.3 * np.sin(lean)), rtol=1e-7)
     np.testing.assert_allclose(np.abs(table["tangential_resultant"][sliding]), 0.3 * normal,
                                rtol=1e-7)
+    # together they carry the weight, and nothing else acts upwards
+    np.testing.assert_allclose(table["force_y"][sliding], 8, rtol=1e-7)
+    np.testing.assert_allclose(np.hypot(table["force_x"], table["force_y"])[sliding],
+                               np.hypot(1, 0.3) * normal, rtol=1e-7)
+    assert min(run.summary["seconds"].values()) > 0
     c = run.contact
     moved = (c["u_n"][..., None] * np.stack([c["normal_x"], c["normal_y"]], axis=-1)
              + c["u_t"][..., None] * np.stack([-c["normal_y"], c["normal_x"]], axis=-1))

@@ -77,6 +77,17 @@ def test_contact_length_and_peak_lie_between_nodes(shift):
         assert found["normal_resultant"] == pytest.approx(np.pi * A * P0 / 2, rel=(h / A) ** 1.5)
 
 
+def test_a_peak_is_that_of_a_parabola_unless_contact_ends_beside_it():
+    """Exact of a parabola on any three nodes; a node beside which nothing presses, or the last one
+    of a boundary, has the peak itself.
+    """
+    x = np.array([-0.7, 0.1, 0.4, 2.0])
+    assert q.peak(x, 3.0 - (x - 0.3)**2) == pytest.approx(3.0, rel=1e-14)
+    assert q.peak(x, np.array([0.0, 2.0, 1.9, 0.5])) == 2.0
+    assert q.peak(x, np.array([1.0, 2.0, 1.9, 0.5])) > 2.0
+    assert q.peak(x, np.array([3.0, 2.9, 1.0, 0.0])) == 3.0 == q.peak(-x, np.array([0, 1, 2, 3.0]))
+
+
 def test_edges_on_clamped_nodes_and_ends_of_the_boundary():
     x = np.linspace(0, 1, 11)
     nodes, steps = line(x, np.ones(11, bool), np.ones(11), 0 * x)
