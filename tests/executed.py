@@ -6,7 +6,8 @@ What a fixture or a factory of `conftest` (`SHARED`) executes counts for all tes
 for the first alone. Left out is what other processes execute; of FreeFEM's processes it is known
 which files they read. The result is {"tests": {name: CPU seconds of its own and of all else that it
 needs}, "lines": {file: {text of a line: tests as bits of a hexadecimal number}}}; FreeFEM's files
-have one text, "". Texts rather than numbers find a line again where others have changed.
+have one text, "". Texts rather than numbers find a line again where others have changed. Tests that
+fail are left out.
 """
 
 import json
@@ -30,7 +31,7 @@ class Contexts:
     def __init__(self):
         self.stack, self.uses = ["none"], defaultdict(set)
         self.seconds, self.read = defaultdict(float), defaultdict(set)
-        self.tests, self.clock = [], _seconds()
+        self.tests, self.failed, self.clock = [], set(), _seconds()
         self.coverage = coverage.Coverage(
             data_file=None, config_file=False,
             source=[str(ROOT / "driver" / name) for name in PACKAGES])
@@ -67,7 +68,7 @@ class Contexts:
         """The result, see above."""
         self.coverage.stop()
         tests, bits = {}, defaultdict(int)  # tests by context
-        for k, test in enumerate(self.tests):
+        for k, test in enumerate(test for test in self.tests if test not in self.failed):
             needed = sorted(self.needed(test) - {test})
             tests[test] = {name: round(self.seconds[name], 3) for name in [test, *needed]}
             for name in tests[test]:
@@ -162,6 +163,11 @@ def pytest_runtest_protocol(item, nextitem):
                                        if one.scope != "function"}
     yield
     contexts.leave()
+
+
+def pytest_runtest_logreport(report):
+    if report.failed:
+        contexts.failed.add(report.nodeid)
 
 
 def pytest_sessionfinish():

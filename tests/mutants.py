@@ -47,14 +47,24 @@ MEMORY = 8 * 2**30  # bytes that it may take
 COLUMNS = ("file", "line", "before", "after", "outcome", "noticed by", "seconds")
 HOME = ROOT / "results" / "mutants"
 OPTIONS = {"MODULE": "", "COUNT": "40", "SEED": "1", "FIRST": "1", "LIMIT": "60", "OUT": str(HOME)}
-SOUND = set()  # tests that are known to pass without mutants
+SOUND = set()  # tests that passed when it was found out which lines they execute
 EQUIVALENT = ROOT / "tests" / "equivalent.txt"
 
 
 # ------------------------------------------------------------------------------ copies, runs
 
+def copies(folder: Path, count: int) -> list[Path]:
+    """`count` copies of what the tests need, compiled, the tests with their assertions, too."""
+    first, *others = (folder / str(k) for k in range(count))
+    copy(first)
+    pytest(first, "--collect-only", PYTHONDONTWRITEBYTECODE="")
+    for other in others:
+        shutil.copytree(first, other)
+    return [first, *others]
+
+
 def copy(folder: Path) -> Path:
-    """A copy of what the tests need, compiled."""
+    """A copy of what the tests need."""
     for name in COPIED:
         source, target = ROOT / name, folder / name
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -62,7 +72,6 @@ def copy(folder: Path) -> Path:
             shutil.copytree(source, target, ignore=shutil.ignore_patterns("__pycache__"))
         elif source.exists():
             shutil.copy2(source, target)
-    subprocess.run([sys.executable, "-m", "compileall", "-q", "driver"], cwd=folder, check=True)
     return folder
 
 
@@ -164,7 +173,7 @@ def phases(tests: dict[str, dict[str, float]], file: str, before: list, limit: f
 def tried(one: Mutant, folder: Path, chosen: list, broken: set) -> tuple[str, str, float]:
     """Outcome ("noticed" or "survived"), the test that noticed, seconds; in the copy `folder`.
 
-    A test that fails without the mutant as well notices nothing: it becomes one of `broken`.
+    A test that is not SOUND, and fails without the mutant as well, becomes one of `broken`.
     """
     path, clock = folder / one.file, time.perf_counter()
     before, stat = path.read_text(), path.stat()
@@ -191,7 +200,6 @@ def tried(one: Mutant, folder: Path, chosen: list, broken: set) -> tuple[str, st
         path.write_text(before)
         os.utime(path, ns=(stat.st_atime_ns, stat.st_mtime_ns))  # so that its bytecode is good
         if "::" not in by or by in SOUND or pytest(folder, by)[0] == 0:
-            SOUND.add(by)
             return "noticed" if by else "survived", by, time.perf_counter() - clock
         broken.add(by)
 
@@ -207,13 +215,14 @@ def arguments() -> dict[tuple, str]:
 def run(mutants: list[Mutant], out: Path, limit: float, tests=()) -> list[dict]:
     """Rows of the table of `mutants`, written as they come in; `tests` instead of those of lines.
     """
-    known, rows, broken, copies = arguments(), [], set(), queue.Queue()
+    known, rows, broken, free = arguments(), [], set(), queue.Queue()
     tables, before = [] if tests else executed(HOME / "executed"), {}
+    SOUND.update(*(table["tests"] for table in tables))
     work = out / "copies"
     shutil.rmtree(work, ignore_errors=True)
     workers = min(len(os.sched_getaffinity(0)), len(mutants))
-    for k in range(workers):
-        copies.put(copy(work / str(k)))
+    for made in copies(work, workers):
+        free.put(made)
 
     def one(m: Mutant) -> None:
         key = m.file, m.before, m.after
@@ -222,11 +231,11 @@ def run(mutants: list[Mutant], out: Path, limit: float, tests=()) -> list[dict]:
         else:
             chosen = [(tests, limit)] if tests else phases(
                 concerned(m, tables), m.file, before.setdefault(m.file, []), limit)
-            folder = copies.get()
+            folder = free.get()
             try:
                 outcome, by, seconds = tried(m, folder, chosen, broken)
             finally:
-                copies.put(folder)
+                free.put(folder)
             before[m.file] = [*before.get(m.file, []), by]
         rows.append(dict(zip(COLUMNS, (m.file, m.line, m.before, m.after, outcome, by,
                                        f"{seconds:.0f}"))))

@@ -10,6 +10,7 @@ from driver.effects.cycles import Room
 from driver.errors import InputError
 from driver.files import read_table
 from driver.march.cycle_verdict import Choice, geometric, limit
+from driver.march.cycles import Cycles
 
 TIGHT = {"rtol": 1e-11, "friction_rtol": 1e-10, "primal_rtol": 1e-9}
 E, NU, P, F, U0, HEIGHT, WIDTH = 1000.0, 0.3, 4.0, 0.4, 0.02, 1.0, 2.0
@@ -145,6 +146,16 @@ def test_cycles_as_many_as_asked_for(solved, named_scene, words, cycles):
     assert run.summary["steps"] == 2 + 8 * cycles
     unsettled = any("not settled" in line for line in run.summary["warnings"])
     assert unsettled == (words == "2 until settled")
+
+
+@pytest.mark.parametrize("given, settles, settled, warned", [
+    (None, True, False, True), (None, True, True, False), (None, False, False, False),
+    (7, True, False, False)])
+def test_only_who_waits_for_cycles_to_settle_is_told_that_they_have_not(given, settles, settled,
+                                                                        warned):
+    march = types.SimpleNamespace(given=given, choice=types.SimpleNamespace(settles=settles),
+                                  past=types.SimpleNamespace(number=2, rows=[{"settled": settled}]))
+    assert bool(Cycles.warnings(march)) == warned
 
 
 def test_a_little_shear_shakes_down_at_once(solved, named_scene):

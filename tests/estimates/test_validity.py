@@ -154,6 +154,23 @@ def test_strains_grow_with_the_load_until_they_are_large(verdict):
     assert "in step 1" in line and " at (" in line and "smaller loads" in line
 
 
+@pytest.mark.parametrize("stretch, shear, expected", [
+    (0.05, 0.05, "ok"), (0.2, 0.05, "questionable"), (-0.4, 0.1, "invalid")])
+def test_a_strain_of_the_whole_body_is_judged(verdict, stretch, shear, expected):
+    """Uniform, prescribed at the boundary: its larger principal value counts."""
+    text = BLOCK.replace("macro support() on(4, u1 = 0., u2 = 0.) //", "macro displacement1() "
+                         f"on(1, 2, 3, 4, u1 = {stretch}*x + {shear}*y, u2 = 0.) //")
+    text = text.replace("macro contact() 1 //\nmacro gap() reach //\n", "").replace(
+        "macro load1() traction(3, 0., -push) //\n", "").replace(
+        'real push = physical("push", 100.), reach = physical("reach", 0.);\n', "")
+    entry, warnings, _ = verdict(text, cells=2)
+    principal = abs(stretch) / 2 + np.hypot(stretch, shear) / 2
+    assert entry["largest_strain"] == pytest.approx(principal, rel=1e-6)
+    assert entry["verdict"] == expected
+    assert f"strain is {principal:.2g}" in entry["reason"] or expected == "ok"
+    assert any("results are" in line for line in warnings) == (expected != "ok")
+
+
 def test_a_gap_of_the_wrong_unit_is_said(verdict):
     entry, _, status = verdict(BLOCK, reach=-1e6)
     assert entry["verdict"] == "invalid" and status == 0
