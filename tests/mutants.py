@@ -170,6 +170,15 @@ def phases(tests: dict[str, dict[str, float]], file: str, before: list, limit: f
 
 # ------------------------------------------------------------------------------ trials
 
+def failed(said: str, names: list) -> str:
+    """The first test that fails, by what pytest says; `names` may be files."""
+    first = re.search(r"^(?:FAILED|ERROR) (.*)", said, re.MULTILINE)
+    if not first:
+        return (said.strip().splitlines() or ["?"])[-1]
+    known = [name for name in names if first[1].startswith(name) and "::" in name]
+    return max(known, key=len, default=first[1].split(" - ")[0])
+
+
 def tried(one: Mutant, folder: Path, chosen: list, broken: set) -> tuple[str, str, float]:
     """Outcome ("noticed" or "survived"), the test that noticed, seconds; in the copy `folder`.
 
@@ -190,8 +199,7 @@ def tried(one: Mutant, folder: Path, chosen: list, broken: set) -> tuple[str, st
             if status < 0:
                 return f"time: {START + SLOW * seconds:.0f} s"
             if status:
-                first = re.search(r"^(?:FAILED|ERROR) (.*?)(?: - |$)", said, re.MULTILINE)
-                return first[1] if first else (said.strip().splitlines() or ["?"])[-1]
+                return failed(said, names)
         return ""
 
     while True:

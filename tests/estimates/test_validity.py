@@ -157,7 +157,9 @@ def test_strains_grow_with_the_load_until_they_are_large(verdict):
 @pytest.mark.parametrize("stretch, shear, expected", [
     (0.05, 0.05, "ok"), (0.2, 0.05, "questionable"), (-0.4, 0.1, "invalid")])
 def test_a_strain_of_the_whole_body_is_judged(verdict, stretch, shear, expected):
-    """Uniform, prescribed at the boundary: its larger principal value counts."""
+    """Uniform, prescribed at the boundary: its larger principal value, and half of the shear as
+    rotation.
+    """
     text = BLOCK.replace("macro support() on(4, u1 = 0., u2 = 0.) //", "macro displacement1() "
                          f"on(1, 2, 3, 4, u1 = {stretch}*x + {shear}*y, u2 = 0.) //")
     text = text.replace("macro contact() 1 //\nmacro gap() reach //\n", "").replace(
@@ -166,9 +168,22 @@ def test_a_strain_of_the_whole_body_is_judged(verdict, stretch, shear, expected)
     entry, warnings, _ = verdict(text, cells=2)
     principal = abs(stretch) / 2 + np.hypot(stretch, shear) / 2
     assert entry["largest_strain"] == pytest.approx(principal, rel=1e-6)
+    assert entry["largest_rotation"] == pytest.approx(shear / 2, rel=1e-6)
     assert entry["verdict"] == expected
     assert f"strain is {principal:.2g}" in entry["reason"] or expected == "ok"
     assert any("results are" in line for line in warnings) == (expected != "ok")
+
+
+@pytest.mark.parametrize("turn, expected", [(0.05, "ok"), (-0.2, "questionable"), (0.5, "invalid")])
+def test_a_rotation_that_supports_prescribe_is_judged(verdict, turn, expected):
+    """Of a whole body: linear kinematics stretch it by the square of the angle over two."""
+    text = BLOCK.replace("macro support() on(4, u1 = 0., u2 = 0.) //", "macro displacement1() "
+                         f"on(4, u1 = ({-turn})*y, u2 = ({turn})*x) //")
+    text = text.replace("macro contact() 1 //\nmacro gap() reach //\n", "")
+    entry, _, _ = verdict(text.replace(', reach = physical("reach", 0.)', ""), cells=2, push=1e-3)
+    assert entry["largest_rotation"] == pytest.approx(abs(turn), rel=1e-6)
+    assert entry["largest_strain"] < 1e-6
+    assert entry["verdict"] == expected and ("turns by" in entry["reason"]) == (expected != "ok")
 
 
 def test_a_gap_of_the_wrong_unit_is_said(verdict):
