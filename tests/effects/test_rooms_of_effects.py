@@ -74,6 +74,25 @@ def test_what_a_manifest_cannot_mean_is_refused(module, sound, changes):
             room(**change)
 
 
+@pytest.mark.parametrize("unit", [1.0, 1e-6, 1e6])
+def test_a_label_is_a_plane_whatever_the_unit(unit):
+    """Four nodes of a slope: its offset where gaps agree to rounding of places, refused else."""
+    manifest = SimpleNamespace(rooms={"large_sliding": {"reach": 1.0}}, patterns=[])
+    room = large_sliding.Room("large_sliding", manifest)
+    normal = np.tile([0.6, -0.8], (4, 1))
+    xy = unit * (np.arange(4.0)[:, None] * [0.8, 0.6] + [0.6, -0.8])
+
+    def offsets(unevenness):
+        gap = unit * np.array([0.5, 0.5, 0.5 + unevenness, 0.5])
+        nodes = SimpleNamespace(gid=np.arange(4), label=np.full(4, 7), family=np.zeros(4, int),
+                                normal=normal, xy=xy, columns={"gap": gap})
+        return room.following(nodes, None).surface.offset
+
+    np.testing.assert_allclose(offsets(1e-14), 1.5 * unit, rtol=1e-12)
+    with pytest.raises(InputError, match="label 7"):
+        offsets(1e-3)
+
+
 def test_a_cycle_ends_where_it_begins_to_rounding():
     manifest = SimpleNamespace(rooms={"cycles": {"start": 1, "count": 3}}, patterns=[], steps=2,
                                t_end=1.0, amplitudes={1: [0.0, 1.0, 1.0 + 1e-12]})
