@@ -64,6 +64,21 @@ def test_what_nodes_leave_open():
     assert q.between_nodes(nodes, steps, 0)["contact_length"] == pytest.approx(0.4)
 
 
+def test_a_node_of_another_boundary_says_nothing_of_the_largest_slip():
+    """The last node of one has slid farthest, the first of the other, the next in number, not."""
+    x = np.arange(6.0)
+    slip = np.array([0.0, 1.0, 2.0, 9.0, 0.5, 0.0])
+    nodes, steps = line(x, x >= 0, 1.0 + x, 0 * x, slip=slip, status=np.full(6, SLIP))
+    nodes["chain"] = np.array([1, 1, 1, 1, 2, 2])
+    assert q.between_nodes(nodes, steps, 0)["slip"] == pytest.approx(7.0)
+    steps["slip"] = np.array([[0.0, 1.0, 2.0, 0.4, 9.0, 3.0]])
+    assert q.between_nodes(nodes, steps, 0)["slip"] == pytest.approx(6.0)
+    steps["status"][0, 4:] = OPEN, OPEN
+    steps["status"] = np.vstack([np.full((1, 6), SLIP), steps["status"]])
+    steps["slip"] = np.vstack([steps["slip"], 0 * steps["slip"]])
+    assert q.between_nodes(nodes, steps, 1)["slip"] == 0.0  # where it was it is no longer closed
+
+
 @pytest.mark.parametrize("shift", np.linspace(0, 0.9, 7))
 def test_contact_length_and_peak_lie_between_nodes(shift):
     """On exact nodal values: the opening's 2/3 power bends by r/a, so the edge errs by 3 h (h/a)/10
