@@ -331,6 +331,28 @@ def test_a_curve_of_segments_is_smooth_between_them():
     np.testing.assert_allclose(one, other, atol=1e-6)
 
 
+def test_places_on_a_curve_are_at_no_distance_from_it():
+    """On its one segment the cubic with its slopes, beyond either end a parabola that goes on with
+    slope and mean curvature; normals are across the curve.
+    """
+    rise, fall, length = 0.3, -0.1, 2.5
+    one = curve.Curve(np.array([[1.0, 2.0]]), np.array([[1.0, 2.0 + length]]),
+                      np.array([[-1.0, 0.0]]), *np.array([[rise], [fall]]), np.ones(1, bool),
+                      np.ones(1, bool))
+    s = np.linspace(-0.4, 1.4, 181)
+    off = np.where(s < 0, rise * s + (fall - rise) * s**2 / 2, np.where(
+        s > 1, fall * (s - 1) + (fall - rise) * (s - 1) ** 2 / 2,
+        rise * s * (1 - s) ** 2 - fall * s**2 * (1 - s)))
+    place = np.column_stack([1.0 - length * off, 2.0 + length * s])
+    distance, normal = one.distance(place)
+    np.testing.assert_allclose(distance, 0.0, atol=1e-14)
+    # the slope of what was written down, by differences
+    slope = np.gradient(off, s, edge_order=2)
+    np.testing.assert_allclose(np.arctan2(-normal[:, 1], -normal[:, 0]), np.arctan(slope),
+                               atol=2e-3)
+    np.testing.assert_allclose(np.linalg.norm(normal, axis=1), 1.0)
+
+
 # ---- misuse --------------------------------------------------------------------------------------
 
 @pytest.mark.parametrize("changes, said", [

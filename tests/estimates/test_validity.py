@@ -212,6 +212,17 @@ def test_bodies_through_each_other_are_named(verdict):
     assert entry["overlaps"] == [] and entry["verdict"] == "ok"
 
 
+@pytest.mark.parametrize("pin", ["first", "last"])
+def test_it_is_enough_that_one_body_has_vertices_in_the_other(verdict, pin):
+    """A pin in a plate between its vertices, 0.3 deep, whichever is declared first."""
+    lines = ["addBody(square(8, 2, [8*x, 2*y], label = low))",
+             "addBody(square(1, 6, [3.2 + 0.6*x, 2.2 + 3*y], label = high))"]
+    text = PLATES.replace("addBody(square(6, 2, [1 + 6*x, 2.4 + 2*y], label = high))\n", "")
+    text = text.replace(lines[0], "\n".join(lines[:: -1 if pin == "first" else 1]))
+    entry, _, _ = verdict(text)
+    assert max(depth for *labels, depth in entry["overlaps"]) == pytest.approx(0.3 / 3, rel=1e-3)
+
+
 def test_rigid_motion_of_a_free_body_is_no_strain(solved):
     """The blocks of hard/slope glide down as a whole."""
     run = solved("slope")

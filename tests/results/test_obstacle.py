@@ -4,8 +4,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 
-from driver.results.obstacle import BEND, SIDES, polygon
+from driver.contact.following import Outline
+from driver.files import read_table
+from driver.results.obstacle import BEND, SIDES, polygon, write_obstacle
 
 
 def sides_of(points: np.ndarray, closed: bool, rng) -> np.ndarray:
@@ -53,3 +56,24 @@ def test_an_open_curve_is_one_way_from_end_to_end():
     sides = sides_of(np.column_stack([x, 0.2 * np.sin(3 * x)]), False, np.random.default_rng(7))
     np.testing.assert_array_equal(sides[1:, :2], sides[:-1, 2:])
     assert sides[0, :2].tolist() == [0, 0] and sides[-1, 2] == 1
+
+
+def test_where_an_obstacle_stands_in_every_step(tmp_path):
+    """A bar that shifts, and then turns by 90 degrees about (1, 0) as well; a node that it does not
+    concern moves otherwise.
+    """
+    bar = SimpleNamespace(start=np.array([[0.0, 0.0]]), end=np.array([[1.0, 0.0]]),
+                          normal=np.array([[0.0, 1.0]]))
+    shift = np.array([[[0, 0]] * 3, [[0.5, 2.0]] * 2 + [[7, 7]], [[0.5, 2.0]] * 2 + [[7, 7]]], float)
+    motion = SimpleNamespace(times=np.arange(3), shift=shift, pivot=np.array([[1.0, 0.0]] * 3),
+                             angle=np.array([[0.0] * 3, [0.0] * 3, [np.pi / 2] * 3]))
+    following = SimpleNamespace(surface=Outline(bar, None), rigid=np.array([0, 1]), motion=motion)
+    write_obstacle(tmp_path / "obstacle.csv", following, MPI.COMM_SELF)
+    table = read_table(tmp_path / "obstacle.csv")
+    rows = np.column_stack(list(table.values()))
+    np.testing.assert_allclose(rows, [[0, 0, 0, 1, 0], [1, 0.5, 2, 1.5, 2], [2, 1.5, 1, 1.5, 2]],
+                               atol=1e-15)
+    following.motion = None
+    write_obstacle(tmp_path / "still.csv", following, MPI.COMM_SELF)
+    still = np.column_stack(list(read_table(tmp_path / "still.csv").values()))
+    assert still.tolist() == [[0, 0, 0, 1, 0]]
