@@ -97,6 +97,21 @@ def test_pressures_at_ends_of_contact_may_be_infinite():
     assert q.singular_places(nodes, steps, 0) == ("peak_pressure",)
 
 
+def test_a_node_of_another_boundary_says_nothing_of_the_largest_slip():
+    """The last node of one has slid farthest, the first of the other, the next in number, not."""
+    x = np.arange(6.0)
+    slip = np.array([0.0, 1.0, 2.0, 9.0, 0.5, 0.0])
+    nodes, steps = line(x, x >= 0, 1.0 + x, 0 * x, slip=slip, status=np.full(6, SLIP))
+    nodes["chain"] = np.array([1, 1, 1, 1, 2, 2])
+    assert q.between_nodes(nodes, steps, 0)["slip"] == pytest.approx(7.0)
+    steps["slip"] = np.array([[0.0, 1.0, 2.0, 0.4, 9.0, 3.0]])
+    assert q.between_nodes(nodes, steps, 0)["slip"] == pytest.approx(6.0)
+    steps["status"][0, 4:] = OPEN, OPEN
+    steps["status"] = np.vstack([np.full((1, 6), SLIP), steps["status"]])
+    steps["slip"] = np.vstack([steps["slip"], 0 * steps["slip"]])
+    assert q.between_nodes(nodes, steps, 1)["slip"] == 0.0  # where it was it is no longer closed
+
+
 @pytest.mark.parametrize("shift", np.linspace(0, 0.9, 7))
 def test_contact_length_and_peak_lie_between_nodes(shift):
     """On exact nodal values: the opening's 2/3 power bends by r/a, so the edge errs by 3 h (h/a)/10
@@ -108,6 +123,17 @@ def test_contact_length_and_peak_lie_between_nodes(shift):
         # the parabola through three points of p0 (1 - (x/a)^2/2 - (x/a)^4/8): fourth order
         assert abs(found["peak_pressure"] / P0 - 1) < (h / A) ** 4
         assert found["normal_resultant"] == pytest.approx(np.pi * A * P0 / 2, rel=(h / A) ** 1.5)
+
+
+def test_a_peak_is_that_of_a_parabola_unless_contact_ends_beside_it():
+    """Exact of a parabola on any three nodes; a node beside which nothing presses, or the last one
+    of a boundary, has the peak itself.
+    """
+    x = np.array([-0.7, 0.1, 0.4, 2.0])
+    assert q.peak(x, 3.0 - (x - 0.3)**2) == pytest.approx(3.0, rel=1e-14)
+    assert q.peak(x, np.array([0.0, 2.0, 1.9, 0.5])) == 2.0
+    assert q.peak(x, np.array([1.0, 2.0, 1.9, 0.5])) > 2.0
+    assert q.peak(x, np.array([3.0, 2.9, 1.0, 0.0])) == 3.0 == q.peak(-x, np.array([0, 1, 2, 3.0]))
 
 
 def test_edges_on_clamped_nodes_and_ends_of_the_boundary():
