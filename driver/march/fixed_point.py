@@ -28,8 +28,8 @@ CONDENSED_PASSES = 30  # corrections of a solution of the condensed contact prob
 IDLE = 4  # of them that do not halve what it leaves: rounding, and residuals say whether it will do
 ASTRAY = 1e6  # growth of multipliers after which they are no start: their rounding hides the loads
 LAW_SECANTS = 10  # of friction coefficients that slip changes, combined there
-# tolerance of the gluing multipliers there, relative to ||d|| and ||F|| ||x||: a hundred roundings
-FINEST = 1e-13
+# tolerance of the gluing multipliers there, relative to ||d|| and to what a product rounds off
+FINEST, ROUNDINGS = 1e-13, 10.0
 
 
 class FixedPoint:
@@ -263,7 +263,7 @@ class FixedPoint:
             if settled and (left <= 2 * qp.tol or idle >= IDLE):
                 self.history.fallbacks.note(method, index)
                 return x, result.gradient, rows.sliding(x, bound)
-            aim = max(0.3 * aim, min(tol, FINEST * max(qp.scales.d, qp.largest(x))))
+            aim = max(0.3 * aim, min(tol, max(FINEST * qp.scales.d, ROUNDINGS * qp.rounded(x))))
             if changes:
                 rows.coefficient = np.maximum(secants.next(coefficient, rows.coefficient), 0.0)
             solution, solver = self._solved_for(load, x, result.gradient)
