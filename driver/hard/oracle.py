@@ -128,9 +128,9 @@ class Assembled:
     def rounded(self, seed: int) -> "Assembled":
         """The same body, every entry of its stiffness off at random by one rounding of a solution.
 
-        Solutions by Cholesky's method solve exactly with K_ij off by (n + 1) eps |l_i| |l_j|, |l_i| =
-        sqrt(K_ii) the norm of a row of the factor, at most (N. Higham, Accuracy and Stability of
-        Numerical Algorithms, SIAM 2002, theorem 10.3): by one such rounding each.
+        What Cholesky's method finds solves a system with K_ij off by (n + 1) eps |l_i| |l_j| at
+        most, |l_i| = sqrt(K_ii) the norm of a row of the factor (N. Higham, Accuracy and Stability
+        of Numerical Algorithms, SIAM 2002, theorem 10.3): here by one such rounding each.
         """
         from scipy.sparse import triu
 
