@@ -234,6 +234,18 @@ def test_steps_before_smaller_loads_are_solved_further():
     assert foresight([1e8, 1.0, 0.0], 1) == pytest.approx(1e-5)
 
 
+@pytest.mark.parametrize("changes, mean", [
+    ([8.0, 4.0, 2.0, 1.0], 0.5), ([9.0, 0.0, 4.0, 0.0, 1.0], 1 / 3), ([1.0, 1.0, 3.0], 3**0.5)])
+def test_the_contraction_is_the_mean_ratio_of_changes(changes, mean):
+    """Geometric; a QP that changes nothing says nothing."""
+    trace = Trace()
+    assert np.isnan(trace.contraction)
+    trace.changes = changes[:1]
+    assert np.isnan(trace.contraction)
+    trace.changes = changes
+    assert trace.contraction == pytest.approx(mean)
+
+
 def test_multipliers_go_on_as_the_load_does():
     """In proportion to it while it grows, at most twice as far; on reversal from where they are."""
     first, second = np.array([1.0, 0.0]), np.array([0.0, 1.0])
