@@ -64,7 +64,8 @@ def test_where_an_obstacle_stands_in_every_step(tmp_path):
     """
     bar = SimpleNamespace(start=np.array([[0.0, 0.0]]), end=np.array([[1.0, 0.0]]),
                           normal=np.array([[0.0, 1.0]]))
-    shift = np.array([[[0, 0]] * 3, [[0.5, 2.0]] * 2 + [[7, 7]], [[0.5, 2.0]] * 2 + [[7, 7]]], float)
+    there = [[0.5, 2.0], [0.5, 2.0], [7.0, 7.0]]
+    shift = np.array([[[0.0, 0.0]] * 3, there, there])
     motion = SimpleNamespace(times=np.arange(3), shift=shift, pivot=np.array([[1.0, 0.0]] * 3),
                              angle=np.array([[0.0] * 3, [0.0] * 3, [np.pi / 2] * 3]))
     following = SimpleNamespace(surface=Outline(bar, None), rigid=np.array([0, 1]), motion=motion)
