@@ -4,6 +4,7 @@ depend on.
 
 import numpy as np
 import pytest
+from driver.files import read_table
 from driver.hard.oracle import Assembled, coulomb_history, box_qp
 
 from driver.scene.kinematics import corner_stresses, stresses, von_mises
@@ -287,6 +288,8 @@ def test_binary_units_change_not_a_bit(solved, variant, friction, length, stress
     for name, factor in {"u_n": length, "u_t": length, "sigma_n": stress,
                          "sigma_t": stress}.items():
         assert np.array_equal(found.contact[name] * factor, reference.contact[name])
+    logs = [read_table(run.directory / "convergence.csv")["residual"] for run in (found, reference)]
+    assert np.array_equal(*logs)  # relative ones
 
 
 # --------------------------------------------------------------------------- counts of the slides
