@@ -19,7 +19,7 @@ from ..feti.gathering import joined
 from ..feti.operator import DualOperator
 from ..files import renamed
 from ..march.step import Step
-from ..scene import elements
+from ..scene import element_kinds, elements
 from ..scene.kinematics import corner_stresses, stresses, von_mises
 from ..scene.loader import Subdomain
 from .contact_lines import ContactLines
@@ -48,7 +48,7 @@ class Fields:
         self.directory, self.operator, self.root = directory, operator, operator.comm.rank == 0
         self.steps = []  # (time, number) of every step
         self.errors = []  # likewise, of those with an error indicator
-        self.mesh = self._gather_mesh(min(6, elements.NODES[element]))
+        self.mesh = self._gather_mesh(min(6, element_kinds.NODES[element]))
         self.lines = None
         if len(operator.structure.contact.declared.gid):
             self.lines = ContactLines(directory, operator.structure, self.root)

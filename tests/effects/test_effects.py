@@ -15,7 +15,7 @@ from driver.errors import InputError
 from driver.files import read_rows
 from driver.results import ledger
 from driver.runs.guard import STUDY
-from driver.runs.run import never_mattered
+from driver.runs.outcome import never_mattered
 from driver.scene import freefem
 from driver.scene.manifest import read_manifest
 from driver.studies import effects
