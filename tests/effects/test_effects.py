@@ -340,6 +340,7 @@ def test_study_changes(study):
     assert get("friction", "max_displacement_change") == pytest.approx(expected, rel=1e-12)
 
 
+@pytest.mark.slow  # a study of its own for one row
 def test_variant_without_solution_is_a_row(tmp_path, capsys):
     """Friction alone keeps the block on its slope."""
     paths = effects.run_effects({"scene": "slope", "cells": "4", "out": str(tmp_path)})

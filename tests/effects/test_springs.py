@@ -120,6 +120,7 @@ def test_round_block_on_a_foundation(solved, tmp_path, element):
     assert probed(run, "label1", "force_y") == pytest.approx(8 * np.pi * 4, rel=1e-9)
 
 
+@pytest.mark.slow  # springs are in the matrices of subdomains, whose ranks test_model shows
 def test_ranks_leave_the_same_bits(solved):
     one, two = (solved(HELD, steps=2, subdomains=5, np=n) for n in (1, 2))
     for name, values in one.contact.items():

@@ -285,6 +285,7 @@ def test_options_of_adaptation(solved):
     assert not list(run.directory.glob("size*")) and not list(run.directory.glob("cycle*"))
 
 
+@pytest.mark.slow  # two refined runs; estimates on ranks are in test_energy_error
 def test_meshes_do_not_depend_on_the_ranks(solved):
     one, two = (solved("pressfit", h=8, adapt=1, np=ranks) for ranks in (1, 2))
     # to the last bit, as all results
