@@ -110,7 +110,7 @@ def test_a_node_of_another_boundary_says_nothing_of_the_largest_slip():
     steps["status"] = np.vstack([np.full((1, 6), SLIP), steps["status"]])
     steps["slip"] = np.vstack([steps["slip"], 0 * steps["slip"]])
     steps["sigma_n"] = np.vstack([steps["sigma_n"]] * 2)
-    assert touch.between_nodes(nodes, steps, 1)["slip"] == 0.0  # where it was it is no longer closed
+    assert touch.between_nodes(nodes, steps, 1)["slip"] == 0.0
 
 
 @pytest.mark.parametrize("shift", np.linspace(0, 0.9, 7))
