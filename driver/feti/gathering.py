@@ -1,6 +1,7 @@
 """Arrays whose parts the ranks hold, as a whole on every rank; parts joined to one array."""
 
 import numpy as np
+from mpi4py import MPI
 
 
 class Gathering:
@@ -42,3 +43,20 @@ def by_node(arrays: dict[str, np.ndarray], nodes: np.ndarray, count: int,
 def gather(comm, local: np.ndarray) -> np.ndarray:
     """The ranks' arrays (n, ...) in rank order, which is subdomain order; collective."""
     return np.concatenate(comm.allgather(local)) if comm.size > 1 else local
+
+
+def largest(comm, values: np.ndarray) -> np.ndarray:
+    """The largest of the ranks' `values`, entry by entry; collective."""
+    if comm.size == 1:
+        return values
+    result = np.empty_like(values)
+    comm.Allreduce(np.ascontiguousarray(values), result, op=MPI.MAX)
+    return result
+
+
+def lookup(keys: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Positions of `wanted` in the sorted `keys`, and whether each is there."""
+    if not len(keys):
+        return np.zeros(wanted.shape, np.int64), np.zeros(wanted.shape, bool)
+    place = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
+    return place, keys[place] == wanted

@@ -62,8 +62,7 @@ class DualOperator(DualProblem):
         self.motions = [free_motions.displacement(structure, self.classes, self.vectors, k)
                         for k in range(self.modes)]
         self._motion_columns = np.array(self.motions).reshape(self.modes, self.owned).T
-        self._contact = (np.asarray(structure.row_kind[slice(*structure.row_range)])
-                         != RowKind.GLUING).astype(float)
+        self._contact = (structure.row_kind != RowKind.GLUING).astype(float)
         self.rho = self.coarse.rho = free_motions.spring_compliances(self.classes, self.vectors,
                                                                      self.motions)
         self.travels = {k: rows_moved(structure, self.classes, self.vectors, k)

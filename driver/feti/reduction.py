@@ -140,7 +140,7 @@ def _fingerprint(structure: Substructure, s: int, pattern: bytes) -> bytes:
     rows = structure.rows[s]
     digest = hashlib.sha1(pattern)
     parts = [structure.fixed[s], structure.corner_dofs[s], rows.dof, rows.coefficient.round(13)]
-    if structure.compliance is not None:
+    if structure.yields:
         parts.append(structure.own_compliance(s))
     if s in structure.renewed:  # its rows will be its own
         parts.append(np.array([structure.first + s]))
@@ -191,7 +191,7 @@ def _torn_rows(structure: Substructure, s: int, torn: np.ndarray):
 def _of_rows(structure: Substructure, s: int, B_t, B_c, inverse, coupling):
     """F and A of local subdomain s by its rows on the dofs t of `inverse`, and on corners."""
     F = B_t @ (B_t @ inverse).T
-    if structure.compliance is not None:
+    if structure.yields:
         F[np.diag_indices_from(F)] += structure.own_compliance(s)
     return (F + F.T) / 2, B_c.toarray() - B_t @ coupling
 
