@@ -10,6 +10,7 @@ subdomains share add their terms in that order, too.
 import numpy as np
 from petsc4py import PETSc
 
+from .exchange import exchange
 from .gathering import Gathering, joined
 from .reduction import LocalClass
 from .structure import Substructure
@@ -92,14 +93,17 @@ class _Slots:
     def __init__(self, structure: Substructure, rows: np.ndarray, order: list[int], comm):
         subdomain = np.repeat([structure.first + s for s in order],
                               [len(structure.rows[s].row) for s in order])
-        mine = np.column_stack([rows, subdomain]).astype(np.int64).reshape(-1, 2)
-        pairs = np.concatenate(comm.allgather(mine))
-        pairs = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
-        key = np.array([structure.total, 1])
-        first, last = np.searchsorted(pairs[:, 0], structure.row_range)
-        self._starts = np.searchsorted(pairs[:, 0], np.arange(*structure.row_range)) - first
-        self._vector = PETSc.Vec().createMPI((last - first, len(pairs)), comm=comm)
-        slot = np.searchsorted(pairs @ key, mine @ key).astype(PETSc.IntType)
+        begin = np.array(comm.allgather(structure.row_range[0]))
+        owner = np.searchsorted(begin, rows, side="right") - 1
+        terms = np.column_stack([rows, subdomain, np.arange(len(rows))]).astype(np.int64)
+        source, terms = exchange(comm, owner, terms)
+        order = np.lexsort((terms[:, 1], terms[:, 0]))
+        self._starts = np.searchsorted(terms[order, 0], np.arange(*structure.row_range))
+        self._vector = PETSc.Vec().createMPI((len(terms), None), comm=comm)
+        terms[order, 1] = self._vector.getOwnershipRange()[0] + np.arange(len(terms))
+        _, answer = exchange(comm, source, terms[:, 1:])
+        slot = np.empty(len(rows), PETSc.IntType)
+        slot[answer[:, 1]] = answer[:, 0]
         self._local, self._scatter = _scatter(self._vector, slot)
 
     def add_up(self, local: np.ndarray) -> np.ndarray:
