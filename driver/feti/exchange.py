@@ -121,3 +121,50 @@ def _components(items: np.ndarray, groups: np.ndarray, total: int) -> np.ndarray
     size = total + int(groups.max(initial=-1)) + 1
     links = coo_matrix((np.ones(len(items)), (items, total + groups)), shape=(size, size))
     return connected_components(links, directed=False)[1][:total]
+
+
+class Route:
+    """Values that go from rank to rank by the same way again and again. Collective over `comm`."""
+
+    def __init__(self, comm, to: np.ndarray):
+        """`to` (n,): the rank that each of this rank's entries goes to."""
+        self.comm = comm
+        if comm.size == 1:
+            return
+        self._order = np.argsort(to, kind="stable")
+        sent, received = np.bincount(to, minlength=comm.size), np.empty(comm.size, np.int64)
+        comm.Alltoall(sent, received)
+        sources, targets = np.flatnonzero(received), np.flatnonzero(sent)
+        self._counts = sent[targets], received[sources]
+        graph = sources.tolist(), targets.tolist()
+        self._there = comm.Create_dist_graph_adjacent(*graph, reorder=False)
+        self._back = comm.Create_dist_graph_adjacent(*graph[::-1], reorder=False)
+
+    def forward(self, values: np.ndarray) -> np.ndarray:
+        """(m,) what has come here, in rank order, then as sent, for `values` (n,) of entries."""
+        if self.comm.size == 1:
+            return values
+        return _to_neighbours(self._there, values[self._order], *self._counts)
+
+    def backward(self, values: np.ndarray) -> np.ndarray:
+        """(n,) `values` (m,) of what has come here, sent back to where it came from."""
+        if self.comm.size == 1:
+            return values
+        result = np.empty(len(self._order), values.dtype)
+        result[self._order] = _to_neighbours(self._back, values, *self._counts[::-1])
+        return result
+
+    @property
+    def size(self) -> int:
+        """Entries that come here from other ranks, or 0 on one rank."""
+        return 0 if self.comm.size == 1 else int(self._counts[1].sum())
+
+
+def _to_neighbours(graph, values: np.ndarray, sent: np.ndarray,
+                   received: np.ndarray) -> np.ndarray:
+    """What the neighbours in a `graph` of ranks send, for `values` in the order of ranks."""
+    result = np.empty(received.sum(), values.dtype)
+    layouts = [(counts.tolist(), (np.cumsum(counts) - counts).tolist())
+               for counts in (sent, received)]
+    graph.Neighbor_alltoallv((np.ascontiguousarray(values), layouts[0]), (result, layouts[1]))
+    return result

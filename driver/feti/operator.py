@@ -18,7 +18,7 @@ Klawonn, Rheinbach: FETI-DP methods for elasticity; Mandel, Dohrmann, Tezaur (20
 
 Results do not depend on the number of ranks, not even in the last bit (see vectors.py): dense
 products go in blocks of fixed size (blocks.py), classes take the matrices of their first subdomain
-wherever it lives, and the (small) coarse problem is assembled and solved on every rank.
+wherever it lives, and the coarse problem is solved on every rank or by groups of subdomains.
 """
 
 import numpy as np
@@ -211,7 +211,7 @@ class DualOperator(DualProblem):
     def message_bytes(self) -> dict[str, int]:
         """Bytes that this rank receives in a product with F (gluing, coarse) and in a dot."""
         others = self.structure.total - len(self.structure.subdomains)
-        return {"rows": 2 * 8 * self.vectors.foreign, "coarse": 8 * self.coarse.foreign,
+        return {"rows": 2 * 8 * self.vectors.foreign, "coarse": 8 * self.coarse.received,
                 "dot": 8 * others}
 
     # ---- displacements and forces of the subdomains ------------------------------------------
