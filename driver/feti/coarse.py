@@ -25,7 +25,7 @@ from .gathering import Gathering, gather, joined, lookup
 from .reduction import LocalClass
 from .structure import Substructure, partition
 
-LARGE = 50_000  # coarse dofs from which a solution is shared between the ranks
+LARGE = 100_000  # coarse dofs from which ranks share a solution; one rank alone is faster without
 
 
 class CoarseProblem:

@@ -21,8 +21,8 @@ from .exchange import Route, exchange
 from .gathering import Gathering, gather, joined
 
 GROUP = 64  # at most so many subdomains make a group
-MERGED = 4  # times that groups are halved from one level to the next: 16 make one
-LAST = 256  # at most so many groups are left to all ranks
+MERGED = 2  # times that groups are halved from one level to the next: 4 make one
+LAST = 32  # at most so many groups are left to all ranks
 
 
 def grouped(places: np.ndarray, comm) -> tuple[np.ndarray, int]:

@@ -210,9 +210,8 @@ class DualOperator(DualProblem):
 
     def message_bytes(self) -> dict[str, int]:
         """Bytes that this rank receives in a product with F (gluing, coarse) and in a dot."""
-        others = self.structure.total - len(self.structure.subdomains)
         return {"rows": 2 * 8 * self.vectors.foreign, "coarse": 8 * self.coarse.received,
-                "dot": 8 * others}
+                "dot": 8 * self.vectors.received}
 
     # ---- displacements and forces of the subdomains ------------------------------------------
     def deformation(self, multipliers: np.ndarray, weights: np.ndarray) -> float:
