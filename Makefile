@@ -45,8 +45,9 @@ check: setup  ## the linter, and the rules of the house: imports, lengths, docst
 
 # what it needs beyond the Debian packages goes beside its results
 MUTANTS := results/mutants/packages
-$(MUTANTS):
-	@$(PYTHON) -m pip install --quiet --target $@ --requirement tests/mutants.txt
+$(MUTANTS): tests/mutants.txt
+	@$(PYTHON) -m pip install --quiet --upgrade --target $@ --requirement $<
+	@touch $@
 
 mutants: setup $(MUTANTS)  ## small changes of meaning, and the tests that notice [MODULE= COUNT= SEED=]
 	@PYTHONPATH=$(MUTANTS) $(PYTHON) tests/mutants.py $(GIVEN)

@@ -216,11 +216,12 @@ STUDIES = (
            "the driver as it comes, and the slides' own method", "both"),
     Option("fresh", YES_NO, False, STUDY, ("table",), "make rows anew that are there already"),
     Option("part", choice("sweeps", "locking", "curved", "stopping", "coverage", "prices",
-                          "requests"),
+                          "requests", "handpicked"),
            "sweeps", STUDY, ("accuracy",),
            "sweeps of a scene; how elements converge near incompressibility, or with curved sides; "
            "what stopping by the error budget saves on the model example; whether claimed errors "
-           "hold; whether prices of accuracy do; or whether ACCURACY keeps its word"),
+           "hold; whether prices of accuracy do; whether ACCURACY keeps its word; or what it takes "
+           "over settings by hand"),
     Option("rows", several(*"12345"), tuple("1234"), STUDY, ("accuracy",), "PART=stopping: "
            "meshes, coarse to fine, with as many subdomains as those of the table", "1,2,3,4"),
     Option("effort", choice("quick", "full"), "full", STUDY, ("accuracy",), "length of the sweeps"),

@@ -2,179 +2,69 @@
 
     make mutants                               # 40 mutants of all numerical packages
     make mutants MODULE=qp COUNT=20 SEED=7     # of a package, a file of it, or lib (edp/lib)
+    make mutants COUNT=320 SEED=11 FIRST=161   # the second half of a sample
     python3 tests/mutants.py --change driver/march/slip.py 'old text' 'new text'    # one by hand
 
-Mutants of the driver are made by cosmic-ray, those of the FreeFEM library by `TEXTS`. They are
-drawn without replacement, packages in turn, with the same SEED the same ones. Each is tried in a
-copy of the tree, one copy a core, against the tests of `TESTS` in their order until one fails. What
-survives is written with the change, to be noticed by a new test or argued equivalent: in
-`tests/equivalent.txt`, a block of lines for each (file, line before, line after, argument). The
-table is OUT/mutants.csv, results/mutants/mutants.csv by default.
+Mutants (`mutations`) are drawn without replacement, packages in turn, with the same SEED the same
+ones. Each is tried in a copy of the tree, one copy a core, against the tests that execute the
+changed line, cheap ones and those of its package first, until one fails or they have taken LIMIT
+seconds of a processor. Which tests execute what is found out once (`executed`, minutes) and kept in
+results/mutants/executed: remove it where tests have changed much. What survives is written with
+the change, to be noticed by a new test or argued equivalent: in `tests/equivalent.txt`, a block of
+lines for each (file, line before, line after, argument). The table is OUT/mutants.csv,
+results/mutants/mutants.csv by default.
 """
 
 import argparse
+import ast
 import csv
+import json
 import os
 import queue
-import random
 import re
+import resource
 import shutil
 import signal
 import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
+from mutations import PACKAGES, ROOT, Mutant, drawn, mutant
+
 COPIED = ("driver", "edp", "tests", "meshes", "results/reference", "results/README.md", "README.md",
           "Makefile", "LICENSE", "apt-packages.txt", "pyproject.toml", ".github", ".ci")
-TIME = 900  # seconds after which a mutant has been noticed by its slowness
-INDEPENDENT = ("tests/verify/test_independent.py", "tests/scenes/test_model.py",
-               "tests/scenes/test_scenes_exact.py")
-# tests that concern a package, those most likely to notice first
-TESTS = {
-    "qp": ("tests/qp", "tests/march/test_residuals.py", "tests/feti/test_deflation.py",
-           *INDEPENDENT),
-    "feti": ("tests/feti", "tests/march/test_residuals.py", "tests/effects/test_free_bodies.py",
-             *INDEPENDENT, "tests/results/test_energy.py"),
-    "contact": ("tests/contact", "tests/qp/test_properties.py", *INDEPENDENT,
-                "tests/march/test_residuals.py", "tests/scenes/test_scenes_bodies.py",
-                "tests/effects"),
-    "effects": ("tests/effects", *INDEPENDENT, "tests/scenes/test_scenes_model_variants.py",
-                "tests/scenes/test_scenes_bodies.py"),
-    "march": ("tests/march", *INDEPENDENT, "tests/effects/test_free_bodies.py",
-              "tests/scenes/test_scenes_model_variants.py"),
-    "results": ("tests/results", "tests/python", "tests/scenes/test_model.py",
-                "tests/scenes/test_quadratic.py", "tests/scenes/test_scenes_hertz.py"),
-    "estimates": ("tests/estimates",),
-    "lib": ("tests/verify/test_independent.py", "tests/scene", "tests/effects", "tests/scenes"),
-}
-# operators of cosmic-ray: those whose mutants are no mere TypeErrors
-BINARY = {"Add": ("Sub",), "Sub": ("Add",), "Mul": ("Div",), "Div": ("Mul",), "Pow": ("Mul",),
-          "FloorDiv": ("Mul",), "Mod": ("Mul",), "BitAnd": ("BitOr",), "BitOr": ("BitAnd",)}
-COMPARED = {"Eq": ("NotEq",), "NotEq": ("Eq",), "Lt": ("LtE", "GtE"), "LtE": ("Lt", "Gt"),
-            "Gt": ("GtE", "LtE"), "GtE": ("Gt", "Lt")}
-OPERATORS = (*(f"ReplaceBinaryOperator_{a}_{b}" for a, others in BINARY.items() for b in others),
-             *(f"ReplaceComparisonOperator_{a}_{b}" for a, others in COMPARED.items()
-               for b in others), "ReplaceUnaryOperator_Delete_USub",
-             "ReplaceUnaryOperator_Delete_Not", "ReplaceUnaryOperator_Delete_Invert", "AddNot",
-             "ReplaceTrueWithFalse", "ReplaceFalseWithTrue", "ReplaceAndWithOr",
-             "ReplaceOrWithAnd", "ReplaceBreakWithContinue", "ReplaceContinueWithBreak",
-             "NumberReplacer", "ZeroIterationForLoop")
-# of the FreeFEM library: pattern and what it becomes
-TEXTS = (
-    (r"(?<![\w.])(?!0\.(?!\d))\d+\.\d*(?![\w.])", lambda m: f"({m[0]} * 1.01)"),  # a factor
-    (r"(?<=[\w)\]]) - (?=[\w(\[])", lambda m: " + "),
-    (r"(?<=[\w)\]]) \+ (?=[\w(\[])", lambda m: " - "),
-    (r"(?<=[=(,] )-(?=[\w(])|(?<=[=(])-(?=[\w(])", lambda m: ""),
-    (r"(?<=; )\w+ < [\w.]+(?=;)", lambda m: f"{m[0]} - 1"),  # the last element
-    (r"\blabel\b(?! *[=(])", lambda m: "(label + 1)"),
-    (r"\bmax\(", lambda m: "min("), (r"\bmin\(", lambda m: "max("),
-    (r" > ", lambda m: " < "), (r" && ", lambda m: " || "),
-)
+# the tests that concern numerical packages, in two parts that take about as long as one another
+PARTS = (("tests/qp", "tests/contact", "tests/effects", "tests/scene/test_loader.py",
+          "tests/scene/test_materials.py", "tests/verify/test_independent.py"),
+         ("tests/feti", "tests/march", "tests/results", "tests/estimates", "tests/python"),
+         ("tests/scenes",))
+CHEAP = 6.0  # CPU seconds of the tests that are tried first
+OWN = 0.2  # what a second of tests of a package or module counts in their order
+SLOW, START = 6.0, 20.0  # what a mutant may take of the time without it, and seconds more
+MEMORY = 8 * 2**30  # bytes that it may take
 COLUMNS = ("file", "line", "before", "after", "outcome", "noticed by", "seconds")
-OPTIONS = {"MODULE": "", "COUNT": "40", "SEED": "1", "OUT": str(ROOT / "results" / "mutants")}
-SOUND = set()  # tests that are known to pass without mutants
+HOME = ROOT / "results" / "mutants"
+OPTIONS = {"MODULE": "", "COUNT": "40", "SEED": "1", "FIRST": "1", "LIMIT": "60", "OUT": str(HOME)}
+SOUND = set()  # tests that passed when it was found out which lines they execute
 EQUIVALENT = ROOT / "tests" / "equivalent.txt"
 
 
-@dataclass(frozen=True)
-class Mutant:
-    """A file (relative to the tree) and its changed text; the line that changes."""
+# ------------------------------------------------------------------------------ copies, runs
 
-    file: str
-    text: str
-    line: int
-    before: str
-    after: str
-
-    @property
-    def package(self) -> str:
-        """Key of `TESTS`."""
-        return "lib" if self.file.startswith("edp") else self.file.split("/")[1]
-
-
-def mutant(file: str, text: str, changed: str) -> Mutant:
-    """The mutant that makes `changed` of `text`; lines of more than one are joined."""
-    before, after = text.splitlines(), changed.splitlines()
-    start = next(k for k, pair in enumerate(zip(before, after)) if pair[0] != pair[1])
-    stop = next(k for k, pair in enumerate(zip(before[::-1], after[::-1])) if pair[0] != pair[1])
-    return Mutant(file, changed, start + 1, *(" ".join(
-        line.strip() for line in lines[start : max(len(lines) - stop, start + 1)])
-        for lines in (before, after)))
-
-
-def of_python(path: Path, rng: random.Random) -> list:
-    """Functions without arguments that make the mutants of a module, five of an operator at most.
-    """
-    from cosmic_ray.ast import ast_nodes, get_ast
-    from cosmic_ray.mutating import mutate_code
-    from cosmic_ray.plugins import get_operator
-
-    text, file, made = path.read_text(), str(path.relative_to(ROOT)), []
-    nodes, lines = list(ast_nodes(get_ast(text))), text.splitlines()
-    for name in OPERATORS:
-        operator = get_operator(f"core/{name}")()
-        starts = [start for node in nodes for start, _ in operator.mutation_positions(node)]
-        places = [k for k, (line, _) in enumerate(starts) if not _idle(lines[line - 1])]
-        for place in rng.sample(places, min(len(places), 5)):
-            made.append(lambda operator=operator, place=place: mutant(
-                file, text, mutate_code(text, operator, place)))
-    return made
-
-
-def _idle(line: str) -> bool:
-    """Whether a change there is none of meaning: hints of types, messages."""
-    return bool(re.match(r"\s*(def |class |\w+: |f?\"|raise )", line) or ") -> " in line)
-
-
-def of_freefem(path: Path) -> list:
-    """As `of_python`, of an include; comments and lines with messages stay."""
-    text, file, made = path.read_text(), str(path.relative_to(ROOT)), []
-    lines = text.split("\n")
-    for number, line in enumerate(lines):
-        code = line.split("//")[0]
-        for pattern, become in TEXTS if '"' not in code else ():
-            for match in re.finditer(pattern, code):
-                new = line[:match.start()] + become(match) + line[match.end():]
-                new = "\n".join([*lines[:number], new, *lines[number + 1:]])
-                made.append(lambda new=new: mutant(file, text, new))
-    return made
-
-
-def files(module: str) -> dict[str, list[Path]]:
-    """Files to mutate by package; `module` is a package, a file of one, or empty for all."""
-    every = {name: sorted((ROOT / "driver" / name).glob("*.py")) for name in TESTS if name != "lib"}
-    every["lib"] = sorted((ROOT / "edp" / "lib").rglob("*.idp"))
-    if module in ("", *every):  # a package rather than a file of the same name
-        return every if module == "" else {module: every[module]}
-    chosen = {name: [path for path in paths
-                     if path.match(module) or path.stem == module.removesuffix(".py")]
-              for name, paths in every.items()}
-    chosen = {name: paths for name, paths in chosen.items() if paths}
-    if not chosen:
-        sys.exit(f"MODULE={module} is none of {', '.join(every)}, nor a file of them")
-    return chosen
-
-
-def drawn(module: str, count: int, seed: int) -> list[Mutant]:
-    """`count` mutants, packages in turn."""
-    rng, decks = random.Random(seed), []
-    for paths in files(module).values():
-        deck = [one for path in paths
-                for one in (of_freefem(path) if path.suffix == ".idp" else of_python(path, rng))]
-        rng.shuffle(deck)
-        decks.append(deck)
-    chosen = []
-    while len(chosen) < count and any(decks):
-        chosen += [deck.pop() for deck in decks if deck]
-    return [make() for make in chosen[:count]]
+def copies(folder: Path, count: int) -> list[Path]:
+    """`count` copies of what the tests need, compiled, the tests with their assertions, too."""
+    first, *others = (folder / str(k) for k in range(count))
+    copy(first)
+    pytest(first, "--collect-only", PYTHONDONTWRITEBYTECODE="")
+    for other in others:
+        shutil.copytree(first, other)
+    return [first, *others]
 
 
 def copy(folder: Path) -> Path:
-    """A copy of what the tests need, compiled."""
+    """A copy of what the tests need."""
     for name in COPIED:
         source, target = ROOT / name, folder / name
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -182,48 +72,143 @@ def copy(folder: Path) -> Path:
             shutil.copytree(source, target, ignore=shutil.ignore_patterns("__pycache__"))
         elif source.exists():
             shutil.copy2(source, target)
-    subprocess.run([sys.executable, "-m", "compileall", "-q", "driver"], cwd=folder, check=True)
     return folder
 
 
-def tested(folder: Path, tests, broken=()) -> tuple[bool, str]:
-    """Whether all `tests` pass in the copy `folder`, but for `broken` ones; the first that fails.
-    """
-    environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1", "PYTHONPATH": "",
-                   "OMP_NUM_THREADS": "1"}
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "--basetemp",
-               str(folder / "made"), "--tb=no", "-rfE", *tests]
-    command += [word for name in broken for word in ("--deselect", name)]
+def pytest(folder: Path, *words: str, path=(), seconds=None, **more: str) -> tuple[int, str]:
+    """Status and output of pytest in the copy `folder`; -9 where it takes more CPU `seconds`."""
+    environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1", "OMP_NUM_THREADS": "1",
+                   "PYTHONPATH": os.pathsep.join(["tests", *map(str, path)]), **more}
+
+    def limits():
+        resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+        if seconds:
+            resource.setrlimit(resource.RLIMIT_CPU, (int(seconds), int(seconds)))
+
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--tb=no", "-rfE",
+               "--basetemp", str(folder / "made"), *words]
     with subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-                          text=True, env=environment, start_new_session=True) as child:
+                          text=True, env=environment, start_new_session=True,
+                          preexec_fn=limits) as child:
         try:
-            said = child.communicate(timeout=TIME)[0]
+            said = child.communicate(timeout=10 * seconds if seconds else None)[0]
         except subprocess.TimeoutExpired:
             os.killpg(child.pid, signal.SIGKILL)
-            return False, f"takes more than {TIME} s"
-    first = re.search(r"^(?:FAILED|ERROR) (\S+)", said, re.MULTILINE)
-    return child.returncode == 0, first[1] if first else (said.strip().splitlines() or [""])[-1]
+            return -9, ""
+    return child.returncode, said
 
 
-def tried(one: Mutant, folder: Path, broken: set, tests=()) -> tuple[str, str, float]:
+# ------------------------------------------------------------------------------ tests of a line
+
+def executed(home: Path) -> list[dict]:
+    """The tables of `executed`, made if they are not there."""
+    home.mkdir(parents=True, exist_ok=True)
+
+    def part(k: int) -> dict:
+        table = home / f"{k}.json"
+        if not table.exists():
+            folder = copy(home / f"copy{k}")
+            said = pytest(folder, "-p", "executed", *PARTS[k], path=sys.path,
+                          EXECUTED=str(table))[1]
+            if not table.exists():
+                sys.exit(f"the tests did not run:\n{said}")
+            shutil.rmtree(folder)
+        return json.loads(table.read_text())
+
+    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
+        return list(pool.map(part, range(len(PARTS))))
+
+
+def function_of(text: str, line: int) -> tuple[int, int]:
+    """First line of the body and last line of the innermost function around `line`, or (0, 0)."""
+    spans = [(node.body[0].lineno, node.end_lineno) for node in ast.walk(ast.parse(text))
+             if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef))]
+    return max((span for span in spans if span[0] <= line <= span[1]), default=(0, 0))
+
+
+def concerned(one: Mutant, tables: list[dict]) -> dict[str, dict[str, float]]:
+    """Tests that execute the changed line, and CPU seconds of each and of what it needs.
+
+    What stands outside of functions concerns all that execute anything of the file. What ranks
+    execute is not known: tests of ranks, by their names, concern all of the driver.
+    """
+    text, tests = (ROOT / one.file).read_text(), {}
+    start, _ = function_of(text, one.line) if one.package != "lib" else (0, 0)
+    above = [line.strip() for line in text.split("\n")[start - 1 : one.line]][::-1] if start else []
+    for table in tables:
+        known = table["lines"].get(one.file, {})
+        nearest = next((known[line] for line in above if line in known), None)
+        bits = [int(by, 16) for by in ([nearest] if nearest else known.values())]
+        tests |= {test: needs for k, (test, needs) in enumerate(table["tests"].items())
+                  if any(number >> k & 1 for number in bits)
+                  or "rank" in test and one.package != "lib"}
+    return tests
+
+
+def phases(tests: dict[str, dict[str, float]], file: str, before: list, limit: float) -> list:
+    """Names in the order in which they are tried, by file: cheap ones, and the others up to `limit`
+    CPU seconds, with the seconds of each phase; those of `before` come first, then those that lie
+    in the folder of the changed `file`'s package or have its name in theirs.
+    """
+    folder, stem = f"tests/{Path(file).parent.name}/", Path(file).stem.removesuffix("s")
+
+    def price(test: str) -> float:
+        own = test.startswith(folder) or stem in test
+        return sum(tests[test].values()) * (0 if test in before else OWN if own else 1)
+
+    made, spent, found = set(), [0.0, 0.0], [{}, {}]
+    for test in sorted(tests, key=price):
+        extra = sum(seconds for name, seconds in tests[test].items() if name not in made)
+        phase = sum(spent) + extra > CHEAP
+        if sum(spent) + extra <= limit:
+            made |= set(tests[test])
+            spent[phase] += extra
+            found[phase].setdefault(test.split("::")[0], []).append(test)
+    return [([test for names in of.values() for test in names], seconds)
+            for of, seconds in zip(found, spent) if of]
+
+
+# ------------------------------------------------------------------------------ trials
+
+def failed(said: str, names: list) -> str:
+    """The first test that fails, by what pytest says; `names` may be files."""
+    first = re.search(r"^(?:FAILED|ERROR) (.*)", said, re.MULTILINE)
+    if not first:
+        return (said.strip().splitlines() or ["?"])[-1]
+    known = [name for name in names if first[1].startswith(name) and "::" in name]
+    return max(known, key=len, default=first[1].split(" - ")[0])
+
+
+def tried(one: Mutant, folder: Path, chosen: list, broken: set) -> tuple[str, str, float]:
     """Outcome ("noticed" or "survived"), the test that noticed, seconds; in the copy `folder`.
 
-    A test that fails without the mutant as well notices nothing: it becomes one of `broken`.
+    A test that is not SOUND, and fails without the mutant as well, becomes one of `broken`.
     """
     path, clock = folder / one.file, time.perf_counter()
     before, stat = path.read_text(), path.stat()
-    tests = tests or TESTS[one.package]
+    kept = HOME / "exports"
+    kept.mkdir(parents=True, exist_ok=True)
+    plugin = ("-p", "kept_exports") if one.package != "lib" else ()
+
+    def noticed_by() -> str:
+        """The first test that fails of all that are `chosen`, or ""."""
+        for tests, seconds in chosen:
+            names = [name for name in tests if name not in broken]
+            status, said = pytest(folder, "-x", *plugin, *names, seconds=START + SLOW * seconds,
+                                  KEPT=str(kept)) if names else (0, "")
+            if status < 0:
+                return f"time: {START + SLOW * seconds:.0f} s"
+            if status:
+                return failed(said, names)
+        return ""
+
     while True:
         path.write_text(one.text)
-        passed, by = tested(folder, tests, broken)
+        by = noticed_by()
         path.write_text(before)
         os.utime(path, ns=(stat.st_atime_ns, stat.st_mtime_ns))  # so that its bytecode is good
-        seconds = time.perf_counter() - clock
-        if passed:
-            return "survived", "", seconds
-        if "::" not in by or by in SOUND or tested(folder, [by])[0]:
-            SOUND.add(by)
-            return "noticed", by, seconds
+        if "::" not in by or by in SOUND or pytest(folder, by)[0] == 0:
+            return "noticed" if by else "survived", by, time.perf_counter() - clock
         broken.add(by)
 
 
@@ -235,29 +220,35 @@ def arguments() -> dict[tuple, str]:
     return {tuple(block[:3]): " ".join(block[3:]) for block in blocks}
 
 
-def run(mutants: list[Mutant], out: Path, tests=()) -> list[dict]:
-    """Rows of the table of `mutants`, written as they come in."""
-    known, rows, broken, copies = arguments(), [], set(), queue.Queue()
+def run(mutants: list[Mutant], out: Path, limit: float, tests=()) -> list[dict]:
+    """Rows of the table of `mutants`, written as they come in; `tests` instead of those of lines.
+    """
+    known, rows, broken, free = arguments(), [], set(), queue.Queue()
+    tables, before = [] if tests else executed(HOME / "executed"), {}
+    SOUND.update(*(table["tests"] for table in tables))
     work = out / "copies"
     shutil.rmtree(work, ignore_errors=True)
-    workers = len(os.sched_getaffinity(0))
-    for k in range(min(workers, len(mutants))):
-        copies.put(copy(work / str(k)))
+    workers = min(len(os.sched_getaffinity(0)), len(mutants))
+    for made in copies(work, workers):
+        free.put(made)
 
     def one(m: Mutant) -> None:
         key = m.file, m.before, m.after
         if key in known:
             outcome, by, seconds = "equivalent", known[key], 0.0
         else:
-            folder = copies.get()
+            chosen = [(tests, limit)] if tests else phases(
+                concerned(m, tables), m.file, before.setdefault(m.file, []), limit)
+            folder = free.get()
             try:
-                outcome, by, seconds = tried(m, folder, broken, tests)
+                outcome, by, seconds = tried(m, folder, chosen, broken)
             finally:
-                copies.put(folder)
+                free.put(folder)
+            before[m.file] = [*before.get(m.file, []), by]
         rows.append(dict(zip(COLUMNS, (m.file, m.line, m.before, m.after, outcome, by,
                                        f"{seconds:.0f}"))))
-        print(f"{outcome:10} {m.file}:{m.line}  {by}\n    - {m.before}\n    + {m.after}",
-              flush=True)
+        print(f"{outcome:10} {m.file}:{m.line}  {by}  {seconds:.0f} s\n    - {m.before}\n"
+              f"    + {m.after}", flush=True)
         with open(out / "mutants.csv", "w", newline="") as file:
             table = csv.DictWriter(file, COLUMNS)
             table.writeheader()
@@ -276,15 +267,16 @@ def run(mutants: list[Mutant], out: Path, tests=()) -> list[dict]:
 def main() -> None:
     """The command line."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
-    parser.add_argument("words", nargs="*", help="MODULE= COUNT= SEED= OUT=")
+    parser.add_argument("words", nargs="*", help="MODULE= COUNT= SEED= FIRST= LIMIT= OUT=")
     parser.add_argument("--change", nargs=3, metavar=("FILE", "OLD", "NEW"))
-    parser.add_argument("--tests", nargs="+", default=(), help="instead of those of the package")
+    parser.add_argument("--tests", nargs="+", default=(), help="instead of those of the line")
     given = parser.parse_args()
     words = dict(OPTIONS)
     for word in given.words:
         name, equals, value = word.partition("=")
-        if name not in words or not equals or name in ("COUNT", "SEED") and not value.isdigit():
-            sys.exit(f"{word}: it takes MODULE=, COUNT=, SEED= (whole numbers) and OUT=")
+        if name not in words or not equals or name not in ("MODULE", "OUT") and not value.isdigit():
+            sys.exit(f"{word}: it takes MODULE= (of {', '.join(PACKAGES)}), OUT= and whole numbers "
+                     "COUNT=, SEED=, FIRST=, LIMIT=")
         words[name] = value
     out = Path(words["OUT"])
     out.mkdir(parents=True, exist_ok=True)
@@ -296,7 +288,7 @@ def main() -> None:
         mutants = [mutant(file, text, text.replace(old, new))]
     else:
         mutants = drawn(words["MODULE"], int(words["COUNT"]), int(words["SEED"]))
-    rows = run(mutants, out, given.tests)
+    rows = run(mutants[int(words["FIRST"]) - 1 :], out, float(words["LIMIT"]), given.tests)
     counts = {name: sum(row["outcome"] == name for row in rows)
               for name in ("noticed", "survived", "equivalent")}
     print(f"{len(rows)} mutants: " + ", ".join(f"{n} {name}" for name, n in counts.items())

@@ -27,6 +27,7 @@ CONTACT_GROWTH = 3.0  # contact nodes likewise: twice by that, and kinks are pla
 STEEPEST = 0.5  # difference of sizes over distance: neighbours must not differ too much
 GENTLE = 0.15  # the same next to contact, whose tractions see the meshes behind it
 SMALLEST, LARGEST = 0.125, 2.0  # new size over old in one cycle: an indicator does not see further
+NO_ERROR = "ADAPT has no error to refine by"
 ROUNDING = 1e-8  # an error below this part of the solution's norm is none
 COARSE = {"rtol": 1e-4, "friction_rtol": 1e-3, "primal_rtol": 1e-2}  # of cycles, rough
 
@@ -104,19 +105,23 @@ def contact_sizes(boundary, states: list[dict]) -> tuple[np.ndarray, np.ndarray]
     return b.xy[own], new_sizes(size, np.sqrt(size * widest), wanted, 0.5, 1)
 
 
+def check(reason: str) -> None:
+    """Raise InputError if there is a `reason` why a run has no error in the energy norm."""
+    if reason:
+        raise InputError(f"{NO_ERROR}: {reason}")
+
+
 def next_mesh(stem: Path, estimator, estimates: list) -> None:
     """Write the sizes of the mesh that follows that of `estimator` (energy.EnergyEstimator).
 
-    A triangle's error is that of all steps of its `estimates` together; on the contact boundary
-    sizes are at most those of `contact_sizes`. Raises InputError without estimates.
+    A triangle's error is that of all steps of its `estimates` together, as far as they have one; on
+    the contact boundary sizes are at most those of `contact_sizes`. Raises InputError without any.
     """
-    reasons = [e.reason for e in estimates if e.reason]
-    if reasons or not estimates:
-        reason = reasons[0] if reasons else "nothing was estimated"
-        raise InputError(f"ADAPT has no error to refine by: {reason}")
+    known = [e for e in estimates if not e.reason]
+    check("" if known else estimates[0].reason if estimates else "nothing was estimated")
     mesh, degree = estimator.body.mesh, elements.DEGREE[estimator.manifest.element]
     states = [state for _, state in estimator.considered]
-    square = sum(e.indicator**2 * (e.mesh > ROUNDING * e.norm) for e in estimates)
+    square = sum(e.indicator**2 * (e.mesh > ROUNDING * e.norm) for e in known)
     xy = np.zeros((mesh.triangles.max() + 1, 2))
     xy[mesh.triangles] = mesh.corner
     outline = mesh.edges[mesh.boundary]

@@ -19,10 +19,10 @@ from ..results.record import Record
 from ..results.relinearization import linearized
 from ..scene import freefem
 from . import jumps, unresolved
-from .adjoint import held
 from .between_steps import departures
-from .budget import (CAUTION, OF_TIME, UNBOUNDED, Part, advice, coarser, extrapolate,
-                     formal_order, located, mesh_knob, name_of, ratio, summed)
+from .budget import (OF_TIME, Part, advice, coarser, extrapolate, formal_order, mesh_knob, name_of,
+                     ratio, summed)
+from .caution import Caution
 
 # a loose fixed point may stop where a much tighter one does: the companion's is this at most
 SETTLED = 1e-7
@@ -183,9 +183,10 @@ class Companions:
         the entry of energy.report.
         """
         self.values, self.at = record.quantities()
-        self.singular, self.sizes = record.singular_places(), sizes
-        self.open = record.between_nodes(self.at)
-        self.unresolved = unresolved.parts(self.values, energy, record.pressing_round(self.at))
+        self.singular, touch = record.singular_places(), record.touch(self.at)
+        error, element = unresolved.energy_error(energy), problem.manifest.element
+        self.caution = Caution.of(problem, touch, sizes, error, bool(levels.cycles))
+        self.unresolved = unresolved.parts(self.values, error, touch, element)
         self.levels, self.manifest, self.settings = levels, problem.manifest, settings
         self.effects = problem.effects
         # cycles skipped after each computed one, where any were
@@ -288,14 +289,13 @@ class Companions:
         runs = [(self.values, self._values(self.meshes[1]))] if len(self.meshes) > 1 else []
         if len(self.meshes) > 2:
             runs.append([self._values(mesh, self.stride(2)) for mesh in self.meshes[1:]])
-        parts = self._parts("mesh", runs, self.ratios)
+        good = _whole(runs)
+        parts = self.caution.parts(self.values, good, self.ratios, self.singular)
         value, part = self.values["displacement"], parts["displacement"]
         unseen = part.error is not None and part.error <= ROUNDING * value
         if unseen and self.meshes[0] != self.base:
             # that of a support: no mesh tells when a place between the supports moves by more
             parts["displacement"] = Part(UNSEEN * value)
-        parts = {name: located(held(name, part, self.sizes.get(name)), self.open.get(name, 0.0))
-                 for name, part in parts.items()}
         return parts | self.unresolved
 
     def _time(self) -> dict[str, Part]:
@@ -360,15 +360,17 @@ class Companions:
             return self._values(self.base, stride, as_run)
 
     def _parts(self, source: str, runs: list, ratios: list[float]) -> dict[str, Part]:
-        """Parts from pairs of finer and coarser runs, finest first, up to one that failed."""
-        good = [pair for k, pair in enumerate(runs)
-                if not any(run is None for before in runs[: k + 1] for run in before)]
+        """Parts of steps from pairs of finer and coarser runs, finest first."""
+        good, element = _whole(runs), self.manifest.element
         return {name: extrapolate([fine[name] - coarse[name] for fine, coarse in good], ratios,
-                                  formal_order(source, self.manifest.element, name), value,
-                                  source != "mesh" or name not in UNBOUNDED,
-                                  source == "mesh" and name in self.singular,
-                                  CAUTION[name] if source == "mesh" else OF_TIME)
+                                  formal_order(source, element, name), value, True,
+                                  safety=OF_TIME)
                 for name, value in self.values.items()}
+
+
+def _whole(runs: list) -> list:
+    """Pairs of runs up to the first that failed."""
+    return runs[: next((k for k, pair in enumerate(runs) if None in pair), len(runs))]
 
 
 def assess(entry: dict, companions: Companions) -> dict[str, dict[str, Part]]:

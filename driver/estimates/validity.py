@@ -118,11 +118,14 @@ class Validity:
         self._check_overlaps(step, place, moved)
 
     def _check_deformation(self, step, fields) -> None:
-        """Strains and rotations of all triangles."""
+        """Strains and rotations of all triangles, with those that supports prescribe to bodies."""
+        travel = self.structure.travel
+        turned = travel.of(step.weights)[:, 2] / travel.bodies.size
         loose = {s for mode in self.structure.rigid_modes if mode.rotation for s in mode.members}
         parts, turning = [], np.zeros((2, self.structure.total))  # by subdomain: turns, areas
         for sub, u in zip(self.structure.subdomains, fields):
             strain, turn = _deformation(sub, u)
+            turn = turn + turned[travel.bodies.number[sub.index]]
             area = elements.areas(sub.xy[sub.triangles])
             turning[:, sub.index] = turn @ area, area.sum()
             parts.append((sub, area, strain, turn))

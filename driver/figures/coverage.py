@@ -10,7 +10,8 @@ from .style import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, RED, SKY, canvas, wri
 
 LOOK = {"peak_pressure": (RED, "^"), "normal_resultant": (BLUE, "o"),
         "tangential_resultant": (SKY, "s"), "contact_length": (GREEN, "D"),
-        "slip": (ORANGE, "v"), "dissipated_energy": (PURPLE, "P"), "displacement": (GREY, "X")}
+        "slip": (ORANGE, "v"), "dissipated_energy": (PURPLE, "P"), "worn_volume": (INK, "p"),
+        "displacement": (GREY, "X")}
 LEAST = 1e-6  # smaller true errors are drawn there
 
 

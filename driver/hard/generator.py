@@ -28,7 +28,9 @@ SPOILT = (("a label that the mesh lacks", "macro contact() ", "macro contact() 7
            "twice"))
 
 
-OTHER = 2**40 + 5  # added to the seed of dice that came later
+# of loads that are put on until t = 0.5 and repeated from there on, and that set in there
+REPEATED = "min(1., 2*t)", ("(t < 0.5 ? 0. : sin(4*pi*t))", "(t < 0.5 ? 0. : sin(2*pi*t)^2)")
+OTHER, LATEST = 2**40 + 5, 2**40 + 7  # added to the seed of dice that came later
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,7 @@ def draw(seed: int) -> RandomScene:
     scene.contact()
     scene.histories()
     scene.motion(Dice(seed + OTHER))
+    scene.later(Dice(seed + LATEST), element)
     cuts = _cuts(dice, bodies)
     options = {"element": element, **scene.options}
     text = "\n".join([
@@ -303,7 +306,7 @@ class _Writer:
         if not labels or not dice.chance(0.1):
             return
         for axis in "XY" if dice.chance(0.5) else dice.pick("X", "Y"):
-            if axis == "X" and self.declared.get("gap") == "curved":
+            if self.declared.get("gap") == "curved" and self._slides(axis):
                 continue  # its shape would have to shift as well
             content = self.number(0.0)
             for label in labels:
@@ -313,6 +316,45 @@ class _Writer:
             history = dice.pick(*(name for name in HISTORIES if name != "constant"))
             self.say(f"obstacle{axis}(t)", f"({content}*{HISTORIES[history]})")
             self.declared["obstacles"] = "shift"
+
+    def _slides(self, axis: str) -> bool:
+        """Whether an obstacle that shifts along `axis` slides along some contact side."""
+        sides = (side for shape in self.bodies.shapes
+                 for side in shape.labelled(*self.bodies.contact))
+        return any(np.abs(np.delete(side.normal, "XY".index(axis)))[0] > 1e-9 for side in sides)
+
+    def later(self, dice: Dice, element: str) -> None:
+        """Curved sides, sliding of any length along planes, cycles: in some scenes that admit them.
+
+        What else a seed draws stays the same, but for the histories of cycles.
+        """
+        bodies, declared = self.bodies, self.declared
+        arcs = [side.label for shape in bodies.shapes for side in shape.sides
+                if side.centre is not None]
+        if arcs and element != "P1" and dice.chance(0.5):
+            self.say("curved()", ", ".join(map(str, dict.fromkeys(arcs))))
+            declared["sides"] = "curved"
+        since = "obstacles" in declared or "initial state" in declared
+        plane = not arcs and not bodies.pairs and declared["gap"] not in ("curved", "obstacle")
+        apart = declared["contact"] == "unilateral" and declared["law"] != "displacement law"
+        if plane and apart and not since and dice.chance(0.15):
+            self.say("largeSliding()", self.number(3 * self.size))
+            declared["sliding"] = "large"
+        elif declared["law"] != "frictionless" and "steps" in self.options and (
+                not since and dice.chance(0.1)):
+            self._repeat(dice)
+
+    def _repeat(self, dice: Dice) -> None:
+        """Histories that repeat from the middle on, twice or three times."""
+        always, sometimes = REPEATED
+        self.macros = [macro for macro in self.macros if not macro.startswith("macro amplitude")]
+        for number, kind in enumerate(self.patterns, 1):
+            steady = number == 1 or kind == "bodyForce" or dice.chance(0.3)
+            self.say(f"amplitude{number}(t)", always if steady else dice.pick(*sometimes))
+        self.options["steps"] = str(2 * dice.whole(2, 4))
+        self.declared["cycles"] = str(dice.whole(2, 3))
+        self.say("cycles()", self.declared["cycles"])
+        self.say("cycleStart()", "0.5")
 
     def by_label(self, value) -> str:
         """A number for every label with contact nodes."""

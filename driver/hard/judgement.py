@@ -38,6 +38,8 @@ class Problem:
             freefem.export(script, Path(folder), parameters)
             manifest = read_manifest(Path(folder))
             subdomains = read_subdomains(manifest, 0, manifest.subdomains, MPI.COMM_SELF)
+        if "cycles" in manifest.rooms:
+            manifest = manifest.unrolled(manifest.rooms["cycles"]["count"])
         body = Assembled(manifest, subdomains)
         if manifest.contact_pairs or manifest.axisymmetric:
             body.meet(build(manifest, subdomains, 0, MPI.COMM_SELF).contact)

@@ -38,8 +38,11 @@ class _Program:
         self.high.append(high)
 
 
-def none_within(states: States, seconds: float) -> bool:
-    """Whether no states solve the step with forces and ways of at most MOST; False if unknown."""
+def none_within(states: States, nodes: int) -> bool:
+    """Whether no states solve the step with forces and ways of at most MOST.
+
+    False if unknown: it does, or `nodes` nodes of the program's tree do not decide.
+    """
     n, m = len(states.room), len(states.load)
     program = _Program(force=n, along=n, motion=m, pull=n, closed=n, forth=n, back=n, rests=n,
                        pulling=n)
@@ -59,7 +62,7 @@ def none_within(states: States, seconds: float) -> bool:
                       integrality=np.repeat([0, 1], [count, binary]),
                       constraints=LinearConstraint(csr_matrix(np.array(program.rows)),
                                                    program.low, program.high),
-                      options={**PLAIN_PROGRAM, "time_limit": seconds})
+                      options={**PLAIN_PROGRAM, "node_limit": nodes})
     return answer.status == INFEASIBLE
 
 

@@ -16,7 +16,8 @@ from .programs import MOST, none_within
 from .states import States
 
 SLACK = 1e-6  # share of the forces that must stay unbalanced at least
-SECONDS = 90.0  # of the processor that the search of states may take
+# of the search of states and of the mixed-integer program, whatever the machine: half a minute each
+PROGRAMS, NODES = 5000, 5000
 
 
 def unbalanced(body: Assembled, manifest, weights: np.ndarray, rough: bool = True,
@@ -88,11 +89,11 @@ def no_state(body: Assembled, manifest, weights: np.ndarray, u_t: np.ndarray,
     pressure any inside its bound at corners: more than there is, so that "no solution" is certain.
     """
     states = _in_units(body, manifest, weights, u_t, slipped, gap)
-    solved = states.search(SECONDS)
+    solved = states.search(PROGRAMS)
     if solved:
         return False, "it has a solution, in states that the search has come to"
     if solved is None:
-        if none_within(states, SECONDS):
+        if none_within(states, NODES):
             return True, (f"mixed-integer program: no states solve it by forces and ways of up to "
                           f"{MOST:g} times the loads'")
         return False, (f"neither the search of the states of {len(u_t)} nodes nor a program has "

@@ -8,7 +8,6 @@ node whose law is violated most is decided next (branch and bound). No bound on 
 displacements is needed.
 """
 
-import time
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,16 +55,17 @@ class States:
         return csc_matrix(np.vstack(
             [self.movement, *cones, np.hstack([self.balance, np.zeros((m, m))])]))
 
-    def search(self, seconds: float) -> bool | None:
-        """Whether some states solve the step; None if that is not decided in `seconds` of work."""
-        rows, end, lost = self._rows, time.process_time() + seconds, False
+    def search(self, programs: int) -> bool | None:
+        """Whether some states solve the step; None if that takes more than so many programs."""
+        rows, tried, lost = self._rows, 0, False
         n = len(self.room)
         signed = np.where(self.most > 0, UNDECIDED, PRESSES)  # else a sign decides nothing
         left = [(np.where(self.pulls, signed, UNDECIDED), np.zeros(n, int))]
         with silenced():
             while left:
-                if time.process_time() > end:
+                if tried >= programs:
                     return None
+                tried += 1
                 normal, rub = left.pop()
                 feasible, x = self._solved(rows, normal, rub)
                 if not feasible:

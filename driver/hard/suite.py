@@ -6,6 +6,7 @@ import multiprocessing
 import os
 import re
 import shutil
+import signal
 import time
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
@@ -15,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import options
+from .. import environment, options
 from ..errors import DriverError, InputError
 from ..runs.guard import study_folder
 from . import random
@@ -124,9 +125,13 @@ def _judged(tasks: list, folder: Path, jobs: int) -> Iterator[Row]:
                     yield row
             except BrokenProcessPool:
                 pass
-            # an interrupt: what runs is ended by it too, what waits must not begin
+            # an interrupt may have come to this process alone: what runs ends, nothing else begins
             except BaseException:
                 pool.shutdown(wait=False, cancel_futures=True)
+                for worker in (workers := multiprocessing.active_children()):
+                    worker.terminate()
+                for worker in workers:
+                    worker.join()
                 raise
         if tasks:
             yield _alone(tasks[0], folder)
@@ -134,14 +139,36 @@ def _judged(tasks: list, folder: Path, jobs: int) -> Iterator[Row]:
 
 
 def _pool(jobs: int) -> ProcessPoolExecutor:
-    return ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn"))
+    return ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn"),
+                               initializer=_die_of_signals)
+
+
+def _die_of_signals() -> None:
+    """Between tasks a signal ends a process without a word; one that is ignored stays so."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, signal.SIG_DFL)
 
 
 def _submitted(pool: ProcessPoolExecutor, task: tuple, folder: Path):
     case, size = task
     if case == random.FAMILY:
-        return pool.submit(random.judge, size, folder)
-    return pool.submit(_judge_named, case.family, case.name, size, folder / "runs")
+        return pool.submit(_task, random.judge, size, folder)
+    return pool.submit(_task, _judge_named, case.family, case.name, size, folder / "runs")
+
+
+def _task(judged, *given) -> Row:
+    """The row of a task. An interrupt, after which it has cleaned up, ends the process: the pool
+    would give it the next task."""
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+    environment.heed_interrupts()
+    try:
+        return judged(*given)
+    except KeyboardInterrupt:
+        os._exit(130)
+    finally:
+        _die_of_signals()
 
 
 def _alone(task: tuple, folder: Path) -> Row:

@@ -67,9 +67,9 @@ class FixedPoint:
             try:
                 result, change = self._approximate(index, trace, load.d, start, bound, reduction,
                                                    coupled, gradient)
-            except Unfinished:
+            except Unfinished as failure:
                 if not free:
-                    raise
+                    return self._condensed_instead(index, load, start, trace, failure)
                 break  # bodies that nothing balances have run away
             x, gradient = result.x, result.gradient
             sliding = rows.sliding(x, bound)
@@ -181,6 +181,20 @@ class FixedPoint:
             raise failed
         raise self._without_solution(index, load, x)
 
+    def _condensed_instead(self, index: int, load: Load, x, trace: Trace, failure: Unfinished):
+        """The fixed point by the condensed problem alone, from x; raises `failure` without one.
+
+        Rounding ends QPs early where stiff parts hang on soft ones: their contact forces follow
+        from displacements of many digits less, by elimination with as many digits as there are.
+        """
+        try:
+            solution = None if failure.final else self._condense(index, load, x, trace)
+        except Unfinished:
+            solution = None
+        if solution is None:
+            raise failure
+        return solution
+
     def _without_solution(self, index: int, load: Load, x, final: bool = False) -> Unfinished:
         """What ends a step in which x is the latest of no solution; `final`: there is none."""
         unbalanced = self.bodies.imbalance(load, x) > self.rtol
@@ -224,8 +238,7 @@ class FixedPoint:
         pass. The gluing rows' own residual comes back on the contact rows, many times as large:
         they are solved the more accurately the longer that takes.
         """
-        given = self.rows.bound_is_given and not self.operator.modes  # a QP had to do it
-        if given or self.condensation.n > globalization.CONDENSED_NODES:
+        if self.condensation.n > globalization.CONDENSED_NODES:
             return None
         rows, qp, method, tol = self.rows, self.qp, globalization.NEWTON, self.qp.tol
         secants, aim = Anderson(self._tangential_dot, LAW_SECANTS, 1.0), tol

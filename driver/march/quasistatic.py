@@ -19,7 +19,7 @@ from mpi4py import MPI
 from ..contact.kkt import Scales
 from ..contact.rows import contact_rows
 from ..effects import Effects
-from ..errors import DriverError, NotConverged
+from ..errors import DriverError, NoSolution, NotConverged
 from ..feti.dual_problem import DualProblem
 from ..options import Settings
 from ..text import step_name
@@ -303,9 +303,11 @@ class QuasistaticSolver:
                 x, gradient, sliding = self.corners.find(
                     index, load, x, gradient, sliding, trace, of_friction * settings.friction_rtol)
             except Unfinished as failed:
-                free = self.residuals.free_of_forces(load, failed.x, motion)
-                if free is not None:
-                    return free
+                # bodies without loads may stay where the step starts, or where they were drawn
+                for place in (motion, np.zeros(op.modes)) if op.modes else (motion,):
+                    free = self.residuals.free_of_forces(load, failed.x, place)
+                    if free is not None:
+                        return free
                 settles = op.modes > 0 and self.bodies.imbalance(load, failed.x) <= NEARLY
                 if failed.final or of_qp == 1.0 and not settles:
                     raise
@@ -327,6 +329,8 @@ class QuasistaticSolver:
             if worst <= 1:
                 return x, gradient, moved, residuals
             idle = worst > 0.5 * best
+            if isinstance(stop, NoSolution):
+                raise Unfinished(stop, x, gradient)
             if stop or idle and of_qp <= LAST_PART and of_friction <= LAST_FRICTION:
                 raise Unfinished(NotConverged(
                     f"{step_name(index)}: the {name} residual stays at {residuals[name]:.1e}, "

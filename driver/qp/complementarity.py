@@ -44,7 +44,7 @@ def newton(problem: CoulombProblem, start: np.ndarray,
         if x is None:
             break
     # at a solution states come again at once, on the border of some after a few turns
-    last = visited[-LAST :] if len(visited) <= LAST else [start, *visited[-LAST :]]
+    last = [start, *visited[-LAST:]]
     return next((x for x in reversed(last) if problem.solves(x)), None)
 
 

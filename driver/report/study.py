@@ -12,7 +12,9 @@ from . import run as single
 # show
 STUDIES = {"accuracy.csv": "What accuracy costs", "stopping.csv": "Tolerances of the solver",
            "coverage.csv": "Errors claimed and errors made", "prices.csv": "Prices of accuracy",
-           "requests.csv": "Accuracies asked for", "locking.csv": "Nearly incompressible material",
+           "requests.csv": "Accuracies asked for",
+           "handpicked.csv": "Accuracies asked for, and settings by hand",
+           "locking.csv": "Nearly incompressible material",
            "table.csv": "The slides' table", "without": "What each effect changes and costs",
            "family": "Hard cases", "case": "Published cases and closed forms", "part": "Benchmark"}
 CAPTIONS = {

@@ -30,7 +30,6 @@ END = 2  # nodes that count as the end of a boundary
 # smooth boundaries L^2/24 R^2 of it, in corners more
 BEND = 1e-2
 NEARLY = 0.5  # part of the largest pressure that may exceed it on a finer mesh
-FEW = 6  # nodes in contact, among which the next may differ by all of a quantity's error
 REPEATS = "repeats"  # column of steps: how often each is gone through, if not once
 NOTHING = 1e-5  # part of the largest resultant of the history that tolerances leave
 
@@ -83,19 +82,23 @@ def singular_places(nodes: dict, steps: dict, index: int) -> tuple[str, ...]:
     """Quantities that may be infinite: a largest pressure where contact reaches the boundary's end.
 
     `nodes` as above and `mirrored` (n,), where a support lets nodes move along the normal alone, as
-    in a plane of symmetry. Under the edge of a punch, where a body ends on another or beside a
-    clamped corner pressures grow like a negative power of the distance, or like none: meshes hardly
-    tell which, nor on which of them an end begins to exceed the rest.
+    in a plane of symmetry, unless the next node slides: in such a plane shear vanishes, and where
+    it does not pressure grows like the logarithm of the distance. Under the edge of a punch, where
+    a body ends on another or beside a clamped corner pressures grow like a negative power of the
+    distance, or like none: meshes hardly tell which, nor on which of them an end begins to exceed
+    the rest.
     """
     pressure, status = -steps["sigma_n"][index], steps["status"][index]
+    rubs = (status == SLIP) & (steps["sigma_t"][index] != 0)
     largest, at_end = pressure.max(initial=0.0), 0.0
     near = END * (2 if nodes["middle"].any() else 1)
     for piece in chains(nodes):
-        if _is_ring(nodes, piece):
+        if is_ring(nodes, piece):
             continue
-        p = traction(nodes, pressure, piece)
+        p = np.maximum(pressure[piece], traction(nodes, pressure, piece))
         for end, outer in ((0, slice(near)), (-1, slice(-near, None))):
-            if status[piece[end]] != OPEN and not nodes["mirrored"][piece[end]]:
+            mirrored = nodes["mirrored"][piece[end]] and not rubs[piece[outer]].any()
+            if status[piece[end]] != OPEN and not mirrored:
                 at_end = max(at_end, p[outer].max())
     return ("peak_pressure",) if at_end > NEARLY * largest else ()
 
@@ -114,7 +117,7 @@ def chains(nodes: dict) -> list[np.ndarray]:
     return np.split(np.arange(len(arc)), np.flatnonzero(breaks) + 1)
 
 
-def _beyond(nodes: dict, piece: np.ndarray) -> np.ndarray:
+def beyond_ends(nodes: dict, piece: np.ndarray) -> np.ndarray:
     """(2,) lengths of the edges beyond the ends of a piece, zero at an end of the boundary.
 
     There is such an edge where a clamped node, which carries no contact condition, follows; the
@@ -136,7 +139,7 @@ def _beyond(nodes: dict, piece: np.ndarray) -> np.ndarray:
     return beyond / 2 if np.allclose(beyond, closing, rtol=1e-6, atol=0) else beyond
 
 
-def _is_ring(nodes: dict, piece: np.ndarray) -> bool:
+def is_ring(nodes: dict, piece: np.ndarray) -> bool:
     """Whether the last node of a piece is the neighbour of its first."""
     side, closing = np.diff(nodes["arc"][piece]), np.subtract(*nodes["xy"][piece[[0, -1]]])
     return len(piece) > 2 and float(np.linalg.norm(closing)) < 1.5 * side.max()
@@ -152,7 +155,7 @@ def traction(nodes: dict, pressure: np.ndarray, piece: np.ndarray) -> np.ndarray
     p, x = pressure[piece].copy(), nodes["arc"][piece]
     if nodes["middle"].any():
         return p
-    for end, (near, far), edge in zip((0, -1), ((1, 2), (-2, -3)), _beyond(nodes, piece)):
+    for end, (near, far), edge in zip((0, -1), ((1, 2), (-2, -3)), beyond_ends(nodes, piece)):
         if edge == 0 and len(piece) > 3 and min(p[[end, near, far]]) > 0:
             slope = (p[near] - p[far]) / (x[near] - x[far])
             p[end] = max(0.0, p[near] + slope * (x[end] - x[near]))
@@ -189,7 +192,7 @@ def contact_length(nodes: dict, pieces: list[np.ndarray], steps: dict, index: in
             total += float(own[piece[0]]) * closed[0]
             continue
         inside = float(np.diff(nodes["arc"][piece]) @ (closed[1:] & closed[:-1]))
-        beyond = _beyond(nodes, piece)
+        beyond = beyond_ends(nodes, piece)
         total += float(beyond @ closed[[0, -1]]) + inside
         parts = edges_of_contact(nodes, piece, steps, index)
         total += sum(part for _, _, part in parts)
@@ -263,27 +266,6 @@ def farthest_node(steps: dict, index: int) -> int:
     """Node that has slid farthest in contact until step `index`."""
     sliding = steps["status"][: index + 1] == SLIP
     return int(np.where(sliding, moves(steps)[: index + 1], 0.0).sum(axis=0).argmax())
-
-
-def between_nodes(nodes: dict, steps: dict, index: int) -> dict[str, float]:
-    """What nodes leave open of the contact length and of slip at step `index`, whatever meshes say.
-
-    Beside a clamped node contact may be lost between it and a closed one, over half of the edge.
-    The largest slip may be elsewhere by as much as it differs from that of the next nodes in
-    contact, where FEW are; where there are more by less in proportion.
-    """
-    closed, length, apart = steps["status"][index] != OPEN, 0.0, 0.0
-    sliding = steps["status"][: index + 1] == SLIP
-    way = np.where(sliding, moves(steps)[: index + 1], 0.0).sum(axis=0)
-    top = farthest_node(steps, index)
-    for piece in chains(nodes):
-        if len(piece) > 1 and not _is_ring(nodes, piece):
-            length += float(_beyond(nodes, piece) @ closed[piece[[0, -1]]]) / 2
-        near = piece[(np.abs(piece - top) <= 1) & closed[piece]]
-        if top in piece and len(near):
-            apart = float(np.abs(way[near] - way[top]).max())
-            apart *= min(1.0, FEW / np.count_nonzero(closed[piece]))
-    return {"contact_length": float(length), "slip": apart}
 
 
 def _part(x, opening, pressure, inward, closed) -> float:

@@ -8,9 +8,9 @@ from ..march.quasistatic import QuasistaticSolver
 from ..march.step import Step
 from .contact_state import WEAR, ContactState, less_wear
 from .dissipation import Dissipation, start
-from .quantities import (REPEATS, between_nodes, farthest_node, peak_nodes, quantities,
-                         singular_places)
+from .quantities import REPEATS, farthest_node, peak_nodes, quantities, singular_places
 from .shares import label_shares
+from .touch import Touch
 
 ROUND = 1e-6  # change of normals along a boundary that is not straight
 
@@ -105,11 +105,13 @@ class Record:
         """Node that has slid farthest in contact until a step."""
         return farthest_node(self._columns()[1], index)
 
-    def between_nodes(self, index: int) -> dict[str, float]:
-        """What nodes leave open of quantities at places between them, see quantities.py."""
-        return between_nodes(*self._columns(), index) if self.effects.contact else {}
+    def touch(self, index: int) -> Touch:
+        """How the nodes touch in a step; without contact they do not."""
+        if not self.effects.contact:
+            return Touch(open={})
+        return Touch.of(*self._columns(), index, self._pressing_round(index))
 
-    def pressing_round(self, index: int) -> int:
+    def _pressing_round(self, index: int) -> int:
         """How many nodes press in a step, if some belong to a boundary whose normal varies."""
         b, presses = self.contact.boundary, self.states["sigma_n"][index] < 0
         turns = [np.ptp(b.normal[b.chain == chain], axis=0).max() > ROUND

@@ -26,9 +26,9 @@ from ..effects import Effects
 from ..effects.quasistatic import proportional
 from ..errors import DriverError, InputError, NoSolution, NotConverged
 from ..estimates import adjoint
-from ..estimates.budget import (CAUTION, FORMAL, SOURCES, UNBOUNDED, Part, extrapolate, finer,
-                                formal_order, located, main_quantity, mesh_knob, name_of, ratio,
-                                share, summed, vanishing)
+from ..estimates.budget import (FORMAL, SOURCES, Part, extrapolate, finer, formal_order,
+                                main_quantity, mesh_knob, name_of, ratio, share, summed, vanishing)
+from ..estimates.caution import Caution
 from ..estimates.torn_body import Gather, gather_body
 
 COARSENING = (8, 4, 2, 1)  # of the scene's own mesh, for the first one that can be had
@@ -208,21 +208,18 @@ class Search:
         runs = [self._values(size) for size in sizes]
         finest = self._level(sizes[0])
         ratios = [ratio(self.knob, b, a) for a, b in zip(sizes, sizes[1:])]
-        formal = FORMAL["mesh"][self.first.element]
-        held, apart = self._adjoint(sizes[0], finest), finest.record.between_nodes(finest.at)
-        self.parts["mesh"] = {q: located(held(q, extrapolate(
-            [a[q] - b[q] for a, b in zip(runs, runs[1:])], ratios, formal, value,
-            q not in UNBOUNDED, q in finest.singular, CAUTION[q])), apart.get(q, 0.0))
-                              for q, value in runs[0].items()}
+        caution = Caution.of(self.levels.problem(**{self.knob: sizes[0]}),
+                             finest.record.touch(finest.at), self._adjoint(sizes[0], finest))
+        self.parts["mesh"] = caution.parts(runs[0], list(zip(runs, runs[1:])), ratios,
+                                           finest.singular)
         return self.budget()[self.name]
 
-    def _adjoint(self, size, level):
-        """Callable (name, part) -> the part, held within what adjoint problems leave, if any do."""
+    def _adjoint(self, size, level) -> dict:
+        """Sizes of the adjoint problem of the quantity, by its name, if it has any."""
         problem = self.levels.problem(**{self.knob: size})
-        sizes, _ = adjoint.assess(problem, level.record, level.steps[level.at],
-                                  {self.name: level.values[self.name]},
-                                  lambda: gather_body(Gather(problem.operator)))
-        return lambda name, part: adjoint.held(name, part, sizes.get(name))
+        return adjoint.assess(problem, level.record, level.steps[level.at],
+                              {self.name: level.values[self.name]},
+                              lambda: gather_body(Gather(problem.operator)))[0]
 
     def budget(self) -> dict:
         """Budget of every quantity on the finest mesh."""

@@ -93,6 +93,8 @@ def run(directory: Path, request: Request, comm) -> tuple[int, str]:
     seconds, settings = lap.seconds, Settings(**request.settings)
     problem = linearized(assemble(directory / "export", comm, lap), settings, comm)
     _check_quantity(request, problem)
+    if request.refine:
+        _check_estimates(problem)
     solver = problem.solver(settings)
     lap("setup")
     writer = Writer(directory, problem.manifest, problem.operator, solver, request.fields)
@@ -137,6 +139,13 @@ def _check_quantity(request: Request, problem: Problem) -> None:
     if request.quantity and request.quantity not in names:
         raise InputError(f"QUANTITY={request.quantity}: the scene has no such quantity; it has "
                          f"{', '.join(names)}")
+
+
+def _check_estimates(problem: Problem) -> None:
+    """Raise InputError where no step under load has an error to refine by, before any is solved."""
+    loaded = [weights for weights in problem.manifest.factors if weights.any()]
+    reasons = [problem.effects.no_estimate(weights) for weights in loaded]
+    adaptivity.check(reasons[-1] if reasons and all(reasons) else "")
 
 
 def _march(directory: Path, request: Request, problem: Problem, solver: QuasistaticSolver,

@@ -9,7 +9,8 @@ import pytest
 from driver.effects.cycles import Room
 from driver.errors import InputError
 from driver.files import read_table
-from driver.march.cycle_verdict import Choice, geometric, limit
+from driver.march.cycle_verdict import Choice, Past, geometric, judged, limit
+from driver.march.cycles import Cycles
 
 TIGHT = {"rtol": 1e-11, "friction_rtol": 1e-10, "primal_rtol": 1e-9}
 E, NU, P, F, U0, HEIGHT, WIDTH = 1000.0, 0.3, 4.0, 0.4, 0.02, 1.0, 2.0
@@ -145,6 +146,33 @@ def test_cycles_as_many_as_asked_for(solved, named_scene, words, cycles):
     assert run.summary["steps"] == 2 + 8 * cycles
     unsettled = any("not settled" in line for line in run.summary["warnings"])
     assert unsettled == (words == "2 until settled")
+
+
+@pytest.mark.parametrize("changes, plan, remaining", [
+    ([], [], 1.0), ([1.0], [0], 1.0), ([1.0, 0.2], [0, 0], 0.1), ([1.0, 0.2], [0, 3], 1.0),
+    ([1.0, 0.2], [3, 0], 1.0), ([1.0, 0.1], [0, 0], 1.0)])
+def test_what_is_to_come_is_told_from_two_changes_without_a_jump(changes, plan, remaining):
+    """The last is 0.1: with 0.2 before it what follows is 0.1 again, a geometric series; of changes
+    that do not get smaller, or of a single one, nothing is known.
+    """
+    row = {"slip": 1.0, "drift": 0.0}
+    past = Past(len(changes) + 1, plan, [row | {"change": change} for change in changes],
+                before={"normal": np.array([9.0, 5.0])} if changes else {}, way=np.ones(2))
+    found = judged(past, types.SimpleNamespace(index=8, time=1.0), {"u_t": np.zeros(2)},
+                   {"normal": np.array([10.0, 5.0])},
+                   lambda *parts: max(float(np.abs(part).max()) for part in parts), 1e-9, 1e-6)
+    assert found.change == pytest.approx(0.1 if changes else 1.0)
+    assert found.remaining == pytest.approx(remaining)
+
+
+@pytest.mark.parametrize("given, settles, settled, warned", [
+    (None, True, False, True), (None, True, True, False), (None, False, False, False),
+    (7, True, False, False)])
+def test_only_who_waits_for_cycles_to_settle_is_told_that_they_have_not(given, settles, settled,
+                                                                        warned):
+    march = types.SimpleNamespace(given=given, choice=types.SimpleNamespace(settles=settles),
+                                  past=types.SimpleNamespace(number=2, rows=[{"settled": settled}]))
+    assert bool(Cycles.warnings(march)) == warned
 
 
 def test_a_little_shear_shakes_down_at_once(solved, named_scene):

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from driver.effects import Effects, RunFacts, slip_law
+from driver.effects import Effects, LoadEffect, RunFacts, slip_law
 from driver.effects.quasistatic import proportional
 from driver.errors import InputError
 from driver.files import read_rows
@@ -49,6 +49,16 @@ def test_without_contact(solved):
     # preconditioned CG on the gluing alone: kappa <= 5 needs 1/2 sqrt(5) ln(2e6) = 16 products,
     # plus the residual's
     assert counts["dual_multiplications"] <= 5 * 18
+
+
+@pytest.mark.parametrize("size, factor, active", [
+    (1e-9, 1e-3, True), (1e9, 1.0, True), (0.0, 1.0, False), (1.0, 0.0, False)])
+def test_a_load_is_active_in_any_unit(size, factor, active):
+    """Of two patterns the second counts where neither it nor its amplitude is zero all the time."""
+    facts = SimpleNamespace(amplitudes=np.array([[0.0, 0.0], [0.0, factor], [0.0, 0.0]]),
+                            largest=[1.0, size])
+    entry, = LoadEffect.ledger(SimpleNamespace(patterns=[0, 1], heading="load"), facts).values()
+    assert entry["active"] == active
 
 
 @pytest.mark.parametrize("argument, factor", [("slip", 0.4), ("displacement", 1.0)])

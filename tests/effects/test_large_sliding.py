@@ -113,6 +113,11 @@ def test_a_block_climbs_a_slope(solved, scene, obstacle, options):
         np.cos(lean) - 0.3 * np.sin(lean)), rtol=1e-7)
     np.testing.assert_allclose(np.abs(table["tangential_resultant"][sliding]), 0.3 * normal,
                                rtol=1e-7)
+    # together they carry the weight, and nothing else acts upwards
+    np.testing.assert_allclose(table["force_y"][sliding], 8, rtol=1e-7)
+    np.testing.assert_allclose(np.hypot(table["force_x"], table["force_y"])[sliding],
+                               np.hypot(1, 0.3) * normal, rtol=1e-7)
+    assert min(run.summary["seconds"].values()) > 0
     c = run.contact
     moved = (c["u_n"][..., None] * np.stack([c["normal_x"], c["normal_y"]], axis=-1)
              + c["u_t"][..., None] * np.stack([-c["normal_y"], c["normal_x"]], axis=-1))
@@ -324,6 +329,28 @@ def test_a_curve_of_segments_is_smooth_between_them():
     beside = np.pi / 6 + np.array([-1e-9, 1e-9])
     _, (one, other) = circle.distance(0.9 * np.column_stack([np.cos(beside), np.sin(beside)]))
     np.testing.assert_allclose(one, other, atol=1e-6)
+
+
+def test_places_on_a_curve_are_at_no_distance_from_it():
+    """On its one segment the cubic with its slopes, beyond either end a parabola that goes on with
+    slope and mean curvature; normals are across the curve.
+    """
+    rise, fall, length = 0.3, -0.1, 2.5
+    one = curve.Curve(np.array([[1.0, 2.0]]), np.array([[1.0, 2.0 + length]]),
+                      np.array([[-1.0, 0.0]]), *np.array([[rise], [fall]]), np.ones(1, bool),
+                      np.ones(1, bool))
+    s = np.linspace(-0.4, 1.4, 181)
+    off = np.where(s < 0, rise * s + (fall - rise) * s**2 / 2, np.where(
+        s > 1, fall * (s - 1) + (fall - rise) * (s - 1) ** 2 / 2,
+        rise * s * (1 - s) ** 2 - fall * s**2 * (1 - s)))
+    place = np.column_stack([1.0 - length * off, 2.0 + length * s])
+    distance, normal = one.distance(place)
+    np.testing.assert_allclose(distance, 0.0, atol=1e-14)
+    # the slope of what was written down, by differences
+    slope = np.gradient(off, s, edge_order=2)
+    np.testing.assert_allclose(np.arctan2(-normal[:, 1], -normal[:, 0]), np.arctan(slope),
+                               atol=2e-3)
+    np.testing.assert_allclose(np.linalg.norm(normal, axis=1), 1.0)
 
 
 # ---- misuse --------------------------------------------------------------------------------------

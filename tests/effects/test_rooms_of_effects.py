@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from driver.effects import slip_law
+from driver.effects import cycles, large_sliding, probe, slip_law
 from driver.errors import InputError
 
 LAW = {"argument": "slip", "range": 2.0, "values": [1.0, 0.5, 0.25]}
@@ -43,6 +43,63 @@ def test_displacement_counts_from_the_origin():
 def test_laws_that_make_no_sense_are_refused(changes):
     with pytest.raises(InputError, match="slip_law|negative"):
         law(**changes)
+
+
+CURVE = {"reach": 0.5, "curve": [[0.0] * 8] * 3, "box": [0.0, 1.0, 0.0, 1.0]}
+SPOILED = [
+    (large_sliding, CURVE, [{"reach": 0.0}, {"reach": np.inf}, {"curve": [[0.0] * 7] * 3},
+                            {"curve": [0.0] * 8}, {"curve": [[np.nan] * 8]}, {"box": [0.0, 1.0]},
+                            {"box": [0.0, 1.0, 0.0, np.inf]}, {"reach": None}]),
+    (cycles, {"start": 1, "count": 3}, [{"start": -1}, {"start": 4}, {"start": 1.0}, {"count": 0},
+                                        {"count": 2.0}, {"start": None}]),
+    (probe, {"labels": [2], "points": [1, 0.5]}, [{"labels": None}, {"points": None},
+                                                  {"points": [1.0]}, {"points": [1.0, np.nan]},
+                                                  {"points": [True, 1.0]}, {"labels": [3]}])]
+
+
+@pytest.mark.parametrize("module, sound, changes", SPOILED,
+                         ids=["large_sliding", "cycles", "probe"])
+def test_what_a_manifest_cannot_mean_is_refused(module, sound, changes):
+    """A thing at a time: all else is as it should be, and with nothing changed it is accepted."""
+    name = module.__name__.rpartition(".")[2]
+
+    def room(**changed):
+        manifest = SimpleNamespace(rooms={name: sound | changed}, patterns=[], labels=[1, 2],
+                                   steps=4, t_end=1.0, amplitudes={1: [0.0, 0.0, 1.0, 2.0, 0.0]})
+        return module.Room(name, manifest)
+
+    room()
+    for change in changes:
+        with pytest.raises(InputError):
+            room(**change)
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e-6, 1e6])
+def test_a_label_is_a_plane_whatever_the_unit(unit):
+    """Four nodes of a slope: its offset where gaps agree to rounding of places, refused else."""
+    manifest = SimpleNamespace(rooms={"large_sliding": {"reach": 1.0}}, patterns=[])
+    room = large_sliding.Room("large_sliding", manifest)
+    normal = np.tile([0.6, -0.8], (4, 1))
+    xy = unit * (np.arange(4.0)[:, None] * [0.8, 0.6] + [0.6, -0.8])
+
+    def offsets(unevenness):
+        gap = unit * np.array([0.5, 0.5, 0.5 + unevenness, 0.5])
+        nodes = SimpleNamespace(gid=np.arange(4), label=np.full(4, 7), family=np.zeros(4, int),
+                                normal=normal, xy=xy, columns={"gap": gap})
+        return room.following(nodes, None).surface.offset
+
+    np.testing.assert_allclose(offsets(1e-14), 1.5 * unit, rtol=1e-12)
+    with pytest.raises(InputError, match="label 7"):
+        offsets(1e-3)
+
+
+def test_a_cycle_ends_where_it_begins_to_rounding():
+    manifest = SimpleNamespace(rooms={"cycles": {"start": 1, "count": 3}}, patterns=[], steps=2,
+                               t_end=1.0, amplitudes={1: [0.0, 1.0, 1.0 + 1e-12]})
+    assert cycles.Room("cycles", manifest).repeats == (1, 3)
+    manifest.amplitudes = {1: [0.0, 1.0, 1.0 + 1e-6]}
+    with pytest.raises(InputError, match="amplitude1 is 1 at time 0.5"):
+        cycles.Room("cycles", manifest)
 
 
 def test_a_preload_is_where_slip_is_measured_from(solved, variant):

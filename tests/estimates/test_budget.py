@@ -7,11 +7,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 
 from driver.estimates import budget
 from driver.estimates.budget import name_of
 from driver.estimates.levels import Companions
 from driver.options import Settings
+from driver.results.touch import Touch
 from driver.runs.solve import NO_ESTIMATES
 from driver.scene import freefem
 
@@ -142,6 +144,19 @@ class Linear:
         return SimpleNamespace(values={"displacement": self.value(settings)})
 
 
+class Declared(SimpleNamespace):
+    """Effects of a scene."""
+
+    def __contains__(self, name):
+        return False
+
+
+def problem_of(manifest, effects):
+    """A problem without subdomains."""
+    return SimpleNamespace(manifest=manifest, effects=effects, operator=SimpleNamespace(
+        comm=MPI.COMM_SELF), structure=SimpleNamespace(subdomains=[]))
+
+
 @pytest.mark.parametrize("coulomb", [False, True])
 @pytest.mark.parametrize("name", [*Linear.FACTORS])
 def test_each_tolerance_has_its_share(coulomb, name):
@@ -150,14 +165,11 @@ def test_each_tolerance_has_its_share(coulomb, name):
         return  # the run has none
     tight = {"rtol": 1e-9, "primal_rtol": 1e-9, "friction_rtol": 1e-9}
     loose, levels = Settings(**{**tight, name: 1e-4}), Linear()
-    effects = SimpleNamespace(quasistatic=False, frictional=coulomb,
-                              pressure_bounds_friction=coulomb)
+    effects = Declared(quasistatic=False, frictional=coulomb, pressure_bounds_friction=coulomb)
     manifest = SimpleNamespace(parameters={"cells": 8}, steps=1, element="P1")
     record = SimpleNamespace(quantities=lambda: ({"displacement": levels.value(loose)}, 0),
-                             singular_places=lambda: (), between_nodes=lambda _index: {},
-                             pressing_round=lambda _index: 0)
-    companions = Companions(levels, SimpleNamespace(manifest=manifest, effects=effects), loose,
-                            record, {})
+                             singular_places=lambda: (), touch=lambda _index: Touch(open={}))
+    companions = Companions(levels, problem_of(manifest, effects), loose, record, {})
     parts = companions.parts()
     error = sum(parts[source]["displacement"].error for source in ("friction", "solver")
                 if source in parts)
@@ -165,29 +177,37 @@ def test_each_tolerance_has_its_share(coulomb, name):
     assert true <= error <= 10 * true
 
 
-@pytest.mark.parametrize("energy, pressing, known", [
-    ({"mesh": 0.4, "norm": 1.0}, 0, True), ({"mesh": 0.6, "norm": 1.0}, 0, False),
-    ({"mesh": 0.4, "norm": 1.0, "largest": {"mesh": 1.2, "norm": 2.0}}, 0, False),
-    ({"reason": "none is made"}, 3, True), ({"mesh": 0.1, "norm": 1.0}, 2, False)])
-def test_a_mesh_that_does_not_resolve_the_solution_leaves_no_claims_of_contact(energy, pressing,
-                                                                               known):
+def touching(nodes=20, **more):
+    """Contact of so many nodes."""
+    return Touch(nodes=nodes, open={}, **more)
+
+
+@pytest.mark.parametrize("energy, touch, element, known", [
+    ({"mesh": 0.4, "norm": 1.0}, touching(), "P1", True),
+    ({"mesh": 0.6, "norm": 1.0}, touching(), "P1", False),
+    ({"mesh": 0.4, "norm": 1.0, "largest": {"mesh": 1.2, "norm": 2.0}}, touching(), "P1", False),
+    ({}, touching(5), "P1", True), ({}, touching(4), "P1", False),
+    ({}, touching(7), "P2", True), ({}, touching(6), "P2", False),
+    ({"reason": "none is made"}, touching(round=3), "P1", True),
+    ({"mesh": 0.1, "norm": 1.0}, touching(round=2), "P1", False)])
+def test_a_mesh_that_does_not_resolve_the_solution_leaves_no_claims_of_contact(energy, touch,
+                                                                               element, known):
     """Differences of such meshes tell nothing; of the displacement an adjoint problem does. Of the
     resultant it does, unless one or two nodes on a round boundary carry all.
     """
     levels = Linear()
-    effects = SimpleNamespace(quasistatic=False, frictional=False, pressure_bounds_friction=False)
-    manifest = SimpleNamespace(parameters={"cells": 8}, steps=1, element="P1")
+    effects = Declared(quasistatic=False, frictional=False, pressure_bounds_friction=False)
+    manifest = SimpleNamespace(parameters={"cells": 8}, steps=1, element=element)
     values = {"displacement": 1.0, "contact_length": 0.5, "peak_pressure": 2.0,
               "normal_resultant": 3.0}
     levels.run = lambda *_, **changes: SimpleNamespace(
         values={name: value * (1 + 0.01 * bool(changes)) for name, value in values.items()})
     record = SimpleNamespace(quantities=lambda: (values, 0), singular_places=lambda: (),
-                             between_nodes=lambda _index: {},
-                             pressing_round=lambda _index: pressing)
-    parts = Companions(levels, SimpleNamespace(manifest=manifest, effects=effects), Settings(),
-                       record, {}, energy).parts()["mesh"]
+                             touch=lambda _index: touch)
+    parts = Companions(levels, problem_of(manifest, effects), Settings(), record, {},
+                       energy).parts()["mesh"]
     assert parts["displacement"].error > 0
-    assert (parts["normal_resultant"].error is not None) == (pressing in (0, 3))
+    assert (parts["normal_resultant"].error is not None) == (touch.round != 2)
     for name in ("contact_length", "peak_pressure"):
         assert (parts[name].error is not None) == known, name
         assert known or "too coarse" in parts[name].note

@@ -95,6 +95,60 @@ def test_the_bound_between_bodies_holds_far_from_the_solution(estimated, tmp_pat
         assert found.total - found.correction <= 2 * error
 
 
+# a block in a notch that turns by 46 degrees and that it does not fill: beyond the end of one flank
+# its normals meet the other one askew
+CORNER = """include "scene.idp"
+real finer = physical("finer", 1.), g = 0.1, s = -0.4;
+border b0(t=0, 1) { x = g + t; y = g + s*t; label = 11; }
+border b1(t=0, 1) { x = g + 1.; y = g + s + (1 - s)*t; label = 3; }
+border b2(t=0, 1) { x = g + 1 - (1 - s)*t; y = g + 1.; label = 4; }
+border b3(t=0, 1) { x = g + s*(1 - t); y = g + 1 - t; label = 11; }
+border c0(t=0, 1) { x = -1 + 2*t; y = -1.; label = 1; }
+border c1(t=0, 1) { x = 1.; y = -1 + (1 + s)*t; label = 5; }
+border c2(t=0, 1) { x = 1 - t; y = s*(1 - t); label = 21; }
+border c3(t=0, 1) { x = s*t; y = t; label = 21; }
+border c4(t=0, 1) { x = s - (1 + s)*t; y = 1.; label = 5; }
+border c5(t=0, 1) { x = -1.; y = 1 - 2*t; label = 1; }
+addBody(buildmesh(b0(5) + b1(5) + b2(5) + b3(5)))
+addBody(buildmesh(c0(6) + c1(3) + c2(3) + c3(3) + c4(3) + c5(6)))
+for (int k = 0; k < bodyCount; ++k) bodies[k] = trunc(bodies[k], 1, split = finer);
+macro young() 1000. //
+macro poisson() 0.3 //
+macro support() on(1, u1 = 0., u2 = 0.) //
+macro contactPair() FIRST //
+macro tresca() 0.1 //
+macro load1() traction(3, -1.5*(1 - y), -0.2) + traction(4, -0.4 - 0.3*x, -2.*(1 + x)) //
+include "export.idp"
+"""
+
+
+@pytest.mark.parametrize("first", ["11, 21", "21, 11"])
+def test_the_bound_where_a_pair_turns_a_corner(estimated, tmp_path, first):
+    """Whichever side has the nodes: flanks face what is parallel to them, the corner's one
+    displacement penetrates neither, and the bound is above the error of forces that are far from a
+    solution.
+    """
+    scene = tmp_path / "corner.edp"
+    scene.write_text(CORNER.replace("FIRST", first))
+    fine = estimated(scene, finer=4)[1]
+    _, estimator, found = estimated(scene, change=stir)
+    body, (pair,) = estimator.body, estimator.pairs
+    p = pair.parts
+    one, other = pair.first.side.edge_normal[p.edge], pair.second.side.edge_normal[p.other]
+    assert len(pair.first.twins) == 1
+    np.testing.assert_allclose(one, -other, atol=1e-12)
+    u = body.untorn(estimator.kinematic - estimator.lifted)
+    moved = u + pair.lift(u, body.stiffness, body.constrained, body.elasticity).vertex
+    inside = []
+    for field in (u, moved):
+        jump = (pair._jump(field) * pair._frame[0]).sum(axis=2)
+        inside.append((jump - pair.first.at(pair.gap, p.edge, p.at))[(p.at == 0) | (p.at == 1)])
+    assert inside[0].max() > 0.1 * np.abs(u).max()  # the forces have the sides penetrate
+    assert inside[1].max() <= 1e-13 * np.abs(u).max()
+    error = true_error(estimator, fine)
+    assert error <= found.total and found.total - found.correction <= 2 * error
+
+
 def test_fields_on_a_fan_against_many_points():
     """Moments, remainder and energy of piecewise linear fields that leave a part of their sides
     out.

@@ -154,6 +154,38 @@ def test_strains_grow_with_the_load_until_they_are_large(verdict):
     assert "in step 1" in line and " at (" in line and "smaller loads" in line
 
 
+@pytest.mark.parametrize("stretch, shear, expected", [
+    (0.05, 0.05, "ok"), (0.2, 0.05, "questionable"), (-0.4, 0.1, "invalid")])
+def test_a_strain_of_the_whole_body_is_judged(verdict, stretch, shear, expected):
+    """Uniform, prescribed at the boundary: its larger principal value, and half of the shear as
+    rotation.
+    """
+    text = BLOCK.replace("macro support() on(4, u1 = 0., u2 = 0.) //", "macro displacement1() "
+                         f"on(1, 2, 3, 4, u1 = {stretch}*x + {shear}*y, u2 = 0.) //")
+    text = text.replace("macro contact() 1 //\nmacro gap() reach //\n", "").replace(
+        "macro load1() traction(3, 0., -push) //\n", "").replace(
+        'real push = physical("push", 100.), reach = physical("reach", 0.);\n', "")
+    entry, warnings, _ = verdict(text, cells=2)
+    principal = abs(stretch) / 2 + np.hypot(stretch, shear) / 2
+    assert entry["largest_strain"] == pytest.approx(principal, rel=1e-6)
+    assert entry["largest_rotation"] == pytest.approx(shear / 2, rel=1e-6)
+    assert entry["verdict"] == expected
+    assert f"strain is {principal:.2g}" in entry["reason"] or expected == "ok"
+    assert any("results are" in line for line in warnings) == (expected != "ok")
+
+
+@pytest.mark.parametrize("turn, expected", [(0.05, "ok"), (-0.2, "questionable"), (0.5, "invalid")])
+def test_a_rotation_that_supports_prescribe_is_judged(verdict, turn, expected):
+    """Of a whole body: linear kinematics stretch it by the square of the angle over two."""
+    text = BLOCK.replace("macro support() on(4, u1 = 0., u2 = 0.) //", "macro displacement1() "
+                         f"on(4, u1 = ({-turn})*y, u2 = ({turn})*x) //")
+    text = text.replace("macro contact() 1 //\nmacro gap() reach //\n", "")
+    entry, _, _ = verdict(text.replace(', reach = physical("reach", 0.)', ""), cells=2, push=1e-3)
+    assert entry["largest_rotation"] == pytest.approx(abs(turn), rel=1e-6)
+    assert entry["largest_strain"] < 1e-6
+    assert entry["verdict"] == expected and ("turns by" in entry["reason"]) == (expected != "ok")
+
+
 def test_a_gap_of_the_wrong_unit_is_said(verdict):
     entry, _, status = verdict(BLOCK, reach=-1e6)
     assert entry["verdict"] == "invalid" and status == 0
@@ -178,6 +210,17 @@ def test_bodies_through_each_other_are_named(verdict):
     assert any("boundaries" in line and "overlap" in line for line in warnings)
     entry, _, _ = verdict(PLATES, down=0.39)
     assert entry["overlaps"] == [] and entry["verdict"] == "ok"
+
+
+@pytest.mark.parametrize("pin", ["first", "last"])
+def test_it_is_enough_that_one_body_has_vertices_in_the_other(verdict, pin):
+    """A pin in a plate between its vertices, 0.3 deep, whichever is declared first."""
+    lines = ["addBody(square(8, 2, [8*x, 2*y], label = low))",
+             "addBody(square(1, 6, [3.2 + 0.6*x, 2.2 + 3*y], label = high))"]
+    text = PLATES.replace("addBody(square(6, 2, [1 + 6*x, 2.4 + 2*y], label = high))\n", "")
+    text = text.replace(lines[0], "\n".join(lines[:: -1 if pin == "first" else 1]))
+    entry, _, _ = verdict(text)
+    assert max(depth for *labels, depth in entry["overlaps"]) == pytest.approx(0.3 / 3, rel=1e-3)
 
 
 def test_rigid_motion_of_a_free_body_is_no_strain(solved):

@@ -178,6 +178,10 @@ def torn_field(problem, rng):
     return w
 
 
+def test_a_rank_alone_receives_nothing(problem):
+    assert not any(problem.operator.message_bytes().values())
+
+
 def test_average_and_jump_add_up_to_the_identity(problem):
     """E_D + P_D = I on fields with common corners, P_D = B_D' B: weights and gluing rows fit
     together.

@@ -10,10 +10,10 @@ COLUMNS = """include "scene.idp"
 units("mm", "MPa");
 subdomains("1");
 rectangle(0., 2., 0., 2.);
-macro young() (y < 0.5 || (x > 0.5 && x < 1.5) ? 1. : 1e6) //
+macro young() (y < 0.5 || (x > 0.5 && x < 1.5) ? 20. : 2e7) //
 macro poisson() 0.3 //
 macro support() on(1, u1 = 0., u2 = 0.) //
-macro load1() traction(3, 0.02, -0.01) //
+macro load1() traction(3, 0.4, -0.2) //
 macro contact() 2 //
 macro friction() 0.3 //
 include "export.idp"

@@ -355,6 +355,10 @@ def test_travel_is_taken_out_whole(built, named_scene):
         x, y = sub.xy.T
         expected = np.column_stack([5 - 0.3 * (y - 1), -2 + 0.3 * (x - 1)])
         np.testing.assert_allclose(u.reshape(-1, 2), expected, atol=1e-13)
+    # a translation is exact, and turns nothing
+    carried = built(scene=named_scene("turned", PAD), cells=3, angle=0.0, press=2.1, drag=1e9 / 3)
+    assert np.array([1.0, 1.0]) @ carried.structure.travel.motion[:, 0] == pytest.approx(
+        [1e9 / 3, -2.1, 0.0], rel=1e-15, abs=0)
 
 
 # ---- bodies without support ----------------------------------------------------------------------
@@ -405,13 +409,14 @@ def test_a_pushed_block_stays_where_it_was_left(built, steps_of, named_scene):
     assert motion[-1, 0] == pytest.approx(motion[-2, 0], rel=1e-9)
 
 
-def test_bodies_that_go_far_and_return_leave_nothing_in_d():
+@pytest.mark.parametrize("unit", [1.0, 1e-20])
+def test_bodies_that_go_far_and_return_leave_nothing_in_d(unit):
     """A sum of the moves would keep the rounding of the farthest, here 1e-4 of d."""
     motions = [np.array([0.3, -0.7, 0.1])]
-    load = Load(np.array([1.0, 0.2]), np.array([1.0, 2.0, 3.0]), 1.0)
+    load = Load(np.array([1.0, 0.2 * unit]), unit * np.array([1.0, 2.0, 3.0]), unit)
     d = load.d.copy()
     for change in (1.1e12, -0.9e12, 0.7, -0.2e12):
-        load.move(motions, np.array([change]))
-    way = load.weights[1] - 0.2
-    assert abs(way) < 1.0 and load.farthest == pytest.approx(0.77e12)
+        load.move(motions, np.array([change * unit]))
+    way = load.weights[1] - 0.2 * unit
+    assert abs(way) < unit and load.farthest == pytest.approx(0.77e12 * unit)
     assert load.d == pytest.approx(d + way * motions[0], rel=1e-15)

@@ -151,6 +151,16 @@ def test_sliding_nodes_are_exactly_on_their_bounds():
     assert sliding > SEEDS / 2
 
 
+@pytest.mark.parametrize("pulls", [False, [True, False, False], [True, False, True]])
+@pytest.mark.parametrize("largest", [0.0, 0.3])
+def test_pivots_alone_end_in_the_solution(monkeypatch, largest, pulls):
+    """Without Newton's method: bounds are given (F = 0, a convex problem) or friction is small."""
+    monkeypatch.setattr(complementarity, "newton", lambda *_: None)
+    for seed in range(SEEDS):
+        problem = random_problem(seed, 3, largest=largest, bilateral=np.array(pulls))
+        assert_obeys(problem, lemke(problem), bilateral=pulls)
+
+
 @pytest.mark.parametrize("pulls", [[True, True, True], [True, False, True]])
 def test_bilateral_law(pulls):
     """Of all nodes or some; with little friction Lemke's method solves nearly all of them."""

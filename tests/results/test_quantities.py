@@ -10,7 +10,7 @@ import pytest
 from test_scenes_hertz import NU, R, hertz
 
 from driver.effects import Effects, contact, friction
-from driver.results import quantities as q
+from driver.results import quantities as q, touch
 from driver.contact.states import OPEN, SLIP, STICK
 
 A, P0 = 0.3, 2.0
@@ -23,7 +23,7 @@ def line(x, closed, pressure, opening, **more):
     nodes = {"xy": np.column_stack([x, 0 * x]), "arc": x - x[0], "weight": weight,
              "gap": np.zeros(len(x)),
              "chain": np.ones(len(x), int), "paired": np.zeros(len(x), bool),
-             "middle": np.zeros(len(x), bool)}
+             "middle": np.zeros(len(x), bool), "mirrored": np.zeros(len(x), bool)}
     steps = {"u_n": -opening, "slip": 0 * x, "sigma_n": -pressure, "sigma_t": 0 * x,
              "status": np.where(closed, STICK, OPEN), "work": 0 * x}
     return nodes, {name: more.get(name, value)[None]
@@ -51,17 +51,65 @@ def declared(friction=""):
 
 
 def test_what_nodes_leave_open():
-    """Half of the edge to a clamped node, beyond the last one in contact; slip by what it differs
-    from that of the next node in contact, the open one left out.
+    """Half of the edge to a clamped node, beyond the last one in contact; a part of the edge in
+    which contact ends, or in which pressure falls to less than half at the boundary's end; slip by
+    what it differs from that of the next node in contact, the open one left out.
     """
     x = np.arange(7.0)
     closed = np.array([False, True, True, True, True, True, True])
     slip = np.array([9.0, 1.0, 1.0, 1.0, 1.0, 2.5, 4.0])
     nodes, steps = line(x, closed, 1.0 * closed, 1.0 * ~closed, slip=slip,
                         status=np.where(closed, SLIP, OPEN))
-    assert q.between_nodes(nodes, steps, 0) == {"contact_length": 0.0, "slip": 1.5}
+    assert touch.between_nodes(nodes, steps, 0) == {"contact_length": touch.EDGE, "slip": 1.5}
     nodes["weight"][-1] += 0.4  # half of an edge of 0.8 to a clamped node
-    assert q.between_nodes(nodes, steps, 0)["contact_length"] == pytest.approx(0.4)
+    assert touch.between_nodes(nodes, steps, 0)["contact_length"] == pytest.approx(0.4)
+    nodes, steps = line(x, x >= 0, np.array([1.0, 1, 1, 1, 1, 1, 0.25]), 0 * x)
+    found = touch.between_nodes(nodes, steps, 0)["contact_length"]
+    assert found == pytest.approx(touch.EDGE * 0.75 * touch.FEW / 7)
+    nodes["mirrored"][-1] = True  # pressure goes on beyond the plane of symmetry
+    assert touch.between_nodes(nodes, steps, 0)["contact_length"] == 0.0
+
+
+def test_contact_that_is_dragged_along():
+    """All nodes slide and one way; not where one sticks, nor where they part."""
+    x = np.arange(6.0)
+    for shear, status, dragged in ((np.ones(6), [SLIP] * 6, True),
+                                   (np.ones(6), [SLIP] * 5 + [STICK], False),
+                                   (np.array([1, 1, 1, 1, -1, -1]), [SLIP] * 6, False)):
+        found = touch.Touch.of(*line(x, x >= 0, 1 + 0 * x, 0 * x, sigma_t=shear,
+                                     status=np.array(status)), 0, 0)
+        assert found.nodes == 6 and found.dragged == dragged
+
+
+def test_pressures_at_ends_of_contact_may_be_infinite():
+    """Also where the end node's pressure, which exceeds the others, is continued from inside; in a
+    plane of symmetry unless the node beside it rubs.
+    """
+    x, pressure = np.arange(6.0), np.array([1.0, 1, 1, 1, 1.5, 4])
+    nodes, steps = line(x, x >= 0, pressure, 0 * x)
+    assert q.traction(nodes, pressure, np.arange(6))[-1] == 2.0
+    assert q.singular_places(nodes, steps, 0) == ("peak_pressure",)
+    nodes["mirrored"][-1] = True
+    assert q.singular_places(nodes, steps, 0) == ()
+    nodes, steps = line(x, x >= 0, pressure, 0 * x, sigma_t=0.3 * pressure,
+                        status=np.array([STICK] * 4 + [SLIP] * 2))
+    nodes["mirrored"][-1] = True
+    assert q.singular_places(nodes, steps, 0) == ("peak_pressure",)
+
+
+def test_a_node_of_another_boundary_says_nothing_of_the_largest_slip():
+    """The last node of one has slid farthest, the first of the other, the next in number, not."""
+    x = np.arange(6.0)
+    slip = np.array([0.0, 1.0, 2.0, 9.0, 0.5, 0.0])
+    nodes, steps = line(x, x >= 0, 1.0 + x, 0 * x, slip=slip, status=np.full(6, SLIP))
+    nodes["chain"] = np.array([1, 1, 1, 1, 2, 2])
+    assert q.between_nodes(nodes, steps, 0)["slip"] == pytest.approx(7.0)
+    steps["slip"] = np.array([[0.0, 1.0, 2.0, 0.4, 9.0, 3.0]])
+    assert q.between_nodes(nodes, steps, 0)["slip"] == pytest.approx(6.0)
+    steps["status"][0, 4:] = OPEN, OPEN
+    steps["status"] = np.vstack([np.full((1, 6), SLIP), steps["status"]])
+    steps["slip"] = np.vstack([steps["slip"], 0 * steps["slip"]])
+    assert q.between_nodes(nodes, steps, 1)["slip"] == 0.0  # where it was it is no longer closed
 
 
 @pytest.mark.parametrize("shift", np.linspace(0, 0.9, 7))
@@ -75,6 +123,17 @@ def test_contact_length_and_peak_lie_between_nodes(shift):
         # the parabola through three points of p0 (1 - (x/a)^2/2 - (x/a)^4/8): fourth order
         assert abs(found["peak_pressure"] / P0 - 1) < (h / A) ** 4
         assert found["normal_resultant"] == pytest.approx(np.pi * A * P0 / 2, rel=(h / A) ** 1.5)
+
+
+def test_a_peak_is_that_of_a_parabola_unless_contact_ends_beside_it():
+    """Exact of a parabola on any three nodes; a node beside which nothing presses, or the last one
+    of a boundary, has the peak itself.
+    """
+    x = np.array([-0.7, 0.1, 0.4, 2.0])
+    assert q.peak(x, 3.0 - (x - 0.3)**2) == pytest.approx(3.0, rel=1e-14)
+    assert q.peak(x, np.array([0.0, 2.0, 1.9, 0.5])) == 2.0
+    assert q.peak(x, np.array([1.0, 2.0, 1.9, 0.5])) > 2.0
+    assert q.peak(x, np.array([3.0, 2.9, 1.0, 0.0])) == 3.0 == q.peak(-x, np.array([0, 1, 2, 3.0]))
 
 
 def test_edges_on_clamped_nodes_and_ends_of_the_boundary():

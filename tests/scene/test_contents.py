@@ -37,3 +37,20 @@ def test_sums_mean_what_they_mean_in_parentheses(solved, tmp_path, declared):
     assert np.abs(tables[0]["sigma_n"]).max() > 0.1
     for column in ("gap", "u_n", "u_t", "sigma_n", "sigma_t"):
         np.testing.assert_array_equal(tables[0][column], tables[1][column])
+
+
+@pytest.mark.parametrize("cut", ["2x1", "3"])
+def test_where_a_rectangle_lies_does_not_matter(solved, tmp_path, cut):
+    """The same cells, triangles and forces at any place, whatever the signs of its corners."""
+    forces = []
+    for k, (x, y) in enumerate([(0, 0), (-7, 5)]):
+        path = tmp_path / f"at{k}.edp"
+        path.write_text(BLOCK.replace("rectangle(0., 2., 0., 1.)",
+                                      f"rectangle({x}., {x + 2}., {y}., {y + 1}.)")
+                        + MATERIAL + 'include "export.idp"\n')
+        run = solved(path, subdomains=cut, cells=3, steps=1, rtol=1e-10)
+        place = np.argsort(run.contact["x"][0])
+        forces.append(run.contact["sigma_n"][-1, place])
+    assert len(forces[0]) > 6
+    for other in forces[1:]:
+        np.testing.assert_allclose(other, forces[0], rtol=1e-6)

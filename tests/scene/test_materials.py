@@ -1,5 +1,6 @@
 """Materials body by body: bodyMaterial against young and poisson by region, and misuse."""
 
+import numpy as np
 import pytest
 
 # two squares side by side, unlike ones, pulled apart by different forces: plane stress bars
@@ -62,3 +63,32 @@ def test_regions_still_give_materials(solved, changed, tmp_path):
 def test_misuse_is_refused_in_one_line(solved, changed, old, new, reason):
     run = solved(changed(old, new))
     assert run.status == 2 and reason in run.reason
+
+
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_a_directed_material_is_strained_by_its_own_law(solved, tmp_path, element):
+    """Patch test: displacements of a uniform strain e on two sides and the tractions of s = C e on
+    the others give it everywhere; C is any positive matrix in which nothing is zero.
+    """
+    C = np.array([[9.0, 2.0, 1.0], [2.0, 5.0, -1.5], [1.0, -1.5, 4.0]])
+    a, b, c, d = 0.01, -0.03, 0.02, 0.04  # u = (a x + b y, c x + d y)
+    s11, s22, s12 = C @ [a, d, b + c]
+    entries = "\n".join(f"macro c{i + 1}{j + 1}() {C[i, j]} //"
+                        for i, j in zip(*np.triu_indices(3)))
+    path = tmp_path / "directed.edp"
+    path.write_text(f"""include "scene.idp"
+subdomains("2");
+rectangle(0., 2., 0., 1.);
+{entries}
+func real ux(real p, real q) {{ return {a}*p + ({b})*q; }}
+func real uy(real p, real q) {{ return {c}*p + {d}*q; }}
+macro displacement1() on(1, 4, u1 = ux(x, y), u2 = uy(x, y)) //
+macro load1() traction(2, {s11}, {s12}) + traction(3, {s12}, {s22}) //
+macro probePoints() [2., 1., 1.3, 0.6] //
+include "export.idp"
+""")
+    run = solved(path, element=element, cells=3, rtol=1e-12)
+    assert run.status == 0, run.reason
+    for probe, (x, y) in zip(run.summary["probes"], [(2, 1), (1.3, 0.6)]):
+        expected = [a * x + b * y, c * x + d * y]
+        assert [probe["u_x"], probe["u_y"]] == pytest.approx(expected, rel=1e-8)

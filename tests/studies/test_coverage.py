@@ -1,12 +1,14 @@
 """make accuracy PART=coverage: how claims are judged, and that they hold in 95 of 100 cases."""
 
 import csv
+import shutil
 import statistics
 
 import pytest
 
 from driver.environment import ROOT
 from driver.errors import InputError
+from driver.figures import coverage as coverage_figure, prices as prices_figure
 from driver.studies.accuracy import coverage, run_accuracy
 
 REFERENCE = ROOT / "results" / "reference" / "coverage.csv"
@@ -32,6 +34,14 @@ def check(rows):
 
 def test_the_reference_table_meets_the_aims():
     check(read(REFERENCE))
+
+
+@pytest.mark.parametrize("name, figure", [("coverage", coverage_figure), ("prices", prices_figure)])
+def test_pictures_of_the_reference_are_those_of_its_tables(tmp_path, name, figure):
+    shutil.copy(REFERENCE.with_name(f"{name}.csv"), tmp_path)
+    figure.draw(tmp_path / f"{name}.csv")
+    drawn = (tmp_path / f"{name}.png").read_bytes()
+    assert drawn == REFERENCE.with_name(f"{name}.png").read_bytes()
 
 
 @pytest.mark.slow  # 81 runs and their references: minutes

@@ -3,8 +3,8 @@
 `sweeps` plans and runs, `reference` says what the quantities are, `cheapest` judges the runs. Some
 more parts have scenes of their own: `locking`, elements near incompressibility, `curved`, sides of
 elements that follow curved boundaries, `stopping`, tolerances from the error budget, `coverage`,
-whether claimed errors hold, `prices`, whether what the next digit is said to take holds, and
-`requests`, whether ACCURACY keeps its word.
+whether claimed errors hold, `prices`, whether what the next digit is said to take holds,
+`requests`, whether ACCURACY keeps its word, and `handpicked`, what it takes over settings by hand.
 """
 
 from pathlib import Path
@@ -14,7 +14,8 @@ from ...errors import InputError
 from ...runs.guard import study_folder
 
 UNREAD = {"sweeps": ("rows",), "locking": ("rows", "scene"), "curved": ("rows", "scene"),
-          "stopping": ("scene",), "coverage": ("rows",), "prices": ("rows",), "requests": ("rows",)}
+          "stopping": ("scene",), "coverage": ("rows",), "prices": ("rows",), "requests": ("rows",),
+          "handpicked": ("rows",)}
 
 
 def run_accuracy(pairs: dict[str, str]) -> list[Path]:
@@ -45,6 +46,10 @@ def run_accuracy(pairs: dict[str, str]) -> list[Path]:
         from .requests import run_requests
 
         return run_requests(out, given["scene"])
+    if part == "handpicked":
+        from .handpicked import run_handpicked
+
+        return run_handpicked(out, given["scene"])
     if part == "curved":
         from .curved import run_curved
 

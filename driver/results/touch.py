@@ -1,0 +1,73 @@
+"""How nodes touch in a step: what they leave open of quantities, whatever meshes say."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..contact.states import OPEN, SLIP
+from .quantities import beyond_ends, chains, farthest_node, is_ring, moves
+
+FEW = 6  # nodes in contact, among which the next may differ by all of a quantity's error
+EDGE = 0.3  # of an edge in which contact ends: what is open of the place
+FALLS = 0.6  # pressure at an end of the boundary over the next: below it contact may end before
+ONE_WAY = 0.9  # of all friction, if it has one direction
+
+
+@dataclass(frozen=True)
+class Touch:
+    """Contact in a step, as far as errors of quantities depend on it."""
+
+    nodes: int = 0  # that touch
+    round: int = 0  # how many press, if some of them belong to a boundary whose normals vary
+    dragged: bool = False  # all that touch slide, and one way
+    open: dict = None  # what nodes leave open by quantity
+
+    @classmethod
+    def of(cls, nodes: dict, steps: dict, index: int, pressing_round: int) -> "Touch":
+        """`nodes` and `steps` as of quantities.py."""
+        closed = steps["status"][index] != OPEN
+        sliding = (steps["status"][index] == SLIP)[closed].all()
+        force = steps["sigma_t"][index] * nodes["weight"]
+        one_way = abs(force.sum()) > ONE_WAY * np.abs(force).sum()
+        return cls(int(closed.sum()), pressing_round, bool(sliding and one_way),
+                   between_nodes(nodes, steps, index))
+
+
+def between_nodes(nodes: dict, steps: dict, index: int) -> dict[str, float]:
+    """What nodes leave open of the contact length and of slip at step `index`, whatever meshes say.
+
+    Beside a clamped node contact may be lost between it and a closed one, over half of the edge.
+    Where contact ends between two nodes the place is known to a part of the edge, and where
+    pressure falls steeply towards an end of the boundary contact may end before it. The largest
+    slip may be elsewhere by as much as it differs from that of the next nodes in contact. All but
+    the first where FEW nodes are in contact; where there are more by less in proportion.
+    """
+    closed, clamped, edges, apart = steps["status"][index] != OPEN, 0.0, [], 0.0
+    sliding = steps["status"][: index + 1] == SLIP
+    way = np.where(sliding, moves(steps)[: index + 1], 0.0).sum(axis=0)
+    top = farthest_node(steps, index)
+    for piece in chains(nodes):
+        if len(piece) > 1:
+            edges += _ends(nodes, piece, closed[piece], -steps["sigma_n"][index][piece])
+            if not is_ring(nodes, piece):
+                clamped += float(beyond_ends(nodes, piece) @ closed[piece[[0, -1]]]) / 2
+        near = piece[(np.abs(piece - top) <= 1) & closed[piece]]
+        if top in piece and len(near):
+            apart = float(np.abs(way[near] - way[top]).max())
+            apart *= min(1.0, FEW / np.count_nonzero(closed[piece]))
+    share = min(1.0, FEW / max(1, np.count_nonzero(closed)))
+    ends = EDGE * share * float(np.linalg.norm(edges))
+    return {"contact_length": max(clamped, ends), "slip": apart}
+
+
+def _ends(nodes: dict, piece: np.ndarray, closed: np.ndarray, pressure: np.ndarray) -> list[float]:
+    """Lengths of the element sides of a piece in which contact ends, or may do so."""
+    side = np.diff(nodes["arc"][piece]) * (2 if nodes["middle"].any() else 1)
+    ends = [*side[closed[1:] != closed[:-1]]]
+    if is_ring(nodes, piece):
+        return ends
+    for end, near in ((0, 1), (-1, -2)):
+        mirrored = nodes["mirrored"][piece[end]]
+        if closed[end] and not mirrored and pressure[end] < FALLS * pressure[near]:
+            ends.append(side[end] * (1 - max(pressure[end], 0.0) / pressure[near]))
+    return ends

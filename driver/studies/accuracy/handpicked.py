@@ -1,0 +1,143 @@
+"""make accuracy PART=handpicked [SCENE=] [OUT=]: what ACCURACY takes, over the best settings by hand.
+
+Each scene runs on uniform meshes of linear and quadratic elements, coarse to fine, each with fewer
+and more steps, without error estimates: whoever picks settings by hand does not know what they err
+by. Of the runs that can be trusted with an accuracy (none at least as fine errs by more) the one
+with the least processor time is the best by hand. ACCURACY is asked for the same, and its time
+divided by that. Times are user seconds of the process and its children, which other work on the
+machine changes little. The aim: at most three times as long.
+"""
+
+import math
+import os
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+
+from ...errors import DriverError
+from ...estimates.budget import mesh_knob
+from ...runs.run import Run, execute
+from ...scene import freefem
+from ...text import assignments, percent, words
+from . import coverage
+from .coverage import Case
+from .prices import RUNS, first_cases
+from .requests import ASKED
+
+SCENES = ("model", "hertz", "hertz-bodies", "stack", "wedge", "pressfit")
+NAMES = ("normal_resultant", "slip", "displacement")  # those that a scene has
+MESHES = {"P1": (0.125, 0.25, 0.5, 1, 2, 4), "P2": (0.125, 0.25, 0.5, 1)}  # times as fine
+STEPS = (0.25, 1, 2)  # times as many
+MOST = 3.0
+COLUMNS = ("scene", "quantity", "asked", "status", "seconds", "by_hand", "ratio", "within", "true",
+           "trusted", "settings", "reason")
+
+
+@dataclass
+class Pick:
+    """A run with settings by hand."""
+
+    settings: dict
+    fineness: float
+    steps: float
+    seconds: float
+    values: dict
+
+    def tighter(self, other: "Pick") -> bool:
+        """Whether this is at least as fine in all."""
+        same = self.settings.get("element") == other.settings.get("element")
+        return same and self.fineness >= other.fineness and self.steps >= other.steps
+
+
+def run_handpicked(out: Path, scene: str | None) -> list[Path]:
+    """Compare all scenes, or `scene`; make the table in `out`.
+
+    Raises InputError if the study has no such scene.
+    """
+    cases = coverage.chosen([case for case in first_cases() if case.scene in SCENES], scene)
+    table = out / "handpicked.csv"
+    for row in coverage.judged(cases, judge, describe, table, COLUMNS):
+        if row["within"] == "no":
+            print(f"  {row['scene']} {words(row['quantity'])} to {percent(row['asked'])}: "
+                  f"{row['seconds']:.2g} s, by hand {row['by_hand']:.2g} s ({row['settings']})")
+    return [table]
+
+
+def judge(case: Case, out: Path) -> list[dict]:
+    """Rows of the table: some quantities of a scene at every accuracy."""
+    _, finest = coverage.references(case, out)
+    picks, rows = _picks(case, out), []
+    for name in (name for name in NAMES if name in finest):
+        reference = case.exact.get(name, finest[name])
+        for asked in ASKED if reference else ():
+            row = {"scene": case.scene, "quantity": name, "asked": asked,
+                   **_asked(case, name, asked, reference, out)}
+            rows.append(row | compared(row, picks, name, asked, reference))
+    return rows
+
+
+def _picks(case: Case, out: Path) -> list[Pick]:
+    """All runs by hand that converge."""
+    base, picks = RUNS[case.scene], []
+    knob = mesh_knob(base)
+    steps = STEPS if "steps" in base else (1,)
+    for element, more in product(MESHES, steps):
+        for fineness in MESHES[element]:
+            size = base[knob] / fineness if knob == "h" else max(1, round(base[knob] * fineness))
+            settings = {knob: size, **({} if element == "P1" else {"element": element}),
+                        **({"steps": max(1, round(more * base["steps"]))} if "steps" in base
+                           else {})}
+            begun = user_seconds()
+            summary = coverage.summary_of(case, {**settings, "errors": "no"}, out)
+            if summary:
+                picks.append(Pick(settings, fineness, more, user_seconds() - begun,
+                                  summary["quantities"]))
+    return picks
+
+
+def _asked(case: Case, name: str, asked: float, reference: float, out: Path) -> dict:
+    """ACCURACY for a quantity: status, seconds and true error."""
+    begun, place = user_seconds(), out / ".asked"
+    row = {"status": 0, "reason": ""}
+    try:
+        summary = execute(Run.from_pairs({
+            "figures": "no", "fields": "no", "quiet": "yes", "errors": "no", "out": str(place),
+            **{key: str(value) for key, value in case.common.items()}, "resume": "no",
+            "scene": str(freefem.find_scene(case.scene)), "accuracy": f"{asked},{name}"}))
+        row["true"] = abs(summary["quantities"][name] / reference - 1)
+    except DriverError as refusal:
+        row |= {"status": refusal.exit_status, "reason": str(refusal).split("; partial")[0]}
+    return row | {"seconds": user_seconds() - begun}
+
+
+def compared(row: dict, picks: list[Pick], name: str, asked: float, reference: float) -> dict:
+    """The best of `picks` for an accuracy, and what ACCURACY took (`row`) over it."""
+    def error(pick):
+        return abs(pick.values[name] / reference - 1)
+
+    trusted = {id(pick): max(error(other) for other in picks if other.tighter(pick))
+               for pick in picks}
+    best = min((pick for pick in picks if trusted[id(pick)] <= asked),
+               key=lambda pick: pick.seconds, default=None)
+    if best is None or row["status"]:
+        return {"within": ""}
+    ratio = row["seconds"] / best.seconds
+    return {"by_hand": best.seconds, "ratio": ratio, "within": "yes" if ratio <= MOST else "no",
+            "trusted": trusted[id(best)], "settings": assignments(best.settings)}
+
+
+def user_seconds() -> float:
+    """User seconds of this process and of its children that have ended."""
+    times = os.times()
+    return times.user + times.children_user
+
+
+def describe(rows: list[dict]) -> str:
+    """How ACCURACY compares, in a sentence."""
+    judged = [row for row in rows if row["within"]]
+    if not judged:
+        return "nothing to compare"
+    mean = math.exp(sum(math.log(row["ratio"]) for row in judged) / len(judged))
+    within = sum(row["within"] == "yes" for row in judged)
+    return (f"{within} of {len(judged)} requests within {MOST:g} times the best by hand, "
+            f"{mean:.2g} times in the mean, {max(row['ratio'] for row in judged):.2g} at most")

@@ -1,0 +1,68 @@
+"""Vertices with two contact nodes: which rows depend on one another, and what is beside them."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from driver.contact.beside import beside
+from driver.contact.corner_pairs import corner_pairs
+
+X, Y = [1.0, 0.0], [0.0, 1.0]
+NONE, FIXED_X = np.empty(0, int), np.array([2 * 4])
+
+
+def vertex(normals, friction: bool, others=()) -> SimpleNamespace:
+    """Contact nodes with `normals` at the vertex 4; `others`: (node, gid, value) of paired bodies.
+    """
+    normal, n = np.array(normals), len(normals)
+    terms = [(k, 4, 1.0) for k in range(n)] + list(others)
+    contact = SimpleNamespace(
+        gid=np.full(n, 4), xy=np.zeros((n, 2)), normal=normal, normal_row=np.arange(n),
+        tangent=np.column_stack([-normal[:, 1], normal[:, 0]]), paired=np.full(n, bool(others)),
+        tangential_row=n + np.arange(n) if friction else np.full(n, -1))
+    contact.term_node, contact.term_gid, contact.term_value = map(np.array, zip(*terms))
+    contact.declared = contact
+    return contact
+
+
+@pytest.mark.parametrize("normals, friction, fixed, expected", [
+    # a displacement has two components, so that two conditions are independent, four are not
+    ([X, Y], False, NONE, []),
+    ([X, Y], True, NONE, [(0, 1, 2, 1)]),
+    # along the one component that a support leaves free everything depends on everything
+    ([X, Y], True, FIXED_X, [(0, 1, 1, 1)]),
+    ([[0.6, 0.8], Y], False, FIXED_X, [(0, 1, 1, 1)]),
+    # between two obstacles that face one another one acts at a time
+    ([X, [-1.0, 0.0]], False, NONE, [(0, 1, 1, 1)]),
+    ([X, [-1.0, 0.0]], True, NONE, [(0, 1, 1, 1)]),
+    ([X], True, NONE, [])])
+def test_two_conditions_on_what_can_move(normals, friction, fixed, expected):
+    found = corner_pairs(vertex(normals, friction), fixed)
+    assert found.tolist() == [list(pair) for pair in expected]
+
+
+def test_between_bodies_rows_depend_nearly():
+    """Both nodes see the other body's vertex 9, with a gap a little of vertex 8 as well: rows of
+    four displacements that nearly are those of two.
+    """
+    across = [(0, 9, -1.0), (1, 9, -1.0)]
+    assert corner_pairs(vertex([X, Y], True, across), NONE).tolist() == [[0, 1, 2, 1]]
+    nearly = [(0, 9, -0.97), (0, 8, -0.03), (1, 9, -1.0)]
+    assert corner_pairs(vertex([X, Y], True, nearly), NONE).tolist() == [[0, 1, 2, 0]]
+    # faced by different parts of the other body they are conditions of their own
+    assert corner_pairs(vertex([X, Y], True, [(0, 9, -1.0), (1, 8, -1.0)]), NONE).tolist() == []
+
+
+def test_the_nodes_beside_a_corner_are_the_next_of_its_own_flanks():
+    """Two flanks, nodes 0 to 2 and 3 to 5 with the corner in 2 and 3, and one that ends there."""
+    contact = SimpleNamespace(
+        xy=np.array([[-2, 0], [-0.5, 0], [0, 0], [0, 0], [0, 1], [0, 3], [0.1, 3]], float),
+        chain=np.array([0, 0, 0, 1, 1, 1, 2]), family=np.array([1, 1, 1, 1, 1, 1, 1]),
+        paired=np.ones(7, bool), normal_row=10 * np.arange(7),
+        tangential_row=10 * np.arange(7) + 5, weight=np.array([1.0, 2, 4, 8, 16, 32, 64]))
+    found = beside(contact, np.array([[2, 3], [3, 6], [5, 2]]), lambda rows: rows)
+    assert found.known.tolist() == [True, False, True]
+    assert found.rows[0].tolist() == [[10, 15], [40, 45]]
+    assert found.rows[2].tolist() == [[40, 45], [10, 15]]
+    assert found.ratio[0].tolist() == [2, 0.5] and found.ratio[2].tolist() == [2, 2]

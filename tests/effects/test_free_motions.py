@@ -1,0 +1,21 @@
+"""Rigid motions that nothing determines: the least one that contact and friction allow."""
+
+import numpy as np
+import pytest
+
+from driver.effects.free_bodies import _least
+
+
+@pytest.mark.parametrize("unit", [1e-9, 1.0, 1e9])
+def test_a_body_moves_least_whatever_the_unit_of_its_motions(unit):
+    """Two shifts and a turn; a row holds the second shift, one lets the first go by 0.3 at most."""
+    held, limited, aim = np.array([[0.0, 1.0, 0.0]]), np.array([[1.0, 0.0, 0.0]]), [0.5, -2.0, 0.1]
+    found = _least(unit * held, unit * limited, unit * np.array([0.3]), np.array(aim))
+    np.testing.assert_allclose(found, [0.3, 0.0, 0.1], atol=1e-9)
+    # rows that feel a motion by less than a thousandth of a per cent do not hold it
+    faint = np.vstack([held, [[0.0, 0.0, 1e-6]]])
+    found = _least(unit * faint, unit * limited, unit * np.array([0.6]), np.array(aim))
+    np.testing.assert_allclose(found, [0.5, 0.0, 0.1], atol=1e-9)
+    # nor is there a motion where all are held
+    found = _least(unit * np.eye(3), unit * limited, unit * np.array([0.3]), np.array(aim))
+    np.testing.assert_allclose(found, 0.0, atol=1e-9)

@@ -1,0 +1,97 @@
+"""How far coarser meshes are trusted: by element, material, contact and adjoint problems."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from driver.estimates import caution
+from driver.estimates.adjoint import Sizes
+from driver.estimates.budget import PAIR, SAFETY
+from driver.estimates.caution import Caution
+from driver.results.touch import Touch
+
+NONE = Touch(open={})
+
+
+def of(values, **more):
+    """Parts from the values of a run and its companions, by name, on meshes twice as coarse each.
+    """
+    runs = [dict(zip(values, column)) for column in zip(*values.values())]
+    return Caution(**{"element": "P1", "touch": NONE, **more}).parts(
+        runs[0], list(zip(runs, runs[1:])), [2.0] * (len(runs) - 1), ())
+
+
+def power(order, count=3):
+    return 3.0 + 0.7 * np.array([0.1, 0.2, 0.4])[:count] ** order
+
+
+def problem(poisson, element="P1", effects=(), plane="strain"):
+    """Two subdomains of one material."""
+    mu, lame = 1.0, 2 * poisson / (1 - 2 * poisson)
+    if plane == "stress":
+        lame = 2 * poisson / (1 - poisson)
+    law = np.array([[[lame + 2 * mu, lame, 0], [lame, lame + 2 * mu, 0], [0, 0, mu]]])
+    return SimpleNamespace(manifest=SimpleNamespace(element=element), effects=effects,
+                           operator=SimpleNamespace(comm=MPI.COMM_SELF),
+                           structure=SimpleNamespace(subdomains=2 * [
+                               SimpleNamespace(elasticity=law)]))
+
+
+def test_linear_elements_in_what_keeps_its_volume_are_trusted_less():
+    """By the root of lambda / mu; quadratic elements and plane stress are not stiffer."""
+    assert Caution.of(problem(0.3), NONE, {}).factor == 1.0
+    assert Caution.of(problem(0.45), NONE, {}).factor == pytest.approx(np.sqrt(9 / 2))
+    assert Caution.of(problem(0.49, "P2"), NONE, {}).factor == 1.0
+    assert Caution.of(problem(0.45, plane="stress"), NONE, {}).factor == 1.0
+    rough = Caution.of(problem(0.3), NONE, {}, energy=0.45)
+    assert rough.factor == pytest.approx(1 + caution.STEEP * 0.2)
+    plain = of({"slip": power(1.0)})["slip"].error
+    assert of({"slip": power(1.0)}, factor=rough.factor)["slip"].error > 1.3 * plain
+
+
+def test_chords_of_a_round_boundary_are_of_second_order():
+    """A third order is chance there, and adjoint problems see nothing of the polygon's error."""
+    round_, declared = Touch(round=9, open={}), ("curved",)
+    chords = Caution.of(problem(0.3, "P2"), round_, {})
+    assert chords.chords and not Caution.of(problem(0.3, "P2", declared), round_, {}).chords
+    assert not Caution.of(problem(0.3), round_, {}).chords
+    values, small = {"displacement": power(3.0)}, {"displacement": Sizes(1e-9, 1e-4, 1e-9)}
+    free = of(values, element="P2", sizes=small)["displacement"].error
+    error = of(values, element="P2", sizes=small, chords=True)["displacement"].error
+    assert free == pytest.approx(4e-4) and error > 1.5 * 0.7 * 0.1**3 and error > 2 * free
+
+
+def test_resultants_that_no_adjoint_problem_holds_are_trusted_less():
+    values = {"displacement": power(1.0)}
+    known = {"displacement": Sizes(1e-3, 1.0, 1.0)}
+    assert of(values)["displacement"].error == pytest.approx(SAFETY * 0.07)
+    assert of(values, sizes=known)["displacement"].error < 0.7 * SAFETY * 0.07
+
+
+def test_two_meshes_of_elements_that_converge_fast():
+    """Quadratic ones and cycles of refinement are taken for second order, but for places between
+    nodes."""
+    values = {name: power(1.0, 2) for name in ("slip", "contact_length")}
+    change = 0.07
+    for more, part in (({}, 1.0), ({"element": "P2"}, 1 / 3), ({"adapted": True}, 1 / 3)):
+        found = of(values, **more)
+        assert found["slip"].error == pytest.approx(PAIR * change * part)
+        assert found["contact_length"].error == pytest.approx(PAIR * change)
+
+
+def test_friction_at_its_bound_is_not_sure_where_sliding_is_not():
+    """All meshes slide: they agree on the force, which a finer one may not have."""
+    values = {"tangential_resultant": [-5.0, -5.001, -5.002], "slip": [0.1, 0.3, 0.7]}
+    for dragged in (True, False):
+        found = of(values, touch=Touch(nodes=9, dragged=dragged, open={}))
+        assert (found["tangential_resultant"].error >= 5.0) == dragged
+    values["slip"] = [0.1, 0.101, 0.103]
+    found = of(values, touch=Touch(nodes=9, dragged=True, open={}))
+    assert found["tangential_resultant"].error < 0.01
+
+
+def test_no_less_is_claimed_than_nodes_leave_open():
+    touch = Touch(nodes=9, open={"contact_length": 0.5})
+    assert of({"contact_length": power(2.0)}, touch=touch)["contact_length"].error == 0.5

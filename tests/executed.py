@@ -1,0 +1,174 @@
+"""Which tests execute which lines of the numerical packages: a plugin of pytest for `mutants`.
+
+    EXECUTED=part.json python3 -m pytest -p executed tests/qp
+
+What a fixture or a factory of `conftest` (`SHARED`) executes counts for all tests that use it, not
+for the first alone. Left out is what other processes execute; of FreeFEM's processes it is known
+which files they read. The result is {"tests": {name: CPU seconds of its own and of all else that it
+needs}, "lines": {file: {text of a line: tests as bits of a hexadecimal number}}}; FreeFEM's files
+have one text, "". Texts rather than numbers find a line again where others have changed. Tests that
+fail are left out.
+"""
+
+import json
+import os
+import resource
+from collections import defaultdict
+from pathlib import Path
+
+import coverage
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGES = ("qp", "feti", "contact", "effects", "march", "results", "estimates")
+LIBRARY = sorted((ROOT / "edp" / "lib").rglob("*.idp"))
+SHARED = ("once", "exported", "built", "solved", "loaded")
+
+
+class Contexts:
+    """What is executed on behalf of what: a stack of names, lines and seconds of each."""
+
+    def __init__(self):
+        self.stack, self.uses = ["none"], defaultdict(set)
+        self.seconds, self.read = defaultdict(float), defaultdict(set)
+        self.tests, self.failed, self.clock = [], set(), _seconds()
+        self.coverage = coverage.Coverage(
+            data_file=None, config_file=False,
+            source=[str(ROOT / "driver" / name) for name in PACKAGES])
+        self.coverage.start()
+        self.coverage.switch_context("none")
+
+    def _credit(self) -> None:
+        now = _seconds()
+        self.seconds[self.stack[-1]] += now - self.clock
+        self.clock = now
+
+    def enter(self, name: str) -> None:
+        """What follows is on behalf of `name`, which the one before uses."""
+        self._credit()
+        self.uses[self.stack[-1]].add(name)
+        self.stack.append(name)
+        self.coverage.switch_context(name)
+
+    def leave(self) -> None:
+        """Back to the one before."""
+        self._credit()
+        self.stack.pop()
+        self.coverage.switch_context(self.stack[-1])
+
+    def needed(self, name: str, seen=None) -> set:
+        """`name` and all that it uses."""
+        seen = {name} if seen is None else seen
+        for other in self.uses[name] - seen:
+            seen.add(other)
+            self.needed(other, seen)
+        return seen
+
+    def table(self) -> dict:
+        """The result, see above."""
+        self.coverage.stop()
+        tests, bits = {}, defaultdict(int)  # tests by context
+        for k, test in enumerate(test for test in self.tests if test not in self.failed):
+            needed = sorted(self.needed(test) - {test})
+            tests[test] = {name: round(self.seconds[name], 3) for name in [test, *needed]}
+            for name in tests[test]:
+                bits[name] |= 1 << k
+        lines, data = {}, self.coverage.get_data()
+        for file in sorted(data.measured_files()):
+            texts, by = Path(file).read_text().split("\n"), defaultdict(int)
+            for line, names in data.contexts_by_lineno(file).items():
+                by[texts[line - 1].strip()] |= union(bits[name] for name in names)
+            lines[str(Path(file).relative_to(ROOT))] = {text: f"{one:x}" for text, one in by.items()}
+        for path in LIBRARY:
+            by = union(bits[name] for name, files in self.read.items() if path in files)
+            lines[str(path.relative_to(ROOT))] = {"": f"{by:x}"}
+        return {"tests": tests, "lines": lines}
+
+
+def union(numbers) -> int:
+    """Bits of any of the numbers."""
+    total = 0
+    for number in numbers:
+        total |= number
+    return total
+
+
+def _seconds() -> float:
+    """CPU seconds of this process and its children."""
+    spent = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(one.ru_utime + one.ru_stime for one in spent)
+
+
+contexts = Contexts()
+
+
+def _follow_freefem() -> None:
+    """Note which files of the library processes of FreeFEM read, by the times of access."""
+    from driver import environment
+
+    run_child = environment.run_child
+
+    def run(*words, **options):
+        for path in LIBRARY:
+            os.utime(path, ns=(0, path.stat().st_mtime_ns))
+        try:
+            return run_child(*words, **options)
+        finally:
+            contexts.read[contexts.stack[-1]] |= {path for path in LIBRARY
+                                                  if path.stat().st_atime_ns > 0}
+
+    environment.run_child = run
+
+
+def _shared(name: str, function):
+    """`function` on behalf of what it is called with."""
+    def call(*words, **options):
+        contexts.enter(f"{name} {words[name == 'once':]} {sorted(options.items())}")
+        try:
+            return function(*words, **options)
+        finally:
+            contexts.leave()
+
+    return call
+
+
+def pytest_sessionstart():
+    _follow_freefem()
+
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_fixture_setup(fixturedef, request):
+    wide = fixturedef.scope != "function"
+    if wide:
+        contexts.enter(_fixture(fixturedef))
+    outcome = yield
+    if wide:
+        contexts.leave()
+        if fixturedef.argname in SHARED:
+            call = _shared(fixturedef.argname, outcome.get_result())
+            fixturedef.cached_result = (call, *fixturedef.cached_result[1:])
+            outcome.force_result(call)
+
+
+def _fixture(fixturedef) -> str:
+    return f"fixture {fixturedef.baseid} {fixturedef.argname}"
+
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_runtest_protocol(item, nextitem):
+    contexts.tests.append(item.nodeid)
+    contexts.enter(item.nodeid)
+    for fixturedefs in item._fixtureinfo.name2fixturedefs.values():
+        contexts.uses[item.nodeid] |= {_fixture(one) for one in fixturedefs
+                                       if one.scope != "function"}
+    yield
+    contexts.leave()
+
+
+def pytest_runtest_logreport(report):
+    if report.failed:
+        contexts.failed.add(report.nodeid)
+
+
+def pytest_sessionfinish():
+    Path(os.environ["EXECUTED"]).write_text(json.dumps(contexts.table()))
