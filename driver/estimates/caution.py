@@ -11,6 +11,8 @@ Smooth sequences (budget.py) are what meshes give that resolve a solution. They 
 - for order three, where quadratic elements have straight sides on a round boundary: a polygon is of
   second order, and adjoint problems, which smooth stresses, do not see it, so that they hold errors
   from below alone;
+- where pressures are so small beside the mean one as the error in energy is beside the energy, and
+  contact may not be there;
 - where all nodes that touch slide one way and it is not sure that they slide: all meshes then have
   friction at its bound, and agree.
 
@@ -28,9 +30,11 @@ from .budget import (CAUTION, SAFETY, UNBOUNDED, Part, extrapolate, formal_order
 
 LOCKED = 2.0  # lambda / mu (Poisson's ratio 1/3) from which linear elements are too stiff
 ROUGH, STEEP = 0.25, 2.0  # relative error in energy from which caution grows, and how fast
+LENGTH = "contact_length"
 SHEAR_FORCE = "tangential_resultant"
 # integrals, which adjoint problems hold where there are any; others hang on places between nodes
 HELD = ("normal_resultant", SHEAR_FORCE, "displacement")
+LIGHT = 0.25  # of the relative error in energy, and of the mean pressure
 SHEAR = 0.25  # of the square of the relative error in energy times the pressing force
 FAST = 2.0  # their order on two meshes of quadratic elements, or of two cycles
 
@@ -74,6 +78,8 @@ class Caution:
         parts = {name: self._part(name, [fine[name] - coarse[name] for fine, coarse in runs],
                                   ratios, value, name in singular)
                  for name, value in values.items()}
+        if LENGTH in values:
+            parts[LENGTH] = located(parts[LENGTH], self.touch.lighter(LIGHT * self.energy))
         if SHEAR_FORCE in values:
             parts[SHEAR_FORCE] = located(parts[SHEAR_FORCE], self._shear(values, parts["slip"]))
         return parts

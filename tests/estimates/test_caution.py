@@ -108,3 +108,11 @@ def test_shear_that_no_adjoint_problem_holds_may_be_that_of_the_mesh():
 def test_no_less_is_claimed_than_nodes_leave_open():
     touch = Touch(nodes=9, open={"contact_length": 0.5})
     assert of({"contact_length": power(2.0)}, touch=touch)["contact_length"].error == 0.5
+
+
+def test_contact_under_little_pressure_may_not_be_there():
+    """All meshes close all nodes; those that carry less than the mesh errs by may be open."""
+    touch = Touch(nodes=4, open={}, pressure=np.array([6.0, 5.0, 1.0, 0.0]), length=np.ones(4))
+    values = {"contact_length": [4.0, 4.0, 4.0]}
+    for energy, open_ in ((0.1, 1.0), (0.8, 1.0), (1.6, 2.0)):
+        assert of(values, touch=touch, energy=energy)["contact_length"].error == open_
