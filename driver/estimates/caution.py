@@ -56,7 +56,7 @@ class Caution:
     element: str
     adapted: bool = False  # meshes are those of cycles of refinement
     chords: bool = False  # straight sides of quadratic elements stand for curves
-    factor: float = 1.0
+    stiff: float = 1.0  # elements beside the material, see `stiffness`
     energy: float = 0.0  # relative error in the energy norm
     touch: Touch = field(default_factory=Touch)
     sizes: dict = field(default_factory=dict)  # of adjoint problems, by quantity
@@ -67,8 +67,7 @@ class Caution:
         """`energy`: relative error in the energy norm. Collective."""
         element = problem.manifest.element
         chords = element != "P1" and touch.round > 0 and "curved" not in problem.effects
-        factor = stiffness(problem) * (1 + STEEP * max(0.0, energy - ROUGH))
-        return cls(element, adapted, chords, factor, energy, touch, sizes)
+        return cls(element, adapted, chords, stiffness(problem), energy, touch, sizes)
 
     def parts(self, values: dict, runs: list, ratios: list[float], singular) -> dict[str, Part]:
         """Part by quantity from pairs of the values of finer and coarser runs, finest first.
@@ -94,8 +93,9 @@ class Caution:
     def _part(self, name: str, changes: list, ratios: list, value: float, singular: bool) -> Part:
         caution = CAUTION[name] if self.sizes or name not in HELD else SAFETY
         fast = (self.element != "P1" or self.adapted) and name in HELD
+        caution *= self.stiff * (1 + STEEP * max(0.0, self.energy - ROUGH))
         part = extrapolate(changes, ratios, formal_order("mesh", self.element, name, self.chords),
-                           value, name not in UNBOUNDED, singular, self.factor * caution,
-                           FAST if fast else 1.0)
-        part = held(name, part, self.sizes.get(name), capped=not self.chords)
+                           value, name not in UNBOUNDED, singular, caution, FAST if fast else 1.0)
+        slack = np.inf if self.chords else self.stiff  # for what smoothed stresses do not see
+        part = held(name, part, self.sizes.get(name), slack)
         return located(part, (self.touch.open or {}).get(name, 0.0))

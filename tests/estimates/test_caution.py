@@ -41,14 +41,21 @@ def problem(poisson, element="P1", effects=(), plane="strain"):
 
 def test_linear_elements_in_what_keeps_its_volume_are_trusted_less():
     """By the root of lambda / mu; quadratic elements and plane stress are not stiffer."""
-    assert Caution.of(problem(0.3), NONE, {}).factor == 1.0
-    assert Caution.of(problem(0.45), NONE, {}).factor == pytest.approx(np.sqrt(9 / 2))
-    assert Caution.of(problem(0.49, "P2"), NONE, {}).factor == 1.0
-    assert Caution.of(problem(0.45, plane="stress"), NONE, {}).factor == 1.0
-    rough = Caution.of(problem(0.3), NONE, {}, energy=0.45)
-    assert rough.factor == pytest.approx(1 + caution.STEEP * 0.2)
+    assert Caution.of(problem(0.3), NONE, {}).stiff == 1.0
+    stiff = Caution.of(problem(0.45), NONE, {}).stiff
+    assert stiff == pytest.approx(np.sqrt(9 / 2))
+    assert Caution.of(problem(0.49, "P2"), NONE, {}).stiff == 1.0
+    assert Caution.of(problem(0.45, plane="stress"), NONE, {}).stiff == 1.0
     plain = of({"slip": power(1.0)})["slip"].error
-    assert of({"slip": power(1.0)}, factor=rough.factor)["slip"].error > 1.3 * plain
+    assert of({"slip": power(1.0)}, stiff=stiff)["slip"].error == pytest.approx(stiff * plain)
+    small = {"slip": Sizes(1e-9, 5e-3, 1e-9)}
+    assert of({"slip": power(1.0)}, sizes=small)["slip"].error == pytest.approx(0.02)
+    assert of({"slip": power(1.0)}, sizes=small, stiff=2.0)["slip"].error == pytest.approx(0.04)
+
+
+def test_rough_meshes_are_trusted_less():
+    plain, rough = (of({"slip": power(1.0)}, energy=e)["slip"].error for e in (0.2, 0.45))
+    assert rough == pytest.approx(plain * (1 + caution.STEEP * (0.45 - caution.ROUGH)))
 
 
 def test_chords_of_a_round_boundary_are_of_second_order():
