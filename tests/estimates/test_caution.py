@@ -78,8 +78,8 @@ def test_resultants_that_no_adjoint_problem_holds_are_trusted_less():
 
 
 def test_two_meshes_of_elements_that_converge_fast():
-    """Of integrals quadratic ones and cycles of refinement are taken for second order, of what hangs
-    on places between nodes for first.
+    """Of integrals quadratic ones and cycles of refinement are taken for second order, of what
+    hangs on places between nodes for first.
     """
     values = {name: power(1.0, 2) for name in ("displacement", "contact_length", "slip")}
     change = 0.07
