@@ -139,7 +139,7 @@ class Alternatives:
 
     def _refined(self, own: Uniform) -> Adaptive | None:
         """Adaptive meshes, from the coarsest mesh of the run's kind."""
-        start = {self.knob: own.sizes[-1]} if len(own.sizes) > 1 else {}
+        start = self.companions.meshes[len(own.sizes) - 1]
         try:
             level, unknowns = self._refine(start)
         except DriverError:

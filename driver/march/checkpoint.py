@@ -23,7 +23,7 @@ from ..environment import ROOT
 from ..files import renamed
 
 NAME = "checkpoint.bin"
-FIELDS = re.compile(r"fields/\w+\.vtu")  # files beside it that a checkpoint may name
+FIELDS = re.compile(r"fields/\w+\.p?vtu")  # files beside it that a checkpoint may name
 END = b"</VTKFile>\n"
 # of the wall time that checkpoints may take: one follows after every step that pays for it
 SHARE = 0.02

@@ -10,6 +10,7 @@ import pytest
 from mpi4py import MPI
 
 from driver.estimates import budget
+from driver.estimates.adjoint import Sizes
 from driver.estimates.budget import name_of
 from driver.estimates.levels import Companions
 from driver.options import Settings
@@ -192,8 +193,8 @@ def touching(nodes=20, **more):
     ({"mesh": 0.1, "norm": 1.0}, touching(round=2), "P1", False)])
 def test_a_mesh_that_does_not_resolve_the_solution_leaves_no_claims_of_contact(energy, touch,
                                                                                element, known):
-    """Differences of such meshes tell nothing; of the displacement an adjoint problem does. Of the
-    resultant it does, unless one or two nodes on a round boundary carry all.
+    """Differences of such meshes tell nothing; of the displacement equilibrium does. Of the
+    resultant adjoint problems do, unless one or two nodes on a round boundary carry all.
     """
     levels = Linear()
     effects = Declared(quasistatic=False, frictional=False, pressure_bounds_friction=False)
@@ -204,10 +205,12 @@ def test_a_mesh_that_does_not_resolve_the_solution_leaves_no_claims_of_contact(e
         values={name: value * (1 + 0.01 * bool(changes)) for name, value in values.items()})
     record = SimpleNamespace(quantities=lambda: (values, 0), singular_places=lambda: (),
                              touch=lambda _index: touch)
-    parts = Companions(levels, problem_of(manifest, effects), Settings(), record, {},
-                       energy).parts()["mesh"]
+    parts, held = (Companions(levels, problem_of(manifest, effects), Settings(), record, sizes,
+                              energy).parts()["mesh"]
+                   for sizes in ({}, {"normal_resultant": Sizes(1e-3, 1.0, 1.0)}))
     assert parts["displacement"].error > 0
-    assert (parts["normal_resultant"].error is not None) == (touch.round != 2)
+    assert (held["normal_resultant"].error is not None) == (touch.round != 2)
+    assert (parts["normal_resultant"].error is not None) == known
     for name in ("contact_length", "peak_pressure"):
         assert (parts[name].error is not None) == known, name
         assert known or "too coarse" in parts[name].note
