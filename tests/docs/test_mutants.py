@@ -75,7 +75,8 @@ def test_cheap_tests_and_those_of_the_package_come_first():
     costs = {"tests/scenes/test_a.py::test_1": {"a1": 0.1} | shared,
              "tests/scenes/test_a.py::test_2": {"a2": 0.1} | shared,
              "tests/qp/test_b.py::test_3": {"b3": 2.0}, "tests/feti/test_c.py::test_4": {"c": 0.2},
-             "tests/march/test_d.py::test_5": {"d": 50.0}, "tests/march/test_d.py::test_6": {"e": 9}}
+             "tests/march/test_d.py::test_5": {"d": 50.0},
+             "tests/march/test_d.py::test_6": {"e": 9.0}}
     (first, spent), (then, more) = mutants.phases(costs, "driver/qp/some.py", [], 20.0)
     assert [name[-1] for name in first] == ["4", "3", "1", "2"]
     assert spent == pytest.approx(5.4)

@@ -144,7 +144,8 @@ def test_a_preload_is_where_slip_is_measured_from(solved, variant):
 def test_a_node_without_force_closes_by_what_it_is_beyond_its_gap():
     """The tangent about a closure leaves 0.1 without force: less where the node is apart."""
     closure = object.__new__(Closure)
-    closure.offset, closure.slope, closure.slides = np.full((1, 3), 0.1), np.full((1, 3), 0.5), False
+    closure.offset, closure.slope = np.full((1, 3), 0.1), np.full((1, 3), 0.5)
+    closure.slides = False
     closure.rows = SimpleNamespace(normal=np.arange(3), tangential=np.empty(0, int))
     force, own, _ = closure._state(np.array([2.0, 0.0, 0.0]), np.array([0.0, 0.3, -0.2]))
     np.testing.assert_allclose(force, [2.0, 0, 0])
