@@ -35,9 +35,11 @@ from mutations import PACKAGES, ROOT, Mutant, drawn, mutant
 
 COPIED = ("driver", "edp", "tests", "meshes", "results/reference", "results/README.md", "README.md",
           "Makefile", "LICENSE", "apt-packages.txt", "pyproject.toml", ".github", ".ci")
-# the tests that concern numerical packages, in two parts that take about as long as one another
+FEW = 10  # mutants that are not worth compiling the assertions of all tests for
+# the tests that concern numerical packages, in parts that take about as long as one another
 PARTS = (("tests/qp", "tests/contact", "tests/effects", "tests/scene/test_loader.py",
-          "tests/scene/test_materials.py", "tests/verify/test_independent.py"),
+          "tests/scene/test_materials.py", "tests/scene/test_contents.py",
+          "tests/verify/test_independent.py"),
          ("tests/feti", "tests/march", "tests/results", "tests/estimates", "tests/python"),
          ("tests/scenes",))
 CHEAP = 6.0  # CPU seconds of the tests that are tried first
@@ -53,11 +55,12 @@ EQUIVALENT = ROOT / "tests" / "equivalent.txt"
 
 # ------------------------------------------------------------------------------ copies, runs
 
-def copies(folder: Path, count: int) -> list[Path]:
-    """`count` copies of what the tests need, compiled, the tests with their assertions, too."""
+def copies(folder: Path, count: int, compiled: bool) -> list[Path]:
+    """`count` copies of what the tests need, `compiled` ones if so, with the tests' assertions."""
     first, *others = (folder / str(k) for k in range(count))
     copy(first)
-    pytest(first, "--collect-only", PYTHONDONTWRITEBYTECODE="")
+    if compiled:
+        pytest(first, "--collect-only", PYTHONDONTWRITEBYTECODE="")
     for other in others:
         shutil.copytree(first, other)
     return [first, *others]
@@ -186,8 +189,8 @@ def tried(one: Mutant, folder: Path, chosen: list, broken: set) -> tuple[str, st
     """
     path, clock = folder / one.file, time.perf_counter()
     before, stat = path.read_text(), path.stat()
-    kept = HOME / "exports"
-    kept.mkdir(parents=True, exist_ok=True)
+    kept = folder.parent / "exports"
+    kept.mkdir(exist_ok=True)
     plugin = ("-p", "kept_exports") if one.package != "lib" else ()
 
     def noticed_by() -> str:
@@ -229,7 +232,7 @@ def run(mutants: list[Mutant], out: Path, limit: float, tests=()) -> list[dict]:
     work = out / "copies"
     shutil.rmtree(work, ignore_errors=True)
     workers = min(len(os.sched_getaffinity(0)), len(mutants))
-    for made in copies(work, workers):
+    for made in copies(work, workers, len(mutants) > FEW):
         free.put(made)
 
     def one(m: Mutant) -> None:

@@ -66,7 +66,8 @@ SLOWEST = 0.02  # an observed order below this is no convergence
 UNSETTLED = 0.5  # the order that is expected of finer runs then
 DOUBTFUL = 0.3  # nor is one below this of a quantity that may have no limit
 WANDER = 0.02  # relative spread below which values that do not converge visibly just wander
-STILL = 1e-3  # the same at places where there may be no limit
+STILL = 1e-3  # the same at places where there may be no limit, of three meshes ...
+EXACT = 1e-5  # ... and of two, which agree by chance
 ALONE = "no coarser run to compare with"
 SINGULAR = "does not converge under refinement: it may be singular, or the mesh too coarse"
 VANISHED = 1e-6  # of what its unit suggests: a quantity that is zero but for tolerances
@@ -137,7 +138,7 @@ def extrapolate(changes: list[float], ratios: list[float], formal: float, value:
         return Part(None, note=ALONE)
     d1, r = abs(changes[0]), ratios[0]
     if len(changes) == 1:
-        if singular and d1 > STILL * abs(value):
+        if singular and d1 > EXACT * abs(value):
             return Part(None, note=SINGULAR)
         return Part(PAIR * d1 / (r**pair - 1))
     d2, s = abs(changes[1]), ratios[1]

@@ -28,8 +28,8 @@ CONDENSED_PASSES = 30  # corrections of a solution of the condensed contact prob
 IDLE = 4  # of them that do not halve what it leaves: rounding, and residuals say whether it will do
 ASTRAY = 1e6  # growth of multipliers after which they are no start: their rounding hides the loads
 LAW_SECANTS = 10  # of friction coefficients that slip changes, combined there
-# tolerance of the gluing multipliers there, relative to ||d|| and ||F|| ||x||: a hundred roundings
-FINEST = 1e-13
+# tolerance of the gluing multipliers there, relative to ||d|| and to what a product rounds off
+FINEST, ROUNDINGS = 1e-13, 10.0
 
 
 class FixedPoint:
@@ -68,9 +68,9 @@ class FixedPoint:
                 result, change = self._approximate(index, trace, load.d, start, bound, reduction,
                                                    coupled, gradient)
             except Unfinished as failure:
-                if not free:
-                    return self._condensed_instead(index, load, start, trace, failure)
-                break  # bodies that nothing balances have run away
+                if free:
+                    break  # bodies that nothing balances have run away
+                return self.condensed(index, load, start, gradient, sliding, trace, rtol, failure)
             x, gradient = result.x, result.gradient
             sliding = rows.sliding(x, bound)
             if not (coupled or free):
@@ -181,18 +181,20 @@ class FixedPoint:
             raise failed
         raise self._without_solution(index, load, x)
 
-    def _condensed_instead(self, index: int, load: Load, x, trace: Trace, failure: Unfinished):
-        """The fixed point by the condensed problem alone, from x; raises `failure` without one.
+    def condensed(self, index: int, load: Load, x, gradient, sliding, trace: Trace, rtol: float,
+                  failure: Unfinished | None = None):
+        """As `find`, by the condensed problem alone, from x. Raises `failure` without a solution.
 
         Rounding ends QPs early where stiff parts hang on soft ones: their contact forces follow
         from displacements of many digits less, by elimination with as many digits as there are.
         """
+        self.rtol = rtol
         try:
-            solution = None if failure.final else self._condense(index, load, x, trace)
+            solution = self._condense(index, load, x, trace)
         except Unfinished:
             solution = None
         if solution is None:
-            raise failure
+            raise failure or self._without_solution(index, load, x)
         return solution
 
     def _without_solution(self, index: int, load: Load, x, final: bool = False) -> Unfinished:
@@ -261,7 +263,7 @@ class FixedPoint:
             if settled and (left <= 2 * qp.tol or idle >= IDLE):
                 self.history.fallbacks.note(method, index)
                 return x, result.gradient, rows.sliding(x, bound)
-            aim = max(0.3 * aim, min(tol, FINEST * max(qp.scales.d, qp.largest(x))))
+            aim = max(0.3 * aim, min(tol, max(FINEST * qp.scales.d, ROUNDINGS * qp.rounded(x))))
             if changes:
                 rows.coefficient = np.maximum(secants.next(coefficient, rows.coefficient), 0.0)
             solution, solver = self._solved_for(load, x, result.gradient)

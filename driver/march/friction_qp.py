@@ -101,9 +101,13 @@ class FrictionQP:
         return np.sqrt(self.operator.dot(scaled, scaled))
 
     def largest(self, x: np.ndarray) -> float:
-        """||F|| ||x||, which rounding of F x goes by, in the same scale."""
+        """||F|| ||x||, a bound of what x moves, in the same scale."""
         unscaled = x / self.scale
         return self.bound * np.sqrt(self.operator.dot(unscaled, unscaled))
+
+    def rounded(self, x: np.ndarray) -> float:
+        """What a product F x rounds off, in the same scale: 3 x, whose digits differ, shows it."""
+        return self.size(self.operator.apply(x) - self.operator.apply(3 * x) / 3)
 
     def extent(self, elastic: np.ndarray, rigid: np.ndarray, before: np.ndarray,
                moved: np.ndarray, given: bool = False) -> float:

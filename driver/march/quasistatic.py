@@ -290,9 +290,12 @@ class QuasistaticSolver:
         What the QP and the fixed point stop at is relative to displacements that may be far larger
         than those of the solution (without gluing the body would hang on its corners); so both are
         tightened until the residuals of the solution itself are below `primal_rtol`, the imbalance
-        of free bodies below `friction_rtol`. Raises Unfinished where that is not reached.
+        of free bodies below `friction_rtol`; where that has no effect any more the condensed
+        problem is tried. Raises Unfinished where they stay larger. Where stiffness jumps, what a
+        bound of rounding admits will do if all this leads no further.
         """
         op, qp, settings, best, stop = self.operator, self.qp, self.settings, np.inf, None
+        find, rounded = self.corners.find, None
         of_qp = of_friction = 1.0  # parts of the tolerances
         motion = load.weights[op.structure.patterns :].copy()
         if self.largest_friction:
@@ -300,14 +303,16 @@ class QuasistaticSolver:
         while True:
             qp.aim(of_qp)
             try:
-                x, gradient, sliding = self.corners.find(
-                    index, load, x, gradient, sliding, trace, of_friction * settings.friction_rtol)
+                x, gradient, sliding = find(index, load, x, gradient, sliding, trace,
+                                            of_friction * settings.friction_rtol)
             except Unfinished as failed:
                 # bodies without loads may stay where the step starts, or where they were drawn
                 for place in (motion, np.zeros(op.modes)) if op.modes else (motion,):
                     free = self.residuals.free_of_forces(load, failed.x, place)
                     if free is not None:
                         return free
+                if rounded is not None:
+                    return self._back(load, *rounded)
                 settles = op.modes > 0 and self.bodies.imbalance(load, failed.x) <= NEARLY
                 if failed.final or of_qp == 1.0 and not settles:
                     raise
@@ -320,7 +325,7 @@ class QuasistaticSolver:
             if op.modes and op.minimum(-load.farthest) < -FAR * self.scales.displacement:
                 gradient = None  # it has followed bodies that went so far: their rounding is in it
             x, gradient, moved = self._into_cone(load.d, x, gradient, sliding)
-            residuals = self.residuals.of(load, x, gradient)
+            residuals = self.residuals.of(load, x, gradient, exact=True)
             free = self.residuals.free_of_forces(load, x) if self.residuals.faded(x) else None
             if free is not None:
                 return free
@@ -329,9 +334,19 @@ class QuasistaticSolver:
             if worst <= 1:
                 return x, gradient, moved, residuals
             idle = worst > 0.5 * best
+            if op.levels > 1 and worst < best:
+                likely = self.residuals.of(load, x, gradient)
+                if self.residuals.enough(likely):
+                    place = load.weights[op.structure.patterns :].copy()
+                    rounded = place, (x, gradient, moved, likely)
+            if rounded is not None and (idle or stop or self.rows.corners is not None):
+                return self._back(load, *rounded)
             if isinstance(stop, NoSolution):
                 raise Unfinished(stop, x, gradient)
             if stop or idle and of_qp <= LAST_PART and of_friction <= LAST_FRICTION:
+                if not stop and find != self.fixed_point.condensed:
+                    find = self.fixed_point.condensed
+                    continue
                 raise Unfinished(NotConverged(
                     f"{step_name(index)}: the {name} residual stays at {residuals[name]:.1e}, "
                     f"above the {self.residuals.asked(name):.0e} that was asked for"), x, gradient)
@@ -340,6 +355,12 @@ class QuasistaticSolver:
             # not QPs alone are to blame: what forces still change by moves stiff parts, too
             if idle or max(excess["gluing"], excess["penetration"]) <= 1:
                 of_friction *= tighter
+
+    def _back(self, load: Load, motion: np.ndarray, state: tuple) -> tuple:
+        """The `state` that was good enough, with bodies moved by `motion` (modes,)."""
+        self.bodies.shift(load, motion - load.weights[self.operator.structure.patterns :])
+        self.slip.renew_coefficient(state[1])
+        return state
 
     def _examine(self, index: int, load: Load, x, gradient, trace: Trace) -> None:
         """Look for other solutions of the step where there is reason to; see `uniqueness`."""

@@ -10,7 +10,7 @@ from .slip import SlipState
 from .step import Load
 
 CANCELLED = 1e-8  # part of the extent below which deformation is rounding: contact takes the loads
-ROUNDINGS = 10.0  # of a product with F: as exact as stiff parts' displacements get
+ROUNDED = 3e-14  # of what multipliers move, ||F|| ||x||: a hundred roundings, as exact as it gets
 TRAVELLED = 1e-9  # part of what bodies move as a whole, likewise
 
 
@@ -70,20 +70,20 @@ class Residuals:
         """Norm of the contact forces in x."""
         return np.sqrt(self.operator.dot(self.contact * x, x))
 
-    def of(self, load: Load, x: np.ndarray, gradient: np.ndarray) -> dict[str, float]:
+    def of(self, load: Load, x: np.ndarray, gradient: np.ndarray,
+           exact: bool = False) -> dict[str, float]:
         """KKT residuals of the state with multipliers x and their gradient.
 
         Relative to a lower bound of the deformation if they are small even so, to the deformation
-        itself, which takes the fields of all subdomains, else. Where stiffness jumps, what products
-        with F round off may be more than the part of it that is asked for.
+        itself, which takes the fields of all subdomains, else. Where stiffness jumps, what soft
+        parts may move by rounding is no less than what is asked for of stiff ones, unless `exact`.
         """
         op, others = self.operator, {"stationarity": self._missing(x, gradient)}
         if op.modes:
             others["equilibrium"] = self.bodies.imbalance(load, x)
-        missed, least = self._changing(x, gradient), self._least_deformation(load)
+        missed, least = self._changing(x, gradient), self._least_deformation(load, x, exact)
         quick = () if op.modes or op.levels > 1 else (op.least_deformation,)
-        rounded = (self._rounded,) if op.levels > 1 else ()
-        for measure in (*quick, op.deformation_by_level, *rounded):
+        for measure in (*quick, op.deformation_by_level):
             deformations = np.atleast_1d(measure(x, load.weights))
             self.still = deformations[0] <= least[0]
             self.scales.renew(displacements=np.maximum(deformations, least))
@@ -94,25 +94,14 @@ class Residuals:
                 break
         return others | kkt
 
-    def _least_deformation(self, load: Load) -> np.ndarray:
+    def _least_deformation(self, load: Load, x: np.ndarray, exact: bool) -> np.ndarray:
         """(levels,) deformation below which displacements are rounding; collective."""
         way = -self.operator.minimum(-max(load.travel, load.farthest))
-        least = np.full(self.operator.levels, TRAVELLED * way)
-        least[0] = max(least[0], CANCELLED * load.extent / self.qp.softest[0])
-        return least
-
-    def _rounded(self, x: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """(levels,) the deformation, no less than that of which rounding is what is asked for.
-
-        Stiff parts that soft ones carry move by the rounding of these: by as much as products with
-        x and with 3 x, which rounds otherwise, disagree about. Collective.
-        """
-        op, apart = self.operator, np.zeros(self.operator.levels)
-        np.maximum.at(apart, op.row_level, np.abs(op.apply(x) - op.apply(3 * x) / 3))
-        op.comm.Allreduce(MPI.IN_PLACE, apart, op=MPI.MAX)
-        exact = ROUNDINGS * apart / self.asked("penetration")
-        exact[0] = 0.0
-        return np.maximum(op.deformation_by_level(x, weights), exact)
+        least = np.full(self.operator.levels, CANCELLED * load.extent / self.qp.softest[0])
+        if len(least) > 1:
+            rounded = 0.0 if exact else ROUNDED * self.qp.largest(x)
+            least[1:] = rounded / self.qp.softest[1:] / self.asked("penetration")
+        return np.maximum(least, TRAVELLED * way)
 
     def _changing(self, x: np.ndarray, gradient: np.ndarray) -> float:
         """By how much friction bounds miss those of the slip at x, a force; collective."""

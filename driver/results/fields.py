@@ -21,7 +21,7 @@ from ..feti.gathering import gather, joined, largest
 from ..feti.operator import DualOperator
 from ..files import renamed
 from ..march.step import Step
-from ..scene import elements
+from ..scene import element_kinds, elements
 from ..scene.kinematics import corner_stresses, stresses, von_mises
 from ..scene.loader import Subdomain
 from .contact_lines import ContactLines
@@ -52,7 +52,7 @@ class Fields:
         self.steps = []  # (time, number) of every step
         self.errors = []  # likewise, of those with an error indicator
         self._share_out()
-        self.meshes = self._meshes(min(6, elements.NODES[element]))
+        self.meshes = self._meshes(min(6, element_kinds.NODES[element]))
         self.lines, contact = None, operator.structure.contact.declared
         if len(contact.gid):
             self.lines = ContactLines(directory, operator.structure, self.root)

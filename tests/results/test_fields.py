@@ -96,6 +96,7 @@ def test_contact_lines_hold_what_contact_csv_says(wedge):
         names = np.array(["open", "stick", "slip"])
         assert np.array_equal(names[data.point_data["status"]], own["status"][order])
         assert np.allclose(data.point_data["opening"], own["gap"] - own["u_n"])
+        assert "obstacle" not in data.point_data  # it stands still
         lines = data.cells_dict["line"]
         assert len(lines) == len(data.points) - 1  # an open chain
         assert np.array_equal(lines.T, [np.arange(len(lines)), 1 + np.arange(len(lines))])

@@ -1,4 +1,4 @@
-"""make accuracy PART=handpicked [SCENE=] [OUT=]: what ACCURACY takes, over the best settings by hand.
+"""make accuracy PART=handpicked [SCENE=] [OUT=]: time of ACCURACY over that of settings by hand.
 
 Each scene runs on uniform meshes of linear and quadratic elements, coarse to fine, each with fewer
 and more steps, without error estimates: whoever picks settings by hand does not know what they err
