@@ -33,7 +33,7 @@ class CoarseProblem:
 
     Corner dofs are stacked class by class as `LocalClass.corners` says; `numbers` are their numbers
     in the coarse problem. `entries` is the number of entries of factors on this rank, `received`
-    that of the numbers that it gets from other ranks for a solution. `rho` (modes,) are the
+    that of the numbers that it gets for a solution, in so many `messages`. `rho` (modes,) are the
     springs' compliances, zero until they are set. Raises NoSolution if S_cc is singular but for
     them.
     """
@@ -48,13 +48,15 @@ class CoarseProblem:
         self.numbers = joined([corners[s] for s in order], int)
         modes = self.motions.shape[1]
         self._pins = np.sort(qr(self.motions.T, pivoting=True)[2][:modes]) if modes else []
-        self.entries, self.received, self._latest = 0, 0, None
+        self.entries = self.received = self.messages = 0
+        self._latest = None
         self._shared = None
         if self.dofs > LARGE:
             self._dissect(structure, classes)
         elif self.dofs:
             self._all_numbers = np.concatenate(comm.allgather(joined(corners, int)))
             self.received = len(self._all_numbers) - len(self.numbers)
+            self.messages = comm.size - 1
             self._all_forces = Gathering(comm, len(self.numbers))
             self._solve = self._factorized(self._pinned(_assembled(structure, classes, comm)))
 
@@ -114,6 +116,7 @@ class CoarseProblem:
                             joined(matrices, float))
         self._shared = Dissection(self.comm, elements, depth, kept, pins)
         self.entries, self.received = self._shared.entries, self._shared.received
+        self.messages = self._shared.messages
         if self.motions.shape[1]:
             self._springs()
 

@@ -49,7 +49,7 @@ class Dissection:
 
     `top` are the dofs that stay to the last, `inverse` their part (k, k) of the inverse, on every
     rank. `entries` is how many numbers this rank keeps, `received` how many it receives for a
-    solution.
+    solution, in so many `messages`.
     """
 
     def __init__(self, comm, elements: "Elements", depth: int, kept: np.ndarray, pins: np.ndarray):
@@ -75,6 +75,7 @@ class Dissection:
         self.top, self.inverse = comm.bcast((last.numbers, inverse))
         self.entries = sum(level.entries for level in self.levels) + self.inverse.size
         self.received = sum(2 * level.route.size for level in self.levels)
+        self.messages = sum(2 * level.route.neighbours for level in self.levels)
 
     def solve(self, forces: np.ndarray) -> np.ndarray:
         """Displacements (n,) of the elements' dofs under their `forces` (n,), added up."""
