@@ -33,7 +33,7 @@ class CoarseProblem:
 
     Corner dofs are stacked class by class as `LocalClass.corners` says; `numbers` are their numbers
     in the coarse problem. `entries` is the number of entries of factors on this rank, `received`
-    that of the numbers that it gets from other ranks for a solution. `rho` (modes,) are the
+    that of the numbers that it gets for a solution, in so many `messages`. `rho` (modes,) are the
     springs' compliances, zero until they are set. Raises NoSolution if S_cc is singular but for
     them.
     """
@@ -48,13 +48,15 @@ class CoarseProblem:
         self.numbers = joined([corners[s] for s in order], int)
         modes = self.motions.shape[1]
         self._pins = np.sort(qr(self.motions.T, pivoting=True)[2][:modes]) if modes else []
-        self.entries, self.received, self._latest = 0, 0, None
+        self.entries = self.received = self.messages = 0
+        self._latest = None
         self._shared = None
         if self.dofs > LARGE:
             self._dissect(structure, classes)
         elif self.dofs:
             self._all_numbers = np.concatenate(comm.allgather(joined(corners, int)))
             self.received = len(self._all_numbers) - len(self.numbers)
+            self.messages = comm.size - 1
             self._all_forces = Gathering(comm, len(self.numbers))
             self._solve = self._factorized(self._pinned(_assembled(structure, classes, comm)))
 
@@ -66,7 +68,7 @@ class CoarseProblem:
         negative, _, _ = checked.getInertia()
         if negative or checked.getMumpsInfog(28):
             raise NoSolution(f"the coarse problem's {SINGULAR}")
-        self.entries += checked.getMumpsInfog(29)
+        self.entries = checked.getMumpsInfog(29)
         # MUMPS vouches for the matrix; CHOLMOD's triangular solves are several times faster
         factor = factorized(matrix, "cholmod")
         right, solution = (PETSc.Vec().createSeq(S.shape[0]) for _ in range(2))
@@ -112,9 +114,9 @@ class CoarseProblem:
         self._of = np.repeat(np.arange(len(subs)), [len(c) for c in corners])
         elements = Elements(self._numbers, np.array([len(c) for c in corners], np.int64), group,
                             joined(matrices, float))
-        self._shared = Dissection(self.comm, elements, depth, kept, pins, self._factorized)
-        self.entries += self._shared.entries
-        self.received = self._shared.received
+        self._shared = Dissection(self.comm, elements, depth, kept, pins)
+        self.entries, self.received = self._shared.entries, self._shared.received
+        self.messages = self._shared.messages
         if self.motions.shape[1]:
             self._springs()
 
@@ -177,20 +179,17 @@ class CoarseProblem:
 
     def _inverse(self, dofs: np.ndarray) -> np.ndarray:
         """The same anew."""
-        solve, size, place = self._on_springs, self.dofs, dofs
         if self._shared is not None:
-            solve, size = self._shared.of_top, len(self._shared.top)
             place = np.searchsorted(self._shared.top, dofs)
-        mine = slice(*partition(len(dofs), self.comm))
-        columns, force = np.zeros((mine.stop - mine.start, len(dofs))), np.zeros(size)
-        for k, (dof, number) in enumerate(zip(place[mine], dofs[mine])):
-            if self._shared is None or number not in self._pins:
-                force[dof] = 1.0
-                columns[k] = solve(force)[place]
-                force[dof] = 0.0
+            inverse = self._shared.inverse[np.ix_(place, place)]
+            return inverse + self._by_motions(dofs) if self.motions.shape[1] else inverse
+        mine = dofs[slice(*partition(len(dofs), self.comm))]
+        columns, force = np.empty((len(mine), len(dofs))), np.zeros(self.dofs)
+        for k, dof in enumerate(mine):
+            force[dof] = 1.0
+            columns[k] = self._on_springs(force)[dofs]
+            force[dof] = 0.0
         inverse = np.concatenate(self.comm.allgather(columns))
-        if self._shared is not None and self.motions.shape[1]:
-            inverse += self._by_motions(dofs)
         return (inverse + inverse.T) / 2
 
     def _by_motions(self, dofs: np.ndarray) -> np.ndarray:
@@ -199,7 +198,9 @@ class CoarseProblem:
         Y, q = np.zeros((len(dofs), self.motions.shape[1])), self.motions[dofs]
         Y[gather(self.comm, place[known])] = gather(self.comm, self._moved[known])
         energy = np.column_stack([self._total(self._once * y[:, None]) for y in self._moved.T])
-        return q @ (energy + np.diag(self.rho)) @ q.T - Y @ q.T - q @ Y.T
+        across = Y @ q.T
+        energy = (energy + energy.T) / 2 + np.diag(self.rho)
+        return q @ energy @ q.T - across - across.T
 
     def whole(self, local: np.ndarray) -> np.ndarray:
         """(dofs,) values at all coarse dofs, on every rank, from those at stacked corner dofs."""

@@ -5,24 +5,21 @@ inside each of its groups, which no other group has, and leaves it as one elemen
 
     S_b = K_bb - K_bi K_ii^-1 K_ib,     f_b - W' f_i,     u_i = K_ii^-1 f_i - W u_b,
 
-W = K_ii^-1 K_ib. Groups of these, and so on, until few are left, which every rank solves for. How
-subdomains are grouped follows from their places alone, and a group's arithmetic is that of one
+W = K_ii^-1 K_ib. Groups of these, and so on, until one is left. How subdomains are grouped follows from their places alone, and a group's arithmetic is that of one
 rank: results do not depend on how many there are. (George, SIAM J. Numer. Anal. 10 (1973);
 Przemieniecki, AIAA J. 1 (1963), for substructures.)
 """
 
 import numpy as np
 from scipy.linalg import lapack
-from scipy.sparse import coo_matrix
 
 from ..errors import NoSolution, agree
 from .cholesky import SINGULAR
 from .exchange import Route, exchange
-from .gathering import Gathering, gather, joined
+from .gathering import gather, joined
 
 GROUP = 64  # at most so many subdomains make a group
 MERGED = 2  # times that groups are halved from one level to the next: 4 make one
-LAST = 32  # at most so many groups are left to all ranks
 
 
 def grouped(places: np.ndarray, comm) -> tuple[np.ndarray, int]:
@@ -50,35 +47,35 @@ def grouped(places: np.ndarray, comm) -> tuple[np.ndarray, int]:
 class Dissection:
     """The factor of a matrix that is a sum over elements; collective over `comm`.
 
-    `top` are the dofs that are left to all ranks. `entries` is how many numbers this rank keeps,
-    `received` how many it receives for a solution.
+    `top` are the dofs that stay to the last, `inverse` their part (k, k) of the inverse, on every
+    rank. `entries` is how many numbers this rank keeps, `received` how many it receives for a
+    solution, in so many `messages`.
     """
 
-    def __init__(self, comm, elements: "Elements", depth: int, kept: np.ndarray, pins: np.ndarray,
-                 factorize):
+    def __init__(self, comm, elements: "Elements", depth: int, kept: np.ndarray, pins: np.ndarray):
         """`kept` and `pins` (dofs,) mark dofs that stay to the last, and such that do not move.
 
-        `factorize(matrix)` returns the solver of the last matrix (CSR). Raises NoSolution.
+        Raises NoSolution where the matrix is singular.
         """
-        self.levels = []
-        while True:
-            level = Level(comm, elements, 2**depth, kept, pins)
-            self.levels.append(level)
-            elements = level.left
-            if 2**depth <= LAST:
-                break
-            depth -= MERGED
-            elements.group = elements.group >> MERGED
-        numbers = gather(comm, elements.numbers)
-        self.top, self._place = np.unique(numbers, return_inverse=True)
-        self._gathering = Gathering(comm, len(elements.numbers))
-        first = sum(comm.allgather(len(elements.numbers))[: comm.rank])
-        self._own = self._place[first : first + len(elements.numbers)]
-        place = np.zeros(len(kept), np.int64)
-        place[self.top] = np.arange(len(self.top))
-        self._solve = factorize(_assembled(comm, elements, place, len(self.top)))
-        self.entries = sum(level.entries for level in self.levels)
-        self.received = sum(2 * level.route.size for level in self.levels) + len(numbers)
+        self.levels = [Level(comm, elements, 2**depth, kept, pins)]
+        while depth:
+            merged, elements = min(MERGED, depth), self.levels[-1].left
+            elements.group, depth = elements.group >> merged, depth - merged
+            self.levels.append(Level(comm, elements, 2**depth, kept, pins))
+        self._root, last, error, inverse = comm.rank == 0, self.levels[-1].left, None, None
+        if self._root:  # the last group is here
+            try:
+                inverse, *_ = _eliminated(last.matrices.reshape([len(last.numbers)] * 2),
+                                          len(last.numbers))
+                still = pins[last.numbers]
+                inverse[still] = inverse[:, still] = 0.0
+            except NoSolution as problem:
+                error = problem
+        agree(comm, error)
+        self.top, self.inverse = comm.bcast((last.numbers, inverse))
+        self.entries = sum(level.entries for level in self.levels) + self.inverse.size
+        self.received = sum(2 * level.route.size for level in self.levels)
+        self.messages = sum(2 * level.route.neighbours for level in self.levels)
 
     def solve(self, forces: np.ndarray) -> np.ndarray:
         """Displacements (n,) of the elements' dofs under their `forces` (n,), added up."""
@@ -86,18 +83,10 @@ class Dissection:
         for level in self.levels:
             forces, own = level.condense(forces)
             inner.append(own)
-        u = self.of_top(np.bincount(self._place, self._gathering(forces),
-                                    minlength=len(self.top)))[self._own]
+        u = self.inverse @ forces if self._root else forces
         for level, own in zip(reversed(self.levels), reversed(inner)):
             u = level.expand(u, own)
         return u
-
-    def of_top(self, forces: np.ndarray) -> np.ndarray:
-        """Displacements (k,) of the dofs `top` under forces (k,) on them, the same on every rank.
-
-        Overwritten by the next.
-        """
-        return self._solve(forces)
 
 
 class Elements:
@@ -203,17 +192,3 @@ def _eliminated(K: np.ndarray, inner: int) -> tuple[np.ndarray, np.ndarray, np.n
     inverse = np.tril(inverse) + np.tril(inverse, -1).T
     S = K[inner:, inner:] - K[inner:, :inner] @ W
     return inverse, np.ascontiguousarray(W), (S + S.T) / 2
-
-
-def _assembled(comm, elements: Elements, place: np.ndarray, size: int):
-    """The sum (size, size) as CSR of all ranks' elements, on every rank.
-
-    Dof d has row `place` (dofs,) in it.
-    """
-    sizes, numbers = gather(comm, elements.sizes), gather(comm, elements.numbers)
-    start = np.cumsum(sizes) - sizes
-    rows = [place[numbers[a : a + k]] for a, k in zip(start, sizes)]
-    i = joined((np.repeat(r, len(r)) for r in rows), np.int32)
-    j = joined((np.tile(r, len(r)) for r in rows), np.int32)
-    values = Gathering(comm, len(elements.matrices))(elements.matrices)
-    return coo_matrix((values, (i, j)), shape=(size, size)).tocsr()

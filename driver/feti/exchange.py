@@ -156,8 +156,13 @@ class Route:
 
     @property
     def size(self) -> int:
-        """Entries that come here from other ranks, or 0 on one rank."""
+        """Entries that come here, of this rank itself as well; 0 on one rank."""
         return 0 if self.comm.size == 1 else int(self._counts[1].sum())
+
+    @property
+    def neighbours(self) -> int:
+        """Ranks that entries come from."""
+        return 0 if self.comm.size == 1 else len(self._counts[1])
 
 
 def _to_neighbours(graph, values: np.ndarray, sent: np.ndarray,

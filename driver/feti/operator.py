@@ -208,6 +208,12 @@ class DualOperator(DualProblem):
         across = BALANCED * reach * self.dot(self._contact, np.abs(multipliers))
         return factors @ work - net, np.maximum(np.abs(factors) @ loads + size, across)
 
+    def load(self) -> dict[str, int]:
+        """What a product takes of this rank: multiplications, and messages that it receives."""
+        local = sum(len(c.members) * (c.F.size + 2 * c.A.size) for c in self.classes)
+        return {"work": local + 2 * self.coarse.entries,
+                "messages": 2 * self.vectors.neighbours + self.coarse.messages}
+
     def message_bytes(self) -> dict[str, int]:
         """Bytes that this rank receives in a product with F (gluing, coarse) and in a dot."""
         return {"rows": 2 * 8 * self.vectors.foreign, "coarse": 8 * self.coarse.received,

@@ -34,12 +34,16 @@ class DualVectors:
         numbers = joined([structure.rows[s].row for s in order], PETSc.IntType)
         start, stop = structure.row_range
         # local rows of other ranks
-        self.foreign = int(np.count_nonzero((numbers < start) | (numbers >= stop)))
+        foreign = (numbers < start) | (numbers >= stop)
+        self.foreign = int(np.count_nonzero(foreign))
+        begin = np.array(comm.allgather(start))
+        owner = np.searchsorted(begin, numbers, side="right") - 1
+        self.neighbours = len(np.unique(owner[foreign]))  # ranks that have them
         self._dual = PETSc.Vec().createMPI((self.owned, structure.dual_dofs), comm=comm)
         self._gathered, self._to_rows = _scatter(self._dual, numbers)
         self._local = self._gathered.duplicate()
         paired = structure.contact.coupled.any()
-        self._slots = _Slots(structure, numbers, order, comm) if paired else None
+        self._slots = _Slots(structure, numbers, order, owner, comm) if paired else None
         # partial sums of a scalar product: the rows of each subdomain, in the order of subdomains
         starts = structure.row_starts
         self._filled = starts < np.append(starts[1:], self.owned)  # reduceat has no empty segments
@@ -102,11 +106,11 @@ class _Slots:
     own slot at the row's rank, and the slots of a row are added up there.
     """
 
-    def __init__(self, structure: Substructure, rows: np.ndarray, order: list[int], comm):
+    def __init__(self, structure: Substructure, rows: np.ndarray, order: list[int],
+                 owner: np.ndarray, comm):
+        """`owner` (n,) are the ranks of the stacked local `rows` (n,)."""
         subdomain = np.repeat([structure.first + s for s in order],
                               [len(structure.rows[s].row) for s in order])
-        begin = np.array(comm.allgather(structure.row_range[0]))
-        owner = np.searchsorted(begin, rows, side="right") - 1
         terms = np.column_stack([rows, subdomain, np.arange(len(rows))]).astype(np.int64)
         source, terms = exchange(comm, owner, terms)
         order = np.lexsort((terms[:, 1], terms[:, 0]))
