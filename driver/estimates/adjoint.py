@@ -66,17 +66,17 @@ class Sizes:
     product: float
 
 
-def held(name: str, part: Part, sizes: Sizes | None, capped: bool = True) -> Part:
+def held(name: str, part: Part, sizes: Sizes | None, slack: float = 1.0) -> Part:
     """The mesh's `part` of a quantity's error, held within what `sizes` leave.
 
-    Unless `capped`, from below alone: the error has parts that they do not see.
+    From above with a `slack`: the error may have parts that they do not see.
     """
     if sizes is None or part.error is None or sizes.gross <= BLIND * part.error:
         return part
-    least, most = NET * sizes.net, GROSS * max(sizes.gross, sizes.product) if capped else np.inf
+    least, most = NET * sizes.net, slack * GROSS * max(sizes.gross, sizes.product)
     if name == "peak_pressure":
         least, concentrated = 0.0, sizes.product > ALIKE * sizes.gross
-        most = PEAK * sizes.gross if concentrated and capped else np.inf
+        most = slack * PEAK * sizes.gross if concentrated else np.inf
     error = float(max(min(part.error, most), least))
     return Part(error, part.order, part.note, part.rate)
 

@@ -11,6 +11,8 @@ Smooth sequences (budget.py) are what meshes give that resolve a solution. They 
 - for order three, where quadratic elements have straight sides on a round boundary: a polygon is of
   second order, and adjoint problems, which smooth stresses, do not see it, so that they hold errors
   from below alone;
+- where pressures are so small beside the mean one as the error in energy is beside the energy, and
+  contact may not be there;
 - where all nodes that touch slide one way and it is not sure that they slide: all meshes then have
   friction at its bound, and agree.
 
@@ -28,9 +30,11 @@ from .budget import (CAUTION, SAFETY, UNBOUNDED, Part, extrapolate, formal_order
 
 LOCKED = 2.0  # lambda / mu (Poisson's ratio 1/3) from which linear elements are too stiff
 ROUGH, STEEP = 0.25, 2.0  # relative error in energy from which caution grows, and how fast
+LENGTH = "contact_length"
 SHEAR_FORCE = "tangential_resultant"
 # integrals, which adjoint problems hold where there are any; others hang on places between nodes
 HELD = ("normal_resultant", SHEAR_FORCE, "displacement")
+LIGHT = 0.25  # of the relative error in energy, and of the mean pressure
 SHEAR = 0.25  # of the square of the relative error in energy times the pressing force
 FAST = 2.0  # their order on two meshes of quadratic elements, or of two cycles
 
@@ -52,7 +56,7 @@ class Caution:
     element: str
     adapted: bool = False  # meshes are those of cycles of refinement
     chords: bool = False  # straight sides of quadratic elements stand for curves
-    factor: float = 1.0
+    stiff: float = 1.0  # elements beside the material, see `stiffness`
     energy: float = 0.0  # relative error in the energy norm
     touch: Touch = field(default_factory=Touch)
     sizes: dict = field(default_factory=dict)  # of adjoint problems, by quantity
@@ -63,8 +67,7 @@ class Caution:
         """`energy`: relative error in the energy norm. Collective."""
         element = problem.manifest.element
         chords = element != "P1" and touch.round > 0 and "curved" not in problem.effects
-        factor = stiffness(problem) * (1 + STEEP * max(0.0, energy - ROUGH))
-        return cls(element, adapted, chords, factor, energy, touch, sizes)
+        return cls(element, adapted, chords, stiffness(problem), energy, touch, sizes)
 
     def parts(self, values: dict, runs: list, ratios: list[float], singular) -> dict[str, Part]:
         """Part by quantity from pairs of the values of finer and coarser runs, finest first.
@@ -74,6 +77,8 @@ class Caution:
         parts = {name: self._part(name, [fine[name] - coarse[name] for fine, coarse in runs],
                                   ratios, value, name in singular)
                  for name, value in values.items()}
+        if LENGTH in values:
+            parts[LENGTH] = located(parts[LENGTH], self.touch.lighter(LIGHT * self.energy))
         if SHEAR_FORCE in values:
             parts[SHEAR_FORCE] = located(parts[SHEAR_FORCE], self._shear(values, parts["slip"]))
         return parts
@@ -88,8 +93,9 @@ class Caution:
     def _part(self, name: str, changes: list, ratios: list, value: float, singular: bool) -> Part:
         caution = CAUTION[name] if self.sizes or name not in HELD else SAFETY
         fast = (self.element != "P1" or self.adapted) and name in HELD
+        caution *= self.stiff * (1 + STEEP * max(0.0, self.energy - ROUGH))
         part = extrapolate(changes, ratios, formal_order("mesh", self.element, name, self.chords),
-                           value, name not in UNBOUNDED, singular, self.factor * caution,
-                           FAST if fast else 1.0)
-        part = held(name, part, self.sizes.get(name), capped=not self.chords)
+                           value, name not in UNBOUNDED, singular, caution, FAST if fast else 1.0)
+        slack = np.inf if self.chords else self.stiff  # for what smoothed stresses do not see
+        part = held(name, part, self.sizes.get(name), slack)
         return located(part, (self.touch.open or {}).get(name, 0.0))

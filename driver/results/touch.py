@@ -1,6 +1,6 @@
 """How nodes touch in a step: what they leave open of quantities, whatever meshes say."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -21,6 +21,8 @@ class Touch:
     round: int = 0  # how many press, if some of them belong to a boundary whose normals vary
     dragged: bool = False  # all that touch slide, and one way
     open: dict = None  # what nodes leave open by quantity
+    pressure: np.ndarray = field(default_factory=lambda: np.zeros(0))  # of those that touch
+    length: np.ndarray = field(default_factory=lambda: np.zeros(0))  # of their boundary
 
     @classmethod
     def of(cls, nodes: dict, steps: dict, index: int, pressing_round: int) -> "Touch":
@@ -29,8 +31,14 @@ class Touch:
         sliding = (steps["status"][index] == SLIP)[closed].all()
         force = steps["sigma_t"][index] * nodes["weight"]
         one_way = abs(force.sum()) > ONE_WAY * np.abs(force).sum()
+        length = nodes.get("length", nodes["weight"])[closed]
         return cls(int(closed.sum()), pressing_round, bool(sliding and one_way),
-                   between_nodes(nodes, steps, index))
+                   between_nodes(nodes, steps, index), -steps["sigma_n"][index][closed], length)
+
+    def lighter(self, part: float) -> float:
+        """Length of contact whose pressure is below a part of the mean one."""
+        mean = self.pressure @ self.length / max(self.length.sum(), 1e-300)
+        return float(self.length[self.pressure < part * mean].sum())
 
 
 def between_nodes(nodes: dict, steps: dict, index: int) -> dict[str, float]:

@@ -16,9 +16,9 @@ Both are checked again on the last mesh but one.
 Then meshes follow, each sized by the observed order so that its estimate uses up ROOM of what is
 left, until all parts together are within the request. Where the next mesh of linear elements would
 have more than SMALL vertices, quadratic ones go on from the first two sizes if the quantity is one
-of SMOOTH, unless ELEMENT is given or the scene refuses them: they take a fraction of the time. The estimate has the grid convergence index's
-margin of 1.25 over the extrapolated error with three meshes, which are the fewest: two coarse ones
-may agree by accident. It is meant to be met in at least 95 of 100 cases.
+of SMOOTH, unless ELEMENT is given or the scene refuses them: they take a fraction of the time. At
+least three meshes are compared, as two coarse ones may agree by accident. It is meant to be met in
+at least 95 of 100 cases.
 """
 
 import dataclasses
