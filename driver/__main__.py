@@ -10,7 +10,6 @@ try:
     environment.heed_interrupts()
     from .cli import main
 
-    environment.prepare_numpy()
     main()
 except KeyboardInterrupt:  # before main could handle it, or once more while it did
     sys.exit(130)

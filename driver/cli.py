@@ -15,11 +15,10 @@ from pathlib import Path
 from . import environment, options
 from .arguments import parse_pairs
 from .errors import DriverError, InputError, report_error, shortage, write_error
-from .report import study as study_page
 from .runs import launch
 from .runs import run as runs
 from .runs.request import Request
-from .runs.run import Run, describe, execute
+from .runs.run import Run, execute
 from .scene import freefem
 from .text import shown
 
@@ -54,7 +53,10 @@ def model(words: list[str]) -> None:
 
 def _execute(pairs: dict[str, str]) -> None:
     request = Run.from_pairs(pairs)
-    print(describe(execute(request), request.out))
+    summary = execute(request)
+    from .runs.outcome import describe
+
+    print(describe(summary, request.out))
 
 
 def figures(words: list[str]) -> None:
@@ -73,7 +75,7 @@ def report(words: list[str]) -> None:
     if not words:
         raise InputError("no finished run to report on; 'make run SCENE=model' leaves one in "
                          "results/model")
-    _list([study_page.write(Path(word)) for word in words])
+    _list([_page(Path(word)) for word in words])
 
 
 # ---- studies -------------------------------------------------------------------------------------
@@ -84,7 +86,7 @@ def study(words: list[str]) -> None:
     from .studies.study import make_study
 
     summary, out = make_study(parse_pairs(words))
-    study_page.write(out)
+    _page(out)
     print(describe_study(summary, out))
 
 
@@ -154,7 +156,14 @@ def _leave(paths: list[Path]) -> None:
     """The files of a study, and the page that is made of them."""
     folders = {path.parent.parent if path.parent.name == "figures" else path.parent
                for path in paths}
-    _list([*paths, *map(study_page.write, sorted(folders))])
+    _list([*paths, *map(_page, sorted(folders))])
+
+
+def _page(folder: Path) -> Path:
+    """The page of a finished run or study."""
+    from .report.study import write
+
+    return write(folder)
 
 
 def _list(paths: list[Path]) -> None:
@@ -199,6 +208,7 @@ def _stage(request: Request):
 ENTRIES = {entry.__name__: entry for entry in (
     run, model, table, effects, study, accuracy, bench, hard, verify, saddle, docs, figures, report,
     solve)}
+EARLY = ("run", "model")  # start FreeFEM before anything that needs NumPy is imported
 
 
 def main() -> None:
@@ -209,6 +219,8 @@ def main() -> None:
     given = parser.parse_args()
     try:
         environment.check_process()
+        if given.command not in EARLY:
+            environment.prepare_numpy()
         ENTRIES[given.command](given.words)
     except DriverError as problem:
         report_error(problem)

@@ -162,9 +162,9 @@ def prepare_numpy() -> None:
     for a comparison warns and continues with False.
     """
     warnings.filterwarnings("error", "elementwise comparison failed", DeprecationWarning)
-    _ask_for(BLAS_BUFFER)
     import numpy as np
 
+    _ask_for(BLAS_BUFFER)
     np.dot(np.ones((300, 300)), np.ones(300))  # smaller products do without
 
 

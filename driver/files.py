@@ -1,4 +1,4 @@
-"""Tables and JSON as files that appear whole, written under a hidden name; reading tables."""
+"""Tables and JSON as files that appear whole, written under a hidden name; reading files."""
 
 import csv
 import json
@@ -70,3 +70,26 @@ def read_table(path: Path) -> dict | None:
         except ValueError:
             columns[name] = np.array(texts)
     return columns or None
+
+
+def read_fields(path: Path):
+    """The meshio.Mesh of a VTU file, or of all pieces that a PVTU file names, in their order."""
+    from xml.etree import ElementTree
+
+    import meshio
+    import numpy as np
+
+    if path.suffix != ".pvtu":
+        return meshio.read(path)
+    pieces = [meshio.read(path.parent / piece.get("Source"))
+              for piece in ElementTree.parse(path).iter("Piece")]
+    start = np.cumsum([0, *(len(piece.points) for piece in pieces)])
+    kind = pieces[0].cells[0].type
+    cells = np.concatenate([piece.cells[0].data + first for piece, first in zip(pieces, start)])
+    points, data = ({name: np.concatenate([of(piece)[name] for piece in pieces])
+                     for name in of(pieces[0])}
+                    for of in (lambda piece: piece.point_data,
+                               lambda piece: {name: values for name, (values,)
+                                              in piece.cell_data.items()}))
+    return meshio.Mesh(np.concatenate([piece.points for piece in pieces]), [(kind, cells)],
+                       point_data=points, cell_data={name: [of] for name, of in data.items()})

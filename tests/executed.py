@@ -78,7 +78,8 @@ class Contexts:
             texts, by = Path(file).read_text().split("\n"), defaultdict(int)
             for line, names in data.contexts_by_lineno(file).items():
                 by[texts[line - 1].strip()] |= union(bits[name] for name in names)
-            lines[str(Path(file).relative_to(ROOT))] = {text: f"{one:x}" for text, one in by.items()}
+            lines[str(Path(file).relative_to(ROOT))] = {text: f"{bits_:x}"
+                                                        for text, bits_ in by.items()}
         for path in LIBRARY:
             by = union(bits[name] for name, files in self.read.items() if path in files)
             lines[str(path.relative_to(ROOT))] = {"": f"{by:x}"}

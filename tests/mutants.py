@@ -35,16 +35,18 @@ from mutations import PACKAGES, ROOT, Mutant, drawn, mutant
 
 COPIED = ("driver", "edp", "tests", "meshes", "results/reference", "results/README.md", "README.md",
           "Makefile", "LICENSE", "apt-packages.txt", "pyproject.toml", ".github", ".ci")
-# the tests that concern numerical packages, in two parts that take about as long as one another
+FEW = 10  # mutants that are not worth compiling the assertions of all tests for
+# the tests that concern numerical packages, in parts that take about as long as one another
 PARTS = (("tests/qp", "tests/contact", "tests/effects", "tests/scene/test_loader.py",
-          "tests/scene/test_materials.py", "tests/verify/test_independent.py"),
+          "tests/scene/test_materials.py", "tests/scene/test_contents.py",
+          "tests/verify/test_independent.py"),
          ("tests/feti", "tests/march", "tests/results", "tests/estimates", "tests/python"),
          ("tests/scenes",))
 CHEAP = 6.0  # CPU seconds of the tests that are tried first
 OWN = 0.2  # what a second of tests of a package or module counts in their order
 SLOW, START = 6.0, 20.0  # what a mutant may take of the time without it, and seconds more
 MEMORY = 8 * 2**30  # bytes that it may take
-COLUMNS = ("file", "line", "before", "after", "outcome", "noticed by", "seconds")
+COLUMNS = ("seed", "file", "line", "before", "after", "outcome", "noticed by", "seconds")
 HOME = ROOT / "results" / "mutants"
 OPTIONS = {"MODULE": "", "COUNT": "40", "SEED": "1", "FIRST": "1", "LIMIT": "60", "OUT": str(HOME)}
 SOUND = set()  # tests that passed when it was found out which lines they execute
@@ -53,11 +55,12 @@ EQUIVALENT = ROOT / "tests" / "equivalent.txt"
 
 # ------------------------------------------------------------------------------ copies, runs
 
-def copies(folder: Path, count: int) -> list[Path]:
-    """`count` copies of what the tests need, compiled, the tests with their assertions, too."""
+def copies(folder: Path, count: int, compiled: bool) -> list[Path]:
+    """`count` copies of what the tests need, `compiled` ones if so, with the tests' assertions."""
     first, *others = (folder / str(k) for k in range(count))
     copy(first)
-    pytest(first, "--collect-only", PYTHONDONTWRITEBYTECODE="")
+    if compiled:
+        pytest(first, "--collect-only", PYTHONDONTWRITEBYTECODE="")
     for other in others:
         shutil.copytree(first, other)
     return [first, *others]
@@ -130,7 +133,7 @@ def concerned(one: Mutant, tables: list[dict]) -> dict[str, dict[str, float]]:
     """Tests that execute the changed line, and CPU seconds of each and of what it needs.
 
     What stands outside of functions concerns all that execute anything of the file. What ranks
-    execute is not known: tests of ranks, by their names, concern all of the driver.
+    execute is not known: tests of ranks, by their names, concern all of their package.
     """
     text, tests = (ROOT / one.file).read_text(), {}
     start, _ = function_of(text, one.line) if one.package != "lib" else (0, 0)
@@ -141,7 +144,7 @@ def concerned(one: Mutant, tables: list[dict]) -> dict[str, dict[str, float]]:
         bits = [int(by, 16) for by in ([nearest] if nearest else known.values())]
         tests |= {test: needs for k, (test, needs) in enumerate(table["tests"].items())
                   if any(number >> k & 1 for number in bits)
-                  or "rank" in test and one.package != "lib"}
+                  or "rank" in test and test.startswith(f"tests/{one.package}/")}
     return tests
 
 
@@ -186,8 +189,8 @@ def tried(one: Mutant, folder: Path, chosen: list, broken: set) -> tuple[str, st
     """
     path, clock = folder / one.file, time.perf_counter()
     before, stat = path.read_text(), path.stat()
-    kept = HOME / "exports"
-    kept.mkdir(parents=True, exist_ok=True)
+    kept = folder.parent / "exports"
+    kept.mkdir(exist_ok=True)
     plugin = ("-p", "kept_exports") if one.package != "lib" else ()
 
     def noticed_by() -> str:
@@ -220,8 +223,9 @@ def arguments() -> dict[tuple, str]:
     return {tuple(block[:3]): " ".join(block[3:]) for block in blocks}
 
 
-def run(mutants: list[Mutant], out: Path, limit: float, tests=()) -> list[dict]:
-    """Rows of the table of `mutants`, written as they come in; `tests` instead of those of lines.
+def run(mutants: list[Mutant], out: Path, limit: float, tests=(), seed="") -> list[dict]:
+    """Rows of the table of `mutants` of a `seed`, written as they come in; `tests` instead of those
+    of lines.
     """
     known, rows, broken, free = arguments(), [], set(), queue.Queue()
     tables, before = [] if tests else executed(HOME / "executed"), {}
@@ -229,7 +233,7 @@ def run(mutants: list[Mutant], out: Path, limit: float, tests=()) -> list[dict]:
     work = out / "copies"
     shutil.rmtree(work, ignore_errors=True)
     workers = min(len(os.sched_getaffinity(0)), len(mutants))
-    for made in copies(work, workers):
+    for made in copies(work, workers, len(mutants) > FEW):
         free.put(made)
 
     def one(m: Mutant) -> None:
@@ -245,7 +249,7 @@ def run(mutants: list[Mutant], out: Path, limit: float, tests=()) -> list[dict]:
             finally:
                 free.put(folder)
             before[m.file] = [*before.get(m.file, []), by]
-        rows.append(dict(zip(COLUMNS, (m.file, m.line, m.before, m.after, outcome, by,
+        rows.append(dict(zip(COLUMNS, (seed, m.file, m.line, m.before, m.after, outcome, by,
                                        f"{seconds:.0f}"))))
         print(f"{outcome:10} {m.file}:{m.line}  {by}  {seconds:.0f} s\n    - {m.before}\n"
               f"    + {m.after}", flush=True)
@@ -288,7 +292,8 @@ def main() -> None:
         mutants = [mutant(file, text, text.replace(old, new))]
     else:
         mutants = drawn(words["MODULE"], int(words["COUNT"]), int(words["SEED"]))
-    rows = run(mutants[int(words["FIRST"]) - 1 :], out, float(words["LIMIT"]), given.tests)
+    rows = run(mutants[int(words["FIRST"]) - 1 :], out, float(words["LIMIT"]), given.tests,
+               "" if given.change else words["SEED"])
     counts = {name: sum(row["outcome"] == name for row in rows)
               for name in ("noticed", "survived", "equivalent")}
     print(f"{len(rows)} mutants: " + ", ".join(f"{n} {name}" for name, n in counts.items())

@@ -7,12 +7,20 @@ results/reference/scaling.md.
 import os
 from statistics import median
 
+import numpy as np
+from scipy.optimize import nnls
+
 from .workbench import REPEATS, Workbench, on_ranks, ratios
 
 # subdomains, H/h, target: at 512 equal subdomains and where every rank has more to do, with more of
 # them, larger ones or such that have a matrix each
 STRONG = (("32x16", 10, ">= 1.7"), ("64x32", 10, ""), ("32x16", 20, ""), ("512", 10, ""))
-WEAK = {1: "8x8", 2: "16x8", 4: "16x16", 8: "32x16"}  # ranks: subdomains, 64 a rank
+# ranks: subdomains, about 64 a rank, squares as in the model example
+WEAK = {1: "12x6", 2: "16x8", 4: "22x11", 8: "32x16", 16: "46x23", 32: "64x32"}
+LOAD = {"work": "multiplications", "messages": "messages received", "kB": "kB received",
+        "MiB": "MiB beside the program"}
+MANY = "400x250", 2, (1, 2, 4, 8)  # subdomains, H/h, ranks: where ranks share the coarse problem
+AIM, AIMS = 512, {"product": "<= 0.01", "set-up": "<= 2"}  # ranks, and their seconds
 SIZES = (("4x2", 10, 1), ("8x4", 10, 1), ("16x8", 10, 1), ("32x16", 10, 1), ("64x32", 10, 1),
          ("16x8", 5, 1), ("16x8", 20, 1), ("32x16", 10, 2))  # subdomains, H/h, ranks
 STAGES = ("export", "read", "skeleton", "reduction", "product")
@@ -24,12 +32,14 @@ def run(bench: Workbench, subdomains: str, cells: int, ranks: int, repeats: int)
     return on_ranks(bench, bench.export(subdomains, cells), ranks, repeats)
 
 
-def measure(bench: Workbench) -> dict:
+def measure(bench: Workbench, large: bool = False) -> dict:
     """Strong scaling in time; weak scaling in counts and volume; seconds of the stages by size.
 
-    Ranks beyond the cores of the machine say nothing about time.
+    And, if `large`, what each of some ranks spends on 100,000 subdomains. Ranks beyond the cores of the machine say nothing about time.
     """
     _strong(bench)
+    if large:
+        _many(bench)
     return _weak(bench) | _stages(bench)
 
 
@@ -49,13 +59,45 @@ def _strong(bench: Workbench) -> None:
         bench.add(f"one rank over two, {case}", ratios(times[1], times[2]), "", target)
 
 
+def _many(bench: Workbench) -> None:
+    """Processor seconds of the busiest of some ranks, and what a/p + b says of AIM ranks."""
+    subdomains, cells, numbers = MANY
+    spent = {}
+    for ranks in numbers:
+        measured = on_ranks(bench, bench.export(subdomains, cells), ranks, 1, "null")[0]
+        name = f"{subdomains}, H/h = {cells}, {ranks} ranks"
+        for stage in ("skeleton", "reduction", "product"):
+            spent.setdefault(stage, []).append(measured["processor"][stage])
+            bench.add(f"{stage}, {name}: processor seconds", spent[stage][-1], "s")
+        for key, text in LOAD.items():
+            bench.add(f"{name}: {text}, largest of a rank", measured["load"][key][0])
+    spent["set-up"] = np.add(spent["skeleton"], spent["reduction"])
+    for stage, values in spent.items():
+        terms = np.column_stack([1 / np.array(numbers), np.ones(len(numbers))])
+        shared, repeated = nnls(terms / np.array(values)[:, None], np.ones(len(values)))[0]
+        bench.add(f"{stage}, {subdomains}, {AIM} ranks by a/p + b", shared / AIM + repeated, "s",
+                  AIMS.get(stage, ""))
+
+
 def _weak(bench: Workbench) -> dict:
-    """Ranks, and kB that a rank receives in a product by purpose."""
-    volume = {text: [] for text in VOLUME.values()}
+    """Ranks, and kB that a rank receives in a product by purpose.
+
+    Work over that of the same problem on one rank, shared evenly, is an efficiency. The steps are
+    made on one rank, as their counts are those of any number.
+    """
+    volume, first = {text: [] for text in VOLUME.values()}, None
     for ranks, subdomains in WEAK.items():
-        measured = run(bench, subdomains, 10, ranks, 1)[0]
-        name = f"weak scaling, {ranks} ranks"
-        bench.add(f"{name}: products", measured["counts"]["dual_multiplications"])
+        alone = run(bench, subdomains, 10, 1, 1)[0]
+        measured = on_ranks(bench, bench.export(subdomains, 10), ranks, 1, "null")[0]
+        name, load = f"weak scaling, {ranks} ranks", measured["load"]
+        products = alone["counts"]["dual_multiplications"]
+        first = first or products
+        bench.add(f"{name}: products", products)
+        bench.add(f"{name}: products over those of one", products / first, "", "<= 1.2")
+        for key, text in LOAD.items():
+            bench.add(f"{name}: {text}, largest of a rank", load[key][0])
+        even = alone["load"]["work"][0] / ranks
+        bench.add(f"{name}: even work over the largest", even / load["work"][0], "", ">= 0.9")
         for key, text in VOLUME.items():
             volume[text].append(measured["bytes"][key] / ranks / 1e3)
             bench.add(f"{name}: {text}, received per rank and product", volume[text][-1], "kB")

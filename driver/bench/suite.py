@@ -8,7 +8,7 @@ from ..files import write_json
 from ..runs.guard import study_folder
 
 PARTS = options.find("bench", "parts").kind.choices
-GROWING = ("getfem", "geometry")  # parts that LARGE=yes adds sizes to
+GROWING = ("getfem", "geometry", "ranks")  # parts that LARGE=yes adds sizes to
 
 
 def run_bench(pairs: dict[str, str]) -> list[Path]:

@@ -194,7 +194,7 @@ def contact_boundary(manifest, effects, subdomains, skeleton, fixed, comm,
         raise InputError(f"no contact node has the label {missing[0]}: the scene declares contact "
                          "on a label that its mesh lacks")
     found = FoundNodes(nodes, chains(nodes, skeleton), fixed,
-                       np.isin(nodes.gid, skeleton.middles), manifest.axisymmetric,
+                       skeleton.are_middles(nodes.gid), manifest.axisymmetric,
                        bool(manifest.curved))
     gap = effects.distance(nodes.columns, len(nodes.gid))
     motion = effects.motion(nodes, gap)

@@ -168,5 +168,5 @@ def contact_rows(structure: Substructure, law: ContactLaw) -> ContactRows:
     return ContactRows(contact.normal_row[normal] - start, normal, contact.gap[normal],
                        contact.tangential_row[tangential] - start, tangential,
                        contact.normal_row[tangential] - start, coefficient, offset,
-                       np.flatnonzero(structure.row_kind[start : stop] == RowKind.GLUING),
+                       np.flatnonzero(structure.row_kind == RowKind.GLUING),
                        law.bilateral[normal], corner_nodes(structure, place, law), idle)

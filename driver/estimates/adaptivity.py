@@ -10,18 +10,15 @@ Engng 24, 1987; Diez, Huerta: CMAME 177, 1999), so
 and c follows from the number of triangles wanted. edp/lib/adapt.idp, gmsh.idp make the mesh.
 """
 
-import dataclasses
-import json
 from pathlib import Path
 
 import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from ..errors import InputError
-from ..files import write_table
-from ..options import Settings
-from ..scene import elements
+from ..scene import element_kinds, elements
 
-STEM = "size"  # of the files of a size field, see write_sizes
 GROWTH = 4.0  # triangles of one cycle's mesh over the last one's: as if sizes were halved
 CONTACT_GROWTH = 3.0  # contact nodes likewise: twice by that, and kinks are places of their own
 STEEPEST = 0.5  # difference of sizes over distance: neighbours must not differ too much
@@ -29,7 +26,6 @@ GENTLE = 0.15  # the same next to contact, whose tractions see the meshes behind
 SMALLEST, LARGEST = 0.125, 2.0  # new size over old in one cycle: an indicator does not see further
 NO_ERROR = "ADAPT has no error to refine by"
 ROUNDING = 1e-8  # an error below this part of the solution's norm is none
-COARSE = {"rtol": 1e-4, "friction_rtol": 1e-3, "primal_rtol": 1e-2}  # of cycles, rough
 
 
 def element_sizes(xy: np.ndarray, triangles: np.ndarray) -> np.ndarray:
@@ -119,7 +115,7 @@ def next_mesh(stem: Path, estimator, estimates: list) -> None:
     """
     known = [e for e in estimates if not e.reason]
     check("" if known else estimates[0].reason if estimates else "nothing was estimated")
-    mesh, degree = estimator.body.mesh, elements.DEGREE[estimator.manifest.element]
+    mesh, degree = estimator.body.mesh, element_kinds.DEGREE[estimator.manifest.element]
     states = [state for _, state in estimator.considered]
     square = sum(e.indicator**2 * (e.mesh > ROUNDING * e.norm) for e in known)
     xy = np.zeros((mesh.triangles.max() + 1, 2))
@@ -136,7 +132,7 @@ def _near_contact(xy: np.ndarray, triangles: np.ndarray, rim: np.ndarray, places
     """(n_v,) largest sizes at the vertices that `sizes` (k,) at `places` (k, 2) leave."""
     near = np.full(len(xy), np.inf)
     if len(places):
-        from scipy.spatial import cKDTree  # every run imports this module, and FreeFEM starts first
+        from scipy.spatial import cKDTree  # of all runs that import this module few refine
 
         distance, place = cKDTree(places).query(xy[rim])
         near[rim] = sizes[place] + GENTLE * distance
@@ -168,9 +164,6 @@ def write_sizes(stem: Path, xy: np.ndarray, triangles: np.ndarray, edges: np.nda
     may mesh one of several elsewhere and move it.
     """
     ends = triangles.ravel(), np.roll(triangles, 1, axis=1).ravel()
-    from scipy.sparse import coo_matrix  # every run imports this module, and FreeFEM starts first
-    from scipy.sparse.csgraph import connected_components
-
     links = coo_matrix((np.ones(3 * len(triangles)), ends), (len(xy),) * 2)
     body = connected_components(links, directed=False)[1]
     names, first = np.unique(body, return_index=True)
@@ -194,51 +187,3 @@ def write_sizes(stem: Path, xy: np.ndarray, triangles: np.ndarray, edges: np.nda
         np.savetxt(file, np.column_stack([corner, size[triangles]]),
                    fmt=f"ST({','.join(['%.17g'] * 9)}){{%.17g,%.17g,%.17g}};")
         file.write("};\n")
-
-
-# ---- the cycles of a run -------------------------------------------------------------------------
-
-def coarse(settings: dict) -> dict:
-    """Solver settings of a cycle: those of the run, loosened to what its mesh is worth."""
-    preset = dataclasses.asdict(Settings(**settings))
-    kind = "recovery" if preset["estimator"] == "none" else preset["estimator"]
-    return {**settings, **{name: max(value, preset[name]) for name, value in COARSE.items()},
-            "estimator": kind}
-
-
-def seconds(cycles: list[Path]) -> dict[str, float]:
-    """Seconds of finished cycles: FreeFEM's as export_cycles, all others as solve_cycles."""
-    spent = [_summary(place)["seconds"] for place in cycles]
-    export, own = sum(s["export"] for s in spent), sum(map(_own_seconds, spent))
-    return {"export_cycles": export, "solve_cycles": own - export} if cycles else {}
-
-
-def describe(place: Path) -> str:
-    """One line about a finished cycle."""
-    row = _row(0, place)
-    error = 100 * (row["relative"] or 0.0)
-    return (f"{row['primal_dofs']} primal dofs, error in the energy norm {error:.2g}%, "
-            f"{row['seconds']:.2f} s")
-
-
-def report(work: Path, cycles: list[Path]) -> None:
-    """Write adaptivity.csv, a row for every cycle and one for the run itself in `work`."""
-    write_table(work / "adaptivity.csv", [_row(k, p) for k, p in enumerate([*cycles, work])])
-
-
-def _summary(place: Path) -> dict:
-    return json.loads((place / "summary.json").read_text())
-
-
-def _row(cycle: int, place: Path) -> dict:
-    summary = _summary(place)
-    s, energy = summary["seconds"], summary.get("errors", {}).get("energy", {})
-    sizes = {name: summary["sizes"][name] for name in ("subdomains", "primal_dofs")}
-    relative = energy["mesh"] / energy["norm"] if energy.get("norm") else None
-    return {"cycle": cycle, **sizes, "mesh_error": energy.get("mesh"), "relative": relative,
-            "seconds": round(_own_seconds(s), 3), **summary["quantities"]}
-
-
-def _own_seconds(s: dict) -> float:
-    """Seconds of a run without those of the cycles before it."""
-    return s["total"] - s.get("export_cycles", 0.0) - s.get("solve_cycles", 0.0)

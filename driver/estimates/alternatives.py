@@ -13,8 +13,8 @@ import numpy as np
 
 from ..errors import DriverError, agreed_writes
 from ..results.contact_state import ContactState
-from ..scene import elements
-from . import adaptivity, prices
+from ..scene import element_kinds
+from . import adaptivity, prices, refinement
 from .budget import Part, coarser, extrapolate, formal_order, ratio, vanishing
 from .energy import EnergyEstimator
 from .jumps import Jumps
@@ -139,7 +139,7 @@ class Alternatives:
 
     def _refined(self, own: Uniform) -> Adaptive | None:
         """Adaptive meshes, from the coarsest mesh of the run's kind."""
-        start = {self.knob: own.sizes[-1]} if len(own.sizes) > 1 else {}
+        start = self.companions.meshes[len(own.sizes) - 1]
         try:
             level, unknowns = self._refine(start)
         except DriverError:
@@ -150,7 +150,7 @@ class Alternatives:
         self.took["ADAPT"] = [Measured(unknowns, level.declared, {
             **self.levels.spent[key], "solve": level.seconds})]
         first = self._within(level.values[self.name], None, own)
-        degree = elements.DEGREE[self.manifest.element]
+        degree = element_kinds.DEGREE[self.manifest.element]
         settings = {self.knob.upper(): f"{float(own.sizes[-1]):g}", **own.words}
         return Adaptive("ADAPT", settings, [own.errors[-1], first],
                         [self._unknowns(**start), unknowns], ADAPTIVE[degree])
@@ -162,7 +162,7 @@ class Alternatives:
             return None, 0.0
         problem, levels = self.levels.problem(**start), self.levels
         contact = ContactState(problem.operator, coarse.solver)
-        kind = adaptivity.coarse(dataclasses.asdict(self.companions.settings))["estimator"]
+        kind = refinement.coarse(dataclasses.asdict(self.companions.settings))["estimator"]
         estimator = EnergyEstimator(problem.operator, problem.manifest, contact, kind)
         for step in coarse.steps:
             problem.operator.follow(step)
@@ -170,7 +170,7 @@ class Alternatives:
             estimator.consider(step, contact.evaluate(step, fields), 1.0)
         estimates = [estimate for _, estimate in estimator.estimates()]
         place = levels.folder / "refined"
-        stem = place / adaptivity.STEM
+        stem = place / refinement.STEM
         with agreed_writes(levels.comm):
             if levels.comm.rank == 0:
                 place.mkdir(parents=True)

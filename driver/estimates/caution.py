@@ -5,7 +5,9 @@ Smooth sequences (budget.py) are what meshes give that resolve a solution. They 
 - where linear elements are stiffer than the material: where it hardly changes its volume the loss
   grows like the root of lambda / mu (soundness.py), and coarse meshes approach something else;
 - where the error in the energy norm is large: so many of the coarser meshes are far from the limit;
-- where no adjoint problem holds resultants and displacements;
+- where no adjoint problem holds resultants and displacements: shear on a body that is pressed is
+  then not claimed to less than a part of the pressing force times the square of the error in
+  energy, as both errors of a functional would be, since it may vanish by a symmetry of no mesh;
 - for order three, where quadratic elements have straight sides on a round boundary: a polygon is of
   second order, and adjoint problems, which smooth stresses, do not see it, so that they hold errors
   from below alone;
@@ -26,10 +28,11 @@ from .budget import (CAUTION, SAFETY, UNBOUNDED, Part, extrapolate, formal_order
 
 LOCKED = 2.0  # lambda / mu (Poisson's ratio 1/3) from which linear elements are too stiff
 ROUGH, STEEP = 0.25, 2.0  # relative error in energy from which caution grows, and how fast
-# by adjoint problems, where there are any
-HELD = ("normal_resultant", "tangential_resultant", "displacement")
-FIRST_ORDER = ("peak_pressure", "contact_length")  # of two meshes: places between nodes
-FAST = 2.0  # order of other quantities on two meshes of quadratic elements, or of two cycles
+SHEAR_FORCE = "tangential_resultant"
+# integrals, which adjoint problems hold where there are any; others hang on places between nodes
+HELD = ("normal_resultant", SHEAR_FORCE, "displacement")
+SHEAR = 0.25  # of the square of the relative error in energy times the pressing force
+FAST = 2.0  # their order on two meshes of quadratic elements, or of two cycles
 
 
 def stiffness(problem) -> float:
@@ -50,6 +53,7 @@ class Caution:
     adapted: bool = False  # meshes are those of cycles of refinement
     chords: bool = False  # straight sides of quadratic elements stand for curves
     factor: float = 1.0
+    energy: float = 0.0  # relative error in the energy norm
     touch: Touch = field(default_factory=Touch)
     sizes: dict = field(default_factory=dict)  # of adjoint problems, by quantity
 
@@ -60,7 +64,7 @@ class Caution:
         element = problem.manifest.element
         chords = element != "P1" and touch.round > 0 and "curved" not in problem.effects
         factor = stiffness(problem) * (1 + STEEP * max(0.0, energy - ROUGH))
-        return cls(element, adapted, chords, factor, touch, sizes)
+        return cls(element, adapted, chords, factor, energy, touch, sizes)
 
     def parts(self, values: dict, runs: list, ratios: list[float], singular) -> dict[str, Part]:
         """Part by quantity from pairs of the values of finer and coarser runs, finest first.
@@ -70,15 +74,20 @@ class Caution:
         parts = {name: self._part(name, [fine[name] - coarse[name] for fine, coarse in runs],
                                   ratios, value, name in singular)
                  for name, value in values.items()}
-        slip = parts.get("slip")
-        if self.touch.dragged and slip and slip.error is not None and slip.error >= values["slip"]:
-            name = "tangential_resultant"
-            parts[name] = located(parts[name], abs(values[name]))
+        if SHEAR_FORCE in values:
+            parts[SHEAR_FORCE] = located(parts[SHEAR_FORCE], self._shear(values, parts["slip"]))
         return parts
+
+    def _shear(self, values: dict, slip: Part) -> float:
+        """What is open of the shear force, whatever coarser meshes say."""
+        if self.touch.dragged and slip.error is not None and slip.error >= values["slip"]:
+            return abs(values[SHEAR_FORCE])
+        unheld = 0.0 if self.sizes else SHEAR * self.energy**2
+        return unheld * abs(values["normal_resultant"])
 
     def _part(self, name: str, changes: list, ratios: list, value: float, singular: bool) -> Part:
         caution = CAUTION[name] if self.sizes or name not in HELD else SAFETY
-        fast = (self.element != "P1" or self.adapted) and name not in FIRST_ORDER
+        fast = (self.element != "P1" or self.adapted) and name in HELD
         part = extrapolate(changes, ratios, formal_order("mesh", self.element, name, self.chords),
                            value, name not in UNBOUNDED, singular, self.factor * caution,
                            FAST if fast else 1.0)

@@ -29,7 +29,7 @@ SETTLED = 1e-7
 FEW = 4  # steps below which coarser times tell nothing
 FINER = 4  # times as many steps then, also where steps miss what a history does
 ROUNDING = 1e-9  # relative change of a largest displacement that a support prescribes
-UNSEEN = 1e-3  # by how much others may exceed it, relative
+UNSEEN = 1e-2  # by how much others may exceed it, relative: bulges beside a support
 UNTRIED = "no run with more steps to compare with"
 TIGHTER = 100.0  # tolerances of the companions that tell what those of the run leave
 LEFT = 2.0  # safety of what they tell: another mesh answers by chance with more or less
@@ -186,7 +186,7 @@ class Companions:
         self.singular, touch = record.singular_places(), record.touch(self.at)
         error, element = unresolved.energy_error(energy), problem.manifest.element
         self.caution = Caution.of(problem, touch, sizes, error, bool(levels.cycles))
-        self.unresolved = unresolved.parts(self.values, error, touch, element)
+        self.unresolved = unresolved.parts(self.values, error, touch, element, bool(sizes))
         self.levels, self.manifest, self.settings = levels, problem.manifest, settings
         self.effects = problem.effects
         # cycles skipped after each computed one, where any were

@@ -16,14 +16,16 @@ def energy_error(energy: dict | None) -> float:
         energy or {}, (energy or {}).get("largest", {})) if estimate.get("norm")), default=0.0)
 
 
-def parts(values: dict, error: float, touch: Touch, element: str) -> dict[str, Part]:
+def parts(values: dict, error: float, touch: Touch, element: str,
+          adjoint: bool) -> dict[str, Part]:
     """Parts without an error, of those quantities in `values` of which the mesh tells none.
 
     Where contact opens and slips between its few nodes coarser meshes may agree by chance; of
-    resultants and displacements equilibrium and adjoint problems see the whole body's error, but
-    of a round boundary a node or two that carry all have one direction. `error`: of energy_error.
+    displacements equilibrium sees the whole body's error, of resultants `adjoint` problems if there
+    are any, but of a round boundary a node or two that carry all have one direction. `error`: of
+    energy_error.
     """
-    reason, spared = "", OF_BODIES
+    reason, spared = "", OF_BODIES if adjoint else OF_BODIES[-1:]
     if error > COARSE:
         reason = f"its error in the energy norm is {100 * error:.0f} %"
     if 0 < touch.nodes < FEWEST.get(element, QUADRATIC):

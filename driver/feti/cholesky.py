@@ -131,7 +131,7 @@ def _upper(L: spmatrix, count: int) -> PETSc.Mat:
 
     Columns of L are its rows; ILU(0) has nothing to eliminate in it and works in place.
     """
-    first, row, value = (np.array(part).ravel() for part in L.CCS)
+    first, row, value = (np.asarray(part).ravel() for part in L.CCS)
     first = first[: count + 1]
     row, value = row[: first[-1]], value[: first[-1]]
     kept = (row < count) & (value != 0)  # supernodes are padded with zeros

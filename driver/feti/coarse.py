@@ -1,4 +1,6 @@
-"""The coarse problem S_cc of FETI-DP: assembled, factorized and solved on every rank.
+"""The coarse problem S_cc of FETI-DP: assembled, factorized and solved.
+
+On every rank as a whole, or, if it is large, by nested dissection over the ranks (dissection.py).
 
 Bodies that no support holds make S_cc singular, with the orthonormal rigid motions Q (at the
 corners) as its kernel; springs of small stiffness 1/rho hold them (see free_motions.py),
@@ -17,19 +19,23 @@ from scipy.sparse import coo_matrix, diags
 
 from ..errors import NoSolution
 from .cholesky import SINGULAR
+from .dissection import Dissection, Elements, grouped
 from .factorization import factorized, petsc_matrix
-from .gathering import Gathering, joined
+from .gathering import Gathering, gather, joined, lookup
 from .reduction import LocalClass
 from .structure import Substructure, partition
+
+LARGE = 100_000  # coarse dofs from which ranks share a solution; one rank alone is faster without
 
 
 class CoarseProblem:
     """S_rho^-1 between the stacked corner dofs of the ranks' subdomains; collective over `comm`.
 
     Corner dofs are stacked class by class as `LocalClass.corners` says; `numbers` are their numbers
-    in the coarse problem. `factor_entries` is the number of entries of the factor, `foreign` that
-    of corner dofs on other ranks. `rho` (modes,) are the springs' compliances, zero until they are
-    set. Raises NoSolution if S_cc is singular but for them.
+    in the coarse problem. `entries` is the number of entries of factors on this rank, `received`
+    that of the numbers that it gets for a solution, in so many `messages`. `rho` (modes,) are the
+    springs' compliances, zero until they are set. Raises NoSolution if S_cc is singular but for
+    them.
     """
 
     def __init__(self, structure: Substructure, classes: list[LocalClass], comm):
@@ -40,39 +46,90 @@ class CoarseProblem:
         first = np.cumsum([0, *(len(number) for number in corners)])
         self._order = joined([np.arange(first[s], first[s + 1]) for s in order], int)
         self.numbers = joined([corners[s] for s in order], int)
-        self._all_numbers = np.concatenate(comm.allgather(joined(corners, int)))
-        self.foreign = len(self._all_numbers) - len(self.numbers)
-        self._all_forces = Gathering(comm, len(self.numbers))
-        self.factor_entries, self._latest = 0, None
-        if self.dofs:
-            self._factorize(_assembled(structure, classes, comm))
+        modes = self.motions.shape[1]
+        self._pins = np.sort(qr(self.motions.T, pivoting=True)[2][:modes]) if modes else []
+        self.entries = self.received = self.messages = 0
+        self._latest = None
+        self._shared = None
+        if self.dofs > LARGE:
+            self._dissect(structure, classes)
+        elif self.dofs:
+            self._all_numbers = np.concatenate(comm.allgather(joined(corners, int)))
+            self.received = len(self._all_numbers) - len(self.numbers)
+            self.messages = comm.size - 1
+            self._all_forces = Gathering(comm, len(self.numbers))
+            self._solve = self._factorized(self._pinned(_assembled(structure, classes, comm)))
 
-    def _factorize(self, S) -> None:
-        """Factorize S_cc (CSR), pinned where bodies are free. Raises NoSolution if singular."""
-        matrix = petsc_matrix(self._pinned(S))
+    def _factorized(self, S):
+        """Solver of S (CSR) that takes and returns (dofs,). Raises NoSolution if S is singular."""
+        matrix = petsc_matrix(S)
         mumps = factorized(matrix, "mumps")
         checked = mumps.getFactorMatrix()
         negative, _, _ = checked.getInertia()
         if negative or checked.getMumpsInfog(28):
             raise NoSolution(f"the coarse problem's {SINGULAR}")
-        self.factor_entries = checked.getMumpsInfog(29)
+        self.entries = checked.getMumpsInfog(29)
         # MUMPS vouches for the matrix; CHOLMOD's triangular solves are several times faster
-        self._factor = factorized(matrix, "cholmod")
-        self._right, self._solution = (PETSc.Vec().createSeq(self.dofs) for _ in range(2))
+        factor = factorized(matrix, "cholmod")
+        right, solution = (PETSc.Vec().createSeq(S.shape[0]) for _ in range(2))
+
+        def solve(forces: np.ndarray) -> np.ndarray:
+            """The solution, overwritten by the next."""
+            right.array[:] = forces
+            factor.apply(right, solution)
+            return solution.array
+
+        return solve
 
     def _pinned(self, S):
         """S_cc with as many dofs pinned as there are free rigid motions.
 
         Where these are all that corners can do, S_cc is nothing but rounding, of any sign.
         """
-        modes = self.motions.shape[1]
-        if not modes:
+        if not len(self._pins):
             return S
         stiffness = np.abs(S.diagonal()).mean() or 1.0
-        self._pins = np.sort(qr(self.motions.T, pivoting=True)[2][:modes])
         free = np.ones(self.dofs)
         free[self._pins] = 0.0
         return (diags(free) @ S @ diags(free) + diags(stiffness * (1.0 - free))).tocsr()
+
+    def _dissect(self, structure: Substructure, classes: list[LocalClass]) -> None:
+        """Share the problem between the ranks; corners of subdomains with contact stay to the last.
+
+        Their rows and columns of the inverse are asked for.
+        """
+        corners, subs = structure.corner_global, structure.subdomains
+        matrices = [None] * len(subs)
+        for c in classes:
+            for s in c.members:
+                matrices[s] = c.S.ravel()
+        places = [(sub.xy.min(axis=0) + sub.xy.max(axis=0)) / 2 for sub in subs]
+        group, depth = grouped(np.array(places).reshape(-1, 2), self.comm)
+        kept, pins = np.zeros((2, self.dofs), bool)
+        near = [s for s, rows in enumerate(structure.rows)
+                if s in structure.renewed or structure.at_contact.has(rows.row).any()]
+        kept[gather(self.comm, joined((corners[s] for s in near), int))] = True
+        pins[self._pins] = True
+        self._numbers, self._count = joined(corners, int), len(subs)
+        self._of = np.repeat(np.arange(len(subs)), [len(c) for c in corners])
+        elements = Elements(self._numbers, np.array([len(c) for c in corners], np.int64), group,
+                            joined(matrices, float))
+        self._shared = Dissection(self.comm, elements, depth, kept, pins)
+        self.entries, self.received = self._shared.entries, self._shared.received
+        self.messages = self._shared.messages
+        if self.motions.shape[1]:
+            self._springs()
+
+    def _springs(self) -> None:
+        """What rigid motions need of a shared problem: each of its dofs once, and S^-1 Q."""
+        count = np.bincount(self._numbers, minlength=self.dofs)
+        everywhere = np.empty_like(count)
+        self.comm.Allreduce(count, everywhere)
+        self._Q = self.motions[self._numbers]
+        self._once = self._Q / everywhere[self._numbers][:, None]
+        self._held = np.isin(self._numbers, self._pins)
+        self._moved = np.column_stack([self._shared.solve(np.where(self._held, 0.0, q))
+                                       for q in self._once.T])
 
     def solve(self, local: np.ndarray) -> np.ndarray:
         """Displacements of the stacked corner dofs under stacked local corner forces (added up)."""
@@ -80,30 +137,41 @@ class CoarseProblem:
             return np.zeros_like(local)
         forces = np.empty_like(local)
         forces[self._order] = local
+        if self._shared is not None:
+            return self._on_shared(forces)[self._order]
         total = np.bincount(self._all_numbers, self._all_forces(forces), minlength=self.dofs)
         return self._on_springs(total)[self.numbers]
 
     def _on_springs(self, forces: np.ndarray) -> np.ndarray:
         """S_rho^-1 times assembled corner forces (dofs,)."""
         if not self.motions.shape[1]:
-            return self._with_pins(forces)
+            return self._solve(forces)
         Q = self.motions
         motion = Q.T @ forces
         right = forces - Q @ motion
         right[self._pins] = 0.0
-        u = self._with_pins(right)
+        u = self._solve(right)
         return u + Q @ (self.rho * motion - Q.T @ u)
 
-    def _with_pins(self, forces: np.ndarray) -> np.ndarray:
-        """Solution (dofs,) with the factorized matrix; overwritten by the next."""
-        self._right.array[:] = forces
-        self._factor.apply(self._right, self._solution)
-        return self._solution.array
+    def _on_shared(self, forces: np.ndarray) -> np.ndarray:
+        """The same of a shared problem, in the order of the rank's subdomains (n,)."""
+        if not self.motions.shape[1]:
+            return self._shared.solve(forces)
+        motion = self._total(self._Q * forces[:, None])
+        right = np.where(self._held, 0.0, forces - self._once @ motion)
+        u = self._shared.solve(right)
+        return u + self._Q @ (self.rho * motion - self._total(self._once * u[:, None]))
+
+    def _total(self, values: np.ndarray) -> np.ndarray:
+        """(modes,) sums of values (n, modes) of all ranks, subdomain by subdomain."""
+        each = np.column_stack([np.bincount(self._of, v, self._count) for v in values.T])
+        return gather(self.comm, each).sum(axis=0)
 
     def inverse(self, dofs: np.ndarray) -> np.ndarray:
         """Rows and columns `dofs` (k,) of S_rho^-1, (k, k); the ranks share the columns.
 
-        Those of the latest dofs are kept.
+        Those of the latest dofs are kept. Of a large problem they belong to subdomains with
+        contact.
         """
         if self._latest is None or not np.array_equal(self._latest[0], dofs):
             self._latest = dofs, self._inverse(dofs)
@@ -111,6 +179,10 @@ class CoarseProblem:
 
     def _inverse(self, dofs: np.ndarray) -> np.ndarray:
         """The same anew."""
+        if self._shared is not None:
+            place = np.searchsorted(self._shared.top, dofs)
+            inverse = self._shared.inverse[np.ix_(place, place)]
+            return inverse + self._by_motions(dofs) if self.motions.shape[1] else inverse
         mine = dofs[slice(*partition(len(dofs), self.comm))]
         columns, force = np.empty((len(mine), len(dofs))), np.zeros(self.dofs)
         for k, dof in enumerate(mine):
@@ -119,6 +191,16 @@ class CoarseProblem:
             force[dof] = 0.0
         inverse = np.concatenate(self.comm.allgather(columns))
         return (inverse + inverse.T) / 2
+
+    def _by_motions(self, dofs: np.ndarray) -> np.ndarray:
+        """What S_rho^-1 has at `dofs` (k,) beside the inverse with pins: (k, k)."""
+        place, known = lookup(dofs, self._numbers)
+        Y, q = np.zeros((len(dofs), self.motions.shape[1])), self.motions[dofs]
+        Y[gather(self.comm, place[known])] = gather(self.comm, self._moved[known])
+        energy = np.column_stack([self._total(self._once * y[:, None]) for y in self._moved.T])
+        across = Y @ q.T
+        energy = (energy + energy.T) / 2 + np.diag(self.rho)
+        return q @ energy @ q.T - across - across.T
 
     def whole(self, local: np.ndarray) -> np.ndarray:
         """(dofs,) values at all coarse dofs, on every rank, from those at stacked corner dofs."""

@@ -25,8 +25,10 @@ from scipy.sparse import coo_matrix, csc_matrix, hstack, vstack
 from ..errors import NotConverged, agree
 from .dual_problem import DualProblem
 from .factorization import factorized, petsc_upper, solve_columns
+from .gathering import gather
 from .operator import DualOperator
-from .rows import contact_row_numbers
+from .rows import RowKind, contact_row_numbers
+from .structure import ContactTable
 
 MUMPS_NO_MEMORY = -13  # INFOG(1)
 WIDTH = 64  # columns solved at a time
@@ -51,7 +53,7 @@ class ContactCompliance(DualProblem):
     def __init__(self, operator: DualOperator):
         structure = operator.structure
         rows = contact_row_numbers(structure.contact)
-        super().__init__(_on_contact_rows(structure, rows), len(rows), MPI.COMM_SELF)
+        super().__init__(_on_contact_rows(structure, rows, operator.comm), len(rows), MPI.COMM_SELF)
         patterns = np.eye(structure.patterns)
         loads = np.column_stack([np.empty((structure.dual_dofs, 0)), *(
             np.concatenate(operator.comm.allgather(operator.elastic_response(weights)))
@@ -128,19 +130,20 @@ class FaceInverse:
         return result
 
 
-def _on_contact_rows(structure, rows: np.ndarray):
+def _on_contact_rows(structure, rows: np.ndarray, comm):
     """The skeleton as a solver on `rows` alone, in their order, sees it."""
     contact = structure.contact
     place = np.full(structure.dual_dofs + 1, -1)  # that of no row, -1, is the last
     place[rows] = np.arange(len(rows))
     contact = dataclasses.replace(contact, normal_row=place[contact.normal_row],
                                   tangential_row=place[contact.tangential_row])
-    yielding = structure.compliance
-    return dataclasses.replace(structure, contact=contact, dual_dofs=len(rows),
-                               compliance=None if yielding is None else yielding[rows],
-                               row_range=(0, len(rows)), row_kind=structure.row_kind[rows],
-                               row_scale=structure.row_scale[rows],
-                               row_stiffness=structure.row_stiffness[rows])
+    table, order = structure.at_contact, np.searchsorted(structure.at_contact.row, rows)
+    table = ContactTable(np.arange(len(rows)), table.kind[order], table.scale[order],
+                         table.compliance[order])
+    stiffness = gather(comm, structure.row_stiffness[structure.row_kind != RowKind.GLUING])
+    return dataclasses.replace(structure, contact=contact, dual_dofs=len(rows), at_contact=table,
+                               row_range=(0, len(rows)), row_kind=table.kind,
+                               row_scale=table.scale, row_stiffness=stiffness[order])
 
 
 def _eliminated(operator: DualOperator, rows: np.ndarray, loads: np.ndarray):

@@ -17,7 +17,6 @@ from scipy.sparse import coo_matrix, csr_matrix, issparse
 from .dirichlet import DirichletPreconditioner
 from .gathering import Gathering, joined
 from .operator import DualOperator
-from .rows import RowKind
 
 FULL = 0.2  # share of entries from which a matrix is kept dense
 
@@ -30,11 +29,11 @@ class ContactBlock:
 
     def __init__(self, operator: DualOperator, preconditioner: DirichletPreconditioner):
         structure, self.comm = operator.structure, operator.comm
-        start, stop = structure.row_range
-        self.rows = np.flatnonzero(structure.row_kind != RowKind.GLUING)  # global dual rows
-        first, last = np.searchsorted(self.rows, (start, stop))
-        self._mine, self._owned = slice(first, last), self.rows[first:last] - start
-        self._all = Gathering(self.comm, int(last - first))
+        start, _ = structure.row_range
+        self.rows = structure.at_contact.row  # global dual rows
+        self._mine = structure.own_rows
+        self._owned = self.rows[self._mine] - start
+        self._all = Gathering(self.comm, len(self._owned))
         self.size = len(self.rows)
         parts = self._local_parts(operator, preconditioner)
         corners = np.unique(joined([part["corner"] for part in parts], int))
@@ -52,7 +51,7 @@ class ContactBlock:
         for c, schur in zip(operator.classes, preconditioner.schur):
             for s in c.members:
                 rows = structure.rows[s]
-                here = np.flatnonzero(structure.row_kind[rows.row] != RowKind.GLUING)
+                here = np.flatnonzero(structure.at_contact.has(rows.row))
                 if not len(here):
                     continue
                 sign, scaling = rows.sign[here], rows.scaling[here]

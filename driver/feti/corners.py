@@ -36,34 +36,48 @@ SPREAD = 0.25  # of a component's size: the least extent of its corners
 
 
 def corner_vertices(skeleton: Skeleton) -> np.ndarray:
-    """Sorted gids of the primal vertices.
+    """Sorted gids of the primal vertices of the rank's subdomains; collective.
 
     A vertex of a subdomain's boundary is a corner of the subdomain when its two boundary edges
     differ in neighbour or label, when it is shared by three or more subdomains, and where a node
     (of any kind) is uneven. Chains that then hold less than two corners, and components whose
     corners lie close together, get the missing ones by the farthest-point rule.
     """
-    neighbour = skeleton.neighbour()
-    kind = np.where(neighbour >= 0, neighbour, -1 - skeleton.edges[:, 3])
-    sub = np.repeat(skeleton.edges[:, 0], 2)
-    gid, kind = skeleton.edges[:, 1:3].ravel(), np.repeat(kind, 2)
+    neighbour = skeleton.neighbour()[skeleton.own_edges]
+    edges = skeleton.edges[skeleton.own_edges]
+    kind = np.where(neighbour >= 0, neighbour, -1 - edges[:, 3])
+    sub = np.repeat(edges[:, 0], 2)
+    gid, kind = edges[:, 1:3].ravel(), np.repeat(kind, 2)
     order = np.lexsort((kind, gid, sub))
     sub, gid, kind = sub[order], gid[order], kind[order]
-    start = np.flatnonzero(np.r_[True, (np.diff(sub) != 0) | (np.diff(gid) != 0)])
-    degree = np.diff(np.r_[start, len(gid)])
-    mixed = np.minimum.reduceat(kind, start) != np.maximum.reduceat(kind, start)
-    corners = np.union1d(gid[start][mixed | (degree != 2)], skeleton.gids[skeleton.count > 2])
+    start = np.flatnonzero((np.diff(sub, prepend=-1) != 0) | (np.diff(gid, prepend=-1) != 0))
+    corners = np.empty(0, np.int64)
+    if len(start):
+        degree = np.diff(np.r_[start, len(gid)])
+        mixed = np.minimum.reduceat(kind, start) != np.maximum.reduceat(kind, start)
+        corners = gid[start][mixed | (degree != 2)]
     uneven = np.intersect1d(skeleton.uneven_gids, skeleton.gids[skeleton.count > 1])
-    corners = np.union1d(corners, uneven)
-    corners = np.union1d(corners, _farthest_points(skeleton, neighbour, corners))
-    return np.union1d(corners, _spread(skeleton, corners))
+    corners = np.concatenate([corners, skeleton.gids[skeleton.count > 2], uneven])
+    corners = _known_to_all(skeleton, corners)
+    for missing in (_farthest_points, _spread):
+        corners = _known_to_all(skeleton, np.append(corners, missing(skeleton, corners)))
+    return corners
+
+
+def _known_to_all(skeleton: Skeleton, corners: np.ndarray) -> np.ndarray:
+    """Sorted `corners` of the rank's subdomains that any rank knows as such; collective."""
+    mine = np.isin(skeleton.gids, corners)
+    return skeleton.gids[skeleton.over_ranks(np.logical_or, mine)]
 
 
 def _spread(skeleton: Skeleton, corners: np.ndarray) -> np.ndarray:
     """Corners for components whose corners are less than SPREAD of their size apart, or missing."""
     vertices = len(skeleton.gids)
-    component = skeleton.edges[:, 0] * (skeleton.component.max() + 1) + skeleton.component
-    vertex = np.searchsorted(skeleton.gids, skeleton.edges[:, 1:3].T.ravel())
+    own, edges = skeleton.component[skeleton.own_edges], skeleton.edges[skeleton.own_edges]
+    if not len(edges):
+        return np.empty(0, np.int64)
+    component = edges[:, 0] * (own.max() + 1) + own
+    vertex = np.searchsorted(skeleton.gids, edges[:, 1:3].T.ravel())
     component, vertex = np.divmod(np.unique(np.tile(component, 2) * vertices + vertex), vertices)
     start = np.flatnonzero(np.diff(component, prepend=-1))
     is_corner, place = np.isin(skeleton.gids, corners)[vertex], skeleton.place[vertex]
@@ -84,13 +98,18 @@ def _spread(skeleton: Skeleton, corners: np.ndarray) -> np.ndarray:
     return np.array(added, np.int64)
 
 
-def _farthest_points(skeleton: Skeleton, neighbour: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Corners for connected interface pieces between two subdomains that have less than two."""
-    one_side = neighbour > skeleton.edges[:, 0]
-    edges = skeleton.edges[one_side]
+def _farthest_points(skeleton: Skeleton, corners: np.ndarray) -> np.ndarray:
+    """Corners for connected interface pieces between two subdomains that have less than two.
+
+    The rank of the first of the two sees to it.
+    """
+    edges = skeleton.edges[skeleton.own_edges]
+    neighbour = skeleton.neighbour()[skeleton.own_edges]
+    one_side = neighbour > edges[:, 0]
+    edges = edges[one_side]
     if not len(edges):
         return np.empty(0, np.int64)
-    pair = np.unique(edges[:, 0] * (skeleton.edges[:, 0].max() + 1) + neighbour[one_side],
+    pair = np.unique(edges[:, 0] * skeleton.total + neighbour[one_side],
                      return_inverse=True)[1]
     # a node of the interface graph is a (pair, vertex), so that pieces of different pairs stay
     # apart; corners cut the graph, with a node for every edge that ends there: a piece that leaves

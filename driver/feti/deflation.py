@@ -31,7 +31,7 @@ from scipy.linalg import cho_factor, lapack
 
 from .contact_block import ContactBlock, Galerkin
 from .dirichlet import DirichletPreconditioner
-from .gathering import joined
+from .gathering import gather, joined
 from .structure import Substructure
 
 DEPENDENT = 1e-4  # squared sine below which a restricted hat counts as a combination of others
@@ -74,13 +74,15 @@ def traction_hats(structure: Substructure, rows: np.ndarray, comm) -> Hats:
     position = np.searchsorted(rows, row)
     top = np.isin(contact.gid, np.union1d(_corner_vertices(structure, comm), structure.uneven))
     number, value, count = np.zeros((len(rows), 2), int), np.zeros((len(rows), 2)), 0
-    for kind in np.unique(structure.row_kind[row]):
+    place = np.searchsorted(structure.at_contact.row, row)
+    kinds, scale = structure.at_contact.kind[place], structure.at_contact.scale[place]
+    for kind in np.unique(kinds):
         for chain in np.unique(contact.chain):
             on_chain = contact.chain == chain
-            here = np.flatnonzero((structure.row_kind[row] == kind) & on_chain[node])
+            here = np.flatnonzero((kinds == kind) & on_chain[node])
             arc = contact.arc[node[here]]
             ends = [contact.arc[on_chain].min(), contact.arc[on_chain].max()]
-            jumps = _jumps(arc, structure.row_scale[row[here]])
+            jumps = _jumps(arc, scale[here])
             knots = np.unique(np.concatenate([contact.arc[top & on_chain], ends, jumps]))
             left = np.searchsorted(knots[1:-1], arc, side="right")
             right = np.minimum(left + 1, len(knots) - 1)
@@ -89,7 +91,7 @@ def traction_hats(structure: Substructure, rows: np.ndarray, comm) -> Hats:
             value[position[here]] = np.column_stack([1 - share, share])
             count += len(knots)
     weight = np.empty(len(rows))
-    weight[position] = contact.weight[node] * structure.row_scale[row] ** 2
+    weight[position] = contact.weight[node] * scale**2
     return Hats(number, value, weight, count)
 
 
@@ -112,10 +114,10 @@ def _row_nodes(structure: Substructure) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _corner_vertices(structure: Substructure, comm) -> np.ndarray:
-    """Vertex numbers of the corners of all subdomains."""
+    """Vertex numbers of the contact nodes that are corners of subdomains."""
     mine = joined([sub.node_gid[sub.dof_node[dofs]]
                    for sub, dofs in zip(structure.subdomains, structure.corner_dofs)], int)
-    return np.unique(np.concatenate(comm.allgather(mine)))
+    return np.unique(gather(comm, np.intersect1d(mine, structure.contact.gid)))
 
 
 class Face:

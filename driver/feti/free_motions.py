@@ -34,7 +34,7 @@ def displacement(structure: Substructure, classes: list[LocalClass], vectors: Du
                 rows = structure.rows[s]
                 moved[i] = (rows.coefficient * u[rows.dof]).sum(axis=1)
     glued = vectors.assemble(local * vectors.sign)
-    kind = structure.row_kind[slice(*structure.row_range)]
+    kind = structure.row_kind
     glued[kind == RowKind.GLUING] = 0.0  # rounding
     # what is joined to itself, periodically, does not move either
     glued[(kind == RowKind.JOINED) & (np.abs(glued) < STILL)] = 0.0
@@ -55,7 +55,7 @@ def touched(structure: Substructure, classes: list[LocalClass], vectors: DualVec
             if structure.first + s in modes[0].members:
                 felt[i] = size * np.abs(structure.rows[s].coefficient).sum(axis=1)
     total = vectors.assemble(local * np.abs(vectors.sign))
-    total[structure.row_kind[slice(*structure.row_range)] == RowKind.GLUING] = 0.0
+    total[structure.row_kind == RowKind.GLUING] = 0.0
     return total
 
 

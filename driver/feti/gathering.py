@@ -1,6 +1,7 @@
 """Arrays whose parts the ranks hold, as a whole on every rank; parts joined to one array."""
 
 import numpy as np
+from mpi4py import MPI
 
 
 class Gathering:
@@ -42,3 +43,37 @@ def by_node(arrays: dict[str, np.ndarray], nodes: np.ndarray, count: int,
 def gather(comm, local: np.ndarray) -> np.ndarray:
     """The ranks' arrays (n, ...) in rank order, which is subdomain order; collective."""
     return np.concatenate(comm.allgather(local)) if comm.size > 1 else local
+
+
+def exact_sum(comm, terms: np.ndarray) -> np.ndarray:
+    """(k,) sums of the `terms` (n, k) of all ranks, up to 2^21, by whole numbers: in any order.
+
+    To 2^-80 of the largest term. Every rank receives as much, however many terms there are; sums in
+    a given order would need all of them. (After Demmel, Nguyen, IEEE Trans. Comput. 64 (2015).)
+    """
+    top = largest(comm, np.abs(terms).max(axis=0, initial=0.0))
+    _, exponent = np.frexp(top)
+    scaled = np.ldexp(terms, 40 - exponent)
+    high = np.rint(scaled)
+    low = np.rint(np.ldexp(scaled - high, 40))
+    own = np.array([high.sum(axis=0, dtype=np.int64), low.sum(axis=0, dtype=np.int64)])
+    total = np.empty_like(own)
+    comm.Allreduce(own, total)
+    return np.ldexp(total[0] + np.ldexp(total[1].astype(float), -40), exponent - 40)
+
+
+def largest(comm, values: np.ndarray) -> np.ndarray:
+    """The largest of the ranks' `values`, entry by entry; collective."""
+    if comm.size == 1:
+        return values
+    result = np.empty_like(values)
+    comm.Allreduce(np.ascontiguousarray(values), result, op=MPI.MAX)
+    return result
+
+
+def lookup(keys: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Positions of `wanted` in the sorted `keys`, and whether each is there."""
+    if not len(keys):
+        return np.zeros(wanted.shape, np.int64), np.zeros(wanted.shape, bool)
+    place = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
+    return place, keys[place] == wanted

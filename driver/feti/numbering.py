@@ -1,6 +1,8 @@
 """Stage 3: numbers of corner dofs and rows of B, globally and in every local subdomain.
 
-Rows are numbered by the subdomain that owns them (the lowest one that has the node).
+Rows are numbered by the subdomain that owns them (the lowest one that has the node), each rank's by
+itself. Every rank knows supports, contact nodes, the outline and the corners as a whole, and of all
+else what meets its own subdomains.
 """
 
 from dataclasses import fields
@@ -10,10 +12,10 @@ import numpy as np
 from ..scene.loader import Subdomain
 from ..scene.manifest import Manifest
 from .corners import corner_vertices
-from .gathering import gather
+from .gathering import gather, largest, lookup
 from .rigid_modes import all_springs, rigid_modes
 from .rows import LocalRows, RowKind
-from .structure import Substructure
+from .structure import ContactTable, Substructure
 from .travel import separated
 
 CROWDED = 1.2  # rows for every vertex of the other body, from which they depend on one another
@@ -52,37 +54,44 @@ def number(manifest, subdomains, first, skeleton, fixed, contact, comm, friction
     fixed, travel = separated(skeleton, subdomains, fixed, springs.subdomain, comm,
                               manifest.axisymmetric)
     corners, fixed_keys = corner_vertices(skeleton), fixed[0]
-    owner = skeleton.over_subdomains(np.minimum, skeleton.nodes[:, 0])
-    corner_keys = (2 * corners[:, None] + [0, 1]).ravel()
-    corner_keys = corner_keys[~np.isin(corner_keys, fixed_keys)]
-    plain = (skeleton.count == 2) & ~np.isin(skeleton.gids, corners)
-    gluing = (2 * skeleton.gids[plain][:, None] + [0, 1]).ravel()
-    gluing = gluing[~np.isin(gluing, fixed_keys)]
+    is_corner = np.isin(skeleton.gids, corners)
+    corner_keys = np.sort(gather(comm, _free_keys(
+        skeleton.gids[is_corner & skeleton.owned], fixed_keys)))
+    stop = first + len(subdomains)
+    plain = (skeleton.count == 2) & ~is_corner & skeleton.owned
+    gluing = _free_keys(skeleton.gids[plain], fixed_keys)
     normal_rows = np.flatnonzero(_acts(contact, contact.normal, fixed_keys))
     tangential_rows = np.empty(0, np.int64)
     # where the support fixes the normal direction there is no contact pressure to rub under
     if frictional:
         tangential_rows = normal_rows[_slides(contact, fixed_keys)[normal_rows]]
+    owner = skeleton.at(contact.gid, skeleton.owner)
+    normal_rows, tangential_rows = (rows[(owner[rows] >= first) & (owner[rows] < stop)]
+                                    for rows in (normal_rows, tangential_rows))
 
-    # (owner, kind, position) of every row; sorting them gives the numbering
+    # (owner, kind, position) of every row of the rank; sorting them gives the numbering
     kind = np.repeat([RowKind.GLUING, RowKind.NORMAL, RowKind.TANGENTIAL],
                      [len(gluing), len(normal_rows), len(tangential_rows)])
     kind[len(gluing) : len(gluing) + len(normal_rows)][contact.is_joint[normal_rows]] = (
         RowKind.JOINED)
     row_gid = np.concatenate([gluing // 2, contact.gid[normal_rows], contact.gid[tangential_rows]])
-    row_owner = owner[np.searchsorted(skeleton.gids, row_gid)]
+    node = np.searchsorted(skeleton.gids, row_gid)
+    row_owner = skeleton.owner[node]
     position = np.concatenate([gluing, normal_rows, tangential_rows])
     order = np.lexsort((position, kind, row_owner))
+    counts = comm.allgather(len(order))
+    begin = sum(counts[: comm.rank])
     number = np.empty(len(order), np.int64)
-    number[order] = np.arange(len(order))
+    number[order] = begin + np.arange(len(order))
     n_g, n_n = len(gluing), len(normal_rows)
     contact.normal_row[normal_rows] = number[n_g : n_g + n_n]
     contact.tangential_row[tangential_rows] = number[n_g + n_n :]
+    contact.normal_row, contact.tangential_row = (
+        largest(comm, rows) for rows in (contact.normal_row, contact.tangential_row))
 
-    yielding = None
+    yielding = np.zeros(len(order))
     if compliance is not None:
-        yielding = np.zeros(len(order))
-        yielding[number[n_g : n_g + n_n]] = compliance[normal_rows]
+        yielding[number[n_g : n_g + n_n] - begin] = compliance[normal_rows]
     share = _pair_share(skeleton, contact)
     shares = np.concatenate([np.ones(len(gluing)), share[normal_rows], share[tangential_rows]])
     seen = seen_stiffness(skeleton, row_gid[order], kind[order], shares[order])
@@ -90,31 +99,41 @@ def number(manifest, subdomains, first, skeleton, fixed, contact, comm, friction
         _crowded(contact)[rows] for rows in (normal_rows, tangential_rows))])
     stiffness = seen_stiffness(skeleton, row_gid[order], kind[order],
                                np.where(own, np.maximum(shares, 1.0), shares)[order])
-    subdomain = first + np.arange(len(subdomains) + 1)
-    *starts, stop = np.searchsorted(row_owner[order], subdomain).tolist()
-    row_range = (starts[0] if starts else stop, stop)
-    row_starts = np.array(starts, np.int64) - row_range[0]
-    numbering = _Numbering(skeleton, corner_keys, fixed, gluing, number[:n_g], contact, share)
+    scale = _row_scale(seen, float(largest(comm, np.array([seen.max(initial=0.0)]))[0]))
+    row_starts = np.searchsorted(row_owner[order], first + np.arange(len(subdomains)))
+    glued = np.full((len(skeleton.gids), 2), -1)
+    glued[node[:n_g], gluing % 2] = number[:n_g]
+    glued = skeleton.over_ranks(np.maximum, glued)
+    numbering = _Numbering(skeleton, corner_keys, fixed, glued, contact, share)
     local = numbering.localize(subdomains)
     if contact.following is not None:
         contact.following.settle(contact)
     primal = comm.allreduce(sum(sub.dofs for sub in subdomains))
-    outer = ~skeleton.shared
-    middles = skeleton.middles[outer] if len(skeleton.middles) else skeleton.middles
-    modes, at_corners = rigid_modes(skeleton, fixed_keys, corner_keys, springs,
+    modes, at_corners = rigid_modes(skeleton, travel.bodies, fixed_keys, corner_keys, springs,
                                     manifest.axisymmetric)
+    touching = kind[order] != RowKind.GLUING
+    table = ContactTable(*(gather(comm, of[touching]) for of in (
+        begin + np.arange(len(order)), kind[order], scale, yielding)))
+    edges, middles = skeleton.outline()
     return Substructure(subdomains, first, manifest.subdomains, *local,
-                        coarse_dofs=len(corner_keys), dual_dofs=len(order), row_kind=kind[order],
-                        row_scale=_row_scale(seen), row_stiffness=stiffness,
-                        compliance=yielding,
-                        row_range=row_range, row_starts=row_starts,
+                        coarse_dofs=len(corner_keys), dual_dofs=sum(counts), row_kind=kind[order],
+                        row_scale=scale, row_stiffness=stiffness, at_contact=table,
+                        yields=compliance is not None,
+                        row_range=(begin, begin + len(order)), row_starts=row_starts,
                         patterns=len(manifest.patterns), travel=travel,
                         contact=contact, rigid_modes=modes,
                         rigid_corners=at_corners,
-                        uneven=np.intersect1d(skeleton.uneven_gids, contact.gid),
-                        outer_edges=skeleton.edges[outer][:, 1:], outer_middles=middles,
+                        uneven=np.unique(gather(comm, np.intersect1d(skeleton.uneven_gids,
+                                                                     contact.gid))),
+                        outer_edges=edges, outer_middles=middles,
                         primal_dofs=primal,
                         numbering=None if contact.following is None else numbering)
+
+
+def _free_keys(gids: np.ndarray, fixed_keys: np.ndarray) -> np.ndarray:
+    """Keys 2 gid + component of the dofs of vertices (n,) that no support fixes."""
+    keys = (2 * gids[:, None] + [0, 1]).ravel()
+    return keys[~np.isin(keys, fixed_keys)]
 
 
 def _pair_share(skeleton, contact) -> np.ndarray:
@@ -123,7 +142,7 @@ def _pair_share(skeleton, contact) -> np.ndarray:
     Sides as stiff as one another share alike, which is no jump: relative to that.
     """
     stiffness = skeleton.over_subdomains(np.maximum, skeleton.stiffness)
-    of_terms = stiffness[np.searchsorted(skeleton.gids, contact.term_gid)]
+    of_terms = skeleton.at(contact.term_gid, stiffness)
     size = np.abs(contact.term_value)
 
     def mean(terms):
@@ -164,13 +183,13 @@ def seen_stiffness(skeleton, row_gid, kind, share) -> np.ndarray:
     return np.where(kind == RowKind.GLUING, low[node], high[node] * share)
 
 
-def _row_scale(seen: np.ndarray) -> np.ndarray:
+def _row_scale(seen: np.ndarray, stiffest: float) -> np.ndarray:
     """(rows,) D for a diagonal of D F D of like size where stiffness jumps; ones where it does not.
 
     `seen` (rows,) is the stiffness of the rows. Powers of two, so that scaling rounds nothing;
-    relative to the stiffest row, so that units do not matter.
+    relative to the `stiffest` row, so that units do not matter.
     """
-    ratio = np.round(np.log2(seen / seen.max(initial=0)), 6)  # no rounding decides
+    ratio = np.round(np.log2(seen / stiffest), 6)  # no rounding decides
     return 2.0 ** np.round(0.5 * ratio)
 
 
@@ -195,14 +214,6 @@ def _acts(contact, direction: np.ndarray, fixed_keys) -> np.ndarray:
     return np.abs(direction * free).max(axis=1, initial=0) > 1e-12
 
 
-def _lookup(keys: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Positions of `wanted` in the sorted `keys`, and whether each is there."""
-    if not len(keys):
-        return np.zeros(len(wanted), np.int64), np.zeros(len(wanted), bool)
-    place = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
-    return place, keys[place] == wanted
-
-
 def _widen(array: np.ndarray, width: int) -> np.ndarray:
     """(m, width): `array` with columns of zeros added."""
     return np.column_stack([array, np.zeros((len(array), width - array.shape[1]), array.dtype)])
@@ -211,16 +222,15 @@ def _widen(array: np.ndarray, width: int) -> np.ndarray:
 class _Numbering:
     """Global numbers at the nodes of the skeleton, and those of the rank's subdomains."""
 
-    def __init__(self, skeleton, corner_keys, fixed, gluing, gluing_row, contact, share):
+    def __init__(self, skeleton, corner_keys, fixed, gluing, contact, share):
         self.skeleton, self.fixed, self.contact = skeleton, fixed, contact
         self.coupled = contact.coupled
         self.share = share  # of the stiffness of both sides in the contact node's own
         # number, or -1, of every component at every node of the skeleton
-        self.corner = self._at_nodes(corner_keys, np.arange(len(corner_keys)))
-        self.gluing = self._at_nodes(gluing, gluing_row)
-        self.held = self._at_nodes(fixed[0], np.arange(len(fixed[0])))
+        self.corner, self.gluing = self._at_nodes(corner_keys), gluing
+        self.held = self._at_nodes(fixed[0])
         # of (vertex, subdomain) pairs: how many lower, stiffer subdomains share the vertex
-        self._span = int(skeleton.nodes[:, 0].max()) + 1
+        self._span = skeleton.total
         order, start = skeleton.by_vertex, np.cumsum(skeleton.count) - skeleton.count
         self.pairs = skeleton.nodes[order, 1] * self._span + skeleton.nodes[order, 0]
         self.place = np.arange(len(order)) - np.repeat(start, skeleton.count)
@@ -236,12 +246,10 @@ class _Numbering:
         self.rank = np.zeros(len(order), np.int64)
         self.rank[here[stiffer]] = self.place[here]
 
-    def _at_nodes(self, keys: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-        """(nodes, 2) `numbers` of the keys 2 gid + component; -1 where there is none."""
-        table = np.full((len(self.skeleton.gids), 2), -1)
-        place, known = _lookup(self.skeleton.gids, keys // 2)
-        table[place[known], keys[known] % 2] = numbers[known]
-        return table
+    def _at_nodes(self, keys: np.ndarray) -> np.ndarray:
+        """(nodes, 2) places in the sorted `keys` of the keys 2 gid + component; -1 if not there."""
+        place, known = lookup(keys, 2 * self.skeleton.gids[:, None] + [0, 1])
+        return np.where(known, place, -1)
 
     def localize(self, subdomains: list[Subdomain]):
         """Lists of fixed dofs and values, corner dofs and numbers, and rows of all subdomains."""
@@ -278,7 +286,7 @@ class _Numbering:
         if not len(sub.fixed) and not len(at_boundary):
             return at_boundary, self.fixed[1][:0].T
         dofs = np.union1d(sub.fixed, at_boundary)
-        place, _ = _lookup(self.fixed[0], 2 * sub.node_gid[dofs // 2] + dofs % 2)
+        place, _ = lookup(self.fixed[0], 2 * sub.node_gid[dofs // 2] + dofs % 2)
         return dofs, self.fixed[1][place].T
 
     def _gluing_rows(self, node_id: np.ndarray, dof: np.ndarray) -> list[LocalRows]:
@@ -314,7 +322,7 @@ class _Numbering:
     def _contact_rows(self, sub, held, direction, rows):
         """Rows of the nodes that meet a rigid obstacle."""
         order = np.argsort(sub.node_gid)
-        place, inside = _lookup(sub.node_gid[order], self.contact.gid)
+        place, inside = lookup(sub.node_gid[order], self.contact.gid)
         here = np.flatnonzero(inside & (rows >= 0) & ~self.coupled)
         vertex = order[place[here]]
         dof = 2 * vertex[:, None] + [0, 1]  # numbered vertex by vertex, see loader
@@ -330,7 +338,7 @@ class _Numbering:
 
     def _pair(self, gid: np.ndarray, subdomain: int) -> np.ndarray:
         """Positions in `pairs` of vertices on the boundary of `subdomain`."""
-        return _lookup(self.pairs, gid * self._span + subdomain)[0]
+        return lookup(self.pairs, gid * self._span + subdomain)[0]
 
     def _pair_rows(self, sub, held, direction, rows):
         """Rows between two bodies, or of several nodes: terms at vertices that this subdomain owns.
@@ -340,7 +348,7 @@ class _Numbering:
         what both have in series.
         """
         c, order = self.contact, np.argsort(sub.node_gid)
-        position, inside = _lookup(sub.node_gid[order], c.term_gid)
+        position, inside = lookup(sub.node_gid[order], c.term_gid)
         mine = np.flatnonzero(inside & self.coupled[c.term_node] & (rows[c.term_node] >= 0))
         mine = mine[self.place[self._pair(c.term_gid[mine], sub.index)] == 0]
         mine = mine[np.argsort(c.term_node[mine], kind="stable")]

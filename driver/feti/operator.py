@@ -18,7 +18,7 @@ Klawonn, Rheinbach: FETI-DP methods for elasticity; Mandel, Dohrmann, Tezaur (20
 
 Results do not depend on the number of ranks, not even in the last bit (see vectors.py): dense
 products go in blocks of fixed size (blocks.py), classes take the matrices of their first subdomain
-wherever it lives, and the (small) coarse problem is assembled and solved on every rank.
+wherever it lives, and the coarse problem is solved on every rank or by groups of subdomains.
 """
 
 import numpy as np
@@ -62,8 +62,7 @@ class DualOperator(DualProblem):
         self.motions = [free_motions.displacement(structure, self.classes, self.vectors, k)
                         for k in range(self.modes)]
         self._motion_columns = np.array(self.motions).reshape(self.modes, self.owned).T
-        self._contact = (np.asarray(structure.row_kind[slice(*structure.row_range)])
-                         != RowKind.GLUING).astype(float)
+        self._contact = (structure.row_kind != RowKind.GLUING).astype(float)
         self.rho = self.coarse.rho = free_motions.spring_compliances(self.classes, self.vectors,
                                                                      self.motions)
         self.travels = {k: rows_moved(structure, self.classes, self.vectors, k)
@@ -209,11 +208,16 @@ class DualOperator(DualProblem):
         across = BALANCED * reach * self.dot(self._contact, np.abs(multipliers))
         return factors @ work - net, np.maximum(np.abs(factors) @ loads + size, across)
 
+    def load(self) -> dict[str, int]:
+        """What a product takes of this rank: multiplications, and messages that it receives."""
+        local = sum(len(c.members) * (c.F.size + 2 * c.A.size) for c in self.classes)
+        return {"work": local + 2 * self.coarse.entries,
+                "messages": 2 * self.vectors.neighbours + self.coarse.messages}
+
     def message_bytes(self) -> dict[str, int]:
         """Bytes that this rank receives in a product with F (gluing, coarse) and in a dot."""
-        others = self.structure.total - len(self.structure.subdomains)
-        return {"rows": 2 * 8 * self.vectors.foreign, "coarse": 8 * self.coarse.foreign,
-                "dot": 8 * others}
+        return {"rows": 2 * 8 * self.vectors.foreign, "coarse": 8 * self.coarse.received,
+                "dot": 8 * self.vectors.received}
 
     # ---- displacements and forces of the subdomains ------------------------------------------
     def deformation(self, multipliers: np.ndarray, weights: np.ndarray) -> float:

@@ -13,10 +13,13 @@ from scipy.sparse import coo_matrix
 from ..scene.loader import Subdomain
 from .blocks import BLOCK
 from .cholesky import TornFactor
+from .exchange import exchange
+from .gathering import joined
 from .rows import LocalRows
 from .structure import Substructure
 
 LEAST = 0.01  # of K's diagonal: the smallest stiffness of a corner in springs
+DIGEST = 20  # bytes of a sha1
 SAME = 1e-12  # stiffness entries equal to this, relative to the largest, differ by rounding only
 
 
@@ -95,31 +98,65 @@ def group(structure: Substructure, comm) -> list[tuple[list[int], np.ndarray, bo
     while comm.allreduce(len(open_)):
         mine = {}
         for s in open_:
-            mine.setdefault(keys[s], s)
-        first = {}  # of every key the rank that has its first subdomain
-        for rank, present in enumerate(comm.allgather(list(mine))):
-            for key in present:
-                first.setdefault(key, []).append(rank)
-        shared = {key: structure.subdomains[s].values for key, s in mine.items()
-                  if first[key][0] == comm.rank and len(first[key]) > 1}
-        sent = {key: values for part in comm.allgather(shared) for key, values in part.items()}
-        waiting = {key: [] for key in mine}
-        for s in open_:
-            waiting[keys[s]].append(s)
+            mine.setdefault(keys[s], []).append(s)
+        models = {key: structure.subdomains[members[0]].values for key, members in mine.items()}
+        models |= _of_first(comm, models)
         open_, round_ = [], {}
-        for key, candidates in waiting.items():
-            model = sent.get(key, structure.subdomains[mine[key]].values)
-            same = [_same(model, structure.subdomains[s].values) for s in candidates]
-            round_[key] = [s for s, ok in zip(candidates, same) if ok], model
+        for key, candidates in mine.items():
+            same = [_same(models[key], structure.subdomains[s].values) for s in candidates]
+            round_[key] = [s for s, ok in zip(candidates, same) if ok]
             open_ += [s for s, ok in zip(candidates, same) if not ok]
-        sizes = {}
-        for part in comm.allgather({key: len(members) for key, (members, _) in round_.items()}):
-            for key, size in part.items():
-                sizes[key] = sizes.get(key, 0) + size
-        classes += [(members, model, sizes[key] >= BLOCK)
-                    for key, (members, model) in round_.items() if members]
+        sizes, _ = _met(comm, round_, [len(members) for members in round_.values()])
+        classes += [(members, models[key], bool(size[1] >= BLOCK))
+                    for (key, members), size in zip(round_.items(), sizes) if members]
         open_.sort()
     return sorted(classes, key=lambda pair: pair[0])
+
+
+def _of_first(comm, models: dict[bytes, np.ndarray]) -> dict[bytes, np.ndarray]:
+    """Of those of the rank's `models` (entries,) by key that a lower rank has, that of the first.
+
+    Collective over `comm`.
+    """
+    if comm.size == 1:
+        return {}
+    keys, values = list(models), list(models.values())
+    _, others = _met(comm, keys, [1] * len(keys))
+    place, to = others.T
+    length = np.array([len(values[k]) for k in place], np.int64)
+    _, met, length_ = exchange(comm, to, _numbers(keys)[place], length)
+    _, entries = exchange(comm, np.repeat(to, length), joined((values[k] for k in place), float))
+    parts = np.split(entries, np.cumsum(length_)[:-1])
+    return {key.tobytes()[:DIGEST]: part for key, part in zip(met, parts)}
+
+
+def _met(comm, keys, counts: list[int]) -> tuple[np.ndarray, np.ndarray]:
+    """(k, 2): the first rank that has a key, and the sum of all ranks' `counts`, for distinct keys.
+
+    And (m, 2): positions of the keys whose first rank this is, and another rank that has them. A
+    rank chosen by the key brings those together that have it; collective over `comm`.
+    """
+    numbers = _numbers(keys)
+    table = np.column_stack([numbers, counts, np.arange(len(numbers))]).astype(np.int64)
+    source, met = exchange(comm, (numbers[:, 0] & 0xFFFFFF) % comm.size, table)
+    order = np.lexsort((source, *met[:, :3].T))
+    source, met = source[order], met[order]
+    new = np.ones(len(met), bool)
+    new[1:] = (met[1:, :3] != met[:-1, :3]).any(axis=1)
+    first, group = np.flatnonzero(new), np.cumsum(new) - 1
+    total = np.bincount(group, met[:, 3], len(first)).astype(np.int64)
+    answer = np.column_stack([met[:, 4], source[first][group], total[group]])
+    _, answer = exchange(comm, source, answer)
+    known = np.empty((len(numbers), 2), np.int64)
+    known[answer[:, 0]] = answer[:, 1:]
+    pairs = np.column_stack([met[first, 4][group], source])[~new]
+    return known, exchange(comm, source[first][group][~new], pairs)[1]
+
+
+def _numbers(keys) -> np.ndarray:
+    """(k, 3) digests as whole numbers."""
+    text = b"".join(key.ljust(24, b"\0") for key in keys)
+    return np.frombuffer(text, np.int64).reshape(-1, 3)
 
 
 def _same(values: np.ndarray, others: np.ndarray) -> bool:
@@ -140,7 +177,7 @@ def _fingerprint(structure: Substructure, s: int, pattern: bytes) -> bytes:
     rows = structure.rows[s]
     digest = hashlib.sha1(pattern)
     parts = [structure.fixed[s], structure.corner_dofs[s], rows.dof, rows.coefficient.round(13)]
-    if structure.compliance is not None:
+    if structure.yields:
         parts.append(structure.own_compliance(s))
     if s in structure.renewed:  # its rows will be its own
         parts.append(np.array([structure.first + s]))
@@ -191,7 +228,7 @@ def _torn_rows(structure: Substructure, s: int, torn: np.ndarray):
 def _of_rows(structure: Substructure, s: int, B_t, B_c, inverse, coupling):
     """F and A of local subdomain s by its rows on the dofs t of `inverse`, and on corners."""
     F = B_t @ (B_t @ inverse).T
-    if structure.compliance is not None:
+    if structure.yields:
         F[np.diag_indices_from(F)] += structure.own_compliance(s)
     return (F + F.T) / 2, B_c.toarray() - B_t @ coupling
 

@@ -3,9 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
-
 from .gathering import gather
 
 # part of a motion below which it is rounding: loads across do no work on it, which is all there
@@ -69,42 +66,67 @@ def all_springs(manifest, subdomains, comm) -> Springs:
                    table[:, [3, 4, 4, 5]].reshape(-1, 2, 2))
 
 
-def rigid_modes(skeleton, fixed_keys, corner_keys, springs: Springs,
+def rigid_modes(skeleton, bodies, fixed_keys, corner_keys, springs: Springs,
                 axisymmetric: bool) -> tuple[list[RigidMode], np.ndarray]:
-    """Rigid motions that supports and springs leave to each body, orthonormal at its coarse dofs.
+    """Rigid motions that supports and springs leave to `bodies`, orthonormal at their coarse dofs.
 
-    Bodies of revolution (`axisymmetric`) have that along the axis alone.
+    Bodies of revolution (`axisymmetric`) have that along the axis alone. Every rank gets to know
+    all vertices of bodies that may move, of others those at supports; collective.
     """
     possible = [1] if axisymmetric else [0, 1, 2]
-    total = int(skeleton.nodes[:, 0].max()) + 1
-    ends = skeleton.nodes[:, 0], total + skeleton.node_id
-    links = coo_matrix((np.ones(len(ends[0])), ends), shape=(total + len(skeleton.gids),) * 2)
-    _, body = connected_components(links, directed=False)
-    place = skeleton.place
-    modes, columns = [], []
-    for number, component in enumerate(dict.fromkeys(body[:total].tolist())):  # by first subdomain
-        vertices = np.flatnonzero(body[total:] == component)
-        center, size = place[vertices].mean(axis=0), np.ptp(place[vertices], axis=0).max()
-        keys = (2 * skeleton.gids[vertices][:, None] + [0, 1]).ravel()
-        away = (place[vertices] - center) / size
-        along_x, along_y = (np.tile(axis, (len(away), 1)) for axis in np.eye(2))
-        turned = np.column_stack([-away[:, 1], away[:, 0]])
-        motions = np.stack([along_x, along_y, turned], axis=2).reshape(-1, 3)
-        members = np.flatnonzero(body[:total] == component)
+    own = bodies.number[skeleton.owner]
+
+    def vertices_of(chosen: np.ndarray):
+        """Bodies, keys (n, 2) and places of the `chosen` ones of all vertices, by gid."""
+        here = np.flatnonzero(chosen & skeleton.owned)
+        gid, body, place = (gather(skeleton.comm, of[here])
+                            for of in (skeleton.gids, own, skeleton.place))
+        order = np.argsort(gid, kind="stable")
+        return body[order], 2 * gid[order][:, None] + [0, 1], place[order]
+
+    def left(number: int, keys: np.ndarray, motions: np.ndarray, *box) -> np.ndarray:
+        """(3, free) motions that supports and springs leave to a body."""
+        members = np.flatnonzero(bodies.number == number)
         holding = np.vstack([motions[np.isin(keys, fixed_keys)],
-                             springs.resistance(members, center, size)])
+                             springs.resistance(members, *box)])
         held = np.linalg.qr(holding[:, possible], mode="r")
         _, sizes, basis = np.linalg.svd(held, full_matrices=True)
         rank = int((sizes > 1e-10 * max(1.0, sizes.max(initial=0.0))).sum())
         free = np.zeros((3, basis.shape[1] - rank))
         free[possible] = np.where(np.abs(basis[rank:]) > ROUNDED, basis[rank:], 0.0).T
-        at_corner = np.isin(keys, corner_keys)
+        return free
+
+    fixed = np.isin(2 * skeleton.gids[:, None] + [0, 1], fixed_keys).any(axis=1)
+    body, keys, place = vertices_of(fixed)
+    loose = []
+    for number, box in enumerate(zip(bodies.center, bodies.size)):
+        here = body == number
+        if left(number, keys[here].ravel(), _motions(place[here], *box), *box).shape[1]:
+            loose.append(number)
+    modes, columns = [], []
+    if loose:
+        body, keys, place = vertices_of(np.isin(own, loose))
+    for number in loose:
+        here = body == number
+        key, xy = keys[here].ravel(), place[here]
+        box = xy.mean(axis=0), np.ptp(xy, axis=0).max()
+        motions = _motions(xy, *box)
+        free, at_corner = left(number, key, motions, *box), np.isin(key, corner_keys)
         if not free.shape[1] or not at_corner.any():
             continue
         _, triangle = np.linalg.qr(motions[at_corner] @ free)
         free = free @ np.linalg.inv(triangle)
         column = np.zeros((len(corner_keys), free.shape[1]))
-        column[np.searchsorted(corner_keys, keys[at_corner])] = motions[at_corner] @ free
+        column[np.searchsorted(corner_keys, key[at_corner])] = motions[at_corner] @ free
         columns.append(column)
+        members, (center, size) = np.flatnonzero(bodies.number == number), box
         modes += [RigidMode(number, members, center, c[:2].copy(), c[2] / size) for c in free.T]
     return modes, np.hstack([np.zeros((len(corner_keys), 0)), *columns])
+
+
+def _motions(xy: np.ndarray, center: np.ndarray, size: float) -> np.ndarray:
+    """(2 n, 3) displacements at xy (n, 2) along x, along y, turning by length 1 / size."""
+    away = (xy - center) / size
+    along_x, along_y = (np.tile(axis, (len(away), 1)) for axis in np.eye(2))
+    turned = np.column_stack([-away[:, 1], away[:, 0]])
+    return np.stack([along_x, along_y, turned], axis=2).reshape(-1, 3)

@@ -1,13 +1,14 @@
-"""The torn body's skeleton: boundary edges and nodes of all subdomains, replicated on every rank.
+"""The torn body's skeleton: boundary edges and nodes of subdomains, and what couples them.
 
-What couples subdomains lives on their boundaries, which are small compared with the interiors;
-every rank gathers them and derives the same numbering, so that nothing depends on how subdomains
-are distributed over ranks.
+A rank has those of its own subdomains, beside them the copies that others have of the same nodes
+and edges. What is derived at a node goes over its copies in the order of subdomains, so that
+nothing depends on how these are distributed over ranks.
 """
 
 from functools import cached_property
 
 import numpy as np
+from mpi4py import MPI
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
@@ -15,7 +16,8 @@ from ..errors import InputError, agree
 from ..scene.elements import cross
 from ..scene.loader import Subdomain
 from ..scene.manifest import Manifest
-from .gathering import gather, joined
+from .exchange import Copies, components, exchange
+from .gathering import gather, joined, largest, lookup
 
 
 THIN = 4.0  # longest side squared over twice the area: 1 to 1.2 for regular triangles
@@ -23,24 +25,26 @@ JUMP = 10.0  # of the stiffness around a node
 
 
 class Skeleton:
-    """Boundary edges and nodes of all subdomains, replicated on every rank.
+    """Boundary edges and nodes of the rank's subdomains, and what others have of the same.
 
-    `own` is the slice of `nodes` that belongs to the rank's subdomains, `starts` where each of them
-    starts in it (and the end), `local` the numbers of these nodes in their subdomains.
+    `nodes` are those of the rank's subdomains and their copies in all others, in the order of
+    subdomains; `edges` likewise, with the other side of interfaces. `own` is the slice of `nodes`
+    that belongs to the rank's subdomains, `own_edges` that of `edges`, `starts` where each of them
+    starts in `own` (and the end), `local` the numbers of these nodes in their subdomains.
+    Collective over `comm`.
     """
 
     def __init__(self, manifest: Manifest, subdomains: list[Subdomain], comm):
-        pieces = _Pieces(subdomains)
-        self.edges = gather(comm, pieces.edges)  # subdomain, gid, gid, label
-        self.nodes = gather(comm, pieces.nodes)  # subdomain, gid
-        self.xy, self.stiffness = gather(comm, pieces.xy), gather(comm, pieces.stiffness)
-        self.uneven = gather(comm, pieces.uneven)  # of every node, see Outline.uneven
-        self.middles = gather(comm, pieces.middles)  # of every edge, empty with linear elements
-        # of every edge the component of its subdomain, see Outline; numbered in every subdomain
-        self.component = gather(comm, pieces.component)
+        pieces, self.comm, self.total = _Pieces(subdomains), comm, manifest.subdomains
+        self._quadratic = manifest.element != "P1"
+        self._copies = Copies(comm, pieces.nodes[:, 1], manifest.nodes)
+        self.own = slice(self._copies.below, self._copies.below + len(pieces.nodes))
+        self.nodes, self.xy, self.stiffness, self.uneven = map(self.spread, (
+            pieces.nodes,  # subdomain, gid
+            pieces.xy, pieces.stiffness,
+            pieces.uneven))  # of every node, see Outline.uneven
+        self._edges_of(pieces, manifest.nodes)
         self.local, self.starts = pieces.local, pieces.starts
-        first = np.searchsorted(self.nodes[:, 0], subdomains[0].index) if subdomains else 0
-        self.own = slice(first, first + len(self.local))
         self.interface_label = manifest.interface_label
         key = self.edges[:, 1] * manifest.nodes + self.edges[:, 2]
         _, self.edge_id, self.edge_count = np.unique(key, return_inverse=True, return_counts=True)
@@ -53,18 +57,94 @@ class Skeleton:
         self.count = np.diff(np.append(self._vertex_starts, len(gid)))
         self.node_id = np.empty(len(gid), np.int64)
         self.node_id[self.by_vertex] = np.repeat(np.arange(len(self.gids)), self.count)
+        lowest = self.by_vertex[self._vertex_starts]
+        self.owner = self.nodes[lowest, 0]  # of every one of `gids` the lowest subdomain
+        self.owned = (lowest >= self.own.start) & (lowest < self.own.stop)  # it is the rank's
+
+    def _edges_of(self, pieces: "_Pieces", span: int) -> None:
+        """`edges`: subdomain, gid, gid, label; `middles` of them, empty with linear elements.
+
+        `component` of an edge in its subdomain, see Outline; numbered in every subdomain.
+        """
+        middles = pieces.middles if self._quadratic else np.full(len(pieces.edges), -1)
+        table = np.column_stack([pieces.edges, pieces.component, middles])
+        edges, below = table, 0
+        if self.comm.size > 1:
+            to, row = self._ranks_of(pieces, span)
+            source, others = exchange(self.comm, to, table[row])
+            known = np.isin(others[:, 1] * span + others[:, 2], table[:, 1] * span + table[:, 2])
+            source, others = source[known], others[known]
+            lower = source < self.comm.rank
+            edges, below = np.concatenate([others[lower], table, others[~lower]]), int(lower.sum())
+        self.own_edges = slice(below, below + len(table))
+        self.edges, self.component = edges[:, :4], edges[:, 4]
+        self.middles = edges[:, 5] if self._quadratic else np.empty(0, np.int64)
+
+    def _ranks_of(self, pieces: "_Pieces", span: int) -> tuple[np.ndarray, np.ndarray]:
+        """Ranks (n,) that have both ends of some of the rank's edges, and these edges (n,)."""
+        gid = pieces.nodes[self._copies.entries, 1]
+        met = np.unique(self._copies.to * span + gid)
+        rank, gid = np.divmod(met, span)
+        order = np.lexsort((rank, gid))
+        rank, gid = rank[order], gid[order]
+        low, high = (np.searchsorted(gid, pieces.edges[:, 1], side) for side in ("left", "right"))
+        count = high - low
+        row = np.repeat(np.arange(len(count)), count)
+        to = rank[np.repeat(low - np.cumsum(count) + count, count) + np.arange(count.sum())]
+        both = np.isin(to * span + pieces.edges[row, 2], met)
+        return to[both], row[both]
+
+    def spread(self, values: np.ndarray) -> np.ndarray:
+        """Values of `nodes` from those (n, ...) of the rank's own ones; collective."""
+        return self._copies.spread(values)
 
     def over_subdomains(self, operation: np.ufunc, values: np.ndarray) -> np.ndarray:
         """Minimum, maximum or sum of nodal `values` over the subdomains of each of `gids`."""
+        if not len(self.gids):
+            return values
         return operation.reduceat(values[self.by_vertex], self._vertex_starts)
+
+    def over_ranks(self, operation: np.ufunc, values: np.ndarray) -> np.ndarray:
+        """Minimum or maximum of what the ranks know at `gids`, (gids, ...) each; collective."""
+        if self.comm.size == 1:
+            return values
+        return self.over_subdomains(operation, self.spread(values[self.node_id[self.own]]))
+
+    def at(self, gids: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """(n,) values at vertices that are the same on every rank, from those at `gids`.
+
+        Numbers from 0 on, that do not depend on the rank; collective.
+        """
+        place, known = lookup(self.gids, gids)
+        found = np.full(len(gids), -1, values.dtype)
+        found[known] = values[place[known]]
+        return largest(self.comm, found)
 
     def labelled(self, label: int) -> np.ndarray:
         """(n, 2) or (n, 3) gids of both ends, and the middle, of the edges with a label."""
-        here = self.edges[:, 3] == label
+        here = np.flatnonzero(self.edges[self.own_edges, 3] == label) + self.own_edges.start
         gids = self.edges[here, 1:3]
         if len(self.middles):
             gids = np.column_stack([gids, self.middles[here]])
-        return np.unique(gids, axis=0)
+        return np.unique(gather(self.comm, gids), axis=0)
+
+    def are_middles(self, gids: np.ndarray) -> np.ndarray:
+        """(n,) whether vertices, the same on every rank, are middles of edges; collective."""
+        return largest(self.comm, np.isin(gids, self.middles).astype(np.int64)) > 0
+
+    def outline(self) -> tuple[np.ndarray, np.ndarray]:
+        """Gid, gid, label (n, 3) of the untorn body's edges, and gids of their middles, if any.
+
+        Collective.
+        """
+        outer = self._outer()
+        middles = self.middles[outer] if len(self.middles) else self.middles
+        return gather(self.comm, self.edges[outer, 1:]), gather(self.comm, middles)
+
+    def _outer(self) -> np.ndarray:
+        """Those of the rank's own edges that have no other side."""
+        start = self.own_edges.start
+        return np.flatnonzero(~self.shared[self.own_edges]) + start
 
     @cached_property
     def uneven_gids(self) -> np.ndarray:
@@ -78,55 +158,72 @@ class Skeleton:
         place[self.node_id] = self.xy
         return place
 
-    def check_conformity(self, comm) -> None:
+    def check_conformity(self) -> None:
         """Every interface edge must have exactly two sides, with vertices at the same places."""
         lonely = (~self.shared) & (self.edges[:, 3] == self.interface_label)
+        wrong = (lonely | (self.edge_count[self.edge_id] > 2))[self.own_edges]
         error = None
-        if lonely.any() or self.edge_count.max() > 2:
-            bad = self.edges[np.flatnonzero(lonely | (self.edge_count[self.edge_id] > 2))[0]]
+        if wrong.any():
+            bad = self.edges[self.own_edges][np.flatnonzero(wrong)[0]]
             error = InputError(f"the meshes do not conform along an interface of subdomain "
                                f"{bad[0]}: an edge has no match on the other side; export all "
                                "subdomains from one mesh")
+        agree(self.comm, error)
         low, high = (self.over_subdomains(extreme, self.xy) for extreme in (np.minimum, np.maximum))
-        apart = np.abs(high - low).max(axis=1)
-        if error is None and apart.max() > 1e-10 * np.ptp(self.xy, axis=0).max():
+        apart = np.abs(high - low).max(axis=1, initial=0.0)
+        ends = np.array([self.xy, -self.xy]).max(axis=1, initial=-np.inf)
+        size = largest(self.comm, ends).sum(axis=0).max()
+        if apart.max(initial=0.0) > 1e-10 * size:
             place = self.xy[self.node_id == apart.argmax()][0]
             error = InputError("the meshes do not conform along an interface: a shared node near "
                                f"({place[0]:g}, {place[1]:g}) has different coordinates in its "
                                "subdomains")
-        agree(comm, error)
+        agree(self.comm, error)
 
     def check_connected(self) -> None:
         """Refuse bodies parts of which share vertices only, as such parts hinge on one another."""
-        component = self.edges[:, 0] * (self.component.max() + 1) + self.component
-        names, component = np.unique(component, return_inverse=True)
-        sides = component[self._sides]
-        graph = coo_matrix((np.ones(len(sides)), sides.T), shape=(len(names),) * 2)
-        part = np.tile(connected_components(graph, directed=False)[1][component], 2)
-        vertex = np.searchsorted(self.gids, self.edges[:, 1:3].T.ravel())
-        order = np.lexsort((part, vertex))
-        vertex, part = vertex[order], part[order]
-        hinges = vertex[1:][(vertex[1:] == vertex[:-1]) & (part[1:] != part[:-1])]
-        if len(hinges):
-            x, y = self.place[hinges[0]]
+        width = 1 + int(largest(self.comm, np.array([self.component.max(initial=0)]))[0])
+        component = self.edges[:, 0] * width + self.component
+        part = components(self.comm, component, self.edge_id, self.total * width)[component]
+        ends = np.searchsorted(self.gids, self.edges[self.own_edges, 1:3])
+        low, high = np.full(len(self.gids), np.iinfo(np.int64).max), np.full(len(self.gids), -1)
+        for end in ends.T:
+            np.minimum.at(low, end, part[self.own_edges])
+            np.maximum.at(high, end, part[self.own_edges])
+        low, high = self.over_ranks(np.minimum, low), self.over_ranks(np.maximum, high)
+        hinge = np.flatnonzero((low < high) & (high >= 0))
+        mine = [(self.gids[k], *self.place[k]) for k in hinge[:1]]
+        found = [place for part in self.comm.allgather(mine) for place in part]
+        if found:
+            _, x, y = min(found)
             raise InputError(f"parts of a body share no edge but only the vertex at ({x:g}, {y:g}),"
                              " on which they hinge: connect them by edges, or give each by "
                              "addBody(mesh)")
 
     def check_overlap(self, paired: np.ndarray) -> None:
-        """Refuse an outline that crosses itself, but not where pairs `paired` fit only roughly."""
-        outer = ~self.shared & ~np.isin(self.edges[:, 3], paired)
-        p, q = self.place[np.searchsorted(self.gids, self.edges[outer, 1:3])].swapaxes(0, 1)
+        """Refuse an outline that crosses itself, but not where pairs `paired` fit only roughly.
+
+        The ranks share the work.
+        """
+        outer = self._outer()
+        outer = outer[~np.isin(self.edges[outer, 3], paired)]
+        ends = self.place[np.searchsorted(self.gids, self.edges[outer, 1:3])]
+        p, q = gather(self.comm, ends).swapaxes(0, 1)
         low, high = np.minimum(p, q), np.maximum(p, q)
         order = np.argsort(low[:, 0])
         last = np.searchsorted(low[order, 0], high[order, 0], side="right")  # start before
-        for i, (here, stop) in enumerate(zip(order, last)):
-            other = order[i + 1 : stop]
+        crossed = len(order)
+        for i in range(self.comm.rank, len(order), self.comm.size):
+            here, other = order[i], order[i + 1 : last[i]]
             other = other[(low[other, 1] < high[here, 1]) & (high[other, 1] > low[here, 1])]
             if len(other) and _crosses(p[here], q[here], p[other], q[other]).any():
-                middle = (p[here] + q[here]) / 2
-                raise InputError("the body penetrates itself: its outline crosses itself near "
-                                 f"({middle[0]:g}, {middle[1]:g})")
+                crossed = i
+                break
+        crossed = -int(largest(self.comm, np.array([-crossed]))[0])
+        if crossed < len(order):
+            middle = (p[order[crossed]] + q[order[crossed]]) / 2
+            raise InputError("the body penetrates itself: its outline crosses itself near "
+                             f"({middle[0]:g}, {middle[1]:g})")
 
     def neighbour(self) -> np.ndarray:
         """For every boundary edge the subdomain on its other side, or -1."""

@@ -42,8 +42,8 @@ class StiffParts:
             return np.floor(np.log10(k / softest) + ROUNDED).astype(int)
 
         rows = np.maximum(exponent(structure.row_stiffness), 0)
-        self.exponents = np.union1d([0], rows)
-        self.level = np.searchsorted(self.exponents, rows[slice(*structure.row_range)])
+        self.exponents = np.unique(gather(comm, np.append(np.unique(rows), 0)))
+        self.level = np.searchsorted(self.exponents, rows)
         self._parts = []
         if len(self.exponents) > 1:
             meshes, of_triangles = _Meshes(subs), [exponent(k) for k in stiffness]

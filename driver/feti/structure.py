@@ -5,9 +5,24 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..scene.loader import Subdomain
+from .gathering import lookup
 from .rigid_modes import RigidMode
 from .rows import LocalRows
 from .travel import Travel
+
+
+@dataclass
+class ContactTable:
+    """All rows but the gluing ones, on every rank; arrays of length n."""
+
+    row: np.ndarray  # sorted dual rows
+    kind: np.ndarray  # RowKind
+    scale: np.ndarray  # as Substructure.row_scale
+    compliance: np.ndarray  # what they yield per force
+
+    def has(self, rows: np.ndarray) -> np.ndarray:
+        """(m,) whether dual rows are among them."""
+        return lookup(self.row, rows)[1]
 
 
 @dataclass
@@ -24,10 +39,11 @@ class Substructure:
     rows: list[LocalRows]
     coarse_dofs: int
     dual_dofs: int
-    row_kind: np.ndarray  # (dual_dofs,) RowKind
-    row_scale: np.ndarray  # (dual_dofs,) power of two near the root of a row's relative stiffness
-    row_stiffness: np.ndarray  # (dual_dofs,) that forces of a row answer to, trace of Hooke's law
-    compliance: np.ndarray | None  # (dual_dofs,) what contact rows yield per force; None: nothing
+    row_kind: np.ndarray  # (owned,) RowKind of the rank's rows
+    row_scale: np.ndarray  # (owned,) power of two near the root of a row's relative stiffness
+    row_stiffness: np.ndarray  # (owned,) that forces of a row answer to, trace of Hooke's law
+    at_contact: ContactTable
+    yields: bool  # contact rows do
     row_range: tuple[int, int]  # rows owned by this rank
     row_starts: np.ndarray  # per local subdomain: its first row, counted from row_range[0]
     patterns: int
@@ -56,7 +72,14 @@ class Substructure:
         stop = np.append(self.row_starts, self.row_range[1] - self.row_range[0])[s + 1]
         row = self.rows[s].row - self.row_range[0]
         own = (row >= self.row_starts[s]) & (row < stop)
-        return np.where(own, self.compliance[self.rows[s].row], 0.0)
+        place, known = lookup(self.at_contact.row, self.rows[s].row)
+        compliance = np.append(self.at_contact.compliance, 0.0)[np.where(known, place, -1)]
+        return np.where(own, compliance, 0.0)
+
+    @property
+    def own_rows(self) -> slice:
+        """Those of `at_contact` that the rank owns."""
+        return slice(*np.searchsorted(self.at_contact.row, self.row_range))
 
 
 def partition(total: int, comm) -> tuple[int, int]:

@@ -12,10 +12,9 @@ it is lost against r (a translation is taken out exactly).
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
-from .gathering import gather
+from .exchange import components
+from .gathering import gather, largest
 from .rigid_modes import RigidMode
 from .rows import RowKind
 
@@ -57,17 +56,15 @@ class Bodies:
 
 
 def bodies_of(skeleton, axisymmetric: bool) -> Bodies:
-    """The bodies of a skeleton, `axisymmetric` where they are bodies of revolution."""
-    total = int(skeleton.nodes[:, 0].max()) + 1
-    ends = skeleton.nodes[:, 0], total + skeleton.node_id
-    links = coo_matrix((np.ones(len(ends[0])), ends), shape=(total + len(skeleton.gids),) * 2)
-    _, component = connected_components(links, directed=False)
-    order = {c: k for k, c in enumerate(dict.fromkeys(component[:total].tolist()))}
-    number = np.array([order[c] for c in component.tolist()])
-    boxes = [(place.min(axis=0), place.max(axis=0)) for place in (
-        skeleton.place[number[total:] == body] for body in range(len(order)))]
-    low, high = (np.array(corner) for corner in zip(*boxes))
-    return Bodies(number[:total], (low + high) / 2, (high - low).max(axis=1),
+    """The bodies of a skeleton, `axisymmetric` where they are bodies of revolution; collective."""
+    part = components(skeleton.comm, skeleton.nodes[:, 0], skeleton.node_id, skeleton.total)
+    _, first, number = np.unique(part, return_index=True, return_inverse=True)
+    number = np.argsort(np.argsort(first))[number]  # by their first subdomains
+    body, ends = number[skeleton.owner], np.full((2, len(first), 2), -np.inf)
+    for extreme, sign in zip(ends, (1.0, -1.0)):
+        np.maximum.at(extreme, body, sign * skeleton.place)
+    high, low = largest(skeleton.comm, ends) * np.array([1.0, -1.0])[:, None, None]
+    return Bodies(number, (low + high) / 2, (high - low).max(axis=1),
                   np.array([0.0, 1.0, 0.0]) if axisymmetric else np.ones(3))
 
 
@@ -168,5 +165,5 @@ def rows_moved(structure, classes, vectors, pattern: int) -> np.ndarray:
                 whole = rows.coefficient + rows.fixed_part
                 moved[i] = (whole * fields[s][rows.dof]).sum(axis=1)
     glued = vectors.assemble(local * vectors.sign)
-    glued[structure.row_kind[slice(*structure.row_range)] == RowKind.GLUING] = 0.0
+    glued[structure.row_kind == RowKind.GLUING] = 0.0
     return glued

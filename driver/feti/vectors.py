@@ -3,16 +3,19 @@
 Results do not depend on the number of ranks, not even in the last bit: MPRGP decides by
 comparisons, and two runs that differ in rounding may take different paths to answers that differ by
 the tolerance. So every sum is taken in an order that the distribution does not change: scalar
-products add the partial sums of the subdomains in their order, and rows that more than two
-subdomains share add their terms in that order, too.
+products add the partial sums of the subdomains in their order, or exactly, of more than MANY; and
+rows that more than two subdomains share add their terms in that order, too.
 """
 
 import numpy as np
 from petsc4py import PETSc
 
-from .gathering import Gathering, joined
+from .exchange import exchange
+from .gathering import Gathering, exact_sum, joined
 from .reduction import LocalClass
 from .structure import Substructure
+
+MANY = 50_000  # subdomains
 
 
 class DualVectors:
@@ -31,23 +34,35 @@ class DualVectors:
         numbers = joined([structure.rows[s].row for s in order], PETSc.IntType)
         start, stop = structure.row_range
         # local rows of other ranks
-        self.foreign = int(np.count_nonzero((numbers < start) | (numbers >= stop)))
+        foreign = (numbers < start) | (numbers >= stop)
+        self.foreign = int(np.count_nonzero(foreign))
+        begin = np.array(comm.allgather(start))
+        owner = np.searchsorted(begin, numbers, side="right") - 1
+        self.neighbours = len(np.unique(owner[foreign]))  # ranks that have them
         self._dual = PETSc.Vec().createMPI((self.owned, structure.dual_dofs), comm=comm)
         self._gathered, self._to_rows = _scatter(self._dual, numbers)
         self._local = self._gathered.duplicate()
         paired = structure.contact.coupled.any()
-        self._slots = _Slots(structure, numbers, order, comm) if paired else None
+        self._slots = _Slots(structure, numbers, order, owner, comm) if paired else None
         # partial sums of a scalar product: the rows of each subdomain, in the order of subdomains
         starts = structure.row_starts
         self._filled = starts < np.append(starts[1:], self.owned)  # reduceat has no empty segments
         self._filled_starts, self._subdomains = starts[self._filled], len(starts)
-        self._all_partial = Gathering(comm, self._subdomains)
+        self._many = structure.total > MANY
+        self._all_partial = None if self._many else Gathering(comm, self._subdomains)
+
+    @property
+    def received(self) -> int:
+        """Numbers that the rank gets from others for a scalar product."""
+        return 3 if self._many else self._all_partial.size - self._subdomains
 
     def dot(self, a: np.ndarray, b: np.ndarray) -> float:
         """Global scalar product: partial sums by subdomain, added in their order."""
         partial = np.zeros(self._subdomains)
         if self.owned:
             partial[self._filled] = np.add.reduceat(a * b, self._filled_starts)
+        if self._many:
+            return float(exact_sum(self.comm, partial[:, None])[0])
         return float(self._all_partial(partial).sum())
 
     def dots(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -55,6 +70,8 @@ class DualVectors:
         partial = np.zeros((self._subdomains, a.shape[1]))
         if self.owned:
             partial[self._filled] = np.add.reduceat(a * b, self._filled_starts, axis=0)
+        if self._many:
+            return exact_sum(self.comm, partial)
         return np.concatenate(self.comm.allgather(partial)).sum(axis=0)
 
     def gather(self, x: np.ndarray) -> np.ndarray:
@@ -89,17 +106,20 @@ class _Slots:
     own slot at the row's rank, and the slots of a row are added up there.
     """
 
-    def __init__(self, structure: Substructure, rows: np.ndarray, order: list[int], comm):
+    def __init__(self, structure: Substructure, rows: np.ndarray, order: list[int],
+                 owner: np.ndarray, comm):
+        """`owner` (n,) are the ranks of the stacked local `rows` (n,)."""
         subdomain = np.repeat([structure.first + s for s in order],
                               [len(structure.rows[s].row) for s in order])
-        mine = np.column_stack([rows, subdomain]).astype(np.int64).reshape(-1, 2)
-        pairs = np.concatenate(comm.allgather(mine))
-        pairs = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
-        key = np.array([structure.total, 1])
-        first, last = np.searchsorted(pairs[:, 0], structure.row_range)
-        self._starts = np.searchsorted(pairs[:, 0], np.arange(*structure.row_range)) - first
-        self._vector = PETSc.Vec().createMPI((last - first, len(pairs)), comm=comm)
-        slot = np.searchsorted(pairs @ key, mine @ key).astype(PETSc.IntType)
+        terms = np.column_stack([rows, subdomain, np.arange(len(rows))]).astype(np.int64)
+        source, terms = exchange(comm, owner, terms)
+        order = np.lexsort((terms[:, 1], terms[:, 0]))
+        self._starts = np.searchsorted(terms[order, 0], np.arange(*structure.row_range))
+        self._vector = PETSc.Vec().createMPI((len(terms), None), comm=comm)
+        terms[order, 1] = self._vector.getOwnershipRange()[0] + np.arange(len(terms))
+        _, answer = exchange(comm, source, terms[:, 1:])
+        slot = np.empty(len(rows), PETSc.IntType)
+        slot[answer[:, 1]] = answer[:, 0]
         self._local, self._scatter = _scatter(self._vector, slot)
 
     def add_up(self, local: np.ndarray) -> np.ndarray:

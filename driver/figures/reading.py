@@ -5,11 +5,10 @@ import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass
 from pathlib import Path
 
-import meshio
 import numpy as np
 
 from ..errors import InputError
-from ..files import read_table
+from ..files import read_fields, read_table
 
 TABLES = ("history", "contact", "convergence", "boundary", "adaptivity", "probes",
           "obstacle", "cycles")
@@ -90,7 +89,7 @@ class Run:
 
 def read_mesh(path: Path, time: float) -> Mesh:
     """One .vtu of a run."""
-    data = meshio.read(path)
+    data = read_fields(path)
     kind, = data.cells_dict
     nodes = data.cells_dict[kind].astype(np.int64)
     if "stress" not in data.point_data:

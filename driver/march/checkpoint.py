@@ -1,74 +1,63 @@
 """Checkpoints: the state after a finished step, from which an interrupted run goes on with the same
 numbers.
 
-A checkpoint is one file, renamed into place when it is whole: arrays and JSON in numpy's npz
-format, before them its CRC-32. It holds no more than the parts of a run need for the steps to come
-and for their report, numbered so that any number of ranks can go on from it.
+A checkpoint is one file, renamed into place when it is whole: the packed state, before it its
+CRC-32. It holds no more than the parts of a run need for the steps to come
+and for their report, numbered so that any number of ranks can go on from it. A run looks for one
+before FreeFEM starts: NumPy is imported where there is one.
 """
 
 import errno
+import functools
 import hashlib
-import io
-import json
 import os
 import re
 import shutil
 import sys
 import zipfile
 import zlib
+from importlib.metadata import version
 from pathlib import Path
-
-import numpy as np
 
 from ..environment import ROOT
 from ..files import renamed
 
 NAME = "checkpoint.bin"
-FIELDS = re.compile(r"fields/\w+\.vtu")  # files beside it that a checkpoint may name
+FIELDS = re.compile(r"fields/\w+\.p?vtu")  # files beside it that a checkpoint may name
 END = b"</VTKFile>\n"
 # of the wall time that checkpoints may take: one follows after every step that pays for it
 SHARE = 0.02
+
+
+@functools.cache
+def program() -> str:
+    """Digest of the code that makes the numbers, as it is when it is first asked for."""
+    versions = f"{sys.version} {version('numpy')} {os.environ.get('PETSC_DIR')}"
+    digest = hashlib.sha256(versions.encode())
+    for path in sorted((ROOT / "driver").rglob("*.py")):
+        digest.update(str(path.relative_to(ROOT)).encode() + path.read_bytes())
+    return digest.hexdigest()
 
 
 def fingerprint(content: str, options: dict) -> dict:
     """What a run's numbers depend on, by the name that it has for a user; `content` as in
     seal.Seal.
     """
-    program = hashlib.sha256(f"{sys.version} {np.__version__} {os.environ.get('PETSC_DIR')}".encode(
-        ))
-    for path in sorted((ROOT / "driver").rglob("*.py")):
-        program.update(str(path.relative_to(ROOT)).encode() + path.read_bytes())
-    return {"scene or parameters": content, "options": options, "program": program.hexdigest()}
+    return {"scene or parameters": content, "options": options, "program": program()}
 
 
 def write(directory: Path, state: dict) -> None:
     """Keep `state`, dictionaries of numbers, words, lists and arrays, in `directory`. Raises
     OSError.
     """
-    arrays = {}
-    text = json.dumps(_without_arrays(state, arrays))
-    whole = io.BytesIO()
-    np.savez(whole, text=np.frombuffer(text.encode(), np.uint8), **arrays)
+    from .packing import packed
+
+    whole = packed(state)
     with renamed(directory / NAME) as hidden, open(hidden, "wb") as file:
-        file.write(zlib.crc32(whole.getbuffer()).to_bytes(4, "little"))
-        file.write(whole.getbuffer())
+        file.write(zlib.crc32(whole).to_bytes(4, "little"))
+        file.write(whole)
         file.flush()
         os.fsync(file.fileno())
-
-
-def _without_arrays(value, arrays: dict):
-    """`value` with every array in it moved to `arrays` and its name there in its place."""
-    if isinstance(value, np.ndarray):
-        arrays[f"array{len(arrays)}"] = value
-        return {"array": f"array{len(arrays) - 1}"}
-    if isinstance(value, dict):
-        return {name: _without_arrays(entry, arrays) for name, entry in value.items()}
-    return value
-
-
-def _with_array(entry: dict, arrays: dict):
-    """The array whose name `entry` holds, or `entry` itself."""
-    return arrays[entry["array"]] if set(entry) == {"array"} else entry
 
 
 def read(directory: Path) -> dict | None:
@@ -77,14 +66,13 @@ def read(directory: Path) -> dict | None:
 
     Raises OSError if memory is too short to see.
     """
+    from .packing import unpacked
+
     try:
         content = (directory / NAME).read_bytes()
         if int.from_bytes(content[:4], "little") != zlib.crc32(content[4:]) or len(content) <= 4:
             return None
-        with np.load(io.BytesIO(content[4:]), allow_pickle=False) as kept:
-            arrays = {name: kept[name] for name in kept.files}
-        state = json.loads(arrays["text"].tobytes(),
-                           object_hook=lambda entry: _with_array(entry, arrays))
+        state = unpacked(content[4:])
         whole = isinstance(steps(state), int) and isinstance(state["fingerprint"], dict)
         return state if whole and all(_ends(directory, name) for name in state["files"]) else None
     except OSError as problem:

@@ -36,7 +36,7 @@ class FrictionQP:
         self.operator, self.rows, self.settings = operator, rows, settings
         self.scales, self.history = scales, history
         structure = operator.structure
-        self.scale = structure.row_scale[slice(*structure.row_range)]
+        self.scale = structure.row_scale
         self.softest = self._softest()
         self.bound = self._bound_norm() if bound is None else bound
         self.local = self.deflation = None  # parts of the preconditioner, or of the relaxation
@@ -83,10 +83,9 @@ class FrictionQP:
         """
         settings, op = self.settings, self.operator
         relaxed = "contact" in (settings.expansion, settings.corrector)
-        kinds = np.unique(op.structure.row_kind)
         wanted = relaxed or settings.preconditioner == "deflated"
         # the inverse on a face is at hand where the problem is condensed
-        coupled = wanted and np.any(kinds != RowKind.GLUING) and not op.contact_rows_only
+        coupled = wanted and len(op.structure.at_contact.row) and not op.contact_rows_only
         local = op.preconditioner() if settings.preconditioner != "none" or coupled else None
         chosen, self.local = local if settings.preconditioner != "none" else None, local
         if not coupled:

@@ -21,7 +21,7 @@ def build(manifest: Manifest, subdomains: list[Subdomain], first: int, comm,
     that are not connected and contact labels without nodes.
     """
     effects, skeleton = Effects(manifest), Skeleton(manifest, subdomains, comm)
-    skeleton.check_conformity(comm)
+    skeleton.check_conformity()
     skeleton.check_connected()
     skeleton.check_overlap(np.unique([*manifest.contact_pairs,
                                       *([joint.first, joint.second] for joint in effects.joints)]))

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
-from ..files import read_table
+from ..files import read_fields, read_table
 from ..results.tables import STRESSES, field_file
 
 WHOLE = ("step", "node", "boundary", "label")  # columns of whole numbers
@@ -105,12 +105,12 @@ class Result:
             raise InputError(f"fields takes the number of a step, not {step!r}")
         step = self.summary["steps"] + 1 + step if step < 0 else step
         path = self.directory / field_file(step)
+        if not path.is_file():  # in pieces
+            path = path.with_suffix(".pvtu")
         if not path.is_file():
             raise InputError(f"{self.directory} has no fields of step {step}: the run has "
                              f"{self.summary['steps']} steps, and FIELDS=no writes none")
-        import meshio
-
-        data = meshio.read(path)
+        data = read_fields(path)
         kind, = data.cells_dict
         elements = data.cells_dict[kind].astype(np.int64)
         cells = {name: parts[0] for name, parts in data.cell_data.items()}

@@ -1,63 +1,71 @@
-"""Stage 7: fields for ParaView, gathered on rank 0: displacements and stresses of the bodies.
+"""Stage 7: fields for ParaView: displacements and stresses of the bodies.
 
-A VTU file a step, step 0 being the undeformed bodies, named with its time in fields.pvd. Points are
-the nodes of the torn subdomains. Stresses at points are means over the triangles round the node in
-its body, weighted by their areas (Zienkiewicz, Zhu, IJNME 24 (1987) 337-357), of quadratic elements
-means of the linear stresses at the node; where the material changes they smear its jump. Lines of
-the contact boundary are in contact.pvd, see contact_lines.py.
+A VTU file a step, step 0 being the undeformed bodies, named with its time in fields.pvd; of large
+bodies a PVTU file that names the VTU files of pieces. A piece is a range of subdomains, the same on
+any number of ranks; the rank that has its first one writes it, so that no rank gathers a field.
+
+Points are the nodes of the torn subdomains. Stresses at points are means over the triangles round
+the node in its body, weighted by their areas (Zienkiewicz, Zhu, IJNME 24 (1987) 337-357), of
+quadratic elements means of the linear stresses at the node; where the material changes they smear
+its jump. Lines of the contact boundary are in contact.pvd, see contact_lines.py.
 """
 
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from ..errors import agreed_writes
-from ..feti.gathering import joined
+from ..feti.exchange import exchange
+from ..feti.gathering import gather, joined, largest
 from ..feti.operator import DualOperator
 from ..files import renamed
 from ..march.step import Step
-from ..scene import elements
+from ..scene import element_kinds, elements
 from ..scene.kinematics import corner_stresses, stresses, von_mises
 from ..scene.loader import Subdomain
 from .contact_lines import ContactLines
-from .tables import FIELDS_FOLDER, STRESSES, contact_file, error_file, field_file
+from .nodal_means import NodalMeans
+from .tables import FIELDS_FOLDER, STRESSES, contact_file, error_file, field_file, piece_file
 
 SAME_MATERIAL = 1e-9  # relative difference of moduli: means over triangles, which round
+PIECE = 100_000  # points of a piece, roughly
+_COMPONENTS = " ".join(f'ComponentName{k}="{name}"' for k, name in enumerate(STRESSES))
 
 
 @dataclass
 class TornMesh:
-    """The torn bodies on rank 0: n points, n_t elements."""
+    """A piece of the torn bodies: n points, n_t elements."""
 
     xy: np.ndarray  # (n, 2)
-    node: np.ndarray  # (n,) numbers of these nodes in the untorn bodies
     elements: np.ndarray  # (n_t, 3 or 6)
-    area: np.ndarray  # (n_t,)
     # (n_t,) subdomain, body, region, shear_modulus where that differs
     cell_data: dict[str, np.ndarray]
 
 
 class Fields:
-    """Writes the fields of the steps of a run; collective, rank 0 writes."""
+    """Writes the fields of the steps of a run; collective."""
 
     def __init__(self, directory: Path, element: str, operator: DualOperator):
         """Writes step 0. Raises InputError if `directory` cannot be written to."""
         self.directory, self.operator, self.root = directory, operator, operator.comm.rank == 0
         self.steps = []  # (time, number) of every step
         self.errors = []  # likewise, of those with an error indicator
-        self.mesh = self._gather_mesh(min(6, elements.NODES[element]))
-        self.lines = None
-        if len(operator.structure.contact.declared.gid):
+        self._share_out()
+        self.meshes = self._meshes(min(6, element_kinds.NODES[element]))
+        self.lines, contact = None, operator.structure.contact.declared
+        if len(contact.gid):
             self.lines = ContactLines(directory, operator.structure, self.root)
+            self._touching = [np.flatnonzero(np.isin(sub.node_gid, contact.gid))
+                              for sub in operator.structure.subdomains]
         with agreed_writes(operator.comm):
             if self.root:
                 (directory / FIELDS_FOLDER).mkdir(exist_ok=True)
-                count, of_elements = len(self.mesh.xy), len(self.mesh.elements)
-                self._write(0, np.zeros((count, 2)), np.zeros((of_elements, 4)),
-                            np.zeros((of_elements, 3, 4)))
+        subs = operator.structure.subdomains
+        points, triangles = self._points.sum(), sum(len(sub.triangles) for sub in subs)
+        self._write(field_file(0, self.pieces), {"displacement": np.zeros((points, 3)),
+                                                 "stress": np.zeros((points, 4))},
+                    {"stress": np.zeros((triangles, 4)), "von_mises": np.zeros(triangles)})
 
     def add(self, step: Step, displacements: list[np.ndarray], state: dict,
             written: bool = False) -> None:
@@ -70,87 +78,178 @@ class Fields:
         if written:
             return
         subs = self.operator.structure.subdomains
-        stress = [stresses(sub, u, step.weights) for sub, u in zip(subs, displacements)]
-        corners = [corner_stresses(sub, u, step.weights) for sub, u in zip(subs, displacements)]
-        whole = self.operator.with_travel(displacements, step.weights)
-        shown = [u.reshape(-1, 2)[_drawn(sub)] for sub, u in zip(subs, whole)]
-        parts = self.operator.comm.gather((joined(shown, float, 2), joined(stress, float, 4),
-                                           joined(corners, float, 3, 4)))
-        with agreed_writes(self.operator.comm):
+        stress = joined((stresses(sub, u, step.weights)
+                         for sub, u in zip(subs, displacements)), float, 4)
+        corners = joined((corner_stresses(sub, u, step.weights)
+                          for sub, u in zip(subs, displacements)), float, 3, 4)
+        whole = [u.reshape(-1, 2) for u in self.operator.with_travel(displacements, step.weights)]
+        shown = joined((u[_drawn(sub)] for sub, u in zip(subs, whole)), float, 2)
+        self._write(field_file(step.index, self.pieces),
+                    {"displacement": _in_space(shown), "stress": self._means(corners)},
+                    {"stress": stress, "von_mises": von_mises(stress)})
+        if self.lines is not None:
+            self._write_lines(step, whole, state)
+
+    def _write_lines(self, step: Step, whole: list[np.ndarray], state: dict) -> None:
+        """The file of the contact boundary for displacements (nodes, 2) by subdomain."""
+        subs, comm = self.operator.structure.subdomains, self.operator.comm
+        gid = gather(comm, joined((sub.node_gid[k] for sub, k in zip(subs, self._touching)), int))
+        u = gather(comm, joined((u[k] for u, k in zip(whole, self._touching)), float, 2))
+        with agreed_writes(comm):
             if self.root:
-                u, stress, corners = (np.concatenate([part[k] for part in parts])
-                                      for k in range(3))
-                self._write(step.index, u, stress, corners)
-                if self.lines is not None:
-                    moved = np.zeros((self.mesh.node.max() + 1, 2))
-                    moved[self.mesh.node] = u
-                    self.lines.write(step.index, step.time, moved, state)
+                moved = np.zeros((gid.max() + 1, 2))
+                moved[gid] = u
+                self.lines.write(step.index, step.time, moved, state)
 
     def indicate(self, step: Step, indicator: np.ndarray | None) -> None:
         """A file of its own with the error indicator (n_t,) of a step, which rank 0 has."""
         self.errors.append((step.time, step.index))
-        with agreed_writes(self.operator.comm):
-            if self.root:
-                self._write_mesh(error_file(step.index), {}, {"error_indicator": indicator})
+        comm, to, values = self.operator.comm, np.empty(0, np.int64), np.empty(0)
+        if self.root:
+            to, values = np.repeat(self._writer, self._triangles), indicator
+        _, own = exchange(comm, to, values)
+        self._write_pieces(error_file(step.index, self.pieces), {}, {"error_indicator": own})
 
     @property
     def files(self) -> list[str]:
         """Files of the steps, relative to the directory."""
-        kinds = [field_file] if self.lines is None else [field_file, contact_file]
-        return [name(index) for _, index in self.steps for name in kinds]
+        names = [field_file(index, self.pieces) for _, index in self.steps]
+        if self.pieces > 1:
+            names += [piece_file(name, k) for name in names for k in range(self.pieces)]
+        if self.lines is not None:
+            names += [contact_file(index) for _, index in self.steps]
+        return names
 
     def write_collections(self) -> None:
         """fields.pvd, contact.pvd, error.pvd, which name the files and their times; on rank 0."""
-        _collection(self.directory / "fields.pvd", field_file, [(0.0, 0), *self.steps])
+        _collection(self.directory / "fields.pvd",
+                    [(time, field_file(index, self.pieces))
+                     for time, index in [(0.0, 0), *self.steps]])
         if self.lines is not None:
-            _collection(self.directory / "contact.pvd", contact_file, self.steps)
+            _collection(self.directory / "contact.pvd",
+                        [(time, contact_file(index)) for time, index in self.steps])
         if self.errors:
-            _collection(self.directory / "error.pvd", error_file, sorted(self.errors))
+            _collection(self.directory / "error.pvd",
+                        [(time, error_file(index, self.pieces))
+                         for time, index in sorted(self.errors)])
 
-    def _gather_mesh(self, nodes: int) -> TornMesh | None:
-        """The mesh on rank 0, None elsewhere; collective."""
-        subs = self.operator.structure.subdomains
+    # ---- pieces --------------------------------------------------------------------------------
+    def _share_out(self) -> None:
+        """How many pieces there are, who writes them, and what this rank's subdomains go to."""
+        structure, comm = self.operator.structure, self.operator.comm
+        subs, total = structure.subdomains, structure.total
+        self._points = np.array([_drawn(sub).sum() for sub in subs], np.int64)
+        points = comm.allreduce(int(self._points.sum()))
+        self.pieces = min(total, max(1, round(points / PIECE)))
+        first = total * np.arange(self.pieces) // self.pieces
+        self._writer = ((first + 1) * comm.size - 1) // total  # see structure.partition
+        self._mine = np.flatnonzero(self._writer == comm.rank)
+        piece = np.searchsorted(first, [sub.index for sub in subs], side="right") - 1
+        triangles = np.array([len(sub.triangles) for sub in subs], np.int64)
+        counts = [np.bincount(piece, of, self.pieces).astype(np.int64)
+                  for of in (self._points, triangles)]
+        counts, self._triangles = (comm.allreduce(count) for count in counts)
+        self._to = {"points": np.repeat(self._writer[piece], self._points),
+                    "cells": np.repeat(self._writer[piece], triangles)}
+        self._ends = {kind: np.cumsum(of[self._mine])[:-1]
+                      for kind, of in (("points", counts), ("cells", self._triangles))}
+
+    def _received(self, kind: str, values: np.ndarray) -> np.ndarray:
+        """Values of the rank's pieces, for those (n, ...) of the points or cells of its subdomains.
+        """
+        return exchange(self.operator.comm, self._to[kind], values)[1]
+
+    def _split(self, kind: str, values: np.ndarray) -> list[np.ndarray]:
+        """Values of all of the rank's pieces, piece by piece."""
+        return np.split(values, self._ends[kind]) if len(self._mine) else []
+
+    def _meshes(self, nodes: int) -> list[TornMesh]:
+        """The meshes of the rank's pieces; collective."""
+        subs, comm = self.operator.structure.subdomains, self.operator.comm
         drawn = [_drawn(sub) for sub in subs]
-        offset = np.cumsum([0, *(shown.sum() for shown in drawn)])
-        numbers = [(first + np.cumsum(shown) - 1)[sub.elements[:, :nodes]]
-                   for sub, shown, first in zip(subs, drawn, offset)]
-        parts = self.operator.comm.gather((
+        numbers = [(np.cumsum(shown) - 1)[sub.elements[:, :nodes]]
+                   for sub, shown in zip(subs, drawn)]
+        self._means = NodalMeans(
+            comm, joined((sub.node_gid[shown] for sub, shown in zip(subs, drawn)), np.int64),
             joined((sub.xy[shown] for sub, shown in zip(subs, drawn)), float, 2),
-            joined(numbers, int, nodes),
-            joined((np.full(len(sub.triangles), sub.index) for sub in subs), int),
-            joined((sub.region for sub in subs), int),
-            joined((sub.elasticity[:, 2, 2] for sub in subs), float),
-            joined((sub.node_gid[shown] for sub, shown in zip(subs, drawn)), int)))
-        if not self.root:
-            return None
-        start = np.cumsum([0, *(len(xy) for xy, *_ in parts)])
-        xy, subdomain, region, shear, gid = (np.concatenate([part[k] for part in parts])
-                                             for k in (0, 2, 3, 4, 5))
-        cells = np.concatenate([part[1] + first for part, first in zip(parts, start)])
-        data = {"subdomain": subdomain, "body": _bodies(gid[cells[:, :3]]), "region": region}
-        if np.ptp(shear) > SAME_MATERIAL * shear.max():
+            joined((own + k for own, k in zip(numbers, np.cumsum(self._points) - self._points)),
+                   np.int64, nodes))
+        shear = joined((sub.elasticity[:, 2, 2] for sub in subs), float)
+        data = {"subdomain": joined((np.full(len(sub.triangles), sub.index) for sub in subs), int),
+                "body": self._means.bodies(),
+                "region": joined((sub.region for sub in subs), int)}
+        low, high = largest(comm, np.array([(-shear).max(initial=-np.inf),
+                                            shear.max(initial=-np.inf)]))
+        if high + low > SAME_MATERIAL * high:
             data["shear_modulus"] = shear
-        return TornMesh(xy, gid, cells, elements.areas(xy[cells[:, :3]]), data)
+        size = np.repeat(self._points, [len(own) for own in numbers])
+        *data_, cells, size = (self._split("cells", self._received("cells", values)) for values in (
+            *data.values(), joined(numbers, np.int64, nodes), size))
+        data = dict(zip(data, data_))
+        xy = self._split("points", self._received("points", self._means.xy))
+        meshes = []
+        for k, (places, own) in enumerate(zip(xy, cells)):
+            new = np.diff(data["subdomain"][k], prepend=-1) != 0  # triangles that begin one
+            first = np.cumsum(size[k][new]) - size[k][new]
+            own = own + first[np.cumsum(new) - 1][:, None]
+            meshes.append(TornMesh(places, own, {name: of[k] for name, of in data.items()}))
+        return meshes
 
-    def _write(self, index: int, u: np.ndarray, stress: np.ndarray, corners: np.ndarray) -> None:
-        """The file of a step from u (n, 2), mean and corner stresses (n_t, 4), (n_t, 3, 4)."""
-        points = {"displacement": _in_space(u), "stress": _averages(self.mesh, corners)}
-        self._write_mesh(field_file(index), points,
-                         {"stress": stress, "von_mises": von_mises(stress)})
+    def _write(self, name: str, points: dict, cells: dict) -> None:
+        """A file for data of the points and triangles of the rank's subdomains; collective."""
+        points, cells = ({key: self._received(kind, values) for key, values in data.items()}
+                         for kind, data in (("points", points), ("cells", cells)))
+        self._write_pieces(name, points, cells)
 
-    def _write_mesh(self, name: str, points: dict, cells: dict) -> None:
-        """A file of the mesh with data of its points and cells, never there in part."""
-        import meshio
+    def _write_pieces(self, name: str, points: dict, cells: dict) -> None:
+        """The same for data of all of the rank's pieces."""
+        points, cells = ({key: self._split(kind, values) for key, values in data.items()}
+                         for kind, data in (("points", points), ("cells", cells)))
+        with agreed_writes(self.operator.comm):
+            for k, (number, mesh) in enumerate(zip(self._mine, self.meshes)):
+                own = [{key: parts[k] for key, parts in data.items()} for data in (points, cells)]
+                path = name if self.pieces == 1 else piece_file(name, number)
+                _write_mesh(self.directory / path, mesh, *own)
+                if number == 0 and self.pieces > 1:
+                    _write_index(self.directory / name, self.pieces, own[0],
+                                 {**own[1], **mesh.cell_data})
 
-        mesh = self.mesh
-        shape = ("triangle", mesh.elements)
-        if mesh.elements.shape[1] == 6:
-            shape = ("triangle6", mesh.elements[:, elements.TO_VTK])
-        cell_data = {key: [values] for key, values in {**cells, **mesh.cell_data}.items()}
-        with renamed(self.directory / name) as hidden:
-            meshio.Mesh(_in_space(mesh.xy), [shape], point_data=points,
-                        cell_data=cell_data).write(hidden)
-            _name_components(hidden)
+
+def _write_mesh(path: Path, mesh: TornMesh, points: dict, cells: dict) -> None:
+    """A VTU file of a mesh with data of its points and cells, never there in part."""
+    import meshio
+
+    shape = ("triangle", mesh.elements)
+    if mesh.elements.shape[1] == 6:
+        shape = ("triangle6", mesh.elements[:, elements.TO_VTK])
+    cell_data = {key: [values] for key, values in {**cells, **mesh.cell_data}.items()}
+    with renamed(path) as hidden:
+        meshio.Mesh(_in_space(mesh.xy), [shape], point_data=points,
+                    cell_data=cell_data).write(hidden)
+        _name_components(hidden)
+
+
+def _write_index(path: Path, pieces: int, points: dict, cells: dict) -> None:
+    """The PVTU file that names the `pieces` of a file `path`, with data such as these."""
+    kinds = {"f": "Float64", "i": "Int64"}
+
+    def arrays(data: dict) -> str:
+        return "".join(
+            f'<PDataArray type="{kinds[values.dtype.kind]}" Name="{name}" '
+            + (_COMPONENTS + " " if name == "stress" else "")
+            + f'NumberOfComponents="{values.shape[1] if values.ndim == 2 else 1}"/>\n'
+            for name, values in data.items())
+
+    sources = "".join(f'<Piece Source="{Path(piece_file(path.name, k)).name}"/>\n'
+                      for k in range(pieces))
+    with renamed(path) as hidden:
+        hidden.write_text(
+            '<?xml version="1.0"?>\n<VTKFile type="PUnstructuredGrid" version="0.1">\n'
+            '<PUnstructuredGrid GhostLevel="0">\n'
+            f"<PPointData>\n{arrays(points)}</PPointData>\n"
+            f"<PCellData>\n{arrays(cells)}</PCellData>\n"
+            '<PPoints><PDataArray type="Float64" NumberOfComponents="3"/></PPoints>\n'
+            f"{sources}</PUnstructuredGrid>\n</VTKFile>\n")
 
 
 def _in_space(pairs: np.ndarray) -> np.ndarray:
@@ -165,38 +264,15 @@ def _drawn(sub: Subdomain) -> np.ndarray:
     return drawn
 
 
-def _bodies(corners: np.ndarray) -> np.ndarray:
-    """(n_t,) number of the connected body of every triangle (n_t, 3), by their smallest nodes."""
-    size = corners.max() + 1
-    ends = corners[:, [0, 1]].ravel(), corners[:, [1, 2]].ravel()
-    graph = coo_matrix((np.ones(len(ends[0]), bool), ends), (size, size))
-    found = connected_components(graph, directed=False)[1][corners[:, 0]]
-    return np.unique(found, return_inverse=True)[1]
-
-
-def _averages(mesh: TornMesh, corners: np.ndarray) -> np.ndarray:
-    """(n, 4) stresses at the points from those at the corners of triangles (n_t, 3, 4)."""
-    values = corners
-    if mesh.elements.shape[1] == 6:  # in the middle of a side it is the mean of both ends
-        middles = (corners[:, [1, 2, 0]] + corners[:, [2, 0, 1]]) / 2
-        values = np.concatenate([corners, middles], axis=1)
-    node = mesh.node[mesh.elements].ravel()
-    weight = np.repeat(mesh.area, mesh.elements.shape[1])
-    total = np.column_stack([np.bincount(node, weight * column)
-                             for column in values.reshape(-1, 4).T])
-    return (total / np.maximum(np.bincount(node, weight), 1e-300)[:, None])[mesh.node]
-
-
 def _name_components(path: Path) -> None:
     """Name the components of stresses in a VTU file, which meshio has no word for."""
-    names = " ".join(f'ComponentName{k}="{name}"' for k, name in enumerate(STRESSES))
     text = path.read_bytes()
-    path.write_bytes(text.replace(b'Name="stress" ', f'Name="stress" {names} '.encode()))
+    path.write_bytes(text.replace(b'Name="stress" ', f'Name="stress" {_COMPONENTS} '.encode()))
 
 
-def _collection(path: Path, name, steps: list[tuple[float, int]]) -> None:
-    """A PVD file of `steps` (time, number), whose files are name(number)."""
-    sets = "".join(f'<DataSet timestep="{time!r}" part="0" file="{name(index)}"/>\n'
-                   for time, index in steps)
+def _collection(path: Path, steps: list[tuple[float, str]]) -> None:
+    """A PVD file of `steps` (time, file)."""
+    sets = "".join(f'<DataSet timestep="{time!r}" part="0" file="{name}"/>\n'
+                   for time, name in steps)
     path.write_text('<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n'
                     f"<Collection>\n{sets}</Collection>\n</VTKFile>\n")

@@ -172,9 +172,14 @@ FIELDS_FOLDER = "fields"
 STRESSES = ("xx", "yy", "zz", "xy")  # components in these files
 
 
-def field_file(index: int) -> str:
-    """The fields of the bodies in a step, 0 for the start."""
-    return f"{FIELDS_FOLDER}/step_{index:04d}.vtu"
+def field_file(index: int, pieces: int = 1) -> str:
+    """The fields of the bodies in a step, 0 for the start; of several pieces what names these."""
+    return f"{FIELDS_FOLDER}/step_{index:04d}.{'vtu' if pieces == 1 else 'pvtu'}"
+
+
+def piece_file(name: str, piece: int) -> str:
+    """A piece of a PVTU file."""
+    return f"{name.removesuffix('.pvtu')}_{piece:04d}.vtu"
 
 
 def contact_file(index: int) -> str:
@@ -182,9 +187,9 @@ def contact_file(index: int) -> str:
     return f"{FIELDS_FOLDER}/contact_{index:04d}.vtu"
 
 
-def error_file(index: int) -> str:
-    """The error indicator of a step."""
-    return f"{FIELDS_FOLDER}/error_{index:04d}.vtu"
+def error_file(index: int, pieces: int = 1) -> str:
+    """The error indicator of a step, as `field_file`."""
+    return f"{FIELDS_FOLDER}/error_{index:04d}.{'vtu' if pieces == 1 else 'pvtu'}"
 
 
 def header(columns: tuple[Column, ...], **families) -> list[str]:

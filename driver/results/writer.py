@@ -1,6 +1,6 @@
 """Stage 7: what a run leaves step by step: tables of contact, history, convergence; fields.
 
-Fields are gathered on rank 0, which alone writes. Files go to the run's private directory, which
+Rank 0 writes the tables, and ranks share the fields. Files go to the run's private directory, which
 the command line renames as a whole, so a result directory that is there is complete.
 """
 
@@ -28,7 +28,7 @@ from .tables import (BOUNDARIES, CONTACT, CONVERGENCE, CYCLES, GEOMETRIES, HISTO
 
 
 class Writer:
-    """Collects the steps of a run and writes its files; collective, rank 0 writes."""
+    """Collects the steps of a run and writes its files; collective."""
 
     def __init__(self, directory: Path, manifest: Manifest, operator: DualOperator,
                  solver: QuasistaticSolver, fields: bool):

@@ -18,7 +18,8 @@ RESULTS = (r"summary\.json",
            r"(contact|history|convergence|boundary|boundaries|obstacle|probes|adaptivity)\.csv",
            r"(study|cycles)\.csv",
            r"(run|freefem)\.log", r"(fields|contact|error)\.pvd",
-           r"fields/(step|contact|error)_\d+\.vtu", r"report\.html", r"figures/animation\.gif",
+           r"fields/(step|contact|error)_\d+(_\d+)?\.p?vtu", r"report\.html",
+           r"figures/animation\.gif",
            rf"figures/({'|'.join(FIGURES)}|study)\.(png|pdf)",
            r"checkpoint\.bin")  # of a run that was killed while it removed it
 # of a run that is not finished, besides: what its stages hand on

@@ -76,6 +76,7 @@ def load(stage):
     """Start PETSc and import `stage`; its function. Raises InputError if a package is missing."""
     known = len(sys.modules)
     try:
+        environment.prepare_numpy()
         environment.start_petsc()
         run = stage()
     except ImportError as problem:

@@ -16,12 +16,10 @@ from pathlib import Path
 from .. import options
 from ..arguments import EVERY
 from ..errors import PARTIAL, InputError, error_of, words_of
-from ..estimates import adaptivity, budget, prices
+from ..estimates import refinement
 from ..files import write_json
-from ..march.checkpoint import fingerprint
+from ..march import checkpoint
 from ..options import RESULTS
-from ..report import run as report
-from ..results import screen
 from ..scene import explain, freefem, grammar, seal
 from ..text import shown
 from . import guard, hosts, launch
@@ -123,12 +121,12 @@ def _refine(run: Run, place: Workspace) -> list[Path]:
         work = place.path / f"cycle-{number - 1}"
         work.mkdir()
         request = Request.of(run, fields=False, errors="energy", refine=True,
-                             settings=adaptivity.coarse(run.settings))
+                             settings=refinement.coarse(run.settings))
         status, reason = _cycle(run, place, work, cycles, request)
         if status:
             raise error_of(status, f"refinement cycle {number}: {reason}")
         cycles.append(work)
-        _say(run, f"refinement cycle {number} of {run.adapt}: {adaptivity.describe(work)}")
+        _say(run, f"refinement cycle {number} of {run.adapt}: {refinement.describe(work)}")
     return cycles
 
 
@@ -139,15 +137,22 @@ def _cycle(run: Run, place: Workspace, work: Path, before: list[Path],
     FreeFEM runs again on resuming: only equal records show that nothing behind them changed.
     """
     clock = time.perf_counter()
-    sizes = before[-1] / adaptivity.STEM if before else None
+    sizes = before[-1] / refinement.STEM if before else None
     freefem.export(run.scene, work / "export", run.parameters, run.ranks, sizes,
-                   lambda: launch.preload(solver, run.ranks), run.without)
+                   lambda: _prepare(run), run.without)
     choices = {"fields": request.fields, "without": list(request.without)}
-    identity = fingerprint(seal.read(work / "export").content, {**request.settings, **choices})
+    content = seal.read(work / "export").content
+    identity = checkpoint.fingerprint(content, {**request.settings, **choices})
     _resume(run, place, work, identity)
-    seconds = {**adaptivity.seconds(before), "export": time.perf_counter() - clock}
+    seconds = {**refinement.seconds(before), "export": time.perf_counter() - clock}
     request = dataclasses.replace(request, fingerprint=identity, seconds=seconds)
     return solve(run, work, request, solver)
+
+
+def _prepare(run: Run) -> None:
+    """What takes time and does not need the export."""
+    launch.preload(solver, run.ranks)
+    checkpoint.program()
 
 
 def solve(run: Run, work: Path, request: Request, stage) -> tuple[int, str]:
@@ -170,7 +175,7 @@ def _resume(run: Run, place: Workspace, work: Path, identity: dict) -> None:
 def _complete(run: Run, work: Path, cycles: list[Path]) -> None:
     """Table of the refinement cycles and figures; what only the stages needed goes."""
     if cycles:
-        adaptivity.report(work, cycles)
+        refinement.report(work, cycles)
         for cycle in cycles:
             shutil.rmtree(cycle)
     clock = time.perf_counter()
@@ -180,7 +185,7 @@ def _complete(run: Run, work: Path, cycles: list[Path]) -> None:
         _animate(work)
     if run.figures or run.animate:
         _count(work, "figures", time.perf_counter() - clock)
-    _try(lambda: report.write(work), work, "report.html could not be written: {}; 'make report' "
+    _try(lambda: _report(work), work, "report.html could not be written: {}; 'make report' "
          "writes it from the results")
     (work / "export" / "freefem.log").rename(work / "freefem.log")
     for folder in ("export", "companions"):  # the latter if a rank has died over the estimates
@@ -215,6 +220,13 @@ def _animate(work: Path) -> None:
     _try(draw, work)
 
 
+def _report(work: Path) -> None:
+    """The page of the run."""
+    from ..report import run as page
+
+    page.write(work)
+
+
 def _try(make, work: Path, failed: str = NO_FIGURES) -> None:
     """Make what the results can do without; where it fails a line says so, the log has more."""
     try:
@@ -236,42 +248,3 @@ def _publish(place: Workspace, converged: bool) -> Path:
 def _say(run: Run, line: str) -> None:
     if not run.quiet:
         print(f"{run.scene.stem}: {line}", flush=True)
-
-
-# ---- the screen ----------------------------------------------------------------------------------
-
-def describe(summary: dict, out: Path) -> str:
-    """Few lines about a finished run."""
-    title = " ".join(filter(None, (summary["scene"], summary["variant"])))
-    sizes, counts = summary["sizes"], summary["counts"]
-    worst = max(summary["residuals"].values(), default=0)
-    lines = [f"{title}: {sizes['subdomains']} subdomains, {sizes['primal_dofs']} primal and "
-             f"{sizes['dual_dofs']} dual dofs, {summary['steps']} steps",
-             f"{counts['fixed_point_iterations']} fixed-point iterations, "
-             f"{counts['dual_multiplications']} products with F, largest KKT residual {worst:.1e}, "
-             f"force balance {summary['balance']:.1e}",
-             f"{_seconds(summary['seconds'])}, results in {shown(out)}",
-             *never_mattered(summary["effects_ledger"]),
-             *screen.materials(summary.get("materials", []), summary["units"]),
-             *screen.boundaries(summary.get("boundaries", []), summary["units"]),
-             *screen.probes(summary.get("probes", []), summary["units"]),
-             *screen.cycles(summary.get("cycles"), summary["units"]),
-             *budget.describe(summary.get("errors", {}), summary["units"]),
-             *prices.describe(summary.get("errors", {}).get("prices")),
-             *screen.warnings(summary["warnings"])]
-    return "\n  ".join(lines)
-
-
-def never_mattered(ledger: dict[str, dict]) -> list[str]:
-    """One sentence for every effect that is declared and was not active."""
-    return [f"{name.replace('_', ' ')} is declared but {entry['reason']}"
-            for name, entry in ledger.items() if entry["declared"] and entry["active"] is False]
-
-
-def _seconds(seconds: dict) -> str:
-    """Seconds of the stages in words."""
-    stages = {"FreeFEM": "export", "setup": "setup", "solve": "solve",
-              "other solutions": "uniqueness", "output": "output", "error estimates": "estimates",
-              "figures": "figures"}
-    parts = [f"{title} {seconds[name]:.2f}" for title, name in stages.items() if name in seconds]
-    return f"{seconds['total']:.2f} s ({', '.join(parts)})"

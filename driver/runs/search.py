@@ -5,7 +5,7 @@ import json
 import time
 from pathlib import Path
 
-from ..errors import DriverError, error_of
+from ..errors import DriverError, NoSolution, error_of
 from ..estimates.budget import share
 from ..results.summary import largest_memory
 from . import goal
@@ -50,7 +50,7 @@ class Tried:
         self.search, self.levels, self.manifest = search, search.levels, problem.manifest
         self.settings = search.scaled(search.settings, search.stride)
         self.effects, self.knob = search.effects, search.knob
-        self.meshes = [{search.knob: size} for size in search.sizes[:-4:-1]]
+        self.meshes = [search.mesh(size) for size in search.sizes[:-4:-1]]
         self.base, self.values = self.meshes[1], search._values(search.sizes[-1])
         self.levels.problems[()] = problem
 
@@ -61,7 +61,7 @@ class Tried:
     def level(self, mesh: dict, stride: int = 1, quiet: bool = True):
         """A run on a mesh at every `stride`-th of the chosen steps, None if it fails."""
         try:
-            if set(mesh) == {self.knob}:
+            if mesh in self.meshes:
                 return self.search._level(mesh[self.knob], self.search.stride * stride)
             return self.levels.run(self.settings, self.search.stride * stride, **mesh)
         except DriverError:
@@ -73,7 +73,7 @@ def _prices(search: goal.Search, problem, output: float, memory: float, idle: fl
     from ..estimates.alternatives import price_list
     from ..estimates.prices import Measured
 
-    key = ((search.knob, search.sizes[-1]),)
+    key = tuple(sorted(search.mesh(search.sizes[-1]).items()))
     seconds = {"export": 0.0, "setup": 0.0, **search.levels.spent.get(key, {}), "output": output,
                "solve": search._level(search.sizes[-1]).seconds}
     return price_list(Tried(search, problem), search.parts, search.budget(), search.name,
@@ -87,7 +87,7 @@ def _write(directory: Path, request: Request, search: goal.Search, status: int, 
     from ..results import summary
     from ..results.writer import Writer
 
-    begun, size, levels = time.perf_counter(), {search.knob: search.sizes[-1]}, search.levels
+    begun, size, levels = time.perf_counter(), search.mesh(search.sizes[-1]), search.levels
     comm, level = levels.comm, search._level(search.sizes[-1])
     problem = _as_asked(search, levels.problem(**size))
     writer = Writer(directory, problem.manifest, problem.operator, level.solver, request.fields)
@@ -102,7 +102,8 @@ def _write(directory: Path, request: Request, search: goal.Search, status: int, 
     advice = (f"{search.name.replace('_', ' ')} to {share(entry['total'], entry['value'])}, "
               f"asked for {100 * search.asked:g} %; the same settings by hand: {settings}")
     errors = {"quantities": budget, "notes": [], "advice": advice}
-    accuracy = {"quantity": search.name, "asked": search.asked, "reached": entry["relative"],
+    reached = None if status == NoSolution.exit_status else entry["relative"]
+    accuracy = {"quantity": search.name, "asked": search.asked, "reached": reached,
                 "settings": chosen, "levels": len(search.sizes), "products": levels.products}
     failure = error_of(status, reason) if status else None
     output, memory = time.perf_counter() - begun, largest_memory(comm)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ..environment import EVERY_STEP
 from ..errors import Defect, DriverError, InputError, agreed_writes, defect, shortage, words_of
-from ..estimates import adaptivity, between_steps, soundness, validity
+from ..estimates import adaptivity, between_steps, refinement, soundness, validity
 from ..estimates.energy import EnergyEstimator, excluded, of_time, report
 from ..march.problem import Problem, assemble
 from ..march.quasistatic import QuasistaticSolver
@@ -275,7 +275,7 @@ def _next_mesh(directory: Path, estimator: EnergyEstimator, estimates: list) -> 
     """Leave the element sizes of the next cycle's mesh."""
     with agreed_writes(estimator.operator.comm):
         if estimator.gather.root:
-            adaptivity.next_mesh(directory / adaptivity.STEM, estimator,
+            adaptivity.next_mesh(directory / refinement.STEM, estimator,
                                  [estimate for _, estimate in estimates])
 
 

@@ -15,9 +15,6 @@ of these are rational functions.
 
 import numpy as np
 
-NODES = {"P1": 3, "P2": 6, "P2-mixed": 7}  # of a triangle
-# a smooth solution's error in the energy norm falls like h to this power
-DEGREE = {"P1": 1, "P2": 2, "P2-mixed": 2}
 CENTER = np.full((1, 3), 1 / 3)
 NODE_PLACES = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1],
                         [0, 0.5, 0.5], [0.5, 0, 0.5], [0.5, 0.5, 0]])  # of quadratic triangles

@@ -21,6 +21,8 @@ MISTAKES = tuple((re.compile(start), words) for start, words in (
     (r"error operator\s+\(", "a call with arguments of a wrong number or kind"),
     (r"error operator\s+=", "a value of another kind than the variable's")))
 TYPES = r"real|int|bool|string|complex|mesh|matrix|varf|border|fespace|func\s+\w+"
+SAME_PLACE = re.compile(r"double points in\s+s = \d+ \(\[[^]]*\],\[([^]]*)\]")
+APART = "mesh bodies that touch one at a time and join them by addBody(...)"
 # what a run-time message of FreeFEM means for a scene
 MEANINGS = (
     (r"Div by 0", "a division by zero"),
@@ -345,6 +347,8 @@ def _execution(output: str, status: int, scene: Path, retrace) -> str:
         plugin = re.search(r"dlerror : (\S+?)\.so", output)
         name = plugin[1] if plugin else ""
         return f"{_place(scene, rf'load.*{name}')}: FreeFEM has no plugin {name}"
+    if same := SAME_PLACE.search(output):
+        return f"{_place(scene, '[.](geo|msh)')}: two points of the mesh at ({same[1]}): {APART}"
     meaning = next((words for pattern, words in MEANINGS if re.search(pattern, output)), "")
     if killed:
         said = f"FreeFEM was killed by signal {killed}"

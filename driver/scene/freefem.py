@@ -6,7 +6,7 @@ from pathlib import Path
 
 from .. import environment
 from ..errors import InputError
-from . import declarations, elements, explain, grammar, rooms, script, seal, size, study_value
+from . import declarations, element_kinds, explain, grammar, rooms, script, seal, size
 from .manifest import Manifest, read_manifest
 from .script import text_digest
 
@@ -100,7 +100,7 @@ def export_study(scene: Path, directory: Path, parameters: dict[str, str], name:
     loop.write_text(_loop(scene, name, values, bool(changed & rooms.of_loads())))
     _run(loop, scene, directory, {**parameters, name: values[0]}, 1, meanwhile, without)
     for place in places:
-        seal.write(place, text, [study_value.FILE])
+        seal.write(place, text, [seal.VALUE])
     manifests = [read_manifest(place) for place in places]
     for manifest, value in zip(manifests, values):
         _check_echo(manifest, {**parameters, name: value})
@@ -128,8 +128,9 @@ def _run(program: Path, scene: Path, directory: Path, parameters: dict[str, str]
     Raises InputError with what FreeFEM said if it fails, and for unknown elements.
     """
     element = parameters.get("element", "P1")
-    if element not in elements.NODES:
-        raise InputError(f"ELEMENT must be one of {', '.join(elements.NODES)}, not '{element}'")
+    if element not in element_kinds.NODES:
+        kinds = ", ".join(element_kinds.NODES)
+        raise InputError(f"ELEMENT must be one of {kinds}, not '{element}'")
     if ";" in str(directory):
         raise InputError(f"FreeFEM takes no folder with a semicolon in its name: {directory}")
     spelled = grammar.parameters(scene)

@@ -9,10 +9,8 @@ import math
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-import numpy as np
-
 from ..errors import InputError
-from . import elements
+from . import element_kinds
 from . import seal as seals
 from .declarations import QUASISTATIC
 from .rooms import EFFECTS, LOADS
@@ -27,7 +25,7 @@ KINDS = {"subdomains": int, "blocks": int, "nodes": int, "interface_label": int,
          "labels": list, "regions": list, "bodies": int, "patterns": list, "amplitudes": dict,
          "parameters": dict}
 # words that the stages that follow know; any other would silently count as "not declared"
-WORDS = {"element": tuple(elements.NODES), "plane": ("strain", "stress"),
+WORDS = {"element": tuple(element_kinds.NODES), "plane": ("strain", "stress"),
          "material": ("isotropic", "general")}
 NOTHING = 1e-14  # part of the largest value of a history that is rounding of its argument
 
@@ -94,12 +92,14 @@ class Manifest:
         return self.rooms.get("pair", {}).get("labels", [])
 
     @property
-    def factors(self) -> np.ndarray:
+    def factors(self) -> "np.ndarray":
         """(steps + 1, patterns) factor of every load pattern at the start and after every step.
 
         What is rounding beside the largest of its history, between the steps as well, is zero:
         sin(2 pi t) = -2.4e-16 for t = 1 is no load, and answers to it are rounding alone.
         """
+        import numpy as np  # here: this module is read before FreeFEM starts
+
         histories = [self.amplitudes[str(pattern["amplitude"])] for pattern in self.patterns]
         factors = np.array(histories, float).reshape(len(histories), self.steps + 1).T
         finer = [self.between.get(str(pattern["amplitude"]), ()) for pattern in self.patterns]

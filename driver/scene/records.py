@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import InputError
-from . import elements, seal
+from . import element_kinds, seal
 from .manifest import Manifest
 
 STACK = 1 << 19  # words that are read together
@@ -79,7 +79,7 @@ def places_layout(head: Head) -> Layout:
 def piece_layout(head: Head, manifest: Manifest) -> Layout:
     """What subdomains cut alike have in common: mesh but for the places, elasticity, stiffness."""
     moments = _moments(manifest) * head.triangles
-    return [("elements", elements.NODES[manifest.element] * head.triangles, np.int64),
+    return [("elements", element_kinds.NODES[manifest.element] * head.triangles, np.int64),
             ("region", head.triangles, np.int64), ("edges", 2 * head.edges, np.int64),
             *((name, moments, np.float64) for name in moduli(manifest)),
             ("dof_coordinate", head.dofs, np.float64), ("is_x", head.dofs, np.float64),

@@ -18,6 +18,7 @@ from ..errors import InputError, file_error
 from ..files import write_json
 
 SHARED = "shared.bin"  # what subdomains have in common, where they do
+VALUE = "value.bin"  # what a value of a parameter study changes
 CHUNK = 1 << 22  # bytes read at once
 # bytes; FreeFEM's buffers are smaller, so this much is not free after one of its writes has failed
 PROBE = 1 << 16

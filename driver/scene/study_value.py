@@ -7,13 +7,12 @@ import numpy as np
 
 from ..errors import InputError
 from . import record_checks as checks
-from . import records
+from . import records, seal
 from .loader import contact_of
 from .manifest import Manifest
 from .records import RecordFile
 from .subdomain import ContactData
 
-FILE = "value.bin"
 
 
 class Loads(NamedTuple):
@@ -40,7 +39,7 @@ def read_value(directory: Path, manifest: Manifest) -> Value:
 
     Raises InputError as `loader.read_subdomains`.
     """
-    file = RecordFile(directory / FILE, manifest.seal)
+    file = RecordFile(directory / seal.VALUE, manifest.seal)
     count = int(file.stack([("count", 1, np.int64)])["count"][0, 0])
     numbers = records.contact_layout(count, manifest)
     stack = file.stack([("label", count, np.int64), ("gid", count, np.int64), *numbers])

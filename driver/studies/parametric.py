@@ -59,7 +59,7 @@ def run(directory: Path, request: Request, comm) -> tuple[int, str]:
     values = [(loads.history(k, own, problem.manifest), value)
               for k, (own, value) in enumerate(values)]
     lap("setup")
-    rows = int(np.count_nonzero(structure.row_kind != RowKind.GLUING))
+    rows = len(structure.at_contact.row)
     follows = structure.contact.following is not None
     condensed = rows <= LARGEST and not structure.rigid_modes and not follows
     if condensed:
@@ -338,9 +338,10 @@ def _fields(solver, step, u_t: np.ndarray) -> dict[str, np.ndarray]:
     values[0, rows.normal_node] = rows.gap + yielded - step.gradient[rows.normal]
     if wear is not None:
         values[6, rows.tangential_node] = wear.depth[rows.tangential_node]
-    compliance = operator.structure.compliance
-    if compliance is not None:  # B u = c - gradient + what the asperities yield
-        own = compliance[slice(*operator.structure.row_range)][rows.normal]
+    structure = operator.structure
+    if structure.yields:  # B u = c - gradient + what the asperities yield
+        table = structure.at_contact
+        own = table.compliance[np.searchsorted(table.row, structure.row_range[0] + rows.normal)]
         values[0, rows.normal_node] += own * step.multipliers[rows.normal]
     values[1, rows.tangential_node] = -step.gradient[rows.tangential]
     values[2, rows.normal_node] = -step.multipliers[rows.normal]

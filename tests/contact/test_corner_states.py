@@ -138,6 +138,22 @@ def test_the_end_of_a_step_does_not_know_the_way(force):
     assert shares.tolist() == ways[FIRST] and not apart_from_it.rested[0]
 
 
+def test_every_corner_is_judged_whatever_the_others_do():
+    """The first stands by friction, as it has done; the second opens one of its sides."""
+    nodes = CornerNodes(np.array([[0, 1], [4, 5]]), np.array([[0, 1], [4, 5]]),
+                        np.array([[2, 3], [6, 7]]), np.array([[0, 1], [2, 3]]),
+                        np.array([False, False]), np.zeros((2, 2), bool), np.zeros((2, 2)),
+                        np.zeros((2, 2)), np.array([-np.eye(2)] * 2), np.array([True, True]), None)
+    nodes.acting[0] = STANDING
+    law = SimpleNamespace(coefficient=None, offset=None)
+    alone = SimpleNamespace(allgather=lambda value: [value])
+    x, over = np.zeros(8), np.zeros(8)
+    x[4], over[5] = 1.0, -1e-3
+    nodes._stands = lambda *_: STANDING
+    assert nodes.switch(x, -over, law, np.ones(8), 1e-9, alone, np.zeros(8))
+    assert nodes.acting.tolist() == [STANDING, FIRST]
+
+
 def test_a_touch_within_the_tolerance_changes_no_state():
     nodes = corner()
     nodes.acting[:] = FIRST
@@ -192,6 +208,9 @@ def test_other_states_are_tried_before_a_step_is_given_up():
             states.find(2, *given)
         assert len(tried) == count
         tried.clear()
+    wanted = FIRST if nodes.acting[0] != FIRST else SECOND  # in the next step all may be tried
+    states.find(3, *given)
+    assert tried[-1] == wanted
 
 
 def test_a_step_with_an_undecided_corner_names_it():

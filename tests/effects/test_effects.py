@@ -1,17 +1,21 @@
 """What a scene does not declare costs nothing; the ledger; the study that leaves effects out."""
 
+import importlib
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from driver import effects as effects_of
 from driver.effects import Effects, LoadEffect, RunFacts, slip_law
+from driver.effects import curved as curved_sides
 from driver.effects.quasistatic import proportional
 from driver.errors import InputError
 from driver.files import read_rows
 from driver.results import ledger
 from driver.runs.guard import STUDY
-from driver.runs.run import never_mattered
+from driver.runs.outcome import never_mattered
 from driver.scene import freefem
 from driver.scene.manifest import read_manifest
 from driver.studies import effects
@@ -49,6 +53,21 @@ def test_without_contact(solved):
     # preconditioned CG on the gluing alone: kappa <= 5 needs 1/2 sqrt(5) ln(2e6) = 16 products,
     # plus the residual's
     assert counts["dual_multiplications"] <= 5 * 18
+
+
+def test_what_is_declared_is_named_in_the_summary():
+    """By what it is, or by true: nothing that is declared is said to be absent."""
+    rooms = [importlib.import_module(f"driver.effects.{path.stem}").Room
+             for path in Path(effects_of.__file__).parent.glob("[a-z]*.py")
+             if "class Room" in path.read_text()]
+    assert len(rooms) > 20
+    assert all(all(room.summary.values()) for room in rooms)
+
+
+@pytest.mark.parametrize("curved, active", [({"labels": [2]}, True), (None, False)])
+def test_sides_are_curved_where_elements_can_be(curved, active):
+    room = SimpleNamespace(manifest=SimpleNamespace(curved=curved))
+    assert curved_sides.Room.ledger(room, None)["curved"]["active"] == active
 
 
 @pytest.mark.parametrize("size, factor, active", [
@@ -321,6 +340,7 @@ def test_study_changes(study):
     assert get("friction", "max_displacement_change") == pytest.approx(expected, rel=1e-12)
 
 
+@pytest.mark.slow  # a study of its own for one row
 def test_variant_without_solution_is_a_row(tmp_path, capsys):
     """Friction alone keeps the block on its slope."""
     paths = effects.run_effects({"scene": "slope", "cells": "4", "out": str(tmp_path)})

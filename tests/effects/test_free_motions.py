@@ -1,9 +1,13 @@
-"""Rigid motions that nothing determines: the least one that contact and friction allow."""
+"""Rigid motions that nothing determines: the least one that contact and friction allow; bodies
+that no state of contact balances.
+"""
+
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from driver.effects.free_bodies import _least
+from driver.effects.free_bodies import FreeBodies, _least
 
 
 @pytest.mark.parametrize("unit", [1e-9, 1.0, 1e9])
@@ -19,3 +23,14 @@ def test_a_body_moves_least_whatever_the_unit_of_its_motions(unit):
     # nor is there a motion where all are held
     found = _least(unit * np.eye(3), unit * limited, unit * np.array([0.3]), np.array(aim))
     np.testing.assert_allclose(found, 0.0, atol=1e-9)
+
+
+def test_bodies_that_stay_unbalanced_are_named():
+    """Those with more than a tenth of the largest imbalance, and where the largest one pulls."""
+    modes = [SimpleNamespace(body=body) for body in (0, 1, 1, 2)]
+    bodies = SimpleNamespace(
+        _shares=lambda load, x: np.array([0.2, 0.01, 0.002, 0.03]), _names=FreeBodies._names,
+        operator=SimpleNamespace(structure=SimpleNamespace(rigid_modes=modes)),
+        _way=lambda load, x, body: f"body {body + 1} is pulled")
+    said = FreeBodies.why_unbalanced(bodies, None, None)
+    assert "20 % of the forces on bodies 1, 3, which" in said and "body 1 is pulled" in said

@@ -77,6 +77,14 @@ macro displacement1() on(3, u1 = 0.01, u2 = 0) //
 macro periodic() 4, 2 //
 include "export.idp"
 """
+# a small tube whose inner and outer side are to repeat one another
+TUBE = HEAD + """addBody(square(3, 3, [2e-6 + 1e-6*x, 1e-6*y]))
+""" + MATERIAL + """macro support() on(1, u2 = 0) //
+macro displacement1() on(3, u2 = 1e-8) //
+macro axisymmetric() 1 //
+macro periodic() 4, 2 //
+include "export.idp"
+"""
 
 
 def stresses(run) -> np.ndarray:
@@ -267,6 +275,7 @@ include "export.idp"
     (STRIP % (5, 5), "periodic() 4, 2", "periodic() 4, 3", "are no translates of one another"),
     (STRIP % (5, 5), "periodic() 4, 2", "periodic() 4, 9", "no boundary with label 9"),
     (ONE_EDGE, "", "", "constrain all nodes of 2"),
+    (TUBE, "", "", "have different radii"),
     (STRIP % (5, 5), "macro periodic() 4, 2 //", "macro periodic() 4, 2 //\nmacro contact() 2 //",
      "label 2 is periodic and declared for contact")])
 def test_misuse_is_refused_in_one_line(solved, scene, text, old, new, reason):

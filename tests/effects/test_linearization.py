@@ -118,6 +118,7 @@ def test_the_second_problem_holds_at_its_own_configuration(built):
     np.testing.assert_allclose(weight.sum(), c.weight.sum(), rtol=1e-9)
 
 
+@pytest.mark.slow  # three ranks; those of pairs are in test_scenes_bodies
 def test_ranks_do_not_change_a_bit_of_the_second_linearization(solved):
     one, other = (solved("pin", h=1, linearization="updated", np=n) for n in (1, 3))
     for name in ("sigma_n", "u_n", "gap", "normal_x"):

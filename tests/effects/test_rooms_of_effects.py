@@ -5,8 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from driver.effects import cycles, large_sliding, probe, slip_law
+from driver.contact.motion import ObstacleMotion
+from driver.effects import cycles, large_sliding, probe, slip_law, wear
 from driver.errors import InputError
+from driver.march.closure import Closure
 
 LAW = {"argument": "slip", "range": 2.0, "values": [1.0, 0.5, 0.25]}
 
@@ -43,6 +45,28 @@ def test_displacement_counts_from_the_origin():
 def test_laws_that_make_no_sense_are_refused(changes):
     with pytest.raises(InputError, match="slip_law|negative"):
         law(**changes)
+
+
+def test_wear_is_work_over_strength():
+    """Depth by force times way, whichever way it goes; nothing where a node is pulled or open."""
+    manifest = SimpleNamespace(rooms={"wear": {}}, patterns=[])
+    room = wear.Room("wear", manifest)
+    room.softness, room.depth = np.array([2.0, 2.0, 4.0, 4.0]), np.zeros(4)
+    for slip in (0.5, -0.25):
+        room.step_ends(np.array([0, 2, 3]), np.full(3, slip), np.array([0.1, -3.0, 0.0]))
+    np.testing.assert_allclose(room.depth, [2 * 0.75 * 0.1, 0, 0, 0], rtol=1e-15)
+
+
+def test_padding_adds_obstacles_that_stand_still():
+    nodes, times = 2, np.array([0.0, 1.0])
+    rng = np.random.default_rng(1)
+    moving = ObstacleMotion(times, *(rng.random((2, nodes, *more)) for more in ((), (2,), ())),
+                            *rng.random((3, nodes, 2)))
+    assert moving.padded(0) is moving
+    more = moving.padded(3)
+    np.testing.assert_array_equal(more.way(0.0, 1.0)[:nodes], moving.way(0.0, 1.0))
+    assert not more.way(0.0, 1.0)[nodes:].any() and len(more.way(0.0, 1.0)) == nodes + 3
+    np.testing.assert_array_equal(more.gap_at(1.0), [*moving.gap_at(1.0), 0, 0, 0])
 
 
 CURVE = {"reach": 0.5, "curve": [[0.0] * 8] * 3, "box": [0.0, 1.0, 0.0, 1.0]}
@@ -115,3 +139,14 @@ def test_a_preload_is_where_slip_is_measured_from(solved, variant):
     assert np.abs(preloaded.contact["u_t"][0]).max() > 0.1 * way
     assert np.abs(preloaded.contact["slip"]).max() < 1e-7 * way
     assert np.abs(preloaded.contact["sigma_t"]).max() < 1e-5 * rub
+
+
+def test_a_node_without_force_closes_by_what_it_is_beyond_its_gap():
+    """The tangent about a closure leaves 0.1 without force: less where the node is apart."""
+    closure = object.__new__(Closure)
+    closure.offset, closure.slope = np.full((1, 3), 0.1), np.full((1, 3), 0.5)
+    closure.slides = False
+    closure.rows = SimpleNamespace(normal=np.arange(3), tangential=np.empty(0, int))
+    force, own, _ = closure._state(np.array([2.0, 0.0, 0.0]), np.array([0.0, 0.3, -0.2]))
+    np.testing.assert_allclose(force, [2.0, 0, 0])
+    np.testing.assert_allclose(own, [[0.1 + 0.5 * 2, 0.1 - 0.3, 0.1]])

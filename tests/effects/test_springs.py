@@ -120,6 +120,7 @@ def test_round_block_on_a_foundation(solved, tmp_path, element):
     assert probed(run, "label1", "force_y") == pytest.approx(8 * np.pi * 4, rel=1e-9)
 
 
+@pytest.mark.slow  # springs are in the matrices of subdomains, whose ranks test_model shows
 def test_ranks_leave_the_same_bits(solved):
     one, two = (solved(HELD, steps=2, subdomains=5, np=n) for n in (1, 2))
     for name, values in one.contact.items():
@@ -149,3 +150,24 @@ def test_misuse_is_refused_in_one_line(solved, tmp_path, old, new, reason):
     (tmp_path / "misused.edp").write_text(BLOCK.replace(old, new))
     run = solved(tmp_path / "misused.edp", cells=2)
     assert run.status == 2 and reason in run.reason
+
+
+@pytest.mark.parametrize("sprung", [11, 21])
+def test_springs_hold_back_their_own_body_alone(built, named_scene, sprung):
+    """Both bodies are carried by (0.3, -0.2); the travel of that on springs is no rigid motion."""
+    problem = built(scene=named_scene(f"carried{sprung}", f"""include "scene.idp"
+subdomains("3");
+int[int] one = [11, 12, 13, 14], two = [21, 22, 23, 24];
+addBody(square(3, 3, [x, y], label = one))
+addBody(square(2, 3, [2 + x, y], label = two))
+macro young() 1e3 //
+macro poisson() 0.3 //
+macro foundation() {sprung} //
+macro foundationNormal() 5. //
+macro displacement1() on(13, 23, u1 = 0.3, u2 = -0.2) //
+include "export.idp"
+"""))
+    motion = problem.structure.travel.motion[0]
+    own = 0 if sprung == 11 else 1
+    assert motion[own].tolist() == [0, 0, 0]
+    np.testing.assert_allclose(motion[1 - own], [0.3, -0.2, 0], rtol=1e-15)

@@ -3,12 +3,14 @@ no harm done.
 """
 
 import csv
+import json
 import types
 
 import numpy as np
 import pytest
 
-from driver.estimates import adaptivity
+from driver.estimates import adaptivity, refinement
+from driver.files import read_rows
 from driver.scene import freefem
 from driver.scene.loader import read_subdomains
 from driver.scene.manifest import read_manifest
@@ -283,6 +285,7 @@ def test_options_of_adaptation(solved):
     assert not list(run.directory.glob("size*")) and not list(run.directory.glob("cycle*"))
 
 
+@pytest.mark.slow  # two refined runs; estimates on ranks are in test_energy_error
 def test_meshes_do_not_depend_on_the_ranks(solved):
     one, two = (solved("pressfit", h=8, adapt=1, np=ranks) for ranks in (1, 2))
     # to the last bit, as all results
@@ -310,3 +313,19 @@ def test_point_loads_have_no_error_to_refine_by(solved, tmp_path):
     run = solved(scene, cells=2, adapt=1)
     assert run.status == 2 and "point loads" in run.reason and "\n" not in run.reason
     assert "goes on" not in run.reason
+
+
+def test_a_row_of_the_report_is_of_its_own_cycle(tmp_path):
+    """Seconds without those of the cycles before, errors relative to the norm, or none."""
+    places = []
+    for k, (energy, before) in enumerate([({"mesh": 2.0, "norm": 8.0}, {}), ({}, {
+            "export_cycles": 3.0, "solve_cycles": 4.5})]):
+        places.append(tmp_path / f"{k}")
+        places[-1].mkdir()
+        (places[-1] / "summary.json").write_text(json.dumps({
+            "seconds": {"total": 10.0, **before}, "errors": {"energy": energy},
+            "sizes": {"subdomains": 4, "primal_dofs": 100 * k}, "quantities": {"slip": 0.25}}))
+    refinement.report(places[1], places[:1])
+    first, last = read_rows(places[1] / "adaptivity.csv")
+    assert (first["seconds"], first["relative"], first["primal_dofs"]) == ("10.0", "0.25", "0")
+    assert (last["seconds"], last["relative"], last["slip"]) == ("2.5", "", "0.25")

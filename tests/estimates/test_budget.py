@@ -10,6 +10,7 @@ import pytest
 from mpi4py import MPI
 
 from driver.estimates import budget
+from driver.estimates.adjoint import Sizes
 from driver.estimates.budget import name_of
 from driver.estimates.levels import Companions
 from driver.options import Settings
@@ -192,8 +193,8 @@ def touching(nodes=20, **more):
     ({"mesh": 0.1, "norm": 1.0}, touching(round=2), "P1", False)])
 def test_a_mesh_that_does_not_resolve_the_solution_leaves_no_claims_of_contact(energy, touch,
                                                                                element, known):
-    """Differences of such meshes tell nothing; of the displacement an adjoint problem does. Of the
-    resultant it does, unless one or two nodes on a round boundary carry all.
+    """Differences of such meshes tell nothing; of the displacement equilibrium does. Of the
+    resultant adjoint problems do, unless one or two nodes on a round boundary carry all.
     """
     levels = Linear()
     effects = Declared(quasistatic=False, frictional=False, pressure_bounds_friction=False)
@@ -204,10 +205,12 @@ def test_a_mesh_that_does_not_resolve_the_solution_leaves_no_claims_of_contact(e
         values={name: value * (1 + 0.01 * bool(changes)) for name, value in values.items()})
     record = SimpleNamespace(quantities=lambda: (values, 0), singular_places=lambda: (),
                              touch=lambda _index: touch)
-    parts = Companions(levels, problem_of(manifest, effects), Settings(), record, {},
-                       energy).parts()["mesh"]
+    parts, held = (Companions(levels, problem_of(manifest, effects), Settings(), record, sizes,
+                              energy).parts()["mesh"]
+                   for sizes in ({}, {"normal_resultant": Sizes(1e-3, 1.0, 1.0)}))
     assert parts["displacement"].error > 0
-    assert (parts["normal_resultant"].error is not None) == (touch.round != 2)
+    assert (held["normal_resultant"].error is not None) == (touch.round != 2)
+    assert (parts["normal_resultant"].error is not None) == known
     for name in ("contact_length", "peak_pressure"):
         assert (parts[name].error is not None) == known, name
         assert known or "too coarse" in parts[name].note
@@ -226,6 +229,38 @@ def relative(found, source):
     """Part of the error of every quantity, relative to its value; those that are known."""
     return {name: entry[source] / abs(entry["value"]) for name, entry in found.items()
             if entry[source] is not None}
+
+
+def test_what_vanishes_is_nothing_beside_what_its_unit_suggests():
+    """Shear beside the normal force, slip beside the displacement, work beside their product; or
+    beside its own error, as by symmetry.
+    """
+    values = {"normal_resultant": -10.0, "displacement": 0.1, "tangential_resultant": 1e-6,
+              "slip": 1e-3, "dissipated_energy": 1e-8, "peak_pressure": 1e-30}
+    assert budget.vanishing(values) == {"tangential_resultant", "dissipated_energy"}
+    unit = {name: 1e9 * value for name, value in values.items()} | {"dissipated_energy": 1e10}
+    assert budget.vanishing(unit) == {"tangential_resultant", "dissipated_energy"}
+
+
+@pytest.mark.parametrize("knob, size, factor, expected", [
+    ("cells", 4, 1.1, 5), ("cells", 4, 1.5, 6), ("cells", 10, 2.0, 20), ("cells", 1, 1.01, 2),
+    ("h", 1.0, 2.0, 0.5), ("h", 0.03, 1.4, 0.021), ("h", 5.0, 1.001, 4.9)])
+def test_a_finer_mesh_is_one_that_people_would_type(knob, size, factor, expected):
+    """Another number of cells, but no more than asked for; two digits of a length."""
+    assert budget.finer(knob, size, factor) == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize("knob, size, cycles, expected", [
+    ("h", 0.5, [], "H=0.25"), ("cells", 8, [], "CELLS=16"), ("h", 0.5, [1, 2], "ADAPT=3"),
+    (None, 0, [], "a finer mesh")])
+def test_what_halves_elements_lowers_their_error(knob, size, cycles, expected):
+    companions = SimpleNamespace(
+        knob=knob, levels=SimpleNamespace(cycles=cycles), jumps=None,
+        manifest=SimpleNamespace(parameters={knob: size}, steps=20),
+        settings=SimpleNamespace(rtol=1e-6, friction_rtol=1e-5, cycles=None))
+    remedies = Companions.remedies(companions)
+    assert remedies == {"mesh": expected, "time": "STEPS=40", "friction": "FRICTION_RTOL=1e-06",
+                        "solver": "RTOL=1e-07"}
 
 
 def test_what_a_scene_does_not_have_is_not_estimated(budget_of):

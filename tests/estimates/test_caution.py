@@ -71,25 +71,38 @@ def test_resultants_that_no_adjoint_problem_holds_are_trusted_less():
 
 
 def test_two_meshes_of_elements_that_converge_fast():
-    """Quadratic ones and cycles of refinement are taken for second order, but for places between
-    nodes."""
-    values = {name: power(1.0, 2) for name in ("slip", "contact_length")}
+    """Of integrals quadratic ones and cycles of refinement are taken for second order, of what hangs
+    on places between nodes for first.
+    """
+    values = {name: power(1.0, 2) for name in ("displacement", "contact_length", "slip")}
     change = 0.07
     for more, part in (({}, 1.0), ({"element": "P2"}, 1 / 3), ({"adapted": True}, 1 / 3)):
         found = of(values, **more)
-        assert found["slip"].error == pytest.approx(PAIR * change * part)
-        assert found["contact_length"].error == pytest.approx(PAIR * change)
+        assert found["displacement"].error == pytest.approx(PAIR * change * part)
+        for name in ("contact_length", "slip"):
+            assert found[name].error == pytest.approx(PAIR * change)
 
 
 def test_friction_at_its_bound_is_not_sure_where_sliding_is_not():
     """All meshes slide: they agree on the force, which a finer one may not have."""
-    values = {"tangential_resultant": [-5.0, -5.001, -5.002], "slip": [0.1, 0.3, 0.7]}
+    values = {"tangential_resultant": [-5.0, -5.001, -5.002], "slip": [0.1, 0.3, 0.7],
+              "normal_resultant": [9.0, 9.0, 9.0]}
     for dragged in (True, False):
         found = of(values, touch=Touch(nodes=9, dragged=dragged, open={}))
         assert (found["tangential_resultant"].error >= 5.0) == dragged
     values["slip"] = [0.1, 0.101, 0.103]
     found = of(values, touch=Touch(nodes=9, dragged=True, open={}))
     assert found["tangential_resultant"].error < 0.01
+
+
+def test_shear_that_no_adjoint_problem_holds_may_be_that_of_the_mesh():
+    """Not less than the error in energy, squared, makes of the pressing force."""
+    values = {"tangential_resultant": [0.02, 0.03, 0.02], "slip": [0.0, 0.0, 0.0],
+              "normal_resultant": [6.0, 6.1, 6.2]}
+    found = of(values, energy=0.2)["tangential_resultant"].error
+    assert found == pytest.approx(caution.SHEAR * 0.2**2 * 6.0)
+    held = {"tangential_resultant": Sizes(1e-9, 1.0, 1.0)}
+    assert of(values, energy=0.2, sizes=held)["tangential_resultant"].error < 0.4 * found
 
 
 def test_no_less_is_claimed_than_nodes_leave_open():

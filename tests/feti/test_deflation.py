@@ -225,7 +225,7 @@ def test_scales_do_not_follow_the_rounding_of_stiffnesses():
     skeleton = SimpleNamespace(gids=np.arange(6), stiffness=stiffness, over_subdomains=lambda _,
                                values: values)
     scale = _row_scale(seen_stiffness(skeleton, np.arange(6), np.full(6, RowKind.NORMAL),
-                                      np.ones(6)))
+                                      np.ones(6)), 1.0)
     assert len(set(scale[1:])) == 1
 
 

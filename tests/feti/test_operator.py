@@ -178,6 +178,17 @@ def torn_field(problem, rng):
     return w
 
 
+def test_every_row_has_its_compliance_once(problem):
+    """Of the subdomains that know of a row one owns what its asperities add to F."""
+    structure = problem.structure
+    known, structure.compliance = structure.compliance, 1.0 + np.arange(structure.dual_dofs)
+    total = np.zeros(structure.dual_dofs)
+    for s, rows in enumerate(structure.rows):
+        np.add.at(total, rows.row, structure.own_compliance(s))
+    expected, structure.compliance = structure.compliance, known
+    np.testing.assert_array_equal(total, expected)
+
+
 def test_a_rank_alone_receives_nothing(problem):
     assert not any(problem.operator.message_bytes().values())
 

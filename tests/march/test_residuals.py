@@ -2,6 +2,8 @@
 and the tolerances see deformations and forces instead of motions, travel and spikes.
 """
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -9,6 +11,7 @@ from mpi4py import MPI
 from driver.contact.kkt import FADED, Scales, kkt_residuals
 from driver.contact.rows import ContactRows
 from driver.march import residuals as of_steps
+from driver.march.slip import SlipState
 from driver.march.outlook import FORESEEN, foresight, growth
 from driver.march.step import Load, Trace
 from driver.options import Settings
@@ -234,6 +237,18 @@ def test_steps_before_smaller_loads_are_solved_further():
     assert foresight([1e8, 1.0, 0.0], 1) == pytest.approx(1e-5)
 
 
+@pytest.mark.parametrize("changes, mean", [
+    ([8.0, 4.0, 2.0, 1.0], 0.5), ([9.0, 0.0, 4.0, 0.0, 1.0], 1 / 3), ([1.0, 1.0, 3.0], 3**0.5)])
+def test_the_contraction_is_the_mean_ratio_of_changes(changes, mean):
+    """Geometric; a QP that changes nothing says nothing."""
+    trace = Trace()
+    assert np.isnan(trace.contraction)
+    trace.changes = changes[:1]
+    assert np.isnan(trace.contraction)
+    trace.changes = changes
+    assert trace.contraction == pytest.approx(mean)
+
+
 def test_multipliers_go_on_as_the_load_does():
     """In proportion to it while it grows, at most twice as far; on reversal from where they are."""
     first, second = np.array([1.0, 0.0]), np.array([0.0, 1.0])
@@ -359,6 +374,27 @@ def test_travel_is_taken_out_whole(built, named_scene):
     carried = built(scene=named_scene("turned", PAD), cells=3, angle=0.0, press=2.1, drag=1e9 / 3)
     assert np.array([1.0, 1.0]) @ carried.structure.travel.motion[:, 0] == pytest.approx(
         [1e9 / 3, -2.1, 0.0], rel=1e-15, abs=0)
+
+
+@pytest.mark.parametrize("way, products", [(0.2, 0), (1e13, 1)])
+def test_digits_that_travel_takes_are_brought_back(way, products):
+    """Far travel leaves none of the deformation, 0.3 after the step, in increments: F x says it."""
+    counted = []
+
+    def apply(x):
+        counted.append(1)
+        return np.array([0.1])
+
+    operator = SimpleNamespace(
+        structure=SimpleNamespace(patterns=1), modes=0, minimum=lambda value: value, apply=apply,
+        rigid_response=lambda weights: weights * 1.0,
+        elastic_response=lambda weights: np.array([0.4]))
+    rows = SimpleNamespace(coefficient=None, tangential_node=[0], tangential=[0])
+    slip = SlipState(operator, rows, None, np.array([0.25]))
+    moved = slip.advance(np.zeros(1), -np.array([way + 0.05]), np.array([way]),
+                         SimpleNamespace(displacement=0.3))
+    assert moved[0] == way + 0.05 and len(counted) == products
+    assert slip.elastic[0] == pytest.approx(0.3, rel=1e-12)
 
 
 # ---- bodies without support ----------------------------------------------------------------------

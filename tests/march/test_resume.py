@@ -381,10 +381,12 @@ def test_checkpoints_of_another_state_of_the_code_are_refused(tmp_path, monkeypa
     monkeypatch.setattr(checkpoint, "ROOT", tmp_path)
 
     def changed() -> bool:
+        checkpoint.program.cache_clear()
         different = checkpoint.differences({"fingerprint": before}, checkpoint.fingerprint("", {}))
         assert different in ([], ["program"])
         return bool(different)
 
+    checkpoint.program.cache_clear()
     before = checkpoint.fingerprint("", {})
     folders = {path.parent: path for path in package.rglob("*.py")}
     assert max(len(folder.relative_to(package).parts) for folder in folders) >= 2

@@ -13,8 +13,8 @@ import pytest
 from driver.hard.oracle import box_qp
 from driver.qp import complementarity
 from driver.qp.complementarity import all_solutions, index, lemke, newton, search, settled
-from driver.contact.states import STICK
-from driver.qp.coulomb import CoulombProblem, StateSystem
+from driver.contact.states import OPEN, STICK
+from driver.qp.coulomb import BACKWARD, FORWARD, CoulombProblem, StateSystem
 
 SEEDS = 30
 
@@ -309,6 +309,43 @@ def test_a_family_of_solutions_is_one_along_its_directions():
     assert directions.shape == (6, 1) and np.abs(directions).max() > 0.1
     for t in (-1.0, 0.0, 2.0):
         np.testing.assert_allclose(compliance @ (z + t * directions[:, 0]), load, atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_inequalities_of_states_hold_in_them_alone(seed):
+    """All of them at a solution in its own states, each strict one missed where another one holds:
+    an open node that moves in, one that presses called open, a slip called the other way.
+    """
+    problem = random_problem(seed, 4, largest=0.5)
+    z = lemke(problem)
+    states, rounding = problem.states(z), 1e-8 * np.abs(problem.rigidity * problem.load).max()
+    assert complementarity._slack(problem, states, z).min() >= -rounding
+    assert len(complementarity._slack(problem, states, z)) == 4 + 2 * np.count_nonzero(states)
+    moved = problem.movement(z)
+    for node in np.flatnonzero((z[:4] <= 0) & (moved[:4] < 0)):
+        apart = states.copy()
+        apart[node] = OPEN
+        pushed = z.copy()
+        pushed[node] = 2 * moved[node] / problem.compliance[node, node]  # pulls until it is inside
+        assert complementarity._slack(problem, apart, pushed).min() < -rounding
+    for node in np.flatnonzero(states > STICK):
+        other = states.copy()
+        other[node] = FORWARD + BACKWARD - states[node]
+        if abs(moved[4 + node]) > 1e-6:
+            assert complementarity._slack(problem, other, z).min() < -rounding
+
+
+def test_newton_goes_on_while_fewer_states_change():
+    """From far off, where many change at first and ever fewer after that, to the solution."""
+    found = 0
+    for seed in range(SEEDS):
+        problem = random_problem(seed, 8, largest=0.2)
+        z = lemke(problem)
+        start = z * (1 + 0.3 * np.random.default_rng(seed).standard_normal(len(z)))
+        end = settled(problem, start, problem.movement(start))
+        assert end is None or among(end[0], [z])
+        found += end is not None
+    assert found > SEEDS / 2
 
 
 def test_a_solution_is_settled_however_many_nodes_it_has():

@@ -155,3 +155,20 @@ def test_what_is_found_has_the_friction_of_its_slip():
             assert problem.under(problem.load, law(slip)).solves(z)
             found += 1
     assert found >= 10
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_derivative_is_that_of_the_residual(seed):
+    """Of a law that depends on slip, by central differences, where no state changes between."""
+    rng = np.random.default_rng(seed)
+    root = rng.standard_normal((6, 7))
+    problem = CoulombProblem(root @ root.T, rng.standard_normal(6), np.ones(3), np.arange(3), False,
+                             offset=np.full(3, 0.1))
+    equations = coefficients._Equations(problem, lambda slip: 0.4 / (1 + slip**2))
+    z, step = rng.standard_normal(6), 1e-6
+    expected = np.column_stack([
+        (equations.residual(z + step * e) - equations.residual(z - step * e)) / (2 * step)
+        for e in np.eye(6)])
+    # by the unknowns over their units
+    np.testing.assert_allclose(equations.derivative(z), expected * equations.unit,
+                               atol=1e-5 * np.abs(expected).max() * equations.unit.max())

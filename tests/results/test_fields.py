@@ -1,12 +1,15 @@
 """Fields for ParaView: what the files hold, read by meshio and, where it is installed, by VTK."""
 
 import re
+import subprocess
+import sys
 
 import meshio
 import numpy as np
 import pytest
 
-from driver.files import read_table
+from driver import environment
+from driver.files import read_fields, read_table
 from driver.results import outline
 
 
@@ -82,6 +85,7 @@ def test_a_uniform_stress_is_the_same_everywhere(solved):
 
 def test_contact_lines_hold_what_contact_csv_says(wedge):
     table = read_table(wedge.directory / "contact.csv")
+    assert "boundary" not in table  # there is one
     for step in (1, 2):
         data = meshio.read(wedge.directory / f"fields/contact_{step:04d}.vtu")
         own = {name: column[table["step"] == step] for name, column in table.items()}
@@ -93,6 +97,7 @@ def test_contact_lines_hold_what_contact_csv_says(wedge):
         names = np.array(["open", "stick", "slip"])
         assert np.array_equal(names[data.point_data["status"]], own["status"][order])
         assert np.allclose(data.point_data["opening"], own["gap"] - own["u_n"])
+        assert "obstacle" not in data.point_data  # it stands still
         lines = data.cells_dict["line"]
         assert len(lines) == len(data.points) - 1  # an open chain
         assert np.array_equal(lines.T, [np.arange(len(lines)), 1 + np.arange(len(lines))])
@@ -189,6 +194,91 @@ def test_stiffness_is_there_where_the_material_varies(solved, wedge, element):
     shear, region = cells["shear_modulus"][0], cells["region"][0]
     for number, modulus in ((1, 70e3 / 2.66), (2, 210e3 / 2.6)):
         np.testing.assert_allclose(shear[region == number], modulus, rtol=1e-9)
+
+
+PIECES = """
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+from driver import environment
+environment.single_threaded(); environment.start_petsc()
+import numpy as np
+from mpi4py import MPI
+from driver.feti.operator import DualOperator
+from driver.march.tearing import build
+from driver.results import fields
+from driver.scene.loader import read_subdomains
+from driver.scene.manifest import read_manifest
+from driver.feti.structure import partition
+export, out = map(Path, sys.argv[1:])
+manifest, step = read_manifest(export), SimpleNamespace(index=1, time=0.5, weights=None)
+
+def write(comm, folder, size):
+    fields.PIECE = size
+    first, last = partition(manifest.subdomains, comm)
+    subdomains = read_subdomains(manifest, first, last, comm)
+    structure = build(manifest, subdomains, first, comm)
+    step.weights = np.ones(structure.patterns)
+    made = [np.random.default_rng(sub.index).standard_normal(sub.dofs) for sub in subdomains]
+    if comm.rank == 0:
+        folder.mkdir()
+    comm.Barrier()
+    files = fields.Fields(folder, manifest.element, DualOperator(structure, comm))
+    files.lines = None  # they have a file of their own
+    files.add(step, made, {})
+    triangles = comm.allreduce(sum(len(sub.triangles) for sub in subdomains))
+    files.indicate(step, np.arange(1.0, triangles + 1) if comm.rank == 0 else None)
+    return files
+
+files = write(MPI.COMM_WORLD, out / "ranks", 40)
+if MPI.COMM_WORLD.rank == 0:
+    files.write_collections()
+    write(MPI.COMM_SELF, out / "alone", 40)
+    write(MPI.COMM_SELF, out / "whole", 10**6)
+    print(*files.files)
+"""
+
+
+@pytest.mark.parametrize("ranks, scene, options", [
+    (3, "wedge", {"element": "P2", "h": 8, "subdomains": 6}),
+    pytest.param(2, "stack", {"subdomains": 13}, marks=pytest.mark.slow),
+    pytest.param(5, "model", {"subdomains": "3x1", "cells": 6}, marks=pytest.mark.slow)])
+def test_pieces_hold_what_one_file_does_whoever_writes_them(exported, tmp_path, ranks, scene,
+                                                            options):
+    """Several ranks write byte for byte the files of one; together they are those of one file."""
+    script = tmp_path / "pieces.py"
+    script.write_text(PIECES)
+    env = {**environment.child_environment(), "PYTHONPATH": environment.python_path()}
+    done = subprocess.run([*environment.mpirun(ranks), sys.executable, script,
+                           exported(scene, **options), tmp_path], env=env, text=True,
+                          capture_output=True, timeout=120)
+    assert done.returncode == 0, done.stderr[-3000:]
+    written = {path.name: path.read_bytes() for path in (tmp_path / "ranks/fields").iterdir()}
+    assert written == {path.name: path.read_bytes()
+                       for path in (tmp_path / "alone/fields").iterdir()}
+    pieces = written["step_0001.pvtu"].decode()
+    count = pieces.count("<Piece ")
+    assert count > 1 and len(written) == 3 * (count + 1)
+    assert done.stdout.split()[0] == "fields/step_0001.pvtu"
+    assert len(done.stdout.split()) == count + 1
+    assert 'file="fields/step_0001.pvtu"' in (tmp_path / "ranks/fields.pvd").read_text()
+    for name in ("step_0000", "step_0001", "error_0001"):
+        parts = read_fields(tmp_path / f"ranks/fields/{name}.pvtu")
+        whole = read_fields(tmp_path / f"whole/fields/{name}.vtu")
+        assert np.array_equal(parts.points, whole.points)
+        assert parts.cells[0].type == whole.cells[0].type
+        assert np.array_equal(parts.cells[0].data, whole.cells[0].data)
+        for one, other in ((parts.point_data, whole.point_data),
+                           (parts.cell_data, whole.cell_data)):
+            assert set(one) == set(other)
+            for key, values in other.items():
+                assert np.array_equal(one[key], values), key
+        header = set(re.findall(r'PDataArray type="(\w+)" Name="(\w+)"',
+                                written[f"{name}.pvtu"].decode()))
+        assert header == set(re.findall(r'DataArray type="(\w+)" Name="(\w+)"',
+                                        written[f"{name}_0000.vtu"].decode(errors="ignore"))) - {
+            ("Int64", "connectivity"), ("Int64", "offsets"), ("Int64", "types"),
+            ("Float64", "Points")}
 
 
 @pytest.mark.parametrize("stress", [1e-16, 1.0, 1e12])

@@ -62,18 +62,19 @@ def test_where_an_obstacle_stands_in_every_step(tmp_path):
     """A bar that shifts, and then turns by 90 degrees about (1, 0) as well; a node that it does not
     concern moves otherwise.
     """
-    bar = SimpleNamespace(start=np.array([[0.0, 0.0]]), end=np.array([[1.0, 0.0]]),
+    bar = SimpleNamespace(start=np.array([[0.0, 0.0]]), end=np.array([[1.0, 1.0]]),
                           normal=np.array([[0.0, 1.0]]))
-    shift = np.array([[[0, 0]] * 3, [[0.5, 2.0]] * 2 + [[7, 7]], [[0.5, 2.0]] * 2 + [[7, 7]]], float)
+    there = [[0.5, 2.0], [0.5, 2.0], [7.0, 7.0]]
+    shift = np.array([[[0.0, 0.0]] * 3, there, there])
     motion = SimpleNamespace(times=np.arange(3), shift=shift, pivot=np.array([[1.0, 0.0]] * 3),
                              angle=np.array([[0.0] * 3, [0.0] * 3, [np.pi / 2] * 3]))
     following = SimpleNamespace(surface=Outline(bar, None), rigid=np.array([0, 1]), motion=motion)
     write_obstacle(tmp_path / "obstacle.csv", following, MPI.COMM_SELF)
     table = read_table(tmp_path / "obstacle.csv")
     rows = np.column_stack(list(table.values()))
-    np.testing.assert_allclose(rows, [[0, 0, 0, 1, 0], [1, 0.5, 2, 1.5, 2], [2, 1.5, 1, 1.5, 2]],
+    np.testing.assert_allclose(rows, [[0, 0, 0, 1, 1], [1, 0.5, 2, 1.5, 3], [2, 1.5, 1, 0.5, 2]],
                                atol=1e-15)
     following.motion = None
     write_obstacle(tmp_path / "still.csv", following, MPI.COMM_SELF)
     still = np.column_stack(list(read_table(tmp_path / "still.csv").values()))
-    assert still.tolist() == [[0, 0, 0, 1, 0]]
+    assert still.tolist() == [[0, 0, 0, 1, 1]]

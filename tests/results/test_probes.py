@@ -124,6 +124,7 @@ include "export.idp"
     assert [own["force_x"], own["force_y"]] == pytest.approx(found["label11"], rel=1e-12)
 
 
+@pytest.mark.slow  # what ranks put together is in tests/feti/test_ranks.py
 def test_the_number_of_ranks_does_not_matter(block):
     one, four = (block("ranks", "3", np=ranks)[0].directory / "probes.csv" for ranks in (1, 2))
     assert one.read_bytes() == four.read_bytes()

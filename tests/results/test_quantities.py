@@ -103,13 +103,14 @@ def test_a_node_of_another_boundary_says_nothing_of_the_largest_slip():
     slip = np.array([0.0, 1.0, 2.0, 9.0, 0.5, 0.0])
     nodes, steps = line(x, x >= 0, 1.0 + x, 0 * x, slip=slip, status=np.full(6, SLIP))
     nodes["chain"] = np.array([1, 1, 1, 1, 2, 2])
-    assert q.between_nodes(nodes, steps, 0)["slip"] == pytest.approx(7.0)
+    assert touch.between_nodes(nodes, steps, 0)["slip"] == pytest.approx(7.0)
     steps["slip"] = np.array([[0.0, 1.0, 2.0, 0.4, 9.0, 3.0]])
-    assert q.between_nodes(nodes, steps, 0)["slip"] == pytest.approx(6.0)
+    assert touch.between_nodes(nodes, steps, 0)["slip"] == pytest.approx(6.0)
     steps["status"][0, 4:] = OPEN, OPEN
     steps["status"] = np.vstack([np.full((1, 6), SLIP), steps["status"]])
     steps["slip"] = np.vstack([steps["slip"], 0 * steps["slip"]])
-    assert q.between_nodes(nodes, steps, 1)["slip"] == 0.0  # where it was it is no longer closed
+    steps["sigma_n"] = np.vstack([steps["sigma_n"]] * 2)
+    assert touch.between_nodes(nodes, steps, 1)["slip"] == 0.0
 
 
 @pytest.mark.parametrize("shift", np.linspace(0, 0.9, 7))

@@ -9,7 +9,7 @@ import pytest
 from test_scenes_hertz import NU, hertz
 
 from driver.arguments import SHARE
-from driver.errors import InputError
+from driver.errors import InputError, NoSolution
 from driver.runs import goal
 
 # Lame's pressure, pressfit.edp
@@ -125,8 +125,20 @@ def test_history_that_does_not_matter_takes_one_step(solved):
 def test_a_singular_pressure_cannot_be_had(solved):
     run = solved("punch", accuracy="10%,peak_pressure")
     assert run.status == 3 and "grows from mesh to mesh" in run.reason
-    assert run.summary["converged"] is False
+    assert run.summary["converged"] is False and run.summary["accuracy"]["reached"] is None
     assert (run.directory / "contact.csv").exists()  # the best is kept
+
+
+def test_what_is_zero_has_no_relative_error():
+    """Nor one that was reached: a refusal with an error of 0 would contradict itself."""
+    search = object.__new__(goal.Search)
+    search.name = "slip"
+    for error, said in ((0.0, "the slip is zero (by symmetry"), (1e-9, "its error of 1e-09 (by")):
+        search.budget = lambda: {"slip": {"value": 0.0, "total": error},
+                                 "displacement": {"value": 1.0, "total": 0.01}}
+        with pytest.raises(NoSolution) as refused:
+            search._refuse_zero()
+        assert said in str(refused.value)
 
 
 def test_a_request_beyond_the_limits_is_refused_with_what_was_reached(solved, monkeypatch):

@@ -14,7 +14,7 @@ from driver.errors import InputError
 from driver.hard import suite as hard
 from driver.runs.request import Request
 from driver.runs.run import Run
-from driver.scene import elements
+from driver.scene import element_kinds
 from driver.studies import table
 from driver.studies.accuracy import stopping, sweeps
 
@@ -52,7 +52,7 @@ def test_defaults_read_as_on_the_command_line(option):
 
 
 def test_choices_are_those_that_their_readers_know():
-    assert options.find("run", "element").kind.choices == tuple(elements.NODES)
+    assert options.find("run", "element").kind.choices == tuple(element_kinds.NODES)
     assert options.find("table", "method").kind.choices == tuple(table.METHODS)
     assert options.find("table", "rows").kind.choices == tuple(map(str, table.ROWS))
     assert options.find("accuracy", "rows").kind.choices == tuple(map(str, stopping.ROWS))

@@ -474,7 +474,8 @@ MESHED = (('include "scene.idp"', 'include "scene.idp"\ninclude "gmsh.idp"'),
 @pytest.mark.parametrize("geo, words", [
     (GEO + SECOND, "mine.geo has two points in the same place, (2, "),
     # as gmsh finds the ends of pieces of oblique lines, to 1e-11 of the whole
-    (GEO + SECOND.replace("{2, ", "{2.0000000001, "), "has two points in the same place, (2.0"),
+    (GEO + SECOND.replace("{2, ", "{2.0000000001, "), "two points of the mesh at (2"),
+    (GEO + SECOND.replace("{2, ", "{2.00000003, "), "nearer to one another than a ten-millionth"),
     (GEO.replace("1:4", "1:3"), "gmsh cannot mesh mine.geo"),
     (GEO.replace("Physical Surface(1) = {1};", ""), "give its surfaces a Physical Surface"),
     (GEO.replace("Physical Curve(1) = {1}; Physical Curve(3) = {3}; Physical Curve(4) = {4};", ""),

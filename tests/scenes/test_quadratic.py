@@ -14,7 +14,7 @@ from test_scenes_exact import E, TIGHT, exact, exact_strain
 from test_scenes_hertz import R, hertz_errors
 from test_scenes_zones import l2, pressure, shear, slide, strain
 
-from driver.scene import elements
+from driver.scene import element_kinds, elements
 from driver.studies import study
 from driver.studies.accuracy import locking
 from driver.estimates import recovery
@@ -370,7 +370,7 @@ def test_multipliers_are_stable(built):
             problem = built("model", reduce=False, cells=cells,
                             subdomains="1x1" if cells == 2 else "2x1", element=element)
             body = Assembled(problem.manifest, problem.subdomains)
-            h = np.abs(np.diff(problem.structure.contact.arc)).max() * elements.DEGREE[element]
+            h = np.abs(np.diff(problem.structure.contact.arc)).max() * element_kinds.DEGREE[element]
             root = np.sqrt(np.tile(body.weight, 2))
             found[element, cells] = np.linalg.eigvalsh(root[:, None] * body.compliance() * root
                                                        / h).min()

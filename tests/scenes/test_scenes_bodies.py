@@ -320,8 +320,10 @@ def partial_slip(run, F=0.3, R=50.0):
     return abs(found / stick - 1), np.sqrt(weight @ (shear - exact) ** 2 / (weight @ exact**2))
 
 
-@pytest.mark.parametrize("options", [{}, {"friction": 0.6}, {"shift": 0.003},
-                                     {"radius": 0.05, "approach": 1.76e-5}])
+@pytest.mark.parametrize("options", [  # slow: other loads and friction of the same closed form
+    {}, *(pytest.param(options, marks=pytest.mark.slow)
+          for options in ({"friction": 0.6}, {"shift": 0.003})),
+    {"radius": 0.05, "approach": 1.76e-5}])
 def test_two_cylinders_in_partial_slip(solved, options):
     """Slopes are infinite at the ends of contact and sticking: over an element of length h/4 there
     the shear errs by sqrt(h/4a), in L2 by about h/4a = 1.3%; the closed form errs by the order of

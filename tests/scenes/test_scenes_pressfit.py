@@ -77,7 +77,7 @@ def test_with_friction_nothing_slips(solved, tmp_path_factory):
     it did not matter.
     """
     from driver.scene import freefem
-    from driver.runs.run import never_mattered
+    from driver.runs.outcome import never_mattered
 
     text = freefem.find_scene("pressfit").read_text()
     path = tmp_path_factory.mktemp("pressfit") / "pressfit.edp"

@@ -16,7 +16,7 @@ from mpi4py import MPI
 from ...files import write_rows
 from ...march.problem import assemble
 from ...options import Settings
-from ...scene import elements, freefem
+from ...scene import element_kinds, elements, freefem
 
 POISSON = (0.3, 0.49, 0.4999, 0.499999)
 CELLS = (2, 4, 8, 16)
@@ -31,7 +31,7 @@ def run_locking(out: Path) -> list[Path]:
 
     rows = []
     for poisson in POISSON:
-        for element in elements.NODES:
+        for element in element_kinds.NODES:
             rows += [row(element, poisson, cells) for cells in CELLS]
             orders = np.log2(np.divide(rows[-2][4:], rows[-1][4:]))
             text = ", ".join(f"{name} {order:.2f}" for name, order in zip(COLUMNS[4:], orders))

@@ -1,0 +1,44 @@
+"""A finished run in a few lines, for the screen."""
+
+from pathlib import Path
+
+from ..estimates import budget, prices
+from ..results import screen
+from ..text import shown
+
+
+def describe(summary: dict, out: Path) -> str:
+    """Few lines about a finished run."""
+    title = " ".join(filter(None, (summary["scene"], summary["variant"])))
+    sizes, counts = summary["sizes"], summary["counts"]
+    worst = max(summary["residuals"].values(), default=0)
+    lines = [f"{title}: {sizes['subdomains']} subdomains, {sizes['primal_dofs']} primal and "
+             f"{sizes['dual_dofs']} dual dofs, {summary['steps']} steps",
+             f"{counts['fixed_point_iterations']} fixed-point iterations, "
+             f"{counts['dual_multiplications']} products with F, largest KKT residual {worst:.1e}, "
+             f"force balance {summary['balance']:.1e}",
+             f"{_seconds(summary['seconds'])}, results in {shown(out)}",
+             *never_mattered(summary["effects_ledger"]),
+             *screen.materials(summary.get("materials", []), summary["units"]),
+             *screen.boundaries(summary.get("boundaries", []), summary["units"]),
+             *screen.probes(summary.get("probes", []), summary["units"]),
+             *screen.cycles(summary.get("cycles"), summary["units"]),
+             *budget.describe(summary.get("errors", {}), summary["units"]),
+             *prices.describe(summary.get("errors", {}).get("prices")),
+             *screen.warnings(summary["warnings"])]
+    return "\n  ".join(lines)
+
+
+def never_mattered(ledger: dict[str, dict]) -> list[str]:
+    """One sentence for every effect that is declared and was not active."""
+    return [f"{name.replace('_', ' ')} is declared but {entry['reason']}"
+            for name, entry in ledger.items() if entry["declared"] and entry["active"] is False]
+
+
+def _seconds(seconds: dict) -> str:
+    """Seconds of the stages in words."""
+    stages = {"FreeFEM": "export", "setup": "setup", "solve": "solve",
+              "other solutions": "uniqueness", "output": "output", "error estimates": "estimates",
+              "figures": "figures"}
+    parts = [f"{title} {seconds[name]:.2f}" for title, name in stages.items() if name in seconds]
+    return f"{seconds['total']:.2f} s ({', '.join(parts)})"

@@ -1,0 +1,32 @@
+"""What ranks share out and put together, with stand-ins for the others."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from driver.feti.gathering import Gathering
+from driver.feti.structure import partition
+
+
+@pytest.mark.parametrize("total, size", [(10, 3), (3, 5), (8, 8), (0, 2), (7, 1)])
+def test_every_subdomain_has_one_rank(total, size):
+    """Ranges follow one another, from none to all, and differ in length by one at most."""
+    ranges = [partition(total, SimpleNamespace(rank=rank, size=size)) for rank in range(size)]
+    assert [first for first, _ in ranges] == [0, *(stop for _, stop in ranges[:-1])]
+    assert ranges[-1][1] == total
+    lengths = [stop - first for first, stop in ranges]
+    assert max(lengths) - min(lengths) <= 1
+
+
+def test_parts_are_joined_in_the_order_of_ranks():
+    parts = [np.array([1.0, 2.0]), np.empty(0), np.array([3.0, 4.0, 5.0])]
+
+    def allgatherv(_, into):
+        whole, (counts, places) = into
+        for part, count, place in zip(parts, counts, places):
+            whole[place : place + count] = part
+
+    comm = SimpleNamespace(size=3, allgather=lambda _: list(map(len, parts)), Allgatherv=allgatherv)
+    gathering = Gathering(comm, 2)
+    assert gathering.size == 5 and gathering(parts[0]).tolist() == [1, 2, 3, 4, 5]
