@@ -91,6 +91,11 @@ for directory in sys.argv[1:]:
         (subdomains[first:last], comm), (subdomains, alone)))
     near = np.isin(every.nodes[:, 1], known.gids)
     assert same(known.nodes, every.nodes[near])
+    # and hears of what other ranks find there
+    rank = ((every.nodes[:, 0] + 1) * comm.size - 1) // manifest.subdomains
+    found = every.over_subdomains(np.maximum, every.nodes[:, 1] % 5 == rank)
+    heard = known.over_ranks(np.maximum, known.gids % 5 == comm.rank)
+    assert same(heard, found[np.isin(every.gids, known.gids)])
     x = np.random.default_rng(7).standard_normal(structure.dual_dofs)
     small = DualOperator(whole, alone).apply(x).copy()
     before = coarse.LARGE, dissection.GROUP, dissection.MERGED, vectors.MANY
