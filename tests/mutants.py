@@ -46,7 +46,7 @@ CHEAP = 6.0  # CPU seconds of the tests that are tried first
 OWN = 0.2  # what a second of tests of a package or module counts in their order
 SLOW, START = 6.0, 20.0  # what a mutant may take of the time without it, and seconds more
 MEMORY = 8 * 2**30  # bytes that it may take
-COLUMNS = ("file", "line", "before", "after", "outcome", "noticed by", "seconds")
+COLUMNS = ("seed", "file", "line", "before", "after", "outcome", "noticed by", "seconds")
 HOME = ROOT / "results" / "mutants"
 OPTIONS = {"MODULE": "", "COUNT": "40", "SEED": "1", "FIRST": "1", "LIMIT": "60", "OUT": str(HOME)}
 SOUND = set()  # tests that passed when it was found out which lines they execute
@@ -133,7 +133,7 @@ def concerned(one: Mutant, tables: list[dict]) -> dict[str, dict[str, float]]:
     """Tests that execute the changed line, and CPU seconds of each and of what it needs.
 
     What stands outside of functions concerns all that execute anything of the file. What ranks
-    execute is not known: tests of ranks, by their names, concern all of the driver.
+    execute is not known: tests of ranks, by their names, concern all of their package.
     """
     text, tests = (ROOT / one.file).read_text(), {}
     start, _ = function_of(text, one.line) if one.package != "lib" else (0, 0)
@@ -144,7 +144,7 @@ def concerned(one: Mutant, tables: list[dict]) -> dict[str, dict[str, float]]:
         bits = [int(by, 16) for by in ([nearest] if nearest else known.values())]
         tests |= {test: needs for k, (test, needs) in enumerate(table["tests"].items())
                   if any(number >> k & 1 for number in bits)
-                  or "rank" in test and one.package != "lib"}
+                  or "rank" in test and test.startswith(f"tests/{one.package}/")}
     return tests
 
 
@@ -223,8 +223,9 @@ def arguments() -> dict[tuple, str]:
     return {tuple(block[:3]): " ".join(block[3:]) for block in blocks}
 
 
-def run(mutants: list[Mutant], out: Path, limit: float, tests=()) -> list[dict]:
-    """Rows of the table of `mutants`, written as they come in; `tests` instead of those of lines.
+def run(mutants: list[Mutant], out: Path, limit: float, tests=(), seed="") -> list[dict]:
+    """Rows of the table of `mutants` of a `seed`, written as they come in; `tests` instead of those
+    of lines.
     """
     known, rows, broken, free = arguments(), [], set(), queue.Queue()
     tables, before = [] if tests else executed(HOME / "executed"), {}
@@ -248,7 +249,7 @@ def run(mutants: list[Mutant], out: Path, limit: float, tests=()) -> list[dict]:
             finally:
                 free.put(folder)
             before[m.file] = [*before.get(m.file, []), by]
-        rows.append(dict(zip(COLUMNS, (m.file, m.line, m.before, m.after, outcome, by,
+        rows.append(dict(zip(COLUMNS, (seed, m.file, m.line, m.before, m.after, outcome, by,
                                        f"{seconds:.0f}"))))
         print(f"{outcome:10} {m.file}:{m.line}  {by}  {seconds:.0f} s\n    - {m.before}\n"
               f"    + {m.after}", flush=True)
@@ -291,7 +292,8 @@ def main() -> None:
         mutants = [mutant(file, text, text.replace(old, new))]
     else:
         mutants = drawn(words["MODULE"], int(words["COUNT"]), int(words["SEED"]))
-    rows = run(mutants[int(words["FIRST"]) - 1 :], out, float(words["LIMIT"]), given.tests)
+    rows = run(mutants[int(words["FIRST"]) - 1 :], out, float(words["LIMIT"]), given.tests,
+               "" if given.change else words["SEED"])
     counts = {name: sum(row["outcome"] == name for row in rows)
               for name in ("noticed", "survived", "equivalent")}
     print(f"{len(rows)} mutants: " + ", ".join(f"{n} {name}" for name, n in counts.items())

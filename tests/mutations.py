@@ -49,7 +49,12 @@ class Mutant:
     @property
     def package(self) -> str:
         """One of `PACKAGES`."""
-        return "lib" if self.file.startswith("edp") else self.file.split("/")[1]
+        return package(self.file)
+
+
+def package(file: str) -> str:
+    """The one of `PACKAGES` that a file is of, by its path in the tree."""
+    return "lib" if file.startswith("edp") else file.split("/")[1]
 
 
 def mutant(file: str, text: str, changed: str) -> Mutant:

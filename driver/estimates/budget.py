@@ -16,8 +16,8 @@ turning back      error = S times the larger of first and |q1 - q2| / (s - 1)
 no decrease       twice the sum of the differences; a pressure, the only quantity that may be
                   without limit, gets none below the order DOUBTFUL, and at an end of contact none
                   where it changes by more than STILL
-two meshes        error = PAIR |q0 - q1| / (r^q - 1), q = 1; 2 for what quadratic elements and
-                  adaptive meshes approach so fast
+two meshes        error = PAIR |q0 - q1| / (r^q - 1), q = 1; 2 for integrals, which quadratic
+                  elements and adaptive meshes approach so fast
 
 with FLOOR, SLOW, PAIR chosen on synthetic sequences, sums of two powers of h and of a disorder of
 order 1 to 1.5 (tests/estimates/test_budget.py): 94 to 99 of 100 errors are covered, and the median

@@ -29,11 +29,10 @@ from .budget import (CAUTION, SAFETY, UNBOUNDED, Part, extrapolate, formal_order
 LOCKED = 2.0  # lambda / mu (Poisson's ratio 1/3) from which linear elements are too stiff
 ROUGH, STEEP = 0.25, 2.0  # relative error in energy from which caution grows, and how fast
 SHEAR_FORCE = "tangential_resultant"
-# by adjoint problems, where there are any
+# integrals, which adjoint problems hold where there are any; others hang on places between nodes
 HELD = ("normal_resultant", SHEAR_FORCE, "displacement")
 SHEAR = 0.25  # of the square of the relative error in energy times the pressing force
-FIRST_ORDER = ("peak_pressure", "contact_length")  # of two meshes: places between nodes
-FAST = 2.0  # order of other quantities on two meshes of quadratic elements, or of two cycles
+FAST = 2.0  # their order on two meshes of quadratic elements, or of two cycles
 
 
 def stiffness(problem) -> float:
@@ -88,7 +87,7 @@ class Caution:
 
     def _part(self, name: str, changes: list, ratios: list, value: float, singular: bool) -> Part:
         caution = CAUTION[name] if self.sizes or name not in HELD else SAFETY
-        fast = (self.element != "P1" or self.adapted) and name not in FIRST_ORDER
+        fast = (self.element != "P1" or self.adapted) and name in HELD
         part = extrapolate(changes, ratios, formal_order("mesh", self.element, name, self.chords),
                            value, name not in UNBOUNDED, singular, self.factor * caution,
                            FAST if fast else 1.0)

@@ -15,8 +15,8 @@ Both are checked again on the last mesh but one.
 
 Then meshes follow, each sized by the observed order so that its estimate uses up ROOM of what is
 left, until all parts together are within the request. Where the next mesh of linear elements would
-have more than SMALL vertices, quadratic ones go on from the first two sizes, unless ELEMENT is
-given or the scene refuses them: of the same accuracy they take a fraction of the time. The estimate has the grid convergence index's
+have more than SMALL vertices, quadratic ones go on from the first two sizes if the quantity is one
+of SMOOTH, unless ELEMENT is given or the scene refuses them: they take a fraction of the time. The estimate has the grid convergence index's
 margin of 1.25 over the extrapolated error with three meshes, which are the fewest: two coarse ones
 may agree by accident. It is meant to be met in at least 95 of 100 cases.
 """
@@ -39,7 +39,9 @@ FEWEST = 4  # a fourth of the scene's own steps is where their choice starts
 TIME, ALGEBRAIC, ROOM = 0.35, 0.05, 0.85
 LAST = 0.7  # of what is allowed may be the time step's part where there are no more steps to take
 LARGEST = 300_000  # vertices; twice as many unknowns
-SMALL = 3_000  # vertices up to which linear elements cost no more than the start of programs
+SMALL = 1_500  # vertices up to which linear elements cost no more than the start of programs
+# that quadratic elements approach faster: others hang on places between nodes
+SMOOTH = ("normal_resultant", "tangential_resultant", "displacement", "peak_pressure")
 RETRIES = (1.0, 0.1, 0.01)  # factors of the tolerances of a run that failed
 TOLERANCES = ("rtol", "friction_rtol", "primal_rtol")
 
@@ -324,7 +326,7 @@ class Search:
         """Change to quadratic elements on the first two meshes, where the next one of linear ones,
         of `size`, is large; whether so.
         """
-        if not self.linear or self._vertices(size) <= SMALL:
+        if not self.linear or self.name not in SMOOTH or self._vertices(size) <= SMALL:
             return False
         self.linear, self.element = False, {"element": "P2"}
         try:

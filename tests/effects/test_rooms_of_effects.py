@@ -8,6 +8,7 @@ import pytest
 from driver.contact.motion import ObstacleMotion
 from driver.effects import cycles, large_sliding, probe, slip_law, wear
 from driver.errors import InputError
+from driver.march.closure import Closure
 
 LAW = {"argument": "slip", "range": 2.0, "values": [1.0, 0.5, 0.25]}
 
@@ -138,3 +139,14 @@ def test_a_preload_is_where_slip_is_measured_from(solved, variant):
     assert np.abs(preloaded.contact["u_t"][0]).max() > 0.1 * way
     assert np.abs(preloaded.contact["slip"]).max() < 1e-7 * way
     assert np.abs(preloaded.contact["sigma_t"]).max() < 1e-5 * rub
+
+
+def test_a_node_without_force_closes_by_what_it_is_beyond_its_gap():
+    """The tangent about a closure leaves 0.1 without force: less where the node is apart."""
+    closure = object.__new__(Closure)
+    closure.offset, closure.slope = np.full((1, 3), 0.1), np.full((1, 3), 0.5)
+    closure.slides = False
+    closure.rows = SimpleNamespace(normal=np.arange(3), tangential=np.empty(0, int))
+    force, own, _ = closure._state(np.array([2.0, 0.0, 0.0]), np.array([0.0, 0.3, -0.2]))
+    np.testing.assert_allclose(force, [2.0, 0, 0])
+    np.testing.assert_allclose(own, [[0.1 + 0.5 * 2, 0.1 - 0.3, 0.1]])

@@ -9,7 +9,7 @@ import types
 import numpy as np
 import pytest
 
-from driver.estimates import adaptivity
+from driver.estimates import adaptivity, refinement
 from driver.files import read_rows
 from driver.scene import freefem
 from driver.scene.loader import read_subdomains
@@ -325,7 +325,7 @@ def test_a_row_of_the_report_is_of_its_own_cycle(tmp_path):
         (places[-1] / "summary.json").write_text(json.dumps({
             "seconds": {"total": 10.0, **before}, "errors": {"energy": energy},
             "sizes": {"subdomains": 4, "primal_dofs": 100 * k}, "quantities": {"slip": 0.25}}))
-    adaptivity.report(places[1], places[:1])
+    refinement.report(places[1], places[:1])
     first, last = read_rows(places[1] / "adaptivity.csv")
     assert (first["seconds"], first["relative"], first["primal_dofs"]) == ("10.0", "0.25", "0")
     assert (last["seconds"], last["relative"], last["slip"]) == ("2.5", "", "0.25")

@@ -53,6 +53,7 @@ def scene(tmp_path):
                "body = movemesh(T, [(1.2 - 0.2*y)*cos(6.6*x), (1.2 - 0.2*y)*sin(6.6*x)]);"),
      "penetrates itself"),
     (dict(body="body = square(4, 4) + square(4, 4, [x + 3, y]);"), "not connected"),
+    (dict(body="body = trunc(square(4, 4), nuTriangle < 8 || nuTriangle == 31);"), "not connected"),
     (dict(contact="macro pointLoad1() [0.52, 0.5, 1., 0.] //"),
      "no vertex of the mesh at (0.52, 0.5)"),
     (dict(extra='include "gmsh.idp"', body='body = gmshBody("nowhere.geo", 0.1);'), "nowhere.geo"),

@@ -1,10 +1,8 @@
 """make accuracy PART=handpicked: which settings by hand ACCURACY is compared with."""
 
-import time
-
 import pytest
 
-from driver.studies.accuracy.handpicked import Pick, compared, user_seconds
+from driver.studies.accuracy.handpicked import Pick, compared
 
 
 def pick(fineness, steps, seconds, value, element="P1"):
@@ -22,9 +20,3 @@ def test_the_best_by_hand_is_the_cheapest_that_can_be_trusted():
     assert found["by_hand"] == 3.0 and found["within"] == "no"
     assert compared({"status": 0, "seconds": 9.0}, picks, "slip", 0.001, 2.0) == {"within": ""}
     assert compared({"status": 4, "seconds": 9.0}, picks, "slip", 0.1, 2.0) == {"within": ""}
-
-
-def test_waiting_takes_no_processor_time():
-    begun = user_seconds()
-    time.sleep(0.2)
-    assert user_seconds() - begun < 0.1

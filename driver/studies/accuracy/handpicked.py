@@ -4,20 +4,23 @@ Each scene runs on uniform meshes of linear and quadratic elements, coarse to fi
 and more steps, without error estimates: whoever picks settings by hand does not know what they err
 by. Of the runs that can be trusted with an accuracy (none at least as fine errs by more) the one
 with the least processor time is the best by hand. ACCURACY is asked for the same, and its time
-divided by that. Times are user seconds of the process and its children, which other work on the
-machine changes little. The aim: at most three times as long.
+divided by that. Times are user seconds of whole processes, as users start them, which other work on
+the machine changes little. The aim: at most three times as long.
 """
 
+import json
 import math
 import os
+import resource
+import subprocess
+import sys
+import tempfile
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 
-from ...errors import DriverError
+from ... import environment
 from ...estimates.budget import mesh_knob
-from ...runs.run import Run, execute
-from ...scene import freefem
 from ...text import assignments, percent, words
 from . import coverage
 from .coverage import Case
@@ -87,27 +90,37 @@ def _picks(case: Case, out: Path) -> list[Pick]:
             settings = {knob: size, **({} if element == "P1" else {"element": element}),
                         **({"steps": max(1, round(more * base["steps"]))} if "steps" in base
                            else {})}
-            begun = user_seconds()
-            summary = coverage.summary_of(case, {**settings, "errors": "no"}, out)
-            if summary:
-                picks.append(Pick(settings, fineness, more, user_seconds() - begun,
-                                  summary["quantities"]))
+            spent, status, answer = _process(case, settings | {"errors": "no"}, out)
+            if not status:
+                picks.append(Pick(settings, fineness, more, spent, answer["quantities"]))
     return picks
 
 
 def _asked(case: Case, name: str, asked: float, reference: float, out: Path) -> dict:
     """ACCURACY for a quantity: status, seconds and true error."""
-    begun, place = user_seconds(), out / ".asked"
-    row = {"status": 0, "reason": ""}
-    try:
-        summary = execute(Run.from_pairs({
-            "figures": "no", "fields": "no", "quiet": "yes", "errors": "no", "out": str(place),
-            **{key: str(value) for key, value in case.common.items()}, "resume": "no",
-            "scene": str(freefem.find_scene(case.scene)), "accuracy": f"{asked},{name}"}))
-        row["true"] = abs(summary["quantities"][name] / reference - 1)
-    except DriverError as refusal:
-        row |= {"status": refusal.exit_status, "reason": str(refusal).split("; partial")[0]}
-    return row | {"seconds": user_seconds() - begun}
+    options = {"errors": "no", "accuracy": f"{asked},{name}"}
+    spent, status, answer = _process(case, options, out)
+    row = {"status": status, "seconds": spent}
+    if status:
+        return row | {"reason": answer.split("; partial")[0]}
+    return row | {"reason": "", "true": abs(answer["quantities"][name] / reference - 1)}
+
+
+def _process(case: Case, options: dict, out: Path) -> tuple[float, int, dict | str]:
+    """User seconds of a run as a user starts it, its status, its summary or why there is none."""
+    with tempfile.TemporaryDirectory(prefix=".run.", dir=out) as folder:
+        place = Path(folder) / "run"
+        given = [f"{key.upper()}={value}" for key, value in
+                 (case.common | options | {"scene": case.scene, "out": place}).items()]
+        begun = user_seconds()
+        done = environment.run_child(
+            [sys.executable, "-m", "driver", "run", *given, "FIGURES=no", "FIELDS=no", "QUIET=yes"],
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+            env={**os.environ, "PYTHONPATH": environment.python_path()})
+        spent = user_seconds() - begun
+        if done.returncode:
+            return spent, done.returncode, done.stderr.strip()
+        return spent, 0, json.loads((place / "summary.json").read_text())
 
 
 def compared(row: dict, picks: list[Pick], name: str, asked: float, reference: float) -> dict:
@@ -127,9 +140,8 @@ def compared(row: dict, picks: list[Pick], name: str, asked: float, reference: f
 
 
 def user_seconds() -> float:
-    """User seconds of this process and of its children that have ended."""
-    times = os.times()
-    return times.user + times.children_user
+    """User seconds of the children of this process that have ended."""
+    return resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
 
 
 def describe(rows: list[dict]) -> str:
