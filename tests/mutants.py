@@ -46,6 +46,7 @@ CHEAP = 6.0  # CPU seconds of the tests that are tried first
 OWN = 0.2  # what a second of tests of a package or module counts in their order
 SLOW, START = 6.0, 20.0  # what a mutant may take of the time without it, and seconds more
 MEMORY = 8 * 2**30  # bytes that it may take
+UNKNOWN, NOTHING = 4, 5  # pytest's status where a test is not there, and where none is to be run
 COLUMNS = ("seed", "file", "line", "before", "after", "outcome", "noticed by", "seconds")
 HOME = ROOT / "results" / "mutants"
 OPTIONS = {"MODULE": "", "COUNT": "40", "SEED": "1", "FIRST": "1", "LIMIT": "60", "OUT": str(HOME)}
@@ -193,12 +194,21 @@ def tried(one: Mutant, folder: Path, chosen: list, broken: set) -> tuple[str, st
     kept.mkdir(exist_ok=True)
     plugin = ("-p", "kept_exports") if one.package != "lib" else ()
 
+    def attempt(names: list, seconds: float) -> tuple[int, str]:
+        return pytest(folder, "-x", *plugin, *names, seconds=START + SLOW * seconds, KEPT=str(kept))
+
     def noticed_by() -> str:
         """The first test that fails of all that are `chosen`, or ""."""
         for tests, seconds in chosen:
             names = [name for name in tests if name not in broken]
-            status, said = pytest(folder, "-x", *plugin, *names, seconds=START + SLOW * seconds,
-                                  KEPT=str(kept)) if names else (0, "")
+            if not names:
+                continue
+            status, said = attempt(names, seconds)
+            if status == UNKNOWN:  # values of parameters have changed since
+                names = list(dict.fromkeys(name.split("[")[0] for name in names))
+                status, said = attempt(names, 2 * seconds)
+            if status == NOTHING:
+                continue
             if status < 0:
                 return f"time: {START + SLOW * seconds:.0f} s"
             if status:

@@ -35,7 +35,8 @@ def run(bench: Workbench, subdomains: str, cells: int, ranks: int, repeats: int)
 def measure(bench: Workbench, large: bool = False) -> dict:
     """Strong scaling in time; weak scaling in counts and volume; seconds of the stages by size.
 
-    And, if `large`, what each of some ranks spends on 100,000 subdomains. Ranks beyond the cores of the machine say nothing about time.
+    And, if `large`, what each of some ranks spends on 100,000 subdomains. Ranks beyond the cores of
+    the machine say nothing about time.
     """
     _strong(bench)
     if large:

@@ -43,7 +43,7 @@ def corner_vertices(skeleton: Skeleton) -> np.ndarray:
     (of any kind) is uneven. Chains that then hold less than two corners, and components whose
     corners lie close together, get the missing ones by the farthest-point rule.
     """
-    neighbour = skeleton.neighbour()[skeleton.own_edges]
+    neighbour = skeleton.neighbour[skeleton.own_edges]
     edges = skeleton.edges[skeleton.own_edges]
     kind = np.where(neighbour >= 0, neighbour, -1 - edges[:, 3])
     sub = np.repeat(edges[:, 0], 2)
@@ -104,7 +104,7 @@ def _farthest_points(skeleton: Skeleton, corners: np.ndarray) -> np.ndarray:
     The rank of the first of the two sees to it.
     """
     edges = skeleton.edges[skeleton.own_edges]
-    neighbour = skeleton.neighbour()[skeleton.own_edges]
+    neighbour = skeleton.neighbour[skeleton.own_edges]
     one_side = neighbour > edges[:, 0]
     edges = edges[one_side]
     if not len(edges):

@@ -5,9 +5,10 @@ inside each of its groups, which no other group has, and leaves it as one elemen
 
     S_b = K_bb - K_bi K_ii^-1 K_ib,     f_b - W' f_i,     u_i = K_ii^-1 f_i - W u_b,
 
-W = K_ii^-1 K_ib. Groups of these, and so on, until one is left. How subdomains are grouped follows from their places alone, and a group's arithmetic is that of one
-rank: results do not depend on how many there are. (George, SIAM J. Numer. Anal. 10 (1973);
-Przemieniecki, AIAA J. 1 (1963), for substructures.)
+W = K_ii^-1 K_ib. Groups of these, and so on, until one is left. How subdomains are grouped follows
+from their places alone, and a group's arithmetic is that of one rank: results do not depend on how
+many there are. (George, SIAM J. Numer. Anal. 10 (1973); Przemieniecki, AIAA J. 1 (1963), for
+substructures.)
 """
 
 import numpy as np

@@ -225,6 +225,7 @@ class Skeleton:
             raise InputError("the body penetrates itself: its outline crosses itself near "
                              f"({middle[0]:g}, {middle[1]:g})")
 
+    @cached_property
     def neighbour(self) -> np.ndarray:
         """For every boundary edge the subdomain on its other side, or -1."""
         other = np.full(len(self.edges), -1)

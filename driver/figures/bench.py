@@ -124,8 +124,9 @@ def ranks(figure: Figure, measured: dict) -> None:
     volume, stages = figure.subplots(1, 2)
     for (text, sizes), colour in zip(measured["volume"].items(), (BLUE, ORANGE, GREEN)):
         volume.plot(measured["ranks"], sizes, "o-", color=colour, label=text)
-    volume.set(xlabel="ranks, about 64 subdomains each", xscale="log", ylabel="kB received per rank and product")
-    volume.set_xticks(measured["ranks"], map(str, measured["ranks"]))
+    volume.set(xlabel="ranks, about 64 subdomains each", xscale="log",
+               ylabel="kB received per rank and product")
+    volume.set_xticks(measured["ranks"], [str(ranks) for ranks in measured["ranks"]])
     volume.minorticks_off()
     volume.legend(**SMALL)
     for (stage, seconds), colour in zip(measured["stages"].items(),

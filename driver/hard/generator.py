@@ -335,7 +335,8 @@ class _Writer:
             self.say("curved()", ", ".join(map(str, dict.fromkeys(arcs))))
             declared["sides"] = "curved"
         since = "obstacles" in declared or "initial state" in declared
-        plane = not arcs and not bodies.pairs and declared["gap"] not in ("curved", "obstacle")
+        plane = not arcs and not bodies.pairs and declared["gap"] not in (
+            "curved", "mixed", "obstacle")
         apart = declared["contact"] == "unilateral" and declared["law"] != "displacement law"
         if plane and apart and not since and dice.chance(0.15):
             self.say("largeSliding()", self.number(3 * self.size))

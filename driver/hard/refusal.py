@@ -16,8 +16,8 @@ from .programs import MOST, none_within
 from .states import States
 
 SLACK = 1e-6  # share of the forces that must stay unbalanced at least
-# of the search of states and of the mixed-integer program, whatever the machine: half a minute each
-PROGRAMS, NODES = 5000, 5000
+# of the search of states and of the mixed-integer program, whatever the machine: half a minute
+PROGRAMS, NODES = 20000, 20000
 
 
 def unbalanced(body: Assembled, manifest, weights: np.ndarray, rough: bool = True,

@@ -37,6 +37,7 @@ from .uniqueness import CHANGING, Uniqueness, too_many, worthwhile
 SETTLINGS = 5  # of bodies without support, whose multipliers follow, in a step
 LAST_PART = 1e-6  # of tolerances, below which tightening must at least halve the residuals
 LAST_FRICTION = 1e-4  # likewise, of that of the fixed point
+ROUNDED = 1e-14  # part of forces by which they change or stay unbalanced without end
 NEARLY = 1e-3  # imbalance of bodies without support up to which exacter QPs may settle them
 
 
@@ -304,7 +305,7 @@ class QuasistaticSolver:
             qp.aim(of_qp)
             try:
                 x, gradient, sliding = find(index, load, x, gradient, sliding, trace,
-                                            of_friction * settings.friction_rtol)
+                                            max(of_friction * settings.friction_rtol, ROUNDED))
             except Unfinished as failed:
                 # bodies without loads may stay where the step starts, or where they were drawn
                 for place in (motion, np.zeros(op.modes)) if op.modes else (motion,):

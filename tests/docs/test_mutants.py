@@ -36,8 +36,8 @@ def test_the_reference_table_meets_the_aim():
     assert sum(row["outcome"] == "survived" for row in rows) <= AIM * len(rows)
     for row in table():
         if row["outcome"] == "noticed" and not row["noticed by"].startswith("time"):
-            file, name = re.match(r"(.*?)::(\w+)", row["noticed by"]).groups()
-            assert name in names_in(file), row["noticed by"]
+            file, name = re.match(r"(.*?\.py)(?:::(\w+))?", row["noticed by"]).groups()
+            assert (ROOT / file).exists() and (not name or name in names_in(file)), row
 
 
 def test_what_is_called_equivalent_has_its_argument():
@@ -104,3 +104,31 @@ def test_changes_are_of_meaning():
     assert (one.line, one.before, one.after, one.package) == (2, "y = 2", "y = 3", "qp")
     assert mutations._compiles(one)
     assert not mutations._compiles(mutations.mutant("driver/qp/a.py", "y = 2\n", "y = = 2\n"))
+
+
+@pytest.mark.parametrize("answers, outcome", [
+    ([(0, "")], "survived"),
+    ([(1, "FAILED tests/qp/test_a.py::test_x[2] - assert 0")], "noticed"),
+    ([(-9, "")], "noticed"),  # it takes too long
+    ([(5, "3 deselected")], "survived"),  # none of them is to be run
+    ([(4, "not found"), (0, "")], "survived"),  # parameters have other values by now
+    ([(4, "not found"), (1, "ERROR tests/qp/test_a.py::test_x[3]")], "noticed")])
+def test_only_a_test_that_fails_notices(monkeypatch, tmp_path, answers, outcome):
+    """And the file is afterwards what it was."""
+    tree, remaining, file = tmp_path / "0", list(answers), "driver/qp/some.py"
+    (tree / "driver" / "qp").mkdir(parents=True)
+    (tree / file).write_text("x = 1\n")
+    name, seen = "tests/qp/test_a.py::test_x[2]", []
+
+    def answer(folder, *words, **_):
+        seen.append(((folder / file).read_text(), words[-1]))
+        return remaining.pop(0) if remaining else (0, "")  # without the mutant
+
+    monkeypatch.setattr(mutants, "pytest", answer)
+    monkeypatch.setattr(mutants, "SOUND", {name})
+    one = mutations.Mutant(file, "x = 2\n", 1, "x = 1", "x = 2")
+    found, by, _ = mutants.tried(one, tree, [([name], 1.0)], set())
+    assert found == outcome and bool(by) == (outcome == "noticed")
+    assert (tree / file).read_text() == "x = 1\n" and seen[0] == ("x = 2\n", name)
+    if len(answers) == 2:
+        assert seen[1] == ("x = 2\n", "tests/qp/test_a.py::test_x")

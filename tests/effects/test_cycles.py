@@ -165,6 +165,12 @@ def test_what_is_to_come_is_told_from_two_changes_without_a_jump(changes, plan, 
     assert found.remaining == pytest.approx(remaining)
 
 
+def test_a_history_is_as_long_as_its_cycles_that_are_computed():
+    """Two steps, then five cycles of eight, of which three are jumped over."""
+    cycles = types.SimpleNamespace(begin=2, length=8, count=5, past=Past(plan=[0, 3]))
+    assert Cycles.total.fget(cycles) == 2 + 8 * 2
+
+
 @pytest.mark.parametrize("given, settles, settled, warned", [
     (None, True, False, True), (None, True, True, False), (None, False, False, False),
     (7, True, False, False)])

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from driver.effects.free_bodies import FreeBodies, _least
+from driver.effects.free_bodies import FreeBodies, _least, _sum
 
 
 @pytest.mark.parametrize("unit", [1e-9, 1.0, 1e9])
@@ -34,3 +34,15 @@ def test_bodies_that_stay_unbalanced_are_named():
         _way=lambda load, x, body: f"body {body + 1} is pulled")
     said = FreeBodies.why_unbalanced(bodies, None, None)
     assert "20 % of the forces on bodies 1, 3, which" in said and "body 1 is pulled" in said
+
+
+def test_the_loads_resultant_is_that_of_one_body_along_its_free_motions():
+    """Two shifts make a vector, one a part of it; a turn says nothing, nor two bodies."""
+    def mode(body, translation, rotation=0.0):
+        return SimpleNamespace(body=body, translation=np.array(translation), rotation=rotation)
+
+    both = [mode(0, [2.0, 0.0]), mode(0, [0.0, 1.0]), mode(0, [0.3, 0.1], 1.0)]
+    assert _sum(both, np.array([6.0, -4.0, 9.0])) == " (3, -4)"
+    assert _sum(both[:1], np.array([6.0])) == " (3, 0)"
+    assert _sum(both[2:], np.array([9.0])) == ""
+    assert _sum([both[0], mode(1, [1.0, 0.0])], np.array([6.0, 1.0])) == ""

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 
 from driver.contact.motion import ObstacleMotion
 from driver.effects import cycles, large_sliding, probe, slip_law, wear
@@ -150,3 +151,16 @@ def test_a_node_without_force_closes_by_what_it_is_beyond_its_gap():
     force, own, _ = closure._state(np.array([2.0, 0.0, 0.0]), np.array([0.0, 0.3, -0.2]))
     np.testing.assert_allclose(force, [2.0, 0, 0])
     np.testing.assert_allclose(own, [[0.1 + 0.5 * 2, 0.1 - 0.3, 0.1]])
+
+
+@pytest.mark.parametrize("law, tangent, missed", [(0.0, 0.0, 0.0), (2.0, 1.5, 0.25)])
+def test_what_tangents_miss_is_relative_to_the_closure(law, tangent, missed):
+    """Nothing where nothing closes."""
+    closure = object.__new__(Closure)
+    closure.rooms = [SimpleNamespace(closure=lambda nodes, force, slip: np.array([law, 0.0]))]
+    closure.nodes, closure.slides = np.arange(2), False
+    closure.offset, closure.slope = np.zeros((1, 2)), np.array([[tangent / 3, 0.0]])
+    closure.rows = SimpleNamespace(normal=np.arange(2), tangential=np.empty(0, int))
+    closure.qp = SimpleNamespace(operator=SimpleNamespace(comm=MPI.COMM_SELF))
+    closure.residuals = SimpleNamespace(scales=SimpleNamespace(displacement=0.0))
+    assert closure.missed(np.array([3.0, 0.0]), np.zeros(2)) == pytest.approx(missed)

@@ -1,7 +1,9 @@
-"""Means of stresses round vertices, from which estimates are recovered."""
+"""Means of stresses round vertices, from which estimates are recovered; work along sides."""
 
 import numpy as np
+import pytest
 
+from driver.estimates.contact_tractions import slid
 from driver.estimates.recovery import averaged_stress, vertex_sums
 
 
@@ -21,3 +23,13 @@ def test_means_do_not_cross_regions():
     triangles, stress = np.array([[0, 1, 2], [2, 1, 3]]), np.array([[1.0, 2, 3], [4.0, 5, 6]])
     mean = averaged_stress(triangles, np.array([0, 1]), np.ones(2), stress)
     np.testing.assert_allclose(mean, np.repeat(stress[:, None], 3, axis=1))
+
+
+@pytest.mark.parametrize("bend, work", [(0.0, 1.0), (0.3, 1.2), (-0.3, 0.8)])
+def test_work_along_a_bent_side(bend, work):
+    """A bound of 1 along a side of length 1: the mean of |slip|, 1 at the ends and 1 + bend in the
+    middle; of slip from -1 to 1, twice a triangle.
+    """
+    one = np.ones((1, 2))
+    assert slid(np.ones(1), one, one, np.array([bend])) == pytest.approx(work, rel=1e-14)
+    assert slid(np.full(1, 2.0), 3 * one, np.array([[-1.0, 1.0]])) == pytest.approx(3.0)
