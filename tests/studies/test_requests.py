@@ -29,6 +29,18 @@ def test_a_refusal_must_not_contradict_another_request():
     assert requests._right(row(0.03, 2), []) == "no"  # a first mesh that cannot be made
 
 
+def test_what_is_zero_is_refused_in_a_row_of_the_table(monkeypatch, tmp_path):
+    """Its value has no relative error, and no column."""
+    zero = {"slip": 0.0}
+    monkeypatch.setattr(requests.coverage, "references", lambda *_: (zero, zero))
+    monkeypatch.setattr(requests.coverage, "summary_of", lambda *_: {"quantities": zero})
+    monkeypatch.setattr(requests, "_request", lambda case, name, asked, out: {
+        "asked": asked, "status": 3, "reached": None, "reason": "", "value": 0.0})
+    found = requests.judge(requests.Case("stack", (), ()), tmp_path)
+    assert [entry["right"] for entry in found] == ["yes"] * 3
+    assert all(set(entry) <= set(requests.COLUMNS) for entry in found)
+
+
 @pytest.mark.parametrize("taken, true, within, met", [
     (1.9, 0.005, "yes", "yes"), (2.1, 0.005, "no", "yes"), (0.4, 0.012, "no", "no"),
     (1.0, 0.0105, "yes", "")])

@@ -50,8 +50,9 @@ def judge(case: Case, out: Path) -> list[dict]:
         own = [_request(case, name, asked, out) for asked in ASKED]
         for row in own:
             row["uncertainty"] = apart / abs(reference) if reference else ""
-            if "value" in row and reference:
-                row["true"] = abs(row.pop("value") / reference - 1)
+            value = row.pop("value", None)
+            if value is not None and reference:
+                row["true"] = abs(value / reference - 1)
             row["right"] = _right(row, own)
         rows += own
     return rows
