@@ -21,6 +21,7 @@ LIBRARY = ROOT / "edp" / "lib"
 PR_SET_PDEATHSIG = 1  # of Linux's prctl: the signal that a process gets when its parent ends
 BLAS_BUFFER = 2**27  # bytes that OpenBLAS asks for at its first product
 PETSC_ROOM = 150 * 2**20  # bytes of address space that PETSc, MPI and their libraries take at least
+PETSC = Path("/usr/lib/petsc")  # where Debian's alternatives may have it
 OPEN_FILES = 256  # that MPI, FreeFEM and matplotlib may need to have open together
 AGAIN = 0.01  # seconds after which a lost interrupt comes once more
 PATIENCE = 10  # seconds that an interrupted child has to end by itself
@@ -69,16 +70,23 @@ def start_petsc() -> None:
                 os.unsetenv(name)
 
 
+def petsc_place() -> Path:
+    """The folder of the PETSc that runs use, whether it is loaded or not."""
+    if "PETSC_DIR" in os.environ:
+        return Path(os.environ["PETSC_DIR"])
+    newest = max(Path("/usr/lib/petscdir").glob("petsc*/*-real"), default=PETSC)
+    return PETSC if PETSC.exists() else newest
+
+
 def _find_petsc() -> None:
     """Let petsc4py find its PETSc, whose place Debian's package alone does not say.
 
     The package's .pth file reads PETSC_DIR when Python starts: here the path is set as well.
     """
-    if "PETSC_DIR" not in os.environ and not Path("/usr/lib/petsc").exists():
-        newest = max(Path("/usr/lib/petscdir").glob("petsc*/*-real"), default=None)
-        if newest:
-            os.environ["PETSC_DIR"] = str(newest)
-    packages = Path(os.environ.get("PETSC_DIR", "/usr/lib/petsc")) / "lib/python3/dist-packages"
+    place = petsc_place()
+    if place != PETSC:
+        os.environ["PETSC_DIR"] = str(place)
+    packages = place / "lib/python3/dist-packages"
     if packages.is_dir() and str(packages) not in sys.path:
         sys.path.append(str(packages))
 

@@ -8,7 +8,6 @@ nothing depends on how these are distributed over ranks.
 from functools import cached_property
 
 import numpy as np
-from mpi4py import MPI
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 

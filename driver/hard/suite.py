@@ -164,11 +164,12 @@ def _task(judged, *given) -> Row:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     environment.heed_interrupts()
     try:
-        return judged(*given)
+        row = judged(*given)
     except KeyboardInterrupt:
         os._exit(130)
     finally:
         _die_of_signals()
+    return row
 
 
 def _alone(task: tuple, folder: Path) -> Row:

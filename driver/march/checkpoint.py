@@ -19,7 +19,7 @@ import zlib
 from importlib.metadata import version
 from pathlib import Path
 
-from ..environment import ROOT
+from ..environment import ROOT, petsc_place
 from ..files import renamed
 
 NAME = "checkpoint.bin"
@@ -32,7 +32,7 @@ SHARE = 0.02
 @functools.cache
 def program() -> str:
     """Digest of the code that makes the numbers, as it is when it is first asked for."""
-    versions = f"{sys.version} {version('numpy')} {os.environ.get('PETSC_DIR')}"
+    versions = f"{sys.version} {version('numpy')} {petsc_place()}"
     digest = hashlib.sha256(versions.encode())
     for path in sorted((ROOT / "driver").rglob("*.py")):
         digest.update(str(path.relative_to(ROOT)).encode() + path.read_bytes())

@@ -11,7 +11,6 @@ from ..errors import NoSolution, NotConverged
 from ..feti.contact_block import ContactBlock
 from ..feti.deflation import DeflatedPreconditioner, Deflation
 from ..feti.dual_problem import DualProblem
-from ..feti.rows import RowKind
 from ..options import Settings
 from ..qp.lanczos import norm_bound
 from ..qp.mprgp import Result, mprgp, projected_gradient

@@ -12,7 +12,6 @@ from ..contact.states import STATUS_NAMES, ContactField
 from ..effects import Effects
 from ..errors import DriverError, InputError, NotConverged, agree
 from ..feti.compliance import ContactCompliance
-from ..feti.rows import RowKind
 from ..files import write_json, write_rows, write_table
 from ..march.problem import assemble
 from ..march.step import StepFailed
