@@ -36,7 +36,9 @@ def _fill(figure: Figure, table: dict) -> None:
     axes.loglog(ends, 4 * ends, color=INK, lw=0.6, ls=":")
     axes.loglog(ends, ends / 2, color=RED, lw=0.6, ls="--")
     for factor, text in ((1, "claim = truth"), (4, "4 times"), (0.5, "half")):
-        axes.annotate(text, (ends[1], factor * ends[1]), fontsize=7, ha="right", va="bottom")
+        axes.annotate(text, (ends[1], factor * ends[1]), xytext=(3, 0), textcoords="offset points",
+                      fontsize=7, va="center")
+    axes.set_xlim(ends[0] / 2, 10 * ends[1])  # with room for these words
     held = np.count_nonzero(table["held"][judged] == "yes")
     axes.set(xlabel="true error, relative", ylabel="claimed error, relative",
              title=f"{held} of {judged.sum()} claims hold")
