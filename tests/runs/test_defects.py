@@ -15,6 +15,7 @@ import pytest
 from driver import cli, environment
 from driver.errors import Defect, write_error
 from driver.march.quasistatic import QuasistaticSolver
+from driver.report import run as page
 from driver.runs import launch, run
 
 WORDS = ("SCENE=model", "LOADING=monotone", "CELLS=2", "SUBDOMAINS=2x1", "STEPS=3", "FIGURES=no",
@@ -48,7 +49,7 @@ def test_a_defect_in_a_step_leaves_the_steps_before(tmp_path, monkeypatch, logs,
     """
     asked = run.Run.from_pairs(cli.parse_pairs([*WORDS, f"OUT={tmp_path / 'out'}"]))
     with monkeypatch.context() as patch:
-        patch.setattr(run.report, "write", lambda work: {}["no such key"])
+        patch.setattr(page, "write", lambda work: {}["no such key"])
         assert run.execute(asked)["converged"]
     assert "report.html could not be written: 'no such key'" in capsys.readouterr().err
     assert "Traceback" in (tmp_path / "out" / "run.log").read_text()
