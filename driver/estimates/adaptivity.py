@@ -24,7 +24,6 @@ CONTACT_GROWTH = 3.0  # contact nodes likewise: twice by that, and kinks are pla
 STEEPEST = 0.5  # difference of sizes over distance: neighbours must not differ too much
 GENTLE = 0.15  # the same next to contact, whose tractions see the meshes behind it
 SMALLEST, LARGEST = 0.125, 2.0  # new size over old in one cycle: an indicator does not see further
-NO_ERROR = "ADAPT has no error to refine by"
 ROUNDING = 1e-8  # an error below this part of the solution's norm is none
 
 
@@ -104,7 +103,7 @@ def contact_sizes(boundary, states: list[dict]) -> tuple[np.ndarray, np.ndarray]
 def check(reason: str) -> None:
     """Raise InputError if there is a `reason` why a run has no error in the energy norm."""
     if reason:
-        raise InputError(f"{NO_ERROR}: {reason}")
+        raise InputError(f"ADAPT has no error to refine by: {reason}")
 
 
 def next_mesh(stem: Path, estimator, estimates: list) -> None:

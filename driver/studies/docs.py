@@ -11,7 +11,6 @@ import importlib
 import itertools
 import json
 import re
-import statistics
 import tempfile
 from pathlib import Path
 
@@ -23,6 +22,7 @@ from ..runs.run import Run, execute
 from ..scene import freefem
 from ..scene.rooms import Room, general_macros, head, listed_calls, rooms
 from ..text import words
+from .accuracy.coverage import totals
 
 ROOT = environment.ROOT
 # of the driver in the order of the data
@@ -263,17 +263,14 @@ def measured(name: str) -> str:
 
 def coverage() -> str:
     """What the table of claimed and true errors comes to."""
-    rows = [row for row in read_rows(REFERENCE / "coverage.csv") if row["judged"] == "yes"]
-    held = [row["held"] == "yes" for row in rows]
-    ratio = [float(row["ratio"]) for row in rows if row["ratio"]]
-    half = sum(row["held"] == "no" and float(row["ratio"]) < 0.5 for row in rows)
-    runs = {(row["scene"], row["setting"]) for row in rows}
+    rows = read_rows(REFERENCE / "coverage.csv")
+    count, held, half, median = totals(rows)
+    runs = {(row["scene"], row["setting"]) for row in rows if row["judged"] == "yes"}
     return (f"*`make accuracy PART=coverage`: {len(runs)} runs of {len({s for s, _ in runs})} "
             "scenes and published cases, coarse to fine, linear and quadratic, adaptive, with 1 to "
             "80 steps, against closed forms and much finer runs. Of "
-            f"{len(rows)} claims {100 * sum(held) / len(rows):.1f} % are above the true error, "
-            f"{half or 'none'} below half of it; the median of claim over truth is "
-            f"{statistics.median(ratio):.1f}.*")
+            f"{count} claims {held:.1f} % are above the true error, {half or 'none'} below half of "
+            f"it; the median of claim over truth is {median:.1f}.*")
 
 
 def slides() -> str:

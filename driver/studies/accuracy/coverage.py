@@ -173,6 +173,12 @@ def of_any(scene: str, out: Path) -> Case:
                 _by(knob, *fine, element="P2"))
 
 
+def of_each(scenes, scene: str | None) -> list[Case]:
+    """A case of each of `scenes`, or that of `scene`. Raises InputError if it is not among them."""
+    first = {case.scene: case for case in reversed(CASES) if case.scene in scenes}
+    return chosen(list(first.values())[::-1], scene)
+
+
 def chosen(cases, scene: str | None) -> list[Case]:
     """The cases of a scene, or all. Raises InputError if there are none."""
     own = [case for case in cases if scene in (None, case.scene)]
@@ -240,12 +246,20 @@ def summary_of(case: Case, settings: dict, out: Path) -> dict:
 
 def describe(rows: list[dict]) -> str:
     """How many claims hold, in a sentence."""
-    judged = [row for row in rows if row["judged"] == "yes"]
-    if not judged:
+    count, held, half, median = totals(rows)
+    if not count:
         return "nothing to judge"
+    middle = "" if median is None else f", median of claim over truth {median:.2f}"
+    return f"{count} claims, {held:.1f} % hold, {half} below half of the true error{middle}"
+
+
+def totals(rows: list[dict]) -> tuple[int, float, int, float | None]:
+    """Claims that could be judged, per cent that hold, claims below half of the true error, median
+    of claim over truth (None where all of it is zero); of rows as made here or as read from a file.
+    """
+    judged = [row for row in rows if row["judged"] == "yes"]
     held = sum(row["held"] == "yes" for row in judged)
-    ratio = [row["ratio"] for row in judged if row["ratio"] != ""]
-    half = sum(1 for row in judged if row["held"] == "no" and row["ratio"] < 0.5)
-    median = f", median of claim over truth {statistics.median(ratio):.2f}" if ratio else ""
-    return (f"{len(judged)} claims, {100 * held / len(judged):.1f} % hold, {half} below half of "
-            f"the true error{median}")
+    ratio = [float(row["ratio"]) for row in judged if row["ratio"] != ""]
+    half = sum(row["held"] == "no" and float(row["ratio"]) < 0.5 for row in judged)
+    return (len(judged), 100 * held / max(1, len(judged)), half,
+            statistics.median(ratio) if ratio else None)

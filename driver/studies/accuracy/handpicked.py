@@ -24,7 +24,7 @@ from ...estimates.budget import mesh_knob
 from ...text import assignments, percent, words
 from . import coverage
 from .coverage import Case
-from .prices import RUNS, first_cases
+from .prices import RUNS
 from .requests import ASKED
 
 SCENES = ("model", "hertz", "hertz-bodies", "stack", "wedge", "pressfit")
@@ -57,7 +57,7 @@ def run_handpicked(out: Path, scene: str | None) -> list[Path]:
 
     Raises InputError if the study has no such scene.
     """
-    cases = coverage.chosen([case for case in first_cases() if case.scene in SCENES], scene)
+    cases = coverage.of_each(SCENES, scene)
     table = out / "handpicked.csv"
     for row in coverage.judged(cases, judge, describe, table, COLUMNS):
         if row["within"] == "no":

@@ -17,7 +17,7 @@ from pathlib import Path
 from ... import environment
 from ...text import assignments, percent, words
 from . import coverage
-from .coverage import CASES, Case
+from .coverage import Case
 
 LONG = 60.0  # predicted seconds of lines that are run
 FACTOR = 2.0
@@ -40,7 +40,7 @@ def run_prices(out: Path, scene: str | None) -> list[Path]:
     """
     from ...figures.prices import draw
 
-    cases = coverage.chosen([case for case in first_cases() if case.scene in RUNS], scene)
+    cases = coverage.of_each(RUNS, scene)
     table = out / "prices.csv"
     for row in coverage.judged(cases, judge, describe, table, COLUMNS):
         if "no" in (row["met"], row["within"]):
@@ -48,11 +48,6 @@ def run_prices(out: Path, scene: str | None) -> list[Path]:
                   f"{percent(row['accuracy'])}, true {percent(row['true'])}, "
                   f"{row['seconds_predicted']:.2g} s predicted, {row['seconds']:.2g} s taken")
     return [table, *draw(table)]
-
-
-def first_cases() -> list[Case]:
-    """A case a scene."""
-    return list({case.scene: case for case in reversed(CASES)}.values())[::-1]
 
 
 def judge(case: Case, out: Path) -> list[dict]:

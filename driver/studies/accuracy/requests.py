@@ -18,7 +18,7 @@ from ...scene import freefem
 from ...text import percent, words
 from . import coverage
 from .coverage import Case
-from .prices import RUNS, first_cases
+from .prices import RUNS
 
 ASKED = (0.1, 0.03, 0.01)
 SCENES = ("model", "model-static", "model-tresca", "cohesion", "hertz", "mindlin", "hertz-bodies",
@@ -32,7 +32,7 @@ def run_requests(out: Path, scene: str | None) -> list[Path]:
 
     Raises InputError if the study has no such scene.
     """
-    cases = coverage.chosen([case for case in first_cases() if case.scene in SCENES], scene)
+    cases = coverage.of_each(SCENES, scene)
     table = out / "requests.csv"
     for row in coverage.judged(cases, judge, describe, table, COLUMNS):
         if row["right"] == "no":
