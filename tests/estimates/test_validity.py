@@ -118,6 +118,45 @@ def test_feet_that_do_not_follow_one_another_make_no_curve():
     assert true_distance.obstacle(foot[:1], foot[:1]) is None
 
 
+@pytest.mark.parametrize("turn", [0.0, 0.6, np.pi])
+def test_feet_make_one_curve_in_either_order(turn):
+    """On a parabola, wherever it is turned to; a gap in the boundary is one in the curve."""
+    x = np.linspace(-1, 1, 9)
+    spin = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    foot = np.column_stack([x, 0.2 * x**2]) @ spin.T
+    normal = np.column_stack([0.4 * x, -np.ones(9)]) / np.hypot(0.4 * x, 1)[:, None] @ spin.T
+    there = true_distance.obstacle(foot, normal)
+    back = true_distance.obstacle(foot[::-1], normal[::-1])
+    middle = np.linspace(-0.95, 0.95, 20)
+    place = np.column_stack([middle, 0.2 * middle**2 + 0.1]) @ spin.T
+    for curve in (there, back):
+        distance, away = curve.distance(place)
+        np.testing.assert_allclose(distance, 0.1 / np.hypot(1, 0.4 * middle), atol=3e-3)
+        assert ((away @ spin)[:, 1] > 0.9).all()
+    np.testing.assert_allclose(there.distance(place)[0], back.distance(place)[0], rtol=1e-12)
+    joined = np.arange(8) != 3
+    assert len(true_distance.obstacle(foot, normal, joined).start) == 7
+    assert true_distance.obstacle(foot, normal, np.zeros(8, bool)) is None
+
+
+def test_depth_in_a_polygon_by_its_own_formula():
+    """Of a triangle that turns either way: inside where the smallest distance of its lines is."""
+    corner = np.array([[0.0, 0.0], [3.0, 1.0], [1.0, 2.0]])
+    place = np.random.default_rng(2).uniform(-1, 4, (300, 2))
+    for start in (corner, corner[::-1]):
+        end = np.roll(start, -1, axis=0)
+        chord = (end - start) / np.linalg.norm(end - start, axis=1)[:, None]
+        away = place[:, None] - start
+        off = chord[:, 0] * away[..., 1] - chord[:, 1] * away[..., 0]
+        within = (off > 0).all(axis=1) | (off < 0).all(axis=1)
+        np.testing.assert_array_equal(true_distance.inside(place, start, end), within)
+        depth, edge = true_distance.nearest(place, start, end)
+        np.testing.assert_allclose(depth[within], np.abs(off[within]).min(axis=1), rtol=1e-12)
+        np.testing.assert_array_equal(edge[within], np.abs(off[within]).argmin(axis=1))
+        to_corner = np.linalg.norm(place[:, None] - corner, axis=2).min(axis=1)
+        assert (depth <= to_corner + 1e-15).all()
+
+
 def test_points_in_polygons_and_crossing_edges():
     corner = np.array([[0.0, 0], [2, 0], [2, 1], [0, 1]])
     start, end = corner, np.roll(corner, -1, axis=0)

@@ -53,6 +53,19 @@ def test_branch_and_bound_says_what_all_states_say(nodes, motions, pulls):
     assert none > 0 or pulls  # bodies that contact cannot pull back may fall off
 
 
+@pytest.mark.parametrize("friction", [0.0, 0.4])
+def test_a_body_that_is_pulled_off_has_no_state(friction):
+    """Contact does not pull: proved, not merely not found; pushed it rests on its two feet."""
+    motions = np.array([[1.0], [1.0], [0.0], [0.0]])
+    for force in (-1.0, 1.0):
+        problem = CoulombProblem(np.diag([1.0, 2.0, 1.0, 2.0]), np.zeros(4), np.full(2, friction),
+                                 np.arange(2), False, motions, np.array([force]))
+        found = branching.search_states(problem)
+        assert found.certain and (found.solution is None) == (force < 0)
+    assert found.solution[:2].sum() == pytest.approx(1.0)
+    assert found.solution[0] == pytest.approx(2 * found.solution[1])  # by their compliances
+
+
 def test_branch_and_bound_knows_its_limits(monkeypatch):
     """Too many nodes, or programs, are no proof that there is no solution."""
     problem = random_problem(1, 3, 3)
