@@ -1,9 +1,13 @@
 """Whether the assumptions of a run hold: distances at displaced places, strains, overlaps."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+from mpi4py import MPI
 
-from driver.estimates import true_distance
+from driver.contact.states import OPEN, STICK, ContactField
+from driver.estimates import true_distance, validity
 from driver.estimates.validity import INVALID, QUESTIONABLE
 
 HEAD = '''include "scene.idp"
@@ -169,6 +173,62 @@ def test_points_in_polygons_and_crossing_edges():
     bow = corner[[0, 2, 1, 3]]
     assert true_distance.crossings(bow, np.roll(bow, -1, axis=0), ends).tolist() in ([[0, 2]],
                                                                                     [[2, 0]])
+
+
+def checks():
+    """What checks steps of two boundaries on circular pins; where nothing has been found yet."""
+    R, angle = np.array([2.0, 5.0]), np.linspace(-0.3, 0.3, 13)
+    ray = np.column_stack([np.sin(angle), -np.cos(angle)])
+    n = len(angle)
+    xy = np.concatenate([r * ray + [10 * k, 0] for k, r in enumerate(R)])
+    b = SimpleNamespace(
+        gid=np.arange(2 * n), chain=np.repeat([0, 1], n), label=np.repeat([4, 5], n), xy=xy,
+        arc=np.concatenate([2 * r * np.sin(0.025) * np.arange(n) for r in R]), gap=np.zeros(2 * n),
+        normal=np.concatenate([-ray, -ray]), paired=np.zeros(2 * n, bool), following=None,
+        about=None, length=np.repeat(0.05 * R, n))
+    b.at = lambda time: b
+    found = object.__new__(validity.Validity)
+    found.boundary, found.comm = b, MPI.COMM_SELF
+    found.problem = SimpleNamespace(manifest=SimpleNamespace(contact_pairs=[]))
+    found.worst = {name: validity.Worst() for name in QUESTIONABLE}
+    found.overlaps, found.parts = {}, {name: np.zeros(2) for name in validity.MEASURES}
+    return found
+
+
+def test_nodes_that_touch_are_compared_with_the_obstacle_and_others_are_not():
+    """A node of a bush that slides by s along its pin's tangent is off it by s^2/2R, and its normal
+    by s/R: relative to the length in contact. Nodes apart go where they like.
+    """
+    found = checks()
+    b, n, s = found.boundary, 13, 0.2
+    status = np.full(2 * n, OPEN)
+    status[3:10] = STICK  # of the first pin, where radii are 2; none of the second touches
+    tangent = np.column_stack([-b.normal[:, 1], b.normal[:, 0]])
+    moved = s * tangent
+    moved[status == OPEN] *= -3
+    u_n = (moved * b.normal).sum(axis=1)
+    found._check_contact(SimpleNamespace(time=1.0, index=7),
+                         {ContactField.STATUS: status, ContactField.U_N: u_n}, None, moved)
+    off, turn = found.worst["largest_normal_error"], found.worst["normal_turn"]
+    length = 7 * 0.05 * 2
+    assert off.value * length == pytest.approx(np.hypot(2, s) - 2, rel=2e-3)
+    assert turn.value == pytest.approx(np.arctan(s / 2), rel=2e-3)
+    assert off.step == turn.step == 7 and off.more == {"paired": False}
+    assert found.summary()["normal_turn"] == turn.value
+
+
+@pytest.mark.parametrize("share, verdict_", [(0.5, 0), (1.5, 1), (40.0, 2)])
+def test_the_verdict_is_that_of_the_worst_measure(share, verdict_):
+    """The measure that is beyond most limits, with its place, step and reason."""
+    found = checks()
+    for name, part in (("largest_normal_error", share), ("normal_turn", 0.9)):
+        found.note(name, part * QUESTIONABLE[name], (1.0, 2.0), 3, paired=True)
+        found.note(name, 0.5 * part * QUESTIONABLE[name], (5.0, 6.0), 4, paired=True)
+    entry = found.summary()
+    assert entry["verdict"] == validity.VERDICTS[verdict_]
+    assert entry["largest_normal_error"] == share * QUESTIONABLE["largest_normal_error"]
+    words = ("(1, 2) in step 3", "LINEARIZATION=updated")
+    assert all((word in entry["reason"]) == bool(verdict_) for word in words)
 
 
 # ------------------------------------------------------------------------------ runs
