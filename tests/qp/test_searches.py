@@ -107,6 +107,29 @@ def test_descent_by_single_states_leads_to_a_solution():
     assert 0.7 * exist <= ends <= exist
 
 
+def test_descent_goes_from_less_to_less(monkeypatch):
+    """By several points where one is not enough, each violating the law less than the one before;
+    and no farther than to one beside which nothing violates it less.
+    """
+    visited, honest = [], complementarity._neighbours
+    monkeypatch.setattr(complementarity, "_neighbours",
+                        lambda problem, z: visited.append(z) or honest(problem, z))
+    monkeypatch.setattr(complementarity, "PROMISING", 1)
+    most, given_up = 0, 0
+    for seed in range(5):
+        problem = random_problem(seed, 4, 3, largest=20.0)
+        for start in complementarity.all_alike(problem):
+            visited.clear()
+            found = complementarity.descend(problem, start)
+            off = [problem.violation(z) for z in visited]
+            assert all(after < before for before, after in zip(off, off[1:]))
+            most = max(most, len(visited) if found is not None else 0)
+            if found is None and len(visited) < complementarity.DESCENTS:
+                assert min(map(problem.violation, honest(problem, visited[-1]))) >= off[-1]
+                given_up += 1
+    assert most > 1 and given_up > 0
+
+
 def test_conditions_that_depend_on_one_another_share_a_force_evenly():
     """Two nodes at one place: of all forces that stop it those with the least squares."""
     problem = CoulombProblem(np.ones((2, 2)), np.full(2, 3.0), np.zeros(0), np.zeros(0, int), True)
