@@ -313,7 +313,6 @@ class FixedPoint:
         if own is None:
             self.rows.coefficient = known
             return solution
-        law(problem.movement(own)[problem.n :])
         return own
 
     # ---- norms of values on contact rows -------------------------------------------------------

@@ -140,6 +140,19 @@ class CoulombProblem:
         sliding = np.where(signs > 0, FORWARD, np.where(signs < 0, BACKWARD, STICK))
         return self.joined(touching, sliding)
 
+    def on_bounds(self, z: np.ndarray) -> np.ndarray:
+        """z with the forces of open and sliding nodes exactly on the bounds of their states."""
+        states, x = self.states(z), z.copy()
+        x[: self.n][states <= OPEN] = 0.0
+        along, state = x[self.n : self.rows], np.abs(states[self.pair])
+        bound = self.coefficient * np.abs(x[self.pair])
+        if self.offset is not None:
+            bound = bound + self.offset
+        along[state == FORWARD] = bound[state == FORWARD]
+        along[state == BACKWARD] = -bound[state == BACKWARD]
+        along[state == OPEN] = 0.0
+        return x
+
     def choices(self, node: int) -> tuple[int, ...]:
         """The states that a node may be in."""
         where = np.flatnonzero(self.pair == node)

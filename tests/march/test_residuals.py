@@ -481,3 +481,17 @@ def test_missing_forces_are_sought_on_rows_inside_their_bounds():
     assert missing == pytest.approx(2 * np.hypot(0.25, 0.125) / np.linalg.norm(x[:4]))
     found.qp.preconditioner = None  # then over what the QP's tolerance is relative to
     assert found._missing(x, gradient) == pytest.approx(np.hypot(0.25, 0.125))
+
+
+def test_corners_are_judged_by_the_whole_deformation(built, steps_of):
+    """A peg in a square hole: what a corner touches within is the same part of the same deformation
+    at any cut, not of a bound of it that the cut decides on.
+    """
+    found = []
+    for subdomains in (1, 4):
+        problem = built("hard/hole", subdomains=subdomains, steps=1)
+        solver, (step,) = steps_of(problem, rtol=1e-10, friction_rtol=1e-9)
+        whole = problem.operator.deformation_by_level(step.multipliers, step.weights)
+        assert solver.scales.displacements == pytest.approx(whole, rel=1e-6)
+        found.append(solver.scales.displacement)
+    assert found[0] == pytest.approx(found[1], rel=1e-6)

@@ -185,10 +185,16 @@ def test_what_is_found_has_the_friction_of_its_slip():
         def law(slip, own=problem.coefficient):
             return own * (1 + 0.5 * np.tanh(np.abs(slip)))
 
-        z = coefficients.consistent(problem, start, law)
+        asked = []
+        z = coefficients.consistent(
+            problem, start, lambda slip, law=law, asked=asked: asked.append(law(slip)) or asked[-1])
         if z is not None:
             slip = problem.movement(z)[problem.n :]
             assert problem.under(problem.load, law(slip)).solves(z)
+            # to the last bit, by which solvers tell what slides from what sticks
+            bound, shear = asked[-1] * z[problem.pair], np.abs(z[problem.n : problem.rows])
+            assert np.array_equal(shear >= bound, np.abs(slip) > 1e-9)
+            assert (shear <= bound).all() and (z[: problem.n] >= 0).all()
             found += 1
     assert found >= 10
 
