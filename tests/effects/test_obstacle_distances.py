@@ -124,8 +124,9 @@ def test_ways_of_a_surface_that_turns(angle):
     """
     pivot, xy, shift = np.array([0.3, -0.2]), np.array([1.0, 0.5]), np.array([0.1, 0.2])
     tangent = np.array([0.8, 0.6])
-    motion = ObstacleMotion(np.array([0.0, 1.0]), np.zeros((2, 1)), np.array([[0 * shift], [shift]]),
-                            np.array([[0.0], [angle]]), pivot[None], xy[None], tangent[None])
+    motion = ObstacleMotion(np.array([0.0, 1.0]), np.zeros((2, 1)),
+                            np.array([[0 * shift], [shift]]), np.array([[0.0], [angle]]),
+                            pivot[None], xy[None], tangent[None])
     after = pivot + shift + turned(angle) @ (xy - pivot)  # of the point that starts at the node
     before = pivot + turned(-angle) @ (xy - pivot - shift)  # of the one that arrives there
     expected = ((after - xy) + (xy - before)) / 2 @ tangent
