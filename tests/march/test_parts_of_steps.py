@@ -13,6 +13,7 @@ from driver.effects import Effect
 from driver.march import cycle_verdict as cycles
 from driver.march.closure import Closure
 from driver.march.cycle_verdict import MOVED, WORN, Past, judged
+from driver.march.following import COMBINED, EACH, PLAIN, SHARES, FollowingSolver, _Nearing
 from driver.march.friction_qp import FrictionQP
 from driver.march.packing import packed, unpacked
 from driver.march.relaxation import ContactRelaxation
@@ -364,3 +365,77 @@ def test_a_jump_errs_by_what_growth_bends_in_it():
                    {"n": np.ones((1, 1))}, largest, 1e-6, 1e-5)
     assert cycle.skipped == 7 and cycle.error == pytest.approx(7 * 0.25)
     assert not cycle.settled  # growth is not even
+
+
+# ------------------------------------------------------------------------------ geometries
+
+def facing(angle, gap, **more) -> SimpleNamespace:
+    """Three contact nodes that meet the mean of the two places after theirs, of five."""
+    normal = np.column_stack([np.sin(angle), -np.cos(angle)])
+    boundary = SimpleNamespace(**{
+        "gid": np.arange(3), "normal": normal, "gap": np.array(gap, float),
+        "tangent": np.column_stack([-normal[:, 1], normal[:, 0]]), "idle": np.zeros(3, bool),
+        "normal_row": np.arange(3), "term_node": np.repeat(np.arange(3), 3),
+        "term_gid": np.add.outer(np.arange(3), np.arange(3)).ravel(),
+        "term_value": np.tile([1.0, -0.5, -0.5], 3), **more})
+    boundary.declared = boundary
+    return boundary
+
+
+def test_what_geometry_misses_is_a_distance_or_a_change_of_forces():
+    """Of nodes that touch the change of their distance, of others what penetrates; forces by the
+    largest change at a place.
+    """
+    rng = np.random.default_rng(8)
+    used = facing([0.1, 0.2, 0.3], [0.5, 0.25, 0.125])
+    u, forces = rng.random((5, 2)), np.array([2.0, 0.0, 1.0, 0.5, 0.0, -0.25, 0.0])
+    solver = object.__new__(FollowingSolver)
+    solver.contact, solver.rows = used, rows(3)
+    solver.operator = SimpleNamespace(comm=MPI.COMM_SELF)
+    solver.following = SimpleNamespace(gids=np.arange(5))
+    solver.scales = Scales(displacements=np.array([4.0]), force=2.0)
+    step = SimpleNamespace(index=1, multipliers=forces, status=np.array([STICK, OPEN, SLIP]))
+
+    def over(of):
+        jump = u[:3] - (u[1:4] + u[2:]) / 2
+        return (of.normal * jump).sum(axis=1) - of.gap
+
+    def pushed(of):
+        force = forces[:3, None] * of.normal + forces[3:6, None] * of.tangent
+        total = np.zeros((5, 2))
+        for node in range(3):
+            total[node] += force[node]
+            total[node + 1 : node + 3] -= force[node] / 2
+        return total
+
+    for now in (facing([0.1, 0.2, 0.3], [0.5, 0.25, 0.625]), facing([0.1, 0.2, 0.3], [-9, 0, 0.125]),
+                facing([0.1, 0.2, 0.3], [0.5, -9, 0.125]), facing([0.5, 0.2, 0.3], used.gap),
+                facing([0.1, 0.2, 0.3], [0.5, 9, 0.125])):
+        solver._about = lambda u, index, now=now: now
+        change = np.abs(over(now) - over(used))
+        error = np.array([change[0], max(over(now)[1], 0.0), change[2]])
+        missed = max(error.max() / 4, np.abs(pushed(now) - pushed(used)).max() / 2)
+        assert solver._missed(step, u) == pytest.approx(missed, rel=1e-12)
+    # what faces nothing has no distance
+    now = facing([0.1, 0.2, 0.3], [-9, 0.25, 0.125], idle=np.array([True, False, False]))
+    solver._about = lambda u, index: now
+    assert solver._missed(step, u) == pytest.approx(max(over(now)[:2].max(), 0.0) / 4)
+    solver.scales = Scales()
+    assert solver._missed(step, u) == 1.0
+
+
+def test_geometries_that_go_to_and_fro_are_combined():
+    """Plain ones while they settle; then in combination, and at last by parts of the way."""
+    nearing, u = _Nearing(), np.ones((2, 2))
+    for k in range(8):
+        np.testing.assert_array_equal(nearing.next(0 * u, u, 0.1**k), u)
+    assert nearing.stalled is None
+    # x -> 1 - 2 x goes away from its fixed point 1/3, which combinations come to
+    nearing, x = _Nearing(), np.full((2, 2), 0.3)
+    for _ in range(PLAIN + 6):
+        x = nearing.next(x, 1 - 2 * x, float(np.abs(1 - 3 * x).max()))
+    np.testing.assert_allclose(x, 1 / 3, atol=1e-8)
+    assert nearing.stalled == PLAIN
+    nearing.count = nearing.stalled + COMBINED - 1
+    for share in [*[SHARES[0]] * EACH, *[SHARES[1]] * EACH, SHARES[1]]:
+        np.testing.assert_allclose(nearing.next(0 * u, u, 1.0), share * u)
