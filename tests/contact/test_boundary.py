@@ -98,7 +98,7 @@ def boundary(fixed=((), np.zeros((0, 1))), motion=None) -> ContactBoundary:
 
 def test_clamped_nodes_have_no_condition_and_keep_what_supports_prescribe():
     """One that is held in one component alone stays. In the order of chains and arcs."""
-    keys = np.array([2 * 3, 2 * 4, 2 * 4 + 1, 2 * 9 + 1, 2 * 13, 2 * 13 + 1])
+    keys = np.array([2 * 3 + 1, 2 * 4, 2 * 4 + 1, 2 * 9 + 1, 2 * 13, 2 * 13 + 1])
     values = np.arange(12.0).reshape(6, 2)
     b = boundary((keys, values))
     assert sorted(b.gid.tolist()) == [1, 2, 3, 7, 9, 12, 14]

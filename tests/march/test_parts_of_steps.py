@@ -375,7 +375,7 @@ def facing(angle, gap, **more) -> SimpleNamespace:
     boundary = SimpleNamespace(**{
         "gid": np.arange(3), "normal": normal, "gap": np.array(gap, float),
         "tangent": np.column_stack([-normal[:, 1], normal[:, 0]]), "idle": np.zeros(3, bool),
-        "normal_row": np.arange(3), "term_node": np.repeat(np.arange(3), 3),
+        "normal_row": np.array([2, 0, 1]), "term_node": np.repeat(np.arange(3), 3),
         "term_gid": np.add.outer(np.arange(3), np.arange(3)).ravel(),
         "term_value": np.tile([1.0, -0.5, -0.5], 3), **more})
     boundary.declared = boundary
