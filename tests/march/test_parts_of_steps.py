@@ -335,26 +335,6 @@ def test_what_cycles_come_to(way, drift, worn, kind, settled):
     assert past.rows[0]["change"] == 1.0 and not past.rows[0]["settled"] or not any(way)
 
 
-def test_what_is_still_to_come_of_the_forces():
-    """Changes of a half each: as much again as the last one; after a jump nobody knows."""
-    found = []
-    for plan in ([0, 0, 0], [0, 3, 0]):
-        past = Past()
-        for number, size in enumerate((1.0, 2.0, 2.5, 2.75), 1):
-            past.number, past.way, forces = number, np.ones(1), {"n": np.full((2, 2), size)}
-            cycle = judged(past, SimpleNamespace(index=number, time=0.0), {MOVED: np.zeros(1)},
-                           forces, largest, 1e-6, 1e-5)
-            past.rows.append(vars(cycle))
-            past.before = forces
-            if number < 4:
-                past.plan.append(plan[number - 1])
-        found.append(cycle)
-    ratio = (0.25 / 2.75) / (0.5 / 2.5)
-    assert found[0].change == pytest.approx(0.25 / 2.75)
-    assert found[0].remaining == pytest.approx(0.25 / 2.75 * ratio / (1 - ratio))
-    assert found[1].remaining == 1.0
-
-
 def test_a_jump_errs_by_what_growth_bends_in_it():
     """Growth that has changed over a jump: by as much in each of the cycles skipped."""
     past = Past(number=9, plan=[0, 7], way=np.ones(1), growth={MOVED: np.array([1.0]),
