@@ -1,5 +1,6 @@
 """The contact boundary of nodes made by hand: their order, what supports take, what is added."""
 
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,6 +9,9 @@ import pytest
 from driver.contact.beside import beside
 from driver.contact.boundary import ContactBoundary, FoundNodes
 from driver.contact.chains import chains
+from driver.contact.corner_pairs import corner_pairs
+from driver.contact.curve import through
+from driver.contact.following import Following, Outline, Plane
 from driver.contact.joints import appended
 from driver.contact.motion import ObstacleMotion
 from driver.contact.nodes import merge_parts
@@ -184,3 +188,74 @@ def test_neighbours_beside_corners_between_bodies():
     assert alone.forces(x, comm)[0, 0].tolist() == [3.0, 0.0]
     contact.chain[1] = 5
     assert not beside(contact, np.array([[2, 3]]), lambda rows: rows).known.any()
+
+
+# ------------------------------------------------------------------------------ obstacles that move
+
+def test_a_moving_outline_is_seen_from_where_it_stands():
+    """A circle that has shifted and turned about a point: distances and normals of the circle
+    there; of a plane what is left of its offset.
+    """
+    angle = np.linspace(0, 2 * np.pi, 41)
+    ends = np.column_stack([np.cos(angle), np.sin(angle)])
+    outline = Outline(through(np.column_stack([ends[:-1], ends[1:], ends[:-1], ends[1:]])),
+                      np.array([-3.0, 3.0, -3.0, 3.0]))
+    place = np.array([[2.0, 0.5], [1.0, 1.5], [0.0, 0.0]])
+    shift, turn, pivot = np.array([0.5, 0.25]), 0.7, np.array([1.0, 0.0])
+    motion = ObstacleMotion(np.array([0.0, 1.0]), np.zeros((2, 3)),
+                            np.array([np.zeros((3, 2)), np.tile(shift, (3, 1))]),
+                            np.outer([0.0, turn], np.ones(3)), np.tile(pivot, (3, 1)), place,
+                            np.zeros((3, 2)))
+    nodes = SimpleNamespace(family=np.array([0, 0, 1]))
+    following = Following(nodes, motion, outline, 1.0)
+    distance, normal = following._from_obstacles(place[:2], 1.0)
+    arm = -pivot
+    centre = pivot + shift + [np.cos(turn) * arm[0] - np.sin(turn) * arm[1],
+                              np.sin(turn) * arm[0] + np.cos(turn) * arm[1]]
+    away = place[:2] - centre
+    far = np.linalg.norm(away, axis=1)
+    np.testing.assert_allclose(distance, far - 1, atol=6e-6)  # cubics between points
+    np.testing.assert_allclose(normal, -away / far[:, None], atol=1e-3)
+    before, _ = following._from_obstacles(place[:2], 0.0)
+    np.testing.assert_allclose(before, np.linalg.norm(place[:2], axis=1) - 1, atol=6e-6)
+    still, _ = Following(nodes, None, outline, 1.0)._from_obstacles(place[:2], 1.0)
+    np.testing.assert_allclose(still, before)
+    plane = Plane(np.tile([0.6, 0.8], (3, 1)), np.array([2.0, 3.0, 9.0]))
+    distance, normal = plane.distance(place[:2], np.array([0, 1]))
+    np.testing.assert_allclose(distance, [2 - 1.6, 3 - 1.8])
+    np.testing.assert_allclose(normal, [[0.6, 0.8]] * 2)
+    none = Following(SimpleNamespace(family=np.ones(3, int)), motion, outline, 1.0)
+    assert not len(none._from_obstacles(np.zeros((0, 2)), 1.0)[0])
+
+
+@pytest.mark.parametrize("place", [[3.1, 0], [-3.1, 0], [0, 3.1], [0, -3.1]])
+def test_places_out_of_the_box_are_said(place):
+    outline = Outline(None, np.array([-3.0, 3.0, -3.0, 3.0]))
+    with pytest.raises(InputError, match=re.escape("({:.4g}, {:.4g})".format(*place))):
+        outline.distance(np.array([[0.0, 0.0], place]), np.arange(2))
+
+
+def vertex(normals, fixed=(), **more):
+    """What is paired of contact nodes at one vertex with these normals."""
+    normals = np.array(normals, float)
+    n = len(normals)
+    contact = SimpleNamespace(**{
+        "gid": np.full(n, 5), "xy": np.ones((n, 2)), "normal": normals,
+        "tangent": np.column_stack([-normals[:, 1], normals[:, 0]]),
+        "normal_row": np.arange(n), "tangential_row": n + np.arange(n), "paired": np.zeros(n, bool),
+        "term_node": np.arange(n), "term_gid": np.full(n, 5), "term_value": np.ones(n),
+        "term_other": np.zeros(n, bool)}, **more)
+    contact.declared = contact
+    return corner_pairs(contact, np.array(fixed, int))
+
+
+def test_conditions_that_depend_at_a_vertex():
+    """Four rows on two displacements; a support leaves one; obstacles may face one another. More
+    than two nodes that depend are refused.
+    """
+    assert vertex([[0, -1], [1, 0]]).tolist() == [[0, 1, 2, 1]]
+    assert vertex([[0, -1], [0.6, -0.8]], fixed=[10]).tolist()[0][:3] == [0, 1, 1]
+    assert vertex([[0, -1], [0, 1]]).tolist()[0][:3] == [0, 1, 1]
+    assert not len(vertex([[0, -1]]))
+    with pytest.raises(InputError, match=r"contact at \(1, 1\): more than two conditions"):
+        vertex([[0, -1], [1, 0], [0, 1]])

@@ -149,7 +149,7 @@ def test_springs_are_followed_until_they_carry_nothing():
 
 
 def test_a_free_body_settles_where_it_moves_least():
-    """In the mean over the body, from where it was: two shifts of unlike sizes, one of them held."""
+    """In the mean over the body, from where it was: two shifts of unlike sizes, one held."""
     shifts = [mode(0, (2.0, 0.0)), mode(0, (0.0, 0.5))]
     of = free(shifts, [[0.0, 0, 0, 0], [1.0, 0, 0, 0]])
     bodies = SimpleNamespace(coefficients=lambda one: np.array([*one.translation, 0.0]))

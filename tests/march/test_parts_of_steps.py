@@ -388,7 +388,8 @@ def test_what_geometry_misses_is_a_distance_or_a_change_of_forces():
             total[node + 1 : node + 3] -= force[node] / 2
         return total
 
-    for now in (facing([0.1, 0.2, 0.3], [0.5, 0.25, 0.625]), facing([0.1, 0.2, 0.3], [-9, 0, 0.125]),
+    for now in (facing([0.1, 0.2, 0.3], [0.5, 0.25, 0.625]),
+                facing([0.1, 0.2, 0.3], [-9, 0, 0.125]),
                 facing([0.1, 0.2, 0.3], [0.5, -9, 0.125]), facing([0.5, 0.2, 0.3], used.gap),
                 facing([0.1, 0.2, 0.3], [0.5, 9, 0.125])):
         solver._about = lambda u, index, now=now: now
