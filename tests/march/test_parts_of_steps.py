@@ -11,6 +11,7 @@ from driver.contact.rows import ContactLaw, ContactRows
 from driver.contact.states import OPEN, SLIP, STICK
 from driver.effects import Effect
 from driver.march import cycle_verdict as cycles
+from driver.march import globalization
 from driver.march.closure import Closure
 from driver.march.cycle_verdict import MOVED, WORN, Past, judged
 from driver.march.following import COMBINED, EACH, PLAIN, SHARES, FollowingSolver, _Nearing
@@ -19,7 +20,9 @@ from driver.march.packing import packed, unpacked
 from driver.march.relaxation import ContactRelaxation
 from driver.march.slip import FAR, SlipState
 from driver.march.step import Unfinished
+from driver.march.uniqueness import CONDENSED_NODES, FEW, SMALL, Uniqueness, too_many, worthwhile
 from driver.options import Settings
+from driver.qp.branching import Search
 from driver.qp.mprgp import projected_gradient
 
 
@@ -420,3 +423,95 @@ def test_geometries_that_go_to_and_fro_are_combined():
     nearing.count = nearing.stalled + COMBINED - 1
     for share in [*[SHARES[0]] * EACH, *[SHARES[1]] * EACH, SHARES[1]]:
         np.testing.assert_allclose(nearing.next(0 * u, u, 1.0), share * u)
+
+
+# ------------------------------------------------------------------------------ other solutions
+
+def test_what_is_said_of_other_solutions():
+    """The first step that has some, and whether others have; or why nothing is known."""
+    found = Uniqueness(True)
+    assert found.verdict == "not examined"
+    found.examined = 3
+    assert found.verdict == "no second solution found" and found.warnings() == []
+    found.exhaustive = 3
+    assert found.verdict == "unique"
+    one = {"open": 1, "stick": 2, "slip": 3, "resultant_n": -4.5, "resultant_t": 0.25}
+    found.several[2] = [one, one | {"stick": 0}]
+    said, = found.warnings()
+    assert said.startswith("step 2: the solution is not unique") and said.count(" open, ") == 2
+    assert "2 stick, 3 slip, contact force -4.5 normal 0.25 tangential; 1 open, 0 stick" in said
+    found.several[5] = []
+    assert found.warnings()[0].startswith("step 2 and others: ")
+    assert found.verdict == "not unique" and found.summary()["steps_not_unique"] == [2, 5]
+    assert found.summary()["solutions"] == found.several[2]
+    failed = Uniqueness(True, examined=1, exhaustive=1, failure="too many")
+    assert failed.verdict == "not examined" and "too many" in failed.warnings()[0]
+    assert Uniqueness(False).verdict == "unique"
+
+
+@pytest.mark.parametrize("choice, nodes, friction, doubtful, expected", [
+    ("yes", 900, 0.1, False, True), ("no", 1, 9.0, True, False), ("auto", FEW, 0.1, False, True),
+    ("auto", FEW + 1, 0.1, False, False), ("auto", SMALL, 0.9, False, True),
+    ("auto", SMALL, 0.1, True, True), ("auto", SMALL + 1, 0.9, True, False)])
+def test_when_other_solutions_are_looked_for(choice, nodes, friction, doubtful, expected):
+    assert worthwhile(choice, nodes, friction, doubtful) == expected
+    assert too_many(CONDENSED_NODES) == "" and str(CONDENSED_NODES + 1) in too_many(
+        CONDENSED_NODES + 1)
+
+
+@pytest.mark.parametrize("solver, motions, friction, method", [
+    ("newton", 0, 0.5, globalization.NEWTON), ("lemke", 0, 0.5, globalization.LEMKE),
+    ("all alike", 1, 0.5, globalization.NEWTON), ("lemke", 1, 0.5, globalization.LEMKE),
+    ("search", 1, 0.5, globalization.SEARCH), ("growing", 1, 0.5, globalization.CONTINUATION),
+    ("descend", 1, 0.5, globalization.SEARCH), ("descend", 1, 0.0, globalization.SEARCH)])
+def test_the_first_method_that_finds_a_solution(monkeypatch, solver, motions, friction, method):
+    """In their order; starts in which all nodes are alike for bodies without support."""
+    tried = []
+
+    def attempt(name, found, nothing=None):
+        def call(*_):
+            tried.append(name)
+            return found if name == solver else nothing
+        return call
+
+    z, alike = np.array([1.0]), np.array([7.0])
+    monkeypatch.setattr(globalization.complementarity, "newton", lambda problem, start: attempt(
+        "all alike" if start is alike else "newton", z)())
+    monkeypatch.setattr(globalization.complementarity, "lemke", attempt("lemke", z))
+    monkeypatch.setattr(globalization.complementarity, "all_alike", lambda problem: [alike])
+    monkeypatch.setattr(globalization.complementarity, "descend", attempt("descend", z))
+    monkeypatch.setattr(globalization, "search_states", attempt(
+        "search", Search(z, True), Search(None, False)))
+    monkeypatch.setattr(globalization, "with_growing_friction", attempt("growing", z))
+    problem = SimpleNamespace(k=motions, bilateral=np.zeros(1, bool), n=2,
+                              coefficient=np.array([friction]))
+    found, by = globalization.solve_condensed(problem, np.zeros(1))
+    assert found is z and by == method and tried[-1] == solver
+    order = ["newton", *(["all alike"] if motions else []), "lemke", "search",
+             *(["growing"] if friction else []), "descend"]
+    assert tried == order[: order.index(solver) + 1]
+
+
+def test_where_no_method_finds_a_solution(monkeypatch):
+    """There is none if all states were tried; of many nodes nothing is known."""
+    for name in ("newton", "lemke", "descend"):
+        monkeypatch.setattr(globalization.complementarity, name, lambda *_: None)
+    monkeypatch.setattr(globalization.complementarity, "all_alike", lambda problem: [])
+    monkeypatch.setattr(globalization, "with_growing_friction", lambda *_: None)
+    problem = SimpleNamespace(k=1, bilateral=np.zeros(1, bool), n=globalization.MOST_NODES,
+                              coefficient=np.ones(1))
+    for certain, method in ((True, globalization.NO_STATE), (False, globalization.SEARCH)):
+        monkeypatch.setattr(globalization, "search_states",
+                            lambda problem, certain=certain: Search(None, certain))
+        assert globalization.solve_condensed(problem, np.zeros(1)) == (None, method)
+    problem.n += 1
+    assert globalization.solve_condensed(problem, np.zeros(1)) == (None, "")
+
+
+def test_methods_are_told_with_their_steps():
+    fallbacks = globalization.Fallbacks()
+    for method, step in (("one", 2), ("one", 2), ("one", 5), ("two", 3)):
+        fallbacks.note(method, step)
+    first, second = fallbacks.warnings()
+    assert first.startswith("one found") and first.endswith("from step 2 on in 2 of the steps")
+    assert second.endswith("from step 3 on in 1 of the steps")
