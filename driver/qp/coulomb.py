@@ -148,6 +148,23 @@ class CoulombProblem:
             states = (-STICK, -FORWARD, -BACKWARD, *states[1:])
         return tuple(state for state in states if state > OPEN) if self.bilateral[node] else states
 
+    def placed(self, z: np.ndarray) -> np.ndarray:
+        """z with its multipliers exactly in the states it falls into, as those of a `system` are.
+
+        Nothing at nodes without contact, the friction bound at those that slide: what is only near
+        that to rounding would count as force, as contact or as sticking.
+        """
+        states, z = self.states(z), z.copy()
+        z[: self.n][states <= OPEN] = 0.0
+        bound = self.coefficient * np.abs(z[self.pair])
+        if self.offset is not None:
+            bound = self.offset + bound
+        sliding, rub = np.abs(states[self.pair]), z[self.n : self.rows]
+        z[self.n : self.rows] = np.where(
+            sliding == FORWARD, bound, np.where(sliding == BACKWARD, -bound, np.where(
+                sliding == OPEN, 0.0, rub)))
+        return z
+
     def signs(self, z: np.ndarray) -> np.ndarray:
         """(n,) signs of lambda_n, +1 in unilateral contact."""
         return np.where(self.bilateral & (z[: self.n] < 0), -1.0, 1.0)
@@ -252,9 +269,10 @@ class StateSystem:
             work[self.node] += slope[:, None] * work[self.sliding]
             border = np.zeros((force.shape[1],) * 2)
             transposed = np.block([[transposed, work[self.free]], [-force[self.free].T, border]])
-        self.factor, self.pivots, failed = transposed, np.empty(0, int), 0
+        self.matrix = self.factor = transposed.T
+        self.pivots, failed = np.empty(0, int), 0
         if len(transposed):
-            self.factor, self.pivots, failed = lapack.dgetrf(transposed.T, overwrite_a=True)
+            self.factor, self.pivots, failed = lapack.dgetrf(self.matrix)
         least = np.abs(np.diag(self.factor))
         self.dependent = failed != 0 or bool(len(least)) and least.min() <= NONE * least.max()
         swaps = np.count_nonzero(self.pivots != np.arange(len(self.pivots)))
@@ -271,7 +289,11 @@ class StateSystem:
             return None if family is None else family[0]
         right = self._right(load, balance)
         if len(right):
-            right, _ = lapack.dgetrs(self.factor, self.pivots, right)
+            unknowns, _ = lapack.dgetrs(self.factor, self.pivots, right)
+            # rows differ in size as stiffness does: without this each has the largest one's rounding
+            # (R. Skeel, Math. Comp. 35 (1980) 817-832)
+            more, _ = lapack.dgetrs(self.factor, self.pivots, right - self.matrix @ unknowns)
+            right = unknowns + more
         z = self._whole(right) if self.given is None else self._whole(right) + self._offsets
         return z if np.isfinite(z).all() else None
 
