@@ -290,7 +290,7 @@ class StateSystem:
         right = self._right(load, balance)
         if len(right):
             unknowns, _ = lapack.dgetrs(self.factor, self.pivots, right)
-            # rows differ in size as stiffness does: without this each has the largest one's rounding
+            # rows differ in size as stiffness does: else each has the rounding of the largest ones
             # (R. Skeel, Math. Comp. 35 (1980) 817-832)
             more, _ = lapack.dgetrs(self.factor, self.pivots, right - self.matrix @ unknowns)
             right = unknowns + more
