@@ -140,6 +140,19 @@ class CoulombProblem:
         sliding = np.where(signs > 0, FORWARD, np.where(signs < 0, BACKWARD, STICK))
         return self.joined(touching, sliding)
 
+    def on_bounds(self, z: np.ndarray) -> np.ndarray:
+        """z with the forces of open and sliding nodes exactly on the bounds of their states."""
+        states, x = self.states(z), z.copy()
+        x[: self.n][states <= OPEN] = 0.0
+        along, state = x[self.n : self.rows], np.abs(states[self.pair])
+        bound = self.coefficient * np.abs(x[self.pair])
+        if self.offset is not None:
+            bound = bound + self.offset
+        along[state == FORWARD] = bound[state == FORWARD]
+        along[state == BACKWARD] = -bound[state == BACKWARD]
+        along[state == OPEN] = 0.0
+        return x
+
     def choices(self, node: int) -> tuple[int, ...]:
         """The states that a node may be in."""
         where = np.flatnonzero(self.pair == node)
@@ -147,23 +160,6 @@ class CoulombProblem:
         if self.offset is not None and (self.offset[where] > 0).any():
             states = (-STICK, -FORWARD, -BACKWARD, *states[1:])
         return tuple(state for state in states if state > OPEN) if self.bilateral[node] else states
-
-    def placed(self, z: np.ndarray) -> np.ndarray:
-        """z with its multipliers exactly in the states it falls into, as those of a `system` are.
-
-        Nothing at nodes without contact, the friction bound at those that slide: what is only near
-        that to rounding would count as force, as contact or as sticking.
-        """
-        states, z = self.states(z), z.copy()
-        z[: self.n][states <= OPEN] = 0.0
-        bound = self.coefficient * np.abs(z[self.pair])
-        if self.offset is not None:
-            bound = self.offset + bound
-        sliding, rub = np.abs(states[self.pair]), z[self.n : self.rows]
-        z[self.n : self.rows] = np.where(
-            sliding == FORWARD, bound, np.where(sliding == BACKWARD, -bound, np.where(
-                sliding == OPEN, 0.0, rub)))
-        return z
 
     def signs(self, z: np.ndarray) -> np.ndarray:
         """(n,) signs of lambda_n, +1 in unilateral contact."""

@@ -456,3 +456,17 @@ def test_bodies_that_go_far_and_return_leave_nothing_in_d(unit):
     way = load.weights[1] - 0.2 * unit
     assert abs(way) < unit and load.farthest == pytest.approx(0.77e12 * unit)
     assert load.d == pytest.approx(d + way * motions[0], rel=1e-15)
+
+
+def test_corners_are_judged_by_the_whole_deformation(built, steps_of):
+    """A peg in a square hole: what a corner touches within is the same part of the same deformation
+    at any cut, not of a bound of it that the cut decides on.
+    """
+    found = []
+    for subdomains in (1, 4):
+        problem = built("hard/hole", subdomains=subdomains, steps=1)
+        solver, (step,) = steps_of(problem, rtol=1e-10, friction_rtol=1e-9)
+        whole = problem.operator.deformation_by_level(step.multipliers, step.weights)
+        assert solver.scales.displacements == pytest.approx(whole, rel=1e-6)
+        found.append(solver.scales.displacement)
+    assert found[0] == pytest.approx(found[1], rel=1e-6)
