@@ -39,6 +39,7 @@ FEW = 10  # mutants that are not worth compiling the assertions of all tests for
 # the tests that concern numerical packages, in parts that take about as long as one another
 PARTS = (("tests/qp", "tests/contact", "tests/effects", "tests/scene/test_loader.py",
           "tests/scene/test_materials.py", "tests/scene/test_contents.py",
+          "tests/scene/test_library.py",
           "tests/verify/test_independent.py"),
          ("tests/feti", "tests/march", "tests/results", "tests/estimates", "tests/python"),
          ("tests/scenes",))
