@@ -428,3 +428,26 @@ def test_tips_of_a_crack_take_no_force(checked, named_scene, element):
     tips = lips & (np.abs(first["x"] - 2) > 1 - 1e-9)
     assert first["weight"][lips].sum() == pytest.approx(5**0.5, rel=0.01)
     assert not tips.any() and (first["sigma_n"][lips] < 0).all()
+
+
+def test_labels_have_any_number(solved, named_scene):
+    """Also that of the edges which cuts make, were it not taken: the answer knows no numbers."""
+    found = []
+    for labels in ("1, 2, 3, 4", "10000, 10001, -5, 0"):
+        bottom, right, top, left = labels.split(", ")
+        block = named_scene("numbers", f"""include "scene.idp"
+units("1", "1");
+int[int] sides = [{labels}];
+body = square(6, 3, [2*x, y], label = sides);
+macro young() 1. //
+macro poisson() 0.3 //
+macro support() on({left}, u1 = 0., u2 = 0.) //
+macro load1() traction({top}, 0.01, -0.02) //
+macro contact() {bottom}, {right} //
+include "export.idp"
+""")
+        run = solved(block, **TIGHT, subdomains=3)
+        assert run.status == 0 and sorted(set(run.contact["boundary"][0])) == sorted(
+            [int(bottom), int(right)])
+        found.append(by_place(run))
+    assert apart(*found) <= 1e-12
