@@ -478,6 +478,7 @@ def test_an_interrupt_of_the_command_alone_ends_its_processes(after, tmp_path):
     102032, 120003, 200063,  # jumps of 1e6: only rounding is left
     102052,  # squeezed all round under given friction
     120224,  # forces that two conditions at one place hand on to one another
-    200083, 200092])  # loads at their zeros, cohesion along a wall
+    200083, 200092,  # loads at their zeros, cohesion along a wall
+    5000583, 5000635, 5000664])  # friction of the own slip, stiff nodes beside soft ones, condensed
 def test_scenes_that_failed_once(seed, tmp_path):
     assert random.judge(seed, tmp_path).status == "solved"

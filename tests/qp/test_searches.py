@@ -9,6 +9,7 @@ import pytest
 
 from driver.qp import branching, coefficients, complementarity, continuation
 from driver.qp.coulomb import CoulombProblem
+from driver.hard.bounded import unbalanced_by_friction
 from driver.hard.states import States
 
 SEEDS = 12
@@ -214,3 +215,23 @@ def test_the_derivative_is_that_of_the_residual(seed):
     # by the unknowns over their units
     np.testing.assert_allclose(equations.derivative(z), expected * equations.unit,
                                atol=1e-5 * np.abs(expected).max() * equations.unit.max())
+
+
+def test_friction_that_cannot_balance_a_push_is_known_without_a_search():
+    """Bilateral contact with friction whose own pressures are bounded, and a motion along it.
+
+    Whenever the bounds say that there is no solution, trying all states and signs says so.
+    """
+    said, none = 0, 0
+    for seed in range(40):
+        problem = random_problem(seed, 3, 2, True, 0.3)
+        problem.motions[:3, 0] = 0.0  # slides along all contact
+        expected, n = has_solution(problem), problem.n
+        states = States(np.hstack([problem.compliance, problem.motions]), -problem.load[:n],
+                        -problem.load[n:], problem.coefficient, problem.coefficient, np.zeros(n),
+                        problem.motions.T, problem.balance, np.full(n, True),
+                        np.zeros((n, n), bool))
+        share = unbalanced_by_friction(states)
+        assert share <= 1e-6 or not expected, seed
+        said, none = said + (share > 1e-6), none + (not expected)
+    assert 0.5 * none < said
