@@ -126,6 +126,18 @@ def test_which_steps_are_estimated():
     assert of.estimates() == []
 
 
+@pytest.mark.parametrize("bilateral, changes", [
+    ([1, 1, 0, 0, 1, 1], False), ([1, 0, 0, 0, 1, 1], True), ([1, 1, 0, 0, 1, 0], True),
+    ([1, 1, 0, 1, 1, 1], True), ([0, 0, 1, 1, 0, 0], False)])
+def test_whether_bilateral_contact_goes_on_as_unilateral(bilateral, changes):
+    """Along an edge of a rigid obstacle, or on one of the boundaries that meet another body."""
+    of = object.__new__(energy.EnergyEstimator)
+    b = SimpleNamespace(edges=np.array([[0, 1], [1, 9]]), family=np.array([0, 0, 1, 1, 2, 2]),
+                        meeting=["one", "two"])
+    of.contact = SimpleNamespace(boundary=b, law=SimpleNamespace(bilateral=np.array(bilateral) > 0))
+    assert of._changes_kind() == changes
+
+
 # ------------------------------------------------------------------------------ companions
 
 def companions(fails=(), **more) -> Companions:
