@@ -66,6 +66,8 @@ def test_what_nodes_leave_open():
     nodes, steps = line(x, x >= 0, np.array([1.0, 1, 1, 1, 1, 1, 0.25]), 0 * x)
     found = touch.between_nodes(nodes, steps, 0)["contact_length"]
     assert found == pytest.approx(touch.EDGE * 0.75 * touch.FEW / 7)
+    nodes, steps = line(x, x >= 0, np.array([4.0, 4, 4, 4, 4, 4, 1.0]), 0 * x)  # in another unit
+    assert touch.between_nodes(nodes, steps, 0)["contact_length"] == pytest.approx(found)
     nodes["mirrored"][-1] = True  # pressure goes on beyond the plane of symmetry
     assert touch.between_nodes(nodes, steps, 0)["contact_length"] == 0.0
 

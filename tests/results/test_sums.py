@@ -12,7 +12,7 @@ from driver.results.boundaries import _one_boundary
 from driver.results.ledger import shares as seconds_of
 from driver.results.nodal_means import NodalMeans
 from driver.results.resultants import resultants
-from driver.results.touch import Touch
+from driver.results.touch import Touch, between_nodes
 from driver.scene import elements
 
 XY = np.array([[0.0, 0], [1, 0], [2, 0], [0, 1], [1, 1.5], [2, 1]])
@@ -252,6 +252,7 @@ def test_boundaries_of_a_single_node_have_its_length():
     assert quantities.longest_way(nodes, pieces[1], steps, 1) == 2.0
     assert quantities.edges_of_contact(nodes, pieces[1], steps, 0) == []
     assert quantities.peak(np.zeros(1), np.array([9.0])) == 9.0
+    assert between_nodes(nodes, steps, 0) == {"contact_length": 0.0, "slip": 0.0}
 
 
 # ------------------------------------------------------------------------------ tables, lines
