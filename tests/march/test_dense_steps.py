@@ -339,3 +339,132 @@ def test_equilibrium_without_friction_is_that_of_the_dense_box():
     assert np.abs(np.minimum(x[:N], -over)).max() < 1e-7
     assert np.abs((load.d - F @ x)[2 * N :]).max() < 1e-7 and len(free) == 6
     np.testing.assert_allclose(gradient, F @ x - load.d, atol=1e-9)
+
+
+# ------------------------------------------------------------------------------ residuals
+
+def residuals(levels=1, softest=(2.0,), **more) -> Residuals:
+    """Those of three contact nodes; a level of stiffness for rows, by their `softest` scales."""
+    of = parts(1, **TIGHT)
+    of.operator.levels = levels
+    of.qp.softest, of.qp.scales = np.array(softest), Scales(displacements=np.zeros(levels))
+    found = Residuals(of.qp, of.bodies, of.slip)
+    vars(found).update(more)
+    return found
+
+
+@pytest.mark.parametrize("exact", [False, True])
+def test_displacements_that_are_rounding(exact):
+    """Beside what is to be overcome, in the softest rows; by a bound of what multipliers round, of
+    stiffer ones; and beside what bodies travel.
+    """
+    load = Load(np.ones(1), np.zeros(9), 3.0, travel=0.0)
+    one = residuals()
+    np.testing.assert_allclose(one._least_deformation(load, np.ones(9), exact), [1e-8 * 3 / 2])
+    x = np.arange(9.0)
+    many = residuals(3, (2.0, 4.0, 0.5))
+    rounded = 3e-14 * many.qp.bound * np.linalg.norm(x) / many.asked("penetration")
+    rounded = 0.0 if exact else rounded
+    found = many._least_deformation(load, x, exact)
+    np.testing.assert_allclose(found, [1e-8 * 3 / 2, rounded / 4, rounded / 0.5])
+    load.travel, load.farthest = 5.0, 7.0
+    np.testing.assert_allclose(many._least_deformation(load, x, exact), np.maximum(found, 7e-9))
+    load.travel = 50.0
+    np.testing.assert_allclose(one._least_deformation(load, x, exact), [5e-8])
+
+
+def test_residuals_are_relative_to_what_deforms():
+    """To a lower bound of it, and where that is too little to the deformation; or to what is not
+    rounding. What friction bounds miss of their slip counts as a force.
+    """
+    found = residuals()
+    found.qp.settings = Settings(primal_rtol=1e-3, friction_rtol=1e-3)
+    op, load = found.operator, Load(np.ones(1), np.zeros(9), 1.0)
+    x = np.array([4.0, 2, 1, 0, 0, 0, 0, 0, 0])
+    gradient = np.zeros(9)
+    gradient[0], gradient[6] = -1e-4, 2e-4  # the first node penetrates, the first glued row gapes
+    asked = []
+    op.least_deformation = lambda *_: asked.append("least") or 0.01
+    op.deformation_by_level = lambda *_: asked.append("whole") or np.array([0.5])
+    said = found.of(load, x, gradient)
+    assert asked == ["least", "whole"] and not found.still
+    assert said["gluing"] == pytest.approx(2e-4 / 0.5)
+    assert said["penetration"] == pytest.approx(1e-4 / 0.5)
+    op.least_deformation = lambda *_: asked.append("enough") or 1.0
+    found.scales.largest = {}
+    assert found.of(load, x, gradient)["gluing"] == pytest.approx(2e-4)
+    assert asked == ["least", "whole", "enough"]
+    op.levels = 1
+    load.extent = 1e9  # of which everything else is rounding
+    assert found.of(load, x, gradient)["gluing"] == pytest.approx(
+        2e-4 / (1e-8 * 1e9 / found.qp.softest[0])) and found.still
+    found._changing = lambda x, gradient: 3.0
+    assert found.of(load, x, gradient)["cone"] == pytest.approx(3.0 / 4.0)
+
+
+@pytest.mark.parametrize("x, largest, still, faded", [
+    (np.zeros(9), 0.0, False, False), (np.ones(9), 0.0, False, False),
+    (np.ones(9), 0.0, True, True),
+    (np.full(9, 1e-9), 1.0, False, True), (np.full(9, 1e-3), 1.0, False, False),
+    (np.r_[np.zeros(6), 1e-9, 0, 0], 1.0, False, True)])
+def test_forces_that_may_be_rounding(x, largest, still, faded):
+    """Beside those before, or the least that move anything; gluing ones where nothing presses; or
+    where nothing has deformed. None at all are no rounding.
+    """
+    found = residuals()
+    found.scales.largest, found.scales.d, found.still = {"pressing": largest}, 0.0, still
+    assert found.faded(x) == faded
+
+
+def test_all_residuals_are_asked_for():
+    """The imbalance of bodies as friction, all else as displacements."""
+    found = residuals()
+    found.qp.settings = Settings(primal_rtol=1e-3, friction_rtol=1e-5)
+    assert found.asked("equilibrium") == 1e-5 and found.asked("cone") == 1e-3
+    assert found.enough({"cone": 1e-3, "equilibrium": 1e-5}) and found.enough({})
+    assert not found.enough({"cone": 2e-3, "equilibrium": 0.0})
+    assert not found.enough({"cone": 0.0, "equilibrium": 2e-5})
+
+
+def test_bounds_that_miss_those_of_their_slip():
+    """The law is asked at the slip of the gradient, and the coefficients stay."""
+    found = residuals()
+    x = np.array([4.0, 2, 1, 0, 0, 0, 0, 0, 0])
+    assert found._changing(x, np.zeros(9)) == 0.0
+    known = found.rows.coefficient
+
+    def renew(gradient):
+        found.rows.coefficient = known + gradient[N : 2 * N]
+
+    found.slip = SimpleNamespace(effects=SimpleNamespace(coefficient_changes=True),
+                                 renew_coefficient=renew)
+    gradient = np.r_[np.zeros(3), 0.1, -0.3, 0.0, np.zeros(3)]
+    assert found._changing(x, gradient) == pytest.approx(max(0.1 * 4, 0.3 * 2))
+    assert found.rows.coefficient is known
+
+
+def test_the_state_without_forces():
+    """With bodies where they are to be tried; if that is no solution all is as before."""
+    found = residuals()
+    load, tried = Load(np.ones(1), np.arange(9.0), 1.0), []
+    found.operator.structure.patterns = 1
+    found.bodies = SimpleNamespace(shift=lambda load, change: tried.append(change.copy()))
+    answer = {"cone": 0.0}
+
+    def of(load, x, gradient):
+        found.scales.renew(d=99.0)
+        found.still = True
+        tried.append((x.any(), gradient.copy()))
+        return answer
+
+    found.of = of
+    x = np.ones(9)
+    nothing, gradient, moved, _ = found.free_of_forces(load, x)
+    assert not nothing.any() and moved is x
+    np.testing.assert_array_equal(gradient, -load.d)
+    answer, found.still, found.scales.d = {"cone": 1.0}, False, 1.0
+    load.weights = np.array([1.0, 5.0])
+    tried.clear()
+    assert found.free_of_forces(load, x, np.array([2.0])) is None
+    assert tried[0].tolist() == [-3.0] and tried[-1].tolist() == [3.0]
+    assert found.scales.d == 1.0 and not found.still
