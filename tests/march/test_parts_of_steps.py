@@ -11,14 +11,18 @@ from driver.contact.rows import ContactLaw, ContactRows
 from driver.contact.states import OPEN, SLIP, STICK
 from driver.effects import Effect
 from driver.march import cycle_verdict as cycles
+from driver.march import globalization
 from driver.march.closure import Closure
 from driver.march.cycle_verdict import MOVED, WORN, Past, judged
+from driver.march.following import COMBINED, EACH, PLAIN, SHARES, FollowingSolver, _Nearing
 from driver.march.friction_qp import FrictionQP
 from driver.march.packing import packed, unpacked
 from driver.march.relaxation import ContactRelaxation
 from driver.march.slip import FAR, SlipState
 from driver.march.step import Unfinished
+from driver.march.uniqueness import CONDENSED_NODES, FEW, SMALL, Uniqueness, too_many, worthwhile
 from driver.options import Settings
+from driver.qp.branching import Search
 from driver.qp.mprgp import projected_gradient
 
 
@@ -334,26 +338,6 @@ def test_what_cycles_come_to(way, drift, worn, kind, settled):
     assert past.rows[0]["change"] == 1.0 and not past.rows[0]["settled"] or not any(way)
 
 
-def test_what_is_still_to_come_of_the_forces():
-    """Changes of a half each: as much again as the last one; after a jump nobody knows."""
-    found = []
-    for plan in ([0, 0, 0], [0, 3, 0]):
-        past = Past()
-        for number, size in enumerate((1.0, 2.0, 2.5, 2.75), 1):
-            past.number, past.way, forces = number, np.ones(1), {"n": np.full((2, 2), size)}
-            cycle = judged(past, SimpleNamespace(index=number, time=0.0), {MOVED: np.zeros(1)},
-                           forces, largest, 1e-6, 1e-5)
-            past.rows.append(vars(cycle))
-            past.before = forces
-            if number < 4:
-                past.plan.append(plan[number - 1])
-        found.append(cycle)
-    ratio = (0.25 / 2.75) / (0.5 / 2.5)
-    assert found[0].change == pytest.approx(0.25 / 2.75)
-    assert found[0].remaining == pytest.approx(0.25 / 2.75 * ratio / (1 - ratio))
-    assert found[1].remaining == 1.0
-
-
 def test_a_jump_errs_by_what_growth_bends_in_it():
     """Growth that has changed over a jump: by as much in each of the cycles skipped."""
     past = Past(number=9, plan=[0, 7], way=np.ones(1), growth={MOVED: np.array([1.0]),
@@ -364,3 +348,170 @@ def test_a_jump_errs_by_what_growth_bends_in_it():
                    {"n": np.ones((1, 1))}, largest, 1e-6, 1e-5)
     assert cycle.skipped == 7 and cycle.error == pytest.approx(7 * 0.25)
     assert not cycle.settled  # growth is not even
+
+
+# ------------------------------------------------------------------------------ geometries
+
+def facing(angle, gap, **more) -> SimpleNamespace:
+    """Three contact nodes that meet the mean of the two places after theirs, of five."""
+    normal = np.column_stack([np.sin(angle), -np.cos(angle)])
+    boundary = SimpleNamespace(**{
+        "gid": np.arange(3), "normal": normal, "gap": np.array(gap, float),
+        "tangent": np.column_stack([-normal[:, 1], normal[:, 0]]), "idle": np.zeros(3, bool),
+        "normal_row": np.array([2, 0, 1]), "term_node": np.repeat(np.arange(3), 3),
+        "term_gid": np.add.outer(np.arange(3), np.arange(3)).ravel(),
+        "term_value": np.tile([1.0, -0.5, -0.5], 3), **more})
+    boundary.declared = boundary
+    return boundary
+
+
+def test_what_geometry_misses_is_a_distance_or_a_change_of_forces():
+    """Of nodes that touch the change of their distance, of others what penetrates; forces by the
+    largest change at a place.
+    """
+    rng = np.random.default_rng(8)
+    used = facing([0.1, 0.2, 0.3], [0.5, 0.25, 0.125])
+    u, forces = rng.random((5, 2)), np.array([2.0, 0.0, 1.0, 0.5, 0.0, -0.25, 0.0])
+    solver = object.__new__(FollowingSolver)
+    solver.contact, solver.rows = used, rows(3)
+    solver.operator = SimpleNamespace(comm=MPI.COMM_SELF)
+    solver.following = SimpleNamespace(gids=np.arange(5))
+    solver.scales = Scales(displacements=np.array([4.0]), force=2.0)
+    step = SimpleNamespace(index=1, multipliers=forces, status=np.array([STICK, OPEN, SLIP]))
+
+    def over(of):
+        jump = u[:3] - (u[1:4] + u[2:]) / 2
+        return (of.normal * jump).sum(axis=1) - of.gap
+
+    def pushed(of):
+        force = forces[:3, None] * of.normal + forces[3:6, None] * of.tangent
+        total = np.zeros((5, 2))
+        for node in range(3):
+            total[node] += force[node]
+            total[node + 1 : node + 3] -= force[node] / 2
+        return total
+
+    for now in (facing([0.1, 0.2, 0.3], [0.5, 0.25, 0.625]),
+                facing([0.1, 0.2, 0.3], [-9, 0, 0.125]),
+                facing([0.1, 0.2, 0.3], [0.5, -9, 0.125]), facing([0.5, 0.2, 0.3], used.gap),
+                facing([0.1, 0.2, 0.3], [0.5, 9, 0.125])):
+        solver._about = lambda u, index, now=now: now
+        change = np.abs(over(now) - over(used))
+        error = np.array([change[0], max(over(now)[1], 0.0), change[2]])
+        missed = max(error.max() / 4, np.abs(pushed(now) - pushed(used)).max() / 2)
+        assert solver._missed(step, u) == pytest.approx(missed, rel=1e-12)
+    # what faces nothing has no distance
+    now = facing([0.1, 0.2, 0.3], [-9, 0.25, 0.125], idle=np.array([True, False, False]))
+    solver._about = lambda u, index: now
+    assert solver._missed(step, u) == pytest.approx(max(over(now)[:2].max(), 0.0) / 4)
+    solver.scales = Scales()
+    assert solver._missed(step, u) == 1.0
+
+
+def test_geometries_that_go_to_and_fro_are_combined():
+    """Plain ones while they settle; then in combination, and at last by parts of the way."""
+    nearing, u = _Nearing(), np.ones((2, 2))
+    for k in range(8):
+        np.testing.assert_array_equal(nearing.next(0 * u, u, 0.1**k), u)
+    assert nearing.stalled is None
+    # x -> 1 - 2 x goes away from its fixed point 1/3, which combinations come to
+    nearing, x = _Nearing(), np.full((2, 2), 0.3)
+    for _ in range(PLAIN + 6):
+        x = nearing.next(x, 1 - 2 * x, float(np.abs(1 - 3 * x).max()))
+    np.testing.assert_allclose(x, 1 / 3, atol=1e-8)
+    assert nearing.stalled == PLAIN
+    nearing.count = nearing.stalled + COMBINED - 1
+    for share in [*[SHARES[0]] * EACH, *[SHARES[1]] * EACH, SHARES[1]]:
+        np.testing.assert_allclose(nearing.next(0 * u, u, 1.0), share * u)
+
+
+# ------------------------------------------------------------------------------ other solutions
+
+def test_what_is_said_of_other_solutions():
+    """The first step that has some, and whether others have; or why nothing is known."""
+    found = Uniqueness(True)
+    assert found.verdict == "not examined"
+    found.examined = 3
+    assert found.verdict == "no second solution found" and found.warnings() == []
+    found.exhaustive = 3
+    assert found.verdict == "unique"
+    one = {"open": 1, "stick": 2, "slip": 3, "resultant_n": -4.5, "resultant_t": 0.25}
+    found.several[2] = [one, one | {"stick": 0}]
+    said, = found.warnings()
+    assert said.startswith("step 2: the solution is not unique") and said.count(" open, ") == 2
+    assert "2 stick, 3 slip, contact force -4.5 normal 0.25 tangential; 1 open, 0 stick" in said
+    found.several[5] = []
+    assert found.warnings()[0].startswith("step 2 and others: ")
+    assert found.verdict == "not unique" and found.summary()["steps_not_unique"] == [2, 5]
+    assert found.summary()["solutions"] == found.several[2]
+    failed = Uniqueness(True, examined=1, exhaustive=1, failure="too many")
+    assert failed.verdict == "not examined" and "too many" in failed.warnings()[0]
+    assert Uniqueness(False).verdict == "unique"
+
+
+@pytest.mark.parametrize("choice, nodes, friction, doubtful, expected", [
+    ("yes", 900, 0.1, False, True), ("no", 1, 9.0, True, False), ("auto", FEW, 0.1, False, True),
+    ("auto", FEW + 1, 0.1, False, False), ("auto", SMALL, 0.9, False, True),
+    ("auto", SMALL, 0.1, True, True), ("auto", SMALL + 1, 0.9, True, False)])
+def test_when_other_solutions_are_looked_for(choice, nodes, friction, doubtful, expected):
+    assert worthwhile(choice, nodes, friction, doubtful) == expected
+    assert too_many(CONDENSED_NODES) == "" and str(CONDENSED_NODES + 1) in too_many(
+        CONDENSED_NODES + 1)
+
+
+@pytest.mark.parametrize("solver, motions, friction, method", [
+    ("newton", 0, 0.5, globalization.NEWTON), ("lemke", 0, 0.5, globalization.LEMKE),
+    ("all alike", 1, 0.5, globalization.NEWTON), ("lemke", 1, 0.5, globalization.LEMKE),
+    ("search", 1, 0.5, globalization.SEARCH), ("growing", 1, 0.5, globalization.CONTINUATION),
+    ("descend", 1, 0.5, globalization.SEARCH), ("descend", 1, 0.0, globalization.SEARCH)])
+def test_the_first_method_that_finds_a_solution(monkeypatch, solver, motions, friction, method):
+    """In their order; starts in which all nodes are alike for bodies without support."""
+    tried = []
+
+    def attempt(name, found, nothing=None):
+        def call(*_):
+            tried.append(name)
+            return found if name == solver else nothing
+        return call
+
+    z, alike = np.array([1.0]), np.array([7.0])
+    monkeypatch.setattr(globalization.complementarity, "newton", lambda problem, start: attempt(
+        "all alike" if start is alike else "newton", z)())
+    monkeypatch.setattr(globalization.complementarity, "lemke", attempt("lemke", z))
+    monkeypatch.setattr(globalization.complementarity, "all_alike", lambda problem: [alike])
+    monkeypatch.setattr(globalization.complementarity, "descend", attempt("descend", z))
+    monkeypatch.setattr(globalization, "search_states", attempt(
+        "search", Search(z, True), Search(None, False)))
+    monkeypatch.setattr(globalization, "with_growing_friction", attempt("growing", z))
+    problem = SimpleNamespace(k=motions, bilateral=np.zeros(1, bool), n=2,
+                              coefficient=np.array([friction]))
+    found, by = globalization.solve_condensed(problem, np.zeros(1))
+    assert found is z and by == method and tried[-1] == solver
+    order = ["newton", *(["all alike"] if motions else []), "lemke", "search",
+             *(["growing"] if friction else []), "descend"]
+    assert tried == order[: order.index(solver) + 1]
+
+
+def test_where_no_method_finds_a_solution(monkeypatch):
+    """There is none if all states were tried; of many nodes nothing is known."""
+    for name in ("newton", "lemke", "descend"):
+        monkeypatch.setattr(globalization.complementarity, name, lambda *_: None)
+    monkeypatch.setattr(globalization.complementarity, "all_alike", lambda problem: [])
+    monkeypatch.setattr(globalization, "with_growing_friction", lambda *_: None)
+    problem = SimpleNamespace(k=1, bilateral=np.zeros(1, bool), n=globalization.MOST_NODES,
+                              coefficient=np.ones(1))
+    for certain, method in ((True, globalization.NO_STATE), (False, globalization.SEARCH)):
+        monkeypatch.setattr(globalization, "search_states",
+                            lambda problem, certain=certain: Search(None, certain))
+        assert globalization.solve_condensed(problem, np.zeros(1)) == (None, method)
+    problem.n += 1
+    assert globalization.solve_condensed(problem, np.zeros(1)) == (None, "")
+
+
+def test_methods_are_told_with_their_steps():
+    fallbacks = globalization.Fallbacks()
+    for method, step in (("one", 2), ("one", 2), ("one", 5), ("two", 3)):
+        fallbacks.note(method, step)
+    first, second = fallbacks.warnings()
+    assert first.startswith("one found") and first.endswith("from step 2 on in 2 of the steps")
+    assert second.endswith("from step 3 on in 1 of the steps")
