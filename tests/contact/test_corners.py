@@ -147,7 +147,7 @@ def several(name: str, text: str) -> str:
     return text
 
 
-CRACK = """// a plate with a slit, whose lips meet in its tips, is pressed on a floor until it closes
+CRACK = """// a plate with a slit is pressed on a floor until it closes
 include "scene.idp"
 units("1", "1");
 subdomains("1");
