@@ -93,5 +93,6 @@ def test_point_loads_act_once_at_their_vertices(built, tmp_path, options):
     expected = {(k, round(cos * x - sin * y, 9), round(sin * x + cos * y, 9)): force
                 for k, x, y, force in ((0, -4, 6, [1, 2]), (0, -6, 5.5, [4, 8]),
                                        (0, -4, 5, [16, 32]), (1, -5, 5, [64, 128]))}
-    assert {tuple(np.round(np.array(place) + 0.0, 6)): force for place, force in forces.items()} == {
-        tuple(np.round(np.array(place) + 0.0, 6)): force for place, force in expected.items()}
+    found, wanted = ({tuple(np.round(np.array(place) + 0.0, 6)): force
+                      for place, force in of.items()} for of in (forces, expected))
+    assert found == wanted
