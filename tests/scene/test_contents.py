@@ -65,7 +65,8 @@ subdomains("3x1");
 macro young() 1. //
 macro poisson() 0.3 //
 macro support() on(4, u1 = 0., u2 = 0.) //
-macro pointLoad1() [c*(-4.) - s*6., s*(-4.) + c*6., 1., 2., c*(-6.) - s*5.5, s*(-6.) + c*5.5, 4., 8.,
+macro pointLoad1() [c*(-4.) - s*6., s*(-4.) + c*6., 1., 2.,
+                    c*(-6.) - s*5.5, s*(-6.) + c*5.5, 4., 8.,
                     c*(-4.) - s*5., s*(-4.) + c*5., 16., 32.] //
 macro pointLoad2() [c*(-5.) - s*5., s*(-5.) + c*5., 64., 128.] //
 include "export.idp"
