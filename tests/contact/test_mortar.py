@@ -148,7 +148,7 @@ def test_conditions_at_corners_are_those_of_the_place(quadratic, end):
 
 
 def test_parts_that_face_one_another():
-    """Cut at the vertices of either side, without what rounding leaves; places that are opposite."""
+    """Cut at the vertices of either side, without what rounding leaves; places opposite them."""
     first, second = sides(below=[-0.5, 0.7 + 1e-9, 1.1, 4.0 - 1e-9])
     found = mortar.segments(first, second)
     x = ABOVE[found.edge][:, None] + found.at * np.diff(ABOVE)[found.edge][:, None]
