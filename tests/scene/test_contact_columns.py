@@ -137,3 +137,6 @@ def test_an_obstacle_that_contact_follows_is_one_for_all_labels(contact, more, r
     b = contact("sliding", scene)
     np.testing.assert_allclose(b.gap, (b.xy[:, 1] + 0.3 + 0.1 * b.xy[:, 0]) / np.hypot(1, 0.1),
                                atol=1e-7)
+    low, high = b.xy.min(axis=0), b.xy.max(axis=0)  # known as far as it reaches
+    assert b.following.surface.box == pytest.approx(
+        [low[0] - 0.5, high[0] + 0.5, low[1] - 0.5, high[1] + 0.5])
