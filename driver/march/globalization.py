@@ -19,6 +19,7 @@ from ..qp import complementarity
 from ..qp.branching import MOST_NODES, search_states
 from ..qp.continuation import with_growing_friction
 from ..qp.coulomb import CoulombProblem
+from ..qp.integer import solution_within_limits
 
 ANDERSON = "Anderson acceleration"
 NEWTON = "Newton on the condensed contact rows"
@@ -70,6 +71,9 @@ def solve_condensed(problem: CoulombProblem, start: np.ndarray) -> tuple[np.ndar
         return found.solution, SEARCH
     if found.certain:
         return None, NO_STATE
+    z = solution_within_limits(problem)
+    if z is not None:
+        return z, SEARCH
     if problem.coefficient.any():
         z = with_growing_friction(problem, start)
         if z is not None:

@@ -63,8 +63,7 @@ class QuasistaticSolver:
         self.history.counts["dual_multiplications_setup"] = operator.products
         own = 0.0 if self.rows.bound_is_given else float(self.rows.coefficient.max(initial=0))
         self.largest_friction = operator.comm.allreduce(own, op=MPI.MAX)
-        self.uniqueness = Uniqueness(self.largest_friction > 0)
-        self.doubtful = False
+        self.uniqueness, self.doubtful = Uniqueness(self.largest_friction > 0), False
         self.loads = [self._size(index) for index in range(1, len(times))]
         # of the last step and of the one before: rigid motions (modes,), multipliers (owned,)
         self.motion = self.older_motion = np.zeros(operator.modes)
@@ -166,8 +165,8 @@ class QuasistaticSolver:
     def _ends(self, step: Step) -> None:
         """What the next step starts from is what `step` ends in; it is counted."""
         self.multipliers, self.older = step.multipliers, self.multipliers
-        patterns = self.operator.structure.patterns
-        self.motion, self.older_motion = step.weights[patterns :], self.motion
+        self.older_motion = self.motion
+        self.motion = step.weights[self.operator.structure.patterns :]
         slip = self.slip.advance(step.multipliers, step.gradient, step.weights, self.scales)
         self.effects.step_ends(self.rows.tangential_node, slip,
                                step.multipliers[self.rows.pair])
@@ -291,14 +290,12 @@ class QuasistaticSolver:
         What the QP and the fixed point stop at is relative to displacements that may be far larger
         than those of the solution (without gluing the body would hang on its corners); so both are
         tightened until the residuals of the solution itself are below `primal_rtol`, the imbalance
-        of free bodies below `friction_rtol`; where that has no effect any more the condensed
-        problem is tried. Raises Unfinished where they stay larger. Where stiffness jumps, what a
-        bound of rounding admits will do if all this leads no further.
+        of free bodies below `friction_rtol`; where that fails the condensed problem is tried. Raises
+        Unfinished where they stay larger. What rounding where stiffness jumps admits may do then.
         """
         op, qp, settings, best, stop = self.operator, self.qp, self.settings, np.inf, None
-        find, rounded = self.corners.find, None
-        of_qp = of_friction = 1.0  # parts of the tolerances
-        motion = load.weights[op.structure.patterns :].copy()
+        find, rounded, of_qp, of_friction = self.corners.find, None, 1.0, 1.0  # parts of tolerances
+        motion, first = load.weights[op.structure.patterns :].copy(), (x, gradient, sliding)
         if self.largest_friction:
             of_qp = of_friction = outlook.foresight(self.loads, index)
         while True:
@@ -307,8 +304,8 @@ class QuasistaticSolver:
                 x, gradient, sliding = find(index, load, x, gradient, sliding, trace,
                                             max(of_friction * settings.friction_rtol, ROUNDED))
             except Unfinished as failed:
-                # bodies without loads may stay where the step starts, or where they were drawn
-                for place in (motion, np.zeros(op.modes)) if op.modes else (motion,):
+                # bodies without loads may stay where the step starts, or were drawn
+                for place in (motion, np.zeros(op.modes))[: 1 + (op.modes > 0)]:
                     free = self.residuals.free_of_forces(load, failed.x, place)
                     if free is not None:
                         return free
@@ -342,10 +339,16 @@ class QuasistaticSolver:
                     rounded = place, (x, gradient, moved, likely)
             if rounded is not None and (idle or stop or self.rows.corners is not None):
                 return self._back(load, *rounded)
+            if stop and find != self.fixed_point.condensed:
+                # friction that jams may hide the loads in its forces' rounding: without these
+                self.bodies.shift(load, motion - load.weights[op.structure.patterns :])
+                (x, gradient, sliding), stop, best = first, None, np.inf
+                find, of_qp = self.fixed_point.condensed, 1.0
+                continue
             if isinstance(stop, NoSolution):
                 raise Unfinished(stop, x, gradient)
             if stop or idle and of_qp <= LAST_PART and of_friction <= LAST_FRICTION:
-                if not stop and find != self.fixed_point.condensed:
+                if find != self.fixed_point.condensed:
                     find = self.fixed_point.condensed
                     continue
                 raise Unfinished(NotConverged(
