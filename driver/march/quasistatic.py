@@ -290,8 +290,8 @@ class QuasistaticSolver:
         What the QP and the fixed point stop at is relative to displacements that may be far larger
         than those of the solution (without gluing the body would hang on its corners); so both are
         tightened until the residuals of the solution itself are below `primal_rtol`, the imbalance
-        of free bodies below `friction_rtol`; where that fails the condensed problem is tried. Raises
-        Unfinished where they stay larger. What rounding where stiffness jumps admits may do then.
+        of free bodies below `friction_rtol`; where that fails the condensed problem is tried. Where
+        stiffness jumps what a bound of rounding admits will do if that fails. Raises Unfinished.
         """
         op, qp, settings, best, stop = self.operator, self.qp, self.settings, np.inf, None
         find, rounded, of_qp, of_friction = self.corners.find, None, 1.0, 1.0  # parts of tolerances
@@ -341,9 +341,9 @@ class QuasistaticSolver:
                 return self._back(load, *rounded)
             if stop and find != self.fixed_point.condensed:
                 # friction that jams may hide the loads in its forces' rounding: without these
-                self.bodies.shift(load, motion - load.weights[op.structure.patterns :])
-                (x, gradient, sliding), stop, best = first, None, np.inf
-                find, of_qp = self.fixed_point.condensed, 1.0
+                x, gradient, sliding = self._back(load, motion, first)
+                find, best, stop = self.fixed_point.condensed, np.inf, None
+                of_qp = of_friction = 1.0
                 continue
             if isinstance(stop, NoSolution):
                 raise Unfinished(stop, x, gradient)
@@ -361,7 +361,7 @@ class QuasistaticSolver:
                 of_friction *= tighter
 
     def _back(self, load: Load, motion: np.ndarray, state: tuple) -> tuple:
-        """The `state` that was good enough, with bodies moved by `motion` (modes,)."""
+        """A `state` from before, with bodies moved by `motion` (modes,)."""
         self.bodies.shift(load, motion - load.weights[self.operator.structure.patterns :])
         self.slip.renew_coefficient(state[1])
         return state

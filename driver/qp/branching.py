@@ -94,8 +94,8 @@ class Scaled:
 def _elastic(problem: CoulombProblem) -> tuple[np.ndarray, np.ndarray]:
     """Compliance (n + m, n + m) and load (n + m,) with springs like the bodies in stiffness.
 
-    Forces in equilibrium move rows by the same but for a rigid motion: with P = 1 - Q Q', Q an
-    orthonormal basis of the motions R, and x_0 any forces with R'x_0 = L, by P (d - C x_0) - P C P x
+    Forces in equilibrium move rows by the same but for a rigid motion: by P (d - C x_0) - P C P x
+    with P = 1 - Q Q', Q an orthonormal basis of the motions R, and x_0 any forces with R'x_0 = L.
     """
     C, load = problem.compliance, problem.load
     if not problem.k:
