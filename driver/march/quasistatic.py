@@ -75,8 +75,7 @@ class QuasistaticSolver:
             cycles.join(self)
 
     def _attach(self, bound: float | None = None) -> None:
-        """Make what solves steps with the operator's contact rows; `bound` as FrictionQP takes it.
-        """
+        """Make what solves steps with the operator's rows; `bound` as FrictionQP takes it."""
         operator = self.operator
         self.contact = operator.structure.contact
         self.law = self.effects.contact_law(self.contact)
@@ -294,7 +293,8 @@ class QuasistaticSolver:
         stiffness jumps what a bound of rounding admits will do if that fails. Raises Unfinished.
         """
         op, qp, settings, best, stop = self.operator, self.qp, self.settings, np.inf, None
-        find, rounded, of_qp, of_friction = self.corners.find, None, 1.0, 1.0  # parts of tolerances
+        find, rounded, again = self.corners.find, None, False
+        of_qp = of_friction = 1.0  # parts of the tolerances
         motion, first = load.weights[op.structure.patterns :].copy(), (x, gradient, sliding)
         if self.largest_friction:
             of_qp = of_friction = outlook.foresight(self.loads, index)
@@ -312,7 +312,8 @@ class QuasistaticSolver:
                 if rounded is not None:
                     return self._back(load, *rounded)
                 settles = op.modes > 0 and self.bodies.imbalance(load, failed.x) <= NEARLY
-                if failed.final or of_qp == 1.0 and not settles:
+                again = find != self.fixed_point.condensed and qp.hides(failed.x)
+                if failed.final or of_qp == 1.0 and not (settles or again):
                     raise
                 x, gradient, stop = failed.x, failed.gradient, failed.error  # it may do
                 sliding = self.rows.sliding(x, self.rows.friction_bound(x))
@@ -339,8 +340,7 @@ class QuasistaticSolver:
                     rounded = place, (x, gradient, moved, likely)
             if rounded is not None and (idle or stop or self.rows.corners is not None):
                 return self._back(load, *rounded)
-            if stop and find != self.fixed_point.condensed:
-                # friction that jams may hide the loads in its forces' rounding: without these
+            if stop and again:  # friction that jams hides the loads in its forces' rounding
                 x, gradient, sliding = self._back(load, motion, first)
                 find, best, stop = self.fixed_point.condensed, np.inf, None
                 of_qp = of_friction = 1.0
@@ -348,7 +348,7 @@ class QuasistaticSolver:
             if isinstance(stop, NoSolution):
                 raise Unfinished(stop, x, gradient)
             if stop or idle and of_qp <= LAST_PART and of_friction <= LAST_FRICTION:
-                if find != self.fixed_point.condensed:
+                if not stop and find != self.fixed_point.condensed:
                     find = self.fixed_point.condensed
                     continue
                 raise Unfinished(NotConverged(
