@@ -4,9 +4,9 @@
 2. The contact rows alone, condensed: semismooth Newton from the last iterate, and where that does
    not settle Lemke's method, which finds a solution for any friction coefficient. It may fail for
    bodies without support and contact that pulls: then branch and bound over all states, which
-   may prove that there is no solution, friction that grows from less, and states that violate the
-   law less and less. Where slip changes friction, a solution with given coefficients is the start
-   for that with those of its own slip.
+   may prove that there is no solution, friction that grows from less, states that violate the law
+   less and less, and one mixed-integer program for all states. Where slip changes friction, a
+   solution with given coefficients is the start for that with those of its own slip.
 
 Smaller steps are not among them: a time step has a solution whatever its size.
 """
@@ -71,14 +71,12 @@ def solve_condensed(problem: CoulombProblem, start: np.ndarray) -> tuple[np.ndar
         return found.solution, SEARCH
     if found.certain:
         return None, NO_STATE
-    z = solution_within_limits(problem)
-    if z is not None:
-        return z, SEARCH
     if problem.coefficient.any():
         z = with_growing_friction(problem, start)
         if z is not None:
             return z, CONTINUATION
-    return _descended(problem, start), SEARCH
+    z = _descended(problem, start)
+    return solution_within_limits(problem) if z is None else z, SEARCH
 
 
 def _newton_from_all_alike(problem: CoulombProblem) -> np.ndarray | None:
