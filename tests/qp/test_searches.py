@@ -54,6 +54,19 @@ def test_branch_and_bound_says_what_all_states_say(nodes, motions, pulls):
     assert none > 0 or pulls  # bodies that contact cannot pull back may fall off
 
 
+@pytest.mark.parametrize("friction", [0.0, 0.4])
+def test_a_body_that_is_pulled_off_has_no_state(friction):
+    """Contact does not pull: proved, not merely not found; pushed it rests on its two feet."""
+    motions = np.array([[1.0], [1.0], [0.0], [0.0]])
+    for force in (-1.0, 1.0):
+        problem = CoulombProblem(np.diag([1.0, 2.0, 1.0, 2.0]), np.zeros(4), np.full(2, friction),
+                                 np.arange(2), False, motions, np.array([force]))
+        found = branching.search_states(problem)
+        assert found.certain and (found.solution is None) == (force < 0)
+    assert found.solution[:2].sum() == pytest.approx(1.0)
+    assert found.solution[0] == pytest.approx(2 * found.solution[1])  # by their compliances
+
+
 def test_branch_and_bound_knows_its_limits(monkeypatch):
     """Too many nodes, or programs, are no proof that there is no solution."""
     problem = random_problem(1, 3, 3)
@@ -112,6 +125,29 @@ def test_descent_by_single_states_leads_to_a_solution():
         assert all(problem.solves(z) for z in found)
         ends, exist = ends + bool(found), exist + has_solution(problem)
     assert 0.7 * exist <= ends <= exist
+
+
+def test_descent_goes_from_less_to_less(monkeypatch):
+    """By several points where one is not enough, each violating the law less than the one before;
+    and no farther than to one beside which nothing violates it less.
+    """
+    visited, honest = [], complementarity._neighbours
+    monkeypatch.setattr(complementarity, "_neighbours",
+                        lambda problem, z: visited.append(z) or honest(problem, z))
+    monkeypatch.setattr(complementarity, "PROMISING", 1)
+    most, given_up = 0, 0
+    for seed in range(5):
+        problem = random_problem(seed, 4, 3, largest=20.0)
+        for start in complementarity.all_alike(problem):
+            visited.clear()
+            found = complementarity.descend(problem, start)
+            off = [problem.violation(z) for z in visited]
+            assert all(after < before for before, after in zip(off, off[1:]))
+            most = max(most, len(visited) if found is not None else 0)
+            if found is None and len(visited) < complementarity.DESCENTS:
+                assert min(map(problem.violation, honest(problem, visited[-1]))) >= off[-1]
+                given_up += 1
+    assert most > 1 and given_up > 0
 
 
 def test_conditions_that_depend_on_one_another_share_a_force_evenly():
