@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from driver.errors import InputError
+
 # a quadrilateral whose lower side, two labels, is uneven; its obstacle is a round one
 SCENE = """include "scene.idp"
 units("m", "Pa");
@@ -122,3 +124,16 @@ def test_surfaces_given_at_every_time(contact, still):
     if "obstacle" in still:  # a flat one that shifts: the normal is its own, to the body
         np.testing.assert_allclose(b.normal, np.tile([-0.3, -1.0] / np.hypot(0.3, 1), (len(x), 1)),
                                    atol=1e-9)
+
+
+@pytest.mark.parametrize("more, refused", [("", False), (" + 0.1*(label == 8)", True)])
+def test_an_obstacle_that_contact_follows_is_one_for_all_labels(contact, more, refused):
+    """At any distance; what is traced beside the boundary knows no label."""
+    scene = f"macro obstacle(x, y) (y + 0.3 + 0.1*x{more}) //\nmacro largeSliding() 0.5 //"
+    if refused:
+        with pytest.raises(InputError, match="one for all labels"):
+            contact("labelled", scene)
+        return
+    b = contact("sliding", scene)
+    np.testing.assert_allclose(b.gap, (b.xy[:, 1] + 0.3 + 0.1 * b.xy[:, 0]) / np.hypot(1, 0.1),
+                               atol=1e-7)
