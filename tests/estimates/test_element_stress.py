@@ -53,7 +53,7 @@ def jumps(corner, stress):
 
 
 def test_stresses_have_the_tractions_that_are_given():
-    """In any triangle without a body force, from forces at the ends of sides that are in balance."""
+    """In any triangle without a body force, from forces at ends of sides that are in balance."""
     rng = np.random.default_rng(1)
     corner = np.array([[[0.2, 0.1], [1.7, 0.4], [0.6, 2.0]]])
     given = rng.standard_normal((3, 2, 2))
