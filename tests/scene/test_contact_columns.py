@@ -93,8 +93,8 @@ def test_where_a_moving_obstacle_stands_at_every_time(contact):
 
 
 def test_what_steps_miss_of_a_motion(contact):
-    """Its largest departure from lines between them, of eight places a step, and when; a kink at the
-    fifth.
+    """Its largest departure from lines between them, of eight places a step, and when; a kink at
+    the fifth.
     """
     b = contact("moving", MOTION)
     here = own(b)
