@@ -54,6 +54,15 @@ def test_branch_and_bound_says_what_all_states_say(nodes, motions, pulls):
     assert none > 0 or pulls  # bodies that contact cannot pull back may fall off
 
 
+def test_what_nothing_loads_rests():
+    """There is no size of a force to go by."""
+    problem = random_problem(1, 2, 1)
+    problem = CoulombProblem(problem.compliance, np.zeros(4), problem.coefficient, np.arange(2),
+                             False, problem.motions, np.zeros(1))
+    found = branching.search_states(problem)
+    assert found.certain and not found.solution.any()
+
+
 @pytest.mark.parametrize("friction", [0.0, 0.4])
 def test_a_body_that_is_pulled_off_has_no_state(friction):
     """Contact does not pull: proved, not merely not found; pushed it rests on its two feet."""

@@ -174,6 +174,21 @@ def test_contact_length_and_peak_lie_between_nodes(shift):
         assert found["normal_resultant"] == pytest.approx(np.pi * A * P0 / 2, rel=(h / A) ** 1.5)
 
 
+@pytest.mark.parametrize("scale", [1.0, 7.0])
+def test_a_single_open_node_leaves_the_edge_to_the_pressure(scale):
+    """Which vanishes like the root of the distance: 0.3 beyond the last node that touches, at
+    either end of the boundary; half of the edge where a single node presses.
+    """
+    x = np.arange(6.0)
+    pressure = scale * np.sqrt(np.maximum(4.3 - x, 0.0))
+    for end in (1, -1):
+        nodes, steps = line(x, (x < 5)[::end], pressure[::end], 1.0 * (x == 5)[::end])
+        length = q.contact_length(nodes, q.chains(nodes), steps, 0)
+        assert length == pytest.approx(4.3)
+    nodes, steps = line(x[:2], np.array([True, False]), np.array([scale, 0]), np.array([0, 1.0]))
+    assert q.contact_length(nodes, q.chains(nodes), steps, 0) == pytest.approx(0.5)
+
+
 def test_a_peak_is_that_of_a_parabola_unless_contact_ends_beside_it():
     """Exact of a parabola on any three nodes; a node beside which nothing presses, or the last one
     of a boundary, has the peak itself.

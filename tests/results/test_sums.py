@@ -13,7 +13,7 @@ from driver.results.ledger import shares as seconds_of
 from driver.results.nodal_means import NodalMeans
 from driver.results.resultants import resultants
 from driver.results.touch import Touch, between_nodes
-from driver.scene import elements
+from driver.scene import elements, sides
 
 XY = np.array([[0.0, 0], [1, 0], [2, 0], [0, 1], [1, 1.5], [2, 1]])
 TRIANGLES = np.array([[0, 1, 4], [0, 4, 3], [1, 2, 5], [1, 5, 4]])
@@ -197,6 +197,21 @@ def test_places_in_triangles_with_curved_sides():
     assert triangle == 3 and depth == pytest.approx(at.min())
     depth, triangle, _ = probes._nearest(sub, np.array([2.5, 0.5]))
     assert triangle == 2 and depth == pytest.approx(-0.5)
+
+
+def test_rings_of_curved_edges_are_those_of_straight_ones_where_they_are_straight():
+    """Integrals of the shape functions times the radius: a label may have edges of both kinds."""
+    xy = np.array([[1.0, 0.0], [3.0, 1.0], [2.0, 0.5]])
+    sub, nodes = SimpleNamespace(xy=xy), np.array([[0, 1, 2]])
+    length = np.array([np.hypot(2, 1)])
+    plain = probes._Edges(np.zeros(1, int), nodes, length)
+    curved = probes._Edges(np.zeros(1, int), nodes, length, sides.integrals(xy[nodes]))
+    np.testing.assert_allclose(curved.rings(sub), plain.rings(sub), rtol=1e-12)
+    assert plain.rings(sub).sum() == pytest.approx(length[0] * 2.0)
+    ends = probes._Edges(np.zeros(1, int), nodes[:, :2], length)
+    np.testing.assert_allclose(ends.rings(sub), length * [[(2 * 1 + 3) / 6, (2 * 3 + 1) / 6]])
+    np.testing.assert_allclose(probes._integral(curved, xy), probes._integral(plain, xy))
+    assert not probes._integral(probes._Edges(*np.zeros((3, 0))), xy).any()
 
 
 def test_tractions_of_the_outline_are_those_of_its_forces():
