@@ -21,6 +21,10 @@ from .gathering import gather, joined, largest, lookup
 
 THIN = 4.0  # longest side squared over twice the area: 1 to 1.2 for regular triangles
 JUMP = 10.0  # of the stiffness around a node
+ROUNDED = 1e-9  # of a ratio: no rounding decides
+# stiffness against change of area over that against shear, 1/(1 - 2 nu); products grow with its
+# root and are three times those for nu = 0.3 there
+BULK = 100.0
 
 
 class Skeleton:
@@ -38,10 +42,10 @@ class Skeleton:
         self._quadratic = manifest.element != "P1"
         self._copies = Copies(comm, pieces.nodes[:, 1], manifest.nodes)
         self.own = slice(self._copies.below, self._copies.below + len(pieces.nodes))
-        self.nodes, self.xy, self.stiffness, self.uneven = map(self.spread, (
+        self.nodes, self.xy, self.stiffness, self.uneven, self.bulky = map(self.spread, (
             pieces.nodes,  # subdomain, gid
             pieces.xy, pieces.stiffness,
-            pieces.uneven))  # of every node, see Outline.uneven
+            pieces.uneven, pieces.bulky))  # of every node, see Outline
         self._edges_of(pieces, manifest.nodes)
         self.local, self.starts = pieces.local, pieces.starts
         self.interface_label = manifest.interface_label
@@ -149,6 +153,11 @@ class Skeleton:
     def uneven_gids(self) -> np.ndarray:
         """Those of `gids` whose neighbours hold them unevenly in some subdomain."""
         return self.gids[self.over_subdomains(np.logical_or, self.uneven)]
+
+    @cached_property
+    def bulky_gids(self) -> np.ndarray:
+        """Those of `gids` that nearly incompressible material of some subdomain has."""
+        return self.gids[self.over_subdomains(np.logical_or, self.bulky)]
 
     @cached_property
     def place(self) -> np.ndarray:
@@ -281,8 +290,9 @@ class _Pieces:
         kinds = {}  # subdomains that share their stiffness are as uneven as one another
         for outline, sub in zip(outlines, subdomains):
             if id(sub.values) not in kinds:
-                kinds[id(sub.values)] = outline.uneven(sub)
-        self.uneven = joined((kinds[id(sub.values)] for sub in subdomains), bool)
+                kinds[id(sub.values)] = outline.uneven(sub), outline.bulky(sub)
+        self.uneven, self.bulky = (
+            joined((kinds[id(sub.values)][k] for sub in subdomains), bool) for k in (0, 1))
 
 
 class Outline:
@@ -327,6 +337,17 @@ class Outline:
         low = np.minimum.reduceat(trace.min(axis=1)[place], self._first)
         directed = _shear_ratio(sub.elasticity[triangles]) > JUMP
         return np.logical_or.reduceat((thin | directed)[place], self._first) | (high > JUMP * low)
+
+    def bulky(self, sub: Subdomain) -> np.ndarray:
+        """(m,) whether a triangle at the node resists change of area BULK times as much as shear.
+
+        By the traces of Hooke's law on both: nu above 0.495 in plane strain.
+        """
+        C = sub.elasticity
+        area = (C[:, 0, 0] + C[:, 1, 1]) / 2 + C[:, 0, 1]
+        shear = (C[:, 0, 0] + C[:, 1, 1]) / 2 - C[:, 0, 1] + 2 * C[:, 2, 2]
+        bulky = area > (1 + ROUNDED) * BULK * shear / 2
+        return np.logical_or.reduceat(bulky[self._triangle], self._first)
 
 
 def _shear_ratio(C: np.ndarray) -> np.ndarray:
