@@ -1,9 +1,12 @@
 """Forces on a vertex in a corner, shared between its sides: against a program of its own."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.optimize import linprog, minimize
 
+from driver.contact.corner_nodes import BOTH, FIRST, SECOND, STANDING, CornerNodes
 from driver.contact.sharing import alike, least_friction
 
 
@@ -71,3 +74,18 @@ def test_forces_that_nothing_bears_are_shared_by_nobody():
         p, q = share(pull, normals, none, none, np.array([True, False]))
         np.testing.assert_allclose(p, [-1, 1])
         assert not q.any()
+
+
+@pytest.mark.parametrize("size", [0.25, 4.0])
+@pytest.mark.parametrize("force, offset, bilateral, expected", [
+    ((0.5, 2.0), 0.0, (False, False), BOTH), ((-0.5, 2.0), 0.0, (False, False), FIRST),
+    ((2.0, -0.5), 0.0, (False, False), SECOND), ((-0.7, 2.0), 0.0, (False, False), STANDING),
+    ((-0.7, 2.0), 0.2, (False, False), FIRST), ((-0.5, 2.0), 0.0, (False, True), BOTH),
+    ((-0.5, -2.0), 0.0, (False, False), STANDING)])
+def test_who_holds_a_right_corner(force, offset, bilateral, expected, size):
+    """Both by pressures, or one in whose friction cone the force is, whatever its size."""
+    nodes = object.__new__(CornerNodes)
+    nodes.directions, nodes.bilateral = np.array([[[0.0, 1.0], [1.0, 0.0]]]), np.array([bilateral])
+    nodes.in_tangential = np.array([[0, 1]])
+    rows = SimpleNamespace(coefficient=np.full(2, 0.3), offset=np.full(2, offset * size))
+    assert nodes._state_of(0, size * np.array(force), rows) == expected

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from driver.errors import InputError, NotConverged
-from driver.estimates import alternatives, budget, energy
+from driver.estimates import alternatives, budget, energy, soundness
 from driver.estimates.bound import Estimate, _root, coupling
 from driver.estimates.budget import Part
 from driver.estimates.levels import Companions, Levels
@@ -298,3 +298,25 @@ def test_errors_of_coarser_meshes_add_up_to_one_that_failed():
     assert of._errors() == pytest.approx([0.5, 0.75, 1.25])
     del values[4.0, 2]
     assert of._errors() == pytest.approx([0.5, 0.75])
+
+
+@pytest.mark.parametrize("revolved", [False, True])
+def test_pressure_and_shear_of_a_uniform_strain(revolved):
+    """By the tensors: p = lambda tr(e) and s : s of 2 mu dev(e); round an axis u_r / r is a strain.
+    """
+    a, b, c, d = 0.3, -0.2, 0.5, 0.1  # u = (a x + b y, c x + d y), without shear round an axis
+    if revolved:
+        b = c = 0.0
+    xy = np.array([[1.0, 0.0], [2.0, 0.2], [1.2, 1.5]])
+    law = np.diag([5.0, 5.0, 1.5]) + 2.0 * np.array([[0, 1, 0], [1, 0, 0], [0, 0, 0]])
+    triangle = np.array([[0, 1, 2]])
+    sub = SimpleNamespace(corner=xy[None], elements=triangle, triangles=triangle, curved=False,
+                          elasticity=law[None], axisymmetric=revolved, node_gid=np.arange(3))
+    vertex, area, lam, mu, stress = soundness._stresses(
+        sub, np.array([0]), (xy @ [[a, c], [b, d]]).ravel())
+    strain = np.array([[a, (b + c) / 2, 0], [(b + c) / 2, d, 0], [0, 0, a if revolved else 0]])
+    assert (lam, mu) == (2.0, 1.5) and vertex.tolist() == [[0, 1, 2]]
+    assert area == pytest.approx(np.cross(xy[1] - xy[0], xy[2] - xy[0]) / 2)
+    np.testing.assert_allclose(stress[..., 0], 2.0 * np.trace(strain))
+    shear = 2 * 1.5 * (strain - np.trace(strain) / 3 * np.eye(3))
+    np.testing.assert_allclose((stress[..., 1:] ** 2).sum(axis=-1), (shear**2).sum())
