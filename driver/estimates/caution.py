@@ -8,9 +8,9 @@ Smooth sequences (budget.py) are what meshes give that resolve a solution. They 
 - where no adjoint problem holds resultants and displacements: shear on a body that is pressed is
   then not claimed to less than a part of the pressing force times the square of the error in
   energy, as both errors of a functional would be, since it may vanish by a symmetry of no mesh;
-- for order three, where quadratic elements have straight sides on a round boundary: a polygon is of
-  second order, and adjoint problems, which smooth stresses, do not see it, so that they hold errors
-  from below alone;
+- for order three, where quadratic elements have straight sides on a round boundary, of contact or
+  not: a polygon is of second order, and adjoint problems, which smooth stresses, do not see it, so
+  that they hold errors from below alone;
 - where pressures are so small beside the mean one as the error in energy is beside the energy, and
   contact may not be there;
 - where all nodes that touch slide one way and it is not sure that they slide: all meshes then have
@@ -63,10 +63,11 @@ class Caution:
 
     @classmethod
     def of(cls, problem, touch: Touch, sizes: dict, energy: float = 0.0,
-           adapted: bool = False) -> "Caution":
-        """`energy`: relative error in the energy norm. Collective."""
+           adapted: bool = False, polygons: bool = False) -> "Caution":
+        """`energy`: relative error in the energy norm; `polygons` as of polygons.py. Collective."""
         element = problem.manifest.element
-        chords = element != "P1" and touch.round > 0 and "curved" not in problem.effects
+        polygons |= touch.round > 0 and "curved" not in problem.effects
+        chords = element != "P1" and polygons
         return cls(element, adapted, chords, stiffness(problem), energy, touch, sizes)
 
     def parts(self, values: dict, runs: list, ratios: list[float], singular) -> dict[str, Part]:

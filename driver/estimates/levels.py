@@ -23,6 +23,7 @@ from .between_steps import departures
 from .budget import (OF_TIME, Part, advice, coarser, extrapolate, formal_order, mesh_knob, name_of,
                      ratio, summed)
 from .caution import Caution
+from .polygons import stand_for_curves
 
 # a loose fixed point may stop where a much tighter one does: the companion's is this at most
 SETTLED = 1e-7
@@ -185,7 +186,8 @@ class Companions:
         self.values, self.at = record.quantities()
         self.singular, touch = record.singular_places(), record.touch(self.at)
         error, element = unresolved.energy_error(energy), problem.manifest.element
-        self.caution = Caution.of(problem, touch, sizes, error, bool(levels.cycles))
+        self.caution = Caution.of(problem, touch, sizes, error, bool(levels.cycles),
+                                  stand_for_curves(problem))
         self.unresolved = unresolved.parts(self.values, error, touch, element, bool(sizes))
         self.levels, self.manifest, self.settings = levels, problem.manifest, settings
         self.effects = problem.effects
