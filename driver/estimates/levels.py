@@ -17,6 +17,7 @@ from ..march.quasistatic import QuasistaticSolver
 from ..options import Settings
 from ..results.record import Record
 from ..results.relinearization import linearized
+from ..results.touch import Touch
 from ..scene import freefem
 from . import jumps, unresolved
 from .between_steps import departures
@@ -64,6 +65,11 @@ class Level:
     steps: list  # its `Step`s
     seconds: float  # of these
     declared: int  # steps of the history, with one cycle where it is repeated
+
+    @property
+    def touch(self) -> Touch:
+        """Contact at the step of the values; collective."""
+        return self.record.touch(self.at)
 
     @property
     def singular(self) -> tuple[str, ...]:
@@ -292,7 +298,9 @@ class Companions:
         if len(self.meshes) > 2:
             runs.append([self._values(mesh, self.stride(2)) for mesh in self.meshes[1:]])
         good = _whole(runs)
-        parts = self.caution.parts(self.values, good, self.ratios, self.singular)
+        touches = [self.caution.touch, *(self.level(mesh, stride).touch for mesh, stride, _ in zip(
+            self.meshes[1:], (1, self.stride(2)), good))]
+        parts = self.caution.parts(self.values, good, self.ratios, self.singular, touches)
         value, part = self.values["displacement"], parts["displacement"]
         unseen = part.error is not None and part.error <= ROUNDING * value
         if unseen and self.meshes[0] != self.base:

@@ -142,7 +142,8 @@ class Linear:
 
     def run(self, settings, stride=1, plan=None, **_changes):
         """A run of one quantity."""
-        return SimpleNamespace(values={"displacement": self.value(settings)})
+        return SimpleNamespace(values={"displacement": self.value(settings)},
+                               touch=Touch(open={}))
 
 
 class Declared(SimpleNamespace):
@@ -155,7 +156,8 @@ class Declared(SimpleNamespace):
 def problem_of(manifest, effects):
     """A problem without subdomains."""
     return SimpleNamespace(manifest=manifest, effects=effects, operator=SimpleNamespace(
-        comm=MPI.COMM_SELF), structure=SimpleNamespace(subdomains=[]))
+        comm=MPI.COMM_SELF), structure=SimpleNamespace(
+            subdomains=[], outer_edges=np.zeros((0, 3), int)))
 
 
 @pytest.mark.parametrize("coulomb", [False, True])
@@ -167,7 +169,8 @@ def test_each_tolerance_has_its_share(coulomb, name):
     tight = {"rtol": 1e-9, "primal_rtol": 1e-9, "friction_rtol": 1e-9}
     loose, levels = Settings(**{**tight, name: 1e-4}), Linear()
     effects = Declared(quasistatic=False, frictional=coulomb, pressure_bounds_friction=coulomb)
-    manifest = SimpleNamespace(parameters={"cells": 8}, steps=1, element="P1")
+    manifest = SimpleNamespace(parameters={"cells": 8}, steps=1, element="P1", nodes=0,
+                               curved=[])
     record = SimpleNamespace(quantities=lambda: ({"displacement": levels.value(loose)}, 0),
                              singular_places=lambda: (), touch=lambda _index: Touch(open={}))
     companions = Companions(levels, problem_of(manifest, effects), loose, record, {})
@@ -198,11 +201,13 @@ def test_a_mesh_that_does_not_resolve_the_solution_leaves_no_claims_of_contact(e
     """
     levels = Linear()
     effects = Declared(quasistatic=False, frictional=False, pressure_bounds_friction=False)
-    manifest = SimpleNamespace(parameters={"cells": 8}, steps=1, element=element)
+    manifest = SimpleNamespace(parameters={"cells": 8}, steps=1, element=element, nodes=0,
+                               curved=[])
     values = {"displacement": 1.0, "contact_length": 0.5, "peak_pressure": 2.0,
               "normal_resultant": 3.0}
     levels.run = lambda *_, **changes: SimpleNamespace(
-        values={name: value * (1 + 0.01 * bool(changes)) for name, value in values.items()})
+        values={name: value * (1 + 0.01 * bool(changes)) for name, value in values.items()},
+        touch=touch)
     record = SimpleNamespace(quantities=lambda: (values, 0), singular_places=lambda: (),
                              touch=lambda _index: touch)
     parts, held = (Companions(levels, problem_of(manifest, effects), Settings(), record, sizes,

@@ -78,13 +78,14 @@ def test_resultants_that_no_adjoint_problem_holds_are_trusted_less():
 
 
 def test_two_meshes_of_elements_that_converge_fast():
-    """Of integrals quadratic ones and cycles of refinement are taken for second order, of what
-    hangs on places between nodes for first.
+    """Of integrals that adjoint problems hold quadratic ones and cycles of refinement are taken for
+    second order, of others and of what hangs on places between nodes for first.
     """
     values = {name: power(1.0, 2) for name in ("displacement", "contact_length", "slip")}
-    change = 0.07
+    change, sizes = 0.07, {"displacement": Sizes(1e-9, 1.0, 1.0)}
+    assert of(values, element="P2")["displacement"].error == pytest.approx(PAIR * change)
     for more, part in (({}, 1.0), ({"element": "P2"}, 1 / 3), ({"adapted": True}, 1 / 3)):
-        found = of(values, **more)
+        found = of(values, sizes=sizes, **more)
         assert found["displacement"].error == pytest.approx(PAIR * change * part)
         for name in ("contact_length", "slip"):
             assert found[name].error == pytest.approx(PAIR * change)
