@@ -20,7 +20,8 @@ import numpy as np
 from ..results.touch import Touch
 
 PRESSES = 1.0  # pressure at an end over the mean one from which it counts
-MOST = 0.9  # exponent: of finite energy are those below 1
+LEAST, MOST = 0.1, 0.9  # exponents: pressures that approach a limit may grow as fast as by less;
+# of finite energy are those below 1
 
 
 def growth(fine: Touch, coarse: Touch, ratio: float) -> float:
@@ -41,4 +42,5 @@ def order(touches: list[Touch], ratios: list[float]) -> float:
     Growth counts that goes on from mesh to mesh: once it may be contact that moves.
     """
     exponents = [growth(fine, coarse, r) for fine, coarse, r in zip(touches, touches[1:], ratios)]
-    return 2 * (1 - min(exponents)) if exponents and min(exponents) > 0 else np.inf
+    least = min(exponents, default=0.0)
+    return 2 * (1 - least) if least > LEAST else np.inf
