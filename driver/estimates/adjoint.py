@@ -105,6 +105,7 @@ class Adjoint:
         self.free = self._moved_freely()
         fields = self.operator.deformations(step.multipliers, step.weights)
         self.own = self._deviation(fields, step.weights)
+        self.smoothed = self.operator.comm.bcast(self._norm(self.own))  # error in energy by it
 
     def _freeze(self, status: np.ndarray) -> None:
         """Which rows stay free, and what friction follows pressure by."""
@@ -194,8 +195,15 @@ class Adjoint:
             return None
         area, law = self.body.area, self.body.compliance
         work = recovery.work(area, law, self.own, other)
-        norms = [np.sqrt(recovery.energy(area, law, d).sum()) for d in (self.own, other)]
-        return Sizes(abs(work.sum()), np.abs(work).sum(), 0.5 * norms[0] * norms[1])
+        product = 0.5 * self._norm(self.own) * self._norm(other)
+        return Sizes(abs(work.sum()), np.abs(work).sum(), product)
+
+    def _norm(self, deviation: np.ndarray | None) -> float | None:
+        """In energy, of stresses on rank 0."""
+        if deviation is None:
+            return None
+        return float(np.sqrt(recovery.energy(self.body.area, self.body.compliance,
+                                             deviation).sum()))
 
     def _deviation(self, fields: list, weights: np.ndarray | None = None) -> np.ndarray | None:
         """(n_t, nodes, 3) errors of the stresses of displacements, on rank 0."""
@@ -270,6 +278,8 @@ def assess(problem, record, step, values, body) -> tuple[dict[str, Sizes], dict]
     if reason:
         return {}, {"reason": reason}
     before = problem.operator.products
-    sizes = Adjoint(problem, record, step, body()).sizes(values)
+    adjoint = Adjoint(problem, record, step, body())
+    sizes = adjoint.sizes(values)
     sizes = {name: own for name, own in sizes.items() if own.gross > BALANCED * abs(values[name])}
-    return sizes, {"quantities": list(sizes), "products": problem.operator.products - before}
+    return sizes, {"quantities": list(sizes), "products": problem.operator.products - before,
+                   "smoothed": adjoint.smoothed}

@@ -185,16 +185,18 @@ class Companions:
     """Runs beside one run, and what each part of its error follows from."""
 
     def __init__(self, levels: Levels, problem: Problem, settings: Settings, record: Record,
-                 sizes: dict, energy: dict | None = None):
-        """`record` of the run of `problem` with `settings`; `sizes` as of adjoint.assess, `energy`
-        the entry of energy.report.
+                 sizes: dict, energy: dict | None = None, smoothed: float | None = None):
+        """`record` of the run of `problem` with `settings`; `sizes` and `smoothed` as of
+        adjoint.assess, `energy` the entry of energy.report.
         """
         self.values, self.at = record.quantities()
         self.singular, touch = record.singular_places(), record.touch(self.at)
         error, element = unresolved.energy_error(energy), problem.manifest.element
         self.caution = Caution.of(problem, touch, sizes, error, bool(levels.cycles),
                                   stand_for_curves(problem))
-        self.unresolved = unresolved.parts(self.values, error, touch, element, bool(sizes))
+        last = self.at == problem.manifest.steps - 1
+        self.unresolved = unresolved.parts(self.values, error, touch, element, bool(sizes),
+                                           last and unresolved.blind(energy, smoothed))
         self.levels, self.manifest, self.settings = levels, problem.manifest, settings
         self.effects = problem.effects
         # cycles skipped after each computed one, where any were
