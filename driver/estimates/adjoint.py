@@ -66,14 +66,17 @@ class Sizes:
     product: float
 
 
-def held(name: str, part: Part, sizes: Sizes | None, slack: float = 1.0) -> Part:
+def held(name: str, part: Part, sizes: Sizes | None, slack: float = 1.0,
+         told: bool = True) -> Part:
     """The mesh's `part` of a quantity's error, held within what `sizes` leave.
 
-    From above with a `slack`: the error may have parts that they do not see.
+    From above with a `slack`: the error may have parts that they do not see. Unless meshes have
+    `told` an order it is not sure that errors cancel.
     """
     if sizes is None or part.error is None or sizes.gross <= BLIND * part.error:
         return part
-    least, most = NET * sizes.net, slack * GROSS * max(sizes.gross, sizes.product)
+    least = max(NET * sizes.net, 0.0 if told else sizes.gross)
+    most = slack * GROSS * max(sizes.gross, sizes.product)
     if name == "peak_pressure":
         least, concentrated = 0.0, sizes.product > ALIKE * sizes.gross
         most = slack * PEAK * sizes.gross if concentrated else np.inf

@@ -133,5 +133,7 @@ class Caution:
         part = extrapolate(changes, ratios, formal, value, name not in UNBOUNDED, singular,
                            caution, FAST if fast else 1.0)
         slack = np.inf if self.chords else self.stiff  # for what smoothed stresses do not see
-        part = held(name, part, self.sizes.get(name), slack)
+        told = name not in HELD or len(changes) > 1 and changes[0] * changes[1] > 0 and (
+            part.order is not None and part.order > 0)
+        part = held(name, part, self.sizes.get(name), slack, told)
         return located(part, (self.touch.open or {}).get(name, 0.0))
