@@ -29,7 +29,8 @@ fall between nodes are chance to the companions, not to them). Claims of the com
 % hold, 10 % of them exceed the error by more than 14.3. Not less than the product besides: 98.8 %
 and 46.6, as the product overestimates forces that balance and peaks by 15 in the median, and is
 below the error where d_z is like d_u. So a claim is held between NET times net and GROSS times the
-larger of gross and product: 97.0 % and 10.5, none below half.
+larger of gross and product: 97.0 % and 10.5, none below half. Where meshes tell no order (two of
+them, differences that turn or do not fall) integrals are held above gross, too.
 """
 
 from dataclasses import dataclass

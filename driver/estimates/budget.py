@@ -56,11 +56,12 @@ OF_CHORDS = 2.0  # of a polygon that stands for a curve
 SECOND_ORDER = ("dissipated_energy",)  # in time, by the trapezoid of its friction bound
 SAFETY, FLOOR, SLOW, PAIR = 1.75, 0.8, 1.3, 3.0
 # of the mesh's part, by quantity: what about 95 of 100 take, or all but one, on 397 triples of
-# meshes of shipped scenes; of resultants, displacement (1.7, 1.2) and contact length (1.4) less, as
-# adjoint problems and the distance of nodes keep them from being far too small
-CAUTION = {"peak_pressure": 1.6, "normal_resultant": 1.4, "tangential_resultant": 1.1,
+# meshes of shipped scenes and 790 claims of scenes that were drawn; of resultants, displacement
+# and contact length less, as adjoint problems, sharp ends (sharp_ends.py) and the distance of
+# nodes keep them from being far too small
+CAUTION = {"peak_pressure": 1.6, "normal_resultant": 1.2, "tangential_resultant": 1.0,
            "contact_length": 1.0, "slip": 1.0, "dissipated_energy": 1.3, "worn_volume": 1.7,
-           "displacement": 1.1}
+           "displacement": 1.0}
 OF_TIME = 1.2  # of the time step's part
 FIRST = 0.999  # an observed first order, rounding apart
 SLOWEST = 0.02  # an observed order below this is no convergence
